@@ -1,0 +1,89 @@
+"""What real tactile sensors say on their wires. Needs numpy only; knows nothing of simulation, ports or clocks.
+
+>>> import firmware_protocols as fp
+>>> device = fp.create("anyskin")
+>>> device.sample(fp.Reading(t_ns=0, values=...), t_ns=0)      # -> frames
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+from importlib.metadata import entry_points
+from pathlib import Path
+
+from firmware_protocols.device import (
+    CanFrame,
+    CanWire,
+    Command,
+    Delayed,
+    Device,
+    Frame,
+    Layout,
+    Outgoing,
+    Patch,
+    Reading,
+    SerialWire,
+    TcpWire,
+    Wire,
+    grid_layout,
+)
+
+__all__ = [
+    "DEVICES", "CanFrame", "CanWire", "Command", "Delayed", "Device", "Frame", "Layout", "Outgoing", "Patch",
+    "Reading", "SerialWire", "TcpWire", "Wire", "create", "grid_layout", "load", "names",
+]  # fmt: skip
+
+DEVICES: dict[str, str] = {
+    # name: "module:Class", imported only when asked for
+}
+
+ENTRY_POINT_GROUP = "tactemu.devices"
+
+
+def names() -> list[str]:
+    """Every device that :func:`load` knows by name, those of installed packages included."""
+    return sorted({*DEVICES, *(point.name for point in entry_points(group=ENTRY_POINT_GROUP))})
+
+
+def load(name: str) -> type[Device]:
+    """The device class called ``name``: a registered name, or ``path/to/file.py:Class``.
+
+    Raises:
+        LookupError: no such device; the message names the nearest.
+    """
+    if ".py:" in name:
+        return _load_file(name)
+    if name in DEVICES:
+        module, _, attribute = DEVICES[name].partition(":")
+        return getattr(importlib.import_module(module), attribute)
+    for point in entry_points(group=ENTRY_POINT_GROUP, name=name):
+        return point.load()
+    raise LookupError(_unknown(name))
+
+
+def create(name: str, **options) -> Device:
+    """A new device by name, powered off, with its options (see the class)."""
+    return load(name)(**options)
+
+
+def _load_file(target: str) -> type[Device]:
+    path, _, attribute = target.rpartition(":")
+    if not Path(path).is_file():
+        raise LookupError(f"no such device file: {path}")
+    spec = importlib.util.spec_from_file_location(Path(path).stem, path)
+    if spec is None or spec.loader is None:
+        raise LookupError(f"not a Python file: {path}")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    if not hasattr(module, attribute):
+        raise LookupError(f"{path} has no class {attribute!r}")
+    return getattr(module, attribute)
+
+
+def _unknown(name: str) -> str:
+    from difflib import get_close_matches
+
+    near = get_close_matches(name, names(), n=1)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    return f"unknown device {name!r}{hint} (known: {', '.join(names())})"

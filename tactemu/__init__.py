@@ -1,0 +1,25 @@
+"""tactemu: a simulated tactile skin on the far end of the wire.
+
+Names are imported on first use, so that ``import tactemu`` costs nothing.
+"""
+
+from __future__ import annotations
+
+import importlib
+
+_PUBLIC = {
+    # public name: module that defines it
+    "TactemuError": "tactemu.errors",
+}
+
+__all__ = sorted(_PUBLIC)
+
+
+def __getattr__(name: str):
+    if name in _PUBLIC:
+        return getattr(importlib.import_module(_PUBLIC[name]), name)
+    raise AttributeError(f"module 'tactemu' has no attribute {name!r}")
+
+
+def __dir__():
+    return __all__

@@ -1,0 +1,42 @@
+"""The errors of tactemu. Each says what is wrong, where, what was got and expected, and what to do.
+
+::
+
+    TactemuError
+     ├── SceneError             a scene or an option is wrong; raised before any port opens
+     ├── MeshError              a mesh that cannot be loaded or used
+     ├── PoseError              a pose or twist that is not finite, or a quaternion of length zero
+     ├── DeviceError            an unknown device, or one that does not fit its wire or its skin
+     └── TransportError         a port that cannot be made
+          └── TransportUnavailable   this machine lacks what the transport needs; the message names the fix
+
+Bad bytes from a driver are no error: the device counts them and answers as the firmware would.
+"""
+
+
+class TactemuError(Exception):
+    """Base of all errors raised on purpose. The command line prints it and exits with 2."""
+
+
+class SceneError(TactemuError):
+    """A scene or an option is wrong."""
+
+
+class MeshError(SceneError):
+    """A mesh cannot be loaded or used."""
+
+
+class PoseError(TactemuError):
+    """A pose is not usable; the message names body, environment and step."""
+
+
+class DeviceError(TactemuError):
+    """An unknown device, or one that does not fit its wire or its skin."""
+
+
+class TransportError(TactemuError):
+    """A port cannot be made or was lost."""
+
+
+class TransportUnavailable(TransportError):
+    """The machine lacks what the transport needs."""

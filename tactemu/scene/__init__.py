@@ -1,0 +1,1 @@
+"""Bodies, motion, skins and scene files: what is pressed into what."""

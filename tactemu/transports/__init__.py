@@ -1,0 +1,30 @@
+"""Ways out of the emulator, by scheme: ``memory:``, ``pty:PATH``, ``can:INTERFACE:CHANNEL``, ``tcp:HOST:PORT`` ...
+
+A new one is one file, one line in :data:`TRANSPORTS` and one test file.
+"""
+
+from __future__ import annotations
+
+import importlib
+
+from tactemu.errors import TransportError
+from tactemu.transports.transport import Transport
+
+TRANSPORTS: dict[str, str] = {
+    # scheme: "module:Class", imported only when asked for; Class(rest_of_the_address)
+}
+
+__all__ = ["TRANSPORTS", "Transport", "create"]
+
+
+def create(port: str) -> Transport:
+    """The transport for ``scheme:rest``, not yet open.
+
+    Raises:
+        TransportError: unknown scheme, or an address that cannot be parsed.
+    """
+    scheme, _, rest = port.partition(":")
+    if scheme not in TRANSPORTS:
+        raise TransportError(f"port {port!r}: unknown scheme {scheme!r}; expected one of {', '.join(sorted(TRANSPORTS))}")
+    module, _, attribute = TRANSPORTS[scheme].partition(":")
+    return getattr(importlib.import_module(module), attribute)(rest)
