@@ -254,7 +254,7 @@ class Device(ABC):
         self.counts: np.ndarray = np.zeros(0)
         """Latest output of :meth:`digitize`."""
         self.counters: Counter[str] = Counter()
-        """What arrived from the driver and what became of it: ``requests``, ``bad_checksum``, ``unknown_command`` ..."""
+        """What became of the driver's bytes: ``requests``, ``bad_checksum``, ``unknown_command`` ..."""
         self._period_ns = round(1e9 / self.rate_hz)
 
     # -- what the runner asks -------------------------------------------------------------------------------------

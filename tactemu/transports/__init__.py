@@ -25,6 +25,8 @@ def create(port: str) -> Transport:
     """
     scheme, _, rest = port.partition(":")
     if scheme not in TRANSPORTS:
-        raise TransportError(f"port {port!r}: unknown scheme {scheme!r}; expected one of {', '.join(sorted(TRANSPORTS))}")
+        raise TransportError(
+            f"port {port!r}: unknown scheme {scheme!r}; expected one of {', '.join(sorted(TRANSPORTS))}"
+        )
     module, _, attribute = TRANSPORTS[scheme].partition(":")
     return getattr(importlib.import_module(module), attribute)(rest)

@@ -68,7 +68,7 @@ class Transport(ABC):
 
     @abstractmethod
     def filenos(self) -> list[int]:
-        """File descriptors to ``select`` for reading; empty where there are none (then :meth:`poll` is called often)."""
+        """File descriptors to ``select`` for reading; where there are none, :meth:`poll` is called often."""
 
     @abstractmethod
     def poll(self) -> list[Event]:
@@ -76,7 +76,7 @@ class Transport(ABC):
 
     @abstractmethod
     def write(self, frame: Frame) -> bool:
-        """Write one frame whole, or not at all. Never blocks; ``False`` when nobody listens or the driver does not read."""
+        """Write one frame whole, or not at all (``False``: nobody listens or reads). Never blocks."""
 
     @property
     @abstractmethod
