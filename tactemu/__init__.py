@@ -12,7 +12,7 @@ _PUBLIC = {
     "TactemuError": "tactemu.errors",
 }
 
-__all__ = list(_PUBLIC)  # noqa: PLE0605
+__all__ = list(_PUBLIC)
 
 
 def __getattr__(name: str):
