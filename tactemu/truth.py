@@ -55,7 +55,7 @@ class Truth:
         """``(t_ns, device, frame)`` of every frame that left for the driver."""
         self.counts: Counter[str] = Counter()
         """Entries by kind."""
-        self._file: IO[str] | None = open(path, "w", encoding="utf-8") if path else None  # noqa: SIM115
+        self._file: IO[str] | None = open(path, "w", encoding="utf-8") if path else None
 
     def sample(self, t_ns: int, device: str, ideal: np.ndarray, measured: np.ndarray, counts: np.ndarray) -> None:
         """Keep one sample; the arrays are copied, so that the caller may reuse them."""
