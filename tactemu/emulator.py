@@ -1,0 +1,253 @@
+"""The loop: read this file first.
+
+::
+
+    scene ─▶ contact ─▶ sensor ─▶ imperfections ─▶ sampling ─▶ device ─▶ wire ─▶ transport ═══ driver under test
+                                                                  ▲                      │
+                                                                  └────── commands ◀─────┘
+
+One thread and one clock. :meth:`Emulator.step` is the picture: what the driver sent goes to the devices, every device
+whose time has come takes a sample of the simulation, and what the wires have due is written. Deadlines are absolute
+integer nanoseconds; nothing here knows which device, sensor model or transport it runs.
+"""
+
+from __future__ import annotations
+
+import heapq
+import queue
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from firmware_protocols import Device, Outgoing, Reading
+from tactemu.clock import Clock, RealClock
+from tactemu.sampling import SampleClock
+from tactemu.statistics import ChannelStatistics
+from tactemu.transports.transport import BaudChanged, Closed, Event, Opened, Received
+from tactemu.truth import Truth
+from tactemu.wire import Wire
+
+
+class Source(Protocol):
+    """What a device samples: a sensor of a simulation, or a recording."""
+
+    def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
+        """The latest reading of environment 0, shape ``(n_taxels,)`` or ``(n_taxels, 3)``, SI, link frame."""
+        ...
+
+
+class Simulated(Protocol):
+    """What the loop asks of a simulation: to be brought up to a time."""
+
+    def advance_to(self, t_ns: int) -> None:
+        """Step until no whole step fits before ``t_ns``."""
+        ...
+
+
+@dataclass
+class Channel:
+    """One device: its source on one side, its wire on the other."""
+
+    name: str
+    device: Device
+    source: Source
+    wire: Wire
+    sampling: SampleClock
+    statistics: ChannelStatistics = field(default_factory=ChannelStatistics)
+    count: int = 1
+    """Number of the next sample."""
+
+    @property
+    def due_ns(self) -> int:
+        """When the next sample is taken."""
+        return self.sampling.due_ns(self.count)
+
+    def restart(self, now_ns: int) -> None:
+        """The device's period was changed: count samples anew from now."""
+        self.sampling = self.sampling.restarted(now_ns, self.device.period_ns)
+        self.count = 1
+
+
+class Emulator:
+    """Runs devices on their wires against one simulation.
+
+    Args:
+        simulation: brought up to each sample's time; ``None`` when every source is a recording.
+        channels: the devices. Several may share a :class:`~tactemu.wire.Wire` (one CAN bus).
+        clock: real time by default; a :class:`~tactemu.clock.VirtualClock` runs as fast as it can.
+        truth: where samples, frames and faults are logged.
+    """
+
+    def __init__(
+        self,
+        simulation: Simulated | None,
+        channels: Iterable[Channel],
+        *,
+        clock: Clock | None = None,
+        truth: Truth | None = None,
+    ):
+        self.simulation = simulation
+        self.channels = list(channels)
+        self.wires = list(dict.fromkeys(channel.wire for channel in self.channels))
+        self.clock: Clock = clock or RealClock()
+        self.truth = truth or Truth()
+        self.running = False
+        self._actions: list[tuple[int, int, Callable[[], None]]] = []
+        self._calls: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._outbox: list[tuple[int, int, Channel, list[Outgoing]]] = []
+        self._serial = 0
+
+    # -- life ------------------------------------------------------------------------------------------------------
+
+    def open(self) -> None:
+        """Open every port, or none.
+
+        Raises:
+            TransportError: a port cannot be made; those already open are closed again.
+        """
+        try:
+            for wire in self.wires:
+                wire.open()
+        except BaseException:
+            self.close()
+            raise
+        now = self.clock.now_ns()
+        for channel in self.channels:
+            channel.restart(now)
+            self._send(channel, channel.device.power_on(now), now)
+
+    def close(self) -> None:
+        """Remove every port. Safe to call twice."""
+        for wire in self.wires:
+            wire.close()
+        self.truth.close()
+
+    def run(self, seconds: float | None = None) -> None:
+        """Run for ``seconds`` of emulation time, or until :meth:`stop`."""
+        end = None if seconds is None else self.clock.now_ns() + round(seconds * 1e9)
+        self.running = True
+        while self.running and (end is None or self.clock.now_ns() < end):
+            self.step(end)
+
+    def stop(self) -> None:
+        """Leave :meth:`run` after the current turn. May be called from a signal handler or another thread."""
+        self.running = False
+
+    def __enter__(self):
+        self.open()
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+    # -- the picture ------------------------------------------------------------------------------------------------
+
+    def step(self, end_ns: int | None = None) -> None:
+        """One turn: commands in, samples taken, frames out, then wait for whatever comes next."""
+        now = self.clock.now_ns()
+        self._act(now)
+        for wire in self.wires:
+            self._listen(wire, now)
+        for channel in sorted(self.channels, key=lambda c: c.due_ns):
+            if channel.due_ns <= now:
+                self._sample(channel, now)
+        self._release(now)
+        for wire in self.wires:
+            wire.flush(self.clock.now_ns())
+        self._wait(end_ns)
+
+    def _listen(self, wire: Wire, now: int) -> None:
+        """Commands and port events, from the wire to every device on it."""
+        for event in wire.receive(now):
+            for channel in self.channels:
+                if channel.wire is wire:
+                    self._hand_over(channel, event, now)
+
+    def _hand_over(self, channel: Channel, event: Event, now: int) -> None:
+        device, period = channel.device, channel.device.period_ns
+        if isinstance(event, Received):
+            self._send(channel, device.receive(event.data, now), now)
+        elif isinstance(event, Opened):
+            self.truth.event(now, channel.name, "opened")
+            self._send(channel, device.opened(now), now)
+        elif isinstance(event, Closed):
+            self.truth.event(now, channel.name, "closed")
+            device.closed(now)
+        elif isinstance(event, BaudChanged):
+            self.truth.event(now, channel.name, f"baud {event.baud}")
+        if device.period_ns != period:
+            channel.restart(now)
+
+    def _sample(self, channel: Channel, now: int) -> None:
+        """Simulation up to the sample's time, reading, device, and out after the sampling delay."""
+        due = channel.due_ns
+        if self.simulation is not None:
+            self.simulation.advance_to(due)
+        senses = channel.device.senses
+        ideal = channel.source.quantity(senses, ground_truth=True)
+        measured = channel.source.quantity(senses)
+        frames = channel.device.sample(Reading(t_ns=due, values=measured), due)
+        self.truth.sample(due, channel.name, ideal, measured, channel.device.counts)
+        self._post(channel, frames, channel.sampling.release_ns(channel.count, due))
+        self._count(channel, due, now)
+
+    def _count(self, channel: Channel, due: int, now: int) -> None:
+        """Statistics, and on to the next sample: those whose time has wholly passed are missed, never made up."""
+        statistics = channel.statistics
+        statistics.first_ns = statistics.first_ns or due
+        statistics.last_ns = due
+        statistics.samples += 1
+        statistics.lateness.add(max(0, self.clock.now_ns() - due))
+        channel.count += 1
+        behind = (self.clock.now_ns() - channel.due_ns) // channel.device.period_ns
+        if behind > 0:
+            channel.count += behind
+            statistics.missed += behind
+
+    # -- what leaves -------------------------------------------------------------------------------------------------
+
+    def _send(self, channel: Channel, frames: Iterable[Outgoing], now: int) -> None:
+        frames = list(frames)
+        if frames:
+            channel.wire.send(frames, now, source=channel.name)
+
+    def _post(self, channel: Channel, frames: Iterable[Outgoing], release_ns: int) -> None:
+        """Keep a sample's frames until their release time. They stay together: a line takes them all, or none."""
+        frames = list(frames)
+        if frames:
+            self._serial += 1
+            heapq.heappush(self._outbox, (release_ns, self._serial, channel, frames))
+
+    def _release(self, now: int) -> None:
+        while self._outbox and self._outbox[0][0] <= now:
+            release_ns, _, channel, frames = heapq.heappop(self._outbox)
+            channel.wire.send(frames, release_ns, source=channel.name)
+
+    # -- what others ask of the loop -----------------------------------------------------------------------------------
+
+    def call(self, action: Callable[[], None]) -> None:
+        """Have ``action`` run by the loop, between two turns. Safe from any thread."""
+        self._calls.put(action)
+
+    def at(self, t_ns: int, action: Callable[[], None]) -> None:
+        """Have ``action`` run by the loop at an emulation time. Call from the loop's thread, or before it runs."""
+        self._serial += 1
+        heapq.heappush(self._actions, (t_ns, self._serial, action))
+
+    def _act(self, now: int) -> None:
+        while self._actions and self._actions[0][0] <= now:
+            heapq.heappop(self._actions)[2]()
+        while not self._calls.empty():
+            self._calls.get()()
+
+    def _wait(self, end_ns: int | None) -> None:
+        deadlines = [channel.due_ns for channel in self.channels]
+        deadlines += [due for wire in self.wires if (due := wire.next_due_ns()) is not None]
+        deadlines += [entries[0][0] for entries in (self._actions, self._outbox) if entries]
+        if end_ns is not None:
+            deadlines.append(end_ns)
+        filenos = [fileno for wire in self.wires for fileno in wire.filenos()]
+        poll = any(not wire.filenos() for wire in self.wires)
+        self.clock.wait(min(deadlines, default=None), filenos, poll=poll)

@@ -1,0 +1,60 @@
+"""What the emulator counts while it runs: one :class:`ChannelStatistics` per device, in the words of the picture."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+class Lateness:
+    """How late deadlines were met [ns]: exact count and maximum, percentiles over the latest ``keep`` values."""
+
+    def __init__(self, keep: int = 65536):
+        self._values = np.zeros(keep, np.int64)
+        self.count = 0
+        self.max_ns = 0
+
+    def add(self, late_ns: int) -> None:
+        """Note one deadline met ``late_ns`` after its time."""
+        self._values[self.count % len(self._values)] = late_ns
+        self.count += 1
+        self.max_ns = max(self.max_ns, late_ns)
+
+    def percentile_ns(self, q: float) -> float:
+        """The q-th percentile [ns]; 0 before the first deadline."""
+        kept = self._values[: min(self.count, len(self._values))]
+        return float(np.percentile(kept, q)) if len(kept) else 0.0
+
+
+@dataclass
+class ChannelStatistics:
+    """Counters of one device since the start."""
+
+    samples: int = 0
+    missed: int = 0
+    """Samples whose time had passed by a whole period before they could be taken."""
+    first_ns: int = 0
+    last_ns: int = 0
+    lateness: Lateness = field(default_factory=Lateness)
+    wire: Counter[str] = field(default_factory=Counter)
+    """The wire's counters for this device: ``frames``, ``bytes``, ``dropped`` ..."""
+
+    @property
+    def rate_hz(self) -> float:
+        """Mean rate of samples since the first."""
+        elapsed = self.last_ns - self.first_ns
+        return (self.samples - 1) * 1e9 / elapsed if elapsed > 0 else 0.0
+
+    def as_dict(self) -> dict[str, float]:
+        """Plain numbers, times in microseconds, for logs and ``--json``."""
+        return {
+            "samples": self.samples,
+            "missed": self.missed,
+            "rate_hz": round(self.rate_hz, 3),
+            "lateness_p50_us": round(self.lateness.percentile_ns(50) / 1e3, 1),
+            "lateness_p99_us": round(self.lateness.percentile_ns(99) / 1e3, 1),
+            "lateness_max_us": round(self.lateness.max_ns / 1e3, 1),
+            **{f"wire_{name}": count for name, count in sorted(self.wire.items())},
+        }
