@@ -1,0 +1,72 @@
+"""Motions made of motions: one after another, or at the same time."""
+
+from __future__ import annotations
+
+import bisect
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+from tactemu.errors import SceneError
+from tactemu.scene.motion.pose import Motion, Pose
+
+
+@dataclass(frozen=True)
+class Sequence(Motion):
+    """One motion after another, each starting where the one before it ended; ``repeat``: over again from the start."""
+
+    kind = "sequence"
+    motions: tuple[Motion, ...]
+    repeat: bool = False
+
+    def __post_init__(self):
+        endless = [m.kind for m in self.motions[:-1] if math.isinf(m.duration)]
+        if not self.motions or endless or (self.repeat and math.isinf(self.duration_once)):
+            what = f"{endless[0]!r} never ends" if endless else "one that is repeated must end, and hold something"
+            raise SceneError(f"sequence: only its last motion may go on for ever: {what}")
+
+    @cached_property
+    def _starts(self) -> list[tuple[float, Pose]]:
+        """Per motion: when it starts, and the displacement that the ones before it left."""
+        t, pose, found = 0.0, Pose(), []
+        for motion in self.motions:
+            found.append((t, pose))
+            if math.isfinite(motion.duration):
+                t += motion.duration
+                end = motion.pose(motion.duration)
+                pose = pose.displaced(Pose(end.position, end.quaternion))
+        return found
+
+    @property
+    def duration_once(self) -> float:
+        """One pass [s]."""
+        return math.fsum(m.duration for m in self.motions)
+
+    @property
+    def duration(self) -> float:
+        return math.inf if self.repeat else self.duration_once
+
+    def pose(self, t_s: float) -> Pose:
+        if self.repeat and t_s > 0:
+            t_s %= self.duration_once
+        at = max(bisect.bisect_right(self._starts, t_s, key=lambda entry: entry[0]) - 1, 0)
+        start, left = self._starts[at]
+        return left.displaced(self.motions[at].pose(t_s - start))
+
+
+@dataclass(frozen=True)
+class Together(Motion):
+    """Motions at the same time: translations add, rotations follow one another in the order given."""
+
+    kind = "together"
+    motions: tuple[Motion, ...]
+
+    @property
+    def duration(self) -> float:
+        return max(m.duration for m in self.motions)
+
+    def pose(self, t_s: float) -> Pose:
+        pose = Pose()
+        for motion in self.motions:
+            pose = pose.displaced(motion.pose(t_s))
+        return pose

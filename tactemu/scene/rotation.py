@@ -1,0 +1,66 @@
+"""Unit quaternions (w, x, y, z) in float64: the few operations that poses and motions need."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+IDENTITY = (1.0, 0.0, 0.0, 0.0)
+
+
+def normalised(quaternion) -> np.ndarray:
+    """The unit quaternion along ``quaternion``.
+
+    Raises:
+        ValueError: not four finite numbers, or of length zero.
+    """
+    q = np.asarray(quaternion, np.float64)
+    length = math.sqrt(float(q @ q)) if q.shape == (4,) else math.nan
+    if not math.isfinite(length) or length == 0.0:
+        raise ValueError(f"expected a quaternion (w, x, y, z) that is finite and not zero, got {quaternion}")
+    return q / length
+
+
+def multiply(a, b) -> np.ndarray:
+    """The rotation ``b`` followed by ``a``, both in the same fixed axes."""
+    aw, ax, ay, az = a
+    bw, bx, by, bz = b
+    return np.array(
+        (
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+        )
+    )
+
+
+def conjugate(q) -> np.ndarray:
+    """The inverse of a unit quaternion."""
+    return np.array((q[0], -q[1], -q[2], -q[3]))
+
+
+def rotate(q, v) -> np.ndarray:
+    """Vectors ``v``, shape ``(..., 3)``, turned by the unit quaternion ``q``."""
+    v = np.asarray(v, np.float64)
+    axis = np.asarray(q[1:], np.float64)
+    t = 2.0 * np.cross(axis, v)
+    return v + q[0] * t + np.cross(axis, t)
+
+
+def from_rotation_vector(vector) -> np.ndarray:
+    """The rotation by ``|vector|`` [rad] about ``vector``."""
+    vector = np.asarray(vector, np.float64)
+    angle = math.sqrt(float(vector @ vector))
+    scale = 0.5 if angle < 1e-12 else math.sin(angle / 2) / angle
+    return np.array((math.cos(angle / 2), *(scale * vector)))
+
+
+def to_rotation_vector(q) -> np.ndarray:
+    """Axis times angle [rad] of the shorter way round, angle in 0..pi."""
+    q = np.asarray(q, np.float64)
+    q = -q if q[0] < 0 else q
+    sine = math.sqrt(float(q[1:] @ q[1:]))
+    scale = 2.0 if sine < 1e-12 else 2.0 * math.atan2(sine, q[0]) / sine
+    return scale * q[1:]
