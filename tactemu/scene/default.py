@@ -1,0 +1,56 @@
+"""A scene for a device that brings none: its taxels on a pad, and a ball that presses the middle of each patch."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from firmware_protocols import Device, Layout
+from tactemu.scene.file import LoadedScene, check
+
+PERIOD_S = 2.0
+"""Length of one press of the default scene."""
+
+
+def scene_for(name: str, device: type[Device], **device_options) -> LoadedScene:
+    """The default scene of ``device``, made from its layout."""
+    data = {"scene": {}, "body": [_pad()], "skin": [{"device": name, "link": "pad", "device_options": device_options}]}
+    layout = device(**device_options).layout
+    presses = len(layout.patches)
+    for number, patch in enumerate(layout.patches):
+        ball = _ball(f"ball {patch.name}" if presses > 1 else "ball", layout, patch.taxels)
+        ball["motion"]["delay"] = 0.5 + 0.25 * number
+        data["body"].append(ball)
+    return check(data, source=f"default scene of {name}", folder=Path())
+
+
+def _pad() -> dict[str, Any]:
+    """A link without a surface that matters: taxels feel other bodies only."""
+    return {"name": "pad", "shape": "sphere", "radius": 1e-3, "fixed": True}
+
+
+def _ball(name: str, layout: Layout, taxels: slice) -> dict[str, Any]:
+    """A ball over the taxel nearest to the patch's middle, on its normal, three pitches wide where it presses."""
+    positions, normals = layout.positions[taxels], layout.normals[taxels]
+    middle = np.argmin(np.linalg.norm(positions - positions.mean(axis=0), axis=1))
+    normal, pitch = normals[middle], layout.pitch
+    radius, gap = 3 * pitch, pitch
+    return {
+        "name": name,
+        "shape": "sphere",
+        "radius": radius,
+        "position": (positions[middle] + (radius + gap) * normal).tolist(),
+        "motion": {
+            "kind": "press",
+            "direction": (-normal).tolist(),
+            "approach": gap,
+            "depth": 0.5 * pitch,
+            "speed": 2 * gap / PERIOD_S,
+            "release_speed": 8 * gap / PERIOD_S,
+            "dwell": 0.25 * PERIOD_S,
+            "pause": 0.25 * PERIOD_S,
+            "repeat": 0,
+        },
+    }

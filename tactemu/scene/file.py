@@ -1,0 +1,200 @@
+"""Reading scene files: TOML text to checked tables, with errors that name file, key and the nearest valid name."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+import firmware_protocols
+from tactemu.errors import DeviceError, SceneError
+from tactemu.scene.motion import Motion
+from tactemu.scene.schema import MODELS, SHAPES, SceneFile, make_motion, motion_schemas, nearest
+
+
+@dataclass(frozen=True)
+class LoadedScene:
+    """A checked scene file."""
+
+    tables: SceneFile
+    motions: dict[str, Motion]
+    """By the name of the body."""
+    source: str
+    """The file, or the device whose default scene it is."""
+    folder: Path
+    """What paths in the file are relative to."""
+
+
+def load(target: str | Path) -> LoadedScene:
+    """The scene in the file ``target``, or the default scene of the device called ``target``.
+
+    Raises:
+        SceneError: the file cannot be read or is wrong; every mistake is listed.
+        DeviceError: neither a file nor a device.
+    """
+    text = str(target)
+    if text.endswith(".toml"):
+        path = Path(text)
+        try:
+            return parse(path.read_text(encoding="utf-8"), source=text, folder=path.parent)
+        except (OSError, UnicodeDecodeError) as error:
+            reason = error.strerror if isinstance(error, OSError) else "not a text file"
+            raise SceneError(f"{text}: cannot read the scene file: {reason}") from None
+    return default_scene(text)
+
+
+def default_scene(name: str) -> LoadedScene:
+    """The scene that comes with a device, or one made for its layout.
+
+    Raises:
+        DeviceError: no such device.
+    """
+    from tactemu.scene.default import scene_for
+
+    device = load_device(name)
+    text = device.scene.strip()
+    return parse(text, source=f"scene of {name}") if text else scene_for(name, device)
+
+
+def load_device(name: str) -> type[firmware_protocols.Device]:
+    """A device class by name or ``path/to/file.py:Class``.
+
+    Raises:
+        DeviceError: there is none, or its file does not run.
+    """
+    try:
+        return firmware_protocols.load(name)
+    except LookupError as error:
+        hint = "" if ".py:" in name else "; a scene file ends in .toml"
+        raise DeviceError(f"{error.args[0]}{hint}") from None
+    except Exception as error:  # a device file of the user's own may fail in any way
+        if ".py:" not in name:
+            raise
+        raise DeviceError(f"{name}: the file raised {type(error).__name__}: {error}") from error
+
+
+def parse(text: str, *, source: str = "scene", folder: Path | None = None) -> LoadedScene:
+    """The scene that a TOML text describes.
+
+    Raises:
+        SceneError: it is no TOML, or wrong; every mistake is listed.
+    """
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise SceneError(f"{source}: not valid TOML: {error}") from None
+    return check(data, source=source, folder=folder)
+
+
+def check(data: dict[str, Any], *, source: str = "scene", folder: Path | None = None) -> LoadedScene:
+    """The scene in tables already read.
+
+    Raises:
+        SceneError: every mistake is listed.
+    """
+    try:
+        tables = SceneFile.model_validate(data)
+    except ValidationError as error:
+        raise SceneError("\n".join(_lines(error, data, source))) from None
+    motions = _motions(tables, source)
+    mistakes = [f"{source}: {text}" for text in _references(tables)]
+    if mistakes:
+        raise SceneError("\n".join(mistakes))
+    return LoadedScene(tables, motions, source, folder or Path())
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON schema of a scene file, for editors."""
+    schema = SceneFile.model_json_schema(by_alias=True)
+    kinds = motion_schemas()
+    schema["$defs"] |= kinds
+    one = {"oneOf": [{"$ref": f"#/$defs/{name}"} for name in kinds]}
+    schema["$defs"]["Motion"] = {"description": "one motion, or a list of them, one after another"} | {
+        "anyOf": [one, {"type": "array", "items": one}]
+    }
+    for body in SHAPES.values():
+        schema["$defs"][body.__name__]["properties"]["motion"] = {"$ref": "#/$defs/Motion"}
+    return schema
+
+
+def _motions(tables: SceneFile, source: str) -> dict[str, Motion]:
+    found = {}
+    for body in tables.body:
+        if body.motion is None:
+            continue
+        where = f"{source}: body {body.name!r}: motion"
+        if body.fixed:
+            raise SceneError(f"{where}: a fixed body does not move; drop `fixed` or the motion")
+        try:
+            found[body.name] = make_motion(body.motion)
+        except ValidationError as error:
+            raise SceneError("\n".join(f"{where}{_path(e['loc'], {})}: {_says(e)}" for e in error.errors())) from None
+        except ValueError as error:
+            raise SceneError(f"{where}: {error}") from None
+        except SceneError as error:
+            raise SceneError(f"{where}: {error}") from None
+    return found
+
+
+def _references(tables: SceneFile):
+    """Names that must exist, and must not exist twice."""
+    bodies = [body.name for body in tables.body]
+    skins = [skin.title for skin in tables.skin]
+    for kind, names in (("body", bodies), ("skin", skins)):
+        for name in sorted({n for n in names if names.count(n) > 1}):
+            yield f"{kind} {name!r}: the name is used {names.count(name)} times; give each {kind} a `name` of its own"
+    for skin in tables.skin:
+        if skin.link not in bodies:
+            known = ", ".join(bodies) or "none"
+            yield f"skin {skin.title!r}: link: no body {skin.link!r}{nearest(skin.link, bodies)} (bodies: {known})"
+        if skin.model_ is not None and skin.model_ not in MODELS:
+            hint = f"{nearest(skin.model_, MODELS)} (models: {', '.join(MODELS)})"
+            yield f"skin {skin.title!r}: model: unknown model {skin.model_!r}{hint}"
+    for k, event in enumerate(tables.scenario):
+        if event.skin is not None and event.skin not in skins:
+            yield f"scenario[{k}]: skin: no skin {event.skin!r}{nearest(event.skin, skins)} (skins: {', '.join(skins)})"
+        if event.until is not None and event.until <= event.at:
+            yield f"scenario[{k}]: until: expected a time after at = {event.at} s, got {event.until}"
+
+
+# -- errors --------------------------------------------------------------------------------------------------------
+
+
+def _lines(error: ValidationError, data: dict, source: str) -> list[str]:
+    return [f"{source}: {_path(entry['loc'], data).lstrip('.')}: {_says(entry)}" for entry in error.errors()]
+
+
+def _path(loc: tuple, data: Any) -> str:
+    """``body[1] 'ball'.radius``: the way to a key, with the table's name where it has one."""
+    text = ""
+    for part in loc:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        elif part in SHAPES and isinstance(data, dict) and data.get("shape") == part:
+            continue  # pydantic names the branch of the union
+        else:
+            text += f".{part}"
+        data = (
+            data[part]
+            if isinstance(part, int) and isinstance(data, list) and part < len(data)
+            else (data.get(part) if isinstance(data, dict) else None)
+        )
+        if isinstance(part, int) and isinstance(data, dict) and isinstance(data.get("name", data.get("device")), str):
+            text += f" {data.get('name', data.get('device'))!r}"
+    return text
+
+
+def _says(entry: Any) -> str:
+    kind, context, got = entry["type"], entry.get("ctx", {}), entry.get("input")
+    if kind == "union_tag_invalid":
+        return f"unknown shape {context['tag']!r}{nearest(context['tag'], SHAPES)} (shapes: {', '.join(SHAPES)})"
+    if kind == "union_tag_not_found":
+        return f"missing key 'shape' (shapes: {', '.join(SHAPES)})"
+    if kind == "missing":
+        return "missing key"
+    if kind in ("unknown_key", "motion", "motion_kind"):
+        return entry["msg"]
+    return f"{entry['msg'][0].lower()}{entry['msg'][1:]}, got {got!r}"

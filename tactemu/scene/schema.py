@@ -1,0 +1,243 @@
+"""The tables of a scene file, as pydantic models: one declaration for checking, errors and the JSON schema.
+
+``docs/scene-files.md`` explains each with examples; ``tactemu explain --schema`` prints the JSON schema for editors.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import typing
+from difflib import get_close_matches
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PositiveFloat, create_model, model_validator
+from pydantic_core import PydanticCustomError
+
+from tactemu.scene.motion import MOTIONS, Motion, Sequence, Together
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+MODELS = {
+    "contact_probe": "ContactProbe",
+    "contact_depth_probe": "ContactDepthProbe",
+    "kinematic_taxel": "KinematicTaxel",
+    "proximity_taxel": "ProximityTaxel",
+    "elastomer_taxel": "ElastomerTaxel",
+    "elastic_layer_taxel": "ElasticLayerTaxel",
+}
+"""``model`` of a skin: name of the sensor class in :mod:`tactemu`, cheapest first."""
+
+
+def nearest(name: str, known) -> str:
+    """``"; did you mean 'x'?"``, or nothing."""
+    near = get_close_matches(str(name), list(known), n=1, cutoff=0.5)
+    return f"; did you mean {near[0]!r}?" if near else ""
+
+
+class Table(BaseModel):
+    """A table of the file. A key that it does not have is an error that names the nearest one."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, data: Any) -> Any:
+        if isinstance(data, dict):
+            known = [field.alias or name for name, field in cls.model_fields.items()]
+            for key in data:
+                if key not in known:
+                    hint = nearest(key, known) or f"; it has: {', '.join(known)}"
+                    raise PydanticCustomError(
+                        "unknown_key", "unknown key {key}{hint}", {"key": repr(key), "hint": hint}
+                    )
+        return data
+
+
+# -- motion --------------------------------------------------------------------------------------------------------
+
+
+def _table_of(motion: type[Motion]) -> type[Table]:
+    """The table with the fields of a motion's dataclass, and its kind."""
+    hints = typing.get_type_hints(motion)
+    fields: dict[str, Any] = {"kind": (Literal[motion.kind], ...)}  # type: ignore[name-defined]
+    for field in dataclasses.fields(motion):
+        fields[field.name] = (hints[field.name], ... if field.default is dataclasses.MISSING else field.default)
+    return create_model(f"{motion.__name__}Motion", __base__=Table, __doc__=motion.__doc__, **fields)
+
+
+_PLAIN = {kind: _table_of(motion) for kind, motion in MOTIONS.items() if motion not in (Sequence, Together)}
+
+
+def make_motion(tables: dict | list) -> Motion:
+    """The motion that a ``[body.motion]`` table, or a list of them (one after another), describes.
+
+    Raises:
+        SceneError, pydantic.ValidationError: it describes none.
+    """
+    if isinstance(tables, list):
+        return Sequence(tuple(make_motion(table) for table in tables))
+    if not isinstance(tables, dict):
+        raise PydanticCustomError("motion", "expected a table with a `kind`, or a list of such tables")
+    kind = tables.get("kind", "")
+    if kind not in MOTIONS:
+        what = {"kind": repr(kind), "hint": nearest(kind, MOTIONS), "known": ", ".join(MOTIONS)}
+        raise PydanticCustomError("motion_kind", "unknown kind of motion {kind}{hint} (kinds: {known})", what)
+    if kind in ("sequence", "together"):
+        parts = tuple(make_motion(table) for table in tables.get("motions", []))
+        extra = {"repeat": bool(tables.get("repeat", False))} if kind == "sequence" else {}
+        _CombinedTable.model_validate(tables)
+        return MOTIONS[kind](parts, **extra)  # type: ignore[call-arg]
+    values = _PLAIN[kind].model_validate(tables).model_dump(exclude={"kind"})
+    return MOTIONS[kind](**values)
+
+
+class _CombinedTable(Table):
+    """Motions one after another, or at the same time."""
+
+    kind: Literal["sequence", "together"]
+    motions: list[Any] = Field(min_length=1)
+    repeat: bool = False
+
+
+def motion_schemas() -> dict[str, dict[str, Any]]:
+    """The JSON schema of each motion's table, by its name."""
+    return {table.__name__.lstrip("_"): table.model_json_schema() for table in (*_PLAIN.values(), _CombinedTable)}
+
+
+# -- bodies --------------------------------------------------------------------------------------------------------
+
+
+class Body(Table):
+    """What every ``[[body]]`` has."""
+
+    name: str = Field(min_length=1)
+    fixed: bool = Field(default=False, description="never moves")
+    position: Vector = Field(default=(0.0, 0.0, 0.0), description="of its origin, in the world [m]")
+    quaternion: Quaternion = Field(default=(1.0, 0.0, 0.0, 0.0), description="w, x, y, z")
+    motion: Any = Field(default=None, description="a table with `kind`, or a list of them, one after another")
+
+
+class SphereBody(Body):
+    """A ball."""
+
+    shape: Literal["sphere"]
+    radius: PositiveFloat = Field(description="[m]")
+
+
+class BoxBody(Body):
+    """A cuboid about its origin."""
+
+    shape: Literal["box"]
+    size: tuple[PositiveFloat, PositiveFloat, PositiveFloat] = Field(description="full extents along x, y, z [m]")
+
+
+class CapsuleBody(Body):
+    """A cylinder along z with half balls at its ends."""
+
+    shape: Literal["capsule"]
+    radius: PositiveFloat = Field(description="[m]")
+    length: PositiveFloat = Field(description="of the straight part [m]")
+
+
+class CylinderBody(Body):
+    """A cylinder along z."""
+
+    shape: Literal["cylinder"]
+    radius: PositiveFloat = Field(description="[m]")
+    length: PositiveFloat = Field(description="[m]")
+
+
+class PlaneBody(Body):
+    """The plane z = 0 of its own frame, solid below."""
+
+    shape: Literal["plane"]
+
+
+class MeshBody(Body):
+    """A triangle mesh in a file that trimesh loads (STL, OBJ, PLY, GLB ...)."""
+
+    shape: Literal["mesh"]
+    path: str = Field(description="relative to the scene file")
+    scale: PositiveFloat = Field(default=1.0, description="metres per unit of the file")
+
+
+SHAPES = {"sphere": SphereBody, "box": BoxBody, "capsule": CapsuleBody, "cylinder": CylinderBody, "plane": PlaneBody,
+          "mesh": MeshBody}  # fmt: skip
+
+AnyBody = Annotated[
+    SphereBody | BoxBody | CapsuleBody | CylinderBody | PlaneBody | MeshBody, Field(discriminator="shape")
+]
+
+
+# -- skins ---------------------------------------------------------------------------------------------------------
+
+
+class ClockTable(Table):
+    """The device's time: what becomes late, and how steady it is."""
+
+    delay_s: float = Field(default=0.0, ge=0, description="from sample to wire [s]")
+    jitter_s: float = Field(default=0.0, ge=0, description="uniform extra delay up to this [s]; never reorders")
+    skew_ppm: float = Field(default=0.0, description="device clock slow (> 0) or fast (< 0)")
+
+
+def _one_or_more(value: Any) -> Any:
+    return [value] if isinstance(value, str) else value
+
+
+Faults = Annotated[tuple[str, ...], BeforeValidator(_one_or_more)]
+
+
+class Skin(Table):
+    """One device on one port, fed by one sensor on one body."""
+
+    name: str | None = Field(default=None, description="default: the device's name")
+    device: str = Field(description="see `tactemu devices`, or path/to/file.py:Class")
+    device_options: dict[str, Any] = Field(default={}, description="keyword arguments of the device class")
+    link: str = Field(description="name of the body that carries the taxels")
+    position: Vector = Field(default=(0.0, 0.0, 0.0), description="of the device's frame on the link [m]")
+    quaternion: Quaternion = Field(default=(1.0, 0.0, 0.0, 0.0), description="of the device's frame on the link")
+    model_: str | None = Field(default=None, alias="model", description="sensor model; default: the cheapest that fits")
+    options: dict[str, Any] = Field(default={}, description="options of the sensor model, imperfections included")
+    port: str | None = Field(default=None, description="pty:PATH, can:INTERFACE:CHANNEL, tcp:HOST:PORT, memory: ...")
+    rate_hz: PositiveFloat | None = Field(default=None, description="default: the device's own")
+    pacing: bool = Field(default=True, description="bytes and frames take their time on the line")
+    clock: ClockTable = ClockTable()
+    faults: Faults = Field(default=(), description="what goes wrong on the wire")
+
+    @property
+    def title(self) -> str:
+        """The name under which it appears in statistics and in the truth log."""
+        return self.name or self.device.rpartition(":")[2]
+
+
+class Event(Table):
+    """One line of the schedule: something goes wrong, or changes, while the scene runs."""
+
+    at: float = Field(ge=0, description="[s]")
+    until: float | None = Field(default=None, description="when it ends [s]; default: it stays")
+    skin: str | None = Field(default=None, description="default: every skin")
+    fault: str | None = Field(default=None, description="on the wire, as in `faults`")
+    set: dict[str, Any] = Field(default={}, description="sensor options that change (noise, bias, probe_gain ...)")
+    dead: tuple[int, ...] = Field(default=(), description="taxels that die")
+    value: float | None = Field(default=None, description="what dead taxels read; default: their last reading")
+    hang: bool = Field(default=False, description="the device neither samples nor answers until `until`")
+    reset: bool = Field(default=False, description="the device restarts as after power-up")
+
+
+class World(Table):
+    """``[scene]``: what holds for everything."""
+
+    dt: PositiveFloat = Field(default=1e-3, description="simulation step [s]")
+    seed: int = Field(default=0, description="of every random number")
+    device: str = Field(default="cpu", description="where kernels run: cpu, cuda:0 ...")
+    dtype: Literal["float32", "float64"] = Field(default="float32", description="width of the kernels' numbers")
+
+
+class SceneFile(Table):
+    """A whole file."""
+
+    scene: World = World()
+    body: tuple[AnyBody, ...] = ()
+    skin: tuple[Skin, ...] = Field(min_length=1)
+    scenario: tuple[Event, ...] = ()

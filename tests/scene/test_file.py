@@ -1,0 +1,118 @@
+"""Scene files: what a right one means, and what a wrong one says."""
+
+import json
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from tactemu.errors import DeviceError, SceneError
+from tactemu.scene import file
+from tactemu.scene.motion import Press, Sequence
+
+GOOD = """
+[[body]]
+name = "pad"
+shape = "box"
+size = [0.08, 0.08, 0.02]
+fixed = true
+
+[[body]]
+name = "ball"
+shape = "sphere"
+radius = 0.006
+position = [0, 0, 0.02]
+motion = [{kind = "press", depth = 0.001, approach = 0.004, release = false}, {kind = "slide", distance = 0.01}]
+
+[[skin]]
+device = "anyskin"
+link = "pad"
+model = "kinematic_taxel"
+options = {normal_stiffness = 400}
+faults = "drop 1%"
+
+[[scenario]]
+at = 2
+skin = "anyskin"
+dead = [3]
+"""
+
+
+def test_a_file_becomes_tables_and_motions():
+    loaded = file.parse(GOOD)
+    motion = loaded.motions["ball"]
+    assert isinstance(motion, Sequence) and isinstance(motion.motions[0], Press)
+    assert motion.motions[0] == Press(depth=0.001, approach=0.004, release=False)
+    assert loaded.tables.body[0].size == (0.08, 0.08, 0.02)
+    assert loaded.tables.skin[0].faults == ("drop 1%",)
+    assert loaded.tables.scene.dt == 1e-3
+
+
+WRONG = [
+    ("radius", "radus", "body[1] 'ball': unknown key 'radus'; did you mean 'radius'?"),
+    ('"sphere"', '"spere"', "unknown shape 'spere'; did you mean 'sphere'?"),
+    ('"slide"', '"slid"', "body 'ball': motion: unknown kind of motion 'slid'; did you mean 'slide'?"),
+    ("depth =", "deph =", "body 'ball': motion: unknown key 'deph'; did you mean 'depth'?"),
+    ("depth = 0.001", "depth = nan", "body 'ball': motion.depth: input should be a finite number"),
+    ("depth = 0.001", "depth = 0.001, speed = -1", "body 'ball': motion: press.speed: expected a finite number > 0"),
+    ('link = "pad"', 'link = "pd"', "skin 'anyskin': link: no body 'pd'; did you mean 'pad'?"),
+    ("kinematic_taxel", "kinematic", "model: unknown model 'kinematic'; did you mean 'kinematic_taxel'?"),
+    ("0.006", "-1", "body[1] 'ball'.radius: input should be greater than 0, got -1"),
+    ("radius = 0.006", "", "body[1] 'ball'.radius: missing key"),
+    ("fixed = true", "fixed = true\nmotion = {kind = 'hold'}", "a fixed body does not move"),
+    ('name = "ball"', 'name = "pad"', "body 'pad': the name is used 2 times"),
+    ('skin = "anyskin"', 'skin = "anyskn"', "scenario[0]: skin: no skin 'anyskn'; did you mean 'anyskin'?"),
+    ("at = 2", "at = 2\nuntil = 1", "scenario[0]: until: expected a time after at = 2.0 s, got 1.0"),
+    ("[[skin]]", "[[skins]]", "unknown key 'skins'; did you mean 'skin'?"),
+    ("[[body]]", "[[body]", "not valid TOML"),
+]
+
+
+@pytest.mark.parametrize(("right", "wrong", "says"), WRONG, ids=[w[1][:20] for w in WRONG])
+def test_every_mistake_is_named(right, wrong, says):
+    with pytest.raises(SceneError) as error:
+        file.parse(GOOD.replace(right, wrong, 1), source="hand.toml")
+    assert str(error.value).startswith("hand.toml: ")
+    assert says in str(error.value)
+
+
+def test_all_mistakes_are_listed_at_once():
+    with pytest.raises(SceneError) as error:
+        file.parse(GOOD.replace("0.006", "-1").replace("[0.08,", "[0,"), source="hand.toml")
+    assert len(str(error.value).splitlines()) == 2
+
+
+def test_a_file_that_is_not_there():
+    with pytest.raises(SceneError, match=r"nowhere\.toml: cannot read the scene file: No such file"):
+        file.load("nowhere.toml")
+
+
+def test_neither_file_nor_device():
+    with pytest.raises(DeviceError, match=r"unknown device 'nosuch'.*a scene file ends in \.toml"):
+        file.load("nosuch")
+
+
+def test_a_device_file_that_does_not_run(tmp_path):
+    path = tmp_path / "broken.py"
+    path.write_text("import nothing_of_this_name\n")
+    with pytest.raises(DeviceError, match="the file raised ModuleNotFoundError"):
+        file.load(f"{path}:Device")
+
+
+def test_the_schema_knows_every_motion():
+    schema = json.loads(json.dumps(file.json_schema()))
+    assert schema["$defs"]["PressMotion"]["required"] == ["kind", "depth"]
+    assert schema["$defs"]["SphereBody"]["properties"]["motion"] == {"$ref": "#/$defs/Motion"}
+
+
+def test_every_toml_block_of_the_documentation_is_right():
+    page = (Path(__file__).parents[2] / "docs" / "scene-files.md").read_text()
+    blocks = [block.split("```")[0] for block in page.split("```toml\n")[1:]]
+    assert len(blocks) >= 4
+    whole = [block for block in blocks if "[[skin]]" in block and "[[body]]" in block]
+    assert whole
+    for block in whole:
+        file.parse(block)
+    for block in set(blocks) - set(whole):
+        for body in tomllib.loads(block).get("body", []):
+            file.make_motion(body["motion"])
