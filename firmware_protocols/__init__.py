@@ -36,6 +36,7 @@ __all__ = [
 
 DEVICES: dict[str, str] = {
     # name: "module:Class", imported only when asked for
+    "robotiq_tsf85": "firmware_protocols.robotiq_tsf85:RobotiqTsf85",
 }
 
 ENTRY_POINT_GROUP = "tactemu.devices"

@@ -172,6 +172,10 @@ class Layout:
         y_axes = np.cross(self.normals, self.x_axes)
         return np.stack([(vectors * axis).sum(-1) for axis in (self.x_axes, y_axes, self.normals)], axis=-1)
 
+    def push(self, forces: np.ndarray) -> np.ndarray:
+        """How hard each taxel is pushed into the skin [N], shape ``(n_taxels,)``; ``forces`` as in :class:`Reading`."""
+        return -(np.asarray(forces) * self.normals).sum(-1)
+
 
 def _default_x_axes(normals: np.ndarray) -> np.ndarray:
     """Link x projected on each tangent plane; link y where the normal is (nearly) along x."""
