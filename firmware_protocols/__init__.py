@@ -37,6 +37,11 @@ __all__ = [
 DEVICES: dict[str, str] = {
     # name: "module:Class", imported only when asked for
     "robotiq_tsf85": "firmware_protocols.robotiq_tsf85:RobotiqTsf85",
+    "anyskin": "firmware_protocols.anyskin:AnySkin",
+    "linker_hand_l6": "firmware_protocols.linker_hand:LinkerHandL6",
+    "linker_hand_l10": "firmware_protocols.linker_hand:LinkerHandL10",
+    "linker_hand_o6": "firmware_protocols.linker_hand:LinkerHandO6",
+    "xela_uskin": "firmware_protocols.xela_uskin:XelaUskin",
 }
 
 ENTRY_POINT_GROUP = "tactemu.devices"

@@ -1,0 +1,136 @@
+r"""AnySkin: five magnetometers under a magnetised skin, on USB. ReSkin (and eFlesh, WowSkin) speak the same stream.
+
+Wire: USB-CDC, opened at 115200 8N1, nothing depends on the speed. Device to host only: there is no command.
+One frame per firmware loop, N = 5 chips, 16 N + 2 = 82 bytes, float32 little-endian:
+
+    offset   bytes  field
+    16 k     4      temperature of chip k [deg C]
+    16 k+4   12     Bx, By, Bz of chip k [uT], in the chip's own axes
+    16 N     2      0D 0A; no start byte, no checksum
+
+Chips in wire order: centre, left, right, up, down. Chip axes are turned in the plane by -90, -90, 180, 90, 0 degrees
+as the vendor's viewer draws them (screen y points down).
+
+Evidence: firmware (arduino/5X_binary_burst_stream.ino: ``sizeof(data)`` per chip, then println) and both published
+drivers, which decode it. ADC: MLX90393 at gain 7, resolution 0: 0.150 uT (x, y) and 0.242 uT (z) per count, int16;
+temperature 25 + (raw - 46244) / 45.2 deg C, uint16.
+
+A driver takes a frame only when *more* than 82 bytes wait, so a frame is seen when the next one has begun. It has no
+time-out: on a silent port it waits for ever.
+
+Try it: ``tactemu run anyskin``, then ``AnySkinBase(num_mags=5, port=..., burst_mode=True).get_sample()``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from firmware_protocols.device import Device, Layout, Outgoing, Patch, Reading, SerialWire
+from firmware_protocols.magnetic import LinearMagnet, Transducer, quantize
+
+PITCH = 0.007
+PLACES = ((0, 0), (-1, 0), (1, 0), (0, 1), (0, -1))
+DRAWN_TURNS_DEG = (-90, -90, 180, 90, 0)
+
+FIELD_LSB_UT = np.array([0.150, 0.150, 0.242])
+TEMPERATURE_ZERO, TEMPERATURE_PER_DEG = 46244, 45.2
+
+REST_FIELD_UT = (
+    (-38.0, 21.0, 412.0),
+    (55.0, -12.0, 371.0),
+    (-19.0, -47.0, 398.0),
+    (8.0, 33.0, 445.0),
+    (-61.0, 5.0, 356.0),
+)
+"""Field of the unloaded skin at each chip: of the size that a magnetised skin 2 mm away makes."""
+
+
+class AnySkin(Device):
+    """Five 3-axis magnetometers that stream 82-byte frames unasked.
+
+    Args:
+        transducer: taxel force [N] to field [uT]; see :mod:`firmware_protocols.magnetic`.
+    """
+
+    name = "anyskin"
+    title = "AnySkin, 5 magnetometers (ReSkin: same stream)"
+    wires = (SerialWire(baud=115200, usb=True),)
+    senses = "force"
+    rate_hz = 100.0
+    evidence = ("firmware", "driver")
+    sources = (
+        "raunaqbhirangi/anyskin@cb13b5b arduino/5X_binary_burst_stream.ino",
+        "raunaqbhirangi/anyskin@cb13b5b anyskin/sensor.py l.51-126; visualizations/anyskin_viz.py l.38-47",
+        "reskin_sensor@b82de2a reskin_sensor/sensor.py",
+        "tesshellebrekers/arduino-MLX90393@5505644 MLX90393.cpp convertRaw",
+        "Melexis MLX90393 data sheet (sensitivity, temperature)",
+    )
+    judge = "anyskin 1.0.0, reskin-sensor 2.0.2"
+    assumed = (
+        "pitch of the chips 7 mm (the sources have pixels only)",
+        "chip z out of the skin; gain 7, resolution 0",
+        "60 uT/N in the plane, 90 uT/N along the normal; field at rest",
+        "100 Hz (the firmware runs as fast as its loop)",
+    )
+    scene = """
+[scene]
+dt = 0.001
+
+[[body]]
+name = "pad"
+shape = "box"
+size = [0.03, 0.03, 0.006]
+fixed = true
+
+[[body]]
+name = "ball"
+shape = "sphere"
+radius = 0.01
+position = [0.0, 0.0, 0.015]
+
+[body.motion]
+kind = "press"
+approach = 0.002
+depth = 0.0015
+pause = 0.5
+repeat = 0
+
+[[skin]]
+device = "anyskin"
+link = "pad"
+position = [0.0, 0.0, 0.003]
+model = "kinematic_taxel"
+
+[skin.options]
+probe_radius = 0.0035
+normal_stiffness = 1000.0
+"""
+
+    def __init__(self, *, transducer: Transducer | None = None):
+        super().__init__()
+        turns = -np.radians(DRAWN_TURNS_DEG)
+        self.layout = Layout(
+            positions=PITCH * np.array([(x, y, 0.0) for x, y in PLACES]),
+            normals=np.array([0.0, 0.0, 1.0]),
+            x_axes=np.stack([np.cos(turns), np.sin(turns), np.zeros(5)], axis=-1),
+            patches=(Patch(name="skin", start=0, rows=0, cols=5),),
+            pitch=PITCH,
+        )
+        self.transducer = transducer or LinearMagnet(gain=(60.0, 60.0, 90.0), offset=np.array(REST_FIELD_UT))
+
+    def digitize(self, reading: Reading) -> np.ndarray:
+        """Temperature [deg C] and field [uT] as the driver decodes them, float32 ``(5, 4)``: T, Bx, By, Bz."""
+        field = self.transducer(self.layout.to_taxel_frame(np.asarray(reading.values)))
+        counts = quantize(field, FIELD_LSB_UT, -0x8000, 0x7FFF)
+        warmth = (np.broadcast_to(reading.temperature, 5) - 25.0) * TEMPERATURE_PER_DEG + TEMPERATURE_ZERO
+        raw_t = quantize(warmth, 1.0, 0, 0xFFFF)
+        values = np.empty((5, 4), np.float32)
+        values[:, 0] = 25.0 + (raw_t - TEMPERATURE_ZERO) / TEMPERATURE_PER_DEG
+        values[:, 1:] = counts * FIELD_LSB_UT
+        return values
+
+    def stream(self, t_ns: int) -> Sequence[Outgoing]:
+        """One 82-byte frame."""
+        return (self.counts[self.layout.wire_order].astype("<f4").tobytes() + b"\r\n",)

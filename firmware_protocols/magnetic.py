@@ -1,0 +1,41 @@
+"""From a taxel's force to what its magnetometer sees: the transducer of skins made of magnetised elastomer.
+
+A force on the skin moves the magnets above a chip, and the field at the chip changes. The model here is the simplest
+that has the right channels: per taxel and axis one gain and one offset,
+
+    B = offset + gain * F        B, offset [uT], F [N] and gain [uT/N], all in the taxel's own frame (z = normal)
+
+It has no cross-talk between axes or chips and does not saturate (the ADC does). Any callable with the signature of
+:meth:`LinearMagnet.__call__` can take its place: ``fp.create("anyskin", transducer=my_model)``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+Transducer = Callable[[np.ndarray], np.ndarray]
+"""Forces on the taxels [N] in their own frames, shape ``(n_taxels, 3)``, to field [uT] of the same shape and frame."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinearMagnet:
+    """``B = offset + gain * F`` per taxel and axis.
+
+    ``gain`` [uT/N] and ``offset`` [uT] have shape ``(3,)`` or ``(n_taxels, 3)``. With a positive gain along z, a push
+    (negative force along the normal) lowers Bz.
+    """
+
+    gain: np.ndarray | tuple[float, float, float]
+    offset: np.ndarray | tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __call__(self, force: np.ndarray) -> np.ndarray:
+        """Field [uT] at each chip, shape ``(n_taxels, 3)``, under ``force`` [N] of that shape."""
+        return np.asarray(self.offset, float) + np.asarray(self.gain, float) * force
+
+
+def quantize(value: np.ndarray, lsb: float | np.ndarray, low: int, high: int) -> np.ndarray:
+    """Integer counts of an ADC with step ``lsb``, rounded to nearest and saturated to ``low..high``; int64."""
+    return np.clip(np.rint(value / lsb), low, high).astype(np.int64)
