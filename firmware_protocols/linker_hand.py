@@ -31,8 +31,8 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from firmware_protocols.device import CanFrame, CanWire, Command, Device, Frame, Layout, Outgoing, Patch, Reading
-from firmware_protocols.device import grid_layout as grid
+from firmware_protocols.device import CanFrame, CanWire, Command, Device, Frame, Layout, Outgoing, Reading, grid_layout
+from firmware_protocols.layouts import stack
 from firmware_protocols.magnetic import quantize
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
@@ -110,7 +110,7 @@ class LinkerHand(Device):
         """Raw counts 0..255 of the normal force of each taxel, uint8, shape ``(n_taxels,)``."""
         force = self.layout.to_taxel_frame(np.asarray(reading.values))
         self._quantities = self._four_quantities(force.reshape(5, -1, 3).sum(axis=1))
-        return quantize(-force[:, 2], 1 / COUNTS_PER_NEWTON, 0, 255).astype(np.uint8)
+        return quantize(self.layout.push(reading.values), 1 / COUNTS_PER_NEWTON, 0, 255).astype(np.uint8)
 
     def _four_quantities(self, force: np.ndarray) -> np.ndarray:
         """Normal, tangential, direction, approach under ``force`` [N] of shape ``(5, 3)``; uint8 ``(4, 5)``."""
@@ -237,14 +237,8 @@ def _length(n: int) -> Callable[[list[Frame]], bool]:
 
 def _fingertips(rows: int, columns: int) -> Layout:
     """Five flat pads side by side along x, thumb at the smallest x, tips to +y."""
-    pads = [grid(rows, columns, PITCH, origin=((i - 2) * FINGER_SPACING, 0.0, 0.0)) for i in range(5)]
-    size = rows * columns
-    return Layout(
-        positions=np.concatenate([pad.positions for pad in pads]),
-        normals=np.array([0.0, 0.0, 1.0]),
-        patches=tuple(Patch(name=n, start=i * size, rows=rows, cols=columns) for i, n in enumerate(FINGERS)),
-        pitch=PITCH,
-    )
+    places = [((i - 2) * FINGER_SPACING, 0.0, 0.0) for i in range(len(FINGERS))]
+    return stack(*(grid_layout(rows, columns, PITCH, name=f, origin=p) for f, p in zip(FINGERS, places)))
 
 
 def _scene(device: str) -> str:
