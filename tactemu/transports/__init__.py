@@ -7,14 +7,18 @@ from __future__ import annotations
 
 import importlib
 
-from tactemu.errors import TransportError
+from firmware_protocols import Device, Wire
+from tactemu.errors import DeviceError, TransportError
 from tactemu.transports.transport import Transport
 
 TRANSPORTS: dict[str, str] = {
     # scheme: "module:Class", imported only when asked for; Class(rest_of_the_address)
+    "can": "tactemu.transports.can:CanTransport",
+    "memory": "tactemu.transports.memory:MemoryTransport",
+    "pty": "tactemu.transports.pty:PtyTransport",
 }
 
-__all__ = ["TRANSPORTS", "Transport", "create"]
+__all__ = ["TRANSPORTS", "Transport", "create", "plug"]
 
 
 def create(port: str) -> Transport:
@@ -30,3 +34,18 @@ def create(port: str) -> Transport:
         )
     module, _, attribute = TRANSPORTS[scheme].partition(":")
     return getattr(importlib.import_module(module), attribute)(rest)
+
+
+def plug(device: Device, transport: Transport) -> Wire:
+    """Choose the device's wire that goes with this port, and return it.
+
+    Raises:
+        DeviceError: the device has no such connector.
+    """
+    if not transport.kinds:
+        return device.wire
+    for kind in transport.kinds:
+        if any(wire.kind == kind for wire in device.wires):
+            return device.plug(kind)
+    has = " or ".join(dict.fromkeys(wire.kind for wire in device.wires))
+    raise DeviceError(f"{device.name} has a {has} connector and cannot be plugged into {transport.scheme}:")

@@ -48,8 +48,8 @@ class Transport(ABC):
     """One port. The constructor only parses; :meth:`open` makes the port and is undone by :meth:`close`."""
 
     scheme: ClassVar[str]
-    kind: ClassVar[str]
-    """``serial``, ``can`` or ``tcp``: which wire of a device it can stand for."""
+    kinds: ClassVar[tuple[str, ...]]
+    """Kinds of wire that it can stand for (``serial``, ``can``, ``tcp``), best first; empty: any."""
 
     address: str = ""
     """What a driver opens: a path, a URL, ``interface:channel``. Valid once open."""

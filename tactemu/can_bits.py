@@ -1,0 +1,138 @@
+"""How long a CAN or CAN-FD frame keeps the bus busy: exact, with its own CRC and its own stuff bits (ISO 11898-1).
+
+A classic frame is stuffed from the start-of-frame bit to the end of the CRC: after five equal bits the sender inserts
+one of the other kind. A CAN-FD frame is stuffed so up to the end of its data; its stuff count and CRC carry stuff bits
+at fixed places, so that their length does not depend on their value. Bits up to the bit-rate switch and after the CRC
+delimiter run at the arbitration rate, those between them at the data rate. All lengths include the three bits of
+intermission, after which the next frame may start.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+from firmware_protocols import CanFrame
+
+_TRAILER = 1 + 2 + 7 + 3
+"""CRC delimiter, ACK slot and delimiter, end of frame, intermission: never stuffed."""
+_FD_HEAD_STD, _FD_HEAD_EXT = 17, 36
+"""Bits from the start of a CAN-FD frame to its bit-rate-switch bit, which is the last at the arbitration rate."""
+_FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
+ERROR_FRAME_BITS = 6 + 6 + 8 + 3
+"""An error frame at its longest: two superposed flags, delimiter, intermission."""
+
+
+def frame_bits(frame: CanFrame) -> tuple[int, int]:
+    """Bits at the arbitration rate and bits at the data rate that ``frame`` takes, intermission included."""
+    if frame.is_fd:
+        return _fd_bits(frame)
+    head, length = _classic_head(frame)
+    data = b"" if frame.is_remote_frame else frame.data
+    length += 8 * len(data)
+    body = head << 8 * len(data) | int.from_bytes(data, "big")
+    stuffed = body << 15 | _crc15(body, length)
+    return length + 15 + _stuff_bits(stuffed, length + 15) + _TRAILER, 0
+
+
+def frame_ns(frame: CanFrame, bitrate: int, data_bitrate: int | None = None) -> int:
+    """Time on the bus [ns], intermission included. Without bit-rate switching the data rate plays no part."""
+    arbitration, data = frame_bits(frame)
+    return round(1e9 * arbitration / bitrate + 1e9 * data / (data_bitrate or bitrate))
+
+
+def priority(frame: CanFrame) -> tuple[int, int, int, int, int]:
+    """Arbitration order: of two frames that start together, the one with the smaller tuple wins the bus."""
+    remote = int(frame.is_remote_frame)
+    if frame.is_extended_id:
+        return frame.arbitration_id >> 18, 1, 1, frame.arbitration_id & 0x3FFFF, remote
+    return frame.arbitration_id, remote, 0, 0, 0
+
+
+def _classic_head(frame: CanFrame) -> tuple[int, int]:
+    """Start of frame to data length code, as a number and its length in bits."""
+    size = len(frame.data)
+    remote = int(frame.is_remote_frame)
+    if frame.is_extended_id:
+        base, extension = frame.arbitration_id >> 18, frame.arbitration_id & 0x3FFFF
+        head = (((base << 2 | 0b11) << 18 | extension) << 1 | remote) << 2  # SRR and IDE recessive; r1, r0 dominant
+        return head << 4 | size, 39
+    return ((frame.arbitration_id << 1 | remote) << 2) << 4 | size, 19  # IDE and r0 dominant
+
+
+def _fd_bits(frame: CanFrame) -> tuple[int, int]:
+    size = len(frame.data)
+    brs = int(frame.bitrate_switch)
+    if frame.is_extended_id:
+        base, extension = frame.arbitration_id >> 18, frame.arbitration_id & 0x3FFFF
+        head = (((base << 2 | 0b11) << 18 | extension) << 1) << 3 | 0b100 | brs  # RRS 0, FDF 1, res 0
+        head_length = _FD_HEAD_EXT
+    else:
+        head = ((frame.arbitration_id << 2) << 3) | 0b100 | brs  # RRS 0, IDE 0, FDF 1, res 0
+        head_length = _FD_HEAD_STD
+    length = head_length + 5 + 8 * size  # ESI and data length code
+    body = (head << 5 | _FD_LENGTHS.index(size)) << 8 * size | int.from_bytes(frame.data, "big")
+    # After the last data bit comes a fixed stuff bit, so a run that ends there needs none of its own.
+    stuff = _stuff_bits(body, length, at_end=False)
+    in_head = _stuff_bits(head, head_length)
+    crc = 4 + 17 + 6 if size <= 16 else 4 + 21 + 7  # stuff count, CRC, fixed stuff bits
+    fast = 5 + 8 * size + (stuff - in_head) + crc
+    slow = head_length + in_head + _TRAILER
+    return (slow, fast) if brs else (slow + fast, 0)
+
+
+# -- CRC-15/CAN, a byte at a time ---------------------------------------------------------------------------------
+
+
+def _crc15_table() -> list[int]:
+    table = []
+    for byte in range(256):
+        crc = byte << 7
+        for _ in range(8):
+            crc = (crc << 1) ^ (0x4599 if crc & 0x4000 else 0)
+        table.append(crc & 0x7FFF)
+    return table
+
+
+_CRC15 = _crc15_table()
+
+
+def _crc15(bits: int, length: int) -> int:
+    """CRC over the lowest ``length`` bits. Zeros put in front to fill a byte do not change a CRC that starts at 0."""
+    crc = 0
+    for byte in bits.to_bytes((length + 7) // 8, "big"):
+        crc = ((crc << 8) & 0x7FFF) ^ _CRC15[((crc >> 7) ^ byte) & 0xFF]
+    return crc
+
+
+# -- stuff bits, a byte at a time ----------------------------------------------------------------------------------
+# State: 4 * value of the last bit + length of its run - 1 (runs of 1 to 4; the fifth makes a stuff bit, run of 1).
+
+
+@cache
+def _step(state: int, byte: int) -> tuple[int, int, bool]:
+    """Stuff bits made by one byte, the state after it, and whether the last bit of the byte made one."""
+    last, run = state >> 2, (state & 3) + 1
+    count, at_end = 0, False
+    for shift in range(7, -1, -1):
+        bit = byte >> shift & 1
+        last, run = (last, run + 1) if bit == last else (bit, 1)
+        at_end = run == 5
+        if at_end:
+            count, last, run = count + 1, 1 - last, 1
+    return count, 4 * last + run - 1, at_end
+
+
+_STEP = [[_step(state, byte) for byte in range(256)] for state in range(8)]
+_RECESSIVE = 4
+"""State of an idle bus: the start bit (0) begins a run of its own."""
+
+
+def _stuff_bits(bits: int, length: int, *, at_end: bool = True) -> int:
+    """Stuff bits of a stream that starts with the start-of-frame bit; ``at_end``: also after its last bit."""
+    pad = -length % 8  # alternating bits that end recessive make no stuff bit
+    padded = (0x55 & (1 << pad) - 1) << length | bits
+    count, state, last = 0, _RECESSIVE if pad % 2 == 0 else _RECESSIVE - 4, False
+    for byte in padded.to_bytes((length + pad) // 8, "big"):
+        made, state, last = _STEP[state][byte]
+        count += made
+    return count - (last and not at_end)

@@ -1,0 +1,144 @@
+"""``can:INTERFACE:CHANNEL``: any interface of python-can, CAN and CAN-FD.
+
+``can:socketcan:vcan0`` is Linux CAN, ``can:udp_multicast:239.74.163.2`` needs no CAN in the kernel,
+``can:virtual:NAME`` stays inside this process.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from typing import Any
+
+import can
+
+from firmware_protocols import CanFrame, Frame
+from tactemu.errors import TransportError, TransportUnavailable
+from tactemu.transports.transport import Event, Received, Transport
+
+_ECHOES = 256
+"""Own frames that are waited for on an interface that returns them."""
+
+
+class CanTransport(Transport):
+    """A node of a CAN bus. Always listening: a bus has no open and close."""
+
+    scheme = "can"
+    kinds = ("can",)
+
+    def __init__(self, rest: str):
+        self.interface, _, self.channel = rest.partition(":")
+        if not self.interface or not self.channel:
+            raise TransportError(f"port 'can:{rest}': expected can:INTERFACE:CHANNEL, as in can:socketcan:vcan0")
+        self.address = rest
+        self._bus: can.BusABC | None = None
+        self._fileno = -1
+        self._echoes: deque[CanFrame] | None = deque(maxlen=_ECHOES) if self.interface == "udp_multicast" else None
+
+    def open(self) -> None:
+        """Join the bus.
+
+        Raises:
+            TransportError: no such interface or channel; the message names the fix.
+        """
+        if self._bus is not None:
+            return
+        options: dict[str, Any] = {"fd": True} if self.interface in ("socketcan", "udp_multicast") else {}
+        try:
+            self._bus = can.Bus(interface=self.interface, channel=self.channel, **options)
+        except (can.CanError, OSError, ImportError, ValueError, NotImplementedError) as error:
+            raise TransportUnavailable(f"cannot open can:{self.address}: {error}; {self._fix()}") from error
+        try:
+            self._fileno = self._bus.fileno()
+        except NotImplementedError:
+            self._fileno = -1
+
+    def close(self) -> None:
+        """Leave the bus."""
+        if self._bus is not None:
+            self._bus.shutdown()
+            self._bus, self._fileno = None, -1
+
+    def filenos(self) -> list[int]:
+        """The bus's socket, where it has one."""
+        return [self._fileno] if self._fileno >= 0 else []
+
+    def poll(self) -> list[Event]:
+        """Frames of the other nodes."""
+        events: list[Event] = []
+        while self._bus is not None:
+            try:
+                message = self._bus.recv(0)
+            except can.CanError:
+                break  # interface down: nothing arrives until it is up again
+            if message is None:
+                break
+            if message.is_error_frame:
+                continue
+            frame = _frame(message)
+            if not self._is_echo(frame):
+                events.append(Received(frame))
+        return events
+
+    def write(self, frame: Frame) -> bool:
+        """Send one frame; ``False`` when the interface is down or its queue is full."""
+        if not isinstance(frame, CanFrame):
+            raise TransportError(f"a CAN bus cannot carry {len(frame)} bytes of a serial stream")
+        if self._bus is None:
+            return False
+        try:
+            self._bus.send(_message(frame), timeout=None if self.interface == "virtual" else 0)
+        except can.CanError:
+            return False
+        if self._echoes is not None:
+            self._echoes.append(frame)
+        return True
+
+    @property
+    def listening(self) -> bool:
+        """Whether this node is on the bus."""
+        return self._bus is not None
+
+    def _is_echo(self, frame: CanFrame) -> bool:
+        """Multicast returns our own frames, in order; a lost one must not hide those after it."""
+        if not self._echoes or frame not in self._echoes:
+            return False
+        while self._echoes.popleft() != frame:
+            pass
+        return True
+
+    def _fix(self) -> str:
+        if self.interface == "socketcan":
+            name = self.channel
+            if os.path.exists(f"/sys/class/net/{name}"):
+                return f"bring it up: sudo ip link set {name} up"
+            return (
+                f"make it: sudo modprobe vcan && sudo ip link add dev {name} type vcan && "
+                f"sudo ip link set {name} mtu 72 up; "
+                "where the kernel has no CAN use can:udp_multicast:239.74.163.2 or scripts/vcan-run"
+            )
+        if self.interface == "udp_multicast":
+            return "install msgpack, and use a multicast address such as 239.74.163.2 on a machine with a network route"
+        return f"python-can knows {', '.join(sorted(can.interfaces.VALID_INTERFACES))}"
+
+
+def _message(frame: CanFrame) -> can.Message:
+    return can.Message(
+        arbitration_id=frame.arbitration_id,
+        data=frame.data,
+        is_extended_id=frame.is_extended_id,
+        is_remote_frame=frame.is_remote_frame,
+        is_fd=frame.is_fd,
+        bitrate_switch=frame.bitrate_switch,
+    )
+
+
+def _frame(message: can.Message) -> CanFrame:
+    return CanFrame(
+        arbitration_id=message.arbitration_id,
+        data=b"" if message.is_remote_frame else bytes(message.data),
+        is_extended_id=message.is_extended_id,
+        is_remote_frame=message.is_remote_frame,
+        is_fd=message.is_fd,
+        bitrate_switch=message.bitrate_switch,
+    )

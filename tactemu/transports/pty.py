@@ -1,0 +1,216 @@
+"""``pty:PATH``: a pseudo terminal that behaves as a serial port would, under a stable name.
+
+What a pseudo terminal does otherwise than a port, and what is done about it here:
+
+* Fresh, it echoes and rewrites line ends: it is set raw before the name is published.
+* It keeps what nobody reads: nothing is written while nobody has it open, and what a driver left unread is thrown away
+  when it closes. An open one still takes 17 to 20 kB before it refuses; then whole frames are dropped.
+* It has no speed: the driver's ``termios`` is read from our side, custom rates included.
+* It tells nobody that it was opened: inotify does. The other side is not held open, so that ``fuser`` sees only the
+  driver, and ``POLLHUP`` and ``EIO`` mean that the driver has closed.
+* It has no modem lines (``TIOCMGET`` fails); ``rfc2217:`` has.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import select
+import struct
+import termios
+import tty
+
+from firmware_protocols import Frame
+from tactemu.errors import TransportError, TransportUnavailable
+from tactemu.transports.openings import Openings
+from tactemu.transports.symlink import StableLink
+from tactemu.transports.transport import BaudChanged, Closed, Event, Opened, Received, Transport
+
+_TCGETS2 = 0x802C542A
+_TERMIOS2 = struct.Struct("4I20s2I")
+_CHUNK = 65_536
+
+
+class PtyTransport(Transport):
+    """``pty:PATH`` makes ``PATH`` a link to the port; ``pty:`` alone leaves the kernel's name (``/dev/pts/N``)."""
+
+    scheme = "pty"
+    kinds = ("serial",)
+
+    def __init__(self, rest: str = ""):
+        self._link = StableLink(rest) if rest else None
+        self.address = rest
+        self._name = ""
+        self._master = -1
+        self._openings: Openings | None = None
+        self._poll = select.poll()
+        self._heard = False
+        self._baud: int | None = None
+        self._rest = b""
+        """The end of a frame that the kernel took only in part: it goes first, so that frames stay whole."""
+
+    # -- life ------------------------------------------------------------------------------------------------------
+
+    def open(self) -> None:
+        """Make the pair, set it raw, then publish the name.
+
+        Raises:
+            TransportError: the path is taken or cannot be written, or there are no pseudo terminals left.
+        """
+        if self._master >= 0:
+            return
+        try:
+            self._master, slave = os.openpty()
+        except OSError as error:
+            raise TransportUnavailable(f"no pseudo terminal to be had: {error.strerror}; mount /dev/pts") from None
+        try:
+            tty.setraw(slave)
+            self._name = os.ttyname(slave)
+            os.close(slave)
+            os.set_blocking(self._master, False)
+            self._poll.register(self._master, select.POLLIN)
+            self._baud = self._read_baud()
+            self._openings = Openings(self._name)
+            if self._link:
+                self._link.point_to(self._name)
+        except BaseException:
+            self.close()
+            raise
+        self.address = str(self._link.path) if self._link else self._name
+
+    def close(self) -> None:
+        """Remove the link, then the port: a driver that has it open gets an error, as when a cable is pulled."""
+        if self._link:
+            self._link.remove()
+        if self._openings:
+            self._openings.close()
+            self._openings = None
+        if self._master >= 0:
+            self._poll.unregister(self._master)
+            os.close(self._master)
+            self._master = -1
+        self._heard, self._rest = False, b""
+
+    # -- events ------------------------------------------------------------------------------------------------------
+
+    def filenos(self) -> list[int]:
+        """The watch for openings, and the port itself while a driver has it open (else it would never be quiet)."""
+        watch = self._openings.fileno if self._openings else -1
+        if watch < 0:
+            return []  # no inotify: be polled
+        return [watch, self._master] if self._heard else [watch]
+
+    def poll(self) -> list[Event]:
+        """Openings, changes of speed, bytes and closings."""
+        if self._master < 0:
+            return []
+        seen = self._openings.read() if self._openings else ""
+        events: list[Event] = []
+        if self._heard and "co" in seen:  # closed and opened again since the last call
+            events += self._closed()
+        gone = self._hung_up()
+        if not self._heard and (not gone or "o" in seen):
+            self._heard = True
+            events.append(Opened())
+        if self._heard:
+            self._finish()
+            events += self._changed_baud()
+            events += [Received(chunk) for chunk in self._read()]
+        if self._heard and gone:
+            events += self._closed()
+        return events
+
+    def _hung_up(self) -> bool:
+        ready = self._poll.poll(0)
+        return bool(ready) and bool(ready[0][1] & select.POLLHUP)
+
+    def _read(self) -> list[bytes]:
+        chunks = []
+        try:
+            while chunk := os.read(self._master, _CHUNK):
+                chunks.append(chunk)
+        except OSError as error:
+            if error.errno not in (errno.EAGAIN, errno.EIO):
+                raise TransportError(f"lost the port {self.address}: {error.strerror}") from None
+        return chunks
+
+    def _closed(self) -> list[Event]:
+        self._heard, self._rest = False, b""
+        self._throw_away_unread()
+        return [Closed()]
+
+    def _throw_away_unread(self) -> None:
+        """A port with nobody on it keeps no bytes. Only the other side can flush them."""
+        try:
+            slave = os.open(self._name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        except OSError:
+            return  # the driver left it exclusive: what it did not read stays
+        try:
+            termios.tcflush(slave, termios.TCIFLUSH)
+            _leave_to_change(slave)
+        finally:
+            os.close(slave)
+        if self._openings:
+            self._openings.read()  # that was us
+
+    # -- bytes out ---------------------------------------------------------------------------------------------------
+
+    def write(self, frame: Frame) -> bool:
+        """Write one frame in one call, or not at all."""
+        if not isinstance(frame, bytes):
+            raise TransportError(f"a serial port cannot carry the CAN frame {frame}")
+        if not self._heard or not self._finish():
+            return False
+        written = self._put(frame)
+        self._rest = frame[written:] if written else b""
+        return written > 0
+
+    def _finish(self) -> bool:
+        if self._rest:
+            self._rest = self._rest[self._put(self._rest) :]
+        return not self._rest
+
+    def _put(self, data: bytes) -> int:
+        try:
+            return os.write(self._master, data)
+        except OSError as error:
+            if error.errno in (errno.EAGAIN, errno.EIO):
+                return 0
+            raise TransportError(f"lost the port {self.address}: {error.strerror}") from None
+
+    # -- speed -------------------------------------------------------------------------------------------------------
+
+    @property
+    def listening(self) -> bool:
+        """Whether a driver had the port open at the last :meth:`poll`."""
+        return self._heard
+
+    @property
+    def baud(self) -> int | None:
+        """The speed in the driver's ``termios`` [bit/s]."""
+        return self._baud
+
+    def _changed_baud(self) -> list[Event]:
+        baud = self._read_baud()
+        if baud == self._baud or baud is None:
+            return []
+        self._baud = baud
+        return [BaudChanged(baud)]
+
+    def _read_baud(self) -> int | None:
+        """Asked of our side, the kernel gives the other side's settings; ``TCGETS2`` knows custom rates too."""
+        settings = fcntl.ioctl(self._master, _TCGETS2, bytes(_TERMIOS2.size))
+        return _TERMIOS2.unpack(settings)[-1] or None
+
+
+def _leave_to_change(slave: int) -> None:
+    """Change settings that have no effect in raw mode.
+
+    The kernel cannot do parity on a pseudo terminal; glibc reports that as an error, but only to a driver that changes
+    nothing else. A port that differs a little from what the driver wants spares the driver's second opening from it.
+    """
+    settings = termios.tcgetattr(slave)
+    settings[0] |= termios.IGNBRK  # every way to set a port raw clears one of these two; neither does anything here
+    settings[3] |= termios.ECHOK
+    termios.tcsetattr(slave, termios.TCSANOW, settings)

@@ -1,0 +1,164 @@
+"""The pty against what a serial port does. The driver's side is pyserial, unmodified."""
+
+import fcntl
+import os
+import signal
+import subprocess
+import sys
+import termios
+import time
+from pathlib import Path
+
+import pytest
+import serial
+
+from tactemu.errors import TransportError
+from tactemu.transports import create
+from tactemu.transports.transport import BaudChanged, Closed, Opened, Received
+
+
+@pytest.fixture
+def port(tmp_path):
+    with create(f"pty:{tmp_path / 'tty'}") as port:
+        yield port
+    assert not os.path.lexists(tmp_path / "tty")
+
+
+def events(port, kind=None, tries=50):
+    """What happened, given a moment for the kernel to hand bytes over."""
+    seen = []
+    for _ in range(tries):
+        seen += port.poll()
+        if kind is None or any(isinstance(event, kind) for event in seen):
+            return seen
+        time.sleep(0.002)
+    return seen
+
+
+def test_nothing_is_written_while_nobody_listens(port):
+    assert port.poll() == [] and not port.listening
+    assert not port.write(b"lost")
+    with serial.Serial(port.address, timeout=0) as driver:
+        assert events(port)[0] == Opened()
+        assert driver.in_waiting == 0
+        assert port.write(b"\r\n\x03\x04\x00\xff")
+        driver.timeout = 1
+        assert driver.read(6) == b"\r\n\x03\x04\x00\xff"
+        driver.write(b"\r\n\x03\x11\x13\xff")
+        assert Received(b"\r\n\x03\x11\x13\xff") in events(port, Received)
+        assert driver.in_waiting == 0, "no echo"
+    assert events(port)[-1] == Closed()
+
+
+def test_opened_before_any_byte_and_raw_without_help(port):
+    """A program that sets nothing at all must read every byte unchanged."""
+    reader = os.open(port.address, os.O_RDWR | os.O_NOCTTY)
+    assert events(port) == [Opened()]
+    everything = bytes(range(256))
+    assert port.write(everything)
+    assert os.read(reader, 1000) == everything
+    os.close(reader)
+    assert events(port) == [Closed()]
+
+
+@pytest.mark.parametrize("baud", [9600, 115_200, 2_000_000, 123_456])
+def test_speed_of_the_driver(port, baud):
+    with serial.Serial(port.address, baud):
+        assert BaudChanged(baud) in events(port)
+        assert port.baud == baud
+
+
+def test_reopening_any_number_of_times_leaves_nothing_stale(port):
+    for number in range(30):
+        with serial.Serial(port.address, timeout=1) as driver:
+            assert events(port)[0] == Opened()
+            assert port.write(bytes([number]) * 50)
+            assert driver.read(10) == bytes([number]) * 10
+        assert events(port)[-1] == Closed()
+        fresh = os.open(port.address, os.O_RDONLY | os.O_NOCTTY)
+        assert fcntl.ioctl(fresh, termios.FIONREAD, bytes(4)) == bytes(4)
+        os.close(fresh)
+        port.poll()
+
+
+def test_close_and_open_between_two_looks(port):
+    driver = serial.Serial(port.address)
+    assert events(port)[0] == Opened()
+    driver.close()
+    driver.open()
+    assert [event for event in events(port) if event in (Opened(), Closed())] == [Closed(), Opened()]
+    driver.close()
+    with serial.Serial(port.address) as driver:
+        driver.write(b"hello")
+    assert events(port) == [Closed(), Opened(), Received(b"hello"), Closed()]
+
+
+def test_parity_on_the_second_opening(port):
+    """The kernel refuses parity on a pseudo terminal; a driver that asks for it twice must not be stopped."""
+    for _ in range(3):
+        with serial.Serial(port.address, 115_200, parity="E") as driver:
+            assert driver.is_open and events(port)
+        events(port)
+
+
+def test_a_driver_that_does_not_read_loses_whole_frames(port):
+    frame = bytes(range(82))
+    with serial.Serial(port.address, timeout=0.2) as driver:
+        events(port)
+        taken = sum(port.write(frame) for _ in range(1000))
+        assert 100 < taken < 400
+        got = driver.read(taken * len(frame) + 1)
+        for _ in range(20):
+            port.poll()  # the end of a frame that the kernel took in part
+            got += driver.read(taken * len(frame) - len(got)) if len(got) < taken * len(frame) else b""
+        assert got == frame * taken
+
+
+def test_pulling_the_cable(port):
+    with serial.Serial(port.address, timeout=1) as driver:
+        events(port)
+        port.close()
+        with pytest.raises(serial.SerialException):
+            driver.read(1)
+    assert not os.path.lexists(port._link.path)
+    port.open()
+    with serial.Serial(port.address, timeout=1) as driver:
+        assert events(port)[0] == Opened()
+        port.write(b"back")
+        assert driver.read(4) == b"back"
+
+
+def test_a_file_in_the_way_is_left_alone(tmp_path):
+    (tmp_path / "file").write_text("mine")
+    (tmp_path / "link").symlink_to("file")
+    for name in ("file", "link", "no/such/folder"):
+        with pytest.raises(TransportError):
+            create(f"pty:{tmp_path / name}").open()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "link"]
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_a_link_left_behind_is_taken_over(tmp_path):
+    (tmp_path / "tty").symlink_to("/dev/pts/99999")
+    with create(f"pty:{tmp_path / 'tty'}") as port, serial.Serial(port.address):
+        assert port.poll()[0] == Opened()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_a_signal_removes_the_link(tmp_path, number):
+    code = (
+        "import sys, time; from tactemu.transports import create;"
+        "create(sys.argv[1]).open(); print(flush=True); time.sleep(60)"
+    )
+    child = subprocess.Popen(
+        [sys.executable, "-c", code, f"pty:{tmp_path / 'tty'}"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        cwd=Path(__file__).parents[2],
+    )
+    assert child.stdout and child.stdout.readline()
+    assert os.path.lexists(tmp_path / "tty")
+    child.send_signal(number)
+    assert child.wait(10) != 0
+    child.stdout.close()
+    assert not os.path.lexists(tmp_path / "tty")
