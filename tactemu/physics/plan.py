@@ -27,6 +27,8 @@ class Context:
     """Length of the step being taken [s], float64, shape ``(1,)``: read on the device, so that a graph sees changes."""
     step: wp.array
     """Number of the step being taken, from 1, int64, shape ``(1,)``."""
+    time_ns: wp.array | None = None
+    """Simulated time at the end of the step being taken [ns], int64, shape ``(1,)``. A scene always gives it."""
 
 
 @dataclass(kw_only=True)

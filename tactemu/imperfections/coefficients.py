@@ -1,0 +1,101 @@
+"""What the laws need of time, worked out once a step for a whole sensor: a few float64 numbers on the device."""
+
+import functools
+
+import numpy as np
+import warp as wp
+
+from tactemu.imperfections.material import decay, grown, ramp_share
+from tactemu.imperfections.options import ImperfectionOptions
+from tactemu.physics.plan import Context, Stage, record
+
+# Indices into the array of coefficients.
+OVERSHOOT = wp.constant(0)
+"""Share of the overshoot that is left after the step."""
+UNDERSHOOT = wp.constant(1)
+"""The same for what unloading left behind."""
+CREEP = wp.constant(2)
+"""Share of the way to its end that creep goes in the step, the load being constant."""
+CREEP_RAMP = wp.constant(3)
+"""Share of a linear change of load that creep has taken over at the end of the step."""
+NOISE = wp.constant(4)
+"""Standard deviation of a sample per noise density [sqrt(Hz)]."""
+WALK = wp.constant(5)
+"""Share of a bounded walk that is left after the step."""
+WALK_STEP = wp.constant(6)
+"""Standard deviation of the walk's increment per density [sqrt(s)]."""
+TEMPERATURE = wp.constant(7)
+"""Temperature above the reference [K]."""
+COUNT = 8
+
+
+@functools.cache
+def _kernel(material: bool, walk: bool, noise: bool, temperature: bool):
+    f64 = wp.float64
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def imperfection_coefficients(
+        dt_array: wp.array(dtype=wp.float64),
+        time_ns: wp.array(dtype=wp.int64),
+        taus: wp.vec4d,
+        frames: wp.array2d(dtype=wp.float64),
+        reference: wp.float64,
+        out: wp.array(dtype=wp.float64),
+    ):
+        dt = wp.max(dt_array[0], f64(0.0))
+        if wp.static(material):
+            out[OVERSHOOT] = decay(dt, taus[0])
+            out[UNDERSHOOT] = decay(dt, taus[1])
+            h = wp.where(dt > f64(0.0), dt / taus[2], f64(0.0))
+            out[CREEP] = grown(h)
+            out[CREEP_RAMP] = ramp_share(h)
+        if wp.static(noise):
+            out[NOISE] = wp.where(dt > f64(0.0), wp.sqrt(f64(0.5) / dt), f64(0.0))
+        if wp.static(walk):
+            tau = taus[3]
+            if tau > f64(0.0):
+                out[WALK] = decay(dt, tau)
+                out[WALK_STEP] = wp.sqrt(tau * f64(0.5) * grown(f64(2.0) * dt / tau))
+            else:
+                out[WALK] = f64(1.0)
+                out[WALK_STEP] = wp.sqrt(dt)
+        if wp.static(temperature):
+            t = f64(time_ns[0]) * f64(1e-9)
+            last = frames.shape[0] - 1
+            k = int(0)
+            while k < last and frames[k + 1, 0] < t:
+                k += 1
+            value = frames[k, 1]
+            if k < last and t > frames[k, 0]:
+                share = (t - frames[k, 0]) / (frames[k + 1, 0] - frames[k, 0])
+                value = value + share * (frames[k + 1, 1] - value)
+            out[TEMPERATURE] = value - reference
+
+    return imperfection_coefficients
+
+
+def compile_coefficients(
+    options: ImperfectionOptions, laws: frozenset[str], name: str, context: Context
+) -> tuple[wp.array | None, list[Stage]]:
+    """The array of coefficients and the stage that fills it; neither where no law depends on time."""
+    material = bool(laws & {"hysteresis", "creep"})
+    walk, noise, temperature = "random_walk" in laws, "noise_density" in laws, "temperature" in laws
+    if not (material or walk or noise or temperature):
+        return None, []
+    out = wp.zeros(COUNT, dtype=wp.float64, device=context.device)
+    unloading = options.hysteresis_tau_unloading
+    taus = wp.vec4d(
+        options.hysteresis_tau,
+        options.hysteresis_tau if unloading is None else unloading,
+        options.creep_tau,
+        options.random_walk_tau or 0.0,
+    )
+    frames = np.asarray(options.temperature_course if temperature else [(0.0, 0.0)], dtype=np.float64)
+    launch = record(
+        _kernel(material, walk, noise, temperature),
+        1,
+        [context.dt, context.time_ns, taus, wp.array(frames, device=context.device), options.temperature_reference],
+        [out],
+        context.device,
+    )
+    return out, [Stage(name=f"{name}/coefficients", reason="laws that depend on time", launch=launch)]

@@ -1,0 +1,94 @@
+"""Numbers given by the user, one per column or one for all, and where they live on the device."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import warp as wp
+
+from tactemu.errors import SceneError
+from tactemu.imperfections.info import ReadingInfo
+
+
+def spread(value, info: ReadingInfo, option: str) -> np.ndarray:
+    """``value`` as float64: shape ``(1,)`` if it is one number, else ``(n_columns,)`` with a taxel's channels together.
+
+    Raises:
+        SceneError: if the shape fits neither taxels nor columns, or a number is not finite.
+    """
+    array = np.asarray(value, dtype=np.float64)
+    n, c = info.n_taxels, info.n_channels
+    if not np.all(np.isfinite(array)):
+        raise SceneError(f"sensor {info.name!r}: {option} must be finite, got {value!r}")
+    if array.ndim == 0:
+        return array.reshape(1)
+    if array.shape in ((n,), info.layout):
+        return np.repeat(array.reshape(n), c)
+    if array.shape in ((n, c), (*info.layout, c)):
+        return array.reshape(n * c)
+    if array.shape == (n * c,):
+        return _blocks_to_taxels(array, info)
+    raise SceneError(
+        f"sensor {info.name!r}: {option} has shape {array.shape}; expected one number, {info.layout} or ({n},) for one"
+        f" per taxel, or ({n}, {c}) or ({n * c},) for one per column"
+    )
+
+
+def _blocks_to_taxels(flat: np.ndarray, info: ReadingInfo) -> np.ndarray:
+    """Reorders a flat list whose groups of channels follow one another into taxel-major order."""
+    widths = [1 if kind == "scalar" else 3 for kind in info.channels]
+    ends = np.cumsum(widths) * info.n_taxels
+    blocks = [part.reshape(info.n_taxels, w) for part, w in zip(np.split(flat, ends[:-1]), widths)]
+    return np.concatenate(blocks, axis=1).reshape(-1)
+
+
+def environments(envs_idx, n_envs: int) -> np.ndarray:
+    """Environment numbers of a setter or a reset, from ``None`` (all of them), a mask or a list of numbers.
+
+    Raises:
+        SceneError: for a number outside ``0 .. n_envs - 1``.
+    """
+    if envs_idx is None:
+        return np.arange(n_envs)
+    chosen = np.atleast_1d(np.asarray(envs_idx))
+    if chosen.dtype == bool and chosen.shape == (n_envs,):
+        return np.flatnonzero(chosen)
+    chosen = chosen.astype(np.int64)
+    if chosen.size and (chosen.min() < 0 or chosen.max() >= n_envs):
+        raise SceneError(f"environment {int(chosen.min())}..{int(chosen.max())} is outside 0..{n_envs - 1}")
+    return chosen
+
+
+class Table:
+    """A parameter per environment, one number or one per column: ``(n_envs, 1)`` or ``(n_envs, n_columns)``."""
+
+    def __init__(self, value, info: ReadingInfo, option: str, *, n_envs: int, dtype, device, wide: bool = False):
+        row = spread(value, info, option)
+        if wide and row.size == 1:
+            row = np.repeat(row, info.n_columns)
+        self.option, self._info = option, info
+        self._host = np.tile(row, (n_envs, 1))
+        self.array = wp.array(self._host, dtype=dtype, device=device)
+
+    def set(self, value, envs_idx: Sequence[int] | None = None) -> None:
+        """Gives the environments named a new value; a leading axis of their number gives each its own."""
+        envs = environments(envs_idx, len(self._host))
+        rows = self._rows(value, len(envs))
+        if rows.shape[-1] > self._host.shape[1]:
+            raise SceneError(
+                f"sensor {self._info.name!r}: {self.option} was built with one number for all columns; list it in"
+                f" `adjustable` to set one per column while running"
+            )
+        self._host[envs] = rows
+        self.array.assign(self._host)
+
+    def _rows(self, value, n: int) -> np.ndarray:
+        try:
+            return spread(value, self._info, self.option)
+        except SceneError:
+            per_env = np.asarray(value, dtype=np.float64)
+            if per_env.ndim == 0 or len(per_env) != n:
+                raise
+            rows = [spread(v, self._info, self.option) for v in per_env]
+            return np.stack(rows)

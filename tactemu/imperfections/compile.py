@@ -1,0 +1,286 @@
+"""From options to stages: what spoils the readings of one sensor, in the order of :mod:`tactemu.imperfections.options`.
+
+::
+
+    chain = Imperfections(options, info, context)
+    gain, stages = chain.compile_gain()            # for the sensor's kernel, or None
+    radius, stages = chain.compile_radius_noise()  # the same
+    measured, stages = chain.compile_values(raw)   # material, scan, electronics
+    reading, stages = chain.compile_delivery(measured)  # delay, jitter, history
+
+Each returns the array to go on with (the one it was given, if nothing is switched on) and the stages that fill it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from tactemu.errors import SceneError
+from tactemu.imperfections import resets
+from tactemu.imperfections.coefficients import compile_coefficients
+from tactemu.imperfections.columns import Table, environments
+from tactemu.imperfections.elementwise import (
+    ALIVE,
+    COLUMNS_PER_THREAD,
+    DIES,
+    electronics_kernel,
+    material_kernel,
+)
+from tactemu.imperfections.info import ReadingInfo
+from tactemu.imperfections.laws import check, electronic_laws, gain_is_on, material_laws
+from tactemu.imperfections.options import ImperfectionOptions
+from tactemu.imperfections.radius import radius_kernel
+from tactemu.physics.plan import Context, Stage, record
+from tactemu.random_streams import stream_key
+
+
+def nothing() -> None:
+    """The launch of a stage that only acts at resets."""
+
+
+class Imperfections:
+    """The imperfections of one sensor, and the handle by which they are changed while running."""
+
+    def __init__(self, options: ImperfectionOptions, info: ReadingInfo, context: Context):
+        check(options, info)
+        self.options, self.info, self.context = options, info, context
+        self.tables: dict[str, Table] = {}
+        self.gain: wp.array | None = None
+        """Gain of each taxel, shape ``(n_envs, n_taxels)``; ``None`` where all are 1."""
+        self.stuck: wp.array | None = None
+        """What dead columns read, shape ``(n_envs, n_columns)``, infinite where alive."""
+
+    # -- for the sensor's kernel
+
+    def compile_gain(self) -> tuple[wp.array | None, list[Stage]]:
+        """Gains ``(n_envs, n_taxels)``, or ``None`` if all are 1; with a stage only if they are drawn at resets."""
+        if not gain_is_on(self.options):
+            return None, []
+        n = self.info.n_taxels
+        gain = np.asarray(self.options.probe_gain, dtype=np.float64).reshape(-1)
+        if gain.size not in (1, n) or not np.all(np.isfinite(gain)):
+            raise SceneError(f"sensor {self.info.name!r}: probe_gain must be one finite number or {n}, got {gain.size}")
+        rows = np.tile(np.broadcast_to(gain, (n,)), (self.context.n_envs, 1))
+        self.gain = wp.array(rows, dtype=self.context.real, device=self.context.device)
+        if self.options.probe_gain_resample_range is None:
+            return self.gain, []
+        redraw = self._redraw_gain()
+        return self.gain, [Stage(name=self._name("gain"), reason="gains drawn at resets", launch=nothing, reset=redraw)]
+
+    def _redraw_gain(self):
+        low, high = self.options.probe_gain_resample_range
+        counts = self._zeros((self.context.n_envs,), wp.int64)
+        kernel, key = resets.gain_kernel(self.context.real), self._key("gain")
+
+        def redraw(mask: wp.array) -> None:
+            self._launch(resets.count_resets, mask.shape, [mask, counts])
+            self._launch(kernel, self.gain.shape, [mask, counts, key, low, high, self.gain])
+
+        redraw(self._everywhere())
+        return redraw
+
+    def compile_radius_noise(self) -> tuple[wp.array | None, list[Stage]]:
+        """Radii of the measured branch ``(n_envs, n_taxels)``, new each step; ``None`` without noise on them."""
+        if not self.options.probe_radius_noise and "radius_noise" not in self.options.adjustable:
+            return None, []
+        context, n = self.context, self.info.n_taxels
+        table = self._table("radius_noise", self.options.probe_radius_noise, narrow=True)
+        nominal = wp.array(np.asarray(self.info.probe_radius).reshape(n), dtype=context.real, device=context.device)
+        radius = self._zeros((context.n_envs, n), context.real)
+        launch = record(
+            radius_kernel(context.real),
+            (context.n_envs, -(-n // 4)),
+            [nominal, context.step, self._key("radius_noise"), table.array],
+            [radius],
+            context.device,
+        )
+        return radius, [Stage(name=self._name("radius_noise"), reason="probe_radius_noise", launch=launch)]
+
+    # -- on the sensor's readings
+
+    def compile_values(self, raw: wp.array) -> tuple[wp.array, list[Stage]]:
+        """Spoils ``raw`` ``(n_envs, n_taxels, n_channels)``; the result has its shape."""
+        material, electronic = material_laws(self.options), electronic_laws(self.options, self.info)
+        coefficient, stages = compile_coefficients(self.options, material | electronic, self.info.name, self.context)
+        array = raw
+        if material:
+            array, stage = self._material(array, material, coefficient)
+            stages.append(stage)
+        if electronic:
+            array, stage = self._electronics(array, electronic, coefficient)
+            stages.append(stage)
+        return array, stages
+
+    def _material(self, x: wp.array, laws: frozenset[str], coefficient) -> tuple[wp.array, Stage]:
+        options, context = self.options, self.context
+        state = {
+            name: self._zeros(self._flat, wp.float64) if law in laws else None
+            for name, law in (
+                ("load", "hysteresis"),
+                ("overshoot", "hysteresis"),
+                ("undershoot", "unloading"),
+                ("creep_load", "creep"),
+                ("crept", "creep"),
+                ("loop", "backlash"),
+            )
+        }
+        unloading = options.hysteresis_strength_unloading
+        strength = options.hysteresis_strength
+        strengths = wp.vec3d(strength, strength if unloading is None else unloading, options.creep_strength)
+        out = self._zeros(x.shape, context.real)
+        launch = record(
+            material_kernel(context.real, laws),
+            self._threads,
+            [self._flatten(x), coefficient, strengths, options.hysteresis_backlash, *state.values()],
+            [self._flatten(out)],
+            context.device,
+        )
+        reset = self._clear([*state.values(), self._flatten(out)])
+        return out, Stage(name=self._name("material"), reason=_reason(laws), launch=launch, reset=reset)
+
+    def _electronics(self, x: wp.array, laws: frozenset[str], coefficient) -> tuple[wp.array, Stage]:
+        context, options, real = self.context, self.options, self.context.real
+        low, high = options.saturation_range or (-np.finfo(np.float32).max, np.finfo(np.float32).max)
+
+        def table(law: str, name: str, value, narrow: bool = False):
+            return self._table(name, value, narrow=narrow).array if law in laws else None
+
+        is_filler = wp.array(self.info.filler.astype(np.uint8), dtype=wp.uint8, device=context.device)
+        walked = self._zeros(self._flat, wp.float64) if "random_walk" in laws else None
+        redraw_dead = self._redraw_dead() if "dead" in laws else None
+        out = self._zeros(x.shape, real)
+        launch = record(
+            electronics_kernel(real, laws),
+            self._threads,
+            [
+                self._flatten(x), self.info.n_channels, context.step, coefficient,
+                self._key("random_walk"), self._key("noise"),
+                self.gain if "gain" in laws else None,
+                table("temperature", "temperature_sensitivity", options.temperature_sensitivity),
+                table("temperature", "temperature_offset", options.temperature_offset),
+                table("random_walk", "random_walk", options.random_walk),
+                table("random_walk_density", "random_walk_density", options.random_walk_density),
+                table("noise", "noise", options.noise),
+                table("noise_density", "noise_density", options.noise_density),
+                table("bias", "bias", options.bias),
+                table("saturation", "saturation_low", low, True),
+                table("saturation", "saturation_high", high, True),
+                table("resolution", "resolution", options.resolution),
+                is_filler, walked, self.stuck,
+            ],
+            [self._flatten(out)],
+            context.device,
+        )  # fmt: skip
+        clear = self._clear([walked, self._flatten(out)])
+
+        def reset(mask: wp.array) -> None:
+            clear(mask)
+            if redraw_dead is not None:
+                redraw_dead(mask)
+
+        return out, Stage(name=self._name("electronics"), reason=_reason(laws), launch=launch, reset=reset)
+
+    def _redraw_dead(self):
+        options, real = self.options, self.context.real
+        self.stuck = wp.full(self._flat, ALIVE, dtype=real, device=self.context.device)
+        counts = self._zeros((self.context.n_envs,), wp.int64)
+        arguments = [
+            self._key("dead"), options.dead_taxel_probability, *options.dead_taxel_value_range,
+            options.dead_taxel_mode == "last", self.info.n_channels,
+        ]  # fmt: skip
+
+        def redraw(mask: wp.array) -> None:
+            self._launch(resets.count_resets, mask.shape, [mask, counts])
+            self._launch(resets.dead_kernel(real), self._flat, [mask, counts, *arguments, self.stuck])
+
+        redraw(self._everywhere())
+        return redraw
+
+    # -- while running
+
+    def set(self, law: str, value, envs_idx=None) -> None:
+        """Changes ``law`` in the environments named (``None``: all): a number, or one per column, or either for each.
+
+        Raises:
+            SceneError: if the law was off when the scene was built and is not in ``adjustable``.
+        """
+        if law not in self.tables:
+            raise SceneError(
+                f"sensor {self.info.name!r} was built without {law}; give it a value, or list it in `adjustable`"
+            )
+        self.tables[law].set(value, envs_idx)
+
+    def set_gain(self, value, envs_idx=None) -> None:
+        """Gives taxels new gains: one number, ``(n_taxels,)``, or ``(len(envs_idx), n_taxels)``."""
+        if self.gain is None:
+            raise SceneError(f"sensor {self.info.name!r} was built without gains; list 'gain' in `adjustable`")
+        rows = self.gain.numpy()
+        envs = environments(envs_idx, len(rows))
+        shape = (len(envs), self.info.n_taxels)
+        gains = np.asarray(value, dtype=np.float64)
+        rows[envs] = np.broadcast_to(gains.reshape(-1) if gains.size == shape[1] else gains, shape)
+        self.gain.assign(rows)
+
+    def set_dead(self, taxels, dead: bool = True, value: float | None = None, envs_idx=None) -> None:
+        """Kills taxels, or revives them; without a value they are stuck at their last reading."""
+        if self.stuck is None:
+            raise SceneError(f"sensor {self.info.name!r} was built without dead taxels; list 'dead' in `adjustable`")
+        stuck = self.stuck.numpy().reshape(self.context.n_envs, self.info.n_taxels, self.info.n_channels)
+        fate = (DIES if value is None else float(value)) if dead else ALIVE
+        stuck[np.ix_(environments(envs_idx, len(stuck)), np.atleast_1d(taxels))] = fate
+        self.stuck.assign(stuck.reshape(self._flat))
+
+    # -- helpers
+
+    @property
+    def _flat(self) -> tuple[int, int]:
+        return self.context.n_envs, self.info.n_columns
+
+    @property
+    def _threads(self) -> tuple[int, int]:
+        return self.context.n_envs, -(-self.info.n_columns // COLUMNS_PER_THREAD)
+
+    def _flatten(self, array: wp.array) -> wp.array:
+        return array.reshape(self._flat)
+
+    def _name(self, stage: str) -> str:
+        return f"{self.info.name}/{stage}"
+
+    def _key(self, stage: str) -> int:
+        return stream_key(self.context.seed, self._name(stage))
+
+    def _zeros(self, shape, dtype) -> wp.array:
+        return wp.zeros(shape, dtype=dtype, device=self.context.device)
+
+    def _everywhere(self) -> wp.array:
+        return wp.full(self.context.n_envs, True, dtype=wp.bool, device=self.context.device)
+
+    def _launch(self, kernel, dim, inputs: list) -> None:
+        wp.launch(kernel, dim=dim, inputs=inputs, device=self.context.device)
+
+    def _table(self, name: str, value, *, narrow: bool = False) -> Table:
+        table = Table(
+            value,
+            self.info,
+            name,
+            n_envs=self.context.n_envs,
+            dtype=self.context.real,
+            device=self.context.device,
+            wide=not narrow and name in self.options.adjustable,
+        )
+        self.tables[name] = table
+        return table
+
+    def _clear(self, arrays: list):
+        arrays = [a for a in arrays if a is not None]
+
+        def clear(mask: wp.array) -> None:
+            for array in arrays:
+                self._launch(resets.clear_kernel(array.dtype), array.shape, [mask, array])
+
+        return clear
+
+
+def _reason(laws: frozenset[str]) -> str:
+    return ", ".join(sorted(laws))

@@ -1,0 +1,120 @@
+"""Which laws a sensor has switched on, and whether its options make sense."""
+
+from __future__ import annotations
+
+import math
+from typing import get_args
+
+import numpy as np
+
+from tactemu.errors import SceneError
+from tactemu.imperfections.info import ReadingInfo
+from tactemu.imperfections.options import ImperfectionOptions, Law
+
+_NOT_NEGATIVE = (
+    "probe_radius_noise", "crosstalk_strength", "crosstalk_sigma", "hysteresis_strength", "hysteresis_tau",
+    "hysteresis_strength_unloading", "hysteresis_tau_unloading", "hysteresis_backlash", "creep_strength", "creep_tau",
+    "scan_time", "random_walk", "random_walk_density", "random_walk_tau", "noise", "noise_density", "resolution",
+    "dead_taxel_probability", "delay", "jitter", "history_length",
+)  # fmt: skip
+_RANGES = ("probe_gain_resample_range", "saturation_range", "dead_taxel_value_range")
+_CHOICES = {"dead_taxel_mode": ("value", "last"), "delay_interpolation": ("hold", "linear", "nearest")}
+
+
+def is_on(value) -> bool:
+    """Whether an option is away from zero anywhere."""
+    return value is not None and bool(np.any(np.asarray(value, dtype=np.float64) != 0.0))
+
+
+def check(options: ImperfectionOptions, info: ReadingInfo) -> None:
+    """Refuses options that have no meaning.
+
+    Raises:
+        SceneError: names the sensor, the option, what was given and what is expected.
+    """
+
+    def refuse(option: str, expected: str) -> None:
+        raise SceneError(f"sensor {info.name!r}: {option} must be {expected}, got {getattr(options, option)!r}")
+
+    for option in _NOT_NEGATIVE:
+        value = getattr(options, option)
+        if value is not None and not np.all(np.asarray(value, dtype=np.float64) >= 0.0):
+            refuse(option, "zero or positive")
+    for option in _RANGES:
+        value = getattr(options, option)
+        if value is not None and not (len(value) == 2 and value[0] <= value[1] and math.isfinite(value[0] + value[1])):
+            refuse(option, "(low, high), finite, with low <= high")
+    for option, choices in _CHOICES.items():
+        if getattr(options, option) not in choices:
+            refuse(option, f"one of {choices}")
+    if options.dead_taxel_probability > 1.0:
+        refuse("dead_taxel_probability", "at most 1")
+    if int(options.history_length) != options.history_length:
+        refuse("history_length", "a whole number")
+    if unknown := set(options.adjustable) - set(get_args(Law)):
+        refuse("adjustable", f"out of {get_args(Law)}; unknown: {sorted(unknown)}")
+    _check_temperature(options, info)
+
+
+def _check_temperature(options: ImperfectionOptions, info: ReadingInfo) -> None:
+    coefficients = is_on(options.temperature_offset) or is_on(options.temperature_sensitivity)
+    course = options.temperature_course
+    if course is None:
+        if coefficients:
+            raise SceneError(
+                f"sensor {info.name!r}: temperature_offset and temperature_sensitivity need a temperature_course,"
+                f" such as [(0, 25), (600, 40)]: keyframes of time [s] and temperature [degree C]"
+            )
+        return
+    frames = np.asarray(course, dtype=np.float64)
+    if frames.ndim != 2 or frames.shape[1:] != (2,) or not len(frames) or not np.all(np.isfinite(frames)):
+        raise SceneError(f"sensor {info.name!r}: temperature_course must be (time, temperature) pairs, got {course!r}")
+    if np.any(np.diff(frames[:, 0]) < 0.0):
+        raise SceneError(
+            f"sensor {info.name!r}: the times of temperature_course must rise, got {frames[:, 0].tolist()}"
+        )
+
+
+def gain_is_on(options: ImperfectionOptions) -> bool:
+    """Whether taxels have gains of their own."""
+    fixed = np.any(np.asarray(options.probe_gain, dtype=np.float64) != 1.0)
+    return bool(fixed) or options.probe_gain_resample_range is not None or "gain" in options.adjustable
+
+
+def material_laws(options: ImperfectionOptions) -> frozenset[str]:
+    """Laws with a memory of the load."""
+    unloading = options.hysteresis_strength_unloading
+    hysteresis = is_on(options.hysteresis_strength) or is_on(unloading)
+    laws = {
+        "hysteresis": hysteresis,
+        "unloading": hysteresis and (unloading is not None or options.hysteresis_tau_unloading is not None),
+        "creep": is_on(options.creep_strength),
+        "backlash": is_on(options.hysteresis_backlash),
+    }
+    return frozenset(law for law, on in laws.items() if on)
+
+
+def electronic_laws(options: ImperfectionOptions, info: ReadingInfo) -> frozenset[str]:
+    """Laws without a memory of the load, and the walk."""
+    adjustable = set(options.adjustable)
+    drifts = {"temperature_offset", "temperature_sensitivity"}
+    temperature = any(is_on(getattr(options, k)) for k in drifts) or bool(adjustable & drifts)
+    walk_density = is_on(options.random_walk_density)
+    density = is_on(options.noise_density)
+    laws = {
+        "gain": gain_is_on(options) and not info.gain_inside,
+        "temperature": temperature and options.temperature_course is not None,
+        "random_walk": is_on(options.random_walk) or walk_density or "random_walk" in adjustable,
+        "random_walk_density": walk_density,
+        "noise": is_on(options.noise) or density or "noise" in adjustable,
+        "noise_density": density,
+        "bias": is_on(options.bias) or "bias" in adjustable,
+        "saturation": options.saturation_range is not None or "saturation" in adjustable,
+        "resolution": is_on(options.resolution) or "resolution" in adjustable,
+        "dead": options.dead_taxel_probability > 0.0 or "dead" in adjustable,
+    }
+    chosen = {law for law, on in laws.items() if on}
+    # A filler reads 0 already: only a law that adds something must be kept from it.
+    if bool(info.filler.any()) and chosen & {"temperature", "random_walk", "noise", "bias", "saturation", "dead"}:
+        chosen.add("filler")
+    return frozenset(chosen)

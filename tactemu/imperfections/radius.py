@@ -1,0 +1,31 @@
+"""Noise on the probe radius: an array that the sensor's kernel reads in place of the nominal radii."""
+
+import functools
+
+import warp as wp
+
+from tactemu.imperfections.random import draw, unit_f64
+
+
+@functools.cache
+def radius_kernel(real: type):
+    """``max(0, R + U(-s, s))``, a new draw each step for each taxel of each environment; fillers stay fillers."""
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def noisy_radius(
+        nominal: wp.array(dtype=real),
+        step: wp.array(dtype=wp.int64),
+        key: wp.uint32,
+        half_width: wp.array2d(dtype=real),
+        out: wp.array2d(dtype=real),
+    ):
+        e, group = wp.tid()
+        words = draw(key, e, group, step[0])
+        for i in range(group * 4, wp.min(group * 4 + 4, nominal.shape[0])):
+            r = nominal[i]
+            if r > real(0.0):
+                u = real(unit_f64(words[i - group * 4]))
+                r = wp.max(real(0.0), r + half_width[e, 0] * (real(2.0) * u - real(1.0)))
+            out[e, i] = r
+
+    return noisy_radius

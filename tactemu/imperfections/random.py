@@ -1,0 +1,64 @@
+"""Random numbers on the device as a function of (stream, environment, index, step).
+
+Nothing is stored and no order matters. The generator is Philox4x32-10 (Salmon, Moraes, Dror and Shaw, "Parallel random
+numbers: as easy as 1, 2, 3", SC 2011). One call gives four independent words. The counter is (step low, step high,
+index, environment), the key the stream's (:mod:`tactemu.random_streams`). Both float widths see the same words.
+"""
+
+import functools
+import math
+
+import warp as wp
+
+_M0, _M1 = wp.constant(wp.uint64(0xD2511F53)), wp.constant(wp.uint64(0xCD9E8D57))
+_W0, _W1 = wp.constant(wp.uint32(0x9E3779B9)), wp.constant(wp.uint32(0xBB67AE85))
+_LOW = wp.constant(wp.uint64(0xFFFFFFFF))
+_SHIFT = wp.constant(wp.uint64(32))
+
+
+@wp.func
+def philox(counter: wp.vec4ui, key0: wp.uint32, key1: wp.uint32) -> wp.vec4ui:
+    """Four random words for a counter and a key."""
+    c0, c1, c2, c3 = counter[0], counter[1], counter[2], counter[3]
+    for _ in range(10):
+        p0 = _M0 * wp.uint64(c0)
+        p1 = _M1 * wp.uint64(c2)
+        c0 = wp.uint32(p1 >> _SHIFT) ^ c1 ^ key0
+        c2 = wp.uint32(p0 >> _SHIFT) ^ c3 ^ key1
+        c1 = wp.uint32(p1 & _LOW)
+        c3 = wp.uint32(p0 & _LOW)
+        key0 = key0 + _W0
+        key1 = key1 + _W1
+    return wp.vec4ui(c0, c1, c2, c3)
+
+
+@wp.func
+def draw(key: wp.uint32, env: int, index: int, step: wp.int64) -> wp.vec4ui:
+    """Four random words of the stream ``key`` for an environment, an index and a step."""
+    words = wp.uint64(step)
+    counter = wp.vec4ui(wp.uint32(words & _LOW), wp.uint32(words >> _SHIFT), wp.uint32(index), wp.uint32(env))
+    return philox(counter, key, wp.uint32(0))
+
+
+@wp.func
+def unit_f64(word: wp.uint32) -> wp.float64:
+    """A number in (0, 1), both ends excluded."""
+    return (wp.float64(word) + wp.float64(0.5)) * wp.float64(1.0 / 4294967296.0)
+
+
+@functools.cache
+def normals(real: type):
+    """The Warp function that makes four independent standard normal numbers of four words (Box-Muller)."""
+    four = wp.types.vector(4, real)
+    two_pi = 2.0 * math.pi
+
+    @wp.func
+    def normals4(words: wp.vec4ui) -> four:
+        scale, half = real(1.0 / 4294967296.0), real(0.5)
+        r0 = wp.sqrt(real(-2.0) * wp.log((real(words[0]) + half) * scale))
+        r1 = wp.sqrt(real(-2.0) * wp.log((real(words[1]) + half) * scale))
+        a0 = real(two_pi) * real(words[2]) * scale
+        a1 = real(two_pi) * real(words[3]) * scale
+        return four(r0 * wp.cos(a0), r0 * wp.sin(a0), r1 * wp.cos(a1), r1 * wp.sin(a1))
+
+    return normals4

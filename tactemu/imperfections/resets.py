@@ -1,0 +1,78 @@
+"""What is drawn or cleared when environments are reset."""
+
+import functools
+
+import warp as wp
+
+from tactemu.imperfections.elementwise import ALIVE, DIES_AT_FIRST
+from tactemu.imperfections.random import draw, unit_f64
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def count_resets(mask: wp.array(dtype=wp.bool), resets: wp.array(dtype=wp.int64)):
+    """Numbers the resets of each environment: the step of the draws made then."""
+    e = wp.tid()
+    if mask[e]:
+        resets[e] = resets[e] + wp.int64(1)
+
+
+@functools.cache
+def clear_kernel(dtype: type):
+    """Zeroes ``(n_envs, n_columns)`` arrays where the mask is true."""
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def clear(mask: wp.array(dtype=wp.bool), state: wp.array2d(dtype=dtype)):
+        e, c = wp.tid()
+        if mask[e]:
+            state[e, c] = dtype(0)
+
+    return clear
+
+
+@functools.cache
+def gain_kernel(real: type):
+    """A gain per taxel, uniform in a range."""
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def resample_gain(
+        mask: wp.array(dtype=wp.bool),
+        resets: wp.array(dtype=wp.int64),
+        key: wp.uint32,
+        low: wp.float64,
+        high: wp.float64,
+        gain: wp.array2d(dtype=real),
+    ):
+        e, i = wp.tid()
+        if mask[e]:
+            gain[e, i] = real(low + (high - low) * unit_f64(draw(key, e, i, resets[e])[0]))
+
+    return resample_gain
+
+
+@functools.cache
+def dead_kernel(real: type):
+    """Which taxels are dead, and what they read (see :data:`tactemu.imperfections.elementwise.ALIVE`)."""
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def redraw_dead(
+        mask: wp.array(dtype=wp.bool),
+        resets: wp.array(dtype=wp.int64),
+        key: wp.uint32,
+        probability: wp.float64,
+        low: wp.float64,
+        high: wp.float64,
+        at_first: wp.bool,
+        n_channels: int,
+        stuck: wp.array2d(dtype=real),
+    ):
+        e, c = wp.tid()
+        if mask[e]:
+            words = draw(key, e, c // n_channels, resets[e])
+            value = real(wp.static(ALIVE))
+            if unit_f64(words[0]) < probability:
+                value = real(low + (high - low) * unit_f64(words[1]))
+                if at_first:
+                    value = real(wp.static(DIES_AT_FIRST))
+            stuck[e, c] = value
+
+    return redraw_dead
