@@ -1,0 +1,155 @@
+"""The loop alone: deadlines, missed samples, commands, order; a recording wire and a made-up device."""
+
+import numpy as np
+import pytest
+
+from firmware_protocols import Device, SerialWire, grid_layout
+from tactemu.clock import VirtualClock
+from tactemu.emulator import Channel, Emulator
+from tactemu.sampling import SampleClock
+from tactemu.transports.transport import Closed, Opened, Received
+
+
+class Counter8(Device):
+    """Streams one byte, its sample number; `p` makes it ten times faster, `?` is answered with `!`."""
+
+    name, title, wires, evidence, sources = "counter8", "Counter", (SerialWire(baud=9600),), ("assumed",), ()
+    senses, rate_hz = "depth", 100.0
+
+    def __init__(self):
+        super().__init__()
+        self.layout = grid_layout(1, 1, 1e-3)
+        self.n = 0
+
+    def digitize(self, reading):
+        return np.round(reading.values * 1e6)
+
+    def stream(self, t_ns):
+        self.n += 1
+        return [bytes([self.n & 255])]
+
+    def receive(self, data, t_ns):
+        if data == b"p":
+            self.period_ns = 1_000_000
+        return [b"!"] if data == b"?" else []
+
+
+class ListWire:
+    """A wire of infinite speed that remembers."""
+
+    def __init__(self):
+        self.sent, self.events, self.opened = [], [], 0
+
+    def open(self):
+        self.opened += 1
+
+    def close(self):
+        self.opened = 0
+
+    def send(self, frames, now_ns, source=""):
+        self.sent += [(now_ns, source, frame) for frame in frames]
+
+    def next_due_ns(self):
+        return None
+
+    def flush(self, now_ns):
+        return 0
+
+    def receive(self, now_ns):
+        events, self.events = self.events, []
+        return events
+
+    def filenos(self):
+        return []
+
+
+class Ramp:
+    """Depth equal to the time [s]."""
+
+    t = 0
+
+    def advance_to(self, t_ns):
+        self.t = t_ns
+
+    def quantity(self, name, ground_truth=False):
+        return np.array([self.t / 1e9])
+
+
+def make(clock=None, **sampling):
+    wire, ramp, device = ListWire(), Ramp(), Counter8()
+    clock_of_device = SampleClock(period_ns=device.period_ns, **sampling)
+    channel = Channel(name="a", device=device, source=ramp, wire=wire, sampling=clock_of_device)
+    return Emulator(ramp, [channel], clock=clock or VirtualClock()), wire, channel
+
+
+def test_samples_come_on_absolute_deadlines_and_see_the_simulation_of_that_time():
+    emulator, wire, channel = make()
+    with emulator:
+        emulator.run(seconds=1.0)
+    assert [t for t, _, _ in wire.sent] == [k * 10_000_000 for k in range(1, 100)]
+    assert [frame[0] for _, _, frame in wire.sent] == list(range(1, 100))
+    assert [s.counts[0] for s in emulator.truth.samples][:3] == [10_000, 20_000, 30_000]
+    assert channel.statistics.samples == 99 and channel.statistics.missed == 0
+    assert channel.statistics.rate_hz == pytest.approx(100.0)
+
+
+def test_delay_moves_the_frames_not_the_samples():
+    emulator, wire, _ = make(delay_ns=3_700_000)
+    with emulator:
+        emulator.run(seconds=0.1)
+    assert [t for t, _, _ in wire.sent][:2] == [13_700_000, 23_700_000]
+    assert [s.t_ns for s in emulator.truth.samples][:2] == [10_000_000, 20_000_000]
+
+
+def test_a_command_is_answered_and_may_change_the_period():
+    emulator, wire, _ = make()
+    with emulator:
+        wire.events = [Opened(), Received(b"?")]
+        emulator.run(seconds=0.05)
+        assert (0, "a", b"!") in wire.sent
+        wire.sent.clear()
+        wire.events = [Received(b"p"), Closed()]
+        emulator.run(seconds=0.01)
+    assert [t for t, _, _ in wire.sent] == [50_000_000 + k * 1_000_000 for k in range(1, 10)]
+
+
+def test_a_slow_machine_misses_samples_and_says_so():
+    class Slow(VirtualClock):
+        """Every look at the clock costs 4 ms."""
+
+        def now_ns(self):
+            self._now += 4_000_000
+            return self._now
+
+    emulator, _, channel = make(clock=Slow())
+    with emulator:
+        emulator.run(seconds=1.0)
+    statistics = channel.statistics
+    assert statistics.missed > 0
+    assert statistics.samples + statistics.missed == pytest.approx(100, abs=8)
+    assert statistics.lateness.max_ns >= 4_000_000
+
+
+def test_scheduled_and_foreign_actions_run_in_the_loop():
+    emulator, _, _ = make()
+    seen = []
+    emulator.at(25_000_000, lambda: seen.append(emulator.clock.now_ns()))
+    emulator.call(lambda: seen.append("called"))
+    with emulator:
+        emulator.run(seconds=0.05)
+    assert seen == ["called", 25_000_000]
+
+
+def test_a_port_that_fails_closes_those_already_open():
+    class Broken(ListWire):
+        def open(self):
+            raise OSError("no")
+
+    good, bad = ListWire(), Broken()
+    channels = [
+        Channel(name=n, device=Counter8(), source=Ramp(), wire=w, sampling=SampleClock(period_ns=1))
+        for n, w in (("a", good), ("b", bad))
+    ]
+    with pytest.raises(OSError):
+        Emulator(None, channels).open()
+    assert good.opened == 0
