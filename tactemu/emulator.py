@@ -135,6 +135,15 @@ class Emulator:
         """Leave :meth:`run` after the current turn. May be called from a signal handler or another thread."""
         self.running = False
 
+    def summary(self) -> dict[str, dict[str, float]]:
+        """Statistics of every device with the counters of its wire (shared by all on one bus) and of its firmware."""
+        return {
+            channel.name: channel.statistics.as_dict()
+            | {f"wire_{name}": count for name, count in sorted(channel.wire.counters.items())}
+            | {f"device_{name}": count for name, count in sorted(channel.device.counters.items())}
+            for channel in self.channels
+        }
+
     def __enter__(self):
         self.open()
         return self

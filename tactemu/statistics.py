@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -38,8 +37,6 @@ class ChannelStatistics:
     first_ns: int = 0
     last_ns: int = 0
     lateness: Lateness = field(default_factory=Lateness)
-    wire: Counter[str] = field(default_factory=Counter)
-    """The wire's counters for this device: ``frames``, ``bytes``, ``dropped`` ..."""
 
     @property
     def rate_hz(self) -> float:
@@ -56,5 +53,4 @@ class ChannelStatistics:
             "lateness_p50_us": round(self.lateness.percentile_ns(50) / 1e3, 1),
             "lateness_p99_us": round(self.lateness.percentile_ns(99) / 1e3, 1),
             "lateness_max_us": round(self.lateness.max_ns / 1e3, 1),
-            **{f"wire_{name}": count for name, count in sorted(self.wire.items())},
         }
