@@ -36,6 +36,8 @@ __all__ = [
 
 DEVICES: dict[str, str] = {
     # name: "module:Class", imported only when asked for
+    "paxini_gen2": "firmware_protocols.paxini_gen2:PaxiniGen2",
+    "paxini_px6ax": "firmware_protocols.paxini_px6ax:PaxiniPx6ax",
     "robotiq_tsf85": "firmware_protocols.robotiq_tsf85:RobotiqTsf85",
     "anyskin": "firmware_protocols.anyskin:AnySkin",
     "linker_hand_l6": "firmware_protocols.linker_hand:LinkerHandL6",
