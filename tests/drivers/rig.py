@@ -5,13 +5,16 @@ faults of its own, so that a driver test which fails here has found an error of 
 """
 
 import contextlib
+import fcntl
 import json
 import os
 import pty
 import select
 import socket
+import struct
 import subprocess
 import sys
+import termios
 import threading
 import time
 import tty
@@ -21,12 +24,13 @@ import numpy as np
 import pytest
 
 from firmware_protocols import Delayed, Device, Reading
+from tests.drivers.can_link import open_can
 
 DRIVERS = Path(__file__).parent / "scripts"
 
 
 class Rig:
-    """Runs ``device`` on ``kind`` (``serial`` or ``tcp``) in a thread; ``truth`` lists the counts of every sample."""
+    """Runs ``device`` on ``kind`` (serial, tcp, can) in a thread; ``truth`` lists the counts of every sample."""
 
     def __init__(self, device: Device, *, kind: str = "serial", seed: int = 0, peak: float = 3.0):
         self.device, self.kind, self.peak = device, kind, peak
@@ -36,7 +40,7 @@ class Rig:
         self._random = np.random.default_rng(seed)
         self._stop = threading.Event()
         self._pending: list[tuple[int, bytes]] = []
-        self._open = _open_pty if kind == "serial" else _open_tcp
+        self._open = {"serial": _open_pty, "tcp": _open_tcp, "can": open_can}[kind]
 
     def reading(self, t_ns: int) -> Reading:
         """Every sample another random push on every taxel, so that a reading names its sample."""
@@ -107,7 +111,8 @@ class _Pty:
         return []
 
     def write(self, frame):
-        with contextlib.suppress(BlockingIOError):
+        """Nothing is written while 2000 bytes wait to be read: a frame goes whole or not at all."""
+        if struct.unpack("i", fcntl.ioctl(self.slave, termios.FIONREAD, b"\0" * 4))[0] < 2000:
             assert os.write(self.master, frame) == len(frame)
 
     def close(self):

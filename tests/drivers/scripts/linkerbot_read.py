@@ -1,0 +1,33 @@
+"""``linkerbot_read.py MODEL SIDE CHANNEL INTERFACE COUNT``: identity and matrices as ``linkerbot`` decodes them."""
+
+import json
+import sys
+
+import linkerbot
+from linkerbot import TimeoutError
+
+model, side, channel, interface = sys.argv[1:5]
+FINGERS = ("thumb", "index", "middle", "ring", "pinky")
+
+
+def identity(hand):
+    """The SDK waits 20 ms for each answer: on a busy machine that can be too short."""
+    for _ in range(20):
+        try:
+            return hand.version.get_device_info()
+        except TimeoutError:
+            continue
+    raise SystemExit("no identity")
+
+
+with getattr(linkerbot, model)(side, channel, interface) as hand:
+    hand.stop_polling()
+    info = identity(hand)
+    readings = []
+    for _ in range(int(sys.argv[5])):
+        data = hand.force_sensor.get_blocking(timeout_ms=5000)
+        readings.append([getattr(data, finger).values.tolist() for finger in FINGERS])
+    angles = list(hand.angle.get_blocking(timeout_ms=1000).angles)
+
+versions = {name: str(getattr(info, f"{name}_version")) for name in ("firmware", "mechanical", "pcb")}
+print(json.dumps({"serial": info.serial_number, **versions, "readings": readings, "angles": angles}))

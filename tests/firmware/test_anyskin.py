@@ -1,0 +1,55 @@
+"""AnySkin: the frame as the driver's format string reads it, the ADC, the chips' axes."""
+
+import struct
+
+import numpy as np
+import pytest
+
+import firmware_protocols as fp
+from firmware_protocols.magnetic import LinearMagnet
+from tests.firmware.golden import golden_vectors
+
+NO_OFFSET = LinearMagnet(gain=(60.0, 60.0, 90.0))
+
+
+def sampled(force, **reading) -> tuple[fp.Device, bytes]:
+    device = fp.create("anyskin", transducer=NO_OFFSET)
+    (frame,) = device.sample(fp.Reading(t_ns=0, values=np.broadcast_to(force, (5, 3)), **reading), 0)
+    return device, frame
+
+
+@pytest.mark.parametrize("vector", golden_vectors("anyskin"), ids=lambda vector: vector["name"])
+def test_golden_frames(vector):
+    device = fp.create("anyskin")
+    device.counts = np.array(vector["counts"], np.float32).reshape(5, 4)
+    assert [frame.hex() for frame in device.stream(0)] == vector["stream"]
+
+
+def test_frame_is_twenty_floats_and_crlf():
+    device, frame = sampled((0.1, 0.2, -0.5), temperature=np.array([20.0, 22.0, 24.0, 26.0, 28.0]))
+    *values, cr, lf = struct.unpack("<20fcc", frame)
+    assert (cr, lf, len(frame)) == (b"\r", b"\n", 82)
+    assert values == device.counts.reshape(-1).tolist()
+    assert np.allclose(values[::4], [20, 22, 24, 26, 28], atol=0.5 / 45.2)
+    assert np.allclose(values[3::4], -45.0, atol=0.242 / 2)
+
+
+def test_chips_are_turned_in_the_plane():
+    """A force along the link's x shows on each chip's own axes: as the viewer turns them back to screen x."""
+    device, _ = sampled((1.0, 0.0, 0.0))
+    turns = np.radians([-90, -90, 180, 90, 0])
+    assert np.allclose(device.counts[:, 1], 60 * np.cos(turns), atol=0.1)
+    assert np.allclose(np.abs(device.counts[:, 2]), 60 * np.abs(np.sin(turns)), atol=0.1)
+
+
+def test_adc_steps_and_saturates():
+    device, _ = sampled((0.0, 0.0, 0.001))
+    assert device.counts[:, 3].tolist() == [0.0] * 5, "0.09 uT is less than half a count of 0.242 uT"
+    device, _ = sampled((0.0, 0.0, -1e4))
+    assert np.allclose(device.counts[:, 3], -32768 * 0.242)
+
+
+def test_nothing_is_ever_answered():
+    device = fp.create("anyskin")
+    assert not device.commands and not device.receive(b"hello\r\n", 0)
+    assert device.counters["ignored"] == 1
