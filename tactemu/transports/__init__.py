@@ -16,6 +16,8 @@ TRANSPORTS: dict[str, str] = {
     "can": "tactemu.transports.can:CanTransport",
     "memory": "tactemu.transports.memory:MemoryTransport",
     "pty": "tactemu.transports.pty:PtyTransport",
+    "rfc2217": "tactemu.transports.rfc2217:Rfc2217Transport",
+    "tcp": "tactemu.transports.tcp:TcpTransport",
 }
 
 __all__ = ["TRANSPORTS", "Transport", "create", "plug"]

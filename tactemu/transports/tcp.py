@@ -1,0 +1,170 @@
+"""``tcp:HOST:PORT``: a raw TCP server, for pyserial's ``socket://HOST:PORT`` and for devices that speak over TCP.
+
+One client at a time, as on a port: another is turned away until the first has gone. ``tcp:PORT`` listens on loopback
+only; name an address (``tcp:0.0.0.0:5000``) to be reached from elsewhere. Port 0 takes a free one.
+"""
+
+from __future__ import annotations
+
+import socket
+
+from firmware_protocols import Frame
+from tactemu.errors import TransportError
+from tactemu.transports.transport import Closed, Event, Opened, Received, Transport
+
+_SEND_BUFFER = 16_384
+"""What the kernel keeps for a client that does not read [byte]; about as much as a serial port does."""
+_CHUNK = 65_536
+
+
+class TcpTransport(Transport):
+    """A server for one client. A serial device behind it is a port of a terminal server without settings."""
+
+    scheme = "tcp"
+    kinds = ("tcp", "serial")
+
+    def __init__(self, rest: str):
+        self.host, self.port = _parse(self.scheme, rest)
+        self.address = _join(self.host, self.port)
+        self._server: socket.socket | None = None
+        self._client: socket.socket | None = None
+        self._unsent = b""
+        """What the kernel did not take yet of a frame (or of the protocol around it): it goes first."""
+
+    # -- life ------------------------------------------------------------------------------------------------------
+
+    def open(self) -> None:
+        """Listen.
+
+        Raises:
+            TransportError: the address is not ours, or the port is taken or not allowed.
+        """
+        if self._server is not None:
+            return
+        try:
+            family, _, _, _, where = socket.getaddrinfo(self.host, self.port, type=socket.SOCK_STREAM)[0]
+            server = socket.create_server(where[:2], family=family, backlog=1)
+        except OSError as error:
+            raise TransportError(
+                f"cannot listen on {_join(self.host, self.port)}: {error.strerror}; "
+                f"choose another port ({self.scheme}:0 takes a free one)"
+            ) from None
+        server.setblocking(False)
+        self._server = server
+        self.port = server.getsockname()[1]
+        self.address = _join(self.host, self.port)
+
+    def close(self) -> None:
+        """Stop listening and drop the client."""
+        self._drop_client()
+        if self._server is not None:
+            self._server.close()
+            self._server = None
+
+    def filenos(self) -> list[int]:
+        """The server's socket and the client's."""
+        return [each.fileno() for each in (self._server, self._client) if each is not None]
+
+    # -- events ------------------------------------------------------------------------------------------------------
+
+    def poll(self) -> list[Event]:
+        """Clients that come and go, and their bytes."""
+        events: list[Event] = []
+        if self._client is not None:
+            events += self._read()
+        while (client := self._accept()) is not None:
+            if self._client is not None:
+                client.close()  # taken
+                continue
+            self._client = client
+            events.append(Opened())
+            self._greet()
+            events += self._read()
+        return events
+
+    def _accept(self) -> socket.socket | None:
+        if self._server is None:
+            return None
+        try:
+            client, _ = self._server.accept()
+        except OSError:  # nobody there, or already gone
+            return None
+        client.setblocking(False)
+        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
+        return client
+
+    def _read(self) -> list[Event]:
+        events: list[Event] = []
+        while self._client is not None:
+            try:
+                chunk = self._client.recv(_CHUNK)
+            except BlockingIOError:
+                break
+            except OSError:
+                chunk = b""
+            if chunk:
+                events += self._decode(chunk)
+            else:
+                self._drop_client()
+                events.append(Closed())
+        self._push()
+        return events
+
+    def _drop_client(self) -> None:
+        if self._client is not None:
+            self._client.close()
+        self._client, self._unsent = None, b""
+
+    # -- bytes out ---------------------------------------------------------------------------------------------------
+
+    def write(self, frame: Frame) -> bool:
+        """Send one frame; ``False`` when nobody is connected or the client does not read."""
+        if not isinstance(frame, bytes):
+            raise TransportError(f"a TCP connection cannot carry the CAN frame {frame}")
+        if self._client is None or not self._push():
+            return False
+        self._unsent = self._encode(frame)
+        before = len(self._unsent)
+        self._push()
+        if len(self._unsent) == before:  # nothing went: drop it whole
+            self._unsent = b""
+            return False
+        return True
+
+    def _push(self) -> bool:
+        """Send what is left over; whether all is gone."""
+        if self._client is not None and self._unsent:
+            try:
+                self._unsent = self._unsent[self._client.send(self._unsent) :]
+            except OSError:  # full, or gone: the next read tells
+                pass
+        return not self._unsent
+
+    @property
+    def listening(self) -> bool:
+        """Whether a client is connected."""
+        return self._client is not None
+
+    # -- the protocol around the bytes: none ---------------------------------------------------------------------------
+
+    def _greet(self) -> None:
+        """A client has connected."""
+
+    def _decode(self, chunk: bytes) -> list[Event]:
+        return [Received(chunk)]
+
+    def _encode(self, frame: bytes) -> bytes:
+        return frame
+
+
+def _parse(scheme: str, rest: str) -> tuple[str, int]:
+    host, _, port = rest.rpartition(":")
+    host = host.removeprefix("[").removesuffix("]") or "127.0.0.1"
+    if not port.isdecimal() or int(port) > 65_535:
+        raise TransportError(f"port '{scheme}:{rest}': expected {scheme}:PORT or {scheme}:HOST:PORT, PORT 0 to 65535")
+    return host, int(port)
+
+
+def _join(host: str, port: int) -> str:
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"

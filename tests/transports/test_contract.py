@@ -1,0 +1,285 @@
+"""What every transport promises, tried on all of the registry. A new scheme needs a driver's end in ``DRIVERS``."""
+
+import select
+import time
+
+import can
+import pytest
+import serial
+
+from firmware_protocols import CanFrame, SerialWire
+from tactemu import transports
+from tactemu.errors import TransportError
+from tactemu.transports.transport import BaudChanged, Closed, LinesChanged, Opened, Received
+
+FRAME = bytes(range(256)) + b"\r\n\xff\xff"
+
+
+class PySerialEnd:
+    """The driver's end is pyserial, unmodified."""
+
+    frame, request = FRAME, b"\x00\xff\xf0\r\n?\x11\x13"
+
+    def __init__(self, port, url):
+        # RFC 2217 negotiates while it opens, so our side must run meanwhile: a thread of the test plays the loop.
+        self.port, self.url = port, url
+
+    def open(self, seen):
+        with pumping(self.port, seen):
+            self.serial = serial.serial_for_url(self.url, timeout=2)
+
+    def write(self, data):
+        self.serial.write(data)
+
+    def read(self, frame):
+        return self.serial.read(len(frame))
+
+    def close(self):
+        self.serial.close()
+
+
+class CanEnd:
+    frame = CanFrame(arbitration_id=0x18FF0001, is_extended_id=True, data=b"12345678")
+    request = CanFrame(arbitration_id=0x123, data=b"\x01")
+
+    def __init__(self, port, url):
+        interface, _, channel = url.partition(":")
+        self.bus = can.Bus(interface=interface, channel=channel)
+
+    def open(self, seen):
+        pass
+
+    def write(self, frame):
+        self.bus.send(can.Message(arbitration_id=frame.arbitration_id, data=frame.data, is_extended_id=False))
+
+    def read(self, frame):
+        message = self.bus.recv(2)
+        while message is not None and message.arbitration_id == 0x123:  # multicast returns what we sent
+            message = self.bus.recv(2)
+        assert message is not None
+        return CanFrame(
+            arbitration_id=message.arbitration_id, is_extended_id=message.is_extended_id, data=bytes(message.data)
+        )
+
+    def close(self):
+        self.bus.shutdown()
+
+
+class MemoryEnd:
+    frame, request = FRAME, b"?"
+
+    def __init__(self, port, url):
+        self.driver = port.driver
+        self.driver.is_open = False
+
+    def open(self, seen):
+        self.driver.open()
+
+    def write(self, data):
+        self.driver.write(data)
+
+    def read(self, frame):
+        return b"".join(self.driver.read())
+
+    def close(self):
+        self.driver.close()
+
+
+DRIVERS = {
+    "memory": [("memory:", MemoryEnd, "{}")],
+    "pty": [("pty:", PySerialEnd, "{}"), ("pty:{tmp}/tty", PySerialEnd, "{}")],
+    "tcp": [("tcp:0", PySerialEnd, "socket://{}"), ("tcp:[::1]:0", PySerialEnd, "socket://{}")],
+    "rfc2217": [("rfc2217:127.0.0.1:0", PySerialEnd, "rfc2217://{}")],
+    "can": [("can:virtual:contract", CanEnd, "{}"), ("can:udp_multicast:239.74.163.9", CanEnd, "{}")],
+}
+CASES = [pytest.param(*case, id=case[0]) for cases in DRIVERS.values() for case in cases]
+
+
+class pumping:
+    """Polls a port from another thread, as the loop would while the driver opens it."""
+
+    def __init__(self, port, seen):
+        import threading
+
+        self.port, self.seen, self.done = port, seen, threading.Event()
+        self.thread = threading.Thread(target=self._run)
+
+    def _run(self):
+        while not self.done.is_set():
+            self.seen += self.port.poll()
+            time.sleep(0.002)
+
+    def __enter__(self):
+        self.thread.start()
+
+    def __exit__(self, *_):
+        self.done.set()
+        self.thread.join()
+
+
+def look(port, seen, kind, seconds=2.0):
+    end = time.monotonic() + seconds
+    while not any(isinstance(event, kind) for event in seen) and time.monotonic() < end:
+        if port.filenos():
+            select.select(port.filenos(), [], [], 0.05)
+        seen += port.poll()
+    return seen
+
+
+def test_every_scheme_has_a_driver():
+    assert set(DRIVERS) == set(transports.TRANSPORTS)
+
+
+@pytest.mark.parametrize(("address", "end", "url"), CASES)
+def test_a_driver_comes_talks_and_goes_twice(address, end, url, tmp_path):
+    with transports.create(address.format(tmp=tmp_path)) as port:
+        driver = end(port, url.format(port.address))
+        bus = isinstance(driver, CanEnd)
+        for _ in range(1 if bus else 2):
+            assert port.listening == bus
+            if not bus:
+                assert not port.write(driver.frame), "nobody listens"
+            seen = []
+            driver.open(seen)
+            if not bus:
+                assert look(port, seen, Opened)[0] == Opened()
+            assert port.listening
+            assert port.write(driver.frame)
+            assert driver.read(driver.frame) == driver.frame
+            driver.write(driver.request)
+            seen = look(port, [], Received)
+            assert [event.data for event in seen if isinstance(event, Received)] == [driver.request]
+            assert port.poll() == [], "own frames do not come back"
+            driver.close()
+            if not bus:
+                assert look(port, [], Closed)[-1] == Closed()
+
+
+@pytest.mark.parametrize(("address", "end", "url"), CASES)
+def test_closing_is_safe_at_any_time(address, end, url, tmp_path):
+    port = transports.create(address.format(tmp=tmp_path))
+    port.close()
+    assert port.poll() == [] and not port.listening
+    for _ in range(3):
+        port.open()
+        port.open()
+        assert all(fileno >= 0 for fileno in port.filenos())
+        port.close()
+        port.close()
+    assert port.filenos() == [] and not port.listening
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        "",
+        "nope:",
+        "can:",
+        "can:socketcan",
+        "tcp:",
+        "tcp:host:",
+        "tcp:1:99999",
+        "rfc2217:x",
+        "tcp:no.such.host.invalid:1",
+    ],
+)
+def test_wrong_addresses_say_what_is_expected(address):
+    with pytest.raises(TransportError, match=r"expected|choose"):
+        transports.create(address).open()
+
+
+@pytest.mark.parametrize("address", ["can:socketcan:nosuchcan0", "can:nosuchinterface:x"])
+def test_a_missing_can_interface_names_the_fix(address):
+    with pytest.raises(TransportError, match=r"ip link add dev nosuchcan0 type vcan|python-can knows .*socketcan"):
+        transports.create(address).open()
+
+
+def test_a_taken_tcp_port():
+    with transports.create("tcp:0") as first, pytest.raises(TransportError, match="in use"):
+        transports.create(f"tcp:{first.port}").open()
+
+
+def test_a_second_tcp_client_is_turned_away():
+    with transports.create("tcp:0") as port:
+        first = serial.serial_for_url(f"socket://{port.address}", timeout=1)
+        seen = look(port, [], Opened)
+        second = serial.serial_for_url(f"socket://{port.address}", timeout=1)
+        for _ in range(3):
+            seen += port.poll()
+        with pytest.raises(serial.SerialException):
+            second.read(1)
+        port.write(b"first")
+        assert first.read(5) == b"first" and seen == [Opened()]
+        first.close()
+
+
+def test_a_tcp_client_that_does_not_read_loses_whole_frames():
+    with transports.create("tcp:0") as port:
+        driver = serial.serial_for_url(f"socket://{port.address}", timeout=0.2)
+        look(port, [], Opened)
+        frame = bytes(range(250)) * 4
+        taken = sum(port.write(frame) for _ in range(20_000))
+        assert taken < 20_000
+        got = b""
+        while len(got) < taken * len(frame) and (chunk := driver.read(100_000)):
+            got += chunk
+            port.poll()
+        assert got == frame * taken
+        driver.close()
+
+
+def test_rfc2217_speed_and_modem_lines():
+    with transports.create("rfc2217:0") as port:
+        seen = []
+        with pumping(port, seen):
+            driver = serial.serial_for_url(f"rfc2217://{port.address}", baudrate=460_800, timeout=1)
+            driver.dtr = False
+            driver.rts = False
+            driver.baudrate = 123_456
+            assert driver.cts and driver.dsr
+            driver.write(b"\xff\xff\x00" * 10)
+            time.sleep(0.1)
+            driver.close()
+        assert BaudChanged(460_800) in seen and BaudChanged(123_456) in seen and port.baud == 123_456
+        assert [event for event in seen if isinstance(event, LinesChanged)][-1] == LinesChanged(False, False)
+        assert b"".join(event.data for event in seen if isinstance(event, Received)) == b"\xff\xff\x00" * 10
+        assert seen[-1] == Closed()
+
+
+def test_rfc2217_survives_malformed_options():
+    import socket
+
+    import numpy as np
+
+    rng = np.random.default_rng(5)
+    with transports.create("rfc2217:0") as port:
+        client = socket.create_connection(("127.0.0.1", port.port))
+        look(port, [], Opened)
+        for _ in range(300):
+            parts = [b"\xff\xfa\x2c", b"\xff\xf0", b"\xff", b"\x01", bytes(rng.integers(0, 256, 3, np.uint8))]
+            client.sendall(b"".join(parts[k] for k in rng.integers(0, 5, 12)))
+            port.poll()
+            client.setblocking(False)
+            try:
+                while client.recv(65_536):
+                    pass
+            except BlockingIOError:
+                client.setblocking(True)
+        assert port.listening
+        client.close()
+
+
+def test_plug_finds_the_wire_that_goes_with_the_port():
+    class Device:
+        name = "two_wires"
+        wires = (SerialWire(baud=9600),)
+        wire = wires[0]
+
+        def plug(self, kind):
+            return kind
+
+    for address, kind in (("pty:", "serial"), ("tcp:0", "serial"), ("rfc2217:0", "serial")):
+        assert transports.plug(Device(), transports.create(address)) == kind
+    assert transports.plug(Device(), transports.create("memory:")) is Device.wire
+    with pytest.raises(Exception, match="serial connector"):
+        transports.plug(Device(), transports.create("can:virtual:x"))
