@@ -9,6 +9,17 @@ import importlib
 
 _PUBLIC = {
     # public name: module that defines it
+    "Scene": "tactemu.scene.scene",
+    "Body": "tactemu.scene.bodies",
+    "Sphere": "tactemu.scene.bodies",
+    "Box": "tactemu.scene.bodies",
+    "Capsule": "tactemu.scene.bodies",
+    "Cylinder": "tactemu.scene.bodies",
+    "Plane": "tactemu.scene.bodies",
+    "Mesh": "tactemu.scene.bodies",
+    "VoxelGrid": "tactemu.scene.bodies",
+    "ContactDepthProbe": "tactemu.physics.contact_depth_probe",
+    "KinematicTaxel": "tactemu.physics.kinematic_taxel",
     "TactemuError": "tactemu.errors",
 }
 

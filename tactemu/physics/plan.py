@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from statistics import median
 
 import warp as wp
 
@@ -48,9 +49,65 @@ class Stage:
 
 @dataclass
 class Plan:
-    """The stages of a built scene, in the order they run."""
+    """The stages of a built scene, in the order they run. ``print(plan)`` is a table of them with their reasons."""
 
     stages: list[Stage] = field(default_factory=list)
+    device: wp.Device | None = None
+    _graph: wp.Graph | None = field(default=None, repr=False)
+    _warm: bool = field(default=False, repr=False)
+
+    def run(self) -> None:
+        """Run all stages once. On a GPU the second run captures them in a graph; later runs launch that."""
+        if self._graph is not None:
+            wp.capture_launch(self._graph)
+        elif self._warm and self.device is not None and self.device.is_cuda:
+            self._capture()
+        else:  # on a GPU the first run loads what the stages need, which a capture may not do
+            self._launch()
+            self._warm = True
+
+    def _launch(self) -> None:
+        for stage in self.stages:
+            stage.launch()
+
+    def _capture(self) -> None:
+        with wp.ScopedCapture(self.device, force_module_load=False) as capture:
+            self._launch()
+        self._graph = capture.graph
+        wp.capture_launch(self._graph)
+
+    def reset(self, mask: wp.array) -> None:
+        """Clear the state of all stages where the mask (bool, shape ``(n_envs,)``) is true."""
+        for stage in self.stages:
+            if stage.reset is not None:
+                stage.reset(mask)
+
+    def measure(self, now_ns: Callable[[], int], repeats: int = 50) -> dict[str, float]:
+        """Median cost of each stage [µs], by name, also kept in ``stage.cost_us``. Advances the stages' state.
+
+        Args:
+            now_ns: a clock, such as ``time.perf_counter_ns``: physics owns none.
+            repeats: runs of each stage.
+        """
+        device = self.device or wp.get_device("cpu")
+        for stage in self.stages:
+            times = []
+            for _ in range(repeats):
+                wp.synchronize_device(device)
+                start = now_ns()
+                stage.launch()
+                wp.synchronize_device(device)
+                times.append(now_ns() - start)
+            stage.cost_us = median(times) / 1e3
+        return {stage.name: stage.cost_us for stage in self.stages}
+
+    def __str__(self) -> str:
+        rows = [("stage", "µs", "why")]
+        for stage in self.stages:
+            cost = "" if stage.cost_us is None else f"{stage.cost_us:.1f}"
+            rows.append((stage.name, cost, stage.reason))
+        widths = [max(len(row[column]) for row in rows) for column in (0, 1)]
+        return "\n".join(f"{name:<{widths[0]}}  {cost:>{widths[1]}}  {why}".rstrip() for name, cost, why in rows)
 
 
 def record(kernel, dim, inputs: list, outputs: list, device) -> Callable[[], None]:

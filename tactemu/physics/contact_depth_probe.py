@@ -1,0 +1,86 @@
+"""ContactDepthProbe: how deep each probe is in what it touches [m]."""
+
+import functools
+from dataclasses import dataclass
+
+import warp as wp
+
+from tactemu.physics.contact import nearest_function
+from tactemu.physics.plan import Stage, record
+from tactemu.physics.sensor import Compiled, SensorModel, Site
+from tactemu.physics.shapes import table_type
+
+
+@functools.cache
+def depth_kernel(real, kinds: frozenset, separate: bool, has_gain: bool, has_radius: bool):
+    """Depth of the truth and, if ``separate``, of the measured branch with its own radii and gains."""
+    vec3 = wp.types.vector(3, real)
+    transform = wp.types.transformation(real)
+    shapes_type = table_type(real)
+    nearest = nearest_function(real, kinds)
+
+    @wp.func
+    def depth(radius: real, distance: real):
+        d = radius - distance
+        return wp.where(d < real(0.0) or radius <= real(0.0), real(0.0), d)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def contact_depth(
+        shapes: shapes_type,
+        pose: wp.array2d(dtype=transform),
+        targets: wp.array(dtype=wp.int32),
+        positions: wp.array(dtype=vec3),
+        radii: wp.array(dtype=real),
+        gain: wp.array2d(dtype=real),
+        radius: wp.array2d(dtype=real),
+        truth_out: wp.array3d(dtype=real),
+        raw_out: wp.array3d(dtype=real),
+    ):
+        e, i = wp.tid()
+        r_true = radii[i]
+        if r_true <= real(0.0):
+            return
+        r_measured = r_true
+        if wp.static(has_radius):
+            r_measured = radius[e, i]
+        distance, _n, _b = nearest(shapes, pose, targets, e, positions[i], wp.max(r_true, r_measured))
+        truth_out[e, i, 0] = depth(r_true, distance)
+        if wp.static(separate):
+            d = depth(r_measured, distance)
+            if wp.static(has_gain):
+                d *= gain[e, i]
+            raw_out[e, i, 0] = d
+
+    return contact_depth
+
+
+def compile_depth(site: Site, why: str) -> Compiled:
+    """The depth stage of a sensor that starts from depth."""
+    context = site.context
+    truth = site.zeros(1)
+    raw = site.zeros(1) if site.separate else truth
+    none = wp.zeros((0, 0), dtype=context.real, device=context.device)
+    kernel = depth_kernel(context.real, site.table.kinds, site.separate, site.gain is not None, site.radius is not None)
+    inputs = [
+        site.table.struct,
+        site.view.pose,
+        site.targets,
+        site.positions,
+        site.radii,
+        none if site.gain is None else site.gain,
+        none if site.radius is None else site.radius,
+    ]
+    launch = record(kernel, truth.shape[:2], inputs, [truth, raw], context.device)
+    stage = Stage(name=f"{site.name}: contact depth", reason=why, launch=launch)
+    return Compiled(truth=truth, raw=raw, stages=[stage])
+
+
+@dataclass(kw_only=True, eq=False)
+class ContactDepthProbe(SensorModel):
+    """Reads depth [m], shape ``([n_envs,] layout)``."""
+
+    unit = "m"
+    layouts = {"depth": slice(0, 1)}
+
+    def compile(self, site: Site) -> Compiled:
+        return compile_depth(site, "ContactDepthProbe reads depth")

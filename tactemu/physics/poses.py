@@ -1,0 +1,147 @@
+"""Where every body is, seen from the skin: the one stage in float64, so that a skin 100 km away feels as at home.
+
+World poses come in as ``(n_bodies, n_envs, 13)`` float64: position [m], quaternion (w, x, y, z), velocity of the
+body's origin [m/s], angular velocity [rad/s]. For every link that carries a skin this stage forms each body's pose in
+the link's frame and, where a sensor asks for it, the relative twist, and rounds only these to the kernels' type.
+"""
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from tactemu.physics.plan import Context, Stage, record
+
+POSE_WIDTH = 13
+
+
+@functools.cache
+def relative_pose_kernel(real, with_twist: bool):
+    """Poses (and twists) of all bodies in the frame of each link; a pose that is not finite becomes NaN and a flag."""
+    vec3 = wp.types.vector(3, real)
+    quat = wp.types.quaternion(real)
+    transform = wp.types.transformation(real)
+
+    @wp.func
+    def vector(row: wp.array(dtype=wp.float64), at: int):
+        return wp.vec3d(row[at], row[at + 1], row[at + 2])
+
+    @wp.func
+    def narrow(v: wp.vec3d):
+        return vec3(real(v[0]), real(v[1]), real(v[2]))
+
+    @wp.func
+    def unit_quaternion(row: wp.array(dtype=wp.float64)):
+        q = wp.quatd(row[4], row[5], row[6], row[3])
+        length = wp.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+        return q / wp.where(length < wp.float64(1.0e-6), wp.float64(wp.nan), length)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def relative_poses(
+        world: wp.array3d(dtype=wp.float64),
+        links: wp.array(dtype=wp.int32),
+        dt_ns: wp.array(dtype=wp.int64),
+        step: wp.array(dtype=wp.int64),
+        time_ns: wp.array(dtype=wp.int64),
+        pose_out: wp.array3d(dtype=transform),
+        velocity_out: wp.array3d(dtype=vec3),
+        spin_out: wp.array3d(dtype=vec3),
+        bad_out: wp.array3d(dtype=wp.uint8),
+    ):
+        l, e, b = wp.tid()
+        if l == 0 and e == 0 and b == 0:
+            step[0] = step[0] + wp.int64(1)
+            time_ns[0] = time_ns[0] + dt_ns[0]
+        link = world[links[l], e]
+        body = world[b, e]
+        q_link = unit_quaternion(link)
+        to_link = wp.quat_inverse(q_link)
+        x = wp.quat_rotate(to_link, vector(body, 0) - vector(link, 0))
+        q = wp.normalize(to_link * unit_quaternion(body))
+        v = vector(body, 7)
+        w = vector(body, 10)
+        wl = vector(link, 10)
+        total = wp.dot(x, x) + wp.dot(v, v) + wp.dot(w, w) + q[3]
+        total += wp.dot(vector(link, 7), vector(link, 7)) + wp.dot(wl, wl)
+        position = narrow(x)
+        bad_out[l, e, b] = wp.uint8(0)
+        if not wp.isfinite(total) or not wp.isfinite(position[0] + position[1] + position[2]):
+            position = vec3(real(wp.nan))
+            bad_out[l, e, b] = wp.uint8(1)
+        pose_out[l, e, b] = wp.transformation(position, quat(real(q[0]), real(q[1]), real(q[2]), real(q[3])))
+        if wp.static(with_twist):
+            moved = v + wp.cross(w, vector(link, 0) - vector(body, 0)) - vector(link, 7)
+            velocity_out[l, e, b] = narrow(wp.quat_rotate(to_link, moved))
+            spin_out[l, e, b] = narrow(wp.quat_rotate(to_link, w - wl))
+
+    return relative_poses
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinkView:
+    """All bodies as one link sees them, updated before any sensor runs. Arrays of shape ``(n_envs, n_bodies)``.
+
+    A point ``r`` fixed to the link meets the material of body ``b`` there with the relative velocity
+    ``velocity[e, b] + cross(spin[e, b], r)``.
+    """
+
+    link: int
+    pose: wp.array
+    """Transforms (position, quaternion) of the bodies in the link's frame. NaN where a world pose is not finite."""
+    velocity: wp.array
+    """Relative velocity of each body's material at the link's *origin* [m/s], link frame; empty unless asked for."""
+    spin: wp.array
+    """Relative angular velocity [rad/s], link frame; empty unless asked for."""
+
+
+class RelativePoses:
+    """The world's poses, and the stage that turns them into one :class:`LinkView` per link that carries a skin.
+
+    Args:
+        links: body indices of the links.
+        n_bodies: bodies in the scene.
+        twist_reasons: why relative velocities are needed, one per sensor that asks; empty: they are not computed.
+    """
+
+    def __init__(self, links: list[int], n_bodies: int, twist_reasons: list[str], context: Context):
+        device, real, n_envs = context.device, context.real, context.n_envs
+        self.with_twist = bool(twist_reasons)
+        self._reasons = twist_reasons
+        self._context = context
+        self.links = list(links)
+        self.world = wp.zeros((n_bodies, n_envs, POSE_WIDTH), dtype=wp.float64, device=device)
+        shape = (len(links), n_envs, n_bodies)
+        vec3 = wp.types.vector(3, real)
+        self.dt_ns = wp.zeros(1, dtype=wp.int64, device=device)
+        self._links = wp.array(links, dtype=wp.int32, device=device)
+        self._pose = wp.zeros(shape, dtype=wp.types.transformation(real), device=device)
+        twist_shape = shape if self.with_twist else (0, 0, 0)
+        self._velocity = wp.zeros(twist_shape, dtype=vec3, device=device)
+        self._spin = wp.zeros(twist_shape, dtype=vec3, device=device)
+        self.bad = wp.zeros(shape, dtype=wp.uint8, device=device)
+
+    def view(self, link: int) -> LinkView:
+        """What the link sees."""
+        l = self.links.index(link)
+        if self.with_twist:
+            return LinkView(link=link, pose=self._pose[l], velocity=self._velocity[l], spin=self._spin[l])
+        none = wp.zeros((0, 0), dtype=self._spin.dtype, device=self._spin.device)
+        return LinkView(link=link, pose=self._pose[l], velocity=none, spin=none)
+
+    def stage(self) -> Stage:
+        """The stage; it also advances the step count and the time."""
+        context = self._context
+        inputs = [self.world, self._links, self.dt_ns, context.step, context.time_ns]
+        outputs = [self._pose, self._velocity, self._spin, self.bad]
+        kernel = relative_pose_kernel(context.real, self.with_twist)
+        reason = "poses of all bodies in the skin's frame, formed in float64"
+        if self.with_twist:
+            reason += "; velocities for " + ", ".join(self._reasons)
+        launch = record(kernel, self._pose.shape, inputs, outputs, context.device)
+        return Stage(name="relative poses", reason=reason, launch=launch)
+
+
+def pose_row(position, quaternion, linear_velocity=(0.0, 0.0, 0.0), angular_velocity=(0.0, 0.0, 0.0)) -> np.ndarray:
+    """The 13 numbers of one pose."""
+    return np.concatenate([position, quaternion, linear_velocity, angular_velocity]).astype(np.float64)

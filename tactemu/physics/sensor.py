@@ -1,0 +1,296 @@
+"""What every tactile sensor model is, and how to write one.
+
+A model is a dataclass of options, one file, derived from :class:`SensorModel`::
+
+    @dataclass(kw_only=True, eq=False)
+    class MyTaxel(SensorModel):
+        stiffness: float = 1.0
+        channels = ("force",)                                 # three numbers per taxel
+        unit = "N"
+
+        def compile(self, site: Site) -> Compiled:
+            raw = site.zeros()                                # (n_envs, n_taxels, channels), site.context.real
+            kernel = my_kernel(site.context.real, site.table.kinds)
+            inputs = [site.table.struct, site.view.pose, site.targets, site.positions, self.stiffness]
+            launch = record(kernel, raw.shape[:2], inputs, [raw], site.context.device)
+            stage = Stage(name=f"{site.name}: my taxel", reason="MyTaxel asks for it", launch=launch)
+            return Compiled(truth=raw, raw=raw, stages=[stage])
+
+Export it with one line in ``tactemu/__init__.py``. What a model gets is a :class:`Site`:
+
+* ``site.view``: poses ``(n_envs, n_bodies)`` of all bodies in the link's frame, and twists if
+  :meth:`SensorModel.velocity_reason` returns one (:class:`tactemu.physics.poses.LinkView`).
+* ``site.targets``: the bodies to feel, ``wp.array(int32)``; ``site.target_bodies`` the same on the host.
+* ``site.table``: their shapes. In a kernel factory ``f = shape_functions(real, kinds)`` gives
+  ``f.distance_in_link(shapes, b, pose[e, b], r) -> (signed distance, normal)`` for any kind of shape
+  (:mod:`tactemu.physics.shapes`); ``site.own_table`` is the table of the link's own shape (row ``site.link.index``,
+  pose the identity).
+* ``site.positions``, ``site.normals``, ``site.radii``: the probes on the device; ``site.probes`` on the host.
+* ``site.gain``, ``site.radius``: per-environment arrays ``(n_envs, n_taxels)`` of the measured branch, or ``None``
+  where no imperfection asks for them. If both are ``None`` the measured branch starts as the truth: return the same
+  array for both, it is never written to.
+
+A kernel comes from a cached factory per float type, with ``@wp.kernel(module="unique", enable_backward=False)``, in a
+file *without* ``from __future__ import annotations``. A NaN pose must come out as NaN, not as 'no contact':
+``wp.max(0, NaN)`` is 0.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+import numpy as np
+import warp as wp
+
+from tactemu.errors import SceneError
+from tactemu.imperfections import ImperfectionOptions, Imperfections
+from tactemu.physics.plan import Context, Stage
+from tactemu.physics.poses import LinkView
+from tactemu.physics.probes import Probes, make_probes
+from tactemu.physics.table import ShapeTable
+from tactemu.scene.bodies import Body
+
+if TYPE_CHECKING:
+    from tactemu.physics.simulation import Simulation
+
+DepthQuery = Literal["sdf", "raycast", "voxel", "ray"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Site:
+    """Where a model is compiled: everything it may use of the scene. See the module's docstring."""
+
+    name: str
+    context: Context
+    link: Body
+    probes: Probes
+    n_channels: int
+    view: LinkView
+    target_bodies: tuple[Body, ...]
+    targets: wp.array
+    make_table: Callable[[tuple[Body, ...]], ShapeTable]
+    positions: wp.array
+    normals: wp.array
+    radii: wp.array
+    gain: wp.array | None = None
+    radius: wp.array | None = None
+
+    @cached_property
+    def table(self) -> ShapeTable:
+        """The shapes of the bodies felt."""
+        return self.make_table(self.target_bodies)
+
+    @cached_property
+    def own_table(self) -> ShapeTable:
+        """The shape of the sensor's own link."""
+        return self.make_table((self.link,))
+
+    @property
+    def vec3(self):
+        """The context's vector type."""
+        return wp.types.vector(3, self.context.real)
+
+    def zeros(self, channels: int | None = None) -> wp.array:
+        """A new array ``(n_envs, n_taxels, channels)`` of the context's type."""
+        shape = (self.context.n_envs, self.probes.n, channels or self.n_channels)
+        return wp.zeros(shape, dtype=self.context.real, device=self.context.device)
+
+    @property
+    def separate(self) -> bool:
+        """Does the measured branch differ from the truth before any imperfection (gain, noised radius)?"""
+        return self.gain is not None or self.radius is not None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Compiled:
+    """What a model's :meth:`SensorModel.compile` returns."""
+
+    truth: wp.array
+    """Ground truth, ``(n_envs, n_taxels, channels)``."""
+    raw: wp.array
+    """The measured branch before imperfections; the same array as ``truth`` unless ``site.separate``."""
+    stages: list[Stage]
+    finish: Callable[[wp.array, str], tuple[wp.array, list[Stage]]] | None = None
+    """Applied to each branch, ``finish(array, "truth" | "measured")``, after the imperfections and before the delay."""
+
+
+@dataclass(kw_only=True, eq=False)
+class SensorModel(ImperfectionOptions, ABC):
+    """Options that all tactile sensors share. Positions, normals and readings are in the frame of the link."""
+
+    probe_local_pos: Sequence | np.ndarray = ((0.0, 0.0, 0.0),)
+    """Probe positions [m], ``(n, 3)``, or ``(rows, cols, 3)`` for a grid; readings have the same layout."""
+    probe_local_normal: Sequence | np.ndarray = (0.0, 0.0, 1.0)
+    """Directions out of the skin: one, or one per probe. Need not be unit vectors."""
+    probe_radius: float | Sequence | np.ndarray = 0.01
+    """Sensing radius [m]: one, or one per probe. 0 marks a filler, which reads 0 and takes part in nothing."""
+    pos_offset: Sequence[float] = (0.0, 0.0, 0.0)
+    """Shift of the probes in the link's frame [m]."""
+    euler_offset: Sequence[float] = (0.0, 0.0, 0.0)
+    """Rotation of the probes about the link's fixed axes x, y, z [degrees], before the shift."""
+    track_link_idx: int | Sequence[int] | None = None
+    """The bodies to feel, by index, name or body; ``None``: all but the sensor's own."""
+    filter_link_idx: int | Sequence[int] = ()
+    """Bodies not to feel."""
+    contact_depth_query: DepthQuery | None = None
+    """How depth is found. ``sdf`` (default) and ``raycast``: exact distance to the nearest surface. ``voxel``: a grid
+    of distances with cells of ``voxel_size``. ``ray``: along the taxel's normal, right at any depth."""
+    voxel_size: float | None = None
+    """Cell of the voxel query [m]; ``None``: the shape's extent / 64."""
+
+    channels: ClassVar[tuple[str, ...]] = ("scalar",)
+    """What a taxel gives, in order: ``scalar`` is one number, ``force``, ``torque``, ``displacement`` three each."""
+    unit: ClassVar[str] = ""
+    gain_inside: ClassVar[bool] = True
+    """The model applies ``site.gain`` itself; else it multiplies the reading after hysteresis."""
+    layouts: ClassVar[dict[str, slice]] = {}
+    """Quantities it offers (see :data:`firmware_protocols.device.Quantity`): which channels hold each."""
+
+    @abstractmethod
+    def compile(self, site: Site) -> Compiled:
+        """Allocate, and return arrays and stages. Called once per build."""
+
+    def velocity_reason(self) -> str | None:
+        """Why it needs relative velocities; ``None``: it does not."""
+        return None
+
+    def validate(self, probes: Probes) -> None:
+        """Check options against each other; raise :class:`SceneError`."""
+
+    def present(self, values: np.ndarray):
+        """Turn an array ``(..., n_channels)`` into what ``read()`` returns. Default: drop a single channel."""
+        return values[..., 0] if self.n_channels == 1 else values
+
+    @property
+    def n_channels(self) -> int:
+        """Numbers of one taxel."""
+        return sum(1 if kind == "scalar" else 3 for kind in self.channels)
+
+    def probes(self, sensor: str) -> Probes:
+        """The probes, checked."""
+        return make_probes(
+            self.probe_local_pos,
+            self.probe_local_normal,
+            self.probe_radius,
+            self.pos_offset,
+            self.euler_offset,
+            sensor,
+        )
+
+
+@dataclass(eq=False)
+class Sensor:
+    """A skin on a link, as :meth:`tactemu.Scene.add_sensor` returns it. Readable once the scene is built."""
+
+    name: str
+    model: SensorModel
+    link: Body
+    imperfections: Imperfections | None = field(default=None, repr=False)
+    """Its setters change imperfections while running; there once the scene is built."""
+    _sim: Simulation | None = field(default=None, repr=False)
+    _truth: wp.array | None = field(default=None, repr=False)
+    _measured: wp.array | None = field(default=None, repr=False)
+
+    @cached_property
+    def probes(self) -> Probes:
+        """Positions, normals and radii of the probes in the link's frame."""
+        return self.model.probes(self.name)
+
+    def attach(self, sim: Simulation, spoil: Imperfections, truth: wp.array, measured: wp.array) -> None:
+        """Connect the handle to the arrays of a built scene; a later build takes over."""
+        self._sim, self.imperfections, self._truth, self._measured = sim, spoil, truth, measured
+
+    def read(self):
+        """The measured reading of the last step, a numpy copy of shape ``([n_envs,] [history,] layout[, 3])``.
+
+        Raises:
+            SceneError: the scene is not built.
+            PoseError: on a GPU, a pose of this step was not finite.
+        """
+        return self._present(self._array(ground_truth=False))
+
+    def read_ground_truth(self):
+        """The reading of the last step without any imperfection, delay or noise; shaped as :meth:`read`."""
+        return self._present(self._array(ground_truth=True))
+
+    def array(self, ground_truth: bool = False) -> wp.array:
+        """The device array behind a reading, ``(n_envs, [history,] n_taxels, channels)``: not copied, valid until
+        the next step."""
+        self._array(ground_truth)
+        return self._truth if ground_truth else self._measured
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """What :meth:`quantity` can give."""
+        return tuple(self.model.layouts)
+
+    def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
+        """One quantity of environment 0, taxels in layout order: shape ``(n_taxels,)`` or ``(n_taxels, 3)``.
+
+        Raises:
+            SceneError: this model does not offer it.
+        """
+        if name not in self.model.layouts:
+            has = ", ".join(self.quantities) or "none"
+            kind = type(self.model).__name__
+            raise SceneError(f"sensor {self.name!r} ({kind}) has no {name!r}; it offers: {has}")
+        values = self._array(ground_truth)[0]
+        values = values[0] if values.ndim == 3 else values
+        values = values[:, self.model.layouts[name]]
+        if name == "touch":
+            return values[:, 0] > 0
+        return values[:, 0].copy() if values.shape[1] == 1 else values.copy()
+
+    def _array(self, ground_truth: bool) -> np.ndarray:
+        if self._sim is None:
+            raise SceneError(f"sensor {self.name!r} has nothing to read yet: build the scene (scene.build()) first")
+        array = self._truth if ground_truth else self._measured
+        self._sim.before_read()
+        return array.numpy()
+
+    def _present(self, values: np.ndarray):
+        sim = self._sim
+        shape = (*values.shape[:-2], *self.probes.layout, values.shape[-1])
+        if not sim.batched:
+            shape = shape[1:]
+        result = self.model.present(values.reshape(shape))
+        if isinstance(result, tuple):
+            return type(result)(*(np.array(part) for part in result))
+        return np.array(result)
+
+
+def bodies_felt(sensor: Sensor, scene) -> tuple[Body, ...]:
+    """The bodies that a sensor asks for.
+
+    Raises:
+        SceneError: it names a body that is not there, or its own link.
+    """
+    model = sensor.model
+
+    def listed(given):
+        single = isinstance(given, str | int | np.integer | Body)
+        return [scene.body(which) for which in ([given] if single else list(given))]
+
+    ignored = listed(model.filter_link_idx)
+    if model.track_link_idx is None:
+        chosen = [body for body in scene.bodies if body is not sensor.link]
+    else:
+        chosen = listed(model.track_link_idx)
+        if sensor.link in chosen:
+            raise SceneError(f"sensor {sensor.name!r}: track_link_idx names its own link {sensor.link.name!r}")
+    return tuple(body for body in chosen if body.shape is not None and body not in ignored)
+
+
+def upload_probes(probes: Probes, context: Context) -> dict[str, wp.array]:
+    """Positions, normals and radii on the device, as :class:`Site` wants them."""
+    vec3 = wp.types.vector(3, context.real)
+    device = context.device
+    return {
+        "positions": wp.array(probes.positions, dtype=vec3, device=device),
+        "normals": wp.array(probes.normals, dtype=vec3, device=device),
+        "radii": wp.array(probes.radii, dtype=context.real, device=device),
+    }

@@ -1,0 +1,254 @@
+"""A built scene: poses go in, the plan runs, readings come out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import warp as wp
+
+from tactemu.errors import PoseError, SceneError
+from tactemu.imperfections import Imperfections, ReadingInfo
+from tactemu.physics.clearing import clear_rows
+from tactemu.physics.plan import Context, Plan, Stage
+from tactemu.physics.poses import RelativePoses
+from tactemu.physics.sensor import Sensor, Site, bodies_felt, upload_probes
+from tactemu.physics.table import build_table
+from tactemu.physics.world import World
+
+if TYPE_CHECKING:
+    from tactemu.scene.bodies import Body
+    from tactemu.scene.scene import Scene
+
+REAL = {"float32": wp.float32, "float64": wp.float64}
+
+
+def _device(name) -> wp.Device:
+    wp.init()
+    try:
+        return wp.get_device(name)
+    except Exception as error:
+        known = ", ".join(str(device) for device in wp.get_devices())
+        raise SceneError(f"no device {name!r} on this machine ({error}); there are: {known}") from None
+
+
+class Simulation:
+    """What :meth:`tactemu.Scene.build` returns. Time is counted in integer nanoseconds and steps in int64."""
+
+    def __init__(self, scene: Scene, *, n_envs: int | None, device, seed: int, dtype: str):
+        if n_envs is not None and (isinstance(n_envs, bool) or int(n_envs) != n_envs or n_envs < 1):
+            raise SceneError(f"build: n_envs must be None or a whole number >= 1, got {n_envs!r}")
+        if dtype not in REAL:
+            raise SceneError(f"build: dtype must be one of {', '.join(REAL)}, got {dtype!r}")
+        self.scene = scene
+        self.batched = n_envs is not None
+        """Do readings have an environment axis?"""
+        self.n_envs = 1 if n_envs is None else int(n_envs)
+        self.device = _device(device)
+        self.time_ns = 0
+        self.step_count = 0
+        self.context = Context(
+            device=self.device,
+            n_envs=self.n_envs,
+            real=REAL[dtype],
+            seed=int(seed),
+            dt=wp.zeros(1, dtype=wp.float64, device=self.device),
+            step=wp.zeros(1, dtype=wp.int64, device=self.device),
+            time_ns=wp.zeros(1, dtype=wp.int64, device=self.device),
+        )
+        self._dt_ns = -1
+        self._checked_step = 0
+        self.sensors: tuple[Sensor, ...] = tuple(scene.sensors)
+        self._compile()
+        self.world = World(scene.bodies, self._poses.world)
+        self._moving = [(body, self._world_motion(body)) for body in scene.bodies if body.motion is not None]
+        self._move(0.0)
+
+    # -- building ---------------------------------------------------------------------------------------------------
+
+    def _compile(self) -> None:
+        links = sorted({sensor.link.index for sensor in self.sensors})
+        reasons = [f"{s.name} ({why})" for s in self.sensors if (why := s.model.velocity_reason())]
+        self._poses = RelativePoses(links, len(self.scene.bodies), reasons, self.context)
+        self.plan = Plan(device=self.device)
+        if self.sensors:
+            self.plan.stages.append(self._poses.stage())
+        self._tables: dict = {}
+        self._arrays: list[wp.array] = []
+        for sensor in self.sensors:
+            self.plan.stages += self._compile_sensor(sensor)
+        self._bad_view = self._poses.bad.numpy() if self.device.is_cpu else None
+
+    def _table(self, bodies):
+        used = frozenset(body.index for body in bodies)
+        if used not in self._tables:
+            self._tables[used] = build_table(self.scene.bodies, used, self.context)
+        return self._tables[used]
+
+    def _site(self, sensor: Sensor, gain, radius) -> Site:
+        felt = bodies_felt(sensor, self.scene)
+        return Site(
+            name=sensor.name,
+            context=self.context,
+            link=sensor.link,
+            probes=sensor.probes,
+            n_channels=sensor.model.n_channels,
+            view=self._poses.view(sensor.link.index),
+            target_bodies=felt,
+            targets=wp.array([body.index for body in felt], dtype=wp.int32, device=self.device),
+            make_table=self._table,
+            **upload_probes(sensor.probes, self.context),
+            gain=gain,
+            radius=radius,
+        )
+
+    def _compile_sensor(self, sensor: Sensor) -> list[Stage]:
+        model, probes = sensor.model, sensor.probes
+        model.validate(probes)
+        info = ReadingInfo(
+            name=sensor.name,
+            layout=probes.layout,
+            channels=model.channels,
+            unit=model.unit,
+            probe_radius=probes.radii,
+            spacing=probes.spacing if probes.is_grid else None,
+            normal=probes.mean_normal,
+            gain_inside=model.gain_inside,
+        )
+        spoil = Imperfections(model, info, self.context)
+        gain, gain_stages = spoil.compile_gain()
+        radius, radius_stages = spoil.compile_radius_noise()
+        compiled = model.compile(self._site(sensor, gain if model.gain_inside else None, radius))
+        finish = compiled.finish or (lambda array, _branch: (array, []))
+        truth, truth_stages = finish(compiled.truth, "truth")
+        values, value_stages = spoil.compile_values(compiled.raw)
+        values, finish_stages = finish(values, "measured")
+        measured, delivery_stages = values, []
+        if hasattr(spoil, "compile_delivery"):
+            measured, delivery_stages = spoil.compile_delivery(values)
+        self._arrays += [compiled.truth, compiled.raw, truth, values, measured]
+        sensor.attach(self, spoil, truth, measured)
+        stages = gain_stages + radius_stages + compiled.stages + truth_stages
+        return stages + value_stages + finish_stages + delivery_stages
+
+    # -- stepping ---------------------------------------------------------------------------------------------------
+
+    def set_pose(
+        self,
+        body: Body | str | int,
+        *,
+        position=None,
+        quaternion=None,
+        linear_velocity=None,
+        angular_velocity=None,
+        envs: Sequence[int] | None = None,
+    ) -> None:
+        """Put a body somewhere, from the next step on. What is not given stays as it is.
+
+        Args:
+            body: the body, its name or its index.
+            position: of its origin, world [m]; ``(3,)`` for all environments or ``(n_envs, 3)``. Numpy, lists, Warp
+                arrays or anything with ``__dlpack__``; arrays on the simulation's device are not copied through the
+                host.
+            quaternion: its orientation, (w, x, y, z), any length; ``(4,)`` or ``(n_envs, 4)``.
+            linear_velocity: of its origin, world [m/s].
+            angular_velocity: world [rad/s].
+            envs: the environments to set; arrays then have ``len(envs)`` rows.
+
+        Raises:
+            SceneError: the body is fixed or unknown, or a shape is wrong.
+        """
+        body = self.scene.body(body)
+        if body.fixed:
+            raise SceneError(f"set_pose: body {body.name!r} is fixed; add it with fixed=False to move it")
+        given = (position, quaternion, linear_velocity, angular_velocity)
+        self.world.set(body, given, envs)
+
+    def step(self, dt: float | None = None) -> None:
+        """Advance the time by ``dt`` [s] (default: the scene's), move what has a motion, and run the plan.
+
+        Raises:
+            PoseError: a pose is not finite (on a GPU: at the next read). All environments have been computed; those
+                with such a pose read NaN.
+            ValueError: ``dt`` is negative or not finite.
+        """
+        dt = self.scene.dt if dt is None else dt
+        if not (dt >= 0.0 and math.isfinite(dt)):
+            raise ValueError(f"step: dt must be a time >= 0 s, got {dt!r}")
+        dt_ns = round(dt * 1e9)
+        if dt_ns != self._dt_ns:
+            self.context.dt.fill_(dt)
+            self._poses.dt_ns.fill_(dt_ns)
+            self._dt_ns = dt_ns
+        self.time_ns += dt_ns
+        self.step_count += 1
+        if self._moving:
+            self._move(self.time_ns * 1e-9)
+        self.world.upload()
+        self.plan.run()
+        if self._bad_view is not None and self._bad_view.any():
+            self.check_poses()
+
+    def _world_motion(self, body: Body):
+        motion = body.motion
+        return motion.placed(body.position, body.quaternion) if hasattr(motion, "placed") else motion
+
+    def _move(self, t_s: float) -> None:
+        for body, motion in self._moving:
+            pose = motion.pose(t_s)
+            self.world.put(body.index, pose)
+
+    def check_poses(self) -> None:
+        """Raise if a pose of the last step was not usable.
+
+        Raises:
+            PoseError: naming body, environments and step; once per step.
+        """
+        if self._checked_step == self.step_count:
+            return
+        self._checked_step = self.step_count
+        bad = self._poses.bad.numpy().any(axis=0)
+        if not bad.any():
+            return
+        values = self.world.download()
+        with np.errstate(invalid="ignore", over="ignore"):
+            usable = np.isfinite(values).all(-1) & (np.linalg.norm(values[..., 3:7], axis=-1) >= 1e-6)
+        wrong = np.argwhere(~usable)
+        if len(wrong):
+            b, e = wrong[0]
+            what = f"pose {values[b, e]}"
+        else:
+            e, b = np.argwhere(bad)[0]
+            what = f"pose {values[b, e]} too far from the skin for {self.context.real.__name__}"
+        envs = sorted({int(env) for env in np.argwhere(bad)[:, 0]})
+        raise PoseError(
+            f"body {self.scene.bodies[b].name!r}, environment {e}, step {self.step_count}: {what} "
+            f"(position, quaternion w x y z, velocity, angular velocity) must be finite and the quaternion not 0. "
+            f"Environments that read NaN: {envs}; set_pose a good pose there and reset(envs={envs})"
+        )
+
+    def before_read(self) -> None:
+        """On a GPU poses are judged here, since a step does not wait for the device."""
+        if self._bad_view is None and self.step_count:
+            self.check_poses()
+
+    def reset(self, envs: Sequence[int] | None = None) -> None:
+        """Clear all state, put bodies back where they started, and let readings be 0 until the next step.
+
+        Args:
+            envs: the environments to reset; ``None``: all, and the time and the step count start at 0 again.
+        """
+        mask = np.zeros(self.n_envs, bool)
+        mask[self.world.env_indices(envs)] = True
+        on_device = wp.array(mask, dtype=wp.bool, device=self.device)
+        self.plan.reset(on_device)
+        for array in self._arrays:
+            clear_rows(array, on_device)
+        self.world.reset(envs)
+        if envs is None:
+            self.time_ns = self.step_count = self._checked_step = 0
+            self.context.step.fill_(0)
+            self.context.time_ns.fill_(0)
+            self._move(0.0)

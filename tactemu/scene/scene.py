@@ -1,0 +1,128 @@
+"""A scene: bodies, and skins on them. Building it compiles the plan of what has to be computed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from tactemu.errors import SceneError
+from tactemu.scene.bodies import Body, Shape
+
+if TYPE_CHECKING:
+    from tactemu.physics.sensor import Sensor, SensorModel
+    from tactemu.physics.simulation import Simulation
+    from tactemu.scene.motion import Motion
+
+
+class Scene:
+    """What is there, before anything is computed.
+
+    Args:
+        dt: time that one step advances [s], > 0.
+    """
+
+    def __init__(self, dt: float = 1e-3):
+        if not (math.isfinite(dt) and dt > 0):
+            raise SceneError(f"Scene: dt must be a time > 0 s, got {dt!r}")
+        self.dt = float(dt)
+        self.bodies: list[Body] = []
+        self.sensors: list[Sensor] = []
+
+    def add_body(
+        self,
+        shape: Shape | None = None,
+        *,
+        name: str | None = None,
+        fixed: bool = False,
+        position: Sequence[float] = (0.0, 0.0, 0.0),
+        quaternion: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
+        motion: Motion | None = None,
+    ) -> Body:
+        """Add a rigid body.
+
+        Args:
+            shape: its geometry; ``None`` makes a bare frame.
+            name: for messages and the plan; default: the shape's name and its index.
+            fixed: never moves; a motion or :meth:`Simulation.set_pose` on it is an error.
+            position: where it starts, world [m].
+            quaternion: its orientation there, (w, x, y, z); need not be of unit length.
+            motion: moves it; an object with ``pose(t_s)``.
+
+        Raises:
+            SceneError: an option is wrong, or the name is taken.
+        """
+        index = len(self.bodies)
+        kind = type(shape).__name__.lower() if shape is not None else "frame"
+        name = name or f"{kind}{index}"
+        if any(body.name == name for body in self.bodies):
+            raise SceneError(f"body {name!r}: there is already a body of this name; give another")
+        if fixed and motion is not None:
+            raise SceneError(f"body {name!r}: it is fixed and has a motion; drop one of the two")
+        xyz, wxyz = np.asarray(position, float), np.asarray(quaternion, float)
+        if xyz.shape != (3,) or not np.isfinite(xyz).all():
+            raise SceneError(f"body {name!r}: position must be 3 finite numbers, got {position!r}")
+        length = np.linalg.norm(wxyz)
+        if wxyz.shape != (4,) or not np.isfinite(length) or length < 1e-6:
+            raise SceneError(f"body {name!r}: quaternion must be 4 numbers (w, x, y, z), not all 0, got {quaternion!r}")
+        wxyz = wxyz / length
+        body = Body(index, name, shape, fixed, tuple(map(float, xyz)), tuple(map(float, wxyz)), motion)
+        self.bodies.append(body)
+        return body
+
+    def add_sensor(self, model: SensorModel, *, link: Body | str | int, name: str | None = None) -> Sensor:
+        """Put a skin on a body; returns the handle to read it by.
+
+        Raises:
+            SceneError: the body is not of this scene, or the name is taken.
+        """
+        from tactemu.physics.sensor import Sensor
+
+        kind = type(model).__name__
+        name = name or f"{kind}{len(self.sensors)}"
+        if any(sensor.name == name for sensor in self.sensors):
+            raise SceneError(f"sensor {name!r}: there is already a sensor of this name; give another")
+        sensor = Sensor(name, model, self.body(link))
+        self.sensors.append(sensor)
+        return sensor
+
+    def body(self, which: Body | str | int) -> Body:
+        """Find a body by itself, its name or its index.
+
+        Raises:
+            SceneError: there is none; the message lists those there are.
+        """
+        for body in self.bodies:
+            if which is body or (isinstance(which, str) and which == body.name):
+                return body
+        is_index = isinstance(which, int | np.integer) and not isinstance(which, bool)
+        if is_index and 0 <= which < len(self.bodies):
+            return self.bodies[int(which)]
+        wanted = which.name if isinstance(which, Body) else which
+        known = ", ".join(f"{body.index}: {body.name}" for body in self.bodies) or "none"
+        raise SceneError(f"no body {wanted!r} in this scene; bodies: {known}")
+
+    def build(
+        self,
+        n_envs: int | None = None,
+        *,
+        device: str | None = "cpu",
+        seed: int = 0,
+        dtype: Literal["float32", "float64"] = "float32",
+    ) -> Simulation:
+        """Compile the scene for ``n_envs`` environments; ``None``: one, and readings have no environment axis.
+
+        Args:
+            n_envs: environments simulated side by side.
+            device: a Warp device, ``cpu`` or ``cuda:0``; ``None``: Warp's current one.
+            seed: root of all random streams.
+            dtype: numbers of the kernels. In ``float64`` only mesh queries stay single precision.
+
+        Raises:
+            SceneError: an option of a sensor is wrong, a mesh cannot be used, or the device does not exist.
+        """
+        from tactemu.physics.simulation import Simulation
+
+        return Simulation(self, n_envs=n_envs, device=device, seed=seed, dtype=dtype)
