@@ -27,8 +27,8 @@ def scene_for(name: str, device: type[Device], **device_options) -> LoadedScene:
 
 
 def _pad() -> dict[str, Any]:
-    """A link without a surface that matters: taxels feel other bodies only."""
-    return {"name": "pad", "shape": "sphere", "radius": 1e-3, "fixed": True}
+    """A link without a shape: taxels feel other bodies only."""
+    return {"name": "pad", "shape": "frame", "fixed": True}
 
 
 def _ball(name: str, layout: Layout, taxels: slice) -> dict[str, Any]:

@@ -148,6 +148,12 @@ class CylinderBody(Body):
     length: PositiveFloat = Field(description="[m]")
 
 
+class FrameBody(Body):
+    """No geometry: a link for a skin."""
+
+    shape: Literal["frame"]
+
+
 class PlaneBody(Body):
     """The plane z = 0 of its own frame, solid below."""
 
@@ -162,11 +168,19 @@ class MeshBody(Body):
     scale: PositiveFloat = Field(default=1.0, description="metres per unit of the file")
 
 
-SHAPES = {"sphere": SphereBody, "box": BoxBody, "capsule": CapsuleBody, "cylinder": CylinderBody, "plane": PlaneBody,
-          "mesh": MeshBody}  # fmt: skip
+SHAPES = {
+    "sphere": SphereBody,
+    "box": BoxBody,
+    "capsule": CapsuleBody,
+    "cylinder": CylinderBody,
+    "plane": PlaneBody,
+    "frame": FrameBody,
+    "mesh": MeshBody,
+}
+
 
 AnyBody = Annotated[
-    SphereBody | BoxBody | CapsuleBody | CylinderBody | PlaneBody | MeshBody, Field(discriminator="shape")
+    SphereBody | BoxBody | CapsuleBody | CylinderBody | PlaneBody | FrameBody | MeshBody, Field(discriminator="shape")
 ]
 
 

@@ -1,0 +1,138 @@
+"""From a scene file to an emulator: the simulation, and one channel per skin."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from firmware_protocols import Device, TcpWire
+from tactemu import transports
+from tactemu.clock import Clock
+from tactemu.emulator import Channel, Emulator
+from tactemu.errors import SceneError, TransportError
+from tactemu.sampling import SampleClock
+from tactemu.scene.building import build_scene, make_devices
+from tactemu.scene.file import LoadedScene
+from tactemu.scene.schema import Skin
+from tactemu.truth import Truth
+from tactemu.wire import Wire
+
+MULTICAST = "can:udp_multicast:239.74.163.2"
+"""python-can's own default group: a CAN bus for machines whose kernel has none."""
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What the caller asks for beside the scene; ``None`` and empty leave it to the scene."""
+
+    port: str | None = None
+    rate_hz: float | None = None
+    faults: Sequence[str] = ()
+    seed: int | None = None
+    compute: str | None = None
+    """Where kernels run: ``cpu``, ``cuda:0``."""
+    usual_port: Callable[[str, Device], str] | None = None
+    """Chooses a port by skin and device where nobody names one; default: :func:`usual_port`."""
+
+
+@dataclass(frozen=True)
+class Assembled:
+    """An emulator, not yet open, and what it was made of."""
+
+    emulator: Emulator
+    simulation: Any
+    scene: Any
+    loaded: LoadedScene
+
+
+def assemble(
+    loaded: LoadedScene, wishes: Wishes | None = None, *, clock: Clock | None = None, truth: Truth | None = None
+) -> Assembled:
+    """Build everything that a scene file asks for; kernels are compiled here, ports opened only by the emulator.
+
+    Raises:
+        TactemuError: something in the scene or the wishes cannot be had.
+    """
+    wishes = wishes or Wishes()
+    world = loaded.tables.scene
+    seed = world.seed if wishes.seed is None else wishes.seed
+    devices = make_devices(loaded)
+    ports = choose_ports(loaded.tables.skin, devices, wishes)
+    truth = truth or Truth()
+    wires = _wires(loaded.tables.skin, devices, ports, wishes, seed, truth)
+    scene, sensors = build_scene(loaded, devices)
+    simulation = scene.build(device=wishes.compute or world.device, seed=seed, dtype=world.dtype)
+    channels = [
+        _channel(skin, devices[skin.title], sensors[skin.title], wires[ports[skin.title]], wishes.rate_hz, seed)
+        for skin in loaded.tables.skin
+    ]
+    emulator = Emulator(simulation, channels, clock=clock, truth=truth)
+    simulation.step()  # loads the kernels, so that the first frame is not late
+    simulation.reset()
+    return Assembled(emulator, simulation, scene, loaded)
+
+
+def choose_ports(skins: Sequence[Skin], devices: dict[str, Device], wishes: Wishes) -> dict[str, str]:
+    """The port of each skin: the wish, the scene's, or the usual one for the device's wire.
+
+    Raises:
+        SceneError: two devices would hold one serial port.
+    """
+    usual = wishes.usual_port or usual_port
+    ports = {skin.title: wishes.port or skin.port or usual(skin.title, devices[skin.title]) for skin in skins}
+    for name, port in ports.items():
+        others = [other for other, taken in ports.items() if taken == port and other != name]
+        if port == "memory:" and others:
+            ports[name] = f"memory:{name}"
+        elif others and not port.startswith("can:"):
+            raise SceneError(
+                f"skins {name!r} and {others[0]!r} cannot share {port}; only a CAN bus is shared. "
+                "Give each skin a `port` of its own in the scene file"
+            )
+    return ports
+
+
+def usual_port(name: str, device: Device) -> str:
+    """Where a device is put when nobody says: a pty, vcan0 or a multicast CAN bus, or its TCP port."""
+    wire = device.wires[0]
+    if wire.kind == "can":
+        return "can:socketcan:vcan0" if os.path.exists("/sys/class/net/vcan0") else MULTICAST
+    if isinstance(wire, TcpWire):
+        return f"tcp:127.0.0.1:{wire.port}"
+    return f"pty:/tmp/tactemu-{name}"
+
+
+def _wires(
+    skins: Sequence[Skin], devices: dict[str, Device], ports: dict[str, str], wishes: Wishes, seed: int, truth: Truth
+) -> dict[str, Wire]:
+    """One wire per port. Skins on one bus add their faults up, and must agree on its speed."""
+    wires: dict[str, Wire] = {}
+    for port in dict.fromkeys(ports.values()):
+        here = [skin for skin in skins if ports[skin.title] == port]
+        transport = transports.create(port)
+        specs = {skin.title: transports.plug(devices[skin.title], transport) for skin in here}
+        first, spec = next(iter(specs.items()))
+        for name, other in specs.items():
+            if other != spec:
+                raise TransportError(f"{port}: {first!r} needs {spec} and {name!r} {other}; put them on two buses")
+        faults = [*(fault for skin in here for fault in skin.faults), *wishes.faults]
+        pacing = all(skin.pacing for skin in here)
+        wires[port] = Wire(transport, spec, pacing=pacing, faults=faults, seed=seed, truth=truth)
+    return wires
+
+
+def _channel(skin: Skin, device: Device, sensor: Any, wire: Wire, rate_hz: float | None, seed: int) -> Channel:
+    rate = rate_hz or skin.rate_hz
+    if rate:
+        device.period_ns = round(1e9 / rate)
+    sampling = SampleClock(
+        period_ns=device.period_ns,
+        skew_ppm=skin.clock.skew_ppm,
+        delay_ns=round(skin.clock.delay_s * 1e9),
+        jitter_ns=round(skin.clock.jitter_s * 1e9),
+        seed=seed,
+        name=skin.title,
+    )
+    return Channel(skin.title, device, sensor, wire, sampling)

@@ -1,0 +1,155 @@
+"""The commands and their options. What each does is in a module of its own, imported when it runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(
+    name="tactemu",
+    help="""
+A simulated tactile skin on the far end of the wire: real sensors' bytes and CAN frames, for unmodified drivers.
+
+\b
+  tactemu devices                      what can be emulated
+  tactemu run anyskin                  a port, a press, a picture
+  tactemu explain anyskin              frames, taxels, and what is simulated and why
+""",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+Target = Annotated[
+    str, typer.Argument(metavar="DEVICE_OR_SCENE", help="A device's name, path/to/device.py:Class, or scene.toml.")
+]
+Port = Annotated[
+    str | None,
+    typer.Option(metavar="PORT", help="pty:PATH, can:INTERFACE:CHANNEL, tcp:HOST:PORT, rfc2217:HOST:PORT or memory:"),
+]
+Rate = Annotated[float | None, typer.Option("--rate", metavar="HZ", help="Sampling rate; default: the device's own.")]
+Seed = Annotated[int | None, typer.Option(metavar="N", help="Root of all random numbers; same seed, same bytes.")]
+Compute = Annotated[str | None, typer.Option("--device", metavar="DEV", help="Where kernels run: cpu or cuda:0.")]
+Faults = Annotated[
+    list[str] | None,
+    typer.Option("--fault", metavar="FAULT", help="What goes wrong on the wire; repeatable. See `tactemu faults`."),
+]
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"tactemu {version('tactemu')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command()
+def run(
+    target: Target,
+    port: Port = None,
+    rate: Rate = None,
+    seed: Seed = None,
+    seconds: Annotated[float | None, typer.Option(metavar="S", min=0, help="Stop after this long.")] = None,
+    device: Compute = None,
+    fault: Faults = None,
+    truth: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write what was felt, sent and injected (JSON lines)."),
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON lines instead of the picture.")] = False,
+    plain: Annotated[
+        bool, typer.Option("--plain", help="Log lines instead of the picture, on a terminal too.")
+    ] = False,
+    virtual: Annotated[
+        bool, typer.Option("--virtual", help="As fast as it can, on a virtual clock; needs --seconds.")
+    ] = False,
+) -> None:
+    """Put a device on a port and run it until Ctrl-C.
+
+    \b
+      tactemu run anyskin
+      tactemu run anyskin --port pty:/tmp/skin --rate 200 --fault 'drop 1%'
+      tactemu run linker_hand --port can:socketcan:vcan0
+      tactemu run hand.toml --fault 'unplug at 3s for 0.5s' --truth truth.jsonl
+      tactemu run my_sensor.py:MySensor --port tcp:127.0.0.1:5000
+      tactemu run anyskin --port memory: --virtual --seconds 10 --json
+
+    One line says where the port is; then a live picture, or log lines when the output is no terminal.
+    Exit code 0 after Ctrl-C, SIGTERM or --seconds; 2 when something in the request is wrong.
+    """
+    from tactemu.cli.running import run_target
+
+    run_target(
+        target, port=port, rate_hz=rate, seed=seed, seconds=seconds, compute=device, faults=tuple(fault or ()),
+        truth=truth, style="json" if json else "plain" if plain else "auto", virtual=virtual,
+    )  # fmt: skip
+
+
+@app.command()
+def devices(
+    name: Annotated[str | None, typer.Argument(help="Print this device's datasheet.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,
+) -> None:
+    """List the devices, or print one's datasheet.
+
+    \b
+      tactemu devices
+      tactemu devices anyskin
+    """
+    from tactemu.cli.datasheet import print_datasheet, print_table
+
+    print_datasheet(name, json=json) if name else print_table(json=json)
+
+
+@app.command()
+def explain(
+    target: Annotated[str | None, typer.Argument(metavar="DEVICE_OR_SCENE")] = None,
+    device: Compute = None,
+    cost: Annotated[bool, typer.Option(help="Measure what each stage costs here.")] = True,
+    schema: Annotated[bool, typer.Option("--schema", help="Print the JSON schema of scene files.")] = False,
+) -> None:
+    """Say what a scene models, and why: frames, taxels, and the plan with each stage's cost.
+
+    \b
+      tactemu explain anyskin
+      tactemu explain hand.toml --device cuda:0
+      tactemu explain --schema > scene.schema.json
+    """
+    from tactemu.cli.explaining import explain_target, print_schema
+
+    if schema:
+        print_schema()
+    elif target is None:
+        raise typer.BadParameter("name a device or a scene file, or ask for --schema", param_hint="DEVICE_OR_SCENE")
+    else:
+        explain_target(target, compute=device, cost=cost)
+
+
+@app.command()
+def truth(
+    file: Annotated[Path, typer.Argument(help="Written by `tactemu run --truth FILE`.")],
+    json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,
+) -> None:
+    """Summarise a truth log: samples, frames, drops and injected faults of each device.
+
+    \b
+      tactemu run anyskin --seconds 10 --fault 'flip 5%' --truth truth.jsonl
+      tactemu truth truth.jsonl
+    """
+    from tactemu.cli.truths import print_summary
+
+    print_summary(file, json=json)

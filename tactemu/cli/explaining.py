@@ -1,0 +1,67 @@
+"""``tactemu explain``: what a scene models, why, and what each stage costs."""
+
+from __future__ import annotations
+
+import json
+import time
+
+from tactemu.cli.datasheet import describe_wire, taxel_map
+from tactemu.scene import file
+
+MAX_MAP_LINES = 60
+
+
+def print_schema() -> None:
+    """The JSON schema of scene files."""
+    print(json.dumps(file.json_schema(), indent=2))
+
+
+def explain_target(target: str, *, compute: str | None, cost: bool) -> None:
+    """Print bodies, skins, frames, taxels and the plan of a device's scene or a scene file.
+
+    Raises:
+        TactemuError: the scene is wrong.
+    """
+    import warp
+
+    from tactemu.scene.building import build_scene, make_devices
+
+    warp.config.quiet = True
+    loaded = file.load(target)
+    devices = make_devices(loaded)
+    scene, sensors = build_scene(loaded, devices)
+    world = loaded.tables.scene
+    print(f"{loaded.source}: a step of {world.dt * 1e3:g} ms, seed {world.seed}\n")
+    _print_bodies(loaded)
+    for skin in loaded.tables.skin:
+        _print_skin(skin, devices[skin.title], sensors[skin.title])
+    simulation = scene.build(device=compute or world.device, seed=world.seed, dtype=world.dtype)
+    simulation.step()
+    if cost:
+        simulation.plan.measure(time.perf_counter_ns)
+    print("Plan: the stages that this scene needs, with cost per step here")
+    print(simulation.plan)
+
+
+def _print_bodies(loaded: file.LoadedScene) -> None:
+    print("Bodies")
+    for body in loaded.tables.body:
+        motion = loaded.motions.get(body.name)
+        how = "fixed" if body.fixed else motion.kind if motion else "moved from Python only"
+        print(f"  {body.name:<16} {body.shape:<9} {how}")
+    print()
+
+
+def _print_skin(skin, device, sensor) -> None:
+    print(f"Skin {skin.title!r}: {device.title}, on {skin.link!r}")
+    print(f"  model     {type(sensor.model).__name__}: the device senses {device.senses}")
+    print(f"  wire      {', '.join(describe_wire(wire) for wire in device.wires)}")
+    print(f"  rate      {skin.rate_hz or 1e9 / device.period_ns:g} Hz")
+    for fault in skin.faults:
+        print(f"  fault     {fault}")
+    print(f"  frames    see `tactemu devices {skin.device}`")
+    lines = taxel_map(device.layout)
+    print("\n".join("  " + line for line in lines[:MAX_MAP_LINES]))
+    if len(lines) > MAX_MAP_LINES:
+        print(f"  … {len(lines) - MAX_MAP_LINES} more lines: `tactemu devices {skin.device}`")
+    print()

@@ -1,0 +1,134 @@
+"""From a scene file's tables to a :class:`~tactemu.scene.scene.Scene` with one sensor per skin."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import tactemu
+from firmware_protocols import Device, Layout
+from tactemu.errors import DeviceError, SceneError
+from tactemu.scene import bodies, rotation
+from tactemu.scene.file import LoadedScene, load_device
+from tactemu.scene.schema import MODELS, Skin, nearest
+
+CHEAPEST_MODEL = {
+    "touch": "contact_probe",
+    "depth": "contact_depth_probe",
+    "force": "kinematic_taxel",
+    "displacement": "elastomer_taxel",
+    "pressure": "elastic_layer_taxel",
+}
+"""By what a device senses: the model for a skin that names none."""
+
+
+def make_devices(loaded: LoadedScene) -> dict[str, Device]:
+    """The device of each skin, by the skin's name.
+
+    Raises:
+        DeviceError: no such device, or an option that it does not have.
+    """
+    return {skin.title: make_device(skin.device, skin.device_options) for skin in loaded.tables.skin}
+
+
+def make_device(name: str, options: dict[str, Any]) -> Device:
+    """A device by name with its options.
+
+    Raises:
+        DeviceError: no such device, or an option that it does not have or does not accept.
+    """
+    device = load_device(name)
+    known = [p.name for p in inspect.signature(device).parameters.values() if p.kind != p.VAR_KEYWORD]
+    for option in options:
+        if option not in known:
+            has = ", ".join(known) or "none"
+            raise DeviceError(f"device {name}: unknown option {option!r}{nearest(option, known)} (options: {has})")
+    try:
+        return device(**options)
+    except (TypeError, ValueError, LookupError) as error:
+        raise DeviceError(f"device {name}: {error}") from error
+
+
+def build_scene(loaded: LoadedScene, devices: dict[str, Device]) -> tuple[Any, dict[str, Any]]:
+    """The scene, and its sensor of each skin by the skin's name; nothing is compiled yet.
+
+    Raises:
+        SceneError: a body or an option is wrong.
+    """
+    from tactemu.scene.scene import Scene
+
+    scene = Scene(dt=loaded.tables.scene.dt)
+    for body in loaded.tables.body:
+        scene.add_body(
+            _shape(body, loaded.folder),
+            name=body.name,
+            fixed=body.fixed,
+            position=body.position,
+            quaternion=body.quaternion,
+            motion=loaded.motions.get(body.name),
+        )
+    sensors = {
+        skin.title: scene.add_sensor(sensor_model(skin, devices[skin.title]), link=skin.link, name=skin.title)
+        for skin in loaded.tables.skin
+    }
+    return scene, sensors
+
+
+def _shape(body: Any, folder: Path) -> Any:
+    if body.shape == "frame":
+        return None
+    options = {name: getattr(body, name) for name in type(body).model_fields if name not in _COMMON}
+    if body.shape == "mesh":
+        path = folder / body.path
+        if not path.is_file():
+            raise SceneError(f"body {body.name!r}: path: no such mesh file: {path}")
+        return bodies.Mesh(source=path, scale=body.scale)
+    return getattr(bodies, body.shape.capitalize())(**options)
+
+
+_COMMON = ("name", "shape", "fixed", "position", "quaternion", "motion")
+
+
+def sensor_model(skin: Skin, device: Device) -> Any:
+    """The sensor model of a skin: the device's taxels, placed on the link, with the skin's options.
+
+    Raises:
+        SceneError: an option that the model does not have or does not accept.
+    """
+    name = skin.model_ or CHEAPEST_MODEL[device.senses]
+    model = getattr(tactemu, MODELS[name])
+    known = [field.name for field in dataclasses.fields(model) if field.init]
+    where = f"skin {skin.title!r}: options"
+    for option in skin.options:
+        if option not in known:
+            raise SceneError(f"{where}: {name} has no {option!r}{nearest(option, known)} (options: {', '.join(known)})")
+    try:
+        return model(**taxels(device.layout, skin, known) | _arrays(skin.options))
+    except (TypeError, ValueError, SceneError) as error:
+        raise SceneError(f"{where}: {error}") from error
+
+
+def taxels(layout: Layout, skin: Skin, known: list[str]) -> dict[str, Any]:
+    """Positions, normals and radius of the taxels in the link's frame; a single grid keeps its ``(rows, cols, 3)``."""
+    turn = rotation.normalised(skin.quaternion)
+    positions = rotation.rotate(turn, layout.positions) + np.asarray(skin.position)
+    normals = rotation.rotate(turn, layout.normals)
+    patch = layout.patches[0]
+    if len(layout.patches) == 1 and patch.rows > 1 and patch.cols > 1:
+        positions = positions.reshape(patch.rows, patch.cols, 3)
+        normals = normals.reshape(patch.rows, patch.cols, 3)
+    given = {
+        "probe_local_pos": positions,
+        "probe_local_normal": normals,
+        "probe_radius": layout.pitch / 2,
+        "taxel_area": layout.area,
+    }
+    return {name: value for name, value in given.items() if name in known}
+
+
+def _arrays(options: dict[str, Any]) -> dict[str, Any]:
+    return {name: tuple(value) if isinstance(value, list) else value for name, value in options.items()}

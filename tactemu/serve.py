@@ -1,0 +1,347 @@
+"""A device on a port while a test moves the scene by hand.
+
+::
+
+    with tactemu.serve("anyskin") as dev:
+        driver = MyDriver(dev.port)
+        dev.press(depth=1e-3, seconds=0.5)
+        assert driver.latest().max() > 0
+
+The emulator runs in one background thread; everything here may be called from any other.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import os
+import tempfile
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from firmware_protocols import CanWire, Device, SerialWire
+from tactemu.assembly import Assembled, Wishes, assemble
+from tactemu.clock import RealClock
+from tactemu.emulator import Channel
+from tactemu.errors import SceneError, TactemuError
+from tactemu.scene import file, rotation
+from tactemu.scene.motion import Pose
+from tactemu.scene.steering import Leg, Steered, pressing_way
+from tactemu.truth import Sample, Truth
+
+_FRESH = itertools.count()
+_SPEED = 0.05
+"""Of bodies that are steered [m/s], unless told otherwise."""
+
+
+def serve(
+    target: str | Path,
+    port: str | None = None,
+    *,
+    rate_hz: float | None = None,
+    faults: Sequence[str] = (),
+    seed: int = 0,
+    steer: Sequence[str] = (),
+    truth: str | Path | None = None,
+    device: str | None = None,
+) -> Served:
+    """A device or scene file on a port of its own; use it in a ``with`` statement.
+
+    Args:
+        target: a device's name, ``path/to/device.py:Class`` or ``scene.toml``.
+        port: as for ``tactemu run --port``; default: a fresh one, so that tests may run side by side.
+        rate_hz: sampling rate; default: the device's own.
+        faults: what goes wrong on the wire, as for ``--fault``.
+        seed: root of all random numbers.
+        steer: bodies of a scene file to be moved by hand instead of by their motions. Bodies without a motion, and
+            all those of a device's default scene, are.
+        truth: file for the truth log.
+        device: where kernels run.
+
+    Raises:
+        TactemuError: when it starts, if something asked for cannot be had.
+    """
+    return Served(target, port, rate_hz, tuple(faults), seed, tuple(steer), truth, device)
+
+
+class Served:
+    """What :func:`serve` returns: a running emulator, seen from a test."""
+
+    def __init__(self, target, port, rate_hz, faults, seed, steer, truth, compute):
+        self._request = (str(target), port, rate_hz, faults, seed, steer, compute)
+        self._truth_path = truth
+        self._thread: threading.Thread | None = None
+        self._error: BaseException | None = None
+        self._assembled: Assembled | None = None
+        self._steered: dict[str, Steered] = {}
+        self._back: dict[str, np.ndarray] = {}
+
+    # -- life ------------------------------------------------------------------------------------------------------
+
+    def start(self) -> Served:
+        """Compile, open the port, and run in a background thread. Does nothing when it already runs.
+
+        Raises:
+            TactemuError: something asked for cannot be had; nothing is left behind.
+        """
+        if self._thread is not None:
+            return self
+        target, port, rate_hz, faults, seed, steer, compute = self._request
+        loaded = self._steer(file.load(target), steer, by_hand=not target.endswith(".toml"))
+        wishes = Wishes(port=port, rate_hz=rate_hz, faults=faults, seed=seed, compute=compute, usual_port=fresh_port)
+        truth = Truth(self._truth_path)
+        try:
+            self._assembled = assemble(loaded, wishes, truth=truth)
+            self.emulator.clock = RealClock()
+            self.emulator.open()
+        except BaseException:
+            truth.close()
+            raise
+        self._thread = threading.Thread(target=self._run, name="tactemu", daemon=True)
+        self._thread.start()
+        return self
+
+    def stop(self) -> None:
+        """Stop, remove the port, and raise what went wrong in the background. Safe to call twice."""
+        if self._thread is None:
+            return
+        self.emulator.call(self.emulator.stop)
+        self._thread.join()
+        self._thread = None
+        self.emulator.close()
+        self._raise()
+
+    def __enter__(self) -> Served:
+        return self.start()
+
+    def __exit__(self, *_) -> None:
+        self.stop()
+
+    def _run(self) -> None:
+        try:
+            self.emulator.run()
+        except BaseException as error:  # handed to whoever waits, and to stop()
+            self._error = error
+
+    def _raise(self) -> None:
+        if self._error is not None:
+            error, self._error = self._error, None
+            raise error
+
+    def _steer(self, loaded: file.LoadedScene, names: Sequence[str], *, by_hand: bool) -> file.LoadedScene:
+        """The scene with a motion that can be steered for every body that is moved by hand."""
+        links = {skin.link for skin in loaded.tables.skin}
+        bodies = {body.name: body for body in loaded.tables.body if not body.fixed}
+        for name in names:
+            if name not in bodies:
+                raise SceneError(f"steer: no body {name!r} that could move (there are: {', '.join(bodies) or 'none'})")
+        motions = dict(loaded.motions)
+        for name, body in bodies.items():
+            if name in names or (name not in links and (by_hand or name not in motions)):
+                motions[name] = self._steered[name] = Steered(body.position, body.quaternion)
+        return dataclasses.replace(loaded, motions=motions)
+
+    # -- what a test looks at ------------------------------------------------------------------------------------------
+
+    @property
+    def emulator(self):
+        """The :class:`~tactemu.emulator.Emulator`; it belongs to the background thread, use ``emulator.call``."""
+        if self._assembled is None:
+            raise TactemuError("not started; use `with tactemu.serve(...) as dev:`")
+        return self._assembled.emulator
+
+    @property
+    def truth(self) -> Truth:
+        """What was felt, sent and injected."""
+        return self.emulator.truth
+
+    @property
+    def simulation(self):
+        """The simulation; it belongs to the background thread."""
+        assert self._assembled is not None
+        return self._assembled.simulation
+
+    @property
+    def port(self) -> str:
+        """What the driver opens: a path, a URL, ``interface:channel``.
+
+        Raises:
+            TactemuError: several ports; see :attr:`ports`.
+        """
+        ports = set(self.ports.values())
+        if len(ports) != 1:
+            raise TactemuError(f"several ports, choose from dev.ports: {self.ports}")
+        return ports.pop()
+
+    @property
+    def ports(self) -> dict[str, str]:
+        """The port of each skin."""
+        return {channel.name: channel.wire.transport.address for channel in self.emulator.channels}
+
+    @property
+    def can(self) -> dict[str, str]:
+        """``interface`` and ``channel`` of a CAN port: ``can.Bus(**dev.can)``."""
+        interface, _, channel = self.port.partition(":")
+        return {"interface": interface, "channel": channel}
+
+    def device(self, skin: str | None = None) -> Device:
+        """The firmware model of a skin (default: the only one)."""
+        return self._channel(skin).device
+
+    def sample(self, skin: str | None = None) -> Sample | None:
+        """The latest sample of a skin: ideal and measured reading, and counts."""
+        from tactemu.view import latest_sample
+
+        return latest_sample(self.emulator, self._channel(skin).name)
+
+    def _channel(self, skin: str | None) -> Channel:
+        channels = {channel.name: channel for channel in self.emulator.channels}
+        if skin is None and len(channels) == 1:
+            return next(iter(channels.values()))
+        if skin not in channels:
+            raise TactemuError(f"which skin? there are: {', '.join(channels)}")
+        return channels[skin]
+
+    # -- what a test does ----------------------------------------------------------------------------------------------
+
+    def press(
+        self,
+        depth: float,
+        seconds: float | None = None,
+        *,
+        taxel: int | None = None,
+        body: str | None = None,
+        skin: str | None = None,
+        speed: float = _SPEED,
+        wait: bool = True,
+    ) -> None:
+        """Bring a body over a taxel and press it in.
+
+        Args:
+            depth: how far its foremost point goes below the skin [m].
+            seconds: how long it stays at depth; then it is released. ``None``: it stays until :meth:`release`.
+            taxel: number of the taxel; default: the one nearest to the body.
+            body: which body; default: the first that can be steered.
+            skin: which skin; default: the only one.
+            speed: [m/s].
+            wait: return when it is done (at depth, or released again), not at once.
+        """
+        name = self._body(body)
+        assert self._assembled is not None
+        shape = self._assembled.scene.body(name)
+        channel = self._channel(skin)
+
+        def legs(here: Pose, t_s: float) -> list[Leg]:
+            target, normal, pitch = self._taxel(channel, here, taxel, t_s)
+            way, back = pressing_way(shape, here, target, normal, depth=depth, clearance=pitch, speed=speed)
+            self._back[name] = back
+            if seconds is None:
+                return way
+            down = way[-1].position
+            return [*way, Leg(seconds, down), Leg(float(np.linalg.norm(back - down)) / speed, back)]
+
+        self._go(name, legs, wait)
+
+    def release(self, *, body: str | None = None, speed: float = _SPEED, wait: bool = True) -> None:
+        """Lift the body to where it was before the press."""
+        name = self._body(body)
+
+        def legs(here: Pose, _t: float) -> list[Leg]:
+            back = self._back.get(name, here.position)
+            return [Leg(float(np.linalg.norm(back - here.position)) / speed, back)]
+
+        self._go(name, legs, wait)
+
+    def move(
+        self,
+        position: Sequence[float] | None = None,
+        quaternion: Sequence[float] | None = None,
+        *,
+        by: Sequence[float] = (0.0, 0.0, 0.0),
+        seconds: float = 0.0,
+        body: str | None = None,
+        wait: bool = True,
+    ) -> None:
+        """Move a body to a world position [m] and orientation, or ``by`` a distance, along a straight line.
+
+        ``seconds`` 0 means at once (no velocity is felt for more than a step).
+        """
+
+        def legs(here: Pose, _t: float) -> list[Leg]:
+            goal = (here.position if position is None else np.asarray(position, float)) + np.asarray(by, float)
+            return [Leg(seconds, goal, None if quaternion is None else np.asarray(quaternion, float))]
+
+        self._go(self._body(body), legs, wait)
+
+    def wait(self, seconds: float) -> None:
+        """Let the emulator run for ``seconds`` of its time."""
+        self._until(lambda now_s: now_s + seconds)
+
+    def _body(self, name: str | None) -> str:
+        if not self._steered:
+            raise TactemuError("no body can be steered: give serve(..., steer=[name]) one that is not fixed")
+        if name is not None and name not in self._steered:
+            raise TactemuError(f"body {name!r} cannot be steered; these can: {', '.join(self._steered)}")
+        return name or next(iter(self._steered))
+
+    def _taxel(self, channel: Channel, here: Pose, taxel: int | None, t_s: float):
+        """A taxel's position, normal (world) and pitch; the one nearest to ``here`` unless given."""
+        assert self._assembled is not None
+        skin = next(s for s in self._assembled.loaded.tables.skin if s.title == channel.name)
+        link = self._assembled.scene.body(skin.link)
+        at = Pose(np.array(link.position), np.array(link.quaternion))
+        if link.motion is not None:
+            at = link.motion.placed(link.position, link.quaternion).pose(t_s)
+        turn = rotation.multiply(at.quaternion, rotation.normalised(skin.quaternion))
+        layout = channel.device.layout
+        offset = at.position + rotation.rotate(at.quaternion, skin.position)
+        positions = offset + rotation.rotate(turn, layout.positions)
+        if taxel is None:
+            taxel = int(np.argmin(np.linalg.norm(positions - here.position, axis=1)))
+        if not 0 <= taxel < len(layout):
+            raise TactemuError(f"taxel: expected 0..{len(layout) - 1}, got {taxel}")
+        return positions[taxel], rotation.rotate(turn, layout.normals[taxel]), layout.pitch
+
+    def _go(self, name: str, legs: Callable[[Pose, float], list[Leg]], wait: bool) -> None:
+        motion = self._steered[name]
+
+        def start(now_s: float) -> float:
+            return motion.follow(now_s, legs(motion.world(now_s), now_s))
+
+        self._until(start, wait=wait)
+
+    def _until(self, begin: Callable[[float], float], *, wait: bool = True) -> None:
+        """Call ``begin(now)`` in the loop; it returns the time to wait for [s]."""
+        done = threading.Event()
+        failed: list[BaseException] = []
+        emulator = self.emulator
+
+        def action() -> None:
+            try:
+                emulator.at(round(begin(emulator.clock.now_ns() / 1e9) * 1e9), done.set)
+            except Exception as error:  # a mistake of the caller's: raised where it was made
+                failed.append(error)
+                done.set()
+
+        emulator.call(action)
+        while wait and not done.wait(0.05):
+            if self._thread is None or not self._thread.is_alive():
+                self._raise()
+                raise TactemuError("the emulator has stopped")
+        if failed:
+            raise failed[0]
+
+
+def fresh_port(name: str, device: Device) -> str:
+    """A port that nobody else has, for tests that run side by side."""
+    number = next(_FRESH)
+    wire = device.wires[0]
+    if isinstance(wire, SerialWire):
+        return f"pty:{Path(tempfile.gettempdir()) / f'tactemu-{os.getpid()}-{number}-{name}'}"
+    if isinstance(wire, CanWire):
+        group = (os.getpid() * 31 + number) % 65_000
+        return f"can:udp_multicast:239.74.{group // 254 + 1}.{group % 254 + 1}"
+    return "tcp:127.0.0.1:0"

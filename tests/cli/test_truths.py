@@ -1,0 +1,57 @@
+"""``tactemu truth``: its counts are those of the log."""
+
+import json
+
+import numpy as np
+import pytest
+
+from tactemu.cli.truths import summarise
+from tactemu.errors import TactemuError
+from tactemu.truth import Truth
+from tests.cli.command import tactemu
+
+
+@pytest.fixture
+def log(tmp_path):
+    path = tmp_path / "truth.jsonl"
+    truth = Truth(path)
+    for k in range(11):
+        t = k * 10_000_000
+        truth.sample(t, "skin", np.array([0.0, -k]), np.array([0.5, -k]), np.array([0, k]))
+        truth.wrote(t, "skin", bytes([k]))
+    truth.inject(5, "skin", "flip", "byte 3 bit 1")
+    truth.inject(6, "skin", "flip", "byte 3 bit 2")
+    truth.dropped(7, "skin", b"\x00", "line full")
+    truth.event(8, "other", "opened")
+    truth.close()
+    return path
+
+
+def test_summary_counts_the_entries(log):
+    summary = summarise(log)
+    skin = summary["skin"]
+    assert (skin["samples"], skin["rate_hz"], skin["seconds"]) == (11, 100.0, 0.1)
+    assert skin["frames_to_driver"] == 11
+    assert skin["injected"] == {"flip": 2}
+    assert skin["dropped"] == {"line full": 1}
+    assert (skin["largest_ideal"], skin["largest_error"]) == (10.0, 0.5)
+    assert summary["other"]["events"] == {"opened": 1}
+
+
+def test_command_prints_it(log):
+    assert "flip 2" in tactemu("truth", str(log)).stdout
+    assert json.loads(tactemu("truth", str(log), "--json").stdout) == summarise(log)
+
+
+@pytest.mark.parametrize("content", [b"{\n", b'{"t_ns": 1}\n', b"\xff\xfe", b"[1]\n", b"3\n"])
+def test_what_is_no_log_is_refused(tmp_path, content):
+    path = tmp_path / "x.jsonl"
+    path.write_bytes(content)
+    with pytest.raises(TactemuError, match=r"x\.jsonl"):
+        summarise(path)
+
+
+def test_a_missing_log(tmp_path):
+    done = tactemu("truth", str(tmp_path / "none.jsonl"))
+    assert done.returncode == 2
+    assert "cannot read the truth log: No such file" in done.stderr
