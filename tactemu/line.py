@@ -14,6 +14,9 @@ from dataclasses import dataclass, field
 from firmware_protocols import CanFrame, CanWire, Frame, SerialWire, Wire
 from tactemu.can_bits import frame_ns, priority
 
+CATCH_UP_NS = 1_000_000
+"""After a stall of its caller a line makes up for this much at most: no burst, and never more than it can carry."""
+
 
 @dataclass(order=True, slots=True)
 class Pending:
@@ -79,6 +82,7 @@ class Line:
         if self._sending is None or self._sending.end_ns > now_ns:
             return None
         sent, self._sending = self._sending, None
+        self.free_ns = max(self.free_ns, now_ns - CATCH_UP_NS)
         return sent
 
     def occupy(self, now_ns: int, duration_ns: int) -> int:

@@ -97,7 +97,7 @@ class Rfc2217Transport(TcpTransport):
 
     def _greet(self) -> None:
         self._settings = _Port()
-        self._protocol = rfc2217.PortManager(self._settings, _Answers(self))
+        self._protocol = rfc2217.PortManager(self._settings, _Answers(self))  # pyright: ignore[reportArgumentType]
 
     def _decode(self, chunk: bytes) -> list[Event]:
         assert self._protocol is not None
