@@ -33,7 +33,7 @@ from collections.abc import Sequence
 
 from firmware_protocols.device import Command, Delayed, Frame, Outgoing, SerialWire
 from firmware_protocols.paxini_modules import GAP_NS, TAXEL_DATA, TAXELS, Px6axDevice
-from firmware_protocols.paxini_px6ax import SCENE, lrc
+from firmware_protocols.paxini_px6ax import lrc
 
 HEAD, TAIL = b"\x55\xaa\x7b\x7b", b"\x55\xaa\x7d\x7d"
 FIXED = 0x0E
@@ -75,7 +75,6 @@ class PaxiniGen2(Px6axDevice):
         "which error code means what: 1 LRC, 2 length or tail, 3 command, 4 value or address, 5 no module",
         "a change of mode takes 0.5 s; a half request is forgotten after 50 ms",
     )
-    scene = SCENE.format(name=name)
 
     def __init__(
         self,

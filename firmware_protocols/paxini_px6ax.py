@@ -46,36 +46,6 @@ LONGEST_DATA = 64
 
 OK, BAD_LRC, BAD_LENGTH, BAD_FUNCTION, BAD_ADDRESS = 0, 1, 2, 3, 4
 
-SCENE = """
-[scene]
-dt = 0.001
-
-[[body]]
-name = "finger"
-shape = "box"
-size = [0.06, 0.06, 0.02]
-fixed = true
-position = [0.0, 0.0, -0.01]
-
-[[body]]
-name = "ball"
-shape = "sphere"
-radius = 0.01
-position = [0.0, 0.0, 0.012]
-
-[body.motion]
-kind = "keyframes"
-times = [0.0, 1.0, 2.0, 3.0]
-positions = [[0.0, 0.0, 0.0], [0.0, 0.0, -0.003], [0.002, 0.0, -0.003], [0.0, 0.0, 0.0]]
-repeat = true
-
-[[skin]]
-name = "fingertip"
-device = "{name}"
-link = "finger"
-model = "kinematic"
-"""
-
 
 class PaxiniPx6ax(Px6axDevice):
     """Modules behind a GEN3 converter board, which answers requests.
@@ -103,7 +73,6 @@ class PaxiniPx6ax(Px6axDevice):
         "status codes: 1 LRC, 2 length, 3 function, 4 address; a module that is not there is silent",
         "a half request is forgotten after 50 ms",
     )
-    scene = SCENE.format(name=name)
 
     def __init__(
         self,

@@ -116,7 +116,6 @@ repeat = true
 name = "fingers"
 device = "robotiq_tsf85"
 link = "palm"
-model = "kinematic"
 """
 
     def __init__(
