@@ -1,0 +1,153 @@
+"""Ability Hand: stuffing, packing, reply variants, the force formula, motors."""
+
+import struct
+
+import numpy as np
+import pytest
+
+import firmware_protocols as fp
+from firmware_protocols.ability_hand import AbilityHand
+from tests.firmware.feeding import check_commands, push, survive
+from tests.firmware.golden import golden_vectors, replay
+
+
+def unstuff(frame: bytes) -> bytes:
+    assert frame[0] == frame[-1] == 0x7E and 0x7E not in frame[1:-1]
+    out, escaped = bytearray(), False
+    for byte in frame[1:-1]:
+        if byte == 0x7D:
+            escaped = True
+            continue
+        out.append(byte ^ 0x20 if escaped else byte)
+        escaped = False
+    assert not escaped and sum(out) & 0xFF == 0
+    return bytes(out[:-1])
+
+
+def stuff(content: bytes) -> bytes:
+    content += bytes([-sum(content) & 0xFF])
+    return b"\x7e" + content.replace(b"\x7d", b"\x7d\x5d").replace(b"\x7e", b"\x7d\x5e") + b"\x7e"
+
+
+def ask(device, header, payload=b"", t_ns=0):
+    (reply,) = device.receive(stuff(bytes([0x50, header]) + payload), t_ns)
+    return unstuff(reply)
+
+
+def touch(reply: bytes) -> list[int]:
+    """The ICD's C code, 3.4.6."""
+    values = []
+    for i in range(25, 70, 3):
+        b0, b1, b2 = reply[i : i + 3]
+        values += [b0 | (b1 & 0x0F) << 8, b1 >> 4 | b2 << 4]
+    return values
+
+
+def documented_force(count: int) -> float:
+    if count == 0:
+        return 0.0
+    return 121591 / (33000 / (count * 3.3 / 4096) + 10000) + 0.878894
+
+
+@pytest.mark.parametrize("vector", golden_vectors("ability_hand"), ids=lambda v: v["name"])
+def test_golden(vector):
+    replay(vector, "ability_hand")
+
+
+def test_commands():
+    check_commands(AbilityHand, trailing=b"\x50\xa0")
+
+
+def test_survives_noise():
+    survive(AbilityHand())
+
+
+def test_force_formula_is_inverted():
+    device = fp.create("ability_hand")
+    for force in (0.9, 1.0, 1.5, 2.0, 3.3, 5.0, 6.9):
+        (count,) = set(device.digitize(push(device, force)).tolist())
+        step = documented_force(count + 1) - documented_force(count)
+        assert abs(documented_force(count) - force) < step
+    assert set(device.digitize(push(device, 0.87))) == {0}
+    assert set(device.digitize(push(device, 50.0))) == {4095}
+    assert set(device.digitize(push(device, -3.0))) == {0}
+
+
+def test_touch_order_and_packing():
+    device = fp.create("ability_hand")
+    force = np.linspace(0.95, 6.5, 30)
+    device.sample(push(device, force), 0)
+    reply = ask(device, 0xA0)
+    assert touch(reply) == device.counts.tolist() and len(set(touch(reply))) == 30
+    assert [p.name for p in device.layout.patches] == ["index", "middle", "ring", "pinky", "thumb"]
+    assert len(reply) == 71 and reply[0] == 0xA0
+
+
+@pytest.mark.parametrize(("variant", "size"), [(0, 71), (1, 71), (2, 38)])
+@pytest.mark.parametrize("mode", [0x10, 0x20, 0x30, 0x40])
+def test_variants(mode, variant, size):
+    device = fp.create("ability_hand")
+    reply = ask(device, mode + variant, bytes(12))
+    assert len(reply) == size and reply[0] == mode + variant and reply[-1] == 0
+
+
+def test_position_is_reached_without_overshoot():
+    device = fp.create("ability_hand")
+    target = struct.pack("<6h", *[round(60 * 32767 / 150)] * 5, round(-60 * 32767 / 150))
+    angles = []
+    for k in range(100):
+        reply = ask(device, 0x12, target, t_ns=k * 10_000_000)
+        values = struct.unpack("<19h", reply[:1] + b"\0" + reply[1:37])
+        angles.append(values[1] * 150 / 32767)
+    assert np.all(np.diff(angles) >= 0) and abs(angles[-1] - 60) < 0.02
+    assert abs(values[11] * 150 / 32767 + 60) < 0.02
+    early = np.array(angles[1:20])
+    assert np.allclose(np.log((60 - early) / 45), -np.arange(1, 20) * 0.1, atol=2e-3), "one time constant of 0.1 s"
+
+
+def test_velocity_moves_to_the_stop():
+    device = fp.create("ability_hand")
+    command = struct.pack("<6h", *[round(100 * 32767 / 3000)] * 6)
+    speeds, angles = [], []
+    for k in range(150):
+        reply = ask(device, 0x21, command, t_ns=k * 10_000_000)
+        angle, speed = struct.unpack_from("<hh", reply, 1)
+        angles.append(angle * 150 / 32767)
+        speeds.append(speed * 3000 / 32767 / 4)
+    assert abs(speeds[50] - 100) < 1 and speeds[-1] == 0
+    assert abs((angles[51] - angles[50]) - 1.0) < 0.02 and abs(angles[-1] - 100) < 0.01
+
+
+def test_current_command_is_reported_as_current():
+    device = fp.create("ability_hand")
+    command = struct.pack("<6h", *[round(0.5 * 620.606)] * 6)
+    reply = ask(device, 0x30, command)
+    assert struct.unpack_from("<h", reply, 3)[0] == 310
+
+
+def test_hand_holds_when_left_alone():
+    device = fp.create("ability_hand")
+    command = struct.pack("<6h", *[1092] * 6)
+    for k in range(30):
+        ask(device, 0x20, command, t_ns=k * 10_000_000)
+    stopped = ask(device, 0xA2, t_ns=10**10)
+    assert struct.unpack_from("<h", stopped, 25)[0] == 0
+    assert ask(device, 0xA2, t_ns=10**10 + 10**8)[1:3] == stopped[1:3]
+
+
+def test_dropped_without_a_word():
+    device = fp.create("ability_hand")
+    for frame in ("7e50a20f7e", "7e51a20d7e", "7e5010aa007e", "7e50137e"):
+        assert device.receive(bytes.fromhex(frame), 0) == []
+    assert device.counters["bad_checksum"] >= 1 and device.counters["other_address"] == 1
+    assert device.receive(stuff(b"\x50\x10\x00\x00"), 0) == []
+    assert device.counters["unknown_command"] == 1
+
+
+def test_registers_and_reset():
+    device = fp.create("ability_hand")
+    assert ask(device, 0xDE, struct.pack("<ii", 5, -7)) == struct.pack("<i", 0x4E11FEA4)
+    assert ask(device, 0xDA, struct.pack("<i", 5)) == struct.pack("<ii", 5, -7)
+    assert ask(device, 0xDE, struct.pack("<ii", 64, 1)) == bytes(4)
+    assert device.receive(stuff(b"\x50\x09"), 0) == []
+    assert ask(device, 0xDA, struct.pack("<i", 5)) == struct.pack("<ii", 5, 0)
