@@ -41,6 +41,7 @@ DEVICES: dict[str, str] = {
     "paxini_px6ax": "firmware_protocols.paxini_px6ax:PaxiniPx6ax",
     "robotiq_tsf85": "firmware_protocols.robotiq_tsf85:RobotiqTsf85",
     "anyskin": "firmware_protocols.anyskin:AnySkin",
+    "icub_skin": "firmware_protocols.icub_skin:IcubSkin",
     "linker_hand_l6": "firmware_protocols.linker_hand:LinkerHandL6",
     "linker_hand_l10": "firmware_protocols.linker_hand:LinkerHandL10",
     "linker_hand_o6": "firmware_protocols.linker_hand:LinkerHandO6",

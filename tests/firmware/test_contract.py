@@ -185,11 +185,13 @@ def test_commands_are_answered_as_documented(name, kind):
 
 
 def _check_command(device: fp.Device, command: fp.Command, t_ns: int) -> None:
+    unknown = device.counters["unknown_command"]
     for request in command.after:
         send(device, request, t_ns)
         t_ns += SECOND
     frames = send(device, command.request, t_ns)
     assert agrees(command, frames), f"{device.name}: {command.name}: {[str(f) for f in frames]}"
+    assert device.counters["unknown_command"] == unknown, f"{device.name} does not know its command {command.name}"
 
 
 @pytest.mark.parametrize(("name", "kind"), [case for case in CASES if case[1] != "can"])

@@ -1,0 +1,111 @@
+"""Geometry of the iCub skin: the triangle of ten taxels and two thermal pads, and a forearm tiled with them.
+
+A triangle is a flexible board of 12 pads: ten taxels on a triangular lattice of pitch 6.533 mm (rows of 4, 3, 2, 1) and
+two thermal pads, 6 and 10, in the gaps. Pads are numbered as they are sent; x, y in mm from the triangle's centroid:
+
+                       9                        9   ( 0.000, 11.317)
+                      10                       10   ( 0.000,  7.507)  thermal
+                   8      11                    8   (-3.267,  5.658)     11 ( 3.267,  5.658)
+               7       3       0                7   (-6.533,  0.000)      3 ( 0.000,  0.000)    0 ( 6.533,  0.000)
+                6                               6   (-6.510, -3.750)  thermal
+            5      4       2       1            5   (-9.800, -5.658)      4 (-3.267, -5.658)    2, 1 to +x
+
+Triangles join side to side, every other one upside down, and bend with the surface that carries them.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from firmware_protocols.device import Layout, Patch
+
+PADS = 12
+THERMAL = (6, 10)
+TAXELS = tuple(pad for pad in range(PADS) if pad not in THERMAL)
+"""Pads that feel, in the order sent."""
+
+PITCH = 6.533e-3
+_ROW = PITCH * np.sqrt(3) / 2
+PAD_PLACES = np.array(
+    [
+        (PITCH, 0.0),
+        (1.5 * PITCH, -_ROW),
+        (0.5 * PITCH, -_ROW),
+        (0.0, 0.0),
+        (-0.5 * PITCH, -_ROW),
+        (-1.5 * PITCH, -_ROW),
+        (-6.510e-3, -3.750e-3),
+        (-PITCH, 0.0),
+        (-0.5 * PITCH, _ROW),
+        (0.0, 2 * _ROW),
+        (0.0, 7.507e-3),
+        (0.5 * PITCH, _ROW),
+    ]
+)
+"""Pads of one triangle [m], shape ``(12, 2)``, centroid at the origin, tip to +y."""
+
+SIDE = 0.030
+"""Edge of a triangle [m]."""
+HEIGHT = SIDE * np.sqrt(3) / 2
+
+FOREARM_RADIUS = 0.040
+FOREARM_STRIPS, FOREARM_PER_STRIP = 3, 8
+
+
+class Place(NamedTuple):
+    """Where a triangle's centroid lies on the unrolled surface [m], and whether its tip points to -y."""
+
+    u: float
+    w: float
+    upside_down: bool
+
+
+def flat(places: list[Place], names: list[str]) -> Layout:
+    """Triangles on the plane z = 0, normal +z; patches named ``names``."""
+    uw = _unrolled(places)
+    positions = np.column_stack([uw, np.zeros(len(uw))])
+    return _layout(positions, np.array([0.0, 0.0, 1.0]), None, names)
+
+
+def wrapped(places: list[Place], names: list[str], radius: float) -> Layout:
+    """Triangles around a cylinder about the link's z axis, ``u`` = 0 at +x, ``w`` along z; normals point outwards."""
+    uw = _unrolled(places)
+    angle = uw[:, 0] / radius
+    zero = np.zeros_like(angle)
+    normals = np.column_stack([np.cos(angle), np.sin(angle), zero])
+    tangents = np.column_stack([-np.sin(angle), np.cos(angle), zero])
+    positions = radius * normals
+    positions[:, 2] = uw[:, 1]
+    return _layout(positions, normals, tangents, names)
+
+
+def forearm_places() -> list[Place]:
+    """Three strips of eight around the arm, 24 triangles: 240 taxels over about 150 degrees and 78 mm."""
+    places = []
+    for strip in range(FOREARM_STRIPS):
+        base = (strip - FOREARM_STRIPS / 2) * HEIGHT
+        for k in range(FOREARM_PER_STRIP):
+            upside_down = (k + strip) % 2 == 1
+            u = (k - (FOREARM_PER_STRIP - 1) / 2) * SIDE / 2
+            places.append(Place(u, base + HEIGHT * (2 / 3 if upside_down else 1 / 3), upside_down))
+    return places
+
+
+def _unrolled(places: list[Place]) -> np.ndarray:
+    """Taxels of all triangles on the unrolled surface [m], shape ``(10 * n, 2)``, in wire order."""
+    taxels = PAD_PLACES[list(TAXELS)]
+    return np.concatenate([(-taxels if p.upside_down else taxels) + (p.u, p.w) for p in places])
+
+
+def _layout(positions: np.ndarray, normals: np.ndarray, x_axes: np.ndarray | None, names: list[str]) -> Layout:
+    n = len(TAXELS)
+    return Layout(
+        positions=positions,
+        normals=normals,
+        x_axes=x_axes,  # type: ignore[arg-type]
+        patches=tuple(Patch(name=name, start=k * n, rows=0, cols=n) for k, name in enumerate(names)),
+        pitch=PITCH,
+        area=PITCH * _ROW,
+    )

@@ -1,0 +1,207 @@
+"""iCub skin: set-up, the two frames of a triangle, compensation, range, geometry."""
+
+import numpy as np
+import pytest
+
+import firmware_protocols as fp
+from firmware_protocols.icub_triangles import FOREARM_RADIUS, PAD_PLACES, PITCH, SIDE, TAXELS
+from tests.firmware.feeding import push
+
+START = "0700"
+
+
+def cdist(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(a[:, None] - b[None], axis=-1)
+
+
+def send(device: fp.Device, board: int, *messages: str) -> None:
+    for message in messages:
+        frame = fp.CanFrame(arbitration_id=0x200 | board, data=bytes.fromhex(message))
+        assert list(device.receive(frame, 0)) == []
+
+
+def forearm(period_ms: int = 20, kind: int = 0, shift: int = 2) -> fp.Device:
+    """Set up as the robot's driver does: all boards 4D, all 50, then 07 00."""
+    device = fp.create("icub_skin")
+    set_up = (f"4D{kind:02X}{period_ms:02X}F0", f"500002{shift:02X}010022", START)
+    device.sample(push(device, 0.0), 0)
+    for message in set_up:
+        for board in range(1, 9):
+            send(device, board, message)
+    return device
+
+
+def decoded(frames) -> dict[str, np.ndarray]:
+    """``{"board.triangle": 12 pads}`` as the robot's driver takes them apart: id split, head 40, tail C0."""
+    skin: dict[str, np.ndarray] = {}
+    for frame in frames:
+        assert frame.arbitration_id >> 8 == 4 and len(frame.data) == 8
+        name = f"{frame.arbitration_id >> 4 & 15}.{frame.arbitration_id & 15}"
+        if frame.data[0] == 0x40:
+            skin[name] = np.zeros(12, int)
+            skin[name][:7] = list(frame.data[1:])
+        else:
+            assert frame.data[0] == 0xC0
+            skin[name][7:] = list(frame.data[1:6])
+    return skin
+
+
+# -- set-up -----------------------------------------------------------------------------------------------------------
+
+
+def test_forearm_at_50_hz_is_48_frames_of_8_boards_in_pairs():
+    device = forearm()
+    frames = device.sample(push(device, 0.0), 0)
+    assert device.period_ns == 20_000_000 and len(frames) == 48
+    assert [f.arbitration_id for f in frames[::2]] == [f.arbitration_id for f in frames[1::2]]
+    assert [f.data[0] for f in frames[:4]] == [0x40, 0xC0, 0x40, 0xC0]
+    assert {f.arbitration_id >> 4 & 15 for f in frames} == set(range(1, 9))
+    assert all(set(pads) == {240} for pads in decoded(frames).values())
+
+
+def test_silent_until_started_and_after_stop_and_during_set_up():
+    device = fp.create("icub_skin")
+    assert device.sample(push(device, 0), 0) == []
+    send(device, 1, START)
+    assert len(device.sample(push(device, 0), 0)) == 32, "all 16 triangles of board 1 alone"
+    send(device, 1, "50000202010022")
+    assert device.sample(push(device, 0), 50_000_000) == [], "50 stops transmission"
+    send(device, 1, START)
+    send(device, 1, "0701")
+    assert device.sample(push(device, 0), 100_000_000) == []
+
+
+def test_set_up_clears_then_enables_a_range():
+    device = fp.create("icub_skin")
+    send(device, 2, "4D0014F0", START)
+    assert device.sample(push(device, 0), 0) == []
+    send(device, 2, "50010202010022", START)
+    assert list(decoded(device.sample(push(device, 0), 20_000_000))) == ["2.1", "2.2"]
+    send(device, 2, "50010102000022", START)
+    assert list(decoded(device.sample(push(device, 0), 40_000_000))) == ["2.2"]
+
+
+def test_old_set_up_starts_at_once_every_40_ms():
+    device = fp.create("icub_skin")
+    send(device, 3, "4C000000")
+    assert device.period_ns == 40_000_000
+    assert len(device.sample(push(device, 0), 0)) == 32
+
+
+def test_boards_keep_their_own_period():
+    device = fp.create("icub_skin")
+    for board, period in ((1, "14"), (2, "28")):
+        send(device, board, f"4D00{period}F0", "50000002010022", START)
+    sent = [list(decoded(device.sample(push(device, 0), k * 20_000_000))) for k in range(4)]
+    assert sent == [["1.0", "2.0"], ["1.0"], ["1.0", "2.0"], ["1.0"]]
+
+
+# -- values -----------------------------------------------------------------------------------------------------------
+
+
+def test_only_the_pressed_patch_falls_and_by_its_shift():
+    newtons = np.zeros(240)
+    pressed = 10 * 7 + np.arange(4)
+    newtons[pressed] = [0.1, 0.2, 0.3, 9.0]
+    for shift, expected in ((2, [225, 210, 195, 0]), (3, [233, 225, 218, 0])):
+        device = forearm(shift=shift)
+        skin = decoded(device.sample(push(device, newtons), 0))
+        name = device.layout.patches[7].name
+        assert name == "3.1" and skin[name][list(TAXELS[:4])].tolist() == expected
+        others = np.concatenate([pads for key, pads in skin.items() if key != name])
+        assert set(others) == {240} and set(skin[name][[4, 5, 6, 7, 8, 9, 10, 11]]) == {240}
+        flat = np.concatenate([skin[patch.name][list(TAXELS)] for patch in device.layout.patches])
+        assert np.array_equal(flat, device.counts), "the truth is what a perfect driver decodes"
+
+
+def test_a_pull_reads_no_load():
+    device = forearm()
+    assert set(device.digitize(push(device, -3.0)).tolist()) == {240}
+
+
+def test_set_up_while_pressed_makes_the_press_no_load():
+    device = forearm()
+    device.sample(push(device, 0.3), 0)
+    send(device, 1, "50000202010022")
+    assert device.digitize(push(device, 0.3))[0] == 240
+    assert device.digitize(push(device, 0.0))[0] == 255, "240 + 180 / 4 is more than a byte holds"
+
+
+@pytest.mark.parametrize(("kind", "taxel", "thermal"), [(0, 240, 240), (2, 190, 190)])
+def test_thermal_pads_take_the_drift_away(kind, taxel, thermal):
+    device = forearm(kind=kind)
+    warm = fp.Reading(t_ns=0, values=np.zeros((240, 3)), temperature=35.0)
+    pads = decoded(device.sample(warm, 0))["1.0"]
+    assert set(pads[list(TAXELS)]) == {taxel} and set(pads[[6, 10]]) == {thermal}
+
+
+def test_compensated_press_on_a_warm_skin_reads_as_on_a_cold_one():
+    device = forearm()
+    cold = device.digitize(push(device, 0.2)).copy()
+    force = push(device, 0.2).values
+    assert np.array_equal(device.digitize(fp.Reading(t_ns=0, values=force, temperature=40.0)), cold)
+
+
+def test_out_of_range_mask_names_the_pads():
+    device = forearm()
+    newtons = np.zeros(240)
+    newtons[[0, 6]] = 1e3  # pads 0 and 7 of triangle 1.0
+    tail = next(f for f in device.sample(push(device, newtons), 0) if f.arbitration_id == 0x410 and f.data[0] == 0xC0)
+    mask = tail.data[6] << 4 | tail.data[7] >> 4
+    assert mask == 1 << 0 | 1 << 7 and tail.data[7] & 0xF == 0
+
+
+def test_faulty_and_absent_triangles_say_so():
+    device = fp.create("icub_skin", no_ack=["1.1"], not_connected=["1.2"])
+    send(device, 1, START)
+    frames = device.sample(push(device, 1.0), 0)
+    flags = {f.arbitration_id & 15: f.data[7] & 15 for f in frames if f.data[0] == 0xC0}
+    assert flags == {0: 0, 1: 1, 2: 2} | dict.fromkeys(range(3, 16), 2)
+    assert set(decoded(frames)["1.1"]) == {240}
+
+
+# -- geometry ---------------------------------------------------------------------------------------------------------
+
+
+def test_triangle_is_a_lattice_of_ten_with_thermal_pads_in_its_gaps():
+    taxels = PAD_PLACES[list(TAXELS)]
+    assert np.allclose(taxels.mean(axis=0), 0, atol=1e-9)
+    nearest = np.sort(cdist(taxels, taxels) + 9 * np.eye(10), axis=1)[:, 0]
+    assert np.allclose(nearest, PITCH)
+    assert np.allclose(cdist(PAD_PLACES[[1, 5, 9]], PAD_PLACES[[1, 5, 9]])[np.triu_indices(3, 1)], 3 * PITCH)
+    assert cdist(PAD_PLACES[[6, 10]], taxels).min() > 0.5 * PITCH
+
+
+def test_forearm_taxels_keep_their_distance_and_normals_point_out():
+    layout = fp.create("icub_skin").layout
+    assert len(layout) == 240 and len(layout.patches) == 24
+    radial = layout.positions * [1, 1, 0]
+    assert np.allclose(np.linalg.norm(radial, axis=1), FOREARM_RADIUS)
+    assert np.allclose(layout.normals, radial / FOREARM_RADIUS)
+    distances = cdist(layout.positions, layout.positions) + np.eye(240)
+    assert 0.9 * PITCH < distances.min() < PITCH
+    assert np.sort(distances, axis=1)[:, 0].max() < 1.01 * PITCH
+    centres = np.array([layout.positions[p.taxels].mean(axis=0) for p in layout.patches])
+    apart = np.sort(cdist(centres, centres) + np.eye(24), axis=1)[:, 0]
+    assert np.allclose(apart, SIDE / np.sqrt(3), rtol=0.05), "neighbours share a side"
+
+
+def test_one_flat_triangle():
+    device = fp.create("icub_skin", part="triangle", first_board=9)
+    assert len(device.layout) == 10 and device.layout.patches[0].name == "9.0"
+    assert np.allclose(device.layout.normals, [0, 0, 1])
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"part": "leg"}, "part"),
+        ({"triangles_per_board": 0}, "triangles_per_board"),
+        ({"triangles_per_board": 1}, "more triangles"),
+        ({"first_board": 9}, "9..16"),
+        ({"no_ack": ["1.9"]}, "no triangle '1.9'"),
+    ],
+)
+def test_bad_options_are_refused(options, match):
+    with pytest.raises(ValueError, match=match):
+        fp.create("icub_skin", **options)
