@@ -20,6 +20,8 @@ from tactemu.errors import SceneError
 from tactemu.imperfections import resets
 from tactemu.imperfections.coefficients import compile_coefficients
 from tactemu.imperfections.columns import Table, environments
+from tactemu.imperfections.crosstalk import compile_crosstalk
+from tactemu.imperfections.delivery import Delay, compile_history
 from tactemu.imperfections.elementwise import (
     ALIVE,
     COLUMNS_PER_THREAD,
@@ -31,6 +33,7 @@ from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.laws import check, electronic_laws, gain_is_on, material_laws
 from tactemu.imperfections.options import ImperfectionOptions
 from tactemu.imperfections.radius import radius_kernel
+from tactemu.imperfections.scan import compile_scan
 from tactemu.physics.plan import Context, Stage, record
 from tactemu.random_streams import stream_key
 
@@ -50,6 +53,7 @@ class Imperfections:
         """Gain of each taxel, shape ``(n_envs, n_taxels)``; ``None`` where all are 1."""
         self.stuck: wp.array | None = None
         """What dead columns read, shape ``(n_envs, n_columns)``, infinite where alive."""
+        self._delay: Delay | None = None
 
     # -- for the sensor's kernel
 
@@ -103,9 +107,14 @@ class Imperfections:
         """Spoils ``raw`` ``(n_envs, n_taxels, n_channels)``; the result has its shape."""
         material, electronic = material_laws(self.options), electronic_laws(self.options, self.info)
         coefficient, stages = compile_coefficients(self.options, material | electronic, self.info.name, self.context)
-        array = raw
+        array, spread = compile_crosstalk(self.options, raw, self.info, self.context)
+        stages += spread
         if material:
             array, stage = self._material(array, material, coefficient)
+            stages.append(stage)
+        if self.options.scan_time > 0.0:
+            flat, stage = compile_scan(self.options, self._flatten(array), self.info, self.context)
+            array = flat.reshape(raw.shape)
             stages.append(stage)
         if electronic:
             array, stage = self._electronics(array, electronic, coefficient)
@@ -197,6 +206,20 @@ class Imperfections:
         redraw(self._everywhere())
         return redraw
 
+    def compile_delivery(self, measured: wp.array) -> tuple[wp.array, list[Stage]]:
+        """Delays ``measured`` and adds a history: ``(n_envs, [history,] n_taxels, n_channels)``, any number type."""
+        stages: list[Stage] = []
+        array = measured
+        if self.options.delay > 0.0 or self.options.jitter > 0.0 or "jitter" in self.options.adjustable:
+            self._delay = Delay(self.options, self.info, self.context)
+            array, stages = self._delay.compile(measured)
+        array, more = self.compile_history(array)
+        return array, stages + more
+
+    def compile_history(self, reading: wp.array) -> tuple[wp.array, list[Stage]]:
+        """The last ``history_length`` arrays, newest first: for the ground truth, which is not delayed."""
+        return compile_history(self.options.history_length, reading, self.info, self.context)
+
     # -- while running
 
     def set(self, law: str, value, envs_idx=None) -> None:
@@ -210,6 +233,12 @@ class Imperfections:
                 f"sensor {self.info.name!r} was built without {law}; give it a value, or list it in `adjustable`"
             )
         self.tables[law].set(value, envs_idx)
+
+    def set_jitter(self, value, envs_idx=None) -> None:
+        """Changes the jitter [s]: one number, or one for each environment named."""
+        if self._delay is None:
+            raise SceneError(f"sensor {self.info.name!r} was built without jitter; list 'jitter' in `adjustable`")
+        self._delay.set_jitter(value, envs_idx)
 
     def set_gain(self, value, envs_idx=None) -> None:
         """Gives taxels new gains: one number, ``(n_taxels,)``, or ``(len(envs_idx), n_taxels)``."""

@@ -1,0 +1,112 @@
+"""When a reading arrives: delay and jitter to the nanosecond, and the history of what arrived."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import warp as wp
+
+from tactemu.errors import SceneError
+from tactemu.imperfections.columns import environments
+from tactemu.imperfections.delivery_kernels import deliver_kernel, remember_kernel, select_kernel
+from tactemu.imperfections.info import ReadingInfo
+from tactemu.imperfections.options import ImperfectionOptions
+from tactemu.imperfections.resets import clear_kernel
+from tactemu.imperfections.ring import Ring, ring_depth
+from tactemu.physics.plan import Context, Stage, record
+from tactemu.random_streams import stream_key
+
+
+class Delay:
+    """Holds readings back; made only for a sensor with a delay or jitter."""
+
+    def __init__(self, options: ImperfectionOptions, info: ReadingInfo, context: Context):
+        self._options, self._info, self._context = options, info, context
+        dt = float(context.dt.numpy()[0])
+        jitter = max(options.jitter, dt) if "jitter" in options.adjustable else options.jitter
+        self._depth = ring_depth(options.delay + jitter, context, f"sensor {info.name!r}: delay + jitter")
+        self._longest_s = max(options.delay + jitter, (self._depth - 2) * dt)
+        self._lags = np.tile(np.rint(np.array([options.delay, options.jitter]) * 1e9), (context.n_envs, 1))
+        self._array = wp.array(self._lags.astype(np.int64), dtype=wp.int64, device=context.device)
+
+    def compile(self, measured: wp.array) -> tuple[wp.array, list[Stage]]:
+        """The delivered readings, in the shape and type of ``measured``, and the stages that fill them."""
+        options, info, context = self._options, self._info, self._context
+        flat = (context.n_envs, info.n_columns)
+        ring = Ring(self._depth, info.n_columns, measured.dtype, context)
+        linear = options.delay_interpolation == "linear" and measured.dtype is not wp.bool
+        older = wp.zeros(context.n_envs, dtype=wp.int32, device=context.device)
+        known = wp.zeros(context.n_envs, dtype=wp.uint8, device=context.device)
+        share = wp.zeros(context.n_envs, dtype=wp.float64, device=context.device)
+        key = stream_key(context.seed, f"{info.name}/jitter")
+        nearest = options.delay_interpolation == "nearest"
+        select = record(
+            select_kernel(
+                options.jitter > 0.0 or "jitter" in options.adjustable, nearest, linear, options.jitter_reorder
+            ),
+            context.n_envs,
+            [context.step, context.time_ns, context.dt, key, self._array, ring.birth],
+            [ring.times, ring.newest, older, known, share],
+            context.device,
+        )
+        out = wp.zeros(measured.shape, dtype=measured.dtype, device=context.device)
+        flat_out = out.reshape(flat)
+        deliver = record(
+            deliver_kernel(measured.dtype, linear),
+            flat,
+            [measured.reshape(flat), context.step, older, known, share],
+            [ring.values, flat_out],
+            context.device,
+        )
+
+        def launch() -> None:
+            select()
+            deliver()
+
+        def reset(mask: wp.array) -> None:
+            ring.reset(mask)
+            wp.launch(clear_kernel(measured.dtype), dim=flat, inputs=[mask, flat_out], device=context.device)
+
+        reason = f"delay {options.delay:g} s, jitter {options.jitter:g} s, {options.delay_interpolation}"
+        return out, [Stage(name=f"{info.name}/delay", reason=reason, launch=launch, reset=reset)]
+
+    def set_jitter(self, value, envs_idx=None) -> None:
+        """Changes the jitter [s] of the environments named, one number or one each."""
+        if not (self._options.jitter > 0.0 or "jitter" in self._options.adjustable):
+            raise SceneError(f"sensor {self._info.name!r} was built without jitter; list 'jitter' in `adjustable`")
+        envs = environments(envs_idx, self._context.n_envs)
+        jitter = np.broadcast_to(np.asarray(value, dtype=np.float64), envs.shape)
+        if not np.all((jitter >= 0.0) & (self._options.delay + jitter <= self._longest_s + 1e-12)):
+            room = self._longest_s - self._options.delay
+            raise SceneError(
+                f"sensor {self._info.name!r}: jitter must be in 0..{room:g} s, the room made when the scene was built;"
+                f" got {value!r}. Build with a larger jitter and set it to less"
+            )
+        self._lags[envs, 1] = np.rint(jitter * 1e9)
+        self._array.assign(self._lags.astype(np.int64))
+
+
+def compile_history(
+    length: int, reading: wp.array, info: ReadingInfo, context: Context
+) -> tuple[wp.array, list[Stage]]:
+    """The last ``length`` readings, newest first: ``(n_envs, length, n_taxels, n_channels)``; 0 leaves them alone."""
+    if length <= 0:
+        return reading, []
+    columns = info.n_columns
+    out = wp.zeros((context.n_envs, length, *reading.shape[1:]), dtype=reading.dtype, device=context.device)
+    flat = (context.n_envs, length * columns)
+    launch = record(
+        remember_kernel(reading.dtype),
+        (context.n_envs, columns),
+        [reading.reshape((context.n_envs, columns))],
+        [out.reshape((context.n_envs, length, columns))],
+        context.device,
+    )
+    reset = functools.partial(_clear, out.reshape(flat))
+    reason = f"history_length {length}"
+    return out, [Stage(name=f"{info.name}/history", reason=reason, launch=launch, reset=reset)]
+
+
+def _clear(array: wp.array, mask: wp.array) -> None:
+    wp.launch(clear_kernel(array.dtype), dim=array.shape, inputs=[mask, array], device=array.device)

@@ -1,0 +1,115 @@
+"""Kernels of :mod:`tactemu.imperfections.delivery`."""
+
+import functools
+
+import warp as wp
+
+from tactemu.imperfections.random import draw, unit_f64
+from tactemu.imperfections.ring import entry_before, entry_time, slot
+
+ROUNDING = wp.constant(wp.int64(1))
+"""Times are rounded to whole nanoseconds: an entry that seems this much too new still counts [ns]."""
+
+
+@functools.cache
+def select_kernel(jitter: bool, nearest: bool, linear: bool, reorder: bool):
+    """Which entry of the ring each environment gets, whether it has one, and the share of the next one (``linear``)."""
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def select_entry(
+        step: wp.array(dtype=wp.int64),
+        time_ns: wp.array(dtype=wp.int64),
+        dt: wp.array(dtype=wp.float64),
+        key: wp.uint32,
+        lags: wp.array2d(dtype=wp.int64),
+        birth: wp.array(dtype=wp.int64),
+        times: wp.array(dtype=wp.int64),
+        newest: wp.array(dtype=wp.int64),
+        older: wp.array(dtype=wp.int32),
+        known: wp.array(dtype=wp.uint8),
+        share: wp.array(dtype=wp.float64),
+    ):
+        e = wp.tid()
+        now, number = time_ns[0], step[0]
+        dt_ns = wp.max(dt[0] * wp.float64(1.0e9), wp.float64(1.0))
+        lag = lags[e, 0]
+        if wp.static(jitter):
+            width = wp.float64(lags[e, 1] + wp.int64(1))
+            lag = lag + wp.int64(unit_f64(draw(key, e, 0, number)[0]) * width)
+        if wp.static(nearest):
+            lag = wp.int64(wp.rint(wp.float64(lag) / dt_ns) * dt_ns + wp.float64(0.5))
+        source = now - lag
+        if wp.static(not reorder):
+            source = wp.max(source, newest[e])
+            newest[e] = source
+        limit = source
+        if wp.static(not linear):
+            limit = source + ROUNDING
+        age = entry_before(times, now, number, int(wp.float64(now - source) / dt_ns), limit)
+        before = entry_time(times, now, number, age)
+        older[e] = age
+        known[e] = wp.uint8(1)
+        if before <= birth[e]:
+            known[e] = wp.uint8(0)
+        if wp.static(linear):
+            part = wp.float64(0.0)
+            if age > 0:
+                # What lies before a reset does not count: readings rise from zero at that moment.
+                start = wp.max(before, birth[e])
+                after = entry_time(times, now, number, age - 1)
+                if after > birth[e] and source > start:
+                    part = wp.float64(source - start) / wp.float64(after - start)
+            share[e] = part
+        if e == 0:
+            times[slot(number, 0, times.shape[0])] = now
+
+    return select_entry
+
+
+@functools.cache
+def deliver_kernel(dtype: type, linear: bool):
+    """Puts this step's reading in the ring and takes out what is delivered now."""
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def deliver(
+        x: wp.array2d(dtype=dtype),
+        step: wp.array(dtype=wp.int64),
+        older: wp.array(dtype=wp.int32),
+        known: wp.array(dtype=wp.uint8),
+        share: wp.array(dtype=wp.float64),
+        ring: wp.array3d(dtype=dtype),
+        out: wp.array2d(dtype=dtype),
+    ):
+        e, c = wp.tid()
+        number, age, depth = step[0], older[e], ring.shape[0]
+        v = x[e, c]
+        ring[slot(number, 0, depth), e, c] = v
+        a = dtype(0)
+        if known[e] != wp.uint8(0):
+            if age == 0:
+                a = v
+            else:
+                a = ring[slot(number, age, depth), e, c]
+        if wp.static(linear):
+            if share[e] > wp.float64(0.0):
+                b = v
+                if age > 1:
+                    b = ring[slot(number, age - 1, depth), e, c]
+                a = a + dtype(share[e]) * (b - a)
+        out[e, c] = a
+
+    return deliver
+
+
+@functools.cache
+def remember_kernel(dtype: type):
+    """Moves the history on by one reading: entry 0 is the newest."""
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def remember(x: wp.array2d(dtype=dtype), history: wp.array3d(dtype=dtype)):
+        e, c = wp.tid()
+        for k in range(history.shape[1] - 1, 0, -1):
+            history[e, k, c] = history[e, k - 1, c]
+        history[e, 0, c] = x[e, c]
+
+    return remember

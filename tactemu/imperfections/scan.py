@@ -1,0 +1,105 @@
+"""Taxels that are read one after the other: each reading of a step has its own time."""
+
+import functools
+
+import numpy as np
+import warp as wp
+
+from tactemu.errors import SceneError
+from tactemu.imperfections.info import ReadingInfo
+from tactemu.imperfections.options import ImperfectionOptions
+from tactemu.imperfections.ring import Ring, entry_before, entry_time, ring_depth, slot
+from tactemu.physics.plan import Context, Stage, record
+
+
+@functools.cache
+def _kernel(real: type):
+    @wp.kernel(module="unique", enable_backward=False)
+    def scan(
+        x: wp.array2d(dtype=real),
+        n_channels: int,
+        step: wp.array(dtype=wp.int64),
+        time_ns: wp.array(dtype=wp.int64),
+        dt: wp.array(dtype=wp.float64),
+        ages: wp.array(dtype=wp.int64),
+        birth: wp.array(dtype=wp.int64),
+        times: wp.array(dtype=wp.int64),
+        ring: wp.array3d(dtype=real),
+        out: wp.array2d(dtype=real),
+    ):
+        e, i = wp.tid()
+        now, number = time_ns[0], step[0]
+        source = now - ages[i]
+        guess = int(wp.float64(ages[i]) / wp.max(dt[0] * wp.float64(1.0e9), wp.float64(1.0)))
+        old = entry_before(times, now, number, guess, source)
+        share, known = real(1.0), entry_time(times, now, number, old) > birth[e]
+        if old > 0:
+            # What lies before a reset does not count: the load is taken to rise from zero at that moment.
+            before = wp.max(entry_time(times, now, number, old), birth[e])
+            after = entry_time(times, now, number, old - 1)
+            share = real(0.0)
+            if after > birth[e] and source > before:
+                share = real(wp.float64(source - before) / wp.float64(after - before))
+        for c in range(i * n_channels, (i + 1) * n_channels):
+            v = x[e, c]
+            ring[slot(number, 0, times.shape[0]), e, c] = v
+            if old > 0:
+                a = real(0.0)
+                if known:
+                    a = ring[slot(number, old, times.shape[0]), e, c]
+                if share > real(0.0):
+                    if old > 1:
+                        v = ring[slot(number, old - 1, times.shape[0]), e, c]
+                    a = a + share * (v - a)
+                v = a
+            out[e, c] = v
+        if e == 0 and i == 0:
+            times[slot(number, 0, times.shape[0])] = now
+
+    return scan
+
+
+def slots(options: ImperfectionOptions, info: ReadingInfo) -> np.ndarray:
+    """Slot of the scan in which each taxel is read, from 0, shape ``(n_taxels,)``.
+
+    Raises:
+        SceneError: an order that needs rows on a layout without rows, or a list of the wrong length.
+    """
+    order, index = options.scan_order, np.arange(info.n_taxels)
+    if not isinstance(order, str):
+        given = np.asarray(order).reshape(-1)
+        if given.shape != index.shape or not np.issubdtype(given.dtype, np.integer) or (given < 0).any():
+            raise SceneError(
+                f"sensor {info.name!r}: scan_order must give one slot (0, 1, ...) for each taxel, got {order!r}"
+            )
+        return given
+    if order == "taxel":
+        return index
+    if order not in ("row", "column") or len(info.layout) != 2:
+        raise SceneError(
+            f"sensor {info.name!r}: scan_order {order!r} on layout {info.layout}; expected 'taxel', slots, or on a"
+            f" (rows, cols) layout 'row' or 'column'"
+        )
+    row, col = np.divmod(index, info.layout[1])
+    return col if order == "row" else row
+
+
+def compile_scan(
+    options: ImperfectionOptions, x: wp.array, info: ReadingInfo, context: Context
+) -> tuple[wp.array, Stage]:
+    """Readings ``(n_envs, n_columns)`` of which each taxel's was taken in its slot of the scan that ends now."""
+    order = slots(options, info)
+    n_slots = int(order.max(initial=0)) + 1
+    ages = np.rint(options.scan_time * 1e9 * (1.0 - (order + 1.0) / n_slots)).astype(np.int64)
+    depth = ring_depth(float(ages.max(initial=0)) * 1e-9, context, f"sensor {info.name!r}: scan_time")
+    ring = Ring(depth, info.n_columns, context.real, context)
+    out = wp.zeros(x.shape, dtype=context.real, device=context.device)
+    launch = record(
+        _kernel(context.real),
+        (context.n_envs, info.n_taxels),
+        [x, info.n_channels, context.step, context.time_ns, context.dt, wp.array(ages, device=context.device)],
+        [ring.birth, ring.times, ring.values, out],
+        context.device,
+    )
+    reason = f"scan_time {options.scan_time:g} s over {n_slots} slots"
+    return out, Stage(name=f"{info.name}/scan", reason=reason, launch=launch, reset=ring.reset)
