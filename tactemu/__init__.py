@@ -18,6 +18,7 @@ _PUBLIC = {
     "Plane": "tactemu.scene.bodies",
     "Mesh": "tactemu.scene.bodies",
     "VoxelGrid": "tactemu.scene.bodies",
+    "ContactProbe": "tactemu.physics.contact_probe",
     "ContactDepthProbe": "tactemu.physics.contact_depth_probe",
     "KinematicTaxel": "tactemu.physics.kinematic_taxel",
     "TactemuError": "tactemu.errors",

@@ -124,7 +124,8 @@ class Simulation:
         finish = compiled.finish or (lambda array, _branch: (array, []))
         truth, truth_stages = finish(compiled.truth, "truth")
         values, value_stages = spoil.compile_values(compiled.raw)
-        values, finish_stages = finish(values, "measured")
+        untouched = values is compiled.truth
+        values, finish_stages = (truth, []) if untouched else finish(values, "measured")
         measured, delivery_stages = values, []
         if hasattr(spoil, "compile_delivery"):
             measured, delivery_stages = spoil.compile_delivery(values)

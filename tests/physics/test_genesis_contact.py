@@ -1,0 +1,86 @@
+"""Readings of the seed system, step by step, wherever they are well defined.
+
+Left out: steps on which its contact list is empty though the bodies are within a probe radius (its gate), and probes
+outside the distance grid of an object (it reads 0 there). `test_differences.py` shows what we read instead.
+"""
+
+import functools
+
+import numpy as np
+import pytest
+
+import tactemu as tt
+from tests.physics.genesis_case import Case
+
+TOLERANCE = {"float64": 1e-9, "float32": 2e-5}
+CASES = {
+    "c01_contact": (lambda case: tt.Sphere(radius=0.02), ("depth", "depth_big", "bool", "schmitt")),
+    "c03_contact": (lambda case: case.grid(1), ("lin", "hertz")),
+    "c10_contact": (lambda case: case.grid(1), ("depth", "bool", "kin")),
+    "c14_contact": (lambda case: tt.Sphere(radius=0.018), ("kin", "depth")),
+}
+
+
+@functools.cache
+def replayed(name: str, dtype: str):
+    case = Case(name)
+    shape, keys = CASES[name]
+    return case, case.replay(shape(case), keys, dtype)
+
+
+def inside_grid(case: Case, key: str) -> np.ndarray:
+    """Which probes are where the seed knows distances, shape (T, envs, n)."""
+    probes = np.asarray(case.options(key)["probe_local_pos"], float).reshape(-1, 3)
+    world = case.arrays["link_pos"][:, :, 0, None] + rotate(case.arrays["link_quat"][:, :, 0, None], probes)
+    turn = case.arrays["geom_quat"][:, :, 1, None] * [1, -1, -1, -1]
+    local = rotate(turn, world - case.arrays["geom_pos"][:, :, 1, None])
+    to_index = case.arrays["g1_sdf_T"]
+    index = local @ to_index[:3, :3].T + to_index[:3, 3]
+    return ((index > 0) & (index < np.array(case.arrays["g1_sdf_val"].shape) - 1)).all(-1)
+
+
+def rotate(q, v):
+    u = np.broadcast_to(q[..., 1:], np.broadcast_shapes(q[..., 1:].shape, v.shape))
+    t = 2 * np.cross(u, v)
+    return v + q[..., :1] * t + np.cross(u, t)
+
+
+def well_defined(case: Case, key: str, shape: tuple) -> np.ndarray:
+    """Mask of a reading of this shape, (T, [envs,] layout[, 3])."""
+    touching = case.arrays["n_contacts"] > 0
+    n = np.asarray(case.options(key)["probe_local_pos"]).size // 3
+    mask = np.broadcast_to(touching[..., None], (*touching.shape, n))
+    if "g1_sdf_T" in case.arrays:
+        mask = mask & inside_grid(case, key)
+    vector = len(shape) == len(np.shape(case.options(key)["probe_local_pos"])) + 1 + case.batched
+    head = shape[:-1] if vector else shape
+    mask = mask.reshape(head)
+    return np.broadcast_to(mask[..., None], shape) if vector else mask
+
+
+BRANCHES = [(name, key, branch) for name in CASES for key in CASES[name][1] for branch in ("", "_gt")]
+
+
+@pytest.mark.parametrize("dtype", TOLERANCE)
+@pytest.mark.parametrize(("name", "key", "branch"), [b for b in BRANCHES if b[0] != "c14_contact" or b[2]])
+def test_reads_what_the_seed_reads(name, key, branch, dtype):
+    case, readings = replayed(name, dtype)
+    for part, ours, theirs in case.parts(key, readings, branch):
+        mask = well_defined(case, key, theirs.shape)
+        assert mask.mean() > 0.3, part
+        if ours.dtype == bool:
+            assert (ours[mask] == theirs[mask]).all()
+            continue
+        tolerance = 1e-6 if name == "c01_contact" and dtype == "float32" else TOLERANCE[dtype]
+        assert np.abs(ours - theirs)[mask].max() <= tolerance * np.abs(theirs).max(), part
+
+
+def test_an_environment_that_is_reset_reads_zero_and_the_others_go_on():
+    case = Case("c14_contact")
+    alone = case.replay(tt.Sphere(radius=0.018), ["kin"], "float64")["kin"][""]
+    case.meta["events"] = []
+    undisturbed = case.replay(tt.Sphere(radius=0.018), ["kin"], "float64")["kin"][""]
+    for before, after in zip(undisturbed, alone):
+        assert np.array_equal(before.force[[0, 2]], after.force[[0, 2]])
+    differ = [t for t in range(case.n_steps) if not np.array_equal(undisturbed[t].force[1], alone[t].force[1])]
+    assert differ and differ[0] == 18  # hysteresis has forgotten
