@@ -41,8 +41,15 @@ class Source(Protocol):
 class Simulated(Protocol):
     """What the loop asks of a simulation: to be brought up to a time."""
 
-    def advance_to(self, t_ns: int) -> None:
-        """Step until no whole step fits before ``t_ns``."""
+    time_ns: int
+
+    @property
+    def dt_ns(self) -> int:
+        """Length of a step."""
+        ...
+
+    def advance_to(self, t_ns: int, max_steps: int | None = None) -> bool:
+        """Step until no whole step fits before ``t_ns``; true if a step was stretched to keep to ``max_steps``."""
         ...
 
 
@@ -78,6 +85,7 @@ class Emulator:
         channels: the devices. Several may share a :class:`~tactemu.wire.Wire` (one CAN bus).
         clock: real time by default; a :class:`~tactemu.clock.VirtualClock` runs as fast as it can.
         truth: where samples, frames and faults are logged.
+        catch_up_steps: a loop that is late by a period takes at most so many simulation steps for one sample.
     """
 
     def __init__(
@@ -87,7 +95,9 @@ class Emulator:
         *,
         clock: Clock | None = None,
         truth: Truth | None = None,
+        catch_up_steps: int = 50,
     ):
+        self.catch_up_steps = catch_up_steps
         self.simulation = simulation
         self.channels = list(channels)
         self.wires = list(dict.fromkeys(channel.wire for channel in self.channels))
@@ -165,7 +175,7 @@ class Emulator:
         self._release(now)
         for wire in self.wires:
             wire.flush(self.clock.now_ns())
-        self._wait(end_ns)
+        self._wait(end_ns, busy=self._look_ahead(end_ns))
 
     def _listen(self, wire: Wire, now: int) -> None:
         """Commands and port events, from the wire to every device on it."""
@@ -192,8 +202,7 @@ class Emulator:
     def _sample(self, channel: Channel, now: int) -> None:
         """Simulation up to the sample's time, reading, device, and out after the sampling delay."""
         due = channel.due_ns
-        if self.simulation is not None:
-            self.simulation.advance_to(due)
+        self._advance(channel, due)
         senses = channel.device.senses
         ideal = channel.source.quantity(senses, ground_truth=True)
         measured = channel.source.quantity(senses)
@@ -201,6 +210,30 @@ class Emulator:
         self.truth.sample(due, channel.name, ideal, measured, channel.device.counts)
         self._post(channel, frames, channel.sampling.release_ns(channel.count, due))
         self._count(channel, due, now)
+
+    def _advance(self, channel: Channel, due: int) -> None:
+        """Bring the simulation to ``due``; late in real time, in few steps."""
+        if self.simulation is None:
+            return
+        behind = self.clock.now_ns() - due > channel.device.period_ns and not self.clock.virtual
+        stretched = self.simulation.advance_to(due, self.catch_up_steps if behind else None)
+        channel.statistics.stretched += stretched
+
+    def _look_ahead(self, end_ns: int | None) -> bool:
+        """While nothing is due, one simulation step towards the next sample, which then finds its state ready.
+
+        Never past an action that is scheduled. What comes from outside meanwhile (a command that changes the period, a
+        call from another thread) meets a simulation that is less than a period ahead.
+        """
+        simulation = self.simulation
+        if simulation is None or not self.channels:
+            return False
+        horizon = min(channel.due_ns for channel in self.channels)
+        horizon = min([horizon, *(entry[0] for entry in self._actions[:1]), *([] if end_ns is None else [end_ns])])
+        if simulation.dt_ns <= 0 or horizon - simulation.time_ns < simulation.dt_ns:
+            return False
+        simulation.advance_to(simulation.time_ns + simulation.dt_ns)
+        return True
 
     def _count(self, channel: Channel, due: int, now: int) -> None:
         """Statistics, and on to the next sample: those whose time has wholly passed are missed, never made up."""
@@ -251,7 +284,8 @@ class Emulator:
         while not self._calls.empty():
             self._calls.get()()
 
-    def _wait(self, end_ns: int | None) -> None:
+    def _wait(self, end_ns: int | None, *, busy: bool) -> None:
+        """Until whatever comes next; when busy, no longer than a look at the ports."""
         deadlines = [channel.due_ns for channel in self.channels]
         deadlines += [due for wire in self.wires if (due := wire.next_due_ns()) is not None]
         deadlines += [entries[0][0] for entries in (self._actions, self._outbox) if entries]
@@ -259,4 +293,5 @@ class Emulator:
             deadlines.append(end_ns)
         filenos = [fileno for wire in self.wires for fileno in wire.filenos()]
         poll = any(not wire.filenos() for wire in self.wires)
-        self.clock.wait(min(deadlines, default=None), filenos, poll=poll)
+        deadline = self.clock.now_ns() if busy else min(deadlines, default=None)
+        self.clock.wait(deadline, filenos, poll=poll)

@@ -34,6 +34,8 @@ class ChannelStatistics:
     samples: int = 0
     missed: int = 0
     """Samples whose time had passed by a whole period before they could be taken."""
+    stretched: int = 0
+    """Samples for which the simulation took longer steps than the scene's, because the machine is too slow."""
     first_ns: int = 0
     last_ns: int = 0
     lateness: Lateness = field(default_factory=Lateness)
@@ -49,6 +51,7 @@ class ChannelStatistics:
         return {
             "samples": self.samples,
             "missed": self.missed,
+            "stretched": self.stretched,
             "rate_hz": round(self.rate_hz, 3),
             "lateness_p50_us": round(self.lateness.percentile_ns(50) / 1e3, 1),
             "lateness_p99_us": round(self.lateness.percentile_ns(99) / 1e3, 1),

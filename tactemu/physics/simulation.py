@@ -192,6 +192,32 @@ class Simulation:
         if self._bad_view is not None and self._bad_view.any():
             self.check_poses()
 
+    @property
+    def dt_ns(self) -> int:
+        """Length of a step unless :meth:`step` is told otherwise [ns]."""
+        return round(self.scene.dt * 1e9)
+
+    def advance_to(self, t_ns: int, max_steps: int | None = None) -> bool:
+        """Step until no whole step of ``scene.dt`` fits before ``t_ns``.
+
+        Args:
+            t_ns: simulated time to reach [ns].
+            max_steps: at most so many steps; the first is stretched over what is left too much. For a loop in real
+                time that has fallen behind: it must not fall further behind by catching up.
+
+        Returns:
+            Whether a step was stretched.
+        """
+        dt_ns = self.dt_ns
+        steps = (t_ns - self.time_ns) // dt_ns if dt_ns else 0
+        stretched = max_steps is not None and steps > max_steps
+        if stretched:
+            self.step((steps - max_steps + 1) * dt_ns * 1e-9)
+            steps = max_steps - 1
+        for _ in range(steps):
+            self.step()
+        return stretched
+
     def _world_motion(self, body: Body):
         motion = body.motion
         return motion.placed(body.position, body.quaternion) if hasattr(motion, "placed") else motion

@@ -66,13 +66,15 @@ class ListWire:
 class Ramp:
     """Depth equal to the time [s]."""
 
-    t = 0
+    time_ns = 0
+    dt_ns = 1_000_000
 
-    def advance_to(self, t_ns):
-        self.t = t_ns
+    def advance_to(self, t_ns, max_steps=None):
+        self.time_ns += max(0, t_ns - self.time_ns) // self.dt_ns * self.dt_ns
+        return False
 
     def quantity(self, name, ground_truth=False):
-        return np.array([self.t / 1e9])
+        return np.array([self.time_ns / 1e9])
 
 
 def make(clock=None, **sampling):
