@@ -279,11 +279,10 @@ normal_stiffness = 300.0
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """The set-up of every board in the order of the robot's driver; all silent."""
+        """The set-up in the order of the robot's driver, for the first board; the others take the same. All silent."""
+        address = self.boards[0].address
         return tuple(
-            Command(name=f"{name}, board {board.address}", request=_to(board.address, data), reply=None, about=about)
-            for name, data, about in _SET_UP
-            for board in self.boards
+            Command(name=name, request=_to(address, data), reply=None, about=about) for name, data, about in _SET_UP
         )
 
 

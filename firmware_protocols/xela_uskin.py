@@ -59,7 +59,7 @@ class XelaUskin(Device):
         "ARQ-CRISP/uskin_can_drivers@081807b convertCanIDtoIndex (ids 'grid', 4x6 product)",
         "mcsix/xela_models@4cc8e17; xela_sensor_node.py (pitch)",
     )
-    judge = "cantools 42 with a DBC of the table above"
+    judge = "cantools, with a DBC of its frames"
     assumed = (
         "0.1 uT per count, 300 uT/N in the plane, 500 uT/N along the normal, 24000/24000/21000 counts at rest",
         "100 Hz; unused bytes 0; a 4x4 product with ids 'grid' (that generation's known product is 4x6)",

@@ -3,11 +3,9 @@
 import struct
 
 import numpy as np
-import pytest
 
 import firmware_protocols as fp
 from firmware_protocols.magnetic import LinearMagnet
-from tests.firmware.golden import golden_vectors
 
 NO_OFFSET = LinearMagnet(gain=(60.0, 60.0, 90.0))
 
@@ -16,13 +14,6 @@ def sampled(force, **reading) -> tuple[fp.Device, bytes]:
     device = fp.create("anyskin", transducer=NO_OFFSET)
     (frame,) = device.sample(fp.Reading(t_ns=0, values=np.broadcast_to(force, (5, 3)), **reading), 0)
     return device, frame
-
-
-@pytest.mark.parametrize("vector", golden_vectors("anyskin"), ids=lambda vector: vector["name"])
-def test_golden_frames(vector):
-    device = fp.create("anyskin")
-    device.counts = np.array(vector["counts"], np.float32).reshape(5, 4)
-    assert [frame.hex() for frame in device.stream(0)] == vector["stream"]
 
 
 def test_frame_is_twenty_floats_and_crlf():

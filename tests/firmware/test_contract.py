@@ -13,6 +13,7 @@ import pytest
 
 import firmware_protocols as fp
 from firmware_protocols.device import Delayed, Evidence, Quantity
+from tests.firmware.golden import golden_vectors_of, replay
 
 FUZZED_COMMANDS = 100_000
 SECOND = 1_000_000_000
@@ -223,6 +224,14 @@ def test_the_next_request_may_follow_at_once(name, kind):
         assert agrees(command, first), f"{name}: {command.name} with trailing bytes: {first}"
         second = send(device, command.request[half:], SECOND + 1)
         assert bool(second) == bool(first), f"{name}: {command.name} after its own first half: {second}"
+
+
+@pytest.mark.parametrize("name", fp.names())
+def test_golden_frames(name):
+    vectors = golden_vectors_of(name)
+    assert vectors, f"{name} has no golden frames in tests/data/golden"
+    for vector in vectors:
+        replay(vector, name)
 
 
 # -- anything else ---------------------------------------------------------------------------------------------------

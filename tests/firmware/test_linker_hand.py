@@ -5,26 +5,13 @@ import pytest
 
 import firmware_protocols as fp
 from tests.firmware.feeding import push
-from tests.firmware.golden import golden_vectors
+from tests.firmware.golden import frame_from
 
 L6, O6 = "linker_hand_l6", "linker_hand_o6"
 
 
-def frame(text: str) -> fp.CanFrame:
-    ident, _, data = text.partition("#")
-    return fp.CanFrame(arbitration_id=int(ident, 16), data=bytes.fromhex(data))
-
-
 def ask(device: fp.Device, request: str) -> list[str]:
-    return [str(answer) for answer in device.receive(frame(request), 0)]
-
-
-@pytest.mark.parametrize("vector", golden_vectors("linker_hand"), ids=lambda vector: vector["name"])
-def test_golden_frames(vector):
-    device = fp.create(vector["device"], **vector.get("options", {}))
-    if "counts" in vector:
-        device.counts = np.arange(len(device.layout)).astype(np.uint8)
-    assert ask(device, vector["request"]) == vector["reply"]
+    return [str(answer) for answer in device.receive(frame_from(request), 0)]
 
 
 @pytest.mark.parametrize(("name", "rows", "columns", "selector"), [(L6, 12, 6, "C6"), (O6, 10, 4, "A4")])
