@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from tactemu.cli.benches import bench
+
 app = typer.Typer(
     name="tactemu",
     help="""
@@ -38,6 +40,8 @@ Faults = Annotated[
     list[str] | None,
     typer.Option("--fault", metavar="FAULT", help="What goes wrong on the wire; repeatable. See `tactemu faults`."),
 ]
+
+app.add_typer(bench, name="bench")
 
 
 def _version(wanted: bool) -> None:

@@ -1,0 +1,94 @@
+"""How soon the first frame comes, and how late the frames after it: `tactemu bench loop`.
+
+* Start: from the command `tactemu run anyskin` to its first byte on the port, with an empty and with a filled kernel
+  cache; median of several runs.
+* Lateness: time from a sample's deadline to its frame being ready, as the loop itself counts it, while another process
+  drains the port.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from statistics import median
+
+Report = Callable[[str], None]
+
+
+def first_frame_s(cache: Path, *, device: str = "anyskin", limit_s: float = 120.0) -> float:
+    """Seconds from starting the command to the first byte that a reader gets, kernels cached in ``cache``.
+
+    Raises:
+        RuntimeError: the command ended, or no byte came in ``limit_s``.
+    """
+    folder = Path(tempfile.mkdtemp(prefix="tactemu-bench-"))
+    link = folder / "port"
+    command = [sys.executable, "-m", "tactemu", "run", device, "--port", f"pty:{link}", "--json"]
+    start = time.perf_counter()
+    environment = {**os.environ, "WARP_CACHE_PATH": str(cache)}
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment)
+    try:
+        while not link.exists():
+            if process.poll() is not None or time.perf_counter() - start > limit_s:
+                raise RuntimeError(f"no port from {' '.join(command)} (exit status {process.poll()})")
+            time.sleep(0.001)
+        with open(link, "rb", buffering=0) as port:
+            port.read(1)
+        return time.perf_counter() - start
+    finally:
+        process.terminate()
+        process.wait(10)
+        folder.rmdir()
+
+
+def lateness(rate_hz: float, seconds: float, *, device: str = "anyskin") -> dict[str, float]:
+    """Statistics of a device that streams at ``rate_hz`` for ``seconds`` to a process that reads everything."""
+    from tactemu.assembly import Wishes, assemble
+    from tactemu.clock import RealClock
+    from tactemu.scene import file
+
+    folder = tempfile.mkdtemp(prefix="tactemu-bench-")
+    wishes = Wishes(port=f"pty:{folder}/port", rate_hz=rate_hz)
+    emulator = assemble(file.load(device), wishes).emulator
+    emulator.clock = RealClock()
+    with emulator, _drained(f"{folder}/port"):
+        emulator.run(seconds)
+    os.rmdir(folder)
+    return next(iter(emulator.summary().values()))
+
+
+@contextmanager
+def _drained(port: str) -> Iterator[None]:
+    """A process that has the port open and reads."""
+    reader = subprocess.Popen(["cat", port], stdout=subprocess.DEVNULL)
+    try:
+        yield
+    finally:
+        reader.terminate()
+        reader.wait(10)
+
+
+def run(report: Report, *, seconds: float = 60.0, repeats: int = 5) -> dict[str, float]:
+    """Measure everything; ``report`` gets one line per figure. Returns the figures by name."""
+    figures: dict[str, float] = {}
+    with tempfile.TemporaryDirectory(prefix="tactemu-bench-") as cache:
+        figures["first_frame_cold_s"] = first_frame_s(Path(cache))
+        report(f"first frame, empty kernel cache    {figures['first_frame_cold_s']:.2f} s")
+        figures["first_frame_warm_s"] = median(first_frame_s(Path(cache)) for _ in range(repeats))
+        report(f"first frame, filled kernel cache   {figures['first_frame_warm_s']:.2f} s   median of {repeats}")
+    for rate in (100.0, 1000.0):
+        measured = lateness(rate, seconds)
+        for name in ("lateness_p50_us", "lateness_p99_us", "lateness_max_us", "samples", "missed"):
+            figures[f"{name}_at_{rate:.0f}_hz"] = measured[name]
+        report(
+            f"lateness at {rate:4.0f} Hz over {seconds:.0f} s        p50 {measured['lateness_p50_us']:.0f} µs, "
+            f"p99 {measured['lateness_p99_us']:.0f} µs, max {measured['lateness_max_us']:.0f} µs, "
+            f"missed {measured['missed']:.0f} of {measured['samples'] + measured['missed']:.0f}"
+        )
+    return figures

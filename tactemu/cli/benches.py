@@ -1,0 +1,41 @@
+"""`tactemu bench`: one command per benchmark, each imported when it runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+bench = typer.Typer(
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    help="""
+Measure speed on this machine. Figures are medians; compare those of one run.
+
+\b
+  tactemu bench loop       first frame, and how late frames are
+""",
+)
+
+Out = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Also write the figures as JSON.")]
+
+
+def save(figures: object, out: Path | None) -> None:
+    """Write figures as JSON, if a file was named."""
+    if out is not None:
+        import json
+
+        out.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+
+
+@bench.command()
+def loop(
+    seconds: Annotated[float, typer.Option(metavar="S", min=0.1, help="Length of each lateness run.")] = 60.0,
+    repeats: Annotated[int, typer.Option(metavar="N", min=1, help="Starts with a filled kernel cache.")] = 5,
+    out: Out = None,
+) -> None:
+    """First frame with an empty and a filled kernel cache; lateness at 100 Hz and 1 kHz."""
+    from tactemu.bench.loop import run
+
+    save(run(typer.echo, seconds=seconds, repeats=repeats), out)
