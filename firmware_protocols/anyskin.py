@@ -87,8 +87,8 @@ fixed = true
 [[body]]
 name = "ball"
 shape = "sphere"
-radius = 0.01
-position = [0.0, 0.0, 0.015]
+radius = 0.02
+position = [0.0, 0.0, 0.025]
 
 [body.motion]
 kind = "press"

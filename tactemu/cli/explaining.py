@@ -6,6 +6,7 @@ import json
 import time
 
 from tactemu.cli.datasheet import describe_wire, taxel_map
+from tactemu.cli.kernels import start_quietly
 from tactemu.scene import file
 
 MAX_MAP_LINES = 60
@@ -22,11 +23,8 @@ def explain_target(target: str, *, compute: str | None, cost: bool) -> None:
     Raises:
         TactemuError: the scene is wrong.
     """
-    import warp
-
     from tactemu.scene.building import build_scene, make_devices
 
-    warp.config.quiet = True
     loaded = file.load(target)
     devices = make_devices(loaded)
     scene, sensors = build_scene(loaded, devices)
@@ -35,6 +33,7 @@ def explain_target(target: str, *, compute: str | None, cost: bool) -> None:
     _print_bodies(loaded)
     for skin in loaded.tables.skin:
         _print_skin(skin, devices[skin.title], sensors[skin.title])
+    start_quietly()
     simulation = scene.build(device=compute or world.device, seed=world.seed, dtype=world.dtype)
     simulation.step()
     if cost:

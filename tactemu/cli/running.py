@@ -12,6 +12,7 @@ from typing import Any
 
 from rich.console import Console
 
+from tactemu.cli.kernels import start_quietly
 from tactemu.emulator import Emulator
 from tactemu.errors import SceneError, TactemuError
 
@@ -45,10 +46,11 @@ def run_target(
     if rate_hz is not None and not 0 < rate_hz <= 1e6:
         raise SceneError(f"--rate: expected a rate in Hz, more than 0 and at most 1e6, got {rate_hz}")
     wishes = Wishes(port=port, rate_hz=rate_hz, faults=faults, seed=seed, compute=compute)
-    _quiet_kernels()
+    loaded = load(target)
+    start_quietly()
     log = _truth(truth)
     try:
-        emulator = assemble(load(target), wishes, truth=log).emulator
+        emulator = assemble(loaded, wishes, truth=log).emulator
         emulator.clock = VirtualClock() if virtual else RealClock()
         run_emulator(emulator, seconds=seconds, style=style)
     finally:
@@ -136,13 +138,6 @@ def _truth(path: Path | None):
         return Truth(path)
     except OSError as error:
         raise TactemuError(f"--truth {path}: cannot write the truth log: {error.strerror}") from None
-
-
-def _quiet_kernels() -> None:
-    """Warp's own messages have no place on a screen or in JSON lines."""
-    import warp
-
-    warp.config.quiet = True
 
 
 @contextmanager

@@ -25,6 +25,9 @@ CHEAPEST_MODEL = {
 }
 """By what a device senses: the model for a skin that names none."""
 
+FEEL_AT_A_RADIUS = ("contact_probe", "contact_depth_probe", "kinematic_taxel")
+"""Models whose probes feel what comes nearer than their radius: sunk by that radius, they feel from the first touch."""
+
 
 def make_devices(loaded: LoadedScene) -> dict[str, Device]:
     """The device of each skin, by the skin's name.
@@ -107,15 +110,18 @@ def sensor_model(skin: Skin, device: Device) -> Any:
         if option not in known:
             raise SceneError(f"{where}: {name} has no {option!r}{nearest(option, known)} (options: {', '.join(known)})")
     try:
-        return model(**taxels(device.layout, skin, known) | _arrays(skin.options))
+        return model(**taxels(device.layout, skin, name, known) | _arrays(skin.options))
     except (TypeError, ValueError, SceneError) as error:
         raise SceneError(f"{where}: {error}") from error
 
 
-def taxels(layout: Layout, skin: Skin, known: list[str]) -> dict[str, Any]:
+def taxels(layout: Layout, skin: Skin, model: str, known: list[str]) -> dict[str, Any]:
     """Positions, normals and radius of the taxels in the link's frame; a single grid keeps its ``(rows, cols, 3)``."""
     turn = rotation.normalised(skin.quaternion)
-    positions = rotation.rotate(turn, layout.positions) + np.asarray(skin.position)
+    radius = np.asarray(skin.options.get("probe_radius", layout.pitch / 2), float)
+    below = skin.embed if skin.embed is not None else radius if model in FEEL_AT_A_RADIUS else 0.0
+    inside = layout.positions - np.reshape(np.broadcast_to(below, (len(layout),)), (-1, 1)) * layout.normals
+    positions = rotation.rotate(turn, inside) + np.asarray(skin.position)
     normals = rotation.rotate(turn, layout.normals)
     patch = layout.patches[0]
     if len(layout.patches) == 1 and patch.rows > 1 and patch.cols > 1:

@@ -213,6 +213,7 @@ class Skin(Table):
     quaternion: Quaternion = Field(default=(1.0, 0.0, 0.0, 0.0), description="of the device's frame on the link")
     model_: str | None = Field(default=None, alias="model", description="sensor model; default: the cheapest that fits")
     options: dict[str, Any] = Field(default={}, description="options of the sensor model, imperfections included")
+    embed: float | None = Field(default=None, description="how far below the skin the probes' centres sit [m]")
     port: str | None = Field(default=None, description="pty:PATH, can:INTERFACE:CHANNEL, tcp:HOST:PORT, memory: ...")
     rate_hz: PositiveFloat | None = Field(default=None, description="default: the device's own")
     pacing: bool = Field(default=True, description="bytes and frames take their time on the line")

@@ -1,0 +1,143 @@
+"""``tactemu run``: a line when ready, a clean end, and every mistake a message, exit code 2, nothing left behind."""
+
+import json
+import os
+import signal
+import time
+from pathlib import Path
+
+import pytest
+import serial
+
+from tests.cli.command import start, tactemu
+
+
+def ready(process) -> dict:
+    return json.loads(process.stdout.readline())
+
+
+@pytest.fixture
+def port(tmp_path) -> Path:
+    return tmp_path / "skin"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_port_is_there_until_a_signal_ends_it(port, number):
+    process = start("run", "anyskin", "--port", f"pty:{port}", "--json")
+    try:
+        line = ready(process)
+        assert line == {"event": "ready", "skin": "anyskin", "device": "anyskin", "port": str(port), "rate_hz": 100.0}
+        with serial.Serial(str(port), 115200, timeout=5) as driver:
+            stream = driver.read(5 * 82)
+        assert len(stream) == 5 * 82
+        assert stream[80:82] == b"\r\n"
+        process.send_signal(number)
+        out, err = process.communicate(timeout=10)
+    finally:
+        process.kill()
+    assert process.returncode == 0
+    assert err == ""
+    summary = json.loads(out.splitlines()[-1])
+    assert summary["event"] == "summary" and summary["samples"] >= 5
+    assert not os.path.lexists(port)
+
+
+def test_plain_lines_where_there_is_no_terminal(port):
+    done = tactemu("run", "anyskin", "--port", f"pty:{port}", "--seconds", "1.5")
+    assert done.returncode == 0, done.stderr
+    first, *reports, last = done.stdout.splitlines()
+    assert first == f"anyskin ready on {port} at 100 Hz"
+    assert len(reports) == 1
+    assert last.startswith("summary anyskin: samples 1")
+    assert done.stderr == ""
+
+
+def test_the_virtual_clock_is_fast_and_repeats_itself(tmp_path):
+    logs = [tmp_path / "a.jsonl", tmp_path / "b.jsonl"]
+    begun = time.monotonic()
+    for log in logs:
+        done = tactemu(
+            "run", "anyskin", "--port", "memory:", "--virtual", "--seconds", "10", "--seed", "5", "--truth", str(log)
+        )
+        assert done.returncode == 0, done.stderr
+    assert time.monotonic() - begun < 20, "20 s of emulation"
+    assert logs[0].read_bytes() == logs[1].read_bytes()
+    assert logs[0].stat().st_size > 100_000
+
+
+SCENE = """
+[[body]]
+name = "pad"
+shape = "box"
+size = [0.03, 0.03, 0.006]
+fixed = true
+[[body]]
+name = "thing"
+shape = "mesh"
+path = "thing.stl"
+[[skin]]
+device = "anyskin"
+link = "pad"
+options = { noise = 0.1 }
+"""
+
+WRONG = {
+    "unknown device": (["anyskn"], "unknown device 'anyskn'; did you mean 'anyskin'?"),
+    "no scene file": (["none.toml"], "none.toml: cannot read the scene file"),
+    "wrong key": (["key.toml"], "body[0] 'pad': unknown key 'sze'; did you mean 'size'?"),
+    "wrong option": (["option.toml"], "has no 'nose'; did you mean 'noise'?"),
+    "mesh that is not there": (["missing.toml"], "no such mesh file"),
+    "mesh that does not load": (["mesh.toml"], "broken.stl"),
+    "unknown scheme": (["anyskin", "--port", "usb:1"], "unknown scheme 'usb'"),
+    "folder that does not exist": (["anyskin", "--port", "pty:/nonexistent/x"], "/nonexistent"),
+    "path that is taken": (["anyskin", "--port", "pty:taken"], "taken"),
+    "CAN interface that does not exist": (["xela_uskin", "--port", "can:socketcan:nocan7"], "nocan7"),
+    "unknown kind of CAN": (["xela_uskin", "--port", "can:nothing:0"], "nothing"),
+    "wrong connector": (["xela_uskin", "--port", "pty:skin"], "connector"),
+    "port out of range": (["anyskin", "--port", "tcp:127.0.0.1:99999"], "99999"),
+    "rate": (["anyskin", "--rate", "-5"], "--rate: expected a rate in Hz"),
+    "compute device": (["anyskin", "--device", "cuda:77"], "no device 'cuda:77'"),
+    "virtual without an end": (["anyskin", "--virtual"], "--seconds"),
+    "truth file": (["anyskin", "--truth", "/nonexistent/t.jsonl"], "cannot write the truth log"),
+    "NaN in a motion": (["nan.toml"], "finite"),
+    "device file without the class": (["empty.py:Skin"], "has no class 'Skin'"),
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("wrong")
+    (path / "taken").write_text("somebody's file")
+    (path / "broken.stl").write_text("this is no mesh")
+    (path / "empty.py").write_text("")
+    scenes = {
+        "missing": SCENE,
+        "mesh": SCENE.replace("thing.stl", "broken.stl"),
+        "key": SCENE.replace("size", "sze"),
+        "option": SCENE.replace("noise", "nose").replace('shape = "mesh"\npath = "thing.stl"', 'shape = "plane"'),
+        "nan": SCENE.replace(
+            'shape = "mesh"\npath = "thing.stl"', 'shape = "sphere"\nradius = 1\nposition = [0, 0, nan]'
+        ),
+    }
+    for name, text in scenes.items():
+        (path / f"{name}.toml").write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_mistake_is_a_message_and_leaves_nothing(name, folder):
+    arguments, says = WRONG[name]
+    before = sorted(folder.iterdir()), sorted(Path("/tmp").glob("tactemu-*"))
+    done = tactemu(
+        "run",
+        *arguments,
+        "--seconds" if "--virtual" not in arguments else "--json",
+        *([] if "--virtual" in arguments else ["1"]),
+        cwd=folder,
+    )
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert done.stderr.startswith("tactemu: ")
+    assert says in done.stderr
+    assert "Traceback" not in done.stderr
+    assert "ready" not in done.stdout
+    assert (sorted(folder.iterdir()), sorted(Path("/tmp").glob("tactemu-*"))) == before
