@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from firmware_protocols import CanFrame, CanWire, Frame, SerialWire, Wire
 from tactemu.can_bits import frame_ns, priority
 
-CATCH_UP_NS = 1_000_000
+CATCH_UP_NS = 5_000_000
 """After a stall of its caller a line makes up for this much at most: no burst, and never more than it can carry."""
 
 
