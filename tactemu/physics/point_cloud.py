@@ -1,0 +1,130 @@
+"""Points spread over the surface of a body: what a ProximityTaxel senses, and what sticks to an elastomer in shear.
+
+Candidates are drawn from the triangles by area; of these, farthest-point selection keeps an even spread. Points given
+by the user are taken as they are. For the kernels a cloud is sorted into small clusters with bounding balls, so that a
+taxel skips what it cannot reach.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+CLUSTER = 16
+"""Points per cluster, at most."""
+
+
+@dataclass(frozen=True)
+class PointCloud:
+    """Points fixed to one body, in its frame."""
+
+    body: int
+    """Index of the body in the scene."""
+    positions: np.ndarray
+    """[m], float64, shape ``(n, 3)``."""
+    areas: np.ndarray
+    """Surface that each point stands for [m^2], shape ``(n,)``; NaN where unknown (points given without areas)."""
+
+
+def farthest_points(candidates: np.ndarray, count: int) -> np.ndarray:
+    """Indices of ``count`` candidates, each the one farthest from those chosen before; the first one comes first.
+
+    Shape of ``candidates``: ``(n, 3)``. Returns fewer when there are fewer.
+    """
+    chosen = np.zeros(min(count, len(candidates)), dtype=np.int64)
+    nearest = np.full(len(candidates), np.inf)
+    for i in range(1, len(chosen)):
+        np.minimum(nearest, np.square(candidates - candidates[chosen[i - 1]]).sum(axis=1), out=nearest)
+        chosen[i] = int(np.argmax(nearest))
+    return chosen
+
+
+def sample_surface(vertices: np.ndarray, faces: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+    """``count`` points spread evenly over triangles, shape ``(count, 3)``. Triangles without area get none.
+
+    Raises:
+        ValueError: the triangles have no area at all.
+    """
+    a, b, c = (np.asarray(vertices, dtype=np.float64)[np.asarray(faces)[:, k]] for k in range(3))
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    total = float(area.sum())
+    if not (np.isfinite(total) and total > 0.0):
+        raise ValueError(f"the surface has an area of {total} m^2: nothing to sample")
+    triangle = rng.choice(len(area), size=max(256, 4 * count), p=area / total)
+    s, t = rng.random((2, len(triangle), 1))
+    root = np.sqrt(s)
+    candidates = (1.0 - root) * a[triangle] + root * (1.0 - t) * b[triangle] + root * t * c[triangle]
+    return candidates[farthest_points(candidates, count)]
+
+
+def split_evenly(total: int, parts: int) -> list[int]:
+    """``total`` points over ``parts`` links, at least one each; the first links get what is left over."""
+    return [max(1, total // parts + (i < total % parts)) for i in range(parts)]
+
+
+@dataclass(frozen=True)
+class Clusters:
+    """Clouds of one sensor, sorted so that neighbours in space are neighbours in memory."""
+
+    order: np.ndarray
+    """Sorted place -> index in the clouds one after another, shape ``(n_points,)``."""
+    positions: np.ndarray
+    """Sorted, body frame [m], shape ``(n_points, 3)``."""
+    areas: np.ndarray
+    """Sorted [m^2]."""
+    start: np.ndarray
+    """First point of each cluster, and the number of points at the end, shape ``(n_clusters + 1,)``."""
+    ball: np.ndarray
+    """Centre and radius of each cluster, body frame [m], shape ``(n_clusters, 4)``."""
+    bodies: np.ndarray
+    """Body of each cloud, shape ``(n_clouds,)``."""
+    cloud_start: np.ndarray
+    """First cluster of each cloud, and the number of clusters at the end, shape ``(n_clouds + 1,)``."""
+    cloud_ball: np.ndarray
+    """Centre and radius of each cloud, shape ``(n_clouds, 4)``."""
+
+    @property
+    def n_points(self) -> int:
+        """Points in all clouds."""
+        return len(self.positions)
+
+
+def _halves(indices: np.ndarray, positions: np.ndarray) -> list[np.ndarray]:
+    """Split at the median of the longest side until each part fits a cluster."""
+    if len(indices) <= CLUSTER:
+        return [indices] if len(indices) else []
+    here = positions[indices]
+    axis = int(np.argmax(np.ptp(here, axis=0)))
+    order = indices[np.argsort(here[:, axis], kind="stable")]
+    middle = CLUSTER * max(1, round(len(order) / 2 / CLUSTER))
+    return _halves(order[:middle], positions) + _halves(order[middle:], positions)
+
+
+def _ball(points: np.ndarray) -> np.ndarray:
+    centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    return np.append(centre, np.linalg.norm(points - centre, axis=1).max())
+
+
+def cluster(clouds: list[PointCloud]) -> Clusters:
+    """Sort the clouds of a sensor into clusters. Clouds without points are left out."""
+    clouds = [cloud for cloud in clouds if len(cloud.positions)]
+    offset, order, parts, cloud_start = 0, [], [], [0]
+    for cloud in clouds:
+        found = _halves(np.arange(len(cloud.positions)), cloud.positions)
+        parts += [cloud.positions[indices] for indices in found]
+        order += [offset + indices for indices in found]
+        offset += len(cloud.positions)
+        cloud_start.append(len(parts))
+    areas = np.concatenate([cloud.areas for cloud in clouds]) if clouds else np.zeros(0)
+    indices = np.concatenate(order) if order else np.zeros(0, dtype=np.int64)
+    return Clusters(
+        order=indices,
+        positions=np.concatenate(parts) if parts else np.zeros((0, 3)),
+        areas=areas[indices],
+        start=np.cumsum([0, *map(len, parts)]),
+        ball=np.array([_ball(part) for part in parts]).reshape(-1, 4),
+        bodies=np.array([cloud.body for cloud in clouds], dtype=np.int64),
+        cloud_start=np.array(cloud_start),
+        cloud_ball=np.array([_ball(cloud.positions) for cloud in clouds]).reshape(-1, 4),
+    )

@@ -1,0 +1,175 @@
+"""Where points of an object stick to the elastomer: latched on touching, anchored there, released on leaving.
+
+A point latches when it is deeper in the skin's body than ``contact_threshold``; its place then, in the link's frame, is
+its anchor. It is released when farther outside than the release margin. A latched point of depth b at y drags the
+markers around it by ``b (y - anchor)``, see :mod:`tactemu.physics.shear_motion`. The anchor never slips.
+"""
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import warp as wp
+
+from tactemu.physics.cloud_table import cloud_type, upload_clouds
+from tactemu.physics.plan import Context, record
+from tactemu.physics.point_cloud import CLUSTER, Clusters
+from tactemu.physics.poses import LinkView
+from tactemu.physics.shapes import VOXEL, ShapeFunctions, table_type
+from tactemu.physics.table import ShapeTable
+
+_VOXEL_SLOPE = 1.75
+"""A trilinear grid of distances may change by sqrt(3) per length, other distances by 1."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Anchors:
+    """State and output of the stage. Points are in the order of the clusters."""
+
+    is_latched: wp.array
+    """uint8, shape ``(n_envs, n_points)``."""
+    anchor: wp.array
+    """Where each latched point stuck [m], link frame, vec3, shape ``(n_envs, n_points)``."""
+    n_latched: wp.array
+    """Latched points of each cluster, int32, shape ``(n_envs, n_clusters)``."""
+    n_pulling: wp.array
+    """Latched points with depth of each cluster; they are listed from the cluster's place ``cluster * CLUSTER``."""
+    place: wp.array
+    """Where the listed points are [m], link frame, vec3, shape ``(n_envs, n_clusters * CLUSTER)``."""
+    pull: wp.array
+    """Depth times way from the anchor, times the sample's area if areas weigh [m^2 or m^4], same shape."""
+
+
+@functools.cache
+def _kernels(real, functions: ShapeFunctions, slope: float, area_weighted: bool):
+    vec3 = wp.types.vector(3, real)
+    transform = wp.types.transformation(real)
+    distance = functions.distance
+    steepest = wp.constant(real(slope))
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def follow_points(
+        shapes: table_type(real),
+        clouds: cloud_type(real),
+        pose: wp.array2d(dtype=transform),
+        link: int,
+        contact_threshold: real,
+        release_margin: real,
+        # outputs
+        is_latched: wp.array2d(dtype=wp.uint8),
+        anchor: wp.array2d(dtype=vec3),
+        n_latched: wp.array2d(dtype=wp.int32),
+        n_pulling: wp.array2d(dtype=wp.int32),
+        place: wp.array2d(dtype=vec3),
+        pull: wp.array2d(dtype=vec3),
+    ):
+        env, c = wp.tid()
+        at = pose[env, clouds.cluster_body[c]]
+        ball = clouds.ball[c]
+        first = clouds.start[c]
+        centre = wp.transform_point(at, vec3(ball[0], ball[1], ball[2]))
+        centre_distance, _ = distance(shapes, link, centre)
+        if centre_distance > steepest * ball[3] + wp.max(release_margin, real(0.0)):
+            if n_latched[env, c] > 0:
+                for p in range(first, clouds.start[c + 1]):
+                    is_latched[env, p] = wp.uint8(0)
+                n_latched[env, c] = 0
+            n_pulling[env, c] = 0
+            return
+        latched = int(0)
+        pulling = int(0)
+        for p in range(first, clouds.start[c + 1]):
+            y = wp.transform_point(at, clouds.points[p])
+            depth, _ = distance(shapes, link, y)
+            depth = -depth
+            holds = is_latched[env, p] != wp.uint8(0) and not (depth < -release_margin)
+            touches = not holds and depth > contact_threshold
+            if touches:
+                anchor[env, p] = y
+            stays = holds or touches
+            is_latched[env, p] = wp.uint8(stays)
+            if stays:
+                latched += 1
+                if depth > real(0.0) and not touches:
+                    weight = depth
+                    if wp.static(area_weighted):
+                        weight *= clouds.areas[p]
+                    place[env, c * CLUSTER + pulling] = y
+                    pull[env, c * CLUSTER + pulling] = weight * (y - anchor[env, p])
+                    pulling += 1
+        n_latched[env, c] = latched
+        n_pulling[env, c] = pulling
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def release_all(
+        envs: wp.array(dtype=wp.bool),
+        # outputs
+        is_latched: wp.array2d(dtype=wp.uint8),
+        n_latched: wp.array2d(dtype=wp.int32),
+        n_pulling: wp.array2d(dtype=wp.int32),
+    ):
+        env, p = wp.tid()
+        if envs[env]:
+            is_latched[env, p] = wp.uint8(0)
+            if p < n_latched.shape[1]:
+                n_latched[env, p] = 0
+                n_pulling[env, p] = 0
+
+    return follow_points, release_all
+
+
+def shear_anchors(
+    context: Context,
+    table: ShapeTable,
+    view: LinkView,
+    clusters: Clusters,
+    *,
+    contact_threshold: float,
+    release_margin: float,
+    area_weighted: bool,
+) -> tuple[Anchors, Callable[[], None], Callable[[wp.array], None]]:
+    """Allocate the state and record its update.
+
+    Args:
+        clusters: points of the tracked bodies.
+        contact_threshold: depth in the link's body beyond which a point latches [m].
+        release_margin: distance from the link's body beyond which it is released [m].
+        area_weighted: multiply each pull by the surface that the point stands for.
+
+    Returns:
+        The state, the launch, and the reset by a mask of environments.
+    """
+    real, device, n_envs = context.real, context.device, context.n_envs
+    vec3 = wp.types.vector(3, real)
+    n_clusters = len(clusters.ball)
+    points, slots = (n_envs, clusters.n_points), (n_envs, n_clusters * CLUSTER)
+    anchors = Anchors(
+        is_latched=wp.zeros(points, dtype=wp.uint8, device=device),
+        anchor=wp.zeros(points, dtype=vec3, device=device),
+        n_latched=wp.zeros((n_envs, n_clusters), dtype=wp.int32, device=device),
+        n_pulling=wp.zeros((n_envs, n_clusters), dtype=wp.int32, device=device),
+        place=wp.zeros(slots, dtype=vec3, device=device),
+        pull=wp.zeros(slots, dtype=vec3, device=device),
+    )
+    slope = _VOXEL_SLOPE if VOXEL in table.kinds else 1.0
+    follow_points, release_all = _kernels(real, table.functions, slope, area_weighted)
+    launch = record(
+        follow_points,
+        (n_envs, n_clusters),
+        [
+            table.struct,
+            upload_clouds(clusters, context),
+            view.pose,
+            view.link,
+            contact_threshold,
+            release_margin,
+        ],
+        [anchors.is_latched, anchors.anchor, anchors.n_latched, anchors.n_pulling, anchors.place, anchors.pull],
+        device,
+    )
+
+    def reset(envs: wp.array) -> None:
+        outputs = [anchors.is_latched, anchors.n_latched, anchors.n_pulling]
+        wp.launch(release_all, dim=points, inputs=[envs], outputs=outputs, device=device)
+
+    return anchors, launch, reset
