@@ -20,6 +20,8 @@ _PUBLIC = {
     "VoxelGrid": "tactemu.scene.bodies",
     "ContactProbe": "tactemu.physics.contact_probe",
     "ContactDepthProbe": "tactemu.physics.contact_depth_probe",
+    "ElastomerTaxel": "tactemu.physics.elastomer_taxel",
+    "ProximityTaxel": "tactemu.physics.proximity_taxel",
     "KinematicTaxel": "tactemu.physics.kinematic_taxel",
     "TactemuError": "tactemu.errors",
 }

@@ -39,7 +39,9 @@ def free_areas(positions: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """
     n = len(positions)
     if n > _LARGEST_ESTIMATE:
-        raise SceneError(f"area_weighted: {n} taxels in a free layout; give taxel_area for more than {_LARGEST_ESTIMATE}")
+        raise SceneError(
+            f"area_weighted: {n} taxels in a free layout; give taxel_area for more than {_LARGEST_ESTIMATE}"
+        )
     if n == 1:
         return np.ones(1)
     squared = np.empty((n, n))

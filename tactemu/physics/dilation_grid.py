@@ -4,8 +4,6 @@ Pass 1 sums over rows, for every column in contact; pass 2 over columns. One thr
 neighbours, which the compiler turns into vector instructions on a CPU.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 

@@ -51,10 +51,10 @@ def layer_response(q: np.ndarray) -> np.ndarray:
     small = q < 0.35
     x2 = np.square(2.0 * np.where(small, q, 0.0))
     series = 1.0 + x2 / 20.0 * (1.0 + x2 / 42.0 * (1.0 + x2 / 72.0 * (1.0 + x2 / 110.0 * (1.0 + x2 / 156.0))))
-    decay = np.exp(-2.0 * np.where(small, 1.0, q))
-    large = 4.0 * q * q * decay / (1.0 - decay * decay - 4.0 * q * decay * np.where(small, 0.0, 1.0))
-    with np.errstate(divide="ignore"):
-        return np.where(small, 1.5 / (np.where(q > 0, q, np.inf) * series), large)
+    p = np.where(small, 1.0, np.minimum(q, 400.0))  # S(400) is 0 in float64
+    decay = np.exp(-2.0 * p)
+    large = 4.0 * p * p * decay / (1.0 - decay * decay - 4.0 * p * decay)
+    return np.where(small, 1.5 / (np.where(small & (q > 0), q, np.inf) * series), large)
 
 
 def spectral_layer(shape: tuple[int, int], spacing: tuple[float, float], thickness: float) -> np.ndarray:
@@ -128,7 +128,9 @@ def _radial_table(thickness: float, reach: float) -> tuple[np.ndarray, float]:
     step = max(min(thickness / 400.0, reach / 64.0), reach / 200_000.0)
     rho = step * np.arange(int(reach / step) + 3)
     weight = np.zeros_like(rho)
-    weight[1:] = np.concatenate([radial_layer(part, thickness) for part in np.array_split(rho[1:], len(rho) // 512 + 1)])
+    weight[1:] = np.concatenate(
+        [radial_layer(part, thickness) for part in np.array_split(rho[1:], len(rho) // 512 + 1)]
+    )
     weight[1:] /= rho[1:]
     weight[0] = weight[1]
     return weight, step

@@ -47,6 +47,7 @@ def relative_pose_kernel(real, with_twist: bool):
         pose_out: wp.array3d(dtype=transform),
         velocity_out: wp.array3d(dtype=vec3),
         spin_out: wp.array3d(dtype=vec3),
+        link_spin_out: wp.array2d(dtype=vec3),
         bad_out: wp.array3d(dtype=wp.uint8),
     ):
         l, e, b = wp.tid()
@@ -74,6 +75,8 @@ def relative_pose_kernel(real, with_twist: bool):
             moved = v + wp.cross(w, vector(link, 0) - vector(body, 0)) - vector(link, 7)
             velocity_out[l, e, b] = narrow(wp.quat_rotate(to_link, moved))
             spin_out[l, e, b] = narrow(wp.quat_rotate(to_link, w - wl))
+            if b == 0:
+                link_spin_out[l, e] = narrow(wp.quat_rotate(to_link, wl))
 
     return relative_poses
 
@@ -93,6 +96,8 @@ class LinkView:
     """Relative velocity of each body's material at the link's *origin* [m/s], link frame; empty unless asked for."""
     spin: wp.array
     """Relative angular velocity [rad/s], link frame; empty unless asked for."""
+    link_spin: wp.array
+    """Angular velocity of the link itself in the world [rad/s], link frame, shape ``(n_envs,)``; empty likewise."""
 
 
 class RelativePoses:
@@ -119,21 +124,24 @@ class RelativePoses:
         twist_shape = shape if self.with_twist else (0, 0, 0)
         self._velocity = wp.zeros(twist_shape, dtype=vec3, device=device)
         self._spin = wp.zeros(twist_shape, dtype=vec3, device=device)
+        self._link_spin = wp.zeros(twist_shape[:2], dtype=vec3, device=device)
         self.bad = wp.zeros(shape, dtype=wp.uint8, device=device)
 
     def view(self, link: int) -> LinkView:
         """What the link sees."""
         l = self.links.index(link)
         if self.with_twist:
-            return LinkView(link=link, pose=self._pose[l], velocity=self._velocity[l], spin=self._spin[l])
-        none = wp.zeros((0, 0), dtype=self._spin.dtype, device=self._spin.device)
-        return LinkView(link=link, pose=self._pose[l], velocity=none, spin=none)
+            arrays = {"velocity": self._velocity[l], "spin": self._spin[l], "link_spin": self._link_spin[l]}
+        else:
+            none = wp.zeros((0, 0), dtype=self._spin.dtype, device=self._spin.device)
+            arrays = {"velocity": none, "spin": none, "link_spin": none.reshape((0,))}
+        return LinkView(link=link, pose=self._pose[l], **arrays)
 
     def stage(self) -> Stage:
         """The stage; it also advances the step count and the time."""
         context = self._context
         inputs = [self.world, self._links, self.dt_ns, context.step, context.time_ns]
-        outputs = [self._pose, self._velocity, self._spin, self.bad]
+        outputs = [self._pose, self._velocity, self._spin, self._link_spin, self.bad]
         kernel = relative_pose_kernel(context.real, self.with_twist)
         reason = "poses of all bodies in the skin's frame, formed in float64"
         if self.with_twist:

@@ -26,6 +26,13 @@ class RegularGrid:
     """Unit tangent along a column."""
     normal: np.ndarray
     """Unit normal of all taxels."""
+    deviation: float = 0.0
+    """Largest deviation, in cosines of angles or as a part of the extent."""
+
+    @property
+    def is_exact(self) -> bool:
+        """Regular to rounding: places may be computed from rows and columns."""
+        return self.deviation < 1e-10
 
 
 def regular_grid(positions: np.ndarray, normals: np.ndarray) -> RegularGrid | None:
@@ -50,4 +57,5 @@ def regular_grid(positions: np.ndarray, normals: np.ndarray) -> RegularGrid | No
     expected = (j - (cols - 1) / 2) * step_u + (i - (rows - 1) / 2) * step_v
     residual = np.abs(centred - expected).max() / np.abs(expected).max()
     skew = max(abs(u @ v), abs(u @ normal), abs(v @ normal), float(np.abs(normals - normal).max()))
-    return RegularGrid(rows, cols, du, dv, u, v, normal) if max(residual, skew) <= _TOLERANCE else None
+    deviation = float(max(residual, skew))
+    return RegularGrid(rows, cols, du, dv, u, v, normal, deviation) if deviation <= _TOLERANCE else None

@@ -1,7 +1,7 @@
 """ProximityTaxel: force and torque from the points of a surface within a radius, touching or not.
 
-With ``P_j = R - |x_j - r|`` for the M points ``x_j`` of the tracked bodies within R of the probe at r, the probe's normal
-a, ``v_j = v_body(x_j) - v_skin(r)``, ``v_tj`` its part across a, and ``D = density_scalar / M``::
+With ``P_j = R - |x_j - r|`` for the M points ``x_j`` of the tracked bodies within R of the probe at r, the probe's
+normal a, ``v_j = v_body(x_j) - v_skin(r)``, ``v_tj`` its part across a, and ``D = density_scalar / M``::
 
     F = k D (sum P_j) a + c D sum P_j v_tj             k stiffness, c shear_coupling
     T = r x F - c_w a sum P_j (w_j - w_skin).a / sum P_j        c_w twist_scalar
@@ -19,7 +19,7 @@ import warp as wp
 
 from tactemu.errors import SceneError
 from tactemu.physics.cloud_table import cloud_type, upload_clouds
-from tactemu.physics.force_torque import ForceTorque
+from tactemu.physics.kinematic_taxel import ForceTorque
 from tactemu.physics.plan import Stage, record
 from tactemu.physics.point_cloud import cluster
 from tactemu.physics.probes import Probes
@@ -120,7 +120,7 @@ def proximity_kernel(real, moving: bool, separate: bool, has_gain: bool, has_rad
     return proximity
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(kw_only=True, eq=False)
 class ProximityTaxel(SensorModel):
     """Reads :class:`ForceTorque`. ``track_link_idx`` names the bodies whose points it senses (default: all others)."""
 
@@ -141,7 +141,7 @@ class ProximityTaxel(SensorModel):
     forces_on_skin: bool = False
     """Turn the normal and twist parts so that they too act on the skin."""
 
-    channels = 6
+    channels = ("force", "torque")
     layouts = {"force": slice(0, 3)}
 
     def velocity_reason(self) -> str | None:

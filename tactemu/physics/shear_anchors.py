@@ -68,7 +68,7 @@ def _kernels(real, functions: ShapeFunctions, slope: float, area_weighted: bool)
         ball = clouds.ball[c]
         first = clouds.start[c]
         centre = wp.transform_point(at, vec3(ball[0], ball[1], ball[2]))
-        centre_distance, _ = distance(shapes, link, centre)
+        centre_distance, _normal = distance(shapes, link, centre)
         if centre_distance > steepest * ball[3] + wp.max(release_margin, real(0.0)):
             if n_latched[env, c] > 0:
                 for p in range(first, clouds.start[c + 1]):
@@ -80,7 +80,7 @@ def _kernels(real, functions: ShapeFunctions, slope: float, area_weighted: bool)
         pulling = int(0)
         for p in range(first, clouds.start[c + 1]):
             y = wp.transform_point(at, clouds.points[p])
-            depth, _ = distance(shapes, link, y)
+            depth, _normal = distance(shapes, link, y)
             depth = -depth
             holds = is_latched[env, p] != wp.uint8(0) and not (depth < -release_margin)
             touches = not holds and depth > contact_threshold

@@ -20,7 +20,7 @@ _NEGLIGIBLE = 1.0e-30
 
 
 @functools.cache
-def _direct_kernel(real):
+def _direct_kernel(real, add: bool):
     vec3 = wp.types.vector(3, real)
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -51,13 +51,15 @@ def _direct_kernel(real):
                 total += wp.exp(-lambda_s * in_plane) * pull[env, o]
         total = scale * (total - wp.dot(total, n) * n)
         for k in range(3):
-            motion[env, taxel, k] += total[k]
+            if wp.static(add):
+                total[k] += motion[env, taxel, k]
+            motion[env, taxel, k] = total[k]
 
     return add_shear
 
 
 @functools.cache
-def _grid_kernels(real):
+def _grid_kernels(real, add: bool):
     vec3 = wp.types.vector(3, real)
     block = wp.types.vector(WIDTH, real)
 
@@ -125,7 +127,9 @@ def _grid_kernels(real):
                     total = vec3(x[m], y[m], z[m])
                     total -= wp.dot(total, normal) * normal
                     for k in range(3):
-                        motion[env, taxel, k] += total[k]
+                        if wp.static(add):
+                            total[k] += motion[env, taxel, k]
+                        motion[env, taxel, k] = total[k]
 
     return tabulate, add_shear
 
@@ -140,11 +144,12 @@ def direct_shear_motion(
     scale: float,
     lambda_s: float,
     motion: wp.array,
+    add: bool,
 ) -> Callable[[], None]:
-    """Record the sum for taxels anywhere, each with its own normal; it adds to ``motion`` ``(n_envs, n_taxels, 3)``."""
+    """Record the sum for taxels anywhere, each with its own normal; see :func:`grid_shear_motion`."""
     inputs = [anchors.n_pulling, anchors.place, anchors.pull, positions, normals, is_sensing, scale, lambda_s]
     dim = (context.n_envs, len(is_sensing))
-    return record(_direct_kernel(context.real), dim, inputs, [motion], context.device)
+    return record(_direct_kernel(context.real, add), dim, inputs, [motion], context.device)
 
 
 def grid_shear_motion(
@@ -157,14 +162,18 @@ def grid_shear_motion(
     scale: float,
     lambda_s: float,
     motion: wp.array,
+    add: bool,
 ) -> Callable[[], None]:
-    """Record the sum for a grid whose first taxel is at ``corner``; it adds to ``motion``."""
+    """Record the sum for a grid whose first taxel is at ``corner``.
+
+    It adds to ``motion``, shape ``(n_envs, n_taxels, 3)``, or writes it if ``add`` is false; fillers are left alone.
+    """
     real, device, n_envs = context.real, context.device, context.n_envs
     vec3 = wp.types.vector(3, real)
     n_slots, n_blocks = anchors.place.shape[1], -(-grid.cols // WIDTH)
     by_row = wp.zeros((n_envs, n_slots, grid.rows), dtype=real, device=device)
     by_col = wp.zeros((n_envs, n_slots, n_blocks), dtype=wp.types.vector(WIDTH, real), device=device)
-    tabulate, add_shear = _grid_kernels(real)
+    tabulate, add_shear = _grid_kernels(real, add)
     geometry = [vec3(*corner), vec3(*grid.u), vec3(*grid.v), grid.du, grid.dv, lambda_s]
     first = record(
         tabulate,

@@ -25,7 +25,7 @@ def _counts(given: int | Sequence[int], n_bodies: int, sensor: str) -> list[int]
     return counts
 
 
-def _given_clouds(points, site: Site) -> list[PointCloud]:
+def _given_clouds(points, area: float, site: Site) -> list[PointCloud]:
     n = len(site.target_bodies)
     arrays = [points] if np.ndim(points[0]) == 1 else list(points)
     if len(arrays) != n:
@@ -37,11 +37,13 @@ def _given_clouds(points, site: Site) -> list[PointCloud]:
             raise SceneError(
                 f"{site.name}: points of body {body.name!r} must be finite and of shape (M, 3), got {positions.shape}"
             )
-        clouds.append(PointCloud(body.index, positions, np.full(len(positions), np.nan)))
+        clouds.append(PointCloud(body.index, positions, np.full(len(positions), area)))
     return clouds
 
 
-def surface_points(site: Site, n_sample_points: int | Sequence[int], points=None) -> list[PointCloud]:
+def surface_points(
+    site: Site, n_sample_points: int | Sequence[int], points=None, point_area: float | None = None
+) -> list[PointCloud]:
     """One cloud per tracked body.
 
     Args:
@@ -49,11 +51,13 @@ def surface_points(site: Site, n_sample_points: int | Sequence[int], points=None
         n_sample_points: for all bodies together, split evenly, or one number per body.
         points: the points themselves, ``(M, 3)`` for one body or a list of such arrays; nothing is sampled then.
 
+        point_area: surface that each of them stands for [m^2].
+
     Raises:
         SceneError: numbers do not fit the bodies, or a body has no surface to sample.
     """
     if points is not None and len(points):
-        return _given_clouds(points, site)
+        return _given_clouds(points, np.nan if point_area is None else float(point_area), site)
     clouds = []
     for body, count in zip(site.target_bodies, _counts(n_sample_points, max(len(site.target_bodies), 1), site.name)):
         vertices, faces = surface_triangles(body.shape, body.name)

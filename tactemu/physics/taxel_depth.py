@@ -1,0 +1,94 @@
+"""How deep each taxel's own place is inside the bodies felt, and which part of a grid is in contact."""
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import warp as wp
+
+from tactemu.physics.contact import nearest_function
+from tactemu.physics.plan import record
+from tactemu.physics.sensor import Site
+from tactemu.physics.shapes import table_type
+
+_NOWHERE = 2**30
+
+
+@dataclass(frozen=True, kw_only=True)
+class TaxelDepth:
+    """What the stage writes."""
+
+    depth: wp.array
+    """``max(0, -distance)`` [m], shape ``(n_envs, n_taxels)``; 0 for fillers; NaN for poses that are not finite."""
+    power: wp.array
+    """``depth ** exponent``; the same array for exponent 1."""
+    box: wp.array
+    """First and last row, first and last column in contact, int32, shape ``(n_envs, 4)``; first > last: none."""
+
+
+@functools.cache
+def _kernels(real, kinds: frozenset):
+    vec3 = wp.types.vector(3, real)
+    transform = wp.types.transformation(real)
+    nearest = nearest_function(real, kinds)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def clear_box(box: wp.array2d(dtype=wp.int32)):
+        env = wp.tid()
+        box[env, 0] = _NOWHERE
+        box[env, 1] = -1
+        box[env, 2] = _NOWHERE
+        box[env, 3] = -1
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def find_depth(
+        shapes: table_type(real),
+        pose: wp.array2d(dtype=transform),
+        targets: wp.array(dtype=wp.int32),
+        positions: wp.array(dtype=vec3),
+        is_sensing: wp.array(dtype=wp.bool),
+        exponent: real,
+        cols: int,
+        # outputs
+        depth: wp.array2d(dtype=real),
+        power: wp.array2d(dtype=real),
+        box: wp.array2d(dtype=wp.int32),
+    ):
+        env, taxel = wp.tid()
+        h = real(0.0)
+        if is_sensing[taxel]:
+            distance, _normal, _body = nearest(shapes, pose, targets, env, positions[taxel], real(0.0))
+            if not (distance >= real(0.0)):  # so that NaN goes on
+                h = -distance
+                row = taxel // cols
+                col = taxel - row * cols
+                wp.atomic_min(box, env, 0, row)
+                wp.atomic_max(box, env, 1, row)
+                wp.atomic_min(box, env, 2, col)
+                wp.atomic_max(box, env, 3, col)
+        depth[env, taxel] = h
+        if exponent == real(2.0):
+            power[env, taxel] = h * h
+        elif exponent != real(1.0):
+            power[env, taxel] = wp.pow(h, exponent)
+
+    return clear_box, find_depth
+
+
+def taxel_depth(site: Site, is_sensing: wp.array, exponent: float) -> tuple[TaxelDepth, Callable[[], None]]:
+    """Allocate the arrays and record the query. ``exponent`` > 0."""
+    context = site.context
+    real, device, shape = context.real, context.device, (context.n_envs, site.probes.n)
+    depth = wp.zeros(shape, dtype=real, device=device)
+    power = depth if exponent == 1.0 else wp.zeros(shape, dtype=real, device=device)
+    box = wp.zeros((context.n_envs, 4), dtype=wp.int32, device=device)
+    clear_box, find_depth = _kernels(real, site.table.kinds)
+    clear = record(clear_box, context.n_envs, [], [box], device)
+    inputs = [site.table.struct, site.view.pose, site.targets, site.positions, is_sensing, exponent]
+    find = record(find_depth, shape, [*inputs, site.probes.layout[-1]], [depth, power, box], device)
+
+    def launch():
+        clear()
+        find()
+
+    return TaxelDepth(depth=depth, power=power, box=box), launch
