@@ -1,0 +1,49 @@
+"""Three unmodified Modbus clients read the Inspire hand: over TCP, and as RTU on a bare pty."""
+
+import pytest
+
+import firmware_protocols as fp
+from tests.drivers.rig import Rig, assert_consecutive, run_driver
+
+pytestmark = [pytest.mark.driver, pytest.mark.timeout(90)]
+
+
+def hand() -> fp.Device:
+    """Sampled fast, so that 200 readings see many samples."""
+    device = fp.create("inspire_rh56dftp")
+    device.period_ns = 2_000_000
+    return device
+
+
+INDEX_TOP, PALM = slice(564, 660), slice(950, 1062)
+
+
+def test_plusml_rh56dftp_over_tcp(tmp_path):
+    with Rig(hand(), kind="tcp", peak=4.5) as rig:
+        got = run_driver("RH56DFTP", "plusml_rh56dftp_read.py", rig.port, cwd=tmp_path)
+    assert rig.device.counters["refused"] == 0
+    # The driver reads one register per byte of the matrix: the matrix is the first half of what it returns.
+    assert_consecutive([values[:96] for values in got["many"]], rig.truth, decode=lambda counts: counts[INDEX_TOP])
+    for address, values in got["once"].values():
+        size = len(values) // 2
+        start = (address - 3000) // 2
+        part = slice(start, start + size)
+        assert_consecutive([values[:size]], rig.truth, decode=lambda counts, part=part: counts[part], count=1)
+    assert len(got["once"]) == 17
+    assert got["written"] and got["others"]["POS_SET(2)"] == 300
+    assert got["others"]["HAND_ID"] == 1 and got["others"]["TEMP(1)"] == 25 and got["others"]["ERROR(5)"] == 0
+    assert got["others"]["FORCE_ACT(0)"] == 4000
+
+
+def test_pymodbus_rtu():
+    with Rig(hand(), peak=4.5) as rig:
+        got = run_driver("pymodbus", "pymodbus_read.py", rig.port)
+    assert_consecutive(got["many"], rig.truth, decode=lambda counts: counts[PALM])
+    assert got["refused"] == 1 and got["silent"]
+
+
+def test_modbus_tk_rtu():
+    with Rig(hand(), peak=4.5) as rig:
+        got = run_driver("modbus_tk", "modbus_tk_read.py", rig.port)
+    assert_consecutive(got["many"], rig.truth, decode=lambda counts: counts[INDEX_TOP])
+    assert got["refused"] == 2
