@@ -23,6 +23,17 @@ _PUBLIC = {
     "ElastomerTaxel": "tactemu.physics.elastomer_taxel",
     "ProximityTaxel": "tactemu.physics.proximity_taxel",
     "KinematicTaxel": "tactemu.physics.kinematic_taxel",
+    "Hold": "tactemu.scene.motion",
+    "Press": "tactemu.scene.motion",
+    "Slide": "tactemu.scene.motion",
+    "Roll": "tactemu.scene.motion",
+    "Spin": "tactemu.scene.motion",
+    "Keyframes": "tactemu.scene.motion",
+    "FromFunction": "tactemu.scene.motion",
+    "Sequence": "tactemu.scene.motion",
+    "Together": "tactemu.scene.motion",
+    "Pose": "tactemu.scene.motion",
+    "serve": "tactemu.serving",
     "TactemuError": "tactemu.errors",
 }
 

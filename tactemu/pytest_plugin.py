@@ -23,7 +23,7 @@ def tactile_device():
     started = []
 
     def start(target, port=None, **options):
-        from tactemu.serve import serve
+        from tactemu.serving import serve
 
         device = serve(target, port, **options).start()
         started.append(device)

@@ -1,0 +1,129 @@
+"""A device served to a test: moved by hand from another thread, read by a plain serial port."""
+
+import threading
+
+import numpy as np
+import pytest
+import serial
+
+from tactemu.errors import SceneError, TactemuError, TransportError
+from tactemu.serving import serve
+
+FRAME = 82
+
+
+def fields(frames: bytes) -> np.ndarray:
+    """Bz of the five chips in each whole frame."""
+    whole = [frames[k : k + FRAME] for k in range(0, len(frames) - FRAME + 1, FRAME)]
+    return np.array([np.frombuffer(f[:80], "<f4").reshape(5, 4)[:, 3] for f in whole])
+
+
+@pytest.fixture(scope="module")
+def dev():
+    with serve("anyskin", rate_hz=200) as device:
+        yield device
+
+
+def test_a_press_is_felt_and_released(dev):
+    with serial.Serial(dev.port, 115200, timeout=2) as port:
+        dev.press(1e-3, taxel=2)
+        at_depth = dev.sample().ideal
+        port.reset_input_buffer()
+        pressed = fields(port.read(4 * FRAME))
+        dev.release()
+        dev.wait(0.05)
+        port.reset_input_buffer()
+        free = fields(port.read(4 * FRAME))
+    np.testing.assert_allclose(at_depth[2], (0, 0, -1.0), atol=1e-4)  # 1000 N/m x 1 mm, on the skin
+    assert np.argmax(np.abs(pressed[-1] - free[-1])) == 2
+    assert not dev.sample().ideal.any()
+
+
+def test_press_for_a_time_returns_released(dev):
+    dev.press(1e-3, seconds=0.1, taxel=0)
+    dev.wait(0.02)
+    assert not dev.sample().ideal.any()
+    felt = [s for s in dev.truth.samples if s.ideal[0].any()]
+    assert felt[-1].t_ns - felt[0].t_ns == pytest.approx(0.1e9 + 2 * 1e-3 / 0.05 * 1e9, abs=15e6)
+
+
+def test_move_puts_the_body_where_it_is_told(dev):
+    dev.move(position=(0.007, 0.0, 0.003 + 0.02 - 0.0005), seconds=0.05)
+    dev.wait(0.02)
+    np.testing.assert_allclose(dev.sample().ideal[2], (0, 0, -0.5), atol=1e-4)
+    dev.move(by=(0, 0, 0.01))
+    dev.wait(0.02)
+    assert not dev.sample().ideal.any()
+
+
+def test_calls_from_many_threads(dev):
+    threads = [threading.Thread(target=dev.press, args=(1e-3, 0.01), kwargs={"taxel": k}) for k in range(5)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(10)
+        assert not thread.is_alive()
+
+
+def test_mistakes_are_raised_where_they_are_made(dev):
+    with pytest.raises(TactemuError, match=r"taxel: expected 0\.\.4, got 9"):
+        dev.press(1e-3, taxel=9)
+    with pytest.raises(TactemuError, match="body 'bal' cannot be steered; these can: ball"):
+        dev.press(1e-3, body="bal")
+
+
+def test_nothing_is_left(tmp_path):
+    path = tmp_path / "port"
+    before = threading.active_count()
+    with serve("anyskin", f"pty:{path}") as device:
+        assert device.port == str(path)
+        assert path.is_symlink()
+    assert not path.is_symlink()
+    assert threading.active_count() == before
+    device.stop()
+
+
+def test_a_port_that_cannot_be_made_leaves_nothing():
+    before = threading.active_count()
+    with pytest.raises(TransportError):
+        serve("anyskin", "pty:/nonexistent/port").start()
+    assert threading.active_count() == before
+
+
+def test_an_error_in_the_background_reaches_the_test():
+    device = serve("anyskin").start()
+    with pytest.raises(TactemuError, match="finite"):
+        device.move(position=(0, 0, float("nan")))
+        device.wait(1.0)
+    device._error = None
+    device.stop()
+
+
+def test_a_scene_file_keeps_its_motions_unless_steered(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE)
+    with serve(path) as device:
+        with pytest.raises(TactemuError, match="no body can be steered"):
+            device.press(1e-3)
+    with serve(path, steer=["ball"]) as device:
+        device.press(1e-3)
+        assert device.sample().ideal.any()
+    with pytest.raises(SceneError, match="steer: no body 'pad' that could move"):
+        serve(path, steer=["pad"]).start()
+
+
+SCENE = """
+[[body]]
+name = "pad"
+shape = "frame"
+fixed = true
+[[body]]
+name = "ball"
+shape = "box"
+size = [0.01, 0.02, 0.03]
+position = [0, 0, 0.05]
+motion = { kind = "hold" }
+[[skin]]
+device = "anyskin"
+link = "pad"
+"""
