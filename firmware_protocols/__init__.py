@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import sys
 from importlib.metadata import entry_points
 from pathlib import Path
 
@@ -82,10 +83,10 @@ def _load_file(target: str) -> type[Device]:
     path, _, attribute = target.rpartition(":")
     if not Path(path).is_file():
         raise LookupError(f"no such device file: {path}")
-    spec = importlib.util.spec_from_file_location(Path(path).stem, path)
+    spec = importlib.util.spec_from_file_location(f"device_file_{Path(path).stem}", path)
     if spec is None or spec.loader is None:
         raise LookupError(f"not a Python file: {path}")
-    module = importlib.util.module_from_spec(spec)
+    module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     if not hasattr(module, attribute):
         raise LookupError(f"{path} has no class {attribute!r}")
