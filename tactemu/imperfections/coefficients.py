@@ -98,4 +98,4 @@ def compile_coefficients(
         [out],
         context.device,
     )
-    return out, [Stage(name=f"{name}/coefficients", reason="laws that depend on time", launch=launch)]
+    return out, [Stage(name=f"{name}: coefficients", reason="laws that depend on time", launch=launch)]

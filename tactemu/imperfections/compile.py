@@ -18,14 +18,14 @@ import warp as wp
 
 from tactemu.errors import SceneError
 from tactemu.imperfections import resets
+from tactemu.imperfections.adjustments import Adjustments
 from tactemu.imperfections.coefficients import compile_coefficients
-from tactemu.imperfections.columns import Table, environments
+from tactemu.imperfections.columns import Table
 from tactemu.imperfections.crosstalk import compile_crosstalk
 from tactemu.imperfections.delivery import Delay, compile_history
 from tactemu.imperfections.elementwise import (
     ALIVE,
     COLUMNS_PER_THREAD,
-    DIES,
     electronics_kernel,
     material_kernel,
 )
@@ -34,6 +34,7 @@ from tactemu.imperfections.laws import check, electronic_laws, gain_is_on, mater
 from tactemu.imperfections.options import ImperfectionOptions
 from tactemu.imperfections.radius import radius_kernel
 from tactemu.imperfections.scan import compile_scan
+from tactemu.physics.clearing import clear_rows
 from tactemu.physics.plan import Context, Stage, record
 from tactemu.random_streams import stream_key
 
@@ -42,7 +43,7 @@ def nothing() -> None:
     """The launch of a stage that only acts at resets."""
 
 
-class Imperfections:
+class Imperfections(Adjustments):
     """The imperfections of one sensor, and the handle by which they are changed while running."""
 
     def __init__(self, options: ImperfectionOptions, info: ReadingInfo, context: Context):
@@ -53,6 +54,8 @@ class Imperfections:
         """Gain of each taxel, shape ``(n_envs, n_taxels)``; ``None`` where all are 1."""
         self.stuck: wp.array | None = None
         """What dead columns read, shape ``(n_envs, n_columns)``, infinite where alive."""
+        self.state: dict[str, wp.array] = {}
+        """What the laws remember, float64, shape ``(n_envs, n_columns)``."""
         self._delay: Delay | None = None
 
     # -- for the sensor's kernel
@@ -70,7 +73,9 @@ class Imperfections:
         if self.options.probe_gain_resample_range is None:
             return self.gain, []
         redraw = self._redraw_gain()
-        return self.gain, [Stage(name=self._name("gain"), reason="gains drawn at resets", launch=nothing, reset=redraw)]
+        return self.gain, [
+            Stage(name=f"{self.info.name}: gain", reason="gains drawn at resets", launch=nothing, reset=redraw)
+        ]
 
     def _redraw_gain(self):
         low, high = self.options.probe_gain_resample_range
@@ -99,7 +104,7 @@ class Imperfections:
             [radius],
             context.device,
         )
-        return radius, [Stage(name=self._name("radius_noise"), reason="probe_radius_noise", launch=launch)]
+        return radius, [Stage(name=f"{self.info.name}: radius_noise", reason="probe_radius_noise", launch=launch)]
 
     # -- on the sensor's readings
 
@@ -134,6 +139,7 @@ class Imperfections:
                 ("loop", "backlash"),
             )
         }
+        self.state |= {name: array for name, array in state.items() if array is not None}
         unloading = options.hysteresis_strength_unloading
         strength = options.hysteresis_strength
         strengths = wp.vec3d(strength, strength if unloading is None else unloading, options.creep_strength)
@@ -146,7 +152,7 @@ class Imperfections:
             context.device,
         )
         reset = self._clear([*state.values(), self._flatten(out)])
-        return out, Stage(name=self._name("material"), reason=_reason(laws), launch=launch, reset=reset)
+        return out, Stage(name=f"{self.info.name}: material", reason=_reason(laws), launch=launch, reset=reset)
 
     def _electronics(self, x: wp.array, laws: frozenset[str], coefficient) -> tuple[wp.array, Stage]:
         context, options, real = self.context, self.options, self.context.real
@@ -157,6 +163,8 @@ class Imperfections:
 
         is_filler = wp.array(self.info.filler.astype(np.uint8), dtype=wp.uint8, device=context.device)
         walked = self._zeros(self._flat, wp.float64) if "random_walk" in laws else None
+        if walked is not None:
+            self.state["random_walk"] = walked
         redraw_dead = self._redraw_dead() if "dead" in laws else None
         out = self._zeros(x.shape, real)
         launch = record(
@@ -188,7 +196,7 @@ class Imperfections:
             if redraw_dead is not None:
                 redraw_dead(mask)
 
-        return out, Stage(name=self._name("electronics"), reason=_reason(laws), launch=launch, reset=reset)
+        return out, Stage(name=f"{self.info.name}: electronics", reason=_reason(laws), launch=launch, reset=reset)
 
     def _redraw_dead(self):
         options, real = self.options, self.context.real
@@ -220,46 +228,6 @@ class Imperfections:
         """The last ``history_length`` arrays, newest first: for the ground truth, which is not delayed."""
         return compile_history(self.options.history_length, reading, self.info, self.context)
 
-    # -- while running
-
-    def set(self, law: str, value, envs_idx=None) -> None:
-        """Changes ``law`` in the environments named (``None``: all): a number, or one per column, or either for each.
-
-        Raises:
-            SceneError: if the law was off when the scene was built and is not in ``adjustable``.
-        """
-        if law not in self.tables:
-            raise SceneError(
-                f"sensor {self.info.name!r} was built without {law}; give it a value, or list it in `adjustable`"
-            )
-        self.tables[law].set(value, envs_idx)
-
-    def set_jitter(self, value, envs_idx=None) -> None:
-        """Changes the jitter [s]: one number, or one for each environment named."""
-        if self._delay is None:
-            raise SceneError(f"sensor {self.info.name!r} was built without jitter; list 'jitter' in `adjustable`")
-        self._delay.set_jitter(value, envs_idx)
-
-    def set_gain(self, value, envs_idx=None) -> None:
-        """Gives taxels new gains: one number, ``(n_taxels,)``, or ``(len(envs_idx), n_taxels)``."""
-        if self.gain is None:
-            raise SceneError(f"sensor {self.info.name!r} was built without gains; list 'gain' in `adjustable`")
-        rows = self.gain.numpy()
-        envs = environments(envs_idx, len(rows))
-        shape = (len(envs), self.info.n_taxels)
-        gains = np.asarray(value, dtype=np.float64)
-        rows[envs] = np.broadcast_to(gains.reshape(-1) if gains.size == shape[1] else gains, shape)
-        self.gain.assign(rows)
-
-    def set_dead(self, taxels, dead: bool = True, value: float | None = None, envs_idx=None) -> None:
-        """Kills taxels, or revives them; without a value they are stuck at their last reading."""
-        if self.stuck is None:
-            raise SceneError(f"sensor {self.info.name!r} was built without dead taxels; list 'dead' in `adjustable`")
-        stuck = self.stuck.numpy().reshape(self.context.n_envs, self.info.n_taxels, self.info.n_channels)
-        fate = (DIES if value is None else float(value)) if dead else ALIVE
-        stuck[np.ix_(environments(envs_idx, len(stuck)), np.atleast_1d(taxels))] = fate
-        self.stuck.assign(stuck.reshape(self._flat))
-
     # -- helpers
 
     @property
@@ -273,11 +241,8 @@ class Imperfections:
     def _flatten(self, array: wp.array) -> wp.array:
         return array.reshape(self._flat)
 
-    def _name(self, stage: str) -> str:
-        return f"{self.info.name}/{stage}"
-
     def _key(self, stage: str) -> int:
-        return stream_key(self.context.seed, self._name(stage))
+        return stream_key(self.context.seed, f"{self.info.name}/{stage}")
 
     def _zeros(self, shape, dtype) -> wp.array:
         return wp.zeros(shape, dtype=dtype, device=self.context.device)
@@ -306,7 +271,7 @@ class Imperfections:
 
         def clear(mask: wp.array) -> None:
             for array in arrays:
-                self._launch(resets.clear_kernel(array.dtype), array.shape, [mask, array])
+                clear_rows(array, mask)
 
         return clear
 

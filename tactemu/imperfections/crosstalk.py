@@ -171,4 +171,4 @@ def compile_crosstalk(
         device,
     )
     reason = f"crosstalk over {kernel.shape[1]} x {kernel.shape[2]} taxels, {len(kernel)} plane(s)"
-    return out, [Stage(name=f"{info.name}/crosstalk", reason=reason, launch=launch)]
+    return out, [Stage(name=f"{info.name}: crosstalk", reason=reason, launch=launch)]

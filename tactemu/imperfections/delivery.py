@@ -12,8 +12,8 @@ from tactemu.imperfections.columns import environments
 from tactemu.imperfections.delivery_kernels import deliver_kernel, remember_kernel, select_kernel
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.options import ImperfectionOptions
-from tactemu.imperfections.resets import clear_kernel
 from tactemu.imperfections.ring import Ring, ring_depth
+from tactemu.physics.clearing import clear_rows
 from tactemu.physics.plan import Context, Stage, record
 from tactemu.random_streams import stream_key
 
@@ -36,6 +36,7 @@ class Delay:
         flat = (context.n_envs, info.n_columns)
         ring = Ring(self._depth, info.n_columns, measured.dtype, context)
         linear = options.delay_interpolation == "linear" and measured.dtype is not wp.bool
+        newest = wp.zeros(context.n_envs, dtype=wp.int64, device=context.device)
         older = wp.zeros(context.n_envs, dtype=wp.int32, device=context.device)
         known = wp.zeros(context.n_envs, dtype=wp.uint8, device=context.device)
         share = wp.zeros(context.n_envs, dtype=wp.float64, device=context.device)
@@ -47,16 +48,15 @@ class Delay:
             ),
             context.n_envs,
             [context.step, context.time_ns, context.dt, key, self._array, ring.birth],
-            [ring.times, ring.newest, older, known, share],
+            [ring.times, newest, older, known, share],
             context.device,
         )
         out = wp.zeros(measured.shape, dtype=measured.dtype, device=context.device)
-        flat_out = out.reshape(flat)
         deliver = record(
             deliver_kernel(measured.dtype, linear),
             flat,
             [measured.reshape(flat), context.step, older, known, share],
-            [ring.values, flat_out],
+            [ring.values, out.reshape(flat)],
             context.device,
         )
 
@@ -66,10 +66,10 @@ class Delay:
 
         def reset(mask: wp.array) -> None:
             ring.reset(mask)
-            wp.launch(clear_kernel(measured.dtype), dim=flat, inputs=[mask, flat_out], device=context.device)
+            clear_rows(out, mask)
 
         reason = f"delay {options.delay:g} s, jitter {options.jitter:g} s, {options.delay_interpolation}"
-        return out, [Stage(name=f"{info.name}/delay", reason=reason, launch=launch, reset=reset)]
+        return out, [Stage(name=f"{info.name}: delay", reason=reason, launch=launch, reset=reset)]
 
     def set_jitter(self, value, envs_idx=None) -> None:
         """Changes the jitter [s] of the environments named, one number or one each."""
@@ -95,7 +95,6 @@ def compile_history(
         return reading, []
     columns = info.n_columns
     out = wp.zeros((context.n_envs, length, *reading.shape[1:]), dtype=reading.dtype, device=context.device)
-    flat = (context.n_envs, length * columns)
     launch = record(
         remember_kernel(reading.dtype),
         (context.n_envs, columns),
@@ -103,10 +102,6 @@ def compile_history(
         [out.reshape((context.n_envs, length, columns))],
         context.device,
     )
-    reset = functools.partial(_clear, out.reshape(flat))
+    reset = functools.partial(clear_rows, out)
     reason = f"history_length {length}"
-    return out, [Stage(name=f"{info.name}/history", reason=reason, launch=launch, reset=reset)]
-
-
-def _clear(array: wp.array, mask: wp.array) -> None:
-    wp.launch(clear_kernel(array.dtype), dim=array.shape, inputs=[mask, array], device=array.device)
+    return out, [Stage(name=f"{info.name}: history", reason=reason, launch=launch, reset=reset)]

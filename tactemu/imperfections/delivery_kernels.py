@@ -5,7 +5,7 @@ import functools
 import warp as wp
 
 from tactemu.imperfections.random import draw, unit_f64
-from tactemu.imperfections.ring import entry_before, entry_time, slot
+from tactemu.imperfections.ring import entries, entry_before, entry_time, slot
 
 ROUNDING = wp.constant(wp.int64(1))
 """Times are rounded to whole nanoseconds: an entry that seems this much too new still counts [ns]."""
@@ -39,26 +39,30 @@ def select_kernel(jitter: bool, nearest: bool, linear: bool, reorder: bool):
         if wp.static(nearest):
             lag = wp.int64(wp.rint(wp.float64(lag) / dt_ns) * dt_ns + wp.float64(0.5))
         source = now - lag
+        first = birth[e] < wp.int64(0)
+        if first:
+            birth[e] = number - wp.int64(1)
         if wp.static(not reorder):
-            source = wp.max(source, newest[e])
+            if not first:
+                source = wp.max(source, newest[e])
             newest[e] = source
         limit = source
         if wp.static(not linear):
             limit = source + ROUNDING
-        age = entry_before(times, now, number, int(wp.float64(now - source) / dt_ns), limit)
-        before = entry_time(times, now, number, age)
+        count = entries(birth[e], number, times.shape[0])
+        age = entry_before(times, now, number, count, int(wp.float64(now - source) / dt_ns), limit)
         older[e] = age
-        known[e] = wp.uint8(1)
-        if before <= birth[e]:
-            known[e] = wp.uint8(0)
+        known[e] = wp.uint8(age < count)
         if wp.static(linear):
             part = wp.float64(0.0)
             if age > 0:
-                # What lies before a reset does not count: readings rise from zero at that moment.
-                start = wp.max(before, birth[e])
                 after = entry_time(times, now, number, age - 1)
-                if after > birth[e] and source > start:
-                    part = wp.float64(source - start) / wp.float64(after - start)
+                # Before a reset nothing is known: readings rise from zero during the first step.
+                before = after - wp.int64(dt_ns)
+                if age < count:
+                    before = entry_time(times, now, number, age)
+                if source > before:
+                    part = wp.float64(source - before) / wp.float64(after - before)
             share[e] = part
         if e == 0:
             times[slot(number, 0, times.shape[0])] = now

@@ -1,4 +1,4 @@
-"""What is drawn or cleared when environments are reset."""
+"""What is drawn when environments are reset."""
 
 import functools
 
@@ -14,19 +14,6 @@ def count_resets(mask: wp.array(dtype=wp.bool), resets: wp.array(dtype=wp.int64)
     e = wp.tid()
     if mask[e]:
         resets[e] = resets[e] + wp.int64(1)
-
-
-@functools.cache
-def clear_kernel(dtype: type):
-    """Zeroes ``(n_envs, n_columns)`` arrays where the mask is true."""
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def clear(mask: wp.array(dtype=wp.bool), state: wp.array2d(dtype=dtype)):
-        e, c = wp.tid()
-        if mask[e]:
-            state[e, c] = dtype(0)
-
-    return clear
 
 
 @functools.cache

@@ -1,7 +1,8 @@
 """The last readings with their times, and which of them belongs to a given time.
 
 Entry ``k`` is the reading ``k`` steps ago; entry 0 is the step being taken, which is in the ring only after it. Entries
-older than an environment's last reset do not count. Times are int64 nanoseconds, so that nothing is rounded to steps.
+older than an environment's last reset do not count; the number of the step tells, since a reset may restart the time.
+Times are int64 nanoseconds, so that nothing is rounded to steps.
 """
 
 import math
@@ -12,8 +13,8 @@ import warp as wp
 from tactemu.errors import SceneError
 from tactemu.physics.plan import Context
 
-NEVER = -(2**62)
-"""Time of an entry that was never written."""
+FRESH = -1
+"""In place of the number of the step before the first: the next step is the first."""
 LARGEST = 2**20
 """Most readings that a ring may hold."""
 
@@ -34,28 +35,35 @@ def entry_time(times: wp.array(dtype=wp.int64), now: wp.int64, step: wp.int64, a
 
 
 @wp.func
-def entry_before(times: wp.array(dtype=wp.int64), now: wp.int64, step: wp.int64, guess: int, source: wp.int64) -> int:
-    """Age in steps of the newest entry that is not newer than ``source``; the oldest one if all are newer."""
-    age = wp.clamp(guess, 0, times.shape[0] - 1)
+def entries(birth: wp.int64, step: wp.int64, depth: int) -> int:
+    """How many entries count, this step's included: those since the reset after step ``birth``."""
+    if birth < wp.int64(0):
+        return 1
+    return int(wp.min(step - birth, wp.int64(depth)))
+
+
+@wp.func
+def entry_before(
+    times: wp.array(dtype=wp.int64), now: wp.int64, step: wp.int64, count: int, guess: int, source: wp.int64
+) -> int:
+    """Age in steps of the newest of ``count`` entries that is not newer than ``source``.
+
+    ``count`` if all are newer: the time lies before the reset. In a ring that is full the oldest entry stands in.
+    """
+    age = wp.clamp(guess, 0, count - 1)
     while age > 0 and entry_time(times, now, step, age - 1) <= source:
         age -= 1
-    while age < times.shape[0] - 1 and entry_time(times, now, step, age) > source:
+    while age < count and entry_time(times, now, step, age) > source:
         age += 1
-    return age
+    return wp.min(age, times.shape[0] - 1)
 
 
 @wp.kernel(module="unique", enable_backward=False)
-def mark_birth(
-    mask: wp.array(dtype=wp.bool),
-    now: wp.array(dtype=wp.int64),
-    birth: wp.array(dtype=wp.int64),
-    newest: wp.array(dtype=wp.int64),
-):
-    """A reset: what lies before now does not count any more for these environments."""
+def mark_fresh(mask: wp.array(dtype=wp.bool), birth: wp.array(dtype=wp.int64)):
+    """A reset: the next step is the first of these environments, whatever its number will be."""
     e = wp.tid()
     if mask[e]:
-        birth[e] = now[0]
-        newest[e] = now[0]
+        birth[e] = wp.int64(wp.static(FRESH))
 
 
 def ring_depth(longest_s: float, context: Context, what: str) -> int:
@@ -78,17 +86,11 @@ class Ring:
 
     def __init__(self, depth: int, n_columns: int, dtype: type, context: Context):
         device = context.device
-        self.depth = depth
-        self.times = wp.full(depth, NEVER, dtype=wp.int64, device=device)
+        self.times = wp.zeros(depth, dtype=wp.int64, device=device)
         self.values = wp.zeros((depth, context.n_envs, n_columns), dtype=dtype, device=device)
-        self.birth = wp.zeros(context.n_envs, dtype=wp.int64, device=device)
-        """Time of each environment's last reset [ns]."""
-        self.newest = wp.full(context.n_envs, NEVER, dtype=wp.int64, device=device)
-        """Latest time whose reading was delivered [ns]."""
-        self._now = context.time_ns
+        self.birth = wp.full(context.n_envs, FRESH, dtype=wp.int64, device=device)
+        """Number of the step after which each environment was reset, or :data:`FRESH`."""
 
     def reset(self, mask: wp.array) -> None:
         """Forgets the readings of the environments in the mask."""
-        wp.launch(
-            mark_birth, dim=mask.shape, inputs=[mask, self._now, self.birth, self.newest], device=self.birth.device
-        )
+        wp.launch(mark_fresh, dim=mask.shape, inputs=[mask, self.birth], device=self.birth.device)

@@ -8,7 +8,7 @@ import warp as wp
 from tactemu.errors import SceneError
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.options import ImperfectionOptions
-from tactemu.imperfections.ring import Ring, entry_before, entry_time, ring_depth, slot
+from tactemu.imperfections.ring import Ring, entries, entry_before, entry_time, ring_depth, slot
 from tactemu.physics.plan import Context, Stage, record
 
 
@@ -30,22 +30,25 @@ def _kernel(real: type):
         e, i = wp.tid()
         now, number = time_ns[0], step[0]
         source = now - ages[i]
-        guess = int(wp.float64(ages[i]) / wp.max(dt[0] * wp.float64(1.0e9), wp.float64(1.0)))
-        old = entry_before(times, now, number, guess, source)
-        share, known = real(1.0), entry_time(times, now, number, old) > birth[e]
+        dt_ns = wp.max(dt[0] * wp.float64(1.0e9), wp.float64(1.0))
+        guess = int(wp.float64(ages[i]) / dt_ns)
+        count = entries(birth[e], number, times.shape[0])
+        old = entry_before(times, now, number, count, guess, source)
+        share = real(0.0)
         if old > 0:
-            # What lies before a reset does not count: the load is taken to rise from zero at that moment.
-            before = wp.max(entry_time(times, now, number, old), birth[e])
             after = entry_time(times, now, number, old - 1)
-            share = real(0.0)
-            if after > birth[e] and source > before:
+            # Before a reset nothing is known: the load rises from zero during the first step.
+            before = after - wp.int64(dt_ns)
+            if old < count:
+                before = entry_time(times, now, number, old)
+            if source > before:
                 share = real(wp.float64(source - before) / wp.float64(after - before))
         for c in range(i * n_channels, (i + 1) * n_channels):
             v = x[e, c]
             ring[slot(number, 0, times.shape[0]), e, c] = v
             if old > 0:
                 a = real(0.0)
-                if known:
+                if old < count:
                     a = ring[slot(number, old, times.shape[0]), e, c]
                 if share > real(0.0):
                     if old > 1:
@@ -53,8 +56,11 @@ def _kernel(real: type):
                     a = a + share * (v - a)
                 v = a
             out[e, c] = v
-        if e == 0 and i == 0:
-            times[slot(number, 0, times.shape[0])] = now
+        if i == 0:
+            if birth[e] < wp.int64(0):
+                birth[e] = number - wp.int64(1)
+            if e == 0:
+                times[slot(number, 0, times.shape[0])] = now
 
     return scan
 
@@ -102,4 +108,4 @@ def compile_scan(
         context.device,
     )
     reason = f"scan_time {options.scan_time:g} s over {n_slots} slots"
-    return out, Stage(name=f"{info.name}/scan", reason=reason, launch=launch, reset=ring.reset)
+    return out, Stage(name=f"{info.name}: scan", reason=reason, launch=launch, reset=ring.reset)
