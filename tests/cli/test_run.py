@@ -124,10 +124,15 @@ def folder(tmp_path_factory):
     return path
 
 
+def left(folder: Path) -> list[Path]:
+    """What a run could leave behind: files here, and ports under the names `run` gives them (`serve` adds a number)."""
+    return sorted(folder.iterdir()) + sorted(Path("/tmp").glob("tactemu-[a-z]*"))
+
+
 @pytest.mark.parametrize("name", WRONG)
 def test_a_mistake_is_a_message_and_leaves_nothing(name, folder):
     arguments, says = WRONG[name]
-    before = sorted(folder.iterdir()), sorted(Path("/tmp").glob("tactemu-*"))
+    before = left(folder)
     done = tactemu(
         "run",
         *arguments,
@@ -140,4 +145,4 @@ def test_a_mistake_is_a_message_and_leaves_nothing(name, folder):
     assert says in done.stderr
     assert "Traceback" not in done.stderr
     assert "ready" not in done.stdout
-    assert (sorted(folder.iterdir()), sorted(Path("/tmp").glob("tactemu-*"))) == before
+    assert left(folder) == before
