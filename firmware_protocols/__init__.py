@@ -38,7 +38,9 @@ __all__ = [
 DEVICES: dict[str, str] = {
     # name: "module:Class", imported only when asked for
     "ability_hand": "firmware_protocols.ability_hand:AbilityHand",
+    "flexitac": "firmware_protocols.flexitac:FlexiTac",
     "inspire_rh56dftp": "firmware_protocols.inspire_rh56dftp:InspireRh56dftp",
+    "optoforce": "firmware_protocols.optoforce:OptoForce",
     "paxini_gen2": "firmware_protocols.paxini_gen2:PaxiniGen2",
     "paxini_px6ax": "firmware_protocols.paxini_px6ax:PaxiniPx6ax",
     "robotiq_tsf85": "firmware_protocols.robotiq_tsf85:RobotiqTsf85",

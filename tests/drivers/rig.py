@@ -180,9 +180,15 @@ def assert_consecutive(readings, truth, *, decode=lambda counts: counts, count=2
 
     ``decode`` turns the logged counts into what the driver must report.
     """
-    expected = {np.asarray(decode(counts), float).tobytes(): index for index, counts in enumerate(truth)}
-    places = [expected.get(np.asarray(reading, float).tobytes()) for reading in readings]
+    sampled: dict[bytes, list[int]] = {}
+    for index, counts in enumerate(truth):
+        sampled.setdefault(np.asarray(decode(counts), float).tobytes(), []).append(index)
+    places = []
+    for k, reading in enumerate(readings):
+        at = sampled.get(np.asarray(reading, float).tobytes())
+        assert at, f"reading {k} of {len(readings)} is in no sample: {reading}"
+        later = [index for index in at if not places or index >= places[-1]]
+        assert later, f"reading {k} of {len(readings)} is older than the one before"
+        places.append(later[0])
     assert len(places) >= count
-    assert None not in places, f"{places.count(None)} of {len(places)} readings are in no sample"
-    assert places == sorted(places)
     return places

@@ -1,0 +1,91 @@
+"""OptoForce: packets, configuration, filter, zero, status."""
+
+import struct
+
+import numpy as np
+import pytest
+
+import firmware_protocols as fp
+from firmware_protocols import Reading
+from tests.firmware.feeding import push
+from tests.firmware.golden import golden_vectors, replay
+
+
+def configure(device, speed, cutoff, zero, t_ns=0):
+    packet = bytes([0xAA, 0, 0x32, 3, speed, cutoff, zero])
+    (answer,) = device.receive(packet + struct.pack(">H", sum(packet)), t_ns)
+    assert answer[:4].hex() == "aa005001" and struct.unpack(">H", answer[-2:])[0] == sum(answer[:-2])
+    return answer[4]
+
+
+def parse(packet: bytes):
+    assert packet[:3].hex() == "aa0708" and packet[3] == len(packet) - 6
+    assert struct.unpack(">H", packet[-2:])[0] == sum(packet[:-2])
+    counter, status = struct.unpack_from(">HH", packet, 4)
+    return counter, status, list(struct.unpack(f">{(packet[3] - 4) // 2}h", packet[8:-2]))
+
+
+@pytest.mark.parametrize("vector", golden_vectors("optoforce"), ids=lambda v: v["name"])
+def test_golden(vector):
+    replay(vector, "optoforce")
+
+
+@pytest.mark.parametrize(("axes", "size", "values"), [("3", 16, 3), ("4x3", 34, 12), ("6", 22, 6)])
+def test_packets(axes, size, values):
+    device = fp.create("optoforce", axes=axes)
+    (packet,) = device.sample(push(device, 100.0), 0)
+    counter, status, got = parse(packet)
+    assert len(packet) == size and len(got) == values and counter == 1 and status == 0
+    assert got[2] == round(100 * 6049 / 2000)
+    assert parse(device.sample(push(device, 100.0), 10**7)[0])[0] == 2
+
+
+def test_axes_and_torque():
+    force = Reading(t_ns=0, values=np.array([[3.0, -4.0, -10.0]]))
+    _, _, got = parse(fp.create("optoforce", axes="6").sample(force, 0)[0])
+    assert got[:3] == [round(3 * 7925 / 300), round(-4 * 8641 / 300), round(10 * 6049 / 2000)]
+    assert got[3:] == [200, 150, 0], "0.05 m above the flange: T = r x F"
+
+
+def test_speeds():
+    device = fp.create("optoforce")
+    for speed in (1, 3, 10, 33, 100):
+        assert configure(device, speed, 0, 0) == 0
+        assert device.period_ns == speed * 1_000_000 and len(device.sample(push(device, 0), 0)) == 1
+    assert configure(device, 0, 0, 0) == 0 and device.sample(push(device, 0), 0) == ()
+    for bad in ((2, 0, 0), (10, 7, 0), (10, 4, 1)):
+        assert configure(device, *bad) == 2
+
+
+@pytest.mark.parametrize(("setting", "cutoff"), [(1, 500.0), (2, 150.0), (3, 50.0), (4, 15.0), (5, 5.0), (6, 1.5)])
+def test_filter_is_a_first_order_low_pass(setting, cutoff):
+    device = fp.create("optoforce")
+    configure(device, 1, setting, 0)
+    device.sample(push(device, 0.0), 0)
+    device.sample(push(device, 2000.0), 1_000_000)
+    assert abs(device.counts[0, 2] - 6049 * (1 - np.exp(-2 * np.pi * cutoff * 1e-3))) <= 1
+
+
+def test_zero_and_no_zero():
+    device = fp.create("optoforce")
+    configure(device, 10, 0, 0)
+    device.sample(push(device, 500.0), 0)
+    configure(device, 10, 0, 255)
+    device.sample(push(device, 700.0), 10**7)
+    assert device.counts[0, 2] == round(200 * 6049 / 2000)
+    configure(device, 10, 0, 0)
+    device.sample(push(device, 700.0), 2 * 10**7)
+    assert device.counts[0, 2] == round(700 * 6049 / 2000)
+
+
+def test_overload_is_reported_per_axis():
+    device = fp.create("optoforce")
+    _, status, _ = parse(device.sample(Reading(t_ns=0, values=np.array([[400.0, 0.0, -3000.0]])), 0)[0])
+    assert status == 1 << 9 | 1 << 7
+
+
+def test_wrong_sum_is_refused_and_changes_nothing():
+    device = fp.create("optoforce")
+    (answer,) = device.receive(bytes.fromhex("aa0032030104000000"), 0)
+    assert answer[4] == 1 and device.period_ns == 10_000_000
+    assert configure(device, 1, 4, 0) == 0
