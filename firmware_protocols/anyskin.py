@@ -93,7 +93,7 @@ position = [0.0, 0.0, 0.025]
 [body.motion]
 kind = "press"
 approach = 0.002
-depth = 0.0015
+depth = 0.002
 pause = 0.5
 repeat = 0
 

@@ -176,20 +176,19 @@ shape = "cylinder"
 radius = 0.04
 length = 0.16
 
-[body.motion]
-kind = "press"
-direction = [1.0, 0.0, 0.0]
-approach = 0.003
-depth = 0.002
-pause = 0.5
-repeat = 0
-
 [[body]]
 name = "ball"
 shape = "sphere"
 radius = 0.02
-fixed = true
 position = [0.063, 0.0, 0.0]
+
+[body.motion]
+kind = "press"
+direction = [-1.0, 0.0, 0.0]
+approach = 0.003
+depth = 0.002
+pause = 0.5
+repeat = 0
 
 [[skin]]
 device = "icub_skin"

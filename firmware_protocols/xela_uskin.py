@@ -77,13 +77,13 @@ fixed = true
 [[body]]
 name = "ball"
 shape = "sphere"
-radius = 0.008
-position = [0.0, 0.0, 0.013]
+radius = 0.012
+position = [0.0, 0.0, 0.017]
 
 [body.motion]
 kind = "press"
 approach = 0.002
-depth = 0.001
+depth = 0.0015
 pause = 0.5
 repeat = 0
 

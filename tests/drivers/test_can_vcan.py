@@ -1,0 +1,136 @@
+"""Devices on real Linux CAN: candump, canbusload and python-can see what the table says."""
+
+import re
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+
+import can
+import cantools
+import numpy as np
+import pytest
+
+import tactemu
+from firmware_protocols import CanFrame
+from firmware_protocols.icub_triangles import TAXELS
+from tactemu.can_bits import frame_bits
+
+pytestmark = [pytest.mark.vcan, pytest.mark.timeout(120)]
+DATA = Path(__file__).parents[1] / "data"
+BOARDS = range(1, 9)
+
+
+def cansend(*frames: str) -> None:
+    for frame in frames:
+        subprocess.run(["cansend", "vcan0", frame], check=True, timeout=10)
+
+
+class Candump:
+    """``candump -L`` on vcan0 while the block runs; ``frames`` lists (time [s], id, data) afterwards."""
+
+    def __enter__(self):
+        self._out = tempfile.TemporaryFile("w+")  # a pipe would fill up
+        self._dump = subprocess.Popen(["candump", "-L", "vcan0"], stdout=self._out)
+        time.sleep(0.3)
+        return self
+
+    def __exit__(self, *_):
+        time.sleep(0.1)
+        self._dump.terminate()
+        self._dump.wait(10)
+        self._out.seek(0)
+        lines = re.findall(r"^\((\S+)\) vcan0 (\w+)#(\w*)", self._out.read(), flags=re.M)
+        self._out.close()
+        self.frames = [(float(t), int(ident, 16), bytes.fromhex(data)) for t, ident, data in lines]
+
+
+def skins(frames) -> list[dict[tuple[int, int], np.ndarray]]:
+    """One dictionary (board, triangle) -> 12 pads per period; fails unless each pair comes head first, once."""
+    periods, heads = [{}], {}
+    for _, ident, data in frames:
+        if ident >> 8 != 4:
+            continue
+        key = (ident >> 4 & 15, ident & 15)
+        if data[0] == 0x40:
+            assert key not in heads, f"two heads of {key} in a row"
+            heads[key] = data[1:8]
+            continue
+        assert data[0] == 0xC0 and data[6:] == b"\0\0"
+        if key not in heads:
+            assert len(periods) == 1, f"a tail of {key} without its head"
+            continue  # candump came in between
+        if key in periods[-1]:
+            periods.append({})
+        periods[-1][key] = np.frombuffer(heads.pop(key) + data[1:6], np.uint8)
+    return periods[1:-1]
+
+
+def test_icub_forearm_of_240_taxels_at_50_hz_on_one_bus():
+    with tactemu.serve(DATA / "scenes" / "icub_forearm_moving.toml", "can:socketcan:vcan0", steer=["ball"]) as dev:
+        for message in ("4D0014F0", "50000202010022", "0700"):
+            cansend(*(f"20{board}#{message}" for board in BOARDS))
+        judge = subprocess.Popen(
+            ["stdbuf", "-oL", "canbusload", "-e", "vcan0@1000000"], stdout=subprocess.PIPE, text=True
+        )
+        with Candump() as at_rest:
+            dev.wait(3.0)
+        judge.terminate()
+        load, _ = judge.communicate(timeout=10)
+        dev.press(depth=0.003, speed=0.02)
+        with Candump() as pressed:
+            dev.wait(1.0)
+        layout, samples = dev.device().layout, list(dev.truth.samples)
+
+    rest = skins(at_rest.frames)
+    assert len(rest) >= 140, "50 Hz for 3 s"
+    assert all(set(skin) == {(b, t) for b in BOARDS for t in range(3)} for skin in rest)
+    assert {int(v) for skin in rest for pads in skin.values() for v in pads} == {240}
+    _load_agrees(load, at_rest.frames)
+
+    felt = skins(pressed.frames)
+    truth = {sample.counts.tobytes() for sample in samples}
+    fallen = np.zeros(len(layout), bool)
+    names = [patch.name for patch in layout.patches]
+    for skin in felt:
+        by_name = {f"{board}.{triangle}": pads for (board, triangle), pads in skin.items()}
+        counts = np.concatenate([by_name[name][list(TAXELS)] for name in names])
+        assert counts.tobytes() in truth
+        assert {int(pads[k]) for pads in by_name.values() for k in (6, 10)} == {240}
+        fallen |= counts < 240
+        assert counts.max() == 240
+    assert 0 < fallen.sum() < 80, "the pressed patch and only it"
+    middle = layout.positions[fallen].mean(axis=0)
+    assert np.linalg.norm(layout.positions[fallen] - middle, axis=1).max() < 0.045
+
+
+def _load_agrees(text: str, frames) -> None:
+    """``canbusload -e`` (exact stuffing) against the bits of the frames that candump saw."""
+    bits = [int(match[2]) for match in re.finditer(r"vcan0@\d+ +(\d+) +(\d+)", text)][1:]
+    total = sum(sum(frame_bits(CanFrame(arbitration_id=ident, data=data))) for _, ident, data in frames)
+    computed = total / (frames[-1][0] - frames[0][0])
+    assert len(bits) >= 2, text
+    assert np.median(bits) == pytest.approx(computed, rel=0.03)
+    assert 0.25 < computed / 1e6 < 0.30, "48 frames of 8 bytes, 50 times a second"
+
+
+def test_uskin_is_seen_by_candump_python_can_and_cantools():
+    dbc = cantools.database.load_file(DATA / "xela_uskin.dbc")
+    with tactemu.serve("xela_uskin", "can:socketcan:vcan0") as dev, can.Bus("vcan0", "socketcan") as bus:
+        assert bus.recv(0.1) is None, "silent until started"
+        reader = can.BufferedReader()
+        with Candump() as dump, can.Notifier(bus, [reader]):
+            cansend("201#0700")
+            dev.press(depth=1e-3, seconds=0.3)
+            cansend("201#0701")
+            dev.wait(0.2)
+        samples = {sample.counts.tobytes() for sample in dev.truth.samples}
+        received = list(iter(lambda: reader.get_message(0), None))
+    seen = [(ident, data) for _, ident, data in dump.frames if ident != 0x201]
+    assert [(m.arbitration_id, bytes(m.data)) for m in received if m.arbitration_id != 0x201] == seen
+    assert len(seen) >= 16 * 20 and len(seen) % 16 == 0
+    for k in range(0, len(seen), 16):
+        batch = seen[k : k + 16]
+        assert [ident for ident, _ in batch] == list(range(0x710, 0x720))
+        decoded = [dbc.decode_message(ident, data) for ident, data in batch]
+        assert np.array([[d[a] for a in "XYZ"] for d in decoded], np.uint16).tobytes() in samples
