@@ -3,5 +3,6 @@
 from tactemu.imperfections.compile import Imperfections
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.options import ImperfectionOptions
+from tactemu.imperfections.sensor_setters import SensorSetters
 
-__all__ = ["ImperfectionOptions", "Imperfections", "ReadingInfo"]
+__all__ = ["ImperfectionOptions", "Imperfections", "ReadingInfo", "SensorSetters"]

@@ -22,13 +22,19 @@ _PLANES = {
 
 
 @functools.cache
-def _kernel(real: type, conserving: bool):
-    """Zero-padded cross-correlation of each group of channels with its planes; one thread per taxel and group."""
-    vec3 = wp.types.vector(3, real)
+def _kernel(real: type, width: int, split: bool, conserving: bool):
+    """Zero-padded cross-correlation of groups of ``width`` channels; one thread per taxel and group.
+
+    ``split``: the normal and the shear part of a vector have planes of their own.
+    """
+    vector = wp.types.vector(width, real)
 
     @wp.func
-    def triple(x: wp.array3d(dtype=real), e: int, i: int, first: int) -> vec3:
-        return vec3(x[e, i, first], x[e, i, first + 1], x[e, i, first + 2])
+    def part(x: wp.array3d(dtype=real), e: int, i: int, first: int) -> vector:
+        v = vector()
+        for k in range(width):
+            v[k] = x[e, i, first + k]
+        return v
 
     @wp.kernel(module="unique", enable_backward=False)
     def crosstalk(
@@ -37,45 +43,36 @@ def _kernel(real: type, conserving: bool):
         planes: wp.array3d(dtype=real),
         kept: wp.array2d(dtype=real),
         groups: wp.array2d(dtype=wp.int32),
-        normal: vec3,
+        normal: vector,
         is_filler: wp.array(dtype=wp.uint8),
         out: wp.array3d(dtype=real),
     ):
         e, i, g = wp.tid()
-        first, width, p, q = groups[g, 0], groups[g, 1], groups[g, 2], groups[g, 3]
+        first, p, q = groups[g, 0], groups[g, 1], groups[g, 2]
         row, col, rows = i // columns, i % columns, x.shape[1] // columns
         up, left = planes.shape[1] // 2, planes.shape[2] // 2
-        scalar, pushed, sheared = real(0.0), real(0.0), vec3()
-        for a in range(wp.max(0, up - row), wp.min(planes.shape[1], rows - row + up)):
-            for b in range(wp.max(0, left - col), wp.min(planes.shape[2], columns - col + left)):
-                j = (row + a - up) * columns + col + b - left
-                if width == 1:
-                    scalar += planes[p, a, b] * x[e, j, first]
-                else:
-                    f = triple(x, e, j, first)
-                    if p != q:
-                        n = wp.dot(f, normal)
+        pushed, total = real(0.0), vector()
+        if is_filler[i] == wp.uint8(0):
+            for a in range(wp.max(0, up - row), wp.min(planes.shape[1], rows - row + up)):
+                start = (row + a - up) * columns + col - left
+                for b in range(wp.max(0, left - col), wp.min(planes.shape[2], columns - col + left)):
+                    v = part(x, e, start + b, first)
+                    if wp.static(split):
+                        n = wp.dot(v, normal)
                         pushed += planes[p, a, b] * n
-                        f -= n * normal
-                    sheared += planes[q, a, b] * f
-        if wp.static(conserving):
-            if width == 1:
-                scalar += kept[p, i] * x[e, i, first]
-            else:
-                f = triple(x, e, i, first)
-                if p != q:
-                    n = wp.dot(f, normal)
+                        v -= n * normal
+                    total += planes[q, a, b] * v
+            if wp.static(conserving):
+                v = part(x, e, i, first)
+                if wp.static(split):
+                    n = wp.dot(v, normal)
                     pushed += kept[p, i] * n
-                    f -= n * normal
-                sheared += kept[q, i] * f
-        if is_filler[i] != wp.uint8(0):
-            scalar, pushed, sheared = real(0.0), real(0.0), vec3()
-        if width == 1:
-            out[e, i, first] = scalar
-        else:
-            sheared += pushed * normal
-            for k in range(3):
-                out[e, i, first + k] = sheared[k]
+                    v -= n * normal
+                total += kept[q, i] * v
+            if wp.static(split):
+                total += pushed * normal
+        for k in range(width):
+            out[e, i, first + k] = total[k]
 
     return crosstalk
 
@@ -139,6 +136,18 @@ def kept_at_home(kernel: np.ndarray, layout: tuple[int, int], filler: np.ndarray
     return kept.reshape(len(kernel), -1)
 
 
+def _groups(channels: tuple[str, ...], n_planes: int) -> dict[int, np.ndarray]:
+    """By width: the first channel, the plane of the normal part and that of the rest, of each group of channels."""
+    widths = [1 if kind == "scalar" else 3 for kind in channels]
+    if n_planes == 1:
+        return {sum(widths): np.array([(0, 0, 0)])}
+    groups, first = {}, 0
+    for kind, width in zip(channels, widths):
+        groups.setdefault(width, []).append((first, *_PLANES[kind][n_planes]))
+        first += width
+    return {width: np.array(rows) for width, rows in groups.items()}
+
+
 def compile_crosstalk(
     options: ImperfectionOptions, x: wp.array, info: ReadingInfo, context: Context
 ) -> tuple[wp.array, list[Stage]]:
@@ -147,28 +156,21 @@ def compile_crosstalk(
     if kernel is None:
         return x, []
     real, device = context.real, context.device
-    groups, first = [], 0
-    for kind in info.channels:
-        width = 1 if kind == "scalar" else 3
-        groups.append((first, width, *_PLANES[kind][len(kernel)]))
-        first += width
     kept = kept_at_home(kernel, info.layout, info.filler) if options.crosstalk_conserving else np.zeros((1, 1))
-    normal = wp.types.vector(3, real)(*(info.normal or (0.0, 0.0, 1.0)))
     out = wp.zeros(x.shape, dtype=real, device=device)
-    launch = record(
-        _kernel(real, options.crosstalk_conserving),
-        (context.n_envs, info.n_taxels, len(groups)),
-        [
-            x,
-            info.layout[1],
-            wp.array(kernel, dtype=real, device=device),
-            wp.array(kept, dtype=real, device=device),
-            wp.array(np.array(groups), dtype=wp.int32, device=device),
-            normal,
-            wp.array(info.filler.astype(np.uint8), dtype=wp.uint8, device=device),
-        ],
-        [out],
-        device,
-    )
+    on_device = [wp.array(a, dtype=real, device=device) for a in (kernel, kept)]
+    filler = wp.array(info.filler.astype(np.uint8), dtype=wp.uint8, device=device)
+    launches = []
+    for width, groups in _groups(info.channels, len(kernel)).items():
+        split = bool((groups[:, 1] != groups[:, 2]).any())
+        normal = wp.types.vector(width, real)(*(info.normal if split else np.zeros(width)))
+        inputs = [x, info.layout[1], *on_device, wp.array(groups, dtype=wp.int32, device=device), normal, filler]
+        dim = (context.n_envs, info.n_taxels, len(groups))
+        launches.append(record(_kernel(real, width, split, options.crosstalk_conserving), dim, inputs, [out], device))
+
+    def launch() -> None:
+        for each in launches:
+            each()
+
     reason = f"crosstalk over {kernel.shape[1]} x {kernel.shape[2]} taxels, {len(kernel)} plane(s)"
     return out, [Stage(name=f"{info.name}: crosstalk", reason=reason, launch=launch)]

@@ -37,8 +37,7 @@ class Delay:
         ring = Ring(self._depth, info.n_columns, measured.dtype, context)
         linear = options.delay_interpolation == "linear" and measured.dtype is not wp.bool
         newest = wp.zeros(context.n_envs, dtype=wp.int64, device=context.device)
-        older = wp.zeros(context.n_envs, dtype=wp.int32, device=context.device)
-        known = wp.zeros(context.n_envs, dtype=wp.uint8, device=context.device)
+        chosen = wp.zeros(context.n_envs, dtype=wp.vec3i, device=context.device)
         share = wp.zeros(context.n_envs, dtype=wp.float64, device=context.device)
         key = stream_key(context.seed, f"{info.name}/jitter")
         nearest = options.delay_interpolation == "nearest"
@@ -48,14 +47,14 @@ class Delay:
             ),
             context.n_envs,
             [context.step, context.time_ns, context.dt, key, self._array, ring.birth],
-            [ring.times, newest, older, known, share],
+            [ring.times, newest, chosen, share],
             context.device,
         )
         out = wp.zeros(measured.shape, dtype=measured.dtype, device=context.device)
         deliver = record(
             deliver_kernel(measured.dtype, linear),
-            flat,
-            [measured.reshape(flat), context.step, older, known, share],
+            (context.n_envs, -(-info.n_columns // 4)),
+            [measured.reshape(flat), chosen, share],
             [ring.values, out.reshape(flat)],
             context.device,
         )

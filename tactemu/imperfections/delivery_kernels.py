@@ -9,11 +9,13 @@ from tactemu.imperfections.ring import entries, entry_before, entry_time, slot
 
 ROUNDING = wp.constant(wp.int64(1))
 """Times are rounded to whole nanoseconds: an entry that seems this much too new still counts [ns]."""
+THIS_STEP, UNKNOWN = wp.constant(-1), wp.constant(-2)
+"""In place of a slot of the ring: the reading of this step, which is not in it yet; none, so that zero is delivered."""
 
 
 @functools.cache
 def select_kernel(jitter: bool, nearest: bool, linear: bool, reorder: bool):
-    """Which entry of the ring each environment gets, whether it has one, and the share of the next one (``linear``)."""
+    """Slots of the ring for each environment: to write, to read, and the next newer with its share (``linear``)."""
 
     @wp.kernel(module="unique", enable_backward=False)
     def select_entry(
@@ -25,8 +27,7 @@ def select_kernel(jitter: bool, nearest: bool, linear: bool, reorder: bool):
         birth: wp.array(dtype=wp.int64),
         times: wp.array(dtype=wp.int64),
         newest: wp.array(dtype=wp.int64),
-        older: wp.array(dtype=wp.int32),
-        known: wp.array(dtype=wp.uint8),
+        chosen: wp.array(dtype=wp.vec3i),
         share: wp.array(dtype=wp.float64),
     ):
         e = wp.tid()
@@ -51,8 +52,16 @@ def select_kernel(jitter: bool, nearest: bool, linear: bool, reorder: bool):
             limit = source + ROUNDING
         count = entries(birth[e], number, times.shape[0])
         age = entry_before(times, now, number, count, int(wp.float64(now - source) / dt_ns), limit)
-        older[e] = age
-        known[e] = wp.uint8(age < count)
+        write = slot(number, 0, times.shape[0])
+        older = THIS_STEP
+        if age >= count:
+            older = UNKNOWN
+        elif age > 0:
+            older = slot(number, age, times.shape[0])
+        newer = THIS_STEP
+        if age > 1:
+            newer = slot(number, age - 1, times.shape[0])
+        chosen[e] = wp.vec3i(write, older, newer)
         if wp.static(linear):
             part = wp.float64(0.0)
             if age > 0:
@@ -65,42 +74,40 @@ def select_kernel(jitter: bool, nearest: bool, linear: bool, reorder: bool):
                     part = wp.float64(source - before) / wp.float64(after - before)
             share[e] = part
         if e == 0:
-            times[slot(number, 0, times.shape[0])] = now
+            times[write] = now
 
     return select_entry
 
 
 @functools.cache
 def deliver_kernel(dtype: type, linear: bool):
-    """Puts this step's reading in the ring and takes out what is delivered now."""
+    """Puts this step's reading in the ring and takes out what is delivered now; four columns per thread."""
 
     @wp.kernel(module="unique", enable_backward=False)
     def deliver(
         x: wp.array2d(dtype=dtype),
-        step: wp.array(dtype=wp.int64),
-        older: wp.array(dtype=wp.int32),
-        known: wp.array(dtype=wp.uint8),
+        chosen: wp.array(dtype=wp.vec3i),
         share: wp.array(dtype=wp.float64),
         ring: wp.array3d(dtype=dtype),
         out: wp.array2d(dtype=dtype),
     ):
-        e, c = wp.tid()
-        number, age, depth = step[0], older[e], ring.shape[0]
-        v = x[e, c]
-        ring[slot(number, 0, depth), e, c] = v
-        a = dtype(0)
-        if known[e] != wp.uint8(0):
-            if age == 0:
-                a = v
-            else:
-                a = ring[slot(number, age, depth), e, c]
-        if wp.static(linear):
-            if share[e] > wp.float64(0.0):
-                b = v
-                if age > 1:
-                    b = ring[slot(number, age - 1, depth), e, c]
-                a = a + dtype(share[e]) * (b - a)
-        out[e, c] = a
+        e, group = wp.tid()
+        write, older, newer = chosen[e][0], chosen[e][1], chosen[e][2]
+        for c in range(group * 4, wp.min(group * 4 + 4, x.shape[1])):
+            v = x[e, c]
+            a = v
+            if older >= 0:
+                a = ring[older, e, c]
+            if older == UNKNOWN:
+                a = dtype(0)
+            if wp.static(linear):
+                if share[e] > wp.float64(0.0):
+                    b = v
+                    if newer >= 0:
+                        b = ring[newer, e, c]
+                    a = a + dtype(share[e]) * (b - a)
+            ring[write, e, c] = v
+            out[e, c] = a
 
     return deliver
 

@@ -47,7 +47,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.errors import SceneError
-from tactemu.imperfections import ImperfectionOptions, Imperfections
+from tactemu.imperfections import ImperfectionOptions, Imperfections, SensorSetters
 from tactemu.physics.plan import Context, Stage
 from tactemu.physics.poses import LinkView
 from tactemu.physics.probes import Probes, make_probes
@@ -183,7 +183,7 @@ class SensorModel(ImperfectionOptions, ABC):
 
 
 @dataclass(eq=False)
-class Sensor:
+class Sensor(SensorSetters):
     """A skin on a link, as :meth:`tactemu.Scene.add_sensor` returns it. Readable once the scene is built."""
 
     name: str
