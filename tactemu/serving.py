@@ -17,6 +17,7 @@ import itertools
 import os
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -78,6 +79,8 @@ class Served:
         self._assembled: Assembled | None = None
         self._steered: dict[str, Steered] = {}
         self._back: dict[str, np.ndarray] = {}
+        self._hand = ""
+        """The body that was pressed last."""
 
     # -- life ------------------------------------------------------------------------------------------------------
 
@@ -224,15 +227,15 @@ class Served:
             depth: how far its foremost point goes below the skin [m].
             seconds: how long it stays at depth; then it is released. ``None``: it stays until :meth:`release`.
             taxel: number of the taxel; default: the one nearest to the body.
-            body: which body; default: the first that can be steered.
+            body: which body; default: of those that can be steered, the one nearest to the taxel.
             skin: which skin; default: the only one.
             speed: [m/s].
             wait: return when it is done (at depth, or released again), not at once.
         """
-        name = self._body(body)
+        channel = self._channel(skin)
+        name = self._hand = self._body(body) if body or not self._steered else self._nearest(channel, taxel)
         assert self._assembled is not None
         shape = self._assembled.scene.body(name)
-        channel = self._channel(skin)
 
         def legs(here: Pose, t_s: float) -> list[Leg]:
             target, normal, pitch = self._taxel(channel, here, taxel, t_s)
@@ -246,7 +249,7 @@ class Served:
         self._go(name, legs, wait)
 
     def release(self, *, body: str | None = None, speed: float = _SPEED, wait: bool = True) -> None:
-        """Lift the body to where it was before the press."""
+        """Lift a body (default: the one that pressed last) to where it was over the skin."""
         name = self._body(body)
 
         def legs(here: Pose, _t: float) -> list[Leg]:
@@ -280,12 +283,36 @@ class Served:
         """Let the emulator run for ``seconds`` of its time."""
         self._until(lambda now_s: now_s + seconds)
 
+    def wait_for_driver(self, seconds: float = 20.0, skin: str | None = None) -> None:
+        """Return when a driver has opened the port (on a bus: has sent something).
+
+        Raises:
+            TimeoutError: none did within ``seconds``.
+        """
+        wire = self._channel(skin).wire
+        deadline = time.monotonic() + seconds
+        while not (wire.counters["received"] if wire.transport.kinds == ("can",) else wire.transport.listening):
+            if time.monotonic() > deadline:
+                raise TimeoutError(f"no driver came to {wire.transport.address} within {seconds} s")
+            self.wait(0.01)
+
     def _body(self, name: str | None) -> str:
         if not self._steered:
             raise TactemuError("no body can be steered: give serve(..., steer=[name]) one that is not fixed")
         if name is not None and name not in self._steered:
             raise TactemuError(f"body {name!r} cannot be steered; these can: {', '.join(self._steered)}")
-        return name or next(iter(self._steered))
+        return name or self._hand or next(iter(self._steered))
+
+    def _nearest(self, channel: Channel, taxel: int | None) -> str:
+        """The body that can be steered and is nearest to a taxel, or to any."""
+        now_s = self.emulator.clock.now_ns() / 1e9
+
+        def distance(motion: Steered) -> float:
+            here = motion.world(now_s)
+            target, _, _ = self._taxel(channel, here, taxel, now_s)
+            return float(np.linalg.norm(here.position - target))
+
+        return min(self._steered, key=lambda name: distance(self._steered[name]))
 
     def _taxel(self, channel: Channel, here: Pose, taxel: int | None, t_s: float):
         """A taxel's position, normal (world) and pitch; the one nearest to ``here`` unless given."""

@@ -1,0 +1,127 @@
+"""One press, two sensors, two unmodified drivers: what the simulation felt beside what each driver read.
+
+A ball is pressed into a simulated AnySkin, which the ``anyskin`` package reads from a virtual serial port, and the same
+way into a simulated LinkerHand fingertip, which the ``linkerbot`` SDK reads over CAN. Neither driver knows of tactemu;
+each runs in a process of its own. Run it with ``./try``, or ``python examples/two_drivers.py``.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+from rich.columns import Columns
+from rich.console import Console, Group
+from rich.text import Text
+
+import tactemu
+from tactemu.cli.kernels import start_quietly
+from tactemu.heatmap import draw, felt
+
+DEPTH = 1.5e-3
+TIME_LIMIT_S = 90
+
+ANYSKIN_DRIVER = """
+import contextlib, json, sys
+from anyskin.sensor import AnySkinBase
+with contextlib.redirect_stdout(sys.stderr):
+    driver = AnySkinBase(num_mags=5, port=sys.argv[1], temp_filtered=False)
+    frames = [list(map(float, frame[1:])) for frame in driver.get_data(200)]
+print(json.dumps(frames))
+"""
+
+LINKERBOT_DRIVER = """
+import json, sys, time
+from linkerbot import L6
+frames, end = [], time.monotonic() + 3
+with L6("left", sys.argv[1], sys.argv[2]) as hand:
+    while time.monotonic() < end:
+        data = hand.force_sensor.get_blocking(timeout_ms=5000)
+        frames.append([getattr(data, f).values.tolist() for f in ("thumb", "index", "middle", "ring", "pinky")])
+print(json.dumps(frames))
+"""
+
+
+def read_while_pressed(dev, driver: str, *arguments: str, taxel: int) -> np.ndarray:
+    """Start a driver, press while it reads, and return the frames that it decoded."""
+    command = [sys.executable, "-c", driver, *arguments]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    try:
+        dev.wait_for_driver(TIME_LIMIT_S)
+        dev.wait(0.3)
+        dev.press(DEPTH, seconds=0.3, taxel=taxel)
+        out, _ = process.communicate(timeout=TIME_LIMIT_S)
+    finally:
+        process.kill()
+    return np.array(json.loads(out), np.float32)
+
+
+def compare(console: Console, dev, read: np.ndarray, counts_of, title: str, unit: str, patch_name: str) -> bool:
+    """Print felt beside read at the deepest moment; every frame read must be one that was sent."""
+    device = dev.device()
+    layout = device.layout
+    samples = list(dev.truth.samples)
+    sent = {counts_of(sample.counts).tobytes(): sample for sample in samples}
+    known = [sent.get(frame.tobytes()) for frame in read]
+    deepest = int(np.argmax(np.abs(read - read[0]).reshape(len(read), -1).sum(axis=1)))
+    change = np.abs((read[deepest] - read[0]).reshape(len(layout), -1)[:, -1])
+    patch = next(patch for patch in layout.patches if patch.name == patch_name)
+    pushed = felt(layout, device.senses, known[deepest].ideal) if known[deepest] else np.zeros(len(layout))
+    console.print(Text(f"\n{title}", style="bold"))
+    console.print(
+        Columns(
+            [
+                Group(Text("felt: push per taxel"), draw(layout, pushed, pushed.max(), patch=patch),
+                      Text(f"peak {pushed.max():.3g} N", style="dim")),
+                Group(Text("read: change per taxel"), draw(layout, change, change.max(), patch=patch),
+                      Text(f"peak {change.max():.4g} {unit}", style="dim")),
+            ],
+            padding=(0, 6),
+        )
+    )  # fmt: skip
+    same = sum(entry is not None for entry in known)
+    verdict = "every one as it was sent, bit for bit" if same == len(read) else "NOT ALL AS SENT"
+    console.print(f"the driver read {len(read)} frames; {same} of them are in the truth log: {verdict}")
+    return same == len(read) and change.max() > 0
+
+
+def anyskin(console: Console) -> bool:
+    """AnySkin on a virtual serial port."""
+    with tactemu.serve("anyskin", rate_hz=100) as dev:
+        read = read_while_pressed(dev, ANYSKIN_DRIVER, dev.port, taxel=2)
+        title = f"AnySkin on the serial port {dev.port}, read by the anyskin package"
+        return compare(console, dev, read, lambda c: np.float32(c).ravel(), title, "µT (Bz)", "skin")
+
+
+def linker_hand(console: Console) -> bool:
+    """LinkerHand L6 over CAN (UDP multicast, which needs no CAN in the kernel)."""
+    with tactemu.serve("linker_hand_l6", rate_hz=100) as dev:
+        index = next(patch for patch in dev.device().layout.patches if "index" in patch.name)
+        middle = index.start + 6 * index.cols + index.cols // 2
+        read = read_while_pressed(dev, LINKERBOT_DRIVER, dev.can["channel"], dev.can["interface"], taxel=middle)
+        title = f"LinkerHand L6, index finger, on the CAN bus {dev.port}, read by the linkerbot SDK"
+        # A hand answers finger by finger, so a reading may join two samples: judge the pressed finger alone.
+        fingers = read.reshape(len(read), 5, -1)
+        order = [patch.name for patch in dev.device().layout.patches].index(index.name)
+        whole = np.zeros((len(read), 5, fingers.shape[-1]), np.float32)
+        whole[:, order] = fingers[:, order]
+
+        def counts_of(counts: np.ndarray) -> np.ndarray:
+            kept = np.zeros(len(dev.device().layout), np.float32)
+            kept[index.taxels] = np.ravel(counts)[index.taxels]
+            return kept
+
+        return compare(console, dev, whole.reshape(len(read), -1), counts_of, title, "counts", index.name)
+
+
+def main() -> int:
+    """Both; exit code 0 when both drivers read what was felt."""
+    console = Console(highlight=False)
+    start_quietly()
+    return 0 if all([anyskin(console), linker_hand(console)]) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
