@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import firmware_protocols as fp
+import tactemu
 from tests.drivers.can_link import INTERFACE
 from tests.drivers.rig import Rig, assert_consecutive, run_driver
 
@@ -27,3 +28,22 @@ def test_identity_and_200_readings_of_every_finger(model, side, serial):
             rig.truth,
             decode=lambda counts, taxels=patch.taxels: counts[taxels].reshape(device.rows, device.columns),
         )
+
+
+@pytest.mark.parametrize(
+    "port", [None, pytest.param("can:socketcan:vcan0", marks=pytest.mark.vcan)], ids=["udp_multicast", "vcan"]
+)
+@pytest.mark.parametrize("model", ["L6", "O6"])
+def test_a_press_reaches_the_driver_as_it_was_felt(model, port):
+    """Simulation, device, wire and bus; the middle finger is pressed."""
+    with tactemu.serve(f"linker_hand_{model.lower()}", port) as dev:
+        dev.wait(0.05)
+        dev.press(depth=5e-4, speed=0.1)
+        bus = dev.can
+        got = run_driver(
+            "linkerbot", "linkerbot_read.py", model, "left", bus["channel"], bus["interface"], 50, seconds=60
+        )
+        truth = {sample.counts.tobytes() for sample in dev.truth.samples}
+    readings = np.array(got["readings"], np.uint8)
+    assert len(readings) == 50 and all(reading.tobytes() in truth for reading in readings)
+    assert readings[-1, 2].max() > 20, "the middle finger feels it"
