@@ -1,0 +1,102 @@
+"""Unmodified drivers below the whole of tactemu: scene, noise, sampling, firmware, paced wire, transport, truth log.
+
+Every taxel carries noise, so that each reading names the sample it was made from.
+"""
+
+import numpy as np
+import pytest
+
+import tactemu
+from tests.drivers.rig import assert_consecutive, run_driver
+from tests.drivers.test_ability_hand import documented_force
+from tests.drivers.test_flexitac_optoforce import SCALE
+from tests.drivers.test_inspire_rh56dftp import INDEX_TOP, PALM
+
+pytestmark = [pytest.mark.driver, pytest.mark.timeout(120)]
+
+SCENE = """
+[scene]
+dt = 0.001
+
+[[body]]
+name = "pad"
+shape = "box"
+size = [0.01, 0.01, 0.01]
+position = [0.0, 0.0, -0.02]
+fixed = true
+
+[[body]]
+name = "ball"
+shape = "sphere"
+radius = 0.05
+position = [0.0, 0.0, 0.05]
+motion = {{ kind = "press", depth = 0.002, speed = 0.01, repeat = 0 }}
+
+[[skin]]
+name = "skin"
+device = "{device}"
+link = "pad"
+position = [0.0, 0.0, 0.02]
+rate_hz = {rate_hz}
+device_options = {{ {device_options} }}
+options = {{ noise = {noise} }}
+"""
+
+TOUCH_FORCE = [documented_force(count) for count in range(4096)]
+
+
+@pytest.fixture
+def serve(tmp_path):
+    def start(device, port=None, *, rate_hz=100, noise=0.1, device_options=""):
+        path = tmp_path / "scene.toml"
+        path.write_text(SCENE.format(device=device, rate_hz=rate_hz, noise=noise, device_options=device_options))
+        return tactemu.serve(path, port)
+
+    return start
+
+
+def counts_of(served):
+    return [sample.counts for sample in served.truth.samples]
+
+
+def test_pyrobotiqtactile(serve):
+    with serve("robotiq_tsf85") as dev:
+        got = run_driver("pyrobotiqtactile", "pyrobotiqtactile_read.py", dev.port, 10, "sync")
+    assert_consecutive([reading["pressure"] for reading in got["readings"]], counts_of(dev))
+
+
+def test_ability_hand(serve, tmp_path):
+    with serve("ability_hand", rate_hz=250, noise=1.0) as dev:
+        got = run_driver("ah_wrapper", "ability_hand_read.py", dev.port, 0, cwd=tmp_path)
+    assert_consecutive(got["fsr"], counts_of(dev), decode=lambda counts: [TOUCH_FORCE[c] for c in counts])
+
+
+def test_plusml_rh56dftp(serve, tmp_path):
+    with serve("inspire_rh56dftp", "tcp:127.0.0.1:0", noise=0.5) as dev:
+        address = dev.port.removeprefix("socket://")
+        got = run_driver("RH56DFTP", "plusml_rh56dftp_read.py", address, cwd=tmp_path)
+    readings = [values[:96] for values in got["many"]]
+    assert_consecutive(readings, counts_of(dev), decode=lambda counts: counts[INDEX_TOP])
+
+
+@pytest.mark.parametrize(("package", "where"), [("pymodbus", PALM), ("modbus_tk", INDEX_TOP)])
+def test_modbus_rtu(serve, package, where):
+    with serve("inspire_rh56dftp", noise=0.5) as dev:
+        got = run_driver(package, f"{package}_read.py", dev.port)
+    assert_consecutive(got["many"], counts_of(dev), decode=lambda counts: counts[where])
+
+
+def test_flexitac(serve):
+    with serve("flexitac", noise=0.1) as dev:
+        frames = run_driver("flexitac", "flexitac_read.py", dev.port)
+    assert_consecutive(frames, counts_of(dev))
+
+
+@pytest.mark.parametrize(("axes", "kind"), [("3", "OptoForce16"), ("4x3", "OptoForce34")])
+def test_optoforce(serve, axes, kind):
+    with serve("optoforce", noise=20.0, device_options=f'axes = "{axes}"') as dev:
+        packets = run_driver("optoforce", "optoforce_read.py", dev.port, kind)
+    assert all(packet["valid_checksum"] for packet in packets)
+    values = [[v for name, v in packet.items() if name[0] == "F"] for packet in packets]
+    assert_consecutive(values, counts_of(dev), decode=lambda counts: (counts * SCALE).reshape(-1))
+    assert np.ptp(values, axis=0).min() > 0
