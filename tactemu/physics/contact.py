@@ -1,53 +1,134 @@
 """How deep each probe is in what it touches: the query that ContactProbe, ContactDepthProbe and KinematicTaxel share.
 
-``d = max(0, R - signed distance)`` over the bodies felt: a probe at the surface of a body reads its radius ``R``, and
-one in free space within ``R`` reads ``R`` minus the distance. There is no gate: two fixed bodies touch as any two do.
+``d = max(0, R - distance)`` over the bodies felt: a probe at the surface of a body reads its radius ``R``, and one in
+free space within ``R`` reads ``R`` minus the distance. There is no gate: two fixed bodies touch as any two do.
+The distance is that to the nearest surface, or with ``contact_depth_query="ray"`` that along the taxel's normal.
 """
 
 import functools
 
+import numpy as np
 import warp as wp
 
-from tactemu.physics.shapes import shape_functions, table_type
+from tactemu.physics.rays import ray_function
+from tactemu.physics.sensor import Site
+from tactemu.physics.shapes import FAR, shape_functions, table_type
 
 
 @functools.cache
-def nearest_function(real, kinds: frozenset):
-    """``nearest(shapes, pose, targets, e, r, margin) -> (signed distance, normal, body)``.
+def probes_struct(real):
+    """The Warp struct of a sensor's probes: what does not change from step to step."""
+    vec3 = wp.types.vector(3, real)
 
-    The body felt that is nearest to the point ``r`` of the link's frame, and the normal there in the link's frame.
-    Bodies farther than ``margin`` may be skipped: then the distance is 1e18 m and the body -1. A pose that is not
-    finite gives a NaN distance.
+    @wp.struct
+    class ProbeArrays:
+        positions: wp.array(dtype=vec3)
+        normals: wp.array(dtype=vec3)
+        radii: wp.array(dtype=real)
+        reach: wp.array(dtype=real)  # how far behind a probe the ray query begins; empty for the others
+
+    return ProbeArrays
+
+
+@functools.cache
+def contact_function(real, kinds: frozenset, along_normal: bool):
+    """``nearest(shapes, pose, targets, probes, e, i, margin) -> (distance, normal, body)``.
+
+    Among the bodies felt in environment ``e`` the one nearest to probe ``i``, and its normal there in the link's
+    frame; along the taxel's normal ``m`` the normal is ``-m``. Bodies farther than ``margin`` may be skipped: then the
+    distance is 1e18 m and the body -1. A pose that is not finite gives a NaN distance.
     """
     vec3 = wp.types.vector(3, real)
     transform = wp.types.transformation(real)
     shapes_type = table_type(real)
+    probes_type = probes_struct(real)
     functions = shape_functions(real, kinds)
     distance_in_link, reaches = functions.distance_in_link, functions.reaches
+    enters = ray_function(real, kinds)
 
     @wp.func
     def nearest(
         shapes: shapes_type,
         pose: wp.array2d(dtype=transform),
         targets: wp.array(dtype=wp.int32),
+        probes: probes_type,
         e: int,
-        r: vec3,
+        i: int,
         margin: real,
     ):
-        best = real(1.0e18)
+        r = probes.positions[i]
+        best = real(FAR)
         normal = vec3(real(0.0))
         body = int(-1)
         for t in range(targets.shape[0]):
             b = targets[t]
             x = pose[e, b]
-            if reaches(shapes, b, x, r, margin):
-                d, n = distance_in_link(shapes, b, x, r)
-                if d < best or wp.isnan(d):
+            if wp.isnan(wp.transform_get_translation(x)[0]):
+                best = real(wp.nan)  # and no d is less than NaN
+                body = -1
+            elif wp.static(along_normal):
+                m = probes.normals[i]
+                d = enters(shapes, b, x, r, m, probes.reach[i], margin)
+                if d < best:
                     best = d
-                    normal = n
+                    normal = -m
                     body = b
-                if wp.isnan(wp.transform_get_translation(x)[0]):
-                    best = real(wp.nan)
+            else:
+                if reaches(shapes, b, x, r, margin):
+                    d, n = distance_in_link(shapes, b, x, r)
+                    if d < best:
+                        best = d
+                        normal = n
+                        body = b
         return best, normal, body
 
     return nearest
+
+
+@functools.cache
+def thickness_kernel(real, kinds: frozenset):
+    """How far behind each probe its own link ends, along the probe's normal."""
+    vec3 = wp.types.vector(3, real)
+    quat = wp.types.quaternion(real)
+    shapes_type = table_type(real)
+    enters = ray_function(real, kinds)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def thickness(
+        shapes: shapes_type,
+        link: int,
+        positions: wp.array(dtype=vec3),
+        normals: wp.array(dtype=vec3),
+        reach_out: wp.array(dtype=real),
+    ):
+        i = wp.tid()
+        here = wp.transformation(vec3(real(0.0)), quat(real(0.0), real(0.0), real(0.0), real(1.0)))
+        s = enters(shapes, link, here, positions[i], normals[i], real(FAR), real(FAR))
+        if s >= real(0.0):  # the probe is not on its link's own body: nothing is behind it
+            s = real(-FAR)
+        reach_out[i] = -s
+
+    return thickness
+
+
+def probe_arrays(site: Site):
+    """The probes as kernels take them."""
+    real = site.context.real
+    probes = probes_struct(real)()
+    probes.positions, probes.normals, probes.radii = site.positions, site.normals, site.radii
+    probes.reach = _reach(site) if site.along_normal else wp.zeros(0, dtype=real, device=site.context.device)
+    return probes
+
+
+def _reach(site: Site) -> wp.array:
+    """How far behind each probe the ray query begins [m]: the option, or to the far side of the sensor's link."""
+    context, given = site.context, site.model.ray_reach
+    if given is not None or site.link.shape is None:
+        values = np.full(site.probes.n, FAR if given is None else given)
+        return wp.array(values, dtype=context.real, device=context.device)
+    reach = wp.zeros(site.probes.n, dtype=context.real, device=context.device)
+    table = site.own_table
+    inputs = [table.struct, site.link.index, site.positions, site.normals]
+    kernel = thickness_kernel(context.real, table.kinds)
+    wp.launch(kernel, dim=site.probes.n, inputs=inputs, outputs=[reach], device=context.device)
+    return reach

@@ -5,19 +5,19 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from tactemu.physics.contact import nearest_function
+from tactemu.physics.contact import contact_function, probe_arrays, probes_struct
 from tactemu.physics.plan import Stage, record
 from tactemu.physics.sensor import Compiled, SensorModel, Site
 from tactemu.physics.shapes import table_type
 
 
 @functools.cache
-def depth_kernel(real, kinds: frozenset, separate: bool, has_gain: bool, has_radius: bool):
+def depth_kernel(real, kinds: frozenset, along_normal: bool, separate: bool, has_gain: bool, has_radius: bool):
     """Depth of the truth and, if ``separate``, of the measured branch with its own radii and gains."""
-    vec3 = wp.types.vector(3, real)
     transform = wp.types.transformation(real)
     shapes_type = table_type(real)
-    nearest = nearest_function(real, kinds)
+    probes_type = probes_struct(real)
+    nearest = contact_function(real, kinds, along_normal)
 
     @wp.func
     def depth(radius: real, distance: real):
@@ -29,21 +29,20 @@ def depth_kernel(real, kinds: frozenset, separate: bool, has_gain: bool, has_rad
         shapes: shapes_type,
         pose: wp.array2d(dtype=transform),
         targets: wp.array(dtype=wp.int32),
-        positions: wp.array(dtype=vec3),
-        radii: wp.array(dtype=real),
+        probes: probes_type,
         gain: wp.array2d(dtype=real),
         radius: wp.array2d(dtype=real),
         truth_out: wp.array3d(dtype=real),
         raw_out: wp.array3d(dtype=real),
     ):
         e, i = wp.tid()
-        r_true = radii[i]
+        r_true = probes.radii[i]
         if r_true <= real(0.0):
             return
         r_measured = r_true
         if wp.static(has_radius):
             r_measured = radius[e, i]
-        distance, _n, _b = nearest(shapes, pose, targets, e, positions[i], wp.max(r_true, r_measured))
+        distance, _n, _b = nearest(shapes, pose, targets, probes, e, i, wp.max(r_true, r_measured))
         truth_out[e, i, 0] = depth(r_true, distance)
         if wp.static(separate):
             d = depth(r_measured, distance)
@@ -60,15 +59,15 @@ def compile_depth(site: Site, why: str) -> Compiled:
     truth = site.zeros(1)
     raw = site.zeros(1) if site.separate else truth
     none = wp.zeros((0, 0), dtype=context.real, device=context.device)
-    kernel = depth_kernel(context.real, site.table.kinds, site.separate, site.gain is not None, site.radius is not None)
+    has_gain, has_radius = site.gain is not None, site.radius is not None
+    kernel = depth_kernel(context.real, site.table.kinds, site.along_normal, site.separate, has_gain, has_radius)
     inputs = [
         site.table.struct,
         site.view.pose,
         site.targets,
-        site.positions,
-        site.radii,
-        none if site.gain is None else site.gain,
-        none if site.radius is None else site.radius,
+        probe_arrays(site),
+        site.gain if has_gain else none,
+        site.radius if has_radius else none,
     ]
     launch = record(kernel, truth.shape[:2], inputs, [truth, raw], context.device)
     stage = Stage(name=f"{site.name}: contact depth", reason=why, launch=launch)

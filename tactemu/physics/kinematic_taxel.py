@@ -18,7 +18,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.errors import SceneError
-from tactemu.physics.contact import nearest_function
+from tactemu.physics.contact import contact_function, probe_arrays, probes_struct
 from tactemu.physics.plan import Stage, record
 from tactemu.physics.probes import Probes
 from tactemu.physics.sensor import Compiled, SensorModel, Site
@@ -51,12 +51,15 @@ def coefficients_type(real):
 
 
 @functools.cache
-def kinematic_kernel(real, kinds: frozenset, moving: bool, separate: bool, has_gain: bool, has_radius: bool):
+def kinematic_kernel(
+    real, kinds: frozenset, along_normal: bool, moving: bool, separate: bool, has_gain: bool, has_radius: bool
+):
     """Force and torque of the truth and, if ``separate``, of the measured branch."""
     vec3 = wp.types.vector(3, real)
     transform = wp.types.transformation(real)
     shapes_type = table_type(real)
-    nearest = nearest_function(real, kinds)
+    probes_type = probes_struct(real)
+    nearest = contact_function(real, kinds, along_normal)
     coefficients = coefficients_type(real)
 
     @wp.func
@@ -89,9 +92,7 @@ def kinematic_kernel(real, kinds: frozenset, moving: bool, separate: bool, has_g
         velocity: wp.array2d(dtype=vec3),
         spin: wp.array2d(dtype=vec3),
         targets: wp.array(dtype=wp.int32),
-        positions: wp.array(dtype=vec3),
-        normals: wp.array(dtype=vec3),
-        radii: wp.array(dtype=real),
+        probes: probes_type,
         c: coefficients,
         gain: wp.array2d(dtype=real),
         radius: wp.array2d(dtype=real),
@@ -99,16 +100,16 @@ def kinematic_kernel(real, kinds: frozenset, moving: bool, separate: bool, has_g
         raw_out: wp.array3d(dtype=real),
     ):
         e, i = wp.tid()
-        r_true = radii[i]
+        r_true = probes.radii[i]
         if r_true <= real(0.0):
             return
         r_measured = r_true
         if wp.static(has_radius):
             r_measured = radius[e, i]
-        r = positions[i]
-        distance, n, b = nearest(shapes, pose, targets, e, r, wp.max(r_true, r_measured))
+        r = probes.positions[i]
+        distance, n, b = nearest(shapes, pose, targets, probes, e, i, wp.max(r_true, r_measured))
         if wp.dot(n, n) < real(0.5):
-            n = -normals[i]
+            n = -probes.normals[i]
         v = vec3(real(0.0))
         w = vec3(real(0.0))
         if wp.static(moving):
@@ -178,9 +179,10 @@ class KinematicTaxel(SensorModel):
         c.pull_floor = 0.0 if self.clamp_adhesion else -1e18
         moving = self.velocity_reason() is not None
         has_gain, has_radius = site.gain is not None, site.radius is not None
-        kernel = kinematic_kernel(context.real, site.table.kinds, moving, site.separate, has_gain, has_radius)
-        inputs = [site.table.struct, view.pose, view.velocity, view.spin, site.targets]
-        inputs += [site.positions, site.normals, site.radii, c]
+        kernel = kinematic_kernel(
+            context.real, site.table.kinds, site.along_normal, moving, site.separate, has_gain, has_radius
+        )
+        inputs = [site.table.struct, view.pose, view.velocity, view.spin, site.targets, probe_arrays(site), c]
         inputs += [site.gain if has_gain else none, site.radius if has_radius else none]
         launch = record(kernel, truth.shape[:2], inputs, [truth, raw], context.device)
         stage = Stage(name=f"{site.name}: springs", reason="KinematicTaxel reads force and torque", launch=launch)

@@ -51,7 +51,7 @@ from tactemu.imperfections import ImperfectionOptions, Imperfections, SensorSett
 from tactemu.physics.plan import Context, Stage
 from tactemu.physics.poses import LinkView
 from tactemu.physics.probes import Probes, make_probes
-from tactemu.physics.table import ShapeTable
+from tactemu.physics.table import ShapeTable, ShapeTables
 from tactemu.scene.bodies import Body
 
 if TYPE_CHECKING:
@@ -65,6 +65,7 @@ class Site:
     """Where a model is compiled: everything it may use of the scene. See the module's docstring."""
 
     name: str
+    model: SensorModel
     context: Context
     link: Body
     probes: Probes
@@ -72,7 +73,7 @@ class Site:
     view: LinkView
     target_bodies: tuple[Body, ...]
     targets: wp.array
-    make_table: Callable[[tuple[Body, ...]], ShapeTable]
+    shapes: ShapeTables
     positions: wp.array
     normals: wp.array
     radii: wp.array
@@ -82,12 +83,13 @@ class Site:
     @cached_property
     def table(self) -> ShapeTable:
         """The shapes of the bodies felt."""
-        return self.make_table(self.target_bodies)
+        model = self.model
+        return self.shapes.table(self.target_bodies, model.contact_depth_query, model.voxel_size)
 
     @cached_property
     def own_table(self) -> ShapeTable:
         """The shape of the sensor's own link."""
-        return self.make_table((self.link,))
+        return self.shapes.table((self.link,))
 
     @property
     def vec3(self):
@@ -98,6 +100,11 @@ class Site:
         """A new array ``(n_envs, n_taxels, channels)`` of the context's type."""
         shape = (self.context.n_envs, self.probes.n, channels or self.n_channels)
         return wp.zeros(shape, dtype=self.context.real, device=self.context.device)
+
+    @property
+    def along_normal(self) -> bool:
+        """Is depth asked for along the taxels' normals?"""
+        return self.model.contact_depth_query == "ray"
 
     @property
     def separate(self) -> bool:
@@ -140,7 +147,9 @@ class SensorModel(ImperfectionOptions, ABC):
     """How depth is found. ``sdf`` (default) and ``raycast``: exact distance to the nearest surface. ``voxel``: a grid
     of distances with cells of ``voxel_size``. ``ray``: along the taxel's normal, right at any depth."""
     voxel_size: float | None = None
-    """Cell of the voxel query [m]; ``None``: the shape's extent / 64."""
+    """Cell of the voxel query [m]; ``None``: the shape's largest extent / 64."""
+    ray_reach: float | None = None
+    """How far into the skin the ray query looks [m]; ``None``: to the far side of the sensor's own link."""
 
     channels: ClassVar[tuple[str, ...]] = ("scalar",)
     """What a taxel gives, in order: ``scalar`` is one number, ``force``, ``torque``, ``displacement`` three each."""

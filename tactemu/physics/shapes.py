@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from tactemu.physics.mesh import mesh_functions
+from tactemu.physics.mesh_query import mesh_functions
 from tactemu.physics.voxel import voxel_functions
 
-SPHERE, BOX, CAPSULE, CYLINDER, PLANE, MESH, VOXEL = range(7)
+SPHERE, BOX, CAPSULE, CYLINDER, PLANE, MESH, OPEN_MESH, VOXEL = range(8)
 FAR = 1.0e18
 """Stands for 'no surface anywhere' [m]; its square still fits float32."""
 
@@ -30,8 +30,8 @@ class ShapeFunctions(NamedTuple):
     """``distance_in_link(shapes, b, pose, r) -> (signed distance, normal)``: the same for a point ``r`` in a link's
     frame, where ``pose`` is the body's pose in that frame; the normal is in the link's frame."""
     reaches: Any
-    """``reaches(shapes, b, pose, r, margin) -> bool``: may the shape be nearer to ``r`` than ``margin``? Costs five
-    operations; true for what it cannot decide and for poses that are not finite."""
+    """``reaches(shapes, b, pose, r, margin) -> bool``: may the shape be nearer to ``r`` than ``margin``? Cheap, by a
+    ball around the shape and for meshes a coarse grid; true for what it cannot decide and for poses not finite."""
 
 
 @functools.cache
@@ -45,8 +45,8 @@ def table_type(real):
         size: wp.array(dtype=vec3)  # box: half extents; others: radius, half length
         bound: wp.array(dtype=real)  # radius of a ball around the origin that holds the shape
         mesh: wp.array(dtype=wp.uint64)
-        mesh_scale: wp.array(dtype=real)  # meshes are stored with unit extent: metres per stored unit
-        grid_start: wp.array(dtype=wp.int64)  # first node in grid_values; meshes have none
+        mesh_unit: wp.array(dtype=real)  # meshes are stored with unit size: metres per stored unit
+        grid_start: wp.array(dtype=wp.int64)  # first node in grid_values; a mesh has a coarse grid
         grid_nodes: wp.array(dtype=wp.vec3i)
         grid_origin: wp.array(dtype=vec3)
         grid_cell: wp.array(dtype=vec3)
@@ -128,17 +128,9 @@ def shape_functions(real, kinds: frozenset) -> ShapeFunctions:
     primitives = primitive_functions(real)
     sphere, box, capsule = primitives[SPHERE], primitives[BOX], primitives[CAPSULE]
     cylinder, plane = primitives[CYLINDER], primitives[PLANE]
-    has_sphere, has_box, has_capsule = SPHERE in kinds, BOX in kinds, CAPSULE in kinds
-    has_cylinder, has_plane, has_mesh, has_voxel = CYLINDER in kinds, PLANE in kinds, MESH in kinds, VOXEL in kinds
-    mesh_distance = mesh_functions(real)
-    voxel_distance = voxel_functions(real, shapes_type)
-    k_sphere, k_box, k_capsule = wp.constant(SPHERE), wp.constant(BOX), wp.constant(CAPSULE)
-    k_cylinder, k_plane, k_mesh, k_voxel = (
-        wp.constant(CYLINDER),
-        wp.constant(PLANE),
-        wp.constant(MESH),
-        wp.constant(VOXEL),
-    )
+    mesh, mesh_bound = mesh_functions(real, shapes_type, True)
+    open_mesh, _no_bound = mesh_functions(real, shapes_type, False)
+    voxel = voxel_functions(real, shapes_type)
 
     @wp.func
     def distance(shapes: shapes_type, b: int, p: vec3):
@@ -146,27 +138,30 @@ def shape_functions(real, kinds: frozenset) -> ShapeFunctions:
         size = shapes.size[b]
         d = real(FAR)
         n = vec3(real(0.0))
-        if wp.static(has_sphere):
-            if kind == k_sphere:
+        if wp.static(SPHERE in kinds):
+            if kind == wp.static(SPHERE):
                 d, n = sphere(p, size)
-        if wp.static(has_box):
-            if kind == k_box:
+        if wp.static(BOX in kinds):
+            if kind == wp.static(BOX):
                 d, n = box(p, size)
-        if wp.static(has_capsule):
-            if kind == k_capsule:
+        if wp.static(CAPSULE in kinds):
+            if kind == wp.static(CAPSULE):
                 d, n = capsule(p, size)
-        if wp.static(has_cylinder):
-            if kind == k_cylinder:
+        if wp.static(CYLINDER in kinds):
+            if kind == wp.static(CYLINDER):
                 d, n = cylinder(p, size)
-        if wp.static(has_plane):
-            if kind == k_plane:
+        if wp.static(PLANE in kinds):
+            if kind == wp.static(PLANE):
                 d, n = plane(p, size)
-        if wp.static(has_mesh):
-            if kind == k_mesh:
-                d, n = mesh_distance(shapes.mesh[b], shapes.mesh_scale[b], p)
-        if wp.static(has_voxel):
-            if kind == k_voxel:
-                d, n = voxel_distance(shapes, b, p)
+        if wp.static(MESH in kinds):
+            if kind == wp.static(MESH):
+                d, n = mesh(shapes, b, p)
+        if wp.static(OPEN_MESH in kinds):
+            if kind == wp.static(OPEN_MESH):
+                d, n = open_mesh(shapes, b, p)
+        if wp.static(VOXEL in kinds):
+            if kind == wp.static(VOXEL):
+                d, n = voxel(shapes, b, p)
         return d, n
 
     @wp.func
@@ -180,6 +175,11 @@ def shape_functions(real, kinds: frozenset) -> ShapeFunctions:
     def reaches(shapes: shapes_type, b: int, pose: transform, r: vec3, margin: real):
         reach = shapes.bound[b] + margin
         d = r - wp.transform_get_translation(pose)
-        return not (wp.dot(d, d) > reach * reach)
+        near = not (wp.dot(d, d) > reach * reach)
+        if wp.static(MESH in kinds):
+            if near and shapes.kind[b] == wp.static(MESH):
+                p = wp.quat_rotate_inv(wp.transform_get_rotation(pose), d)
+                near = not (mesh_bound(shapes, b, p) > margin)
+        return near
 
     return ShapeFunctions(distance, distance_in_link, reaches)

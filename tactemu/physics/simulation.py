@@ -15,7 +15,7 @@ from tactemu.physics.clearing import clear_rows
 from tactemu.physics.plan import Context, Plan, Stage
 from tactemu.physics.poses import RelativePoses
 from tactemu.physics.sensor import Sensor, Site, bodies_felt, upload_probes
-from tactemu.physics.table import build_table
+from tactemu.physics.table import ShapeTables
 from tactemu.physics.world import World
 
 if TYPE_CHECKING:
@@ -75,22 +75,17 @@ class Simulation:
         self.plan = Plan(device=self.device)
         if self.sensors:
             self.plan.stages.append(self._poses.stage())
-        self._tables: dict = {}
+        self._shapes = ShapeTables(self.scene.bodies, self.context)
         self._arrays: list[wp.array] = []
         for sensor in self.sensors:
             self.plan.stages += self._compile_sensor(sensor)
         self._bad_view = self._poses.bad.numpy() if self.device.is_cpu else None
 
-    def _table(self, bodies):
-        used = frozenset(body.index for body in bodies)
-        if used not in self._tables:
-            self._tables[used] = build_table(self.scene.bodies, used, self.context)
-        return self._tables[used]
-
     def _site(self, sensor: Sensor, gain, radius) -> Site:
         felt = bodies_felt(sensor, self.scene)
         return Site(
             name=sensor.name,
+            model=sensor.model,
             context=self.context,
             link=sensor.link,
             probes=sensor.probes,
@@ -98,7 +93,7 @@ class Simulation:
             view=self._poses.view(sensor.link.index),
             target_bodies=felt,
             targets=wp.array([body.index for body in felt], dtype=wp.int32, device=self.device),
-            make_table=self._table,
+            shapes=self._shapes,
             **upload_probes(sensor.probes, self.context),
             gain=gain,
             radius=radius,
@@ -126,13 +121,12 @@ class Simulation:
         values, value_stages = spoil.compile_values(compiled.raw)
         untouched = values is compiled.truth
         values, finish_stages = (truth, []) if untouched else finish(values, "measured")
-        measured, delivery_stages = values, []
-        if hasattr(spoil, "compile_delivery"):
-            measured, delivery_stages = spoil.compile_delivery(values)
-        self._arrays += [compiled.truth, compiled.raw, truth, values, measured]
-        sensor.attach(self, spoil, truth, measured)
+        measured, delivery_stages = spoil.compile_delivery(values)
+        remembered, history_stages = (measured, []) if truth is measured else spoil.compile_history(truth)
+        self._arrays += [compiled.truth, compiled.raw, truth, remembered, values, measured]
+        sensor.attach(self, spoil, remembered, measured)
         stages = gain_stages + radius_stages + compiled.stages + truth_stages
-        return stages + value_stages + finish_stages + delivery_stages
+        return stages + value_stages + finish_stages + delivery_stages + history_stages
 
     # -- stepping ---------------------------------------------------------------------------------------------------
 
