@@ -31,32 +31,28 @@ def probes_struct(real):
 
 
 @functools.cache
-def contact_function(real, kinds: frozenset, along_normal: bool):
-    """``nearest(shapes, pose, targets, probes, e, i, margin) -> (distance, normal, body)``.
+def nearest_function(real, kinds: frozenset):
+    """``nearest(shapes, pose, targets, e, r, margin) -> (distance, normal, body)``.
 
-    Among the bodies felt in environment ``e`` the one nearest to probe ``i``, and its normal there in the link's
-    frame; along the taxel's normal ``m`` the normal is ``-m``. Bodies farther than ``margin`` may be skipped: then the
-    distance is 1e18 m and the body -1. A pose that is not finite gives a NaN distance.
+    Among the bodies felt in environment ``e`` the one nearest to the point ``r`` of the link's frame, and its normal
+    there in that frame. Bodies farther than ``margin`` may be skipped: then the distance is 1e18 m and the body -1. A
+    pose that is not finite gives a NaN distance.
     """
     vec3 = wp.types.vector(3, real)
     transform = wp.types.transformation(real)
     shapes_type = table_type(real)
-    probes_type = probes_struct(real)
     functions = shape_functions(real, kinds)
     distance_in_link, reaches = functions.distance_in_link, functions.reaches
-    enters = ray_function(real, kinds)
 
     @wp.func
     def nearest(
         shapes: shapes_type,
         pose: wp.array2d(dtype=transform),
         targets: wp.array(dtype=wp.int32),
-        probes: probes_type,
         e: int,
-        i: int,
+        r: vec3,
         margin: real,
     ):
-        r = probes.positions[i]
         best = real(FAR)
         normal = vec3(real(0.0))
         body = int(-1)
@@ -66,23 +62,91 @@ def contact_function(real, kinds: frozenset, along_normal: bool):
             if wp.isnan(wp.transform_get_translation(x)[0]):
                 best = real(wp.nan)  # and no d is less than NaN
                 body = -1
-            elif wp.static(along_normal):
-                m = probes.normals[i]
-                d = enters(shapes, b, x, r, m, probes.reach[i], margin)
+            elif reaches(shapes, b, x, r, margin):
+                d, n = distance_in_link(shapes, b, x, r)
                 if d < best:
                     best = d
-                    normal = -m
+                    normal = n
                     body = b
-            else:
-                if reaches(shapes, b, x, r, margin):
-                    d, n = distance_in_link(shapes, b, x, r)
-                    if d < best:
-                        best = d
-                        normal = n
-                        body = b
         return best, normal, body
 
     return nearest
+
+
+@functools.cache
+def first_function(real, kinds: frozenset):
+    """``first(shapes, pose, targets, e, r, m, reach, margin) -> (distance, normal, body)``.
+
+    As :func:`nearest_function`, along the taxel's normal ``m`` from ``reach`` behind ``r`` on; the normal is ``-m``.
+    """
+    vec3 = wp.types.vector(3, real)
+    transform = wp.types.transformation(real)
+    shapes_type = table_type(real)
+    enters = ray_function(real, kinds)
+
+    @wp.func
+    def first(
+        shapes: shapes_type,
+        pose: wp.array2d(dtype=transform),
+        targets: wp.array(dtype=wp.int32),
+        e: int,
+        r: vec3,
+        m: vec3,
+        reach: real,
+        margin: real,
+    ):
+        best = real(FAR)
+        body = int(-1)
+        for t in range(targets.shape[0]):
+            b = targets[t]
+            x = pose[e, b]
+            if wp.isnan(wp.transform_get_translation(x)[0]):
+                best = real(wp.nan)
+                body = -1
+            else:
+                d = enters(shapes, b, x, r, m, reach, margin)
+                if d < best:
+                    best = d
+                    body = b
+        return best, -m, body
+
+    return first
+
+
+@functools.cache
+def contact_function(real, kinds: frozenset, along_normal: bool):
+    """``contact(shapes, pose, targets, probes, e, i, margin) -> (distance, normal, body)`` of probe ``i``."""
+    transform = wp.types.transformation(real)
+    shapes_type = table_type(real)
+    probes_type = probes_struct(real)
+    nearest = nearest_function(real, kinds)
+    first = first_function(real, kinds)
+
+    @wp.func
+    def to_surface(
+        shapes: shapes_type,
+        pose: wp.array2d(dtype=transform),
+        targets: wp.array(dtype=wp.int32),
+        probes: probes_type,
+        e: int,
+        i: int,
+        margin: real,
+    ):
+        return nearest(shapes, pose, targets, e, probes.positions[i], margin)
+
+    @wp.func
+    def along(
+        shapes: shapes_type,
+        pose: wp.array2d(dtype=transform),
+        targets: wp.array(dtype=wp.int32),
+        probes: probes_type,
+        e: int,
+        i: int,
+        margin: real,
+    ):
+        return first(shapes, pose, targets, e, probes.positions[i], probes.normals[i], probes.reach[i], margin)
+
+    return along if along_normal else to_surface
 
 
 @functools.cache
