@@ -241,6 +241,8 @@ class Device(ABC):
     senses: ClassVar[Quantity] = "force"
     rate_hz: ClassVar[float] = 100.0
     """Sampling rate unless a command or ``tactemu run --rate`` says otherwise."""
+    boot_s: ClassVar[float] = 0.0
+    """After power-up or a reset: how long it neither samples nor hears [s]."""
     evidence: ClassVar[tuple[Evidence, ...]]
     sources: ClassVar[tuple[str, ...]]
     """Where each table comes from: repository@commit file, manual page, capture."""

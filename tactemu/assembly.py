@@ -15,6 +15,7 @@ from tactemu.errors import SceneError, TransportError
 from tactemu.sampling import SampleClock
 from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.file import LoadedScene
+from tactemu.scene.placement import PlacedSensor
 from tactemu.scene.schema import Skin
 from tactemu.truth import Truth
 from tactemu.wire import Wire
@@ -135,4 +136,5 @@ def _channel(skin: Skin, device: Device, sensor: Any, wire: Wire, rate_hz: float
         seed=seed,
         name=skin.title,
     )
-    return Channel(skin.title, device, sensor, wire, sampling)
+    placed = PlacedSensor(sensor, skin.quaternion)
+    return Channel(skin.title, device, placed, wire, sampling, placed.surroundings)

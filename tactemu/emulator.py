@@ -16,26 +16,14 @@ from __future__ import annotations
 import heapq
 import queue
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
 from typing import Protocol
 
-import numpy as np
-
-from firmware_protocols import Device, Outgoing, Reading
+from firmware_protocols import Outgoing
+from tactemu.channel import Channel, Source
 from tactemu.clock import Clock, RealClock
-from tactemu.sampling import SampleClock
-from tactemu.statistics import ChannelStatistics
 from tactemu.transports.transport import BaudChanged, Closed, Event, Opened, Received
 from tactemu.truth import Truth
 from tactemu.wire import Wire
-
-
-class Source(Protocol):
-    """What a device samples: a sensor of a simulation, or a recording."""
-
-    def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
-        """The latest reading of environment 0, shape ``(n_taxels,)`` or ``(n_taxels, 3)``, SI, link frame."""
-        ...
 
 
 class Simulated(Protocol):
@@ -51,30 +39,6 @@ class Simulated(Protocol):
     def advance_to(self, t_ns: int, max_steps: int | None = None) -> bool:
         """Step until no whole step fits before ``t_ns``; true if a step was stretched to keep to ``max_steps``."""
         ...
-
-
-@dataclass
-class Channel:
-    """One device: its source on one side, its wire on the other."""
-
-    name: str
-    device: Device
-    source: Source
-    wire: Wire
-    sampling: SampleClock
-    statistics: ChannelStatistics = field(default_factory=ChannelStatistics)
-    count: int = 1
-    """Number of the next sample."""
-
-    @property
-    def due_ns(self) -> int:
-        """When the next sample is taken."""
-        return self.sampling.due_ns(self.count)
-
-    def restart(self, now_ns: int) -> None:
-        """The device's period was changed: count samples anew from now."""
-        self.sampling = self.sampling.restarted(now_ns, self.device.period_ns)
-        self.count = 1
 
 
 class Emulator:
@@ -123,16 +87,20 @@ class Emulator:
         except BaseException:
             self.close()
             raise
-        now = self.clock.now_ns()
         for channel in self.channels:
-            channel.restart(now)
-            self._send(channel, channel.device.power_on(now), now)
+            self._power_on(channel, self.clock.now_ns())
 
     def close(self) -> None:
         """Remove every port. Safe to call twice."""
         for wire in self.wires:
             wire.close()
         self.truth.close()
+
+    def _power_on(self, channel: Channel, now: int) -> None:
+        """The device boots: its first sample comes a period after that."""
+        channel.silent_until_ns = now + round(channel.device.boot_s * 1e9)
+        channel.restart(channel.silent_until_ns)
+        self._send(channel, channel.device.power_on(now), now)
 
     def run(self, seconds: float | None = None) -> None:
         """Run for ``seconds`` of emulation time, or until :meth:`stop`."""
@@ -186,7 +154,9 @@ class Emulator:
 
     def _hand_over(self, channel: Channel, event: Event, now: int) -> None:
         device, period = channel.device, channel.device.period_ns
-        if isinstance(event, Received):
+        if isinstance(event, Received) and now < channel.silent_until_ns:
+            device.counters["unheard"] += 1
+        elif isinstance(event, Received):
             self._send(channel, device.receive(event.data, now), now)
         elif isinstance(event, Opened):
             self.truth.event(now, channel.name, "opened")
@@ -202,11 +172,15 @@ class Emulator:
     def _sample(self, channel: Channel, now: int) -> None:
         """Simulation up to the sample's time, reading, device, and out after the sampling delay."""
         due = channel.due_ns
+        if due < channel.silent_until_ns:
+            channel.count += 1
+            channel.statistics.silent += 1
+            return
         self._advance(channel, due)
         senses = channel.device.senses
         ideal = channel.source.quantity(senses, ground_truth=True)
         measured = channel.source.quantity(senses)
-        frames = channel.device.sample(Reading(t_ns=due, values=measured), due)
+        frames = channel.device.sample(channel.reading(due, measured), due)
         self.truth.sample(due, channel.name, ideal, measured, channel.device.counts)
         self._post(channel, frames, channel.sampling.release_ns(channel.count, due))
         self._count(channel, due, now)
@@ -278,6 +252,22 @@ class Emulator:
         self._serial += 1
         heapq.heappush(self._actions, (t_ns, self._serial, action))
 
+    def hang(self, until_ns: int, name: str | None = None) -> None:
+        """Let the device ``name`` (default: every one) neither sample nor hear until ``until_ns``, then go on."""
+        for channel in self._named(name):
+            channel.silent_until_ns = max(channel.silent_until_ns, until_ns)
+            self.truth.inject(self.clock.now_ns(), channel.name, "hang", f"until {until_ns} ns")
+
+    def reset(self, name: str | None = None) -> None:
+        """Let the device ``name`` (default: every one) restart as after power-up, boot time included."""
+        now = self.clock.now_ns()
+        for channel in self._named(name):
+            self.truth.inject(now, channel.name, "reset")
+            self._power_on(channel, now)
+
+    def _named(self, name: str | None) -> list[Channel]:
+        return [channel for channel in self.channels if name in (None, channel.name)]
+
     def _act(self, now: int) -> None:
         while self._actions and self._actions[0][0] <= now:
             heapq.heappop(self._actions)[2]()
@@ -295,3 +285,6 @@ class Emulator:
         poll = any(not wire.filenos() for wire in self.wires)
         deadline = self.clock.now_ns() if busy else min(deadlines, default=None)
         self.clock.wait(deadline, filenos, poll=poll)
+
+
+__all__ = ["Channel", "Emulator", "Simulated", "Source"]

@@ -36,6 +36,8 @@ class ChannelStatistics:
     """Samples whose time had passed by a whole period before they could be taken."""
     stretched: int = 0
     """Samples for which the simulation took longer steps than the scene's, because the machine is too slow."""
+    silent: int = 0
+    """Samples that a booting or hanging device did not take."""
     first_ns: int = 0
     last_ns: int = 0
     lateness: Lateness = field(default_factory=Lateness)
@@ -52,6 +54,7 @@ class ChannelStatistics:
             "samples": self.samples,
             "missed": self.missed,
             "stretched": self.stretched,
+            "silent": self.silent,
             "rate_hz": round(self.rate_hz, 3),
             "lateness_p50_us": round(self.lateness.percentile_ns(50) / 1e3, 1),
             "lateness_p99_us": round(self.lateness.percentile_ns(99) / 1e3, 1),

@@ -142,6 +142,35 @@ def test_scheduled_and_foreign_actions_run_in_the_loop():
     assert seen == ["called", 25_000_000]
 
 
+def test_a_hanging_device_is_silent_and_goes_on_with_its_grid():
+    emulator, wire, channel = make()
+    emulator.at(35_000_000, lambda: emulator.hang(75_000_000))
+    emulator.at(50_000_000, lambda: wire.events.append(Received(b"?")))
+    with emulator:
+        emulator.run(seconds=0.1)
+    assert [t // 1_000_000 for t, _, _ in wire.sent] == [10, 20, 30, 80, 90]
+    assert channel.statistics.silent == 4 and channel.device.counters["unheard"] == 1
+    assert emulator.truth.injected["hang"] == 1
+
+
+def test_a_reset_device_boots_anew():
+    class Booting(Counter8):
+        boot_s = 0.025
+
+        def power_on(self, t_ns):
+            self.n = 0
+            return [b"B"]
+
+    wire, ramp = ListWire(), Ramp()
+    channel = Channel("a", Booting(), ramp, wire, SampleClock(period_ns=10_000_000))
+    emulator = Emulator(ramp, [channel], clock=VirtualClock())
+    emulator.at(52_000_000, emulator.reset)
+    with emulator:
+        emulator.run(seconds=0.1)
+    ms = [(t // 1_000_000, frame) for t, _, frame in wire.sent]
+    assert ms == [(0, b"B"), (35, b"\x01"), (45, b"\x02"), (52, b"B"), (87, b"\x01"), (97, b"\x02")]
+
+
 def test_a_port_that_fails_closes_those_already_open():
     class Broken(ListWire):
         def open(self):
