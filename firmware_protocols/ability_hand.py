@@ -42,7 +42,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from firmware_protocols.ability_hand_motors import HIGHEST, REST, Mode, Motors
-from firmware_protocols.device import Command, Device, Frame, Layout, Outgoing, Reading, SerialWire, grid_layout
+from firmware_protocols.device import Command, Device, Layout, Outgoing, Reading, SerialWire, grid_layout
 from firmware_protocols.layouts import place, stack
 
 FLAG, ESCAPE, MASK = 0x7E, 0x7D, 0x20
@@ -124,7 +124,7 @@ class AbilityHand(Device):
     def commands(self) -> tuple[Command, ...]:
         """Every command of the SDK, each reply variant."""
 
-        def answer(variant: int) -> Callable[[list[Frame]], bool]:
+        def answer(variant: int) -> Callable[[list], bool]:
             size = 39 if variant == 2 else 72
             return lambda frames: len(frames) == 1 and _is_reply(frames[0], size, variant)
 
@@ -165,10 +165,10 @@ class AbilityHand(Device):
 
     # -- commands --------------------------------------------------------------------------------------------------
 
-    def receive(self, data: Frame, t_ns: int) -> Sequence[Outgoing]:
+    def receive(self, data: bytes, t_ns: int) -> Sequence[Outgoing]:
         """Stuffed frames in chunks of any size."""
         answers: list[Outgoing] = []
-        for byte in data:  # type: ignore[union-attr]
+        for byte in data:
             if byte == FLAG:
                 answers += self._obey(bytes(self._frame), t_ns)
                 self._frame.clear()

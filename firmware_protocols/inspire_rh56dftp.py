@@ -32,7 +32,7 @@ register. One driver asks for one register per address and gets, after the matri
 Six values are little, ring, middle, index, thumb bend, thumb turn. All other addresses below 6000 read zero (drivers
 ask for register 0 to see whether the hand is there).
 
-Try it: ``tactemu run inspire_rh56dftp --port tcp``, then ``RH56DFTP_TCP(host, port).get("TACTILE_PALM_8x14")``.
+Try it: ``tactemu run inspire_rh56dftp --port tcp:127.0.0.1:6000``, then ``RH56DFTP_TCP("127.0.0.1", 6000).get("TACTILE_PALM_8x14")``.
 """
 
 from __future__ import annotations
@@ -45,7 +45,6 @@ import numpy as np
 from firmware_protocols.device import (
     Command,
     Device,
-    Frame,
     Layout,
     Outgoing,
     Reading,
@@ -181,7 +180,7 @@ position = [0.0, -0.05, 0.015]
     def commands(self) -> tuple[Command, ...]:
         """Reading each matrix, the registers that drivers touch, and the three exceptions."""
 
-        def registers(count: int) -> Callable[[list[Frame]], bool]:
+        def registers(count: int) -> Callable[[list], bool]:
             return lambda frames: len(frames) == 1 and frames[0][self._payload + 1] == 2 * count
 
         def read(name: str, address: int, count: int) -> Command:
@@ -230,10 +229,10 @@ position = [0.0, -0.05, 0.015]
         for patch in self.layout.patches:
             yield patch, TACTILE + 2 * patch.start, 2 * patch.rows * patch.cols
 
-    def receive(self, data: Frame, t_ns: int) -> Sequence[Outgoing]:
+    def receive(self, data: bytes, t_ns: int) -> Sequence[Outgoing]:
         """Modbus requests in chunks of any size."""
         self._now_ns = t_ns
-        return self._server.receive(data, t_ns)  # type: ignore[arg-type]
+        return self._server.receive(data, t_ns)
 
     def _read(self, address: int, count: int) -> list[int]:
         if address + 2 * count > MEMORY_END:

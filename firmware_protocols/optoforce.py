@@ -32,7 +32,7 @@ from typing import Literal
 
 import numpy as np
 
-from firmware_protocols.device import Command, Device, Frame, Layout, Outgoing, Patch, Reading, SerialWire
+from firmware_protocols.device import Command, Device, Layout, Outgoing, Patch, Reading, SerialWire
 
 DATA_HEADS = {"3": b"\xaa\x07\x08\x0a", "4x3": b"\xaa\x07\x08\x1c", "6": b"\xaa\x07\x08\x10"}
 CONFIGURE, CONFIGURE_BYTES = b"\xaa\x00\x32\x03", 9
@@ -165,7 +165,7 @@ class OptoForce(Device):
 
     # -- commands --------------------------------------------------------------------------------------------------
 
-    def receive(self, data: Frame, t_ns: int) -> Sequence[Outgoing]:
+    def receive(self, data: bytes, t_ns: int) -> Sequence[Outgoing]:
         """Packets in chunks of any size; what is none is skipped byte by byte."""
         self._buffer += data
         buffer, answers = self._buffer, []

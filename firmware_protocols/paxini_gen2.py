@@ -31,7 +31,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 
-from firmware_protocols.device import Command, Delayed, Frame, Outgoing, SerialWire
+from firmware_protocols.device import Command, Delayed, Outgoing, SerialWire
 from firmware_protocols.paxini_modules import GAP_NS, TAXEL_DATA, TAXELS, Px6axDevice
 from firmware_protocols.paxini_px6ax import lrc
 
@@ -107,7 +107,7 @@ class PaxiniGen2(Px6axDevice):
         port = bytes([self.places[0] if self.places else 0])
         where = struct.pack("<BHH", REGION, TAXEL_DATA, taxels)
 
-        def reading(frames: list[Frame]) -> bool:
+        def reading(frames: list) -> bool:
             return len(frames) == 1 and len(frames[0]) == 17 + 6 + taxels and frames[0][9] == OK
 
         return (
@@ -124,7 +124,7 @@ class PaxiniGen2(Px6axDevice):
             ),
         )
 
-    def receive(self, data: Frame, t_ns: int) -> Sequence[Outgoing]:
+    def receive(self, data: bytes, t_ns: int) -> Sequence[Outgoing]:
         """Requests in chunks of any size."""
         if t_ns - self._heard_ns > GAP_NS:
             self._buffer.clear()

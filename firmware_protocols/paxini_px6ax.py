@@ -34,7 +34,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 
-from firmware_protocols.device import Command, Frame, Outgoing, SerialWire
+from firmware_protocols.device import Command, Outgoing, SerialWire
 from firmware_protocols.paxini_modules import GAP_NS, RESULTANT, TAXEL_DATA, Px6axDevice
 
 REQUEST, REPLY = b"\x55\xaa", b"\xaa\x55"
@@ -123,7 +123,7 @@ class PaxiniPx6ax(Px6axDevice):
             ),
         )
 
-    def receive(self, data: Frame, t_ns: int) -> Sequence[Outgoing]:
+    def receive(self, data: bytes, t_ns: int) -> Sequence[Outgoing]:
         """Requests in chunks of any size."""
         if t_ns - self._heard_ns > GAP_NS:
             self._buffer.clear()

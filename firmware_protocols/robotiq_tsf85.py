@@ -41,7 +41,7 @@ from typing import Literal
 
 import numpy as np
 
-from firmware_protocols.device import Command, Device, Frame, Outgoing, Reading, SerialWire, grid_layout
+from firmware_protocols.device import Command, Device, Outgoing, Reading, SerialWire, grid_layout
 from firmware_protocols.layouts import place, stack
 
 START = 0x9A
@@ -151,7 +151,7 @@ link = "palm"
     def commands(self) -> tuple[Command, ...]:
         """The five commands of both vendor drivers."""
 
-        def reading(frames: list[Frame]) -> bool:
+        def reading(frames: list) -> bool:
             return len(frames) in (1, FINGERS) and all(f[0] == START and f[2] == READ for f in frames)
 
         return (
@@ -209,7 +209,7 @@ link = "palm"
 
     # -- commands --------------------------------------------------------------------------------------------------
 
-    def receive(self, data: Frame, t_ns: int) -> Sequence[Outgoing]:
+    def receive(self, data: bytes, t_ns: int) -> Sequence[Outgoing]:
         """Commands in chunks of any size; what is none is skipped byte by byte."""
         self._buffer += data
         answers: list[Outgoing] = []
