@@ -32,7 +32,7 @@ register. One driver asks for one register per address and gets, after the matri
 Six values are little, ring, middle, index, thumb bend, thumb turn. All other addresses below 6000 read zero (drivers
 ask for register 0 to see whether the hand is there).
 
-Try it: ``tactemu run inspire_rh56dftp --port tcp:127.0.0.1:6000``, then ``RH56DFTP_TCP("127.0.0.1", 6000).get("TACTILE_PALM_8x14")``.
+Try it: ``tactemu run inspire_rh56dftp --port tcp:127.0.0.1:6000``, then ``RH56DFTP_TCP(host, 6000).get(...)``.
 """
 
 from __future__ import annotations
