@@ -26,4 +26,4 @@ def start(*arguments: str, **options) -> subprocess.Popen[str]:
 
 def environment() -> dict[str, str]:
     """Ours, with the package on the path and no colours."""
-    return os.environ | {"PYTHONPATH": str(ROOT), "NO_COLOR": "1", "COLUMNS": "120"}
+    return os.environ | {"PYTHONPATH": str(ROOT), "NO_COLOR": "1", "COLUMNS": "120", "PYTHONDONTWRITEBYTECODE": "1"}
