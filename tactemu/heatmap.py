@@ -19,7 +19,7 @@ def felt(layout: Layout, senses: str, values: np.ndarray) -> np.ndarray:
     """One number per taxel, larger where more is felt, shape ``(n_taxels,)``: push [N], pressure [Pa], depth [m] ..."""
     values = np.asarray(values, float)
     if senses == "force":
-        return -(values * layout.normals).sum(axis=-1)
+        return 0.0 - (values * layout.normals).sum(axis=-1)
     return np.linalg.norm(values, axis=-1) if values.ndim == 2 else values
 
 

@@ -74,7 +74,7 @@ class LiveView:
             Group(draw(device.layout, values, peak, patch=patch), Text(patch.name, style="dim"))
             for patch in device.layout.patches
         ]
-        summary = f"sum {values.sum() * scale:.4g} {unit}   peak {values.max(initial=0.0) * scale:.4g} {unit}"
+        summary = f"sum {values.sum() * scale:.4g} {unit}   peak {max(values.max(initial=0.0), 0.0) * scale:.4g} {unit}"
         body = Group(Columns(maps, padding=(0, 3)), Text(summary), _numbers(channel), self._last_frame(channel))
         return Panel(body, title=title, title_align="left")
 

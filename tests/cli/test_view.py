@@ -1,0 +1,50 @@
+"""The live view, on a terminal of its own."""
+
+import os
+import pty
+import re
+import select
+import signal
+import sys
+import time
+
+from tests.cli.command import environment
+
+
+def watch(seconds: float, *arguments: str) -> tuple[int, str]:
+    """Run on a terminal, press Ctrl-C after ``seconds``; exit status and everything that was shown."""
+    child, terminal = pty.fork()
+    if child == 0:
+        os.execve(
+            sys.executable, [sys.executable, "-m", "tactemu", "run", *arguments],
+            environment() | {"TERM": "xterm-256color", "COLUMNS": "100", "LINES": "40"},
+        )  # fmt: skip
+    shown, ends, pressed = b"", time.monotonic() + 60, False
+    while time.monotonic() < ends:
+        readable, _, _ = select.select([terminal], [], [], 0.1)
+        try:
+            shown += os.read(terminal, 65536) if readable else b""
+        except OSError:  # the terminal is closed: the program has ended
+            break
+        if not pressed and b"ready" in shown:
+            ends, pressed = time.monotonic() + seconds + 20, time.monotonic() + seconds
+        if pressed and time.monotonic() > pressed:
+            os.write(terminal, b"\x03")
+            pressed = float("inf")
+    else:
+        os.kill(child, signal.SIGKILL)
+    _, status = os.waitpid(child, 0)
+    os.close(terminal)
+    return os.waitstatus_to_exitcode(status), re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", shown.decode())
+
+
+def test_the_view_shows_the_press_and_ends_cleanly(tmp_path):
+    port = tmp_path / "skin"
+    code, shown = watch(1.5, "anyskin", "--port", f"pty:{port}")
+    assert code == 0
+    assert shown.startswith(f"anyskin ready on {port}")
+    assert "██" in shown, "the press"
+    assert re.search(r"rate 100\.\d Hz", shown)
+    assert "Ctrl-C ends" in shown
+    assert "summary anyskin: samples 1" in shown
+    assert not os.path.lexists(port)

@@ -1,0 +1,55 @@
+"""Pictures of taxels: each where it lies, brighter where more is felt."""
+
+import numpy as np
+import pytest
+
+import firmware_protocols as fp
+from tactemu.heatmap import SHADES, draw, felt, flattened
+
+
+def rows(text) -> list[str]:
+    return text.plain.split("\n")
+
+
+def test_a_grid_is_drawn_row_by_row():
+    layout = fp.grid_layout(3, 4, 0.002)
+    values = np.zeros(12)
+    values[6] = 2.0
+    values[11] = 1.0
+    picture = rows(draw(layout, values, 2.0))
+    assert [len(row) for row in picture] == [8, 8, 8]
+    assert picture[1][4:6] == SHADES[-1] * 2
+    assert picture[2][6:8] not in (SHADES[0] * 2, SHADES[-1] * 2)
+    assert picture[0] == SHADES[0] * 8
+
+
+def test_a_free_layout_is_drawn_by_position():
+    layout = fp.create("anyskin").layout
+    picture = rows(draw(layout, np.array([0, 0, 1.0, 0, 0]), 1.0))
+    assert picture[1][4:6] == SHADES[-1] * 2, "chip 2 is to the right"
+    assert [row.strip(" ") != "" for row in picture] == [True] * 3
+
+
+def test_seen_from_outside_right_is_right():
+    """A patch that faces down, seen from below: x still to the right, so y turns round."""
+    positions, normals = np.array([(0.01, 0.02, 0.0)]), np.array([(0.0, 0.0, -1.0)])
+    np.testing.assert_allclose(flattened(positions, normals), [(0.01, -0.02)])
+
+
+@pytest.mark.parametrize(
+    ("senses", "values", "number"),
+    [
+        ("force", [(0.3, 0.4, -2.0)], 2.0),
+        ("pressure", [5.0], 5.0),
+        ("displacement", [(3e-3, 0.0, 4e-3)], 5e-3),
+        ("touch", [True], 1.0),
+    ],
+)
+def test_what_is_felt_is_one_number(senses, values, number):
+    layout = fp.grid_layout(1, 1, 0.002)
+    np.testing.assert_allclose(felt(layout, senses, np.array(values)), [number])
+
+
+def test_nothing_felt_is_no_division_by_zero():
+    layout = fp.grid_layout(1, 2, 0.002)
+    assert draw(layout, np.zeros(2), 0.0).plain == SHADES[0] * 4

@@ -1,0 +1,50 @@
+"""The README's table of devices is that of the registry, and its Python runs.
+
+``python tests/test_readme.py --write`` writes the table.
+"""
+
+import re
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+import firmware_protocols as fp
+from tactemu.cli.datasheet import describe_wire
+
+README = Path(__file__).parents[1] / "README.md"
+TABLE = re.compile(r"(<!-- devices: [^\n]* -->\n).*?(<!-- end of devices -->)", re.DOTALL)
+
+
+def table() -> str:
+    """The devices as Markdown."""
+    rows = ["| name | sensor | wire | taxels | read by |", "| --- | --- | --- | --- | --- |"]
+    for name in fp.names():
+        device = fp.create(name)
+        wires = ", ".join(describe_wire(wire) for wire in device.wires)
+        rows.append(f"| `{name}` | {device.title} | {wires} | {len(device.layout)} | {device.judge} |")
+    return "\n" + "\n".join(rows) + "\n\n"
+
+
+def test_the_table_of_devices_is_that_of_the_registry():
+    inside = TABLE.search(README.read_text())
+    assert inside, "the README has lost the marks around its table"
+    assert inside[0] == f"{inside[1]}{table()}{inside[2]}", "run: python tests/test_readme.py --write"
+
+
+def test_the_simulation_in_the_readme_runs():
+    block = next(b.split("```")[0] for b in README.read_text().split("```python\n")[1:] if "tt.Scene(" in b)
+    names: dict = {}
+    exec(block.replace('n_envs=4096, device="cuda:0"', "n_envs=2"), names)
+    force = names["force"]
+    assert force.shape == (2, 16, 16, 3)
+    assert force[..., 2].sum() < -0.1, "pressed"
+
+
+def test_every_file_that_the_readme_links_to_is_there():
+    for target in re.findall(r"\]\(([^)#:]+)\)", README.read_text()):
+        assert (README.parent / target).exists(), target
+
+
+if __name__ == "__main__" and "--write" in sys.argv:
+    README.write_text(TABLE.sub(lambda found: found[1] + table() + found[2], README.read_text()))
