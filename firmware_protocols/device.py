@@ -39,10 +39,14 @@ class CanFrame:
     is_remote_frame: bool = False
     is_fd: bool = False
     bitrate_switch: bool = False
+    is_error_frame: bool = False
+    """Not a frame of a device: the bus was disturbed while this frame was on it (made by faults, seen by drivers)."""
 
     def __str__(self) -> str:
         """``candump`` notation: ``027#B1C6`` (classic), ``18FF0000##1AABB`` (FD, flags digit)."""
         ident = f"{self.arbitration_id:08X}" if self.is_extended_id else f"{self.arbitration_id:03X}"
+        if self.is_error_frame:
+            return f"{ident}#ERROR"
         if self.is_remote_frame:
             return f"{ident}#R"
         mark = f"##{int(self.bitrate_switch)}" if self.is_fd else "#"

@@ -9,6 +9,7 @@ intermission, after which the next frame may start.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 from firmware_protocols import CanFrame
@@ -18,12 +19,18 @@ _TRAILER = 1 + 2 + 7 + 3
 _FD_HEAD_STD, _FD_HEAD_EXT = 17, 36
 """Bits from the start of a CAN-FD frame to its bit-rate-switch bit, which is the last at the arbitration rate."""
 _FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
-ERROR_FRAME_BITS = 6 + 6 + 8 + 3
-"""An error frame at its longest: two superposed flags, delimiter, intermission."""
+_ERROR_FRAME = 6 + 6 + 8
+"""An error frame at its longest: two superposed flags and the delimiter."""
 
 
 def frame_bits(frame: CanFrame) -> tuple[int, int]:
-    """Bits at the arbitration rate and bits at the data rate that ``frame`` takes, intermission included."""
+    """Bits at the arbitration rate and bits at the data rate that ``frame`` takes, intermission included.
+
+    A frame broken by an error frame counts as broken at its very end, which costs most.
+    """
+    if frame.is_error_frame:
+        slow, fast = frame_bits(replace(frame, is_error_frame=False))
+        return slow + _ERROR_FRAME, fast
     if frame.is_fd:
         return _fd_bits(frame)
     head, length = _classic_head(frame)

@@ -64,9 +64,11 @@ class Line:
         heapq.heappush(self._queues[queue], pending)
         self._waiting_ns[queue] += pending.duration_ns
 
-    def waiting_ns(self, source: str) -> int:
-        """How long the frames queued by this source will take, the one being sent not counted."""
-        return self._waiting_ns[source if self.arbitrates else ""]
+    def backlog_ns(self, source: str, now_ns: int) -> int:
+        """How far behind this source is: the time that its queue will take, or has waited already if that is more."""
+        name = source if self.arbitrates else ""
+        queue = self._queues.get(name)
+        return max(self._waiting_ns[name], now_ns - queue[0].ready_ns) if queue else 0
 
     def next_ns(self) -> int | None:
         """When :meth:`take` has something to do."""

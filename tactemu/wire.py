@@ -8,11 +8,14 @@ noise, and so does the device.
 
 from __future__ import annotations
 
-from collections import Counter, deque
+import heapq
+from collections import Counter
 from collections.abc import Iterable
 
 from firmware_protocols import CanWire, Delayed, Frame, Outgoing, SerialWire
 from firmware_protocols import Wire as Spec
+from tactemu.faults import Fault, Injector
+from tactemu.faults.frames import Parts
 from tactemu.line import Line, Pending, duration
 from tactemu.transports.transport import BaudChanged, Closed, Event, Opened, Received, Transport
 from tactemu.truth import Truth
@@ -29,13 +32,17 @@ class Wire:
         transport: the port.
         spec: the device's wire: baud rate or bit rates.
         pacing: whether frames take their time. Off, they leave at once.
-        backlog_ns: a reading is dropped when frames for longer than this wait before it.
+        faults: what goes wrong, as text or parsed (:mod:`tactemu.faults`).
         seed: root seed of the faults' random streams.
         truth: where frames and faults are logged.
+        backlog_ns: a reading is dropped when its device is further behind than this.
 
-    ``counters``: ``sent`` and ``sent_bytes``, ``received`` and ``received_bytes``, ``dropped_readings`` (the line is
-    full), ``dropped_unread`` (the driver does not read), ``unheard`` (nobody has the port open), ``misheard`` (the
-    baud rates differ), all in frames unless the name says otherwise.
+    Raises:
+        SceneError: a fault that cannot be parsed, or that this wire cannot have.
+
+    ``counters``: ``sent`` and ``sent_bytes``, ``received`` and ``received_bytes``, ``dropped_readings`` and
+    ``dropped_frames`` (the line is full), ``dropped_unread`` (the driver does not read), ``unheard`` (nobody has the
+    port open), ``misheard`` (the baud rates differ), and injected faults by their kind.
     """
 
     def __init__(
@@ -44,7 +51,7 @@ class Wire:
         spec: Spec,
         *,
         pacing: bool = True,
-        faults: Iterable = (),
+        faults: Iterable[Fault | str] = (),
         seed: int = 0,
         truth: Truth | None = None,
         backlog_ns: int = 20_000_000,
@@ -57,10 +64,16 @@ class Wire:
         self.backlog_ns = backlog_ns
         self.counters: Counter[str] = Counter()
         self.line = Line(spec, pacing=pacing)
-        self._inbound: deque[tuple[int, Frame]] = deque()
+        self._inbound: list[tuple[int, int, Frame]] = []
+        self._inbound_number = 0
         self._inbound_free_ns = 0
         self._inbound_duration = duration(spec, pacing=pacing)
         self._source = ""
+        self._now_ns = 0
+        self._down: Fault | None = None
+        self._injector: Injector | None = None
+        for fault in faults:
+            self.add_fault(fault)
 
     # -- life ------------------------------------------------------------------------------------------------------
 
@@ -87,36 +100,93 @@ class Wire:
         due = self.line.next_ns()
         if self._inbound:
             due = self._inbound[0][0] if due is None else min(due, self._inbound[0][0])
+        if self._injector is not None:
+            happens = self._injector.next_ns(self._now_ns)
+            due = happens if due is None or (happens is not None and happens < due) else due
         return due
+
+    # -- faults ------------------------------------------------------------------------------------------------------
+
+    @property
+    def faults(self) -> list[Fault]:
+        """The faults that are on."""
+        return list(self._injector.faults) if self._injector else []
+
+    def add_fault(self, fault: Fault | str) -> Fault:
+        """Switch a fault on, also while running.
+
+        Raises:
+            SceneError: it cannot be parsed, or this wire cannot have it.
+        """
+        if self._injector is None:
+            self._injector = Injector((), self.spec, self.seed, self._note)
+        return self._injector.add(fault)
+
+    def remove_fault(self, fault: Fault) -> None:
+        """Switch a fault off.
+
+        Raises:
+            ValueError: it is not on.
+        """
+        if self._injector is None:
+            raise ValueError(f"no such fault is on: {fault}")
+        self._injector.remove(fault)
+        if not self._injector.faults and self._down is None:
+            self._injector = None
+
+    def _note(self, t_ns: int, source: str, kind: str, detail: str) -> None:
+        self.counters[kind] += 1
+        self.truth.inject(t_ns, source, kind, detail)
 
     # -- to the driver -----------------------------------------------------------------------------------------------
 
     def send(self, frames: Iterable[Outgoing], now_ns: int, source: str = "") -> None:
         """Queue one reading or one answer: all of its frames, or none when the line is full."""
-        parts = [(part.frame, part.delay_ns) if isinstance(part, Delayed) else (part, 0) for part in frames]
+        parts: Parts = [(part.frame, part.delay_ns) if isinstance(part, Delayed) else (part, 0) for part in frames]
         self._source = source
         if not self.transport.listening:
             self._lose(parts, now_ns, source, "unheard", "nobody listens")
-        elif self.line.waiting_ns(source) > self.backlog_ns:
+        elif self._down is not None:
+            self._lose(parts, now_ns, source, "unheard", str(self._down))
+        elif self.line.backlog_ns(source, now_ns) > self.backlog_ns:
             self.counters["dropped_readings"] += 1
             self._lose(parts, now_ns, source, "dropped_frames", "line full")
         else:
+            if self._injector is not None:
+                parts = self._injector.spoil(parts, now_ns, source, "to_driver")
             for frame, delay_ns in parts:
                 self.line.put(frame, now_ns + delay_ns, source)
 
     def flush(self, now_ns: int) -> int:
         """Write every frame whose last bit has gone; returns how many were written."""
+        self._now_ns = now_ns
+        if self._injector is not None:
+            self._add_traffic(self._injector, now_ns)
         written = 0
         while (pending := self.line.take(now_ns)) is not None:
             written += self._write(pending, now_ns)
+        if self._injector is not None and self._injector.chip is not None:
+            while packet := self._injector.chip.take(now_ns):
+                self.transport.write(packet)
         return written
+
+    def _add_traffic(self, injector: Injector, now_ns: int) -> None:
+        """Let other nodes of the bus queue the frames that they have ready."""
+        for node in injector.traffic:
+            while (
+                self.line.backlog_ns(node.source, now_ns) <= self.backlog_ns
+                and (ready := node.take(now_ns)) is not None
+            ):
+                due_ns, frame = ready
+                self.line.put(frame, due_ns, node.source)
+                self._note(due_ns, node.source, node.fault.kind, str(frame))
 
     def _write(self, pending: Pending, now_ns: int) -> bool:
         frame, source = pending.frame, pending.source
         heard = self._through_baud(frame, to_driver=True)
         if isinstance(heard, bytes) and not heard:  # nothing that looks like a byte came out of the noise
             return False
-        if not self.transport.write(heard):
+        if not self._hand_over(heard, now_ns):
             why = ("dropped_unread", "not read") if self.transport.listening else ("unheard", "nobody listens")
             self._lose([(frame, 0)], now_ns, source, *why)
             return False
@@ -125,7 +195,18 @@ class Wire:
         self.truth.wrote(now_ns, source, heard)
         return True
 
-    def _lose(self, parts: list[tuple[Frame, int]], now_ns: int, source: str, counter: str, why: str) -> None:
+    def _hand_over(self, frame: Frame, now_ns: int) -> bool:
+        chip = self._injector.chip if self._injector is not None else None
+        if chip is None or not isinstance(frame, bytes):
+            return self.transport.write(frame)
+        if not self.transport.listening:
+            return False
+        chip.tick(now_ns)
+        chip.put(frame)
+        self._note(now_ns, self._source, "latency", "")
+        return True
+
+    def _lose(self, parts: Parts, now_ns: int, source: str, counter: str, why: str) -> None:
         self.counters[counter] += len(parts)
         for frame, _ in parts:
             self.truth.dropped(now_ns, source, frame, why)
@@ -134,17 +215,47 @@ class Wire:
 
     def receive(self, now_ns: int) -> list[Event]:
         """What the driver did by ``now_ns``, oldest first; its bytes arrive when their last bit has."""
+        self._now_ns = now_ns
         events: list[Event] = []
+        if self._injector is not None:
+            self._follow_outages(self._injector.outage(now_ns), now_ns, events)
         for event in self.transport.poll():
             if isinstance(event, Received):
-                self._arrive(event.data, now_ns)
+                if self._down is None:
+                    self._arrive(event.data, now_ns)
                 continue
             if isinstance(event, Closed):
                 self._deliver(None, events)
-                self._lose([(lost.frame, 0) for lost in self.line.clear()], now_ns, self._source, "unheard", "closed")
+                self._forget(now_ns, "closed")
             events.append(event)
         self._deliver(now_ns, events)
         return events
+
+    def _follow_outages(self, fault: Fault | None, now_ns: int, events: list[Event]) -> None:
+        """Pull the plug or leave the bus when it is time, and come back.
+
+        Raises:
+            TransportError: the port cannot be made again.
+        """
+        if fault is self._down:
+            return
+        before, self._down = self._down, fault
+        if fault is not None:
+            self._note(now_ns, self._source, fault.kind, str(fault))
+            self._deliver(None, events)
+            self._forget(now_ns, fault.kind)
+        if fault is not None and fault.kind == "unplug":
+            if self.transport.listening and not isinstance(self.spec, CanWire):  # a bus has no open and close
+                events.append(Closed())
+            self.transport.close()
+        elif before is not None and before.kind == "unplug":
+            self.transport.open()
+
+    def _forget(self, now_ns: int, why: str) -> None:
+        """Nothing is kept for whoever comes next."""
+        self._lose([(lost.frame, 0) for lost in self.line.clear()], now_ns, self._source, "unheard", why)
+        if self._injector is not None:
+            self._injector.forget()
 
     def _arrive(self, data: Frame, now_ns: int) -> None:
         takes_ns = self._inbound_duration(data)
@@ -152,11 +263,17 @@ class Wire:
             end_ns = self.line.occupy(now_ns, takes_ns)
         else:
             end_ns = self._inbound_free_ns = max(self._inbound_free_ns, now_ns) + takes_ns
-        self._inbound.append((end_ns, data))
+        parts: Parts = [(data, 0)]
+        if self._injector is not None:
+            parts = self._injector.spoil(parts, now_ns, self._source, "from_driver")
+        for part, delay_ns in parts:
+            if isinstance(part, bytes) or not part.is_error_frame:
+                self._inbound_number += 1
+                heapq.heappush(self._inbound, (end_ns + delay_ns, self._inbound_number, part))
 
     def _deliver(self, now_ns: int | None, events: list[Event]) -> None:
         while self._inbound and (now_ns is None or self._inbound[0][0] <= now_ns):
-            end_ns, data = self._inbound.popleft()
+            end_ns, _, data = heapq.heappop(self._inbound)
             data = self._through_baud(data, to_driver=False)
             if not data:
                 continue

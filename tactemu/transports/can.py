@@ -18,6 +18,8 @@ from tactemu.transports.transport import Event, Received, Transport
 
 _ECHOES = 256
 """Own frames that are waited for on an interface that returns them."""
+_PROTOCOL_ERROR = 0x8
+"""How SocketCAN tells a program of an error frame: the class of the error in place of the identifier."""
 
 
 class CanTransport(Transport):
@@ -90,7 +92,7 @@ class CanTransport(Transport):
             self._bus.send(_message(frame), timeout=None if self.interface == "virtual" else 0)
         except can.CanError:
             return False
-        if self._echoes is not None:
+        if self._echoes is not None and not frame.is_error_frame:
             self._echoes.append(frame)
         return True
 
@@ -123,6 +125,8 @@ class CanTransport(Transport):
 
 
 def _message(frame: CanFrame) -> can.Message:
+    if frame.is_error_frame:
+        return can.Message(arbitration_id=_PROTOCOL_ERROR, data=bytes(8), is_error_frame=True, is_extended_id=False)
     return can.Message(
         arbitration_id=frame.arbitration_id,
         data=frame.data,

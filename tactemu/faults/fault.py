@@ -1,0 +1,228 @@
+"""The words of a fault, and what each kind may be given.
+
+::
+
+    KIND [N% | every N] [id=0x201] [prefix=55aa] [to_driver | from_driver | both] [at T [for T] | from T] [to T]
+         [by T] [bits N | bytes N]
+
+``N%`` is the probability per frame (for ``load`` and ``babble`` the share of the bus), ``every N`` hits each N-th frame
+that the target matches, neither hits all of them. Times are emulation times: ``3s``, ``16ms``, ``200us``. A fault of
+frames with ``at T`` and no ``for`` hits the first frame from then on. The direction is ``to_driver`` unless said.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from typing import Any, Literal
+
+from tactemu.errors import SceneError
+
+Direction = Literal["to_driver", "from_driver", "both"]
+DIRECTIONS: tuple[Direction, ...] = ("to_driver", "from_driver", "both")
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """One kind of fault."""
+
+    about: str
+    wires: tuple[str, ...] = ("serial", "can", "tcp")
+    options: tuple[str, ...] = ()
+    """Which of ``by``, ``bits``, ``bytes`` it takes."""
+    whole_link: bool = False
+    """It befalls the port or the bus, not single frames: it has a time and no target."""
+
+
+_BYTES = ("serial", "tcp")
+_CAN = ("can",)
+KINDS: dict[str, Kind] = {
+    "drop": Kind("the frame is lost"),
+    "flip": Kind("bits of the data change", options=("bits",)),
+    "truncate": Kind("the end is missing", options=("bytes",)),
+    "length": Kind("the frame is too long (a full CAN frame too short)", options=("bytes",)),
+    "checksum": Kind("the last bytes are wrong", options=("bytes",)),
+    "duplicate": Kind("sent twice"),
+    "reorder": Kind("sent after the next one"),
+    "garbage": Kind("random bytes before the frame", _BYTES, ("bytes",)),
+    "split": Kind("arrives in two pieces, the second later", _BYTES, ("by",)),
+    "merge": Kind("arrives together with the next one", _BYTES),
+    "late": Kind("leaves later", options=("by",)),
+    "stray": Kind("an earlier frame comes again, unasked"),
+    "silence": Kind("nothing passes"),
+    "latency": Kind(
+        "a USB-serial chip hands over 62 bytes, or what it has when its timer fires", ("serial",), ("by",), True
+    ),
+    "unplug": Kind("the port goes away, and comes back", whole_link=True),
+    "error": Kind("an error frame breaks the frame, which is sent again", _CAN),
+    "busoff": Kind("the node leaves the bus, and recovers", _CAN, whole_link=True),
+    "babble": Kind("another node fills the bus with the highest priority", _CAN, whole_link=True),
+    "load": Kind("other traffic takes a share of the bus", _CAN, whole_link=True),
+}
+
+_DEFAULT_BY_NS = {"late": 10_000_000, "split": 1_000_000, "latency": 16_000_000}
+_UNITS = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
+_WORDS = ("N%", "every", "id=", "prefix=", *DIRECTIONS, "at", "from", "to", "for", "by", "bits", "bytes")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Fault:
+    """One fault, as parsed. Times in emulation nanoseconds."""
+
+    kind: str
+    probability: float = 1.0
+    every: int = 1
+    direction: Direction = "to_driver"
+    arbitration_id: int | None = None
+    prefix: bytes = b""
+    start_ns: int = 0
+    stop_ns: int | None = None
+    once: bool = False
+    """Hits one frame and is over."""
+    by_ns: int = 0
+    amount: int | None = None
+    """Bits or bytes, where the kind takes them."""
+    text: str = ""
+
+    def __str__(self) -> str:
+        return self.text or self.kind
+
+    def covers(self, t_ns: int) -> bool:
+        """Whether it is in force at this time."""
+        return self.start_ns <= t_ns and (self.stop_ns is None or t_ns < self.stop_ns)
+
+    def check_fits(self, wire_kind: str) -> None:
+        """Raise where a wire of this kind cannot have the fault.
+
+        Raises:
+            SceneError: names the kinds that it can have.
+        """
+        if wire_kind not in KINDS[self.kind].wires:
+            can = ", ".join(name for name, kind in KINDS.items() if wire_kind in kind.wires)
+            raise SceneError(f"fault {str(self)!r}: no such thing on a {wire_kind} wire; expected one of: {can}")
+
+
+def parse(text: str) -> Fault:
+    """The fault that ``text`` describes.
+
+    Raises:
+        SceneError: names the word that is wrong and those that are expected.
+    """
+    words = text.split()
+    if not words:
+        raise SceneError(f"an empty fault; expected one of: {', '.join(KINDS)}")
+    kind, *rest = words
+    if kind not in KINDS:
+        raise SceneError(
+            f"fault {text!r}: unknown kind {kind!r}{_near(kind, KINDS)}; expected one of: {', '.join(KINDS)}"
+        )
+    return _Words(text, kind, rest).fault()
+
+
+class _Words:
+    """Reads the words after the kind, one after the other."""
+
+    def __init__(self, text: str, kind: str, words: list[str]):
+        self.text, self.kind, self.words = text, kind, words
+        self.values: dict[str, Any] = {}
+
+    def fault(self) -> Fault:
+        while self.words:
+            self._take(self.words.pop(0))
+        values, whole_link = self.values, KINDS[self.kind].whole_link
+        at, length = values.pop("at", None), values.pop("for", None)
+        if at is not None:
+            if "start_ns" in values:
+                raise self._wrong("at", "give 'at' or 'from', not both")
+            values["start_ns"] = at
+            values["once"] = length is None and not whole_link
+        if length is not None:
+            if "stop_ns" in values:
+                raise self._wrong("for", "give 'for' or 'to', not both")
+            values["stop_ns"] = values.get("start_ns", 0) + length
+        fault = replace(Fault(kind=self.kind, text=self.text, by_ns=_DEFAULT_BY_NS.get(self.kind, 0)), **values)
+        if fault.stop_ns is not None and fault.stop_ns <= fault.start_ns:
+            raise self._wrong("to", "it ends before it begins")
+        return fault
+
+    def _take(self, word: str) -> None:
+        if match := re.fullmatch(r"([\d.]+)%", word):
+            self._set("probability", self._percent(word, match[1]))
+        elif word in DIRECTIONS:
+            self._set("direction", word)
+        elif word.startswith("id="):
+            self._set("arbitration_id", self._integer("id=", word[3:], 0x1FFF_FFFF))
+        elif word.startswith("prefix="):
+            self._set("prefix", self._hex(word[7:]))
+        elif word in ("at", "from", "to", "for", "by"):
+            name = {"from": "start_ns", "to": "stop_ns", "by": "by_ns"}.get(word, word)
+            self._set(name, self._duration(word, self._next(word)))
+        elif word in ("every", "bits", "bytes"):
+            value = self._integer(word, self._next(word), 65_536, least=1)
+            self._set("every" if word == "every" else "amount", value)
+        elif self.kind == "latency" and word[:1].isdigit():
+            self._set("by_ns", self._duration("latency", word))
+        else:
+            raise self._wrong(word, f"unknown word{_near(word, _WORDS)}; expected {', '.join(_WORDS)}")
+        self._check_allowed(word)
+
+    def _check_allowed(self, word: str) -> None:
+        kind = KINDS[self.kind]
+        if word in ("by", "bits", "bytes") and word not in kind.options:
+            takes = ", ".join(name for name, each in KINDS.items() if word in each.options)
+            raise self._wrong(word, f"{self.kind} has no such option; these have: {takes}")
+        targets = word == "every" or word in DIRECTIONS or word.startswith(("prefix=", "id="))
+        traffic = self.kind in ("babble", "load")
+        if kind.whole_link and (
+            (targets and not (traffic and word.startswith("id="))) or (word[-1] == "%" and not traffic)
+        ):
+            raise self._wrong(word, f"{self.kind} befalls the whole link: give it a time only")
+
+    def _set(self, name: str, value: Any) -> None:
+        if name in self.values:
+            raise self._wrong(name.removesuffix("_ns"), "given twice")
+        self.values[name] = value
+
+    def _next(self, word: str) -> str:
+        if not self.words:
+            raise self._wrong(word, "a value must follow, as in 'at 3s', 'every 10', 'bits 2'")
+        return self.words.pop(0)
+
+    def _duration(self, word: str, value: str) -> int:
+        match = re.fullmatch(r"(\d+\.?\d*|\.\d+)(s|ms|us|ns)", value)
+        if not match:
+            raise self._wrong(word, f"expected a time such as 3s, 16ms or 200us, got {value!r}")
+        return round(float(match[1]) * _UNITS[match[2]])
+
+    def _percent(self, word: str, digits: str) -> float:
+        try:
+            value = float(digits) / 100
+        except ValueError:
+            value = -1.0
+        if not 0 <= value <= 1:
+            raise self._wrong(word, "expected 0% to 100%")
+        return value
+
+    def _integer(self, word: str, value: str, most: int, least: int = 0) -> int:
+        try:
+            number = int(value, 0)
+        except ValueError:
+            number = -1
+        if not least <= number <= most:
+            raise self._wrong(word, f"expected a whole number from {least} to {most} (0x{most:X}), got {value!r}")
+        return number
+
+    def _hex(self, value: str) -> bytes:
+        try:
+            return bytes.fromhex(value.removeprefix("0x"))
+        except ValueError:
+            raise self._wrong("prefix=", f"expected bytes in hex such as 55aa, got {value!r}") from None
+
+    def _wrong(self, word: str, why: str) -> SceneError:
+        return SceneError(f"fault {self.text!r}: {word!r}: {why}")
+
+
+def _near(word: str, known) -> str:
+    near = get_close_matches(word, list(known), n=1)
+    return f", did you mean {near[0]!r}?" if near else ""

@@ -1,0 +1,309 @@
+"""Faults: their words, their law, their counters."""
+
+from collections import Counter
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from firmware_protocols import CanFrame, CanWire, SerialWire
+from tactemu.errors import SceneError
+from tactemu.faults import KINDS, parse
+from tactemu.transports.memory import MemoryTransport
+from tactemu.transports.transport import Closed, Opened, Received
+from tactemu.truth import Truth
+from tactemu.wire import Wire
+
+USB = SerialWire(baud=115_200, usb=True)
+CAN = CanWire()
+MS = 1_000_000
+
+
+def frame(number, spec):
+    data = number.to_bytes(4, "big") + b"\x5a" * 3 + bytes([number % 251])
+    return CanFrame(arbitration_id=0x200 + number % 2, data=data) if spec is CAN else data
+
+
+def data_of(frame):
+    return frame.data if isinstance(frame, CanFrame) else frame
+
+
+def stream(spec, faults, count=2000, seed=0, period=MS):
+    """``count`` numbered frames, one every ``period``; returns what was sent, what arrived with its time, the truth."""
+    truth = Truth()
+    wire = Wire(MemoryTransport(), spec, faults=faults, seed=seed, truth=truth)
+    wire.open()
+    wire.receive(0)
+    sent, seen = [frame(k, spec) for k in range(count)], []
+    for k, each in enumerate(sent):
+        end = (k + 1) * period
+        wire.send([each], k * period, "pad")
+        wire.flush(k * period)
+        seen += [(k * period, got) for got in wire.transport.driver.read()]
+        while (due := wire.next_due_ns()) is not None and due < end:
+            wire.receive(due)
+            wire.flush(due)
+            seen += [(due, got) for got in wire.transport.driver.read()]
+    assert truth.injected == Counter({kind: n for kind, n in wire.counters.items() if kind in KINDS})
+    return sent, seen, truth.injected
+
+
+# -- words -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("drop 1%", {"probability": 0.01, "direction": "to_driver", "stop_ns": None}),
+        ("unplug at 3s for 0.5s", {"start_ns": 3_000_000_000, "stop_ns": 3_500_000_000, "once": False}),
+        (
+            "flip 5% id=0x201 from_driver from 2s to 6s bits 3",
+            {
+                "probability": 0.05,
+                "arbitration_id": 0x201,
+                "direction": "from_driver",
+                "start_ns": 2_000_000_000,
+                "stop_ns": 6_000_000_000,
+                "amount": 3,
+            },
+        ),
+        ("late every 10 by 30ms both prefix=55aa", {"every": 10, "by_ns": 30 * MS, "prefix": b"\x55\xaa"}),
+        ("latency 16ms", {"by_ns": 16 * MS}),
+        ("latency", {"by_ns": 16 * MS}),
+        ("drop at 200us", {"start_ns": 200_000, "once": True}),
+        ("load 30%", {"probability": 0.3}),
+        ("babble id=7 from 1s to 2s", {"arbitration_id": 7}),
+    ],
+)
+def test_words(text, values):
+    fault = parse(text)
+    assert {name: getattr(fault, name) for name in values} == values
+    assert str(fault) == text
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("", "expected one of: drop, flip"),
+        ("dorp 1%", "unknown kind 'dorp', did you mean 'drop'.*busoff"),
+        ("drop 101%", "0% to 100%"),
+        ("drop 1.2.3%", "0% to 100%"),
+        ("drop 1", "unknown word.*prefix=.*to_driver"),
+        ("drop to_drivr", "did you mean 'to_driver'"),
+        ("drop at", "a value must follow"),
+        ("drop at 3", "a time such as 3s"),
+        ("drop at 3s from 2s", "not both"),
+        ("drop from 3s to 2s", "ends before it begins"),
+        ("drop 1% 2%", "given twice"),
+        ("drop every 0", "whole number from 1"),
+        ("flip id=0x20000000", "whole number from 0"),
+        ("flip prefix=5", "bytes in hex"),
+        ("drop bits 3", "no such option; these have: flip"),
+        ("unplug 5%", "whole link"),
+        ("unplug to_driver", "whole link"),
+        ("latency every 3", "whole link"),
+    ],
+)
+def test_wrong_words_name_the_right_ones(text, complaint):
+    with pytest.raises(SceneError, match=complaint):
+        parse(text)
+
+
+@pytest.mark.parametrize(("text", "spec"), [("busoff at 1s", USB), ("garbage 1%", CAN), ("latency", CAN)])
+def test_a_wire_refuses_what_it_cannot_have(text, spec):
+    with pytest.raises(SceneError, match="expected one of"):
+        Wire(MemoryTransport(), spec, faults=[text])
+
+
+# -- single frames ---------------------------------------------------------------------------------------------------
+
+SPOILERS = ["drop", "flip", "truncate", "length", "checksum", "duplicate", "garbage", "split", "stray"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "spec"),
+    [(kind, spec) for kind in SPOILERS for spec in (USB, CAN) if spec.kind in KINDS[kind].wires],
+    ids=str,
+)
+def test_a_fault_spoils_as_many_as_it_counts_and_leaves_the_others_alone(kind, spec):
+    sent, seen, injected = stream(spec, [f"{kind} 5%"])
+    n = injected[kind]
+    assert 60 <= n <= 145, "5 % of 2000 within five standard deviations"
+    got = [data_of(each) for _, each in seen]
+    good = set(map(data_of, sent))
+    missing = len(good - set(got))
+    wrong = [each for each in got if each not in good]
+    extra = len(got) - len(wrong) - len(set(got) & good)
+    expected = {
+        "drop": (n, 0, 0),
+        "flip": (n, n, 0),
+        "truncate": (n, n, 0),
+        "length": (n, n, 0),
+        "checksum": (n, n, 0),
+        "duplicate": (0, 0, n),
+        "garbage": (0, n, 0),
+        "split": (n, 2 * n, 0),
+        "stray": (0, 0, n),
+    }
+    assert (missing, len(wrong), extra) == expected[kind]
+    lengths = {len(each) for each in wrong}
+    if kind in ("flip", "checksum"):
+        assert lengths == {8}
+    if kind == "checksum":
+        assert {each[:-1] for each in wrong} <= {each[:-1] for each in good}
+    if kind == "flip":
+        numbers = {int.from_bytes(each, "big") for each in good}
+        assert all(any((int.from_bytes(w, "big") ^ 1 << bit) in numbers for bit in range(64)) for w in wrong)
+    if kind == "truncate":
+        assert all(any(each.startswith(w) for each in good) for w in wrong) and max(lengths) == 7
+    if kind == "length":
+        assert lengths == ({7} if spec is CAN else {9})
+
+
+def test_reorder_swaps_neighbours_and_merge_joins_them():
+    sent, seen, injected = stream(USB, ["reorder 10%"])
+    got = [each for _, each in seen]
+    swaps = sum(a > b for a, b in pairwise(got))
+    assert swaps == injected["reorder"] > 100 and sorted(got) == sent[: len(got)]
+    sent, seen, injected = stream(USB, ["merge 10%"])
+    got = [each for _, each in seen]
+    assert sum(len(each) == 16 for each in got) == injected["merge"] > 100
+    assert b"".join(got) == b"".join(sent)[: len(b"".join(got))]
+
+
+def test_late_comes_later_and_nothing_waits_for_it():
+    sent, seen, injected = stream(USB, ["late 10% by 3500us"])
+    times = {each: when for when, each in seen}
+    delays = Counter(times[each] - k * MS for k, each in enumerate(sent) if each in times)
+    assert set(delays) == {0, 3_500_000} and delays[3_500_000] == pytest.approx(injected["late"], abs=1)
+
+
+def test_silence_is_total_while_it_lasts():
+    _, seen, injected = stream(USB, ["silence at 500ms for 200ms"])
+    assert injected["silence"] == 200
+    assert not [when for when, _ in seen if 500 * MS <= when < 700 * MS] and len(seen) == 1800
+
+
+def test_targets_and_schedules():
+    sent, seen, injected = stream(CAN, ["drop id=0x201 from 100ms to 300ms"])
+    lost = [k for k, each in enumerate(sent) if each not in {got for _, got in seen}]
+    assert lost[:-1] == list(range(101, 300, 2))[: len(lost) - 1] and injected["drop"] == 100
+    sent, seen, injected = stream(USB, ["drop every 10", "flip at 705ms"])
+    lost = [k for k, each in enumerate(sent) if each not in {got for _, got in seen}]
+    assert lost == sorted([*range(9, 2000, 10), 705]) and injected == {"drop": 200, "flip": 1}
+    sent, seen, injected = stream(USB, ["drop prefix=000001"])
+    assert injected["drop"] == 256 and {each for _, each in seen} == set(sent) - set(sent[256:512])
+
+
+def test_same_seed_same_faults_and_one_more_changes_no_other():
+    _, first, _ = stream(USB, ["flip 5%"], seed=1)
+    assert stream(USB, ["flip 5%"], seed=1)[1] == first
+    assert stream(USB, ["flip 5%"], seed=2)[1] != first
+    _, both, _ = stream(USB, ["duplicate 5%", "flip 5% from 0s"], seed=1)
+    _, alone, _ = stream(USB, ["duplicate 5%"], seed=1)
+    twice = Counter(each[:3] for _, each in both)
+    assert twice == Counter(each[:3] for _, each in alone) or len(both) == len(alone)
+
+
+def test_directions():
+    for direction, to_driver, from_driver in (("to_driver", 0, 9), ("from_driver", 9, 0), ("both", 0, 0)):
+        truth = Truth()
+        wire = Wire(MemoryTransport(), USB, faults=[f"drop {direction}"], truth=truth)
+        wire.open()
+        heard = []
+        for now in range(9):
+            wire.send([b"out"], now)
+            wire.transport.driver.write(b"in")
+            heard += [event for event in wire.receive(now) if isinstance(event, Received)]
+            wire.flush(now)
+        assert (len(wire.transport.driver.read()), len(heard)) == (to_driver, from_driver)
+        assert truth.injected["drop"] == 18 - to_driver - from_driver
+
+
+def test_faults_can_be_switched_while_running():
+    wire = Wire(MemoryTransport(), USB)
+    wire.open()
+    wire.receive(0)
+    assert wire.faults == [] and wire._injector is None
+    fault = wire.add_fault("drop")
+    wire.send([b"lost"], 1)
+    wire.remove_fault(fault)
+    wire.send([b"kept"], 2)
+    wire.flush(3)
+    assert wire.transport.driver.read() == [b"kept"] and wire._injector is None
+
+
+def test_flipped_bits_are_spread_evenly():
+    rng_bits = np.zeros(64)
+    sent, seen, _ = stream(USB, ["flip bits 4"], count=4000)
+    for each, (_, got) in zip(sent, seen):
+        flipped = int.from_bytes(each, "big") ^ int.from_bytes(got, "big")
+        assert flipped.bit_count() == 4
+        rng_bits += [(flipped >> k) & 1 for k in range(64)]
+    assert np.abs(rng_bits - 250).max() < 5 * np.sqrt(250), "uniform within five standard deviations"
+
+
+# -- the whole link --------------------------------------------------------------------------------------------------
+
+
+def test_unplug_and_replug():
+    wire = Wire(MemoryTransport(), USB, faults=["unplug at 100ms for 50ms"])
+    wire.open()
+    events, seen = {}, []
+    for now in range(0, 200 * MS, MS):
+        if happened := wire.receive(now):
+            events[now // MS] = happened
+        wire.send([now.to_bytes(8, "big")], now)
+        wire.flush(now)
+        seen += [int.from_bytes(each, "big") // MS for each in wire.transport.driver.read()]
+    assert events == {0: [Opened()], 100: [Closed()], 150: [Opened()]}
+    assert seen == [*range(100), *range(150, 200)]
+    assert wire.truth.injected == {"unplug": 1} and wire.counters["unheard"] == 50
+
+
+def test_busoff_loses_both_directions():
+    wire = Wire(MemoryTransport(), CAN, faults=["busoff at 100ms for 50ms"])
+    wire.open()
+    heard, seen = [], []
+    for now in range(0, 200 * MS, MS):
+        wire.transport.driver.write(CanFrame(arbitration_id=1))
+        heard += [now // MS for event in wire.receive(now) if isinstance(event, Received)]
+        wire.send([CanFrame(arbitration_id=2)], now, "pad")
+        wire.flush(now + MS // 2)
+        seen += [now // MS for _ in wire.transport.driver.read()]
+    assert not set(range(101, 150)) & {*heard, *seen} and len(seen) == 150
+    assert wire.truth.injected == {"busoff": 1}
+
+
+def test_the_latency_timer_hands_over_62_bytes_or_what_is_there_every_16_ms():
+    _, seen, _ = stream(USB, ["latency 16ms"], count=400, period=20 * MS)
+    waits = np.array([when % (20 * MS) for when, _ in seen]) / MS
+    assert [len(each) for _, each in seen] == [8] * len(seen)
+    assert 0 <= waits.min() and waits.max() <= 16 and len(set(waits)) > 3
+    _, seen, _ = stream(USB, ["latency"], count=400, period=MS)  # 62 bytes are there after eight frames
+    assert {len(each) for _, each in seen} == {62}
+    sent, seen, _ = stream(USB, ["latency"], count=400, period=3 * MS)  # the timer is first: five or six frames
+    assert {len(each) for _, each in seen} <= {40, 48}
+    assert b"".join(each for _, each in seen) == b"".join(sent)[: sum(len(each) for _, each in seen)]
+
+
+def test_other_traffic_takes_its_share():
+    _, seen, _ = stream(CAN, ["load 30%"], count=2000)
+    ours = [each for _, each in seen if each.arbitration_id < 0x600]
+    others = len(seen) - len(ours)
+    assert len(ours) >= 1999 and others == pytest.approx(0.3 * 2e6 / 114.3, rel=0.02)
+
+
+def test_a_babbling_node_lets_nobody_else_through():
+    _, seen, injected = stream(CAN, ["babble from 500ms to 700ms"], count=1000)
+    ours = [when for when, each in seen if each.arbitration_id >= 0x200]
+    assert not [when for when in ours if 501 * MS < when < 700 * MS]
+    assert injected["babble"] == pytest.approx(0.2e9 / 130_000, rel=0.05)  # zeros: 130 bits and more with stuffing
+    assert len(ours) < 850
+
+
+def test_an_error_frame_costs_the_frame_twice_over():
+    sent, seen, injected = stream(CAN, ["error 10%"], count=2000)
+    errors = [each for _, each in seen if each.is_error_frame]
+    assert len(errors) == injected["error"] > 100
+    assert [each for _, each in seen if not each.is_error_frame] == sent[: len(seen) - len(errors)]

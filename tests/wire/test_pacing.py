@@ -1,0 +1,226 @@
+"""A wire has a speed: when frames leave, what does not fit, and what is heard at another speed."""
+
+import numpy as np
+import pytest
+
+from firmware_protocols import CanFrame, CanWire, Delayed, SerialWire
+from tactemu.can_bits import frame_ns
+from tactemu.transports.memory import MemoryTransport
+from tactemu.transports.transport import Closed, Opened, Received
+from tactemu.uart import misheard
+from tactemu.wire import Wire
+
+UART = SerialWire(baud=115_200)
+FRAME = bytes(range(82))
+FRAME_NS = round(82 * 10 * 1e9 / 115_200)
+
+
+def plugged(spec, **options):
+    wire = Wire(MemoryTransport(), spec, **options)
+    wire.open()
+    assert wire.receive(0) == [Opened()]
+    return wire, wire.transport.driver
+
+
+def run_until(wire, end_ns):
+    """Play the loop: go from one due time to the next; returns ``(time, frame)`` as the driver sees them."""
+    seen, now = [], 0
+    while True:
+        wire.receive(now)
+        wire.flush(now)
+        seen += [(now, frame) for frame in wire.transport.driver.read()]
+        due = wire.next_due_ns()
+        if due is None or due > end_ns:
+            return seen
+        now = max(now, due)
+
+
+def test_a_frame_is_there_when_its_last_bit_is():
+    wire, driver = plugged(UART)
+    wire.send([FRAME], 1_000_000)
+    wire.flush(1_000_000)
+    assert wire.next_due_ns() == 1_000_000 + FRAME_NS
+    wire.flush(1_000_000 + FRAME_NS - 1)
+    assert driver.read() == []
+    assert wire.flush(1_000_000 + FRAME_NS) == 1
+    assert driver.read() == [FRAME]
+
+
+@pytest.mark.parametrize(("spec", "bits"), [(UART, 10), (SerialWire(baud=115_200, parity="E", stopbits=2), 12)])
+def test_bits_per_byte(spec, bits):
+    wire, _ = plugged(spec)
+    wire.send([b"x"], 0)
+    wire.flush(0)
+    assert wire.next_due_ns() == round(bits * 1e9 / 115_200)
+
+
+@pytest.mark.parametrize("spec", [SerialWire(baud=115_200, usb=True), UART])
+def test_usb_and_an_unpaced_line_take_no_time(spec):
+    wire, driver = plugged(spec, pacing=spec.usb)
+    wire.send([FRAME, FRAME], 5)
+    assert wire.flush(5) == 2
+    assert driver.read() == [FRAME, FRAME]
+
+
+def test_a_reading_that_does_not_fit_is_dropped_whole_and_nothing_queues_without_bound():
+    wire, driver = plugged(UART)  # 140 frames/s fit
+    reading = [FRAME, FRAME]
+    sent = []
+    for now in range(0, 2_000_000_000, 5_000_000):
+        wire.send(reading, now)
+        while (due := wire.next_due_ns()) is not None and due <= now + 5_000_000:
+            wire.flush(due)
+            sent += driver.read()
+    rate = 115_200 / 820
+    assert wire.counters["dropped_readings"] == pytest.approx(400 - 2 * rate / 2, abs=5)
+    assert wire.counters["dropped_frames"] == 2 * wire.counters["dropped_readings"]
+    assert len(sent) == pytest.approx(2 * rate, abs=1)
+    assert wire.next_due_ns() - 2_000_000_000 < 2 * FRAME_NS
+
+
+def test_a_stall_of_the_loop_makes_no_burst():
+    wire, driver = plugged(UART, backlog_ns=10**12)
+    for _ in range(100):
+        wire.send([FRAME], 0)
+    wire.flush(0)
+    wire.flush(500_000_000)  # 70 frames late
+    assert len(driver.read()) <= 2
+
+
+def test_a_delayed_answer_does_not_hold_up_what_comes_after_it():
+    wire, _ = plugged(UART)
+    wire.send([Delayed(b"late", 50_000_000)], 0)
+    wire.send([b"soon"], 1_000_000)
+    times = {frame: now for now, frame in run_until(wire, 10**9)}
+    byte_ns = 10 * 1e9 / 115_200
+    assert times[b"soon"] == round(1_000_000 + 4 * byte_ns)
+    assert times[b"late"] == round(50_000_000 + 4 * byte_ns)
+
+
+def test_requests_take_their_time_too():
+    wire, driver = plugged(UART)
+    driver.write(b"12345678")
+    assert wire.receive(0) == []
+    assert wire.next_due_ns() == round(80e9 / 115_200)
+    assert wire.receive(wire.next_due_ns()) == [Received(b"12345678")]
+    driver.write(b"bye")
+    driver.close()
+    assert wire.receive(10**9) == [Received(b"bye"), Closed()]
+
+
+def test_nobody_listens():
+    wire, driver = plugged(UART)
+    wire.send([FRAME] * 3, 0)
+    driver.close()
+    assert wire.receive(1) == [Closed()]
+    wire.send([FRAME], 2)
+    assert wire.counters["unheard"] == 4 and wire.next_due_ns() is None
+
+
+# -- CAN -------------------------------------------------------------------------------------------------------------
+
+
+def random_frames(rng, base, count):
+    return [CanFrame(arbitration_id=base + int(rng.integers(64)), data=rng.bytes(8)) for _ in range(count)]
+
+
+def test_frames_leave_at_exact_bit_time_and_never_overlap():
+    rng = np.random.default_rng(1)
+    wire, _ = plugged(CanWire())
+    frames = random_frames(rng, 0x100, 50)
+    wire.send(frames, 1000)
+    seen = run_until(wire, 10**9)
+    assert [frame for _, frame in seen] == frames
+    assert [now for now, _ in seen] == list(1000 + np.cumsum([frame_ns(frame, 1_000_000) for frame in frames]))
+    assert wire.line.busy_ns == seen[-1][0] - 1000
+
+
+def test_the_lowest_identifier_wins_whenever_the_bus_falls_idle():
+    """Three nodes; the second frame of the low one is ready only while the high one's first is on the bus."""
+    wire, _ = plugged(CanWire())
+    high, low, middle = (CanFrame(arbitration_id=i, data=bytes(8)) for i in (0x700, 0x001, 0x400))
+    wire.send([high, high], 0, "high")
+    wire.flush(0)  # an idle bus: it starts at once
+    wire.send([middle], 10_000, "middle")
+    wire.send([low], 20_000, "low")
+    assert [frame for _, frame in run_until(wire, 10**9)] == [high, low, middle, high]
+
+
+def test_a_saturated_bus_is_full_and_starves_the_highest_identifier():
+    rng = np.random.default_rng(2)
+    wire, _ = plugged(CanWire())
+    ids = {"a": 0x100, "b": 0x300, "c": 0x500}
+    times = []
+    for now in range(0, 1_000_000_000, 1_000_000):
+        for node, base in ids.items():
+            wire.send(random_frames(rng, base, 4), now, node)
+        while (due := wire.next_due_ns()) is not None and due < now + 1_000_000:
+            wire.flush(due)
+            times += [due] * len(wire.transport.driver.unread)
+            seen = wire.transport.driver.read()
+            assert all(isinstance(frame, CanFrame) for frame in seen)
+    assert wire.line.busy_ns / 1e9 == pytest.approx(1.0, abs=0.01)
+    assert wire.counters["sent"] == pytest.approx(1e6 / 114.3, rel=0.01)
+    assert np.diff(sorted(times)).min() >= 111_000
+    assert wire.counters["dropped_readings"] > 700
+
+
+def test_requests_of_the_driver_share_the_bus():
+    wire, driver = plugged(CanWire())
+    request = CanFrame(arbitration_id=0x28, data=b"\xb1\xc6")
+    answer = CanFrame(arbitration_id=0x28, data=bytes(8))
+    wire.send([answer], 0)
+    wire.flush(0)
+    driver.write(request)
+    assert wire.receive(10_000) == []
+    done = frame_ns(answer, 1_000_000) + frame_ns(request, 1_000_000)
+    assert wire.receive(done - 1) == []
+    assert wire.receive(done) == [Received(request)]
+
+
+# -- baud ------------------------------------------------------------------------------------------------------------
+
+
+def test_at_the_right_speed_everything_and_at_another_noise_both_ways():
+    rng = np.random.default_rng(3)
+    frame = rng.bytes(200)
+    for baud, equal in ((115_200, True), (57_600, False), (230_400, False), (9600, False), (921_600, False)):
+        wire, driver = plugged(UART)
+        driver.set_baud(baud)
+        driver.write(frame)
+        wire.receive(0)
+        heard = b"".join(event.data for event in wire.receive(10**9) if isinstance(event, Received))
+        wire.send([frame], 2 * 10**9)
+        seen = b"".join(piece for _, piece in run_until(wire, 3 * 10**9))
+        assert (heard == frame) == (seen == frame) == equal
+        assert wire.counters["misheard"] == (0 if equal else 2)
+        if not equal:
+            assert frame[:8] not in seen and frame[:8] not in heard
+
+
+def test_usb_has_no_speed():
+    wire, driver = plugged(SerialWire(baud=115_200, usb=True))
+    driver.set_baud(9600)
+    wire.send([FRAME], 0)
+    wire.flush(0)
+    assert driver.read() == [FRAME]
+
+
+def test_a_small_difference_of_speed_does_no_harm():
+    """A UART samples mid-bit: half a bit in ten may be lost, 5 %. What every data sheet allows must pass."""
+    everything = bytes(range(256))
+    for off in (0.97, 0.98, 1.02, 1.03):
+        assert misheard(everything, 115_200, round(115_200 * off), UART) == everything
+    assert misheard(everything, 115_200, round(115_200 * 1.1), UART) != everything
+
+
+def test_noise_that_can_be_worked_out_by_hand():
+    """0x00 at 9600 is nine low bits; at 19200 a byte of eight low bits has its stop bit low: heard as one 0x00.
+
+    0xF0 at 19200 is low for five bits; at 9600 those are the start bit and a half: sampled 0, 0, then high.
+    """
+    wire = SerialWire(baud=9600)
+    assert misheard(b"\x00", 9600, 19_200, wire) == b"\x00"
+    assert misheard(b"\xf0", 19_200, 9600, wire) == b"\xfe"
+    assert misheard(b"\xff", 9600, 19_200, wire) == b"\xfe"
+    assert misheard(b"", 9600, 19_200, wire) == b""
