@@ -11,10 +11,11 @@ import numpy as np
 import warp as wp
 
 from tactemu.errors import SceneError
+from tactemu.physics.active_groups import active_groups
 from tactemu.physics.dilation_kernels import DilationOptions, radial_weight
 from tactemu.physics.plan import Context, record
 
-CHUNK = 32
+CHUNK = 64
 _LARGEST_ESTIMATE = 20_000
 
 
@@ -79,6 +80,8 @@ def _kernels(real):
         power: wp.array2d(dtype=real),
         n_pressed: wp.array2d(dtype=wp.int32),
         pressed: wp.array2d(dtype=wp.int32),
+        n_active: wp.array(dtype=wp.int32),
+        active: wp.array2d(dtype=wp.int32),
         positions: wp.array(dtype=vec3),
         normals: wp.array(dtype=vec3),
         areas: wp.array(dtype=real),
@@ -91,7 +94,7 @@ def _kernels(real):
         table: wp.array(dtype=real),
         table_step: real,
         # outputs
-        motion: wp.array3d(dtype=real),
+        motion: wp.array2d(dtype=vec3),
     ):
         env, i = wp.tid()
         r = positions[i]
@@ -99,7 +102,8 @@ def _kernels(real):
         plane = vec3(real(0.0))
         bulge = real(0.0)
         if is_sensing[i]:
-            for chunk in range(n_pressed.shape[1]):
+            for a in range(n_active[env]):
+                chunk = active[env, a]
                 first = chunk * CHUNK
                 for slot in range(first, first + n_pressed[env, chunk]):
                     j = pressed[env, slot]
@@ -117,9 +121,7 @@ def _kernels(real):
                             w += far / (squared + eps * eps)
                     plane += depth[env, j] * areas[j] * w * o
                     bulge += power[env, j] * areas[j] * g
-        marker = scale * (plane + bulge * n)
-        for c in range(3):
-            motion[env, i, c] = marker[c]
+        motion[env, i] = scale * (plane + bulge * n)
 
     return list_pressed, sum_pressed
 
@@ -149,7 +151,7 @@ def direct_dilation(
         positions: the same on the device.
         normals: unit normals on the device.
         is_sensing: false for fillers.
-        motion: written: motion of the markers, shape ``(n_envs, n_taxels, 3)``.
+        motion: written: motion of the markers, vec3, shape ``(n_envs, n_taxels)``.
     """
     real, device, n_envs = context.real, context.device, context.n_envs
     n = len(host_positions)
@@ -160,14 +162,29 @@ def direct_dilation(
     pressed = wp.zeros((n_envs, n_chunks * CHUNK), dtype=wp.int32, device=device)
     table = wp.array(np.zeros(0) if weight.table is None else weight.table, dtype=real, device=device)
     list_pressed, sum_pressed = _kernels(real)
+    groups, list_chunks = active_groups(context, n_pressed)
     first = record(list_pressed, (n_envs, n_chunks), [depth], [n_pressed, pressed], device)
     weights = [options.lambda_d, weight.gaussian, weight.far, weight.eps, table, weight.table_step]
     on_device = wp.array(areas, dtype=real, device=device)
-    inputs = [depth, power, n_pressed, pressed, positions, normals, on_device, is_sensing, scale, *weights]
+    inputs = [
+        depth,
+        power,
+        n_pressed,
+        pressed,
+        groups.n_active,
+        groups.active,
+        positions,
+        normals,
+        on_device,
+        is_sensing,
+        scale,
+        *weights,
+    ]
     second = record(sum_pressed, (n_envs, n), inputs, [motion], device)
 
     def launch():
         first()
+        list_chunks()
         second()
 
     return launch

@@ -22,6 +22,8 @@ from tactemu.physics.probe_grid import RegularGrid
 from tactemu.physics.separable import overlapping_blocks, separable_terms
 
 WIDTH = 8
+_NEGLIGIBLE = 1e-30
+"""Smaller weights, as a part of the largest, count as 0: numbers below the normal range of floats are slow."""
 
 
 def _offsets(grid: RegularGrid) -> tuple[np.ndarray, np.ndarray]:
@@ -124,7 +126,7 @@ def _kernels(real):
         normal: vec3,
         is_sensing: wp.array(dtype=wp.bool),
         # outputs
-        motion: wp.array3d(dtype=real),
+        motion: wp.array2d(dtype=vec3),
     ):
         env, i, j_block = wp.tid()
         cols = partial.shape[3]
@@ -147,8 +149,7 @@ def _kernels(real):
                 marker = u[m] * u_axis + v[m] * v_axis + w[m] * normal
                 if not is_sensing[taxel]:
                     marker = vec3(real(0.0))
-                for c in range(3):
-                    motion[env, taxel, c] = marker[c]
+                motion[env, taxel] = marker
 
     return sum_rows, sum_columns
 
@@ -173,7 +174,7 @@ def grid_dilation(
         power: ``depth ** normal_exponent``, same shape.
         box: first and last row, first and last column in contact, int32, shape ``(n_envs, 4)``; first > last: none.
         is_sensing: false for fillers, bool, shape ``(n_taxels,)``.
-        motion: written: motion of the markers, link frame, shape ``(n_envs, n_taxels, 3)``.
+        motion: written: motion of the markers, link frame, vec3, shape ``(n_envs, n_taxels)``.
     """
     real = context.real
     (row_u, col_u), (row_v, col_v), (row_n, col_n) = plane_terms(grid, options, 1e-8 if real is wp.float32 else 1e-13)
@@ -181,7 +182,9 @@ def grid_dilation(
 
     def stack(u, v, n):
         rows = [np.pad(part, ((0, n_terms - len(part)), (0, 0))) for part in (u, v)]
-        values = overlapping_blocks(np.concatenate([*rows, n]), WIDTH)
+        values = np.concatenate([*rows, n])
+        values[np.abs(values) < _NEGLIGIBLE * np.abs(values).max()] = 0.0
+        values = overlapping_blocks(values, WIDTH)
         return wp.array(values, dtype=wp.types.vector(WIDTH, real), device=context.device)
 
     n_all = 2 * n_terms + 1

@@ -97,7 +97,8 @@ class ElastomerTaxel(SensorModel):
 
     def compile(self, site: Site) -> Compiled:
         """Depth, dilation, anchors, shear: only those that are switched on."""
-        motion = site.zeros()
+        context = site.context
+        motion = wp.zeros((context.n_envs, site.probes.n), dtype=site.vec3, device=context.device)
         stages: list[Stage] = []
         if site.probes.n and site.target_bodies:
             parts = _Parts(self, site, motion)
@@ -105,7 +106,8 @@ class ElastomerTaxel(SensorModel):
                 stages += parts.dilation()
             if self.shear_scale > 0:
                 stages += parts.shear(add=self.dilate_scale > 0)
-        return Compiled(truth=motion, raw=motion, stages=stages)
+        reading = motion.view(context.real)
+        return Compiled(truth=reading, raw=reading, stages=stages)
 
 
 class _Parts:

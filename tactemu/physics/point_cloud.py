@@ -101,7 +101,8 @@ def _halves(indices: np.ndarray, positions: np.ndarray) -> list[np.ndarray]:
     return _halves(order[:middle], positions) + _halves(order[middle:], positions)
 
 
-def _ball(points: np.ndarray) -> np.ndarray:
+def bounding_ball(points: np.ndarray) -> np.ndarray:
+    """Centre and radius of a ball around points ``(n, 3)``; shape ``(4,)``."""
     centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
     return np.append(centre, np.linalg.norm(points - centre, axis=1).max())
 
@@ -123,8 +124,8 @@ def cluster(clouds: list[PointCloud]) -> Clusters:
         positions=np.concatenate(parts) if parts else np.zeros((0, 3)),
         areas=areas[indices],
         start=np.cumsum([0, *map(len, parts)]),
-        ball=np.array([_ball(part) for part in parts]).reshape(-1, 4),
+        ball=np.array([bounding_ball(part) for part in parts]).reshape(-1, 4),
         bodies=np.array([cloud.body for cloud in clouds], dtype=np.int64),
         cloud_start=np.array(cloud_start),
-        cloud_ball=np.array([_ball(cloud.positions) for cloud in clouds]).reshape(-1, 4),
+        cloud_ball=np.array([bounding_ball(cloud.positions) for cloud in clouds]).reshape(-1, 4),
     )

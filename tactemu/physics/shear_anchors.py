@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
+from tactemu.physics.active_groups import ActiveGroups, active_groups
 from tactemu.physics.cloud_table import cloud_type, upload_clouds
 from tactemu.physics.plan import Context, record
 from tactemu.physics.point_cloud import CLUSTER, Clusters
@@ -34,6 +35,8 @@ class Anchors:
     """Latched points of each cluster, int32, shape ``(n_envs, n_clusters)``."""
     n_pulling: wp.array
     """Latched points with depth of each cluster; they are listed from the cluster's place ``cluster * CLUSTER``."""
+    groups: ActiveGroups
+    """Clusters with such points."""
     place: wp.array
     """Where the listed points are [m], link frame, vec3, shape ``(n_envs, n_clusters * CLUSTER)``."""
     pull: wp.array
@@ -84,13 +87,19 @@ def _kernels(real, functions: ShapeFunctions, slope: float, area_weighted: bool)
             depth = -depth
             holds = is_latched[env, p] != wp.uint8(0) and not (depth < -release_margin)
             touches = not holds and depth > contact_threshold
+            if wp.isnan(depth):  # the pose is not finite: say so, and keep the state
+                place[env, c * CLUSTER + pulling] = y
+                pull[env, c * CLUSTER + pulling] = y
+                pulling += 1
+                latched += int(is_latched[env, p])
+                continue
             if touches:
                 anchor[env, p] = y
             stays = holds or touches
             is_latched[env, p] = wp.uint8(stays)
             if stays:
                 latched += 1
-                if depth > real(0.0) and not touches:
+                if depth > real(0.0) and not touches:  # the anchor of a point that touches now is where it is
                     weight = depth
                     if wp.static(area_weighted):
                         weight *= clouds.areas[p]
@@ -143,17 +152,20 @@ def shear_anchors(
     vec3 = wp.types.vector(3, real)
     n_clusters = len(clusters.ball)
     points, slots = (n_envs, clusters.n_points), (n_envs, n_clusters * CLUSTER)
+    n_pulling = wp.zeros((n_envs, n_clusters), dtype=wp.int32, device=device)
+    groups, list_clusters = active_groups(context, n_pulling)
     anchors = Anchors(
         is_latched=wp.zeros(points, dtype=wp.uint8, device=device),
         anchor=wp.zeros(points, dtype=vec3, device=device),
         n_latched=wp.zeros((n_envs, n_clusters), dtype=wp.int32, device=device),
-        n_pulling=wp.zeros((n_envs, n_clusters), dtype=wp.int32, device=device),
+        n_pulling=n_pulling,
+        groups=groups,
         place=wp.zeros(slots, dtype=vec3, device=device),
         pull=wp.zeros(slots, dtype=vec3, device=device),
     )
     slope = _VOXEL_SLOPE if VOXEL in table.kinds else 1.0
     follow_points, release_all = _kernels(real, table.functions, slope, area_weighted)
-    launch = record(
+    follow = record(
         follow_points,
         (n_envs, n_clusters),
         [
@@ -167,6 +179,10 @@ def shear_anchors(
         [anchors.is_latched, anchors.anchor, anchors.n_latched, anchors.n_pulling, anchors.place, anchors.pull],
         device,
     )
+
+    def launch() -> None:
+        follow()
+        list_clusters()
 
     def reset(envs: wp.array) -> None:
         outputs = [anchors.is_latched, anchors.n_latched, anchors.n_pulling]

@@ -17,6 +17,7 @@ from tactemu.physics.shear_anchors import Anchors
 
 WIDTH = 8
 _NEGLIGIBLE = 1.0e-30
+"""Smaller Gaussians count as 0: numbers below the normal range of floats are slow."""
 
 
 @functools.cache
@@ -26,6 +27,8 @@ def _direct_kernel(real, add: bool):
     @wp.kernel(module="unique", enable_backward=False)
     def add_shear(
         n_pulling: wp.array2d(dtype=wp.int32),
+        n_active: wp.array(dtype=wp.int32),
+        active: wp.array2d(dtype=wp.int32),
         place: wp.array2d(dtype=vec3),
         pull: wp.array2d(dtype=vec3),
         positions: wp.array(dtype=vec3),
@@ -34,7 +37,7 @@ def _direct_kernel(real, add: bool):
         scale: real,
         lambda_s: real,
         # outputs
-        motion: wp.array3d(dtype=real),
+        motion: wp.array2d(dtype=vec3),
     ):
         env, taxel = wp.tid()
         if not is_sensing[taxel]:
@@ -42,7 +45,8 @@ def _direct_kernel(real, add: bool):
         r = positions[taxel]
         n = normals[taxel]
         total = vec3(real(0.0))
-        for c in range(n_pulling.shape[1]):
+        for a in range(n_active[env]):
+            c = active[env, a]
             first = c * CLUSTER
             for o in range(first, first + n_pulling[env, c]):
                 apart = r - place[env, o]
@@ -50,10 +54,9 @@ def _direct_kernel(real, add: bool):
                 in_plane = wp.dot(apart, apart) - off_plane * off_plane
                 total += wp.exp(-lambda_s * in_plane) * pull[env, o]
         total = scale * (total - wp.dot(total, n) * n)
-        for k in range(3):
-            if wp.static(add):
-                total[k] += motion[env, taxel, k]
-            motion[env, taxel, k] = total[k]
+        if wp.static(add):
+            total += motion[env, taxel]
+        motion[env, taxel] = total
 
     return add_shear
 
@@ -61,19 +64,28 @@ def _direct_kernel(real, add: bool):
 @functools.cache
 def _grid_kernels(real, add: bool):
     vec3 = wp.types.vector(3, real)
+    vec2 = wp.types.vector(2, real)
     block = wp.types.vector(WIDTH, real)
+
+    @wp.func
+    def gaussian(lambda_s: real, d: real):
+        g = wp.exp(-lambda_s * d * d)
+        return wp.where(g < real(_NEGLIGIBLE), real(0.0), g)
 
     @wp.kernel(module="unique", enable_backward=False)
     def tabulate(
         n_pulling: wp.array2d(dtype=wp.int32),
         place: wp.array2d(dtype=vec3),
+        pull: wp.array2d(dtype=vec3),
         corner: vec3,
         u_axis: vec3,
         v_axis: vec3,
         du: real,
         dv: real,
         lambda_s: real,
+        scale: real,
         # outputs
+        in_plane: wp.array2d(dtype=vec2),
         by_row: wp.array3d(dtype=real),
         by_col: wp.array3d(dtype=block),
     ):
@@ -83,53 +95,52 @@ def _grid_kernels(real, add: bool):
             y = place[env, o] - corner
             u = wp.dot(y, u_axis)
             v = wp.dot(y, v_axis)
+            in_plane[env, o] = scale * vec2(wp.dot(pull[env, o], u_axis), wp.dot(pull[env, o], v_axis))
             for i in range(by_row.shape[2]):
-                d = real(i) * dv - v
-                by_row[env, o, i] = wp.exp(-lambda_s * d * d)
+                by_row[env, o, i] = gaussian(lambda_s, real(i) * dv - v)
             for b in range(by_col.shape[2]):
                 g = block()
                 for m in range(WIDTH):
-                    d = real(b * WIDTH + m) * du - u
-                    g[m] = wp.exp(-lambda_s * d * d)
+                    g[m] = gaussian(lambda_s, real(b * WIDTH + m) * du - u)
                 by_col[env, o, b] = g
 
     @wp.kernel(module="unique", enable_backward=False)
     def add_shear(
         n_pulling: wp.array2d(dtype=wp.int32),
-        pull: wp.array2d(dtype=vec3),
+        n_active: wp.array(dtype=wp.int32),
+        active: wp.array2d(dtype=wp.int32),
+        in_plane: wp.array2d(dtype=vec2),
         by_row: wp.array3d(dtype=real),
         by_col: wp.array3d(dtype=block),
-        normal: vec3,
+        u_axis: vec3,
+        v_axis: vec3,
         is_sensing: wp.array(dtype=wp.bool),
-        scale: real,
         cols: int,
         # outputs
-        motion: wp.array3d(dtype=real),
+        motion: wp.array2d(dtype=vec3),
     ):
         env, i, j_block = wp.tid()
-        x = block()
-        y = block()
-        z = block()
-        for c in range(n_pulling.shape[1]):
-            first = c * CLUSTER
-            for o in range(first, first + n_pulling[env, c]):
-                p = scale * by_row[env, o, i] * pull[env, o]
-                if wp.dot(p, p) > real(_NEGLIGIBLE * _NEGLIGIBLE):
-                    g = by_col[env, o, j_block]
-                    x += p[0] * g
-                    y += p[1] * g
-                    z += p[2] * g
+        u = block()
+        v = block()
+        for a in range(n_active[env]):
+            first = active[env, a] * CLUSTER
+            for o in range(first, first + n_pulling[env, active[env, a]]):
+                share = by_row[env, o, i]
+                p = in_plane[env, o]
+                pu = share * p[0]
+                pv = share * p[1]
+                g = by_col[env, o, j_block]
+                u += pu * g
+                v += pv * g
         for m in range(WIDTH):
             j = j_block * WIDTH + m
             if j < cols:
                 taxel = i * cols + j
                 if is_sensing[taxel]:
-                    total = vec3(x[m], y[m], z[m])
-                    total -= wp.dot(total, normal) * normal
-                    for k in range(3):
-                        if wp.static(add):
-                            total[k] += motion[env, taxel, k]
-                        motion[env, taxel, k] = total[k]
+                    total = u[m] * u_axis + v[m] * v_axis
+                    if wp.static(add):
+                        total += motion[env, taxel]
+                    motion[env, taxel] = total
 
     return tabulate, add_shear
 
@@ -147,7 +158,19 @@ def direct_shear_motion(
     add: bool,
 ) -> Callable[[], None]:
     """Record the sum for taxels anywhere, each with its own normal; see :func:`grid_shear_motion`."""
-    inputs = [anchors.n_pulling, anchors.place, anchors.pull, positions, normals, is_sensing, scale, lambda_s]
+    groups = anchors.groups
+    inputs = [
+        anchors.n_pulling,
+        groups.n_active,
+        groups.active,
+        anchors.place,
+        anchors.pull,
+        positions,
+        normals,
+        is_sensing,
+        scale,
+        lambda_s,
+    ]
     dim = (context.n_envs, len(is_sensing))
     return record(_direct_kernel(context.real, add), dim, inputs, [motion], context.device)
 
@@ -166,26 +189,28 @@ def grid_shear_motion(
 ) -> Callable[[], None]:
     """Record the sum for a grid whose first taxel is at ``corner``.
 
-    It adds to ``motion``, shape ``(n_envs, n_taxels, 3)``, or writes it if ``add`` is false; fillers are left alone.
+    It adds to ``motion``, vec3, shape ``(n_envs, n_taxels)``, or writes it if ``add`` is false; fillers are left alone.
     """
     real, device, n_envs = context.real, context.device, context.n_envs
     vec3 = wp.types.vector(3, real)
     n_slots, n_blocks = anchors.place.shape[1], -(-grid.cols // WIDTH)
+    in_plane = wp.zeros((n_envs, n_slots), dtype=wp.types.vector(2, real), device=device)
     by_row = wp.zeros((n_envs, n_slots, grid.rows), dtype=real, device=device)
     by_col = wp.zeros((n_envs, n_slots, n_blocks), dtype=wp.types.vector(WIDTH, real), device=device)
+    groups = anchors.groups
     tabulate, add_shear = _grid_kernels(real, add)
-    geometry = [vec3(*corner), vec3(*grid.u), vec3(*grid.v), grid.du, grid.dv, lambda_s]
+    axes = [vec3(*grid.u), vec3(*grid.v)]
     first = record(
         tabulate,
         anchors.n_pulling.shape,
-        [anchors.n_pulling, anchors.place, *geometry],
-        [by_row, by_col],
+        [anchors.n_pulling, anchors.place, anchors.pull, vec3(*corner), *axes, grid.du, grid.dv, lambda_s, scale],
+        [in_plane, by_row, by_col],
         device,
     )
     second = record(
         add_shear,
         (n_envs, grid.rows, n_blocks),
-        [anchors.n_pulling, anchors.pull, by_row, by_col, vec3(*grid.normal), is_sensing, scale, grid.cols],
+        [anchors.n_pulling, groups.n_active, groups.active, in_plane, by_row, by_col, *axes, is_sensing, grid.cols],
         [motion],
         device,
     )

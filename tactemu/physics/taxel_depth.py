@@ -4,13 +4,17 @@ import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
 import warp as wp
 
 from tactemu.physics.contact import nearest_function
 from tactemu.physics.plan import record
+from tactemu.physics.point_cloud import bounding_ball
 from tactemu.physics.sensor import Site
-from tactemu.physics.shapes import table_type
+from tactemu.physics.shapes import shape_functions, table_type
 
+SEGMENT = 8
+"""Taxels that one thread looks at: if no body reaches their ball, none is looked at closer."""
 _NOWHERE = 2**30
 
 
@@ -28,9 +32,10 @@ class TaxelDepth:
 
 @functools.cache
 def _kernels(real, kinds: frozenset):
-    vec3 = wp.types.vector(3, real)
+    vec3, vec4 = wp.types.vector(3, real), wp.types.vector(4, real)
     transform = wp.types.transformation(real)
     nearest = nearest_function(real, kinds)
+    reaches = shape_functions(real, kinds).reaches
 
     @wp.kernel(module="unique", enable_backward=False)
     def clear_box(box: wp.array2d(dtype=wp.int32)):
@@ -47,6 +52,7 @@ def _kernels(real, kinds: frozenset):
         targets: wp.array(dtype=wp.int32),
         positions: wp.array(dtype=vec3),
         is_sensing: wp.array(dtype=wp.bool),
+        balls: wp.array(dtype=vec4),
         exponent: real,
         cols: int,
         # outputs
@@ -54,25 +60,41 @@ def _kernels(real, kinds: frozenset):
         power: wp.array2d(dtype=real),
         box: wp.array2d(dtype=wp.int32),
     ):
-        env, taxel = wp.tid()
-        h = real(0.0)
-        if is_sensing[taxel]:
-            distance, _normal, _body = nearest(shapes, pose, targets, env, positions[taxel], real(0.0))
-            if not (distance >= real(0.0)):  # so that NaN goes on
-                h = -distance
-                row = taxel // cols
-                col = taxel - row * cols
-                wp.atomic_min(box, env, 0, row)
-                wp.atomic_max(box, env, 1, row)
-                wp.atomic_min(box, env, 2, col)
-                wp.atomic_max(box, env, 3, col)
-        depth[env, taxel] = h
-        if exponent == real(2.0):
-            power[env, taxel] = h * h
-        elif exponent != real(1.0):
-            power[env, taxel] = wp.pow(h, exponent)
+        env, segment = wp.tid()
+        first = segment * SEGMENT
+        last = wp.min(first + SEGMENT, positions.shape[0])
+        ball = balls[segment]
+        near = bool(False)
+        for t in range(targets.shape[0]):
+            b = targets[t]
+            near = near or reaches(shapes, b, pose[env, b], vec3(ball[0], ball[1], ball[2]), ball[3])
+        for taxel in range(first, last):
+            h = real(0.0)
+            if near and is_sensing[taxel]:
+                distance, _normal, _body = nearest(shapes, pose, targets, env, positions[taxel], real(0.0))
+                if not (distance >= real(0.0)):  # so that NaN goes on
+                    h = -distance
+                    row = taxel // cols
+                    col = taxel - row * cols
+                    wp.atomic_min(box, env, 0, row)
+                    wp.atomic_max(box, env, 1, row)
+                    wp.atomic_min(box, env, 2, col)
+                    wp.atomic_max(box, env, 3, col)
+            depth[env, taxel] = h
+            if exponent == real(2.0):
+                power[env, taxel] = h * h
+            elif exponent != real(1.0):
+                power[env, taxel] = wp.pow(h, exponent)
 
     return clear_box, find_depth
+
+
+def _balls(site: Site) -> wp.array:
+    """A ball around each segment of taxels: centre, and radius with room for rounding."""
+    real, positions = site.context.real, site.probes.positions
+    parts = [positions[i : i + SEGMENT] for i in range(0, len(positions), SEGMENT)]
+    balls = np.array([bounding_ball(part) for part in parts]) * [1.0, 1.0, 1.0, 1.0 + 1e-5]
+    return wp.array(balls, dtype=wp.types.vector(4, real), device=site.context.device)
 
 
 def taxel_depth(site: Site, is_sensing: wp.array, exponent: float) -> tuple[TaxelDepth, Callable[[], None]]:
@@ -84,8 +106,10 @@ def taxel_depth(site: Site, is_sensing: wp.array, exponent: float) -> tuple[Taxe
     box = wp.zeros((context.n_envs, 4), dtype=wp.int32, device=device)
     clear_box, find_depth = _kernels(real, site.table.kinds)
     clear = record(clear_box, context.n_envs, [], [box], device)
-    inputs = [site.table.struct, site.view.pose, site.targets, site.positions, is_sensing, exponent]
-    find = record(find_depth, shape, [*inputs, site.probes.layout[-1]], [depth, power, box], device)
+    inputs = [site.table.struct, site.view.pose, site.targets, site.positions, is_sensing, _balls(site), exponent]
+    find = record(
+        find_depth, (shape[0], -(-shape[1] // SEGMENT)), [*inputs, site.probes.layout[-1]], [depth, power, box], device
+    )
 
     def launch():
         clear()
