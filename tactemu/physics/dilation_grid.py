@@ -46,11 +46,7 @@ def _free_layer(grid: RegularGrid, thickness: float, area: float) -> tuple[np.nd
     """The layer's planes in an unbounded plane, per taxel, and their peak per area."""
     u, v = _offsets(grid)
     rho = np.hypot(u, v)
-    distinct, where = np.unique(rho, return_inverse=True)
-    strength = np.concatenate(
-        [radial_layer(part, thickness) for part in np.array_split(distinct, len(distinct) // 512 + 1)]
-    )
-    weight = strength[where].reshape(rho.shape) / np.where(rho > 0, rho, 1.0)
+    weight = radial_layer(rho, thickness) / np.where(rho > 0, rho, 1.0)
     peak = float(radial_layer(np.linspace(0.0, 8.0, 512) * thickness, thickness).max())
     return area * np.stack([u * weight, v * weight]), peak
 

@@ -17,6 +17,7 @@ a given shape. The normal motion is always ``h^n exp(-lambda_d rho^2)``.
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -76,6 +77,19 @@ def _bessel_j1(x: np.ndarray) -> np.ndarray:
     return np.cos(angle - x[..., None] * np.sin(angle)).mean(axis=-1)
 
 
+_NEAR = 14.0
+"""Distance in thicknesses beyond which the layer's weight is that of a far field."""
+
+
+@functools.cache
+def _near_field() -> np.polynomial.Chebyshev:
+    """What the layer's weight lacks to its far field, by distance in thicknesses up to ``_NEAR``."""
+    node, weight = np.polynomial.legendre.leggauss(200)
+    x, weight = 11.0 * (node + 1.0), 11.0 * weight
+    rest = weight * (x * layer_response(x) - 1.5 * np.exp(-x * x))
+    return np.polynomial.Chebyshev.interpolate(lambda r: _bessel_j1(r[:, None] * x) @ rest, 80, domain=[0.0, _NEAR])
+
+
 def radial_layer(rho: np.ndarray, thickness: float) -> np.ndarray:
     """The layer weight in an unbounded plane, times ``rho``, per area of the pressed taxel [1/m^2].
 
@@ -85,12 +99,7 @@ def radial_layer(rho: np.ndarray, thickness: float) -> np.ndarray:
     r = np.asarray(rho, dtype=np.float64) / thickness
     safe = np.where(r > 0, r, 1.0)
     far = np.where(r > 0, -1.5 * np.expm1(-0.25 * r * r) / safe, 0.0)
-    node, weight = np.polynomial.legendre.leggauss(200)
-    x, weight = 12.5 * (node + 1.0), 12.5 * weight
-    rest = weight * (x * layer_response(x) - 1.5 * np.exp(-x * x))
-    near = np.zeros_like(r)
-    close = r < 14.0
-    near[close] = _bessel_j1(r[close][:, None] * x) @ rest
+    near = np.where(r < _NEAR, _near_field()(np.minimum(r, _NEAR)), 0.0)
     return (far + near) / (2.0 * np.pi * thickness * thickness)
 
 

@@ -32,11 +32,14 @@ def farthest_points(candidates: np.ndarray, count: int) -> np.ndarray:
 
     Shape of ``candidates``: ``(n, 3)``. Returns fewer when there are fewer.
     """
+    x, y, z = np.ascontiguousarray(candidates.T)
     chosen = np.zeros(min(count, len(candidates)), dtype=np.int64)
     nearest = np.full(len(candidates), np.inf)
     for i in range(1, len(chosen)):
-        np.minimum(nearest, np.square(candidates - candidates[chosen[i - 1]]).sum(axis=1), out=nearest)
-        chosen[i] = int(np.argmax(nearest))
+        last = chosen[i - 1]
+        squared = (x - x[last]) ** 2 + (y - y[last]) ** 2 + (z - z[last]) ** 2
+        np.minimum(nearest, squared, out=nearest)
+        chosen[i] = int(nearest.argmax())
     return chosen
 
 

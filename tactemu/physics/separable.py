@@ -9,6 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
+_LARGE = 200
+"""Tables with more rows and columns are decomposed by random projection onto half as many directions."""
+
 
 def _parity_parts(table: np.ndarray):
     """Split a table over signed offsets, centre in the middle, into its even and odd parts along both axes."""
@@ -21,6 +24,18 @@ def _parity_parts(table: np.ndarray):
 def _mirror(vectors: np.ndarray, sign: int) -> np.ndarray:
     """Extend vectors over offsets 0..n-1, shape ``(terms, n)``, to -(n-1)..n-1."""
     return np.concatenate([sign * vectors[:, :0:-1], vectors], axis=1)
+
+
+def _svd(table: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Singular value decomposition; of a large table only what the tolerance needs, by random projection."""
+    if min(table.shape) > _LARGE:
+        probe = np.random.default_rng(0).normal(size=(table.shape[1], _LARGE // 2))
+        basis, _ = np.linalg.qr(table @ probe)
+        left, strength, right = np.linalg.svd(basis.T @ table, full_matrices=False)
+        left = basis @ left
+        if np.abs((left * strength) @ right - table).max() <= tolerance * strength[0]:
+            return left, strength, right
+    return np.linalg.svd(table, full_matrices=False)
 
 
 def separable_terms(table: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
@@ -38,7 +53,7 @@ def separable_terms(table: np.ndarray, tolerance: float) -> tuple[np.ndarray, np
     for row_sign, col_sign, part in _parity_parts(table):
         quarter = part[cy:, cx:]
         if np.any(quarter):
-            parts.append((row_sign, col_sign, *np.linalg.svd(quarter, full_matrices=False)))
+            parts.append((row_sign, col_sign, *_svd(quarter, tolerance)))
     largest = max((strength[0] for *_, strength, _ in parts), default=0.0)
     rows, cols = [], []
     for row_sign, col_sign, left, strength, right in parts:

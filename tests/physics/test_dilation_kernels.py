@@ -75,6 +75,13 @@ def test_separable_terms_add_up(shape):
     assert not (zero_row.T @ zero_col).any()
 
 
+def test_large_tables_are_decomposed_as_exactly():
+    y, x = np.meshgrid(np.arange(-210, 211), np.arange(-205, 206), indexing="ij")
+    for table in (x / (x**2 + y**2 + 1.0), np.random.default_rng(0).normal(size=x.shape)):
+        row, col = separable_terms(table, 1e-13)
+        assert row.T @ col == pytest.approx(table, abs=1e-11)
+
+
 def test_blocks_hold_neighbours():
     blocks = overlapping_blocks(np.arange(5.0)[None], 3)
     assert blocks[0, 1].tolist() == [1, 2, 3] and blocks[0, 4].tolist() == [4, 0, 0]
