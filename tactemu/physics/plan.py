@@ -111,6 +111,6 @@ class Plan:
 
 
 def record(kernel, dim, inputs: list, outputs: list, device) -> Callable[[], None]:
-    """A recorded launch of ``kernel``: calling it costs a fraction of ``wp.launch``."""
+    """A recorded launch of ``kernel``: calling it costs a fraction of ``wp.launch``. Nothing for no threads."""
     command = wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=device, record_cmd=True)
-    return command.launch
+    return command.launch if command is not None else lambda: None

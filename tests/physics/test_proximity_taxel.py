@@ -177,7 +177,7 @@ def test_every_shape_with_a_surface_is_sampled():
         ("n_sample_points", [3, 4]),
         ("points", [[(0, 0)]]),
     ],
-)
+)  # fmt: skip
 def test_wrong_options_are_named(option, value):
     with pytest.raises(SceneError, match=option):
         scene_of(**{"points": None, "probe_local_pos": [(0, 0, 0)], option: value})
