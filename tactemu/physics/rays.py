@@ -138,8 +138,9 @@ def line_functions(real):
 def ray_function(real, kinds: frozenset):
     """``enters(shapes, b, pose, r, m, reach, margin) -> s``: where the line ``r + s m`` (link frame) enters body ``b``.
 
-    Looks from ``reach`` behind ``r`` on. What lies wholly behind is not seen; a body that reaches farther back than
-    that enters at ``-reach``; 1e18 if the line misses it, or (grids) enters it farther out than ``margin``.
+    Looks from ``reach`` behind ``r`` on. What comes from behind that and ends before the skin touches the skin's back,
+    not its front, and is not seen; what is solid all the way enters at ``-reach``. 1e18 if the line misses the body,
+    or (grids) enters it farther out than ``margin``.
     """
     vec3 = wp.types.vector(3, real)
     transform = wp.types.transformation(real)
@@ -151,34 +152,49 @@ def ray_function(real, kinds: frozenset):
 
     @wp.func
     def through_mesh(mesh: wp.uint64, unit: real, o: vec3, d: vec3, start: real):
-        inverse = real(1.0) / unit
-        q = (o - start * d) * inverse
-        origin = wp.vec3(wp.float32(q[0]), wp.float32(q[1]), wp.float32(q[2]))
         way = wp.vec3(wp.float32(d[0]), wp.float32(d[1]), wp.float32(d[2]))
-        hit = wp.mesh_query_ray(mesh, origin, way, wp.float32(1.0e6))
-        s = real(FAR)
-        if hit.result:
-            s = real(hit.t) * unit - start
-            if hit.sign < 0.0:  # seen from inside: the surface lies behind the start
-                s = -start
-        return s
+        s = -start
+        found = real(FAR)
+        for _ in range(16):
+            q = (o + s * d) / unit
+            origin = wp.vec3(wp.float32(q[0]), wp.float32(q[1]), wp.float32(q[2]))
+            hit = wp.mesh_query_ray(mesh, origin, way, wp.float32(1.0e6))
+            if not hit.result:
+                break
+            at = s + real(hit.t) * unit
+            if hit.sign > 0.0:  # from outside
+                found = at
+                break
+            if at >= real(0.0):  # from inside, and solid up to the skin
+                found = -start
+                break
+            s = at + real(1.0e-5) * unit
+        return found
 
     @wp.func
     def through_grid(shapes: shapes_type, b: int, o: vec3, d: vec3, start: real, end: real):
-        s = -start
         cell = shapes.grid_cell[b]
         near = real(1.0e-3) * wp.min(cell[0], wp.min(cell[1], cell[2]))
+        s = -start
         found = real(FAR)
-        for _ in range(256):
+        gap, _n = distance(shapes, b, o + s * d)
+        within = gap < real(0.0)
+        for _ in range(1024):
+            gap, _m = distance(shapes, b, o + s * d)
+            if within:
+                if gap > near:
+                    within = False
+                elif s >= real(0.0):
+                    found = -start
+                    break
+                s += wp.max(-gap, near)
+            else:
+                if gap <= near:
+                    found = s + gap
+                    break
+                s += gap
             if s > end:
                 break
-            gap, _n = distance(shapes, b, o + s * d)
-            if gap <= near:
-                found = wp.min(s + gap, end)
-                if gap < real(0.0):
-                    found = s
-                break
-            s += gap
         return found
 
     @wp.func
@@ -214,7 +230,7 @@ def ray_function(real, kinds: frozenset):
         if wp.static(VOXEL in kinds):
             if kind == wp.static(VOXEL) and passes:
                 first = through_grid(shapes, b, o, d, back, margin)
-        if last < -reach:
+        if first < -reach and last < real(0.0):
             first = real(FAR)
         return wp.max(first, -reach)
 
