@@ -18,7 +18,7 @@ Board to host, two frames per enabled triangle t and period, the same id 0x400 |
     head   40   pads 0..4       pad 5                    pad 6
     tail   C0   pads 7..11      out of range, pads 11..4 out of range, pads 3..0 << 4 | flags
 
-Flags: 1 the chip does not acknowledge, 2 no triangle there. A pad reads
+Flags: 1 the chip does not acknowledge, 2 triangle not connected. A pad reads
 ``noload - ((raw - offset - drift) >> shift)``, clamped to 0..255; ``drift`` is what the thermal pads say (type 0 only).
 
 Evidence: firmware of the boards and the robot's own driver (YARP ``canBusSkin``).
@@ -63,7 +63,8 @@ class Board:
 
     def __init__(self, address: int, triangles: int):
         self.address = address
-        self.flags = np.where(np.arange(TRIANGLES) < triangles, 0, NOT_CONNECTED)
+        self.present = np.arange(TRIANGLES) < triangles
+        self.flags = np.zeros(TRIANGLES, int)
         self.power_on()
 
     def power_on(self) -> None:
@@ -91,14 +92,14 @@ class Board:
         return ((self.raw <= 0) | (self.raw >= RAW_MAX)) @ (1 << np.arange(PADS))
 
     def frames(self, t_ns: int) -> list[CanFrame]:
-        """Head and tail of every enabled triangle, if the board transmits and its period is over."""
+        """Head and tail of every enabled triangle that there is, if the board transmits and its period is over."""
         if not self.transmitting or t_ns < self.due_ns - self.period_ns // 4:
             return []
         self.due_ns = t_ns + self.period_ns
         values, masks = self.values(), self.out_of_range()
         return [
             frame
-            for triangle in np.flatnonzero(self.enabled)
+            for triangle in np.flatnonzero(self.enabled & self.present)
             for frame in self._pair(int(triangle), values[triangle].tobytes(), int(masks[triangle]))
         ]
 
@@ -113,7 +114,7 @@ class Board:
     def receive(self, data: bytes, t_ns: int) -> bool:
         """Obey one message; ``False``: it is none that the board knows."""
         match tuple(data):
-            case [0x07, (0 | 1) as stop]:
+            case [0x07, (0 | 1) as stop, *_]:
                 self.transmitting, self.due_ns = not stop, t_ns
             case [0x4D, kind, period, no_load, *_]:
                 self.kind, self.period_ns, self.no_load = kind, max(period, 1) * MS, no_load
@@ -164,7 +165,7 @@ class IcubSkin(Device):
         "forearm: a cylinder of 40 mm radius, 3 strips of 8 triangles, 3 triangles a board (a robot's is a free form)",
         "pad coordinates of the triangle as its drawing tool places them; edge 30 mm",
         "types other than 0 do not compensate; the cdc offset shifts nothing that calibration does not take away",
-        "triangles that are enabled but absent are sent, at no load, with flag 2; 4E is accepted and does nothing",
+        "slots without a triangle are not sent; a triangle with a flag is sent at no load; 4E does nothing",
     )
     scene = """
 [scene]

@@ -4,7 +4,6 @@ import hashlib
 import itertools
 import random
 import sys
-import tomllib
 import typing
 import warnings
 
@@ -13,6 +12,7 @@ import pytest
 
 import firmware_protocols as fp
 from firmware_protocols.device import Delayed, Evidence, Quantity
+from tactemu.scene.file import default_scene
 from tests.firmware.golden import golden_vectors_of, replay
 
 FUZZED_COMMANDS = 100_000
@@ -103,13 +103,10 @@ def test_datasheet_is_complete(name):
 
 
 @pytest.mark.parametrize("name", fp.names())
-def test_scene_names_the_device(name):
-    text = fp.load(name).scene
-    if not text.strip():
-        return  # one is made from the layout
-    scene = tomllib.loads(text)
-    assert [skin["device"] for skin in scene["skin"]] == [name]
-    assert scene["skin"][0]["link"] in {body["name"] for body in scene["body"]}
+def test_its_name_alone_makes_a_scene(name):
+    scene = default_scene(name).tables
+    assert [skin.device for skin in scene.skin] == [name]
+    assert len(scene.body) >= 2, "a link and something that touches it"
 
 
 @pytest.mark.parametrize("name", fp.names())
