@@ -1,27 +1,143 @@
-"""The device's clock: exact counts, skew, delay and jitter that never reorder."""
+"""The device's clock: exact counts, skew, drift, delay, jitter, start-up, hangs and resets."""
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from tactemu.sampling import SampleClock
 
+MS = 1_000_000
+
+
+def lateness(clock: SampleClock, n: int) -> np.ndarray:
+    """How long after it was due each of the first samples leaves [ns]."""
+    return np.array([clock.release_ns(k, clock.due_ns(k)) - clock.due_ns(k) for k in range(1, n + 1)])
+
 
 def test_due_times_do_not_accumulate_error():
-    clock = SampleClock(period_ns=1_000_000, skew_ppm=50.0)
-    assert clock.due_ns(3_600_000) == 3_600_000 * 1_000_000 + 50 * 3_600_000
+    clock = SampleClock(period_ns=MS, skew_ppm=50.0)
+    assert clock.due_ns(3_600_000) == 3_600_000 * MS + 50 * 3_600_000
     assert clock.due_ns(2**40) - clock.due_ns(2**40 - 1) in (1_000_050, 1_000_049, 1_000_051)
 
 
-def test_jitter_is_bounded_repeats_and_never_reorders():
-    clock = SampleClock(period_ns=1_000_000, delay_ns=3_700_000, jitter_ns=2_500_000, seed=3)
-    release = np.array([clock.release_ns(k, clock.due_ns(k)) for k in range(1, 5000)])
-    due = np.array([clock.due_ns(k) for k in range(1, 5000)])
+def test_drift_is_the_integral_of_a_growing_skew():
+    """1 ppm/s for 100 s: 100 ppm in the end, half of that on average: 5 ms late."""
+    clock = SampleClock(period_ns=MS, drift_ppm_per_s=1.0)
+    assert clock.due_ns(100_000) - 100_000 * MS == pytest.approx(5 * MS, abs=1)
+    late = clock.due_ns(100_001) - clock.due_ns(100_000) - MS
+    assert late == pytest.approx(100, abs=1)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    k=st.integers(1, 10**9),
+    period=st.integers(1000, 10**9),
+    skew=st.floats(-5e4, 5e4),
+    drift=st.floats(-1.0, 1.0),
+    start=st.integers(0, 10**15),
+)
+def test_the_devices_clock_shows_its_count(k, period, skew, drift, start):
+    """``local_ns`` undoes the stretch of ``due_ns`` to two nanoseconds, and more for what float64 cannot resolve."""
+    k = min(k, 10**13 // period)  # three hours: beyond, a drift of 1 ppm/s is no oscillator
+    clock = SampleClock(period_ns=period, skew_ppm=skew, drift_ppm_per_s=drift, start_ns=start)
+    assert abs(clock.local_ns(clock.due_ns(k)) - (start + k * period)) <= 2
+
+
+def test_a_true_clock_shows_our_time():
+    assert SampleClock(period_ns=MS).local_ns(2**60 + 1) == 2**60 + 1
+
+
+@pytest.mark.parametrize("jitter", [900_000, 2_500_000])
+def test_a_million_frames_in_order_and_never_early(jitter):
+    clock = SampleClock(period_ns=MS, delay_ns=3_700_000, jitter_ns=jitter, skew_ppm=-80.0, seed=3)
+    due = np.array([clock.due_ns(k) for k in range(1, 1_000_001)])
+    # The law of `release_ns` at once: the latest of all frames so far. A sample of frames checks that it is that law.
+    own = due + clock.delay_ns + np.array([clock._jitter(k) for k in range(1, 1_000_001)])
+    release = np.maximum.accumulate(own)
+    picked = np.concatenate([np.arange(1, 200), np.random.default_rng(0).integers(1, 1_000_001, 20_000)])
+    assert [clock.release_ns(int(k), int(due[k - 1])) for k in picked] == release[picked - 1].tolist()
+    late = release - due
+    assert late.min() >= 3_700_000 and late.max() <= 3_700_000 + jitter
     assert (np.diff(release) >= 0).all()
-    assert (release - due).min() >= 3_700_000 and (release - due).max() <= 3_700_000 + 2_500_000
-    assert np.array_equal(release, [clock.release_ns(k, clock.due_ns(k)) for k in range(1, 5000)])
 
 
-@pytest.mark.parametrize("bad", [{"period_ns": 0}, {"period_ns": 1, "delay_ns": -1}])
+def test_jitter_is_uniform_and_white():
+    """Below a period nothing is held back, so delays are the draws: 1e5 of them, Kolmogorov-Smirnov at p = 1e-3."""
+    from scipy.stats import kstest
+
+    clock = SampleClock(period_ns=MS, delay_ns=100, jitter_ns=MS - 1, seed=5)
+    late = lateness(clock, 100_000) - 100
+    assert kstest(late / (MS - 1), "uniform").pvalue > 1e-3
+    centred = late - late.mean()
+    for lag in (1, 2, 7):
+        assert abs(np.mean(centred[lag:] * centred[:-lag])) / late.var() < 4.5 / np.sqrt(late.size)
+
+
+def test_small_jitter_takes_all_its_values_alike():
+    clock = SampleClock(period_ns=MS, jitter_ns=3)
+    seen = np.bincount(lateness(clock, 40_000), minlength=4)
+    assert len(seen) == 4 and np.abs(seen - 10_000).max() < 4.5 * np.sqrt(10_000 * 0.75)
+
+
+def test_reordering_only_when_asked():
+    options = {"period_ns": MS, "jitter_ns": 10 * MS, "seed": 1}
+    for reorder, expected in ((False, False), (True, True)):
+        clock = SampleClock(reorder=reorder, **options)
+        release = [clock.release_ns(k, clock.due_ns(k)) for k in range(1, 5000)]
+        assert bool((np.diff(release) < 0).any()) is expected
+
+
+def test_same_seed_same_jitter_and_a_stream_for_each_device():
+    def jitter(seed, name):
+        clock = SampleClock(period_ns=MS, jitter_ns=900_000, seed=seed, name=name)
+        return lateness(clock, 2000)
+
+    assert np.array_equal(jitter(1, "left"), jitter(1, "left"))
+    for other in (jitter(2, "left"), jitter(1, "right")):
+        assert abs(np.corrcoef(jitter(1, "left"), other)[0, 1]) < 4.5 / np.sqrt(2000)
+
+
+def test_start_up_comes_before_the_first_sample():
+    clock = SampleClock(period_ns=MS, start_ns=5 * MS, startup_ns=200 * MS)
+    assert clock.due_ns(1) == 206 * MS
+    assert not clock.awake(204 * MS) and clock.awake(205 * MS)
+
+
+def test_a_hang_swallows_the_samples_due_in_it():
+    clock = SampleClock(period_ns=MS, skew_ppm=100.0).hanging(10 * MS, 20 * MS).hanging(19 * MS, 4_000 * MS)
+    taken, k = [], 1
+    while clock.due_ns(k) < 4_010 * MS:
+        k = clock.next_taken(k)
+        taken.append(clock.due_ns(k))
+        k += 1
+    assert all(t < 10 * MS or t >= 4_000 * MS for t in taken)
+    assert len(taken) == 9 + 10
+    assert [clock.awake(t * MS) for t in (9, 10, 19, 20, 3_999, 4_000)] == [True, False, False, False, False, True]
+    assert clock.hung_until(12 * MS) == 4_000 * MS
+
+
+def test_the_oscillator_keeps_its_drift_over_resets_and_new_rates():
+    clock = SampleClock(period_ns=MS, startup_ns=50 * MS, skew_ppm=10.0, drift_ppm_per_s=2.0)
+    again = clock.rebooted(5_000 * MS)
+    assert again.skew_ppm == pytest.approx(20.0) and again.due_ns(1) == pytest.approx(5_051 * MS, abs=2_000)
+    faster = clock.restarted(5_000 * MS, MS // 2)
+    assert faster.skew_ppm == pytest.approx(20.0) and faster.due_ns(1) == pytest.approx(5_000.5 * MS, abs=100)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"period_ns": 0},
+        {"period_ns": 1, "delay_ns": -1},
+        {"period_ns": 1, "jitter_ns": -1},
+        {"period_ns": 1, "startup_ns": -1},
+        {"period_ns": 1, "skew_ppm": -1e6},
+        {"period_ns": 1, "skew_ppm": float("nan")},
+        {"period_ns": 1, "drift_ppm_per_s": float("inf")},
+        {"period_ns": 1, "hangs": ((2, 1),)},
+    ],
+)
 def test_nonsense_is_refused(bad):
     with pytest.raises(ValueError, match="expected"):
         SampleClock(**bad)
