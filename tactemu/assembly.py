@@ -131,6 +131,8 @@ def _channel(skin: Skin, device: Device, sensor: Any, wire: Wire, rate_hz: float
     sampling = SampleClock(
         period_ns=device.period_ns,
         skew_ppm=skin.clock.skew_ppm,
+        drift_ppm_per_s=skin.clock.drift_ppm_per_s,
+        reorder=skin.clock.reorder,
         delay_ns=round(skin.clock.delay_s * 1e9),
         jitter_ns=round(skin.clock.jitter_s * 1e9),
         seed=seed,

@@ -45,6 +45,10 @@ class Channel:
         """When the next sample is taken."""
         return self.sampling.due_ns(self.count)
 
+    def local_ns(self, t_ns: int) -> int:
+        """What the device's own clock shows at a time: its firmware knows no other."""
+        return self.sampling.local_ns(t_ns)
+
     def restart(self, now_ns: int) -> None:
         """The device's period was changed: count samples anew from now."""
         self.sampling = self.sampling.restarted(now_ns, self.device.period_ns)

@@ -100,7 +100,7 @@ class Emulator:
         """The device boots: its first sample comes a period after that."""
         channel.silent_until_ns = now + round(channel.device.boot_s * 1e9)
         channel.restart(channel.silent_until_ns)
-        self._send(channel, channel.device.power_on(now), now)
+        self._send(channel, channel.device.power_on(channel.local_ns(now)), now)
 
     def run(self, seconds: float | None = None) -> None:
         """Run for ``seconds`` of emulation time, or until :meth:`stop`."""
@@ -157,13 +157,13 @@ class Emulator:
         if isinstance(event, Received) and now < channel.silent_until_ns:
             device.counters["unheard"] += 1
         elif isinstance(event, Received):
-            self._send(channel, device.receive(event.data, now), now)
+            self._send(channel, device.receive(event.data, channel.local_ns(now)), now)
         elif isinstance(event, Opened):
             self.truth.event(now, channel.name, "opened")
-            self._send(channel, device.opened(now), now)
+            self._send(channel, device.opened(channel.local_ns(now)), now)
         elif isinstance(event, Closed):
             self.truth.event(now, channel.name, "closed")
-            device.closed(now)
+            device.closed(channel.local_ns(now))
         elif isinstance(event, BaudChanged):
             self.truth.event(now, channel.name, f"baud {event.baud}")
         if device.period_ns != period:
@@ -180,7 +180,7 @@ class Emulator:
         senses = channel.device.senses
         ideal = channel.source.quantity(senses, ground_truth=True)
         measured = channel.source.quantity(senses)
-        frames = channel.device.sample(channel.reading(due, measured), due)
+        frames = channel.device.sample(channel.reading(due, measured), channel.sampling.stamp_ns(channel.count))
         self.truth.sample(due, channel.name, ideal, measured, channel.device.counts)
         self._post(channel, frames, channel.sampling.release_ns(channel.count, due))
         self._count(channel, due, now)

@@ -15,21 +15,21 @@ _MASK = 2**64 - 1
 class SampleClock:
     """The device's own clock, seen from ours.
 
-    Sample ``k`` (from 1) is due when the device's oscillator has counted ``startup + k * period`` since ``start``. An
+    Sample ``k`` (from 1) is due when the device's oscillator has counted ``k * period`` since ``start``. An
     oscillator that is slow by ``skew_ppm``, and slower each second by ``drift_ppm_per_s``, takes longer for it than
     ours: a count of n seconds lasts ``n + 1e-6 (skew n + drift n^2 / 2)``. Times follow from the count, so that no
     error accumulates. Frames of a sample leave ``delay_ns`` after it was due, plus a jitter that is uniform in
     ``[0, jitter_ns]``; unless ``reorder`` is set they never overtake those of an earlier sample.
 
     Raises:
-        ValueError: a period that is not positive; a negative delay, jitter or start-up time; a clock that stands still.
+        ValueError: a period that is not positive; a negative delay or jitter; a clock that stands still.
     """
 
     period_ns: int
     start_ns: int = 0
-    """When the device was powered up."""
-    startup_ns: int = 0
-    """How long it takes to boot: its first sample comes a period later."""
+    """Since when samples are counted."""
+    shown_ns: int | None = None
+    """What the device's clock showed at ``start_ns``; ``None``: the same."""
     skew_ppm: float = 0.0
     """Positive: the device's clock is slow, its samples come late."""
     drift_ppm_per_s: float = 0.0
@@ -38,36 +38,37 @@ class SampleClock:
     jitter_ns: int = 0
     reorder: bool = False
     """Frames may overtake those of earlier samples."""
-    hangs: tuple[tuple[int, int], ...] = ()
-    """Times (from, until) in which the device does nothing: samples due then are not taken."""
     seed: int = 0
     name: str = "device"
 
     def __post_init__(self):
         if self.period_ns <= 0:
             raise ValueError(f"period_ns: expected > 0, got {self.period_ns}")
-        for option in ("delay_ns", "jitter_ns", "startup_ns"):
+        for option in ("delay_ns", "jitter_ns"):
             if getattr(self, option) < 0:
                 raise ValueError(f"{option}: expected >= 0, got {getattr(self, option)}")
         if not -1e5 <= self.skew_ppm <= 1e6:
             raise ValueError(f"skew_ppm: expected within -1e5 and 1e6, got {self.skew_ppm}")
         if not abs(self.drift_ppm_per_s) <= 1e3:
             raise ValueError(f"drift_ppm_per_s: expected within +-1000, got {self.drift_ppm_per_s}")
-        if any(end < begin for begin, end in self.hangs):
-            raise ValueError(f"hangs: expected (from, until) with from <= until, got {self.hangs}")
 
     # -- the oscillator ----------------------------------------------------------------------------------------------
 
     def due_ns(self, k: int) -> int:
         """Absolute time of sample ``k``."""
-        counted = self.startup_ns + k * self.period_ns
+        counted = k * self.period_ns
         return self.start_ns + counted + self._late(counted)
 
+    def stamp_ns(self, k: int) -> int:
+        """What the device's clock shows when sample ``k`` is taken: exactly a period after the one before."""
+        return self._shown_at_start + k * self.period_ns
+
     def local_ns(self, t_ns: int) -> int:
-        """What the device's clock, started with ours, shows at our time ``t_ns``: for its time stamps."""
+        """What the device's clock, started with ours, shows at our time ``t_ns``."""
         since = t_ns - self.start_ns
+        shown = self._shown_at_start
         if since <= 0 or not (self.skew_ppm or self.drift_ppm_per_s):
-            return t_ns
+            return shown + since
         counted = since
         for _ in range(20):  # Newton's method; two or three rounds at the skew of any real oscillator
             wrong = counted + self._late(counted) - since
@@ -75,7 +76,11 @@ class SampleClock:
                 break
             rate = 1.0 + 1e-6 * (self.skew_ppm + self.drift_ppm_per_s * counted * 1e-9)
             counted -= round(wrong / max(rate, 0.5))
-        return self.start_ns + counted
+        return shown + counted
+
+    @property
+    def _shown_at_start(self) -> int:
+        return self.start_ns if self.shown_ns is None else self.shown_ns
 
     def _late(self, counted: int) -> int:
         """How much longer than the count itself a count [ns] lasts."""
@@ -110,40 +115,13 @@ class SampleClock:
         z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & _MASK
         return ((z ^ (z >> 31)) * (self.jitter_ns + 1)) >> 64
 
-    # -- what happens to it ------------------------------------------------------------------------------------------
-
-    def awake(self, t_ns: int) -> bool:
-        """Has the device booted by ``t_ns``, and does it not hang?"""
-        return self.hung_until(t_ns) == t_ns
-
-    def hung_until(self, t_ns: int) -> int:
-        """When the device works again that boots or hangs at ``t_ns``; ``t_ns`` itself if it works."""
-        ready = max(t_ns, self.start_ns + self.startup_ns + self._late(self.startup_ns))
-        for begin, end in sorted(self.hangs):
-            if begin <= ready < end:
-                ready = end
-        return ready
-
-    def next_taken(self, k: int) -> int:
-        """Number of the first sample from ``k`` on that no hang swallows."""
-        while (ready := self.hung_until(self.due_ns(k))) > self.due_ns(k):
-            counted = self.local_ns(ready) - self.start_ns - self.startup_ns
-            k = max(k + 1, counted // self.period_ns)
-            while self.due_ns(k) < ready:
-                k += 1
-        return k
-
-    def hanging(self, from_ns: int, until_ns: int) -> SampleClock:
-        """The same clock with one more time in which the device does nothing."""
-        return replace(self, hangs=(*self.hangs, (from_ns, until_ns)))
-
     def restarted(self, start_ns: int, period_ns: int) -> SampleClock:
         """The same oscillator, as far as it has drifted, counting anew from ``start_ns`` with another period."""
-        return replace(self, start_ns=start_ns, startup_ns=0, period_ns=period_ns, skew_ppm=self._skew(start_ns))
-
-    def rebooted(self, at_ns: int) -> SampleClock:
-        """After a reset of the device at ``at_ns``: it boots, then counts its samples from 1 again."""
-        return replace(self, start_ns=at_ns, skew_ppm=self._skew(at_ns))
-
-    def _skew(self, t_ns: int) -> float:
-        return self.skew_ppm + self.drift_ppm_per_s * max(0, t_ns - self.start_ns) * 1e-9
+        seconds = max(0, start_ns - self.start_ns) * 1e-9
+        return replace(
+            self,
+            start_ns=start_ns,
+            shown_ns=self.local_ns(start_ns),
+            period_ns=period_ns,
+            skew_ppm=self.skew_ppm + self.drift_ppm_per_s * seconds,
+        )

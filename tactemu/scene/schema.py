@@ -191,8 +191,10 @@ class ClockTable(Table):
     """The device's time: what becomes late, and how steady it is."""
 
     delay_s: float = Field(default=0.0, ge=0, description="from sample to wire [s]")
-    jitter_s: float = Field(default=0.0, ge=0, description="uniform extra delay up to this [s]; never reorders")
+    jitter_s: float = Field(default=0.0, ge=0, description="uniform extra delay up to this [s]")
+    reorder: bool = Field(default=False, description="jitter may let a later sample overtake an earlier one")
     skew_ppm: float = Field(default=0.0, description="device clock slow (> 0) or fast (< 0)")
+    drift_ppm_per_s: float = Field(default=0.0, description="how much slower it becomes each second")
 
 
 def _one_or_more(value: Any) -> Any:

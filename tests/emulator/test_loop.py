@@ -103,6 +103,21 @@ def test_delay_moves_the_frames_not_the_samples():
     assert [s.t_ns for s in emulator.truth.samples][:2] == [10_000_000, 20_000_000]
 
 
+def test_a_slow_device_samples_late_and_does_not_know():
+    """Its clock is 1 % slow: every tenth of a second on ours it shows a period per sample all the same."""
+    emulator, wire, channel = make(skew_ppm=10_000.0)
+    shown = []
+    channel.device.stream = lambda t_ns: shown.append(t_ns) or [b"x"]
+    channel.device.receive = lambda data, t_ns: shown.append(-t_ns) or []
+    with emulator:
+        emulator.run(seconds=0.5)
+        wire.events = [Received(b"?")]
+        emulator.step()
+    assert [t for t, _, _ in wire.sent][:3] == [10_100_000, 20_200_000, 30_300_000]
+    assert [t for t in shown if t > 0] == [k * 10_000_000 for k in range(1, len(wire.sent) + 1)]
+    assert -min(shown) == pytest.approx(0.5e9 / 1.01, abs=2)
+
+
 def test_a_command_is_answered_and_may_change_the_period():
     emulator, wire, _ = make()
     with emulator:
