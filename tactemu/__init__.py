@@ -33,6 +33,7 @@ _PUBLIC = {
     "Sequence": "tactemu.scene.motion",
     "Together": "tactemu.scene.motion",
     "Pose": "tactemu.scene.motion",
+    "Event": "tactemu.scene.schema",
     "serve": "tactemu.serving",
     "TactemuError": "tactemu.errors",
 }

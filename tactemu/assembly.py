@@ -13,10 +13,11 @@ from tactemu.clock import Clock
 from tactemu.emulator import Channel, Emulator
 from tactemu.errors import SceneError, TransportError
 from tactemu.sampling import SampleClock
+from tactemu.scenario import faults_of, laws_needed, schedule
 from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.file import LoadedScene
 from tactemu.scene.placement import PlacedSensor
-from tactemu.scene.schema import Skin
+from tactemu.scene.schema import Event, Skin
 from tactemu.truth import Truth
 from tactemu.wire import Wire
 
@@ -34,6 +35,10 @@ class Wishes:
     seed: int | None = None
     compute: str | None = None
     """Where kernels run: ``cpu``, ``cuda:0``."""
+    scenario: Sequence[Event] = ()
+    """Events beside the scene's own."""
+    adjustable: Sequence[str] = ()
+    """Laws of imperfection that every skin is built with, so that they can be switched on while it runs."""
     usual_port: Callable[[str, Device], str] | None = None
     """Chooses a port by skin and device where nobody names one; default: :func:`usual_port`."""
 
@@ -60,10 +65,12 @@ def assemble(
     world = loaded.tables.scene
     seed = world.seed if wishes.seed is None else wishes.seed
     devices = make_devices(loaded)
+    events = (*loaded.tables.scenario, *wishes.scenario)
     ports = choose_ports(loaded.tables.skin, devices, wishes)
     truth = truth or Truth()
-    wires = _wires(loaded.tables.skin, devices, ports, wishes, seed, truth)
-    scene, sensors = build_scene(loaded, devices)
+    wires = _wires(loaded.tables.skin, events, devices, ports, wishes, seed, truth)
+    laws = {name: (*wishes.adjustable, *laws_needed(events, name)) for name in devices}
+    scene, sensors = build_scene(loaded, devices, laws)
     simulation = scene.build(device=wishes.compute or world.device, seed=seed, dtype=world.dtype)
     channels = [
         _channel(skin, devices[skin.title], sensors[skin.title], wires[ports[skin.title]], wishes.rate_hz, seed)
@@ -72,6 +79,7 @@ def assemble(
     emulator = Emulator(simulation, channels, clock=clock, truth=truth)
     simulation.step()  # loads the kernels, so that the first frame is not late
     simulation.reset()
+    schedule(emulator, events)
     return Assembled(emulator, simulation, scene, loaded)
 
 
@@ -106,7 +114,13 @@ def usual_port(name: str, device: Device) -> str:
 
 
 def _wires(
-    skins: Sequence[Skin], devices: dict[str, Device], ports: dict[str, str], wishes: Wishes, seed: int, truth: Truth
+    skins: Sequence[Skin],
+    events: Sequence[Event],
+    devices: dict[str, Device],
+    ports: dict[str, str],
+    wishes: Wishes,
+    seed: int,
+    truth: Truth,
 ) -> dict[str, Wire]:
     """One wire per port. Skins on one bus add their faults up, and must agree on its speed."""
     wires: dict[str, Wire] = {}
@@ -119,6 +133,7 @@ def _wires(
             if other != spec:
                 raise TransportError(f"{port}: {first!r} needs {spec} and {name!r} {other}; put them on two buses")
         faults = [*(fault for skin in here for fault in skin.faults), *wishes.faults]
+        faults += faults_of(events, [skin.title for skin in here])
         pacing = all(skin.pacing for skin in here)
         wires[port] = Wire(transport, spec, pacing=pacing, faults=faults, seed=seed, truth=truth)
     return wires

@@ -20,6 +20,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from tactemu.assembly import Assembled, Wishes, assemble
 from tactemu.clock import RealClock
 from tactemu.emulator import Channel
 from tactemu.errors import SceneError, TactemuError
+from tactemu.scenario import Event, concerns, make_event, schedule, timed_fault
 from tactemu.scene import file, rotation
 from tactemu.scene.motion import Pose
 from tactemu.scene.steering import Leg, Steered, pressing_way
@@ -46,6 +48,8 @@ def serve(
     faults: Sequence[str] = (),
     seed: int = 0,
     steer: Sequence[str] = (),
+    scenario: Sequence[Event] = (),
+    adjustable: Sequence[str] = (),
     truth: str | Path | None = None,
     device: str | None = None,
 ) -> Served:
@@ -59,21 +63,26 @@ def serve(
         seed: root of all random numbers.
         steer: bodies of a scene file to be moved by hand instead of by their motions. Bodies without a motion, and
             all those of a device's default scene, are.
+        scenario: what goes wrong when (:class:`tactemu.Event`), beside the scene's own schedule.
+        adjustable: laws of imperfection (``noise``, ``dead``, ``bias`` ...) that :meth:`Served.happen` will switch on.
         truth: file for the truth log.
         device: where kernels run.
 
     Raises:
         TactemuError: when it starts, if something asked for cannot be had.
     """
-    return Served(target, port, rate_hz, tuple(faults), seed, tuple(steer), truth, device)
+    wishes = Wishes(
+        port=port, rate_hz=rate_hz, faults=tuple(faults), seed=seed, compute=device, usual_port=fresh_port,
+        scenario=tuple(scenario), adjustable=tuple(adjustable),
+    )  # fmt: skip
+    return Served(str(target), wishes, tuple(steer), truth)
 
 
 class Served:
     """What :func:`serve` returns: a running emulator, seen from a test."""
 
-    def __init__(self, target, port, rate_hz, faults, seed, steer, truth, compute):
-        self._request = (str(target), port, rate_hz, faults, seed, steer, compute)
-        self._truth_path = truth
+    def __init__(self, target: str, wishes: Wishes, steer: Sequence[str], truth: str | Path | None):
+        self._target, self._wishes, self._steer_names, self._truth_path = target, wishes, steer, truth
         self._thread: threading.Thread | None = None
         self._error: BaseException | None = None
         self._assembled: Assembled | None = None
@@ -92,12 +101,10 @@ class Served:
         """
         if self._thread is not None:
             return self
-        target, port, rate_hz, faults, seed, steer, compute = self._request
-        loaded = self._steer(file.load(target), steer, by_hand=not target.endswith(".toml"))
-        wishes = Wishes(port=port, rate_hz=rate_hz, faults=faults, seed=seed, compute=compute, usual_port=fresh_port)
+        loaded = self._steer(file.load(self._target), self._steer_names, by_hand=not self._target.endswith(".toml"))
         truth = Truth(self._truth_path)
         try:
-            self._assembled = assemble(loaded, wishes, truth=truth)
+            self._assembled = assemble(loaded, self._wishes, truth=truth)
             self.emulator.clock = RealClock()
             self.emulator.open()
         except BaseException:
@@ -230,7 +237,7 @@ class Served:
             body: which body; default: of those that can be steered, the one nearest to the taxel.
             skin: which skin; default: the only one.
             speed: [m/s].
-            wait: return when it is done (at depth, or released again), not at once.
+            wait: return when it is done (at depth, or released again) and every skin has sampled it, not at once.
         """
         channel = self._channel(skin)
         name = self._hand = self._body(body) if body or not self._steered else self._nearest(channel, taxel)
@@ -278,6 +285,27 @@ class Served:
             return [Leg(seconds, goal, None if quaternion is None else np.asarray(quaternion, float))]
 
         self._go(self._body(body), legs, wait)
+
+    def happen(self, **event: Any) -> None:
+        """Let something go wrong, as an entry ``[[scenario]]`` of a scene file would; times count from now.
+
+        ``dev.happen(fault="unplug for 0.5s")``, ``dev.happen(dead=[4])``, ``dev.happen(at=1, until=2, hang=True)``,
+        ``dev.happen(reset=True)``, ``dev.happen(set={"noise": 0.1})``. Imperfections that were off when the device was
+        built must be named in ``serve(..., adjustable=[...])``.
+
+        Raises:
+            SceneError: the event is not one, or this scene cannot have it.
+        """
+        what = make_event(event)
+
+        def begin(now_s: float) -> float:
+            schedule(self.emulator, [what], now_s=now_s)
+            for wire in self.emulator.wires if what.fault else ():
+                if any(concerns(what, c.name) for c in self.emulator.channels if c.wire is wire):
+                    wire.add_fault(timed_fault(what, now_s))
+            return now_s
+
+        self._until(begin)
 
     def wait(self, seconds: float) -> None:
         """Let the emulator run for ``seconds`` of its time."""
@@ -336,7 +364,8 @@ class Served:
         motion = self._steered[name]
 
         def start(now_s: float) -> float:
-            return motion.follow(now_s, legs(motion.world(now_s), now_s))
+            arrived = motion.follow(now_s, legs(motion.world(now_s), now_s))
+            return arrived + max(channel.device.period_ns for channel in self.emulator.channels) / 1e9
 
         self._until(start, wait=wait)
 

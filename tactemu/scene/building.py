@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -56,8 +57,12 @@ def make_device(name: str, options: dict[str, Any]) -> Device:
         raise DeviceError(f"device {name}: {error}") from error
 
 
-def build_scene(loaded: LoadedScene, devices: dict[str, Device]) -> tuple[Any, dict[str, Any]]:
+def build_scene(
+    loaded: LoadedScene, devices: dict[str, Device], laws: Mapping[str, Sequence[str]] | None = None
+) -> tuple[Any, dict[str, Any]]:
     """The scene, and its sensor of each skin by the skin's name; nothing is compiled yet.
+
+    ``laws`` names the imperfections of each skin that will be switched while it runs.
 
     Raises:
         SceneError: a body or an option is wrong.
@@ -74,10 +79,10 @@ def build_scene(loaded: LoadedScene, devices: dict[str, Device]) -> tuple[Any, d
             quaternion=body.quaternion,
             motion=loaded.motions.get(body.name),
         )
-    sensors = {
-        skin.title: scene.add_sensor(sensor_model(skin, devices[skin.title]), link=skin.link, name=skin.title)
-        for skin in loaded.tables.skin
-    }
+    sensors = {}
+    for skin in loaded.tables.skin:
+        model = sensor_model(skin, devices[skin.title], (laws or {}).get(skin.title, ()))
+        sensors[skin.title] = scene.add_sensor(model, link=skin.link, name=skin.title)
     return scene, sensors
 
 
@@ -96,8 +101,10 @@ def _shape(body: Any, folder: Path) -> Any:
 _COMMON = ("name", "shape", "fixed", "position", "quaternion", "motion")
 
 
-def sensor_model(skin: Skin, device: Device) -> Any:
+def sensor_model(skin: Skin, device: Device, laws: Sequence[str] = ()) -> Any:
     """The sensor model of a skin: the device's taxels, placed on the link, with the skin's options.
+
+    ``laws`` are built although they are off, so that they can be switched on.
 
     Raises:
         SceneError: an option that the model does not have or does not accept.
@@ -110,7 +117,10 @@ def sensor_model(skin: Skin, device: Device) -> Any:
         if option not in known:
             raise SceneError(f"{where}: {name} has no {option!r}{nearest(option, known)} (options: {', '.join(known)})")
     try:
-        return model(**taxels(device.layout, skin, name, known) | _arrays(skin.options))
+        given = taxels(device.layout, skin, name, known) | _arrays(skin.options)
+        if laws:
+            given["adjustable"] = tuple(sorted({*given.get("adjustable", ()), *laws}))
+        return model(**given)
     except (TypeError, ValueError, SceneError) as error:
         raise SceneError(f"{where}: {error}") from error
 

@@ -231,7 +231,7 @@ class Skin(Table):
 class Event(Table):
     """One line of the schedule: something goes wrong, or changes, while the scene runs."""
 
-    at: float = Field(ge=0, description="[s]")
+    at: float = Field(default=0.0, ge=0, description="[s]")
     until: float | None = Field(default=None, description="when it ends [s]; default: it stays")
     skin: str | None = Field(default=None, description="default: every skin")
     fault: str | None = Field(default=None, description="on the wire, as in `faults`")

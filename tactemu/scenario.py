@@ -1,0 +1,192 @@
+"""Schedules: what goes wrong, and when, so that a driver's recovery is a test that can be repeated.
+
+An :class:`Event` is an entry ``[[scenario]]`` of a scene file, or made in Python::
+
+    with tactemu.serve("anyskin", scenario=[Event(at=2, dead=(4,)), Event(at=3, fault="unplug for 0.5s")]) as dev: ...
+
+Faults of bytes are handed to the wire with their times; what befalls values and time is done by the loop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from tactemu.emulator import Channel, Emulator
+from tactemu.errors import SceneError
+from tactemu.scene.schema import Event, nearest
+
+LAWS = {
+    "probe_gain": "gain",
+    "probe_radius_noise": "radius_noise",
+    "temperature_offset": "temperature_offset",
+    "temperature_sensitivity": "temperature_sensitivity",
+    "random_walk": "random_walk",
+    "noise": "noise",
+    "bias": "bias",
+    "saturation_range": "saturation",
+    "resolution": "resolution",
+    "jitter": "jitter",
+}
+"""Sensor options that ``set`` may change while running, and the law of imperfection behind each."""
+
+
+def make_event(entries: dict[str, Any]) -> Event:
+    """An event from the keys of a scene file.
+
+    Raises:
+        SceneError: a key that it does not have, or a value that does not fit.
+    """
+    try:
+        return Event(**entries)
+    except ValidationError as error:
+        said = "; ".join(".".join(map(str, e["loc"])) + (": " if e["loc"] else "") + e["msg"] for e in error.errors())
+        raise SceneError(f"event: {said}") from None
+
+
+def concerns(event: Event, skin: str) -> bool:
+    """Whether an event befalls this skin."""
+    return event.skin in (None, skin)
+
+
+def laws_needed(events: Iterable[Event], skin: str) -> tuple[str, ...]:
+    """The laws that a skin's sensor must be built with, so that these events can switch them on.
+
+    Raises:
+        SceneError: an option that cannot change while running.
+    """
+    needed = set()
+    for event in events:
+        if concerns(event, skin):
+            needed |= {_law(event, option) for option in event.set}
+            needed |= {"dead"} if event.dead else set()
+    return tuple(sorted(needed))
+
+
+def _law(event: Event, option: str) -> str:
+    if option not in LAWS:
+        known = ", ".join(LAWS)
+        raise SceneError(
+            f"scenario at {event.at:g} s: set: {option!r} cannot change{nearest(option, LAWS)} (can: {known})"
+        )
+    return LAWS[option]
+
+
+def faults_of(events: Iterable[Event], skins: Sequence[str]) -> list[str]:
+    """The faults that the events bring to a wire with these skins, each with its time.
+
+    Raises:
+        SceneError: a fault with a time of its own.
+    """
+    concerned = (event for event in events if any(concerns(event, skin) for skin in skins))
+    return [timed_fault(event) for event in concerned if event.fault]
+
+
+def timed_fault(event: Event, now_s: float = 0.0) -> str:
+    """``unplug for 0.5s`` at 3 s as ``unplug at 3s for 0.5s``; ``drop 1%`` from 5 to 6 s as ``drop 1% from 5s to 6s``.
+
+    Raises:
+        SceneError: the fault says itself when it happens.
+    """
+    words = (event.fault or "").split()
+    start = _seconds(event.at + now_s)
+    if {"at", "from", "to"} & set(words):
+        raise SceneError(f"scenario: fault {event.fault!r}: the time is the event's `at` and `until`")
+    if "for" in words:
+        if event.until is not None:
+            raise SceneError(f"scenario: fault {event.fault!r}: give `for` or `until`, not both")
+        words[words.index("for") : words.index("for")] = ["at", start]
+    else:
+        words += ["from", start]
+    if event.until is not None:
+        words += ["to", _seconds(event.until + now_s)]
+    return " ".join(words)
+
+
+def _seconds(t_s: float) -> str:
+    return f"{round(t_s * 1e9)}ns"
+
+
+def schedule(emulator: Emulator, events: Iterable[Event], *, now_s: float = 0.0) -> None:
+    """Have the loop do what the events say, faults of bytes aside; times count from ``now_s`` [s].
+
+    Raises:
+        SceneError: an event that this scene cannot have.
+    """
+    for event in events:
+        for channel in emulator.channels:
+            if concerns(event, channel.name):
+                _schedule_one(emulator, channel, event, round(now_s * 1e9))
+
+
+def _schedule_one(emulator: Emulator, channel: Channel, event: Event, origin_ns: int) -> None:
+    start = origin_ns + round(event.at * 1e9)
+    stop = None if event.until is None else origin_ns + round(event.until * 1e9)
+    if event.dead and not 0 <= min(event.dead) <= max(event.dead) < len(channel.device.layout):
+        last = len(channel.device.layout) - 1
+        raise SceneError(
+            f"scenario at {event.at:g} s: dead: expected taxels 0..{last} of {channel.name!r}, got {event.dead}"
+        )
+    if event.hang and stop is None:
+        raise SceneError(f"scenario at {event.at:g} s: hang: say until when with `until`")
+
+    def note(what: str, detail: str) -> None:
+        emulator.truth.inject(emulator.clock.now_ns(), channel.name, what, detail)
+
+    def begin() -> None:
+        sensor = sensor_of(channel)
+        if event.dead:
+            sensor.imperfections.set_dead(list(event.dead), True, event.value)
+            note("dead", " ".join(map(str, event.dead)))
+        for option, value in event.set.items():
+            change(sensor, option, value)
+            note("set", f"{option} = {value}")
+        if event.hang and stop is not None:
+            emulator.hang(stop, channel.name)
+        if event.reset:
+            emulator.reset(channel.name)
+
+    def end() -> None:
+        sensor = sensor_of(channel)
+        if event.dead:
+            sensor.imperfections.set_dead(list(event.dead), False)
+            note("revived", " ".join(map(str, event.dead)))
+        for option in event.set:
+            before = getattr(sensor.model, option)
+            change(sensor, option, before)
+            note("set", f"{option} = {before}")
+
+    if event.dead or event.set or event.hang or event.reset:
+        emulator.at(start, begin)
+    if stop is not None and (event.dead or event.set):
+        emulator.at(stop, end)
+
+
+def sensor_of(channel: Channel) -> Any:
+    """The simulated sensor behind a channel.
+
+    Raises:
+        SceneError: its readings are a recording, which has no imperfections of ours.
+    """
+    source = channel.source
+    sensor = getattr(source, "sensor", source)
+    if getattr(sensor, "imperfections", None) is None:
+        raise SceneError(
+            f"skin {channel.name!r}: its readings are not simulated; only faults, hang and reset befall it"
+        )
+    return sensor
+
+
+def change(sensor: Any, option: str, value: Any) -> None:
+    """Change an imperfection of a built sensor."""
+    spoil = sensor.imperfections
+    if option == "saturation_range":
+        low, high = (-np.inf, np.inf) if value is None else value
+        spoil.set_saturation_range(low, high)
+    elif hasattr(spoil, f"set_{option}"):
+        getattr(spoil, f"set_{option}")(value)
+    else:
+        spoil.set(LAWS[option], value)
