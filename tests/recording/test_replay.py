@@ -1,0 +1,139 @@
+"""Replay to a driver, and recording from one's port: the other side is pyserial or python-can, unmodified."""
+
+import math
+import threading
+import time
+
+import can
+import numpy as np
+import pytest
+import serial
+
+from firmware_protocols import CanFrame
+from tactemu.clock import RealClock, VirtualClock
+from tactemu.errors import TactemuError, TransportError
+from tactemu.recording import Entry, Recorder, Recording, load
+from tactemu.replay import Replay, record, replay_spec
+from tactemu.transports import create
+from tactemu.wire import Wire
+
+STREAM = Recording([Entry(k * 20_000_000, bytes([k]) * 10) for k in range(20)])
+
+
+def replay(recording, port, **options):
+    clock = options.pop("clock", None) or VirtualClock()
+    wire = Wire(create(port), replay_spec(recording), pacing=False, faults=options.pop("faults", ()))
+    wire.open()
+    return Replay(recording, wire, clock=clock, **options), wire, clock
+
+
+@pytest.mark.parametrize("speed", [0.5, 1.0, 4.0, math.inf])
+def test_speed(speed):
+    player, wire, clock = replay(STREAM, "memory:", speed=speed)
+    seen = []
+    while not player.done:
+        player.turn(clock.now_ns())
+        seen += [(clock.now_ns(), frame) for frame in wire.transport.driver.read()]
+        player._wait(None)
+    assert [frame for _, frame in seen] == [entry.frame for entry in STREAM.entries]
+    assert [t for t, _ in seen] == [round(entry.t_ns / speed) for entry in STREAM.entries]
+
+
+def test_stepwise():
+    player, wire, _ = replay(STREAM, "memory:")
+    wire.receive(0)
+    for entry in STREAM.entries:
+        assert player.step(7) == entry
+        wire.flush(7)
+        assert wire.transport.driver.read() == [entry.frame]
+    assert player.step(7) is None and player.done
+
+
+def test_looping_and_only_the_drivers_side():
+    recording = Recording([Entry(0, b"a"), Entry(1_000_000, b"request", "rx"), Entry(2_000_000, b"b")])
+    player, wire, _ = replay(recording, "memory:", loop=True)
+    player.run(seconds=0.0101)
+    got = wire.transport.driver.read()
+    assert got[:4] == [b"a", b"b", b"a", b"b"] and set(got) == {b"a", b"b"}
+    with pytest.raises(TactemuError, match="nothing that goes to a driver"):
+        replay(Recording([Entry(0, b"x", "rx")]), "memory:")
+
+
+def test_faults_apply_to_a_replay():
+    player, wire, _ = replay(STREAM, "memory:", faults=["drop every 2"])
+    player.run()
+    assert wire.transport.driver.read() == [entry.frame for entry in STREAM.entries[::2]]
+
+
+def test_true_time_on_a_pty_from_the_moment_the_driver_opens_it():
+    player, wire, _ = replay(STREAM, "pty:", clock=RealClock())
+    thread = threading.Thread(target=player.run)
+    thread.start()
+    try:
+        time.sleep(0.1)
+        with serial.Serial(wire.transport.address, 115_200, timeout=2) as driver:
+            start = time.monotonic()
+            got = driver.read(190)
+            took = time.monotonic() - start
+            got += driver.read(driver.in_waiting)
+        whole = b"".join(entry.frame for entry in STREAM.entries)
+        assert whole.endswith(got) and len(got) >= 190, "pyserial throws away what is there when it opens"
+        assert 0.33 < took < 1.0
+        thread.join(5)
+        assert not thread.is_alive()
+    finally:
+        player.stop()
+        thread.join()
+        wire.close()
+
+
+def test_what_a_port_sends_is_recorded(tmp_path):
+    """Record from the port that a replay feeds: the copy has the same bytes and about the same timing."""
+    player, wire, clock = replay(STREAM, "pty:", clock=RealClock())
+    thread = threading.Thread(target=player.run)
+    thread.start()
+    try:
+        with Recorder(tmp_path / "x.jsonl", baud=115_200) as recorder:
+            record(wire.transport.address, recorder, clock=clock, stop=lambda n: player.done and n >= 10)
+        copy = load(tmp_path / "x.jsonl")
+        assert b"".join(e.frame for e in copy.entries) == b"".join(e.frame for e in STREAM.entries)
+        assert copy.entries[-1].t_ns - copy.entries[0].t_ns == pytest.approx(19 * 20e6, abs=60e6)
+    finally:
+        player.stop()
+        thread.join()
+        wire.close()
+
+
+def test_what_a_bus_carries_is_recorded(tmp_path):
+    frames = [CanFrame(arbitration_id=0x100 + k, data=bytes([k])) for k in range(10)]
+    bus = can.Bus(interface="virtual", channel="recorded")
+
+    def send():
+        time.sleep(0.1)
+        for frame in frames:
+            bus.send(can.Message(arbitration_id=frame.arbitration_id, data=frame.data, is_extended_id=False))
+
+    thread = threading.Thread(target=send)
+    thread.start()
+    with Recorder(tmp_path / "x.blf") as recorder:
+        record("can:virtual:recorded", recorder, clock=RealClock(), stop=lambda n: n >= 10)
+    thread.join()
+    bus.shutdown()
+    assert [entry.frame for entry in load(tmp_path / "x.blf").entries] == frames
+
+
+def test_a_source_that_is_not_there(tmp_path):
+    with Recorder(tmp_path / "x.jsonl") as recorder, pytest.raises(TransportError, match="check the name"):
+        record("/dev/no-such-tty", recorder, clock=RealClock(), stop=lambda n: False)
+
+
+def test_timing_of_random_entries_is_kept_to_the_nanosecond():
+    times = np.cumsum(np.random.default_rng(4).integers(1, 10**7, 50))
+    recording = Recording([Entry(int(t), bytes([k])) for k, t in enumerate(times)])
+    player, wire, clock = replay(recording, "memory:")
+    seen = []
+    while not player.done:
+        player.turn(clock.now_ns())
+        seen += [clock.now_ns()] * len(wire.transport.driver.read())
+        player._wait(None)
+    assert seen == [int(t) for t in times]
