@@ -56,6 +56,8 @@ class Imperfections(Adjustments):
         """What dead columns read, shape ``(n_envs, n_columns)``, infinite where alive."""
         self.state: dict[str, wp.array] = {}
         """What the laws remember, float64, shape ``(n_envs, n_columns)``."""
+        self.shortest_step_s = 0.0
+        """Shortest step for which what is kept of the past (delay, scan) lasts long enough [s]."""
         self._delay: Delay | None = None
 
     # -- for the sensor's kernel
@@ -118,6 +120,7 @@ class Imperfections(Adjustments):
             array, stage = self._material(array, material, coefficient)
             stages.append(stage)
         if self.options.scan_time > 0.0:
+            self.shortest_step_s = self._dt_s
             flat, stage = compile_scan(self.options, self._flatten(array), self.info, self.context)
             array = flat.reshape(raw.shape)
             stages.append(stage)
@@ -219,6 +222,7 @@ class Imperfections(Adjustments):
         stages: list[Stage] = []
         array = measured
         if self.options.delay > 0.0 or self.options.jitter > 0.0 or "jitter" in self.options.adjustable:
+            self.shortest_step_s = self._dt_s
             self._delay = Delay(self.options, self.info, self.context)
             array, stages = self._delay.compile(measured)
         array, more = self.compile_history(array)
@@ -228,7 +232,23 @@ class Imperfections(Adjustments):
         """The last ``history_length`` arrays, newest first: for the ground truth, which is not delayed."""
         return compile_history(self.options.history_length, reading, self.info, self.context)
 
+    def check_step(self, dt: float) -> None:
+        """Refuses a step shorter than those that the past is kept for: readings would arrive before their delay.
+
+        Raises:
+            ValueError: if ``dt`` [s] is shorter than the scene's.
+        """
+        if dt < self.shortest_step_s * (1 - 1e-9):
+            raise ValueError(
+                f"step: sensor {self.info.name!r} keeps its past for steps of {self.shortest_step_s:g} s"
+                f" or longer, got {dt:g} s; build the scene with the shortest dt that you step with"
+            )
+
     # -- helpers
+
+    @property
+    def _dt_s(self) -> float:
+        return float(self.context.dt.numpy()[0])
 
     @property
     def _flat(self) -> tuple[int, int]:

@@ -7,7 +7,6 @@ Times are int64 nanoseconds, so that nothing is rounded to steps.
 
 import math
 
-import numpy as np
 import warp as wp
 
 from tactemu.errors import SceneError
@@ -72,8 +71,10 @@ def ring_depth(longest_s: float, context: Context, what: str) -> int:
     Raises:
         SceneError: if that is more than :data:`LARGEST`.
     """
-    dt = float(np.asarray(context.dt.numpy())[0])
-    steps = longest_s / dt if dt > 0.0 else 0.0
+    dt = round(float(context.dt.numpy()[0]) * 1e9) * 1e-9
+    if not dt > 0.0:
+        raise SceneError(f"{what} needs steps of at least a nanosecond, got {dt:g} s")
+    steps = longest_s / dt
     if not steps < LARGEST:
         raise SceneError(
             f"{what}: {longest_s:g} s at steps of {dt:g} s would keep {steps:.3g} readings; at most {LARGEST}"

@@ -54,7 +54,7 @@ class Simulation:
             n_envs=self.n_envs,
             real=REAL[dtype],
             seed=int(seed),
-            dt=wp.zeros(1, dtype=wp.float64, device=self.device),
+            dt=wp.full(1, scene.dt, dtype=wp.float64, device=self.device),
             step=wp.zeros(1, dtype=wp.int64, device=self.device),
             time_ns=wp.zeros(1, dtype=wp.int64, device=self.device),
         )
@@ -167,13 +167,15 @@ class Simulation:
         Raises:
             PoseError: a pose is not finite (on a GPU: at the next read). All environments have been computed; those
                 with such a pose read NaN.
-            ValueError: ``dt`` is negative or not finite.
+            ValueError: ``dt`` is negative or not finite, or too short for what sensors keep of the past (delay, scan).
         """
         dt = self.scene.dt if dt is None else dt
         if not (dt >= 0.0 and math.isfinite(dt)):
             raise ValueError(f"step: dt must be a time >= 0 s, got {dt!r}")
         dt_ns = round(dt * 1e9)
         if dt_ns != self._dt_ns:
+            for sensor in self.sensors:
+                sensor.imperfections.check_step(dt)
             self.context.dt.fill_(dt)
             self._poses.dt_ns.fill_(dt_ns)
             self._dt_ns = dt_ns
