@@ -157,3 +157,59 @@ def truth(
     from tactemu.cli.truths import print_summary
 
     print_summary(file, json=json)
+
+
+@app.command()
+def faults() -> None:
+    """List what can go wrong on a wire, with the words for `run --fault` and for scene files.
+
+    \b
+      tactemu faults
+      tactemu run anyskin --fault 'drop 1%' --fault 'unplug at 3s for 0.5s'
+      tactemu run linker_hand --fault 'flip 5% id=0x28 from 2s to 6s'
+    """
+    from tactemu.cli.recordings import print_faults
+
+    print_faults()
+
+
+@app.command()
+def record(
+    file: Annotated[Path, typer.Argument(help="What to write: .jsonl for bytes or CAN; .log, .asc or .blf for CAN.")],
+    source: Annotated[
+        str, typer.Option("--from", metavar="SOURCE", help="/dev/ttyUSB0, a pyserial URL, or can:INTERFACE:CHANNEL.")
+    ],
+    baud: Annotated[int, typer.Option(metavar="N", min=1, help="Speed of a serial port [bit/s].")] = 115_200,
+    seconds: Annotated[float | None, typer.Option(metavar="S", min=0, help="Stop after this long.")] = None,
+) -> None:
+    """Record what a sensor sends, with its timing, until Ctrl-C.
+
+    \b
+      tactemu record anyskin.jsonl --from /dev/ttyACM0
+      tactemu record hand.log --from can:socketcan:can0 --seconds 10
+    """
+    from tactemu.cli.recordings import record_stream
+
+    record_stream(source, file, baud=baud, seconds=seconds)
+
+
+@app.command()
+def replay(
+    file: Annotated[Path, typer.Argument(help="A recording, or a truth log.")],
+    port: Annotated[str, typer.Option(metavar="PORT", help="pty:PATH, can:INTERFACE:CHANNEL, tcp:HOST:PORT ...")],
+    speed: Annotated[float, typer.Option(metavar="X", help="2 is twice as fast; inf as fast as it goes.")] = 1.0,
+    step: Annotated[bool, typer.Option("--step", help="Send one frame for every line on stdin.")] = False,
+    loop: Annotated[bool, typer.Option("--loop", help="Start again at the end.")] = False,
+    fault: Faults = None,
+    seconds: Annotated[float | None, typer.Option(metavar="S", min=0, help="Stop after this long.")] = None,
+) -> None:
+    """Play a recording to a driver. A serial one starts when the driver opens the port.
+
+    \b
+      tactemu replay anyskin.jsonl --port pty:/tmp/skin --speed 2
+      tactemu replay hand.blf --port can:socketcan:vcan0 --fault 'drop 1%'
+      tactemu replay truth.jsonl --port pty:/tmp/skin --step
+    """
+    from tactemu.cli.recordings import replay_file
+
+    replay_file(file, port, speed=speed, step=step, loop=loop, faults=tuple(fault or ()), seconds=seconds)

@@ -8,7 +8,7 @@ import pytest
 import firmware_protocols
 from tests.cli.command import ROOT, environment, tactemu
 
-COMMANDS = ("run", "devices", "explain", "truth")
+COMMANDS = ("run", "devices", "explain", "truth", "faults", "record", "replay")
 HEAVY = ("warp", "trimesh", "can", "numpy")
 
 

@@ -1,0 +1,109 @@
+"""``tactemu record``, ``replay`` and ``faults``."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Callable
+from contextlib import contextmanager
+from pathlib import Path
+
+from tactemu.faults import DIRECTIONS, KINDS
+
+
+def print_faults() -> None:
+    """The kinds of fault, what they do, and where they can be had."""
+    width = max(map(len, KINDS))
+    for name, kind in KINDS.items():
+        options = "".join(f" [{option} {'T' if option == 'by' else 'N'}]" for option in kind.options)
+        on = "" if len(kind.wires) == 3 else f" ({', '.join(kind.wires)} only)"
+        print(f"  {name:{width}}  {kind.about}{on}{options}")
+    print(f"\nKIND [N% | every N] [id=0x201] [prefix=55aa] [{' | '.join(DIRECTIONS)}] [at T [for T] | from T] [to T]")
+    print("Times are 3s, 16ms or 200us of emulation time; N% is per frame, or the share of the bus (load, babble).")
+
+
+def record_stream(source: str, file: Path, *, baud: int, seconds: float | None) -> None:
+    """Record until Ctrl-C or for ``seconds``.
+
+    Raises:
+        TactemuError: the source or the file cannot be had.
+    """
+    from tactemu.clock import RealClock
+    from tactemu.recording import Recorder
+    from tactemu.replay import record
+
+    clock = RealClock()
+    end_ns = None if seconds is None else round(seconds * 1e9)
+    with _interruptible() as interrupted, Recorder(file, baud=None if source.startswith("can:") else baud) as recorder:
+        print(f"recording {source} to {file}", flush=True)
+        record(
+            source,
+            recorder,
+            clock=clock,
+            baud=baud,
+            stop=lambda _: interrupted() or (end_ns is not None and clock.now_ns() >= end_ns),
+        )
+        count = recorder.count
+    print(f"{count} entries in {clock.now_ns() / 1e9:.1f} s")
+
+
+def replay_file(
+    file: Path, port: str, *, speed: float, step: bool, loop: bool, faults: tuple[str, ...], seconds: float | None
+) -> None:
+    """Play a recording until its end, Ctrl-C, or for ``seconds``.
+
+    Raises:
+        TactemuError: the recording or the port cannot be had.
+    """
+    from tactemu.clock import RealClock
+    from tactemu.errors import TransportError
+    from tactemu.recording import load
+    from tactemu.replay import Replay, replay_spec
+    from tactemu.transports import create
+    from tactemu.wire import Wire
+
+    recording = load(file)
+    transport = create(port)
+    if transport.kinds and recording.kind not in transport.kinds:
+        raise TransportError(f"{file} holds a {recording.kind} stream and cannot be played to {port}")
+    wire = Wire(transport, replay_spec(recording), pacing=False, faults=faults)
+    player = Replay(recording, wire, clock=RealClock(), speed=speed, loop=loop)
+    wire.open()
+    try:
+        print(f"{len(player.entries)} frames ready on {wire.transport.address}", flush=True)
+        with _interruptible(player.stop) as interrupted:
+            _play_stepwise(player, interrupted) if step else player.run(seconds)
+    finally:
+        wire.close()
+    counts = ", ".join(f"{name} {count}" for name, count in wire.counters.items())
+    print(f"{player.position} of {len(player.entries)} frames played; {counts or 'nothing sent'}")
+
+
+def _play_stepwise(player, interrupted: Callable[[], bool]) -> None:
+    """A frame for every line on stdin."""
+    for _ in sys.stdin:
+        now = player.clock.now_ns()
+        player.wire.receive(now)
+        if interrupted() or (entry := player.step(now)) is None:
+            break
+        player.wire.flush(now)
+        print(f"{entry.t_ns / 1e9:.6f} s  {entry.frame.hex() if isinstance(entry.frame, bytes) else entry.frame}")
+
+
+@contextmanager
+def _interruptible(also: Callable[[], None] | None = None):
+    """Ctrl-C and SIGTERM end the loop, not the program; gives a function that says whether one came."""
+    seen: list[int] = []
+
+    def stop(number, _frame):
+        seen.append(number)
+        if also is not None:
+            also()
+        signal.signal(number, signal.SIG_DFL)
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield lambda: bool(seen)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

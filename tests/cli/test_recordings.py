@@ -1,0 +1,77 @@
+"""`tactemu replay`, `record` and `faults` as commands, with pyserial as the driver."""
+
+import signal
+import subprocess
+import time
+
+import pytest
+import serial
+
+from tactemu.faults import KINDS
+from tactemu.recording import Entry, Recorder, load
+from tests.cli.command import start, tactemu
+
+
+@pytest.fixture
+def recording(tmp_path):
+    with Recorder(tmp_path / "in.jsonl") as recorder:
+        for k in range(1, 11):
+            recorder.add(Entry(k * 10_000_000, bytes([k]) * 8))
+    return tmp_path / "in.jsonl"
+
+
+def wait_for(path):
+    for _ in range(500):
+        if path.is_symlink():
+            return str(path)
+        time.sleep(0.02)
+    raise AssertionError(f"{path} never appeared")
+
+
+def test_replay_to_record(recording, tmp_path):
+    player = start("replay", str(recording), "--port", f"pty:{tmp_path / 'tty'}", "--loop")
+    port = wait_for(tmp_path / "tty")
+    result = tactemu("record", str(tmp_path / "out.jsonl"), "--from", port, "--seconds", "0.5")
+    assert result.returncode == 0 and "entries in" in result.stdout, result.stderr
+    player.send_signal(signal.SIGTERM)
+    out, _ = player.communicate(timeout=20)
+    assert player.returncode == 0 and "frames played" in out and not (tmp_path / "tty").is_symlink()
+    got = b"".join(entry.frame for entry in load(tmp_path / "out.jsonl").entries)
+    whole = b"".join(entry.frame for entry in load(recording).entries)
+    assert len(got) > 100 and got in whole * 20
+
+
+def test_replay_stepwise(recording, tmp_path):
+    player = start("replay", str(recording), "--port", f"pty:{tmp_path / 'tty'}", "--step", stdin=subprocess.PIPE)
+    with serial.Serial(wait_for(tmp_path / "tty"), timeout=5) as driver:
+        for k in (1, 2, 3):
+            player.stdin.write("\n")
+            player.stdin.flush()
+            assert driver.read(8) == bytes([k]) * 8
+            assert driver.in_waiting == 0
+    out, _ = player.communicate(timeout=20)
+    assert player.returncode == 0 and "3 of 10 frames played" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["replay", "missing.jsonl", "--port", "memory:"], "No such file"),
+        (["replay", "{recording}", "--port", "can:virtual:x"], "holds a serial stream"),
+        (["replay", "{recording}", "--port", "nope:"], "unknown scheme"),
+        (["replay", "{recording}", "--port", "memory:", "--speed", "0"], "more than 0"),
+        (["replay", "{recording}", "--port", "memory:", "--fault", "dropp"], "did you mean 'drop'"),
+        (["record", "{tmp}/x.txt", "--from", "/dev/null"], "expected one of"),
+        (["record", "{tmp}/x.jsonl", "--from", "/dev/no-such-tty"], "check the name"),
+    ],
+)
+def test_mistakes_are_one_line_and_exit_code_2(arguments, complaint, recording, tmp_path):
+    result = tactemu(*(each.format(recording=recording, tmp=tmp_path) for each in arguments))
+    assert result.returncode == 2
+    assert complaint in result.stderr and len(result.stderr.splitlines()) == 1
+
+
+def test_every_kind_of_fault_is_listed():
+    result = tactemu("faults")
+    assert result.returncode == 0
+    assert set(KINDS) <= set(result.stdout.split())
