@@ -15,6 +15,7 @@ Measure speed on this machine. Figures are medians; compare those of one run.
 
 \b
   tactemu bench loop       first frame, and how late frames are
+  tactemu bench physics    cost of a step, of a read and of a start, per sensor
 """,
 )
 
@@ -39,3 +40,17 @@ def loop(
     from tactemu.bench.loop import run
 
     save(run(typer.echo, seconds=seconds, repeats=repeats), out)
+
+
+@bench.command()
+def physics(
+    device: Annotated[str, typer.Option(metavar="DEVICE", help="cpu, or cuda:0.")] = "cpu",
+    starts: Annotated[bool, typer.Option(help="Also starts with an empty and a filled kernel cache.")] = True,
+    only: Annotated[str, typer.Option(metavar="TEXT", help="Only figures whose name contains this.")] = "",
+    largest: Annotated[bool, typer.Option(help="Also the largest batch that fits on a GPU.")] = False,
+    out: Out = None,
+) -> None:
+    """Step and read per sensor, beside the figures aimed at and the peer's."""
+    from tactemu.bench.physics import run
+
+    save(run(typer.echo, device=device, starts=starts, only=only, largest=largest), out)

@@ -19,6 +19,7 @@ from tactemu.physics.shapes import FAR, shape_functions, table_type
 def probes_struct(real):
     """The Warp struct of a sensor's probes: what does not change from step to step."""
     vec3 = wp.types.vector(3, real)
+    vec4 = wp.types.vector(4, real)
 
     @wp.struct
     class ProbeArrays:
@@ -26,6 +27,8 @@ def probes_struct(real):
         normals: wp.array(dtype=vec3)
         radii: wp.array(dtype=real)
         reach: wp.array(dtype=real)  # how far behind a probe the ray query begins; empty for the others
+        strip: wp.int32  # probes that one thread handles
+        strip_ball: wp.array(dtype=vec4)  # per strip: centre and radius of a ball that holds its probes
 
     return ProbeArrays
 
@@ -114,6 +117,40 @@ def first_function(real, kinds: frozenset):
 
 
 @functools.cache
+def strip_function(real, kinds: frozenset):
+    """``touches(shapes, pose, targets, probes, e, strip, noise) -> bool``: may any body reach any probe of a strip?
+
+    The broad phase: one look per strip and body at their bounding balls. ``noise`` is added to the radii.
+    """
+    vec3 = wp.types.vector(3, real)
+    transform = wp.types.transformation(real)
+    shapes_type = table_type(real)
+    probes_type = probes_struct(real)
+
+    @wp.func
+    def touches(
+        shapes: shapes_type,
+        pose: wp.array2d(dtype=transform),
+        targets: wp.array(dtype=wp.int32),
+        probes: probes_type,
+        e: int,
+        strip: int,
+        noise: real,
+    ):
+        ball = probes.strip_ball[strip]
+        centre = vec3(ball[0], ball[1], ball[2])
+        for t in range(targets.shape[0]):
+            b = targets[t]
+            d = centre - wp.transform_get_translation(pose[e, b])
+            reach = shapes.bound[b] + ball[3] + noise
+            if not (wp.dot(d, d) > reach * reach):  # NaN is looked at closely
+                return True
+        return False
+
+    return touches
+
+
+@functools.cache
 def contact_function(real, kinds: frozenset, along_normal: bool):
     """``contact(shapes, pose, targets, probes, e, i, margin) -> (distance, normal, body)`` of probe ``i``."""
     transform = wp.types.transformation(real)
@@ -180,8 +217,36 @@ def probe_arrays(site: Site):
     real = site.context.real
     probes = probes_struct(real)()
     probes.positions, probes.normals, probes.radii = site.positions, site.normals, site.radii
+    probes.strip, probes.strip_ball = strip_length(site), _strip_balls(site)
     probes.reach = _reach(site) if site.along_normal else wp.zeros(0, dtype=real, device=site.context.device)
     return probes
+
+
+STRIP = 8
+"""Probes that one thread handles on the CPU, where a thread is a call."""
+
+
+def strip_length(site: Site) -> int:
+    """Probes that one thread handles: one on a GPU, a run of neighbours on the CPU."""
+    return STRIP if site.context.device.is_cpu else 1
+
+
+def strips(site: Site) -> tuple[int, int]:
+    """Threads of a launch over all probes: ``(n_envs, strips)``."""
+    return site.context.n_envs, -(-site.probes.n // strip_length(site))
+
+
+def _strip_balls(site: Site) -> wp.array:
+    """Centre and radius, probe radii and the ray's reach included, of the ball around each strip; none on a GPU."""
+    length, probes = strip_length(site), site.probes
+    balls = np.zeros((strips(site)[1] if length > 1 else 0, 4))
+    for k in range(len(balls)):
+        run = slice(k * length, (k + 1) * length)
+        points = probes.positions[run]
+        centre = 0.5 * (points.min(0) + points.max(0))
+        radius = np.linalg.norm(points - centre, axis=1).max() + probes.radii[run].max()
+        balls[k] = (*centre, FAR if site.along_normal else radius)
+    return wp.array(balls, dtype=wp.types.vector(4, site.context.real), device=site.context.device)
 
 
 def _reach(site: Site) -> wp.array:

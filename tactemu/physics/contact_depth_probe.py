@@ -5,19 +5,22 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from tactemu.physics.contact import contact_function, probe_arrays, probes_struct
+from tactemu.physics.contact import contact_function, probe_arrays, probes_struct, strip_function, strips
 from tactemu.physics.plan import Stage, record
 from tactemu.physics.sensor import Compiled, SensorModel, Site
 from tactemu.physics.shapes import table_type
 
 
 @functools.cache
-def depth_kernel(real, kinds: frozenset, along_normal: bool, separate: bool, has_gain: bool, has_radius: bool):
+def depth_kernel(
+    real, kinds: frozenset, along_normal: bool, in_strips: bool, separate: bool, has_gain: bool, has_radius: bool
+):
     """Depth of the truth and, if ``separate``, of the measured branch with its own radii and gains."""
     transform = wp.types.transformation(real)
     shapes_type = table_type(real)
     probes_type = probes_struct(real)
     nearest = contact_function(real, kinds, along_normal)
+    touches = strip_function(real, kinds)
 
     @wp.func
     def depth(radius: real, distance: real):
@@ -35,20 +38,33 @@ def depth_kernel(real, kinds: frozenset, along_normal: bool, separate: bool, has
         truth_out: wp.array3d(dtype=real),
         raw_out: wp.array3d(dtype=real),
     ):
-        e, i = wp.tid()
-        r_true = probes.radii[i]
-        if r_true <= real(0.0):
-            return
-        r_measured = r_true
-        if wp.static(has_radius):
-            r_measured = radius[e, i]
-        distance, _n, _b = nearest(shapes, pose, targets, probes, e, i, wp.max(r_true, r_measured))
-        truth_out[e, i, 0] = depth(r_true, distance)
-        if wp.static(separate):
-            d = depth(r_measured, distance)
-            if wp.static(has_gain):
-                d *= gain[e, i]
-            raw_out[e, i, 0] = d
+        e, strip = wp.tid()
+        first = strip * probes.strip
+        last = wp.min(first + probes.strip, probes.radii.shape[0])
+        if wp.static(in_strips):
+            noise = real(0.0)
+            if wp.static(has_radius):
+                for i in range(first, last):
+                    noise = wp.max(noise, radius[e, i] - probes.radii[i])
+            if not touches(shapes, pose, targets, probes, e, strip, noise):
+                for i in range(first, last):
+                    truth_out[e, i, 0] = real(0.0)
+                    if wp.static(separate):
+                        raw_out[e, i, 0] = real(0.0)
+                return
+        for i in range(first, last):
+            r_true = probes.radii[i]
+            if r_true > real(0.0):
+                r_measured = r_true
+                if wp.static(has_radius):
+                    r_measured = radius[e, i]
+                distance, _n, _b = nearest(shapes, pose, targets, probes, e, i, wp.max(r_true, r_measured))
+                truth_out[e, i, 0] = depth(r_true, distance)
+                if wp.static(separate):
+                    d = depth(r_measured, distance)
+                    if wp.static(has_gain):
+                        d *= gain[e, i]
+                    raw_out[e, i, 0] = d
 
     return contact_depth
 
@@ -60,7 +76,8 @@ def compile_depth(site: Site, why: str) -> Compiled:
     raw = site.zeros(1) if site.separate else truth
     none = wp.zeros((0, 0), dtype=context.real, device=context.device)
     has_gain, has_radius = site.gain is not None, site.radius is not None
-    kernel = depth_kernel(context.real, site.table.kinds, site.along_normal, site.separate, has_gain, has_radius)
+    how = (site.along_normal, context.device.is_cpu, site.separate, has_gain, has_radius)
+    kernel = depth_kernel(context.real, site.table.kinds, *how)
     inputs = [
         site.table.struct,
         site.view.pose,
@@ -69,7 +86,7 @@ def compile_depth(site: Site, why: str) -> Compiled:
         site.gain if has_gain else none,
         site.radius if has_radius else none,
     ]
-    launch = record(kernel, truth.shape[:2], inputs, [truth, raw], context.device)
+    launch = record(kernel, strips(site), inputs, [truth, raw], context.device)
     stage = Stage(name=f"{site.name}: contact depth", reason=why, launch=launch)
     return Compiled(truth=truth, raw=raw, stages=[stage])
 

@@ -18,7 +18,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.errors import SceneError
-from tactemu.physics.contact import contact_function, probe_arrays, probes_struct
+from tactemu.physics.contact import contact_function, probe_arrays, probes_struct, strip_function, strips
 from tactemu.physics.plan import Stage, record
 from tactemu.physics.probes import Probes
 from tactemu.physics.sensor import Compiled, SensorModel, Site
@@ -52,7 +52,14 @@ def coefficients_type(real):
 
 @functools.cache
 def kinematic_kernel(
-    real, kinds: frozenset, along_normal: bool, moving: bool, separate: bool, has_gain: bool, has_radius: bool
+    real,
+    kinds: frozenset,
+    along_normal: bool,
+    in_strips: bool,
+    moving: bool,
+    separate: bool,
+    has_gain: bool,
+    has_radius: bool,
 ):
     """Force and torque of the truth and, if ``separate``, of the measured branch."""
     vec3 = wp.types.vector(3, real)
@@ -60,6 +67,7 @@ def kinematic_kernel(
     shapes_type = table_type(real)
     probes_type = probes_struct(real)
     nearest = contact_function(real, kinds, along_normal)
+    touches = strip_function(real, kinds)
     coefficients = coefficients_type(real)
 
     @wp.func
@@ -99,31 +107,45 @@ def kinematic_kernel(
         truth_out: wp.array3d(dtype=real),
         raw_out: wp.array3d(dtype=real),
     ):
-        e, i = wp.tid()
-        r_true = probes.radii[i]
-        if r_true <= real(0.0):
-            return
-        r_measured = r_true
-        if wp.static(has_radius):
-            r_measured = radius[e, i]
-        r = probes.positions[i]
-        distance, n, b = nearest(shapes, pose, targets, probes, e, i, wp.max(r_true, r_measured))
-        if wp.dot(n, n) < real(0.5):
-            n = -probes.normals[i]
-        v = vec3(real(0.0))
-        w = vec3(real(0.0))
-        if wp.static(moving):
-            if b >= 0:
-                w = spin[e, b]
-                v = velocity[e, b] + wp.cross(w, r)
-        write(r_true - distance, c, n, v, w, r, e, i, truth_out)
-        if wp.static(separate):
-            d = r_measured - distance
-            if wp.static(has_gain):
-                d *= gain[e, i]
-            if r_measured <= real(0.0):
-                d = real(0.0)
-            write(d, c, n, v, w, r, e, i, raw_out)
+        e, strip = wp.tid()
+        first = strip * probes.strip
+        last = wp.min(first + probes.strip, probes.radii.shape[0])
+        if wp.static(in_strips):
+            noise = real(0.0)
+            if wp.static(has_radius):
+                for i in range(first, last):
+                    noise = wp.max(noise, radius[e, i] - probes.radii[i])
+            if not touches(shapes, pose, targets, probes, e, strip, noise):
+                for i in range(first, last):
+                    for k in range(6):
+                        truth_out[e, i, k] = real(0.0)
+                        if wp.static(separate):
+                            raw_out[e, i, k] = real(0.0)
+                return
+        for i in range(first, last):
+            r_true = probes.radii[i]
+            if r_true > real(0.0):
+                r_measured = r_true
+                if wp.static(has_radius):
+                    r_measured = radius[e, i]
+                distance, n, b = nearest(shapes, pose, targets, probes, e, i, wp.max(r_true, r_measured))
+                if wp.dot(n, n) < real(0.5):
+                    n = -probes.normals[i]
+                r = probes.positions[i]
+                v = vec3(real(0.0))
+                w = vec3(real(0.0))
+                if wp.static(moving):
+                    if b >= 0:
+                        w = spin[e, b]
+                        v = velocity[e, b] + wp.cross(w, r)
+                write(r_true - distance, c, n, v, w, r, e, i, truth_out)
+                if wp.static(separate):
+                    d = r_measured - distance
+                    if wp.static(has_gain):
+                        d *= gain[e, i]
+                    if r_measured <= real(0.0):
+                        d = real(0.0)
+                    write(d, c, n, v, w, r, e, i, raw_out)
 
     return kinematic
 
@@ -179,11 +201,11 @@ class KinematicTaxel(SensorModel):
         c.pull_floor = 0.0 if self.clamp_adhesion else -1e18
         moving = self.velocity_reason() is not None
         has_gain, has_radius = site.gain is not None, site.radius is not None
-        kernel = kinematic_kernel(
-            context.real, site.table.kinds, site.along_normal, moving, site.separate, has_gain, has_radius
-        )
-        inputs = [site.table.struct, view.pose, view.velocity, view.spin, site.targets, probe_arrays(site), c]
+        how = (site.along_normal, context.device.is_cpu, moving, site.separate, has_gain, has_radius)
+        kernel = kinematic_kernel(context.real, site.table.kinds, *how)
+        inputs = [site.table.struct, view.pose, view.velocity, view.spin, site.targets, probe_arrays(site)]
+        inputs += [c]
         inputs += [site.gain if has_gain else none, site.radius if has_radius else none]
-        launch = record(kernel, truth.shape[:2], inputs, [truth, raw], context.device)
+        launch = record(kernel, strips(site), inputs, [truth, raw], context.device)
         stage = Stage(name=f"{site.name}: springs", reason="KinematicTaxel reads force and torque", launch=launch)
         return Compiled(truth=truth, raw=raw, stages=[stage])

@@ -171,7 +171,7 @@ class SensorModel(ImperfectionOptions, ABC):
         """Check options against each other; raise :class:`SceneError`."""
 
     def present(self, values: np.ndarray):
-        """Turn an array ``(..., n_channels)`` into what ``read()`` returns. Default: drop a single channel."""
+        """Turn an array ``(..., n_channels)`` into what ``read()`` returns; it is a copy already, so views will do."""
         return values[..., 0] if self.n_channels == 1 else values
 
     @property
@@ -266,10 +266,7 @@ class Sensor(SensorSetters):
         shape = (*values.shape[:-2], *self.probes.layout, values.shape[-1])
         if not sim.batched:
             shape = shape[1:]
-        result = self.model.present(values.reshape(shape))
-        if isinstance(result, tuple):
-            return type(result)(*(np.array(part) for part in result))
-        return np.array(result)
+        return self.model.present(values.reshape(shape).copy())
 
 
 def bodies_felt(sensor: Sensor, scene) -> tuple[Body, ...]:

@@ -166,9 +166,13 @@ def shape_functions(real, kinds: frozenset) -> ShapeFunctions:
 
     @wp.func
     def distance_in_link(shapes: shapes_type, b: int, pose: transform, r: vec3):
+        away = r - wp.transform_get_translation(pose)
+        if wp.static(SPHERE in kinds):
+            if shapes.kind[b] == wp.static(SPHERE):  # a turned ball is the same ball
+                far = wp.length(away)
+                return far - shapes.size[b][0], wp.normalize(away)
         q = wp.transform_get_rotation(pose)
-        p = wp.quat_rotate_inv(q, r - wp.transform_get_translation(pose))
-        d, n = distance(shapes, b, p)
+        d, n = distance(shapes, b, wp.quat_rotate_inv(q, away))
         return d, wp.quat_rotate(q, n)
 
     @wp.func

