@@ -1,7 +1,7 @@
 """Dilation on a regular grid: two passes of separable weights over the contact's bounding box.
 
-Pass 1 sums over rows, for every column in contact; pass 2 over columns. One thread computes a block of ``WIDTH``
-neighbours, which the compiler turns into vector instructions on a CPU.
+Pass 1 sums over rows, for every column in contact; pass 2 over columns. One thread computes ``WIDTH`` rows of a column:
+vector instructions on a CPU, neighbouring memory for neighbouring threads on a GPU.
 """
 
 import functools
@@ -93,59 +93,54 @@ def _kernels(real):
         row_blocks: wp.array2d(dtype=block),
         n_terms: int,
         # outputs
-        partial: wp.array4d(dtype=real),
+        partial: wp.array4d(dtype=block),
     ):
         env, term, i_block, col = wp.tid()
         if col < box[env, 2] or col > box[env, 3]:
             return
-        i = i_block * WIDTH
-        rows = depth.shape[1]
+        at = i_block * WIDTH + depth.shape[1] - 1
         total = block()
         if term < 2 * n_terms:
             for k in range(box[env, 0], box[env, 1] + 1):
-                total += depth[env, k, col] * row_blocks[term, i - k + rows - 1]
+                total += depth[env, k, col] * row_blocks[term, at - k]
         else:
             for k in range(box[env, 0], box[env, 1] + 1):
-                total += power[env, k, col] * row_blocks[term, i - k + rows - 1]
-        for m in range(WIDTH):
-            if i + m < rows:
-                partial[env, term, i + m, col] = total[m]
+                total += power[env, k, col] * row_blocks[term, at - k]
+        partial[env, term, i_block, col] = total
 
     @wp.kernel(module="unique", enable_backward=False)
     def sum_columns(
-        partial: wp.array4d(dtype=real),
+        partial: wp.array4d(dtype=block),
         box: wp.array2d(dtype=wp.int32),
-        col_blocks: wp.array2d(dtype=block),
+        col_terms: wp.array2d(dtype=real),
         n_terms: int,
         u_axis: vec3,
         v_axis: vec3,
         normal: vec3,
-        is_sensing: wp.array(dtype=wp.bool),
+        is_sensing: wp.array2d(dtype=wp.bool),
         # outputs
-        motion: wp.array2d(dtype=vec3),
+        motion: wp.array3d(dtype=vec3),
     ):
-        env, i, j_block = wp.tid()
-        cols = partial.shape[3]
-        j = j_block * WIDTH
+        env, i_block, col = wp.tid()
         first = box[env, 2]
         last = box[env, 3] + 1
+        at = col + partial.shape[3] - 1
         u = block()
         v = block()
         w = block()
         for term in range(n_terms):
             for k in range(first, last):
-                at = j - k + cols - 1
-                u += partial[env, term, i, k] * col_blocks[term, at]
-                v += partial[env, n_terms + term, i, k] * col_blocks[n_terms + term, at]
+                u += col_terms[term, at - k] * partial[env, term, i_block, k]
+                v += col_terms[n_terms + term, at - k] * partial[env, n_terms + term, i_block, k]
         for k in range(first, last):
-            w += partial[env, 2 * n_terms, i, k] * col_blocks[2 * n_terms, j - k + cols - 1]
+            w += col_terms[2 * n_terms, at - k] * partial[env, 2 * n_terms, i_block, k]
         for m in range(WIDTH):
-            if j + m < cols:
-                taxel = i * cols + j + m
+            row = i_block * WIDTH + m
+            if row < motion.shape[1]:
                 marker = u[m] * u_axis + v[m] * v_axis + w[m] * normal
-                if not is_sensing[taxel]:
+                if not is_sensing[row, col]:
                     marker = vec3(real(0.0))
-                motion[env, taxel] = marker
+                motion[env, row, col] = marker
 
     return sum_rows, sum_columns
 
@@ -177,32 +172,32 @@ def grid_dilation(
     n_terms = max(len(row_u), len(row_v))
 
     def stack(u, v, n):
-        rows = [np.pad(part, ((0, n_terms - len(part)), (0, 0))) for part in (u, v)]
-        values = np.concatenate([*rows, n])
+        padded = [np.pad(part, ((0, n_terms - len(part)), (0, 0))) for part in (u, v)]
+        values = np.concatenate([*padded, n])
         values[np.abs(values) < _NEGLIGIBLE * np.abs(values).max()] = 0.0
-        values = overlapping_blocks(values, WIDTH)
-        return wp.array(values, dtype=wp.types.vector(WIDTH, real), device=context.device)
+        return values
 
-    n_all = 2 * n_terms + 1
+    block, vec3, device = wp.types.vector(WIDTH, real), wp.types.vector(3, real), context.device
+    row_blocks = wp.array(overlapping_blocks(stack(row_u, row_v, row_n), WIDTH), dtype=block, device=device)
+    col_terms = wp.array(stack(col_u, col_v, col_n), dtype=real, device=device)
+    n_all, n_blocks = 2 * n_terms + 1, -(-grid.rows // WIDTH)
     as_grid = (context.n_envs, grid.rows, grid.cols)
-    row_blocks, col_blocks = stack(row_u, row_v, row_n), stack(col_u, col_v, col_n)
-    partial = wp.zeros((context.n_envs, n_all, grid.rows, grid.cols), dtype=real, device=context.device)
-    vec3 = wp.types.vector(3, real)
+    partial = wp.zeros((context.n_envs, n_all, n_blocks, grid.cols), dtype=block, device=device)
     sum_rows, sum_columns = _kernels(real)
     first = record(
         sum_rows,
-        (context.n_envs, n_all, -(-grid.rows // WIDTH), grid.cols),
+        partial.shape,
         [depth.reshape(as_grid), power.reshape(as_grid), box, row_blocks, n_terms],
         [partial],
-        context.device,
+        device,
     )
     axes = [vec3(*(scale * axis)) for axis in (grid.u, grid.v, grid.normal)]
     second = record(
         sum_columns,
-        (context.n_envs, grid.rows, -(-grid.cols // WIDTH)),
-        [partial, box, col_blocks, n_terms, *axes, is_sensing],
-        [motion],
-        context.device,
+        (context.n_envs, n_blocks, grid.cols),
+        [partial, box, col_terms, n_terms, *axes, is_sensing.reshape(as_grid[1:])],
+        [motion.reshape(as_grid)],
+        device,
     )
 
     def launch():

@@ -93,15 +93,19 @@ class Clusters:
         return len(self.positions)
 
 
-def _halves(indices: np.ndarray, positions: np.ndarray) -> list[np.ndarray]:
-    """Split at the median of the longest side until each part fits a cluster."""
-    if len(indices) <= CLUSTER:
+def _halves(indices: np.ndarray, positions: np.ndarray, size: int) -> list[np.ndarray]:
+    """Split at the median of the longest side until each part has at most ``size``."""
+    if len(indices) <= size:
         return [indices] if len(indices) else []
-    here = positions[indices]
-    axis = int(np.argmax(np.ptp(here, axis=0)))
-    order = indices[np.argsort(here[:, axis], kind="stable")]
-    middle = CLUSTER * max(1, round(len(order) / 2 / CLUSTER))
-    return _halves(order[:middle], positions) + _halves(order[middle:], positions)
+    axis = int(np.argmax(np.ptp(positions[indices], axis=0)))
+    order = indices[np.argsort(positions[indices, axis], kind="stable")]
+    middle = size * max(1, round(len(order) / 2 / size))
+    return _halves(order[:middle], positions, size) + _halves(order[middle:], positions, size)
+
+
+def spatial_order(positions: np.ndarray, size: int) -> np.ndarray:
+    """An order of positions ``(n, 3)`` in which each ``size`` in a row are near each other."""
+    return np.concatenate(_halves(np.arange(len(positions)), positions, size))
 
 
 def bounding_ball(points: np.ndarray) -> np.ndarray:
@@ -115,7 +119,7 @@ def cluster(clouds: list[PointCloud]) -> Clusters:
     clouds = [cloud for cloud in clouds if len(cloud.positions)]
     offset, order, parts, cloud_start = 0, [], [], [0]
     for cloud in clouds:
-        found = _halves(np.arange(len(cloud.positions)), cloud.positions)
+        found = _halves(np.arange(len(cloud.positions)), cloud.positions, CLUSTER)
         parts += [cloud.positions[indices] for indices in found]
         order += [offset + indices for indices in found]
         offset += len(cloud.positions)

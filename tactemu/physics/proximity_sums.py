@@ -14,16 +14,26 @@ from tactemu.physics.cloud_table import cloud_type
 
 @functools.cache
 def proximity_function(real):
-    """``near_points(clouds, k, pose, r, radius) -> (sum P_j, sum P_j (x_j - r))`` over the points of cloud ``k``.
+    """``near_points(clouds, k, listed, first, last, pose, r, radius) -> (sum P_j, sum P_j (x_j - r))``.
 
-    ``pose`` is the pose of the cloud's body in the link's frame; ``r`` and the second sum are in the link's frame. A
-    point at ``r`` counts fully. A pose that is not finite gives NaN.
+    It sums over the points of cloud ``k`` in the clusters ``listed[first:last]``. ``pose`` is the pose of the cloud's
+    body in the link's frame; ``r`` and the second sum are in the link's frame. A point at ``r`` counts fully. A pose
+    that is not finite gives NaN.
     """
     vec3 = wp.types.vector(3, real)
     transform = wp.types.transformation(real)
 
     @wp.func
-    def near_points(clouds: cloud_type(real), k: int, pose: transform, r: vec3, radius: real):
+    def near_points(
+        clouds: cloud_type(real),
+        k: int,
+        listed: wp.array(dtype=wp.int32),
+        first: int,
+        last: int,
+        pose: transform,
+        r: vec3,
+        radius: real,
+    ):
         q = wp.transform_get_rotation(pose)
         p = wp.quat_rotate_inv(q, r - wp.transform_get_translation(pose))
         total = real(0.0)
@@ -34,7 +44,8 @@ def proximity_function(real):
         if wp.dot(away, away) > reach * reach:
             return total, moment
         limit = radius * radius
-        for c in range(clouds.cloud_start[k], clouds.cloud_start[k + 1]):
+        for n in range(first, last):
+            c = listed[n]
             ball = clouds.ball[c]
             away = p - vec3(ball[0], ball[1], ball[2])
             reach = ball[3] + radius

@@ -20,12 +20,16 @@ import warp as wp
 from tactemu.errors import SceneError
 from tactemu.physics.cloud_table import cloud_type, upload_clouds
 from tactemu.physics.kinematic_taxel import ForceTorque
+from tactemu.physics.near_clusters import near_clusters
 from tactemu.physics.plan import Stage, record
-from tactemu.physics.point_cloud import cluster
+from tactemu.physics.point_cloud import Clusters, cluster, spatial_order
 from tactemu.physics.probes import Probes
 from tactemu.physics.proximity_sums import proximity_function
 from tactemu.physics.sensor import Compiled, SensorModel, Site
 from tactemu.physics.surface_points import surface_points
+
+_NEIGHBOURS = 32
+"""Taxels that run side by side on a GPU: they should be near each other, to look at the same points."""
 
 
 @functools.cache
@@ -71,6 +75,9 @@ def proximity_kernel(real, moving: bool, separate: bool, has_gain: bool, has_rad
     @wp.kernel(module="unique", enable_backward=False)
     def proximity(
         clouds: cloud_type(real),
+        near: wp.array2d(dtype=wp.int32),
+        near_start: wp.array2d(dtype=wp.int32),
+        order: wp.array(dtype=wp.int32),
         pose: wp.array2d(dtype=transform),
         velocity: wp.array2d(dtype=vec3),
         spin: wp.array2d(dtype=vec3),
@@ -85,14 +92,17 @@ def proximity_kernel(real, moving: bool, separate: bool, has_gain: bool, has_rad
         truth_out: wp.array3d(dtype=real),
         raw_out: wp.array3d(dtype=real),
     ):
-        e, i = wp.tid()
+        e, place = wp.tid()
+        i = order[place]
         r = positions[i]
         a = normals[i]
         truth = Sums()
         raw = Sums()
         for k in range(clouds.bodies.shape[0]):
             b = clouds.bodies[k]
-            overlap, moment = near_points(clouds, k, pose[e, b], r, radii[i])
+            first = near_start[e, k]
+            last = near_start[e, k + 1]
+            overlap, moment = near_points(clouds, k, near[e], first, last, pose[e, b], r, radii[i])
             truth.overlap += overlap
             here = vec3(real(0.0))
             turn = vec3(real(0.0))
@@ -104,7 +114,7 @@ def proximity_kernel(real, moving: bool, separate: bool, has_gain: bool, has_rad
                 truth.motion += overlap * here + wp.cross(turn, moment)
                 truth.spin += overlap * w
             if wp.static(has_radius):
-                overlap, moment = near_points(clouds, k, pose[e, b], r, radius[e, i])
+                overlap, moment = near_points(clouds, k, near[e], first, last, pose[e, b], r, radius[e, i])
                 raw.overlap += overlap
                 raw.motion += overlap * here + wp.cross(turn, moment)
                 raw.spin += overlap * w
@@ -159,19 +169,29 @@ class ProximityTaxel(SensorModel):
         return ForceTorque(values[..., :3], values[..., 3:])
 
     def compile(self, site: Site) -> Compiled:
-        context, view = site.context, site.view
-        clusters = cluster(surface_points(site, self.n_sample_points, self.points))
         truth = site.zeros()
         raw = site.zeros() if site.separate else truth
+        clusters = cluster(surface_points(site, self.n_sample_points, self.points))
+        stages = self._stages(site, clusters, truth, raw) if site.probes.n and clusters.n_points else []
+        return Compiled(truth=truth, raw=raw, stages=stages)
+
+    def _stages(self, site: Site, clusters: Clusters, truth: wp.array, raw: wp.array) -> list[Stage]:
+        context, view, probes = site.context, site.view, site.probes
         moving = self.velocity_reason() is not None
         has_gain, has_radius = site.gain is not None, site.radius is not None
-        kernel = proximity_kernel(context.real, moving, site.separate, has_gain, has_radius)
-        inputs = [upload_clouds(clusters, context), view.pose, view.velocity, view.spin, view.link_spin]
+        clouds = upload_clouds(clusters, context)
+        near, find = near_clusters(site, clouds, None if has_radius else float(probes.radii.max()))
+        order = wp.array(spatial_order(probes.positions, _NEIGHBOURS), dtype=wp.int32, device=context.device)
+        inputs = [clouds, near.clusters, near.start, order, view.pose, view.velocity, view.spin, view.link_spin]
         inputs += [site.positions, site.normals, site.radii, self._coefficients(context.real, clusters.n_points)]
         inputs += [site.gain, site.radius]
-        launch = record(kernel, truth.shape[:2], inputs, [truth, raw], context.device)
+        kernel = proximity_kernel(context.real, moving, site.separate, has_gain, has_radius)
+        add_up = record(kernel, truth.shape[:2], inputs, [truth, raw], context.device)
         reason = f"ProximityTaxel sums over {clusters.n_points} points"
-        return Compiled(truth=truth, raw=raw, stages=[Stage(name=f"{site.name}: points", reason=reason, launch=launch)])
+        return [
+            Stage(name=f"{site.name}: near points", reason="ProximityTaxel skips what is out of reach", launch=find),
+            Stage(name=f"{site.name}: points", reason=reason, launch=add_up),
+        ]
 
     def _coefficients(self, real, n_points: int):
         density = self.density_scalar / max(n_points, 1)

@@ -13,8 +13,9 @@ from tactemu.physics.point_cloud import bounding_ball
 from tactemu.physics.sensor import Site
 from tactemu.physics.shapes import shape_functions, table_type
 
-SEGMENT = 8
-"""Taxels that one thread looks at: if no body reaches their ball, none is looked at closer."""
+_SEGMENT = {"cpu": 8, "cuda": 1}
+"""Taxels that one thread looks at: if no body reaches their ball, none is looked at closer. On a GPU neighbouring
+threads write neighbouring numbers."""
 _NOWHERE = 2**30
 
 
@@ -55,14 +56,15 @@ def _kernels(real, kinds: frozenset):
         balls: wp.array(dtype=vec4),
         exponent: real,
         cols: int,
+        segment_size: int,
         # outputs
         depth: wp.array2d(dtype=real),
         power: wp.array2d(dtype=real),
         box: wp.array2d(dtype=wp.int32),
     ):
         env, segment = wp.tid()
-        first = segment * SEGMENT
-        last = wp.min(first + SEGMENT, positions.shape[0])
+        first = segment * segment_size
+        last = wp.min(first + segment_size, positions.shape[0])
         ball = balls[segment]
         near = bool(False)
         for t in range(targets.shape[0]):
@@ -89,10 +91,10 @@ def _kernels(real, kinds: frozenset):
     return clear_box, find_depth
 
 
-def _balls(site: Site) -> wp.array:
+def _balls(site: Site, size: int) -> wp.array:
     """A ball around each segment of taxels: centre, and radius with room for rounding."""
     real, positions = site.context.real, site.probes.positions
-    parts = [positions[i : i + SEGMENT] for i in range(0, len(positions), SEGMENT)]
+    parts = [positions[i : i + size] for i in range(0, len(positions), size)]
     balls = np.array([bounding_ball(part) for part in parts]) * [1.0, 1.0, 1.0, 1.0 + 1e-5]
     return wp.array(balls, dtype=wp.types.vector(4, real), device=site.context.device)
 
@@ -104,11 +106,16 @@ def taxel_depth(site: Site, is_sensing: wp.array, exponent: float) -> tuple[Taxe
     depth = wp.zeros(shape, dtype=real, device=device)
     power = depth if exponent == 1.0 else wp.zeros(shape, dtype=real, device=device)
     box = wp.zeros((context.n_envs, 4), dtype=wp.int32, device=device)
+    size = _SEGMENT["cpu" if device.is_cpu else "cuda"]
     clear_box, find_depth = _kernels(real, site.table.kinds)
     clear = record(clear_box, context.n_envs, [], [box], device)
-    inputs = [site.table.struct, site.view.pose, site.targets, site.positions, is_sensing, _balls(site), exponent]
+    inputs = [site.table.struct, site.view.pose, site.targets, site.positions, is_sensing, _balls(site, size), exponent]
     find = record(
-        find_depth, (shape[0], -(-shape[1] // SEGMENT)), [*inputs, site.probes.layout[-1]], [depth, power, box], device
+        find_depth,
+        (shape[0], -(-shape[1] // size)),
+        [*inputs, site.probes.layout[-1], size],
+        [depth, power, box],
+        device,
     )
 
     def launch():
