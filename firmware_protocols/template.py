@@ -24,7 +24,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from firmware_protocols.device import Command, Device, Frame, Outgoing, Reading, SerialWire, grid_layout
+from firmware_protocols.device import Command, Device, Outgoing, Reading, SerialWire, grid_layout
 
 START, REQUEST = 0xA5, 0x3F
 ROWS, COLUMNS = 4, 4
@@ -70,7 +70,7 @@ class VendorModel(Device):
         """What leaves at every sample, unasked. Each frame is written in one piece."""
         return (self._frame(),)
 
-    def receive(self, data: Frame, t_ns: int) -> Sequence[Outgoing]:
+    def receive(self, data: bytes, t_ns: int) -> Sequence[Outgoing]:
         """Bytes come in chunks of any size. What is no request is counted and answered as the firmware would."""
         requests = data.count(REQUEST)
         self.counters["requests"] += requests
@@ -84,4 +84,10 @@ class VendorModel(Device):
     @property
     def commands(self) -> tuple[Command, ...]:
         """Every documented command: the contract test sends each, damages it, and sends it again."""
-        return (Command(name="read", request=bytes([REQUEST]), reply=lambda frames: len(frames[0]) == 34),)
+        return (
+            Command(
+                name="read",
+                request=bytes([REQUEST]),
+                reply=lambda frames: isinstance(frames[0], bytes) and len(frames[0]) == 34,
+            ),
+        )

@@ -202,8 +202,9 @@ class Emulator:
         simulation = self.simulation
         if simulation is None or not self.channels:
             return False
-        horizon = min(channel.due_ns for channel in self.channels)
-        horizon = min([horizon, *(entry[0] for entry in self._actions[:1]), *([] if end_ns is None else [end_ns])])
+        ends = [channel.due_ns for channel in self.channels]
+        ends += [entry[0] for entry in self._actions[:1]]
+        horizon = min(ends if end_ns is None else [*ends, end_ns])
         if simulation.dt_ns <= 0 or horizon - simulation.time_ns < simulation.dt_ns:
             return False
         simulation.advance_to(simulation.time_ns + simulation.dt_ns)

@@ -68,7 +68,9 @@ class Scene:
         if wxyz.shape != (4,) or not np.isfinite(length) or length < 1e-6:
             raise SceneError(f"body {name!r}: quaternion must be 4 numbers (w, x, y, z), not all 0, got {quaternion!r}")
         wxyz = wxyz / length
-        body = Body(index, name, shape, fixed, tuple(map(float, xyz)), tuple(map(float, wxyz)), motion)
+        x, y, z = map(float, xyz)
+        qw, qx, qy, qz = map(float, wxyz)
+        body = Body(index, name, shape, fixed, (x, y, z), (qw, qx, qy, qz), motion)
         self.bodies.append(body)
         return body
 
@@ -97,8 +99,7 @@ class Scene:
         for body in self.bodies:
             if which is body or (isinstance(which, str) and which == body.name):
                 return body
-        is_index = isinstance(which, int | np.integer) and not isinstance(which, bool)
-        if is_index and 0 <= which < len(self.bodies):
+        if isinstance(which, int | np.integer) and not isinstance(which, bool) and 0 <= which < len(self.bodies):
             return self.bodies[int(which)]
         wanted = which.name if isinstance(which, Body) else which
         known = ", ".join(f"{body.index}: {body.name}" for body in self.bodies) or "none"

@@ -61,7 +61,7 @@ def _table_of(motion: type[Motion]) -> type[Table]:
     """The table with the fields of a motion's dataclass, and its kind."""
     hints = typing.get_type_hints(motion)
     fields: dict[str, Any] = {"kind": (Literal[motion.kind], ...)}  # type: ignore[name-defined]
-    for field in dataclasses.fields(motion):
+    for field in dataclasses.fields(motion):  # type: ignore[arg-type]
         fields[field.name] = (hints[field.name], ... if field.default is dataclasses.MISSING else field.default)
     return create_model(f"{motion.__name__}Motion", __base__=Table, __doc__=motion.__doc__, **fields)
 
