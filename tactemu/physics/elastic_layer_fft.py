@@ -43,6 +43,17 @@ def block_sync():
     ...
 
 
+@wp.func
+def spread(columns: int, thread: int):
+    """How the threads of a block share a window: first row, step of rows, first column, step of columns."""
+    across = wp.min(columns, wp.block_dim())
+    down = wp.block_dim() // across
+    row = thread // across
+    if row >= down:
+        row = wp.static(1 << 30)  # a thread too many: idle
+    return wp.vec4i(row, down, thread % across, across)
+
+
 @functools.cache
 def workspace_type(real, lanes: int):
     """Scratch of the convolutions, one slot per block."""
@@ -55,11 +66,13 @@ def workspace_type(real, lanes: int):
         ai: wp.array3d(dtype=lane)
         br: wp.array3d(dtype=lane)
         bi: wp.array3d(dtype=lane)
-        # Transposed intermediate and spectrum: (n_slots, n_max, n_max), the same memory as numbers and as lanes.
+        # Transposed intermediate and two spectra: (n_slots, n_max, n_max), the same memory as numbers and as lanes.
         between: wp.array3d(dtype=real)
         between_lanes: wp.array3d(dtype=lane)
         spectrum: wp.array3d(dtype=real)
         spectrum_lanes: wp.array3d(dtype=lane)
+        second: wp.array3d(dtype=real)
+        second_lanes: wp.array3d(dtype=lane)
         # exp(-2 pi i j / n_max), j < n_max.
         twiddle: wp.array(dtype=wp.types.vector(2, real))
 
@@ -84,15 +97,16 @@ def allocate_pair(n: int, rows: int, columns: int, real, lanes: int, device) -> 
 
 
 class Workspace:
-    """Allocates the scratch for transforms of up to ``n_max`` and keeps it alive."""
+    """Allocates the scratch for transforms of up to ``n_max`` and keeps it alive; ``two``: with a second spectrum."""
 
-    def __init__(self, n_slots: int, n_max: int, real, lanes: int, device):
+    def __init__(self, n_slots: int, n_max: int, real, lanes: int, device, *, two: bool = False):
         self._pairs = [allocate_pair(n_slots, n_max, n_max // 2, real, lanes, device) for _ in range(4)]
-        self._pairs += [allocate_pair(n_slots, n_max, n_max, real, lanes, device) for _ in range(2)]
+        self._pairs += [allocate_pair(n_slots, n_max, n_max, real, lanes, device) for _ in range(3 if two else 2)]
         self.struct = struct = workspace_type(real, lanes)()
         struct.ar, struct.ai, struct.br, struct.bi = (pair.lanes for pair in self._pairs[:4])
         struct.between, struct.between_lanes = self._pairs[4]
         struct.spectrum, struct.spectrum_lanes = self._pairs[5]
+        struct.second, struct.second_lanes = self._pairs[-1]
         turns = np.exp(-2j * np.pi * np.arange(n_max) / n_max)
         pairs = np.stack([turns.real, turns.imag], axis=1)
         struct.twiddle = wp.array(pairs, dtype=wp.types.vector(2, real), device=device)
@@ -104,16 +118,18 @@ class Workspace:
 
 
 class ConvolutionFunctions(NamedTuple):
-    """Warp functions that all threads of a block call together."""
+    """Warp functions that all threads of a block call together. A transform of ``size = (n_rows, n_columns)``."""
 
     forward: Any
-    """``forward(ws, slot, field, rows, columns, n_rows, n_columns, thread)``: the spectrum of the window
-    ``(rows, columns)`` of ``field`` (lanes) into ``ws.spectrum``, ``(n_rows, n_columns)``."""
+    """``forward(ws, slot, field, shape, size, spectrum, thread)``: the spectrum (numbers) of the window of ``field``
+    (lanes) of ``shape = (rows, columns)``."""
     scale: Any
-    """``scale(ws, slot, table, start, n_rows, n_columns, thread)``: multiplies the spectrum by an even kernel's."""
+    """``scale(spectrum, table, start, size, thread)``: multiplies a spectrum (lanes) by an even kernel's."""
     inverse: Any
-    """``inverse(ws, slot, first_row, rows, first_column, columns, n_rows, n_columns, out, thread)``: the window of the
-    inverse transform that starts at ``(first_row, first_column)``, which may be negative, into ``out``."""
+    """``inverse(ws, slot, spectrum, first, shape, size, out, thread)``: the window of ``shape`` that starts
+    at ``first = (row, column)``, which may be negative, of the inverse transform into ``out`` (numbers)."""
+    convolve: Any
+    """``convolve(ws, slot, field, table, start, shape, size, out, thread)``: all three; ``out`` is as the window."""
 
 
 @functools.cache
@@ -132,6 +148,10 @@ def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
         @wp.func
         def store(out: numbers_array, row: int, column: int, value: lane):
             out[row, column] = value
+
+        @wp.func
+        def multiply(a: lane, b: lane):
+            return a * b
     else:
 
         @wp.func
@@ -139,18 +159,21 @@ def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
             for l in range(wp.static(lanes)):
                 out[row * wp.static(lanes) + l, column] = value[l]
 
+        @wp.func
+        def multiply(a: lane, b: lane):
+            return wp.cw_mul(a, b)
+
     @wp.func
     def unpack(
         zr: lanes_array, zi: lanes_array, n: int, half: int, first: int, rows_out: int, out: numbers_array, thread: int
     ):
         """Hartley coefficients of the two columns in each complex one; ``out[column, k - first]``."""
-        across = wp.min(half, wp.block_dim())
-        c0 = thread % across
-        for k in range(thread // across, n // 2 + 1, wp.block_dim() // across):
+        mine = spread(half, thread)
+        for k in range(mine[0], n // 2 + 1, mine[1]):
             mirror = (n - k) % n
             at = (k - first + n) % n
             at_mirror = (mirror - first + n) % n
-            for c in range(c0, half, across):
+            for c in range(mine[2], half, mine[3]):
                 xr = zr[k, c]
                 xi = zi[k, c]
                 yr = zr[mirror, c]
@@ -177,15 +200,14 @@ def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
     ):
         """Twice the transform of length ``n`` along the rows of ``field``; ``out`` is ``(columns, rows_out)``."""
         half = columns // wp.static(2 * lanes)
-        across = wp.min(half, wp.block_dim())
-        c0 = thread % across
+        mine = spread(half, thread)
         n_max = ws.twiddle.shape[0]
         ar = ws.ar[slot]
         ai = ws.ai[slot]
         br = ws.br[slot]
         bi = ws.bi[slot]
-        for k in range(thread // across, n, wp.block_dim() // across):
-            for c in range(c0, half, across):
+        for k in range(mine[0], n, mine[1]):
+            for c in range(mine[2], half, mine[3]):
                 if k < rows:
                     ar[k, c] = field[k, c]
                     ai[k, c] = field[k, c + half]
@@ -225,57 +247,57 @@ def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
         ws: workspace,
         slot: int,
         field: lanes_array,
-        rows: int,
-        columns: int,
-        n_rows: int,
-        n_columns: int,
+        shape: wp.vec2i,
+        size: wp.vec2i,
+        spectrum: numbers_array,
         thread: int,
     ):
-        hartley(ws, slot, field, rows, columns, n_rows, 0, n_rows, ws.between[slot], thread)
-        hartley(ws, slot, ws.between_lanes[slot], columns, n_rows, n_columns, 0, n_columns, ws.spectrum[slot], thread)
+        hartley(ws, slot, field, shape[0], shape[1], size[0], 0, size[0], ws.between[slot], thread)
+        between = ws.between_lanes[slot]
+        hartley(ws, slot, between, shape[1], size[0], size[1], 0, size[1], spectrum, thread)
 
     @wp.func
-    def scale(
-        ws: workspace, slot: int, table: wp.array(dtype=lane), start: int, n_rows: int, n_columns: int, thread: int
-    ):
-        spectrum = ws.spectrum_lanes[slot]
-        across = n_columns // wp.static(lanes)
+    def scale(spectrum: lanes_array, table: wp.array(dtype=lane), start: int, size: wp.vec2i, thread: int):
+        across = size[1] // wp.static(lanes)
         begin = start // wp.static(lanes)
-        for item in range(thread, n_rows * across, wp.block_dim()):
-            k = item // across
-            c = item - k * across
-            spectrum[k, c] = wp.cw_mul(spectrum[k, c], table[begin + item])
-        block_sync()
-
-    @wp.func
-    def scale_number(
-        ws: workspace, slot: int, table: wp.array(dtype=lane), start: int, n_rows: int, n_columns: int, thread: int
-    ):
-        spectrum = ws.spectrum[slot]
-        for item in range(thread, n_rows * n_columns, wp.block_dim()):
-            k = item // n_columns
-            c = item - k * n_columns
-            spectrum[k, c] = spectrum[k, c] * table[start + item]
+        mine = spread(across, thread)
+        for k in range(mine[0], size[0], mine[1]):
+            for c in range(mine[2], across, mine[3]):
+                spectrum[k, c] = multiply(spectrum[k, c], table[begin + k * across + c])
         block_sync()
 
     @wp.func
     def inverse(
         ws: workspace,
         slot: int,
-        first_row: int,
-        rows: int,
-        first_column: int,
-        columns: int,
-        n_rows: int,
-        n_columns: int,
+        spectrum: lanes_array,
+        first: wp.vec2i,
+        shape: wp.vec2i,
+        size: wp.vec2i,
         out: numbers_array,
         thread: int,
     ):
-        hartley(ws, slot, ws.spectrum_lanes[slot], n_rows, n_columns, n_rows, first_row, rows, ws.between[slot], thread)
+        hartley(ws, slot, spectrum, size[0], size[1], size[0], first[0], shape[0], ws.between[slot], thread)
         between = ws.between_lanes[slot]
-        hartley(ws, slot, between, n_columns, rows, n_columns, first_column, columns, out, thread)
+        hartley(ws, slot, between, size[1], shape[0], size[1], first[1], shape[1], out, thread)
 
-    return ConvolutionFunctions(forward, scale_number if lanes == 1 else scale, inverse)
+    @wp.func
+    def convolve(
+        ws: workspace,
+        slot: int,
+        field: lanes_array,
+        table: wp.array(dtype=lane),
+        start: int,
+        shape: wp.vec2i,
+        size: wp.vec2i,
+        out: numbers_array,
+        thread: int,
+    ):
+        forward(ws, slot, field, shape, size, ws.spectrum[slot], thread)
+        scale(ws.spectrum_lanes[slot], table, start, size, thread)
+        inverse(ws, slot, ws.spectrum_lanes[slot], wp.vec2i(0, 0), shape, size, out, thread)
+
+    return ConvolutionFunctions(forward, scale, inverse, convolve)
 
 
 def _fft_stages(lane, lanes_array, turns_array):
@@ -294,17 +316,16 @@ def _fft_stages(lane, lanes_array, turns_array):
         turn: int,
         thread: int,
     ):
-        across = wp.min(columns, wp.block_dim())
-        c0 = thread % across
+        mine = spread(columns, thread)
         quarter = length // 4
         step = stride * quarter
-        for item in range(thread // across, step, wp.block_dim() // across):
+        for item in range(mine[0], step, mine[1]):
             p = item // stride
             w1 = turns[p * turn]
             w2 = turns[2 * p * turn]
             w3 = turns[3 * p * turn]
             o = item + 3 * stride * p
-            for c in range(c0, columns, across):
+            for c in range(mine[2], columns, mine[3]):
                 ar = xr[item, c]
                 ai = xi[item, c]
                 br = xr[item + step, c]
@@ -340,10 +361,9 @@ def _fft_stages(lane, lanes_array, turns_array):
     def radix_2(
         xr: lanes_array, xi: lanes_array, yr: lanes_array, yi: lanes_array, stride: int, columns: int, thread: int
     ):
-        across = wp.min(columns, wp.block_dim())
-        c0 = thread % across
-        for item in range(thread // across, stride, wp.block_dim() // across):
-            for c in range(c0, columns, across):
+        mine = spread(columns, thread)
+        for item in range(mine[0], stride, mine[1]):
+            for c in range(mine[2], columns, mine[3]):
                 ar = xr[item, c]
                 ai = xi[item, c]
                 br = xr[item + stride, c]

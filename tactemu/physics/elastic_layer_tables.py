@@ -30,8 +30,8 @@ def tables_type(real, lanes: int):
         start: wp.array2d(dtype=wp.int32)  # [level of rows, level of columns] -> first number of the spectrum
         nn: wp.array(dtype=lane)  # displacement into the skin by pressure
         soften: wp.array(dtype=lane)  # its approximate inverse, the preconditioner
-        xx: wp.array(dtype=lane)  # tangential displacement by traction
-        yy: wp.array(dtype=lane)
+        xx: wp.array(dtype=real)  # tangential displacement by traction
+        yy: wp.array(dtype=real)
         xy: wp.array(dtype=real)
         soften_x: wp.array(dtype=lane)
         soften_y: wp.array(dtype=lane)
@@ -79,7 +79,7 @@ class LayerTables:
         for name in names:
             kernel = getattr(kernels, name) * unit
             flat = self._every_size(lambda n, kernel=kernel, odd=_ODD[name]: spectrum(kernel, n, odd))
-            self._store(name, flat, real, 1 if name in ("xy", "nx", "ny") else lanes, device)
+            self._store(name, flat, real, lanes if name == "nn" else 1, device)
         for name in ("soften", "soften_x", "soften_y") if tangential else ("soften",):
             flat = self._every_size(lambda n, name=name: 1.0 / (unit * self._compliance(n, name)))
             self._store(name, flat, real, lanes, device)

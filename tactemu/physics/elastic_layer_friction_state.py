@@ -1,0 +1,74 @@
+"""What the friction solver works on and remembers (:mod:`tactemu.physics.elastic_layer_friction`)."""
+
+import functools
+
+import warp as wp
+
+from tactemu.physics.elastic_layer_fft import lane_type
+
+FREE, STICK, SLIP = 0, 1, 2
+"""State of a cell."""
+AT_BOUND = 0.99999
+"""A cell slips where its traction is beyond this part of mu p."""
+
+
+@functools.cache
+def friction_windows_type(real, lanes: int):
+    """Vectors of the conjugate gradients, one window per block: ``(n_slots, rows, columns)``."""
+    lane = lane_type(real, lanes)
+
+    @wp.struct
+    class FrictionWindows:
+        limit: wp.array3d(dtype=real)  # mu p
+        hold_x: wp.array3d(dtype=real)  # a + s
+        hold_y: wp.array3d(dtype=real)
+        pressure: wp.array3d(dtype=real)
+        pressure_lanes: wp.array3d(dtype=lane)
+        x: wp.array3d(dtype=real)  # traction
+        x_lanes: wp.array3d(dtype=lane)
+        y: wp.array3d(dtype=real)
+        y_lanes: wp.array3d(dtype=lane)
+        by_pressure_x: wp.array3d(dtype=real)  # v
+        by_pressure_y: wp.array3d(dtype=real)
+        gap_x: wp.array3d(dtype=real)  # displacement - hold
+        gap_y: wp.array3d(dtype=real)
+        free_x: wp.array3d(dtype=real)  # the part of the gap that can close, weighted
+        free_x_lanes: wp.array3d(dtype=lane)
+        free_y: wp.array3d(dtype=real)
+        free_y_lanes: wp.array3d(dtype=lane)
+        last_x: wp.array3d(dtype=real)  # that of the last iteration
+        last_y: wp.array3d(dtype=real)
+        stiffness: wp.array3d(dtype=real)  # of the circle; 0 where a cell sticks
+        softened_x: wp.array3d(dtype=real)
+        softened_y: wp.array3d(dtype=real)
+        along_x: wp.array3d(dtype=real)  # search direction
+        along_x_lanes: wp.array3d(dtype=lane)
+        along_y: wp.array3d(dtype=real)
+        along_y_lanes: wp.array3d(dtype=lane)
+        answer_x: wp.array3d(dtype=real)  # displacement by the direction
+        answer_y: wp.array3d(dtype=real)
+
+    return FrictionWindows
+
+
+_VECTORS = ("hold", "by_pressure", "gap", "free", "last", "softened", "along", "answer")
+FRICTION_WINDOWS = ("limit", "pressure", "x", "y", "stiffness", *(f"{v}_{axis}" for v in _VECTORS for axis in "xy"))
+
+
+@functools.cache
+def friction_state_type(real):
+    """What friction remembers of each cell, ``(n_envs, rows, columns)``."""
+
+    @wp.struct
+    class FrictionState:
+        x: wp.array3d(dtype=real)  # traction
+        y: wp.array3d(dtype=real)
+        anchor_x: wp.array3d(dtype=real)  # where the surface is held or, in free cells, where it is
+        anchor_y: wp.array3d(dtype=real)
+        held_by: wp.array3d(dtype=wp.int32)  # the body that it touches, from 1; 0: none
+        slip: wp.array3d(dtype=wp.int32)
+        box: wp.array(dtype=wp.vec4i)
+        residual: wp.array(dtype=wp.float64)
+        iterations: wp.array(dtype=wp.int32)
+
+    return FrictionState

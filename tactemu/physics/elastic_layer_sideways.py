@@ -1,0 +1,104 @@
+"""What tractions and pressures do sideways: the tangential half of the layer's compliance, on spectra.
+
+Tractions along x and y move the surface along both. With the mirrored wave numbers that an odd kernel asks for
+(:mod:`elastic_layer_fft`)::
+
+    U_x(k) = xx(k) T_x(k) + xy(k) T_y(-k)          u_x by pressure: U_x(kx, ky) = nx(k) P(-kx, ky)
+    U_y(k) = yy(k) T_y(k) + xy(k) T_x(-k)          u_y by pressure: U_y(kx, ky) = ny(k) P(kx, -ky)
+"""
+
+import functools
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from tactemu.physics.elastic_layer_fft import block_sync, convolution_functions, lane_type, spread, workspace_type
+from tactemu.physics.elastic_layer_tables import tables_type
+
+
+class SidewaysFunctions(NamedTuple):
+    """Warp functions that all threads of a block call together; ``size`` is the length of the transforms."""
+
+    mix: Any
+    """``mix(ws, slot, tables, start, size, thread)``: tractions in the two spectra become displacements."""
+    by_pressure: Any
+    """``by_pressure(ws, slot, tables, axis, start, size, thread)``: the second spectrum becomes the displacement along
+    x (axis 0) or y (1) by the pressure in the first, which stays."""
+    by_traction: Any
+    """``by_traction(ws, slot, tables, start, x, y, shape, size, first, out_shape, out_x, out_y, thread)``: displacement
+    in the window of ``out_shape`` at ``first`` by tractions ``x, y`` (lanes) in the window of ``shape`` at (0, 0)."""
+
+
+@functools.cache
+def sideways_functions(real, lanes: int) -> SidewaysFunctions:
+    """The functions for one float type and lane width."""
+    workspace = workspace_type(real, lanes)
+    tables_struct = tables_type(real, lanes)
+    functions = convolution_functions(real, lanes)
+    forward, inverse = functions.forward, functions.inverse
+    field = wp.array2d(dtype=lane_type(real, lanes))
+    grid = wp.array2d(dtype=real)
+
+    @wp.func
+    def mix(ws: workspace, slot: int, tables: tables_struct, start: int, size: wp.vec2i, thread: int):
+        x = ws.spectrum[slot]
+        y = ws.second[slot]
+        mine = spread(size[1], thread)
+        for k in range(mine[0], size[0] // 2 + 1, mine[1]):
+            mirror_k = (size[0] - k) % size[0]
+            for c in range(mine[2], size[1], mine[3]):
+                mirror_c = (size[1] - c) % size[1]
+                if k < mirror_k or c <= mirror_c:
+                    at = start + k * size[1] + c
+                    xx = tables.xx[at]
+                    xy = tables.xy[at]
+                    yy = tables.yy[at]
+                    tx = x[k, c]
+                    ty = y[k, c]
+                    tx_mirror = x[mirror_k, mirror_c]
+                    ty_mirror = y[mirror_k, mirror_c]
+                    x[k, c] = xx * tx + xy * ty_mirror
+                    y[k, c] = yy * ty + xy * tx_mirror
+                    x[mirror_k, mirror_c] = xx * tx_mirror + xy * ty
+                    y[mirror_k, mirror_c] = yy * ty_mirror + xy * tx
+        block_sync()
+
+    @wp.func
+    def by_pressure(
+        ws: workspace, slot: int, tables: tables_struct, axis: int, start: int, size: wp.vec2i, thread: int
+    ):
+        p = ws.spectrum[slot]
+        u = ws.second[slot]
+        mine = spread(size[1], thread)
+        for k in range(mine[0], size[0], mine[1]):
+            for c in range(mine[2], size[1], mine[3]):
+                at = start + k * size[1] + c
+                if axis == 0:
+                    u[k, c] = tables.nx[at] * p[k, (size[1] - c) % size[1]]
+                else:
+                    u[k, c] = tables.ny[at] * p[(size[0] - k) % size[0], c]
+        block_sync()
+
+    @wp.func
+    def by_traction(
+        ws: workspace,
+        slot: int,
+        tables: tables_struct,
+        start: int,
+        x: field,
+        y: field,
+        shape: wp.vec2i,
+        size: wp.vec2i,
+        first: wp.vec2i,
+        out_shape: wp.vec2i,
+        out_x: grid,
+        out_y: grid,
+        thread: int,
+    ):
+        forward(ws, slot, x, shape, size, ws.spectrum[slot], thread)
+        forward(ws, slot, y, shape, size, ws.second[slot], thread)
+        mix(ws, slot, tables, start, size, thread)
+        inverse(ws, slot, ws.spectrum_lanes[slot], first, out_shape, size, out_x, thread)
+        inverse(ws, slot, ws.second_lanes[slot], first, out_shape, size, out_y, thread)
+
+    return SidewaysFunctions(mix, by_pressure, by_traction)
