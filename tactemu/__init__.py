@@ -23,6 +23,7 @@ _PUBLIC = {
     "ElastomerTaxel": "tactemu.physics.elastomer_taxel",
     "ProximityTaxel": "tactemu.physics.proximity_taxel",
     "KinematicTaxel": "tactemu.physics.kinematic_taxel",
+    "ElasticLayerTaxel": "tactemu.physics.elastic_layer",
     "Hold": "tactemu.scene.motion",
     "Press": "tactemu.scene.motion",
     "Slide": "tactemu.scene.motion",

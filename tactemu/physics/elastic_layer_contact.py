@@ -292,6 +292,7 @@ def normal_kernel(real, lanes: int):
         box_out: wp.array(dtype=wp.vec4i),
         residual_out: wp.array(dtype=wp.float64),
         iterations_out: wp.array(dtype=wp.int32),
+        changed_out: wp.array(dtype=wp.int32),  # 1: the pressures of this step are not those of the last
     ):
         slot, thread = wp.tid()
         for env in range(slot, overlap.shape[0], n_slots):
@@ -299,10 +300,13 @@ def normal_kernel(real, lanes: int):
             residual = residual_out[env]
             old = box_out[env]
             iteration = int(0)
+            changed = int(0)
             if state == BROKEN or box[3] == 0:
                 publish(win.pressure[slot], box, old, pressure_out[env], thread)
+                changed = wp.min(old[3], 1)
                 residual = wp.where(state == BROKEN, wp.float64(wp.nan), wp.float64(0.0))
             elif state != SAME or residual > tolerance:
+                changed = 1
                 mine = spread(box[3], thread)
                 reference = gather(win, slot, overlap[env], pressure_out[env], box, mine)
                 shape = wp.vec2i(box[2], box[3])
@@ -313,6 +317,7 @@ def normal_kernel(real, lanes: int):
                 box_out[env] = box
                 residual_out[env] = residual
                 iterations_out[env] = iteration
+                changed_out[env] = changed
             block_sync()
 
     return solve_normal

@@ -347,7 +347,7 @@ def friction_kernel(real, lanes: int, coupled: bool):
         # In:
         pressure: wp.array3d(dtype=real),
         boxes: wp.array(dtype=wp.vec4i),
-        normal_iterations: wp.array(dtype=wp.int32),
+        changed: wp.array(dtype=wp.int32),
         slide: wp.array3d(dtype=vec2),
         body: wp.array3d(dtype=wp.int32),
         # Scratch:
@@ -355,6 +355,7 @@ def friction_kernel(real, lanes: int, coupled: bool):
         win: windows,
         # State and out:
         state: state_struct,
+        changed_out: wp.array(dtype=wp.int32),
     ):
         slot, thread = wp.tid()
         for env in range(slot, pressure.shape[0], n_slots):
@@ -370,7 +371,7 @@ def friction_kernel(real, lanes: int, coupled: bool):
             else:
                 mine = spread(box[3], thread)
                 moved = gather(win, slot, state, env, mu, pressure[env], slide[env], body[env], box, mine)
-                work = moved > wp.float64(0.0) or normal_iterations[env] > 0 or residual > tolerance
+                work = moved > wp.float64(0.0) or changed[env] > 0 or residual > tolerance
                 for i in range(4):
                     work = work or box[i] != old[i]
                 if work:
@@ -399,6 +400,7 @@ def friction_kernel(real, lanes: int, coupled: bool):
                 state.box[env] = box
                 state.residual[env] = residual
                 state.iterations[env] = iteration
+                changed_out[env] = wp.max(changed[env], wp.where(work, 1, 0))
             block_sync()
 
     return solve_friction
