@@ -296,7 +296,7 @@ class CompiledLayer:
         return self._blocks(friction_kernel(real, self.lanes, bool(model.coupled)), inputs, [self.rubbed])
 
     def _surface(self) -> Callable[[], None]:
-        reach = reach_of(self.material, self.grid.shape, self.grid.cell)
+        reach = reach_of(self.tables.kernels)
         inputs = [self.tables.struct, wp.vec2i(*reach), self.n_slots, self.pressure, self.state, self.box]
         inputs += [self.rubbed if self.rubs else self.changed, self.workspace.struct, self.windows.struct]
         return self._blocks(surface_kernel(self.real, self.lanes, self.rubs), inputs, [self.area, *self.surface])

@@ -5,21 +5,20 @@ import functools
 import numpy as np
 import warp as wp
 
-from tactemu.physics.elastic_layer_compliance import sample_kernels
+from tactemu.physics.elastic_layer_compliance import Kernels
 from tactemu.physics.elastic_layer_contact import windows_type
 from tactemu.physics.elastic_layer_fft import block_sync, convolution_functions, spread, workspace_type
 from tactemu.physics.elastic_layer_friction_state import friction_state_type
 from tactemu.physics.elastic_layer_sideways import sideways_functions
-from tactemu.physics.elastic_layer_tables import LayerMaterial, tables_type
+from tactemu.physics.elastic_layer_tables import tables_type
 from tactemu.physics.elastic_layer_window import BOX_STEP, transform_level, transform_size
 
 NEGLIGIBLE = 1e-5
 """A response smaller than this part of that at the load is left out."""
 
 
-def reach_of(material: LayerMaterial, shape: tuple[int, int], pitch: tuple[float, float]) -> tuple[int, int]:
+def reach_of(kernels: Kernels) -> tuple[int, int]:
     """How many cells away a load still moves the surface, along rows and columns; at most the whole grid."""
-    kernels = sample_kernels(shape, pitch, *material)
     strength = np.maximum(np.abs(kernels.nn), np.hypot(kernels.nx, kernels.ny)) / kernels.nn[0, 0]
     felt = strength > NEGLIGIBLE
     return tuple(int(np.flatnonzero(felt.any(axis=1 - axis)).max()) + 1 for axis in range(2))

@@ -66,7 +66,7 @@ class LayerTables:
         self.sizes = tuple(_transform_sizes(n) for n in cells)
         self.n_max = max(sizes[-1] for sizes in self.sizes)
         shape = tuple(sizes[-1] // 2 + 1 for sizes in self.sizes)
-        kernels = sample_kernels(shape, pitch, *material)
+        self.kernels = kernels = sample_kernels(shape, pitch, *material)
         self.length_scale = float(min(pitch))
         """One pitch [m]."""
         self.pressure_scale = self.length_scale / float(kernels.nn[0, 0])

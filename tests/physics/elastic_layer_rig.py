@@ -1,0 +1,114 @@
+"""The layer's solvers on plain arrays: what the tests press is an array of overlaps, not a scene."""
+
+import math
+
+import numpy as np
+import warp as wp
+
+from tactemu.physics.elastic_layer_contact import NORMAL_WINDOWS, Windows, normal_kernel, windows_type
+from tactemu.physics.elastic_layer_fft import Workspace, lanes_of
+from tactemu.physics.elastic_layer_friction import friction_kernel
+from tactemu.physics.elastic_layer_friction_state import FRICTION_WINDOWS, friction_state_type, friction_windows_type
+from tactemu.physics.elastic_layer_surface import reach_of, surface_kernel
+from tactemu.physics.elastic_layer_tables import LayerMaterial, LayerTables
+
+
+class LayerRig:
+    """One layer of ``cells`` (rows, columns) at ``pitch`` [m]; SI in, SI out, no environments axis for one."""
+
+    def __init__(
+        self, cells, pitch, young, nu, thickness, *, n_envs=1, real=wp.float32, iterations=200, tolerance=1e-5,
+        mu=0.0, coupled=False, device="cpu",
+    ):  # fmt: skip
+        self.device = wp.get_device(device)
+        self.real, self.pitch, self.n_envs = real, pitch, n_envs
+        lanes, slots = lanes_of(self.device), 1 if self.device.is_cpu else n_envs
+        self.material = LayerMaterial(young / (2 * (1 + nu)), nu, thickness)
+        self.tables = LayerTables(
+            self.material, cells, (pitch, pitch), tangential=True, real=real, lanes=lanes, device=self.device
+        )
+        self.workspace = Workspace(slots, self.tables.n_max, real, lanes, self.device, two=True)
+        shape = (n_envs, *cells)
+
+        def zeros(dtype, where=shape):
+            return wp.zeros(where, dtype=dtype, device=self.device)
+
+        def launch(kernel, inputs, outputs):
+            return wp.launch_tiled(
+                kernel, dim=[slots], inputs=inputs, outputs=outputs, block_dim=128, device=self.device, record_cmd=True
+            ).launch
+
+        struct = windows_type(real, lanes)()
+        self.windows = Windows(struct, NORMAL_WINDOWS, slots, cells, real, lanes, self.device)
+        self.overlap, self.pressure_array = zeros(real), zeros(real)
+        self.solved = wp.full(shape, real(math.nan), dtype=real, device=self.device)
+        self.box, self.area = zeros(wp.vec4i, n_envs), zeros(wp.vec4i, n_envs)
+        self.residual_array, self.iterations = zeros(wp.float64, n_envs), zeros(wp.int32, n_envs)
+        self.changed, self.rubbed = zeros(wp.int32, n_envs), zeros(wp.int32, n_envs)
+        limit = wp.float64(tolerance)
+        inputs = [self.tables.struct, real(1.0), iterations, limit, slots]
+        inputs += [self.overlap, self.workspace.struct, self.windows.struct]
+        outputs = [self.solved, self.pressure_array, self.box, self.residual_array, self.iterations, self.changed]
+        self._normal = launch(normal_kernel(real, lanes), inputs, outputs)
+
+        self.slide, self.body = zeros(wp.types.vector(2, real)), zeros(wp.int32)
+        self.state = friction_state_type(real)()
+        for name in ("x", "y", "anchor_x", "anchor_y"):
+            setattr(self.state, name, zeros(real))
+        self.state.held_by, self.state.slip = zeros(wp.int32), zeros(wp.int32)
+        self.state.box, self.state.residual = zeros(wp.vec4i, n_envs), zeros(wp.float64, n_envs)
+        self.state.iterations = zeros(wp.int32, n_envs)
+        self._friction = None
+        if mu > 0:
+            struct = friction_windows_type(real, lanes)()
+            self.rubbing = Windows(struct, FRICTION_WINDOWS, slots, cells, real, lanes, self.device)
+            inputs = [self.tables.struct, real(mu), iterations, limit, slots]
+            inputs += [self.pressure_array, self.box, self.changed, self.slide, self.body]
+            inputs += [self.workspace.struct, self.rubbing.struct, self.state]
+            self._friction = launch(friction_kernel(real, lanes, coupled), inputs, [self.rubbed])
+
+        reach = wp.vec2i(*reach_of(self.tables.kernels))
+        self.surface_arrays = [zeros(real) for _ in range(3)]
+        inputs = [self.tables.struct, reach, slots, self.pressure_array, self.state, self.box]
+        inputs += [self.rubbed if mu > 0 else self.changed, self.workspace.struct, self.windows.struct]
+        self._surface = launch(surface_kernel(real, lanes, mu > 0), inputs, [self.area, *self.surface_arrays])
+
+    def _one(self, array):
+        values = array.numpy().astype(float)
+        return values[0] if self.n_envs == 1 else values
+
+    def press(self, overlap) -> np.ndarray:
+        """Pressure [Pa] under an overlap [m]."""
+        scaled = np.asarray(overlap) / self.tables.length_scale
+        self.overlap.assign(
+            scaled.reshape(self.overlap.shape).astype(np.float32 if self.real is wp.float32 else np.float64)
+        )
+        self._normal()
+        return self.pressure
+
+    @property
+    def pressure(self) -> np.ndarray:
+        return self._one(self.pressure_array) * self.tables.pressure_scale
+
+    @property
+    def residual(self) -> float:
+        return float(self.residual_array.numpy()[0])
+
+    def rub(self, x: float, y: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+        """Tractions [Pa] after the object has slid by (x, y) [m]."""
+        step = np.broadcast_to(np.array([x, y]) / self.tables.length_scale, (*self.slide.shape, 2))
+        self.slide.assign(step.astype(np.float32 if self.real is wp.float32 else np.float64))
+        self._friction()
+        scale = self.tables.pressure_scale
+        return self._one(self.state.x) * scale, self._one(self.state.y) * scale
+
+    def surface(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Displacement along x, y and into the skin [m]."""
+        self._surface()
+        return tuple(self._one(array) * self.tables.length_scale for array in self.surface_arrays)
+
+
+def coordinates(cells: int, pitch: float, shift=(0.0, 0.0)) -> tuple[np.ndarray, np.ndarray]:
+    """x and y of a square grid's cells [m], centred, shifted by a part of a pitch."""
+    x, y = ((np.arange(cells) - (cells - 1) / 2 + s) * pitch for s in shift)
+    return np.meshgrid(x, y)
