@@ -14,6 +14,7 @@ from tactemu.physics.shapes import (
     CYLINDER,
     FAR,
     MESH,
+    OPEN_MESH,
     PLANE,
     SPHERE,
     VOXEL,
@@ -111,7 +112,7 @@ def column_function(real, kinds: frozenset):
 
     @wp.func
     def mesh(shapes: shapes_type, b: int, p: vec3, d: vec3, depth: real):
-        unit = shapes.mesh_scale[b]
+        unit = shapes.mesh_unit[b]
         q = (p - depth * d) / unit
         start = wp.vec3(wp.float32(q[0]), wp.float32(q[1]), wp.float32(q[2]))
         along = wp.vec3(wp.float32(d[0]), wp.float32(d[1]), wp.float32(d[2]))
@@ -156,8 +157,8 @@ def column_function(real, kinds: frozenset):
         if wp.static(PLANE in kinds):
             if kind == wp.static(PLANE):
                 height = plane(p, d, depth)
-        if wp.static(MESH in kinds):
-            if kind == wp.static(MESH):
+        if wp.static(MESH in kinds or OPEN_MESH in kinds):
+            if kind == wp.static(MESH) or kind == wp.static(OPEN_MESH):
                 height = mesh(shapes, b, p, d, depth)
         if wp.static(VOXEL in kinds):
             if kind == wp.static(VOXEL):
