@@ -86,7 +86,7 @@ def layer_grid(probes: Probes, split: int, sensor: str) -> LayerGrid:
     dv, du = (dv or du or lone), (du or dv or lone)
     off = np.abs(centred @ normal).max() / min(du, dv)
     uneven = max(np.abs(along - np.rint(along)).max(), np.abs(down - np.rint(down)).max())
-    if max(off, uneven) > _TOLERANCE or rows * columns > 4 * len(positions):
+    if max(off, uneven) > _TOLERANCE or rows * columns > 3 * len(positions):
         raise SceneError(
             f"{sensor}: ElasticLayerTaxel needs taxels on a flat rectangular grid; these are off one by "
             f"{max(off, uneven):.2g} pitches. Use ElastomerTaxel, or give probe_local_pos as a regular grid"
