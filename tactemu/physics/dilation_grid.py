@@ -22,6 +22,8 @@ from tactemu.physics.probe_grid import RegularGrid
 from tactemu.physics.separable import overlapping_blocks, separable_terms
 
 WIDTH = 8
+_TOLERANCE = {wp.float32: 1e-7, wp.float64: 1e-13}
+"""Of the separable form, as a part of its strongest term."""
 _NEGLIGIBLE = 1e-30
 """Smaller weights, as a part of the largest, count as 0: numbers below the normal range of floats are slow."""
 
@@ -168,7 +170,7 @@ def grid_dilation(
         motion: written: motion of the markers, link frame, vec3, shape ``(n_envs, n_taxels)``.
     """
     real = context.real
-    (row_u, col_u), (row_v, col_v), (row_n, col_n) = plane_terms(grid, options, 1e-8 if real is wp.float32 else 1e-13)
+    (row_u, col_u), (row_v, col_v), (row_n, col_n) = plane_terms(grid, options, _TOLERANCE[real])
     n_terms = max(len(row_u), len(row_v))
 
     def stack(u, v, n):

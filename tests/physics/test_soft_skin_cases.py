@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import warp as wp
 
 from tests.physics.soft_skin_cases import Case
 
@@ -20,6 +21,18 @@ def test_readings_match(name, dtype):
     case = Case(name)
     readings = case.play(dtype)
     assert {key.split("__")[0] for key in readings} == {sensor["key"] for sensor in case.meta["sensors"]}
+    for reading in readings:
+        assert largest_error(case, readings, reading) < TOLERANCE[dtype], reading
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("name", ["c06", "c07", "c08", "c10", "c12", "c14"])
+def test_readings_match_on_a_gpu(name, dtype):
+    if not wp.is_cuda_available():
+        pytest.skip("no CUDA device")
+    case = Case(name)
+    readings = case.play(dtype, device="cuda:0")
     for reading in readings:
         assert largest_error(case, readings, reading) < TOLERANCE[dtype], reading
 
