@@ -83,7 +83,9 @@ def kinematic_kernel(
             push = c.stiffness * s
             if wp.static(moving):
                 vn = wp.dot(v, n)
-                push = wp.max(push + c.damping * s * vn, c.pull_floor)
+                push += c.damping * s * vn
+                if push < c.pull_floor:  # not max(), which would turn NaN into the floor
+                    push = c.pull_floor
                 force = push * n - c.shear * (v - vn * n)
                 torque = wp.cross(r, force) - c.twist * wp.dot(w, n) * n
             else:
