@@ -17,6 +17,7 @@ Measure speed on this machine. Figures are medians; compare those of one run.
   tactemu bench loop       first frame, and how late frames are
   tactemu bench physics    cost of a step, of a read and of a start, per sensor
   tactemu bench soak       half an hour at 1 kHz and 5 % faults: what grows, what is lost
+  tactemu bench wire       cost of a frame between device and port
 """,
 )
 
@@ -69,3 +70,13 @@ def soak(
 
     start_quietly()
     save(run(typer.echo, minutes=minutes, interval_s=interval), out)
+
+
+@bench.command()
+def wire(
+    repeats: Annotated[int, typer.Option(metavar="N", min=1, help="Runs of each stage.")] = 7, out: Out = None
+) -> None:
+    """What a frame costs from the device to the port, and how many a core can send."""
+    from tactemu.bench.wire import run
+
+    save(run(typer.echo, repeats=repeats), out)

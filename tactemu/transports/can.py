@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections import deque
 from typing import Any
@@ -15,6 +16,8 @@ import can
 from firmware_protocols import CanFrame, Frame
 from tactemu.errors import TransportError, TransportUnavailable
 from tactemu.transports.transport import Event, Received, Transport
+
+logging.getLogger("can").addHandler(logging.NullHandler())  # a bus that cannot be opened is our error to report
 
 _ECHOES = 256
 """Own frames that are waited for on an interface that returns them."""

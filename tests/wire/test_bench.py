@@ -1,0 +1,10 @@
+"""The benchmark of the wire runs and measures every stage. What the figures are is the machine's business."""
+
+from tactemu.bench.wire import run
+
+
+def test_every_stage_is_measured():
+    lines = []
+    figures = run(lines.append, repeats=1)
+    assert {"can bits", "wire serial", "wire can", "pty write and read", "whole serial on a pty"} <= set(figures)
+    assert all(figure > 0 for figure in figures.values()) and len(lines) == len(figures)
