@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 import os
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from firmware_protocols import Device, TcpWire
+from firmware_protocols import CanWire, Device, SerialWire, TcpWire
 from tactemu import transports
 from tactemu.clock import Clock
 from tactemu.emulator import Channel, Emulator
@@ -21,6 +24,7 @@ from tactemu.scene.schema import Event, Skin
 from tactemu.truth import Truth
 from tactemu.wire import Wire
 
+_FRESH = itertools.count()
 MULTICAST = "can:udp_multicast:239.74.163.2"
 """python-can's own default group: a CAN bus for machines whose kernel has none."""
 
@@ -111,6 +115,18 @@ def usual_port(name: str, device: Device) -> str:
     if isinstance(wire, TcpWire):
         return f"tcp:127.0.0.1:{wire.port}"
     return f"pty:/tmp/tactemu-{name}"
+
+
+def fresh_port(name: str, device: Device) -> str:
+    """A port that nobody else has, for tests that run side by side."""
+    number = next(_FRESH)
+    wire = device.wires[0]
+    if isinstance(wire, SerialWire):
+        return f"pty:{Path(tempfile.gettempdir()) / f'tactemu-{os.getpid()}-{number}-{name}'}"
+    if isinstance(wire, CanWire):
+        group = (os.getpid() * 31 + number) % 65_000
+        return f"can:udp_multicast:239.74.{group // 254 + 1}.{group % 254 + 1}"
+    return "tcp:127.0.0.1:0"
 
 
 def _wires(

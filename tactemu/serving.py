@@ -13,9 +13,6 @@ The emulator runs in one background thread; everything here may be called from a
 from __future__ import annotations
 
 import dataclasses
-import itertools
-import os
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -24,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from firmware_protocols import CanWire, Device, SerialWire
-from tactemu.assembly import Assembled, Wishes, assemble
+from firmware_protocols import Device
+from tactemu.assembly import Assembled, Wishes, assemble, fresh_port
 from tactemu.clock import RealClock
 from tactemu.emulator import Channel
 from tactemu.errors import SceneError, TactemuError
@@ -35,7 +32,6 @@ from tactemu.scene.motion import Pose
 from tactemu.scene.steering import Leg, Steered, pressing_way
 from tactemu.truth import Sample, Truth
 
-_FRESH = itertools.count()
 _SPEED = 0.05
 """Of bodies that are steered [m/s], unless told otherwise."""
 
@@ -389,15 +385,3 @@ class Served:
                 raise TactemuError("the emulator has stopped")
         if failed:
             raise failed[0]
-
-
-def fresh_port(name: str, device: Device) -> str:
-    """A port that nobody else has, for tests that run side by side."""
-    number = next(_FRESH)
-    wire = device.wires[0]
-    if isinstance(wire, SerialWire):
-        return f"pty:{Path(tempfile.gettempdir()) / f'tactemu-{os.getpid()}-{number}-{name}'}"
-    if isinstance(wire, CanWire):
-        group = (os.getpid() * 31 + number) % 65_000
-        return f"can:udp_multicast:239.74.{group // 254 + 1}.{group % 254 + 1}"
-    return "tcp:127.0.0.1:0"

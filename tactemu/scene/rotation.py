@@ -24,8 +24,8 @@ def normalised(quaternion) -> np.ndarray:
 
 def multiply(a, b) -> np.ndarray:
     """The rotation ``b`` followed by ``a``, both in the same fixed axes."""
-    aw, ax, ay, az = a
-    bw, bx, by, bz = b
+    aw, ax, ay, az = map(float, a)
+    bw, bx, by, bz = map(float, b)
     return np.array(
         (
             aw * bw - ax * bx - ay * by - az * bz,
@@ -41,12 +41,21 @@ def conjugate(q) -> np.ndarray:
     return np.array((q[0], -q[1], -q[2], -q[3]))
 
 
+def matrix(q) -> np.ndarray:
+    """The rotation matrix of a unit quaternion, shape ``(3, 3)``."""
+    w, x, y, z = map(float, q)
+    return np.array(
+        (
+            (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+            (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+            (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+        )
+    )
+
+
 def rotate(q, v) -> np.ndarray:
     """Vectors ``v``, shape ``(..., 3)``, turned by the unit quaternion ``q``."""
-    v = np.asarray(v, np.float64)
-    axis = np.asarray(q[1:], np.float64)
-    t = 2.0 * np.cross(axis, v)
-    return v + q[0] * t + np.cross(axis, t)
+    return np.asarray(v, np.float64) @ matrix(q).T
 
 
 def from_rotation_vector(vector) -> np.ndarray:

@@ -16,6 +16,7 @@ Quaternion = tuple[float, float, float, float]
 
 ZERO = np.zeros(3)
 UNTURNED = np.array(rotation.IDENTITY)
+ZERO.flags.writeable = UNTURNED.flags.writeable = False  # shared by all poses
 
 
 class Pose(NamedTuple):
@@ -32,11 +33,15 @@ class Pose(NamedTuple):
 
     def displaced(self, by: Pose) -> Pose:
         """This pose after the displacement ``by``: shifted along the world's axes, turned about its own origin."""
+        turned = by.quaternion is not UNTURNED
+        spin = self.angular_velocity
+        if turned and spin is not ZERO:
+            spin = rotation.rotate(by.quaternion, spin)
         return Pose(
             self.position + by.position,
-            rotation.multiply(by.quaternion, self.quaternion),
+            rotation.multiply(by.quaternion, self.quaternion) if turned else self.quaternion,
             self.linear_velocity + by.linear_velocity,
-            by.angular_velocity + rotation.rotate(by.quaternion, self.angular_velocity),
+            by.angular_velocity + spin if spin is not ZERO else by.angular_velocity,
         )
 
 

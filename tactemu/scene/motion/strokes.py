@@ -155,10 +155,14 @@ class Roll(Motion):
 
     def pose(self, t_s: float) -> Pose:
         distance, speed = self._way.at(t_s)
-        axis = unit(self.direction)
-        # The touching point is at rest: v + w x (-radius normal) = 0 for w = normal x v / radius.
-        turn = np.cross(unit(self.normal), axis) / self.radius
+        axis, turn = self._axes
         return Pose(axis * distance, rotation.from_rotation_vector(turn * distance), axis * speed, turn * speed)
+
+    @cached_property
+    def _axes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Travel, and rotation vector per metre: the touching point rests, v + w x (-radius normal) = 0."""
+        axis = unit(self.direction)
+        return axis, np.cross(unit(self.normal), axis) / self.radius
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,0 +1,92 @@
+"""Testing a driver with the pytest plugin: ``python -m pytest examples/test_my_driver.py``.
+
+``SkinDriver`` stands for your driver: it reads AnySkin frames from a serial port and counts what it had to throw away.
+"""
+
+from __future__ import annotations
+
+import struct
+import time
+
+import serial
+
+
+class SkinDriver:
+    """Reads frames of five chips, T Bx By Bz each, float32, closed by CR LF; reopens the port when it is lost."""
+
+    SIZE = 82
+
+    def __init__(self, path: str):
+        self.path, self.buffer, self.lost_frames, self.reconnects = path, b"", 0, 0
+        self.port = serial.Serial(path, 115200, timeout=0.05)
+
+    def read(self, seconds: float) -> list[tuple[float, ...]]:
+        """The frames that arrive within this time."""
+        frames, end = [], time.monotonic() + seconds
+        while time.monotonic() < end:
+            try:
+                self.buffer += self.port.read(self.SIZE)
+            except (serial.SerialException, OSError):
+                self._reconnect()
+            frames += self._parse()
+        return frames
+
+    def _parse(self) -> list[tuple[float, ...]]:
+        found = []
+        while len(self.buffer) >= self.SIZE:
+            if self.buffer[self.SIZE - 2 : self.SIZE] == b"\r\n":
+                found.append(struct.unpack("<20f", self.buffer[: self.SIZE - 2]))
+                self.buffer = self.buffer[self.SIZE :]
+            else:  # out of step: look for the end of a frame, and count the loss once
+                _, _, self.buffer = self.buffer.partition(b"\r\n")
+                self.lost_frames += 1
+        return found
+
+    def _reconnect(self) -> None:
+        self.port.close()
+        self.buffer = b""
+        while not self.port.is_open:
+            try:
+                self.port = serial.Serial(self.path, 115200, timeout=0.05)
+            except serial.SerialException:
+                time.sleep(0.005)
+        self.reconnects += 1
+
+
+def bz(frame: tuple[float, ...], chip: int) -> float:
+    """Field along the normal of one chip [µT]."""
+    return frame[4 * chip + 3]
+
+
+def test_it_sees_the_press_where_it_is(tactile_device):
+    with tactile_device("anyskin", rate_hz=200) as dev:
+        driver = SkinDriver(dev.port)
+        rest = driver.read(0.1)[-1]
+        dev.press(depth=1e-3, taxel=3)
+        driver.read(0.1)
+        pressed = driver.read(0.1)[-1]
+        change = [abs(bz(pressed, chip) - bz(rest, chip)) for chip in range(5)]
+        assert change.index(max(change)) == 3
+        driver.port.close()
+
+
+def test_it_counts_what_was_truncated(tactile_device):
+    with tactile_device("anyskin", rate_hz=200, faults=["truncate every 20"], seed=7) as dev:
+        driver = SkinDriver(dev.port)
+        driver.read(1.0)
+        dev.stop()
+        driver.read(0.1)
+        assert dev.truth.injected["truncate"] >= 9
+        assert abs(driver.lost_frames - dev.truth.injected["truncate"]) <= 1  # the last may not have been noticed yet
+        driver.port.close()
+
+
+def test_it_comes_back_after_unplugging(tactile_device):
+    with tactile_device("anyskin", rate_hz=200) as dev:
+        driver = SkinDriver(dev.port)
+        driver.read(0.2)
+        dev.happen(fault="unplug for 0.3s")
+        frames = driver.read(1.0)
+        assert driver.reconnects == 1
+        assert len(frames) > 80
+        driver.port.close()
