@@ -97,6 +97,8 @@ WRONG = {
     "port out of range": (["anyskin", "--port", "tcp:127.0.0.1:99999"], "99999"),
     "rate": (["anyskin", "--rate", "-5"], "--rate: expected a rate in Hz"),
     "compute device": (["anyskin", "--device", "cuda:77"], "no device 'cuda:77'"),
+    "fault": (["anyskin", "--fault", "dorp 1%"], "did you mean 'drop'?"),
+    "fault of another wire": (["anyskin", "--fault", "busoff at 1s"], "no such thing on a serial wire"),
     "virtual without an end": (["anyskin", "--virtual"], "--seconds"),
     "truth file": (["anyskin", "--truth", "/nonexistent/t.jsonl"], "cannot write the truth log"),
     "NaN in a motion": (["nan.toml"], "finite"),

@@ -5,15 +5,18 @@ import sys
 
 import pytest
 
-from tests.cli.command import ROOT, environment
+from tactemu.cli.truths import summarise
+from tests.cli.command import ROOT, environment, tactemu
 
 EXPECTED = {
+    "without_a_wire.py": ["relative poses", "depth [mm]"],
     "two_drivers.py": ["read by the anyskin package", "read by the linkerbot SDK", "every one as it was sent"],
 }
 
 
 def test_every_example_is_tested():
-    assert {path.name for path in (ROOT / "examples").glob("*.py")} == set(EXPECTED)
+    tested = {*EXPECTED, "test_my_driver.py"}
+    assert {path.name for path in (ROOT / "examples").glob("*.py")} == tested
 
 
 @pytest.mark.driver
@@ -27,3 +30,23 @@ def test_an_example_runs(name):
     assert done.returncode == 0, done.stdout + done.stderr
     for words in EXPECTED[name]:
         assert words in done.stdout.replace("\n", " "), words
+
+
+@pytest.mark.timeout(150)
+def test_the_example_of_a_driver_under_test():
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "tactemu.pytest_plugin", "-p", "no:cacheprovider",
+         "test_my_driver.py"],
+        capture_output=True, text=True, timeout=140, env=environment(), cwd=ROOT / "examples", check=False,
+    )  # fmt: skip
+    assert "3 passed" in done.stdout, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "examples").glob("*.toml")), ids=lambda path: path.name)
+def test_a_scene_runs_and_its_schedule_happens(path, tmp_path):
+    log = tmp_path / "truth.jsonl"
+    done = tactemu("run", str(path), "--port", "memory:", "--virtual", "--seconds", "8", "--truth", str(log))
+    assert done.returncode == 0, done.stderr
+    skins = summarise(log)
+    assert all(skin["largest_ideal"] > 0 for skin in skins.values()), "everything is touched"
+    assert sum(len(skin["injected"]) for skin in skins.values()) >= 3
