@@ -30,11 +30,12 @@ Try it: ``tactemu run icub_skin --port can:socketcan:vcan0``, then for each boar
 from __future__ import annotations
 
 from collections.abc import Sequence
+from enum import IntEnum
 from typing import Literal
 
 import numpy as np
 
-from firmware_protocols.device import CanFrame, CanWire, Command, Device, Frame, Outgoing, Reading
+from firmware_protocols.device import CanFrame, CanWire, Command, Device, Outgoing, Reading
 from firmware_protocols.icub_triangles import (
     FOREARM_RADIUS,
     PADS,
@@ -47,7 +48,6 @@ from firmware_protocols.icub_triangles import (
 )
 
 TRIANGLES = 16
-SET_BOARD, SET_TRIANGLES, TRANSMIT, OLD_SET_BOARD, OLD_SET_TRIANGLES = 0x4D, 0x50, 0x07, 0x4C, 0x4E
 HEAD, TAIL = 0x40, 0xC0
 NO_ACK, NOT_CONNECTED = 1, 2
 COMPENSATED = 0
@@ -56,6 +56,16 @@ MS = 1_000_000
 REST, RAW_MAX = 0x6000, 0xFFFF
 RAW_PER_NEWTON, RAW_PER_DEG = 600.0, 20.0
 NO_LOAD, SHIFT = 240, 2
+
+
+class Op(IntEnum):
+    """First byte of a message to a board."""
+
+    TRANSMIT = 0x07
+    OLD_SET_BOARD = 0x4C
+    SET_BOARD = 0x4D
+    OLD_SET_TRIANGLES = 0x4E
+    SET_TRIANGLES = 0x50
 
 
 class Board:
@@ -114,20 +124,20 @@ class Board:
     def receive(self, data: bytes, t_ns: int) -> bool:
         """Obey one message; ``False``: it is none that the board knows."""
         match tuple(data):
-            case [0x07, (0 | 1) as stop, *_]:
+            case [Op.TRANSMIT, (0 | 1) as stop, *_]:
                 self.transmitting, self.due_ns = not stop, t_ns
-            case [0x4D, kind, period, no_load, *_]:
+            case [Op.SET_BOARD, kind, period, no_load, *_]:
                 self.kind, self.period_ns, self.no_load = kind, max(period, 1) * MS, no_load
                 self.enabled[:] = False
-            case [0x50, first, last, shift, enable, _, _, *_] if first <= last < TRIANGLES:
+            case [Op.SET_TRIANGLES, first, last, shift, enable, _, _, *_] if first <= last < TRIANGLES:
                 self.transmitting = False
                 self.enabled[first : last + 1] = bool(enable & 1)
                 self.shift[first : last + 1] = min(shift, 15)
                 self.offset[first : last + 1] = self.raw[first : last + 1]
-            case [0x4C, *_]:
+            case [Op.OLD_SET_BOARD, *_]:
                 self.period_ns, self.transmitting, self.due_ns = 40 * MS, True, t_ns
                 self.enabled[:] = True
-            case [0x4E, *_]:
+            case [Op.OLD_SET_TRIANGLES, *_]:
                 pass
             case _:
                 return False
@@ -266,10 +276,10 @@ normal_stiffness = 300.0
         """Two frames per enabled triangle of every board that transmits."""
         return [frame for board in self.boards for frame in board.frames(t_ns)]
 
-    def receive(self, data: Frame, t_ns: int) -> Sequence[Outgoing]:
+    def receive(self, data: CanFrame, t_ns: int) -> Sequence[Outgoing]:
         """Set-up, start and stop of one board; nothing is ever answered."""
         for board in self.boards:
-            if isinstance(data, CanFrame) and data == _to(board.address, data.data):
+            if data == _to(board.address, data.data):
                 known = board.receive(data.data, t_ns)
                 self.counters["requests" if known else "unknown_command"] += 1
                 self._sync_period()
@@ -287,12 +297,16 @@ normal_stiffness = 300.0
 
 
 _SET_UP = (
-    ("board set-up", bytes([SET_BOARD, COMPENSATED, 50, NO_LOAD]), "compensated, 50 ms, no load 240; clears triangles"),
-    ("triangle set-up", bytes([SET_TRIANGLES, 0, 15, SHIFT, 1, 0x00, 0x22]), "all triangles; recalibrates, stops"),
-    ("start", bytes([TRANSMIT, 0]), "two frames per triangle and period from now on"),
-    ("stop", bytes([TRANSMIT, 1]), ""),
-    ("old board set-up", bytes([OLD_SET_BOARD, 0, 0, 0]), "obsolete; starts at once"),
-    ("old triangle set-up", bytes([OLD_SET_TRIANGLES, 0, 0, 0]), "obsolete"),
+    (
+        "board set-up",
+        bytes([Op.SET_BOARD, COMPENSATED, 50, NO_LOAD]),
+        "compensated, 50 ms, no load 240; clears triangles",
+    ),
+    ("triangle set-up", bytes([Op.SET_TRIANGLES, 0, 15, SHIFT, 1, 0x00, 0x22]), "all triangles; recalibrates, stops"),
+    ("start", bytes([Op.TRANSMIT, 0]), "two frames per triangle and period from now on"),
+    ("stop", bytes([Op.TRANSMIT, 1]), ""),
+    ("old board set-up", bytes([Op.OLD_SET_BOARD, 0, 0, 0]), "obsolete; starts at once"),
+    ("old triangle set-up", bytes([Op.OLD_SET_TRIANGLES, 0, 0, 0]), "obsolete"),
 )
 
 

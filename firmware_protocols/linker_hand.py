@@ -31,7 +31,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from firmware_protocols.device import CanFrame, CanWire, Command, Device, Frame, Layout, Outgoing, Reading, grid_layout
+from firmware_protocols.device import CanFrame, CanWire, Command, Device, Layout, Outgoing, Reading, grid_layout
 from firmware_protocols.layouts import stack
 from firmware_protocols.magnetic import quantize
 
@@ -120,7 +120,7 @@ class LinkerHand(Device):
         direction = np.rint(turn * 256).astype(int) % 256
         return np.stack([normal, tangential, direction, np.zeros(5, int)]).astype(np.uint8)
 
-    def receive(self, data: Frame, t_ns: int) -> Sequence[Outgoing]:
+    def receive(self, data: CanFrame, t_ns: int) -> Sequence[Outgoing]:
         """Answer one request frame; frames for others, and what is not documented, get silence."""
         if not self._is_mine(data):
             self.counters["ignored"] += 1
@@ -134,10 +134,9 @@ class LinkerHand(Device):
         self.counters["unknown_command" if answer is None else "requests"] += 1
         return answer() if answer else ()
 
-    def _is_mine(self, frame: Frame) -> bool:
+    def _is_mine(self, frame: CanFrame) -> bool:
         return (
-            isinstance(frame, CanFrame)
-            and frame.arbitration_id == self.arbitration_id
+            frame.arbitration_id == self.arbitration_id
             and not (frame.is_extended_id or frame.is_remote_frame or frame.is_fd)
             and len(frame.data) > 0
         )
@@ -214,8 +213,8 @@ class LinkerHand(Device):
         ]
         return (*listed, probe, *matrices)
 
-    def _is_matrix(self, finger: int) -> Callable[[list[Frame]], bool]:
-        def check(frames: list[Frame]) -> bool:
+    def _is_matrix(self, finger: int) -> Callable[[list], bool]:
+        def check(frames: list) -> bool:
             heads = [bytes([FIRST_FINGER + finger, row << 4]) for row in range(self.rows)]
             return [f.data[:2] for f in frames] == heads and all(len(f.data) == 2 + self.columns for f in frames)
 
@@ -231,7 +230,7 @@ _NAMES = {
 }  # fmt: skip
 
 
-def _length(n: int) -> Callable[[list[Frame]], bool]:
+def _length(n: int) -> Callable[[list], bool]:
     return lambda frames: len(frames) == 1 and len(frames[0].data) == n
 
 

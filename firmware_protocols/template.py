@@ -84,10 +84,8 @@ class VendorModel(Device):
     @property
     def commands(self) -> tuple[Command, ...]:
         """Every documented command: the contract test sends each, damages it, and sends it again."""
-        return (
-            Command(
-                name="read",
-                request=bytes([REQUEST]),
-                reply=lambda frames: isinstance(frames[0], bytes) and len(frames[0]) == 34,
-            ),
-        )
+        return (Command(name="read", request=bytes([REQUEST]), reply=_is_reading),)
+
+
+def _is_reading(frames: list) -> bool:
+    return [len(frame) for frame in frames] == [2 + 2 * ROWS * COLUMNS]

@@ -28,7 +28,7 @@ from typing import Literal
 
 import numpy as np
 
-from firmware_protocols.device import CanFrame, CanWire, Command, Device, Frame, Outgoing, Reading, grid_layout
+from firmware_protocols.device import CanFrame, CanWire, Command, Device, Outgoing, Reading, grid_layout
 from firmware_protocols.magnetic import LinearMagnet, Transducer, quantize
 
 ROWS = COLUMNS = 4
@@ -128,12 +128,12 @@ normal_stiffness = 1000.0
         axes = self.counts.astype(">u2")
         return [CanFrame(arbitration_id=i, data=b"\0" + axes[taxel].tobytes() + b"\0") for i, taxel in self._sent]
 
-    def receive(self, data: Frame, t_ns: int) -> Sequence[Outgoing]:
+    def receive(self, data: CanFrame, t_ns: int) -> Sequence[Outgoing]:
         """Start and stop; nothing is ever answered."""
-        if data == self._request(START) or data == self._request(STOP):
+        if data in (self._request(START), self._request(STOP)):
             self.counters["requests"] += 1
             self.streaming = data.data == START
-        elif isinstance(data, CanFrame) and data.arbitration_id == 0x200 | self.board:
+        elif data.arbitration_id == 0x200 | self.board:
             self.counters["unknown_command"] += 1
         else:
             self.counters["ignored"] += 1

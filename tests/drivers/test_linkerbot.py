@@ -47,3 +47,4 @@ def test_a_press_reaches_the_driver_as_it_was_felt(model, port):
     readings = np.array(got["readings"], np.uint8)
     assert len(readings) == 50 and all(reading.tobytes() in truth for reading in readings)
     assert readings[-1, 2].max() > 20, "the middle finger feels it"
+    assert np.array(got["snapshot"], np.uint8).tobytes() in truth, "what the SDK's own polling collects"

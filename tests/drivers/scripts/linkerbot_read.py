@@ -2,6 +2,7 @@
 
 import json
 import sys
+import time
 
 import linkerbot
 from linkerbot import TimeoutError
@@ -27,7 +28,14 @@ with getattr(linkerbot, model)(side, channel, interface) as hand:
     for _ in range(int(sys.argv[5])):
         data = hand.force_sensor.get_blocking(timeout_ms=5000)
         readings.append([getattr(data, finger).values.tolist() for finger in FINGERS])
+    hand.start_polling()
+    time.sleep(0.5)
+    polled = hand.get_snapshot()
+    snapshot = [getattr(polled.force_sensor, finger).values.tolist() for finger in FINGERS]
+    hand.stop_polling()
     angles = list(hand.angle.get_blocking(timeout_ms=1000).angles)
 
 versions = {name: str(getattr(info, f"{name}_version")) for name in ("firmware", "mechanical", "pcb")}
-print(json.dumps({"serial": info.serial_number, **versions, "readings": readings, "angles": angles}))
+print(
+    json.dumps({"serial": info.serial_number, **versions, "readings": readings, "snapshot": snapshot, "angles": angles})
+)
