@@ -1,7 +1,6 @@
 """World poses of all bodies: set from Python per body, sent to the device in one copy per body and step."""
 
-from __future__ import annotations
-
+import functools
 from collections.abc import Sequence
 
 import numpy as np
@@ -68,52 +67,53 @@ class World:
         row[:, 0:3], row[:, 3:7], row[:, 7:10], row[:, 10:13] = pose
 
     def set(self, body: Body, given, envs) -> None:
-        """Set the parts given, in the environments given."""
+        """Set the parts given (``None``: as it is), in the environments given.
+
+        Raises:
+            SceneError: a shape is wrong, or an environment is not there.
+        """
         b = body.index
-        if self._shared and envs is None and all(_on_host(value) for value in given):
-            where = self._values[b]
-        else:
-            where = None
+        where = self.env_indices(envs)
+        rows = self.n_envs if envs is None else len(where)
         for (name, part), value in zip(PARTS.items(), given):
+            if value is not None and not _on_host(value):
+                value = self._from_device(b, name, part, value, envs)
             if value is None:
                 continue
-            if where is None and not _on_host(value):
-                value = self._from_device(b, name, part, value, envs)
-                if value is None:
-                    continue
+            width = part.stop - part.start
             try:
-                if where is None:
-                    self._before_write(b)
-                    block = self._values[b]
-                    block[self.env_indices(envs), part] = np.asarray(value, np.float64)
-                else:
-                    where[:, part] = value
-            except ValueError as error:
-                raise self._shape_error(body.name, name, part, value, envs) from error
+                numbers = np.asarray(value, np.float64)
+            except (TypeError, ValueError):
+                raise self._shape_error(body.name, name, part, value, rows) from None
+            if numbers.shape not in ((width,), (rows, width)):
+                raise self._shape_error(body.name, name, part, value, rows)
+            self._before_write(b)
+            self._values[b][where, part] = numbers
 
-    def _shape_error(self, body: str, name: str, part: slice, value, envs) -> SceneError:
-        rows = self.n_envs if envs is None else len(np.atleast_1d(envs))
+    @staticmethod
+    def _shape_error(body: str, name: str, part: slice, value, rows: int) -> SceneError:
         width = part.stop - part.start
         expected = f"({width},) or ({rows}, {width})"
-        return SceneError(f"set_pose({body!r}): {name} must be numbers of shape {expected}, got {np.shape(value)}")
+        got = value.shape if hasattr(value, "shape") else repr(value)
+        return SceneError(f"set_pose({body!r}): {name} must be numbers of shape {expected}, got {got}")
 
     def _from_device(self, b: int, name: str, part: slice, value, envs):
-        """Copy a device array into the world without the host; returns it as numpy where that cannot be."""
+        """Copy an array on the simulation's device into the world; returns as numpy what has to go by the host."""
         array = value if isinstance(value, wp.array) else wp.from_dlpack(value)
-        width = part.stop - part.start
-        if self._shared or array.device != self._device_array.device or envs is not None:
+        rows = _as_rows(array)
+        if array.device != self._device_array.device or envs is not None or rows is None:
             return array.numpy()
-        if array.dtype in (wp.vec3f, wp.vec3d, wp.vec4f, wp.vec4d):
-            array = array.view(wp.float64 if array.dtype in (wp.vec3d, wp.vec4d) else wp.float32)
-        if array.shape not in ((width,), (self.n_envs, width)):
-            raise self._shape_error(self._names[b], name, part, array.numpy(), envs)
+        width = part.stop - part.start
+        if rows.shape not in ((1, width), (self.n_envs, width)):
+            raise self._shape_error(self._names[b], name, part, array, self.n_envs)
         if b in self._dirty:
             wp.copy(self._device_array[b], self._staging[b])
             self._dirty.discard(b)
             self._mark_sent()
-        self._device_newer.add(b)
+        if not self._shared:
+            self._device_newer.add(b)
         target = self._device_array[b][:, part.start : part.stop]
-        _copy_rows(array, target)
+        wp.launch(_spread_kernel(rows.dtype), dim=target.shape, inputs=[rows], outputs=[target], device=target.device)
         return None
 
     def _before_write(self, b: int) -> None:
@@ -128,7 +128,7 @@ class World:
         self._dirty.add(b)
 
     def _mark_sent(self) -> None:
-        wp.record_event(self._sent)
+        wp.get_stream(self._device_array.device).record_event(self._sent)
         self._in_flight = True
 
     def upload(self) -> None:
@@ -152,21 +152,23 @@ class World:
             self._values[b, where] = row
 
 
-@wp.kernel(module="unique", enable_backward=False)
-def _spread_f32(source: wp.array2d(dtype=wp.float32), target: wp.array2d(dtype=wp.float64)):
-    e, k = wp.tid()
-    target[e, k] = wp.float64(source[wp.min(e, source.shape[0] - 1), k])
+@functools.cache
+def _spread_kernel(dtype):
+    @wp.kernel(module="unique", enable_backward=False)
+    def spread(source: wp.array2d(dtype=dtype), target: wp.array2d(dtype=wp.float64)):
+        e, k = wp.tid()
+        target[e, k] = wp.float64(source[wp.min(e, source.shape[0] - 1), k])
+
+    return spread
 
 
-@wp.kernel(module="unique", enable_backward=False)
-def _spread_f64(source: wp.array2d(dtype=wp.float64), target: wp.array2d(dtype=wp.float64)):
-    e, k = wp.tid()
-    target[e, k] = source[wp.min(e, source.shape[0] - 1), k]
-
-
-def _copy_rows(source: wp.array, target: wp.array) -> None:
-    """Write one row to all environments, or one each; float32 or float64."""
-    if source.ndim == 1:
-        source = source.reshape((1, -1))
-    kernel = _spread_f64 if source.dtype == wp.float64 else _spread_f32
-    wp.launch(kernel, dim=target.shape, inputs=[source], outputs=[target], device=target.device)
+def _as_rows(array: wp.array) -> wp.array | None:
+    """An array of scalars or vectors as ``(rows, width)`` scalars, on its device; ``None`` for other types."""
+    dtype = array.dtype
+    if hasattr(dtype, "_wp_scalar_type_"):
+        array = array.contiguous()
+        shape = (*array.shape, dtype._length_)
+        array = wp.array(ptr=array.ptr, shape=shape, dtype=dtype._wp_scalar_type_, device=array.device)
+    if array.dtype not in (wp.float32, wp.float64) or array.ndim not in (1, 2):
+        return None
+    return array.reshape((1, -1)) if array.ndim == 1 else array

@@ -61,10 +61,11 @@ class FromElsewhere:
     [
         lambda a: a.tolist(),
         lambda a: wp.array(a.astype(np.float64), dtype=wp.float64, device="cpu"),
+        lambda a: wp.array(np.asfortranarray(a), dtype=wp.float64, device="cpu"),
         lambda a: wp.array(a, dtype=wp.types.vector(a.shape[1], wp.float64), device="cpu"),
         FromElsewhere,
     ],
-    ids=["lists", "warp", "warp vectors", "dlpack"],
+    ids=["lists", "warp", "strided", "warp vectors", "dlpack"],
 )
 def test_poses_come_from_any_array(wrap):
     poses = random_poses(4)
