@@ -239,13 +239,15 @@ def strips(site: Site) -> tuple[int, int]:
 def _strip_balls(site: Site) -> wp.array:
     """Centre and radius, probe radii and the ray's reach included, of the ball around each strip; none on a GPU."""
     length, probes = strip_length(site), site.probes
-    balls = np.zeros((strips(site)[1] if length > 1 else 0, 4))
-    for k in range(len(balls)):
-        run = slice(k * length, (k + 1) * length)
-        points = probes.positions[run]
-        centre = 0.5 * (points.min(0) + points.max(0))
-        radius = np.linalg.norm(points - centre, axis=1).max() + probes.radii[run].max()
-        balls[k] = (*centre, FAR if site.along_normal else radius)
+    count = strips(site)[1] if length > 1 else 0
+    balls = np.zeros((count, 4))
+    if count:
+        missing = count * length - probes.n
+        points = np.pad(probes.positions, ((0, missing), (0, 0)), mode="edge").reshape(count, length, 3)
+        radii = np.pad(probes.radii, (0, missing)).reshape(count, length)
+        centres = 0.5 * (points.min(1) + points.max(1))
+        away = np.linalg.norm(points - centres[:, None], axis=2).max(1)
+        balls[:, :3], balls[:, 3] = centres, FAR if site.along_normal else away + radii.max(1)
     return wp.array(balls, dtype=wp.types.vector(4, site.context.real), device=site.context.device)
 
 

@@ -41,7 +41,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal, get_args
 
 import numpy as np
 import warp as wp
@@ -267,6 +267,24 @@ class Sensor(SensorSetters):
         if not sim.batched:
             shape = shape[1:]
         return self.model.present(values.reshape(shape).copy())
+
+
+def check_query(sensor: Sensor) -> None:
+    """Check the options about how depth is found.
+
+    Raises:
+        SceneError: one is wrong.
+    """
+    model, known = sensor.model, get_args(DepthQuery)
+    if model.contact_depth_query is not None and model.contact_depth_query not in known:
+        given = model.contact_depth_query
+        raise SceneError(
+            f"sensor {sensor.name!r}: contact_depth_query must be one of {', '.join(known)}, got {given!r}"
+        )
+    for name in ("voxel_size", "ray_reach"):
+        value = getattr(model, name)
+        if value is not None and not (np.isfinite(value) and value > 0):
+            raise SceneError(f"sensor {sensor.name!r}: {name} must be > 0 m, got {value!r}")
 
 
 def bodies_felt(sensor: Sensor, scene) -> tuple[Body, ...]:

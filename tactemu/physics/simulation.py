@@ -14,7 +14,7 @@ from tactemu.imperfections import Imperfections, ReadingInfo
 from tactemu.physics.clearing import clear_rows
 from tactemu.physics.plan import Context, Plan, Stage
 from tactemu.physics.poses import RelativePoses
-from tactemu.physics.sensor import Sensor, Site, bodies_felt, upload_probes
+from tactemu.physics.sensor import Sensor, Site, bodies_felt, check_query, upload_probes
 from tactemu.physics.table import ShapeTables
 from tactemu.physics.world import World
 
@@ -101,6 +101,7 @@ class Simulation:
 
     def _compile_sensor(self, sensor: Sensor) -> list[Stage]:
         model, probes = sensor.model, sensor.probes
+        check_query(sensor)
         model.validate(probes)
         info = ReadingInfo(
             name=sensor.name,
