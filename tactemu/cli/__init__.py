@@ -15,6 +15,3 @@ def main() -> None:
     except TactemuError as error:
         print(f"tactemu: {error}", file=sys.stderr)
         sys.exit(2)
-    except BrokenPipeError:  # the reader of a pipe has had enough
-        sys.stderr.close()
-        sys.exit(0)

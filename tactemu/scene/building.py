@@ -112,6 +112,7 @@ def sensor_model(skin: Skin, device: Device, laws: Sequence[str] = ()) -> Any:
     name = skin.model_ or CHEAPEST_MODEL[device.senses]
     model = getattr(tactemu, MODELS[name])
     known = [field.name for field in dataclasses.fields(model) if field.init]
+    _check_senses(skin, name, model, device)
     where = f"skin {skin.title!r}: options"
     for option in skin.options:
         if option not in known:
@@ -123,6 +124,15 @@ def sensor_model(skin: Skin, device: Device, laws: Sequence[str] = ()) -> Any:
         return model(**given)
     except (TypeError, ValueError, SceneError) as error:
         raise SceneError(f"{where}: {error}") from error
+
+
+def _check_senses(skin: Skin, name: str, model: Any, device: Device) -> None:
+    if device.senses not in model.layouts:
+        fit = [other for other, title in MODELS.items() if device.senses in getattr(tactemu, title).layouts]
+        raise SceneError(
+            f"skin {skin.title!r}: model: {name} gives {', '.join(model.layouts)} and not {device.senses}, "
+            f"which {device.name} senses (models that do: {', '.join(fit)})"
+        )
 
 
 def taxels(layout: Layout, skin: Skin, model: str, known: list[str]) -> dict[str, Any]:

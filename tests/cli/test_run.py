@@ -99,6 +99,8 @@ WRONG = {
     "compute device": (["anyskin", "--device", "cuda:77"], "no device 'cuda:77'"),
     "fault": (["anyskin", "--fault", "dorp 1%"], "did you mean 'drop'?"),
     "fault of another wire": (["anyskin", "--fault", "busoff at 1s"], "no such thing on a serial wire"),
+    "model that does not sense it": (["senses.toml"], "contact_probe gives touch and not force"),
+    "one port for two skins": (["two.toml", "--port", "pty:both"], "cannot share pty:both"),
     "virtual without an end": (["anyskin", "--virtual"], "--seconds"),
     "truth file": (["anyskin", "--truth", "/nonexistent/t.jsonl"], "cannot write the truth log"),
     "NaN in a motion": (["nan.toml"], "finite"),
@@ -114,6 +116,10 @@ def folder(tmp_path_factory):
     (path / "empty.py").write_text("")
     scenes = {
         "missing": SCENE,
+        "senses": SCENE.replace("options = { noise = 0.1 }", 'model = "contact_probe"').replace(
+            'shape = "mesh"\npath = "thing.stl"', 'shape = "plane"'
+        ),
+        "two": SCENE + '[[skin]]\nname = "other"\ndevice = "anyskin"\nlink = "pad"\n',
         "mesh": SCENE.replace("thing.stl", "broken.stl"),
         "key": SCENE.replace("size", "sze"),
         "option": SCENE.replace("noise", "nose").replace('shape = "mesh"\npath = "thing.stl"', 'shape = "plane"'),
@@ -148,3 +154,15 @@ def test_a_mistake_is_a_message_and_leaves_nothing(name, folder):
     assert "Traceback" not in done.stderr
     assert "ready" not in done.stdout
     assert left(folder) == before
+
+
+def test_a_reader_that_has_had_enough_ends_it_quietly(port):
+    process = start("run", "anyskin", "--port", f"pty:{port}")
+    process.stdout.readline()
+    process.stdout.close()
+    try:
+        assert process.wait(timeout=20) == 1, "as a command in a pipe does"
+        assert process.stderr.read() == ""
+    finally:
+        process.kill()
+    assert not os.path.lexists(port)
