@@ -1,6 +1,6 @@
 """Points spread over the surface of a body: what a ProximityTaxel senses, and what sticks to an elastomer in shear.
 
-Candidates are drawn from the triangles by area; of these, farthest-point selection keeps an even spread. Points given
+Candidates are drawn from the surface by area; of these, farthest-point selection keeps an even spread. Points given
 by the user are taken as they are. For the kernels a cloud is sorted into small clusters with bounding balls, so that a
 taxel skips what it cannot reach.
 """
@@ -41,24 +41,6 @@ def farthest_points(candidates: np.ndarray, count: int) -> np.ndarray:
         np.minimum(nearest, squared, out=nearest)
         chosen[i] = int(nearest.argmax())
     return chosen
-
-
-def sample_surface(vertices: np.ndarray, faces: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
-    """``count`` points spread evenly over triangles, shape ``(count, 3)``. Triangles without area get none.
-
-    Raises:
-        ValueError: the triangles have no area at all.
-    """
-    a, b, c = (np.asarray(vertices, dtype=np.float64)[np.asarray(faces)[:, k]] for k in range(3))
-    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    total = float(area.sum())
-    if not (np.isfinite(total) and total > 0.0):
-        raise ValueError(f"the surface has an area of {total} m^2: nothing to sample")
-    triangle = rng.choice(len(area), size=max(256, 4 * count), p=area / total)
-    s, t = rng.random((2, len(triangle), 1))
-    root = np.sqrt(s)
-    candidates = (1.0 - root) * a[triangle] + root * (1.0 - t) * b[triangle] + root * t * c[triangle]
-    return candidates[farthest_points(candidates, count)]
 
 
 def split_evenly(total: int, parts: int) -> list[int]:

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from tactemu.errors import SceneError
-from tactemu.physics.point_cloud import PointCloud, sample_surface, split_evenly
+from tactemu.physics.point_cloud import PointCloud, farthest_points, split_evenly
 from tactemu.physics.sensor import Site
-from tactemu.physics.surface import project_onto, surface_triangles
+from tactemu.physics.surface import sample_shape
 from tactemu.random_streams import generator
 
 
@@ -60,13 +60,8 @@ def surface_points(
         return _given_clouds(points, np.nan if point_area is None else float(point_area), site)
     clouds = []
     for body, count in zip(site.target_bodies, _counts(n_sample_points, max(len(site.target_bodies), 1), site.name)):
-        vertices, faces = surface_triangles(body.shape, body.name)
         rng = generator(site.context.seed, f"{site.name}/points of {body.name}")
-        positions = project_onto(body.shape, sample_surface(vertices, faces, count, rng))
-        clouds.append(PointCloud(body.index, positions, np.full(count, _area(vertices, faces) / count)))
+        candidates, area = sample_shape(body.shape, body.name, max(256, 4 * count), rng)
+        positions = candidates[farthest_points(candidates, count)]
+        clouds.append(PointCloud(body.index, positions, np.full(count, area / count)))
     return clouds
-
-
-def _area(vertices: np.ndarray, faces: np.ndarray) -> float:
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import tactemu as tt
-from tactemu.physics.point_cloud import CLUSTER, PointCloud, cluster, farthest_points, sample_surface, split_evenly
-from tactemu.physics.surface import project_onto, surface_triangles
+from tactemu.errors import SceneError
+from tactemu.physics.point_cloud import CLUSTER, PointCloud, cluster, farthest_points, split_evenly
+from tactemu.physics.surface import sample_shape, sample_triangles
 
 
 def test_farthest_points_keep_their_distance():
@@ -26,12 +27,13 @@ def test_farthest_points_keep_their_distance():
 def test_samples_lie_on_the_triangles_by_area():
     vertices = np.array([(0, 0, 0), (3, 0, 0), (0, 3, 0), (0, 0, 5), (1, 0, 5), (0, 1, 5), (0, 0, 5)], float)
     faces = np.array([(0, 1, 2), (3, 4, 5), (3, 6, 3)])  # areas 4.5, 0.5 and 0
-    points = sample_surface(vertices, faces, 1000, np.random.default_rng(0))
+    points, area = sample_triangles(vertices, faces, 1000, np.random.default_rng(0))
+    assert area == pytest.approx(5.0)
     low = np.abs(points[:, 2]) < 1e-9
     assert (low | (np.abs(points[:, 2] - 5) < 1e-9)).all() and 0.85 < low.mean() < 0.95
     assert (points[low, 0] + points[low, 1] <= 3 + 1e-12).all() and (points >= 0).all()
-    with pytest.raises(ValueError, match="area of 0"):
-        sample_surface(vertices, faces[2:], 10, np.random.default_rng(0))
+    with pytest.raises(SceneError, match="area of 0"):
+        sample_triangles(vertices, faces[2:], 10, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("n", [1, 16, 17, 500, 1000])
@@ -69,11 +71,9 @@ def test_points_are_split_evenly():
         (tt.Cylinder(radius=0.01, length=0.03), 2 * np.pi * 0.01 * (0.03 + 0.01)),
     ],
 )
-def test_points_lie_on_the_exact_surface(shape, area):
-    vertices, faces = surface_triangles(shape, "it")
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    assert 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() == pytest.approx(area, rel=3e-3)
-    points = project_onto(shape, sample_surface(vertices, faces, 300, np.random.default_rng(0)))
+def test_points_lie_evenly_on_the_exact_surface(shape, area):
+    points, total = sample_shape(shape, "it", 20_000, np.random.default_rng(0))
+    assert total == pytest.approx(area) and points.shape == (20_000, 3)
     match shape:
         case tt.Sphere(radius=r):
             off = np.linalg.norm(points, axis=1) - r
@@ -85,3 +85,19 @@ def test_points_lie_on_the_exact_surface(shape, area):
         case _:
             off = np.maximum(np.hypot(points[:, 0], points[:, 1]) - 0.01, np.abs(points[:, 2]) - 0.015)
     assert np.abs(off).max() < 1e-9
+    assert np.abs(points.mean(axis=0)).max() < 0.02 * np.abs(points).max()
+    top = points[:, 2] > 0.8 * points[:, 2].max()
+    assert top.mean() == pytest.approx(expected_top(shape), rel=0.06)
+
+
+def expected_top(shape) -> float:
+    """Share of the surface above 0.8 of the height, z = 0.8 top."""
+    match shape:
+        case tt.Sphere():
+            return 0.1  # Archimedes: by height
+        case tt.Box(size=(x, y, z)):
+            return (x * y + 0.1 * z * 2 * (x + y)) / (2 * (x * y + y * z + x * z))
+        case tt.Capsule(radius=r, length=length):
+            return 0.2 * (r + length / 2) / (2 * r + length)
+        case tt.Cylinder(radius=r, length=length):
+            return (r / 2 + 0.1 * length) / (length + r)
