@@ -15,6 +15,8 @@ from tactemu import transports
 from tactemu.clock import Clock
 from tactemu.emulator import Channel, Emulator
 from tactemu.errors import SceneError, TransportError
+from tactemu.playback import Playback, recorded
+from tactemu.recording import RecordedReadings
 from tactemu.sampling import SampleClock
 from tactemu.scenario import faults_of, laws_needed, schedule
 from tactemu.scene.building import build_scene, make_devices
@@ -75,16 +77,31 @@ def assemble(
     wires = _wires(loaded.tables.skin, events, devices, ports, wishes, seed, truth)
     laws = {name: (*wishes.adjustable, *laws_needed(events, name)) for name in devices}
     scene, sensors = build_scene(loaded, devices, laws)
-    simulation = scene.build(device=wishes.compute or world.device, seed=seed, dtype=world.dtype)
+    played = _recordings(loaded, devices)
+    simulation = None
+    if sensors:
+        simulation = scene.build(device=wishes.compute or world.device, seed=seed, dtype=world.dtype)
+        simulation.step()  # loads the kernels, so that the first frame is not late
+        simulation.reset()
     channels = [
-        _channel(skin, devices[skin.title], sensors[skin.title], wires[ports[skin.title]], wishes.rate_hz, seed)
+        _channel(
+            skin, devices[skin.title], (sensors | played)[skin.title], wires[ports[skin.title]], wishes.rate_hz, seed
+        )
         for skin in loaded.tables.skin
     ]
-    emulator = Emulator(simulation, channels, clock=clock, truth=truth)
-    simulation.step()  # loads the kernels, so that the first frame is not late
-    simulation.reset()
+    advanced = Playback(simulation, list(played.values())) if played else simulation
+    emulator = Emulator(advanced, channels, clock=clock, truth=truth)
     schedule(emulator, events)
     return Assembled(emulator, simulation, scene, loaded)
+
+
+def _recordings(loaded: LoadedScene, devices: dict[str, Device]) -> dict[str, RecordedReadings]:
+    """The recordings that skins play in place of physics, by the skin's name."""
+    return {
+        skin.title: recorded(loaded.folder / skin.readings, skin.readings_of, skin.title, devices[skin.title])
+        for skin in loaded.tables.skin
+        if skin.readings is not None
+    }
 
 
 def choose_ports(skins: Sequence[Skin], devices: dict[str, Device], wishes: Wishes) -> dict[str, str]:
@@ -169,5 +186,7 @@ def _channel(skin: Skin, device: Device, sensor: Any, wire: Wire, rate_hz: float
         seed=seed,
         name=skin.title,
     )
+    if isinstance(sensor, RecordedReadings):  # in the device's frame as they are
+        return Channel(skin.title, device, sensor, wire, sampling)
     placed = PlacedSensor(sensor, skin.quaternion)
     return Channel(skin.title, device, placed, wire, sampling, placed.surroundings)

@@ -342,6 +342,8 @@ class Served:
         """A taxel's position, normal (world) and pitch; the one nearest to ``here`` unless given."""
         assert self._assembled is not None
         skin = next(s for s in self._assembled.loaded.tables.skin if s.title == channel.name)
+        if skin.link is None:
+            raise TactemuError(f"skin {skin.title!r} plays recorded readings; nothing can be pressed into it")
         link = self._assembled.scene.body(skin.link)
         at = Pose(np.array(link.position), np.array(link.quaternion))
         if link.motion is not None:

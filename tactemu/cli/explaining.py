@@ -32,7 +32,10 @@ def explain_target(target: str, *, compute: str | None, cost: bool) -> None:
     print(f"{loaded.source}: a step of {world.dt * 1e3:g} ms, seed {world.seed}\n")
     _print_bodies(loaded)
     for skin in loaded.tables.skin:
-        _print_skin(skin, devices[skin.title], sensors[skin.title])
+        _print_skin(skin, devices[skin.title], sensors.get(skin.title))
+    if not sensors:
+        print("Plan: nothing is simulated")
+        return
     start_quietly()
     simulation = scene.build(device=compute or world.device, seed=world.seed, dtype=world.dtype)
     simulation.step()
@@ -52,8 +55,9 @@ def _print_bodies(loaded: file.LoadedScene) -> None:
 
 
 def _print_skin(skin, device, sensor) -> None:
-    print(f"Skin {skin.title!r}: {device.title}, on {skin.link!r}")
-    print(f"  model     {type(sensor.model).__name__}: the device senses {device.senses}")
+    print(f"Skin {skin.title!r}: {device.title}, {f'on {skin.link!r}' if skin.link else f'plays {skin.readings}'}")
+    if sensor is not None:
+        print(f"  model     {type(sensor.model).__name__}: the device senses {device.senses}")
     print(f"  wire      {', '.join(describe_wire(wire) for wire in device.wires)}")
     print(f"  rate      {skin.rate_hz or 1e9 / device.period_ns:g} Hz")
     for fault in skin.faults:

@@ -60,7 +60,7 @@ def make_device(name: str, options: dict[str, Any]) -> Device:
 def build_scene(
     loaded: LoadedScene, devices: dict[str, Device], laws: Mapping[str, Sequence[str]] | None = None
 ) -> tuple[Any, dict[str, Any]]:
-    """The scene, and its sensor of each skin by the skin's name; nothing is compiled yet.
+    """The scene, and the sensor of each skin on a link, by the skin's name; nothing is compiled yet.
 
     ``laws`` names the imperfections of each skin that will be switched while it runs.
 
@@ -81,6 +81,8 @@ def build_scene(
         )
     sensors = {}
     for skin in loaded.tables.skin:
+        if skin.link is None:
+            continue
         model = sensor_model(skin, devices[skin.title], (laws or {}).get(skin.title, ()))
         sensors[skin.title] = scene.add_sensor(model, link=skin.link, name=skin.title)
     return scene, sensors

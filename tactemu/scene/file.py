@@ -147,7 +147,9 @@ def _references(tables: SceneFile):
         for name in sorted({n for n in names if names.count(n) > 1}):
             yield f"{kind} {name!r}: the name is used {names.count(name)} times; give each {kind} a `name` of its own"
     for skin in tables.skin:
-        if skin.link not in bodies:
+        if (skin.link is None) == (skin.readings is None):
+            yield f"skin {skin.title!r}: give it a `link` to a body, or `readings` from a truth log (one of the two)"
+        elif skin.link is not None and skin.link not in bodies:
             known = ", ".join(bodies) or "none"
             yield f"skin {skin.title!r}: link: no body {skin.link!r}{nearest(skin.link, bodies)} (bodies: {known})"
         if skin.model_ is not None and skin.model_ not in MODELS:
