@@ -18,6 +18,7 @@ _PUBLIC = {
     "Plane": "tactemu.scene.bodies",
     "Mesh": "tactemu.scene.bodies",
     "VoxelGrid": "tactemu.scene.bodies",
+    "MujocoSource": "tactemu.scene.mujoco_source",
     "ContactProbe": "tactemu.physics.contact_probe",
     "ContactDepthProbe": "tactemu.physics.contact_depth_probe",
     "ElastomerTaxel": "tactemu.physics.elastomer_taxel",

@@ -129,6 +129,11 @@ class Simulation:
         stages = gain_stages + radius_stages + compiled.stages + truth_stages
         return stages + value_stages + finish_stages + delivery_stages + history_stages
 
+    @property
+    def uses_velocity(self) -> bool:
+        """Does any sensor need the velocities of bodies?"""
+        return self._poses.with_twist
+
     # -- stepping ---------------------------------------------------------------------------------------------------
 
     def set_pose(

@@ -121,6 +121,8 @@ def sensor_model(skin: Skin, device: Device, laws: Sequence[str] = ()) -> Any:
             raise SceneError(f"{where}: {name} has no {option!r}{nearest(option, known)} (options: {', '.join(known)})")
     try:
         given = taxels(device.layout, skin, name, known) | _arrays(skin.options)
+        if "forces_on_skin" in known:  # devices measure what acts on them (see firmware_protocols.device)
+            given.setdefault("forces_on_skin", True)
         if laws:
             given["adjustable"] = tuple(sorted({*given.get("adjustable", ()), *laws}))
         return model(**given)

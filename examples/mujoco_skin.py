@@ -1,0 +1,59 @@
+"""A skin on a MuJoCo body: a ball drops on a tilted pad, rolls over it and off; MuJoCo moves, the skin feels.
+
+pip install 'tactemu[mujoco]'
+python examples/mujoco_skin.py
+"""
+
+import mujoco
+import numpy as np
+
+import tactemu as tt
+
+XML = """
+<mujoco>
+  <option timestep="0.002"/>
+  <worldbody>
+    <body name="pad" euler="0 1 0">
+      <geom name="pad" type="box" size="0.03 0.02 0.01" friction="0.8"/>
+    </body>
+    <body name="ball" pos="-0.02 0 0.025">
+      <freejoint/>
+      <geom name="ball" type="sphere" size="0.01" mass="0.05"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+SHADES = " .:-=+*#%@"
+
+
+def picture(pressure: np.ndarray) -> str:
+    """Rows of the skin, dark where it is pressed."""
+    level = (pressure / max(pressure.max(), 1e-9) * (len(SHADES) - 1)).astype(int)
+    return "\n".join("  " + "".join(SHADES[v] * 2 for v in row) for row in level)
+
+
+def main() -> None:
+    model = mujoco.MjModel.from_xml_string(XML)
+    data = mujoco.MjData(model)
+    scene = tt.Scene(dt=model.opt.timestep)
+    source = tt.MujocoSource(scene, model)
+    x, y = np.linspace(-0.028, 0.028, 29), np.linspace(-0.018, 0.018, 19)
+    grid = np.stack([*np.meshgrid(x, y), np.full((19, 29), 0.01)], -1)
+    taxels = tt.KinematicTaxel(probe_local_pos=grid, probe_radius=5e-4, normal_stiffness=300.0, forces_on_skin=True)
+    skin = scene.add_sensor(taxels, link=source.geom("pad"))
+    sim = scene.build()
+    for step in range(400):
+        mujoco.mj_step(model, data)
+        source.update(sim, data)
+        sim.step()
+        if step % 80 == 79:
+            force = skin.read().force
+            total = force.sum((0, 1))
+            print(
+                f"t = {sim.time_ns * 1e-9:.2f} s   ball at x = {data.qpos[0] * 1e3:6.1f} mm   force on the skin {total} N"
+            )
+            print(picture(-force[..., 2].clip(max=0)))
+
+
+if __name__ == "__main__":
+    main()

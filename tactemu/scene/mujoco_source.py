@@ -1,0 +1,204 @@
+"""A pose source that is somebody else's simulator: a skin on a MuJoCo body feels MuJoCo's geoms.
+
+::
+
+    model = mujoco.MjModel.from_xml_path("hand.xml")
+    data = mujoco.MjData(model)
+    scene = tt.Scene(dt=model.opt.timestep)
+    source = tt.MujocoSource(scene, model)
+    skin = scene.add_sensor(tt.KinematicTaxel(...), link=source.geom("fingertip"))
+    sim = scene.build()
+    while True:
+        mujoco.mj_step(model, data)
+        source.update(sim, data)
+        sim.step()
+        skin.read()
+
+MuJoCo owns the motion and the contact forces; what the skin reads follows from where the geoms are and how they move.
+MuJoCo's contacts are soft, so that geoms overlap by a little: that overlap is the depth that is felt. Needs the extra
+``tactemu[mujoco]``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tactemu.errors import SceneError
+from tactemu.scene.bodies import Body, Box, Capsule, Cylinder, Mesh, Plane, Shape, Sphere
+
+if TYPE_CHECKING:
+    from tactemu.physics.simulation import Simulation
+    from tactemu.scene.scene import Scene
+
+
+def _mujoco():
+    try:
+        import mujoco
+    except ImportError:
+        raise SceneError("MujocoSource needs MuJoCo: pip install 'tactemu[mujoco]'") from None
+    return mujoco
+
+
+class MujocoSource:
+    """Adds the geoms of a MuJoCo model to a scene, and poses them from MuJoCo's data.
+
+    Args:
+        scene: where the geoms become bodies, named as in the model.
+        model: an ``mujoco.MjModel``.
+        geoms: names or ids of the geoms to add; ``None``: all that take part in collisions.
+
+    Raises:
+        SceneError: MuJoCo is not installed, there is no such geom, or it is of a kind that has no distance here.
+    """
+
+    def __init__(self, scene: Scene, model: Any, geoms: Iterable[str | int] | None = None):
+        self._mujoco = _mujoco()
+        self._scene, self._model = scene, model
+        self._geoms: dict[int, Body] = {}
+        self._links: dict[int, Body] = {}
+        chosen = self._collision_geoms() if geoms is None else [self._id("geom", geom) for geom in geoms]
+        for geom in chosen:
+            self._geoms[geom] = scene.add_body(self._shape(geom), name=self._name("geom", geom))
+
+    # -- naming -----------------------------------------------------------------------------------------------------
+
+    def geom(self, which: str | int) -> Body:
+        """The body of a geom, to put a skin on or to track.
+
+        Raises:
+            SceneError: there is none, or it was not added.
+        """
+        found = self._id("geom", which)
+        if found not in self._geoms:
+            raise SceneError(f"geom {which!r} is not in the scene; there are: {self._listed(self._geoms)}")
+        return self._geoms[found]
+
+    def link(self, which: str | int) -> Body:
+        """A frame that follows a MuJoCo body, to put a skin on. Call it before the scene is built.
+
+        Such a skin feels the geoms of its own body too, unless ``filter_link_idx`` names them: see :meth:`geoms_of`.
+        """
+        found = self._id("body", which)
+        if found not in self._links:
+            self._links[found] = self._scene.add_body(name=f"{self._name('body', found)} (frame)")
+        return self._links[found]
+
+    def geoms_of(self, which: str | int) -> list[Body]:
+        """The bodies of all geoms that a MuJoCo body carries."""
+        found = self._id("body", which)
+        return [body for geom, body in self._geoms.items() if self._model.geom_bodyid[geom] == found]
+
+    def _id(self, kind: str, which: str | int) -> int:
+        table = getattr(self._mujoco.mjtObj, f"mjOBJ_{kind.upper()}")
+        count = getattr(self._model, f"n{kind}")
+        found = self._mujoco.mj_name2id(self._model, table, which) if isinstance(which, str) else int(which)
+        if not 0 <= found < count:
+            raise SceneError(f"no {kind} {which!r} in the MuJoCo model; there are: {self._names(kind, range(count))}")
+        return found
+
+    def _name(self, kind: str, index: int) -> str:
+        table = getattr(self._mujoco.mjtObj, f"mjOBJ_{kind.upper()}")
+        return self._mujoco.mj_id2name(self._model, table, index) or f"{kind}{index}"
+
+    def _names(self, kind: str, indices: Iterable[int]) -> str:
+        return ", ".join(self._name(kind, index) for index in indices)
+
+    def _listed(self, geoms: Iterable[int]) -> str:
+        return self._names("geom", geoms) or "none"
+
+    # -- shapes -----------------------------------------------------------------------------------------------------
+
+    def _collision_geoms(self) -> list[int]:
+        takes_part = (self._model.geom_contype != 0) | (self._model.geom_conaffinity != 0)
+        return [int(geom) for geom in np.flatnonzero(takes_part)]
+
+    def _shape(self, geom: int) -> Shape:
+        kinds = self._mujoco.mjtGeom
+        size = [float(value) for value in self._model.geom_size[geom]]
+        match int(self._model.geom_type[geom]):
+            case kinds.mjGEOM_PLANE:
+                return Plane()
+            case kinds.mjGEOM_SPHERE:
+                return Sphere(radius=size[0])
+            case kinds.mjGEOM_CAPSULE:
+                return Capsule(radius=size[0], length=2 * size[1])
+            case kinds.mjGEOM_CYLINDER:
+                return Cylinder(radius=size[0], length=2 * size[1])
+            case kinds.mjGEOM_BOX:
+                return Box(size=tuple(2 * half for half in size))
+            case kinds.mjGEOM_ELLIPSOID:
+                import trimesh
+
+                return Mesh(source=trimesh.creation.icosphere(5), scale=size)
+            case kinds.mjGEOM_MESH:
+                return Mesh(source=self._mesh(int(self._model.geom_dataid[geom])))
+        kind = kinds(self._model.geom_type[geom]).name.removeprefix("mjGEOM_").lower()
+        raise SceneError(
+            f"geom {self._name('geom', geom)!r} is of kind {kind}, which has no distance here; "
+            "name the geoms to add without it: MujocoSource(scene, model, geoms=[...])"
+        )
+
+    def _mesh(self, mesh: int) -> tuple[np.ndarray, np.ndarray]:
+        """Vertices and faces as MuJoCo holds them: centred, in the geom's frame. Its collisions see the convex hull."""
+        m = self._model
+        first, count = m.mesh_vertadr[mesh], m.mesh_vertnum[mesh]
+        start, faces = m.mesh_faceadr[mesh], m.mesh_facenum[mesh]
+        return m.mesh_vert[first : first + count].astype(np.float64), m.mesh_face[start : start + faces]
+
+    # -- poses ------------------------------------------------------------------------------------------------------
+
+    def update(self, sim: Simulation, data: Any | Sequence[Any]) -> None:
+        """Pose all bodies as they are in MuJoCo *now*: kinematics are run first, since ``mj_step`` leaves them at the
+        configuration before the step.
+
+        Args:
+            sim: the built scene.
+            data: an ``mujoco.MjData``, or one per environment.
+        """
+        per_env = list(data) if isinstance(data, Sequence) else [data]
+        if len(per_env) not in (1, sim.n_envs):
+            raise SceneError(f"MujocoSource.update: expected 1 or {sim.n_envs} MjData, got {len(per_env)}")
+        for one in per_env:
+            self._refresh(one, sim.uses_velocity)
+        for geom, body in self._geoms.items():
+            self._pose(sim, body, [self._geom_pose(one, geom, sim.uses_velocity) for one in per_env])
+        for link, body in self._links.items():
+            self._pose(sim, body, [self._link_pose(one, link, sim.uses_velocity) for one in per_env])
+
+    def _refresh(self, data: Any, velocities: bool) -> None:
+        self._mujoco.mj_kinematics(self._model, data)
+        if velocities:
+            self._mujoco.mj_comPos(self._model, data)
+            self._mujoco.mj_comVel(self._model, data)
+
+    def _geom_pose(self, data: Any, geom: int, velocities: bool):
+        quaternion = np.empty(4)
+        self._mujoco.mju_mat2Quat(quaternion, data.geom_xmat[geom])
+        return data.geom_xpos[geom], quaternion, self._velocity(data, "GEOM", geom) if velocities else np.zeros(6)
+
+    def _link_pose(self, data: Any, link: int, velocities: bool):
+        twist = self._velocity(data, "XBODY", link) if velocities else np.zeros(6)
+        return data.xpos[link], data.xquat[link], twist
+
+    def _velocity(self, data: Any, kind: str, index: int) -> np.ndarray:
+        """Angular, then linear velocity of an object's origin, along the world's axes."""
+        twist = np.zeros(6)
+        table = getattr(self._mujoco.mjtObj, f"mjOBJ_{kind}")
+        self._mujoco.mj_objectVelocity(self._model, data, table, index, twist, 0)
+        return twist
+
+    @staticmethod
+    def _pose(sim: Simulation, body: Body, poses: list) -> None:
+        position, quaternion, twist = (np.array(part) for part in zip(*poses))
+        if len(poses) == 1:
+            position, quaternion, twist = position[0], quaternion[0], twist[0]
+        sim.set_pose(
+            body,
+            position=position,
+            quaternion=quaternion,
+            linear_velocity=twist[..., 3:],
+            angular_velocity=twist[..., :3],
+        )
