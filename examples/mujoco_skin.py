@@ -49,9 +49,8 @@ def main() -> None:
         if step % 80 == 79:
             force = skin.read().force
             total = force.sum((0, 1))
-            print(
-                f"t = {sim.time_ns * 1e-9:.2f} s   ball at x = {data.qpos[0] * 1e3:6.1f} mm   force on the skin {total} N"
-            )
+            where = f"t = {sim.time_ns * 1e-9:.2f} s, ball at x = {data.qpos[0] * 1e3:5.1f} mm"
+            print(f"{where}, force on the skin {np.round(total, 3)} N")
             print(picture(-force[..., 2].clip(max=0)))
 
 

@@ -10,6 +10,7 @@ from tests.cli.command import ROOT, environment, tactemu
 
 EXPECTED = {
     "without_a_wire.py": ["relative poses", "depth [mm]"],
+    "mujoco_skin.py": ["t = 0.80 s, ball at x =", "force on the skin"],
     "two_drivers.py": ["read by the anyskin package", "read by the linkerbot SDK", "every one as it was sent"],
 }
 
