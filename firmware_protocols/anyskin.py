@@ -9,7 +9,7 @@ One frame per firmware loop, N = 5 chips, 16 N + 2 = 82 bytes, float32 little-en
     16 N     2      0D 0A; no start byte, no checksum
 
 Chips in wire order: centre, left, right, up, down. Chip axes are turned in the plane by -90, -90, 180, 90, 0 degrees
-as the vendor's viewer draws them (screen y points down).
+as the vendor's viewer draws them (screen y points down, so drawn right-handed axes have z into the skin).
 
 Evidence: firmware (arduino/5X_binary_burst_stream.ino: ``sizeof(data)`` per chip, then println) and both published
 drivers, which decode it. ADC: MLX90393 at gain 7, resolution 0: 0.150 uT (x, y) and 0.242 uT (z) per count, int16;
@@ -36,6 +36,9 @@ DRAWN_TURNS_DEG = (-90, -90, 180, 90, 0)
 
 FIELD_LSB_UT = np.array([0.150, 0.150, 0.242])
 TEMPERATURE_ZERO, TEMPERATURE_PER_DEG = 46244, 45.2
+
+GAIN_UT_PER_N = (60.0, -60.0, -90.0)
+"""From a taxel's frame (z out of the skin) to the chip's (z into it)."""
 
 REST_FIELD_UT = (
     (-38.0, 21.0, 412.0),
@@ -70,8 +73,8 @@ class AnySkin(Device):
     judge = "anyskin 1.0.0, reskin-sensor 2.0.2"
     assumed = (
         "pitch of the chips 7 mm (the sources have pixels only)",
-        "chip z out of the skin; gain 7, resolution 0",
-        "60 uT/N in the plane, 90 uT/N along the normal; field at rest",
+        "chip z into the skin, so that axes are right-handed as the viewer draws them; gain 7, resolution 0",
+        "60 uT/N in the plane, 90 uT/N along the normal: a push raises Bz; field at rest",
         "100 Hz (the firmware runs as fast as its loop)",
     )
     scene = """
@@ -118,7 +121,7 @@ normal_stiffness = 1000.0
             patches=(Patch(name="skin", start=0, rows=0, cols=5),),
             pitch=PITCH,
         )
-        self.transducer = transducer or LinearMagnet(gain=(60.0, 60.0, 90.0), offset=np.array(REST_FIELD_UT))
+        self.transducer = transducer or LinearMagnet(gain=GAIN_UT_PER_N, offset=np.array(REST_FIELD_UT))
 
     def digitize(self, reading: Reading) -> np.ndarray:
         """Temperature [deg C] and field [uT] as the driver decodes them, float32 ``(5, 4)``: T, Bx, By, Bz."""
