@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import signal
-import sys
-import time
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
 from tactemu.cli.kernels import start_quietly
+from tactemu.cli.reports import Say, advice, entry_of, say_in_words, say_json
 from tactemu.emulator import Emulator
 from tactemu.errors import SceneError, TactemuError
 
@@ -61,7 +58,7 @@ def run_emulator(emulator: Emulator, *, seconds: float | None, style: str) -> No
     """Run an assembled emulator with a picture, log lines or JSON lines, until it is told to stop."""
     console = Console(highlight=False)
     live = style == "auto" and console.is_terminal
-    say = _say_json if style == "json" else _say_plain(console)
+    say = say_json if style == "json" else say_in_words(console)
     with _stopped_by_signals(emulator), emulator:
         for channel in emulator.channels:
             say(
@@ -72,57 +69,22 @@ def run_emulator(emulator: Emulator, *, seconds: float | None, style: str) -> No
             _report_regularly(emulator, say)
         with _view(emulator, console) if live else nullcontext():
             emulator.run(seconds)
-        summaries = [summary(emulator, channel) for channel in emulator.channels]
+        summaries = [entry_of(emulator, channel) for channel in emulator.channels]
     for entry in summaries:
         say("summary", **entry)
+    for channel in emulator.channels:
+        if text := advice(emulator, channel):
+            say("advice", skin=channel.name, text=text)
 
 
-def summary(emulator: Emulator, channel: Any) -> dict[str, Any]:
-    """What one device did: statistics, what became of its frames and of the driver's, and what was injected."""
-    entry: dict[str, Any] = {"skin": channel.name, **channel.statistics.as_dict(), **dict(channel.wire.counters)}
-    if channel.device.counters:
-        entry["device"] = dict(channel.device.counters)
-    if emulator.truth.injected:
-        entry["injected"] = dict(emulator.truth.injected)
-    return entry
-
-
-def _report_regularly(emulator: Emulator, say) -> None:
+def _report_regularly(emulator: Emulator, say: Say) -> None:
     def report() -> None:
         now = emulator.clock.now_ns()
         for channel in emulator.channels:
-            say("running", t_s=round(now / 1e9, 3), **summary(emulator, channel))
+            say("running", t_s=round(now / 1e9, 3), **entry_of(emulator, channel))
         emulator.at(now + REPORT_PERIOD_NS, report)
 
     emulator.at(emulator.clock.now_ns() + REPORT_PERIOD_NS, report)
-
-
-def _say_json(event: str, **entry: Any) -> None:
-    print(json.dumps({"event": event, **entry}), flush=True)
-
-
-def _say_plain(console: Console):
-    def say(event: str, **entry: Any) -> None:
-        skin = entry.pop("skin")
-        if event == "ready":
-            what = f"{entry['device']} ready on {entry['port']} at {entry['rate_hz']:g} Hz"
-            console.print(what if skin == entry["device"] else f"{skin}: {what}", soft_wrap=True, markup=False)
-        else:
-            clock = time.strftime("%H:%M:%S") if event == "running" else "summary"
-            console.print(f"{clock} {skin}: {_words(entry)}", soft_wrap=True, markup=False)
-        sys.stdout.flush()
-
-    return say
-
-
-def _words(entry: dict[str, Any]) -> str:
-    parts = []
-    for name, value in entry.items():
-        if isinstance(value, dict):
-            parts.append(f"{name} " + " ".join(f"{key}={count}" for key, count in value.items()))
-        else:
-            parts.append(f"{name.replace('_', ' ')} {value:g}" if isinstance(value, float) else f"{name} {value}")
-    return ", ".join(parts)
 
 
 def _view(emulator: Emulator, console: Console):

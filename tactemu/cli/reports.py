@@ -1,0 +1,104 @@
+"""What ``tactemu run`` says: per device and moment, as JSON or in words, and advice when the rate is missed."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable
+from statistics import median
+from typing import Any
+
+from rich.console import Console
+
+from tactemu.channel import Channel
+from tactemu.emulator import Emulator
+
+Say = Callable[..., None]
+"""``say(event, skin=..., **entry)``."""
+
+MISSED_SHARE = 0.01
+"""Of its samples that a device may miss before the report says what to do."""
+BUSY_SHARE = 0.5
+"""Of the time between samples: from here on the simulation is called the reason."""
+
+
+def entry_of(emulator: Emulator, channel: Channel) -> dict[str, Any]:
+    """What one device did: statistics, what became of its frames and of the driver's, and what was injected."""
+    return {
+        "skin": channel.name,
+        **channel.statistics.as_dict(),
+        "wire": dict(sorted(channel.wire.counters.items())),
+        "device": dict(sorted(channel.device.counters.items())),
+        "injected": dict(sorted(emulator.truth.injected.items())),
+    }
+
+
+def say_json(event: str, **entry: Any) -> None:
+    """One JSON object a line."""
+    print(json.dumps({"event": event, **entry}), flush=True)
+
+
+def say_in_words(console: Console) -> Say:
+    """One sentence a line."""
+
+    def say(event: str, **entry: Any) -> None:
+        skin = entry.pop("skin")
+        if event == "ready":
+            what = f"{entry['device']} ready on {entry['port']} at {entry['rate_hz']:g} Hz"
+            line = what if skin == entry["device"] else f"{skin}: {what}"
+        elif event == "advice":
+            line = f"{skin}: {entry['text']}"
+        else:
+            line = f"{time.strftime('%H:%M:%S') if event == 'running' else event} {skin}: {sentence(entry)}"
+        console.print(line, soft_wrap=True, markup=False)
+        sys.stdout.flush()
+
+    return say
+
+
+def sentence(entry: dict[str, Any]) -> str:
+    """``300 samples at 100 Hz, late p50/p99/max 40/90/210 us; wire: sent 299, unheard 1``."""
+    late = "/".join(f"{entry[f'lateness_{which}_us']:.0f}" for which in ("p50", "p99", "max"))
+    text = f"{entry['samples']} samples at {entry['rate_hz']:.1f} Hz, late p50/p99/max {late} us"
+    odd = [f"{entry[name]} {name}" for name in ("missed", "stretched", "silent") if entry[name]]
+    text += f" ({', '.join(odd)})" if odd else ""
+    for group in ("wire", "device", "injected"):
+        counts = [f"{name.replace('_', ' ')} {count}" for name, count in entry[group].items() if count]
+        text += f"; {group}: {', '.join(counts)}" if counts else ""
+    return text
+
+
+def advice(emulator: Emulator, channel: Channel) -> str:
+    """What to change when a device misses samples; empty when it does not."""
+    statistics = channel.statistics
+    late = statistics.missed + statistics.stretched
+    if late <= MISSED_SHARE * max(statistics.samples, 1):
+        return ""
+    found = f"{late} of {statistics.samples + statistics.missed} samples were not taken in time: "
+    period_us = channel.device.period_ns / 1e3
+    simulation = getattr(emulator.simulation, "simulation", emulator.simulation)
+    if simulation is None or not simulation.dt_ns:
+        return f"{found}nothing is simulated, so the machine is too busy or the rate too high"
+    simulated_us = _step_us(simulation) * period_us * 1e3 / simulation.dt_ns
+    if simulated_us < BUSY_SHARE * period_us:
+        return (
+            f"{found}not for the simulation, which takes {simulated_us:.0f} of the {period_us:.0f} us between them; "
+            "the machine is too busy, or the rate too high for it"
+        )
+    costs = simulation.plan.measure(time.perf_counter_ns)
+    return (
+        f"{found}the simulation takes {simulated_us:.0f} of the {period_us:.0f} us between them, most of it in "
+        f"{max(costs, key=lambda name: costs[name])!r}. Raise [scene] dt, choose a cheaper model, lower --rate, or let "
+        "`tactemu tune` choose"
+    )
+
+
+def _step_us(simulation: Any, repeats: int = 50) -> float:
+    """Median time of a step [us]."""
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter_ns()
+        simulation.step()
+        times.append(time.perf_counter_ns() - start)
+    return median(times) / 1e3

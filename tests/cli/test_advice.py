@@ -1,0 +1,30 @@
+"""When the rate is missed, the report says so, and which dial to turn."""
+
+import pytest
+
+from tactemu.assembly import Wishes, assemble
+from tactemu.cli.reports import advice
+from tactemu.scene.file import load
+
+
+@pytest.fixture
+def emulator():
+    return assemble(load("anyskin"), Wishes(port="memory:")).emulator
+
+
+def test_nothing_is_said_where_nothing_is_missed(emulator):
+    emulator.channels[0].statistics.samples = 1000
+    emulator.channels[0].statistics.missed = 10
+    assert advice(emulator, emulator.channels[0]) == ""
+
+
+def test_a_busy_machine_is_told_from_a_dear_simulation(emulator, monkeypatch):
+    channel = emulator.channels[0]
+    channel.statistics.samples, channel.statistics.missed = 900, 100
+    text = advice(emulator, channel)
+    assert text.startswith("100 of 1000 samples were not taken in time: not for the simulation")
+    monkeypatch.setattr("tactemu.cli.reports._step_us", lambda _simulation: 1600.0)
+    monkeypatch.setattr(emulator.simulation.plan, "measure", lambda _clock: {"poses": 100.0, "layer": 1500.0})
+    text = advice(emulator, channel)
+    assert "takes 16000 of the 10000 us between them, most of it in 'layer'" in text
+    assert "dt" in text and "tactemu tune" in text
