@@ -38,6 +38,8 @@ class SampleClock:
     jitter_ns: int = 0
     reorder: bool = False
     """Frames may overtake those of earlier samples."""
+    restarts: int = 0
+    """How often counting began anew: each time has its own jitter."""
     seed: int = 0
     name: str = "device"
 
@@ -104,7 +106,7 @@ class SampleClock:
 
     @cached_property
     def _key(self) -> int:
-        return stream_key(self.seed, f"{self.name}/jitter")
+        return stream_key(self.seed, f"{self.name}/jitter/{self.restarts}")
 
     def _jitter(self, k: int) -> int:
         """Uniform in ``[0, jitter_ns]``, a function of the seed, the name and ``k`` alone (SplitMix64 of a counter)."""
@@ -121,6 +123,7 @@ class SampleClock:
         return replace(
             self,
             start_ns=start_ns,
+            restarts=self.restarts + 1,
             shown_ns=self.local_ns(start_ns),
             period_ns=period_ns,
             skew_ppm=self.skew_ppm + self.drift_ppm_per_s * seconds,

@@ -59,6 +59,8 @@ class Imperfections(Adjustments):
         self.shortest_step_s = 0.0
         """Shortest step for which what is kept of the past (delay, scan) lasts long enough [s]."""
         self._delay: Delay | None = None
+        self._resets = self._zeros((context.n_envs,), wp.int32)
+        self._counted = False
 
     # -- for the sensor's kernel
 
@@ -74,19 +76,17 @@ class Imperfections(Adjustments):
         self.gain = wp.array(rows, dtype=self.context.real, device=self.context.device)
         if self.options.probe_gain_resample_range is None:
             return self.gain, []
-        redraw = self._redraw_gain()
+        redraw = self._counting(self._redraw_gain())
         return self.gain, [
             Stage(name=f"{self.info.name}: gain", reason="gains drawn at resets", launch=nothing, reset=redraw)
         ]
 
     def _redraw_gain(self):
         low, high = self.options.probe_gain_resample_range
-        counts = self._zeros((self.context.n_envs,), wp.int64)
         kernel, key = resets.gain_kernel(self.context.real), self._key("gain")
 
         def redraw(mask: wp.array) -> None:
-            self._launch(resets.count_resets, mask.shape, [mask, counts])
-            self._launch(kernel, self.gain.shape, [mask, counts, key, low, high, self.gain])
+            self._launch(kernel, self.gain.shape, [mask, self._resets, key, low, high, self.gain])
 
         redraw(self._everywhere())
         return redraw
@@ -102,11 +102,12 @@ class Imperfections(Adjustments):
         launch = record(
             radius_kernel(context.real),
             (context.n_envs, -(-n // 4)),
-            [nominal, context.step, self._key("radius_noise"), table.array],
+            [nominal, context.step, self._key("radius_noise"), self._resets, table.array],
             [radius],
             context.device,
         )
-        return radius, [Stage(name=f"{self.info.name}: radius_noise", reason="probe_radius_noise", launch=launch)]
+        name, reset = f"{self.info.name}: radius_noise", self._counting(self._clear([radius]))
+        return radius, [Stage(name=name, reason="probe_radius_noise", launch=launch, reset=reset)]
 
     # -- on the sensor's readings
 
@@ -175,7 +176,7 @@ class Imperfections(Adjustments):
             self._threads,
             [
                 self._flatten(x), self.info.n_channels, context.step, coefficient,
-                self._key("random_walk"), self._key("noise"),
+                self._key("random_walk"), self._key("noise"), self._resets,
                 self.gain if "gain" in laws else None,
                 table("temperature", "temperature_sensitivity", options.temperature_sensitivity),
                 table("temperature", "temperature_offset", options.temperature_offset),
@@ -199,20 +200,19 @@ class Imperfections(Adjustments):
             if redraw_dead is not None:
                 redraw_dead(mask)
 
+        reset = self._counting(reset)
         return out, Stage(name=f"{self.info.name}: electronics", reason=_reason(laws), launch=launch, reset=reset)
 
     def _redraw_dead(self):
         options, real = self.options, self.context.real
         self.stuck = wp.full(self._flat, ALIVE, dtype=real, device=self.context.device)
-        counts = self._zeros((self.context.n_envs,), wp.int64)
         arguments = [
             self._key("dead"), options.dead_taxel_probability, *options.dead_taxel_value_range,
             options.dead_taxel_mode == "last", self.info.n_channels,
         ]  # fmt: skip
 
         def redraw(mask: wp.array) -> None:
-            self._launch(resets.count_resets, mask.shape, [mask, counts])
-            self._launch(resets.dead_kernel(real), self._flat, [mask, counts, *arguments, self.stuck])
+            self._launch(resets.dead_kernel(real), self._flat, [mask, self._resets, *arguments, self.stuck])
 
         redraw(self._everywhere())
         return redraw
@@ -223,8 +223,9 @@ class Imperfections(Adjustments):
         array = measured
         if self.options.delay > 0.0 or self.options.jitter > 0.0 or "jitter" in self.options.adjustable:
             self.shortest_step_s = self._dt_s
-            self._delay = Delay(self.options, self.info, self.context)
+            self._delay = Delay(self.options, self.info, self.context, self._resets)
             array, stages = self._delay.compile(measured)
+            stages[0].reset = self._counting(stages[0].reset)
         array, more = self.compile_history(array)
         return array, stages + more
 
@@ -245,6 +246,18 @@ class Imperfections(Adjustments):
             )
 
     # -- helpers
+
+    def _counting(self, reset):
+        """``reset``, which in the first stage that draws random numbers also counts the resets for all of them."""
+        if self._counted:
+            return reset
+        self._counted = True
+
+        def counting(mask: wp.array) -> None:
+            self._launch(resets.count_resets, mask.shape, [mask, self._resets])
+            reset(mask)
+
+        return counting
 
     @property
     def _dt_s(self) -> float:

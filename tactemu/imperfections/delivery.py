@@ -21,7 +21,8 @@ from tactemu.random_streams import stream_key
 class Delay:
     """Holds readings back; made only for a sensor with a delay or jitter."""
 
-    def __init__(self, options: ImperfectionOptions, info: ReadingInfo, context: Context):
+    def __init__(self, options: ImperfectionOptions, info: ReadingInfo, context: Context, resets: wp.array):
+        self._resets = resets
         self._options, self._info, self._context = options, info, context
         dt = float(context.dt.numpy()[0])
         jitter = max(options.jitter, dt) if "jitter" in options.adjustable else options.jitter
@@ -46,7 +47,7 @@ class Delay:
                 options.jitter > 0.0 or "jitter" in options.adjustable, nearest, linear, options.jitter_reorder
             ),
             context.n_envs,
-            [context.step, context.time_ns, context.dt, key, self._array, ring.birth],
+            [context.step, context.time_ns, context.dt, key, self._resets, self._array, ring.birth],
             [ring.times, newest, chosen, share],
             context.device,
         )

@@ -16,11 +16,12 @@ def radius_kernel(real: type):
         nominal: wp.array(dtype=real),
         step: wp.array(dtype=wp.int64),
         key: wp.uint32,
+        resets: wp.array(dtype=wp.int32),
         half_width: wp.array2d(dtype=real),
         out: wp.array2d(dtype=real),
     ):
         e, group = wp.tid()
-        words = draw(key, e, group, step[0])
+        words = draw(key, resets, e, group, step[0])
         for i in range(group * 4, wp.min(group * 4 + 4, nominal.shape[0])):
             r = nominal[i]
             if r > real(0.0):

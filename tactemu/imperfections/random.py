@@ -2,7 +2,8 @@
 
 Nothing is stored and no order matters. The generator is Philox4x32-10 (Salmon, Moraes, Dror and Shaw, "Parallel random
 numbers: as easy as 1, 2, 3", SC 2011). One call gives four independent words. The counter is (step low, step high,
-index, environment), the key the stream's (:mod:`tactemu.random_streams`). Both float widths see the same words.
+index, environment); the key is that of the stream (:mod:`tactemu.random_streams`) and the number of resets. Both float
+widths see the same words.
 """
 
 import functools
@@ -33,11 +34,15 @@ def philox(counter: wp.vec4ui, key0: wp.uint32, key1: wp.uint32) -> wp.vec4ui:
 
 
 @wp.func
-def draw(key: wp.uint32, env: int, index: int, step: wp.int64) -> wp.vec4ui:
-    """Four random words of the stream ``key`` for an environment, an index and a step."""
+def draw(key: wp.uint32, resets: wp.array(dtype=wp.int32), env: int, index: int, step: wp.int64) -> wp.vec4ui:
+    """Four random words of the stream ``key`` for an environment, an index and a step.
+
+    The number of resets that the environment has seen is the second half of the key: a new episode draws anew, also
+    where its steps are counted from 0 again.
+    """
     words = wp.uint64(step)
     counter = wp.vec4ui(wp.uint32(words & _LOW), wp.uint32(words >> _SHIFT), wp.uint32(index), wp.uint32(env))
-    return philox(counter, key, wp.uint32(0))
+    return philox(counter, key, wp.uint32(resets[env]))
 
 
 @wp.func

@@ -9,11 +9,11 @@ from tactemu.imperfections.random import draw, unit_f64
 
 
 @wp.kernel(module="unique", enable_backward=False)
-def count_resets(mask: wp.array(dtype=wp.bool), resets: wp.array(dtype=wp.int64)):
-    """Numbers the resets of each environment: the step of the draws made then."""
+def count_resets(mask: wp.array(dtype=wp.bool), resets: wp.array(dtype=wp.int32)):
+    """Numbers the resets of each environment: each begins draws of its own."""
     e = wp.tid()
     if mask[e]:
-        resets[e] = resets[e] + wp.int64(1)
+        resets[e] = resets[e] + 1
 
 
 @functools.cache
@@ -23,7 +23,7 @@ def gain_kernel(real: type):
     @wp.kernel(module="unique", enable_backward=False)
     def resample_gain(
         mask: wp.array(dtype=wp.bool),
-        resets: wp.array(dtype=wp.int64),
+        resets: wp.array(dtype=wp.int32),
         key: wp.uint32,
         low: wp.float64,
         high: wp.float64,
@@ -31,7 +31,7 @@ def gain_kernel(real: type):
     ):
         e, i = wp.tid()
         if mask[e]:
-            gain[e, i] = real(low + (high - low) * unit_f64(draw(key, e, i, resets[e])[0]))
+            gain[e, i] = real(low + (high - low) * unit_f64(draw(key, resets, e, i, wp.int64(0))[0]))
 
     return resample_gain
 
@@ -43,7 +43,7 @@ def dead_kernel(real: type):
     @wp.kernel(module="unique", enable_backward=False)
     def redraw_dead(
         mask: wp.array(dtype=wp.bool),
-        resets: wp.array(dtype=wp.int64),
+        resets: wp.array(dtype=wp.int32),
         key: wp.uint32,
         probability: wp.float64,
         low: wp.float64,
@@ -54,7 +54,7 @@ def dead_kernel(real: type):
     ):
         e, c = wp.tid()
         if mask[e]:
-            words = draw(key, e, c // n_channels, resets[e])
+            words = draw(key, resets, e, c // n_channels, wp.int64(0))
             value = real(wp.static(ALIVE))
             if unit_f64(words[0]) < probability:
                 value = real(low + (high - low) * unit_f64(words[1]))

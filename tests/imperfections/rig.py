@@ -85,6 +85,12 @@ class Rig:
             if stage.reset is not None:
                 stage.reset(array)
 
+    def restart(self) -> None:
+        """Counts time and steps from 0 again, as a reset of all environments does."""
+        self.number = self.now = 0
+        self.context.step.assign([0])
+        self.context.time_ns.assign([0])
+
 
 def options(**given) -> ImperfectionOptions:
     return ImperfectionOptions(**given)

@@ -116,9 +116,7 @@ def test_reset_forgets_what_is_under_way(restart):
     rig.run(20, 1.0)
     if restart:
         rig.reset()
-        rig.number = rig.now = 0
-        rig.context.step.assign([0])
-        rig.context.time_ns.assign([0])
+        rig.restart()
     else:
         rig.reset([1])
     np.testing.assert_array_equal(rig.reading.numpy()[1], 0.0)

@@ -190,3 +190,33 @@ def test_options_without_meaning_are_refused_by_name(given, words):
     with pytest.raises(SceneError, match="skin") as error:
         Rig(options(**given))
     assert words in str(error.value)
+
+
+@BOTH
+@pytest.mark.parametrize("layout", [(0,), (0, 4), (1,), (1, 1)])
+def test_no_taxel_and_one_taxel(layout, real):
+    given = {"noise": 0.1, "delay": 1e-3, "dead_taxel_probability": 0.5, "scan_time": 1e-3}
+    if len(layout) == 2:
+        given |= EVERYTHING | {"probe_gain_resample_range": (0.5, 2.0), "probe_radius_noise": 1e-4}
+    rig = Rig(options(**given), info(layout), real=real)
+    for _ in range(4):
+        reading = rig.step(1.0)
+    assert reading.shape[-2] == np.prod(layout) and np.isfinite(reading).all()
+    rig.reset()
+
+
+def test_a_gain_outside_the_formula_acts_after_hysteresis():
+    given = {"hysteresis_strength": 0.5, "bias": 0.25}
+    about = info((3,), ("displacement",), gain_inside=False)
+    plain = Rig(options(**given), about).run(4, 1.0) - 0.25
+    gained = Rig(options(**given, probe_gain=[1.0, 2.0, 3.0]), about).run(4, 1.0) - 0.25
+    np.testing.assert_allclose(gained, plain * np.array([1.0, 2.0, 3.0])[:, None], rtol=1e-12)
+    with_backlash = Rig(options(probe_gain=2.0, hysteresis_backlash=0.1), about).step(1.0)
+    np.testing.assert_allclose(with_backlash, 1.8)
+
+
+def test_a_million_taxels():
+    rig = Rig(options(noise=1.0, resolution=0.5), info((1_000_000,)), real=wp.float32)
+    seen = rig.step(0.0)
+    assert seen.size == 1_000_000
+    assert seen.std() == pytest.approx(np.sqrt(1 + 0.5**2 / 12), rel=0.01)

@@ -109,6 +109,21 @@ def test_a_reset_of_one_environment_leaves_the_others_to_the_bit():
     assert (calm.gain.numpy() != struck.gain.numpy()).all(axis=1).tolist() == [False, True, False]
 
 
+@pytest.mark.parametrize("law", RANDOM)
+def test_a_new_episode_draws_anew_though_its_steps_are_counted_from_the_start(law):
+    """Deterministic all the same: the second episode of a second run is that of the first."""
+    seen = []
+    for _ in range(2):
+        rig, episodes = Rig(options(**RANDOM[law]), ABOUT), []
+        for _ in range(2):
+            episodes.append(outcome(rig))
+            rig.reset()
+            rig.restart()
+        seen.append(episodes)
+    assert seen[0][0].tobytes() == seen[1][0].tobytes() and seen[0][1].tobytes() == seen[1][1].tobytes()
+    assert seen[0][0].tobytes() != seen[0][1].tobytes()
+
+
 def test_gains_after_many_resets_are_uniform():
     from scipy.stats import kstest
 
