@@ -19,7 +19,7 @@ def cloud_type(real):
     class Clouds:
         points: wp.array(dtype=vec3)
         areas: wp.array(dtype=real)
-        start: wp.array(dtype=wp.int32)  # first point of each cluster; one more at the end
+        counts: wp.array(dtype=wp.int32)  # points of each cluster
         ball: wp.array(dtype=vec4)  # centre and radius of each cluster
         cluster_body: wp.array(dtype=wp.int32)
         bodies: wp.array(dtype=wp.int32)
@@ -41,7 +41,7 @@ def upload_clouds(clusters: Clusters, context: Context):
     table = cloud_type(real)()
     table.points = upload(clusters.positions, vec3)
     table.areas = upload(clusters.areas, real)
-    table.start = upload(clusters.start, wp.int32)
+    table.counts = upload(clusters.counts, wp.int32)
     table.ball = upload(clusters.ball * slack, vec4)
     table.cluster_body = upload(np.repeat(clusters.bodies, np.diff(clusters.cloud_start)), wp.int32)
     table.bodies = upload(clusters.bodies, wp.int32)

@@ -26,11 +26,11 @@ from tactemu.physics.dilation_grid import grid_dilation
 from tactemu.physics.dilation_kernels import DilationOptions
 from tactemu.physics.plan import Stage
 from tactemu.physics.point_cloud import cluster
-from tactemu.physics.probe_grid import RegularGrid, regular_grid
+from tactemu.physics.probe_grid import regular_grid
 from tactemu.physics.probes import Probes
 from tactemu.physics.sensor import Compiled, SensorModel, Site
 from tactemu.physics.shear_anchors import shear_anchors
-from tactemu.physics.shear_motion import direct_shear_motion, grid_shear_motion
+from tactemu.physics.shear_motion import direct_shear_motion, grid_shear_motion, tabulated_shear_motion
 from tactemu.physics.surface_points import surface_points
 from tactemu.physics.taxel_depth import taxel_depth
 
@@ -202,10 +202,7 @@ class _Parts:
             "motion": self.motion,
             "add": add,
         }
-        if self._tabulates(self.grid):
-            return grid_shear_motion(site.context, anchors, self.grid, site.probes.positions[0], **shared)
-        return direct_shear_motion(site.context, anchors, positions=site.positions, normals=site.normals, **shared)
-
-    def _tabulates(self, grid: RegularGrid | None) -> bool:
-        """On a CPU the exponentials dominate, on a GPU the memory that tables take."""
-        return grid is not None and grid.is_exact and self.site.context.device.is_cpu
+        if self.grid is None or not self.grid.is_exact:
+            return direct_shear_motion(site.context, anchors, positions=site.positions, normals=site.normals, **shared)
+        by_grid = tabulated_shear_motion if site.context.device.is_cpu else grid_shear_motion
+        return by_grid(site.context, anchors, self.grid, site.probes.positions[0], **shared)

@@ -13,6 +13,8 @@ import numpy as np
 
 CLUSTER = 16
 """Points per cluster, at most."""
+FAR_AWAY = 1.0e17
+"""Coordinate of a point that is out of everything's reach [m]; its square still fits float32."""
 
 
 @dataclass(frozen=True)
@@ -50,16 +52,19 @@ def split_evenly(total: int, parts: int) -> list[int]:
 
 @dataclass(frozen=True)
 class Clusters:
-    """Clouds of one sensor, sorted so that neighbours in space are neighbours in memory."""
+    """Clouds of one sensor, sorted so that neighbours in space are neighbours in memory.
+
+    Cluster ``c`` has the places from ``c * CLUSTER``; those beyond its points are filled with points far away.
+    """
 
     order: np.ndarray
-    """Sorted place -> index in the clouds one after another, shape ``(n_points,)``."""
+    """Place -> index in the clouds one after another, -1 where there is none, shape ``(n_places,)``."""
     positions: np.ndarray
-    """Sorted, body frame [m], shape ``(n_points, 3)``."""
+    """Body frame [m], shape ``(n_places, 3)``; ``FAR_AWAY`` where there is none."""
     areas: np.ndarray
-    """Sorted [m^2]."""
-    start: np.ndarray
-    """First point of each cluster, and the number of points at the end, shape ``(n_clusters + 1,)``."""
+    """[m^2], shape ``(n_places,)``."""
+    counts: np.ndarray
+    """Points of each cluster, shape ``(n_clusters,)``."""
     ball: np.ndarray
     """Centre and radius of each cluster, body frame [m], shape ``(n_clusters, 4)``."""
     bodies: np.ndarray
@@ -72,7 +77,7 @@ class Clusters:
     @property
     def n_points(self) -> int:
         """Points in all clouds."""
-        return len(self.positions)
+        return int(self.counts.sum())
 
 
 def _halves(indices: np.ndarray, positions: np.ndarray, size: int) -> list[np.ndarray]:
@@ -99,21 +104,27 @@ def bounding_ball(points: np.ndarray) -> np.ndarray:
 def cluster(clouds: list[PointCloud]) -> Clusters:
     """Sort the clouds of a sensor into clusters. Clouds without points are left out."""
     clouds = [cloud for cloud in clouds if len(cloud.positions)]
-    offset, order, parts, cloud_start = 0, [], [], [0]
-    for cloud in clouds:
-        found = _halves(np.arange(len(cloud.positions)), cloud.positions, CLUSTER)
-        parts += [cloud.positions[indices] for indices in found]
-        order += [offset + indices for indices in found]
-        offset += len(cloud.positions)
-        cloud_start.append(len(parts))
+    points = np.concatenate([cloud.positions for cloud in clouds]) if clouds else np.zeros((0, 3))
     areas = np.concatenate([cloud.areas for cloud in clouds]) if clouds else np.zeros(0)
-    indices = np.concatenate(order) if order else np.zeros(0, dtype=np.int64)
+    parts, cloud_start, offset = [], [0], 0
+    for cloud in clouds:
+        n = len(cloud.positions)
+        parts += _halves(np.arange(offset, offset + n), points, CLUSTER)
+        cloud_start.append(len(parts))
+        offset += n
+    order = np.full((len(parts), CLUSTER), -1, dtype=np.int64)
+    for row, part in zip(order, parts):
+        row[: len(part)] = part
+    order = order.reshape(-1)
+    filled = order >= 0
+    positions = np.full((len(order), 3), FAR_AWAY)
+    positions[filled] = points[order[filled]]
     return Clusters(
-        order=indices,
-        positions=np.concatenate(parts) if parts else np.zeros((0, 3)),
-        areas=areas[indices],
-        start=np.cumsum([0, *map(len, parts)]),
-        ball=np.array([bounding_ball(part) for part in parts]).reshape(-1, 4),
+        order=order,
+        positions=positions,
+        areas=np.where(filled, np.append(areas, 0.0)[order], 0.0),
+        counts=np.array([len(part) for part in parts], dtype=np.int64),
+        ball=np.array([bounding_ball(points[part]) for part in parts]).reshape(-1, 4),
         bodies=np.array([cloud.body for cloud in clouds], dtype=np.int64),
         cloud_start=np.array(cloud_start),
         cloud_ball=np.array([bounding_ball(cloud.positions) for cloud in clouds]).reshape(-1, 4),

@@ -10,6 +10,7 @@ import functools
 import warp as wp
 
 from tactemu.physics.cloud_table import cloud_type
+from tactemu.physics.point_cloud import CLUSTER
 
 
 @functools.cache
@@ -50,8 +51,8 @@ def proximity_function(real):
             away = p - vec3(ball[0], ball[1], ball[2])
             reach = ball[3] + radius
             if wp.dot(away, away) <= reach * reach:
-                for j in range(clouds.start[c], clouds.start[c + 1]):
-                    d = clouds.points[j] - p
+                for j in range(CLUSTER):  # of fixed length: unrolled, so that all points are fetched at once
+                    d = clouds.points[c * CLUSTER + j] - p
                     squared = wp.dot(d, d)
                     if squared <= limit:
                         overlap = radius - wp.sqrt(squared)

@@ -25,12 +25,12 @@ _VOXEL_SLOPE = 1.75
 
 @dataclass(frozen=True, kw_only=True)
 class Anchors:
-    """State and output of the stage. Points are in the order of the clusters."""
+    """State and output of the stage. Points have the places of the clusters."""
 
     is_latched: wp.array
-    """uint8, shape ``(n_envs, n_points)``."""
+    """uint8, shape ``(n_envs, n_clusters * CLUSTER)``."""
     anchor: wp.array
-    """Where each latched point stuck [m], link frame, vec3, shape ``(n_envs, n_points)``."""
+    """Where each latched point stuck [m], link frame, vec3, same shape."""
     n_latched: wp.array
     """Latched points of each cluster, int32, shape ``(n_envs, n_clusters)``."""
     n_pulling: wp.array
@@ -69,27 +69,28 @@ def _kernels(real, functions: ShapeFunctions, slope: float, area_weighted: bool)
         env, c = wp.tid()
         at = pose[env, clouds.cluster_body[c]]
         ball = clouds.ball[c]
-        first = clouds.start[c]
+        first = c * CLUSTER
+        last = first + clouds.counts[c]
         centre = wp.transform_point(at, vec3(ball[0], ball[1], ball[2]))
         centre_distance, _normal = distance(shapes, link, centre)
         if centre_distance > steepest * ball[3] + wp.max(release_margin, real(0.0)):
             if n_latched[env, c] > 0:
-                for p in range(first, clouds.start[c + 1]):
+                for p in range(first, last):
                     is_latched[env, p] = wp.uint8(0)
                 n_latched[env, c] = 0
             n_pulling[env, c] = 0
             return
         latched = int(0)
         pulling = int(0)
-        for p in range(first, clouds.start[c + 1]):
+        for p in range(first, last):
             y = wp.transform_point(at, clouds.points[p])
             depth, _normal = distance(shapes, link, y)
             depth = -depth
             holds = is_latched[env, p] != wp.uint8(0) and not (depth < -release_margin)
             touches = not holds and depth > contact_threshold
             if wp.isnan(depth):  # the pose is not finite: say so, and keep the state
-                place[env, c * CLUSTER + pulling] = y
-                pull[env, c * CLUSTER + pulling] = y
+                place[env, first + pulling] = y
+                pull[env, first + pulling] = y
                 pulling += 1
                 latched += int(is_latched[env, p])
                 continue
@@ -103,8 +104,8 @@ def _kernels(real, functions: ShapeFunctions, slope: float, area_weighted: bool)
                     weight = depth
                     if wp.static(area_weighted):
                         weight *= clouds.areas[p]
-                    place[env, c * CLUSTER + pulling] = y
-                    pull[env, c * CLUSTER + pulling] = weight * (y - anchor[env, p])
+                    place[env, first + pulling] = y
+                    pull[env, first + pulling] = weight * (y - anchor[env, p])
                     pulling += 1
         n_latched[env, c] = latched
         n_pulling[env, c] = pulling
@@ -151,17 +152,17 @@ def shear_anchors(
     real, device, n_envs = context.real, context.device, context.n_envs
     vec3 = wp.types.vector(3, real)
     n_clusters = len(clusters.ball)
-    points, slots = (n_envs, clusters.n_points), (n_envs, n_clusters * CLUSTER)
+    places = (n_envs, n_clusters * CLUSTER)
     n_pulling = wp.zeros((n_envs, n_clusters), dtype=wp.int32, device=device)
     groups, list_clusters = active_groups(context, n_pulling)
     anchors = Anchors(
-        is_latched=wp.zeros(points, dtype=wp.uint8, device=device),
-        anchor=wp.zeros(points, dtype=vec3, device=device),
+        is_latched=wp.zeros(places, dtype=wp.uint8, device=device),
+        anchor=wp.zeros(places, dtype=vec3, device=device),
         n_latched=wp.zeros((n_envs, n_clusters), dtype=wp.int32, device=device),
         n_pulling=n_pulling,
         groups=groups,
-        place=wp.zeros(slots, dtype=vec3, device=device),
-        pull=wp.zeros(slots, dtype=vec3, device=device),
+        place=wp.zeros(places, dtype=vec3, device=device),
+        pull=wp.zeros(places, dtype=vec3, device=device),
     )
     slope = _VOXEL_SLOPE if VOXEL in table.kinds else 1.0
     follow_points, release_all = _kernels(real, table.functions, slope, area_weighted)
@@ -186,6 +187,6 @@ def shear_anchors(
 
     def reset(envs: wp.array) -> None:
         outputs = [anchors.is_latched, anchors.n_latched, anchors.n_pulling]
-        wp.launch(release_all, dim=points, inputs=[envs], outputs=outputs, device=device)
+        wp.launch(release_all, dim=places, inputs=[envs], outputs=outputs, device=device)
 
     return anchors, launch, reset

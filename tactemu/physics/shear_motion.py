@@ -1,7 +1,8 @@
 """How latched points drag the markers: each by its pull, falling off as a Gaussian with the distance in the plane.
 
 ``u_i = scale sum_o exp(-lambda_s |P_i (r_i - y_o)|^2) P_i pull_o`` with ``P_i`` the projection onto the tangent plane
-of marker i. On a CPU the Gaussians of a flat grid are tabulated per row and column; otherwise they are evaluated.
+of marker i. There are three ways to the same numbers: taxels one by one; a block of rows of a flat grid in one thread;
+and, on a CPU, tables of the Gaussians of each row and column.
 """
 
 import functools
@@ -145,6 +146,58 @@ def _grid_kernels(real, add: bool):
     return tabulate, add_shear
 
 
+@functools.cache
+def _block_kernel(real, add: bool):
+    vec3 = wp.types.vector(3, real)
+    block = wp.types.vector(WIDTH, real)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def add_shear(
+        n_pulling: wp.array2d(dtype=wp.int32),
+        n_active: wp.array(dtype=wp.int32),
+        active: wp.array2d(dtype=wp.int32),
+        place: wp.array2d(dtype=vec3),
+        pull: wp.array2d(dtype=vec3),
+        corner: vec3,
+        u_axis: vec3,
+        v_axis: vec3,
+        du: real,
+        dv: real,
+        lambda_s: real,
+        scale: real,
+        is_sensing: wp.array2d(dtype=wp.bool),
+        # outputs
+        motion: wp.array3d(dtype=vec3),
+    ):
+        env, i_block, col = wp.tid()
+        u = block()
+        v = block()
+        for a in range(n_active[env]):
+            first = active[env, a] * CLUSTER
+            for o in range(first, first + n_pulling[env, active[env, a]]):
+                y = place[env, o] - corner
+                p = pull[env, o]
+                pu = wp.dot(p, u_axis)
+                pv = wp.dot(p, v_axis)
+                x = real(col) * du - wp.dot(y, u_axis)
+                z = real(i_block * WIDTH) * dv - wp.dot(y, v_axis)
+                for m in range(WIDTH):
+                    d = z + real(m) * dv
+                    g = wp.exp(-lambda_s * (x * x + d * d))
+                    u[m] += g * pu
+                    v[m] += g * pv
+        for m in range(WIDTH):
+            row = i_block * WIDTH + m
+            if row < motion.shape[1]:
+                if is_sensing[row, col]:
+                    total = scale * (u[m] * u_axis + v[m] * v_axis)
+                    if wp.static(add):
+                        total += motion[env, row, col]
+                    motion[env, row, col] = total
+
+    return add_shear
+
+
 def direct_shear_motion(
     context: Context,
     anchors: Anchors,
@@ -175,7 +228,7 @@ def direct_shear_motion(
     return record(_direct_kernel(context.real, add), dim, inputs, [motion], context.device)
 
 
-def grid_shear_motion(
+def tabulated_shear_motion(
     context: Context,
     anchors: Anchors,
     grid: RegularGrid,
@@ -187,10 +240,7 @@ def grid_shear_motion(
     motion: wp.array,
     add: bool,
 ) -> Callable[[], None]:
-    """Record the sum for a grid whose first taxel is at ``corner``.
-
-    It adds to ``motion``, vec3, shape ``(n_envs, n_taxels)``, or writes it if ``add`` is false; fillers are left alone.
-    """
+    """As :func:`grid_shear_motion`, with the exponentials in tables: for few environments, where memory is cheap."""
     real, device, n_envs = context.real, context.device, context.n_envs
     vec3 = wp.types.vector(3, real)
     n_slots, n_blocks = anchors.place.shape[1], -(-grid.cols // WIDTH)
@@ -220,3 +270,28 @@ def grid_shear_motion(
         second()
 
     return launch
+
+
+def grid_shear_motion(
+    context: Context,
+    anchors: Anchors,
+    grid: RegularGrid,
+    corner: np.ndarray,
+    *,
+    is_sensing: wp.array,
+    scale: float,
+    lambda_s: float,
+    motion: wp.array,
+    add: bool,
+) -> Callable[[], None]:
+    """Record the sum for a grid whose first taxel is at ``corner``.
+
+    It adds to ``motion``, vec3, shape ``(n_envs, n_taxels)``, or writes it if ``add`` is false; fillers are left alone.
+    """
+    vec3 = wp.types.vector(3, context.real)
+    shape = (context.n_envs, grid.rows, grid.cols)
+    groups = anchors.groups
+    inputs = [anchors.n_pulling, groups.n_active, groups.active, anchors.place, anchors.pull, vec3(*corner)]
+    inputs += [vec3(*grid.u), vec3(*grid.v), grid.du, grid.dv, lambda_s, scale, is_sensing.reshape(shape[1:])]
+    dim = (context.n_envs, -(-grid.rows // WIDTH), grid.cols)
+    return record(_block_kernel(context.real, add), dim, inputs, [motion.reshape(shape)], context.device)

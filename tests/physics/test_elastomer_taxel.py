@@ -259,6 +259,24 @@ def test_grid_and_free_layouts_agree_on_a_layer_when_areas_weigh():
     assert seed_free > 300 * seed_grid
 
 
+@pytest.mark.parametrize("dilate_scale", [0.0, 1.0])
+@pytest.mark.parametrize("shape", [(3, 3), (9, 17)])
+def test_three_ways_to_the_same_shear(shape, dilate_scale, monkeypatch):
+    """Tables (a CPU's), blocks of a grid (a GPU's), taxel by taxel; with fillers."""
+    from tactemu.physics import elastomer_taxel, shear_motion
+
+    positions = grid(*shape)
+    radius = np.where(np.arange(positions.size // 3) % 4 == 1, 0.0, 1e-3)
+    shared = {"slide": 1e-3, "shear_scale": 3.0, "dilate_scale": dilate_scale, "probe_radius": radius}
+    tables = press(positions, **shared)
+    monkeypatch.setattr(elastomer_taxel, "tabulated_shear_motion", shear_motion.grid_shear_motion)
+    blocks = press(positions, **shared)
+    one_by_one = press(positions.reshape(-1, 3), **shared).reshape(tables.shape)
+    assert tables[..., 0].any()
+    assert blocks == pytest.approx(tables, abs=1e-13 * np.abs(tables).max())
+    assert one_by_one == pytest.approx(tables, abs=1e-13 * np.abs(tables).max())
+
+
 def drag_box(n_sample_points, **options):
     """A box of 16 mm pressed by 0.5 mm and dragged by 1 mm."""
     shared = {"dilate_scale": 0.0, "shear_scale": 1.0, "lambda_s": 8e3, "shape": tt.Box(size=(0.016, 0.016, 0.016))}

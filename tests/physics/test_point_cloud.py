@@ -45,17 +45,19 @@ def test_clusters_hold_every_point_once(n):
         PointCloud(7, -points, np.ones(n)),
     ]
     c = cluster(clouds)
-    assert np.array_equal(np.sort(c.order), np.arange(2 * n)) and c.bodies.tolist() == [4, 7]
-    assert np.array_equal(c.positions, np.concatenate([points, -points])[c.order])
-    sizes = np.diff(c.start)
-    assert sizes.max() <= CLUSTER and sizes.sum() == 2 * n and (sizes > 0).all()
+    filled = c.order >= 0
+    assert np.array_equal(np.sort(c.order[filled]), np.arange(2 * n)) and c.bodies.tolist() == [4, 7]
+    assert np.array_equal(c.positions[filled], np.concatenate([points, -points])[c.order[filled]])
+    assert (c.positions[~filled] > 1e16).all() and not c.areas[~filled].any() and (c.areas[filled] == 1).all()
+    assert c.counts.max() <= CLUSTER and c.n_points == 2 * n and (c.counts > 0).all()
     assert c.cloud_start[-1] == len(c.ball)
-    for k, (start, end) in enumerate(zip(c.start[:-1], c.start[1:])):
-        assert (np.linalg.norm(c.positions[start:end] - c.ball[k, :3], axis=1) <= c.ball[k, 3] * (1 + 1e-12)).all()
+    places = c.positions.reshape(-1, CLUSTER, 3)
+    for k, count in enumerate(c.counts):
+        assert (np.linalg.norm(places[k, :count] - c.ball[k, :3], axis=1) <= c.ball[k, 3] * (1 + 1e-12)).all()
 
 
 def test_no_points_are_no_clusters():
-    assert cluster([]).n_points == 0 and len(cluster([]).start) == 1
+    assert cluster([]).n_points == 0 and len(cluster([]).counts) == 0
 
 
 def test_points_are_split_evenly():
