@@ -13,6 +13,7 @@ import warp as wp
 
 from tactemu.errors import SceneError
 from tactemu.physics.contact_depth_probe import compile_depth
+from tactemu.physics.options import number
 from tactemu.physics.plan import Context, Stage, record
 from tactemu.physics.probes import Probes
 from tactemu.physics.sensor import Compiled, SensorModel, Site
@@ -61,8 +62,8 @@ class ContactProbe(SensorModel):
         return self.contact_threshold if self.release_threshold is None else self.release_threshold
 
     def validate(self, probes: Probes) -> None:
-        if not (np.isfinite(self.contact_threshold) and np.isfinite(self._release)):
-            raise SceneError("ContactProbe: contact_threshold and release_threshold must be finite depths [m]")
+        number("ContactProbe", "contact_threshold", self.contact_threshold, unit="[m]")
+        number("ContactProbe", "release_threshold", self._release, unit="[m]")
         if self._release > self.contact_threshold:
             raise SceneError(
                 f"ContactProbe: release_threshold must be <= contact_threshold ({self.contact_threshold!r} m), "

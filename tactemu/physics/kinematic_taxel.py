@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 import warp as wp
 
-from tactemu.errors import SceneError
 from tactemu.physics.contact import contact_function, probe_arrays, probes_struct, strip_function, strips
+from tactemu.physics.options import number
 from tactemu.physics.plan import Stage, record
 from tactemu.physics.probes import Probes
 from tactemu.physics.sensor import Compiled, SensorModel, Site
@@ -181,12 +181,9 @@ class KinematicTaxel(SensorModel):
         return "KinematicTaxel " + ", ".join(wanted) if wanted else None
 
     def validate(self, probes: Probes) -> None:
-        if not (np.isfinite(self.normal_exponent) and self.normal_exponent > 0):
-            raise SceneError(f"KinematicTaxel: normal_exponent must be > 0, got {self.normal_exponent!r}")
+        number("KinematicTaxel", "normal_exponent", self.normal_exponent, above=0)
         for name in ("normal_stiffness", "normal_damping", "shear_scalar", "twist_scalar"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise SceneError(f"KinematicTaxel: {name} must be finite and >= 0, got {value!r}")
+            number("KinematicTaxel", name, getattr(self, name), at_least=0)
 
     def present(self, values: np.ndarray) -> ForceTorque:
         return ForceTorque(values[..., :3], values[..., 3:])

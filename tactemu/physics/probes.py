@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass
 
 import numpy as np
 
 from tactemu.errors import SceneError
-
-log = logging.getLogger(__name__)
+from tactemu.physics.options import numbers, triple
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,15 +64,13 @@ class Probes:
 
 
 def _vectors(given, name: str, sensor: str) -> np.ndarray:
-    array = np.asarray(given, np.float64)
+    array = numbers(sensor, name, given)
     if array.ndim == 1 and array.size == 0:
         array = array.reshape(0, 3)
     if array.ndim == 1:
         array = array[None]
     if array.ndim not in (2, 3) or array.shape[-1] != 3:
         raise SceneError(f"{sensor}: {name} must have shape (n, 3) or (rows, cols, 3), got {np.shape(given)}")
-    if not np.isfinite(array).all():
-        raise SceneError(f"{sensor}: {name} holds numbers that are not finite")
     return array
 
 
@@ -107,17 +103,21 @@ def make_probes(local_pos, local_normal, radius, pos_offset, euler_offset, senso
     normals = _vectors(local_normal, "probe_local_normal", sensor).reshape(-1, 3)
     if len(normals) not in (1, n):
         raise SceneError(f"{sensor}: probe_local_normal must be one vector or {n}, got {len(normals)}")
+    largest = np.abs(normals).max(axis=1, keepdims=True, initial=0.0)
+    with np.errstate(invalid="ignore"):
+        normals = normals / largest  # so that no square under- or overflows
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    if (lengths < 1e-12).any():
-        at = int(np.argmin(lengths))
+    if not (largest > 0).all():
+        at = int(np.argmin(largest))
         raise SceneError(f"{sensor}: probe_local_normal[{at}] has length zero; give the direction out of the skin")
     normals = np.broadcast_to(normals / lengths, (n, 3))
-    radii = np.asarray(radius, np.float64).reshape(-1)
+    radii = numbers(sensor, "probe_radius", radius).reshape(-1)
     if radii.size not in (1, n):
         raise SceneError(f"{sensor}: probe_radius must be one number or {n}, got {radii.size}")
-    if not (np.isfinite(radii).all() and (radii >= 0).all()):
+    if (radii < 0).any():
         raise SceneError(f"{sensor}: probe_radius must be >= 0 m (0 marks a filler), got {radius!r}")
-    offset, turn = np.asarray(pos_offset, float), rotation_xyz(np.asarray(euler_offset, float))
+    offset = triple(sensor, "pos_offset", pos_offset)
+    turn = rotation_xyz(triple(sensor, "euler_offset", euler_offset))
     return Probes(
         layout=layout,
         positions=positions.reshape(-1, 3) @ turn.T + offset,

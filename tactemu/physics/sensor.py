@@ -48,6 +48,7 @@ import warp as wp
 
 from tactemu.errors import SceneError
 from tactemu.imperfections import ImperfectionOptions, Imperfections, SensorSetters
+from tactemu.physics.options import number
 from tactemu.physics.plan import Context, Stage
 from tactemu.physics.poses import LinkView
 from tactemu.physics.probes import Probes, make_probes
@@ -282,9 +283,8 @@ def check_query(sensor: Sensor) -> None:
             f"sensor {sensor.name!r}: contact_depth_query must be one of {', '.join(known)}, got {given!r}"
         )
     for name in ("voxel_size", "ray_reach"):
-        value = getattr(model, name)
-        if value is not None and not (np.isfinite(value) and value > 0):
-            raise SceneError(f"sensor {sensor.name!r}: {name} must be > 0 m, got {value!r}")
+        if getattr(model, name) is not None:
+            number(f"sensor {sensor.name!r}", name, getattr(model, name), above=0, unit="m")
 
 
 def bodies_felt(sensor: Sensor, scene) -> tuple[Body, ...]:

@@ -1,0 +1,63 @@
+"""Checks of options, all in the same words."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tactemu.errors import SceneError
+
+
+def number(
+    where: str, name: str, value, *, above: float | None = None, at_least: float | None = None, unit: str = ""
+) -> float:
+    """A finite number, within its bound.
+
+    Args:
+        where: the sensor or the model, for the message.
+        name: of the option.
+        value: as given.
+        above: it must be greater than this.
+        at_least: it must not be less than this.
+        unit: for the message.
+
+    Raises:
+        SceneError: it is not.
+    """
+    bound = f"> {above:g}" if above is not None else f">= {at_least:g}" if at_least is not None else "a finite number"
+    try:
+        got = float(value)
+    except (TypeError, ValueError, OverflowError):
+        got = math.nan
+    too_low = (above is not None and not got > above) or (at_least is not None and not got >= at_least)
+    if not math.isfinite(got) or too_low:
+        raise SceneError(f"{where}: {name} must be {bound}{' ' + unit if unit else ''}, got {value!r}")
+    return got
+
+
+def numbers(where: str, name: str, value) -> np.ndarray:
+    """A float64 array of finite numbers, of any shape.
+
+    Raises:
+        SceneError: it is not.
+    """
+    try:
+        array = np.asarray(value, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise SceneError(f"{where}: {name} must be numbers in a regular shape, got {value!r}") from None
+    if not np.isfinite(array).all():
+        raise SceneError(f"{where}: {name} holds numbers that are not finite")
+    return array
+
+
+def triple(where: str, name: str, value) -> np.ndarray:
+    """Three finite numbers.
+
+    Raises:
+        SceneError: it is not.
+    """
+    array = numbers(where, name, value)
+    if array.shape != (3,):
+        raise SceneError(f"{where}: {name} must be 3 numbers, got {value!r}")
+    return array

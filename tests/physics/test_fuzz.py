@@ -1,0 +1,225 @@
+"""Whatever is asked of the public interface, it answers with numbers that make sense or with an error of ours.
+
+Short here; ``TACTEMU_FUZZ=20000 pytest tests/physics/test_fuzz.py`` looks longer.
+"""
+
+import os
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+import tactemu as tt
+from tactemu.errors import PoseError, SceneError
+
+EXAMPLES = int(os.environ.get("TACTEMU_FUZZ", "20"))
+quick = settings(
+    max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck), derandomize=EXAMPLES < 50
+)
+
+length = st.floats(1e-4, 1.0)
+coordinate = st.floats(-2.0, 2.0)
+vector = st.tuples(coordinate, coordinate, coordinate)
+direction = vector.filter(lambda v: np.linalg.norm(v) > 0.1)
+quaternion = st.tuples(*[coordinate] * 4).filter(lambda q: np.linalg.norm(q) > 0.1)
+anything = st.floats(allow_nan=True, allow_infinity=True, width=64)
+SHAPES = ("sphere", "box", "capsule", "cylinder", "plane")
+
+
+def unit(q):
+    return np.asarray(q, float) / np.linalg.norm(q)
+
+
+def rotate(q, v):
+    v = np.asarray(v, float)
+    u = np.broadcast_to(q[1:], v.shape)
+    t = 2 * np.cross(u, v)
+    return v + q[0] * t + np.cross(u, t)
+
+
+def multiply(a, b):
+    w = a[0] * b[0] - a[1:] @ b[1:]
+    return np.array([w, *(a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:]))])
+
+
+@st.composite
+def shapes(draw):
+    """One of each kind: always the same kernels."""
+    return (
+        tt.Sphere(radius=draw(length)),
+        tt.Box(size=(draw(length), draw(length), draw(length))),
+        tt.Capsule(radius=draw(length), length=draw(length)),
+        tt.Cylinder(radius=draw(length), length=draw(length)),
+        tt.Plane(),
+    )
+
+
+@st.composite
+def poses(draw):
+    return [(np.array(draw(vector)), unit(draw(quaternion))) for _ in SHAPES]
+
+
+@st.composite
+def probes(draw):
+    n = draw(st.integers(1, 6))
+    return {
+        "probe_local_pos": [draw(vector) for _ in range(n)],
+        "probe_local_normal": [draw(direction) for _ in range(n)],
+        "probe_radius": draw(st.lists(st.one_of(st.just(0.0), length), min_size=n, max_size=n)),
+    }
+
+
+HERE = (np.zeros(3), np.array([1.0, 0, 0, 0]))
+
+
+def read(model, bodies, placed, *, link=HERE, order=range(5), dtype="float64"):
+    scene = tt.Scene()
+    frame = scene.add_body(position=link[0], quaternion=link[1])
+    for k in order:
+        scene.add_body(bodies[k], position=placed[k][0], quaternion=placed[k][1])
+    skin = scene.add_sensor(model, link=frame)
+    scene.build(dtype=dtype).step()
+    return skin.read()
+
+
+@quick
+@given(shapes(), poses(), probes(), vector, quaternion)
+def test_a_scene_moved_as_a_whole_reads_the_same(bodies, placed, options, shift, turn):
+    shift, turn = np.array(shift) * 1000.0, unit(turn)
+    moved = [(rotate(turn, at) + shift, multiply(turn, q)) for at, q in placed]
+    for query in ("sdf", "ray"):
+        model = tt.ContactDepthProbe(**options, contact_depth_query=query, ray_reach=5.0)
+        here = read(model, bodies, placed)
+        there = read(model, bodies, moved, link=(shift, turn))
+        tolerance = 1e-9 if query == "sdf" else 1e-4  # a line may graze
+        assert np.median(np.abs(here - there)) <= tolerance
+        if query == "sdf":
+            assert np.abs(here - there).max() <= tolerance
+
+
+@quick
+@given(shapes(), poses(), probes(), st.permutations(range(5)))
+def test_the_order_of_bodies_changes_no_depth(bodies, placed, options, order):
+    model = tt.ContactDepthProbe(**options)
+    assert np.array_equal(read(model, bodies, placed), read(model, bodies, placed, order=order))
+
+
+@quick
+@given(shapes(), poses(), probes())
+def test_float32_is_float64_rounded(bodies, placed, options):
+    model = tt.ContactDepthProbe(**options)
+    exact, rounded = read(model, bodies, placed), read(model, bodies, placed, dtype="float32")
+    assert rounded.dtype == np.float32 and np.abs(exact - rounded).max() < 1e-5
+
+
+@quick
+@given(shapes(), poses(), probes())
+def test_along_the_normal_is_at_least_as_deep_where_it_is_in_touch(bodies, placed, options):
+    radius = np.asarray(options["probe_radius"])
+    nearest = read(tt.ContactDepthProbe(**options), bodies, placed)
+    along = read(tt.ContactDepthProbe(**options, contact_depth_query="ray"), bodies, placed)
+    inside = nearest > radius + 1e-9
+    assert (along[inside] >= nearest[inside] - 1e-6).all()
+    assert (along[radius == 0] == 0).all() and (along >= 0).all() and np.isfinite(along).all()
+
+
+number = st.one_of(coordinate, anything)
+
+
+@quick
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(0, 5),  # body
+            st.tuples(number, number, number),
+            st.tuples(number, number, number, number),
+            st.tuples(number, number, number),
+            st.sampled_from(["pose", "reset", "step", "still"]),
+            st.sets(st.integers(0, 2)),
+        ),
+        min_size=1,
+        max_size=8,
+    ),
+    st.sampled_from(["float32", "float64"]),
+)
+@example([(1, (0.0, 0.0, float("nan")), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "pose", {1})], "float32")
+@example([(0, (0.0, 0.0, 1e39), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "pose", {0, 2})], "float32")
+@example([(2, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "pose", {0, 2})], "float64")
+@example([(1, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), (1e200, 0.0, 0.0), "pose", {0})], "float64")
+def test_readings_are_numbers_or_the_step_says_whose_pose_is_not(calls, dtype):
+    scene = tt.Scene()
+    link = scene.add_body()
+    for shape in (
+        tt.Sphere(radius=0.5),
+        tt.Box(size=(1, 1, 1)),
+        tt.Capsule(radius=0.3, length=1),
+        tt.Cylinder(radius=0.3, length=1),
+        tt.Plane(),
+    ):
+        scene.add_body(shape)
+    at = np.random.default_rng(0).uniform(-1, 1, (7, 3))
+    depth = scene.add_sensor(tt.ContactDepthProbe(probe_local_pos=at, probe_radius=0.2), link=link)
+    ray = scene.add_sensor(
+        tt.ContactDepthProbe(probe_local_pos=at, probe_radius=0.2, contact_depth_query="ray"), link=link
+    )
+    springs = scene.add_sensor(tt.KinematicTaxel(probe_local_pos=at, probe_radius=0.2, normal_exponent=1.5), link=link)
+    touch = scene.add_sensor(tt.ContactProbe(probe_local_pos=at, probe_radius=0.2), link=link)
+    sim = scene.build(3, dtype=dtype)
+    for body, position, turn, velocity, action, envs in calls:
+        if action == "pose":
+            sim.set_pose(
+                body, position=position, quaternion=turn, linear_velocity=velocity, angular_velocity=velocity,
+                envs=sorted(envs),
+            )  # fmt: skip
+        elif action == "reset":
+            sim.reset(sorted(envs))
+        bad = False
+        try:
+            sim.step(0.0 if action == "still" else None)
+        except PoseError as error:
+            assert "environment" in str(error) and f"step {sim.step_count}" in str(error)
+            bad = True
+        values = [depth.read(), ray.read(), *springs.read()]
+        world = sim.world.download()
+        fine = np.isfinite(world).all((0, 2)) & (np.abs(world) < 1e12).all((0, 2))
+        fine &= (np.linalg.norm(world[..., 3:7], axis=-1) >= 1e-6).all(0)
+        assert not (bad and fine.all())
+        for value in values:
+            assert np.isfinite(value[fine]).all()
+        for value in values[:2]:
+            assert not (value < 0).any()
+        assert touch.read().dtype == bool
+
+
+OPTIONS = (
+    "probe_radius", "normal_exponent", "normal_stiffness", "shear_scalar", "voxel_size", "ray_reach", "pos_offset",
+    "euler_offset", "probe_local_normal",
+)  # fmt: skip
+
+
+@quick
+@given(
+    st.dictionaries(st.sampled_from(OPTIONS), st.one_of(anything, st.tuples(anything, anything, anything)), max_size=3)
+)
+def test_options_work_or_are_refused(options):
+    scene = tt.Scene()
+    link = scene.add_body()
+    scene.add_body(tt.Sphere(radius=0.5))
+    try:
+        skin = scene.add_sensor(tt.KinematicTaxel(probe_local_pos=[[0, 0, 0.4]], **options), link=link)
+        scene.build(dtype="float64").step()
+    except (SceneError, OverflowError) as error:
+        assert str(error)
+        return
+    sane = all(np.all(np.abs(np.asarray(value, float)) < 1e50) for value in options.values())
+    assert not sane or np.isfinite(skin.read().force).all()
+
+
+@pytest.mark.parametrize("wrong", ["radius", None, [[1.0], [2.0, 3.0]]])
+def test_options_of_the_wrong_type_are_refused(wrong):
+    scene = tt.Scene()
+    link = scene.add_body()
+    with pytest.raises((SceneError, TypeError, ValueError)):
+        scene.add_sensor(tt.ContactDepthProbe(probe_radius=wrong), link=link)
+        scene.build()
