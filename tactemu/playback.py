@@ -34,21 +34,21 @@ class Playback:
 
     def __init__(self, simulation: Any, recordings: Sequence[RecordedReadings]):
         self.simulation, self.recordings = simulation, recordings
-        self._time_ns = 0
+        self.time_ns = 0
+        """Time reached."""
 
     @property
     def dt_ns(self) -> int:
         """Length of a simulation step; 0 where nothing is simulated."""
         return self.simulation.dt_ns if self.simulation is not None else 0
 
-    @property
-    def time_ns(self) -> int:
-        """Time reached."""
-        return self.simulation.time_ns if self.simulation is not None else self._time_ns
-
     def advance_to(self, t_ns: int, max_steps: int | None = None) -> bool:
         """Bring everything to ``t_ns``; true if a simulation step was stretched."""
-        self._time_ns = t_ns
         for recording in self.recordings:
             recording.advance_to(t_ns)
-        return self.simulation.advance_to(t_ns, max_steps) if self.simulation is not None else False
+        self.time_ns = t_ns
+        if self.simulation is None:
+            return False
+        stretched = self.simulation.advance_to(t_ns, max_steps)
+        self.time_ns = self.simulation.time_ns
+        return stretched

@@ -10,7 +10,7 @@ import numpy as np
 
 from tactemu.errors import SceneError
 from tactemu.scene import rotation
-from tactemu.scene.bodies import Body, Box, Capsule, Cylinder, Plane, Sphere
+from tactemu.scene.bodies import Body, Box, Capsule, Cylinder, Mesh, Plane, Sphere
 from tactemu.scene.motion import Hold, Keyframes, Motion, Pose
 
 
@@ -78,14 +78,11 @@ def reach(body: Body, quaternion: np.ndarray, direction: np.ndarray) -> float:
         return shape.radius * math.hypot(d[0], d[1]) + abs(float(d[2])) * shape.length / 2
     if isinstance(shape, Plane):
         return 0.0
-    vertices = getattr(shape.source, "vertices", None) if shape is not None else None
-    if vertices is None and hasattr(shape, "source"):
-        import trimesh
-
-        vertices = trimesh.load_mesh(shape.source).vertices  # type: ignore[union-attr]
-    if vertices is None:
+    if not isinstance(shape, Mesh):
         raise SceneError(f"body {body.name!r}: cannot tell how far it reaches; use move() with a position")
-    return float((np.asarray(vertices, float) * np.asarray(shape.scale, float) @ d).max())  # type: ignore[union-attr]
+    from tactemu.physics.mesh import load_mesh
+
+    return float((load_mesh(shape.source, shape.scale, body.name).vertices @ d).max())
 
 
 def pressing_way(
