@@ -1,8 +1,13 @@
-"""Marks that need something of the machine: skipped with the command that provides it."""
+"""Marks that need something of the machine: skipped with the command that provides it. A CAN port of our own."""
 
+import json
 import os
 
 import pytest
+
+# On Linux a driver on one multicast group hears every other group on its port, so tests that run at the same time
+# would hear each other. python-can reads this variable, in this process and in those of the drivers.
+os.environ.setdefault("CAN_CONFIG", json.dumps({"port": 20_000 + os.getpid() % 20_000}))
 
 
 def pytest_collection_modifyitems(items):

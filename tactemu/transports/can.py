@@ -6,8 +6,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import os
+import socket
 from collections import deque
 from typing import Any
 
@@ -57,6 +59,8 @@ class CanTransport(Transport):
             self._fileno = self._bus.fileno()
         except NotImplementedError:
             self._fileno = -1
+        if self.interface == "udp_multicast":
+            _hear_own_group_only(self._fileno)
 
     def close(self) -> None:
         """Leave the bus."""
@@ -125,6 +129,13 @@ class CanTransport(Transport):
         if self.interface == "udp_multicast":
             return "install msgpack, and use a multicast address such as 239.74.163.2 on a machine with a network route"
         return f"python-can knows {', '.join(sorted(can.interfaces.VALID_INTERFACES))}"
+
+
+def _hear_own_group_only(fileno: int) -> None:
+    """Linux delivers every group that any program here has joined to each socket on the port, unless told not to."""
+    option = {socket.AF_INET: (socket.IPPROTO_IP, 49), socket.AF_INET6: (socket.IPPROTO_IPV6, 29)}
+    with contextlib.suppress(OSError), socket.socket(fileno=os.dup(fileno)) as copy:
+        copy.setsockopt(*option[copy.family], 0)  # IP_MULTICAST_ALL, IPV6_MULTICAST_ALL: Python has no names for them
 
 
 def _message(frame: CanFrame) -> can.Message:
