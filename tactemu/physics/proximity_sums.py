@@ -1,4 +1,4 @@
-"""Sums of a taxel over the points within its radius: how much of a surface is near, and where.
+"""Sums of each taxel over the points within its radius: how much of a surface is near, and where.
 
 With ``P_j = R - |x_j - r|`` for the points of a body nearer than R, the sums are ``sum P_j`` and
 ``sum P_j (x_j - r)``. All that a ProximityTaxel reads is linear in them, since a body moves rigidly. The taxel is taken
@@ -6,60 +6,104 @@ into each body's frame, so that points are never moved, and clusters out of reac
 """
 
 import functools
+from collections.abc import Callable
 
+import numpy as np
 import warp as wp
 
 from tactemu.physics.cloud_table import cloud_type
-from tactemu.physics.point_cloud import CLUSTER
+from tactemu.physics.near_clusters import NearClusters
+from tactemu.physics.plan import record
+from tactemu.physics.point_cloud import CLUSTER, spatial_order
+from tactemu.physics.sensor import Site
+
+_SIDE_BY_SIDE = 32
+"""Taxels that run together on a GPU: they should be near each other, to look at the same points."""
+_AT_ONCE = 4
+"""Points fetched at once."""
 
 
 @functools.cache
-def proximity_function(real):
-    """``near_points(clouds, k, listed, first, last, pose, r, radius) -> (sum P_j, sum P_j (x_j - r))``.
-
-    It sums over the points of cloud ``k`` in the clusters ``listed[first:last]``. ``pose`` is the pose of the cloud's
-    body in the link's frame; ``r`` and the second sum are in the link's frame. A point at ``r`` counts fully. A pose
-    that is not finite gives NaN.
-    """
-    vec3 = wp.types.vector(3, real)
+def _kernel(real, skips: bool):
+    """``skips``: points out of reach are left out one by one, which pays where threads do not run in step."""
+    vec3, vec4 = wp.types.vector(3, real), wp.types.vector(4, real)
     transform = wp.types.transformation(real)
 
-    @wp.func
-    def near_points(
+    @wp.kernel(module="unique", enable_backward=False)
+    def sum_points(
         clouds: cloud_type(real),
-        k: int,
-        listed: wp.array(dtype=wp.int32),
-        first: int,
-        last: int,
-        pose: transform,
-        r: vec3,
-        radius: real,
+        near: wp.array2d(dtype=wp.int32),
+        near_start: wp.array2d(dtype=wp.int32),
+        pose: wp.array2d(dtype=transform),
+        order: wp.array(dtype=wp.int32),
+        positions: wp.array(dtype=vec3),
+        radius: wp.array2d(dtype=real),
+        # outputs
+        sums: wp.array3d(dtype=vec4),
     ):
-        q = wp.transform_get_rotation(pose)
-        p = wp.quat_rotate_inv(q, r - wp.transform_get_translation(pose))
+        env, k, place = wp.tid()
+        i = order[place]
+        at = pose[env, clouds.bodies[k]]
+        limit = radius[wp.min(env, radius.shape[0] - 1), i]
+        q = wp.transform_get_rotation(at)
+        p = wp.quat_rotate_inv(q, positions[i] - wp.transform_get_translation(at))
         total = real(0.0)
         moment = vec3(real(0.0))
         ball = clouds.cloud_ball[k]
         away = p - vec3(ball[0], ball[1], ball[2])
-        reach = ball[3] + radius
-        if wp.dot(away, away) > reach * reach:
-            return total, moment
-        limit = radius * radius
-        for n in range(first, last):
-            c = listed[n]
-            ball = clouds.ball[c]
-            away = p - vec3(ball[0], ball[1], ball[2])
-            reach = ball[3] + radius
-            if wp.dot(away, away) <= reach * reach:
-                for j in range(CLUSTER):  # of fixed length: unrolled, so that all points are fetched at once
-                    d = clouds.points[c * CLUSTER + j] - p
-                    squared = wp.dot(d, d)
-                    if squared <= limit:
-                        overlap = radius - wp.sqrt(squared)
-                        total += overlap
-                        moment += overlap * d
+        reach = ball[3] + limit
+        if wp.dot(away, away) <= reach * reach:
+            for n in range(near_start[env, k], near_start[env, k + 1]):
+                c = near[env, n]
+                ball = clouds.ball[c]
+                away = p - vec3(ball[0], ball[1], ball[2])
+                reach = ball[3] + limit
+                if wp.dot(away, away) <= reach * reach:
+                    for j in range(c * CLUSTER, c * CLUSTER + clouds.counts[c], _AT_ONCE):
+                        for m in range(_AT_ONCE):
+                            d = clouds.points[j + m] - p
+                            squared = wp.dot(d, d)
+                            if not wp.static(skips) or squared <= limit * limit:
+                                overlap = wp.max(limit - wp.sqrt(squared), real(0.0))
+                                total += overlap
+                                moment += overlap * d
         if wp.isnan(p[0]):
             total = real(wp.nan)
-        return total, wp.quat_rotate(q, moment)
+        moment = wp.quat_rotate(q, moment)
+        sums[env, k, place] = vec4(moment[0], moment[1], moment[2], total)
 
-    return near_points
+    return sum_points
+
+
+class ProximitySums:
+    """The sums over one sensor's clouds, for as many sets of radii as are asked for.
+
+    Args:
+        site: of the sensor.
+        clouds: its points on the device.
+        near: clusters that are worth a look.
+    """
+
+    def __init__(self, site: Site, clouds, near: NearClusters):
+        self._site, self._clouds, self._near = site, clouds, near
+        order = spatial_order(site.probes.positions, _SIDE_BY_SIDE)
+        self._order = wp.array(order, dtype=wp.int32, device=site.context.device)
+        self.place = wp.array(np.argsort(order), dtype=wp.int32, device=site.context.device)
+        """Where each taxel's sums are, shape ``(n_taxels,)``."""
+
+    def record(self, radius: wp.array) -> tuple[wp.array, Callable[[], None]]:
+        """Allocate sums and record their update.
+
+        Args:
+            radius: of each taxel [m], shape ``(1 or n_envs, n_taxels)``.
+
+        Returns:
+            vec4 (``sum P_j (x_j - r)`` in the link's frame [m^2], ``sum P_j`` [m]), shape
+            ``(n_envs, n_clouds, n_taxels)``; a point at ``r`` counts fully, a pose that is not finite gives NaN.
+        """
+        site, near = self._site, self._near
+        context = site.context
+        shape = (context.n_envs, len(self._clouds.bodies), site.probes.n)
+        sums = wp.zeros(shape, dtype=wp.types.vector(4, context.real), device=context.device)
+        inputs = [self._clouds, near.clusters, near.start, site.view.pose, self._order, site.positions, radius]
+        return sums, record(_kernel(context.real, context.device.is_cpu), shape, inputs, [sums], context.device)

@@ -11,25 +11,22 @@ turns the normal and twist parts round, so that all of F and T acts on the skin.
 """
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
 
 from tactemu.errors import SceneError
-from tactemu.physics.cloud_table import cloud_type, upload_clouds
+from tactemu.physics.cloud_table import upload_clouds
 from tactemu.physics.kinematic_taxel import ForceTorque
 from tactemu.physics.near_clusters import near_clusters
 from tactemu.physics.plan import Stage, record
-from tactemu.physics.point_cloud import Clusters, cluster, spatial_order
+from tactemu.physics.point_cloud import Clusters, cluster
 from tactemu.physics.probes import Probes
-from tactemu.physics.proximity_sums import proximity_function
+from tactemu.physics.proximity_sums import ProximitySums
 from tactemu.physics.sensor import Compiled, SensorModel, Site
 from tactemu.physics.surface_points import surface_points
-
-_NEIGHBOURS = 32
-"""Taxels that run side by side on a GPU: they should be near each other, to look at the same points."""
 
 
 @functools.cache
@@ -46,86 +43,53 @@ def coefficients_type(real):
 
 
 @functools.cache
-def proximity_kernel(real, moving: bool, separate: bool, has_gain: bool, has_radius: bool):
-    """Force and torque of the truth and, if ``separate``, of the measured branch."""
-    vec3 = wp.types.vector(3, real)
-    transform = wp.types.transformation(real)
-    near_points = proximity_function(real)
-    coefficients = coefficients_type(real)
-
-    @wp.struct
-    class Sums:
-        overlap: real
-        motion: vec3  # sum P_j v_j
-        spin: real  # sum P_j (w_j - w_skin) . a
-
-    @wp.func
-    def write(s: Sums, gain: real, c: coefficients, r: vec3, a: vec3, e: int, i: int, out: wp.array3d(dtype=real)):
-        force = c.normal * s.overlap * gain * a
-        if wp.static(moving):
-            force += c.shear * gain * (s.motion - wp.dot(s.motion, a) * a)
-        torque = wp.cross(r, force)
-        if wp.static(moving):
-            if s.overlap > real(0.0):
-                torque -= c.twist * s.spin / s.overlap * a
-        for k in range(3):
-            out[e, i, k] = force[k]
-            out[e, i, 3 + k] = torque[k]
+def proximity_kernel(real, moving: bool, has_gain: bool):
+    """Force and torque from the sums over points, see :mod:`tactemu.physics.proximity_sums`."""
+    vec3, vec4 = wp.types.vector(3, real), wp.types.vector(4, real)
 
     @wp.kernel(module="unique", enable_backward=False)
     def proximity(
-        clouds: cloud_type(real),
-        near: wp.array2d(dtype=wp.int32),
-        near_start: wp.array2d(dtype=wp.int32),
-        order: wp.array(dtype=wp.int32),
-        pose: wp.array2d(dtype=transform),
+        bodies: wp.array(dtype=wp.int32),
+        sums: wp.array3d(dtype=vec4),
+        place: wp.array(dtype=wp.int32),
         velocity: wp.array2d(dtype=vec3),
         spin: wp.array2d(dtype=vec3),
         link_spin: wp.array(dtype=vec3),
         positions: wp.array(dtype=vec3),
         normals: wp.array(dtype=vec3),
-        radii: wp.array(dtype=real),
-        c: coefficients,
+        c: coefficients_type(real),
         gain: wp.array2d(dtype=real),
-        radius: wp.array2d(dtype=real),
         # outputs
-        truth_out: wp.array3d(dtype=real),
-        raw_out: wp.array3d(dtype=real),
+        out: wp.array3d(dtype=real),
     ):
-        e, place = wp.tid()
-        i = order[place]
+        e, i = wp.tid()
         r = positions[i]
         a = normals[i]
-        truth = Sums()
-        raw = Sums()
-        for k in range(clouds.bodies.shape[0]):
-            b = clouds.bodies[k]
-            first = near_start[e, k]
-            last = near_start[e, k + 1]
-            overlap, moment = near_points(clouds, k, near[e], first, last, pose[e, b], r, radii[i])
-            truth.overlap += overlap
-            here = vec3(real(0.0))
-            turn = vec3(real(0.0))
-            w = real(0.0)
+        total = real(0.0)
+        motion = vec3(real(0.0))  # sum P_j v_j
+        twist = real(0.0)  # sum P_j (w_j - w_skin) . a
+        for k in range(bodies.shape[0]):
+            s = sums[e, k, place[i]]
+            total += s[3]
             if wp.static(moving):
-                here = velocity[e, b] + wp.cross(spin[e, b], r)
-                turn = spin[e, b] + link_spin[e]
-                w = wp.dot(spin[e, b], a)
-                truth.motion += overlap * here + wp.cross(turn, moment)
-                truth.spin += overlap * w
-            if wp.static(has_radius):
-                overlap, moment = near_points(clouds, k, near[e], first, last, pose[e, b], r, radius[e, i])
-                raw.overlap += overlap
-                raw.motion += overlap * here + wp.cross(turn, moment)
-                raw.spin += overlap * w
-        write(truth, real(1.0), c, r, a, e, i, truth_out)
-        if wp.static(separate):
-            if wp.static(not has_radius):
-                raw = truth
-            g = real(1.0)
-            if wp.static(has_gain):
-                g = gain[e, i]
-            write(raw, g, c, r, a, e, i, raw_out)
+                b = bodies[k]
+                w = spin[e, b]
+                moment = vec3(s[0], s[1], s[2])
+                motion += s[3] * (velocity[e, b] + wp.cross(w, r)) + wp.cross(w + link_spin[e], moment)
+                twist += s[3] * wp.dot(w, a)
+        g = real(1.0)
+        if wp.static(has_gain):
+            g = gain[e, i]
+        force = c.normal * g * total * a
+        if wp.static(moving):
+            force += c.shear * g * (motion - wp.dot(motion, a) * a)
+        torque = wp.cross(r, force)
+        if wp.static(moving):
+            if total > real(0.0):
+                torque -= c.twist * twist / total * a
+        for k in range(3):
+            out[e, i, k] = force[k]
+            out[e, i, 3 + k] = torque[k]
 
     return proximity
 
@@ -176,22 +140,35 @@ class ProximityTaxel(SensorModel):
         return Compiled(truth=truth, raw=raw, stages=stages)
 
     def _stages(self, site: Site, clusters: Clusters, truth: wp.array, raw: wp.array) -> list[Stage]:
-        context, view, probes = site.context, site.view, site.probes
-        moving = self.velocity_reason() is not None
-        has_gain, has_radius = site.gain is not None, site.radius is not None
-        clouds = upload_clouds(clusters, context)
-        near, find = near_clusters(site, clouds, None if has_radius else float(probes.radii.max()))
-        order = wp.array(spatial_order(probes.positions, _NEIGHBOURS), dtype=wp.int32, device=context.device)
-        inputs = [clouds, near.clusters, near.start, order, view.pose, view.velocity, view.spin, view.link_spin]
-        inputs += [site.positions, site.normals, site.radii, self._coefficients(context.real, clusters.n_points)]
-        inputs += [site.gain, site.radius]
-        kernel = proximity_kernel(context.real, moving, site.separate, has_gain, has_radius)
-        add_up = record(kernel, truth.shape[:2], inputs, [truth, raw], context.device)
+        clouds = upload_clouds(clusters, site.context)
+        near, find = near_clusters(site, clouds, float(site.probes.radii.max()) if site.radius is None else None)
+        sums = ProximitySums(site, clouds, near)
+        nominal, add_up = sums.record(site.radii.reshape((1, -1)))
+        launches = [add_up, self._forces(site, clouds, sums, nominal, None, clusters.n_points, truth)]
+        if site.separate:
+            measured = nominal
+            if site.radius is not None:
+                measured, add_up = sums.record(site.radius)
+                launches.append(add_up)
+            launches.append(self._forces(site, clouds, sums, measured, site.gain, clusters.n_points, raw))
+
+        def launch() -> None:
+            for part in launches:
+                part()
+
         reason = f"ProximityTaxel sums over {clusters.n_points} points"
         return [
             Stage(name=f"{site.name}: near points", reason="ProximityTaxel skips what is out of reach", launch=find),
-            Stage(name=f"{site.name}: points", reason=reason, launch=add_up),
+            Stage(name=f"{site.name}: points", reason=reason, launch=launch),
         ]
+
+    def _forces(self, site: Site, clouds, sums: ProximitySums, values, gain, n_points: int, out) -> Callable[[], None]:
+        context, view = site.context, site.view
+        moving = self.velocity_reason() is not None
+        inputs = [clouds.bodies, values, sums.place, view.velocity, view.spin, view.link_spin]
+        inputs += [site.positions, site.normals, self._coefficients(context.real, n_points), gain]
+        kernel = proximity_kernel(context.real, moving, gain is not None)
+        return record(kernel, out.shape[:2], inputs, [out], context.device)
 
     def _coefficients(self, real, n_points: int):
         density = self.density_scalar / max(n_points, 1)

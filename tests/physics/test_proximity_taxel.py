@@ -194,3 +194,18 @@ def test_the_same_seed_gives_the_same_points():
         sim.step()
         forces.append(skin.read().force)
     assert np.array_equal(forces[0], forces[1]) and not np.array_equal(forces[0], forces[2])
+
+
+def test_skipping_points_one_by_one_changes_nothing(monkeypatch):
+    """A CPU leaves out points that are out of reach, a GPU adds zeros for them."""
+    from tactemu.physics import proximity_sums
+
+    points = np.random.default_rng(0).normal(size=(333, 3)) * 0.006
+    probes = np.random.default_rng(1).uniform(-0.02, 0.02, size=(40, 3))
+    kernel, forces = proximity_sums._kernel, []
+    for skips in (True, False):
+        monkeypatch.setattr(proximity_sums, "_kernel", lambda real, _cpu, skips=skips: kernel(real, skips))
+        sim, skin, _ = scene_of(points, probe_local_pos=probes, probe_radius=5e-3)
+        sim.step()
+        forces.append(skin.read().force)
+    assert forces[0].any() and np.array_equal(forces[0], forces[1])
