@@ -135,7 +135,11 @@ def usual_port(name: str, device: Device) -> str:
 
 
 def fresh_port(name: str, device: Device) -> str:
-    """A port that nobody else has, for tests that run side by side."""
+    """A port that nobody else has, for tests that run side by side.
+
+    On Linux a driver on one multicast group hears all others on its UDP port. Where that matters, give both processes
+    a port of their own, ``CAN_CONFIG='{"port": 43200}'`` (python-can reads it).
+    """
     number = next(_FRESH)
     wire = device.wires[0]
     if isinstance(wire, SerialWire):

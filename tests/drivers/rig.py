@@ -112,8 +112,8 @@ class _Pty:
         return []
 
     def write(self, frame):
-        """Nothing is written while 2000 bytes wait to be read: a frame goes whole or not at all."""
-        if struct.unpack("i", fcntl.ioctl(self.slave, termios.FIONREAD, b"\0" * 4))[0] < 2000:
+        """Nothing is written while 3900 bytes wait to be read: a frame goes whole or not at all."""
+        if struct.unpack("i", fcntl.ioctl(self.slave, termios.FIONREAD, b"\0" * 4))[0] < 3900:
             assert os.write(self.master, frame) == len(frame)
 
     def close(self):
