@@ -1,0 +1,125 @@
+"""From scene files to emulators: buses are shared, ports are not, and what a skin says reaches its channel."""
+
+import can
+import numpy as np
+import pytest
+
+from tactemu.assembly import Wishes, assemble, fresh_port, usual_port
+from tactemu.clock import VirtualClock
+from tactemu.errors import DeviceError, SceneError, TransportError
+from tactemu.scene.building import make_device
+from tactemu.scene.file import parse
+
+BODIES = """
+[[body]]
+name = "pad"
+shape = "frame"
+fixed = true
+[[body]]
+name = "ball"
+shape = "sphere"
+radius = 0.02
+position = [0, 0, 0.0195]
+"""
+
+
+def skin(device: str, more: str = "") -> str:
+    return f'[[skin]]\ndevice = "{device}"\nlink = "pad"\n{more}\n'
+
+
+def test_two_boards_share_one_bus():
+    port = 'port = "can:virtual:two-boards"'
+    boards = [skin("xela_uskin", f'name = "board {n}"\ndevice_options = {{ board = {n} }}\n{port}') for n in (1, 2)]
+    emulator = assemble(parse(BODIES + "".join(boards))).emulator
+    emulator.clock = VirtualClock()
+    assert len(emulator.wires) == 1
+    with emulator, can.Bus(interface="virtual", channel="two-boards") as bus:
+        for channel in emulator.channels:
+            start = next(c for c in channel.device.commands if "start" in c.name)
+            bus.send(
+                can.Message(
+                    arbitration_id=start.request.arbitration_id,
+                    data=start.request.data,
+                    is_extended_id=start.request.is_extended_id,
+                )
+            )
+        emulator.run(0.5)
+        seen = set()
+        while (message := bus.recv(0)) is not None:
+            seen.add(message.arbitration_id)
+    sent = {
+        name: {f.arbitration_id for _, n, f in emulator.truth.frames if n == name} for name in ("board 1", "board 2")
+    }
+    assert sent["board 1"] and sent["board 2"] and not sent["board 1"] & sent["board 2"]
+    assert seen == sent["board 1"] | sent["board 2"]
+
+
+def test_devices_of_other_speeds_do_not_share_a_bus():
+    port = 'port = "can:virtual:x"'
+    with pytest.raises(TransportError, match="put them on two buses"):
+        loaded = parse(BODIES + skin("xela_uskin", port) + skin("linker_hand_l6", port))
+        fast = next(s for s in loaded.tables.skin if s.device == "linker_hand_l6")
+        device_class = type(make_device(fast.device, {}))
+        before = device_class.wires
+        try:
+            device_class.wires = (type(before[0])(bitrate=500_000),)
+            assemble(loaded)
+        finally:
+            device_class.wires = before
+
+
+def test_a_serial_port_is_not_shared():
+    with pytest.raises(SceneError, match="cannot share pty:/tmp/one; only a CAN bus is shared"):
+        assemble(
+            parse(BODIES + skin("anyskin", 'name = "a"') + skin("anyskin", 'name = "b"')), Wishes(port="pty:/tmp/one")
+        )
+
+
+def test_what_a_skin_says_reaches_its_channel():
+    more = (
+        'name = "tip"\nrate_hz = 250\nport = "memory:"\npacing = false\nfaults = ["drop 1%"]\n'
+        "clock = { delay_s = 0.003, jitter_s = 0.001, skew_ppm = 50 }\n"
+        "position = [0.0, 0.0, 0.001]\nquaternion = [0.0, 0.0, 0.0, 1.0]\n"
+        "options = { probe_radius = 0.002, normal_stiffness = 100.0 }"
+    )
+    made = assemble(parse(BODIES + skin("anyskin", more)))
+    channel = made.emulator.channels[0]
+    assert (channel.name, channel.device.period_ns, channel.wire.pacing) == ("tip", 4_000_000, False)
+    sampling = channel.sampling
+    assert (sampling.delay_ns, sampling.jitter_ns, sampling.skew_ppm) == (3_000_000, 1_000_000, 50)
+    assert [str(fault) for fault in channel.wire.faults] == ["drop 1%"]
+    model = made.scene.sensors[0].model
+    np.testing.assert_allclose(model.probe_local_pos[1], (0.007, 0, 0.001 - 0.002), atol=1e-12, err_msg="turned, sunk")
+    assert model.normal_stiffness == 100.0
+
+
+def test_the_device_reads_in_its_own_frame():
+    """Half a turn about z: the ball over the link's +x is over the chip at the device's -x."""
+    bodies = BODIES.replace("[0, 0, 0.0195]", "[0.007, 0, 0.0195]")
+    made = assemble(parse(bodies + skin("anyskin", 'port = "memory:"\nquaternion = [0.0, 0.0, 0.0, 1.0]')))
+    made.emulator.clock = VirtualClock()
+    with made.emulator:
+        made.emulator.run(0.1)
+    sample = made.emulator.truth.samples[-1]
+    assert np.argmin(sample.measured[:, 2]) == 1, "chip 1 is to the left"
+
+
+def test_usual_and_fresh_ports():
+    anyskin, hand = make_device("anyskin", {}), make_device("linker_hand_l6", {})
+    assert usual_port("anyskin", anyskin) == "pty:/tmp/tactemu-anyskin"
+    assert usual_port("hand", hand).startswith("can:")
+    assert fresh_port("a", anyskin) != fresh_port("a", anyskin)
+    assert fresh_port("h", hand) != fresh_port("h", hand)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "says"),
+    [
+        ("linker_hand_l6", {"sde": "left"}, "unknown option 'sde'; did you mean 'side'"),
+        ("linker_hand_l6", {"side": "up"}, "device linker_hand_l6"),
+        ("xela_uskin", {"board": 99}, "expected 1..15, got 99"),
+    ],
+)
+def test_device_options_are_checked(name, options, says):
+    with pytest.raises(DeviceError, match=says):
+        make_device(name, options)
