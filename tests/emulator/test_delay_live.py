@@ -1,0 +1,57 @@
+"""A device's delay, measured where it matters: at the driver's end of a real port, on the real clock."""
+
+import os
+import select
+import struct
+import threading
+import tty
+
+import numpy as np
+
+from firmware_protocols import SerialWire
+from tactemu import transports
+from tactemu.clock import RealClock
+from tactemu.emulator import Channel, Emulator
+from tactemu.sampling import SampleClock
+from tactemu.wire import Wire
+from tests.emulator.test_loop import Counter8, Ramp
+
+DELAY_NS, RATE_HZ, FRAMES = 3_700_000, 1000, 1500
+
+
+class Numbered(Counter8):
+    """Streams its sample number in four bytes, over USB: nothing else delays it."""
+
+    wires, rate_hz = (SerialWire(baud=115200, usb=True),), RATE_HZ
+
+    def stream(self, t_ns):
+        self.n += 1
+        return [struct.pack("<I", self.n)]
+
+
+def test_frames_arrive_after_the_delay_and_never_before():
+    transport, device = transports.create("pty:"), Numbered()
+    wire = Wire(transport, device.wires[0])
+    sampling = SampleClock(period_ns=device.period_ns, delay_ns=DELAY_NS)
+    channel = Channel(name="a", device=device, source=Ramp(), wire=wire, sampling=sampling)
+    emulator = Emulator(None, [channel], clock=RealClock())
+    with emulator:
+        thread = threading.Thread(target=emulator.run, args=(20.0,))
+        fd = os.open(transport.address, os.O_RDWR | os.O_NOCTTY)
+        tty.setraw(fd)
+        thread.start()
+        arrivals, rest = {}, b""
+        while len(arrivals) < FRAMES and select.select([fd], [], [], 5.0)[0]:
+            rest += os.read(fd, 4096)
+            now = emulator.clock.now_ns()
+            while len(rest) >= 4:
+                arrivals[struct.unpack("<I", rest[:4])[0]] = now
+                rest = rest[4:]
+        emulator.stop()
+        thread.join(5.0)
+        os.close(fd)
+    taken = [sample.t_ns for sample in emulator.truth.samples]
+    late = np.array([now - taken[n - 1] for n, now in arrivals.items()])
+    assert len(late) >= FRAMES
+    assert late.min() >= DELAY_NS
+    assert np.median(late) < DELAY_NS + 10_000_000, f"median {np.median(late) / 1e6} ms"
