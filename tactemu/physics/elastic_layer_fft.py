@@ -61,11 +61,9 @@ def workspace_type(real, lanes: int):
 
     @wp.struct
     class Workspace:
-        # Ping-pong buffers of the FFT: (n_slots, n_max, n_max / 2 / lanes), real and imaginary part.
-        ar: wp.array3d(dtype=lane)
-        ai: wp.array3d(dtype=lane)
-        br: wp.array3d(dtype=lane)
-        bi: wp.array3d(dtype=lane)
+        # Ping-pong buffers of the FFT: (2 n_slots, n_max, n_max / 2 / lanes), real and imaginary part.
+        re: wp.array3d(dtype=lane)
+        im: wp.array3d(dtype=lane)
         # Transposed intermediate and two spectra: (n_slots, n_max, n_max), the same memory as numbers and as lanes.
         between: wp.array3d(dtype=real)
         between_lanes: wp.array3d(dtype=lane)
@@ -100,12 +98,12 @@ class Workspace:
     """Allocates the scratch for transforms of up to ``n_max`` and keeps it alive; ``two``: with a second spectrum."""
 
     def __init__(self, n_slots: int, n_max: int, real, lanes: int, device, *, two: bool = False):
-        self._pairs = [allocate_pair(n_slots, n_max, n_max // 2, real, lanes, device) for _ in range(4)]
+        self._pairs = [allocate_pair(2 * n_slots, n_max, n_max // 2, real, lanes, device) for _ in range(2)]
         self._pairs += [allocate_pair(n_slots, n_max, n_max, real, lanes, device) for _ in range(3 if two else 2)]
         self.struct = struct = workspace_type(real, lanes)()
-        struct.ar, struct.ai, struct.br, struct.bi = (pair.lanes for pair in self._pairs[:4])
-        struct.between, struct.between_lanes = self._pairs[4]
-        struct.spectrum, struct.spectrum_lanes = self._pairs[5]
+        struct.re, struct.im = (pair.lanes for pair in self._pairs[:2])
+        struct.between, struct.between_lanes = self._pairs[2]
+        struct.spectrum, struct.spectrum_lanes = self._pairs[3]
         struct.second, struct.second_lanes = self._pairs[-1]
         turns = np.exp(-2j * np.pi * np.arange(n_max) / n_max)
         pairs = np.stack([turns.real, turns.imag], axis=1)
@@ -202,44 +200,36 @@ def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
         half = columns // wp.static(2 * lanes)
         mine = spread(half, thread)
         n_max = ws.twiddle.shape[0]
-        ar = ws.ar[slot]
-        ai = ws.ai[slot]
-        br = ws.br[slot]
-        bi = ws.bi[slot]
+        re = ws.re[2 * slot]
+        im = ws.im[2 * slot]
         for k in range(mine[0], n, mine[1]):
             for c in range(mine[2], half, mine[3]):
                 if k < rows:
-                    ar[k, c] = field[k, c]
-                    ai[k, c] = field[k, c + half]
+                    re[k, c] = field[k, c]
+                    im[k, c] = field[k, c + half]
                 else:
-                    ar[k, c] = lane(real(0.0))
-                    ai[k, c] = lane(real(0.0))
+                    re[k, c] = lane(real(0.0))
+                    im[k, c] = lane(real(0.0))
         block_sync()
         length = int(n)
         stride = int(1)
-        while length >= 8:  # two stages: there and back
-            radix_4(ar, ai, br, bi, ws.twiddle, length, stride, half, n_max // length, thread)
+        here = int(2 * slot)
+        while length >= 4:
+            turn = n_max // length
+            there = 4 * slot + 1 - here
+            radix_4(
+                ws.re[here], ws.im[here], ws.re[there], ws.im[there], ws.twiddle, length, stride, half, turn, thread
+            )
             block_sync()
+            here = there
             length = length // 4
             stride = stride * 4
-            if length >= 4:
-                radix_4(br, bi, ar, ai, ws.twiddle, length, stride, half, n_max // length, thread)
-                length = length // 4
-                stride = stride * 4
-            else:
-                radix_2(br, bi, ar, ai, stride, half, thread)
-                length = length // 2
+        if length == 2:
+            there = 4 * slot + 1 - here
+            radix_2(ws.re[here], ws.im[here], ws.re[there], ws.im[there], stride, half, thread)
             block_sync()
-        if length == 4:
-            radix_4(ar, ai, br, bi, ws.twiddle, length, stride, half, n_max // length, thread)
-            block_sync()
-            unpack(br, bi, n, half, first, rows_out, out, thread)
-        elif length == 2:
-            radix_2(ar, ai, br, bi, stride, half, thread)
-            block_sync()
-            unpack(br, bi, n, half, first, rows_out, out, thread)
-        else:
-            unpack(ar, ai, n, half, first, rows_out, out, thread)
+            here = there
+        unpack(ws.re[here], ws.im[here], n, half, first, rows_out, out, thread)
         block_sync()
 
     @wp.func

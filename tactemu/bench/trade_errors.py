@@ -1,0 +1,121 @@
+"""What a sensor says of a contact, in one form for all models, and how far that is from the truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+METRICS = {
+    # name: what it is
+    "normal force": "total normal force, relative",
+    "tangential force": "total tangential force, relative to mu times the normal force",
+    "pressure": "pressure, RMSE over the taxels relative to the truth's RMS",
+    "contact area": "contact area, relative",
+    "overlap of areas": "1 - intersection over union of the taxels in contact",
+    "centre": "centre of pressure [mm]",
+    "normal motion": "motion of the surface along the normal, RMSE relative to the truth's RMS",
+    "tangential motion": "motion of the surface along the skin, likewise",
+}
+
+
+@dataclass
+class Observation:
+    """One reading, taxels flat; what a model does not know is ``None``. Forces act on the skin."""
+
+    pressure: np.ndarray | None = None
+    """Of each taxel [any unit], shape ``(n,)``."""
+    drag: np.ndarray | None = None
+    """Total tangential force, shape ``(2,)``."""
+    touch: np.ndarray | None = None
+    """Bool, shape ``(n,)``."""
+    sink: np.ndarray | None = None
+    """Motion of the surface into the skin, shape ``(n,)``."""
+    shift: np.ndarray | None = None
+    """Motion along the skin, shape ``(n, 2)``."""
+
+    def scaled(self, gains: dict[str, float]) -> Observation:
+        """Each quantity multiplied by its gain."""
+        parts = {field.name: getattr(self, field.name) for field in fields(self)}
+        return Observation(**{
+            name: value * gains[name] if value is not None and name in gains else value
+            for name, value in parts.items()
+        })  # fmt: skip
+
+
+def observe(reading: Any, area: float, threshold: float = 0.0) -> Observation:
+    """A reading of any model: by its fields, in a frame whose normal is z.
+
+    Args:
+        reading: what ``read()`` returned.
+        area: of a taxel [m²].
+        threshold: depth or displacement above which a taxel counts as touched [m].
+    """
+    if hasattr(reading, "residual"):
+        force, moved = reading.force.reshape(-1, 3), reading.displacement.reshape(-1, 3)
+        pressure = reading.pressure.reshape(-1)
+        return Observation(pressure, force[:, :2].sum(0), pressure > 0, -moved[:, 2], moved[:, :2])
+    if hasattr(reading, "torque"):
+        force = reading.force.reshape(-1, 3)
+        touched = force[:, 2] < 0
+        return Observation(-force[:, 2] / area, force[:, :2].sum(0), touched)
+    values = np.asarray(reading)
+    if values.dtype == bool:
+        return Observation(touch=values.reshape(-1))
+    if values.shape[-1:] == (3,) and values.ndim > 2:
+        moved = values.reshape(-1, 3)
+        return Observation(sink=-moved[:, 2], shift=moved[:, :2])
+    depth = values.reshape(-1)
+    return Observation(touch=depth > threshold, sink=depth)
+
+
+def _relative(got: np.ndarray, truth: np.ndarray) -> float | None:
+    size = float(np.linalg.norm(truth))
+    return float(np.linalg.norm(got - truth)) / size if size > 0 else None
+
+
+def fit_gains(got: Observation, truth: Observation, names: tuple[str, ...]) -> dict[str, float]:
+    """The factor on each quantity that is nearest to the truth; pressures are fitted to the total force."""
+    gains = {}
+    for name in names:
+        value, wanted = getattr(got, name), getattr(truth, name)
+        if value is None or wanted is None:
+            continue
+        if name == "pressure":
+            gains[name] = float(wanted.sum() / value.sum()) if value.sum() else 1.0
+        elif np.vdot(value, value):
+            gains[name] = float(np.vdot(value, wanted) / np.vdot(value, value))
+    return gains
+
+
+def errors(got: Observation, truth: Observation, positions: np.ndarray, area: float, friction: float) -> dict:
+    """Each metric that the model offers (:data:`METRICS`); ``None`` where the truth has nothing to compare with.
+
+    Args:
+        got: of the model, calibrated.
+        truth: of the same contact.
+        positions: taxels in the skin's plane [m], ``(n, 2)``.
+        area: of a taxel [m²].
+        friction: coefficient of the truth.
+    """
+    found: dict[str, float | None] = {}
+    load = float(truth.pressure.sum())
+    if got.pressure is not None:
+        total = float(got.pressure.sum())
+        found["normal force"] = total / load - 1
+        found["pressure"] = _relative(got.pressure, truth.pressure)
+        if total > 0:
+            centre = got.pressure @ positions / total - truth.pressure @ positions / load
+            found["centre"] = float(np.linalg.norm(centre)) * 1e3
+    if got.drag is not None:
+        found["tangential force"] = float(np.linalg.norm(got.drag - truth.drag)) / (friction * load * area)
+    if got.touch is not None:
+        both, either = (got.touch & truth.touch).sum(), (got.touch | truth.touch).sum()
+        found["contact area"] = float(got.touch.sum() / truth.touch.sum()) - 1
+        found["overlap of areas"] = 1 - float(both / either)
+    if got.sink is not None:
+        found["normal motion"] = _relative(got.sink, truth.sink)
+    if got.shift is not None:
+        found["tangential motion"] = _relative(got.shift, truth.shift)
+    return found

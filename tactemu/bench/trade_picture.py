@@ -1,0 +1,54 @@
+"""The picture of the trade: error against cost, one panel per metric, the Pareto front as a line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib  # noqa: TID253  this module is imported only to draw
+
+matplotlib.use("svg")
+import matplotlib.pyplot as plt  # noqa: TID253
+
+PANELS = ("normal force", "pressure", "tangential motion", "normal motion")
+COLOURS = {0: "#888888", 1: "#b07d2b", 2: "#2b7bb0", 3: "#8a3fa0", 4: "#c0392b"}
+FLOOR = 1e-4
+"""Errors below this are drawn at it."""
+
+
+def draw(found: dict, file: Path) -> None:
+    """Write the picture as SVG or, by the file's suffix, another format."""
+    plt.rcParams.update({"font.size": 8, "svg.fonttype": "none", "svg.hashsalt": "tactemu"})
+    figure, axes = plt.subplots(2, 2, figsize=(10, 7.2), sharex=True)
+    for axis, metric in zip(axes.flat, PANELS):
+        points = [
+            (row["step_us"], max(row["metrics"][metric]["median"], FLOOR), row)
+            for row in found["summary"]
+            if metric in row["metrics"]
+        ]
+        _panel(axis, metric, sorted(points, key=lambda point: point[0]))
+    for axis in axes[1]:
+        axis.set_xlabel("one step of 1024 taxels [µs]")
+    figure.suptitle("Speed for accuracy: median error over the cases not calibrated on, warm sliding contact")
+    figure.tight_layout()
+    figure.savefig(file, metadata={"Date": None} if file.suffix == ".svg" else None)
+    plt.close(figure)
+
+
+def _panel(axis, metric: str, points: list) -> None:
+    best, front = float("inf"), []
+    for x, y, _row in points:
+        if y < best:
+            best = y
+            front.append((x, y))
+    axis.plot(*zip(*front), color="#cccccc", linewidth=4, zorder=0, solid_capstyle="round")
+    for x, y, row in points:
+        axis.scatter(x, y, color=COLOURS[row["level"]], s=18, zorder=2)
+        axis.annotate(row["name"], (x, y), xytext=(4, 3), textcoords="offset points", fontsize=6, color="#333333")
+    axis.set_xscale("log")
+    axis.set_yscale("log")
+    axis.margins(x=0.18, y=0.12)
+    axis.set_title(f"error of the {metric}", loc="left", fontsize=9)
+    axis.grid(alpha=0.25, which="major")
+    axis.yaxis.set_major_formatter(lambda value, _at: f"{100 * value:g} %")
+    for side in ("top", "right"):
+        axis.spines[side].set_visible(False)
