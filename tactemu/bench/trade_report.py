@@ -14,7 +14,9 @@ SHOWN += ("normal motion", "tangential motion")
 JUDGED = ("normal force", "pressure", "normal motion", "tangential motion", "tangential force")
 """Metrics of the picture and of the comparison of rungs."""
 CLOSE = 1.1
-"""A rung is dominated by one that is better and faster by more than this factor in one of the two."""
+"""A rung is dominated by one that is as good and as fast, and in one of the two better by this factor."""
+SAME = 1.02
+"""Errors within this factor count as the same."""
 
 
 def summarise(rungs: list[dict]) -> list[dict]:
@@ -35,7 +37,7 @@ def summarise(rungs: list[dict]) -> list[dict]:
             }
         rows.append(row)
     for row in rows:
-        row["dominated_by"] = {metric: name for metric in JUDGED if (name := _better(row, rows, metric))}
+        row["dominated_by"] = _dominator(row, rows)
     return rows
 
 
@@ -51,16 +53,18 @@ def _values(rung: dict, metric: str, *, narrow: bool) -> list[float]:
     return values
 
 
-def _better(row: dict, rows: list[dict], metric: str) -> str | None:
-    """The fastest rung that is both faster and better, one of the two clearly."""
-    if metric not in row["metrics"]:
+def _dominator(row: dict, rows: list[dict]) -> str | None:
+    """The fastest rung that is no slower and no worse in anything this one offers, and clearly better in something."""
+    mine = {metric: value["median"] for metric, value in row["metrics"].items() if metric in JUDGED}
+    if not mine:
         return None
-    error, cost = row["metrics"][metric]["median"], row["step_us"]
     for other in sorted(rows, key=lambda r: r["step_us"]):
-        if other is row or metric not in other["metrics"]:
+        theirs = {metric: value["median"] for metric, value in other["metrics"].items()}
+        if other is row or other["step_us"] > row["step_us"] or not mine.keys() <= theirs.keys():
             continue
-        e, c = other["metrics"][metric]["median"], other["step_us"]
-        if e <= error and c <= cost and (e * CLOSE < error or c * CLOSE < cost):
+        ratios = [theirs[metric] / max(mine[metric], 1e-12) for metric in mine]
+        clearly = min(ratios) * CLOSE < 1 or other["step_us"] * CLOSE < row["step_us"]
+        if max(ratios) <= SAME and clearly:
             return other["name"]
     return None
 
@@ -89,9 +93,9 @@ def write_table(found: dict, file: Path) -> str:
         parts.append(row["metrics"].get("tangential motion", {}).get("wedge"))
         if any(part is not None for part in parts):
             lines.append(f"| {row['name']} | " + " | ".join("" if p is None else f"{p:.1%}" for p in parts) + " |")
-    slower = [(row["name"], metric, by) for row in found["summary"] for metric, by in row["dominated_by"].items()]
-    lines += ["", "Rungs that another one beats in both cost and error:", ""]
-    lines += [f"- {name}: {metric} (by {by})" for name, metric, by in slower] or ["- none"]
+    slower = [(row["name"], row["dominated_by"]) for row in found["summary"] if row["dominated_by"]]
+    lines += ["", "Rungs that another one beats in cost and in every error:", ""]
+    lines += [f"- {name} (by {by})" for name, by in slower] or ["- none"]
     text = "\n".join(lines) + "\n"
     file.write_text(text, encoding="utf-8")
     return text

@@ -16,6 +16,7 @@ Measure speed on this machine. Figures are medians; compare those of one run.
 \b
   tactemu bench loop       first frame, and how late frames are
   tactemu bench physics    cost of a step, of a read and of a start, per sensor
+  tactemu bench trade      error against truth and cost of every level of fidelity
   tactemu bench soak       half an hour at 1 kHz and 5 % faults: what grows, what is lost
   tactemu bench wire       cost of a frame between device and port
 """,
@@ -80,3 +81,18 @@ def wire(
     from tactemu.bench.wire import run
 
     save(run(typer.echo, repeats=repeats), out)
+
+
+@bench.command()
+def trade(
+    out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Figures, table, picture.")] = Path("trade"),
+    quick: Annotated[bool, typer.Option("--quick", help="A coarser truth and ten cases: a minute.")] = False,
+    device: Annotated[str, typer.Option(metavar="DEVICE", help="cpu, or cuda:0.")] = "cpu",
+    only: Annotated[str, typer.Option(metavar="TEXT", help="Only rungs whose name contains this.")] = "",
+    fresh: Annotated[bool, typer.Option("--fresh", help="Measure all again instead of going on.")] = False,
+) -> None:
+    """Error against truth and cost of every rung, with a table and a picture. A stopped run goes on where it was."""
+    from tactemu.bench.trade import run_trade
+    from tactemu.cli.progress import show_progress
+
+    run_trade(typer.echo, out=out, quick=quick, device=device, only=only, fresh=fresh, progress=show_progress)

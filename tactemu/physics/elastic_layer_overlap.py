@@ -28,7 +28,12 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool):
 
     @wp.func
     def slid(now: transform, before: transform, x: vec3, u: vec3, v: vec3, pitch: real):
-        """How far the body's material at ``x`` has come, along u and v."""
+        """How far the body's material at ``x`` has come, along u and v; exactly nothing where the body is still."""
+        still = bool(True)
+        for i in range(7):
+            still = still and now[i] == before[i]
+        if still:
+            return vec2(real(0.0))
         material = wp.quat_rotate_inv(wp.transform_get_rotation(now), x - wp.transform_get_translation(now))
         was = wp.quat_rotate(wp.transform_get_rotation(before), material) + wp.transform_get_translation(before)
         return vec2(wp.dot(x - was, u) / pitch, wp.dot(x - was, v) / pitch)

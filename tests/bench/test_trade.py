@@ -1,0 +1,93 @@
+"""The trade's own logic: metrics, gains, resuming, and one small run through every level."""
+
+import json
+
+import numpy as np
+import pytest
+
+from tactemu.bench import trade, trade_cases
+from tactemu.bench.trade_cases import Case, TestSkin, all_cases, build, indenters
+from tactemu.bench.trade_errors import Observation, errors, fit_gains, observe
+from tactemu.bench.trade_report import summarise
+from tactemu.bench.trade_rungs import ladder
+from tactemu.bench.trade_truth import Truths
+
+SKIN = TestSkin(side=16, pitch=1e-3)
+POSITIONS = SKIN.positions()[..., :2].reshape(-1, 2)
+
+
+def observation(scale=1.0):
+    r = np.linalg.norm(POSITIONS, axis=1)
+    pressure = scale * np.maximum(0, 1 - (r / 4e-3) ** 2)
+    return Observation(pressure, np.array([0.1, 0]) * scale, pressure > 0, pressure * 1e-7, POSITIONS * 1e-3 * scale)
+
+
+def test_errors_of_the_truth_are_zero_and_of_a_scaled_one_its_scale():
+    truth = observation()
+    for value in errors(truth, truth, POSITIONS, SKIN.pitch**2, 0.5).values():
+        assert value == pytest.approx(0.0, abs=1e-12)
+    found = errors(observation(1.1), truth, POSITIONS, SKIN.pitch**2, 0.5)
+    assert found["normal force"] == pytest.approx(0.1) and found["pressure"] == pytest.approx(0.1)
+    assert found["centre"] == pytest.approx(0.0, abs=1e-9) and found["overlap of areas"] == 0.0
+
+
+def test_gains_undo_a_scale():
+    got, truth = observation(0.25), observation()
+    gains = fit_gains(got, truth, ("pressure", "drag", "sink", "shift"))
+    assert got.scaled(gains).pressure == pytest.approx(truth.pressure)
+    assert gains["drag"] == pytest.approx(4.0) and gains["shift"] == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize("name", indenters())
+def test_every_object_touches_with_its_lowest_point_in_the_middle(name):
+    """At a depth of 0.5 mm the deepest taxel is nearly that deep; on the wedge, 0.125 mm beside its edge, hardly."""
+    rung = next(rung for rung in ladder() if rung.name == "L1 depth, ray")
+    skin = TestSkin(side=48, pitch=2.5e-4)
+    case = Case(name, 5e-4, "press")
+    sim, body, sensor = build(skin, case, rung.make(skin))
+    for pose in case.poses():
+        sim.set_pose(body, **pose)
+        sim.step()
+    depth = observe(sensor.read(), skin.pitch**2).sink
+    assert (3e-5 if name == "thin wedge" else 3.5e-4) < depth.max() < 5.1e-4
+
+
+def test_all_levels_in_one_small_run(tmp_path, monkeypatch):
+    cases = [Case("sphere", 5e-4, "press"), Case("box", 5e-4, "press"), Case("sphere", 5e-4, "slide")]
+    names = ("L0 touch", "L1 depth", "L2 springs, ray", "L3 markers, thickness", "L4 4 iterations")
+    monkeypatch.setattr(trade, "TestSkin", lambda: SKIN)
+    monkeypatch.setattr(trade, "all_cases", lambda quick: cases)
+    monkeypatch.setattr(trade, "ladder", lambda: [rung for rung in ladder() if rung.name in names])
+    monkeypatch.setattr(trade, "checks", lambda cells: [])
+    monkeypatch.setattr(trade, "Truths", lambda skin, factor, folder: Truths(skin, 4, folder))
+    lines = []
+    found = trade.run_trade(lines.append, out=tmp_path, quick=True)
+    assert json.loads((tmp_path / "trade.json").read_text())["summary"] == found["summary"]
+    rows = {row["name"]: row["metrics"] for row in found["summary"]}
+    assert "pressure" not in rows["L0 touch"] and "overlap of areas" in rows["L0 touch"]
+    assert rows["L4 4 iterations"]["normal force"]["median"] < 0.1
+    assert rows["L4 4 iterations"]["pressure"]["median"] < rows["L2 springs, ray"]["pressure"]["median"]
+    assert all(row["step_us"] > 0 and row["memory_bytes"] > 0 for row in found["summary"])
+
+    def refuse(*_args):
+        raise AssertionError("measured again")
+
+    monkeypatch.setattr(trade, "_play", refuse)
+    monkeypatch.setattr(Truths, "_solve", refuse)
+    again = trade.run_trade(lines.append, out=tmp_path, quick=True)
+    for one, other in zip(again["rungs"], found["rungs"]):
+        assert one["errors"] == other["errors"]
+
+
+def test_a_rung_is_dominated_by_one_that_is_faster_and_better():
+    def rung(name, cost, error):
+        values = {"cost": {"step_us": cost}, "errors": {"box, 0.5 mm, press": {"pressure": error}}}
+        return {"name": name, "level": 2, "calibrated_on": [], **values}
+
+    rows = summarise([rung("slow", 10.0, 0.2), rung("fast", 5.0, 0.1), rung("exact", 20.0, 0.01)])
+    assert [row["dominated_by"] for row in rows] == ["fast", None, None]
+
+
+def test_cases_are_as_many_as_said():
+    assert len(all_cases()) == 35 and len(all_cases(quick=True)) == 10
+    assert trade_cases.CALIBRATION in all_cases()
