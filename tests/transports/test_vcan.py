@@ -63,6 +63,14 @@ def test_frames_cross_unchanged_and_do_not_come_back(port, frame):
         assert event.data.data == frame.data
 
 
+def test_an_error_frame_is_seen_as_one(port):
+    """What the `error` fault puts on the bus arrives as SocketCAN reports errors of the bus."""
+    with can.Bus(interface="socketcan", channel="vcan0") as driver:
+        assert port.write(CanFrame(arbitration_id=0x28, data=bytes(8), is_error_frame=True))
+        message = driver.recv(2)
+    assert message is not None and message.is_error_frame and message.arbitration_id == 0x8
+
+
 def test_candump_prints_what_was_sent(port):
     classic = FRAMES[:3]
     dump = subprocess.Popen(["candump", "-L", "-n", str(len(classic)), "vcan0"], stdout=subprocess.PIPE, text=True)
