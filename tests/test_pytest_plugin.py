@@ -2,9 +2,8 @@
 
 import subprocess
 import sys
-from importlib.metadata import entry_points
 
-from tests.cli.command import environment
+from tests.cli.command import environment, plugin_options
 
 TEST = """
 import os
@@ -31,10 +30,8 @@ def test_stopped_afterwards():
 
 
 def run_pytest(folder, *arguments):
-    installed = any(point.value == "tactemu.pytest_plugin" for point in entry_points(group="pytest11"))
-    plugin = [] if installed else ["-p", "tactemu.pytest_plugin"]
     return subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", *plugin, "-p", "no:cacheprovider", *arguments],
+        [sys.executable, "-m", "pytest", "-q", *plugin_options(), "-p", "no:cacheprovider", *arguments],
         cwd=folder, env=environment(), capture_output=True, text=True, timeout=100, check=False,
     )  # fmt: skip
 

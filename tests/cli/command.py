@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from importlib.metadata import entry_points
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -27,3 +28,9 @@ def start(*arguments: str, **options) -> subprocess.Popen[str]:
 def environment() -> dict[str, str]:
     """Ours, with the package on the path and no colours."""
     return os.environ | {"PYTHONPATH": str(ROOT), "NO_COLOR": "1", "COLUMNS": "120", "PYTHONDONTWRITEBYTECODE": "1"}
+
+
+def plugin_options() -> list[str]:
+    """What tells pytest of our plugin where the package is not installed, and so has no entry point."""
+    installed = any(point.value == "tactemu.pytest_plugin" for point in entry_points(group="pytest11"))
+    return [] if installed else ["-p", "tactemu.pytest_plugin"]

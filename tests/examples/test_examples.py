@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from tactemu.cli.truths import summarise
-from tests.cli.command import ROOT, environment, tactemu
+from tests.cli.command import ROOT, environment, plugin_options, tactemu
 
 EXPECTED = {
     "without_a_wire.py": ["relative poses", "depth [mm]"],
@@ -36,8 +36,7 @@ def test_an_example_runs(name):
 @pytest.mark.timeout(150)
 def test_the_example_of_a_driver_under_test():
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "tactemu.pytest_plugin", "-p", "no:cacheprovider",
-         "test_my_driver.py"],
+        [sys.executable, "-m", "pytest", "-q", *plugin_options(), "-p", "no:cacheprovider", "test_my_driver.py"],
         capture_output=True, text=True, timeout=140, env=environment(), cwd=ROOT / "examples", check=False,
     )  # fmt: skip
     assert "3 passed" in done.stdout, done.stdout + done.stderr
