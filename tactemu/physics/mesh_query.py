@@ -17,7 +17,6 @@ from tactemu.physics.mesh import Triangles
 
 NODES = 32
 """Nodes of the bounding grid along the longest side."""
-BATCH = 1 << 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,17 +34,21 @@ class MeshQuery:
 
 @functools.cache
 def _node_kernel(closed: bool):
+    """Distances along one row of nodes per thread: each bounds the search for the next."""
+
     @wp.kernel(module="unique", enable_backward=False)
-    def node_distances(
-        mesh: wp.uint64, origin: wp.vec3, cell: float, nodes: wp.vec3i, out: wp.array3d(dtype=wp.float32)
-    ):
-        i, j, k = wp.tid()
-        p = origin + cell * wp.vec3(float(i), float(j), float(k))
-        if wp.static(closed):
-            hit = wp.mesh_query_point_sign_normal(mesh, p, 1.0e6)
-        else:
-            hit = wp.mesh_query_point_sign_winding_number(mesh, p, 1.0e6)
-        out[i, j, k] = hit.sign * wp.length(p - wp.mesh_eval_position(mesh, hit.face, hit.u, hit.v))
+    def node_distances(mesh: wp.uint64, origin: wp.vec3, cell: float, out: wp.array3d(dtype=wp.float32)):
+        i, j = wp.tid()
+        farthest = float(1.0e6)
+        for k in range(out.shape[2]):
+            p = origin + cell * wp.vec3(float(i), float(j), float(k))
+            if wp.static(closed):
+                hit = wp.mesh_query_point_sign_normal(mesh, p, farthest)
+            else:
+                hit = wp.mesh_query_point_sign_winding_number(mesh, p, farthest)
+            d = wp.length(p - wp.mesh_eval_position(mesh, hit.face, hit.u, hit.v))
+            out[i, j, k] = hit.sign * d
+            farthest = 1.0001 * (d + cell)
 
     return node_distances
 
@@ -62,8 +65,8 @@ def build_query(triangles: Triangles, device) -> MeshQuery:
     nodes = np.ceil((high - low) / cell).astype(int) + 3
     origin = low - cell
     out = wp.zeros(tuple(nodes), dtype=wp.float32, device=device)
-    inputs = [mesh.id, wp.vec3(*(origin / unit)), cell / unit, wp.vec3i(*map(int, nodes))]
-    wp.launch(_node_kernel(triangles.closed), dim=out.shape, inputs=inputs, outputs=[out], device=device)
+    inputs = [mesh.id, wp.vec3(*(origin / unit)), cell / unit]
+    wp.launch(_node_kernel(triangles.closed), dim=out.shape[:2], inputs=inputs, outputs=[out], device=device)
     return MeshQuery(mesh, unit, out.numpy().astype(np.float64) * unit, origin, cell)
 
 
