@@ -9,6 +9,7 @@ import trimesh
 import tactemu as tt
 from tactemu.errors import MeshError
 from tactemu.physics.mesh import load_mesh
+from tests.physics.genesis_case import DATA
 from tests.physics.rig import depth_of
 
 RADIUS = 4.0
@@ -150,3 +151,16 @@ def test_a_file_that_is_no_mesh_is_refused(tmp_path):
     path.write_text("solid nothing\nendsolid nothing\n")
     with pytest.raises(MeshError, match=r"broken\.stl"):
         depth_of(tt.Mesh(source=path), [[0, 0, 0]], 1.0)
+
+
+def test_distances_are_those_of_libigl():
+    """The seed's grid of a non-convex mesh: 32768 signed distances that libigl computed."""
+    arrays = np.load(DATA / "c10_contact.npz")
+    to_index = arrays["g1_sdf_T"]
+    nodes = np.stack(np.meshgrid(*map(np.arange, arrays["g1_sdf_val"].shape), indexing="ij"), -1).reshape(-1, 3)
+    points = (nodes - to_index[:3, 3]) / np.diag(to_index)[:3]
+    theirs = arrays["g1_sdf_val"].reshape(-1)
+    blob = tt.Mesh(source=(arrays["g1_verts"], arrays["g1_faces"]))
+    ours = 0.1 - depth_of(blob, points, 0.1)
+    assert not ((ours < 0) != (theirs < 0))[np.abs(theirs) > 1e-7].any()
+    assert np.abs(ours - theirs).max() < 2e-8
