@@ -23,11 +23,13 @@ def explain_target(target: str, *, compute: str | None, cost: bool) -> None:
     Raises:
         TactemuError: the scene is wrong.
     """
+    from tactemu.scenario import laws_needed
     from tactemu.scene.building import build_scene, make_devices
 
     loaded = file.load(target)
     devices = make_devices(loaded)
-    scene, sensors = build_scene(loaded, devices)
+    laws = {name: laws_needed(loaded.tables.scenario, name) for name in devices}
+    scene, sensors = build_scene(loaded, devices, laws)
     world = loaded.tables.scene
     print(f"{loaded.source}: a step of {world.dt * 1e3:g} ms, seed {world.seed}\n")
     _print_bodies(loaded)
@@ -36,6 +38,7 @@ def explain_target(target: str, *, compute: str | None, cost: bool) -> None:
     if not sensors:
         print("Plan: nothing is simulated")
         return
+    _print_schedule(loaded)
     start_quietly()
     simulation = scene.build(device=compute or world.device, seed=world.seed, dtype=world.dtype)
     simulation.step()
@@ -51,6 +54,18 @@ def _print_bodies(loaded: file.LoadedScene) -> None:
         motion = loaded.motions.get(body.name)
         how = "fixed" if body.fixed else motion.kind if motion else "moved from Python only"
         print(f"  {body.name:<16} {body.shape:<9} {how}")
+    print()
+
+
+def _print_schedule(loaded: file.LoadedScene) -> None:
+    if not loaded.tables.scenario:
+        return
+    print("Schedule")
+    for event in sorted(loaded.tables.scenario, key=lambda event: event.at):
+        said = event.model_dump(exclude_defaults=True, exclude={"at", "until", "skin"})
+        until = "" if event.until is None else f" to {event.until:g} s"
+        what = ", ".join(f"{name} = {value}" for name, value in said.items())
+        print(f"  {event.at:g} s{until}  {event.skin or 'every skin'}: {what}")
     print()
 
 

@@ -14,6 +14,8 @@ from tactemu.emulator import Emulator
 from tactemu.errors import SceneError, TactemuError
 
 REPORT_PERIOD_NS = 1_000_000_000
+KEPT = 1000
+"""Samples and frames that are kept in memory for the view: a run may last for days."""
 
 
 def run_target(
@@ -97,7 +99,7 @@ def _truth(path: Path | None):
     from tactemu.truth import Truth
 
     try:
-        return Truth(path)
+        return Truth(path, keep=KEPT)
     except OSError as error:
         raise TactemuError(f"--truth {path}: cannot write the truth log: {error.strerror}") from None
 

@@ -36,7 +36,13 @@ def make_devices(loaded: LoadedScene) -> dict[str, Device]:
     Raises:
         DeviceError: no such device, or an option that it does not have.
     """
-    return {skin.title: make_device(skin.device, skin.device_options) for skin in loaded.tables.skin}
+    return {skin.title: make_device(_found(skin.device, loaded), skin.device_options) for skin in loaded.tables.skin}
+
+
+def _found(name: str, loaded: LoadedScene) -> str:
+    """A device file by a path relative to the scene file."""
+    path = loaded.folder / name
+    return str(path) if ".py:" in name and Path(str(path).rpartition(":")[0]).is_file() else name
 
 
 def make_device(name: str, options: dict[str, Any]) -> Device:

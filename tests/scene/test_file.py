@@ -7,9 +7,11 @@ from pathlib import Path
 import pytest
 
 from tactemu.errors import DeviceError, SceneError
-from tactemu.scene import file
+from tactemu.scene import file, schema
+from tactemu.scene.building import make_devices
 from tactemu.scene.motion import Press, Sequence
 
+PAGE = Path(__file__).parents[2] / "docs" / "scene-files.md"
 GOOD = """
 [[body]]
 name = "pad"
@@ -106,7 +108,7 @@ def test_the_schema_knows_every_motion():
 
 
 def test_every_toml_block_of_the_documentation_is_right():
-    page = (Path(__file__).parents[2] / "docs" / "scene-files.md").read_text()
+    page = PAGE.read_text()
     blocks = [block.split("```")[0] for block in page.split("```toml\n")[1:]]
     assert len(blocks) >= 4
     whole = [block for block in blocks if "[[skin]]" in block and "[[body]]" in block]
@@ -116,3 +118,31 @@ def test_every_toml_block_of_the_documentation_is_right():
     for block in set(blocks) - set(whole):
         for body in tomllib.loads(block).get("body", []):
             file.make_motion(body["motion"])
+
+
+@pytest.mark.parametrize("table", [schema.World, schema.Skin, schema.ClockTable, schema.Event, *schema.SHAPES.values()])
+def test_the_documentation_names_every_key(table):
+    page = PAGE.read_text()
+    for name, field in table.model_fields.items():
+        key = field.alias or name
+        assert f"`{key}`" in page or f"{key} = " in page, key
+
+
+def test_a_device_file_is_found_beside_the_scene(tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "from firmware_protocols import Device, SerialWire, grid_layout\n"
+        "class Mine(Device):\n"
+        "    name = title = 'mine'\n"
+        "    wires = (SerialWire(baud=9600),)\n"
+        "    def __init__(self):\n"
+        "        super().__init__()\n"
+        "        self.layout = grid_layout(2, 3, 0.004)\n"
+        "    def digitize(self, reading):\n"
+        "        return reading.values[:, 2]\n"
+    )
+    path = tmp_path / "scene.toml"
+    path.write_text(
+        GOOD.replace('device = "anyskin"', 'device = "mine.py:Mine"').replace('skin = "anyskin"', 'skin = "Mine"')
+    )
+    devices = make_devices(file.load(path))
+    assert devices["Mine"].layout.positions.shape == (6, 3)
