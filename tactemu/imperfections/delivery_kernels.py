@@ -4,6 +4,7 @@ import functools
 
 import warp as wp
 
+from tactemu.imperfections.elementwise import threads
 from tactemu.imperfections.random import draw, unit_f64
 from tactemu.imperfections.ring import entries, entry_before, entry_time, slot
 
@@ -94,7 +95,7 @@ def deliver_kernel(dtype: type, linear: bool):
     ):
         e, group = wp.tid()
         write, older, newer = chosen[e][0], chosen[e][1], chosen[e][2]
-        for c in range(group * 4, wp.min(group * 4 + 4, x.shape[1])):
+        for c in range(group, x.shape[1], threads(x.shape[1])):
             v = x[e, c]
             a = v
             if older >= 0:

@@ -1,7 +1,8 @@
 """The laws that act on each number of a reading by itself, fused into one kernel.
 
 The kernel is built for the set of laws that a sensor has switched on: the others leave no code, draw nothing and take
-no argument that is read. One thread does four columns of one environment, which share the four words of a draw.
+no argument that is read. One thread does four columns of one environment, which share the four words of a draw. They
+lie a quarter of the row apart, so that neighbouring threads touch neighbouring memory.
 """
 
 import functools
@@ -12,13 +13,19 @@ from tactemu.imperfections import coefficients as co
 from tactemu.imperfections.material import play, rise
 from tactemu.imperfections.random import draw, normals
 
-COLUMNS_PER_THREAD = 4
+COLUMNS_PER_THREAD = wp.constant(4)
 ALIVE = float("inf")
 """In the array of stuck readings: this column is alive. Any finite number is what a dead column reads."""
 DIES = float("nan")
 """This column dies with the next step and is stuck at the reading before."""
 DIES_AT_FIRST = float("-inf")
 """This column is stuck at its next reading."""
+
+
+@wp.func
+def threads(columns: int) -> int:
+    """Threads per environment, and the distance between the columns of one."""
+    return (columns + COLUMNS_PER_THREAD - 1) // COLUMNS_PER_THREAD
 
 
 @functools.cache
@@ -43,8 +50,7 @@ def material_kernel(real: type, laws: frozenset[str]):
         out: wp.array2d(dtype=real),
     ):
         e, group = wp.tid()
-        first = group * COLUMNS_PER_THREAD
-        for c in range(first, wp.min(first + COLUMNS_PER_THREAD, x.shape[1])):
+        for c in range(group, x.shape[1], threads(x.shape[1])):
             v = wp.float64(x[e, c])
             if wp.isfinite(v):
                 if wp.static(hysteresis):
@@ -124,12 +130,13 @@ def electronics_kernel(real: type, laws: frozenset[str]):
         out: wp.array2d(dtype=real),
     ):
         e, group = wp.tid()
-        first = group * COLUMNS_PER_THREAD
+        lane = int(-1)
         if wp.static(walk):
             walk_normal = normals4(draw(walk_key, resets, e, group, step[0]))
         if wp.static(noise):
             noise_normal = normals4(draw(noise_key, resets, e, group, step[0]))
-        for c in range(first, wp.min(first + COLUMNS_PER_THREAD, x.shape[1])):
+        for c in range(group, x.shape[1], threads(x.shape[1])):
+            lane += 1
             v = x[e, c]
             if wp.isfinite(v):
                 if wp.static(gain):
@@ -143,7 +150,7 @@ def electronics_kernel(real: type, laws: frozenset[str]):
                         s = sigma(e, c, walk_each, walk_root, real(coefficient[co.WALK_STEP]))
                     else:
                         s = walk_each[e, wp.min(c, walk_each.shape[1] - 1)]
-                    w = coefficient[co.WALK] * walked[e, c] + wp.float64(s * walk_normal[c - first])
+                    w = coefficient[co.WALK] * walked[e, c] + wp.float64(s * walk_normal[lane])
                     walked[e, c] = w
                     v = real(wp.float64(v) + w)
                 if wp.static(noise):
@@ -151,7 +158,7 @@ def electronics_kernel(real: type, laws: frozenset[str]):
                         s = sigma(e, c, noise_each, noise_root, real(coefficient[co.NOISE]))
                     else:
                         s = noise_each[e, wp.min(c, noise_each.shape[1] - 1)]
-                    v = v + s * noise_normal[c - first]
+                    v = v + s * noise_normal[lane]
                 if wp.static(bias):
                     v = v + offset[e, wp.min(c, offset.shape[1] - 1)]
                 if wp.static(saturation):

@@ -4,6 +4,7 @@ import functools
 
 import warp as wp
 
+from tactemu.imperfections.elementwise import threads
 from tactemu.imperfections.random import draw, unit_f64
 
 
@@ -22,10 +23,12 @@ def radius_kernel(real: type):
     ):
         e, group = wp.tid()
         words = draw(key, resets, e, group, step[0])
-        for i in range(group * 4, wp.min(group * 4 + 4, nominal.shape[0])):
+        lane = int(-1)
+        for i in range(group, nominal.shape[0], threads(nominal.shape[0])):
+            lane += 1
             r = nominal[i]
             if r > real(0.0):
-                u = real(unit_f64(words[i - group * 4]))
+                u = real(unit_f64(words[lane]))
                 r = wp.max(real(0.0), r + half_width[e, 0] * (real(2.0) * u - real(1.0)))
             out[e, i] = r
 
