@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from rich.style import Style
 from rich.text import Text
@@ -27,29 +29,27 @@ def draw(layout: Layout, values: np.ndarray, peak: float, *, patch: Patch | None
     """A heat map of one patch (default: the first), ``values`` of shape ``(n_taxels,)`` from 0 to ``peak``."""
     patch = patch or layout.patches[0]
     cells = _cells(layout, patch)
-    level = np.clip(values[patch.taxels] / peak, 0.0, 1.0) if peak > 0 else np.zeros(len(cells))
-    picture: dict[tuple[int, int], float] = {}
-    for place, value in zip(cells, level, strict=True):  # where taxels share a cell, the strongest shows
-        picture[place] = max(value, picture.get(place, 0.0))
-    rows, cols = max(r for r, _ in picture) + 1, max(c for _, c in picture) + 1
+    level = np.clip(values[patch.taxels] / peak, 0.0, 1.0) if peak > 0 else np.zeros(len(values[patch.taxels]))
+    picture = np.full(cells.max(axis=0) + 1, EMPTY)
+    np.maximum.at(picture, tuple(cells.T), np.rint(level * (LEVELS - 1)).astype(int))  # the strongest shows
     text = Text(no_wrap=True)
-    for row in range(rows):
-        for col in range(cols):
-            value = picture.get((row, col))
-            text.append("  " if value is None else _shade(value) * 2, style="" if value is None else _style(value))
-        text.append("\n" if row < rows - 1 else "")
+    for number, row in enumerate(picture.tolist()):
+        text.append("\n" if number else "")
+        for step, run in itertools.groupby(row):
+            character, style = INK[step]
+            text.append(character * (2 * len(list(run))), style)
     return text
 
 
-def _cells(layout: Layout, patch: Patch) -> list[tuple[int, int]]:
-    """(row, column) of each taxel of a patch."""
+def _cells(layout: Layout, patch: Patch) -> np.ndarray:
+    """(row, column) of each taxel of a patch, shape ``(n, 2)``."""
     if patch.rows:
-        return [divmod(k, patch.cols) for k in range(patch.rows * patch.cols)]
+        return np.stack(np.divmod(np.arange(patch.rows * patch.cols), patch.cols), axis=1)
     flat = flattened(layout.positions[patch.taxels], layout.normals[patch.taxels])
     flat -= flat.min(axis=0)
     pitch = max(layout.pitch, flat[:, 0].max() / (MAX_COLUMNS - 1), 1e-9)
     columns, rows = np.rint(flat / pitch).astype(int).T
-    return list(zip((rows.max() - rows).tolist(), columns.tolist(), strict=True))
+    return np.stack([rows.max() - rows, columns], axis=1)
 
 
 def flattened(positions: np.ndarray, normals: np.ndarray) -> np.ndarray:
@@ -62,12 +62,16 @@ def flattened(positions: np.ndarray, normals: np.ndarray) -> np.ndarray:
     return positions @ np.stack([right, np.cross(normal, right)], axis=1)
 
 
-def _shade(value: float) -> str:
-    return SHADES[0] if value < 0.02 else SHADES[min(1 + int(value * (len(SHADES) - 1)), len(SHADES) - 1)]
-
-
-def _style(value: float) -> Style:
+def _ink(step: int) -> tuple[str, Style]:
+    value = step / (LEVELS - 1)
+    shade = SHADES[0] if step == 0 else SHADES[min(1 + int(value * (len(SHADES) - 1)), len(SHADES) - 1)]
     place = value * (len(RAMP) - 1)
     low = min(int(place), len(RAMP) - 2)
     red, green, blue = (RAMP[low] + (place - low) * (RAMP[low + 1] - RAMP[low])).round().astype(int)
-    return Style(color=f"rgb({red},{green},{blue})")
+    return shade, Style(color=f"rgb({red},{green},{blue})")
+
+
+LEVELS = 33
+EMPTY = -1
+INK: dict[int, tuple[str, Style]] = {EMPTY: (" ", Style()), **{step: _ink(step) for step in range(LEVELS)}}
+"""Character and colour of each of the levels that are told apart, and of no taxel."""

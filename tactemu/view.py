@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import threading
+import time
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,8 @@ from tactemu.heatmap import draw, felt
 from tactemu.truth import text
 
 PERIOD_S = 0.1
+REST = 5
+"""A large picture is drawn less often: the thread rests so many times as long as it draws."""
 SWITCH_INTERVAL_S = 5e-4
 """How long the drawing thread may hold the interpreter while the loop's deadline passes."""
 UNITS = {"force": ("N", 1.0), "pressure": ("kPa", 1e-3), "depth": ("mm", 1e3), "displacement": ("mm", 1e3)}
@@ -54,8 +57,11 @@ class LiveView:
         sys.setswitchinterval(self._interval)
 
     def _draw_on(self) -> None:
-        while not self._done.wait(PERIOD_S):
+        pause = PERIOD_S
+        while not self._done.wait(pause):
+            begun = time.perf_counter()
             self._live.update(self.picture(), refresh=True)
+            pause = max(PERIOD_S, REST * (time.perf_counter() - begun))
 
     def picture(self) -> RenderableType:
         """Everything on one screen: a panel per device."""
