@@ -123,14 +123,20 @@ class Wire:
         return self._injector.add(fault)
 
     def remove_fault(self, fault: Fault) -> None:
-        """Switch a fault off.
+        """Switch a fault off. What it held back goes on its way.
 
         Raises:
             ValueError: it is not on.
         """
         if self._injector is None:
             raise ValueError(f"no such fault is on: {fault}")
-        self._injector.remove(fault)
+        for frame, source, direction in self._injector.remove(fault):
+            if direction == "to_driver":
+                self.line.put(frame, self._now_ns, source)
+            else:
+                self._take_in(frame, self._now_ns)
+        if fault.kind == "latency" and (rest := self._injector.unmount_chip()):
+            self.transport.write(rest)
         if not self._injector.faults and self._down is None:
             self._injector = None
 
@@ -201,6 +207,8 @@ class Wire:
             return self.transport.write(frame)
         if not self.transport.listening:
             return False
+        if not chip.fault.covers(now_ns):
+            return self.transport.write(chip.empty() + frame)
         chip.tick(now_ns)
         chip.put(frame)
         self._note(now_ns, self._source, "latency", "")
@@ -255,7 +263,8 @@ class Wire:
         """Nothing is kept for whoever comes next."""
         self._lose([(lost.frame, 0) for lost in self.line.clear()], now_ns, self._source, "unheard", why)
         if self._injector is not None:
-            self._injector.forget()
+            held = [(frame, 0) for frame, _, way in self._injector.forget() if way == "to_driver"]
+            self._lose(held, now_ns, self._source, "unheard", why)
 
     def _arrive(self, data: Frame, now_ns: int) -> None:
         takes_ns = self._inbound_duration(data)
@@ -268,8 +277,11 @@ class Wire:
             parts = self._injector.spoil(parts, now_ns, self._source, "from_driver")
         for part, delay_ns in parts:
             if isinstance(part, bytes) or not part.is_error_frame:
-                self._inbound_number += 1
-                heapq.heappush(self._inbound, (end_ns + delay_ns, self._inbound_number, part))
+                self._take_in(part, end_ns + delay_ns)
+
+    def _take_in(self, frame: Frame, arrives_ns: int) -> None:
+        self._inbound_number += 1
+        heapq.heappush(self._inbound, (arrives_ns, self._inbound_number, frame))
 
     def _deliver(self, now_ns: int | None, events: list[Event]) -> None:
         while self._inbound and (now_ns is None or self._inbound[0][0] <= now_ns):

@@ -21,6 +21,9 @@ Note = Callable[[int, str, str, str], None]
 Key = tuple[str, str]
 """Source and direction of a frame: what one fault holds back of one is not mixed with the others."""
 
+Held = tuple[Frame, str, str]
+"""A frame that a fault holds back, with its source and direction."""
+
 _REMEMBERED = 16
 """Earlier frames that a stray one is chosen from."""
 
@@ -47,10 +50,12 @@ class FrameFault:
         spoiled = SPOIL[kind](frame, self.fault, self.rng) if hit else None
         return ([(frame, 0)], False) if spoiled is None else (spoiled, True)
 
-    def forget(self) -> None:
-        """The port was closed: what is held back is lost."""
+    def forget(self) -> list[Held]:
+        """It is over, or the port was closed: what it holds back."""
+        held = [(frame, source, direction) for (source, direction), frame in self._held.items()]
         self._held.clear()
         self._earlier.clear()
+        return held
 
     def _hits(self, frame: Frame, t_ns: int) -> bool:
         """Whether to spoil this frame. One random number is drawn for every frame that target and time match."""
@@ -125,7 +130,7 @@ class Injector:
         if fault.kind in ("unplug", "busoff"):
             self._outages.append(fault)
         elif fault.kind == "latency":
-            self.chip = LatencyChip(fault.by_ns)
+            self.chip = LatencyChip(fault)
         elif fault.kind in ("babble", "load"):
             assert isinstance(self.spec, CanWire)
             self.traffic.append(Traffic(fault, self.spec, rng))
@@ -133,18 +138,23 @@ class Injector:
             self._frames.append(FrameFault(fault, rng))
         return fault
 
-    def remove(self, fault: Fault) -> None:
-        """Switch a fault off.
+    def remove(self, fault: Fault) -> list[Held]:
+        """Switch a fault off; returns what it held back.
 
         Raises:
             ValueError: it is not on.
         """
         self.faults.remove(fault)
         self.traffic = [each for each in self.traffic if each.fault is not fault]
-        self._frames = [each for each in self._frames if each.fault is not fault]
         self._outages = [each for each in self._outages if each is not fault]
-        if fault.kind == "latency":
-            self.chip = None
+        over = [each for each in self._frames if each.fault is fault]
+        self._frames = [each for each in self._frames if each.fault is not fault]
+        return [held for each in over for held in each.forget()]
+
+    def unmount_chip(self) -> bytes:
+        """Take the USB-serial chip out; what it held."""
+        chip, self.chip = self.chip, None
+        return chip.empty() if chip else b""
 
     def spoil(self, parts: Parts, t_ns: int, source: str, direction: str) -> Parts:
         """Frames with their delays, as the faults leave them. ``direction``: ``to_driver`` or ``from_driver``.
@@ -167,12 +177,11 @@ class Injector:
         """The fault that has the link down at this moment."""
         return next((fault for fault in self._outages if fault.covers(now_ns)), None)
 
-    def forget(self) -> None:
-        """The port was closed: nothing is held back for the next who opens it."""
-        for active in self._frames:
-            active.forget()
+    def forget(self) -> list[Held]:
+        """The port was closed: nothing is held back for the next who opens it. What was, is returned."""
         if self.chip:
-            self.chip.clear()
+            self.chip.empty()
+        return [held for active in self._frames for held in active.forget()]
 
     def next_ns(self, now_ns: int) -> int | None:
         """When something of the link happens by itself, after ``now_ns``."""

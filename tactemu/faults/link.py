@@ -16,8 +16,9 @@ PACKET = 62
 class LatencyChip:
     """Hands bytes over in packets of 62, and a shorter rest when its timer fires. Each packet starts the timer anew."""
 
-    def __init__(self, timer_ns: int):
-        self.timer_ns = timer_ns
+    def __init__(self, fault: Fault):
+        self.fault = fault
+        self.timer_ns = fault.by_ns
         self._held = b""
         self._last_ns = 0
 
@@ -43,9 +44,10 @@ class LatencyChip:
         if not self._held:
             self._last_ns += (now_ns - self._last_ns) // self.timer_ns * self.timer_ns
 
-    def clear(self) -> None:
-        """Forget what is held."""
-        self._held = b""
+    def empty(self) -> bytes:
+        """Take out what is held."""
+        data, self._held = self._held, b""
+        return data
 
 
 class Traffic:

@@ -233,6 +233,59 @@ def test_faults_can_be_switched_while_running():
     assert wire.transport.driver.read() == [b"kept"] and wire._injector is None
 
 
+@pytest.mark.parametrize("kind", ["reorder", "merge"])
+def test_what_a_fault_holds_back_is_never_lost_without_a_word(kind):
+    wire = Wire(MemoryTransport(), USB)
+    wire.open()
+    wire.receive(0)
+    fault = wire.add_fault(kind)
+    wire.send([frame(1, USB)], 0, "pad")
+    wire.flush(0)
+    assert not wire.transport.driver.read() and not wire.counters["sent"]
+    wire.remove_fault(fault)
+    wire.flush(MS)
+    assert wire.transport.driver.read() == [frame(1, USB)]
+
+    wire.add_fault(kind)
+    wire.send([frame(2, USB)], MS, "pad")
+    wire.transport.driver.close()
+    wire.receive(2 * MS)
+    assert wire.counters["sent"] == 1 and wire.counters["unheard"] == 1
+
+
+@pytest.mark.parametrize("kind", ["reorder", "drop"])
+def test_a_held_command_reaches_the_device_when_the_fault_is_removed(kind):
+    wire = Wire(MemoryTransport(), USB)
+    wire.open()
+    fault = wire.add_fault(f"{kind} from_driver")
+    wire.transport.driver.write(b"command")
+    assert wire.receive(0) == [Opened()]
+    wire.remove_fault(fault)
+    assert wire.receive(MS) == ([Received(b"command")] if kind == "reorder" else [])
+
+
+def test_a_usb_chip_that_is_taken_out_hands_over_what_it_has():
+    wire = Wire(MemoryTransport(), USB)
+    wire.open()
+    wire.receive(0)
+    fault = wire.add_fault("latency 16ms to 10ms")
+    driver = wire.transport.driver
+    wire.send([b"early"], 0, "pad")
+    wire.flush(0)
+    assert not driver.read()
+    wire.send([b"late"], 11 * MS, "pad")
+    wire.flush(11 * MS)
+    assert driver.read() == [b"earlylate"], "its time is over: nothing waits any more"
+    wire.remove_fault(fault)
+
+    fault = wire.add_fault("latency 16ms")
+    wire.send([b"held"], 20 * MS, "pad")
+    wire.flush(20 * MS)
+    assert not driver.read()
+    wire.remove_fault(fault)
+    assert driver.read() == [b"held"]
+
+
 def test_flipped_bits_are_spread_evenly():
     rng_bits = np.zeros(64)
     sent, seen, _ = stream(USB, ["flip bits 4"], count=4000)
