@@ -32,7 +32,7 @@ class Case:
     def options(self, key: str) -> dict:
         return {k: v for k, v in self.meta["sensors"][key]["options"].items() if k not in OURS}
 
-    def replay(self, shape, keys, dtype: str, **extra):
+    def replay(self, shape, keys, dtype: str, device: str = "cpu", **extra):
         """Readings of the sensors ``keys`` when ``shape`` is pressed into the pad: ``{key: {branch: (T, ...)}}``."""
         scene = tt.Scene(dt=self.meta["dt"])
         pad, indenter = scene.add_body(name="pad"), scene.add_body(shape, name="indenter")
@@ -40,7 +40,7 @@ class Case:
         for key in keys:
             model = getattr(tt, self.meta["sensors"][key]["type"])
             sensors[key] = scene.add_sensor(model(**self.options(key), **extra), link=pad, name=key)
-        sim = scene.build(n_envs=self.n_envs if self.batched else None, dtype=dtype)
+        sim = scene.build(n_envs=self.n_envs if self.batched else None, dtype=dtype, device=device)
         readings = {key: {"": [], "_gt": []} for key in keys}
         resets = {event["step"]: [1] for event in self.meta["events"]}
         for t in range(self.n_steps):
