@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-CLUSTER = 16
+CLUSTER = 8
 """Points per cluster, at most."""
 FAR_AWAY = 1.0e17
 """Coordinate of a point that is out of everything's reach [m]; its square still fits float32."""
