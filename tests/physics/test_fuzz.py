@@ -88,14 +88,14 @@ def read(model, bodies, placed, *, link=HERE, order=range(5), dtype="float64"):
 def test_a_scene_moved_as_a_whole_reads_the_same(bodies, placed, options, shift, turn):
     shift, turn = np.array(shift) * 1000.0, unit(turn)
     moved = [(rotate(turn, at) + shift, multiply(turn, q)) for at, q in placed]
-    for query in ("sdf", "ray"):
-        model = tt.ContactDepthProbe(**options, contact_depth_query=query, ray_reach=5.0)
-        here = read(model, bodies, placed)
-        there = read(model, bodies, moved, link=(shift, turn))
-        tolerance = 1e-9 if query == "sdf" else 1e-4  # a line may graze
-        assert np.median(np.abs(here - there)) <= tolerance
-        if query == "sdf":
-            assert np.abs(here - there).max() <= tolerance
+    here = read(tt.ContactDepthProbe(**options), bodies, placed)
+    assert np.abs(here - read(tt.ContactDepthProbe(**options), bodies, moved, link=(shift, turn))).max() <= 1e-9
+    along = tt.ContactDepthProbe(**options, contact_depth_query="ray", ray_reach=5.0)
+    here = read(along, bodies, placed)
+    tilted = {**options, "probe_local_normal": np.array(options["probe_local_normal"]) + 1e-6}
+    tilted = read(tt.ContactDepthProbe(**tilted, contact_depth_query="ray", ray_reach=5.0), bodies, placed)
+    grazing = np.abs(here - tilted) > 1e-3  # lines along a face, or just at an edge
+    assert np.abs(here - read(along, bodies, moved, link=(shift, turn)))[~grazing].max(initial=0) < 1e-3
 
 
 @quick
