@@ -59,7 +59,7 @@ def make_device(name: str, options: dict[str, Any]) -> Device:
             raise DeviceError(f"device {name}: unknown option {option!r}{nearest(option, known)} (options: {has})")
     try:
         return device(**options)
-    except (TypeError, ValueError, LookupError) as error:
+    except (TypeError, ValueError, ArithmeticError, LookupError) as error:
         raise DeviceError(f"device {name}: {error}") from error
 
 
@@ -132,7 +132,7 @@ def sensor_model(skin: Skin, device: Device, laws: Sequence[str] = ()) -> Any:
         if laws:
             given["adjustable"] = tuple(sorted({*given.get("adjustable", ()), *laws}))
         return model(**given)
-    except (TypeError, ValueError, SceneError) as error:
+    except (TypeError, ValueError, ArithmeticError, SceneError) as error:
         raise SceneError(f"{where}: {error}") from error
 
 

@@ -80,14 +80,13 @@ def make_motion(tables: dict | list) -> Motion:
     if not isinstance(tables, dict):
         raise PydanticCustomError("motion", "expected a table with a `kind`, or a list of such tables")
     kind = tables.get("kind", "")
-    if kind not in MOTIONS:
+    if not isinstance(kind, str) or kind not in MOTIONS:
         what = {"kind": repr(kind), "hint": nearest(kind, MOTIONS), "known": ", ".join(MOTIONS)}
         raise PydanticCustomError("motion_kind", "unknown kind of motion {kind}{hint} (kinds: {known})", what)
     if kind in ("sequence", "together"):
-        parts = tuple(make_motion(table) for table in tables.get("motions", []))
-        extra = {"repeat": bool(tables.get("repeat", False))} if kind == "sequence" else {}
-        _CombinedTable.model_validate(tables)
-        return MOTIONS[kind](parts, **extra)  # type: ignore[call-arg]
+        checked = _CombinedTable.model_validate(tables)
+        parts = tuple(make_motion(table) for table in checked.motions)
+        return Sequence(parts, checked.repeat) if kind == "sequence" else Together(parts)
     values = _PLAIN[kind].model_validate(tables).model_dump(exclude={"kind"})
     return MOTIONS[kind](**values)
 
