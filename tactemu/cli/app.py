@@ -18,6 +18,7 @@ A simulated tactile skin on the far end of the wire: real sensors' bytes and CAN
   tactemu devices                      what can be emulated
   tactemu run anyskin                  a port, a press, a picture
   tactemu explain anyskin              frames, taxels, and what is simulated and why
+  tactemu tune hand.toml --rate 500    the most accurate setting that keeps a rate here
 """,
     no_args_is_help=True,
     add_completion=False,
@@ -213,3 +214,36 @@ def replay(
     from tactemu.cli.recordings import replay_file
 
     replay_file(file, port, speed=speed, step=step, loop=loop, faults=tuple(fault or ()), seconds=seconds)
+
+
+@app.command()
+def tune(
+    target: Target,
+    rate: Annotated[float, typer.Option("--rate", metavar="HZ", help="Samples per second that every skin shall keep.")],
+    error: Annotated[str, typer.Option(metavar="METRIC", help="taxels, total or worst.")] = "taxels",
+    seconds: Annotated[float, typer.Option(metavar="S", min=0.01, help="How much of the scene is looked at.")] = 4.0,
+    write: Annotated[bool, typer.Option(help="Write the choice into the scene file.")] = True,
+    device: Compute = None,
+    json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,
+) -> None:
+    """Choose the most accurate sensor model and dials that keep a rate on this machine.
+
+    \b
+      tactemu tune hand.toml --rate 500
+      tactemu tune anyskin --rate 100 --error total
+
+    Measures every setting on the scene, says what it costs and how wrong it is, and writes the choice into the file.
+    """
+    from tactemu.cli.kernels import start_quietly
+    from tactemu.cli.progress import show_progress
+    from tactemu.tune import as_dict, run_tune
+
+    start_quietly()
+    say = (lambda _text: None) if json else typer.echo
+    choices = run_tune(
+        target, rate, error=error, report=say, seconds=seconds, write=write, compute=device, progress=show_progress
+    )
+    if json:
+        import json as encoder
+
+        typer.echo(encoder.dumps([as_dict(choice) for choice in choices], indent=1))
