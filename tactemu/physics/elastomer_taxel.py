@@ -129,7 +129,7 @@ class _Parts:
             elastomer_thickness=model.elastomer_thickness,
             area_weighted=model.area_weighted,
         )
-        depth, find = taxel_depth(site, self.is_sensing, model.normal_exponent)
+        depth, find = taxel_depth(site, model.normal_exponent)
         shared = {
             "scale": model.dilate_scale,
             "depth": depth.depth,

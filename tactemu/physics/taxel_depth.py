@@ -4,18 +4,13 @@ import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
 import warp as wp
 
-from tactemu.physics.contact import nearest_function
+from tactemu.physics.contact import contact_function, probe_arrays, probes_struct, strip_function, strips
 from tactemu.physics.plan import record
-from tactemu.physics.point_cloud import bounding_ball
 from tactemu.physics.sensor import Site
-from tactemu.physics.shapes import shape_functions, table_type
+from tactemu.physics.shapes import table_type
 
-_SEGMENT = {"cpu": 8, "cuda": 1}
-"""Taxels that one thread looks at: if no body reaches their ball, none is looked at closer. On a GPU neighbouring
-threads write neighbouring numbers."""
 _NOWHERE = 2**30
 
 
@@ -32,12 +27,7 @@ class TaxelDepth:
 
 
 @functools.cache
-def _kernels(real, kinds: frozenset):
-    vec3, vec4 = wp.types.vector(3, real), wp.types.vector(4, real)
-    transform = wp.types.transformation(real)
-    nearest = nearest_function(real, kinds)
-    reaches = shape_functions(real, kinds).reaches
-
+def _clear_kernel():
     @wp.kernel(module="unique", enable_backward=False)
     def clear_box(box: wp.array2d(dtype=wp.int32)):
         env = wp.tid()
@@ -46,34 +36,36 @@ def _kernels(real, kinds: frozenset):
         box[env, 2] = _NOWHERE
         box[env, 3] = -1
 
+    return clear_box
+
+
+@functools.cache
+def _depth_kernel(real, kinds: frozenset, along_normal: bool, in_strips: bool):
+    transform = wp.types.transformation(real)
+    contact, touches = contact_function(real, kinds, along_normal), strip_function(real, kinds)
+
     @wp.kernel(module="unique", enable_backward=False)
     def find_depth(
         shapes: table_type(real),
         pose: wp.array2d(dtype=transform),
         targets: wp.array(dtype=wp.int32),
-        positions: wp.array(dtype=vec3),
-        is_sensing: wp.array(dtype=wp.bool),
-        balls: wp.array(dtype=vec4),
+        probes: probes_struct(real),
         exponent: real,
         cols: int,
-        segment_size: int,
         # outputs
         depth: wp.array2d(dtype=real),
         power: wp.array2d(dtype=real),
         box: wp.array2d(dtype=wp.int32),
     ):
-        env, segment = wp.tid()
-        first = segment * segment_size
-        last = wp.min(first + segment_size, positions.shape[0])
-        ball = balls[segment]
-        near = bool(False)
-        for t in range(targets.shape[0]):
-            b = targets[t]
-            near = near or reaches(shapes, b, pose[env, b], vec3(ball[0], ball[1], ball[2]), ball[3])
-        for taxel in range(first, last):
+        env, strip = wp.tid()
+        first = strip * probes.strip
+        near = bool(True)
+        if wp.static(in_strips):
+            near = touches(shapes, pose, targets, probes, env, strip, real(0.0))
+        for taxel in range(first, wp.min(first + probes.strip, probes.positions.shape[0])):
             h = real(0.0)
-            if near and is_sensing[taxel]:
-                distance, _normal, _body = nearest(shapes, pose, targets, env, positions[taxel], real(0.0))
+            if near and probes.radii[taxel] > real(0.0):
+                distance, _normal, _body = contact(shapes, pose, targets, probes, env, taxel, real(0.0))
                 if not (distance >= real(0.0)):  # so that NaN goes on
                     h = -distance
                     row = taxel // cols
@@ -88,35 +80,20 @@ def _kernels(real, kinds: frozenset):
             elif exponent != real(1.0):
                 power[env, taxel] = wp.pow(h, exponent)
 
-    return clear_box, find_depth
+    return find_depth
 
 
-def _balls(site: Site, size: int) -> wp.array:
-    """A ball around each segment of taxels: centre, and radius with room for rounding."""
-    real, positions = site.context.real, site.probes.positions
-    parts = [positions[i : i + size] for i in range(0, len(positions), size)]
-    balls = np.array([bounding_ball(part) for part in parts]) * [1.0, 1.0, 1.0, 1.0 + 1e-5]
-    return wp.array(balls, dtype=wp.types.vector(4, real), device=site.context.device)
-
-
-def taxel_depth(site: Site, is_sensing: wp.array, exponent: float) -> tuple[TaxelDepth, Callable[[], None]]:
+def taxel_depth(site: Site, exponent: float) -> tuple[TaxelDepth, Callable[[], None]]:
     """Allocate the arrays and record the query. ``exponent`` > 0."""
     context = site.context
     real, device, shape = context.real, context.device, (context.n_envs, site.probes.n)
     depth = wp.zeros(shape, dtype=real, device=device)
     power = depth if exponent == 1.0 else wp.zeros(shape, dtype=real, device=device)
     box = wp.zeros((context.n_envs, 4), dtype=wp.int32, device=device)
-    size = _SEGMENT["cpu" if device.is_cpu else "cuda"]
-    clear_box, find_depth = _kernels(real, site.table.kinds)
-    clear = record(clear_box, context.n_envs, [], [box], device)
-    inputs = [site.table.struct, site.view.pose, site.targets, site.positions, is_sensing, _balls(site, size), exponent]
-    find = record(
-        find_depth,
-        (shape[0], -(-shape[1] // size)),
-        [*inputs, site.probes.layout[-1], size],
-        [depth, power, box],
-        device,
-    )
+    clear = record(_clear_kernel(), context.n_envs, [], [box], device)
+    kernel = _depth_kernel(real, site.table.kinds, site.along_normal, device.is_cpu)
+    inputs = [site.table.struct, site.view.pose, site.targets, probe_arrays(site), exponent, site.probes.layout[-1]]
+    find = record(kernel, strips(site), inputs, [depth, power, box], device)
 
     def launch():
         clear()

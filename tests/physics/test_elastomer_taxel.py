@@ -323,3 +323,49 @@ def test_only_what_is_switched_on_is_in_the_plan():
         names[dilate, shear] = [stage.name.split(": ")[-1] for stage in sim.plan.stages if "Elastomer" in stage.name]
     assert names[1.0, 0.0] == ["depth", "dilation"] and names[0.0, 1.0] == ["anchors", "shear"]
     assert names[1.0, 1.0] == ["depth", "dilation", "anchors", "shear"] and names[0.0, 0.0] == []
+
+
+@pytest.mark.parametrize("layout", [(8, 8), (64,)])
+def test_depth_along_the_normal_goes_beyond_the_middle_of_a_plate(layout):
+    """A plate of 1 mm pressed by 0.6 mm: the nearest surface is 0.4 mm away, along the normal it is 0.6 mm."""
+    largest = {}
+    for query in ("sdf", "ray"):
+        model = {"lambda_d": 1e12, "normal_exponent": 1.0, "contact_depth_query": query}
+        positions = grid(8, 8).reshape(*layout, 3)
+        sim, skin, plate = build(probe_local_pos=positions, shape=tt.Box(size=(0.03, 0.03, 1e-3)), **model)
+        sim.set_pose(plate, position=(0, 0, TOP + 0.5e-3 - 0.6e-3))
+        sim.step()
+        largest[query] = skin.read()[..., 2].max()
+    assert largest["sdf"] == pytest.approx(0.4e-3) and largest["ray"] == pytest.approx(0.6e-3)
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("layout", [(8, 8), (64,)])
+def test_a_pose_that_is_not_finite_on_a_gpu(layout):
+    import warp as wp
+
+    if not wp.is_cuda_available():
+        pytest.skip("no CUDA device")
+    positions = grid(8, 8).reshape(*layout, 3)
+    readings = {}
+    for bad in (False, True):
+        scene = tt.Scene()
+        pad = scene.add_body(tt.Box(size=(0.08, 0.08, 0.02)))
+        ball = scene.add_body(tt.Sphere(radius=0.015))
+        skins = [
+            scene.add_sensor(tt.ElastomerTaxel(probe_local_pos=positions), link=pad),
+            scene.add_sensor(tt.ProximityTaxel(probe_local_pos=positions), link=pad),
+        ]
+        sim = scene.build(n_envs=3, device="cuda:0")
+        for x in (0.0, 1e-3, 2e-3, 3e-3):
+            sim.set_pose(ball, position=(x, 0, TOP + 0.0135))
+            if bad and x == 3e-3:
+                sim.set_pose(ball, position=(np.nan, 0, TOP), envs=[1])
+            sim.step()
+        if bad:
+            with pytest.raises(PoseError, match="environment 1, step 4"):
+                skins[0].read()
+        readings[bad] = [skins[0].read(), skins[1].read().force]
+    for good, spoilt in zip(readings[False], readings[True]):
+        assert np.isnan(spoilt[1]).any(axis=-1).all()
+        assert np.array_equal(spoilt[[0, 2]], good[[0, 2]])
