@@ -106,6 +106,15 @@ def test_temperature_course_between_keyframes_and_outside():
     np.testing.assert_allclose(seen, 2.0 * (1 + 0.01 * (celsius - 20)) + 0.1 * (celsius - 20), rtol=1e-9)
 
 
+def test_temperature_after_three_years_at_a_kilohertz():
+    """Time is int64 nanoseconds: a float32 second would have stood still after nine hours."""
+    year = 365.25 * 86400
+    given = {"temperature_course": [(0.0, 0.0), (6 * year, 6 * year)], "temperature_reference": 0.0}
+    rig = Rig(options(**given, temperature_offset=1.0), info((1,)), step=round(3 * year * 1000))
+    seen = rig.run(3, 0.0).ravel() - 3 * year
+    np.testing.assert_allclose(seen, [1e-3, 2e-3, 3e-3], atol=1e-6)
+
+
 def test_temperature_coefficients_per_taxel():
     given = {"temperature_course": [(0.0, 35.0)], "temperature_offset": [0.0, 0.1, 0.2]}
     np.testing.assert_allclose(once([0.0, 0.0, 0.0], **given), [0.0, 1.0, 2.0], atol=1e-12)
