@@ -47,9 +47,12 @@ app.add_typer(bench, name="bench")
 
 def _version(wanted: bool) -> None:
     if wanted:
-        from importlib.metadata import version
+        from importlib.metadata import PackageNotFoundError, version
 
-        typer.echo(f"tactemu {version('tactemu')}")
+        try:
+            typer.echo(f"tactemu {version('tactemu')}")
+        except PackageNotFoundError:
+            typer.echo("tactemu (a source tree that is not installed)")
         raise typer.Exit
 
 
@@ -88,7 +91,7 @@ def run(
     \b
       tactemu run anyskin
       tactemu run anyskin --port pty:/tmp/skin --rate 200 --fault 'drop 1%'
-      tactemu run linker_hand --port can:socketcan:vcan0
+      tactemu run linker_hand_l6 --port can:socketcan:vcan0
       tactemu run hand.toml --fault 'unplug at 3s for 0.5s' --truth truth.jsonl
       tactemu run my_sensor.py:MySensor --port tcp:127.0.0.1:5000
       tactemu run anyskin --port memory: --virtual --seconds 10 --json
@@ -167,7 +170,7 @@ def faults() -> None:
     \b
       tactemu faults
       tactemu run anyskin --fault 'drop 1%' --fault 'unplug at 3s for 0.5s'
-      tactemu run linker_hand --fault 'flip 5% id=0x28 from 2s to 6s'
+      tactemu run linker_hand_l6 --fault 'flip 5% id=0x28 from 2s to 6s'
     """
     from tactemu.cli.recordings import print_faults
 

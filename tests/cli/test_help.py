@@ -1,5 +1,6 @@
 """The command line is light, and its help teaches."""
 
+import re
 import subprocess
 import sys
 
@@ -58,3 +59,15 @@ def test_wrong_usage_exits_with_2(arguments):
     done = tactemu(*arguments)
     assert done.returncode == 2
     assert done.stderr and not done.stdout
+
+
+def test_version():
+    done = tactemu("--version")
+    assert done.returncode == 0
+    assert done.stdout.startswith("tactemu ")
+
+
+def test_every_device_named_in_an_example_exists():
+    text = "".join(tactemu(command, "--help").stdout for command in ("run", "faults", "devices", "explain"))
+    named = set(re.findall(r"tactemu (?:run|explain|devices) ([a-z_0-9]+)(?: |\n)", text))
+    assert named and named <= {*firmware_protocols.names()}, named
