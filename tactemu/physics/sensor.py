@@ -221,17 +221,19 @@ class Sensor(SensorSetters):
             SceneError: the scene is not built.
             PoseError: on a GPU, a pose of this step was not finite.
         """
-        return self._present(self._array(ground_truth=False))
+        return self._present(self._numpy(self.array()))
 
     def read_ground_truth(self):
         """The reading of the last step without any imperfection, delay or noise; shaped as :meth:`read`."""
-        return self._present(self._array(ground_truth=True))
+        return self._present(self._numpy(self.array(ground_truth=True)))
 
     def array(self, ground_truth: bool = False) -> wp.array:
-        """The device array behind a reading, ``(n_envs, [history,] n_taxels, channels)``: not copied, valid until
-        the next step."""
-        self._array(ground_truth)
-        return self._truth if ground_truth else self._measured
+        """The device array behind a reading, ``(n_envs, [history,] n_taxels, channels)``: nothing is copied or waited
+        for, and the next step writes into it."""
+        array = self._truth if ground_truth else self._measured
+        if array is None:
+            raise SceneError(f"sensor {self.name!r} has nothing to read yet: build the scene (scene.build()) first")
+        return array
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -248,17 +250,16 @@ class Sensor(SensorSetters):
             has = ", ".join(self.quantities) or "none"
             kind = type(self.model).__name__
             raise SceneError(f"sensor {self.name!r} ({kind}) has no {name!r}; it offers: {has}")
-        values = self._array(ground_truth)[0]
+        array = self.array(ground_truth)
+        first = array[:1] if array.size and array.device.is_cuda else array  # on the CPU nothing is copied
+        values = self._numpy(first)[0]
         values = values[0] if values.ndim == 3 else values
         values = values[:, self.model.layouts[name]]
         if name == "touch":
             return values[:, 0] > 0
         return values[:, 0].copy() if values.shape[1] == 1 else values.copy()
 
-    def _array(self, ground_truth: bool) -> np.ndarray:
-        if self._sim is None:
-            raise SceneError(f"sensor {self.name!r} has nothing to read yet: build the scene (scene.build()) first")
-        array = self._truth if ground_truth else self._measured
+    def _numpy(self, array: wp.array) -> np.ndarray:
         self._sim.before_read()
         return array.numpy()
 
