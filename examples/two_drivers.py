@@ -2,12 +2,13 @@
 
 A ball is pressed into a simulated AnySkin, which the ``anyskin`` package reads from a virtual serial port, and the same
 way into a simulated LinkerHand fingertip, which the ``linkerbot`` SDK reads over CAN. Neither driver knows of tactemu;
-each runs in a process of its own. Run it with ``./try``, or ``python examples/two_drivers.py``.
+each runs in a process of its own. Run it with ``scripts/try``, or ``python examples/two_drivers.py``.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 
@@ -34,11 +35,14 @@ print(json.dumps(frames))
 
 LINKERBOT_DRIVER = """
 import json, sys, time
-from linkerbot import L6
+from linkerbot import L6, TimeoutError
 frames, end = [], time.monotonic() + 3
 with L6("left", sys.argv[1], sys.argv[2]) as hand:
-    while time.monotonic() < end:
-        data = hand.force_sensor.get_blocking(timeout_ms=5000)
+    while time.monotonic() < end or not frames:
+        try:
+            data = hand.force_sensor.get_blocking(timeout_ms=500)
+        except TimeoutError:  # it asks before it waits: on a busy machine the answer can come in between
+            continue
         frames.append([getattr(data, f).values.tolist() for f in ("thumb", "index", "middle", "ring", "pinky")])
 print(json.dumps(frames))
 """
@@ -120,6 +124,9 @@ def main() -> int:
     """Both; exit code 0 when both drivers read what was felt."""
     console = Console(highlight=False)
     start_quietly()
+    # Linux gives a program on one multicast group the frames of all groups that others here have joined on its UDP
+    # port. python-can reads this variable: a port of our own keeps, say, a second run of this program out.
+    os.environ.setdefault("CAN_CONFIG", json.dumps({"port": 20_000 + os.getpid() % 20_000}))
     return 0 if all([anyskin(console), linker_hand(console)]) else 1
 
 

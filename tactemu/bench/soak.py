@@ -161,4 +161,7 @@ def _rss_kib() -> float:
 
 def _slope(points: list[tuple[float, float]]) -> float:
     """Least-squares slope; 0 with fewer than two points."""
-    return float(np.polyfit(*np.array(points).T, 1)[0]) if len(points) > 1 else 0.0
+    if len(points) < 2:
+        return 0.0
+    x, y = np.array(points).T
+    return float(np.polyfit(x, y, 1)[0])

@@ -6,6 +6,7 @@ surface with holes is used with a warning, inside being what it mostly encloses.
 """
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -56,7 +57,7 @@ def _read(source, name: str) -> tuple[np.ndarray, np.ndarray]:
     return np.asarray(vertices), np.asarray(faces)
 
 
-def load_mesh(source, scale=1.0, name: str = "mesh") -> Triangles:
+def load_mesh(source, scale: float | Sequence[float] = 1.0, name: str = "mesh") -> Triangles:
     """Load a mesh, put right what can be, and refuse what has no distance.
 
     Args:

@@ -88,20 +88,39 @@ def test_true_time_on_a_pty_from_the_moment_the_driver_opens_it():
         wire.close()
 
 
+class CountingRecorder(Recorder):
+    """Knows how many bytes it has: how the kernel cuts them into entries is its own affair."""
+
+    bytes = 0
+
+    def add(self, entry):
+        self.bytes += len(entry.frame)
+        super().add(entry)
+
+
 def test_what_a_port_sends_is_recorded(tmp_path):
     """Record from the port that a replay feeds: the copy has the same bytes and about the same timing."""
     player, wire, clock = replay(STREAM, "pty:", clock=RealClock())
     thread = threading.Thread(target=player.run)
-    thread.start()
+    size = sum(len(entry.frame) for entry in STREAM.entries)
+
+    def stop(_):
+        """The first call comes when pyserial has opened the port, and thrown away what was there."""
+        if thread.ident is None:
+            thread.start()
+        return recorder.bytes >= size
+
     try:
-        with Recorder(tmp_path / "x.jsonl", baud=115_200) as recorder:
-            record(wire.transport.address, recorder, clock=clock, stop=lambda n: player.done and n >= 10)
+        with CountingRecorder(tmp_path / "x.jsonl", baud=115_200) as recorder:
+            record(wire.transport.address, recorder, clock=clock, stop=stop)
         copy = load(tmp_path / "x.jsonl")
         assert b"".join(e.frame for e in copy.entries) == b"".join(e.frame for e in STREAM.entries)
-        assert copy.entries[-1].t_ns - copy.entries[0].t_ns == pytest.approx(19 * 20e6, abs=60e6)
+        late = [entry.t_ns - 20_000_000 * entry.frame[-1] for entry in copy.entries]
+        assert np.median(late) - min(late) < 10e6, "half of the frames within 10 ms, on a busy machine too"
     finally:
         player.stop()
-        thread.join()
+        if thread.ident is not None:
+            thread.join()
         wire.close()
 
 

@@ -133,11 +133,15 @@ def test_the_lowest_identifier_goes_first_and_nodes_keep_their_order(port):
         ident: [CanFrame(arbitration_id=ident, data=bytes([k])) for k in range(4)] for ident in (0x500, 0x300, 0x40)
     }
     with can.Bus(interface="socketcan", channel="vcan0") as driver:
+        start, wall = clock.now_ns() + 20_000_000, time.time() + 0.02
         for ident, frames in readings.items():
-            wire.send(frames, 0, f"node {ident:x}")
-        play(wire, clock, 0.05, lambda now: now + 10**9)
-        got = [driver.recv(1) for _ in range(12)]
-    assert [(m.arbitration_id, m.data[0]) for m in got if m] == [(i, k) for i in (0x40, 0x300, 0x500) for k in range(4)]
+            wire.send(frames, start, f"node {ident:x}")
+        play(wire, clock, 0.2, lambda now: now + 10**9)
+        got = [message for _ in range(12) if (message := driver.recv(1))]
+    assert [(m.arbitration_id, m.data[0]) for m in got] == [(i, k) for i in (0x40, 0x300, 0x500) for k in range(4)]
+    arrived = np.array([message.timestamp for message in got]) - wall
+    shortest = 55 / 250_000  # one byte of data, no stuff bits; a busy machine may be late, never early
+    assert np.all(arrived > shortest * np.arange(1, 13) - 1e-4)
 
 
 def test_an_fd_frame_on_a_classic_interface_is_dropped_not_fatal(port):
