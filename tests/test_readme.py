@@ -46,5 +46,11 @@ def test_every_file_that_the_readme_links_to_is_there():
         assert (README.parent / target).exists(), target
 
 
+def test_every_page_is_linked():
+    text = README.read_text()
+    for page in (README.parent / "docs").glob("*.md"):
+        assert f"(docs/{page.name})" in text, page.name
+
+
 if __name__ == "__main__" and "--write" in sys.argv:
     README.write_text(TABLE.sub(lambda found: found[1] + table() + found[2], README.read_text()))
