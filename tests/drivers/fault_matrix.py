@@ -20,6 +20,7 @@ import numpy as np
 
 import tactemu
 from tests.drivers.rig import DRIVERS as SCRIPTS
+from tests.drivers.test_inspire_rh56dftp import INDEX_TOP, PALM
 
 PAGE = Path(__file__).parents[2] / "docs" / "drivers-under-faults.md"
 LIMIT_S = 25.0
@@ -55,8 +56,8 @@ FAULTS = (
     "late 5% by 30ms",
     "stray 5%",
     "latency 16ms",
-    "silence at 1s for 1s",
-    "unplug at 1s for 0.5s",
+    "silence at {at} for 1s",
+    "unplug at {at} for 0.5s",
 )
 
 TOUCH_FORCE = [121591.0 / (33000.0 / (k * (3.3 / 4096.0)) + 10000) + 0.878894 if k else 0 for k in range(4096)]
@@ -78,6 +79,8 @@ class Driver:
     port: str | None = None
     bias: float = -1.0
     noise: float = 0.2
+    at: str = "1200ms"
+    """A moment when it reads, for what happens once."""
 
 
 OPTOFORCE_SCALE = np.array([1 / 7925 * 300, 1 / 8641 * 300, 1 / 6049 * 2000])
@@ -107,16 +110,17 @@ ALL = (
     Driver(
         "optoforce 0.3.0", "optoforce", "optoforce_read.py", lambda port: [port, "OptoForce16"],
         _optoforce, lambda counts: (counts * OPTOFORCE_SCALE).reshape(-1),
-        rejects=lambda packets: sum(not packet["valid_checksum"] for packet in packets), bias=-200.0, noise=20.0,
+        rejects=lambda packets: sum(not packet["valid_checksum"] for packet in packets),
+        bias=-200.0, noise=20.0, at="600ms",
     ),
     Driver(
         "pymodbus 3.11", "inspire_rh56dftp", "pymodbus_read.py", lambda port: [port],
-        lambda got: got["many"], lambda counts: counts[-112:], noise=0.5,
+        lambda got: got["many"], lambda counts: counts[PALM], noise=0.5,
     ),
     Driver(
         "plusml-rh56dftp 0.1.7", "inspire_rh56dftp", "plusml_rh56dftp_read.py",
         lambda port: [port.removeprefix("socket://")], lambda got: [values[:96] for values in got["many"]],
-        lambda counts: counts, port="tcp:127.0.0.1:0", noise=0.5,
+        lambda counts: counts[INDEX_TOP], port="tcp:127.0.0.1:0", noise=0.5,
     ),
 )  # fmt: skip
 
@@ -135,12 +139,13 @@ class Outcome:
     def __str__(self) -> str:
         if self.error:
             return self.error
-        words = f"{self.wrong} wrong of {self.readings}" if self.wrong else "all right"
+        words = f"{self.wrong} wrong of {self.readings}" if self.wrong else f"all {self.readings} right"
         return words if self.rejected is None else f"{words}, {self.rejected} rejected"
 
 
 def run(driver: Driver, fault: str, *, seed: int = 0) -> Outcome:
     """Serve the driver's device with one fault and let the driver read it."""
+    fault = fault.format(at=driver.at)
     with tempfile.TemporaryDirectory() as folder:
         scene = Path(folder) / "scene.toml"
         scene.write_text(SCENE.format(device=driver.device, bias=driver.bias, noise=driver.noise))
@@ -185,8 +190,8 @@ def main() -> None:
                 outcome = run(driver, fault)
             except tactemu.TactemuError as error:
                 outcome = Outcome(0, error=f"({error})")
-            rows.append((driver, fault, outcome))
-            print(f"{driver.name:24} {fault or 'no fault':26} {outcome.injected:4}  {outcome}", flush=True)
+            rows.append((driver, fault.format(at=driver.at), outcome))
+            print(f"{driver.name:24} {rows[-1][1] or 'no fault':26} {outcome.injected:4}  {outcome}", flush=True)
     if wishes.write:
         PAGE.write_text(page(rows))
 
@@ -207,7 +212,7 @@ What unmodified drivers make of a wire that goes wrong. Each row is one run of `
 driver from the package index, in its own process, asks for 200 readings while one fault is on (seed 0); every reading
 that it hands to its caller is compared with the truth log.
 
-* **all right**: every reading is one that the sensor sent. Fewer may have come, or later.
+* **all N right**: every one of N readings is one that the sensor sent.
 * **N wrong**: the driver handed over N readings that the sensor never sent.
 * **N rejected**: the driver marked N readings as bad by itself.
 * **raises**: the program ends with this exception if it does not catch it.

@@ -5,10 +5,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from firmware_protocols import CanFrame, CanWire, SerialWire
 from tactemu.errors import SceneError
-from tactemu.faults import KINDS, parse
+from tactemu.faults import KINDS, Fault, parse
+from tactemu.faults.frames import SPOIL
 from tactemu.transports.memory import MemoryTransport
 from tactemu.transports.transport import Closed, Opened, Received
 from tactemu.truth import Truth
@@ -360,3 +363,30 @@ def test_an_error_frame_costs_the_frame_twice_over():
     errors = [each for _, each in seen if each.is_error_frame]
     assert len(errors) == injected["error"] > 100
     assert [each for _, each in seen if not each.is_error_frame] == sent[: len(seen) - len(errors)]
+
+
+VALUES = "1% 5 % every at from to for by bits bytes id=0x1 id= prefix=5a to_driver both 3s 1e9s -1s 0s 16ms 0x".split()
+WORDS = st.sampled_from([*KINDS, *VALUES, "", "\u00bd", "\N{ARABIC-INDIC DIGIT THREE}s"])
+
+
+@given(st.lists(WORDS | st.text(max_size=8), max_size=8).map(" ".join))
+def test_any_words_give_a_fault_or_an_error_that_says_what_is_expected(text):
+    try:
+        fault = parse(text)
+    except SceneError as error:
+        assert "expected" in str(error) or repr(text) in str(error)
+    else:
+        assert parse(str(fault)) == fault
+        assert fault.stop_ns is None or fault.start_ns < fault.stop_ns
+
+
+@given(st.binary(min_size=1, max_size=64), st.sampled_from(sorted(SPOIL)), st.integers(1, 600), st.integers(0, 999))
+def test_any_frame_can_be_spoiled(data, kind, amount, seed):
+    """What comes out is still a frame: bytes, or a CAN frame of a length that exists."""
+    fault = Fault(kind=kind, amount=amount, by_ns=5)
+    for spoiled in (data, CanFrame(arbitration_id=1, data=data[:8])):
+        for each, delay in SPOIL[kind](spoiled, fault, np.random.default_rng(seed)) or []:
+            assert delay in (0, 5)
+            assert isinstance(each, bytes) or isinstance(spoiled, CanFrame)
+            if isinstance(each, CanFrame):
+                assert len(each.data) <= 8
