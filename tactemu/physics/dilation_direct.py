@@ -55,7 +55,8 @@ def free_areas(positions: np.ndarray, normals: np.ndarray) -> np.ndarray:
 
 
 @functools.cache
-def _kernels(real):
+def _kernels(real, quick: bool):
+    """``quick``: a GPU's short exponential and quotient, good to 1e-6."""
     vec3 = wp.types.vector(3, real)
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -74,7 +75,7 @@ def _kernels(real):
                 count += 1
         n_pressed[env, chunk] = count
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": quick})
     def sum_pressed(
         depth: wp.array2d(dtype=real),
         power: wp.array2d(dtype=real),
@@ -161,7 +162,7 @@ def direct_dilation(
     n_pressed = wp.zeros((n_envs, n_chunks), dtype=wp.int32, device=device)
     pressed = wp.zeros((n_envs, n_chunks * CHUNK), dtype=wp.int32, device=device)
     table = wp.array(np.zeros(0) if weight.table is None else weight.table, dtype=real, device=device)
-    list_pressed, sum_pressed = _kernels(real)
+    list_pressed, sum_pressed = _kernels(real, not device.is_cpu)
     groups, list_chunks = active_groups(context, n_pressed)
     first = record(list_pressed, (n_envs, n_chunks), [depth], [n_pressed, pressed], device)
     weights = [options.lambda_d, weight.gaussian, weight.far, weight.eps, table, weight.table_step]

@@ -2,7 +2,8 @@
 
 ``u_i = scale sum_o exp(-lambda_s |P_i (r_i - y_o)|^2) P_i pull_o`` with ``P_i`` the projection onto the tangent plane
 of marker i. There are three ways to the same numbers: taxels one by one; a block of rows of a flat grid in one thread;
-and, on a CPU, tables of the Gaussians of each row and column.
+and, on a CPU, tables of the Gaussians of each row and column. ``quick`` asks for a GPU's short exponential, which is
+good to 1e-6.
 """
 
 import functools
@@ -22,10 +23,10 @@ _NEGLIGIBLE = 1.0e-30
 
 
 @functools.cache
-def _direct_kernel(real, add: bool):
+def _direct_kernel(real, add: bool, quick: bool):
     vec3 = wp.types.vector(3, real)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": quick})
     def add_shear(
         n_pulling: wp.array2d(dtype=wp.int32),
         n_active: wp.array(dtype=wp.int32),
@@ -147,11 +148,11 @@ def _grid_kernels(real, add: bool):
 
 
 @functools.cache
-def _block_kernel(real, add: bool):
+def _block_kernel(real, add: bool, quick: bool):
     vec3 = wp.types.vector(3, real)
     block = wp.types.vector(WIDTH, real)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": quick})
     def add_shear(
         n_pulling: wp.array2d(dtype=wp.int32),
         n_active: wp.array(dtype=wp.int32),
@@ -225,7 +226,7 @@ def direct_shear_motion(
         lambda_s,
     ]
     dim = (context.n_envs, len(is_sensing))
-    return record(_direct_kernel(context.real, add), dim, inputs, [motion], context.device)
+    return record(_direct_kernel(context.real, add, not context.device.is_cpu), dim, inputs, [motion], context.device)
 
 
 def tabulated_shear_motion(
@@ -294,4 +295,5 @@ def grid_shear_motion(
     inputs = [anchors.n_pulling, groups.n_active, groups.active, anchors.place, anchors.pull, vec3(*corner)]
     inputs += [vec3(*grid.u), vec3(*grid.v), grid.du, grid.dv, lambda_s, scale, is_sensing.reshape(shape[1:])]
     dim = (context.n_envs, -(-grid.rows // WIDTH), grid.cols)
-    return record(_block_kernel(context.real, add), dim, inputs, [motion.reshape(shape)], context.device)
+    kernel = _block_kernel(context.real, add, not context.device.is_cpu)
+    return record(kernel, dim, inputs, [motion.reshape(shape)], context.device)
