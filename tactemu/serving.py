@@ -376,9 +376,11 @@ class Served:
         def action() -> None:
             try:
                 emulator.at(round(begin(emulator.clock.now_ns() / 1e9) * 1e9), done.set)
-            except Exception as error:  # a mistake of the caller's: raised where it was made
+            except Exception as error:  # a mistake of the caller's: raised where it was made, or by stop()
                 failed.append(error)
                 done.set()
+                if not wait:
+                    self._error = error
 
         emulator.call(action)
         while wait and not done.wait(0.05):

@@ -99,6 +99,14 @@ def test_an_error_in_the_background_reaches_the_test():
     device.stop()
 
 
+def test_a_mistake_that_nobody_waits_for_is_raised_at_the_end():
+    device = serve("anyskin").start()
+    device.press(1e-3, taxel=77, body="ball", wait=False)
+    device.wait(0.05)
+    with pytest.raises(TactemuError, match="got 77"):
+        device.stop()
+
+
 def test_a_scene_file_keeps_its_motions_unless_steered(tmp_path):
     path = tmp_path / "scene.toml"
     path.write_text(SCENE)
