@@ -8,7 +8,7 @@ import numpy as np
 import tactemu as tt
 
 DATA = Path(__file__).parents[1] / "data" / "genesis"
-OURS = {"ent", "contact_depth_query", "history_length"}
+NOT_OURS = {"ent"}
 
 
 class Case:
@@ -30,10 +30,13 @@ class Case:
         )
 
     def options(self, key: str) -> dict:
-        return {k: v for k, v in self.meta["sensors"][key]["options"].items() if k not in OURS}
+        return {k: v for k, v in self.meta["sensors"][key]["options"].items() if k not in NOT_OURS}
 
-    def replay(self, shape, keys, dtype: str, device: str = "cpu", **extra):
-        """Readings of the sensors ``keys`` when ``shape`` is pressed into the pad: ``{key: {branch: (T, ...)}}``."""
+    def replay(self, shape, keys, dtype: str, device: str = "cpu", gated: bool = False, **extra):
+        """Readings of the sensors ``keys`` when ``shape`` is pressed into the pad: ``{key: {branch: (T, ...)}}``.
+
+        ``gated``: the object is taken away on steps on which the seed's contact list is empty.
+        """
         scene = tt.Scene(dt=self.meta["dt"])
         pad, indenter = scene.add_body(name="pad"), scene.add_body(shape, name="indenter")
         sensors = {}
@@ -42,12 +45,15 @@ class Case:
             sensors[key] = scene.add_sensor(model(**self.options(key), **extra), link=pad, name=key)
         sim = scene.build(n_envs=self.n_envs if self.batched else None, dtype=dtype, device=device)
         readings = {key: {"": [], "_gt": []} for key in keys}
-        resets = {event["step"]: [1] for event in self.meta["events"]}
+        resets = {event["step"]: [1] if "envs_idx" in event["event"] else None for event in self.meta["events"]}
         for t in range(self.n_steps):
             if t in resets:
                 sim.reset(resets[t])
             self._pose(sim, pad, t, self.arrays["link_pos"][t, :, 0], self.arrays["link_quat"][t, :, 0], link=0)
-            self._pose(sim, indenter, t, self.arrays["geom_pos"][t, :, 1], self.arrays["geom_quat"][t, :, 1], link=1)
+            away = (self.arrays["n_contacts"][t] == 0)[:, None] * [0.0, 0.0, 10.0] if gated else 0.0
+            self._pose(
+                sim, indenter, t, self.arrays["geom_pos"][t, :, 1] + away, self.arrays["geom_quat"][t, :, 1], link=1
+            )
             sim.step()
             for key, sensor in sensors.items():
                 readings[key][""].append(sensor.read())

@@ -75,6 +75,37 @@ def test_reads_what_the_seed_reads(name, key, branch, dtype):
         assert np.abs(ours - theirs)[mask].max() <= tolerance * np.abs(theirs).max(), part
 
 
+GATED = {
+    "c05_contact": (tt.Sphere(radius=0.02), ("k3g", "gain", "all")),
+    "c13_contact": (
+        tt.Sphere(radius=0.02), ("delay", "hist", "biasres", "hyst", "dead", "cbias", "chyst", "kdelay", "khist"),
+    ),
+    "c14_contact": (tt.Sphere(radius=0.018), ("kin",)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("dtype", TOLERANCE)
+@pytest.mark.parametrize("name", GATED)
+def test_whole_readings_with_all_imperfections(name, dtype):
+    """Crosstalk, gain, hysteresis, bias, resolution, dead taxels, thresholds, delay, history, resets, in one go. The
+    object is taken away while the seed's contact list is empty, so that its memory is comparable on every step."""
+    case = Case(name)
+    shape, keys = GATED[name]
+    readings = case.replay(shape, keys, dtype, gated=True)
+    for key in keys:
+        rounds = case.options(key).get("resolution", 0.0)
+        for branch in ("", "_gt"):
+            for part, ours, theirs in case.parts(key, readings, branch):
+                assert ours.shape == theirs.shape
+                if ours.dtype == bool:
+                    assert (ours == theirs).mean() >= (1.0 if dtype == "float64" else 0.995)
+                    continue
+                error = np.abs(ours - theirs) / np.abs(theirs).max()
+                if dtype == "float32" and rounds and not branch:  # a half may round either way
+                    error = error[error < 0.9 * rounds / np.abs(theirs).max()]
+                assert error.max() <= TOLERANCE[dtype], (key, part, branch)
+
+
 def test_an_environment_that_is_reset_reads_zero_and_the_others_go_on():
     case = Case("c14_contact")
     alone = case.replay(tt.Sphere(radius=0.018), ["kin"], "float64")["kin"][""]
