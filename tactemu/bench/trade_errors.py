@@ -110,7 +110,7 @@ def errors(got: Observation, truth: Observation, positions: np.ndarray, area: fl
             found["centre"] = float(np.linalg.norm(centre)) * 1e3
     if got.drag is not None:
         found["tangential force"] = float(np.linalg.norm(got.drag - truth.drag)) / (friction * load * area)
-    if got.touch is not None:
+    if got.touch is not None and truth.touch.any():
         both, either = (got.touch & truth.touch).sum(), (got.touch | truth.touch).sum()
         found["contact area"] = float(got.touch.sum() / truth.touch.sum()) - 1
         found["overlap of areas"] = 1 - float(both / either)

@@ -7,8 +7,8 @@ from statistics import median
 
 from tactemu.bench.trade_errors import METRICS
 
-NARROW = "thin wedge"
-"""A contact narrower than a taxel: shown apart, since point-sampled levels miss it altogether."""
+NARROW = ("thin wedge", "box edge, 0.2 mm")
+"""Contacts narrower than a taxel: shown apart, since point-sampled levels miss them altogether."""
 SHOWN = ("normal force", "tangential force", "pressure", "contact area", "overlap of areas", "centre")
 SHOWN += ("normal motion", "tangential motion")
 JUDGED = ("normal force", "pressure", "normal motion", "tangential motion", "tangential force")
@@ -20,7 +20,7 @@ SAME = 1.02
 
 
 def summarise(rungs: list[dict]) -> list[dict]:
-    """For each rung and metric: median and range over the cases it was not calibrated on, the wedge apart."""
+    """For each rung and metric: median and range over the cases it was not calibrated on, narrow contacts apart."""
     rows = []
     for rung in rungs:
         row = {"name": rung["name"], "level": rung["level"], **rung["cost"], "metrics": {}}
@@ -33,7 +33,7 @@ def summarise(rungs: list[dict]) -> list[dict]:
                 "median": median(sizes),
                 "low": min(values),
                 "high": max(values),
-                "wedge": max((abs(v) for v in _values(rung, metric, narrow=True)), default=None),
+                "narrow": max((abs(v) for v in _values(rung, metric, narrow=True)), default=None),
             }
         rows.append(row)
     for row in rows:
@@ -45,7 +45,7 @@ def _values(rung: dict, metric: str, *, narrow: bool) -> list[float]:
     """Tangential forces are judged where something slides; the other metrics everywhere."""
     values = []
     for name, errors in rung["errors"].items():
-        wanted = (NARROW in name) == narrow and name not in rung["calibrated_on"]
+        wanted = name.startswith(NARROW) == narrow and name not in rung["calibrated_on"]
         if metric == "tangential force":
             wanted = wanted and name.endswith(("slide", "roll"))
         if wanted and errors.get(metric) is not None:
@@ -86,11 +86,11 @@ def write_table(found: dict, file: Path) -> str:
         cells += [f"{row['memory_bytes'] / 1e6:.1f}"]
         cells += [_cell(row["metrics"].get(metric), metric) for metric in SHOWN]
         lines.append("| " + " | ".join(cells) + " |")
-    lines += ["", f"Worst error on the {NARROW}, whose contact is narrower than a taxel:", ""]
+    lines += ["", f"Worst error where the contact is narrower than a taxel ({', '.join(NARROW)}):", ""]
     lines += ["| rung | normal force | pressure | tangential motion |", "|---|---|---|---|"]
     for row in found["summary"]:
-        parts = [row["metrics"].get(metric, {}).get("wedge") for metric in ("normal force", "pressure")]
-        parts.append(row["metrics"].get("tangential motion", {}).get("wedge"))
+        parts = [row["metrics"].get(metric, {}).get("narrow") for metric in ("normal force", "pressure")]
+        parts.append(row["metrics"].get("tangential motion", {}).get("narrow"))
         if any(part is not None for part in parts):
             lines.append(f"| {row['name']} | " + " | ".join("" if p is None else f"{p:.1%}" for p in parts) + " |")
     slower = [(row["name"], row["dominated_by"]) for row in found["summary"] if row["dominated_by"]]

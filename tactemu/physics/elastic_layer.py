@@ -23,7 +23,7 @@ import warp as wp
 from tactemu.errors import SceneError
 from tactemu.physics.clearing import clear_rows
 from tactemu.physics.elastic_layer_contact import NORMAL_WINDOWS, Windows, normal_kernel, windows_type
-from tactemu.physics.elastic_layer_fft import Workspace, lanes_of
+from tactemu.physics.elastic_layer_fft import BLOCK_THREADS, Workspace, lanes_of
 from tactemu.physics.elastic_layer_friction import friction_kernel
 from tactemu.physics.elastic_layer_friction_state import (
     FRICTION_WINDOWS,
@@ -49,7 +49,6 @@ from tactemu.physics.plan import Stage, record
 from tactemu.physics.probes import Probes
 from tactemu.physics.sensor import Compiled, SensorModel, Site
 
-BLOCK_THREADS = 128
 BLOCKS_AT_ONCE = 1056
 """Blocks on a GPU: eight for each of 132 multiprocessors; more environments take turns."""
 

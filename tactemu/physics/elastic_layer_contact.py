@@ -18,6 +18,8 @@ import functools
 import warp as wp
 
 from tactemu.physics.elastic_layer_fft import (
+    BLOCK_THREADS,
+    RESIDENT_BLOCKS,
     Pair,
     allocate_pair,
     block_sync,
@@ -273,7 +275,7 @@ def normal_kernel(real, lanes: int):
             residual = wp.sqrt(mask_gap(win, slot, shape, mine) / reference)
         return residual, iteration
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, launch_bounds=(BLOCK_THREADS, RESIDENT_BLOCKS))
     def solve_normal(
         # Layer:
         tables: tables_struct,

@@ -18,6 +18,10 @@ import numpy as np
 import warp as wp
 
 CPU_LANES = 8
+BLOCK_THREADS = 128
+"""Threads of a block on a GPU; on a CPU a block is one thread."""
+RESIDENT_BLOCKS = 4
+"""Blocks that a multiprocessor shall hold at once: bounds the registers of a thread."""
 SMALLEST_TRANSFORM = 32
 """Length of the shortest transform used; a window has at most half its length."""
 
@@ -183,7 +187,7 @@ def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
                     store(out, c, at_mirror, xr + yr + xi - yi)
                     store(out, c + half, at_mirror, xi + yi - xr + yr)
 
-    @wp.func
+    @wp.func(inline=False)  # one copy of it: a solver calls it dozens of times
     def hartley(
         ws: workspace,
         slot: int,

@@ -15,14 +15,19 @@ import functools
 
 import warp as wp
 
-from tactemu.physics.elastic_layer_fft import block_sync, convolution_functions, spread, workspace_type
+from tactemu.physics.elastic_layer_fft import (
+    BLOCK_THREADS,
+    RESIDENT_BLOCKS,
+    block_sync,
+    convolution_functions,
+    spread,
+    workspace_type,
+)
 from tactemu.physics.elastic_layer_friction_state import (
     AT_BOUND,
-    FREE,
-    SLIP,
-    STICK,
     friction_state_type,
     friction_windows_type,
+    memory_functions,
 )
 from tactemu.physics.elastic_layer_sideways import sideways_functions
 from tactemu.physics.elastic_layer_tables import tables_type
@@ -37,6 +42,7 @@ def friction_kernel(real, lanes: int, coupled: bool):
     functions = convolution_functions(real, lanes)
     forward, inverse, convolve = functions.forward, functions.inverse, functions.convolve
     sideways, publish = sideways_functions(real, lanes), publish_function(real)
+    settle, mark = memory_functions(real, lanes)
     by_pressure, by_traction = sideways.by_pressure, sideways.by_traction
     vec2 = wp.types.vector(2, real)
     grid, vec_grid, int_grid = wp.array2d(dtype=real), wp.array2d(dtype=vec2), wp.array2d(dtype=wp.int32)
@@ -295,48 +301,7 @@ def friction_kernel(real, lanes: int, coupled: bool):
             residual = wp.sqrt(free_gap(win, slot, shape, mine) / reference)
         return residual, iteration
 
-    @wp.func
-    def settle(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i):
-        """Where cells are held from now on, into ``hold``."""
-        for y in range(mine[0], shape[0], mine[1]):
-            for x in range(mine[2], shape[1], mine[3]):
-                limit = win.limit[slot, y, x]
-                q = vec2(win.x[slot, y, x], win.y[slot, y, x])
-                if limit <= real(0.0) or wp.length(q) >= real(AT_BOUND) * limit:
-                    win.hold_x[slot, y, x] = win.hold_x[slot, y, x] + win.gap_x[slot, y, x]
-                    win.hold_y[slot, y, x] = win.hold_y[slot, y, x] + win.gap_y[slot, y, x]
-        block_sync()
-
-    @wp.func
-    def mark(
-        win: windows,
-        slot: int,
-        body: int_grid,
-        box: wp.vec4i,
-        old: wp.vec4i,
-        held_by: int_grid,
-        slip: int_grid,
-        thread: int,
-    ):
-        """Publish which body holds each cell, and whether it slips."""
-        if old[3] > 0:
-            mine = spread(old[3], thread)
-            for y in range(mine[0], wp.min(old[2], slip.shape[0] - old[0]), mine[1]):
-                for x in range(mine[2], wp.min(old[3], slip.shape[1] - old[1]), mine[3]):
-                    held_by[old[0] + y, old[1] + x] = 0
-                    slip[old[0] + y, old[1] + x] = FREE
-        block_sync()
-        if box[3] > 0:
-            mine = spread(box[3], thread)
-            for y in range(mine[0], wp.min(box[2], slip.shape[0] - box[0]), mine[1]):
-                for x in range(mine[2], wp.min(box[3], slip.shape[1] - box[1]), mine[3]):
-                    limit = win.limit[slot, y, x]
-                    if limit > real(0.0):
-                        q = wp.length(vec2(win.x[slot, y, x], win.y[slot, y, x]))
-                        held_by[box[0] + y, box[1] + x] = body[box[0] + y, box[1] + x] + 1
-                        slip[box[0] + y, box[1] + x] = wp.where(q >= real(AT_BOUND) * limit, SLIP, STICK)
-
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, launch_bounds=(BLOCK_THREADS, RESIDENT_BLOCKS))
     def solve_friction(
         # Layer:
         tables: tables_struct,

@@ -4,7 +4,7 @@ import functools
 
 import warp as wp
 
-from tactemu.physics.elastic_layer_fft import lane_type
+from tactemu.physics.elastic_layer_fft import block_sync, lane_type, spread
 
 FREE, STICK, SLIP = 0, 1, 2
 """State of a cell."""
@@ -72,3 +72,54 @@ def friction_state_type(real):
         iterations: wp.array(dtype=wp.int32)
 
     return FrictionState
+
+
+@functools.cache
+def memory_functions(real, lanes: int):
+    """``(settle, mark)``: what a solved window leaves for the next step."""
+    windows = friction_windows_type(real, lanes)
+    vec2 = wp.types.vector(2, real)
+    int_grid = wp.array2d(dtype=wp.int32)
+
+    @wp.func
+    def settle(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i):
+        """Where cells are held from now on, into ``hold``."""
+        for y in range(mine[0], shape[0], mine[1]):
+            for x in range(mine[2], shape[1], mine[3]):
+                limit = win.limit[slot, y, x]
+                q = vec2(win.x[slot, y, x], win.y[slot, y, x])
+                if limit <= real(0.0) or wp.length(q) >= real(AT_BOUND) * limit:
+                    win.hold_x[slot, y, x] = win.hold_x[slot, y, x] + win.gap_x[slot, y, x]
+                    win.hold_y[slot, y, x] = win.hold_y[slot, y, x] + win.gap_y[slot, y, x]
+        block_sync()
+
+    @wp.func
+    def mark(
+        win: windows,
+        slot: int,
+        body: int_grid,
+        box: wp.vec4i,
+        old: wp.vec4i,
+        held_by: int_grid,
+        slip: int_grid,
+        thread: int,
+    ):
+        """Publish which body holds each cell, and whether it slips."""
+        if old[3] > 0:
+            mine = spread(old[3], thread)
+            for y in range(mine[0], wp.min(old[2], slip.shape[0] - old[0]), mine[1]):
+                for x in range(mine[2], wp.min(old[3], slip.shape[1] - old[1]), mine[3]):
+                    held_by[old[0] + y, old[1] + x] = 0
+                    slip[old[0] + y, old[1] + x] = FREE
+        block_sync()
+        if box[3] > 0:
+            mine = spread(box[3], thread)
+            for y in range(mine[0], wp.min(box[2], slip.shape[0] - box[0]), mine[1]):
+                for x in range(mine[2], wp.min(box[3], slip.shape[1] - box[1]), mine[3]):
+                    limit = win.limit[slot, y, x]
+                    if limit > real(0.0):
+                        q = wp.length(vec2(win.x[slot, y, x], win.y[slot, y, x]))
+                        held_by[box[0] + y, box[1] + x] = body[box[0] + y, box[1] + x] + 1
+                        slip[box[0] + y, box[1] + x] = wp.where(q >= real(AT_BOUND) * limit, SLIP, STICK)
+
+    return settle, mark

@@ -7,7 +7,14 @@ import warp as wp
 
 from tactemu.physics.elastic_layer_compliance import Kernels
 from tactemu.physics.elastic_layer_contact import windows_type
-from tactemu.physics.elastic_layer_fft import block_sync, convolution_functions, spread, workspace_type
+from tactemu.physics.elastic_layer_fft import (
+    BLOCK_THREADS,
+    RESIDENT_BLOCKS,
+    block_sync,
+    convolution_functions,
+    spread,
+    workspace_type,
+)
 from tactemu.physics.elastic_layer_friction_state import friction_state_type
 from tactemu.physics.elastic_layer_sideways import sideways_functions
 from tactemu.physics.elastic_layer_tables import tables_type
@@ -72,7 +79,7 @@ def surface_kernel(real, lanes: int, with_friction: bool):
         steps = (end - begin + wp.static(BOX_STEP - 1)) // wp.static(BOX_STEP)
         return wp.vec2i(begin, steps * wp.static(BOX_STEP))
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, launch_bounds=(BLOCK_THREADS, RESIDENT_BLOCKS))
     def find_surface(
         # Layer:
         tables: tables_struct,

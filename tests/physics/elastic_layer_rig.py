@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.physics.elastic_layer_contact import NORMAL_WINDOWS, Windows, normal_kernel, windows_type
-from tactemu.physics.elastic_layer_fft import Workspace, lanes_of
+from tactemu.physics.elastic_layer_fft import BLOCK_THREADS, Workspace, lanes_of
 from tactemu.physics.elastic_layer_friction import friction_kernel
 from tactemu.physics.elastic_layer_friction_state import FRICTION_WINDOWS, friction_state_type, friction_windows_type
 from tactemu.physics.elastic_layer_surface import reach_of, surface_kernel
@@ -35,7 +35,13 @@ class LayerRig:
 
         def launch(kernel, inputs, outputs):
             return wp.launch_tiled(
-                kernel, dim=[slots], inputs=inputs, outputs=outputs, block_dim=128, device=self.device, record_cmd=True
+                kernel,
+                dim=[slots],
+                inputs=inputs,
+                outputs=outputs,
+                block_dim=BLOCK_THREADS,
+                device=self.device,
+                record_cmd=True,
             ).launch
 
         struct = windows_type(real, lanes)()
