@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import atexit
+import hashlib
 import os
 import signal
+import socket
 import threading
 from pathlib import Path
 
@@ -19,20 +21,24 @@ class StableLink:
     def __init__(self, path: str):
         self.path = Path(os.path.abspath(os.path.expanduser(path)))
         self._target = ""
+        self._claim: socket.socket | None = None
 
     def point_to(self, target: str) -> None:
         """Create the link, or move one that was left behind by an earlier run.
 
         Raises:
-            TransportError: the path is taken by something that is not such a link, or cannot be written.
+            TransportError: the path is taken by something that is not such a link or by a run that is still alive, or
+                cannot be written.
         """
         self._check()
+        self._claim = self._claim or _claimed(self.path)
         aside = self.path.with_name(f".{self.path.name}.{os.getpid()}")
         try:
             aside.symlink_to(target)
             aside.replace(self.path)
         except OSError as error:
             aside.unlink(missing_ok=True)
+            self.remove()
             raise TransportError(
                 f"cannot create the port {self.path}: {error.strerror}; choose a path in a folder that you may write"
             ) from None
@@ -49,6 +55,9 @@ class StableLink:
         except OSError:
             pass  # somebody else removed or replaced it
         self._target = ""
+        if self._claim is not None:
+            self._claim.close()
+            self._claim = None
 
     def _check(self) -> None:
         if not self.path.parent.is_dir():
@@ -59,6 +68,22 @@ class StableLink:
                 raise TransportError(f"{self.path} is a link to {target}, not to a pseudo terminal; it is left alone")
         elif self.path.exists():
             raise TransportError(f"{self.path} exists and is not a link; it is left alone: choose another path")
+
+
+def _claimed(path: Path) -> socket.socket:
+    """A mark that ``path`` is in use, which ends with the process however it ends: a socket's abstract name.
+
+    Raises:
+        TransportError: somebody else holds it.
+    """
+    whole = os.fsencode(os.path.join(os.path.realpath(path.parent), path.name))
+    mark = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        mark.bind(b"\0tactemu:" + hashlib.sha256(whole).hexdigest().encode())
+    except OSError:
+        mark.close()
+        raise TransportError(f"{path} is the port of another run that is still alive; choose another path") from None
+    return mark
 
 
 @atexit.register

@@ -144,6 +144,17 @@ def test_a_link_left_behind_is_taken_over(tmp_path):
         assert port.poll()[0] == Opened()
 
 
+def test_a_port_in_use_is_not_taken_away(tmp_path):
+    with create(f"pty:{tmp_path / 'tty'}") as port:
+        with pytest.raises(TransportError, match="another run"):
+            create(f"pty:{tmp_path / 'tty'}").open()
+        with serial.Serial(port.address):
+            assert port.poll()[0] == Opened()
+        assert [path.name for path in tmp_path.iterdir()] == ["tty"]
+    with create(f"pty:{tmp_path / 'tty'}") as port, serial.Serial(port.address):
+        assert port.poll()[0] == Opened()
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
 def test_a_signal_removes_the_link(tmp_path, number):
     code = (
