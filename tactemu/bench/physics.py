@@ -8,6 +8,7 @@ counted bytes (poses read, readings written) would take at the memory's full spe
 
 from __future__ import annotations
 
+import gc
 import os
 import subprocess
 import sys
@@ -224,7 +225,8 @@ def largest_batch(case: Case, device: str) -> int:
     if not wp.get_device(device).is_cuda:
         return 0
     n_envs, fits = case.n_envs, 0
-    while n_envs < 2**31:
+    while n_envs * case.side**2 < 2**31:
+        gc.collect()  # scene and sensors refer to each other
         try:
             sim, _ball, _sensor = build(Case(sensor=case.sensor, side=case.side, n_envs=n_envs), device)
             wp.synchronize_device(sim.device)

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from tactemu.scene.bodies import Body
     from tactemu.scene.scene import Scene
 
+MOST_THREADS = 2**31
+"""Warp counts threads and the places of an array's axis in 31 bits."""
+
 REAL = {"float32": wp.float32, "float64": wp.float64}
 
 
@@ -102,6 +105,11 @@ class Simulation:
     def _compile_sensor(self, sensor: Sensor) -> list[Stage]:
         model, probes = sensor.model, sensor.probes
         check_query(sensor)
+        if self.n_envs * probes.n >= MOST_THREADS:
+            raise SceneError(
+                f"sensor {sensor.name!r}: {self.n_envs} environments of {probes.n} taxels are {self.n_envs * probes.n} "
+                f"taxels; one launch takes {MOST_THREADS - 1}: build fewer environments at a time"
+            )
         model.validate(probes)
         info = ReadingInfo(
             name=sensor.name,

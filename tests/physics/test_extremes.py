@@ -178,6 +178,12 @@ def test_a_million_taxels():
     assert depth.shape == (1000, 1000) and np.abs(depth - exact).max() < 2e-9
 
 
+def test_more_taxels_than_a_launch_can_count_are_refused():
+    grid = np.zeros((100_000, 3))
+    with pytest.raises(SceneError, match="build fewer environments"):
+        scene_with(tt.Sphere(radius=1.0), tt.ContactDepthProbe(probe_local_pos=grid), n_envs=21475)
+
+
 def test_a_quaternion_of_any_length_is_the_same_rotation():
     """|q| = 1.01, unnormalised, would be 0.68 mm off at a lever of 10 cm."""
     points = LINE + np.array([0.1, 0, 0])
