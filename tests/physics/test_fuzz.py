@@ -93,9 +93,19 @@ ALONG_A_FACE = (
 )  # fmt: skip
 
 
+ON_THE_SURFACE = (
+    *ALONG_A_FACE[:1],
+    [(np.zeros(3), np.array([0, 0, 0, 1.0]))] * 4 + [(np.array([1.0, 0, 0]), np.array([0, 0, 1.0, 0]))],
+    {"probe_local_pos": [(0.0, 0.0, 0.0)], "probe_local_normal": [(0.0, 0.0, -1.0)], "probe_radius": [1.0]},
+    (0.0, 0.0, 0.0),
+    (1.0, 0.0, 1.0, 0.0),
+)
+
+
 @quick
 @given(shapes(), poses(), probes(), vector, quaternion)
 @example(*ALONG_A_FACE)
+@example(*ON_THE_SURFACE)
 def test_a_scene_moved_as_a_whole_reads_the_same(bodies, placed, options, shift, turn):
     shift, turn = np.array(shift) * 1000.0, unit(turn)
     moved = [(rotate(turn, at) + shift, multiply(turn, q)) for at, q in placed]
@@ -103,9 +113,11 @@ def test_a_scene_moved_as_a_whole_reads_the_same(bodies, placed, options, shift,
     assert np.abs(here - read(tt.ContactDepthProbe(**options), bodies, moved, link=(shift, turn))).max() <= 1e-9
     along = tt.ContactDepthProbe(**options, contact_depth_query="ray", ray_reach=5.0)
     here = read(along, bodies, placed)
-    grazing = np.zeros(here.shape, bool)  # lines along a face, or just at an edge
+    grazing = np.zeros(here.shape, bool)  # lines along a face or just at an edge, probes just on a surface
     for tilt in (1e-6, -1e-6, (1e-6, -1e-6, 1e-6), (-1e-6, 1e-6, 1e-6), (1e-6, 1e-6, -1e-6)):
-        tilted = {**options, "probe_local_normal": np.array(options["probe_local_normal"]) + np.array(tilt)}
+        normals = np.array(options["probe_local_normal"]) + np.array(tilt)
+        moved_by = np.array(options["probe_local_pos"]) + np.array(tilt)
+        tilted = {**options, "probe_local_normal": normals, "probe_local_pos": moved_by}
         tilted = read(tt.ContactDepthProbe(**tilted, contact_depth_query="ray", ray_reach=5.0), bodies, placed)
         grazing |= np.abs(here - tilted) > 1e-3
     assert np.abs(here - read(along, bodies, moved, link=(shift, turn)))[~grazing].max(initial=0) < 1e-3
