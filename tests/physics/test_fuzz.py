@@ -3,6 +3,7 @@
 Short here; ``TACTEMU_FUZZ=20000 pytest tests/physics/test_fuzz.py`` looks longer.
 """
 
+import itertools
 import os
 
 import numpy as np
@@ -83,6 +84,7 @@ def read(model, bodies, placed, *, link=HERE, order=range(5), dtype="float64"):
     return skin.read()
 
 
+NUDGES = 1e-6 * np.array([(1, 1, 1), (-1, -1, -1), (1, -1, 1), (-1, 1, -1), (1, 1, -1)])
 ALONG_A_FACE = (
     (tt.Sphere(radius=1.0), tt.Box(size=(1, 1, 1)), tt.Capsule(radius=1.0, length=1.0),
      tt.Cylinder(radius=1.0, length=1.0), tt.Plane()),
@@ -114,9 +116,9 @@ def test_a_scene_moved_as_a_whole_reads_the_same(bodies, placed, options, shift,
     along = tt.ContactDepthProbe(**options, contact_depth_query="ray", ray_reach=5.0)
     here = read(along, bodies, placed)
     grazing = np.zeros(here.shape, bool)  # lines along a face or just at an edge, probes just on a surface
-    for tilt in (1e-6, -1e-6, (1e-6, -1e-6, 1e-6), (-1e-6, 1e-6, 1e-6), (1e-6, 1e-6, -1e-6)):
+    for tilt, push in itertools.product(NUDGES, NUDGES):
         normals = np.array(options["probe_local_normal"]) + np.array(tilt)
-        moved_by = np.array(options["probe_local_pos"]) + np.array(tilt)
+        moved_by = np.array(options["probe_local_pos"]) + np.array(push)
         tilted = {**options, "probe_local_normal": normals, "probe_local_pos": moved_by}
         tilted = read(tt.ContactDepthProbe(**tilted, contact_depth_query="ray", ray_reach=5.0), bodies, placed)
         grazing |= np.abs(here - tilted) > 1e-3
