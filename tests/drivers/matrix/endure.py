@@ -1,0 +1,254 @@
+"""``endure.py DRIVER PORT [BAUD]``: reads through an unmodified driver for as long as it is let, whatever happens.
+
+Each reading and each exception is one JSON line with the time [ns, monotonic]. A reading is given as the hashes of its
+parts, so that it can be told whether it is exactly what the skin sent. When the driver reports a lost connection, or
+fails five times in a row, it is closed and opened anew, as a user's program would; it is never helped otherwise.
+"""
+
+import faulthandler
+import hashlib
+import json
+import logging
+import queue
+import signal
+import sys
+import time
+
+OUT = sys.stdout
+PAUSE_S = 0.02
+"""Before a port that is gone is opened again."""
+
+
+class AnySkin:
+    def __init__(self, port, baud):
+        from anyskin.sensor import AnySkinBase
+
+        self.driver = AnySkinBase(num_mags=5, port=port, temp_filtered=False, baudrate=baud or 115200)
+
+    def read(self):
+        return {"parts": [self.driver.get_sample()[1]]}
+
+    def close(self):
+        self.driver.close()
+
+
+class ReSkin(AnySkin):
+    def __init__(self, port, baud):
+        from reskin_sensor.sensor import ReSkinBase
+
+        self.driver = ReSkinBase(num_mags=5, port=port, baudrate=baud or 115200)
+
+    def read(self):
+        return {"parts": [self.driver.get_sample()[2]]}
+
+
+class Robotiq:
+    def __init__(self, port, baud):
+        from pyrobotiqtactile import RobotiqTactileSensor
+
+        self.driver = RobotiqTactileSensor(port=port, baud_rate=baud or 115200)
+        self.driver.connect()
+        self.driver.configure(update_period_ms=10)
+        while not self.driver.read_frame(timeout=1.0).timestamp.any():
+            pass
+
+    def read(self):
+        pressure = self.driver.read_frame(timeout=1.0).pressure.reshape(-1)
+        return {"parts": [pressure], "counters": {"packets": self.driver.parser.packet_count}}
+
+    def close(self):
+        self.driver.close()
+
+
+class AbilityHand:
+    def __init__(self, port, baud):
+        from ah_wrapper import AHSerialClient, Observer
+
+        readings = self.readings = queue.Queue()
+
+        class Log(Observer):
+            def update_fsr(self, fsr):
+                readings.put(list(fsr))
+
+            def update_pos(self, position):
+                pass
+
+            update_vel = update_cur = update_hot_cold = update_pos
+
+        self.logged = Failures()
+        self.driver = AHSerialClient(port=port, baud_rate=baud or 460800, rate_hz=100, auto_start_threads=False)
+        logging.getLogger().handlers[:] = [self.logged]
+        self.driver.hand._first_fsr = False  # report what the hand sends, not the change since the first frame
+        self.driver.hand.add_observer(Log())
+        self.driver.start_threads()
+
+    def read(self):
+        fsr = self.readings.get()
+        counters = {"writes": self.driver._conn.n_writes, "reads": self.driver.n_reads}
+        return {"parts": [fsr], "counters": counters | {"checksum failed": self.logged.count}}
+
+    def close(self):
+        self.driver.close()
+
+
+class Failures(logging.Handler):
+    """Counts what the Ability Hand's SDK says of checksums; it has no counter of its own."""
+
+    count = 0
+
+    def emit(self, record):
+        self.count += record.getMessage().startswith("Checksum failed")
+
+
+class FlexiTac:
+    def __init__(self, port, baud):
+        from flexitac.sensor import FlexiTacSensor
+
+        self.driver = FlexiTacSensor(port, baseline=20.0, read_timeout_s=1.0, baud=baud or 2_000_000)
+        self.driver.open()
+
+    def read(self):
+        return {"parts": [self.driver.read().raw.reshape(-1)]}
+
+    def close(self):
+        self.driver.close()
+
+
+class OptoForce:
+    def __init__(self, port, baud):
+        import optoforce
+
+        self.driver = optoforce.OptoForce16(port=port, speed_hz=100, filter_hz="none")
+        self.driver.connect()
+
+    def read(self):
+        packet = self.driver.read(only_latest_data=False)
+        parts = [[packet.Fx, packet.Fy, packet.Fz]]
+        return {"parts": parts, "refused": not packet.valid_checksum, "number": packet.count}
+
+    def close(self):
+        self.driver.close()
+
+
+class PyModbus:
+    def __init__(self, port, baud):
+        from pymodbus.client import ModbusSerialClient
+
+        logging.disable(logging.CRITICAL)
+        self.driver = ModbusSerialClient(port, baudrate=baud or 115200, timeout=0.5, retries=0)
+        if not self.driver.connect():
+            raise ConnectionError("not connected")
+
+    def read(self):
+        answer = self.driver.read_holding_registers(4900, count=112, device_id=1)
+        if answer.isError():
+            raise RuntimeError(str(answer))
+        return {"parts": [answer.registers]}
+
+    def close(self):
+        self.driver.close()
+
+
+class ModbusTk:
+    def __init__(self, port, baud):
+        import serial
+        from modbus_tk import modbus_rtu
+
+        self.port = serial.Serial(port, baud or 115200)
+        self.driver = modbus_rtu.RtuMaster(self.port)
+        self.driver.set_timeout(0.5)
+
+    def read(self):
+        return {"parts": [self.driver.execute(1, 3, 4128, 96)]}
+
+    def close(self):
+        self.port.close()
+
+
+class InspireTcp:
+    def __init__(self, port, baud):
+        from RH56DFTP.RH56DFTP_TCP import RH56DFTP_TCP
+
+        logging.disable(logging.CRITICAL)
+        host, _, number = port.removeprefix("socket://").partition(":")
+        self.driver = RH56DFTP_TCP(host=host, port=int(number))
+
+    def read(self):
+        return {"parts": [self.driver.get("TACTILE_INDEX_FINGER_TIP_12x8")[:96]]}
+
+    def close(self):
+        self.driver.close()
+
+
+class LinkerHand:
+    def __init__(self, port, baud):
+        import linkerbot
+
+        interface, _, channel = port.partition(":")
+        self.driver = linkerbot.L6("left", channel, interface)
+        self.driver.stop_polling()
+
+    def read(self):
+        data = self.driver.force_sensor.get_blocking(timeout_ms=500)
+        fingers = ("thumb", "index", "middle", "ring", "pinky")
+        return {"parts": [getattr(data, finger).values.reshape(-1) for finger in fingers]}
+
+    def close(self):
+        self.driver.close()
+
+
+DRIVERS = {
+    "anyskin": AnySkin, "reskin-sensor": ReSkin, "pyrobotiqtactile": Robotiq, "ability-hand": AbilityHand,
+    "flexitac": FlexiTac, "optoforce": OptoForce, "pymodbus": PyModbus, "modbus_tk": ModbusTk,
+    "plusml-rh56dftp": InspireTcp, "linkerbot": LinkerHand,
+}  # fmt: skip
+
+
+def digest(part):
+    """A reading's part by its exact values. Needs numpy, as most drivers do."""
+    import numpy as np
+
+    return hashlib.blake2b(np.asarray(part, float).tobytes(), digest_size=8).hexdigest()
+
+
+def say(**line):
+    print(json.dumps({"t": time.monotonic_ns(), **line}), file=OUT, flush=True)
+
+
+def lost(error):
+    """Whether the driver says that the connection is gone, rather than that an answer is missing or bad."""
+    return type(error).__name__ == "ConnectionException" or (
+        isinstance(error, OSError) and not isinstance(error, TimeoutError)
+    )
+
+
+def endure(kind, port, baud):
+    driver, failures = None, 0
+    while True:
+        try:
+            driver = driver or kind(port, baud)
+            reading = driver.read()
+        except (Exception, SystemExit) as error:
+            say(error=type(error).__name__, text=str(error)[:200], opening=driver is None)
+            failures += 1
+            if driver is None or lost(error) or failures == 5:
+                close(driver)
+                driver, failures = None, 0
+                time.sleep(PAUSE_S)
+        else:
+            failures = 0
+            say(**reading | {"parts": [digest(part) for part in reading["parts"]]})
+
+
+def close(driver):
+    try:
+        if driver is not None:
+            driver.close()
+    except Exception as error:
+        say(error=type(error).__name__, text=str(error)[:200], closing=True)
+
+
+if __name__ == "__main__":
+    sys.stdout = sys.stderr  # drivers print
+    faulthandler.register(signal.SIGUSR1)  # says where a driver hangs
+    endure(DRIVERS[sys.argv[1]], sys.argv[2], int(sys.argv[3]) if len(sys.argv) > 3 else None)
