@@ -14,6 +14,7 @@ import subprocess
 import sys
 import threading
 import time
+from bisect import bisect_left, bisect_right
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
@@ -224,16 +225,15 @@ class Judge:
 
     def __init__(self, dev: Served, driver: Driver):
         self.dev, self.driver = dev, driver
-        self._seen = 0
-        self._taken_ns: list[int] = []
-        """When each sample was taken, by its index [ns, monotonic]."""
+        self._times: list[int] = []
+        """When each sample was taken [ns, emulation time], oldest first."""
         self._places: list[dict[str, list[int]]] = []
         device = type(dev.device())()
         device.power_on(0)
         self._power_on = [digest(part) for part in driver.parts(device.counts)]
 
     def places(self, line: dict[str, Any]) -> list[int] | None:
-        """The last sample of which each part of a reading is, or ``None`` if one is of no sample."""
+        """Of each part of a reading the time of the last sample that it equals; ``None`` if one equals none."""
         if (found := self._find(line["parts"])) is None:
             self._catch_up()
             found = self._find(line["parts"])
@@ -248,17 +248,14 @@ class Judge:
         return zip(line["parts"], self._power_on, self._places)
 
     def _catch_up(self) -> None:
-        """Learn the samples that were taken since; the log counts them all and keeps the latest."""
-        taken = self.dev.truth.counts["sample"]
-        samples = list(self.dev.truth.samples)
-        start_ns = time.monotonic_ns() - self.dev.emulator.clock.now_ns()
-        for index in range(self._seen, taken):
-            self._taken_ns.append(start_ns + samples[index - taken].t_ns)
-            parts = self.driver.parts(samples[index - taken].counts)
+        """Learn the samples that were taken since."""
+        last = self._times[-1] if self._times else -1
+        for sample in [sample for sample in list(self.dev.truth.samples) if sample.t_ns > last]:
+            self._times.append(sample.t_ns)
+            parts = self.driver.parts(sample.counts)
             self._places = self._places or [{} for _ in parts]
             for known, part in zip(self._places, parts):
-                known.setdefault(digest(part), []).append(index)
-        self._seen = taken
+                known.setdefault(digest(part), []).append(sample.t_ns)
 
     def right(self, line: dict[str, Any]) -> bool:
         return "parts" in line and not line.get("refused") and self.places(line) is not None
@@ -266,13 +263,14 @@ class Judge:
     def recovered(self, lines: list[dict[str, Any]], off_ns: int) -> float | None:
         """Seconds from the end of the fault to the first of ten right readings in a row, all of samples after it."""
         run: list[int] = []
+        start_ns = time.monotonic_ns() - self.dev.emulator.clock.now_ns()
         for line in list(lines):
             if line["t"] <= off_ns:
                 continue
             if not self.right(line):
                 run = []
                 continue
-            if self._taken_ns[min(self.places(line) or [0])] < off_ns:  # had been waiting in a buffer
+            if start_ns + min(self.places(line) or [0]) < off_ns:  # had been waiting in a buffer
                 continue
             run.append(line["t"])
             if len(run) == SETTLED:
@@ -310,5 +308,6 @@ class Judge:
             result.gap, last_right = max(result.gap, (line["t"] - last_right) / 1e9), line["t"]
         result.gap = max(result.gap, (now - last_right) / 1e9)
         if seen and not self.driver.asks:
-            result.lost = max(seen) - min(seen) + 1 - len(seen)
+            between = bisect_right(self._times, max(seen)) - bisect_left(self._times, min(seen))
+            result.lost = between - len(seen)
         return result
