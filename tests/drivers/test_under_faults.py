@@ -2,13 +2,15 @@
 ``docs/drivers-under-faults.md`` says. The whole matrix is ``python -m tests.drivers.matrix``.
 """
 
+import struct
 from dataclasses import replace
 
 import pytest
 
-from tests.drivers.matrix.bout import Outcome, Ring
+from tests.drivers.matrix.bout import Outcome, Ring, served
 from tests.drivers.matrix.drivers import DRIVERS
 from tests.drivers.matrix.trials import TRIALS
+from tests.drivers.rig import run_driver
 
 pytestmark = [pytest.mark.driver, pytest.mark.timeout(180)]
 
@@ -50,6 +52,21 @@ def test_optoforce_counts_every_fault(fight):
         assert summary(outcome) == expected, label
         assert outcome.refused <= n if label == "flip" else True
         assert not outcome.errors, label
+
+
+@pytest.mark.parametrize("fault", ["checksum 10%", "checksum every 7", "checksum 10% bytes 2"])
+def test_optoforce_rejects_the_very_frames_that_were_damaged(fault, tmp_path):
+    """Not only as many: the packets' counter aligns what the driver says of each with the log of what left."""
+    with served(DRIVERS["optoforce"], tmp_path) as dev:
+        dev.emulator.call(lambda: dev.emulator.wires[0].add_fault(fault))
+        packets = run_driver("optoforce", "optoforce_read.py", dev.port, "OptoForce16")
+        frames = [frame for _, _, frame in dev.truth.frames if len(frame) == 16]
+    sent = [struct.unpack(">H", frame[4:6])[0] for frame in frames]
+    first, last = (sent.index(packets[k]["count"]) for k in (0, -1))
+    damaged = [sum(frame[:-2]) & 0xFFFF != struct.unpack(">H", frame[-2:])[0] for frame in frames]
+    assert sum(damaged) == dev.truth.injected["checksum"]
+    assert [not packet["valid_checksum"] for packet in packets] == damaged[first : last + 1]
+    assert sum(damaged[first : last + 1]) > 5
 
 
 def test_anyskin_has_no_checksum_and_hands_out_wrong_fields(fight):
