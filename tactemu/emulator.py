@@ -65,6 +65,8 @@ class Emulator:
         self.simulation = simulation
         self.channels = list(channels)
         self.wires = list(dict.fromkeys(channel.wire for channel in self.channels))
+        for wire in self.wires:
+            wire.name = "+".join(channel.name for channel in self.channels if channel.wire is wire)
         self.clock: Clock = clock or RealClock()
         self.truth = truth or Truth()
         self.running = False

@@ -68,6 +68,8 @@ class Wire:
         self._inbound_number = 0
         self._inbound_free_ns = 0
         self._inbound_duration = duration(spec, pacing=pacing)
+        self.name = ""
+        """Who is on it, for the truth log of what arrives and of what befalls the wire; default: who sent last."""
         self._source = ""
         self._now_ns = 0
         self._down: Fault | None = None
@@ -249,7 +251,7 @@ class Wire:
             return
         before, self._down = self._down, fault
         if fault is not None:
-            self._note(now_ns, self._source, fault.kind, str(fault))
+            self._note(now_ns, self._owner, fault.kind, str(fault))
             self._deliver(None, events)
             self._forget(now_ns, fault.kind)
         if fault is not None and fault.kind == "unplug":
@@ -261,10 +263,11 @@ class Wire:
 
     def _forget(self, now_ns: int, why: str) -> None:
         """Nothing is kept for whoever comes next."""
-        self._lose([(lost.frame, 0) for lost in self.line.clear()], now_ns, self._source, "unheard", why)
+        for lost in self.line.clear():
+            self._lose([(lost.frame, 0)], now_ns, lost.source, "unheard", why)
         if self._injector is not None:
             held = [(frame, 0) for frame, _, way in self._injector.forget() if way == "to_driver"]
-            self._lose(held, now_ns, self._source, "unheard", why)
+            self._lose(held, now_ns, self._owner, "unheard", why)
 
     def _arrive(self, data: Frame, now_ns: int) -> None:
         takes_ns = self._inbound_duration(data)
@@ -274,10 +277,14 @@ class Wire:
             end_ns = self._inbound_free_ns = max(self._inbound_free_ns, now_ns) + takes_ns
         parts: Parts = [(data, 0)]
         if self._injector is not None:
-            parts = self._injector.spoil(parts, now_ns, self._source, "from_driver")
+            parts = self._injector.spoil(parts, now_ns, self._owner, "from_driver")
         for part, delay_ns in parts:
             if isinstance(part, bytes) or not part.is_error_frame:
                 self._take_in(part, end_ns + delay_ns)
+
+    @property
+    def _owner(self) -> str:
+        return self.name or self._source
 
     def _take_in(self, frame: Frame, arrives_ns: int) -> None:
         self._inbound_number += 1
@@ -291,7 +298,7 @@ class Wire:
                 continue
             self.counters["received"] += 1
             self.counters["received_bytes"] += _size(data)
-            self.truth.received(end_ns, self._source, data)
+            self.truth.received(end_ns, self._owner, data)
             events.append(Received(data))
 
     def _through_baud(self, data: Frame, *, to_driver: bool) -> Frame:

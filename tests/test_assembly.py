@@ -9,6 +9,7 @@ from tactemu.clock import VirtualClock
 from tactemu.errors import DeviceError, SceneError, TransportError
 from tactemu.scene.building import make_device
 from tactemu.scene.file import parse
+from tactemu.truth import Truth, read
 
 BODIES = """
 [[body]]
@@ -52,6 +53,28 @@ def test_two_boards_share_one_bus():
     }
     assert sent["board 1"] and sent["board 2"] and not sent["board 1"] & sent["board 2"]
     assert seen == sent["board 1"] | sent["board 2"]
+
+
+def test_what_arrives_is_logged_under_who_is_on_the_wire(tmp_path):
+    """Also before the device has sent anything; on a bus, under all of them."""
+    port = 'port = "can:virtual:owners"'
+    boards = [
+        skin("xela_uskin", f'name = "{n}"\ndevice_options = {{ board = {k} }}\n{port}') for k, n in ((1, "a"), (2, "b"))
+    ]
+    polled = skin("paxini_px6ax", 'name = "polled"\nport = "memory:"')
+    emulator = assemble(parse(BODIES + "".join(boards) + polled), truth=Truth(tmp_path / "t.jsonl")).emulator
+    emulator.clock = VirtualClock()
+    with emulator, can.Bus(interface="virtual", channel="owners") as bus:
+        bus.send(can.Message(arbitration_id=0x201, data=b"\x07\x00", is_extended_id=False))
+        emulator.wires[1].transport.driver.write(emulator.channels[2].device.commands[0].request)
+        emulator.run(0.1)
+    rows = [row for row in read(tmp_path / "t.jsonl") if row["kind"] in ("rx", "tx")]
+    assert {(row["kind"], row["device"]) for row in rows} == {
+        ("rx", "a+b"),
+        ("tx", "a"),
+        ("rx", "polled"),
+        ("tx", "polled"),
+    }
 
 
 def test_devices_of_other_speeds_do_not_share_a_bus():
