@@ -87,8 +87,7 @@ def _row(name: str, device: Device) -> dict[str, Any]:
 
 def datasheet(name: str, device: Device) -> list[str]:
     """The lines of a datasheet."""
-    page = (inspect.getdoc(sys.modules[type(device).__module__]) or "").splitlines()
-    lines = [f"{name}: {device.title}", "", *page, "", "Wires"]
+    lines = [f"{name}: {device.title}", "", *frame_page(device), "", "Wires"]
     lines += [f"  {describe_wire(wire)}" for wire in device.wires]
     lines += ["", f"Senses {device.senses} at {device.rate_hz:g} Hz with {len(device.layout)} taxels"]
     lines += _options(device) + _commands(device) + taxel_map(device.layout)
@@ -96,6 +95,11 @@ def datasheet(name: str, device: Device) -> list[str]:
     lines += ["Sources", *(f"  {source}" for source in device.sources)]
     lines += ["Assumed (no source states it)", *(f"  {item}" for item in device.assumed or ("nothing",))]
     return lines
+
+
+def frame_page(device: Device) -> list[str]:
+    """The frame table of a device, with the evidence for it: the docstring of its file."""
+    return (inspect.getdoc(sys.modules[type(device).__module__]) or "").splitlines()
 
 
 def _options(device: Device) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 
-from tactemu.cli.datasheet import describe_wire, taxel_map
+from tactemu.cli.datasheet import describe_wire, frame_page, taxel_map
 from tactemu.cli.kernels import start_quietly
 from tactemu.scene import file
 
@@ -77,7 +77,8 @@ def _print_skin(skin, device, sensor) -> None:
     print(f"  rate      {skin.rate_hz or 1e9 / device.period_ns:g} Hz")
     for fault in skin.faults:
         print(f"  fault     {fault}")
-    print(f"  frames    see `tactemu devices {skin.device}`")
+    print("  frames")
+    print("\n".join(f"    {line}".rstrip() for line in frame_page(device)))
     lines = taxel_map(device.layout)
     print("\n".join("  " + line for line in lines[:MAX_MAP_LINES]))
     if len(lines) > MAX_MAP_LINES:

@@ -14,6 +14,8 @@ def test_a_scene_is_explained_with_its_plan():
         "pencil           cylinder  roll",
         "Skin 'fingertip': AnySkin",
         "fault     drop 1%",
+        "0D 0A; no start byte",
+        "taxel  on wire",
         "6 s to 7 s  palm: set = {'noise': 0.02}",
         "relative poses",
         "fingertip: electronics",
