@@ -170,6 +170,8 @@ class Simulation:
             SceneError: the body is fixed or unknown, or a shape is wrong.
         """
         body = self.scene.body(body)
+        if body.index >= self.world.n_bodies:
+            raise SceneError(f"set_pose: body {body.name!r} was added after the scene was built; build it again")
         if body.fixed:
             raise SceneError(f"set_pose: body {body.name!r} is fixed; add it with fixed=False to move it")
         given = (position, quaternion, linear_velocity, angular_velocity)

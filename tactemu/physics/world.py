@@ -30,7 +30,7 @@ class World:
     """
 
     def __init__(self, bodies: Sequence[Body], device_array: wp.array):
-        self.n_envs = device_array.shape[1]
+        self.n_bodies, self.n_envs = device_array.shape[:2]
         self._names = [body.name for body in bodies]
         self._device_array = device_array
         self._shared = device_array.device.is_cpu

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
@@ -54,6 +54,9 @@ class Scene:
         Raises:
             SceneError: an option is wrong, or the name is taken.
         """
+        if shape is not None and not isinstance(shape, Shape):
+            kinds = ", ".join(kind.__name__ for kind in get_args(Shape))
+            raise SceneError(f"add_body: expected a shape ({kinds}) or None, got {shape!r}")
         index = len(self.bodies)
         kind = type(shape).__name__.lower() if shape is not None else "frame"
         name = name or f"{kind}{index}"
@@ -80,8 +83,10 @@ class Scene:
         Raises:
             SceneError: the body is not of this scene, or the name is taken.
         """
-        from tactemu.physics.sensor import Sensor
+        from tactemu.physics.sensor import Sensor, SensorModel
 
+        if not isinstance(model, SensorModel):
+            raise SceneError(f"add_sensor: expected a sensor such as tactemu.KinematicTaxel(...), got {model!r}")
         kind = type(model).__name__
         name = name or f"{kind}{len(self.sensors)}"
         if any(sensor.name == name for sensor in self.sensors):

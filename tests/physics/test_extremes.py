@@ -269,6 +269,9 @@ def test_wrong_options_are_named(options, message):
         lambda: tt.Scene().build(device="cuda:99"),
         lambda: tt.Scene().add_body(quaternion=(0, 0, 0, 0)),
         lambda: tt.Scene().add_body(position=(0, 0)),
+        lambda: tt.Scene().add_body("sphere"),
+        lambda: tt.Scene().add_sensor(tt.KinematicTaxel, link=0),
+        lambda: tt.Scene().add_sensor(tt.KinematicTaxel(), link=0),
     ],
 )
 def test_wrong_scenes_are_refused(make):
