@@ -25,6 +25,8 @@ REST = 5
 SWITCH_INTERVAL_S = 5e-4
 """How long the drawing thread may hold the interpreter while the loop's deadline passes."""
 UNITS = {"force": ("N", 1.0), "pressure": ("kPa", 1e-3), "depth": ("mm", 1e3), "displacement": ("mm", 1e3)}
+MISSED_SHARE = 0.01
+"""Of its samples that a device may miss before the number turns red."""
 MAX_HEX = 96
 """Bytes of a frame that are shown."""
 
@@ -86,8 +88,10 @@ class LiveView:
 
     def _last_frame(self, channel: Channel) -> Text:
         frame = next((f for _, name, f in reversed(self._recent_frames()) if name == channel.name), None)
+        if not channel.wire.transport.listening:
+            return Text(f"waiting for a driver to open {channel.wire.transport.address}", style="yellow")
         if frame is None:
-            return Text("no frame sent yet", style="dim")
+            return Text("nothing sent yet: this sensor speaks when it is asked", style="dim")
         shown = text(frame)
         cut = shown[: 2 * MAX_HEX]
         return Text("last frame  ", style="dim").append(cut + ("…" if len(shown) > len(cut) else ""), style="cyan")
@@ -128,5 +132,9 @@ def _numbers(channel: Channel) -> Table:
         + " µs",
         **{name.replace("_", " "): str(count) for name, count in counters.items()},
     }
-    table.add_row(*(Text(name, style="dim").append(f" {value}", style="default") for name, value in cells.items()))
+    too_many = statistics.missed > MISSED_SHARE * max(statistics.samples, 1)
+    styles = {"missed": "bold red" if too_many else "default"}
+    table.add_row(
+        *(Text(name, style="dim").append(f" {value}", styles.get(name, "default")) for name, value in cells.items())
+    )
     return table

@@ -45,6 +45,7 @@ def test_the_view_shows_the_press_and_ends_cleanly(tmp_path):
     assert shown.startswith(f"anyskin ready on {port}")
     assert "██" in shown, "the press"
     assert re.search(r"rate \d+\.\d Hz", shown)
+    assert f"waiting for a driver to open {port}" in shown.replace("\n", "")
     assert "Ctrl-C ends" in shown
     assert "summary anyskin: " in shown
     assert not os.path.lexists(port)
