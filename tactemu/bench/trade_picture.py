@@ -41,14 +41,33 @@ def _panel(axis, metric: str, points: list) -> None:
             best = y
             front.append((x, y))
     axis.plot(*zip(*front), color="#cccccc", linewidth=4, zorder=0, solid_capstyle="round")
-    for x, y, row in points:
-        axis.scatter(x, y, color=COLOURS[row["level"]], s=18, zorder=2)
-        axis.annotate(row["name"], (x, y), xytext=(4, 3), textcoords="offset points", fontsize=6, color="#333333")
     axis.set_xscale("log")
     axis.set_yscale("log")
-    axis.margins(x=0.18, y=0.12)
+    axis.margins(x=0.2, y=0.25)
+    for x, y, row in points:
+        axis.scatter(x, y, color=COLOURS[row["level"]], s=18, zorder=2)
+    _name(axis, points)
     axis.set_title(f"error of the {metric}", loc="left", fontsize=9)
     axis.grid(alpha=0.25, which="major")
     axis.yaxis.set_major_formatter(lambda value, _at: f"{100 * value:g} %")
     for side in ("top", "right"):
         axis.spines[side].set_visible(False)
+
+
+def _name(axis, points: list) -> None:
+    """Write each rung's name beside its point, above or below others where they would overlap."""
+    axis.autoscale_view()
+    taken: list[tuple[float, float, float]] = []
+    for x, y, row in points:
+        px, py = axis.transData.transform((x, y)) * 72 / axis.figure.dpi
+        width = 3.1 * len(row["name"])
+        for up in sorted(range(-60, 61, 7), key=abs):
+            at = (px + 5, py + up + 1.5, width)
+            if not any(abs(at[1] - b) < 7 and at[0] < a + w and a < at[0] + width for a, b, w in taken):
+                break
+        taken.append(at)
+        line = {"arrowstyle": "-", "color": "#bbbbbb", "linewidth": 0.5} if abs(up) > 7 else None
+        axis.annotate(
+            row["name"], (x, y), xytext=(5, up + 1.5 - 2), textcoords="offset points", fontsize=6, color="#333333",
+            arrowprops=line,
+        )  # fmt: skip

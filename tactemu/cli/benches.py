@@ -16,6 +16,7 @@ Measure speed on this machine. Figures are medians; compare those of one run.
 \b
   tactemu bench loop       first frame, and how late frames are
   tactemu bench physics    cost of a step, of a read and of a start, per sensor
+  tactemu bench layer      the elastic layer: grids, contact areas, batches
   tactemu bench trade      error against truth and cost of every level of fidelity
   tactemu bench soak       half an hour at 1 kHz and 5 % faults: what grows, what is lost
   tactemu bench wire       cost of a frame between device and port
@@ -96,3 +97,16 @@ def trade(
     from tactemu.cli.progress import show_progress
 
     run_trade(typer.echo, out=out, quick=quick, device=device, only=only, fresh=fresh, progress=show_progress)
+
+
+@bench.command()
+def layer(
+    device: Annotated[str, typer.Option(metavar="DEVICE", help="cpu, or cuda:0.")] = "cpu",
+    envs: Annotated[int | None, typer.Option(metavar="N", help="Size of the batch; default: 4096 on a GPU.")] = None,
+    only: Annotated[str, typer.Option(metavar="TEXT", help="Only figures whose title contains this.")] = "",
+    out: Out = None,
+) -> None:
+    """Warm steps of ElasticLayerTaxel: on growing grids, growing skins, growing contacts, and in batches."""
+    from tactemu.bench.layer import run
+
+    save(run(typer.echo, device=device, n_envs=envs, only=only), out)

@@ -22,7 +22,7 @@ import warp as wp
 
 from tactemu.errors import SceneError
 from tactemu.physics.clearing import clear_rows
-from tactemu.physics.elastic_layer_contact import NORMAL_WINDOWS, Windows, normal_kernel, windows_type
+from tactemu.physics.elastic_layer_contact import NO_SURFACE, NORMAL_WINDOWS, Windows, normal_kernel, windows_type
 from tactemu.physics.elastic_layer_fft import BLOCK_THREADS, Workspace, lanes_of
 from tactemu.physics.elastic_layer_friction import friction_kernel
 from tactemu.physics.elastic_layer_friction_state import (
@@ -31,7 +31,7 @@ from tactemu.physics.elastic_layer_friction_state import (
     friction_windows_type,
 )
 from tactemu.physics.elastic_layer_grid import LayerGrid, layer_grid
-from tactemu.physics.elastic_layer_overlap import overlap_kernel, remember_kernel
+from tactemu.physics.elastic_layer_overlap import near_kernel, overlap_kernel, remember_kernel
 from tactemu.physics.elastic_layer_reading import (
     CHANNELS,
     DISPLACEMENT,
@@ -203,10 +203,12 @@ class CompiledLayer:
         self.workspace = Workspace(self.n_slots, self.tables.n_max, real, self.lanes, self.device, two=two)
         struct = windows_type(real, self.lanes)()
         self.windows = Windows(struct, NORMAL_WINDOWS, self.n_slots, self.grid.shape, real, self.lanes, self.device)
-        self.overlap, self.pressure = self._cells(real), self._cells(real)
-        self.solved = wp.full(self.overlap.shape, real(math.nan), dtype=real, device=self.device)
+        self.pressure = self._cells(real)
+        self.overlap = wp.full(self.pressure.shape, real(NO_SURFACE), dtype=real, device=self.device)
+        self.solved = wp.full(self.pressure.shape, real(math.nan), dtype=real, device=self.device)
+        self.near, self.active = self._per_env(wp.vec4i), self._per_env(wp.vec4i)
         self.body, self.slide = self._cells(wp.int32, self.rubs), self._cells(vec2, self.rubs)
-        self.box, self.area = self._per_env(wp.vec4i), self._per_env(wp.vec4i)
+        self.box, self.area, self.dirty = (self._per_env(wp.vec4i) for _ in range(3))
         self.residual, self.iterations = self._per_env(wp.float64), self._per_env(wp.int32)
         self.changed, self.rubbed = self._per_env(wp.int32), self._per_env(wp.int32)
         self.state = friction_state_type(real)()
@@ -223,14 +225,15 @@ class CompiledLayer:
 
     def _reset(self, mask: wp.array) -> None:
         chosen = mask.numpy()
-        for array in (self.overlap, self.pressure, *self.surface):
+        for array in (self.pressure, *self.surface):
             clear_rows(array, mask)
         state = self.state
         for array in (state.x, state.y, state.anchor_x, state.anchor_y, state.held_by, state.slip):
             clear_rows(array, mask)
         for array in (self.residual, self.iterations, self.changed, self.rubbed, state.residual, state.iterations):
             clear_rows(array, mask)
-        for array, empty in ((self.solved, np.nan), (self.box, 0), (self.area, 0), (state.box, 0)):
+        boxes = [(array, 0) for array in (self.near, self.active, self.box, self.area, self.dirty, state.box)]
+        for array, empty in ((self.overlap, NO_SURFACE), (self.solved, np.nan), *boxes):
             values = array.numpy()
             values[chosen] = empty
             array.assign(values)
@@ -262,17 +265,35 @@ class CompiledLayer:
         self.covered = wp.array(grid.covered(), dtype=wp.bool, device=self.device)
         pose = site.view.pose
         self.last_pose = wp.zeros(pose.shape if self.rubs else (0, 0), dtype=pose.dtype, device=self.device)
-        inputs = [site.table.struct, pose, self.last_pose, site.targets, self.centres, self.covered]
-        inputs += [vec3(*grid.u), vec3(*grid.v), vec3(*grid.normal), real(depth), real(depth)]
-        inputs += [real(self.tables.length_scale)]
+        axes = [vec3(*grid.u), vec3(*grid.v), vec3(*grid.normal)]
+        cell = wp.types.vector(2, real)(*grid.cell)
+        inputs = [
+            site.table.struct,
+            pose,
+            site.targets,
+            vec3(*grid.edge),
+            *axes,
+            cell,
+            wp.vec2i(*grid.shape),
+            real(depth),
+        ]
+        near = record(near_kernel(real), self.n_envs, inputs, [self.near, self.active], self.device)
+        inputs = [site.table.struct, pose, self.last_pose, site.targets, self.active, self.centres, self.covered]
+        inputs += [*axes, real(depth), real(self.tables.length_scale)]
         kernel = overlap_kernel(real, site.table.kinds, self.rubs)
-        find = record(kernel, self.overlap.shape, inputs, [self.overlap, self.body, self.slide], self.device)
+        rows = (self.n_envs, grid.shape[0])
+        find = record(kernel, rows, inputs, [self.overlap, self.body, self.slide], self.device)
+
+        def look() -> None:
+            near()
+            find()
+
         if not self.rubs:
-            return find
+            return look
         remember = record(remember_kernel(real), pose.shape, [pose], [self.last_pose], self.device)
 
         def launch() -> None:
-            find()
+            look()
             remember()
 
         return launch
@@ -282,8 +303,9 @@ class CompiledLayer:
         # A skin that hardly loses volume rises beside the contact: look for it where the object is that near.
         bulge = 0.1 + 0.9 * min(max((model.poisson_ratio - 0.3) / 0.2, 0.0), 1.0)
         inputs = [self.tables.struct, real(bulge), int(model.iterations), wp.float64(model.tolerance), self.n_slots]
-        inputs += [self.overlap, self.workspace.struct, self.windows.struct]
+        inputs += [self.overlap, self.active, self.workspace.struct, self.windows.struct]
         outputs = [self.solved, self.pressure, self.box, self.residual, self.iterations, self.changed]
+        outputs += [self.dirty]
         return self._blocks(normal_kernel(real, self.lanes), inputs, outputs)
 
     def _friction(self) -> Callable[[], None]:
@@ -298,7 +320,9 @@ class CompiledLayer:
         reach = reach_of(self.tables.kernels)
         inputs = [self.tables.struct, wp.vec2i(*reach), self.n_slots, self.pressure, self.state, self.box]
         inputs += [self.rubbed if self.rubs else self.changed, self.workspace.struct, self.windows.struct]
-        return self._blocks(surface_kernel(self.real, self.lanes, self.rubs), inputs, [self.area, *self.surface])
+        return self._blocks(
+            surface_kernel(self.real, self.lanes, self.rubs), inputs, [self.area, self.dirty, *self.surface]
+        )
 
     def _read(self) -> Callable[[], None]:
         grid = self.grid
@@ -308,5 +332,6 @@ class CompiledLayer:
         skin.area, skin.columns, skin.split = grid.area, grid.columns, grid.split
         self.place = wp.array(grid.place, dtype=wp.int32, device=self.device)
         inputs = [skin, self.place, self.pressure, self.residual, self.state, *self.surface]
+        inputs += [self.rubbed if self.rubs else self.changed, self.dirty]
         kernel = reading_kernel(self.real, bool(self.model.displacement), self.rubs)
         return record(kernel, self.reading.shape[:2], inputs, [self.reading], self.device)

@@ -33,6 +33,7 @@ from tactemu.physics.elastic_layer_window import (
     BOX_STEP,
     BROKEN,
     SAME,
+    around,
     block_sum,
     publish_function,
     survey_function,
@@ -285,6 +286,7 @@ def normal_kernel(real, lanes: int):
         n_slots: int,
         # In:
         overlap: wp.array3d(dtype=real),
+        active: wp.array(dtype=wp.vec4i),
         # Scratch:
         ws: workspace,
         win: windows_struct,
@@ -295,16 +297,19 @@ def normal_kernel(real, lanes: int):
         residual_out: wp.array(dtype=wp.float64),
         iterations_out: wp.array(dtype=wp.int32),
         changed_out: wp.array(dtype=wp.int32),  # 1: the pressures of this step are not those of the last
+        dirty_out: wp.array(dtype=wp.vec4i),  # where they are not
     ):
         slot, thread = wp.tid()
         for env in range(slot, overlap.shape[0], n_slots):
-            state, box = survey(overlap[env], solved_overlap[env], bulge, thread)
+            state, box = survey(overlap[env], solved_overlap[env], active[env], bulge, thread)
             residual = residual_out[env]
             old = box_out[env]
             iteration = int(0)
             changed = int(0)
             if state == BROKEN or box[3] == 0:
                 publish(win.pressure[slot], box, old, pressure_out[env], thread)
+                if state == BROKEN or wp.isnan(residual):  # every taxel reads NaN, or no longer
+                    old = wp.vec4i(0, 0, overlap.shape[1], overlap.shape[2])
                 changed = wp.min(old[3], 1)
                 residual = wp.where(state == BROKEN, wp.float64(wp.nan), wp.float64(0.0))
             elif state != SAME or residual > tolerance:
@@ -320,6 +325,7 @@ def normal_kernel(real, lanes: int):
                 residual_out[env] = residual
                 iterations_out[env] = iteration
                 changed_out[env] = changed
+                dirty_out[env] = around(box, old)
             block_sync()
 
     return solve_normal

@@ -48,6 +48,11 @@ class LayerGrid:
         """Of one taxel [m²]."""
         return self.pitch[0] * self.pitch[1]
 
+    @property
+    def edge(self) -> np.ndarray:
+        """The corner of the first cell, link frame [m]."""
+        return self.corner - 0.5 * (self.pitch[0] * self.v + self.pitch[1] * self.u)
+
     def cell_centres(self) -> np.ndarray:
         """Centres of the cells, link frame [m], shape ``(*shape, 3)``."""
         y, x = (np.arange(n * self.split) + 0.5 for n in (self.rows, self.columns))

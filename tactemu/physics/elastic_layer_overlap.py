@@ -6,12 +6,82 @@ import warp as wp
 
 from tactemu.physics.elastic_layer_column import column_function
 from tactemu.physics.elastic_layer_contact import NO_SURFACE
-from tactemu.physics.shapes import table_type
+from tactemu.physics.shapes import FAR, table_type
+
+
+@functools.cache
+def near_kernel(real):
+    """The rows and columns that bodies are near to: from their bounding balls, one environment per thread."""
+    vec3 = wp.types.vector(3, real)
+    transform = wp.types.transformation(real)
+    shapes_type = table_type(real)
+
+    @wp.func
+    def cells_within(centre: real, bound: real, start: real, size: real, count: int):
+        """First and last-but-one cell of a row of ``count`` that the interval ``centre +- bound`` touches."""
+        if not bound < real(1.0e9) * size:
+            return wp.vec2i(0, count)
+        first = wp.clamp((centre - bound - start) / size, real(0.0), real(count))
+        last = wp.clamp((centre + bound - start) / size + real(1.0), real(0.0), real(count))
+        return wp.vec2i(int(first), int(last))
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def find_near(
+        # Scene:
+        shapes: shapes_type,
+        pose: wp.array2d(dtype=transform),
+        targets: wp.array(dtype=wp.int32),
+        # Skin:
+        corner: vec3,  # of the grid, not of its first cell's centre
+        u: vec3,
+        v: vec3,
+        n: vec3,
+        cell: wp.types.vector(2, real),
+        cells: wp.vec2i,
+        horizon: real,
+        # State and out:
+        near: wp.array(dtype=wp.vec4i),
+        active_out: wp.array(dtype=wp.vec4i),
+    ):
+        env = wp.tid()
+        top = cells[0]
+        left = cells[1]
+        bottom = int(0)
+        right = int(0)
+        for t in range(targets.shape[0]):
+            b = targets[t]
+            at = wp.transform_get_translation(pose[env, b]) - corner
+            bound = shapes.bound[b]
+            down = wp.vec2i(0, cells[0])
+            along = wp.vec2i(0, cells[1])
+            if wp.isfinite(at[0]):
+                if wp.dot(at, n) - bound > horizon:
+                    continue
+                down = cells_within(wp.dot(at, v), bound, real(0.0), cell[0], cells[0])
+                along = cells_within(wp.dot(at, u), bound, real(0.0), cell[1], cells[1])
+            if down[0] < down[1] and along[0] < along[1]:
+                top = wp.min(top, down[0])
+                bottom = wp.max(bottom, down[1])
+                left = wp.min(left, along[0])
+                right = wp.max(right, along[1])
+        now = wp.vec4i(top, left, bottom, right)
+        last = near[env]
+        near[env] = now
+        # Cells that a body has left are looked at once more, to be cleared.
+        active = now
+        if last[2] > last[0]:
+            active = wp.vec4i(
+                wp.min(now[0], last[0]), wp.min(now[1], last[1]), wp.max(now[2], last[2]), wp.max(now[3], last[3])
+            )
+        active_out[env] = active
+
+    return find_near
 
 
 @functools.cache
 def overlap_kernel(real, kinds: frozenset, with_slide: bool):
-    """Overlap [pitches] of every cell and, for friction, the body there and its slide [pitches] since the last step."""
+    """Overlap [pitches] of every cell in reach and, for friction, the body there and its slide [pitches] since the last
+    step. One thread per row."""
     vec3, vec2 = wp.types.vector(3, real), wp.types.vector(2, real)
     transform = wp.types.transformation(real)
     shapes_type = table_type(real)
@@ -38,33 +108,18 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool):
         was = wp.quat_rotate(wp.transform_get_rotation(before), material) + wp.transform_get_translation(before)
         return vec2(wp.dot(x - was, u) / pitch, wp.dot(x - was, v) / pitch)
 
-    @wp.kernel(module="unique", enable_backward=False)
-    def find_overlap(
-        # Scene:
+    @wp.func
+    def lowest_surface(
         shapes: shapes_type,
         pose: wp.array2d(dtype=transform),
-        last_pose: wp.array2d(dtype=transform),
         targets: wp.array(dtype=wp.int32),
-        # Skin:
-        centres: wp.array2d(dtype=vec3),
-        covered: wp.array2d(dtype=wp.bool),
-        u: vec3,
-        v: vec3,
+        env: int,
+        r: vec3,
         n: vec3,
         depth: real,
-        horizon: real,
-        pitch: real,
-        # Out:
-        overlap_out: wp.array3d(dtype=real),
-        body_out: wp.array3d(dtype=wp.int32),
-        slide_out: wp.array3d(dtype=vec2),
     ):
-        env, y, x = wp.tid()
-        if not covered[y, x]:
-            overlap_out[env, y, x] = real(NO_SURFACE)
-            return
-        r = centres[y, x]
-        lowest = horizon
+        """Height of the lowest surface over the point ``r``, and its body; the body is -1 where there is none."""
+        lowest = depth
         body = int(-1)
         for t in range(targets.shape[0]):
             b = targets[t]
@@ -78,16 +133,49 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool):
                     body = b
             if not wp.isfinite(wp.transform_get_translation(place)[0]):
                 lowest = real(wp.nan)
-        if body < 0 and lowest >= horizon:
-            overlap_out[env, y, x] = real(NO_SURFACE)
-        else:
-            overlap_out[env, y, x] = -lowest / pitch
-        if wp.static(with_slide):
-            body_out[env, y, x] = body
-            slide = vec2(real(0.0))
-            if body >= 0 and lowest < real(0.0):
-                slide = slid(pose[env, body], last_pose[env, body], r + lowest * n, u, v, pitch)
-            slide_out[env, y, x] = slide
+        return lowest, body
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def find_overlap(
+        # Scene:
+        shapes: shapes_type,
+        pose: wp.array2d(dtype=transform),
+        last_pose: wp.array2d(dtype=transform),
+        targets: wp.array(dtype=wp.int32),
+        active: wp.array(dtype=wp.vec4i),
+        # Skin:
+        centres: wp.array2d(dtype=vec3),
+        covered: wp.array2d(dtype=wp.bool),
+        u: vec3,
+        v: vec3,
+        n: vec3,
+        depth: real,
+        pitch: real,
+        # Out:
+        overlap_out: wp.array3d(dtype=real),
+        body_out: wp.array3d(dtype=wp.int32),
+        slide_out: wp.array3d(dtype=vec2),
+    ):
+        env, y = wp.tid()
+        box = active[env]
+        if y < box[0] or y >= box[2]:
+            return
+        for x in range(box[1], box[3]):
+            lowest = real(FAR)
+            body = int(-1)
+            r = centres[y, x]
+            if covered[y, x]:
+                lowest, body = lowest_surface(shapes, pose, targets, env, r, n, depth)
+            overlap = -lowest / pitch
+            if body < 0 and wp.isfinite(lowest):
+                overlap = real(NO_SURFACE)
+            overlap_out[env, y, x] = overlap
+            if wp.static(with_slide):
+                body_out[env, y, x] = body
+                slide = vec2(real(0.0))
+                if body >= 0 and lowest < real(0.0):
+                    slide = slid(pose[env, body], last_pose[env, body], r + lowest * n, u, v, pitch)
+                slide_out[env, y, x] = slide
 
     return find_overlap
 

@@ -53,14 +53,21 @@ def reading_kernel(real, with_surface: bool, with_friction: bool):
         surface_u: wp.array3d(dtype=real),
         surface_v: wp.array3d(dtype=real),
         surface_w: wp.array3d(dtype=real),
+        changed: wp.array(dtype=wp.int32),
+        dirty: wp.array(dtype=wp.vec4i),
         # Out:
         reading_out: wp.array3d(dtype=real),
     ):
         env, taxel = wp.tid()
-        if place[taxel] < 0:
+        if place[taxel] < 0 or changed[env] == 0:
             return
         row = (place[taxel] // skin.columns) * skin.split
         column = (place[taxel] % skin.columns) * skin.split
+        box = dirty[env]
+        if row + skin.split <= box[0] or row >= box[0] + box[2]:
+            return
+        if column + skin.split <= box[1] or column >= box[1] + box[3]:
+            return
         load = vec3(real(0.0))  # along u, v and into the skin
         moved = vec3(real(0.0))
         slip = int(FREE)

@@ -18,7 +18,7 @@ from tactemu.physics.elastic_layer_fft import (
 from tactemu.physics.elastic_layer_friction_state import friction_state_type
 from tactemu.physics.elastic_layer_sideways import sideways_functions
 from tactemu.physics.elastic_layer_tables import tables_type
-from tactemu.physics.elastic_layer_window import BOX_STEP, transform_level, transform_size
+from tactemu.physics.elastic_layer_window import BOX_STEP, around, transform_level, transform_size
 
 NEGLIGIBLE = 1e-5
 """A response smaller than this part of that at the load is left out."""
@@ -95,6 +95,7 @@ def surface_kernel(real, lanes: int, with_friction: bool):
         win: windows,
         # State and out:
         area_out: wp.array(dtype=wp.vec4i),
+        dirty_out: wp.array(dtype=wp.vec4i),
         u_out: wp.array3d(dtype=real),
         v_out: wp.array3d(dtype=real),
         w_out: wp.array3d(dtype=real),
@@ -146,6 +147,7 @@ def surface_kernel(real, lanes: int, with_friction: bool):
                         deposit(answer, area, v_out[env], True, thread)
                 block_sync()
                 if thread == 0:
+                    dirty_out[env] = around(dirty_out[env], around(area, area_out[env]))
                     area_out[env] = area
                 block_sync()
 

@@ -41,6 +41,18 @@ def transform_size(level: wp.vec2i):
 
 
 @wp.func
+def around(a: wp.vec4i, b: wp.vec4i):
+    """The box around two boxes ``(first row, first column, rows, columns)``; empty ones do not count."""
+    if a[2] == 0:
+        return b
+    if b[2] == 0:
+        return a
+    top = wp.min(a[0], b[0])
+    left = wp.min(a[1], b[1])
+    return wp.vec4i(top, left, wp.max(a[0] + a[2], b[0] + b[2]) - top, wp.max(a[1] + a[3], b[1] + b[3]) - left)
+
+
+@wp.func
 def fit(first: int, last: int, cells: int):
     """First cell and length of a window around ``first..last``, inside ``cells`` where that is possible.
 
@@ -54,23 +66,24 @@ def fit(first: int, last: int, cells: int):
 
 @functools.cache
 def survey_function(real):
-    """``survey(overlap, solved, bulge, thread) -> (state, box)`` of one environment.
+    """``survey(overlap, solved, active, bulge, thread) -> (state, box)`` of one environment.
 
     ``box`` is ``(first row, first column, rows, columns)`` around the cells that contact can reach: those whose overlap
     is more than ``-bulge`` times the deepest, since a skin that cannot be compressed rises beside what presses it. It
-    is empty where nothing touches. ``solved`` is the overlap of the last step; it is brought up to date.
+    is empty where nothing touches. ``solved`` is the overlap of the last step; it is brought up to date. Only the cells
+    from ``active[:2]`` to before ``active[2:]`` are looked at: no body is, or was at the last step, near the others.
     """
     grid = wp.array2d(dtype=real)
 
     @wp.func
-    def survey(overlap: grid, solved: grid, bulge: real, thread: int):
+    def survey(overlap: grid, solved: grid, active: wp.vec4i, bulge: real, thread: int):
         rows = overlap.shape[0]
         columns = overlap.shape[1]
-        mine = spread(columns, thread)
+        mine = spread(wp.max(active[3] - active[1], 1), thread)
         deepest = real(0.0)
         state = int(SAME)
-        for y in range(mine[0], rows, mine[1]):
-            for x in range(mine[2], columns, mine[3]):
+        for y in range(active[0] + mine[0], active[2], mine[1]):
+            for x in range(active[1] + mine[2], active[3], mine[3]):
                 o = overlap[y, x]
                 deepest = wp.max(deepest, o)
                 if o != solved[y, x]:
@@ -87,8 +100,8 @@ def survey_function(real):
         left = columns
         right = int(-1)
         floor = -bulge * deepest
-        for y in range(mine[0], rows, mine[1]):
-            for x in range(mine[2], columns, mine[3]):
+        for y in range(active[0] + mine[0], active[2], mine[1]):
+            for x in range(active[1] + mine[2], active[3], mine[3]):
                 if overlap[y, x] > floor:
                     top = wp.min(top, y)
                     bottom = wp.max(bottom, y)

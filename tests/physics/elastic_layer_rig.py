@@ -48,13 +48,15 @@ class LayerRig:
         self.windows = Windows(struct, NORMAL_WINDOWS, slots, cells, real, lanes, self.device)
         self.overlap, self.pressure_array = zeros(real), zeros(real)
         self.solved = wp.full(shape, real(math.nan), dtype=real, device=self.device)
-        self.box, self.area = zeros(wp.vec4i, n_envs), zeros(wp.vec4i, n_envs)
+        self.box, self.area, self.dirty = (zeros(wp.vec4i, n_envs) for _ in range(3))
         self.residual_array, self.iterations = zeros(wp.float64, n_envs), zeros(wp.int32, n_envs)
         self.changed, self.rubbed = zeros(wp.int32, n_envs), zeros(wp.int32, n_envs)
         limit = wp.float64(tolerance)
         inputs = [self.tables.struct, real(1.0), iterations, limit, slots]
-        inputs += [self.overlap, self.workspace.struct, self.windows.struct]
+        self.active = wp.full(n_envs, wp.vec4i(0, 0, *cells), dtype=wp.vec4i, device=self.device)
+        inputs += [self.overlap, self.active, self.workspace.struct, self.windows.struct]
         outputs = [self.solved, self.pressure_array, self.box, self.residual_array, self.iterations, self.changed]
+        outputs += [self.dirty]
         self._normal = launch(normal_kernel(real, lanes), inputs, outputs)
 
         self.slide, self.body = zeros(wp.types.vector(2, real)), zeros(wp.int32)
@@ -77,7 +79,9 @@ class LayerRig:
         self.surface_arrays = [zeros(real) for _ in range(3)]
         inputs = [self.tables.struct, reach, slots, self.pressure_array, self.state, self.box]
         inputs += [self.rubbed if mu > 0 else self.changed, self.workspace.struct, self.windows.struct]
-        self._surface = launch(surface_kernel(real, lanes, mu > 0), inputs, [self.area, *self.surface_arrays])
+        self._surface = launch(
+            surface_kernel(real, lanes, mu > 0), inputs, [self.area, self.dirty, *self.surface_arrays]
+        )
 
     def _one(self, array):
         values = array.numpy().astype(float)

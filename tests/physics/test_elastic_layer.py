@@ -245,3 +245,32 @@ def test_taxels_off_the_grid_are_refused():
     positions[1, 2, 0] += 2e-4
     with pytest.raises(SceneError, match="rectangular grid"):
         scene_with(tt.Sphere(radius=5e-3), positions=positions)
+
+
+def test_nothing_is_left_where_an_object_has_been():
+    """Readings and displacements far from the present contact are those of a scene that never touched there."""
+    sim, ball, skin = scene_with(tt.Sphere(radius=2e-3), thickness=5e-4, friction=0.5)
+    for x in (-5e-3, -4.5e-3):
+        press(sim, ball, skin, 1.8e-3, x=x)
+    sim.set_pose(ball, position=(0, 0, 1))
+    sim.step()
+    away = skin.read()
+    assert not away.force.any() and not away.displacement.any() and not away.slip.any()
+    moved = press(sim, ball, skin, 1.8e-3, x=5e-3)
+    fresh, other, other_skin = scene_with(tt.Sphere(radius=2e-3), thickness=5e-4, friction=0.5)
+    wanted = press(fresh, other, other_skin, 1.8e-3, x=5e-3)
+    for one, two in zip(moved, wanted):
+        np.testing.assert_array_equal(one, two)
+
+
+def test_a_pose_made_good_again_reads_again():
+    sim, ball, skin = scene_with(tt.Sphere(radius=5e-3))
+    sim.set_pose(ball, position=(np.nan, 0, 0))
+    with pytest.raises(tt.TactemuError):
+        sim.step()
+    reading = press(sim, ball, skin, 4.5e-3)
+    assert np.isfinite(reading.force).all() and reading.force.any()
+    sim.set_pose(ball, position=(np.nan, 0, 0))
+    with pytest.raises(tt.TactemuError):
+        sim.step()
+    assert not np.isnan(press(sim, ball, skin, 6e-3).force).any()
