@@ -52,5 +52,20 @@ def test_every_page_is_linked():
         assert f"(docs/{page.name})" in text, page.name
 
 
+def test_every_command_that_the_documentation_shows_exists():
+    from typer.main import get_command
+
+    from tactemu.cli.app import app
+
+    commands = get_command(app).commands
+    pages = [README, *(README.parent / "docs").glob("*.md")]
+    shown = {
+        (page.name, name) for page in pages for name in re.findall(r"(?m)^\$? ?tactemu ([a-z]+)", page.read_text())
+    }
+    assert {name for _, name in shown} >= {"run", "devices", "explain", "truth", "faults", "record", "replay", "tune"}
+    for page, name in shown:
+        assert name in commands, f"{page}: tactemu {name}"
+
+
 if __name__ == "__main__" and "--write" in sys.argv:
     README.write_text(TABLE.sub(lambda found: found[1] + table() + found[2], README.read_text()))
