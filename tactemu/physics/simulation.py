@@ -37,6 +37,21 @@ def _device(name) -> wp.Device:
         raise SceneError(f"no device {name!r} on this machine ({error}); there are: {known}") from None
 
 
+def _reading_info(sensor: Sensor) -> ReadingInfo:
+    """What the imperfections must know of a sensor."""
+    model, probes = sensor.model, sensor.probes
+    return ReadingInfo(
+        name=sensor.name,
+        layout=probes.layout,
+        channels=model.channels,
+        unit=model.unit,
+        probe_radius=probes.radii,
+        spacing=probes.spacing if probes.is_grid else None,
+        normal=probes.mean_normal,
+        gain_inside=model.gain_inside,
+    )
+
+
 class Simulation:
     """What :meth:`tactemu.Scene.build` returns. Time is counted in integer nanoseconds and steps in int64."""
 
@@ -84,6 +99,16 @@ class Simulation:
             self.plan.stages += self._compile_sensor(sensor)
         self._bad_view = self._poses.bad.numpy() if self.device.is_cpu else None
 
+    def _check(self, sensor: Sensor) -> None:
+        n_taxels = self.n_envs * sensor.probes.n
+        if n_taxels >= MOST_THREADS:
+            raise SceneError(
+                f"sensor {sensor.name!r}: {self.n_envs} environments of {sensor.probes.n} taxels are {n_taxels}; "
+                f"one launch takes {MOST_THREADS - 1} taxels: build fewer environments at a time"
+            )
+        check_query(sensor)
+        sensor.model.validate(sensor.probes)
+
     def _site(self, sensor: Sensor, gain, radius) -> Site:
         felt = bodies_felt(sensor, self.scene)
         return Site(
@@ -103,25 +128,10 @@ class Simulation:
         )
 
     def _compile_sensor(self, sensor: Sensor) -> list[Stage]:
-        model, probes = sensor.model, sensor.probes
-        check_query(sensor)
-        if self.n_envs * probes.n >= MOST_THREADS:
-            raise SceneError(
-                f"sensor {sensor.name!r}: {self.n_envs} environments of {probes.n} taxels are {self.n_envs * probes.n} "
-                f"taxels; one launch takes {MOST_THREADS - 1}: build fewer environments at a time"
-            )
-        model.validate(probes)
-        info = ReadingInfo(
-            name=sensor.name,
-            layout=probes.layout,
-            channels=model.channels,
-            unit=model.unit,
-            probe_radius=probes.radii,
-            spacing=probes.spacing if probes.is_grid else None,
-            normal=probes.mean_normal,
-            gain_inside=model.gain_inside,
-        )
-        spoil = Imperfections(model, info, self.context)
+        """The stages of one sensor in their order: what enters its formula, the formula, what spoils its result."""
+        model = sensor.model
+        self._check(sensor)
+        spoil = Imperfections(model, _reading_info(sensor), self.context)
         gain, gain_stages = spoil.compile_gain()
         radius, radius_stages = spoil.compile_radius_noise()
         compiled = model.compile(self._site(sensor, gain if model.gain_inside else None, radius))

@@ -107,6 +107,13 @@ def test_a_scene_without_sensors_steps():
     assert sim.time_ns == 500_000_000 and not sim.plan.stages
 
 
+def test_an_empty_scene_steps():
+    sim = tt.Scene(dt=1e-3).build(3)
+    sim.step()
+    sim.reset()
+    assert sim.time_ns == 0
+
+
 def test_two_skins_on_two_links_feel_each_other():
     scene = tt.Scene()
     lower = scene.add_body(tt.Box(size=(0.02, 0.02, 0.01)), fixed=True)
