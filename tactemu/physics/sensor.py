@@ -221,11 +221,11 @@ class Sensor(SensorSetters):
             SceneError: the scene is not built.
             PoseError: on a GPU, a pose of this step was not finite.
         """
-        return self._present(self._numpy(self.array()))
+        return self._present(self.array())
 
     def read_ground_truth(self):
         """The reading of the last step without any imperfection, delay or noise; shaped as :meth:`read`."""
-        return self._present(self._numpy(self.array(ground_truth=True)))
+        return self._present(self.array(ground_truth=True))
 
     def array(self, ground_truth: bool = False) -> wp.array:
         """The device array behind a reading, ``(n_envs, [history,] n_taxels, channels)``: nothing is copied or waited
@@ -263,12 +263,12 @@ class Sensor(SensorSetters):
         self._sim.before_read()
         return array.numpy()
 
-    def _present(self, values: np.ndarray):
-        sim = self._sim
+    def _present(self, array: wp.array):
+        values = self._numpy(array)
+        if array.device.is_cpu:  # the device's own memory
+            values = values.copy()
         shape = (*values.shape[:-2], *self.probes.layout, values.shape[-1])
-        if not sim.batched:
-            shape = shape[1:]
-        return self.model.present(values.reshape(shape).copy())
+        return self.model.present(values.reshape(shape if self._sim.batched else shape[1:]))
 
 
 def check_query(sensor: Sensor) -> None:
