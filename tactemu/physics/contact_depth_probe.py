@@ -20,12 +20,12 @@ def depth_kernel(
     shapes_type = table_type(real)
     probes_type = probes_struct(real)
     nearest = contact_function(real, kinds, along_normal)
-    touches = strip_function(real, kinds)
+    touches = strip_function(real, kinds, has_radius)
 
     @wp.func
     def depth(radius: real, distance: real):
         d = radius - distance
-        return wp.where(d < real(0.0) or radius <= real(0.0), real(0.0), d)
+        return wp.where(d < real(0.0), real(0.0), d)  # not max(), which would turn NaN into 0
 
     @wp.kernel(module="unique", enable_backward=False)
     def contact_depth(
@@ -42,11 +42,7 @@ def depth_kernel(
         first = strip * probes.strip
         last = wp.min(first + probes.strip, probes.radii.shape[0])
         if wp.static(in_strips):
-            noise = real(0.0)
-            if wp.static(has_radius):
-                for i in range(first, last):
-                    noise = wp.max(noise, radius[e, i] - probes.radii[i])
-            if not touches(shapes, pose, targets, probes, e, strip, noise):
+            if not touches(shapes, pose, targets, probes, radius, e, strip):
                 for i in range(first, last):
                     truth_out[e, i, 0] = real(0.0)
                     if wp.static(separate):

@@ -67,7 +67,7 @@ def kinematic_kernel(
     shapes_type = table_type(real)
     probes_type = probes_struct(real)
     nearest = contact_function(real, kinds, along_normal)
-    touches = strip_function(real, kinds)
+    touches = strip_function(real, kinds, has_radius)
     coefficients = coefficients_type(real)
 
     @wp.func
@@ -113,11 +113,7 @@ def kinematic_kernel(
         first = strip * probes.strip
         last = wp.min(first + probes.strip, probes.radii.shape[0])
         if wp.static(in_strips):
-            noise = real(0.0)
-            if wp.static(has_radius):
-                for i in range(first, last):
-                    noise = wp.max(noise, radius[e, i] - probes.radii[i])
-            if not touches(shapes, pose, targets, probes, e, strip, noise):
+            if not touches(shapes, pose, targets, probes, radius, e, strip):
                 for i in range(first, last):
                     for k in range(6):
                         truth_out[e, i, k] = real(0.0)
@@ -145,8 +141,6 @@ def kinematic_kernel(
                     d = r_measured - distance
                     if wp.static(has_gain):
                         d *= gain[e, i]
-                    if r_measured <= real(0.0):
-                        d = real(0.0)
                     write(d, c, n, v, w, r, e, i, raw_out)
 
     return kinematic

@@ -62,7 +62,6 @@ def primitive_functions(real):
     """Exact distance and normal of ball, box, capsule, cylinder and half-space, each ``f(p, size)``."""
     vec3 = wp.types.vector(3, real)
     vec2 = wp.types.vector(2, real)
-    zero, one = real(0.0), real(1.0)
 
     @wp.func
     def sign(x: real):
@@ -115,7 +114,6 @@ def primitive_functions(real):
     def plane(p: vec3, size: vec3):
         return p[2], vec3(real(0.0), real(0.0), real(1.0))
 
-    del zero, one
     return {SPHERE: sphere, BOX: box, CAPSULE: capsule, CYLINDER: cylinder, PLANE: plane}
 
 
