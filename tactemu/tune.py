@@ -50,7 +50,8 @@ class Measured:
 
     def __str__(self) -> str:
         gain = "" if self.gain == 1.0 else f", strength x {self.gain:.3g}"
-        return f"{self.setting.name}: {self.cost_us:.0f} µs a sample, error {100 * self.error:.2g} %{gain}"
+        late = f" (one in ten over {self.late_us:.0f})" if self.late_us > 1.5 * self.cost_us else ""
+        return f"{self.setting.name}: {self.cost_us:.0f} µs a sample{late}, error {100 * self.error:.2g} %{gain}"
 
 
 @dataclass(frozen=True)
@@ -110,6 +111,7 @@ def run_tune(
             changed = choice.chosen.setting.skin(skin, choice.chosen.gain)
             dtype = choice.chosen.setting.dtype
             other = dtype if dtype != loaded.tables.scene.dtype else None
+            assert changed.model_ is not None  # a setting names its model
             write_skin(Path(target), index, changed.model_, changed.options, other)
             report(f"written into {target}")
         choices.append(choice)
@@ -155,6 +157,7 @@ class Tuner:
     def _truth(self, finest: Setting, settings: list[Setting]) -> tuple[np.ndarray, str]:
         """The finest layer; where the skin is no flat grid, or senses depth, the best of the settings in float64."""
         candidates = [] if self.device.senses == "depth" else [finest]
+        reason = SceneError(f"skin {self.skin.title!r}: no model fits it")
         for setting in [*candidates, *(Setting(s.name, s.model, s.dials, "float64") for s in reversed(settings))]:
             try:
                 return self._readings(setting), setting.name

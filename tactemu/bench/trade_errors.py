@@ -99,6 +99,8 @@ def errors(got: Observation, truth: Observation, positions: np.ndarray, area: fl
         area: of a taxel [m²].
         friction: coefficient of the truth.
     """
+    assert truth.pressure is not None and truth.drag is not None and truth.touch is not None  # a truth knows all
+    assert truth.sink is not None and truth.shift is not None
     found: dict[str, float | None] = {}
     load = float(truth.pressure.sum())
     if got.pressure is not None:
