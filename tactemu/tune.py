@@ -109,6 +109,7 @@ def run_tune(
         _say(choice, error, rate_hz, report)
         if write and target.endswith(".toml"):
             changed = choice.chosen.setting.skin(skin, choice.chosen.gain)
+            assert changed.model_ is not None, "a setting names its model"
             dtype = choice.chosen.setting.dtype
             other = dtype if dtype != loaded.tables.scene.dtype else None
             assert changed.model_ is not None  # a setting names its model
@@ -156,6 +157,7 @@ class Tuner:
 
     def _truth(self, finest: Setting, settings: list[Setting]) -> tuple[np.ndarray, str]:
         """The finest layer; where the skin is no flat grid, or senses depth, the best of the settings in float64."""
+        reason = SceneError(f"skin {self.skin.title!r}: there is no setting to judge")
         candidates = [] if self.device.senses == "depth" else [finest]
         reason = SceneError(f"skin {self.skin.title!r}: no model fits it")
         for setting in [*candidates, *(Setting(s.name, s.model, s.dials, "float64") for s in reversed(settings))]:

@@ -102,6 +102,7 @@ def errors(got: Observation, truth: Observation, positions: np.ndarray, area: fl
     assert truth.pressure is not None and truth.drag is not None and truth.touch is not None  # a truth knows all
     assert truth.sink is not None and truth.shift is not None
     found: dict[str, float | None] = {}
+    assert truth.pressure is not None, "a truth has a pressure"
     load = float(truth.pressure.sum())
     if got.pressure is not None:
         total = float(got.pressure.sum())
@@ -110,14 +111,14 @@ def errors(got: Observation, truth: Observation, positions: np.ndarray, area: fl
         if total > 0:
             centre = got.pressure @ positions / total - truth.pressure @ positions / load
             found["centre"] = float(np.linalg.norm(centre)) * 1e3
-    if got.drag is not None:
+    if got.drag is not None and truth.drag is not None:
         found["tangential force"] = float(np.linalg.norm(got.drag - truth.drag)) / (friction * load * area)
-    if got.touch is not None and truth.touch.any():
+    if got.touch is not None and truth.touch is not None and truth.touch.any():
         both, either = (got.touch & truth.touch).sum(), (got.touch | truth.touch).sum()
         found["contact area"] = float(got.touch.sum() / truth.touch.sum()) - 1
         found["overlap of areas"] = 1 - float(both / either)
-    if got.sink is not None:
+    if got.sink is not None and truth.sink is not None:
         found["normal motion"] = _relative(got.sink, truth.sink)
-    if got.shift is not None:
+    if got.shift is not None and truth.shift is not None:
         found["tangential motion"] = _relative(got.shift, truth.shift)
     return found
