@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -46,7 +46,10 @@ class Measured:
     late_us: float
     """The slowest tenth begins here."""
     error: float
+    """By the measure asked for."""
     gain: float
+    errors: dict[str, float] = field(default_factory=dict)
+    """By every measure of :data:`ERRORS`."""
 
     def __str__(self) -> str:
         gain = "" if self.gain == 1.0 else f", strength x {self.gain:.3g}"
@@ -152,7 +155,7 @@ class Tuner:
                 continue  # a layer needs a flat grid
             gain, wrong = self._judge(setting, readings, truth, touched)
             cost, late = self._cost(setting, moment)
-            measured.append(Measured(setting, cost, late, wrong, gain))
+            measured.append(Measured(setting, cost, late, wrong[self.error], gain, wrong))
         return _pick(self.skin.title, name, 1e6 * MARGIN / self.rate_hz, measured)
 
     def _truth(self, finest: Setting, settings: list[Setting]) -> tuple[np.ndarray, str]:
@@ -183,14 +186,15 @@ class Tuner:
             frames.append(np.asarray(sensor.quantity(self.device.senses, ground_truth=True), float))
         return np.stack(frames)
 
-    def _judge(self, setting: Setting, got: np.ndarray, truth: np.ndarray, touched: np.ndarray) -> tuple[float, float]:
+    def _judge(self, setting: Setting, got: np.ndarray, truth: np.ndarray, touched: np.ndarray) -> tuple[float, dict]:
+        """Gain and errors."""
         half = touched[: max(len(touched) // 2, 1)]
         judged = touched[len(half) :] if len(touched) > 1 else touched
         gain = 1.0
         if setting.model in STRENGTHS and np.any(got[half]):
             gain = float(np.vdot(got[half], truth[half]) / np.vdot(got[half], got[half]))
             gain = gain if np.isfinite(gain) and gain > 0 else 1.0
-        return gain, _error(self.error, gain * got[judged], truth[judged])
+        return gain, {kind: _error(kind, gain * got[judged], truth[judged]) for kind in ERRORS}
 
     def _cost(self, setting: Setting, moment: float) -> tuple[float, float]:
         """Time of a sample in contact [µs]: the steps up to it, and the reading of both branches."""
@@ -263,7 +267,8 @@ def as_dict(choice: Choice) -> dict[str, Any]:
         setting = measured.setting
         return {
             "name": setting.name, "model": setting.model, "dials": setting.dials, "dtype": setting.dtype,
-            "cost_us": measured.cost_us, "late_us": measured.late_us, "error": measured.error, "gain": measured.gain,
+            "cost_us": measured.cost_us, "late_us": measured.late_us, "gain": measured.gain,
+            "error": measured.error, "errors": measured.errors,
         }  # fmt: skip
 
     return {

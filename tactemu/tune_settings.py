@@ -22,6 +22,27 @@ STRENGTHS = {
 }
 
 
+DIAL_OF_STAGE = {
+    # Last words of a stage's name in the plan: which dial of the skin makes it cheaper.
+    "overlap": "lower `oversampling`",
+    "pressure": "lower `iterations` or `oversampling`, or raise `tolerance`",
+    "friction": "lower `iterations` or `oversampling`, raise `tolerance`, or set `friction = 0`",
+    "surface": "set `displacement = false`, or lower `oversampling`",
+    "taxels": "lower `oversampling`",
+    "points": "lower `n_sample_points`",
+    "near points": "lower `n_sample_points`",
+    "anchors": "lower `n_sample_points`",
+    "shear": "lower `n_sample_points`",
+    "contact depth": 'set `contact_depth_query = "sdf"`',
+    "springs": 'set `contact_depth_query = "sdf"`',
+}
+
+
+def dial_of(stage: str) -> str:
+    """What to turn so that a stage of a plan costs less; empty where nothing but another model helps."""
+    return DIAL_OF_STAGE.get(stage.rpartition(": ")[2], "")
+
+
 @dataclass(frozen=True)
 class Setting:
     """One choice of the dials."""

@@ -11,12 +11,14 @@ matplotlib), ``results.jsonl`` and ``truth/`` (what a later run does not compute
 
 from __future__ import annotations
 
+import base64
 import gc
 import hashlib
 import json
 import os
 import platform
 import time
+import zlib
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -38,6 +40,7 @@ from tactemu.bench.trade_cases import (
 from tactemu.bench.trade_errors import Observation, errors, fit_gains, observe
 from tactemu.bench.trade_report import summarise, write_table
 from tactemu.bench.trade_rungs import Rung, ladder
+from tactemu.bench.trade_scene import trade_of_scene
 from tactemu.bench.trade_truth import Truths, checks
 
 Report = Callable[[str], None]
@@ -63,6 +66,7 @@ class Cost:
 
 def run_trade(
     report: Report = print,
+    scene: str | None = None,
     *,
     out: str | Path = "trade",
     quick: bool = False,
@@ -75,6 +79,7 @@ def run_trade(
 
     Args:
         report: gets lines of text.
+        scene: a scene file or a device: its own contacts and skins are measured instead of the seven objects.
         out: folder for the results; a later run goes on from what is there.
         quick: a coarser truth (256 cells) and ten cases instead of thirty-five.
         device: where the rungs run: ``cpu`` or ``cuda:0``.
@@ -88,6 +93,8 @@ def run_trade(
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     progress = progress or (lambda items, _title, _total: items)
+    if scene is not None:
+        return trade_of_scene(report, scene, folder, device, progress)
     skin = TestSkin()
     rungs = [rung for rung in ladder() if only in rung.name]
     cases = all_cases(quick)
@@ -122,7 +129,7 @@ def run_trade(
 
 def _digest(truths: Truths, device: str) -> str:
     """Results are only comparable for the same skin, cases and device."""
-    return hashlib.blake2b(f"{truths.skin} {device} {PRESS_STEPS}".encode(), digest_size=6).hexdigest()
+    return hashlib.blake2b(f"2 {truths.skin} {device} {PRESS_STEPS}".encode(), digest_size=6).hexdigest()
 
 
 class Results:
@@ -154,13 +161,24 @@ class Results:
         """Keep it, on disk too."""
         key = self._key(rung, case)
         self._known[key] = seen
-        packed = {name: None if value is None else np.asarray(value).tolist() for name, value in vars(seen).items()}
+        packed = {name: None if value is None else _pack(value) for name, value in vars(seen).items()}
         with self._file.open("a", encoding="utf-8") as file:
             file.write(json.dumps({"digest": self._digest, "key": key, "observation": packed}) + "\n")
 
 
+def _pack(values: np.ndarray) -> dict:
+    """An array as compressed text: most taxels of most readings are zero."""
+    array = np.asarray(values)
+    data = base64.b64encode(zlib.compress(array.tobytes(), 6)).decode()
+    return {"dtype": str(array.dtype), "shape": array.shape, "data": data}
+
+
 def _unpack(packed: dict) -> Observation:
-    return Observation(**{name: None if value is None else np.array(value) for name, value in packed.items()})
+    def array(entry: dict) -> np.ndarray:
+        data = zlib.decompress(base64.b64decode(entry["data"]))
+        return np.frombuffer(data, entry["dtype"]).reshape(entry["shape"])
+
+    return Observation(**{name: None if entry is None else array(entry) for name, entry in packed.items()})
 
 
 def _play(skin: TestSkin, rung: Rung, case: Case, device: str) -> Observation:

@@ -86,6 +86,9 @@ def wire(
 
 @bench.command()
 def trade(
+    scene: Annotated[
+        str | None, typer.Argument(metavar="SCENE", help="A scene file or device: measure its contacts instead.")
+    ] = None,
     out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Figures, table, picture.")] = Path("trade"),
     quick: Annotated[bool, typer.Option("--quick", help="A coarser truth and ten cases: a minute.")] = False,
     device: Annotated[str, typer.Option(metavar="DEVICE", help="cpu, or cuda:0.")] = "cpu",
@@ -96,7 +99,7 @@ def trade(
     from tactemu.bench.trade import run_trade
     from tactemu.cli.progress import show_progress
 
-    run_trade(typer.echo, out=out, quick=quick, device=device, only=only, fresh=fresh, progress=show_progress)
+    run_trade(typer.echo, scene, out=out, quick=quick, device=device, only=only, fresh=fresh, progress=show_progress)
 
 
 @bench.command()

@@ -71,6 +71,8 @@ def sentence(entry: dict[str, Any]) -> str:
 
 def advice(emulator: Emulator, channel: Channel) -> str:
     """What to change when a device misses samples; empty when it does not."""
+    from tactemu.tune_settings import dial_of
+
     statistics = channel.statistics
     late = statistics.missed + statistics.stretched
     if late <= MISSED_SHARE * max(statistics.samples, 1):
@@ -87,9 +89,11 @@ def advice(emulator: Emulator, channel: Channel) -> str:
             "the machine is too busy, or the rate too high for it"
         )
     costs = simulation.plan.measure(time.perf_counter_ns)
+    stage = max(costs, key=lambda name: costs[name])
+    dial = dial_of(stage)
     return (
         f"{found}the simulation takes {simulated_us:.0f} of the {period_us:.0f} us between them, most of it in "
-        f"{max(costs, key=lambda name: costs[name])!r}. Raise [scene] dt, choose a cheaper model, lower --rate, or let "
+        f"{stage!r}{f' ({dial})' if dial else ''}. Raise [scene] dt, choose a cheaper model, lower --rate, or let "
         "`tactemu tune` choose"
     )
 

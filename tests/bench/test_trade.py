@@ -92,3 +92,15 @@ def test_a_rung_is_dominated_by_one_that_is_faster_and_better():
 def test_cases_are_as_many_as_said():
     assert len(all_cases()) == 35 and len(all_cases(quick=True)) == 10
     assert trade_cases.CALIBRATION in all_cases()
+
+
+def test_a_scene_of_the_user_is_measured_with_every_setting(tmp_path, monkeypatch):
+    from tactemu import tune
+
+    monkeypatch.setattr(tune, "MOMENTS", 16)
+    lines = []
+    found = trade.run_trade(lines.append, "anyskin", out=tmp_path)
+    (skin,) = found["skins"]
+    assert len(skin["all"]) >= 4 and all(entry["cost_us"] > 0 for entry in skin["all"])
+    assert all(set(entry["errors"]) == set(tune.ERRORS) for entry in skin["all"])
+    assert "| µs a sample |" in (tmp_path / "trade.md").read_text()
