@@ -60,11 +60,11 @@ def test_optoforce_rejects_the_very_frames_that_were_damaged(fault, tmp_path):
     with served(DRIVERS["optoforce"], tmp_path) as dev:
         dev.emulator.call(lambda: dev.emulator.wires[0].add_fault(fault))
         packets = run_driver("optoforce", "optoforce_read.py", dev.port, "OptoForce16")
-        frames = [frame for _, _, frame in dev.truth.frames if len(frame) == 16]
+    frames = [frame for _, _, frame in dev.truth.frames if len(frame) == 16]  # all of them: nothing runs any more
     sent = [struct.unpack(">H", frame[4:6])[0] for frame in frames]
     first, last = (sent.index(packets[k]["count"]) for k in (0, -1))
     damaged = [sum(frame[:-2]) & 0xFFFF != struct.unpack(">H", frame[-2:])[0] for frame in frames]
-    assert sum(damaged) == dev.truth.injected["checksum"]
+    assert dev.truth.injected["checksum"] - sum(damaged) in (0, 1), "the last may find the port closed"
     assert [not packet["valid_checksum"] for packet in packets] == damaged[first : last + 1]
     assert sum(damaged[first : last + 1]) > 5
 
@@ -114,7 +114,7 @@ def test_modbus_masters_report_every_fault_and_no_wrong_register(fight, name):
 
 def test_modbus_tcp_hands_out_flipped_registers(fight):
     """TCP framing has no CRC: a bit that changes behind TCP's own checksum reaches the user."""
-    for _, outcome in fight("plusml-rh56dftp", "flip", seconds=0.4, share="2%"):
+    for _, outcome in fight("plusml-rh56dftp", "flip", seconds=0.4, share="every 60"):
         assert outcome.recovered is not None and outcome.restart_helps is None
         assert outcome.wrong <= outcome.injected
 

@@ -24,6 +24,8 @@ def test_every_example_is_tested():
 @pytest.mark.timeout(150)
 @pytest.mark.parametrize("name", EXPECTED)
 def test_an_example_runs(name):
+    if name == "mujoco_skin.py":
+        pytest.importorskip("mujoco")
     done = subprocess.run(
         [sys.executable, str(ROOT / "examples" / name)], capture_output=True, text=True, timeout=140, env=environment(),
         check=False,
