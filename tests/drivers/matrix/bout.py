@@ -16,7 +16,7 @@ import threading
 import time
 from bisect import bisect_left, bisect_right
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -53,7 +53,8 @@ class Outcome:
     older: int = 0
     """Right readings of an older sample than the one before."""
     lost: int = 0
-    """Samples of which no reading came, though readings of earlier and of later ones did; of streams only."""
+    """Samples of which no reading came, though readings of earlier and of later ones did; of a driver that asks, what
+    it counts itself: commands less answers, more than the one that may be on its way."""
     again: int = 0
     """Right readings of the same sample as the one before."""
     errors: Counter[str] = field(default_factory=Counter)
@@ -119,7 +120,8 @@ def until(condition: Callable[[], bool], seconds: float, look_s: float = 0.02) -
 def served(driver: Driver, folder: Path, seed: int = 0) -> Iterator[Served]:
     """The driver's device on a port; every taxel carries noise, so that each reading names its sample."""
     path = folder / "scene.toml"
-    path.write_text(SCENE.format(device=driver.device, rate_hz=driver.rate_hz, noise=driver.noise, device_options=""))
+    scene = SCENE.format(device=driver.device, rate_hz=driver.rate_hz, noise=driver.noise, device_options="")
+    path.write_text(scene + driver.more)
     with tactemu.serve(path, driver.port, seed=seed) as dev:
         yield dev
 
@@ -162,6 +164,8 @@ class Ring:
         outcome = self.judge.outcome(self.name, label, process.lines, on_ns, off_ns)
         outcome.injected = self.dev.truth.injected.total() - injected
         outcome.counters = {key: after[key] - own.get(key, 0) for key in after}
+        if (missing := outcome.counters.get("writes", 0) - outcome.counters.get("reads", 0)) > 1:
+            outcome.lost = missing
         outcome.counters |= {f"wire {key}": wire.counters[key] - before.get(key, 0) for key in ("sent", "received")}
         if not well:
             outcome.stuck = process.where()
@@ -243,9 +247,10 @@ class Judge:
         found = [known.get(part) for known, part in zip(self._places, parts)]
         return [at[-1] for at in found if at] if found and all(found) else None
 
-    def _compared(self, line: dict[str, Any]) -> Iterable[tuple[str, str, dict[str, list[int]]]]:
-        """Each part of a reading with what it is at power-on, and with all samples."""
-        return zip(line["parts"], self._power_on, self._places)
+    def _asleep(self, line: dict[str, Any]) -> bool:
+        """Whether each part is as at power-on, or of a sample."""
+        parts = zip(line["parts"], self._power_on, self._places)
+        return all(part == first or part in known for part, first, known in parts)
 
     def _catch_up(self) -> None:
         """Learn the samples that were taken since."""
@@ -256,6 +261,11 @@ class Judge:
             self._places = self._places or [{} for _ in parts]
             for known, part in zip(self._places, parts):
                 known.setdefault(digest(part), []).append(sample.t_ns)
+
+    def _latest_before(self, lines: list[dict[str, Any]], t_ns: int) -> set[int]:
+        """The sample of the last right reading until then."""
+        earlier = (self.places(line) for line in reversed(list(lines)) if line["t"] <= t_ns and self.right(line))
+        return set(next(earlier, ()) or ())
 
     def right(self, line: dict[str, Any]) -> bool:
         return "parts" in line and not line.get("refused") and self.places(line) is not None
@@ -281,7 +291,7 @@ class Judge:
         """Everything since the fault was switched on."""
         result = Outcome(name, label, recovered=self.recovered(lines, off_ns))
         last, last_right = None, on_ns
-        seen: set[int] = set()
+        seen = self._latest_before(lines, on_ns)
         now = time.monotonic_ns()
         for line in list(lines):
             if line["t"] <= on_ns:
@@ -297,9 +307,9 @@ class Judge:
                 continue
             places = self.places(line)
             if places is None:
-                asleep = [part == first or part in known for part, first, known in self._compared(line)]
-                result.power_on += all(asleep)
-                result.wrong += not all(asleep)
+                asleep = label == "reset" and self._asleep(line)
+                result.power_on += asleep
+                result.wrong += not asleep
                 continue
             result.older += last is not None and min(places) < min(last)
             result.again += places == last

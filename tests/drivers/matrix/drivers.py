@@ -32,6 +32,8 @@ class Driver:
     rate_hz: float = 100
     noise: float = 0.1
     """White noise on every taxel, so that a reading names its sample."""
+    more: str = ""
+    """More lines of the skin's table in the scene."""
     port: str | None = None
     asks: bool = False
     """It polls, or keeps sending commands; the others listen to a stream."""
@@ -122,7 +124,7 @@ DRIVERS = {
     ),
     "plusml-rh56dftp": Driver(
         package="RH56DFTP", version="0.1.7", device="inspire_rh56dftp", noise=0.5, asks=True,
-        parts=lambda counts: [counts[INDEX_TOP]], port="tcp:127.0.0.1:0", share="1%", patience_s=15.0,
+        parts=lambda counts: [counts[INDEX_TOP]], port="tcp:127.0.0.1:0", share="5%", seconds=3.0, patience_s=15.0,
         judge_again=False,
         notes=(
             "Modbus TCP has no CRC of its own: a bit that flips in a gateway is a wrong reading.",
@@ -135,8 +137,8 @@ DRIVERS = {
         parts=lambda counts: [counts[taxels] for taxels in FINGERS], share="0.5%", seconds=3.0,
         judge_again=False,
         notes=(
-            "A row says which row it is but not of which sample: one that is late, repeated or old ends up in another "
-            "matrix, which then mixes two moments. These are the wrong readings beside flipped bits.",
+            "A row says which row it is but not of which sample: one that is late, repeated or old can end up in "
+            "another matrix, which then mixes two moments. These are the wrong readings beside changed bytes.",
             "A lost row costs the whole hand's reading, after the time-out (here 0.5 s): one `TimeoutError` each.",
         ),
     ),

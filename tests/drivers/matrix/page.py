@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Iterable, Mapping
+from textwrap import fill
 
 from tests.drivers.matrix.bout import Outcome
 from tests.drivers.matrix.drivers import DRIVERS, Driver
@@ -24,14 +25,14 @@ for number one of the samples) or is not. Faults are switched on in the middle o
 This page is written by the run that it describes; nothing in the tables was entered by hand:
 
 ```sh
-python -m tests.drivers.matrix --page docs/drivers-under-faults.md      # all of it, about a quarter of an hour
+python -m tests.drivers.matrix --page docs/drivers-under-faults.md      # all of it, about ten minutes
 python -m tests.drivers.matrix --driver optoforce --fault flip          # one of it
 ```
 
-Run on {machine}. Faults of frames hit 10 % of them, at random but by seed, for 1.5 s (`plusml-rh56dftp`: {plusml};
-`linkerbot`: {linkerbot}, because sixty frames make a reading). The reader around each driver reopens the port when the
-driver says that it is gone, and does nothing else. `tests/drivers/test_under_faults.py` holds the drivers to the rows
-that are exact.
+Run on {machine}. Faults of frames hit 10 % of them for 1.5 s, at random but by seed
+(`plusml-rh56dftp`: {plusml}; `linkerbot`: {linkerbot}, because sixty frames make a reading). The
+reader around each driver reopens the port when the driver says that it is gone, and does nothing else.
+`tests/drivers/test_under_faults.py` holds the drivers to the rows that are exact.
 
 ## At a glance
 
@@ -47,8 +48,8 @@ that are exact.
 LEGEND = """\
 Columns: faults *injected*; *readings* handed out from the start of the fault until the driver was well again; of these
 *wrong* and silent about it, *marked* bad by the driver, *again* the sample before, *older* than the sample before;
-samples *lost* (of streams); exceptions; the longest time without a right reading; and when, after the end of the fault,
-ten right readings in a row began. A busy machine adds some hundredths of a second.
+samples *lost* (of streams, or by the driver's own count); exceptions; the longest time without a right reading; and
+when, after the end of the fault, ten right readings in a row began. A busy machine adds some hundredths of a second.
 """
 
 
@@ -71,6 +72,8 @@ def _share(driver: Driver) -> str:
 
 def verdict(outcome: Outcome, driver: Driver) -> str:
     """The worst that happened, in one word."""
+    if not outcome.injected and outcome.fault != "none":
+        return "not hit"
     if outcome.recovered is None:
         return "**stops**"
     if outcome.wrong:
@@ -97,7 +100,9 @@ def _driver(name: str, results: Results) -> str:
     driver = DRIVERS[name]
     rows = [_row(label, results[name, label], driver) for label in TRIALS if (name, label) in results]
     head = ["fault", "injected", "readings", "wrong", "marked", "again", "older", "lost", "raises", "gap", "well after"]
-    notes = "".join(f"* {note}\n" for note in driver.notes)
+    notes = "".join(
+        fill(f"* {note}", 120, subsequent_indent="  ", break_on_hyphens=False) + "\n" for note in driver.notes
+    )
     stuck = [results[name, label] for label in TRIALS if (name, label) in results and results[name, label].stuck]
     where = "".join(
         f"\nAfter `{each.fault}` it is in {_inner(each.stuck)}; a new process "
@@ -112,15 +117,22 @@ def _inner(stuck: str) -> str:
 
 
 def _row(label: str, outcome: Outcome, driver: Driver) -> list[str]:
-    errors = ", ".join(f"{count} {name}" for name, count in outcome.errors.items() if count)
-    errors += f"{', ' if errors else ''}{outcome.power_on} as at power-on" if outcome.power_on else ""
+    logged = outcome.counters.get("checksum failed", 0)
+    errors = ", ".join(
+        [
+            *(f"{count} {name}" for name, count in outcome.errors.items() if count),
+            *([f"{outcome.power_on} read as at power-on"] if outcome.power_on else []),
+            *([f"{logged} checksums in its log"] if logged else []),
+        ]
+    )
     after = "never" if outcome.recovered is None else f"{outcome.recovered:.2f} s"
     again = outcome.again if driver.judge_again else 0
-    lost = "" if driver.asks else _count(outcome.lost)
     return [
-        f"{TRIALS[label].about} (`{TRIALS[label].against(driver).fault or label}`)",
-        *map(_count, (outcome.injected, outcome.readings, outcome.wrong, outcome.refused, again, outcome.older)),
-        lost,
+        f"`{TRIALS[label].against(driver).fault or label}`",
+        *map(
+            _count,
+            (outcome.injected, outcome.readings, outcome.wrong, outcome.refused, again, outcome.older, outcome.lost),
+        ),
         errors,
         f"{outcome.gap:.2f} s",
         after,

@@ -1,0 +1,58 @@
+"""Through the whole loop on a virtual clock: jitter as it was asked for, and the order of frames."""
+
+import struct
+
+import numpy as np
+import pytest
+
+from tactemu.clock import VirtualClock
+from tactemu.emulator import Channel, Emulator
+from tactemu.sampling import SampleClock
+from tactemu.transports.memory import MemoryTransport
+from tactemu.truth import Truth
+from tactemu.wire import Wire
+from tests.emulator.test_delay_live import Numbered
+from tests.emulator.test_loop import Ramp
+
+MS = 1_000_000
+
+
+def leave(frames: int, **clock) -> tuple[np.ndarray, np.ndarray]:
+    """The numbers of the frames as they leave at 1 kHz, and how long after its sample each does [ns]."""
+    device = Numbered()
+    truth = Truth(keep=1)
+    wire = Wire(MemoryTransport(), device.wires[0], truth=truth)
+    sampling = SampleClock(period_ns=device.period_ns, name="a", seed=4, **clock)
+    channel = Channel(name="a", device=device, source=Ramp(), wire=wire, sampling=sampling)
+    emulator = Emulator(None, [channel], clock=VirtualClock(), truth=truth)
+    numbers, late = [], []
+
+    def note(t_ns, _device, frame):
+        (number,) = struct.unpack("<I", frame)
+        numbers.append(number)
+        late.append(t_ns - number * device.period_ns)
+
+    truth.wrote = note
+    with emulator:
+        while len(numbers) < frames:
+            emulator.run(1.0)
+            wire.transport.driver.read()
+    return np.array(numbers[:frames]), np.array(late[:frames])
+
+
+def test_delay_and_jitter_to_the_nanosecond():
+    from scipy.stats import kstest
+
+    numbers, late = leave(20_000, delay_ns=3_700_000, jitter_ns=900_000)
+    assert np.array_equal(numbers, np.arange(1, 20_001))
+    assert late.min() >= 3_700_000 and late.max() <= 4_600_000
+    assert kstest((late - 3_700_000) / 900_000, "uniform").pvalue > 1e-3
+
+
+@pytest.mark.parametrize("reorder", [False, True])
+def test_frames_keep_their_order_unless_asked(reorder):
+    numbers, late = leave(20_000, delay_ns=3_700_000, jitter_ns=5 * MS, reorder=reorder)
+    assert late.min() >= 3_700_000
+    assert bool((np.diff(numbers) < 0).any()) is reorder
+    if not reorder:
+        assert np.array_equal(numbers, np.arange(1, 20_001)), "none lost, none twice"
