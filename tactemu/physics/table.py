@@ -99,15 +99,16 @@ class ShapeTables:
         return self._tables[key]
 
     def _row(self, body: bodies.Body, voxels: bool, cell: float | None) -> Row:
-        if body.index not in self._rows:
-            self._rows[body.index] = _row(body, self._context.device)
-        row = self._rows[body.index]
+        shape = id(body.shape)  # bodies may share one
+        if shape not in self._rows:
+            self._rows[shape] = _row(body, self._context.device)
+        row = self._rows[shape]
         if not voxels or row.kind in (kind.SPHERE, kind.PLANE, kind.VOXEL):  # exact at no cost, or a grid already
             return row
-        if (body.index, cell) not in self._grids:
+        if (shape, cell) not in self._grids:
             grid = voxelise(pack([row], self._context), row.middle, row.half, cell, body.name, self._context)
-            self._grids[body.index, cell] = Row(kind.VOXEL, bound=row.bound, grid=grid)
-        return self._grids[body.index, cell]
+            self._grids[shape, cell] = Row(kind.VOXEL, bound=row.bound, grid=grid)
+        return self._grids[shape, cell]
 
 
 def pack(rows: list[Row], context: Context) -> ShapeTable:

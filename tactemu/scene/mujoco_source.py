@@ -59,6 +59,7 @@ class MujocoSource:
         self._scene, self._model = scene, model
         self._geoms: dict[int, Body] = {}
         self._links: dict[int, Body] = {}
+        self._meshes: dict[int, Mesh] = {}
         chosen = self._collision_geoms() if geoms is None else [self._id("geom", geom) for geom in geoms]
         for geom in chosen:
             self._geoms[geom] = scene.add_body(self._shape(geom), name=self._name("geom", geom))
@@ -134,19 +135,22 @@ class MujocoSource:
 
                 return Mesh(source=trimesh.creation.icosphere(5), scale=size)
             case kinds.mjGEOM_MESH:
-                return Mesh(source=self._mesh(int(self._model.geom_dataid[geom])))
+                return self._mesh(int(self._model.geom_dataid[geom]))
         kind = kinds(self._model.geom_type[geom]).name.removeprefix("mjGEOM_").lower()
         raise SceneError(
             f"geom {self._name('geom', geom)!r} is of kind {kind}, which has no distance here; "
             "name the geoms to add without it: MujocoSource(scene, model, geoms=[...])"
         )
 
-    def _mesh(self, mesh: int) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices and faces as MuJoCo holds them: centred, in the geom's frame. Its collisions see the convex hull."""
-        m = self._model
-        first, count = m.mesh_vertadr[mesh], m.mesh_vertnum[mesh]
-        start, faces = m.mesh_faceadr[mesh], m.mesh_facenum[mesh]
-        return m.mesh_vert[first : first + count].astype(np.float64), m.mesh_face[start : start + faces]
+    def _mesh(self, mesh: int) -> Mesh:
+        """A mesh as MuJoCo holds it: centred, in the geom's frame. MuJoCo itself collides its convex hull."""
+        if mesh not in self._meshes:
+            m = self._model
+            first, count = m.mesh_vertadr[mesh], m.mesh_vertnum[mesh]
+            start, faces = m.mesh_faceadr[mesh], m.mesh_facenum[mesh]
+            vertices = m.mesh_vert[first : first + count].astype(np.float64)
+            self._meshes[mesh] = Mesh(source=(vertices, m.mesh_face[start : start + faces].copy()))
+        return self._meshes[mesh]
 
     # -- poses ------------------------------------------------------------------------------------------------------
 

@@ -5,8 +5,10 @@ import sys
 
 import numpy as np
 import pytest
+import trimesh
 
 import tactemu as tt
+from tactemu.physics import table
 from tests.physics.rig import scene_with
 
 COUNT = """
@@ -97,6 +99,21 @@ def test_a_mesh_that_no_sensor_feels_is_never_loaded():
     skin = scene.add_sensor(tt.ContactDepthProbe(track_link_idx=ball), link=link)
     scene.build().step()
     assert skin.read()[0] > 0
+
+
+def test_bodies_that_share_a_mesh_share_its_hierarchy(monkeypatch):
+    built = []
+    build = table.build_query
+    monkeypatch.setattr(table, "build_query", lambda *args: built.append(args) or build(*args))
+    ball = tt.Mesh(source=trimesh.creation.icosphere(2, radius=0.01))
+    scene = tt.Scene()
+    link = scene.add_body(fixed=True)
+    for x in (-0.02, 0.0, 0.02):
+        scene.add_body(ball, position=(x, 0, 0.009))
+    line = [[x, 0, 0] for x in (-0.02, 0.0, 0.02)]
+    skin = scene.add_sensor(tt.ContactDepthProbe(probe_local_pos=line, probe_radius=1e-3), link=link)
+    scene.build().step()
+    assert len(built) == 1 and skin.read() == pytest.approx(2e-3, abs=1e-5)
 
 
 def test_a_scene_without_sensors_steps():
