@@ -117,11 +117,10 @@ def first_function(real, kinds: frozenset):
 
 
 @functools.cache
-def strip_function(real, kinds: frozenset, has_radius: bool):
-    """``touches(shapes, pose, targets, probes, radius, e, strip) -> bool``: may any body reach any probe of a strip?
+def strip_function(real, kinds: frozenset):
+    """``touches(shapes, pose, targets, probes, e, strip, noise) -> bool``: may any body reach any probe of a strip?
 
-    The broad phase: one look per strip and body at the balls around them. With ``has_radius`` the radii of the
-    measured branch, ``radius``, count too.
+    The broad phase: one look per strip and body at the balls around them. ``noise`` is added to the radii.
     """
     vec3 = wp.types.vector(3, real)
     transform = wp.types.transformation(real)
@@ -134,27 +133,37 @@ def strip_function(real, kinds: frozenset, has_radius: bool):
         pose: wp.array2d(dtype=transform),
         targets: wp.array(dtype=wp.int32),
         probes: probes_type,
-        radius: wp.array2d(dtype=real),
         e: int,
         strip: int,
+        noise: real,
     ):
         ball = probes.strip_ball[strip]
         centre = vec3(ball[0], ball[1], ball[2])
-        around = ball[3]
-        if wp.static(has_radius):
-            grown = real(0.0)
-            for i in range(strip * probes.strip, wp.min((strip + 1) * probes.strip, probes.radii.shape[0])):
-                grown = wp.max(grown, radius[e, i] - probes.radii[i])
-            around += grown
         for t in range(targets.shape[0]):
             b = targets[t]
             d = centre - wp.transform_get_translation(pose[e, b])
-            reach = shapes.bound[b] + around
+            reach = shapes.bound[b] + ball[3] + noise
             if not (wp.dot(d, d) > reach * reach):  # NaN is looked at closely
                 return True
         return False
 
     return touches
+
+
+@functools.cache
+def noise_function(real, has_radius: bool):
+    """``noise(probes, radius, e, strip)``: by how much a radius of the measured branch exceeds the nominal, at most."""
+    probes_type = probes_struct(real)
+
+    @wp.func
+    def noise(probes: probes_type, radius: wp.array2d(dtype=real), e: int, strip: int):
+        grown = real(0.0)
+        if wp.static(has_radius):
+            for i in range(strip * probes.strip, wp.min((strip + 1) * probes.strip, probes.radii.shape[0])):
+                grown = wp.max(grown, radius[e, i] - probes.radii[i])
+        return grown
+
+    return noise
 
 
 @functools.cache

@@ -5,7 +5,14 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from tactemu.physics.contact import contact_function, probe_arrays, probes_struct, strip_function, strips
+from tactemu.physics.contact import (
+    contact_function,
+    noise_function,
+    probe_arrays,
+    probes_struct,
+    strip_function,
+    strips,
+)
 from tactemu.physics.plan import Stage, record
 from tactemu.physics.sensor import Compiled, SensorModel, Site
 from tactemu.physics.shapes import table_type
@@ -20,7 +27,7 @@ def depth_kernel(
     shapes_type = table_type(real)
     probes_type = probes_struct(real)
     nearest = contact_function(real, kinds, along_normal)
-    touches = strip_function(real, kinds, has_radius)
+    touches, noise = strip_function(real, kinds), noise_function(real, has_radius)
 
     @wp.func
     def depth(radius: real, distance: real):
@@ -42,7 +49,7 @@ def depth_kernel(
         first = strip * probes.strip
         last = wp.min(first + probes.strip, probes.radii.shape[0])
         if wp.static(in_strips):
-            if not touches(shapes, pose, targets, probes, radius, e, strip):
+            if not touches(shapes, pose, targets, probes, e, strip, noise(probes, radius, e, strip)):
                 for i in range(first, last):
                     truth_out[e, i, 0] = real(0.0)
                     if wp.static(separate):

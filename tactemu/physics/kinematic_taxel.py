@@ -17,7 +17,14 @@ from typing import NamedTuple
 import numpy as np
 import warp as wp
 
-from tactemu.physics.contact import contact_function, probe_arrays, probes_struct, strip_function, strips
+from tactemu.physics.contact import (
+    contact_function,
+    noise_function,
+    probe_arrays,
+    probes_struct,
+    strip_function,
+    strips,
+)
 from tactemu.physics.options import number
 from tactemu.physics.plan import Stage, record
 from tactemu.physics.probes import Probes
@@ -67,7 +74,7 @@ def kinematic_kernel(
     shapes_type = table_type(real)
     probes_type = probes_struct(real)
     nearest = contact_function(real, kinds, along_normal)
-    touches = strip_function(real, kinds, has_radius)
+    touches, noise = strip_function(real, kinds), noise_function(real, has_radius)
     coefficients = coefficients_type(real)
 
     @wp.func
@@ -113,7 +120,7 @@ def kinematic_kernel(
         first = strip * probes.strip
         last = wp.min(first + probes.strip, probes.radii.shape[0])
         if wp.static(in_strips):
-            if not touches(shapes, pose, targets, probes, radius, e, strip):
+            if not touches(shapes, pose, targets, probes, e, strip, noise(probes, radius, e, strip)):
                 for i in range(first, last):
                     for k in range(6):
                         truth_out[e, i, k] = real(0.0)
