@@ -42,7 +42,7 @@ def _clear_kernel():
 @functools.cache
 def _depth_kernel(real, kinds: frozenset, along_normal: bool, in_strips: bool):
     transform = wp.types.transformation(real)
-    contact, touches = contact_function(real, kinds, along_normal), strip_function(real, kinds, False)
+    contact, touches = contact_function(real, kinds, along_normal), strip_function(real, kinds)
 
     @wp.kernel(module="unique", enable_backward=False)
     def find_depth(
@@ -61,7 +61,7 @@ def _depth_kernel(real, kinds: frozenset, along_normal: bool, in_strips: bool):
         first = strip * probes.strip
         near = bool(True)
         if wp.static(in_strips):
-            near = touches(shapes, pose, targets, probes, depth, env, strip)  # no noised radii: depth stands in
+            near = touches(shapes, pose, targets, probes, env, strip, real(0.0))
         for taxel in range(first, wp.min(first + probes.strip, probes.positions.shape[0])):
             h = real(0.0)
             if near and probes.radii[taxel] > real(0.0):
