@@ -42,7 +42,7 @@ def duration(wire: Wire, *, pacing: bool = True) -> Callable[[Frame], int]:
 
 
 class Line:
-    """The queue in front of a line and the line itself, towards the driver."""
+    """The queue in front of a line and the line itself: towards the driver, and on a CAN bus for all nodes."""
 
     def __init__(self, wire: Wire, *, pacing: bool = True):
         self.arbitrates = isinstance(wire, CanWire)
@@ -50,7 +50,7 @@ class Line:
         self.free_ns = 0
         """When the line is idle again."""
         self.busy_ns = 0
-        """Time that the line has carried frames, both directions of a CAN bus."""
+        """Time that the line has carried frames."""
         self._queues: defaultdict[str, list[Pending]] = defaultdict(list)
         self._waiting_ns: defaultdict[str, int] = defaultdict(int)
         self._sending: Pending | None = None
@@ -81,17 +81,15 @@ class Line:
         """The next frame whose last bit has gone by ``now_ns``, or ``None``."""
         if self._sending is None:
             self._start(now_ns)
+        return self.finish(now_ns)
+
+    def finish(self, now_ns: int) -> Pending | None:
+        """As :meth:`take`, but lets no other frame start: for when more may still be offered at this moment."""
         if self._sending is None or self._sending.end_ns > now_ns:
             return None
         sent, self._sending = self._sending, None
         self.free_ns = max(self.free_ns, now_ns - CATCH_UP_NS)
         return sent
-
-    def occupy(self, now_ns: int, duration_ns: int) -> int:
-        """Another node (the driver) uses the line; returns when it is through."""
-        self.free_ns = max(self.free_ns, now_ns) + duration_ns
-        self.busy_ns += duration_ns
-        return self.free_ns
 
     def clear(self) -> list[Pending]:
         """Forget all that has not left, and return it."""

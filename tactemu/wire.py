@@ -12,7 +12,7 @@ import heapq
 from collections import Counter
 from collections.abc import Iterable
 
-from firmware_protocols import CanWire, Delayed, Frame, Outgoing, SerialWire
+from firmware_protocols import CanFrame, CanWire, Delayed, Frame, Outgoing, SerialWire
 from firmware_protocols import Wire as Spec
 from tactemu.faults import Fault, Injector
 from tactemu.faults.frames import Parts
@@ -20,6 +20,11 @@ from tactemu.line import Line, Pending, duration
 from tactemu.transports.transport import BaudChanged, Closed, Event, Opened, Received, Transport
 from tactemu.truth import Truth
 from tactemu.uart import misheard
+
+DRIVER = "(driver)"
+"""The driver as a node of a CAN bus."""
+_INBOUND_LIMIT_NS = 1_000_000_000
+"""Bytes of a driver that is further ahead of its line than this are lost."""
 
 
 class Wire:
@@ -42,7 +47,8 @@ class Wire:
 
     ``counters``: ``sent`` and ``sent_bytes``, ``received`` and ``received_bytes``, ``dropped_readings`` and
     ``dropped_frames`` (the line is full), ``dropped_unread`` (the driver does not read), ``unheard`` (nobody has the
-    port open), ``misheard`` (the baud rates differ), and injected faults by their kind.
+    port open), ``misheard`` (the baud rates differ), ``overrun`` (the driver sends more than the line carries), and
+    injected faults by their kind.
     """
 
     def __init__(
@@ -172,7 +178,7 @@ class Wire:
             self._add_traffic(self._injector, now_ns)
         written = 0
         while (pending := self.line.take(now_ns)) is not None:
-            written += self._write(pending, now_ns)
+            written += self._pass_on(pending, now_ns)
         if self._injector is not None and self._injector.chip is not None:
             while packet := self._injector.chip.take(now_ns):
                 self.transport.write(packet)
@@ -188,6 +194,14 @@ class Wire:
                 due_ns, frame = ready
                 self.line.put(frame, due_ns, node.source)
                 self._note(due_ns, node.source, node.fault.kind, str(frame))
+
+    def _pass_on(self, pending: Pending, now_ns: int) -> bool:
+        """What has left the line goes to whom it is for; returns whether that is the driver, and it took it."""
+        if pending.source != DRIVER:
+            return self._write(pending, now_ns)
+        if isinstance(pending.frame, CanFrame) and not pending.frame.is_error_frame:
+            self._take_in(pending.frame, pending.end_ns)
+        return False
 
     def _write(self, pending: Pending, now_ns: int) -> bool:
         frame, source = pending.frame, pending.source
@@ -238,6 +252,8 @@ class Wire:
                 self._deliver(None, events)
                 self._forget(now_ns, "closed")
             events.append(event)
+        if (pending := self.line.finish(now_ns)) is not None:
+            self._pass_on(pending, now_ns)
         self._deliver(now_ns, events)
         return events
 
@@ -264,23 +280,30 @@ class Wire:
     def _forget(self, now_ns: int, why: str) -> None:
         """Nothing is kept for whoever comes next."""
         for lost in self.line.clear():
-            self._lose([(lost.frame, 0)], now_ns, lost.source, "unheard", why)
+            if lost.source != DRIVER:
+                self._lose([(lost.frame, 0)], now_ns, lost.source, "unheard", why)
         if self._injector is not None:
             held = [(frame, 0) for frame, _, way in self._injector.forget() if way == "to_driver"]
             self._lose(held, now_ns, self._owner, "unheard", why)
 
     def _arrive(self, data: Frame, now_ns: int) -> None:
-        takes_ns = self._inbound_duration(data)
-        if isinstance(self.spec, CanWire):
-            end_ns = self.line.occupy(now_ns, takes_ns)
-        else:
-            end_ns = self._inbound_free_ns = max(self._inbound_free_ns, now_ns) + takes_ns
+        """The driver has sent something: on a bus it competes with the other nodes, else it has a line of its own."""
         parts: Parts = [(data, 0)]
         if self._injector is not None:
             parts = self._injector.spoil(parts, now_ns, self._owner, "from_driver")
         for part, delay_ns in parts:
-            if isinstance(part, bytes) or not part.is_error_frame:
-                self._take_in(part, end_ns + delay_ns)
+            if isinstance(self.spec, CanWire):
+                fits = self.line.backlog_ns(DRIVER, now_ns) <= self.backlog_ns
+                if fits:
+                    self.line.put(part, now_ns + delay_ns, DRIVER)
+            else:
+                begins_ns = max(self._inbound_free_ns, now_ns)
+                fits = begins_ns - now_ns <= _INBOUND_LIMIT_NS
+                if fits:
+                    self._inbound_free_ns = begins_ns + self._inbound_duration(part)
+                    self._take_in(part, self._inbound_free_ns + delay_ns)
+            if not fits:
+                self.counters["overrun"] += 1
 
     @property
     def _owner(self) -> str:

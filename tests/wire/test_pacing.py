@@ -173,9 +173,40 @@ def test_requests_of_the_driver_share_the_bus():
     wire.flush(0)
     driver.write(request)
     assert wire.receive(10_000) == []
-    done = frame_ns(answer, 1_000_000) + frame_ns(request, 1_000_000)
-    assert wire.receive(done - 1) == []
-    assert wire.receive(done) == [Received(request)]
+    first = frame_ns(answer, 1_000_000)
+    assert wire.flush(first) == 1
+    assert wire.next_due_ns() == first + frame_ns(request, 1_000_000)
+    assert wire.receive(wire.next_due_ns() - 1) == []
+    assert wire.receive(wire.next_due_ns()) == [Received(request)]
+
+
+def test_a_driver_that_floods_the_bus_starves_no_lower_identifier():
+    """It sends ten times what the bus carries; a frame of ours that wins arbitration waits for one frame only."""
+    wire, driver = plugged(CanWire())
+    ours = CanFrame(arbitration_id=0x10, data=bytes(8))
+    waits, heard = [], 0
+    for now in range(0, 500_000_000, 1_000_000):
+        for _ in range(90):
+            driver.write(CanFrame(arbitration_id=0x400, data=bytes(8)))
+        heard += sum(isinstance(event, Received) for event in wire.receive(now))
+        wire.send([ours], now, "pad")
+        wire.flush(now)
+        while (due := wire.next_due_ns()) is not None and due < now + 1_000_000:
+            heard += sum(isinstance(event, Received) for event in wire.receive(due))
+            wire.flush(due)
+            waits += [due - now for _ in driver.read()]
+    assert len(waits) >= 499 and max(waits) < 3 * frame_ns(ours, 1_000_000)
+    assert heard == pytest.approx(0.5e9 / frame_ns(ours, 1_000_000) - 500, rel=0.05)
+    assert wire.counters["overrun"] > 30_000
+
+
+def test_a_driver_that_floods_a_serial_line_fills_no_memory():
+    wire, driver = plugged(UART)
+    for now in range(0, 100_000_000, 1_000_000):
+        driver.write(bytes(1000))
+        wire.receive(now)
+    assert wire.next_due_ns() is not None
+    assert wire.counters["overrun"] > 80 and wire._inbound_free_ns < 1.3e9
 
 
 # -- baud ------------------------------------------------------------------------------------------------------------
