@@ -362,20 +362,29 @@ class Served:
         motion = self._steered[name]
 
         def start(now_s: float) -> float:
-            arrived = motion.follow(now_s, legs(motion.world(now_s), now_s))
-            return arrived + max(channel.device.period_ns for channel in self.emulator.channels) / 1e9
+            return motion.follow(now_s, legs(motion.world(now_s), now_s))
 
-        self._until(start, wait=wait)
+        self._until(start, wait=wait, sampled=True)
 
-    def _until(self, begin: Callable[[float], float], *, wait: bool = True) -> None:
-        """Call ``begin(now)`` in the loop; it returns the time to wait for [s]."""
+    def _until(self, begin: Callable[[float], float], *, wait: bool = True, sampled: bool = False) -> None:
+        """Call ``begin(now)`` in the loop; it returns the time to wait for [s], and with ``sampled`` for a sample."""
         done = threading.Event()
         failed: list[BaseException] = []
         emulator = self.emulator
 
+        def arrive(t_ns: int) -> None:
+            """A loop that is late takes its samples after its actions: look again until they are taken."""
+            now = emulator.clock.now_ns()
+            late = any(c.statistics.last_ns < t_ns and c.silent_until_ns <= now for c in emulator.channels)
+            if sampled and late:
+                emulator.at(now + 1_000_000, lambda: arrive(t_ns))
+            else:
+                done.set()
+
         def action() -> None:
             try:
-                emulator.at(round(begin(emulator.clock.now_ns() / 1e9) * 1e9), done.set)
+                t_ns = round(begin(emulator.clock.now_ns() / 1e9) * 1e9)
+                emulator.at(t_ns, lambda: arrive(t_ns))
             except Exception as error:  # a mistake of the caller's: raised where it was made, or by stop()
                 failed.append(error)
                 done.set()

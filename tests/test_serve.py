@@ -1,6 +1,7 @@
 """A device served to a test: moved by hand from another thread, read by a plain serial port."""
 
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -37,6 +38,25 @@ def test_a_press_is_felt_and_released(dev):
     np.testing.assert_allclose(at_depth[2], (0, 0, -1.0), atol=1e-4)  # 1000 N/m x 1 mm, on the skin
     assert np.argmax(np.abs(pressed[-1] - free[-1])) == 2
     assert not dev.sample().ideal.any()
+
+
+def test_a_press_that_is_done_has_been_sampled_also_by_a_loop_that_is_late(dev):
+    busy = True
+
+    def stall():
+        time.sleep(0.02)  # four periods
+        if busy:
+            dev.emulator.at(dev.emulator.clock.now_ns(), stall)
+
+    dev.emulator.call(stall)
+    try:
+        for _ in range(5):
+            dev.press(1e-3, taxel=2)
+            np.testing.assert_allclose(dev.sample().ideal[2], (0, 0, -1.0), atol=1e-4)
+            dev.release()
+            assert not dev.sample().ideal.any()
+    finally:
+        busy = False
 
 
 def test_press_for_a_time_returns_released(dev):
