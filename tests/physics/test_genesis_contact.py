@@ -75,6 +75,25 @@ def test_reads_what_the_seed_reads(name, key, branch, dtype):
         assert np.abs(ours - theirs)[mask].max() <= tolerance * np.abs(theirs).max(), part
 
 
+@pytest.mark.parametrize("key", ["depth", "depth_big", "schmitt"])
+def test_its_raycast_is_our_distance_to_a_mesh(key):
+    """To float32 (mesh queries always are), except where it reads 0 because a probe is deeper than its radius."""
+    case = Case("c02_contact")
+    mesh = tt.Mesh(source=(case.arrays["g1_verts"], case.arrays["g1_faces"]))
+    readings = case.replay(mesh, (key,), "float32", gated=True)
+    ((_part, ours, theirs),) = case.parts(key, readings, "_gt")
+    depths = np.array(case.replay(mesh, ("depth",), "float32", gated=True)["depth"]["_gt"])
+    radius = case.options(key)["probe_radius"]
+    too_deep = depths > 2 * case.options("depth")["probe_radius"] if radius < 0.01 else np.zeros_like(depths, bool)
+    assert too_deep.mean() < 0.05
+    if key == "schmitt":
+        forgotten = too_deep.any(0)  # its trigger lets go when depth falls to 0
+        assert np.array_equal(ours[:, ~forgotten], theirs[:, ~forgotten])
+    else:
+        assert np.abs(ours - theirs)[~too_deep].max() < 2e-6 * theirs.max()
+        assert too_deep.any() == (key == "depth") and not theirs[too_deep].any()
+
+
 GATED = {
     "c05_contact": (tt.Sphere(radius=0.02), ("k3g", "gain", "all")),
     "c13_contact": (
