@@ -18,11 +18,11 @@ class LayerRig:
 
     def __init__(
         self, cells, pitch, young, nu, thickness, *, n_envs=1, real=wp.float32, iterations=200, tolerance=1e-5,
-        mu=0.0, coupled=False, device="cpu",
+        mu=0.0, coupled=False, device="cpu", lanes=None,
     ):  # fmt: skip
         self.device = wp.get_device(device)
         self.real, self.pitch, self.n_envs = real, pitch, n_envs
-        lanes, slots = lanes_of(self.device), 1 if self.device.is_cpu else n_envs
+        lanes, slots = lanes or lanes_of(self.device), 1 if self.device.is_cpu else n_envs
         self.material = LayerMaterial(young / (2 * (1 + nu)), nu, thickness)
         self.tables = LayerTables(
             self.material, cells, (pitch, pitch), tangential=True, real=real, lanes=lanes, device=self.device

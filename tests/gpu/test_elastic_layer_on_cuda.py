@@ -1,0 +1,56 @@
+"""The layer on a GPU: the solvers give what they give on a CPU, many environments give what one gives.
+
+Run on a machine with a CUDA device: ``python -m pytest tests/gpu``.
+"""
+
+import numpy as np
+import pytest
+import warp as wp
+
+import tactemu as tt
+from tests.physics.elastic_layer_rig import LayerRig, coordinates
+
+pytestmark = [
+    pytest.mark.gpu,
+    pytest.mark.skipif(wp.get_cuda_device_count() == 0, reason="no CUDA device on this machine"),
+]
+
+
+@pytest.mark.parametrize("cells", [(16, 16), (21, 40), (100, 70)])
+def test_solvers(cells):
+    x, y = coordinates(max(cells), 5e-4, (0.2, 0.4))
+    overlap = (4e-4 - (x**2 + y**2) / 1.2e-2)[: cells[0], : cells[1]]
+    results = []
+    for device in ("cpu", "cuda:0"):
+        rig = LayerRig(cells, 5e-4, 1e5, 0.45, 4e-3, tolerance=1e-6, mu=0.4, coupled=True, device=device)
+        pressure = rig.press(overlap)
+        rig.rub(0.0)
+        results.append([pressure, *rig.rub(3e-5, 1e-5), *rig.surface()])
+    for one, other in zip(*results):
+        np.testing.assert_allclose(one, other, atol=2e-5 * np.abs(one).max())
+
+
+def test_environments_beyond_the_blocks_at_once():
+    """More environments than blocks take turns; each reads as it does alone."""
+    x = (np.arange(16) - 7.5) * 1e-3
+    positions = np.stack([*np.meshgrid(x, x), np.zeros((16, 16))], -1)
+
+    def simulate(n_envs, depths):
+        scene = tt.Scene()
+        pad = scene.add_body(None, name="pad", fixed=True)
+        ball = scene.add_body(tt.Sphere(radius=8e-3), position=(0, 0, 1))
+        skin = scene.add_sensor(tt.ElasticLayerTaxel(probe_local_pos=positions), link=pad)
+        sim = scene.build(n_envs=n_envs, device="cuda:0")
+        for k in range(5):  # the second step is captured in a graph, later ones run it
+            height = 8e-3 - depths * (0.6 + 0.1 * k)
+            sim.set_pose(ball, position=np.stack([np.full(n_envs, 2e-5 * k), np.zeros(n_envs), height], -1))
+            sim.step()
+        return skin.read()
+
+    depths = np.linspace(0, 1e-3, 2500)
+    many = simulate(2500, depths)
+    assert np.isfinite(many.force).all() and many.residual.max() < 1e-3
+    for env in (0, 1, 1055, 1056, 2499):
+        alone = simulate(1, depths[env : env + 1])
+        for one, other in zip(many, alone):
+            np.testing.assert_array_equal(one[env], other[0])
