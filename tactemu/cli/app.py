@@ -32,7 +32,9 @@ Target = Annotated[
 ]
 Port = Annotated[
     str | None,
-    typer.Option(metavar="PORT", help="pty:PATH, can:INTERFACE:CHANNEL, tcp:HOST:PORT, rfc2217:HOST:PORT or memory:"),
+    typer.Option(
+        "--port", metavar="PORT", help="pty:PATH, can:INTERFACE:CHANNEL, tcp:HOST:PORT, rfc2217:HOST:PORT or memory:"
+    ),
 ]
 Rate = Annotated[float | None, typer.Option("--rate", metavar="HZ", help="Sampling rate; default: the device's own.")]
 Seed = Annotated[int | None, typer.Option(metavar="N", help="Root of all random numbers; same seed, same bytes.")]
@@ -200,7 +202,9 @@ def record(
 @app.command()
 def replay(
     file: Annotated[Path, typer.Argument(help="A recording, or a truth log.")],
-    port: Annotated[str, typer.Option(metavar="PORT", help="pty:PATH, can:INTERFACE:CHANNEL, tcp:HOST:PORT ...")],
+    port: Annotated[
+        str, typer.Option("--port", metavar="PORT", help="pty:PATH, can:INTERFACE:CHANNEL, tcp:HOST:PORT ...")
+    ],
     speed: Annotated[float, typer.Option(metavar="X", help="2 is twice as fast; inf as fast as it goes.")] = 1.0,
     step: Annotated[bool, typer.Option("--step", help="Send one frame for every line on stdin.")] = False,
     loop: Annotated[bool, typer.Option("--loop", help="Start again at the end.")] = False,

@@ -48,7 +48,7 @@ def loop(
 
 @bench.command()
 def physics(
-    device: Annotated[str, typer.Option(metavar="DEVICE", help="cpu, or cuda:0.")] = "cpu",
+    device: Annotated[str, typer.Option("--device", metavar="DEVICE", help="cpu, or cuda:0.")] = "cpu",
     starts: Annotated[bool, typer.Option(help="Also starts with an empty and a filled kernel cache.")] = True,
     only: Annotated[str, typer.Option(metavar="TEXT", help="Only figures whose name contains this.")] = "",
     largest: Annotated[bool, typer.Option(help="Also the largest batch that fits on a GPU.")] = False,
@@ -91,7 +91,7 @@ def trade(
     ] = None,
     out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Figures, table, picture.")] = Path("trade"),
     quick: Annotated[bool, typer.Option("--quick", help="A coarser truth and ten cases: a minute.")] = False,
-    device: Annotated[str, typer.Option(metavar="DEVICE", help="cpu, or cuda:0.")] = "cpu",
+    device: Annotated[str, typer.Option("--device", metavar="DEVICE", help="cpu, or cuda:0.")] = "cpu",
     only: Annotated[str, typer.Option(metavar="TEXT", help="Only rungs whose name contains this.")] = "",
     fresh: Annotated[bool, typer.Option("--fresh", help="Measure all again instead of going on.")] = False,
 ) -> None:
@@ -104,7 +104,7 @@ def trade(
 
 @bench.command()
 def layer(
-    device: Annotated[str, typer.Option(metavar="DEVICE", help="cpu, or cuda:0.")] = "cpu",
+    device: Annotated[str, typer.Option("--device", metavar="DEVICE", help="cpu, or cuda:0.")] = "cpu",
     envs: Annotated[int | None, typer.Option(metavar="N", help="Size of the batch; default: 4096 on a GPU.")] = None,
     only: Annotated[str, typer.Option(metavar="TEXT", help="Only figures whose title contains this.")] = "",
     out: Out = None,

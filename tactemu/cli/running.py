@@ -61,6 +61,8 @@ def run_emulator(emulator: Emulator, *, seconds: float | None, style: str) -> No
     console = Console(highlight=False)
     live = style == "auto" and console.is_terminal
     say = say_json if style == "json" else say_in_words(console)
+    with console.capture():  # the first print takes tens of milliseconds: not once the port is open
+        console.print("")
     with _stopped_by_signals(emulator), emulator:
         for channel in emulator.channels:
             say(

@@ -27,7 +27,8 @@ def start(*arguments: str, **options) -> subprocess.Popen[str]:
 
 def environment() -> dict[str, str]:
     """Ours, with the package on the path and no colours."""
-    return os.environ | {"PYTHONPATH": str(ROOT), "NO_COLOR": "1", "COLUMNS": "120", "PYTHONDONTWRITEBYTECODE": "1"}
+    path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
+    return os.environ | {"PYTHONPATH": path, "NO_COLOR": "1", "COLUMNS": "120", "PYTHONDONTWRITEBYTECODE": "1"}
 
 
 def plugin_options() -> list[str]:
