@@ -70,21 +70,28 @@ class Recorder:
     def __init__(self, path: str | Path, *, device: str = "recorded", baud: int | None = None):
         self.path, self.device = Path(path), device
         self.count = 0
+        self._baud = baud
         self._lines: IO[str] | None = None
         self._log: Any = None
+        self._made = not self.path.exists()
+        if self.path.suffix not in (SERIAL_FORMAT, *CAN_FORMATS):
+            raise TactemuError(f"{path}: cannot record to {self.path.suffix!r}; expected one of {_FORMATS}")
         try:
-            if self.path.suffix == SERIAL_FORMAT:
-                self._lines = self.path.open("w", encoding="utf-8")
-                if baud is not None:
-                    self._line(0, "event", what=f"baud {baud}")
-            elif self.path.suffix in CAN_FORMATS:
-                import can
-
-                self._log = can.Logger(self.path)
-            else:
-                raise TactemuError(f"{path}: cannot record to {self.path.suffix!r}; expected one of {_FORMATS}")
+            self.path.open("ab").close()  # an older recording is kept until there is something to record
         except OSError as error:
             raise TactemuError(f"{path}: cannot write the recording: {error.strerror}") from None
+
+    def start(self) -> None:
+        """Begin the file, in place of what was there. The first entry does it, too."""
+        self._made = False
+        if self.path.suffix == SERIAL_FORMAT:
+            self._lines = self.path.open("w", encoding="utf-8")
+            if self._baud is not None:
+                self._line(0, "event", what=f"baud {self._baud}")
+        else:
+            import can
+
+            self._log = can.Logger(self.path)
 
     def add(self, entry: Entry) -> None:
         """Write one entry.
@@ -92,6 +99,8 @@ class Recorder:
         Raises:
             TactemuError: bytes for a CAN format.
         """
+        if self._lines is None and self._log is None:
+            self.start()
         self.count += 1
         if self._lines is not None:
             self._line(entry.t_ns, entry.kind, data=text(entry.frame))
@@ -101,12 +110,15 @@ class Recorder:
             self._log.on_message_received(_message(entry))
 
     def close(self) -> None:
-        """Finish the file. Safe to call twice."""
+        """Finish the file; one that was never begun is not left behind. Safe to call twice."""
         if self._lines is not None:
             self._lines.close()
         if self._log is not None:
             self._log.stop()
         self._lines = self._log = None
+        if self._made:
+            self.path.unlink(missing_ok=True)
+            self._made = False
 
     def __enter__(self) -> Self:
         return self

@@ -127,6 +127,7 @@ def record(source: str, recorder: Recorder, *, clock: Clock, stop: Callable[[int
 
 def _from_can(source: str, recorder: Recorder, clock: Clock, stop: Callable[[int], bool], baud: int) -> None:
     with create(source) as port:
+        recorder.start()
         while not stop(recorder.count):
             clock.wait(clock.now_ns() + 100_000_000, port.filenos(), poll=not port.filenos())
             now = clock.now_ns()
@@ -140,6 +141,7 @@ def _from_serial(source: str, recorder: Recorder, clock: Clock, stop: Callable[[
 
     try:
         with serial.serial_for_url(source, baudrate=baud, timeout=0.1) as port:
+            recorder.start()
             while not stop(recorder.count):
                 if hasattr(port, "fileno") and not select.select([port], [], [], 0.1)[0]:
                     continue

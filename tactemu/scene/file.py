@@ -69,6 +69,8 @@ def load_device(name: str) -> type[firmware_protocols.Device]:
         return firmware_protocols.load(name)
     except LookupError as error:
         hint = "" if ".py:" in name else "; a scene file ends in .toml"
+        if name.endswith(".py"):
+            hint = f"; a device file is named with its class: {name}:CLASS"
         raise DeviceError(f"{error.args[0]}{hint}") from None
     except Exception as error:  # a device file of the user's own may fail in any way
         if ".py:" not in name:

@@ -106,6 +106,7 @@ WRONG = {
     "virtual without an end": (["anyskin", "--virtual"], "--seconds"),
     "truth file": (["anyskin", "--truth", "/nonexistent/t.jsonl"], "cannot write the truth log"),
     "NaN in a motion": (["nan.toml"], "finite"),
+    "device file without a class": (["empty.py"], "named with its class: empty.py:CLASS"),
     "device file without the class": (["empty.py:Skin"], "has no class 'Skin'"),
 }
 

@@ -143,8 +143,15 @@ def test_what_a_bus_carries_is_recorded(tmp_path):
 
 
 def test_a_source_that_is_not_there(tmp_path):
-    with Recorder(tmp_path / "x.jsonl") as recorder, pytest.raises(TransportError, match="check the name"):
-        record("/dev/no-such-tty", recorder, clock=RealClock(), stop=lambda n: False)
+    def attempt(name):
+        with Recorder(tmp_path / name) as recorder, pytest.raises(TransportError, match="check the name"):
+            record("/dev/no-such-tty", recorder, clock=RealClock(), stop=lambda n: False)
+
+    attempt("new.jsonl")
+    (tmp_path / "old.jsonl").write_text("an hour of work")
+    attempt("old.jsonl")
+    assert [path.name for path in tmp_path.iterdir()] == ["old.jsonl"]
+    assert (tmp_path / "old.jsonl").read_text() == "an hour of work"
 
 
 def test_timing_of_random_entries_is_kept_to_the_nanosecond():
