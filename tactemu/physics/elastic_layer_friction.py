@@ -25,6 +25,7 @@ from tactemu.physics.elastic_layer_fft import (
 )
 from tactemu.physics.elastic_layer_friction_state import (
     AT_BOUND,
+    FAR_OFF,
     friction_state_type,
     friction_windows_type,
     memory_functions,
@@ -152,6 +153,23 @@ def friction_kernel(real, lanes: int, coupled: bool):
         return block_sum(total)
 
     @wp.func
+    def drag(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i):
+        """Let cells slip whose gap no traction could close, each straight along its gap; returns how many there are."""
+        far = wp.float64(0.0)
+        for y in range(mine[0], shape[0], mine[1]):
+            for x in range(mine[2], shape[1], mine[3]):
+                limit = win.limit[slot, y, x]
+                g = vec2(win.gap_x[slot, y, x], win.gap_y[slot, y, x])
+                size = wp.length(g)
+                if limit > real(0.0) and size > real(FAR_OFF) * limit:
+                    win.x[slot, y, x] = -limit * g[0] / size
+                    win.y[slot, y, x] = -limit * g[1] / size
+                    far += wp.float64(1.0)
+        far = block_sum(far)
+        block_sync()
+        return far
+
+    @wp.func
     def free_gap(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i):
         """The part of the gap that tractions can close, and the stiffness of the circles; returns its square."""
         total = wp.float64(0.0)
@@ -267,6 +285,8 @@ def friction_kernel(real, lanes: int, coupled: bool):
     ):
         """Conjugate gradients in one window; returns the residual and the iterations taken."""
         reference = find_gap(ws, tables, win, slot, start, shape, size, mine, thread) + floor
+        if drag(win, slot, shape, mine) > wp.float64(0.0):
+            reference = find_gap(ws, tables, win, slot, start, shape, size, mine, thread) + floor
         residual = wp.sqrt(free_gap(win, slot, shape, mine) / reference)
         fresh = bool(True)
         last = wp.float64(0.0)

@@ -10,6 +10,8 @@ FREE, STICK, SLIP = 0, 1, 2
 """State of a cell."""
 AT_BOUND = 0.99999
 """A cell slips where its traction is beyond this part of mu p."""
+FAR_OFF = 20.0
+"""A gap so many times what mu p moves a lone cell is not closed by its neighbours either."""
 
 
 @functools.cache

@@ -121,3 +121,29 @@ def test_stuck_surface_follows_the_object():
     by_pressure.press(rig.overlap.numpy()[0] * rig.tables.length_scale)
     assert np.abs(moved - by_pressure.surface()[0] - 0.1 * full)[core].max() < 1e-3 * full
     assert np.abs(across - by_pressure.surface()[1])[core].max() < 1e-3 * full
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_both_solvers_converge_whatever_happens(seed):
+    """Any object, any layer, and slides from a nanometre to a metre in one step."""
+    rng = np.random.default_rng(seed)
+    cells, nu, thickness = (
+        int(rng.choice([16, 40, 64])),
+        float(rng.choice([0, 0.3, 0.49, 0.5])),
+        10 ** rng.uniform(-5, 0),
+    )
+    mu = float(rng.choice([0.1, 0.5, 1.5]))
+    rig = LayerRig((cells, cells), 5e-4, E, nu, thickness, mu=mu, coupled=True, tolerance=1e-4, iterations=40)
+    x, y = coordinates(cells, 5e-4)
+    for _ in range(8):
+        depth, (cx, cy) = 10 ** rng.uniform(-6, -3), rng.uniform(-3e-3, 3e-3, 2)
+        objects = (
+            depth - ((x - cx) ** 2 + (y - cy) ** 2) / 1e-2,
+            np.where((abs(x - cx) < 3e-3) & (abs(y - cy) < 2e-3), depth, -1.0),
+            depth * rng.uniform(-1, 1, (cells, cells)),
+            depth - abs(x - cx) * rng.uniform(0.1, 2) + 0.1 * (y - cy),
+        )
+        pressure = rig.press(objects[rng.integers(4)])
+        along, across = rig.rub(*(10 ** rng.uniform(-9, 0) * rng.choice([-1, 1], 2)))
+        assert rig.residual <= 1e-4 and rig.state.residual.numpy()[0] <= 1e-4
+        assert (pressure >= 0).all() and (np.hypot(along, across) <= mu * pressure * (1 + 1e-5)).all()
