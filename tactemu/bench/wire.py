@@ -150,7 +150,7 @@ def _bus(note: Callable[..., None], name: str, address: str, repeats: int) -> No
             for k in range(n):
                 wire.transport.write(CAN[k % 16])
 
-        note(f"{name} write", per_frame_us(write_can, repeats=repeats), "µs/frame", "through python-can")
+        note(f"{name} write", per_frame_us(write_can, repeats=repeats), "µs/frame", "8 bytes")
         wire.transport.poll()
         whole = per_frame_us(through_wire(wire, CAN, lambda: None), repeats=repeats)
         note(f"whole can on {name}", 1e6 / whole, "frames/s", "one core; a full 1 Mbit/s bus carries 8 700")

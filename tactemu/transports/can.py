@@ -10,6 +10,7 @@ import contextlib
 import logging
 import os
 import socket
+import struct
 from collections import deque
 from typing import Any
 
@@ -25,6 +26,7 @@ _ECHOES = 256
 """Own frames that are waited for on an interface that returns them."""
 _PROTOCOL_ERROR = 0x8
 """How SocketCAN tells a program of an error frame: the class of the error in place of the identifier."""
+_CAN_FRAME, _CANFD_FRAME = struct.Struct("=IB3x8s"), struct.Struct("=IBB2x64s")
 
 
 class CanTransport(Transport):
@@ -40,6 +42,8 @@ class CanTransport(Transport):
         self.address = rest
         self._bus: can.BusABC | None = None
         self._fileno = -1
+        self._socket: socket.socket | None = None
+        """Linux CAN: frames are sent without python-can, which would ask before each whether it may."""
         self._echoes: deque[CanFrame] | None = deque(maxlen=_ECHOES) if self.interface == "udp_multicast" else None
 
     def open(self) -> None:
@@ -50,6 +54,8 @@ class CanTransport(Transport):
         """
         if self._bus is not None:
             return
+        if self.interface == "socketcan" and _is_down(self.channel):
+            raise TransportUnavailable(f"cannot open can:{self.address}: the interface is down; {self._fix()}")
         options: dict[str, Any] = {"fd": True} if self.interface in ("socketcan", "udp_multicast") else {}
         try:
             self._bus = can.Bus(interface=self.interface, channel=self.channel, **options)
@@ -59,6 +65,8 @@ class CanTransport(Transport):
             self._fileno = self._bus.fileno()
         except NotImplementedError:
             self._fileno = -1
+        if self.interface == "socketcan":
+            self._socket = self._bus.socket  # type: ignore[attr-defined]
         if self.interface == "udp_multicast":
             _hear_own_group_only(self._fileno)
 
@@ -66,7 +74,7 @@ class CanTransport(Transport):
         """Leave the bus."""
         if self._bus is not None:
             self._bus.shutdown()
-            self._bus, self._fileno = None, -1
+            self._bus, self._fileno, self._socket = None, -1, None
 
     def filenos(self) -> list[int]:
         """The bus's socket, where it has one."""
@@ -96,8 +104,11 @@ class CanTransport(Transport):
         if self._bus is None:
             return False
         try:
-            self._bus.send(_message(frame), timeout=None if self.interface == "virtual" else 0)
-        except can.CanError:
+            if self._socket is not None:
+                self._socket.send(_packed(frame), socket.MSG_DONTWAIT)
+            else:
+                self._bus.send(_message(frame), timeout=None if self.interface == "virtual" else 0)
+        except (can.CanError, OSError):
             return False
         if self._echoes is not None and not frame.is_error_frame:
             self._echoes.append(frame)
@@ -136,6 +147,26 @@ def _hear_own_group_only(fileno: int) -> None:
     option = {socket.AF_INET: (socket.IPPROTO_IP, 49), socket.AF_INET6: (socket.IPPROTO_IPV6, 29)}
     with contextlib.suppress(OSError), socket.socket(fileno=os.dup(fileno)) as copy:
         copy.setsockopt(*option[copy.family], 0)  # IP_MULTICAST_ALL, IPV6_MULTICAST_ALL: Python has no names for them
+
+
+def _is_down(name: str) -> bool:
+    """Whether there is such a network interface, and it is down. (A virtual one that is up says ``unknown``.)"""
+    try:
+        with open(f"/sys/class/net/{name}/operstate", encoding="ascii") as state:
+            return state.read().strip() == "down"
+    except OSError:
+        return False
+
+
+def _packed(frame: CanFrame) -> bytes:
+    """``struct can_frame`` or ``struct canfd_frame`` of the kernel."""
+    identifier = _PROTOCOL_ERROR if frame.is_error_frame else frame.arbitration_id
+    identifier |= frame.is_extended_id << 31 | frame.is_remote_frame << 30 | frame.is_error_frame << 29
+    if frame.is_fd:
+        return _CANFD_FRAME.pack(identifier, len(frame.data), frame.bitrate_switch, frame.data)
+    if frame.is_error_frame:
+        return _CAN_FRAME.pack(identifier, 8, bytes(8))
+    return _CAN_FRAME.pack(identifier, len(frame.data), frame.data)
 
 
 def _message(frame: CanFrame) -> can.Message:

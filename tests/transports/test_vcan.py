@@ -12,6 +12,7 @@ import pytest
 from firmware_protocols import CanFrame, CanWire
 from tactemu.can_bits import frame_bits
 from tactemu.clock import RealClock
+from tactemu.errors import TransportError
 from tactemu.line import CATCH_UP_NS
 from tactemu.transports import create
 from tactemu.transports.transport import Received
@@ -149,6 +150,8 @@ def test_an_fd_frame_on_a_classic_interface_is_dropped_not_fatal(port):
     try:
         assert not port.write(FRAMES[0]), "interface down"
         assert port.poll() == []
+        with pytest.raises(TransportError, match="ip link set vcan0 up"):
+            create("can:socketcan:vcan0").open()
         subprocess.run(["ip", "link", "set", "vcan0", "mtu", "16"], check=True)
         subprocess.run(["ip", "link", "set", "vcan0", "up"], check=True)
         assert port.write(FRAMES[0]) and not port.write(FRAMES[3])
