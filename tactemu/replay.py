@@ -81,6 +81,7 @@ class Replay:
             if due is None or due > now_ns:
                 break
             self.step(due)
+            self.wire.flush(now_ns)  # one by one: a loop that is late owes many, and a line takes so many only
         self.wire.flush(now_ns)
 
     def step(self, now_ns: int) -> Entry | None:

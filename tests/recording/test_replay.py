@@ -39,6 +39,15 @@ def test_speed(speed):
     assert [t for t, _ in seen] == [round(entry.t_ns / speed) for entry in STREAM.entries]
 
 
+def test_a_late_loop_sends_what_it_owes_and_loses_nothing():
+    """The machine stalls for 300 ms: fifteen frames are overdue at once."""
+    player, wire, _ = replay(STREAM, "memory:")
+    player.turn(0)
+    player.turn(300_000_000)
+    assert wire.transport.driver.read() == [entry.frame for entry in STREAM.entries[:16]]
+    assert not wire.counters["dropped_readings"]
+
+
 def test_stepwise():
     player, wire, _ = replay(STREAM, "memory:")
     wire.receive(0)
