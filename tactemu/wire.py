@@ -78,6 +78,8 @@ class Wire:
         """Who is on it, for the truth log of what arrives and of what befalls the wire; default: who sent last."""
         self._source = ""
         self._now_ns = 0
+        self._flushed_ns = 0
+        """Until when the line has had its chance: what waits since is late by its caller, not by the line."""
         self._down: Fault | None = None
         self._injector: Injector | None = None
         for fault in faults:
@@ -162,7 +164,7 @@ class Wire:
             self._lose(parts, now_ns, source, "unheard", "nobody listens")
         elif self._down is not None:
             self._lose(parts, now_ns, source, "unheard", str(self._down))
-        elif self.line.backlog_ns(source, now_ns) > self.backlog_ns:
+        elif self.line.backlog_ns(source, min(now_ns, self._flushed_ns)) > self.backlog_ns:
             self.counters["dropped_readings"] += 1
             self._lose(parts, now_ns, source, "dropped_frames", "line full")
         else:
@@ -173,7 +175,7 @@ class Wire:
 
     def flush(self, now_ns: int) -> int:
         """Write every frame whose last bit has gone; returns how many were written."""
-        self._now_ns = now_ns
+        self._now_ns = self._flushed_ns = now_ns
         if self._injector is not None:
             self._add_traffic(self._injector, now_ns)
         written = 0

@@ -45,7 +45,11 @@ def test_the_driver_reads_the_recording_frame_by_frame_at_its_pace(recording, sp
         process = Process("anyskin", str(port), tmp_path)
         began = time.monotonic()
         lines = process.lines
-        assert until(lambda: sum("parts" in line for line in lines) >= len(recorded) - 60, 12), [sum("parts" in x for x in lines), [x for x in lines if "error" in x][:2], places_of(lines, recorded)]
+        assert until(lambda: sum("parts" in line for line in lines) >= len(recorded) - 60, 12), [
+            sum("parts" in x for x in lines),
+            [x for x in lines if "error" in x][:2],
+            places_of(lines, recorded),
+        ]
         assert replay.wait(30) == 0, replay.stderr.read()
         assert time.monotonic() - began >= SECONDS / speed - 0.1
     finally:
@@ -58,8 +62,3 @@ def test_the_driver_reads_the_recording_frame_by_frame_at_its_pace(recording, sp
     assert places[-1] >= len(recorded) - 2, "all but the last, which the driver takes when the next has begun"
     times = np.array([line["t"] for line in list(lines) if "parts" in line]) / 1e9
     assert (times[-1] - times[0]) / (len(times) - 1) == pytest.approx(0.01 / speed, rel=0.2)
-
-
-def places_of(lines, recorded):
-    p = [recorded.index(line["parts"][0]) for line in list(lines) if "parts" in line]
-    return [(a, b) for a, b in zip(p, p[1:]) if b != a + 1], p[-1:]

@@ -87,6 +87,19 @@ def test_a_stall_of_the_loop_makes_no_burst():
     assert len(driver.read()) <= 2
 
 
+@pytest.mark.parametrize("spec", [SerialWire(baud=115_200, usb=True), CanWire()])
+def test_readings_that_a_stalled_loop_owes_are_not_dropped(spec):
+    """A loop stalls for 300 ms with 15 readings due, of a device with a long delay: nothing was in the line's way."""
+    wire, driver = plugged(spec)
+    wire.flush(0)
+    frames = [CanFrame(arbitration_id=k, data=b"x") if spec.kind == "can" else bytes([k]) for k in range(15)]
+    for k, frame in enumerate(frames):
+        wire.send([frame], (k + 1) * 20_000_000, "pad")
+    wire.flush(300_000_000)
+    wire.flush(310_000_000)
+    assert driver.read() == frames and not wire.counters["dropped_readings"]
+
+
 def test_a_delayed_answer_does_not_hold_up_what_comes_after_it():
     wire, _ = plugged(UART)
     wire.send([Delayed(b"late", 50_000_000)], 0)
