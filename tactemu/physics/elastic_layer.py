@@ -199,8 +199,8 @@ class CompiledLayer:
 
     def _allocate(self) -> None:
         real, vec2 = self.real, wp.types.vector(2, self.real)
-        two = self.rubs or self.model.displacement
-        self.workspace = Workspace(self.n_slots, self.tables.n_max, real, self.lanes, self.device, two=two)
+        spectra = 3 if self.model.displacement else 2 if self.rubs else 1
+        self.workspace = Workspace(self.n_slots, self.tables.n_max, real, self.lanes, self.device, spectra=spectra)
         struct = windows_type(real, self.lanes)()
         self.windows = Windows(struct, NORMAL_WINDOWS, self.n_slots, self.grid.shape, real, self.lanes, self.device)
         self.pressure = self._cells(real)

@@ -68,13 +68,15 @@ def workspace_type(real, lanes: int):
         # Ping-pong buffers of the FFT: (2 n_slots, n_max, n_max / 2 / lanes), real and imaginary part.
         re: wp.array3d(dtype=lane)
         im: wp.array3d(dtype=lane)
-        # Transposed intermediate and two spectra: (n_slots, n_max, n_max), the same memory as numbers and as lanes.
+        # Transposed intermediate and three spectra: (n_slots, n_max, n_max), the same memory as numbers and as lanes.
         between: wp.array3d(dtype=real)
         between_lanes: wp.array3d(dtype=lane)
         spectrum: wp.array3d(dtype=real)
         spectrum_lanes: wp.array3d(dtype=lane)
         second: wp.array3d(dtype=real)
         second_lanes: wp.array3d(dtype=lane)
+        third: wp.array3d(dtype=real)
+        third_lanes: wp.array3d(dtype=lane)
         # exp(-2 pi i j / n_max), j < n_max.
         twiddle: wp.array(dtype=wp.types.vector(2, real))
 
@@ -99,16 +101,20 @@ def allocate_pair(n: int, rows: int, columns: int, real, lanes: int, device) -> 
 
 
 class Workspace:
-    """Allocates the scratch for transforms of up to ``n_max`` and keeps it alive; ``two``: with a second spectrum."""
+    """Allocates the scratch for transforms of up to ``n_max`` and keeps it alive.
 
-    def __init__(self, n_slots: int, n_max: int, real, lanes: int, device, *, two: bool = False):
+    ``spectra``: how many of the three are needed; the others stand for the last of them.
+    """
+
+    def __init__(self, n_slots: int, n_max: int, real, lanes: int, device, *, spectra: int = 1):
         self._pairs = [allocate_pair(2 * n_slots, n_max, n_max // 2, real, lanes, device) for _ in range(2)]
-        self._pairs += [allocate_pair(n_slots, n_max, n_max, real, lanes, device) for _ in range(3 if two else 2)]
+        self._pairs += [allocate_pair(n_slots, n_max, n_max, real, lanes, device) for _ in range(1 + spectra)]
         self.struct = struct = workspace_type(real, lanes)()
         struct.re, struct.im = (pair.lanes for pair in self._pairs[:2])
         struct.between, struct.between_lanes = self._pairs[2]
         struct.spectrum, struct.spectrum_lanes = self._pairs[3]
-        struct.second, struct.second_lanes = self._pairs[-1]
+        struct.second, struct.second_lanes = self._pairs[min(4, 2 + spectra)]
+        struct.third, struct.third_lanes = self._pairs[-1]
         turns = np.exp(-2j * np.pi * np.arange(n_max) / n_max)
         pairs = np.stack([turns.real, turns.imag], axis=1)
         struct.twiddle = wp.array(pairs, dtype=wp.types.vector(2, real), device=device)

@@ -37,8 +37,7 @@ def surface_kernel(real, lanes: int, with_friction: bool):
     workspace, tables_struct = workspace_type(real, lanes), tables_type(real, lanes)
     windows, friction_state = windows_type(real, lanes), friction_state_type(real)
     functions, sideways = convolution_functions(real, lanes), sideways_functions(real, lanes)
-    forward, scale, inverse = functions.forward, functions.scale, functions.inverse
-    mix, by_pressure = sideways.mix, sideways.by_pressure
+    forward, inverse, displace = functions.forward, functions.inverse, sideways.displace
     grid = wp.array2d(dtype=real)
 
     @wp.func
@@ -52,14 +51,11 @@ def surface_kernel(real, lanes: int, with_friction: bool):
         block_sync()
 
     @wp.func
-    def deposit(window: grid, area: wp.vec4i, out: grid, add: bool, thread: int):
+    def deposit(window: grid, area: wp.vec4i, out: grid, thread: int):
         mine = spread(area[3], thread)
         for y in range(mine[0], wp.min(area[2], out.shape[0] - area[0]), mine[1]):
             for x in range(mine[2], wp.min(area[3], out.shape[1] - area[1]), mine[3]):
-                value = window[y, x]
-                if add:
-                    value += out[area[0] + y, area[1] + x]
-                out[area[0] + y, area[1] + x] = value
+                out[area[0] + y, area[1] + x] = window[y, x]
         block_sync()
 
     @wp.func
@@ -124,27 +120,21 @@ def surface_kernel(real, lanes: int, with_friction: bool):
                     start = tables.start[level[0], level[1]]
                     mine = spread(box[3], thread)
                     answer = win.answer[slot]
+                    load = win.direction_lanes[slot]
                     fetch(pressure[env], box, win.direction[slot], mine)
-                    forward(ws, slot, win.direction_lanes[slot], shape, size, ws.spectrum[slot], thread)
-                    by_pressure(ws, slot, tables, 0, start, size, thread)
-                    inverse(ws, slot, ws.second_lanes[slot], first, whole, size, answer, thread)
-                    deposit(answer, area, u_out[env], False, thread)
-                    by_pressure(ws, slot, tables, 1, start, size, thread)
-                    inverse(ws, slot, ws.second_lanes[slot], first, whole, size, answer, thread)
-                    deposit(answer, area, v_out[env], False, thread)
-                    scale(ws.spectrum_lanes[slot], tables.nn, start, size, thread)
-                    inverse(ws, slot, ws.spectrum_lanes[slot], first, whole, size, answer, thread)
-                    deposit(answer, area, w_out[env], False, thread)
+                    forward(ws, slot, load, shape, size, ws.spectrum[slot], thread)
                     if wp.static(with_friction):
                         fetch(friction.x[env], box, win.direction[slot], mine)
-                        forward(ws, slot, win.direction_lanes[slot], shape, size, ws.spectrum[slot], thread)
+                        forward(ws, slot, load, shape, size, ws.second[slot], thread)
                         fetch(friction.y[env], box, win.direction[slot], mine)
-                        forward(ws, slot, win.direction_lanes[slot], shape, size, ws.second[slot], thread)
-                        mix(ws, slot, tables, start, size, thread)
-                        inverse(ws, slot, ws.spectrum_lanes[slot], first, whole, size, answer, thread)
-                        deposit(answer, area, u_out[env], True, thread)
-                        inverse(ws, slot, ws.second_lanes[slot], first, whole, size, answer, thread)
-                        deposit(answer, area, v_out[env], True, thread)
+                        forward(ws, slot, load, shape, size, ws.third[slot], thread)
+                    displace(ws, slot, tables, wp.static(with_friction), start, size, thread)
+                    inverse(ws, slot, ws.second_lanes[slot], first, whole, size, answer, thread)
+                    deposit(answer, area, u_out[env], thread)
+                    inverse(ws, slot, ws.third_lanes[slot], first, whole, size, answer, thread)
+                    deposit(answer, area, v_out[env], thread)
+                    inverse(ws, slot, ws.spectrum_lanes[slot], first, whole, size, answer, thread)
+                    deposit(answer, area, w_out[env], thread)
                 block_sync()
                 if thread == 0:
                     dirty_out[env] = around(dirty_out[env], around(area, area_out[env]))

@@ -27,7 +27,7 @@ class LayerRig:
         self.tables = LayerTables(
             self.material, cells, (pitch, pitch), tangential=True, real=real, lanes=lanes, device=self.device
         )
-        self.workspace = Workspace(slots, self.tables.n_max, real, lanes, self.device, two=True)
+        self.workspace = Workspace(slots, self.tables.n_max, real, lanes, self.device, spectra=3)
         shape = (n_envs, *cells)
 
         def zeros(dtype, where=shape):
