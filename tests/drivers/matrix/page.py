@@ -45,6 +45,15 @@ reader around each driver reopens the port when the driver says that it is gone,
 
 """
 
+SPEED = """
+## At the wrong speed
+
+On a UART the driver's baud rate must be the device's; on USB, TCP and CAN nothing depends on it. At half the rate
+(`ability-hand`: twice) bytes come out as noise, both ways. `ability-hand`, `pymodbus` and `modbus_tk` hand out nothing;
+`flexitac` nothing right, but noise that holds `AA 55` is an image to it. At the right rate again, all of them read
+everything (`tests/drivers/test_baud_and_plug.py`).
+"""
+
 LEGEND = """\
 Columns: faults *injected*; *readings* handed out from the start of the fault until the driver was well again; of these
 *wrong* and silent about it, *marked* bad by the driver, *again* the sample before, *older* than the sample before;
@@ -61,7 +70,7 @@ def page(results: Results) -> str:
     parts = [
         INTRO.format(machine=machine, patience=Driver.patience_s, gap=LONG_GAP_S, **shares),
         _glance(results, names),
-        "\n## Driver by driver\n\n" + LEGEND,
+        SPEED + "\n## Driver by driver\n\n" + LEGEND,
     ]
     return "".join([*parts, *(_driver(name, results) for name in names)])
 
