@@ -9,6 +9,10 @@ import pytest
 # would hear each other. python-can reads this variable, in this process and in those of the drivers.
 os.environ.setdefault("CAN_CONFIG", json.dumps({"port": 20_000 + os.getpid() % 20_000}))
 
+# Threads of linear algebra that wait for one another by spinning take many times as long on a busy machine. Before the
+# first import of numpy, and for the processes that tests start.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 
 def pytest_collection_modifyitems(items):
     """Real Linux CAN is there where ``scripts/vcan-run`` says so; elsewhere these tests are skipped, but not in it."""

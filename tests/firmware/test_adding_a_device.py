@@ -74,7 +74,7 @@ def test_contract_tests_catch_mistakes(package, right, wrong, caught_by):
     path = package / "acme_palm.py"
     assert right in path.read_text()
     path.write_text(path.read_text().replace(right, wrong))
-    _, outcomes, output = contract(package, "acme_palm")
+    _, outcomes, output = contract(package, f"acme_palm and {caught_by}" if caught_by else "acme_palm")
     assert bool(outcomes.get("failed")) == (caught_by is not None), output[-3000:]
     assert caught_by is None or caught_by in output
 
