@@ -6,6 +6,7 @@ What a pseudo terminal does otherwise than a port, and what is done about it her
 * It keeps what nobody reads: nothing is written while nobody has it open, and what a driver left unread is thrown away
   when it closes. An open one still takes 17 to 20 kB before it refuses; then whole frames are dropped.
 * It has no speed: the driver's ``termios`` is read from our side, custom rates included.
+* It stays exclusive when the driver that made it so (``TIOCEXCL``) has closed it: then another takes its place.
 * It tells nobody that it was opened: inotify does. The other side is not held open, so that ``fuser`` sees only the
   driver, and ``POLLHUP`` and ``EIO`` mean that the driver has closed.
 * It has no modem lines (``TIOCMGET`` fails); ``rfc2217:`` has.
@@ -61,23 +62,26 @@ class PtyTransport(Transport):
         if self._master >= 0:
             return
         try:
-            self._master, slave = os.openpty()
-        except OSError as error:
-            raise TransportUnavailable(f"no pseudo terminal to be had: {error.strerror}; mount /dev/pts") from None
-        try:
-            tty.setraw(slave)
-            self._name = os.ttyname(slave)
-            os.close(slave)
-            os.set_blocking(self._master, False)
-            self._poll.register(self._master, select.POLLIN)
-            self._baud = self._read_baud()
-            self._openings = Openings(self._name)
+            self._make_pair()
             if self._link:
                 self._link.point_to(self._name)
         except BaseException:
             self.close()
             raise
         self.address = str(self._link.path) if self._link else self._name
+
+    def _make_pair(self) -> None:
+        try:
+            self._master, slave = os.openpty()
+        except OSError as error:
+            raise TransportUnavailable(f"no pseudo terminal to be had: {error.strerror}; mount /dev/pts") from None
+        tty.setraw(slave)
+        self._name = os.ttyname(slave)
+        os.close(slave)
+        os.set_blocking(self._master, False)
+        self._poll.register(self._master, select.POLLIN)
+        self._baud = self._read_baud()
+        self._openings = Openings(self._name)
 
     def close(self) -> None:
         """Remove the link, then the port: a driver that has it open gets an error, as when a cable is pulled."""
@@ -145,7 +149,9 @@ class PtyTransport(Transport):
         try:
             slave = os.open(self._name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         except OSError:
-            return  # the driver left it exclusive: what it did not read stays
+            if self._link and self._hung_up():
+                self._renew(self._link)
+            return
         try:
             termios.tcflush(slave, termios.TCIFLUSH)
             _leave_to_change(slave)
@@ -153,6 +159,18 @@ class PtyTransport(Transport):
             os.close(slave)
         if self._openings:
             self._openings.read()  # that was us
+
+    def _renew(self, link: StableLink) -> None:
+        """A new pair under the same name. The driver left the old one exclusive (``TIOCEXCL``), which a port forgets
+        when it is closed; a pseudo terminal does not, and lets nobody but root open it again.
+        """
+        master, openings = self._master, self._openings
+        self._poll.unregister(master)
+        self._make_pair()
+        link.point_to(self._name)
+        if openings:
+            openings.close()
+        os.close(master)
 
     # -- bytes out ---------------------------------------------------------------------------------------------------
 

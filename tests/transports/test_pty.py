@@ -16,6 +16,8 @@ from tactemu.errors import TransportError
 from tactemu.transports import create
 from tactemu.transports.transport import BaudChanged, Closed, Opened, Received
 
+ROOT = Path(__file__).parents[2]
+
 
 @pytest.fixture
 def port(tmp_path):
@@ -101,6 +103,28 @@ def test_parity_on_the_second_opening(port):
         events(port)
 
 
+EXCLUSIVE = """
+import fcntl, os, sys, termios
+from tactemu.transports import create
+from tactemu.transports.transport import Closed, Opened
+with create(sys.argv[1]) as port:
+    for _ in range(5):
+        driver = os.open(port.address, os.O_RDWR | os.O_NOCTTY)
+        fcntl.ioctl(driver, termios.TIOCEXCL)
+        assert port.poll() == [Opened()] and port.write(b"frame") and os.read(driver, 5) == b"frame"
+        os.close(driver)
+        assert port.poll() == [Closed()]
+"""
+
+
+def test_a_driver_that_wants_the_port_for_itself_leaves_it_usable(tmp_path):
+    """The kernel keeps TIOCEXCL on a pseudo terminal for ever, and obeys it for all who may not administer it."""
+    drop_rights = ["setpriv", "--bounding-set=-sys_admin"] if os.geteuid() == 0 else []
+    command = [*drop_rights, sys.executable, "-c", EXCLUSIVE, f"pty:{tmp_path / 'tty'}"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=30, check=False)
+    assert done.returncode == 0, done.stderr
+
+
 def test_a_driver_that_does_not_read_loses_whole_frames(port):
     frame = bytes(range(82))
     with serial.Serial(port.address, timeout=0.2) as driver:
@@ -165,7 +189,7 @@ def test_a_signal_removes_the_link(tmp_path, number):
         [sys.executable, "-c", code, f"pty:{tmp_path / 'tty'}"],
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
-        cwd=Path(__file__).parents[2],
+        cwd=ROOT,
     )
     assert child.stdout and child.stdout.readline()
     assert os.path.lexists(tmp_path / "tty")
