@@ -87,13 +87,13 @@ class PtyTransport(Transport):
         """Remove the link, then the port: a driver that has it open gets an error, as when a cable is pulled."""
         if self._link:
             self._link.remove()
-        if self._openings:
-            self._openings.close()
-            self._openings = None
         if self._master >= 0:
             self._poll.unregister(self._master)
             os.close(self._master)
             self._master = -1
+        if self._openings:  # last: the kernel takes its time for it, some milliseconds
+            self._openings.close()
+            self._openings = None
         self._heard, self._rest = False, b""
 
     # -- events ------------------------------------------------------------------------------------------------------

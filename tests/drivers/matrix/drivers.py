@@ -116,7 +116,11 @@ DRIVERS = {
     ),
     "pymodbus": Driver(
         package="pymodbus", version="3.11", device="inspire_rh56dftp", noise=0.5, asks=True,
-        parts=lambda counts: [counts[PALM]], wrong_baud=57_600, judge_again=False, notes=MODBUS_NOTES,
+        parts=lambda counts: [counts[PALM]], wrong_baud=57_600, judge_again=False,
+        notes=(
+            *MODBUS_NOTES,
+            "Its synchronous client never forgets a failure: from the fourth on, each closes the port and opens it again.",
+        ),
     ),
     "modbus_tk": Driver(
         package="modbus_tk", version="1.1.5", device="inspire_rh56dftp", noise=0.5, asks=True,
