@@ -119,7 +119,8 @@ DRIVERS = {
         parts=lambda counts: [counts[PALM]], wrong_baud=57_600, judge_again=False,
         notes=(
             *MODBUS_NOTES,
-            "Its synchronous client never forgets a failure: from the fourth on, each closes the port and opens it again.",
+            "Its synchronous client never forgets a failure: with no retries, from the fifth on each one closes the "
+            "port, and the next request opens it again.",
         ),
     ),
     "modbus_tk": Driver(
