@@ -261,7 +261,7 @@ def _strip_balls(site: Site) -> wp.array:
         missing = count * length - probes.n
         points = np.pad(probes.positions, ((0, missing), (0, 0)), mode="edge").reshape(count, length, 3)
         radii = np.pad(probes.radii, (0, missing)).reshape(count, length)
-        centres = 0.5 * (points.min(1) + points.max(1))
+        centres = 0.5 * points.min(1) + 0.5 * points.max(1)
         away = np.linalg.norm(points - centres[:, None], axis=2).max(1)
         balls[:, :3], balls[:, 3] = centres, FAR if site.along_normal else away + radii.max(1)
     return wp.array(balls, dtype=wp.types.vector(4, site.context.real), device=site.context.device)
