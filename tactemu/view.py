@@ -65,6 +65,11 @@ class LiveView:
             self._live.update(self.picture(), refresh=True)
             pause = max(PERIOD_S, REST * (time.perf_counter() - begun))
 
+    def rehearse(self) -> None:
+        """Draw once to nowhere, before a port is open: the first picture takes longest."""
+        with self._live.console.capture():
+            self._live.console.print(self.picture())
+
     def picture(self) -> RenderableType:
         """Everything on one screen: a panel per device."""
         return Group(*(self._panel(channel) for channel in self._emulator.channels), Text("Ctrl-C ends", style="dim"))
@@ -72,10 +77,8 @@ class LiveView:
     def _panel(self, channel: Channel) -> Panel:
         title = f"{channel.name}  {channel.wire.transport.address}"
         sample = latest_sample(self._emulator, channel.name)
-        if sample is None:
-            return Panel(Text("not sampled yet"), title=title, title_align="left")
         device = channel.device
-        values = felt(device.layout, device.senses, sample.measured)
+        values = felt(device.layout, device.senses, sample.measured) if sample else np.zeros(len(device.layout))
         peak = self._peaks[channel.name] = max(self._peaks.get(channel.name, 0.0), float(np.max(values, initial=0.0)))
         unit, scale = UNITS.get(device.senses, ("", 1.0))
         maps = [

@@ -63,6 +63,7 @@ def run_emulator(emulator: Emulator, *, seconds: float | None, style: str) -> No
     console = Console(highlight=False)
     live = style == "auto" and console.is_terminal
     say = say_json if style == "json" else say_in_words(console)
+    view = _view(emulator, console) if live else nullcontext()
     _warm_up(console)
     with _stopped_by_signals(emulator), emulator:
         for channel in emulator.channels:
@@ -72,7 +73,7 @@ def run_emulator(emulator: Emulator, *, seconds: float | None, style: str) -> No
             )  # fmt: skip
         if not live and not emulator.clock.virtual:
             _report_regularly(emulator, say)
-        with _view(emulator, console) if live else nullcontext():
+        with view:
             emulator.run(seconds)
         summaries = [entry_of(emulator, channel) for channel in emulator.channels]
     for entry in summaries:
@@ -107,7 +108,9 @@ def _report_regularly(emulator: Emulator, say: Say) -> None:
 def _view(emulator: Emulator, console: Console):
     from tactemu.view import LiveView
 
-    return LiveView(emulator, console)
+    view = LiveView(emulator, console)
+    view.rehearse()
+    return view
 
 
 def _truth(path: Path | None):
