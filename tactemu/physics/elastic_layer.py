@@ -30,7 +30,7 @@ from tactemu.physics.elastic_layer_friction_state import (
     friction_state_type,
     friction_windows_type,
 )
-from tactemu.physics.elastic_layer_grid import LayerGrid, layer_grid
+from tactemu.physics.elastic_layer_grid import LayerGrid, layer_grids
 from tactemu.physics.elastic_layer_overlap import near_kernel, overlap_kernel, remember_kernel
 from tactemu.physics.elastic_layer_reading import (
     CHANNELS,
@@ -68,12 +68,13 @@ class LayerReading(NamedTuple):
     """0: free, 1: sticks, 2: slips; int8."""
     residual: np.ndarray
     """What is left of the gaps that the solvers should close, relative to the overlap (pressure) or the displacement
-    (traction), the larger one; the same for all taxels of an environment."""
+    (traction), the larger one; the same for all taxels of a pad."""
 
 
 @dataclass(kw_only=True, eq=False)
 class ElasticLayerTaxel(SensorModel):
-    """Reads :class:`LayerReading`. The taxels lie on a flat rectangular grid; contact is where taxels are."""
+    """Reads :class:`LayerReading`. The taxels lie on a flat rectangular grid, or on several such pads, each a layer of
+    its own; contact is where taxels are."""
 
     young_modulus: float = 1.0e5
     """[Pa]"""
@@ -121,15 +122,14 @@ class ElasticLayerTaxel(SensorModel):
                 f"{where}: contact_depth_query must be 'ray' (or left out), got {self.contact_depth_query!r}: "
                 "a contact is solved with the depth along the normal"
             )
-        layer_grid(probes, 1, where)
+        layer_grids(probes, 1, where)
 
     def present(self, values: np.ndarray) -> LayerReading:
         force = values[..., FORCE]
-        normal, area = self._grid.normal, self._grid.area
-        along = force - (force @ normal)[..., None] * normal
+        along = force - (force * self._normals).sum(-1, keepdims=True) * self._normals
         return LayerReading(
             pressure=values[..., 0],
-            traction=(along / area).astype(values.dtype),
+            traction=(along / self._areas).astype(values.dtype),
             force=force,
             displacement=values[..., DISPLACEMENT],
             slip=values[..., SLIP_STATE].astype(np.int8),
@@ -137,18 +137,26 @@ class ElasticLayerTaxel(SensorModel):
         )
 
     def compile(self, site: Site) -> Compiled:
-        self._grid = layer_grid(site.probes, int(self.oversampling), site.name)
-        layer = CompiledLayer(self, self._grid, site)
+        probes, reading = site.probes, site.zeros()
+        grids = layer_grids(probes, int(self.oversampling), site.name)
+        areas = np.ones(probes.n)
+        for grid in grids:
+            areas[grid.place >= 0] = grid.area
+        self._normals, self._areas = probes.normals.reshape(*probes.layout, 3), areas.reshape(*probes.layout, 1)
+        names = [site.name if len(grids) == 1 else f"{site.name} pad {k + 1}" for k in range(len(grids))]
+        stages = [
+            stage for name, grid in zip(names, grids) for stage in CompiledLayer(self, grid, site, reading, name).stages
+        ]
         finish_kernel = status_kernel(site.context.real)
 
         def finish(array: wp.array, branch: str):
-            if array is layer.reading:
+            if array is reading:
                 return array, []
-            launch = record(finish_kernel, array.shape[:2], [layer.reading], [array], site.context.device)
+            launch = record(finish_kernel, array.shape[:2], [reading], [array], site.context.device)
             reason = "slip state and residual are no measurements"
             return array, [Stage(name=f"{site.name}: status", reason=reason, launch=launch)]
 
-        return Compiled(truth=layer.reading, raw=layer.reading, stages=layer.stages, finish=finish)
+        return Compiled(truth=reading, raw=reading, stages=stages, finish=finish)
 
 
 @dataclass(eq=False)
@@ -158,6 +166,9 @@ class CompiledLayer:
     model: ElasticLayerTaxel
     grid: LayerGrid
     site: Site
+    reading: wp.array
+    """Of the whole skin; this layer writes its own taxels."""
+    name: str
     stages: list[Stage] = field(default_factory=list)
 
     def __post_init__(self):
@@ -177,7 +188,6 @@ class CompiledLayer:
             lanes=self.lanes,
             device=self.device,
         )
-        self.reading = self.site.zeros()
         self._allocate()
         self._add(self._overlap, "overlap", "depth of each cell along the normal")
         self._add(self._normal, "pressure", f"bonded layer, at most {model.iterations} iterations")
@@ -241,7 +251,7 @@ class CompiledLayer:
     # -- stages -----------------------------------------------------------------------------------------------------
 
     def _add(self, make: Callable[[], Callable[[], None]], name: str, reason: str) -> None:
-        self.stages.append(Stage(name=f"{self.site.name}: {name}", reason=reason, launch=make()))
+        self.stages.append(Stage(name=f"{self.name}: {name}", reason=reason, launch=make()))
 
     def _blocks(self, kernel, inputs: list, outputs: list) -> Callable[[], None]:
         """A recorded launch with one block of threads per slot."""

@@ -11,6 +11,8 @@ from tactemu.physics.probes import Probes
 
 _TOLERANCE = 1e-3
 """Largest deviation of a taxel from its place, in pitches, and of normals from one another."""
+_CLOSE = (2.05, 1.45, 1.05)
+"""How many pitches apart neighbours of one pad may be; pads that lie close together need the smaller ones."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,41 +68,88 @@ class LayerGrid:
         return np.kron(taxels.reshape(self.rows, self.columns), np.ones((self.split, self.split), bool)) > 0
 
 
-def layer_grid(probes: Probes, split: int, sensor: str) -> LayerGrid:
-    """The grid that the probes form, whether they are listed as ``(rows, cols, 3)`` or as ``(n, 3)``.
+def layer_grids(probes: Probes, split: int, sensor: str) -> list[LayerGrid]:
+    """The grids that the probes form, listed as ``(rows, cols, 3)`` or as ``(n, 3)``: one, or one per flat pad.
+
+    Raises:
+        SceneError: a pad's taxels do not lie on a flat rectangular lattice.
+    """
+    active = np.flatnonzero(probes.active)
+    if not len(active):
+        raise SceneError(f"{sensor}: ElasticLayerTaxel needs at least one taxel with a probe_radius > 0")
+    try:
+        return [_grid_of(probes, active, split, sensor)]
+    except SceneError as error:
+        reason = error
+    for closeness in _CLOSE:
+        pads = _pads(probes, active, closeness)
+        try:
+            return [_grid_of(probes, pad, split, f"{sensor}, pad {k + 1} of {len(pads)}") for k, pad in enumerate(pads)]
+        except SceneError as error:
+            reason = error if len(pads) > 1 else reason
+    raise reason
+
+
+def _pads(probes: Probes, active: np.ndarray, closeness: float) -> list[np.ndarray]:
+    """Taxels that belong together: of one normal, in one plane, and within ``closeness`` pitches of another one."""
+    positions, normals = probes.positions[active], probes.normals[active]
+    left = np.ones(len(active), bool)
+    pads = []
+    while left.any():
+        first = int(np.flatnonzero(left)[0])
+        away = positions - positions[first]
+        distance = np.linalg.norm(away, axis=1)
+        level = np.abs(away @ normals[first]) < _TOLERANCE * max(float(distance.max()), 1e-12)
+        alike = left & level & (np.abs(normals - normals[first]).max(axis=1) < _TOLERANCE)
+        nearest = distance[alike & (distance > 0)].min(initial=np.inf)
+        pad = np.zeros(len(active), bool)
+        pad[first] = True
+        edge = pad.copy()
+        while edge.any():
+            gap = np.linalg.norm(positions[alike][:, None] - positions[edge][None], axis=-1).min(axis=1)
+            reached = np.zeros(len(active), bool)
+            reached[np.flatnonzero(alike)[gap <= closeness * nearest]] = True
+            edge = reached & ~pad
+            pad |= reached
+        pads.append(active[pad])
+        left &= ~pad
+    return pads
+
+
+def _grid_of(probes: Probes, members: np.ndarray, split: int, sensor: str) -> LayerGrid:
+    """The grid of some probes.
 
     Raises:
         SceneError: they do not lie on one flat rectangular lattice.
     """
-    active = probes.active
-    if not active.any():
-        raise SceneError(f"{sensor}: ElasticLayerTaxel needs at least one taxel with a probe_radius > 0")
-    normal = probes.normals[active].mean(0)
-    normal /= np.linalg.norm(normal)
-    if np.abs(probes.normals[active] - normal).max() > _TOLERANCE:
-        raise SceneError(f"{sensor}: ElasticLayerTaxel needs one normal for all taxels; split a curved skin into pads")
-    positions = probes.positions[active]
+    normal = probes.normals[members].mean(0)
+    normal /= max(float(np.linalg.norm(normal)), 1e-12)
+    if np.abs(probes.normals[members] - normal).max() > _TOLERANCE:
+        raise SceneError(f"{sensor}: ElasticLayerTaxel needs one normal for all taxels of a pad")
+    positions = probes.positions[members]
     centred = positions - positions[0]
     u = _row_direction(probes, centred, normal)
     v = np.cross(normal, u)
     if probes.is_grid and probes.steps()[1] @ v < 0:
         v = -v
-    lone = 2 * float(probes.radii[active][0])
+    lone = 2 * float(probes.radii[members][0])
     along, du, columns = _ticks(centred @ u)
     down, dv, rows = _ticks(centred @ v)
     dv, du = (dv or du or lone), (du or dv or lone)
     off = np.abs(centred @ normal).max() / min(du, dv)
     uneven = max(np.abs(along - np.rint(along)).max(), np.abs(down - np.rint(down)).max())
-    if max(off, uneven) > _TOLERANCE or rows * columns > 3 * len(positions):
+    holes = rows * columns - len(positions)
+    if max(off, uneven) > _TOLERANCE or holes > 2 * len(positions):
         raise SceneError(
             f"{sensor}: ElasticLayerTaxel needs taxels on a flat rectangular grid; these are off one by "
-            f"{max(off, uneven):.2g} pitches. Use ElastomerTaxel, or give probe_local_pos as a regular grid"
+            f"{max(off, uneven):.2g} pitches and leave {holes} of its places empty. Use ElastomerTaxel, or give "
+            "probe_local_pos as a regular grid"
         )
     cell = (np.rint(down - down.min()) * columns + np.rint(along - along.min())).astype(int)
     if len(np.unique(cell)) != len(cell):
         raise SceneError(f"{sensor}: two taxels are at the same place")
     place = np.full(probes.n, -1)
-    place[active] = cell
+    place[members] = cell
     corner = positions[0] + along.min() * du * u + down.min() * dv * v
     return LayerGrid(
         rows=rows, columns=columns, pitch=(dv, du), split=split, corner=corner, u=u, v=v, normal=normal, place=place

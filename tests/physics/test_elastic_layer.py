@@ -274,3 +274,48 @@ def test_a_pose_made_good_again_reads_again():
     with pytest.raises(tt.TactemuError):
         sim.step()
     assert not np.isnan(press(sim, ball, skin, 6e-3).force).any()
+
+
+def test_two_pads_are_two_layers():
+    """Pads back to back, as on two fingers: each reads as it does alone, and knows nothing of the other."""
+    near, far = grid(12, 14, 1e-3).reshape(-1, 3), grid(8, 6, 1.5e-3, z=-TOP).reshape(-1, 3)
+    both = np.concatenate([near, far])
+    normals = np.repeat([(0, 0, 1.0), (0, 0, -1.0)], [len(near), len(far)], axis=0)
+    order = np.random.default_rng(2).permutation(len(both))
+
+    def read(positions, normals):
+        scene = tt.Scene()
+        pad = scene.add_body(None, name="pad", fixed=True)
+        scene.add_body(tt.Sphere(radius=6e-3), position=(1e-3, 0, TOP + 5.6e-3))
+        scene.add_body(tt.Box(size=(4e-3, 4e-3, 4e-3)), position=(0, 1e-3, -TOP - 1.8e-3))
+        model = tt.ElasticLayerTaxel(probe_local_pos=positions, probe_local_normal=normals, look_depth=2e-3)
+        skin = scene.add_sensor(model, link=pad)
+        sim = scene.build()
+        sim.step()
+        return skin.read()
+
+    together = read(both[order], normals[order])
+    for positions, normal, members in ((near, (0, 0, 1), order < len(near)), (far, (0, 0, -1), order >= len(near))):
+        alone = read(positions, normal)
+        offset = 0 if members[np.flatnonzero(order == 0)[0]] else len(near)
+        assert alone.force.any()
+        for one, other in zip(together, alone):
+            scale = np.abs(other).max()
+            np.testing.assert_allclose(one[members], other[order[members] - offset], atol=1e-3 * scale)
+
+
+@pytest.mark.parametrize(("device", "pads"), [("inspire_rh56dftp", 17), ("robotiq_tsf85", 2), ("xela_uskin", 1)])
+def test_pads_of_real_hands_are_found(device, pads):
+    import firmware_protocols
+    from tactemu.physics.elastic_layer_grid import layer_grids
+    from tactemu.physics.probes import make_probes
+
+    layout = firmware_protocols.load(device)().layout
+    probes = make_probes(layout.positions, layout.normals, 1e-3, (0, 0, 0), (0, 0, 0), device)
+    grids = layer_grids(probes, 1, device)
+    assert len(grids) == pads
+    found = np.stack([grid.place for grid in grids])
+    assert ((found >= 0).sum(axis=0) == 1).all()
+    if pads > 1 and len(layout.patches) == pads:
+        sizes = sorted(patch.rows * patch.cols for patch in layout.patches)
+        assert sorted(int((grid.place >= 0).sum()) for grid in grids) == sizes
