@@ -106,7 +106,7 @@ class Recorder:
             self._line(entry.t_ns, entry.kind, data=text(entry.frame))
         elif not isinstance(entry.frame, CanFrame):
             raise TactemuError(f"{self.path}: {self.path.suffix} holds CAN frames; record bytes to {SERIAL_FORMAT}")
-        else:
+        elif self._log is not None:
             self._log.on_message_received(_message(entry))
 
     def close(self) -> None:
