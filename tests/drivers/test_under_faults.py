@@ -95,6 +95,7 @@ def test_ability_hand_counts_failed_checksums(fight, tmp_path):
         if label == "checksum":
             assert own["checksum failed"] == n
         else:  # its packet loss: commands less answers; one may be on its way at either end
+            n += own["wire dropped_readings"]  # answers to commands that a busy machine handed over all at once
             assert n - 1 <= own["writes"] - own["reads"] <= n + 1, label
 
 

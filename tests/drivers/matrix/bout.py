@@ -32,6 +32,7 @@ from tests.drivers.test_through_the_emulator import SCENE
 SCRIPT = Path(__file__).with_name("endure.py")
 START_S = 30.0
 """For a driver to be imported, connect and read, on a busy machine."""
+WIRE_COUNTERS = ("sent", "received", "dropped_readings", "dropped_unread")
 SETTLED = 10
 """Right readings in a row that say that a driver is well."""
 
@@ -166,7 +167,7 @@ class Ring:
         outcome.counters = {key: after[key] - own.get(key, 0) for key in after}
         if (missing := outcome.counters.get("writes", 0) - outcome.counters.get("reads", 0)) > 1:
             outcome.lost = missing
-        outcome.counters |= {f"wire {key}": wire.counters[key] - before.get(key, 0) for key in ("sent", "received")}
+        outcome.counters |= {f"wire {key}": wire.counters[key] - before.get(key, 0) for key in WIRE_COUNTERS}
         if not well:
             outcome.stuck = process.where()
             outcome.restart_helps = self.restart()
