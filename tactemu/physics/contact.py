@@ -12,7 +12,7 @@ import warp as wp
 
 from tactemu.physics.rays import ray_function
 from tactemu.physics.sensor import Site
-from tactemu.physics.shapes import FAR, shape_functions, table_type
+from tactemu.physics.shapes import FAR, MESH, OPEN_MESH, shape_functions, table_type
 
 
 @functools.cache
@@ -247,15 +247,25 @@ def strip_length(site: Site) -> int:
     return STRIP if site.context.device.is_cpu else 1
 
 
+def turned(kinds: frozenset, in_strips: bool) -> bool:
+    """Do threads side by side take environments, not probes?
+
+    On a GPU with meshes: searches for one probe in many environments go similar ways, those for neighbouring probes,
+    of which some are near the mesh and some are not, do not. Writing is less orderly then, so not without meshes.
+    """
+    return not in_strips and bool(kinds & {MESH, OPEN_MESH})
+
+
 def strips(site: Site) -> tuple[int, int]:
-    """Threads of a launch over all probes: ``(n_envs, strips)``."""
-    return site.context.n_envs, -(-site.probes.n // strip_length(site))
+    """Threads of a launch over all probes: ``(n_envs, strips)``, or the other way round if :func:`turned`."""
+    dim = site.context.n_envs, -(-site.probes.n // strip_length(site))
+    return dim[::-1] if turned(site.table.kinds, site.context.device.is_cpu) else dim
 
 
 def _strip_balls(site: Site) -> wp.array:
     """Centre and radius, probe radii and the ray's reach included, of the ball around each strip; none on a GPU."""
     length, probes = strip_length(site), site.probes
-    count = strips(site)[1] if length > 1 else 0
+    count = -(-probes.n // length) if length > 1 else 0
     balls = np.zeros((count, 4))
     if count:
         missing = count * length - probes.n

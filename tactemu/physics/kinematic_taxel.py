@@ -24,6 +24,7 @@ from tactemu.physics.contact import (
     probes_struct,
     strip_function,
     strips,
+    turned,
 )
 from tactemu.physics.options import number
 from tactemu.physics.plan import Stage, record
@@ -117,6 +118,8 @@ def kinematic_kernel(
         raw_out: wp.array3d(dtype=real),
     ):
         e, strip = wp.tid()
+        if wp.static(turned(kinds, in_strips)):
+            strip, e = wp.tid()
         first = strip * probes.strip
         last = wp.min(first + probes.strip, probes.radii.shape[0])
         if wp.static(in_strips):

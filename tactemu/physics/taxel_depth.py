@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from tactemu.physics.contact import contact_function, probe_arrays, probes_struct, strip_function, strips
+from tactemu.physics.contact import contact_function, probe_arrays, probes_struct, strip_function, strips, turned
 from tactemu.physics.plan import record
 from tactemu.physics.sensor import Site
 from tactemu.physics.shapes import table_type
@@ -58,6 +58,8 @@ def _depth_kernel(real, kinds: frozenset, along_normal: bool, in_strips: bool):
         box: wp.array2d(dtype=wp.int32),
     ):
         env, strip = wp.tid()
+        if wp.static(turned(kinds, in_strips)):
+            strip, env = wp.tid()
         first = strip * probes.strip
         near = bool(True)
         if wp.static(in_strips):
