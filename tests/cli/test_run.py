@@ -136,8 +136,11 @@ def folder(tmp_path_factory):
 
 
 def left(folder: Path) -> list[Path]:
-    """What a run could leave behind: files here, and ports under the names `run` gives them (`serve` adds a number)."""
-    ports = [path for path in Path("/tmp").glob("tactemu-[a-z]*") if path.is_symlink()]
+    """What a run could leave behind: files here, and links under the names `run` gives ports, to a port that is gone.
+
+    A link to a port that is there belongs to another run, which may be anybody's on this machine.
+    """
+    ports = [path for path in Path("/tmp").glob("tactemu-[a-z]*") if path.is_symlink() and not path.exists()]
     return sorted(folder.iterdir()) + sorted(ports)
 
 
