@@ -18,6 +18,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from statistics import median
 
+from tactemu.garbage import no_full_collections
+
 Report = Callable[[str], None]
 
 
@@ -57,7 +59,7 @@ def lateness(rate_hz: float, seconds: float, *, device: str = "anyskin") -> dict
     wishes = Wishes(port=f"pty:{folder}/port", rate_hz=rate_hz)
     emulator = assemble(file.load(device), wishes).emulator
     emulator.clock = RealClock()
-    with emulator, _drained(f"{folder}/port"):
+    with no_full_collections(), emulator, _drained(f"{folder}/port"):
         emulator.run(seconds)
     os.rmdir(folder)
     return next(iter(emulator.summary().values()))

@@ -22,6 +22,7 @@ from firmware_protocols import Frame
 from tactemu.assembly import Wishes, assemble
 from tactemu.clock import RealClock
 from tactemu.emulator import Channel, Emulator
+from tactemu.garbage import no_full_collections
 from tactemu.scene import file
 from tactemu.statistics import Lateness
 from tactemu.truth import Truth
@@ -70,7 +71,7 @@ def run(
     ``unaccounted_frames`` and ``unaccounted_bytes`` must be 0 and ``same_bytes`` true; whoever runs it judges growth.
     """
     truth = Tally()
-    with tempfile.TemporaryDirectory(prefix="tactemu-bench-") as folder:
+    with tempfile.TemporaryDirectory(prefix="tactemu-bench-") as folder, no_full_collections():
         wishes = Wishes(port=f"pty:{folder}/port", rate_hz=rate_hz, faults=FAULTS, seed=seed)
         emulator = assemble(file.load("anyskin"), wishes, truth=truth).emulator
         emulator.clock = RealClock()

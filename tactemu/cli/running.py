@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import signal
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
@@ -13,6 +12,7 @@ from tactemu.cli.kernels import start_quietly
 from tactemu.cli.reports import Say, advice, entry_of, say_in_words, say_json
 from tactemu.emulator import Emulator
 from tactemu.errors import SceneError, TactemuError
+from tactemu.garbage import no_full_collections
 from tactemu.statistics import Lateness
 
 REPORT_PERIOD_NS = 1_000_000_000
@@ -65,7 +65,7 @@ def run_emulator(emulator: Emulator, *, seconds: float | None, style: str) -> No
     say = say_json if style == "json" else say_in_words(console)
     view = _view(emulator, console) if live else nullcontext()
     _warm_up(console)
-    with _stopped_by_signals(emulator), emulator:
+    with _stopped_by_signals(emulator), no_full_collections(), emulator:
         for channel in emulator.channels:
             say(
                 "ready", skin=channel.name, device=channel.device.name, port=channel.wire.transport.address,
@@ -84,15 +84,12 @@ def run_emulator(emulator: Emulator, *, seconds: float | None, style: str) -> No
 
 
 def _warm_up(console: Console) -> None:
-    """What is slow the first time is done before a port opens: a print, a percentile. The collector of garbage need not
-    look again at what was built: it lives as long as the run, and looking takes tens of milliseconds."""
+    """What is slow the first time is done before a port opens: a print, a percentile."""
     with console.capture():
         console.print("")
     lateness = Lateness(keep=1)
     lateness.add(0)
     lateness.percentile_ns(50)
-    gc.collect()
-    gc.freeze()
 
 
 def _report_regularly(emulator: Emulator, say: Say) -> None:
