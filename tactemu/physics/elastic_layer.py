@@ -49,7 +49,7 @@ from tactemu.physics.plan import Stage, record
 from tactemu.physics.probes import Probes
 from tactemu.physics.sensor import Compiled, SensorModel, Site
 
-BLOCKS_AT_ONCE = 2112
+BLOCKS_AT_ONCE = 1056
 """Blocks on a GPU: eight for each of 132 multiprocessors; more environments take turns."""
 
 

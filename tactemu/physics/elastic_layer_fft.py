@@ -21,7 +21,7 @@ CPU_LANES = 8
 BLOCK_THREADS = 64
 """Threads of a block on a GPU; on a CPU a block is one thread. For 4096 environments of 32 x 32 on an H200, 32, 64 and
 128 threads take 5.8, 6.3 and 8.6 ms; a single large skin wants more of them."""
-RESIDENT_BLOCKS = 12
+RESIDENT_BLOCKS = 8
 """Blocks that a multiprocessor shall hold at once: bounds the registers of a thread."""
 SMALLEST_TRANSFORM = 32
 """Length of the shortest transform used; a window has at most half its length."""
