@@ -18,8 +18,8 @@ from rich.console import Console, Group
 from rich.text import Text
 
 import tactemu
+from tactemu.cli.heatmap import draw, felt
 from tactemu.cli.kernels import start_quietly
-from tactemu.heatmap import draw, felt
 
 DEPTH = 1.5e-3
 TIME_LIMIT_S = 90

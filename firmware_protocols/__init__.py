@@ -37,19 +37,19 @@ __all__ = [
 
 DEVICES: dict[str, str] = {
     # name: "module:Class", imported only when asked for
-    "ability_hand": "firmware_protocols.ability_hand:AbilityHand",
-    "flexitac": "firmware_protocols.flexitac:FlexiTac",
-    "inspire_rh56dftp": "firmware_protocols.inspire_rh56dftp:InspireRh56dftp",
-    "optoforce": "firmware_protocols.optoforce:OptoForce",
-    "paxini_gen2": "firmware_protocols.paxini_gen2:PaxiniGen2",
-    "paxini_px6ax": "firmware_protocols.paxini_px6ax:PaxiniPx6ax",
-    "robotiq_tsf85": "firmware_protocols.robotiq_tsf85:RobotiqTsf85",
-    "anyskin": "firmware_protocols.anyskin:AnySkin",
-    "icub_skin": "firmware_protocols.icub_skin:IcubSkin",
-    "linker_hand_l6": "firmware_protocols.linker_hand:LinkerHandL6",
-    "linker_hand_l10": "firmware_protocols.linker_hand:LinkerHandL10",
-    "linker_hand_o6": "firmware_protocols.linker_hand:LinkerHandO6",
-    "xela_uskin": "firmware_protocols.xela_uskin:XelaUskin",
+    "ability_hand": "firmware_protocols.devices.ability_hand:AbilityHand",
+    "flexitac": "firmware_protocols.devices.flexitac:FlexiTac",
+    "inspire_rh56dftp": "firmware_protocols.devices.inspire_rh56dftp:InspireRh56dftp",
+    "optoforce": "firmware_protocols.devices.optoforce:OptoForce",
+    "paxini_gen2": "firmware_protocols.devices.paxini_gen2:PaxiniGen2",
+    "paxini_px6ax": "firmware_protocols.devices.paxini_px6ax:PaxiniPx6ax",
+    "robotiq_tsf85": "firmware_protocols.devices.robotiq_tsf85:RobotiqTsf85",
+    "anyskin": "firmware_protocols.devices.anyskin:AnySkin",
+    "icub_skin": "firmware_protocols.devices.icub_skin:IcubSkin",
+    "linker_hand_l6": "firmware_protocols.devices.linker_hand:LinkerHandL6",
+    "linker_hand_l10": "firmware_protocols.devices.linker_hand:LinkerHandL10",
+    "linker_hand_o6": "firmware_protocols.devices.linker_hand:LinkerHandO6",
+    "xela_uskin": "firmware_protocols.devices.xela_uskin:XelaUskin",
 }
 
 ENTRY_POINT_GROUP = "tactemu.devices"

@@ -15,8 +15,8 @@ from tactemu import transports
 from tactemu.clock import Clock
 from tactemu.emulator import Channel, Emulator
 from tactemu.errors import SceneError, TransportError
-from tactemu.playback import Playback, recorded
-from tactemu.recording import RecordedReadings
+from tactemu.recordings.playback import Playback, recorded
+from tactemu.recordings.recording import RecordedReadings
 from tactemu.sampling import SampleClock
 from tactemu.scenario import faults_of, laws_needed, schedule
 from tactemu.scene.building import build_scene, make_devices
@@ -24,7 +24,7 @@ from tactemu.scene.file import LoadedScene
 from tactemu.scene.placement import PlacedSensor
 from tactemu.scene.schema import Event, Skin
 from tactemu.truth import Truth
-from tactemu.wire import Wire
+from tactemu.wire.wire import Wire
 
 _FRESH = itertools.count()
 MULTICAST = "can:udp_multicast:239.74.163.2"

@@ -12,7 +12,7 @@ from firmware_protocols import Device, Reading
 from tactemu.sampling import SampleClock
 from tactemu.scene.placement import Surroundings
 from tactemu.statistics import ChannelStatistics
-from tactemu.wire import Wire
+from tactemu.wire.wire import Wire
 
 
 class Source(Protocol):

@@ -23,7 +23,7 @@ from tactemu.channel import Channel, Source
 from tactemu.clock import Clock, RealClock
 from tactemu.transports.transport import BaudChanged, Closed, Event, Opened, Received
 from tactemu.truth import Truth
-from tactemu.wire import Wire
+from tactemu.wire.wire import Wire
 
 
 class Simulated(Protocol):
@@ -46,7 +46,7 @@ class Emulator:
 
     Args:
         simulation: brought up to each sample's time; ``None`` when every source is a recording.
-        channels: the devices. Several may share a :class:`~tactemu.wire.Wire` (one CAN bus).
+        channels: the devices. Several may share a :class:`~tactemu.wire.wire.Wire` (one CAN bus).
         clock: real time by default; a :class:`~tactemu.clock.VirtualClock` runs as fast as it can.
         truth: where samples, frames and faults are logged.
         catch_up_steps: a loop that is late by a period takes at most so many simulation steps for one sample.

@@ -199,7 +199,7 @@ class Served:
 
     def sample(self, skin: str | None = None) -> Sample | None:
         """The latest sample of a skin: ideal and measured reading, and counts."""
-        from tactemu.view import latest_sample
+        from tactemu.cli.view import latest_sample
 
         return latest_sample(self.emulator, self._channel(skin).name)
 

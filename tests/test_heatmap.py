@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import firmware_protocols as fp
-from tactemu.heatmap import SHADES, draw, felt, flattened
+from tactemu.cli.heatmap import SHADES, draw, felt, flattened
 
 
 def rows(text) -> list[str]:

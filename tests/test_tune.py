@@ -7,9 +7,9 @@ import pytest
 
 from tactemu.errors import SceneError
 from tactemu.scene.file import load, parse
-from tactemu.tune import Measured, _pick, run_tune
-from tactemu.tune_settings import LAYER, Setting, settings_for
-from tactemu.tune_writing import set_skin
+from tactemu.tune.settings import LAYER, Setting, settings_for
+from tactemu.tune.tuner import Measured, _pick, run_tune
+from tactemu.tune.writing import set_skin
 
 SCENE = """# my hand
 [scene]
@@ -122,7 +122,7 @@ def test_every_stage_of_the_layer_has_a_dial():
     import dataclasses
 
     import tactemu as tt
-    from tactemu.tune_settings import DIAL_OF_STAGE, dial_of
+    from tactemu.tune.settings import DIAL_OF_STAGE, dial_of
 
     scene = tt.Scene()
     pad = scene.add_body(None, name="pad", fixed=True)

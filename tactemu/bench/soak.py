@@ -20,9 +20,9 @@ import numpy as np
 
 from firmware_protocols import Frame
 from tactemu.assembly import Wishes, assemble
+from tactemu.cli.collector import no_full_collections
 from tactemu.clock import RealClock
 from tactemu.emulator import Channel, Emulator
-from tactemu.garbage import no_full_collections
 from tactemu.scene import file
 from tactemu.statistics import Lateness
 from tactemu.truth import Truth

@@ -96,7 +96,7 @@ def trade(
     fresh: Annotated[bool, typer.Option("--fresh", help="Measure all again instead of going on.")] = False,
 ) -> None:
     """Error against truth and cost of every rung, with a table and a picture. A stopped run goes on where it was."""
-    from tactemu.bench.trade import run_trade
+    from tactemu.bench.trade.trade import run_trade
     from tactemu.cli.progress import show_progress
 
     run_trade(typer.echo, scene, out=out, quick=quick, device=device, only=only, fresh=fresh, progress=show_progress)

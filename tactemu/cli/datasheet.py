@@ -15,7 +15,7 @@ from rich.table import Table
 import firmware_protocols
 from firmware_protocols import CanWire, Device, Frame, SerialWire, Wire
 from firmware_protocols.device import Layout, Patch
-from tactemu.heatmap import flattened
+from tactemu.cli.heatmap import flattened
 from tactemu.scene.file import load_device
 
 MAX_PITCHES = 40

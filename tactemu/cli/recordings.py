@@ -8,7 +8,7 @@ from collections.abc import Callable
 from contextlib import contextmanager
 from pathlib import Path
 
-from tactemu.faults import DIRECTIONS, KINDS
+from tactemu.wire.faults import DIRECTIONS, KINDS
 
 
 def print_faults() -> None:
@@ -29,8 +29,8 @@ def record_stream(source: str, file: Path, *, baud: int, seconds: float | None) 
         TactemuError: the source or the file cannot be had.
     """
     from tactemu.clock import RealClock
-    from tactemu.recording import Recorder
-    from tactemu.replay import record
+    from tactemu.recordings.recording import Recorder
+    from tactemu.recordings.replay import record
 
     clock = RealClock()
     end_ns = None if seconds is None else round(seconds * 1e9)
@@ -57,10 +57,10 @@ def replay_file(
     """
     from tactemu.clock import RealClock
     from tactemu.errors import TransportError
-    from tactemu.recording import load
-    from tactemu.replay import Replay, replay_spec
+    from tactemu.recordings.recording import load
+    from tactemu.recordings.replay import Replay, replay_spec
     from tactemu.transports import create
-    from tactemu.wire import Wire
+    from tactemu.wire.wire import Wire
 
     recording = load(file)
     transport = create(port)

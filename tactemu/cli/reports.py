@@ -71,7 +71,7 @@ def sentence(entry: dict[str, Any]) -> str:
 
 def advice(emulator: Emulator, channel: Channel) -> str:
     """What to change when a device misses samples; empty when it does not."""
-    from tactemu.tune_settings import dial_of
+    from tactemu.tune.settings import dial_of
 
     statistics = channel.statistics
     late = statistics.missed + statistics.stretched

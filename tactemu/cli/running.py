@@ -8,11 +8,11 @@ from pathlib import Path
 
 from rich.console import Console
 
+from tactemu.cli.collector import no_full_collections
 from tactemu.cli.kernels import start_quietly
 from tactemu.cli.reports import Say, advice, entry_of, say_in_words, say_json
 from tactemu.emulator import Emulator
 from tactemu.errors import SceneError, TactemuError
-from tactemu.garbage import no_full_collections
 from tactemu.statistics import Lateness
 
 REPORT_PERIOD_NS = 1_000_000_000
@@ -103,7 +103,7 @@ def _report_regularly(emulator: Emulator, say: Say) -> None:
 
 
 def _view(emulator: Emulator, console: Console):
-    from tactemu.view import LiveView
+    from tactemu.cli.view import LiveView
 
     view = LiveView(emulator, console)
     view.rehearse()

@@ -7,7 +7,7 @@ import warp as wp
 
 from tactemu.imperfections.material import decay, grown, ramp_share
 from tactemu.imperfections.options import ImperfectionOptions
-from tactemu.physics.plan import Context, Stage, record
+from tactemu.plan.plan import Context, Stage, record
 
 # Indices into the array of coefficients.
 OVERSHOOT = wp.constant(0)

@@ -34,8 +34,8 @@ from tactemu.imperfections.laws import check, electronic_laws, gain_is_on, mater
 from tactemu.imperfections.options import ImperfectionOptions
 from tactemu.imperfections.radius import radius_kernel
 from tactemu.imperfections.scan import compile_scan
-from tactemu.physics.clearing import clear_rows
-from tactemu.physics.plan import Context, Stage, record
+from tactemu.plan.clearing import clear_rows
+from tactemu.plan.plan import Context, Stage, record
 from tactemu.random_streams import stream_key
 
 

@@ -10,7 +10,7 @@ from tactemu.errors import SceneError
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.laws import is_on
 from tactemu.imperfections.options import ImperfectionOptions
-from tactemu.physics.plan import Context, Stage, record
+from tactemu.plan.plan import Context, Stage, record
 
 _PLANES = {
     # channels: {planes in the kernel: (plane of the normal part or of a scalar, plane of the shear part)}

@@ -13,8 +13,8 @@ from tactemu.imperfections.delivery_kernels import deliver_kernel, remember_kern
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.options import ImperfectionOptions
 from tactemu.imperfections.ring import Ring, ring_depth
-from tactemu.physics.clearing import clear_rows
-from tactemu.physics.plan import Context, Stage, record
+from tactemu.plan.clearing import clear_rows
+from tactemu.plan.plan import Context, Stage, record
 from tactemu.random_streams import stream_key
 
 

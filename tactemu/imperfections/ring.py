@@ -10,7 +10,7 @@ import math
 import warp as wp
 
 from tactemu.errors import SceneError
-from tactemu.physics.plan import Context
+from tactemu.plan.plan import Context
 
 FRESH = -1
 """In place of the number of the step before the first: the next step is the first."""

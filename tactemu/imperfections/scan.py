@@ -9,7 +9,7 @@ from tactemu.errors import SceneError
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.options import ImperfectionOptions
 from tactemu.imperfections.ring import Ring, entries, entry_before, entry_time, ring_depth, slot
-from tactemu.physics.plan import Context, Stage, record
+from tactemu.plan.plan import Context, Stage, record
 
 
 @functools.cache

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from tactemu.physics.plan import Context, Stage, record
+from tactemu.plan.plan import Context, Stage, record
 
 POSE_WIDTH = 13
 

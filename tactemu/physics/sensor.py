@@ -23,8 +23,8 @@ Export it with one line in ``tactemu/__init__.py``. What a model gets is a :clas
 * ``site.targets``: the bodies to feel, ``wp.array(int32)``; ``site.target_bodies`` the same on the host.
 * ``site.table``: their shapes. In a kernel factory ``f = shape_functions(real, kinds)`` gives
   ``f.distance_in_link(shapes, b, pose[e, b], r) -> (signed distance, normal)`` for any kind of shape
-  (:mod:`tactemu.physics.shapes`); ``site.own_table`` is the table of the link's own shape (row ``site.link.index``,
-  pose the identity).
+  (:mod:`tactemu.physics.shapes.distance`); ``site.own_table`` is the table of the link's own shape
+  (row ``site.link.index``, pose the identity).
 * ``site.positions``, ``site.normals``, ``site.radii``: the probes on the device; ``site.probes`` on the host.
 * ``site.gain``, ``site.radius``: per-environment arrays ``(n_envs, n_taxels)`` of the measured branch, or ``None``
   where no imperfection asks for them. If both are ``None`` the measured branch starts as the truth: return the same
@@ -49,10 +49,10 @@ import warp as wp
 from tactemu.errors import SceneError
 from tactemu.imperfections import ImperfectionOptions, Imperfections, SensorSetters
 from tactemu.physics.options import number
-from tactemu.physics.plan import Context, Stage
 from tactemu.physics.poses import LinkView
-from tactemu.physics.probes import Probes, make_probes
-from tactemu.physics.table import ShapeTable, ShapeTables
+from tactemu.physics.probes.probes import Probes, make_probes
+from tactemu.physics.shapes.table import ShapeTable, ShapeTables
+from tactemu.plan.plan import Context, Stage
 from tactemu.scene.bodies import Body
 
 if TYPE_CHECKING:

@@ -11,12 +11,12 @@ import warp as wp
 
 from tactemu.errors import PoseError, SceneError
 from tactemu.imperfections import Imperfections, ReadingInfo
-from tactemu.physics.clearing import clear_rows
-from tactemu.physics.plan import Context, Plan, Stage
 from tactemu.physics.poses import RelativePoses
 from tactemu.physics.sensor import Sensor, Site, bodies_felt, check_query, upload_probes
-from tactemu.physics.table import ShapeTables
+from tactemu.physics.shapes.table import ShapeTables
 from tactemu.physics.world import World
+from tactemu.plan.clearing import clear_rows
+from tactemu.plan.plan import Context, Plan, Stage
 
 if TYPE_CHECKING:
     from tactemu.scene.bodies import Body

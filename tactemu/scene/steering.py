@@ -80,7 +80,7 @@ def reach(body: Body, quaternion: np.ndarray, direction: np.ndarray) -> float:
         return 0.0
     if not isinstance(shape, Mesh):
         raise SceneError(f"body {body.name!r}: cannot tell how far it reaches; use move() with a position")
-    from tactemu.physics.mesh import load_mesh
+    from tactemu.physics.shapes.mesh import load_mesh
 
     return float((load_mesh(shape.source, shape.scale, body.name).vertices @ d).max())
 

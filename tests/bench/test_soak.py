@@ -41,7 +41,7 @@ def test_nothing_grows(soaked):
 
 def test_a_lost_frame_is_seen(monkeypatch):
     """The judge itself: a wire that forgets one frame in twenty is found out."""
-    from tactemu.wire import Wire
+    from tactemu.wire.wire import Wire
 
     really, turns = Wire._write, iter(range(10**9))
     monkeypatch.setattr(Wire, "_write", lambda *given: next(turns) % 20 != 19 and really(*given))

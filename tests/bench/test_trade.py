@@ -5,12 +5,13 @@ import json
 import numpy as np
 import pytest
 
-from tactemu.bench import trade, trade_cases
-from tactemu.bench.trade_cases import Case, TestSkin, all_cases, build, indenters
-from tactemu.bench.trade_errors import Observation, errors, fit_gains, observe
-from tactemu.bench.trade_report import summarise
-from tactemu.bench.trade_rungs import ladder
-from tactemu.bench.trade_truth import Truths
+from tactemu.bench.trade import cases as trade_cases
+from tactemu.bench.trade import trade
+from tactemu.bench.trade.cases import Case, TestSkin, all_cases, build, indenters
+from tactemu.bench.trade.errors import Observation, errors, fit_gains, observe
+from tactemu.bench.trade.report import summarise
+from tactemu.bench.trade.rungs import ladder
+from tactemu.bench.trade.truth import Truths
 
 SKIN = TestSkin(side=16, pitch=1e-3)
 POSITIONS = SKIN.positions()[..., :2].reshape(-1, 2)
@@ -95,7 +96,7 @@ def test_cases_are_as_many_as_said():
 
 
 def test_a_scene_of_the_user_is_measured_with_every_setting(tmp_path, monkeypatch):
-    from tactemu import tune
+    from tactemu.tune import tuner as tune
 
     monkeypatch.setattr(tune, "MOMENTS", 16)
     lines = []

@@ -7,8 +7,8 @@ import time
 import pytest
 import serial
 
-from tactemu.faults import KINDS
-from tactemu.recording import Entry, Recorder, load
+from tactemu.recordings.recording import Entry, Recorder, load
+from tactemu.wire.faults import KINDS
 from tests.cli.command import start, tactemu
 
 

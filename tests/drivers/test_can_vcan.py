@@ -13,8 +13,8 @@ import pytest
 
 import tactemu
 from firmware_protocols import CanFrame
-from firmware_protocols.icub_triangles import TAXELS
-from tactemu.can_bits import frame_bits
+from firmware_protocols.devices.icub_triangles import TAXELS
+from tactemu.wire.can_bits import frame_bits
 
 pytestmark = [pytest.mark.vcan, pytest.mark.timeout(120)]
 DATA = Path(__file__).parents[1] / "data"

@@ -3,7 +3,7 @@
 import pytest
 
 import firmware_protocols as fp
-from firmware_protocols.robotiq_tsf85 import VERSION, packet
+from firmware_protocols.devices.robotiq_tsf85 import VERSION, packet
 from tests.drivers.rig import Rig, assert_consecutive, run_driver
 
 pytestmark = [pytest.mark.driver, pytest.mark.timeout(90)]

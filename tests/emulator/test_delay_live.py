@@ -13,7 +13,7 @@ from tactemu import transports
 from tactemu.clock import RealClock
 from tactemu.emulator import Channel, Emulator
 from tactemu.sampling import SampleClock
-from tactemu.wire import Wire
+from tactemu.wire.wire import Wire
 from tests.emulator.test_loop import Counter8, Ramp
 
 DELAY_NS, RATE_HZ, FRAMES = 3_700_000, 1000, 1500

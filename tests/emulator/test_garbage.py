@@ -2,7 +2,7 @@
 
 import gc
 
-from tactemu.garbage import no_full_collections
+from tactemu.cli.collector import no_full_collections
 
 
 def full_collections():

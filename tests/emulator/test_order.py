@@ -10,7 +10,7 @@ from tactemu.emulator import Channel, Emulator
 from tactemu.sampling import SampleClock
 from tactemu.transports.memory import MemoryTransport
 from tactemu.truth import Truth
-from tactemu.wire import Wire
+from tactemu.wire.wire import Wire
 from tests.emulator.test_delay_live import Numbered
 from tests.emulator.test_loop import Ramp
 

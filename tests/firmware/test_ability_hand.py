@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import firmware_protocols as fp
-from firmware_protocols.ability_hand import AbilityHand
+from firmware_protocols.devices.ability_hand import AbilityHand
 from tests.firmware.feeding import check_commands, push, survive
 from tests.firmware.golden import golden_vectors, replay
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import firmware_protocols as fp
-from firmware_protocols.anyskin import GAIN_UT_PER_N
+from firmware_protocols.devices.anyskin import GAIN_UT_PER_N
 from firmware_protocols.magnetic import LinearMagnet
 
 NO_OFFSET = LinearMagnet(gain=GAIN_UT_PER_N)

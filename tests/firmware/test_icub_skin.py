@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import firmware_protocols as fp
-from firmware_protocols.icub_triangles import FOREARM_RADIUS, PAD_PLACES, PITCH, SIDE, TAXELS
+from firmware_protocols.devices.icub_triangles import FOREARM_RADIUS, PAD_PLACES, PITCH, SIDE, TAXELS
 from tests.firmware.feeding import push
 
 START = "0700"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import firmware_protocols as fp
-from firmware_protocols.inspire_rh56dftp import InspireRh56dftp
+from firmware_protocols.devices.inspire_rh56dftp import InspireRh56dftp
 from tests.firmware.feeding import push
 from tests.firmware.golden import golden_vectors, replay
 

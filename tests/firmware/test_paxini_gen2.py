@@ -7,7 +7,7 @@ import pytest
 
 import firmware_protocols as fp
 from firmware_protocols import Delayed, Reading
-from firmware_protocols.paxini_gen2 import PaxiniGen2
+from firmware_protocols.devices.paxini_gen2 import PaxiniGen2
 from tests.firmware.feeding import check_commands, frames, push, survive
 from tests.firmware.golden import golden_vectors, replay
 

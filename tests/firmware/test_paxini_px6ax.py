@@ -7,8 +7,8 @@ import pytest
 
 import firmware_protocols as fp
 from firmware_protocols import Reading
-from firmware_protocols.paxini_modules import TAXELS
-from firmware_protocols.paxini_px6ax import PaxiniPx6ax
+from firmware_protocols.devices.paxini_modules import TAXELS
+from firmware_protocols.devices.paxini_px6ax import PaxiniPx6ax
 from tests.firmware.feeding import check_commands, push, survive
 from tests.firmware.golden import golden_vectors, replay
 

@@ -7,7 +7,7 @@ import pytest
 
 import firmware_protocols as fp
 from firmware_protocols import Reading
-from firmware_protocols.robotiq_tsf85 import RobotiqTsf85
+from firmware_protocols.devices.robotiq_tsf85 import RobotiqTsf85
 from tests.firmware.feeding import check_commands, frames, push, survive
 from tests.firmware.golden import golden_vectors, replay
 

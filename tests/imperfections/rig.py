@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.imperfections import ImperfectionOptions, Imperfections, ReadingInfo
-from tactemu.physics.plan import Context
+from tactemu.plan.plan import Context
 
 DATA = Path(__file__).parents[1] / "data" / "imperfections"
 

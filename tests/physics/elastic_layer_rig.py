@@ -5,12 +5,12 @@ import math
 import numpy as np
 import warp as wp
 
-from tactemu.physics.elastic_layer_contact import NORMAL_WINDOWS, Windows, normal_kernel, windows_type
-from tactemu.physics.elastic_layer_fft import BLOCK_THREADS, Workspace, lanes_of
-from tactemu.physics.elastic_layer_friction import friction_kernel
-from tactemu.physics.elastic_layer_friction_state import FRICTION_WINDOWS, friction_state_type, friction_windows_type
-from tactemu.physics.elastic_layer_surface import reach_of, surface_kernel
-from tactemu.physics.elastic_layer_tables import LayerMaterial, LayerTables
+from tactemu.physics.layer.convolution import BLOCK_THREADS, Workspace, lanes_of
+from tactemu.physics.layer.friction import friction_kernel
+from tactemu.physics.layer.friction_state import FRICTION_WINDOWS, friction_state_type, friction_windows_type
+from tactemu.physics.layer.pressure import NORMAL_WINDOWS, Windows, normal_kernel, windows_type
+from tactemu.physics.layer.surface import reach_of, surface_kernel
+from tactemu.physics.layer.tables import LayerMaterial, LayerTables
 
 
 class LayerRig:

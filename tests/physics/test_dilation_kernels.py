@@ -5,9 +5,9 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from tactemu.physics.dilation_direct import free_areas, free_spacing
-from tactemu.physics.dilation_grid import plane_terms
-from tactemu.physics.dilation_kernels import (
+from tactemu.physics.elastomer.dilation_direct import free_areas, free_spacing
+from tactemu.physics.elastomer.dilation_grid import plane_terms
+from tactemu.physics.elastomer.dilation_kernels import (
     DilationOptions,
     _bessel_j1,
     layer_response,
@@ -15,8 +15,8 @@ from tactemu.physics.dilation_kernels import (
     radial_weight,
     spectral_layer,
 )
-from tactemu.physics.probe_grid import RegularGrid, regular_grid
-from tactemu.physics.separable import overlapping_blocks, separable_terms
+from tactemu.physics.elastomer.separable import overlapping_blocks, separable_terms
+from tactemu.physics.probes.probe_grid import RegularGrid, regular_grid
 
 
 def exact_layer_response(q: float) -> Fraction:

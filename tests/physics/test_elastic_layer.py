@@ -307,8 +307,8 @@ def test_two_pads_are_two_layers():
 @pytest.mark.parametrize(("device", "pads"), [("inspire_rh56dftp", 17), ("robotiq_tsf85", 2), ("xela_uskin", 1)])
 def test_pads_of_real_hands_are_found(device, pads):
     import firmware_protocols
-    from tactemu.physics.elastic_layer_grid import layer_grids
-    from tactemu.physics.probes import make_probes
+    from tactemu.physics.layer.grid import layer_grids
+    from tactemu.physics.probes.probes import make_probes
 
     layout = firmware_protocols.load(device)().layout
     probes = make_probes(layout.positions, layout.normals, 1e-3, (0, 0, 0), (0, 0, 0), device)

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 import tactemu as tt
-from tactemu.physics import table
+from tactemu.physics.shapes import table
 from tests.physics.rig import scene_with
 
 COUNT = """

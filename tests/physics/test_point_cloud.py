@@ -5,8 +5,8 @@ import pytest
 
 import tactemu as tt
 from tactemu.errors import SceneError
-from tactemu.physics.point_cloud import CLUSTER, PointCloud, cluster, farthest_points, split_evenly
-from tactemu.physics.surface import sample_shape, sample_triangles
+from tactemu.physics.points.point_cloud import CLUSTER, PointCloud, cluster, farthest_points, split_evenly
+from tactemu.physics.points.surface import sample_shape, sample_triangles
 
 
 def test_farthest_points_keep_their_distance():

@@ -198,7 +198,7 @@ def test_the_same_seed_gives_the_same_points():
 
 def test_skipping_points_one_by_one_changes_nothing(monkeypatch):
     """A CPU leaves out points that are out of reach, a GPU adds zeros for them."""
-    from tactemu.physics import proximity_sums
+    from tactemu.physics.points import proximity_sums
 
     points = np.random.default_rng(0).normal(size=(333, 3)) * 0.006
     probes = np.random.default_rng(1).uniform(-0.02, 0.02, size=(40, 3))

@@ -6,7 +6,7 @@ import pytest
 
 from firmware_protocols import CanFrame
 from tactemu.errors import TactemuError
-from tactemu.recording import CAN_FORMATS, Entry, RecordedReadings, Recorder, load, parse_frame
+from tactemu.recordings.recording import CAN_FORMATS, Entry, RecordedReadings, Recorder, load, parse_frame
 from tactemu.truth import Truth, text
 
 CANDUMP = """\

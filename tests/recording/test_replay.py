@@ -12,10 +12,10 @@ import serial
 from firmware_protocols import CanFrame
 from tactemu.clock import RealClock, VirtualClock
 from tactemu.errors import TactemuError, TransportError
-from tactemu.recording import Entry, Recorder, Recording, load
-from tactemu.replay import Replay, record, replay_spec
+from tactemu.recordings.recording import Entry, Recorder, Recording, load
+from tactemu.recordings.replay import Replay, record, replay_spec
 from tactemu.transports import create
-from tactemu.wire import Wire
+from tactemu.wire.wire import Wire
 
 STREAM = Recording([Entry(k * 20_000_000, bytes([k]) * 10) for k in range(20)])
 

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from firmware_protocols import CanFrame, CanWire
-from tactemu.can_bits import frame_bits
 from tactemu.clock import RealClock
 from tactemu.errors import TransportError
-from tactemu.line import CATCH_UP_NS
 from tactemu.transports import create
 from tactemu.transports.transport import Received
-from tactemu.wire import Wire
+from tactemu.wire.can_bits import frame_bits
+from tactemu.wire.line import CATCH_UP_NS
+from tactemu.wire.wire import Wire
 
 pytestmark = pytest.mark.vcan
 

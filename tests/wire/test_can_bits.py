@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from firmware_protocols import CanFrame
-from tactemu.can_bits import frame_bits, frame_ns, priority
+from tactemu.wire.can_bits import frame_bits, frame_ns, priority
 
 
 def plain_classic_bits(frame: CanFrame) -> int:

@@ -3,8 +3,8 @@
 import re
 from pathlib import Path
 
-from tactemu.faults import KINDS, parse
 from tactemu.transports import TRANSPORTS
+from tactemu.wire.faults import KINDS, parse
 
 PAGE = (Path(__file__).parents[2] / "docs" / "wire.md").read_text()
 

@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 
 from firmware_protocols import CanFrame, CanWire, SerialWire
 from tactemu.errors import SceneError
-from tactemu.faults import KINDS, Fault, parse
-from tactemu.faults.frames import SPOIL
 from tactemu.transports.memory import MemoryTransport
 from tactemu.transports.transport import Closed, Opened, Received
 from tactemu.truth import Truth
-from tactemu.wire import Wire
+from tactemu.wire.faults import KINDS, Fault, parse
+from tactemu.wire.faults.frames import SPOIL
+from tactemu.wire.wire import Wire
 
 USB = SerialWire(baud=115_200, usb=True)
 CAN = CanWire()

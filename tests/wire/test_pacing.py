@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from firmware_protocols import CanFrame, CanWire, Delayed, SerialWire
-from tactemu.can_bits import frame_ns
 from tactemu.transports.memory import MemoryTransport
 from tactemu.transports.transport import Closed, Opened, Received
-from tactemu.uart import misheard
-from tactemu.wire import Wire
+from tactemu.wire.can_bits import frame_ns
+from tactemu.wire.uart import misheard
+from tactemu.wire.wire import Wire
 
 UART = SerialWire(baud=115_200)
 FRAME = bytes(range(82))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from tactemu.faults import KINDS, parse
+from tactemu.wire.faults import KINDS, parse
 from tests.drivers.matrix.drivers import Driver
 
 

@@ -1,0 +1,1 @@
+"""The instrument behind docs/accuracy.md: every level of fidelity against truth."""

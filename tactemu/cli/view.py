@@ -1,0 +1,143 @@
+"""The live one-screen view of a running emulator, drawn by a thread of its own so that the loop never waits for it."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from typing import Any
+
+import numpy as np
+from rich.columns import Columns
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from tactemu.cli.heatmap import draw, felt
+from tactemu.emulator import Channel, Emulator
+from tactemu.truth import text
+
+PERIOD_S = 0.1
+REST = 5
+"""A large picture is drawn less often: the thread rests so many times as long as it draws."""
+SWITCH_INTERVAL_S = 5e-4
+"""How long the drawing thread may hold the interpreter while the loop's deadline passes."""
+UNITS = {"force": ("N", 1.0), "pressure": ("kPa", 1e-3), "depth": ("mm", 1e3), "displacement": ("mm", 1e3)}
+MISSED_SHARE = 0.01
+"""Of its samples that a device may miss before the number turns red."""
+MAX_HEX = 96
+"""Bytes of a frame that are shown."""
+
+
+class LiveView:
+    """Draws while it is entered::
+
+    with LiveView(emulator, console):
+        emulator.run()
+    """
+
+    def __init__(self, emulator: Emulator, console: Console):
+        self._emulator = emulator
+        self._live = Live(console=console, auto_refresh=False, screen=False, transient=True)
+        self._peaks: dict[str, float] = {}
+        self._done = threading.Event()
+        self._thread = threading.Thread(target=self._draw_on, name="tactemu-view", daemon=True)
+
+    def __enter__(self):
+        self._interval = sys.getswitchinterval()
+        sys.setswitchinterval(SWITCH_INTERVAL_S)
+        self._live.start()
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self._done.set()
+        self._thread.join()
+        self._live.stop()
+        sys.setswitchinterval(self._interval)
+
+    def _draw_on(self) -> None:
+        pause = PERIOD_S
+        while not self._done.wait(pause):
+            begun = time.perf_counter()
+            self._live.update(self.picture(), refresh=True)
+            pause = max(PERIOD_S, REST * (time.perf_counter() - begun))
+
+    def rehearse(self) -> None:
+        """Draw once to nowhere, before a port is open: the first picture takes longest."""
+        with self._live.console.capture():
+            self._live.console.print(self.picture())
+
+    def picture(self) -> RenderableType:
+        """Everything on one screen: a panel per device."""
+        return Group(*(self._panel(channel) for channel in self._emulator.channels), Text("Ctrl-C ends", style="dim"))
+
+    def _panel(self, channel: Channel) -> Panel:
+        title = f"{channel.name}  {channel.wire.transport.address}"
+        sample = latest_sample(self._emulator, channel.name)
+        device = channel.device
+        values = felt(device.layout, device.senses, sample.measured) if sample else np.zeros(len(device.layout))
+        peak = self._peaks[channel.name] = max(self._peaks.get(channel.name, 0.0), float(np.max(values, initial=0.0)))
+        unit, scale = UNITS.get(device.senses, ("", 1.0))
+        maps = [
+            Group(draw(device.layout, values, peak, patch=patch), Text(patch.name, style="dim"))
+            for patch in device.layout.patches
+        ]
+        summary = f"sum {values.sum() * scale:.4g} {unit}   peak {max(values.max(initial=0.0), 0.0) * scale:.4g} {unit}"
+        body = Group(Columns(maps, padding=(0, 3)), Text(summary), _numbers(channel), self._last_frame(channel))
+        return Panel(body, title=title, title_align="left")
+
+    def _last_frame(self, channel: Channel) -> Text:
+        frame = next((f for _, name, f in reversed(self._recent_frames()) if name == channel.name), None)
+        if not channel.wire.transport.listening:
+            return Text(f"waiting for a driver to open {channel.wire.transport.address}", style="yellow")
+        if frame is None:
+            return Text("nothing sent yet: this sensor speaks when it is asked", style="dim")
+        shown = text(frame)
+        cut = shown[: 2 * MAX_HEX]
+        return Text("last frame  ", style="dim").append(cut + ("…" if len(shown) > len(cut) else ""), style="cyan")
+
+    def _recent_frames(self) -> list:
+        return _tail(self._emulator.truth.frames, 200)
+
+
+def latest_sample(emulator: Emulator, name: str) -> Any:
+    """The latest sample of one device, or ``None``."""
+    return next((s for s in reversed(_tail(emulator.truth.samples, 64)) if s.device == name), None)
+
+
+def _tail(entries, count: int) -> list:
+    """The last entries of a deque that another thread appends to."""
+    found = []
+    for back in range(1, min(count, len(entries)) + 1):
+        try:
+            found.append(entries[-back])
+        except IndexError:
+            break
+    return found[::-1]
+
+
+def _numbers(channel: Channel) -> Table:
+    """Rates, drops and lateness in one line."""
+    table = Table.grid(padding=(0, 2))
+    statistics = channel.statistics
+    counters = {name: count for name, count in channel.wire.counters.items() if count}
+    late = statistics.lateness
+    cells = {
+        "rate": f"{statistics.rate_hz:.1f} Hz",
+        "samples": str(statistics.samples),
+        "missed": str(statistics.missed),
+        "late p50/p99/max": "/".join(
+            f"{ns / 1e3:.0f}" for ns in (late.percentile_ns(50), late.percentile_ns(99), late.max_ns)
+        )
+        + " µs",
+        **{name.replace("_", " "): str(count) for name, count in counters.items()},
+    }
+    too_many = statistics.missed > MISSED_SHARE * max(statistics.samples, 1)
+    styles = {"missed": "bold red" if too_many else "default"}
+    table.add_row(
+        *(Text(name, style="dim").append(f" {value}", styles.get(name, "default")) for name, value in cells.items())
+    )
+    return table

@@ -1,0 +1,1 @@
+"""Level 3: ElastomerTaxel, a soft skin whose markers move."""

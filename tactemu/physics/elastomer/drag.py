@@ -1,0 +1,299 @@
+"""How latched points drag the markers: each by its pull, falling off as a Gaussian with the distance in the plane.
+
+``u_i = scale sum_o exp(-lambda_s |P_i (r_i - y_o)|^2) P_i pull_o`` with ``P_i`` the projection onto the tangent plane
+of marker i. There are three ways to the same numbers: taxels one by one; a block of rows of a flat grid in one thread;
+and, on a CPU, tables of the Gaussians of each row and column. ``quick`` asks for a GPU's short exponential, which is
+good to 1e-6.
+"""
+
+import functools
+from collections.abc import Callable
+
+import numpy as np
+import warp as wp
+
+from tactemu.physics.elastomer.anchors import Anchors
+from tactemu.physics.points.point_cloud import CLUSTER
+from tactemu.physics.probes.probe_grid import RegularGrid
+from tactemu.plan.plan import Context, record
+
+WIDTH = 8
+_NEGLIGIBLE = 1.0e-30
+"""Smaller Gaussians count as 0: numbers below the normal range of floats are slow."""
+
+
+@functools.cache
+def _direct_kernel(real, add: bool, quick: bool):
+    vec3 = wp.types.vector(3, real)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": quick})
+    def add_shear(
+        n_pulling: wp.array2d(dtype=wp.int32),
+        n_active: wp.array(dtype=wp.int32),
+        active: wp.array2d(dtype=wp.int32),
+        place: wp.array2d(dtype=vec3),
+        pull: wp.array2d(dtype=vec3),
+        positions: wp.array(dtype=vec3),
+        normals: wp.array(dtype=vec3),
+        is_sensing: wp.array(dtype=wp.bool),
+        scale: real,
+        lambda_s: real,
+        # outputs
+        motion: wp.array2d(dtype=vec3),
+    ):
+        env, taxel = wp.tid()
+        if not is_sensing[taxel]:
+            return
+        r = positions[taxel]
+        n = normals[taxel]
+        total = vec3(real(0.0))
+        for a in range(n_active[env]):
+            c = active[env, a]
+            first = c * CLUSTER
+            for o in range(first, first + n_pulling[env, c]):
+                apart = r - place[env, o]
+                off_plane = wp.dot(apart, n)
+                in_plane = wp.dot(apart, apart) - off_plane * off_plane
+                total += wp.exp(-lambda_s * in_plane) * pull[env, o]
+        total = scale * (total - wp.dot(total, n) * n)
+        if wp.static(add):
+            total += motion[env, taxel]
+        motion[env, taxel] = total
+
+    return add_shear
+
+
+@functools.cache
+def _grid_kernels(real, add: bool):
+    vec3 = wp.types.vector(3, real)
+    vec2 = wp.types.vector(2, real)
+    block = wp.types.vector(WIDTH, real)
+
+    @wp.func
+    def gaussian(lambda_s: real, d: real):
+        g = wp.exp(-lambda_s * d * d)
+        return wp.where(g < real(_NEGLIGIBLE), real(0.0), g)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def tabulate(
+        n_pulling: wp.array2d(dtype=wp.int32),
+        place: wp.array2d(dtype=vec3),
+        pull: wp.array2d(dtype=vec3),
+        corner: vec3,
+        u_axis: vec3,
+        v_axis: vec3,
+        du: real,
+        dv: real,
+        lambda_s: real,
+        scale: real,
+        # outputs
+        in_plane: wp.array2d(dtype=vec2),
+        by_row: wp.array3d(dtype=real),
+        by_col: wp.array3d(dtype=block),
+    ):
+        env, c = wp.tid()
+        first = c * CLUSTER
+        for o in range(first, first + n_pulling[env, c]):
+            y = place[env, o] - corner
+            u = wp.dot(y, u_axis)
+            v = wp.dot(y, v_axis)
+            in_plane[env, o] = scale * vec2(wp.dot(pull[env, o], u_axis), wp.dot(pull[env, o], v_axis))
+            for i in range(by_row.shape[2]):
+                by_row[env, o, i] = gaussian(lambda_s, real(i) * dv - v)
+            for b in range(by_col.shape[2]):
+                g = block()
+                for m in range(WIDTH):
+                    g[m] = gaussian(lambda_s, real(b * WIDTH + m) * du - u)
+                by_col[env, o, b] = g
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def add_shear(
+        n_pulling: wp.array2d(dtype=wp.int32),
+        n_active: wp.array(dtype=wp.int32),
+        active: wp.array2d(dtype=wp.int32),
+        in_plane: wp.array2d(dtype=vec2),
+        by_row: wp.array3d(dtype=real),
+        by_col: wp.array3d(dtype=block),
+        u_axis: vec3,
+        v_axis: vec3,
+        is_sensing: wp.array(dtype=wp.bool),
+        cols: int,
+        # outputs
+        motion: wp.array2d(dtype=vec3),
+    ):
+        env, i, j_block = wp.tid()
+        u = block()
+        v = block()
+        for a in range(n_active[env]):
+            first = active[env, a] * CLUSTER
+            for o in range(first, first + n_pulling[env, active[env, a]]):
+                share = by_row[env, o, i]
+                p = in_plane[env, o]
+                pu = share * p[0]
+                pv = share * p[1]
+                g = by_col[env, o, j_block]
+                u += pu * g
+                v += pv * g
+        for m in range(WIDTH):
+            j = j_block * WIDTH + m
+            if j < cols:
+                taxel = i * cols + j
+                if is_sensing[taxel]:
+                    total = u[m] * u_axis + v[m] * v_axis
+                    if wp.static(add):
+                        total += motion[env, taxel]
+                    motion[env, taxel] = total
+
+    return tabulate, add_shear
+
+
+@functools.cache
+def _block_kernel(real, add: bool, quick: bool):
+    vec3 = wp.types.vector(3, real)
+    block = wp.types.vector(WIDTH, real)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": quick})
+    def add_shear(
+        n_pulling: wp.array2d(dtype=wp.int32),
+        n_active: wp.array(dtype=wp.int32),
+        active: wp.array2d(dtype=wp.int32),
+        place: wp.array2d(dtype=vec3),
+        pull: wp.array2d(dtype=vec3),
+        corner: vec3,
+        u_axis: vec3,
+        v_axis: vec3,
+        du: real,
+        dv: real,
+        lambda_s: real,
+        scale: real,
+        is_sensing: wp.array2d(dtype=wp.bool),
+        # outputs
+        motion: wp.array3d(dtype=vec3),
+    ):
+        env, i_block, col = wp.tid()
+        u = block()
+        v = block()
+        for a in range(n_active[env]):
+            first = active[env, a] * CLUSTER
+            for o in range(first, first + n_pulling[env, active[env, a]]):
+                y = place[env, o] - corner
+                p = pull[env, o]
+                pu = wp.dot(p, u_axis)
+                pv = wp.dot(p, v_axis)
+                x = real(col) * du - wp.dot(y, u_axis)
+                z = real(i_block * WIDTH) * dv - wp.dot(y, v_axis)
+                for m in range(WIDTH):
+                    d = z + real(m) * dv
+                    g = wp.exp(-lambda_s * (x * x + d * d))
+                    u[m] += g * pu
+                    v[m] += g * pv
+        for m in range(WIDTH):
+            row = i_block * WIDTH + m
+            if row < motion.shape[1]:
+                if is_sensing[row, col]:
+                    total = scale * (u[m] * u_axis + v[m] * v_axis)
+                    if wp.static(add):
+                        total += motion[env, row, col]
+                    motion[env, row, col] = total
+
+    return add_shear
+
+
+def direct_shear_motion(
+    context: Context,
+    anchors: Anchors,
+    *,
+    positions: wp.array,
+    normals: wp.array,
+    is_sensing: wp.array,
+    scale: float,
+    lambda_s: float,
+    motion: wp.array,
+    add: bool,
+) -> Callable[[], None]:
+    """Record the sum for taxels anywhere, each with its own normal; see :func:`grid_shear_motion`."""
+    groups = anchors.groups
+    inputs = [
+        anchors.n_pulling,
+        groups.n_active,
+        groups.active,
+        anchors.place,
+        anchors.pull,
+        positions,
+        normals,
+        is_sensing,
+        scale,
+        lambda_s,
+    ]
+    dim = (context.n_envs, len(is_sensing))
+    return record(_direct_kernel(context.real, add, not context.device.is_cpu), dim, inputs, [motion], context.device)
+
+
+def tabulated_shear_motion(
+    context: Context,
+    anchors: Anchors,
+    grid: RegularGrid,
+    corner: np.ndarray,
+    *,
+    is_sensing: wp.array,
+    scale: float,
+    lambda_s: float,
+    motion: wp.array,
+    add: bool,
+) -> Callable[[], None]:
+    """As :func:`grid_shear_motion`, with the exponentials in tables: for few environments, where memory is cheap."""
+    real, device, n_envs = context.real, context.device, context.n_envs
+    vec3 = wp.types.vector(3, real)
+    n_slots, n_blocks = anchors.place.shape[1], -(-grid.cols // WIDTH)
+    in_plane = wp.zeros((n_envs, n_slots), dtype=wp.types.vector(2, real), device=device)
+    by_row = wp.zeros((n_envs, n_slots, grid.rows), dtype=real, device=device)
+    by_col = wp.zeros((n_envs, n_slots, n_blocks), dtype=wp.types.vector(WIDTH, real), device=device)
+    groups = anchors.groups
+    tabulate, add_shear = _grid_kernels(real, add)
+    axes = [vec3(*grid.u), vec3(*grid.v)]
+    first = record(
+        tabulate,
+        anchors.n_pulling.shape,
+        [anchors.n_pulling, anchors.place, anchors.pull, vec3(*corner), *axes, grid.du, grid.dv, lambda_s, scale],
+        [in_plane, by_row, by_col],
+        device,
+    )
+    second = record(
+        add_shear,
+        (n_envs, grid.rows, n_blocks),
+        [anchors.n_pulling, groups.n_active, groups.active, in_plane, by_row, by_col, *axes, is_sensing, grid.cols],
+        [motion],
+        device,
+    )
+
+    def launch():
+        first()
+        second()
+
+    return launch
+
+
+def grid_shear_motion(
+    context: Context,
+    anchors: Anchors,
+    grid: RegularGrid,
+    corner: np.ndarray,
+    *,
+    is_sensing: wp.array,
+    scale: float,
+    lambda_s: float,
+    motion: wp.array,
+    add: bool,
+) -> Callable[[], None]:
+    """Record the sum for a grid whose first taxel is at ``corner``.
+
+    It adds to ``motion``, vec3, shape ``(n_envs, n_taxels)``, or writes it if ``add`` is false; fillers are left alone.
+    """
+    vec3 = wp.types.vector(3, context.real)
+    shape = (context.n_envs, grid.rows, grid.cols)
+    groups = anchors.groups
+    inputs = [anchors.n_pulling, groups.n_active, groups.active, anchors.place, anchors.pull, vec3(*corner)]
+    inputs += [vec3(*grid.u), vec3(*grid.v), grid.du, grid.dv, lambda_s, scale, is_sensing.reshape(shape[1:])]
+    dim = (context.n_envs, -(-grid.rows // WIDTH), grid.cols)
+    kernel = _block_kernel(context.real, add, not context.device.is_cpu)
+    return record(kernel, dim, inputs, [motion.reshape(shape)], context.device)

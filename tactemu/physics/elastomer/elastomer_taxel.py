@@ -1,0 +1,208 @@
+"""ElastomerTaxel: how markers on a soft skin move, by dilation around a press and by shear of what sticks to it.
+
+``u = dilate_scale * dilation + shear_scale * shear`` [m], link frame, per marker.
+
+* Dilation: neighbours of a pressed taxel are pushed aside, and bulge along the normal;
+  :mod:`tactemu.physics.elastomer.dilation_kernels`.
+* Shear: points of an object that stick to the skin drag the markers along; :mod:`tactemu.physics.elastomer.anchors` and
+  :mod:`tactemu.physics.elastomer.drag`.
+
+Sums run over taxels and over points, so that they grow with their number. ``area_weighted`` multiplies each by the area
+that it stands for, and gives the layer its unbounded form in every layout: results then do not depend on the pitch.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from tactemu.errors import SceneError
+from tactemu.physics.elastomer.anchors import shear_anchors
+from tactemu.physics.elastomer.dilation_direct import direct_dilation, free_areas
+from tactemu.physics.elastomer.dilation_grid import grid_dilation
+from tactemu.physics.elastomer.dilation_kernels import DilationOptions
+from tactemu.physics.elastomer.drag import direct_shear_motion, grid_shear_motion, tabulated_shear_motion
+from tactemu.physics.points.point_cloud import cluster
+from tactemu.physics.points.surface_points import surface_points
+from tactemu.physics.probes.probe_grid import regular_grid
+from tactemu.physics.probes.probes import Probes
+from tactemu.physics.probes.taxel_depth import taxel_depth
+from tactemu.physics.sensor import Compiled, SensorModel, Site
+from tactemu.plan.plan import Stage
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(kw_only=True, eq=False)
+class ElastomerTaxel(SensorModel):
+    """Reads the motion of each marker [m], link frame, shape ``([n_envs,] layout, 3)``.
+
+    ``probe_radius`` only marks fillers (0): depth is that of the marker itself.
+    """
+
+    lambda_d: float = 700.0
+    """Fall-off of the dilation [1/m^2]; 0: none."""
+    lambda_s: float = 300.0
+    """Fall-off of the shear [1/m^2]; 0: none."""
+    dilate_scale: float = 1.0
+    """Factor on the dilation; 0 switches it off."""
+    shear_scale: float = 1.0
+    """Factor on the shear; 0 switches it off."""
+    normal_exponent: float = 2.0
+    """Of the depth in the normal motion; > 0."""
+    compressibility: float = 1.0
+    """1: Gaussian dilation, 0: far-reaching, between: a blend of the two, each divided by its peak."""
+    elastomer_thickness: float = 0.0
+    """Of a layer bonded to a rigid back [m]; 0: unknown, the taxel spacing takes its place."""
+    contact_threshold: float = 1e-5
+    """Depth at which a point starts to stick [m]."""
+    release_threshold: float = -1e-4
+    """Depth at which it lets go [m]; negative: outside the skin."""
+    n_sample_points: int | Sequence[int] = 500
+    """Points on all tracked bodies together, split evenly, or one number per tracked body."""
+    use_visual_mesh: bool = True
+    """Accepted as the seed's option: a body here has one surface, which both values sample."""
+    points: Sequence | np.ndarray | None = None
+    """The points themselves in the frame of the tracked body [m], ``(M, 3)``; a list of such arrays for several."""
+    area_weighted: bool = False
+    """Weight taxels and points with the area they stand for [m^2]: results do not depend on their number."""
+    taxel_area: float | Sequence[float] | None = None
+    """Area of each taxel of a free layout [m^2]; ``None``: estimated from the spacing. For ``area_weighted``."""
+    point_area: float | None = None
+    """Surface that each of the ``points`` stands for [m^2]; needed with ``points`` and ``area_weighted``."""
+
+    channels = ("displacement",)
+    unit = "m"
+    gain_inside = False
+    layouts = {"displacement": slice(0, 3)}
+
+    def validate(self, probes: Probes) -> None:
+        """Check ranges."""
+        at_least_zero = ("lambda_d", "lambda_s", "dilate_scale", "shear_scale", "elastomer_thickness")
+        for name in at_least_zero:
+            self._check(name, getattr(self, name) >= 0, ">= 0")
+        self._check("contact_threshold", self.contact_threshold >= self.release_threshold, ">= release_threshold")
+        self._check("release_threshold", True, "")
+        self._check("normal_exponent", self.normal_exponent > 0, "> 0")
+        self._check("compressibility", 0 <= self.compressibility <= 1, "within 0..1")
+
+    def _check(self, name: str, ok: bool, wanted: str) -> None:
+        value = getattr(self, name)
+        if not (np.isfinite(value) and ok):
+            raise SceneError(f"ElastomerTaxel: {name} must be finite and {wanted}, got {value!r}")
+
+    def compile(self, site: Site) -> Compiled:
+        """Depth, dilation, anchors, shear: only those that are switched on."""
+        context = site.context
+        motion = wp.zeros((context.n_envs, site.probes.n), dtype=site.vec3, device=context.device)
+        stages: list[Stage] = []
+        if site.probes.n and site.target_bodies:
+            parts = _Parts(self, site, motion)
+            if self.dilate_scale > 0:
+                stages += parts.dilation()
+            if self.shear_scale > 0:
+                stages += parts.shear(add=self.dilate_scale > 0)
+        reading = motion.view(context.real)
+        return Compiled(truth=reading, raw=reading, stages=stages)
+
+
+class _Parts:
+    """The stages of one ElastomerTaxel."""
+
+    def __init__(self, model: ElastomerTaxel, site: Site, motion: wp.array):
+        self.model, self.site, self.motion = model, site, motion
+        probes = site.probes
+        self.is_sensing = wp.array(probes.active, dtype=wp.bool, device=site.context.device)
+        self.grid = regular_grid(probes.positions.reshape(*probes.layout, 3), probes.normals)
+        if probes.is_grid and self.grid is None and min(probes.layout) > 1:
+            log.warning("%s: the taxels are no flat, even grid with one normal: summed one by one", site.name)
+
+    def dilation(self) -> list[Stage]:
+        site, model = self.site, self.model
+        options = DilationOptions(
+            lambda_d=model.lambda_d,
+            compressibility=model.compressibility,
+            elastomer_thickness=model.elastomer_thickness,
+            area_weighted=model.area_weighted,
+        )
+        depth, find = taxel_depth(site, model.normal_exponent)
+        shared = {
+            "scale": model.dilate_scale,
+            "depth": depth.depth,
+            "power": depth.power,
+            "is_sensing": self.is_sensing,
+            "motion": self.motion,
+        }
+        if self.grid is not None:
+            spread = grid_dilation(site.context, self.grid, options, box=depth.box, **shared)
+            how = "two separable passes over the contact"
+        else:
+            spread = direct_dilation(
+                site.context,
+                options,
+                host_positions=site.probes.positions,
+                areas=self._areas(),
+                positions=site.positions,
+                normals=site.normals,
+                **shared,
+            )
+            how = "direct sums over the taxels in contact"
+        return [
+            Stage(name=f"{site.name}: depth", reason="dilate_scale > 0", launch=find),
+            Stage(name=f"{site.name}: dilation", reason=f"dilate_scale > 0; {how}", launch=spread),
+        ]
+
+    def _areas(self) -> np.ndarray:
+        model, probes = self.model, self.site.probes
+        if not model.area_weighted:
+            return np.ones(probes.n)
+        if model.taxel_area is None:
+            return free_areas(probes.positions, probes.normals)
+        areas = np.asarray(model.taxel_area, dtype=np.float64).reshape(-1)
+        if areas.size not in (1, probes.n) or not (np.isfinite(areas).all() and (areas > 0).all()):
+            raise SceneError(f"{self.site.name}: taxel_area must be one area > 0 m^2 or {probes.n}, got {areas.size}")
+        return np.broadcast_to(areas, (probes.n,))
+
+    def shear(self, add: bool) -> list[Stage]:
+        site, model = self.site, self.model
+        if site.link.shape is None:
+            raise SceneError(
+                f"{site.name}: shear needs the skin's own body to know what sticks to it, but link {site.link.name!r} "
+                f"has no shape; give it one, or set shear_scale=0"
+            )
+        clouds = cluster(surface_points(site, model.n_sample_points, model.points, model.point_area))
+        if model.area_weighted and not np.isfinite(clouds.areas).all():
+            raise SceneError(f"{site.name}: area_weighted with points given needs point_area [m^2]")
+        anchors, follow, reset = shear_anchors(
+            site.context,
+            site.own_table,
+            site.view,
+            clouds,
+            contact_threshold=model.contact_threshold,
+            release_margin=-model.release_threshold,
+            area_weighted=model.area_weighted,
+        )
+        drag = self._drag(anchors, add)
+        reason = f"shear_scale > 0; {clouds.n_points} points"
+        return [
+            Stage(name=f"{site.name}: anchors", reason=reason, launch=follow, reset=reset),
+            Stage(name=f"{site.name}: shear", reason="shear_scale > 0", launch=drag),
+        ]
+
+    def _drag(self, anchors, add: bool) -> Callable[[], None]:
+        site, model = self.site, self.model
+        shared = {
+            "is_sensing": self.is_sensing,
+            "scale": model.shear_scale,
+            "lambda_s": model.lambda_s,
+            "motion": self.motion,
+            "add": add,
+        }
+        if self.grid is None or not self.grid.is_exact:
+            return direct_shear_motion(site.context, anchors, positions=site.positions, normals=site.normals, **shared)
+        by_grid = tabulated_shear_motion if site.context.device.is_cpu else grid_shear_motion
+        return by_grid(site.context, anchors, self.grid, site.probes.positions[0], **shared)

@@ -1,0 +1,1 @@
+"""Level 4: ElasticLayerTaxel, a bonded elastic layer, solved."""

@@ -1,0 +1,347 @@
+"""ElasticLayerTaxel: the skin as an elastic layer on a rigid base, pressed, dragged and read on a grid of taxels.
+
+Fidelity level 4. The stages, one file each::
+
+    overlap ─▶ normal contact ─▶ friction ─▶ surface ─▶ reading
+    per cell   p >= 0, no        stick and   where the   averages
+               penetration       slip        skin is     per taxel
+
+The theory is that of small strains: against a neo-Hookean skin pressed to 0.4 of its thickness forces are within 2 %
+for nu = 0.49 and 13 % for nu = 0.3, surface motion along the skin is off by up to 41 % (docs/accuracy.md).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import warp as wp
+
+from tactemu.errors import SceneError
+from tactemu.physics.layer.convolution import BLOCK_THREADS, Workspace, lanes_of
+from tactemu.physics.layer.friction import friction_kernel
+from tactemu.physics.layer.friction_state import (
+    FRICTION_WINDOWS,
+    friction_state_type,
+    friction_windows_type,
+)
+from tactemu.physics.layer.grid import LayerGrid, layer_grids
+from tactemu.physics.layer.overlap import near_kernel, overlap_kernel, remember_kernel
+from tactemu.physics.layer.pressure import NO_SURFACE, NORMAL_WINDOWS, Windows, normal_kernel, windows_type
+from tactemu.physics.layer.reading import (
+    CHANNELS,
+    DISPLACEMENT,
+    FORCE,
+    PRESSURE,
+    RESIDUAL,
+    SLIP_STATE,
+    reading_kernel,
+    skin_type,
+    status_kernel,
+)
+from tactemu.physics.layer.surface import reach_of, surface_kernel
+from tactemu.physics.layer.tables import LayerMaterial, LayerTables
+from tactemu.physics.probes.probes import Probes
+from tactemu.physics.sensor import Compiled, SensorModel, Site
+from tactemu.plan.clearing import clear_rows
+from tactemu.plan.plan import Stage, record
+
+BLOCKS_AT_ONCE = 1056
+"""Blocks on a GPU: eight for each of 132 multiprocessors; more environments take turns."""
+
+
+class LayerReading(NamedTuple):
+    """What the layer feels. Shapes ``([n_envs,] layout)``, vectors ``([n_envs,] layout, 3)`` in the link's frame."""
+
+    pressure: np.ndarray
+    """[Pa], positive where something presses."""
+    traction: np.ndarray
+    """Force per area on the skin along its surface [Pa]."""
+    force: np.ndarray
+    """On the taxel [N]; a push is negative along the normal."""
+    displacement: np.ndarray
+    """Of the skin's surface [m]; zeros with ``displacement=False``."""
+    slip: np.ndarray
+    """0: free, 1: sticks, 2: slips; int8."""
+    residual: np.ndarray
+    """What is left of the gaps that the solvers should close, relative to the overlap (pressure) or the displacement
+    (traction), the larger one; the same for all taxels of a pad."""
+
+
+@dataclass(kw_only=True, eq=False)
+class ElasticLayerTaxel(SensorModel):
+    """Reads :class:`LayerReading`. The taxels lie on a flat rectangular grid, or on several such pads, each a layer of
+    its own; contact is where taxels are."""
+
+    young_modulus: float = 1.0e5
+    """[Pa]"""
+    poisson_ratio: float = 0.49
+    """0 to 0.5."""
+    thickness: float = 0.004
+    """Of the layer [m]; ``inf`` for a half-space."""
+    friction: float = 0.5
+    """Coulomb's coefficient; 0: no friction, and nothing is computed for it."""
+    iterations: int = 16
+    """At most so many conjugate-gradient iterations in a step, for pressures and again for tractions. What a step
+    leaves undone the next one continues from."""
+    tolerance: float = 1.0e-4
+    """Residual at which a solver stops."""
+    oversampling: int = 1
+    """Cells per taxel along each side: contacts narrower than a taxel need 2 to 4."""
+    displacement: bool = True
+    """Compute where the surface is."""
+    coupled: bool = True
+    """Pressure moves the surface sideways too, and so pulls at what sticks (none at nu = 0.5 in a thick layer)."""
+    look_depth: float | None = None
+    """How far below the surface bodies are looked for [m]; default: the thickness, or the grid's diagonal if less."""
+
+    channels = CHANNELS
+    unit = "Pa, N, m"
+    gain_inside = False
+    layouts = {"pressure": PRESSURE, "force": FORCE, "displacement": DISPLACEMENT, "touch": PRESSURE}
+
+    def validate(self, probes: Probes) -> None:
+        where = "ElasticLayerTaxel"
+        for name in ("young_modulus", "thickness", "tolerance"):
+            if not getattr(self, name) > 0 or (name != "thickness" and not math.isfinite(getattr(self, name))):
+                raise SceneError(f"{where}: {name} must be > 0, got {getattr(self, name)!r}")
+        if not 0 <= self.poisson_ratio <= 0.5:
+            raise SceneError(f"{where}: poisson_ratio must be 0..0.5, got {self.poisson_ratio!r}")
+        if not (math.isfinite(self.friction) and self.friction >= 0):
+            raise SceneError(f"{where}: friction must be finite and >= 0, got {self.friction!r}")
+        for name, least in (("iterations", 1), ("oversampling", 1)):
+            if getattr(self, name) != int(getattr(self, name)) or getattr(self, name) < least:
+                raise SceneError(f"{where}: {name} must be a whole number >= {least}, got {getattr(self, name)!r}")
+        if self.look_depth is not None and not (math.isfinite(self.look_depth) and self.look_depth > 0):
+            raise SceneError(f"{where}: look_depth must be a length > 0 m, got {self.look_depth!r}")
+        if self.contact_depth_query not in (None, "ray"):
+            raise SceneError(
+                f"{where}: contact_depth_query must be 'ray' (or left out), got {self.contact_depth_query!r}: "
+                "a contact is solved with the depth along the normal"
+            )
+        layer_grids(probes, 1, where)
+
+    def present(self, values: np.ndarray) -> LayerReading:
+        force = values[..., FORCE]
+        along = force - (force * self._normals).sum(-1, keepdims=True) * self._normals
+        return LayerReading(
+            pressure=values[..., 0],
+            traction=(along / self._areas).astype(values.dtype),
+            force=force,
+            displacement=values[..., DISPLACEMENT],
+            slip=values[..., SLIP_STATE].astype(np.int8),
+            residual=values[..., RESIDUAL],
+        )
+
+    def compile(self, site: Site) -> Compiled:
+        probes, reading = site.probes, site.zeros()
+        grids = layer_grids(probes, int(self.oversampling), site.name)
+        areas = np.ones(probes.n)
+        for grid in grids:
+            areas[grid.place >= 0] = grid.area
+        self._normals, self._areas = probes.normals.reshape(*probes.layout, 3), areas.reshape(*probes.layout, 1)
+        names = [site.name if len(grids) == 1 else f"{site.name} pad {k + 1}" for k in range(len(grids))]
+        stages = [
+            stage for name, grid in zip(names, grids) for stage in CompiledLayer(self, grid, site, reading, name).stages
+        ]
+        finish_kernel = status_kernel(site.context.real)
+
+        def finish(array: wp.array, branch: str):
+            if array is reading:
+                return array, []
+            launch = record(finish_kernel, array.shape[:2], [reading], [array], site.context.device)
+            reason = "slip state and residual are no measurements"
+            return array, [Stage(name=f"{site.name}: status", reason=reason, launch=launch)]
+
+        return Compiled(truth=reading, raw=reading, stages=stages, finish=finish)
+
+
+@dataclass(eq=False)
+class CompiledLayer:
+    """Arrays and stages of one layer in a scene."""
+
+    model: ElasticLayerTaxel
+    grid: LayerGrid
+    site: Site
+    reading: wp.array
+    """Of the whole skin; this layer writes its own taxels."""
+    name: str
+    stages: list[Stage] = field(default_factory=list)
+
+    def __post_init__(self):
+        context, model = self.site.context, self.model
+        self.real, self.device, self.n_envs = context.real, context.device, context.n_envs
+        self.lanes = lanes_of(self.device)
+        self.n_slots = 1 if self.device.is_cpu else min(self.n_envs, BLOCKS_AT_ONCE)
+        self.rubs = model.friction > 0
+        nu, young = float(model.poisson_ratio), float(model.young_modulus)
+        self.material = LayerMaterial(young / (2 * (1 + nu)), nu, float(model.thickness))
+        self.tables = LayerTables(
+            self.material,
+            self.grid.shape,
+            self.grid.cell,
+            tangential=self.rubs or model.displacement,
+            real=self.real,
+            lanes=self.lanes,
+            device=self.device,
+        )
+        self._allocate()
+        self._add(self._overlap, "overlap", "depth of each cell along the normal")
+        self._add(self._normal, "pressure", f"bonded layer, at most {model.iterations} iterations")
+        if self.rubs:
+            self._add(self._friction, "friction", f"Coulomb friction {model.friction:g} with stick and slip")
+        if model.displacement:
+            self._add(self._surface, "surface", "displacement is on; within reach of the contact")
+        self._add(self._read, "taxels", f"{self.grid.split}x{self.grid.split} cells per taxel")
+        self.stages[1].reset = self._reset
+
+    # -- arrays -----------------------------------------------------------------------------------------------------
+
+    def _cells(self, dtype, used: bool = True) -> wp.array:
+        shape = (self.n_envs, *self.grid.shape) if used else (0, 0, 0)
+        return wp.zeros(shape, dtype=dtype, device=self.device)
+
+    def _per_env(self, dtype) -> wp.array:
+        return wp.zeros(self.n_envs, dtype=dtype, device=self.device)
+
+    def _allocate(self) -> None:
+        real, vec2 = self.real, wp.types.vector(2, self.real)
+        spectra = 3 if self.model.displacement else 2 if self.rubs else 1
+        self.workspace = Workspace(self.n_slots, self.tables.n_max, real, self.lanes, self.device, spectra=spectra)
+        struct = windows_type(real, self.lanes)()
+        self.windows = Windows(struct, NORMAL_WINDOWS, self.n_slots, self.grid.shape, real, self.lanes, self.device)
+        self.pressure = self._cells(real)
+        self.overlap = wp.full(self.pressure.shape, real(NO_SURFACE), dtype=real, device=self.device)
+        self.solved = wp.full(self.pressure.shape, real(math.nan), dtype=real, device=self.device)
+        self.near, self.active = self._per_env(wp.vec4i), self._per_env(wp.vec4i)
+        self.body, self.slide = self._cells(wp.int32, self.rubs), self._cells(vec2, self.rubs)
+        self.box, self.area, self.dirty = (self._per_env(wp.vec4i) for _ in range(3))
+        self.residual, self.iterations = self._per_env(wp.float64), self._per_env(wp.int32)
+        self.changed, self.rubbed = self._per_env(wp.int32), self._per_env(wp.int32)
+        self.state = friction_state_type(real)()
+        for name in ("x", "y", "anchor_x", "anchor_y"):
+            setattr(self.state, name, self._cells(real, self.rubs))
+        self.state.held_by, self.state.slip = self._cells(wp.int32, self.rubs), self._cells(wp.int32, self.rubs)
+        self.state.box, self.state.residual = self._per_env(wp.vec4i), self._per_env(wp.float64)
+        self.state.iterations = self._per_env(wp.int32)
+        self.surface = [self._cells(real, self.model.displacement) for _ in range(3)]
+        if self.rubs:
+            struct = friction_windows_type(real, self.lanes)()
+            shape = self.grid.shape
+            self.rubbing = Windows(struct, FRICTION_WINDOWS, self.n_slots, shape, real, self.lanes, self.device)
+
+    def _reset(self, mask: wp.array) -> None:
+        chosen = mask.numpy()
+        for array in (self.pressure, *self.surface):
+            clear_rows(array, mask)
+        state = self.state
+        for array in (state.x, state.y, state.anchor_x, state.anchor_y, state.held_by, state.slip):
+            clear_rows(array, mask)
+        for array in (self.residual, self.iterations, self.changed, self.rubbed, state.residual, state.iterations):
+            clear_rows(array, mask)
+        boxes = [(array, 0) for array in (self.near, self.active, self.box, self.area, self.dirty, state.box)]
+        for array, empty in ((self.overlap, NO_SURFACE), (self.solved, np.nan), *boxes):
+            values = array.numpy()
+            values[chosen] = empty
+            array.assign(values)
+
+    # -- stages -----------------------------------------------------------------------------------------------------
+
+    def _add(self, make: Callable[[], Callable[[], None]], name: str, reason: str) -> None:
+        self.stages.append(Stage(name=f"{self.name}: {name}", reason=reason, launch=make()))
+
+    def _blocks(self, kernel, inputs: list, outputs: list) -> Callable[[], None]:
+        """A recorded launch with one block of threads per slot."""
+        command = wp.launch_tiled(
+            kernel,
+            dim=[self.n_slots],
+            inputs=inputs,
+            outputs=outputs,
+            block_dim=BLOCK_THREADS,
+            device=self.device,
+            record_cmd=True,
+        )
+        return command.launch
+
+    def _overlap(self) -> Callable[[], None]:
+        site, grid, real = self.site, self.grid, self.real
+        vec3 = site.vec3
+        diagonal = float(np.hypot(grid.rows * grid.pitch[0], grid.columns * grid.pitch[1]))
+        depth = self.model.look_depth or min(float(self.model.thickness), diagonal)
+        self.centres = wp.array(grid.cell_centres(), dtype=vec3, device=self.device)
+        self.covered = wp.array(grid.covered(), dtype=wp.bool, device=self.device)
+        pose = site.view.pose
+        self.last_pose = wp.zeros(pose.shape if self.rubs else (0, 0), dtype=pose.dtype, device=self.device)
+        axes = [vec3(*grid.u), vec3(*grid.v), vec3(*grid.normal)]
+        cell = wp.types.vector(2, real)(*grid.cell)
+        inputs = [
+            site.table.struct,
+            pose,
+            site.targets,
+            vec3(*grid.edge),
+            *axes,
+            cell,
+            wp.vec2i(*grid.shape),
+            real(depth),
+        ]
+        near = record(near_kernel(real), self.n_envs, inputs, [self.near, self.active], self.device)
+        inputs = [site.table.struct, pose, self.last_pose, site.targets, self.active, self.centres, self.covered]
+        inputs += [*axes, real(depth), real(self.tables.length_scale)]
+        kernel = overlap_kernel(real, site.table.kinds, self.rubs)
+        rows = (self.n_envs, grid.shape[0])
+        find = record(kernel, rows, inputs, [self.overlap, self.body, self.slide], self.device)
+
+        def look() -> None:
+            near()
+            find()
+
+        if not self.rubs:
+            return look
+        remember = record(remember_kernel(real), pose.shape, [pose], [self.last_pose], self.device)
+
+        def launch() -> None:
+            look()
+            remember()
+
+        return launch
+
+    def _normal(self) -> Callable[[], None]:
+        model, real = self.model, self.real
+        # A skin that hardly loses volume rises beside the contact: look for it where the object is that near.
+        bulge = 0.1 + 0.9 * min(max((model.poisson_ratio - 0.3) / 0.2, 0.0), 1.0)
+        inputs = [self.tables.struct, real(bulge), int(model.iterations), wp.float64(model.tolerance), self.n_slots]
+        inputs += [self.overlap, self.active, self.workspace.struct, self.windows.struct]
+        outputs = [self.solved, self.pressure, self.box, self.residual, self.iterations, self.changed]
+        outputs += [self.dirty]
+        return self._blocks(normal_kernel(real, self.lanes), inputs, outputs)
+
+    def _friction(self) -> Callable[[], None]:
+        model, real = self.model, self.real
+        tolerance = wp.float64(model.tolerance)
+        inputs = [self.tables.struct, real(model.friction), int(model.iterations), tolerance, self.n_slots]
+        inputs += [self.pressure, self.box, self.changed, self.slide, self.body]
+        inputs += [self.workspace.struct, self.rubbing.struct, self.state]
+        return self._blocks(friction_kernel(real, self.lanes, bool(model.coupled)), inputs, [self.rubbed])
+
+    def _surface(self) -> Callable[[], None]:
+        reach = reach_of(self.tables.kernels)
+        inputs = [self.tables.struct, wp.vec2i(*reach), self.n_slots, self.pressure, self.state, self.box]
+        inputs += [self.rubbed if self.rubs else self.changed, self.workspace.struct, self.windows.struct]
+        return self._blocks(
+            surface_kernel(self.real, self.lanes, self.rubs), inputs, [self.area, self.dirty, *self.surface]
+        )
+
+    def _read(self) -> Callable[[], None]:
+        grid = self.grid
+        skin = skin_type(self.real)()
+        skin.u, skin.v, skin.normal = (self.site.vec3(*axis) for axis in (grid.u, grid.v, grid.normal))
+        skin.length, skin.pressure = self.tables.length_scale, self.tables.pressure_scale
+        skin.area, skin.columns, skin.split = grid.area, grid.columns, grid.split
+        self.place = wp.array(grid.place, dtype=wp.int32, device=self.device)
+        inputs = [skin, self.place, self.pressure, self.residual, self.state, *self.surface]
+        inputs += [self.rubbed if self.rubs else self.changed, self.dirty]
+        kernel = reading_kernel(self.real, bool(self.model.displacement), self.rubs)
+        return record(kernel, self.reading.shape[:2], inputs, [self.reading], self.device)

@@ -1,0 +1,391 @@
+"""Coulomb friction between a rigid object and an elastic layer: tractions, stick and slip, with their history.
+
+A cell that touches holds on to the object: where the object's surface has moved by ``s`` since the last step, the
+skin's surface wants to be at ``a + s``, with ``a`` where it was held (or, for a new contact, where it was). With the
+tangential compliance ``A`` and the displacement ``v`` by pressure alone, the tractions ``q`` are those of least energy
+``q.A q / 2 - q.(a + s - v)`` among all with ``|q| <= mu p``. Cells at the bound slip: they are dragged along, and are
+held from where they end up. ``q`` acts on the skin, so a sliding object drags the skin along.
+
+Solved by conjugate gradients on the circles ``|q| = mu p`` and the discs inside them: the gradient is taken along the
+circle where a cell slips, whose curvature adds the stiffness ``|gap| / (mu p)``. The layer's own inverse compliance,
+weighted by that stiffness, is the preconditioner. Lengths in pitches, tractions in the unit of the pressures.
+"""
+
+import functools
+
+import warp as wp
+
+from tactemu.physics.layer.convolution import (
+    BLOCK_THREADS,
+    RESIDENT_BLOCKS,
+    block_sync,
+    convolution_functions,
+    spread,
+    workspace_type,
+)
+from tactemu.physics.layer.friction_state import (
+    AT_BOUND,
+    FAR_OFF,
+    friction_state_type,
+    friction_windows_type,
+    memory_functions,
+)
+from tactemu.physics.layer.sideways import sideways_functions
+from tactemu.physics.layer.tables import tables_type
+from tactemu.physics.layer.window import block_sum, publish_function, transform_level, transform_size
+
+
+@functools.cache
+def friction_kernel(real, lanes: int, coupled: bool):
+    """The kernel that solves every environment; ``coupled``: pressure moves the surface sideways too."""
+    workspace, tables_struct = workspace_type(real, lanes), tables_type(real, lanes)
+    windows, state_struct = friction_windows_type(real, lanes), friction_state_type(real)
+    functions = convolution_functions(real, lanes)
+    forward, inverse, convolve = functions.forward, functions.inverse, functions.convolve
+    sideways, publish = sideways_functions(real, lanes), publish_function(real)
+    settle, mark = memory_functions(real, lanes)
+    by_pressure, by_traction = sideways.by_pressure, sideways.by_traction
+    vec2 = wp.types.vector(2, real)
+    grid, vec_grid, int_grid = wp.array2d(dtype=real), wp.array2d(dtype=vec2), wp.array2d(dtype=wp.int32)
+
+    @wp.func
+    def square(a: real, b: real):
+        return wp.float64(a) * wp.float64(a) + wp.float64(b) * wp.float64(b)
+
+    @wp.func
+    def gather(
+        win: windows,
+        slot: int,
+        state: state_struct,
+        env: int,
+        mu: real,
+        pressure: grid,
+        slide: vec_grid,
+        body: int_grid,
+        box: wp.vec4i,
+        mine: wp.vec4i,
+    ):
+        """Fetch the window; returns how far the object has slid over it [pitches squared]."""
+        moved = wp.float64(0.0)
+        for y in range(mine[0], box[2], mine[1]):
+            for x in range(mine[2], box[3], mine[3]):
+                gy = box[0] + y
+                gx = box[1] + x
+                p = real(0.0)
+                q = vec2(real(0.0))
+                hold = vec2(real(0.0))
+                if gy < pressure.shape[0] and gx < pressure.shape[1]:
+                    p = pressure[gy, gx]
+                    if p > real(0.0):
+                        hold = vec2(state.anchor_x[env, gy, gx], state.anchor_y[env, gy, gx])
+                        if state.held_by[env, gy, gx] == body[gy, gx] + 1:
+                            s = slide[gy, gx]
+                            hold += s
+                            moved += square(s[0], s[1])
+                        q = vec2(state.x[env, gy, gx], state.y[env, gy, gx])
+                        length = wp.length(q)
+                        if length > mu * p:
+                            q = q * (mu * p / length)
+                win.pressure[slot, y, x] = p
+                win.limit[slot, y, x] = mu * p
+                win.hold_x[slot, y, x] = hold[0]
+                win.hold_y[slot, y, x] = hold[1]
+                win.x[slot, y, x] = q[0]
+                win.y[slot, y, x] = q[1]
+        moved = block_sum(moved)
+        block_sync()
+        return moved
+
+    @wp.func
+    def press(
+        ws: workspace,
+        tables: tables_struct,
+        win: windows,
+        slot: int,
+        start: int,
+        shape: wp.vec2i,
+        size: wp.vec2i,
+        mine: wp.vec4i,
+        thread: int,
+    ):
+        """Displacement by pressure alone."""
+        if wp.static(coupled):
+            forward(ws, slot, win.pressure_lanes[slot], shape, size, ws.spectrum[slot], thread)
+            corner = wp.vec2i(0, 0)
+            by_pressure(ws, slot, tables, 0, start, size, thread)
+            inverse(ws, slot, ws.second_lanes[slot], corner, shape, size, win.by_pressure_x[slot], thread)
+            by_pressure(ws, slot, tables, 1, start, size, thread)
+            inverse(ws, slot, ws.second_lanes[slot], corner, shape, size, win.by_pressure_y[slot], thread)
+        else:
+            for y in range(mine[0], shape[0], mine[1]):
+                for x in range(mine[2], shape[1], mine[3]):
+                    win.by_pressure_x[slot, y, x] = real(0.0)
+                    win.by_pressure_y[slot, y, x] = real(0.0)
+            block_sync()
+
+    @wp.func
+    def find_gap(
+        ws: workspace,
+        tables: tables_struct,
+        win: windows,
+        slot: int,
+        start: int,
+        shape: wp.vec2i,
+        size: wp.vec2i,
+        mine: wp.vec4i,
+        thread: int,
+    ):
+        """The gap of the tractions, afresh; returns the sum of squared displacements where cells touch."""
+        pull_x = win.x_lanes[slot]
+        pull_y = win.y_lanes[slot]
+        gap_x = win.gap_x[slot]
+        gap_y = win.gap_y[slot]
+        by_traction(ws, slot, tables, start, pull_x, pull_y, shape, size, wp.vec2i(0, 0), shape, gap_x, gap_y, thread)
+        total = wp.float64(0.0)
+        for y in range(mine[0], shape[0], mine[1]):
+            for x in range(mine[2], shape[1], mine[3]):
+                ux = win.gap_x[slot, y, x] + win.by_pressure_x[slot, y, x]
+                uy = win.gap_y[slot, y, x] + win.by_pressure_y[slot, y, x]
+                if win.limit[slot, y, x] > real(0.0):
+                    total += square(ux, uy)
+                win.gap_x[slot, y, x] = ux - win.hold_x[slot, y, x]
+                win.gap_y[slot, y, x] = uy - win.hold_y[slot, y, x]
+        return block_sum(total)
+
+    @wp.func
+    def drag(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i):
+        """Let cells slip whose gap no traction could close, each straight along its gap; returns how many there are."""
+        far = wp.float64(0.0)
+        for y in range(mine[0], shape[0], mine[1]):
+            for x in range(mine[2], shape[1], mine[3]):
+                limit = win.limit[slot, y, x]
+                g = vec2(win.gap_x[slot, y, x], win.gap_y[slot, y, x])
+                size = wp.length(g)
+                if limit > real(0.0) and size > real(FAR_OFF) * limit:
+                    win.x[slot, y, x] = -limit * g[0] / size
+                    win.y[slot, y, x] = -limit * g[1] / size
+                    far += wp.float64(1.0)
+        far = block_sum(far)
+        block_sync()
+        return far
+
+    @wp.func
+    def free_gap(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i):
+        """The part of the gap that tractions can close, and the stiffness of the circles; returns its square."""
+        total = wp.float64(0.0)
+        for y in range(mine[0], shape[0], mine[1]):
+            for x in range(mine[2], shape[1], mine[3]):
+                limit = win.limit[slot, y, x]
+                g = vec2(real(0.0))
+                stiff = real(0.0)
+                if limit > real(0.0):
+                    g = vec2(win.gap_x[slot, y, x], win.gap_y[slot, y, x])
+                    q = vec2(win.x[slot, y, x], win.y[slot, y, x])
+                    outward = wp.dot(g, q) / limit
+                    if wp.length(q) >= real(AT_BOUND) * limit and outward < real(0.0):
+                        n = q / wp.length(q)
+                        g = g - wp.dot(g, n) * n
+                        stiff = -outward / limit
+                weight = real(1.0) / wp.sqrt(real(1.0) + stiff)
+                win.last_x[slot, y, x] = win.free_x[slot, y, x]
+                win.last_y[slot, y, x] = win.free_y[slot, y, x]
+                win.free_x[slot, y, x] = weight * g[0]
+                win.free_y[slot, y, x] = weight * g[1]
+                win.stiffness[slot, y, x] = stiff
+                total += square(weight * weight * g[0], weight * weight * g[1])
+        total = block_sum(total)
+        block_sync()
+        return total
+
+    @wp.func
+    def turn(win: windows, slot: int, last: wp.float64, fresh: bool, shape: wp.vec2i, mine: wp.vec4i):
+        """The next search direction, along the circles where cells slip; returns slope and preconditioned square."""
+        now = wp.float64(0.0)
+        change = wp.float64(0.0)
+        for y in range(mine[0], shape[0], mine[1]):
+            for x in range(mine[2], shape[1], mine[3]):
+                z = vec2(win.softened_x[slot, y, x], win.softened_y[slot, y, x])
+                m = vec2(win.free_x[slot, y, x], win.free_y[slot, y, x])
+                old = vec2(win.last_x[slot, y, x], win.last_y[slot, y, x])
+                now += wp.float64(wp.dot(m, z))
+                change += wp.float64(wp.dot(m - old, z))
+        now = block_sum(now)
+        change = block_sum(change)
+        beta = real(0.0)
+        if not fresh and last > wp.float64(0.0):
+            beta = real(wp.max(change / last, wp.float64(0.0)))
+        slope = wp.float64(0.0)
+        for y in range(mine[0], shape[0], mine[1]):
+            for x in range(mine[2], shape[1], mine[3]):
+                d = vec2(real(0.0))
+                if win.limit[slot, y, x] > real(0.0):
+                    stiff = win.stiffness[slot, y, x]
+                    weight = real(1.0) / wp.sqrt(real(1.0) + stiff)
+                    d = -weight * vec2(win.softened_x[slot, y, x], win.softened_y[slot, y, x])
+                    if not fresh:
+                        d += beta * vec2(win.along_x[slot, y, x], win.along_y[slot, y, x])
+                    if stiff > real(0.0):
+                        n = wp.normalize(vec2(win.x[slot, y, x], win.y[slot, y, x]))
+                        d = d - wp.dot(d, n) * n
+                    m = vec2(win.free_x[slot, y, x], win.free_y[slot, y, x]) / weight
+                    slope += wp.float64(wp.dot(m, d))
+                win.along_x[slot, y, x] = d[0]
+                win.along_y[slot, y, x] = d[1]
+        slope = block_sum(slope)
+        block_sync()
+        return slope, now
+
+    @wp.func
+    def curvature(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i):
+        total = wp.float64(0.0)
+        for y in range(mine[0], shape[0], mine[1]):
+            for x in range(mine[2], shape[1], mine[3]):
+                d = vec2(win.along_x[slot, y, x], win.along_y[slot, y, x])
+                a = vec2(win.answer_x[slot, y, x], win.answer_y[slot, y, x])
+                total += wp.float64(wp.dot(d, a + win.stiffness[slot, y, x] * d))
+        return block_sum(total)
+
+    @wp.func
+    def advance(win: windows, slot: int, step: real, shape: wp.vec2i, mine: wp.vec4i):
+        """Go along the direction, back to the discs; returns how many cells left them."""
+        cut = wp.float64(0.0)
+        for y in range(mine[0], shape[0], mine[1]):
+            for x in range(mine[2], shape[1], mine[3]):
+                limit = win.limit[slot, y, x]
+                if limit > real(0.0):
+                    d = vec2(win.along_x[slot, y, x], win.along_y[slot, y, x])
+                    q = vec2(win.x[slot, y, x], win.y[slot, y, x]) + step * d
+                    length = wp.length(q)
+                    if length > limit:
+                        q = q * (limit / length)
+                        if length > real(1.000001) * limit:
+                            cut += wp.float64(1.0)
+                    win.x[slot, y, x] = q[0]
+                    win.y[slot, y, x] = q[1]
+                win.gap_x[slot, y, x] = win.gap_x[slot, y, x] + step * win.answer_x[slot, y, x]
+                win.gap_y[slot, y, x] = win.gap_y[slot, y, x] + step * win.answer_y[slot, y, x]
+        cut = block_sum(cut)
+        block_sync()
+        return cut
+
+    @wp.func
+    def solve(
+        ws: workspace,
+        tables: tables_struct,
+        win: windows,
+        slot: int,
+        start: int,
+        shape: wp.vec2i,
+        size: wp.vec2i,
+        cap: int,
+        tolerance: wp.float64,
+        floor: wp.float64,
+        mine: wp.vec4i,
+        thread: int,
+    ):
+        """Conjugate gradients in one window; returns the residual and the iterations taken."""
+        reference = find_gap(ws, tables, win, slot, start, shape, size, mine, thread) + floor
+        if drag(win, slot, shape, mine) > wp.float64(0.0):
+            reference = find_gap(ws, tables, win, slot, start, shape, size, mine, thread) + floor
+        residual = wp.sqrt(free_gap(win, slot, shape, mine) / reference)
+        fresh = bool(True)
+        last = wp.float64(0.0)
+        iteration = int(0)
+        along_x = win.along_x_lanes[slot]
+        along_y = win.along_y_lanes[slot]
+        corner = wp.vec2i(0, 0)
+        while residual > tolerance and iteration < cap:
+            convolve(
+                ws, slot, win.free_x_lanes[slot], tables.soften_x, start, shape, size, win.softened_x[slot], thread
+            )
+            convolve(
+                ws, slot, win.free_y_lanes[slot], tables.soften_y, start, shape, size, win.softened_y[slot], thread
+            )
+            slope, now = turn(win, slot, last, fresh, shape, mine)
+            if slope >= wp.float64(0.0):
+                slope, now = turn(win, slot, last, True, shape, mine)
+            answer_x = win.answer_x[slot]
+            answer_y = win.answer_y[slot]
+            by_traction(
+                ws, slot, tables, start, along_x, along_y, shape, size, corner, shape, answer_x, answer_y, thread
+            )
+            curved = curvature(win, slot, shape, mine)
+            if curved <= wp.float64(0.0):
+                break
+            cut = advance(win, slot, real(-slope / curved), shape, mine)
+            if cut > wp.float64(0.0):
+                reference = find_gap(ws, tables, win, slot, start, shape, size, mine, thread) + floor
+            fresh = False
+            last = now
+            iteration += 1
+            residual = wp.sqrt(free_gap(win, slot, shape, mine) / reference)
+        return residual, iteration
+
+    @wp.kernel(module="unique", enable_backward=False, launch_bounds=(BLOCK_THREADS, RESIDENT_BLOCKS))
+    def solve_friction(
+        # Layer:
+        tables: tables_struct,
+        mu: real,
+        cap: int,
+        tolerance: wp.float64,
+        n_slots: int,
+        # In:
+        pressure: wp.array3d(dtype=real),
+        boxes: wp.array(dtype=wp.vec4i),
+        changed: wp.array(dtype=wp.int32),
+        slide: wp.array3d(dtype=vec2),
+        body: wp.array3d(dtype=wp.int32),
+        # Scratch:
+        ws: workspace,
+        win: windows,
+        # State and out:
+        state: state_struct,
+        changed_out: wp.array(dtype=wp.int32),
+    ):
+        slot, thread = wp.tid()
+        for env in range(slot, pressure.shape[0], n_slots):
+            box = boxes[env]
+            old = state.box[env]
+            residual = state.residual[env]
+            shape = wp.vec2i(box[2], box[3])
+            iteration = int(0)
+            work = bool(False)
+            if box[3] == 0:
+                residual = wp.float64(0.0)
+                work = old[3] > 0
+            else:
+                mine = spread(box[3], thread)
+                moved = gather(win, slot, state, env, mu, pressure[env], slide[env], body[env], box, mine)
+                work = moved > wp.float64(0.0) or changed[env] > 0 or residual > tolerance
+                for i in range(4):
+                    work = work or box[i] != old[i]
+                if work:
+                    level = transform_level(shape)
+                    size = transform_size(level)
+                    start = tables.start[level[0], level[1]]
+                    press(ws, tables, win, slot, start, shape, size, mine, thread)
+                    load = wp.float64(0.0)
+                    for y in range(mine[0], shape[0], mine[1]):
+                        for x in range(mine[2], shape[1], mine[3]):
+                            load += square(win.limit[slot, y, x], real(0.0))
+                    # A thousandth of what full slip would move a lone cell: less is not worth an iteration.
+                    floor = wp.float64(1.0e-6) * block_sum(load)
+                    residual, iteration = solve(
+                        ws, tables, win, slot, start, shape, size, cap, tolerance, floor, mine, thread
+                    )
+                    settle(win, slot, shape, mine)
+            if work:
+                publish(win.x[slot], box, old, state.x[env], thread)
+                publish(win.y[slot], box, old, state.y[env], thread)
+                publish(win.hold_x[slot], box, old, state.anchor_x[env], thread)
+                publish(win.hold_y[slot], box, old, state.anchor_y[env], thread)
+                mark(win, slot, body[env], box, old, state.held_by[env], state.slip[env], thread)
+            block_sync()
+            if thread == 0:
+                state.box[env] = box
+                state.residual[env] = residual
+                state.iterations[env] = iteration
+                changed_out[env] = wp.max(changed[env], wp.where(work, 1, 0))
+            block_sync()
+
+    return solve_friction

@@ -1,0 +1,183 @@
+"""The grid of cells on which a layer is solved: taxels in rows and columns, each split into finer cells."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactemu.errors import SceneError
+from tactemu.physics.probes.probes import Probes
+
+_TOLERANCE = 1e-3
+"""Largest deviation of a taxel from its place, in pitches, and of normals from one another."""
+_CLOSE = (2.05, 1.45, 1.05)
+"""How many pitches apart neighbours of one pad may be; pads that lie close together need the smaller ones."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LayerGrid:
+    """A flat lattice of taxels. Rows step along ``v``, columns along ``u``; a taxel has ``split * split`` cells."""
+
+    rows: int
+    columns: int
+    pitch: tuple[float, float]
+    """Distance of neighbouring taxels along v and u [m]."""
+    split: int
+    corner: np.ndarray
+    """Centre of the taxel in row 0, column 0, link frame [m]."""
+    u: np.ndarray
+    """Unit vector along a row, link frame."""
+    v: np.ndarray
+    """Unit vector along a column."""
+    normal: np.ndarray
+    """Unit vector out of the skin."""
+    place: np.ndarray
+    """Where each probe is, ``row * columns + column``, shape ``(n,)``; -1 for fillers, which have no cell."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Cells along v and u."""
+        return self.rows * self.split, self.columns * self.split
+
+    @property
+    def cell(self) -> tuple[float, float]:
+        """Size of a cell along v and u [m]."""
+        return self.pitch[0] / self.split, self.pitch[1] / self.split
+
+    @property
+    def area(self) -> float:
+        """Of one taxel [m²]."""
+        return self.pitch[0] * self.pitch[1]
+
+    @property
+    def edge(self) -> np.ndarray:
+        """The corner of the first cell, link frame [m]."""
+        return self.corner - 0.5 * (self.pitch[0] * self.v + self.pitch[1] * self.u)
+
+    def cell_centres(self) -> np.ndarray:
+        """Centres of the cells, link frame [m], shape ``(*shape, 3)``."""
+        y, x = (np.arange(n * self.split) + 0.5 for n in (self.rows, self.columns))
+        down, along = (y * self.cell[0] - self.pitch[0] / 2, x * self.cell[1] - self.pitch[1] / 2)
+        return self.corner + down[:, None, None] * self.v + along[None, :, None] * self.u
+
+    def covered(self) -> np.ndarray:
+        """Whether a cell belongs to a taxel, bool, of ``shape``: skin is only where taxels are."""
+        taxels = np.zeros(self.rows * self.columns, bool)
+        taxels[self.place[self.place >= 0]] = True
+        return np.kron(taxels.reshape(self.rows, self.columns), np.ones((self.split, self.split), bool)) > 0
+
+
+def layer_grids(probes: Probes, split: int, sensor: str) -> list[LayerGrid]:
+    """The grids that the probes form, listed as ``(rows, cols, 3)`` or as ``(n, 3)``: one, or one per flat pad.
+
+    Raises:
+        SceneError: a pad's taxels do not lie on a flat rectangular lattice.
+    """
+    active = np.flatnonzero(probes.active)
+    if not len(active):
+        raise SceneError(f"{sensor}: ElasticLayerTaxel needs at least one taxel with a probe_radius > 0")
+    try:
+        return [_grid_of(probes, active, split, sensor)]
+    except SceneError as error:
+        reason = error
+    for closeness in _CLOSE:
+        pads = _pads(probes, active, closeness)
+        try:
+            return [_grid_of(probes, pad, split, f"{sensor}, pad {k + 1} of {len(pads)}") for k, pad in enumerate(pads)]
+        except SceneError as error:
+            reason = error if len(pads) > 1 else reason
+    raise reason
+
+
+def _pads(probes: Probes, active: np.ndarray, closeness: float) -> list[np.ndarray]:
+    """Taxels that belong together: of one normal, in one plane, and within ``closeness`` pitches of another one."""
+    positions, normals = probes.positions[active], probes.normals[active]
+    left = np.ones(len(active), bool)
+    pads = []
+    while left.any():
+        first = int(np.flatnonzero(left)[0])
+        away = positions - positions[first]
+        distance = np.linalg.norm(away, axis=1)
+        level = np.abs(away @ normals[first]) < _TOLERANCE * max(float(distance.max()), 1e-12)
+        alike = left & level & (np.abs(normals - normals[first]).max(axis=1) < _TOLERANCE)
+        nearest = distance[alike & (distance > 0)].min(initial=np.inf)
+        pad = np.zeros(len(active), bool)
+        pad[first] = True
+        edge = pad.copy()
+        while edge.any():
+            gap = np.linalg.norm(positions[alike][:, None] - positions[edge][None], axis=-1).min(axis=1)
+            reached = np.zeros(len(active), bool)
+            reached[np.flatnonzero(alike)[gap <= closeness * nearest]] = True
+            edge = reached & ~pad
+            pad |= reached
+        pads.append(active[pad])
+        left &= ~pad
+    return pads
+
+
+def _grid_of(probes: Probes, members: np.ndarray, split: int, sensor: str) -> LayerGrid:
+    """The grid of some probes.
+
+    Raises:
+        SceneError: they do not lie on one flat rectangular lattice.
+    """
+    normal = probes.normals[members].mean(0)
+    normal /= max(float(np.linalg.norm(normal)), 1e-12)
+    if np.abs(probes.normals[members] - normal).max() > _TOLERANCE:
+        raise SceneError(f"{sensor}: ElasticLayerTaxel needs one normal for all taxels of a pad")
+    positions = probes.positions[members]
+    centred = positions - positions[0]
+    u = _row_direction(probes, centred, normal)
+    v = np.cross(normal, u)
+    if probes.is_grid and probes.steps()[1] @ v < 0:
+        v = -v
+    lone = 2 * float(probes.radii[members][0])
+    along, du, columns = _ticks(centred @ u)
+    down, dv, rows = _ticks(centred @ v)
+    dv, du = (dv or du or lone), (du or dv or lone)
+    off = np.abs(centred @ normal).max() / min(du, dv)
+    uneven = max(np.abs(along - np.rint(along)).max(), np.abs(down - np.rint(down)).max())
+    holes = rows * columns - len(positions)
+    if max(off, uneven) > _TOLERANCE or holes > 2 * len(positions):
+        raise SceneError(
+            f"{sensor}: ElasticLayerTaxel needs taxels on a flat rectangular grid; these are off one by "
+            f"{max(off, uneven):.2g} pitches and leave {holes} of its places empty. Use ElastomerTaxel, or give "
+            "probe_local_pos as a regular grid"
+        )
+    cell = (np.rint(down - down.min()) * columns + np.rint(along - along.min())).astype(int)
+    if len(np.unique(cell)) != len(cell):
+        raise SceneError(f"{sensor}: two taxels are at the same place")
+    place = np.full(probes.n, -1)
+    place[members] = cell
+    corner = positions[0] + along.min() * du * u + down.min() * dv * v
+    return LayerGrid(
+        rows=rows, columns=columns, pitch=(dv, du), split=split, corner=corner, u=u, v=v, normal=normal, place=place
+    )
+
+
+def _row_direction(probes: Probes, centred: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Unit vector along the rows: the grid's own, or towards the nearest neighbour of the first taxel."""
+    step = probes.steps()[0] if probes.is_grid else np.zeros(3)
+    if not np.any(step) and len(centred) > 1:
+        distance = np.linalg.norm(centred[1:], axis=1)
+        step = centred[1 + int(np.argmin(distance))]
+        if abs(step @ np.array([0.0, 1.0, 0.0])) > abs(step @ np.array([1.0, 0.0, 0.0])):
+            step = np.cross(step, normal)
+    if not np.any(step):
+        step = np.eye(3)[int(np.argmin(np.abs(normal)))]
+    step = step - (step @ normal) * normal
+    return step / np.linalg.norm(step)
+
+
+def _ticks(coordinate: np.ndarray) -> tuple[np.ndarray, float, int]:
+    """Coordinates in pitches, the pitch (0 if they are all the same), and how many places there are."""
+    ordered = np.unique(coordinate)
+    extent = float(ordered[-1] - ordered[0])
+    gaps = np.diff(ordered)
+    gaps = gaps[gaps > 1e-4 * extent]
+    if not len(gaps) or extent == 0.0:
+        return np.zeros_like(coordinate), 0.0, 1
+    count = int(round(extent / float(gaps.min()))) + 1
+    pitch = extent / (count - 1)
+    return coordinate / pitch, pitch, count

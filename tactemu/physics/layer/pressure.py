@@ -1,0 +1,331 @@
+"""The normal contact of a rigid object with an elastic layer: which cells touch, and with what pressure.
+
+With the compliance ``C`` (:mod:`elastic_layer_compliance`) and the overlap ``o`` of object and undeformed skin::
+
+    p >= 0,   C p - o >= 0,   p (C p - o) = 0        (no pull, no penetration, no pressure across a gap)
+
+solved by projected conjugate gradients (Polonsky and Keer 1999) with the layer's own inverse compliance as the
+preconditioner, so that the number of iterations depends neither on the grid nor on the thickness. Each environment is
+solved by one block of threads in the smallest window that contact can reach, starts from its last pressure, and is
+left alone while its overlap does not change. Lengths are in pitches, pressures scaled (:mod:`elastic_layer_tables`).
+
+The residual is the root of the sum of the squared gaps where there is pressure or penetration, relative to that of
+the overlap.
+"""
+
+import functools
+
+import warp as wp
+
+from tactemu.physics.layer.convolution import (
+    BLOCK_THREADS,
+    RESIDENT_BLOCKS,
+    Pair,
+    allocate_pair,
+    block_sync,
+    convolution_functions,
+    lane_type,
+    spread,
+    workspace_type,
+)
+from tactemu.physics.layer.tables import tables_type
+from tactemu.physics.layer.window import (
+    BOX_STEP,
+    BROKEN,
+    SAME,
+    around,
+    block_sum,
+    publish_function,
+    survey_function,
+    transform_level,
+    transform_size,
+)
+
+NO_SURFACE = -1.0e6
+"""Overlap where no object is above the cell [pitches]."""
+
+
+@functools.cache
+def windows_type(real, lanes: int):
+    """Vectors of the conjugate gradients, one window per block: ``(n_slots, rows, columns)``."""
+    lane = lane_type(real, lanes)
+
+    @wp.struct
+    class Windows:
+        overlap: wp.array3d(dtype=real)
+        pressure: wp.array3d(dtype=real)
+        pressure_lanes: wp.array3d(dtype=lane)
+        gap: wp.array3d(dtype=real)
+        masked: wp.array3d(dtype=real)  # the gap where it must close
+        masked_lanes: wp.array3d(dtype=lane)
+        softened: wp.array3d(dtype=real)  # preconditioned
+        direction: wp.array3d(dtype=real)
+        direction_lanes: wp.array3d(dtype=lane)
+        answer: wp.array3d(dtype=real)  # displacement by the direction
+
+    return Windows
+
+
+NORMAL_WINDOWS = ("overlap", "pressure", "gap", "masked", "softened", "direction", "answer")
+
+
+class Windows:
+    """Allocates the windows of a Warp struct of arrays and keeps them alive.
+
+    Args:
+        struct: the instance whose fields ``name`` and, where there is one, ``name_lanes`` are filled.
+        names: its fields, without ``_lanes``.
+        shape: largest window, ``(rows, columns)``.
+    """
+
+    def __init__(self, struct, names: tuple[str, ...], n_slots: int, shape: tuple[int, int], real, lanes: int, device):
+        rows, columns = (-(-n // BOX_STEP) * BOX_STEP for n in shape)
+        self.struct = struct
+        self.pairs: dict[str, Pair] = {}
+        for name in names:
+            pair = self.pairs[name] = allocate_pair(n_slots, rows, columns, real, lanes, device)
+            setattr(struct, name, pair.numbers)
+            if hasattr(struct, f"{name}_lanes"):
+                setattr(struct, f"{name}_lanes", pair.lanes)
+
+
+@functools.cache
+def normal_kernel(real, lanes: int):
+    """The kernel that solves every environment; one block of threads per slot."""
+    workspace = workspace_type(real, lanes)
+    tables_struct = tables_type(real, lanes)
+    windows_struct = windows_type(real, lanes)
+    convolve = convolution_functions(real, lanes).convolve
+    survey, publish = survey_function(real), publish_function(real)
+    grid = wp.array2d(dtype=real)
+
+    @wp.func
+    def gather(win: windows_struct, slot: int, overlap: grid, pressure: grid, box: wp.vec4i, mine: wp.vec4i):
+        """Fetch overlap and last pressure; without one, start from the overlap. Returns the sum of squared overlaps."""
+        deep = wp.float64(0.0)
+        load = wp.float64(0.0)
+        for y in range(mine[0], box[2], mine[1]):
+            for x in range(mine[2], box[3], mine[3]):
+                o = real(NO_SURFACE)
+                p = real(0.0)
+                if box[0] + y < overlap.shape[0] and box[1] + x < overlap.shape[1]:
+                    o = overlap[box[0] + y, box[1] + x]
+                    p = pressure[box[0] + y, box[1] + x]
+                win.overlap[slot, y, x] = o
+                win.pressure[slot, y, x] = p
+                load += wp.float64(p)
+                if o > real(0.0):
+                    deep += wp.float64(o) * wp.float64(o)
+        if block_sum(load) <= wp.float64(0.0):
+            for y in range(mine[0], box[2], mine[1]):
+                for x in range(mine[2], box[3], mine[3]):
+                    win.pressure[slot, y, x] = wp.max(win.overlap[slot, y, x], real(0.0))
+        block_sync()
+        return block_sum(deep)
+
+    @wp.func
+    def fit_load(win: windows_struct, slot: int, shape: wp.vec2i, mine: wp.vec4i):
+        """Scale the start to the least energy; ``gap`` holds its displacement and becomes the gap."""
+        work = wp.float64(0.0)
+        energy = wp.float64(0.0)
+        for y in range(mine[0], shape[0], mine[1]):
+            for x in range(mine[2], shape[1], mine[3]):
+                p = win.pressure[slot, y, x]
+                if p > real(0.0):
+                    work += wp.float64(p) * wp.float64(win.overlap[slot, y, x])
+                    energy += wp.float64(p) * wp.float64(win.gap[slot, y, x])
+        work = block_sum(work)
+        energy = block_sum(energy)
+        factor = real(0.0)
+        if energy > wp.float64(0.0):
+            factor = real(wp.max(work / energy, wp.float64(0.0)))
+        for y in range(mine[0], shape[0], mine[1]):
+            for x in range(mine[2], shape[1], mine[3]):
+                win.pressure[slot, y, x] = factor * win.pressure[slot, y, x]
+                win.gap[slot, y, x] = factor * win.gap[slot, y, x] - win.overlap[slot, y, x]
+
+    @wp.func
+    def mask_gap(win: windows_struct, slot: int, shape: wp.vec2i, mine: wp.vec4i):
+        """Keep the gap where cells touch, or would penetrate; returns the sum of its squares."""
+        total = wp.float64(0.0)
+        for y in range(mine[0], shape[0], mine[1]):
+            for x in range(mine[2], shape[1], mine[3]):
+                g = win.gap[slot, y, x]
+                m = wp.where(win.pressure[slot, y, x] > real(0.0) or g < real(0.0), g, real(0.0))
+                win.masked[slot, y, x] = m
+                total += wp.float64(m) * wp.float64(m)
+        total = block_sum(total)
+        block_sync()
+        return total
+
+    @wp.func
+    def turn(
+        win: windows_struct,
+        slot: int,
+        last: wp.float64,
+        step: wp.float64,
+        fresh: bool,
+        shape: wp.vec2i,
+        mine: wp.vec4i,
+    ):
+        """The next search direction, conjugate to the last (Polak-Ribiere); returns slope and preconditioned square."""
+        square = wp.float64(0.0)
+        change = wp.float64(0.0)
+        for y in range(mine[0], shape[0], mine[1]):
+            for x in range(mine[2], shape[1], mine[3]):
+                m = win.masked[slot, y, x]
+                if m != real(0.0):
+                    z = wp.float64(win.softened[slot, y, x])
+                    square += wp.float64(m) * z
+                    if not fresh:
+                        change += z * wp.float64(win.answer[slot, y, x])
+        square = block_sum(square)
+        change = block_sum(change)
+        beta = real(0.0)
+        if not fresh and last > wp.float64(0.0):
+            beta = real(wp.max(change * step / last, wp.float64(0.0)))
+        slope = wp.float64(0.0)
+        for y in range(mine[0], shape[0], mine[1]):
+            for x in range(mine[2], shape[1], mine[3]):
+                m = win.masked[slot, y, x]
+                d = real(0.0)
+                if m != real(0.0):
+                    d = -win.softened[slot, y, x]
+                    if not fresh:
+                        d += beta * win.direction[slot, y, x]
+                win.direction[slot, y, x] = d
+                slope += wp.float64(m) * wp.float64(d)
+        slope = block_sum(slope)
+        block_sync()
+        return slope, square
+
+    @wp.func
+    def curvature(win: windows_struct, slot: int, shape: wp.vec2i, mine: wp.vec4i):
+        total = wp.float64(0.0)
+        for y in range(mine[0], shape[0], mine[1]):
+            for x in range(mine[2], shape[1], mine[3]):
+                total += wp.float64(win.direction[slot, y, x]) * wp.float64(win.answer[slot, y, x])
+        return block_sum(total)
+
+    @wp.func
+    def advance(win: windows_struct, slot: int, step: real, shape: wp.vec2i, mine: wp.vec4i):
+        """Go along the direction; pressures that would pull become 0. Returns how many did."""
+        pulled = wp.float64(0.0)
+        for y in range(mine[0], shape[0], mine[1]):
+            for x in range(mine[2], shape[1], mine[3]):
+                p = win.pressure[slot, y, x] + step * win.direction[slot, y, x]
+                if p < real(0.0):
+                    pulled += wp.float64(1.0)
+                    p = real(0.0)
+                win.pressure[slot, y, x] = p
+                win.gap[slot, y, x] = win.gap[slot, y, x] + step * win.answer[slot, y, x]
+        pulled = block_sum(pulled)
+        block_sync()
+        return pulled
+
+    @wp.func
+    def subtract_overlap(win: windows_struct, slot: int, shape: wp.vec2i, mine: wp.vec4i):
+        for y in range(mine[0], shape[0], mine[1]):
+            for x in range(mine[2], shape[1], mine[3]):
+                win.gap[slot, y, x] = win.gap[slot, y, x] - win.overlap[slot, y, x]
+        block_sync()
+
+    @wp.func
+    def solve(
+        tables: tables_struct,
+        ws: workspace,
+        win: windows_struct,
+        slot: int,
+        shape: wp.vec2i,
+        reference: wp.float64,
+        cap: int,
+        tolerance: wp.float64,
+        mine: wp.vec4i,
+        thread: int,
+    ):
+        """Conjugate gradients in one window; returns the residual and the iterations taken."""
+        level = transform_level(shape)
+        size = transform_size(level)
+        start = tables.start[level[0], level[1]]
+        loads = win.pressure_lanes[slot]
+        masked = win.masked_lanes[slot]
+        direction = win.direction_lanes[slot]
+        convolve(ws, slot, loads, tables.nn, start, shape, size, win.gap[slot], thread)
+        fit_load(win, slot, shape, mine)
+        fresh = bool(True)
+        last = wp.float64(0.0)
+        step = wp.float64(0.0)
+        iteration = int(0)
+        residual = wp.sqrt(mask_gap(win, slot, shape, mine) / reference)
+        while residual > tolerance and iteration < cap:
+            convolve(ws, slot, masked, tables.soften, start, shape, size, win.softened[slot], thread)
+            slope, square = turn(win, slot, last, step, fresh, shape, mine)
+            if slope >= wp.float64(0.0):
+                slope, square = turn(win, slot, last, step, True, shape, mine)
+            convolve(ws, slot, direction, tables.nn, start, shape, size, win.answer[slot], thread)
+            curved = curvature(win, slot, shape, mine)
+            if curved <= wp.float64(0.0):
+                break
+            step = -slope / curved
+            fresh = advance(win, slot, real(step), shape, mine) > wp.float64(0.0)
+            if fresh:  # what was cut off changes the gap everywhere
+                convolve(ws, slot, loads, tables.nn, start, shape, size, win.gap[slot], thread)
+                subtract_overlap(win, slot, shape, mine)
+            last = square
+            iteration += 1
+            residual = wp.sqrt(mask_gap(win, slot, shape, mine) / reference)
+        return residual, iteration
+
+    @wp.kernel(module="unique", enable_backward=False, launch_bounds=(BLOCK_THREADS, RESIDENT_BLOCKS))
+    def solve_normal(
+        # Layer:
+        tables: tables_struct,
+        bulge: real,
+        cap: int,
+        tolerance: wp.float64,
+        n_slots: int,
+        # In:
+        overlap: wp.array3d(dtype=real),
+        active: wp.array(dtype=wp.vec4i),
+        # Scratch:
+        ws: workspace,
+        win: windows_struct,
+        # State and out:
+        solved_overlap: wp.array3d(dtype=real),
+        pressure_out: wp.array3d(dtype=real),
+        box_out: wp.array(dtype=wp.vec4i),
+        residual_out: wp.array(dtype=wp.float64),
+        iterations_out: wp.array(dtype=wp.int32),
+        changed_out: wp.array(dtype=wp.int32),  # 1: the pressures of this step are not those of the last
+        dirty_out: wp.array(dtype=wp.vec4i),  # where they are not
+    ):
+        slot, thread = wp.tid()
+        for env in range(slot, overlap.shape[0], n_slots):
+            state, box = survey(overlap[env], solved_overlap[env], active[env], bulge, thread)
+            residual = residual_out[env]
+            old = box_out[env]
+            iteration = int(0)
+            changed = int(0)
+            if state == BROKEN or box[3] == 0:
+                publish(win.pressure[slot], box, old, pressure_out[env], thread)
+                if state == BROKEN or wp.isnan(residual):  # every taxel reads NaN, or no longer
+                    old = wp.vec4i(0, 0, overlap.shape[1], overlap.shape[2])
+                changed = wp.min(old[3], 1)
+                residual = wp.where(state == BROKEN, wp.float64(wp.nan), wp.float64(0.0))
+            elif state != SAME or residual > tolerance:
+                changed = 1
+                mine = spread(box[3], thread)
+                reference = gather(win, slot, overlap[env], pressure_out[env], box, mine)
+                shape = wp.vec2i(box[2], box[3])
+                residual, iteration = solve(tables, ws, win, slot, shape, reference, cap, tolerance, mine, thread)
+                publish(win.pressure[slot], box, old, pressure_out[env], thread)
+            block_sync()
+            if thread == 0:
+                box_out[env] = box
+                residual_out[env] = residual
+                iterations_out[env] = iteration
+                changed_out[env] = changed
+                dirty_out[env] = around(box, old)
+            block_sync()
+
+    return solve_normal

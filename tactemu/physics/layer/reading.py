@@ -1,0 +1,113 @@
+"""From cells to taxels: averages over a taxel's cells, in SI units and the link's frame."""
+
+import functools
+
+import warp as wp
+
+from tactemu.physics.layer.friction_state import FREE, SLIP, STICK, friction_state_type
+
+CHANNELS = ("scalar", "force", "displacement", "scalar", "scalar")
+"""Pressure, force, displacement, slip state, residual."""
+PRESSURE, FORCE, DISPLACEMENT, SLIP_STATE, RESIDUAL = slice(0, 1), slice(1, 4), slice(4, 7), 7, 8
+
+
+@functools.cache
+def skin_type(real):
+    """Axes and units of a layer's grid."""
+    vec3 = wp.types.vector(3, real)
+
+    @wp.struct
+    class Skin:
+        u: vec3
+        v: vec3
+        normal: vec3
+        length: real  # one pitch of cells [m]
+        pressure: real  # unit of the solvers' pressures [Pa]
+        area: real  # of a taxel [m²]
+        columns: wp.int32  # of taxels
+        split: wp.int32
+
+    return Skin
+
+
+@functools.cache
+def reading_kernel(real, with_surface: bool, with_friction: bool):
+    """Averages of all quantities over each taxel; the larger residual of the two solvers."""
+    vec3 = wp.types.vector(3, real)
+    skin_struct, friction_state = skin_type(real), friction_state_type(real)
+
+    @wp.func
+    def put(out: wp.array3d(dtype=real), env: int, taxel: int, first: int, value: vec3):
+        for i in range(3):
+            out[env, taxel, first + i] = value[i]
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def read_taxels(
+        # Skin:
+        skin: skin_struct,
+        place: wp.array(dtype=wp.int32),
+        # In:
+        pressure: wp.array3d(dtype=real),
+        residual: wp.array(dtype=wp.float64),
+        friction: friction_state,
+        surface_u: wp.array3d(dtype=real),
+        surface_v: wp.array3d(dtype=real),
+        surface_w: wp.array3d(dtype=real),
+        changed: wp.array(dtype=wp.int32),
+        dirty: wp.array(dtype=wp.vec4i),
+        # Out:
+        reading_out: wp.array3d(dtype=real),
+    ):
+        env, taxel = wp.tid()
+        if place[taxel] < 0 or changed[env] == 0:
+            return
+        row = (place[taxel] // skin.columns) * skin.split
+        column = (place[taxel] % skin.columns) * skin.split
+        box = dirty[env]
+        if row + skin.split <= box[0] or row >= box[0] + box[2]:
+            return
+        if column + skin.split <= box[1] or column >= box[1] + box[3]:
+            return
+        load = vec3(real(0.0))  # along u, v and into the skin
+        moved = vec3(real(0.0))
+        slip = int(FREE)
+        for y in range(row, row + skin.split):
+            for x in range(column, column + skin.split):
+                load[2] = load[2] + pressure[env, y, x]
+                if wp.static(with_friction):
+                    load[0] = load[0] + friction.x[env, y, x]
+                    load[1] = load[1] + friction.y[env, y, x]
+                    state = friction.slip[env, y, x]
+                    if state == STICK or (state == SLIP and slip == FREE):
+                        slip = state
+                if wp.static(with_surface):
+                    moved += vec3(surface_u[env, y, x], surface_v[env, y, x], surface_w[env, y, x])
+        share = real(1.0) / real(skin.split * skin.split)
+        load *= share * skin.pressure
+        moved *= share * skin.length
+        worst = residual[env]
+        if wp.static(with_friction):
+            worst = wp.where(friction.residual[env] > worst, friction.residual[env], worst)
+        if wp.isnan(worst):
+            load = vec3(real(wp.nan))
+            moved = vec3(real(wp.nan))
+        reading_out[env, taxel, 0] = load[2]
+        put(reading_out, env, taxel, 1, skin.area * (load[0] * skin.u + load[1] * skin.v - load[2] * skin.normal))
+        put(reading_out, env, taxel, 4, moved[0] * skin.u + moved[1] * skin.v - moved[2] * skin.normal)
+        reading_out[env, taxel, wp.static(SLIP_STATE)] = real(slip)
+        reading_out[env, taxel, wp.static(RESIDUAL)] = real(worst)
+
+    return read_taxels
+
+
+@functools.cache
+def status_kernel(real):
+    """Copies what is no measurement, slip state and residual, into a reading that imperfections have spoiled."""
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def copy_status(truth: wp.array3d(dtype=real), reading_out: wp.array3d(dtype=real)):
+        env, taxel = wp.tid()
+        for channel in range(wp.static(SLIP_STATE), wp.static(RESIDUAL + 1)):
+            reading_out[env, taxel, channel] = truth[env, taxel, channel]
+
+    return copy_status

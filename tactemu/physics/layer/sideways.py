@@ -1,0 +1,159 @@
+"""What tractions and pressures do sideways: the tangential half of the layer's compliance, on spectra.
+
+Tractions along x and y move the surface along both. With the mirrored wave numbers that an odd kernel asks for
+(:mod:`elastic_layer_fft`)::
+
+    U_x(k) = xx(k) T_x(k) + xy(k) T_y(-k)          u_x by pressure: U_x(kx, ky) = nx(k) P(-kx, ky)
+    U_y(k) = yy(k) T_y(k) + xy(k) T_x(-k)          u_y by pressure: U_y(kx, ky) = ny(k) P(kx, -ky)
+
+``-k`` mirrors both wave numbers.
+"""
+
+import functools
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from tactemu.physics.layer.convolution import block_sync, convolution_functions, lane_type, spread, workspace_type
+from tactemu.physics.layer.tables import tables_type
+
+
+class SidewaysFunctions(NamedTuple):
+    """Warp functions that all threads of a block call together; ``size`` is the length of the transforms."""
+
+    mix: Any
+    """``mix(ws, slot, tables, start, size, thread)``: tractions in the two spectra become displacements."""
+    by_pressure: Any
+    """``by_pressure(ws, slot, tables, axis, start, size, thread)``: the second spectrum becomes the displacement along
+    x (axis 0) or y (1) by the pressure in the first, which stays."""
+    displace: Any
+    """``displace(ws, slot, tables, pulled, start, size, thread)``: the spectra of pressure and, if ``pulled``, of both
+    tractions become those of the displacement into the skin, along x and along y, in this order."""
+    by_traction: Any
+    """``by_traction(ws, slot, tables, start, x, y, shape, size, first, out_shape, out_x, out_y, thread)``: displacement
+    in the window of ``out_shape`` at ``first`` by tractions ``x, y`` (lanes) in the window of ``shape`` at (0, 0)."""
+
+
+@functools.cache
+def sideways_functions(real, lanes: int) -> SidewaysFunctions:
+    """The functions for one float type and lane width."""
+    workspace = workspace_type(real, lanes)
+    tables_struct = tables_type(real, lanes)
+    functions = convolution_functions(real, lanes)
+    forward, inverse = functions.forward, functions.inverse
+    field = wp.array2d(dtype=lane_type(real, lanes))
+    grid = wp.array2d(dtype=real)
+    quad = wp.types.vector(4, real)
+
+    if lanes == 1:
+
+        @wp.func
+        def normal_response(tables: tables_struct, at: int):
+            return tables.nn[at]
+    else:
+
+        @wp.func
+        def normal_response(tables: tables_struct, at: int):
+            return tables.nn[at // wp.static(lanes)][at % wp.static(lanes)]
+
+    @wp.func
+    def mix(ws: workspace, slot: int, tables: tables_struct, start: int, size: wp.vec2i, thread: int):
+        x = ws.spectrum[slot]
+        y = ws.second[slot]
+        mine = spread(size[1], thread)
+        for k in range(mine[0], size[0] // 2 + 1, mine[1]):
+            mirror_k = (size[0] - k) % size[0]
+            for c in range(mine[2], size[1], mine[3]):
+                mirror_c = (size[1] - c) % size[1]
+                if k < mirror_k or c <= mirror_c:
+                    at = start + k * size[1] + c
+                    xx = tables.xx[at]
+                    xy = tables.xy[at]
+                    yy = tables.yy[at]
+                    tx = x[k, c]
+                    ty = y[k, c]
+                    tx_mirror = x[mirror_k, mirror_c]
+                    ty_mirror = y[mirror_k, mirror_c]
+                    x[k, c] = xx * tx + xy * ty_mirror
+                    y[k, c] = yy * ty + xy * tx_mirror
+                    x[mirror_k, mirror_c] = xx * tx_mirror + xy * ty
+                    y[mirror_k, mirror_c] = yy * ty_mirror + xy * tx
+        block_sync()
+
+    @wp.func
+    def by_pressure(
+        ws: workspace, slot: int, tables: tables_struct, axis: int, start: int, size: wp.vec2i, thread: int
+    ):
+        p = ws.spectrum[slot]
+        u = ws.second[slot]
+        mine = spread(size[1], thread)
+        for k in range(mine[0], size[0], mine[1]):
+            for c in range(mine[2], size[1], mine[3]):
+                at = start + k * size[1] + c
+                if axis == 0:
+                    u[k, c] = tables.nx[at] * p[k, (size[1] - c) % size[1]]
+                else:
+                    u[k, c] = tables.ny[at] * p[(size[0] - k) % size[0], c]
+        block_sync()
+
+    @wp.func
+    def displace(
+        ws: workspace, slot: int, tables: tables_struct, pulled: bool, start: int, size: wp.vec2i, thread: int
+    ):
+        p = ws.spectrum[slot]
+        x = ws.second[slot]
+        y = ws.third[slot]
+        mine = spread(size[1] // 2 + 1, thread)
+        for k in range(mine[0], size[0] // 2 + 1, mine[1]):
+            rows = wp.vec2i(k, (size[0] - k) % size[0])
+            for c in range(mine[2], size[1] // 2 + 1, mine[3]):
+                columns = wp.vec2i(c, (size[1] - c) % size[1])
+                at = start + k * size[1] + c
+                # All four mirror images at once, since each is made from the others.
+                tx = quad(real(0.0))
+                ty = quad(real(0.0))
+                pressed = quad(real(0.0))
+                for i in range(2):
+                    for j in range(2):
+                        pressed[2 * i + j] = p[rows[i], columns[j]]
+                        if pulled:
+                            tx[2 * i + j] = x[rows[i], columns[j]]
+                            ty[2 * i + j] = y[rows[i], columns[j]]
+                for i in range(2):
+                    for j in range(2):
+                        down = real(1 - 2 * i)
+                        along = real(1 - 2 * j)
+                        u = along * tables.nx[at] * pressed[2 * i + 1 - j]
+                        v = down * tables.ny[at] * pressed[2 - 2 * i + j]
+                        if pulled:
+                            cross = down * along * tables.xy[at]
+                            u += tables.xx[at] * tx[2 * i + j] + cross * ty[3 - 2 * i - j]
+                            v += tables.yy[at] * ty[2 * i + j] + cross * tx[3 - 2 * i - j]
+                        x[rows[i], columns[j]] = u
+                        y[rows[i], columns[j]] = v
+                        p[rows[i], columns[j]] = normal_response(tables, at) * pressed[2 * i + j]
+        block_sync()
+
+    @wp.func
+    def by_traction(
+        ws: workspace,
+        slot: int,
+        tables: tables_struct,
+        start: int,
+        x: field,
+        y: field,
+        shape: wp.vec2i,
+        size: wp.vec2i,
+        first: wp.vec2i,
+        out_shape: wp.vec2i,
+        out_x: grid,
+        out_y: grid,
+        thread: int,
+    ):
+        forward(ws, slot, x, shape, size, ws.spectrum[slot], thread)
+        forward(ws, slot, y, shape, size, ws.second[slot], thread)
+        mix(ws, slot, tables, start, size, thread)
+        inverse(ws, slot, ws.spectrum_lanes[slot], first, out_shape, size, out_x, thread)
+        inverse(ws, slot, ws.second_lanes[slot], first, out_shape, size, out_y, thread)
+
+    return SidewaysFunctions(mix, by_pressure, displace, by_traction)

@@ -1,0 +1,78 @@
+"""Which clusters of points can come near the skin at all, per environment: taxels then look at those only."""
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from tactemu.physics.points.table import cloud_type
+from tactemu.physics.sensor import Site
+from tactemu.plan.plan import record
+
+_ANYWHERE = 1.0e17
+
+
+@dataclass(frozen=True, kw_only=True)
+class NearClusters:
+    """What the stage writes."""
+
+    clusters: wp.array
+    """Indices of clusters, cloud by cloud, int32, shape ``(n_envs, n_clusters)``."""
+    start: wp.array
+    """Where each cloud begins in that list, and its end, int32, shape ``(n_envs, n_clouds + 1)``."""
+
+
+@functools.cache
+def _kernel(real):
+    vec3 = wp.types.vector(3, real)
+    transform = wp.types.transformation(real)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def list_near(
+        clouds: cloud_type(real),
+        pose: wp.array2d(dtype=transform),
+        low: vec3,
+        high: vec3,
+        reach: real,
+        # outputs
+        clusters: wp.array2d(dtype=wp.int32),
+        start: wp.array2d(dtype=wp.int32),
+    ):
+        env = wp.tid()
+        found = int(0)
+        for k in range(clouds.bodies.shape[0]):
+            start[env, k] = found
+            at = pose[env, clouds.bodies[k]]
+            for c in range(clouds.cloud_start[k], clouds.cloud_start[k + 1]):
+                ball = clouds.ball[c]
+                x = wp.transform_point(at, vec3(ball[0], ball[1], ball[2]))
+                apart = wp.max(wp.max(low - x, x - high), vec3(real(0.0)))
+                limit = ball[3] + reach
+                if not (wp.dot(apart, apart) > limit * limit):
+                    clusters[env, found] = c
+                    found += 1
+        start[env, clouds.bodies.shape[0]] = found
+
+    return list_near
+
+
+def near_clusters(site: Site, clouds, reach: float | None) -> tuple[NearClusters, Callable[[], None]]:
+    """Allocate the list and record its update.
+
+    Args:
+        site: of the sensor; it has at least one probe.
+        clouds: the points on the device.
+        reach: largest radius of a probe [m]; ``None``: not known, every cluster is listed.
+    """
+    context, positions = site.context, site.probes.positions
+    n_envs, device, vec3 = context.n_envs, context.device, site.vec3
+    near = NearClusters(
+        clusters=wp.zeros((n_envs, len(clouds.ball)), dtype=wp.int32, device=device),
+        start=wp.zeros((n_envs, len(clouds.bodies) + 1), dtype=wp.int32, device=device),
+    )
+    limits = [vec3(*positions.min(axis=0)), vec3(*positions.max(axis=0))]
+    limits.append(_ANYWHERE if reach is None else np.nextafter(reach * (1 + 1e-5), np.inf))
+    outputs = [near.clusters, near.start]
+    return near, record(_kernel(context.real), n_envs, [clouds, site.view.pose, *limits], outputs, device)

@@ -1,0 +1,214 @@
+"""KinematicTaxel: a bed of springs and dampers; force and torque of each probe from depth and relative velocity.
+
+With depth ``d > 0``, ``s = d**normal_exponent``, ``n`` the normal of the body there (out of it, so into the skin),
+``v = v_body - v_skin`` at the probe, ``v_n = v . n`` and ``v_t = v - v_n n``::
+
+    F = k s n + c s v_n n - c_s v_t              k normal_stiffness, c normal_damping, c_s shear_scalar
+    T = r x F - c_w ((w_body - w_skin) . n) n    c_w twist_scalar, r the probe's position in the link's frame
+
+The normal part is the force on the skin. The shear and twist parts oppose the body's motion, which is the force on the
+*body*: so the seed has it. ``forces_on_skin`` turns them round, so that all of F and T acts on the skin.
+"""
+
+import functools
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import warp as wp
+
+from tactemu.physics.options import number
+from tactemu.physics.probes.probes import Probes
+from tactemu.physics.probes.query import (
+    contact_function,
+    noise_function,
+    probe_arrays,
+    probes_struct,
+    strip_function,
+    strips,
+    turned,
+)
+from tactemu.physics.sensor import Compiled, SensorModel, Site
+from tactemu.physics.shapes.distance import table_type
+from tactemu.plan.plan import Stage, record
+
+
+class ForceTorque(NamedTuple):
+    """A reading, link frame; each of shape ``([n_envs,] layout, 3)``."""
+
+    force: np.ndarray
+    """[N]."""
+    torque: np.ndarray
+    """About the link's origin [N m]."""
+
+
+@functools.cache
+def coefficients_type(real):
+    """The Warp struct of a KinematicTaxel's numbers."""
+
+    @wp.struct
+    class Coefficients:
+        stiffness: real
+        damping: real
+        exponent: real
+        shear: real
+        twist: real
+        pull_floor: real  # least normal force: 0 forbids adhesion, -1e18 allows it
+
+    return Coefficients
+
+
+@functools.cache
+def kinematic_kernel(
+    real,
+    kinds: frozenset,
+    along_normal: bool,
+    in_strips: bool,
+    moving: bool,
+    separate: bool,
+    has_gain: bool,
+    has_radius: bool,
+):
+    """Force and torque of the truth and, if ``separate``, of the measured branch."""
+    vec3 = wp.types.vector(3, real)
+    transform = wp.types.transformation(real)
+    shapes_type = table_type(real)
+    probes_type = probes_struct(real)
+    nearest = contact_function(real, kinds, along_normal)
+    touches, noise = strip_function(real, kinds), noise_function(real, has_radius)
+    coefficients = coefficients_type(real)
+
+    @wp.func
+    def write(
+        d: real, c: coefficients, n: vec3, v: vec3, w: vec3, r: vec3, e: int, i: int, out: wp.array3d(dtype=real)
+    ):
+        force = vec3(real(0.0))
+        torque = vec3(real(0.0))
+        if not (d <= real(0.0)):  # so that NaN goes on
+            s = d
+            if c.exponent != real(1.0):
+                s = wp.pow(d, c.exponent)
+            push = c.stiffness * s
+            if wp.static(moving):
+                vn = wp.dot(v, n)
+                push += c.damping * s * vn
+                if push < c.pull_floor:  # not max(), which would turn NaN into the floor
+                    push = c.pull_floor
+                force = push * n - c.shear * (v - vn * n)
+                torque = wp.cross(r, force) - c.twist * wp.dot(w, n) * n
+            else:
+                force = push * n
+                torque = wp.cross(r, force)
+        for k in range(3):
+            out[e, i, k] = force[k]
+            out[e, i, 3 + k] = torque[k]
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def kinematic(
+        shapes: shapes_type,
+        pose: wp.array2d(dtype=transform),
+        velocity: wp.array2d(dtype=vec3),
+        spin: wp.array2d(dtype=vec3),
+        targets: wp.array(dtype=wp.int32),
+        probes: probes_type,
+        c: coefficients,
+        gain: wp.array2d(dtype=real),
+        radius: wp.array2d(dtype=real),
+        truth_out: wp.array3d(dtype=real),
+        raw_out: wp.array3d(dtype=real),
+    ):
+        e, strip = wp.tid()
+        if wp.static(turned(kinds, in_strips)):
+            strip, e = wp.tid()
+        first = strip * probes.strip
+        last = wp.min(first + probes.strip, probes.radii.shape[0])
+        if wp.static(in_strips):
+            if not touches(shapes, pose, targets, probes, e, strip, noise(probes, radius, e, strip)):
+                for i in range(first, last):
+                    for k in range(6):
+                        truth_out[e, i, k] = real(0.0)
+                        if wp.static(separate):
+                            raw_out[e, i, k] = real(0.0)
+                return
+        for i in range(first, last):
+            r_true = probes.radii[i]
+            if r_true > real(0.0):
+                r_measured = r_true
+                if wp.static(has_radius):
+                    r_measured = radius[e, i]
+                distance, n, b = nearest(shapes, pose, targets, probes, e, i, wp.max(r_true, r_measured))
+                if wp.dot(n, n) < real(0.5):
+                    n = -probes.normals[i]
+                r = probes.positions[i]
+                v = vec3(real(0.0))
+                w = vec3(real(0.0))
+                if wp.static(moving):
+                    if b >= 0:
+                        w = spin[e, b]
+                        v = velocity[e, b] + wp.cross(w, r)
+                write(r_true - distance, c, n, v, w, r, e, i, truth_out)
+                if wp.static(separate):
+                    d = r_measured - distance
+                    if wp.static(has_gain):
+                        d *= gain[e, i]
+                    write(d, c, n, v, w, r, e, i, raw_out)
+
+    return kinematic
+
+
+@dataclass(kw_only=True, eq=False)
+class KinematicTaxel(SensorModel):
+    """Reads :class:`ForceTorque`."""
+
+    normal_stiffness: float = 1000.0
+    """[N/m**normal_exponent] per probe."""
+    normal_damping: float = 1.0
+    """[N s/m**(normal_exponent + 1)] per probe."""
+    normal_exponent: float = 1.0
+    """Of depth; > 0."""
+    shear_scalar: float = 1.0
+    """[N s/m] per probe."""
+    twist_scalar: float = 1.0
+    """[N m s/rad] per probe."""
+    forces_on_skin: bool = False
+    """Turn the shear and twist parts so that they too act on the skin (a body that slides drags the skin along)."""
+    clamp_adhesion: bool = False
+    """Never let the damper pull on the skin."""
+
+    channels = ("force", "torque")
+    unit = "N"
+    layouts = {"force": slice(0, 3)}
+
+    def velocity_reason(self) -> str | None:
+        terms = {"damping": self.normal_damping, "shear": self.shear_scalar, "twist": self.twist_scalar}
+        wanted = [name for name, value in terms.items() if value != 0.0]
+        return "KinematicTaxel " + ", ".join(wanted) if wanted else None
+
+    def validate(self, probes: Probes) -> None:
+        number("KinematicTaxel", "normal_exponent", self.normal_exponent, above=0)
+        for name in ("normal_stiffness", "normal_damping", "shear_scalar", "twist_scalar"):
+            number("KinematicTaxel", name, getattr(self, name), at_least=0)
+
+    def present(self, values: np.ndarray) -> ForceTorque:
+        return ForceTorque(values[..., :3], values[..., 3:])
+
+    def compile(self, site: Site) -> Compiled:
+        context, view = site.context, site.view
+        truth = site.zeros()
+        raw = site.zeros() if site.separate else truth
+        none = wp.zeros((0, 0), dtype=context.real, device=context.device)
+        c = coefficients_type(context.real)()
+        side = -1.0 if self.forces_on_skin else 1.0
+        c.stiffness, c.damping, c.exponent = self.normal_stiffness, self.normal_damping, self.normal_exponent
+        c.shear, c.twist = side * self.shear_scalar, side * self.twist_scalar
+        c.pull_floor = 0.0 if self.clamp_adhesion else -1e18
+        moving = self.velocity_reason() is not None
+        has_gain, has_radius = site.gain is not None, site.radius is not None
+        how = (site.along_normal, context.device.is_cpu, moving, site.separate, has_gain, has_radius)
+        kernel = kinematic_kernel(context.real, site.table.kinds, *how)
+        inputs = [site.table.struct, view.pose, view.velocity, view.spin, site.targets, probe_arrays(site)]
+        inputs += [c]
+        inputs += [site.gain if has_gain else none, site.radius if has_radius else none]
+        launch = record(kernel, strips(site), inputs, [truth, raw], context.device)
+        stage = Stage(name=f"{site.name}: springs", reason="KinematicTaxel reads force and torque", launch=launch)
+        return Compiled(truth=truth, raw=raw, stages=[stage])

@@ -1,0 +1,1 @@
+"""What a body is: distances, rays, meshes, voxels."""

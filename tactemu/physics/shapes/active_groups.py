@@ -1,0 +1,51 @@
+"""Which groups of an environment hold anything, in order: sums then visit those only, and come out the same each time.
+
+Entries are listed in groups of fixed size by parallel threads; one thread per environment then lists the groups.
+"""
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import warp as wp
+
+from tactemu.plan.plan import Context, record
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActiveGroups:
+    """Groups that are not empty."""
+
+    n_active: wp.array
+    """int32, shape ``(n_envs,)``."""
+    active: wp.array
+    """Their indices, rising, int32, shape ``(n_envs, n_groups)``; valid up to ``n_active``."""
+
+
+@functools.cache
+def _list_kernel():
+    @wp.kernel(module="unique", enable_backward=False)
+    def list_groups(
+        counts: wp.array2d(dtype=wp.int32),
+        # outputs
+        n_active: wp.array(dtype=wp.int32),
+        active: wp.array2d(dtype=wp.int32),
+    ):
+        env = wp.tid()
+        found = int(0)
+        for g in range(counts.shape[1]):
+            if counts[env, g] > 0:
+                active[env, found] = g
+                found += 1
+        n_active[env] = found
+
+    return list_groups
+
+
+def active_groups(context: Context, counts: wp.array) -> tuple[ActiveGroups, Callable[[], None]]:
+    """Allocate the lists and record their update from ``counts``, int32, shape ``(n_envs, n_groups)``."""
+    groups = ActiveGroups(
+        n_active=wp.zeros(counts.shape[0], dtype=wp.int32, device=context.device),
+        active=wp.zeros(counts.shape, dtype=wp.int32, device=context.device),
+    )
+    return groups, record(_list_kernel(), counts.shape[0], [counts], [groups.n_active, groups.active], context.device)

@@ -1,0 +1,1 @@
+"""Streams of real sensors, kept and played again."""

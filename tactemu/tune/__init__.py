@@ -1,0 +1,1 @@
+"""The most accurate setting that keeps a rate."""

@@ -1,0 +1,123 @@
+"""What a fault does to one frame: ``(frame, fault, random numbers) -> [(frame, delay in ns), ...]``, or ``None`` where
+there is nothing to spoil (an empty frame has no bit to flip), which then does not count.
+
+On CAN a changed frame is one that a faulty node or gateway sent with a good CRC: the bus itself would have rejected it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from firmware_protocols import CanFrame, Frame
+from tactemu.wire.faults.fault import Fault
+
+Parts = list[tuple[Frame, int]]
+"""Frames with the time by which each leaves later [ns]."""
+
+Spoil = Callable[[Frame, Fault, np.random.Generator], "Parts | None"]
+
+_CAN_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
+
+
+def drop(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
+    """Nothing is left."""
+    return []
+
+
+def flip(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
+    """``bits N`` (1) different bits of the data change."""
+    data = bytearray(payload(frame))
+    if not data:
+        return None
+    for bit in rng.choice(8 * len(data), size=min(fault.amount or 1, 8 * len(data)), replace=False):
+        data[bit // 8] ^= 1 << bit % 8
+    return [(with_payload(frame, bytes(data)), 0)]
+
+
+def truncate(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
+    """``bytes N`` (any number) are missing at the end; of a serial frame at least one byte is left."""
+    data = payload(frame)
+    most = len(data) - (not isinstance(frame, CanFrame))
+    if most < 1:
+        return None
+    cut = min(fault.amount or int(rng.integers(1, most + 1)), most)
+    return [(with_payload(frame, data[: len(data) - cut]), 0)]
+
+
+def length(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
+    """``bytes N`` (1) random bytes too many; a CAN frame without room for them has so many too few."""
+    data, n = payload(frame), fault.amount or 1
+    if isinstance(frame, CanFrame) and len(data) + n > (64 if frame.is_fd else 8):
+        return [(with_payload(frame, data[: max(0, len(data) - n)]), 0)]
+    return [(with_payload(frame, data + rng.bytes(n)), 0)]
+
+
+def checksum(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
+    """Each of the last ``bytes N`` (1) changes to another value."""
+    data, n = bytearray(payload(frame)), fault.amount or 1
+    if not data:
+        return None
+    for k in range(max(0, len(data) - n), len(data)):
+        data[k] ^= int(rng.integers(1, 256))
+    return [(with_payload(frame, bytes(data)), 0)]
+
+
+def duplicate(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
+    """The frame twice."""
+    return [(frame, 0), (frame, 0)]
+
+
+def garbage(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
+    """``bytes N`` (1 to 16) random bytes in front."""
+    return [(rng.bytes(fault.amount or int(rng.integers(1, 17))), 0), (frame, 0)]
+
+
+def split(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
+    """Two pieces, cut anywhere, the second ``by`` later."""
+    data = payload(frame)
+    if len(data) < 2:
+        return None
+    cut = int(rng.integers(1, len(data)))
+    return [(data[:cut], 0), (data[cut:], fault.by_ns)]
+
+
+def late(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
+    """The frame, ``by`` later. What comes after it does not wait."""
+    return [(frame, fault.by_ns)]
+
+
+def error(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
+    """The frame broken by an error frame, then the frame again."""
+    return [(replace(frame, is_error_frame=True), 0), (frame, 0)] if isinstance(frame, CanFrame) else None
+
+
+SPOIL: dict[str, Spoil] = {
+    "drop": drop,
+    "silence": drop,
+    "flip": flip,
+    "truncate": truncate,
+    "length": length,
+    "checksum": checksum,
+    "duplicate": duplicate,
+    "garbage": garbage,
+    "split": split,
+    "late": late,
+    "error": error,
+}
+
+
+def payload(frame: Frame) -> bytes:
+    """The bytes that a fault may touch."""
+    return frame.data if isinstance(frame, CanFrame) else frame
+
+
+def with_payload(frame: Frame, data: bytes) -> Frame:
+    """The frame with other data; a CAN-FD frame is filled up with zeros to the next length that exists."""
+    if not isinstance(frame, CanFrame):
+        return data
+    if frame.is_fd:
+        data = data.ljust(next(size for size in _CAN_LENGTHS if size >= len(data)), b"\0")
+    return replace(frame, data=data)

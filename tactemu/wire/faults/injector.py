@@ -1,0 +1,193 @@
+"""Applies faults to what passes a wire: decides, spoils, counts and logs."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Callable, Iterable
+
+import numpy as np
+
+from firmware_protocols import CanFrame, CanWire, Frame
+from firmware_protocols import Wire as Spec
+from tactemu.random_streams import generator
+from tactemu.truth import text
+from tactemu.wire.faults.fault import Fault, parse
+from tactemu.wire.faults.frames import SPOIL, Parts, payload
+from tactemu.wire.faults.link import LatencyChip, Traffic
+
+Note = Callable[[int, str, str, str], None]
+"""``(t_ns, source, kind, detail)``: called once for every injected fault."""
+
+Key = tuple[str, str]
+"""Source and direction of a frame: what one fault holds back of one is not mixed with the others."""
+
+Held = tuple[Frame, str, str]
+"""A frame that a fault holds back, with its source and direction."""
+
+_REMEMBERED = 16
+"""Earlier frames that a stray one is chosen from."""
+
+
+class FrameFault:
+    """A fault of single frames at work: its random stream, and what it holds back."""
+
+    def __init__(self, fault: Fault, rng: np.random.Generator):
+        self.fault = fault
+        self.rng = rng
+        self._spent = False
+        self._matched = 0
+        self._held: dict[Key, Frame] = {}
+        self._earlier: dict[Key, deque[Frame]] = {}
+
+    def apply(self, frame: Frame, key: Key, t_ns: int) -> tuple[Parts, bool]:
+        """What becomes of the frame, and whether a fault was injected."""
+        hit = self._hits(frame, t_ns)
+        kind = self.fault.kind
+        if kind in ("reorder", "merge"):
+            return self._hold(frame, key, hit)
+        if kind == "stray":
+            return self._stray(frame, key, hit)
+        spoiled = SPOIL[kind](frame, self.fault, self.rng) if hit else None
+        return ([(frame, 0)], False) if spoiled is None else (spoiled, True)
+
+    def forget(self) -> list[Held]:
+        """It is over, or the port was closed: what it holds back."""
+        held = [(frame, source, direction) for (source, direction), frame in self._held.items()]
+        self._held.clear()
+        self._earlier.clear()
+        return held
+
+    def _hits(self, frame: Frame, t_ns: int) -> bool:
+        """Whether to spoil this frame. One random number is drawn for every frame that target and time match."""
+        fault = self.fault
+        if self._spent or not fault.covers(t_ns) or (isinstance(frame, CanFrame) and frame.is_error_frame):
+            return False
+        if fault.arbitration_id is not None and not (
+            isinstance(frame, CanFrame) and frame.arbitration_id == fault.arbitration_id
+        ):
+            return False
+        if fault.prefix and not payload(frame).startswith(fault.prefix):
+            return False
+        self._matched += 1
+        if self._matched % fault.every or (fault.probability < 1 and self.rng.random() >= fault.probability):
+            return False
+        self._spent = fault.once
+        return True
+
+    def _hold(self, frame: Frame, key: Key, hit: bool) -> tuple[Parts, bool]:
+        held = self._held.pop(key, None)
+        if held is not None and self.fault.kind == "reorder":
+            return [(frame, 0), (held, 0)], True
+        if held is not None:
+            return [(payload(held) + payload(frame), 0)], True
+        if hit:
+            self._held[key] = frame
+            return [], False
+        return [(frame, 0)], False
+
+    def _stray(self, frame: Frame, key: Key, hit: bool) -> tuple[Parts, bool]:
+        earlier = self._earlier.setdefault(key, deque(maxlen=_REMEMBERED))
+        parts: Parts = [(frame, 0)]
+        strays = hit and bool(earlier)
+        if strays:
+            parts.append((earlier[int(self.rng.integers(len(earlier)))], 0))
+        earlier.append(frame)
+        return parts, strays
+
+
+class Injector:
+    """All faults of one wire.
+
+    Args:
+        faults: as text or parsed.
+        spec: the wire; a fault that it cannot have is refused.
+        seed: root seed. Each fault draws from a stream named after its text, so that one more changes no other.
+        note: told of every injected fault.
+
+    Raises:
+        SceneError: a fault that cannot be parsed, or that this wire cannot have.
+    """
+
+    def __init__(self, faults: Iterable[Fault | str], spec: Spec, seed: int, note: Note):
+        self.spec, self.seed, self.note = spec, seed, note
+        self.faults: list[Fault] = []
+        self.traffic: list[Traffic] = []
+        self.chip: LatencyChip | None = None
+        self._frames: list[FrameFault] = []
+        self._outages: list[Fault] = []
+        self._copies: Counter[str] = Counter()
+        for fault in faults:
+            self.add(fault)
+
+    def add(self, fault: Fault | str) -> Fault:
+        """Switch a fault on, also while the wire runs."""
+        fault = parse(fault) if isinstance(fault, str) else fault
+        fault.check_fits(self.spec.kind)
+        name = f"fault/{fault}"
+        self._copies[name] += 1
+        rng = generator(self.seed, name if self._copies[name] == 1 else f"{name}/{self._copies[name]}")
+        self.faults.append(fault)
+        if fault.kind in ("unplug", "busoff"):
+            self._outages.append(fault)
+        elif fault.kind == "latency":
+            self.chip = LatencyChip(fault)
+        elif fault.kind in ("babble", "load"):
+            assert isinstance(self.spec, CanWire)
+            self.traffic.append(Traffic(fault, self.spec, rng))
+        else:
+            self._frames.append(FrameFault(fault, rng))
+        return fault
+
+    def remove(self, fault: Fault) -> list[Held]:
+        """Switch a fault off; returns what it held back.
+
+        Raises:
+            ValueError: it is not on.
+        """
+        self.faults.remove(fault)
+        self.traffic = [each for each in self.traffic if each.fault is not fault]
+        self._outages = [each for each in self._outages if each is not fault]
+        over = [each for each in self._frames if each.fault is fault]
+        self._frames = [each for each in self._frames if each.fault is not fault]
+        return [held for each in over for held in each.forget()]
+
+    def unmount_chip(self) -> bytes:
+        """Take the USB-serial chip out; what it held."""
+        chip, self.chip = self.chip, None
+        return chip.empty() if chip else b""
+
+    def spoil(self, parts: Parts, t_ns: int, source: str, direction: str) -> Parts:
+        """Frames with their delays, as the faults leave them. ``direction``: ``to_driver`` or ``from_driver``.
+
+        The log's detail is the fault, the direction and the frame before.
+        """
+        for active in self._frames:
+            if active.fault.direction not in (direction, "both"):
+                continue
+            spoiled: Parts = []
+            for frame, delay_ns in parts:
+                after, injected = active.apply(frame, (source, direction), t_ns)
+                spoiled += [(each, delay_ns + more_ns) for each, more_ns in after]
+                if injected:
+                    self.note(t_ns, source, active.fault.kind, f"{active.fault} [{direction}] {text(frame)}")
+            parts = spoiled
+        return parts
+
+    def outage(self, now_ns: int) -> Fault | None:
+        """The fault that has the link down at this moment."""
+        return next((fault for fault in self._outages if fault.covers(now_ns)), None)
+
+    def forget(self) -> list[Held]:
+        """The port was closed: nothing is held back for the next who opens it. What was, is returned."""
+        if self.chip:
+            self.chip.empty()
+        return [held for active in self._frames for held in active.forget()]
+
+    def next_ns(self, now_ns: int) -> int | None:
+        """When something of the link happens by itself, after ``now_ns``."""
+        times = [each.next_ns() for each in self.traffic]
+        if self.chip:
+            times.append(self.chip.next_ns())
+        for fault in self._outages:
+            times += [time for time in (fault.start_ns, fault.stop_ns) if time is not None and time > now_ns]
+        return min((time for time in times if time is not None), default=None)

@@ -1,0 +1,86 @@
+"""Faults of the whole link: the USB-serial chip between line and driver, and other nodes on a CAN bus."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from firmware_protocols import CanFrame, CanWire
+from tactemu.wire.can_bits import frame_ns
+from tactemu.wire.faults.fault import Fault
+from tactemu.wire.line import CATCH_UP_NS
+
+PACKET = 62
+"""Payload of one USB packet of the common chip [byte]: 64 less two of status."""
+
+
+class LatencyChip:
+    """Hands bytes over in packets of 62, and a shorter rest when its timer fires. Each packet starts the timer anew."""
+
+    def __init__(self, fault: Fault):
+        self.fault = fault
+        self.timer_ns = fault.by_ns
+        self._held = b""
+        self._last_ns = 0
+
+    def put(self, data: bytes) -> None:
+        """Bytes from the line."""
+        self._held += data
+
+    def next_ns(self) -> int | None:
+        """When the timer fires with something to hand over."""
+        return self._last_ns + self.timer_ns if self._held else None
+
+    def take(self, now_ns: int) -> bytes:
+        """What the driver gets now; empty if nothing yet. To be called at :meth:`next_ns` and whenever bytes came."""
+        ticks = (now_ns - self._last_ns) // self.timer_ns
+        size = len(self._held) if ticks > 0 else len(self._held) // PACKET * PACKET
+        if size and not ticks:
+            self._last_ns = now_ns
+        data, self._held = self._held[:size], self._held[size:]
+        return data
+
+    def tick(self, now_ns: int) -> None:
+        """Let the timer run on an idle line; to be called before bytes are put."""
+        if not self._held:
+            self._last_ns += (now_ns - self._last_ns) // self.timer_ns * self.timer_ns
+
+    def empty(self) -> bytes:
+        """Take out what is held."""
+        data, self._held = self._held, b""
+        return data
+
+
+class Traffic:
+    """Another node: frames of its own that take a share of the bus (``load``), or all of it (``babble``)."""
+
+    def __init__(self, fault: Fault, wire: CanWire, rng: np.random.Generator):
+        self.fault = fault
+        self.source = f"({fault.kind})"
+        self._wire, self._rng = wire, rng
+        self._next_ns = fault.start_ns
+
+    def next_ns(self) -> int | None:
+        """When it sends next; ``None`` when it is over."""
+        over = self.fault.stop_ns is not None and self._next_ns >= self.fault.stop_ns
+        return self._next_ns if self.fault.probability and not over else None
+
+    def take(self, now_ns: int) -> tuple[int, CanFrame] | None:
+        """When its next frame is ready and the frame, if that is by now."""
+        if self._next_ns < now_ns - CATCH_UP_NS:
+            self._next_ns = now_ns - CATCH_UP_NS
+        due = self.next_ns()
+        if due is None or due > now_ns:
+            return None
+        frame = self._frame()
+        taken_ns = frame_ns(frame, self._wire.bitrate, self._wire.data_bitrate)
+        self._next_ns += round(taken_ns / self.fault.probability)
+        return due, frame
+
+    def _frame(self) -> CanFrame:
+        identifier = self.fault.arbitration_id
+        if self.fault.kind == "babble":
+            identifier, data = identifier or 0, bytes(8)
+        else:
+            data = self._rng.bytes(8)
+            identifier = int(self._rng.integers(0x600, 0x700)) if identifier is None else identifier
+        return CanFrame(arbitration_id=identifier, is_extended_id=identifier > 0x7FF, data=data)
