@@ -7,11 +7,13 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
 import importlib.util
 import sys
 from importlib.metadata import entry_points
 from pathlib import Path
+from types import ModuleType
 
 from firmware_protocols.device import (
     CanFrame,
@@ -85,14 +87,21 @@ def _load_file(target: str) -> type[Device]:
     path, _, attribute = target.rpartition(":")
     if not Path(path).is_file():
         raise LookupError(f"no such device file: {path}")
-    spec = importlib.util.spec_from_file_location(f"device_file_{Path(path).stem}", path)
+    module = _module_of(Path(path).resolve(), Path(path).stat().st_mtime_ns)
+    if not hasattr(module, attribute):
+        raise LookupError(f"{path} has no class {attribute!r}")
+    return getattr(module, attribute)
+
+
+@functools.cache
+def _module_of(path: Path, _written_ns: int) -> ModuleType:
+    """A device file, executed once until it is written anew: whoever asks again gets the same classes."""
+    spec = importlib.util.spec_from_file_location(f"device_file_{path.stem}", path)
     if spec is None or spec.loader is None:
         raise LookupError(f"not a Python file: {path}")
     module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    if not hasattr(module, attribute):
-        raise LookupError(f"{path} has no class {attribute!r}")
-    return getattr(module, attribute)
+    return module
 
 
 def _unknown(name: str) -> str:

@@ -22,7 +22,7 @@ from tactemu.scenario import faults_of, laws_needed, schedule
 from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.file import LoadedScene
 from tactemu.scene.placement import PlacedSensor
-from tactemu.scene.schema import Event, Skin
+from tactemu.scene.schema import EventTable, Skin
 from tactemu.truth import Truth
 from tactemu.wire.wire import Wire
 
@@ -41,7 +41,7 @@ class Wishes:
     seed: int | None = None
     compute: str | None = None
     """Where kernels run: ``cpu``, ``cuda:0``."""
-    scenario: Sequence[Event] = ()
+    scenario: Sequence[EventTable] = ()
     """Events beside the scene's own."""
     adjustable: Sequence[str] = ()
     """Laws of imperfection that every skin is built with, so that they can be switched on while it runs."""
@@ -152,7 +152,7 @@ def fresh_port(name: str, device: Device) -> str:
 
 def _wires(
     skins: Sequence[Skin],
-    events: Sequence[Event],
+    events: Sequence[EventTable],
     devices: dict[str, Device],
     ports: dict[str, str],
     wishes: Wishes,

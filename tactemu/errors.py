@@ -13,6 +13,11 @@
 Bad bytes from a driver are no error: the device counts them and answers as the firmware would.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
 
 class TactemuError(Exception):
     """Base of all errors raised on purpose. The command line prints it and exits with 2."""
@@ -40,3 +45,9 @@ class TransportError(TactemuError):
 
 class TransportUnavailable(TransportError):
     """The machine lacks what the transport needs."""
+
+
+def nearest(name: object, known: Iterable[str]) -> str:
+    """What a message about an unknown name adds: ``"; did you mean 'x'?"``, or nothing."""
+    near = get_close_matches(str(name), list(known), n=1, cutoff=0.5)
+    return f"; did you mean {near[0]!r}?" if near else ""

@@ -1,6 +1,6 @@
 """Schedules: what goes wrong, and when, so that a driver's recovery is a test that can be repeated.
 
-An :class:`Event` is an entry ``[[scenario]]`` of a scene file, or made in Python::
+An event (:class:`tactemu.Event`) is an entry ``[[scenario]]`` of a scene file, or made in Python::
 
     with tactemu.serve("anyskin", scenario=[Event(at=2, dead=(4,)), Event(at=3, fault="unplug for 0.5s")]) as dev: ...
 
@@ -13,11 +13,10 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from tactemu.emulator import Channel, Emulator
-from tactemu.errors import SceneError
-from tactemu.scene.schema import Event, nearest
+from tactemu.errors import SceneError, nearest
+from tactemu.scene.schema import EventTable
 
 LAWS = {
     "probe_gain": "gain",
@@ -34,25 +33,12 @@ LAWS = {
 """Sensor options that ``set`` may change while running, and the law of imperfection behind each."""
 
 
-def make_event(entries: dict[str, Any]) -> Event:
-    """An event from the keys of a scene file.
-
-    Raises:
-        SceneError: a key that it does not have, or a value that does not fit.
-    """
-    try:
-        return Event(**entries)
-    except ValidationError as error:
-        said = "; ".join(".".join(map(str, e["loc"])) + (": " if e["loc"] else "") + e["msg"] for e in error.errors())
-        raise SceneError(f"event: {said}") from None
-
-
-def concerns(event: Event, skin: str) -> bool:
+def concerns(event: EventTable, skin: str) -> bool:
     """Whether an event befalls this skin."""
     return event.skin in (None, skin)
 
 
-def laws_needed(events: Iterable[Event], skin: str) -> tuple[str, ...]:
+def laws_needed(events: Iterable[EventTable], skin: str) -> tuple[str, ...]:
     """The laws that a skin's sensor must be built with, so that these events can switch them on.
 
     Raises:
@@ -66,7 +52,7 @@ def laws_needed(events: Iterable[Event], skin: str) -> tuple[str, ...]:
     return tuple(sorted(needed))
 
 
-def _law(event: Event, option: str) -> str:
+def _law(event: EventTable, option: str) -> str:
     if option not in LAWS:
         known = ", ".join(LAWS)
         raise SceneError(
@@ -75,7 +61,7 @@ def _law(event: Event, option: str) -> str:
     return LAWS[option]
 
 
-def faults_of(events: Iterable[Event], skins: Sequence[str]) -> list[str]:
+def faults_of(events: Iterable[EventTable], skins: Sequence[str]) -> list[str]:
     """The faults that the events bring to a wire with these skins, each with its time.
 
     Raises:
@@ -85,7 +71,7 @@ def faults_of(events: Iterable[Event], skins: Sequence[str]) -> list[str]:
     return [timed_fault(event) for event in concerned if event.fault]
 
 
-def timed_fault(event: Event, now_s: float = 0.0) -> str:
+def timed_fault(event: EventTable, now_s: float = 0.0) -> str:
     """``unplug for 0.5s`` at 3 s as ``unplug at 3s for 0.5s``; ``drop 1%`` from 5 to 6 s as ``drop 1% from 5s to 6s``.
 
     Raises:
@@ -110,7 +96,7 @@ def _seconds(t_s: float) -> str:
     return f"{round(t_s * 1e9)}ns"
 
 
-def schedule(emulator: Emulator, events: Iterable[Event], *, now_s: float = 0.0) -> None:
+def schedule(emulator: Emulator, events: Iterable[EventTable], *, now_s: float = 0.0) -> None:
     """Have the loop do what the events say, faults of bytes aside; times count from ``now_s`` [s].
 
     Raises:
@@ -122,7 +108,7 @@ def schedule(emulator: Emulator, events: Iterable[Event], *, now_s: float = 0.0)
                 _schedule_one(emulator, channel, event, round(now_s * 1e9))
 
 
-def _schedule_one(emulator: Emulator, channel: Channel, event: Event, origin_ns: int) -> None:
+def _schedule_one(emulator: Emulator, channel: Channel, event: EventTable, origin_ns: int) -> None:
     start = origin_ns + round(event.at * 1e9)
     stop = None if event.until is None else origin_ns + round(event.until * 1e9)
     if event.dead and not 0 <= min(event.dead) <= max(event.dead) < len(channel.device.layout):

@@ -26,9 +26,10 @@ from tactemu.assembly import Assembled, Wishes, assemble, fresh_port
 from tactemu.clock import RealClock
 from tactemu.emulator import Channel
 from tactemu.errors import SceneError, TactemuError
-from tactemu.scenario import Event, concerns, make_event, schedule, timed_fault
+from tactemu.scenario import concerns, schedule, timed_fault
 from tactemu.scene import file, rotation
 from tactemu.scene.motion import Pose
+from tactemu.scene.schema import Event
 from tactemu.scene.steering import Leg, Steered, pressing_way
 from tactemu.truth import Sample, Truth
 
@@ -42,7 +43,7 @@ def serve(
     *,
     rate_hz: float | None = None,
     faults: Sequence[str] = (),
-    seed: int = 0,
+    seed: int | None = None,
     steer: Sequence[str] = (),
     scenario: Sequence[Event] = (),
     adjustable: Sequence[str] = (),
@@ -56,7 +57,7 @@ def serve(
         port: as for ``tactemu run --port``; default: a fresh one, so that tests may run side by side.
         rate_hz: sampling rate; default: the device's own.
         faults: what goes wrong on the wire, as for ``--fault``.
-        seed: root of all random numbers.
+        seed: root of all random numbers; default: the scene's.
         steer: bodies of a scene file to be moved by hand instead of by their motions. Bodies without a motion, and
             all those of a device's default scene, are.
         scenario: what goes wrong when (:class:`tactemu.Event`), beside the scene's own schedule.
@@ -292,7 +293,7 @@ class Served:
         Raises:
             SceneError: the event is not one, or this scene cannot have it.
         """
-        what = make_event(event)
+        what = Event(**event)
 
         def begin(now_s: float) -> float:
             schedule(self.emulator, [what], now_s=now_s)
@@ -372,10 +373,13 @@ class Served:
         failed: list[BaseException] = []
         emulator = self.emulator
 
+        step_ns = emulator.simulation.dt_ns if emulator.simulation else 0
+
         def arrive(t_ns: int) -> None:
-            """A loop that is late takes its samples after its actions: look again until they are taken."""
+            """A loop that is late takes its samples after its actions, and the scene that a sample sees may be a step
+            older than the sample: look again until one has seen ``t_ns``."""
             now = emulator.clock.now_ns()
-            late = any(c.statistics.last_ns < t_ns and c.silent_until_ns <= now for c in emulator.channels)
+            late = any(c.statistics.last_ns < t_ns + step_ns and c.silent_until_ns <= now for c in emulator.channels)
             if sampled and late:
                 emulator.at(now + 1_000_000, lambda: arrive(t_ns))
             else:

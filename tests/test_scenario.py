@@ -6,7 +6,7 @@ import pytest
 from tactemu.assembly import assemble
 from tactemu.clock import VirtualClock
 from tactemu.errors import SceneError
-from tactemu.scenario import faults_of, make_event, timed_fault
+from tactemu.scenario import faults_of, timed_fault
 from tactemu.scene.file import parse
 from tactemu.scene.schema import Event
 from tactemu.serving import serve
@@ -124,5 +124,5 @@ def test_events_from_python_and_by_hand():
 
 def test_an_event_is_checked():
     with pytest.raises(SceneError, match="at"):
-        make_event({"at": -1})
+        Event(at=-1)
     assert timed_fault(Event(at=1, fault="drop 1%"), now_s=2.0) == "drop 1% from 3000000000ns"

@@ -155,3 +155,12 @@ motion = { kind = "hold" }
 device = "anyskin"
 link = "pad"
 """
+
+
+def test_a_scene_files_seed_is_the_seed(tmp_path):
+    (tmp_path / "scene.toml").write_text(
+        "[scene]\nseed = 7\n[[body]]\nname = 'pad'\nshape = 'frame'\n[[skin]]\ndevice = 'anyskin'\nlink = 'pad'\n"
+    )
+    for wish, expected in ((None, 7), (3, 3)):
+        with serve(tmp_path / "scene.toml", "memory:", seed=wish) as dev:
+            assert dev.simulation.context.seed == expected

@@ -12,10 +12,10 @@ import numpy as np
 
 import tactemu
 from firmware_protocols import Device, Layout
-from tactemu.errors import DeviceError, SceneError
+from tactemu.errors import DeviceError, SceneError, nearest
 from tactemu.scene import bodies, rotation
 from tactemu.scene.file import LoadedScene, load_device
-from tactemu.scene.schema import MODELS, Skin, nearest
+from tactemu.scene.schema import MODELS, Skin
 
 CHEAPEST_MODEL = {
     "touch": "contact_probe",

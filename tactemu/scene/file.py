@@ -10,9 +10,10 @@ from typing import Any
 from pydantic import ValidationError
 
 import firmware_protocols
-from tactemu.errors import DeviceError, SceneError
+from tactemu.errors import DeviceError, SceneError, nearest
+from tactemu.scene.mistakes import listed
 from tactemu.scene.motion import Motion
-from tactemu.scene.schema import MODELS, SHAPES, SceneFile, make_motion, motion_schemas, nearest
+from tactemu.scene.schema import MODELS, SHAPES, SceneFile, make_motion, motion_schemas
 
 
 @dataclass(frozen=True)
@@ -100,7 +101,7 @@ def check(data: dict[str, Any], *, source: str = "scene", folder: Path | None = 
     try:
         tables = SceneFile.model_validate(data)
     except ValidationError as error:
-        raise SceneError("\n".join(_lines(error, data, source))) from None
+        raise SceneError(listed(error, data, source)) from None
     motions = _motions(tables, source)
     mistakes = [f"{source}: {text}" for text in _references(tables)]
     if mistakes:
@@ -133,7 +134,7 @@ def _motions(tables: SceneFile, source: str) -> dict[str, Motion]:
         try:
             found[body.name] = make_motion(body.motion)
         except ValidationError as error:
-            raise SceneError("\n".join(f"{where}{_path(e['loc'], {})}: {_says(e)}" for e in error.errors())) from None
+            raise SceneError(listed(error, body.motion, f"{source}: body {body.name!r}", ("motion",))) from None
         except ValueError as error:
             raise SceneError(f"{where}: {error}") from None
         except SceneError as error:
@@ -162,43 +163,3 @@ def _references(tables: SceneFile):
             yield f"scenario[{k}]: skin: no skin {event.skin!r}{nearest(event.skin, skins)} (skins: {', '.join(skins)})"
         if event.until is not None and event.until <= event.at:
             yield f"scenario[{k}]: until: expected a time after at = {event.at} s, got {event.until}"
-
-
-# -- errors --------------------------------------------------------------------------------------------------------
-
-
-def _lines(error: ValidationError, data: dict, source: str) -> list[str]:
-    return [f"{source}: {_path(entry['loc'], data).lstrip('.')}: {_says(entry)}" for entry in error.errors()]
-
-
-def _path(loc: tuple, data: Any) -> str:
-    """``body[1] 'ball'.radius``: the way to a key, with the table's name where it has one."""
-    text = ""
-    for part in loc:
-        if isinstance(part, int):
-            text += f"[{part}]"
-        elif part in SHAPES and isinstance(data, dict) and data.get("shape") == part:
-            continue  # pydantic names the branch of the union
-        else:
-            text += f".{part}"
-        data = (
-            data[part]
-            if isinstance(part, int) and isinstance(data, list) and part < len(data)
-            else (data.get(part) if isinstance(data, dict) else None)
-        )
-        if isinstance(part, int) and isinstance(data, dict) and isinstance(data.get("name", data.get("device")), str):
-            text += f" {data.get('name', data.get('device'))!r}"
-    return text
-
-
-def _says(entry: Any) -> str:
-    kind, context, got = entry["type"], entry.get("ctx", {}), entry.get("input")
-    if kind == "union_tag_invalid":
-        return f"unknown shape {context['tag']!r}{nearest(context['tag'], SHAPES)} (shapes: {', '.join(SHAPES)})"
-    if kind == "union_tag_not_found":
-        return f"missing key 'shape' (shapes: {', '.join(SHAPES)})"
-    if kind == "missing":
-        return "missing key"
-    if kind in ("unknown_key", "motion", "motion_kind"):
-        return entry["msg"]
-    return f"{entry['msg'][0].lower()}{entry['msg'][1:]}, got {got!r}"

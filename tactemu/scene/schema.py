@@ -7,12 +7,21 @@ from __future__ import annotations
 
 import dataclasses
 import typing
-from difflib import get_close_matches
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PositiveFloat, create_model, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PositiveFloat,
+    ValidationError,
+    create_model,
+    model_validator,
+)
 
+from tactemu.errors import SceneError, nearest
+from tactemu.scene.mistakes import listed, mistake
 from tactemu.scene.motion import MOTIONS, Motion, Sequence, Together
 
 Vector = tuple[float, float, float]
@@ -29,12 +38,6 @@ MODELS = {
 """``model`` of a skin: name of the sensor class in :mod:`tactemu`, cheapest first."""
 
 
-def nearest(name: str, known) -> str:
-    """``"; did you mean 'x'?"``, or nothing."""
-    near = get_close_matches(str(name), list(known), n=1, cutoff=0.5)
-    return f"; did you mean {near[0]!r}?" if near else ""
-
-
 class Table(BaseModel):
     """A table of the file. A key that it does not have is an error that names the nearest one."""
 
@@ -48,9 +51,7 @@ class Table(BaseModel):
             for key in data:
                 if key not in known:
                     hint = nearest(key, known) or f"; it has: {', '.join(known)}"
-                    raise PydanticCustomError(
-                        "unknown_key", "unknown key {key}{hint}", {"key": repr(key), "hint": hint}
-                    )
+                    raise mistake(f"unknown key {key!r}{hint}")
         return data
 
 
@@ -78,11 +79,10 @@ def make_motion(tables: dict | list) -> Motion:
     if isinstance(tables, list):
         return Sequence(tuple(make_motion(table) for table in tables))
     if not isinstance(tables, dict):
-        raise PydanticCustomError("motion", "expected a table with a `kind`, or a list of such tables")
+        raise mistake("expected a table with a `kind`, or a list of such tables")
     kind = tables.get("kind", "")
     if not isinstance(kind, str) or kind not in MOTIONS:
-        what = {"kind": repr(kind), "hint": nearest(kind, MOTIONS), "known": ", ".join(MOTIONS)}
-        raise PydanticCustomError("motion_kind", "unknown kind of motion {kind}{hint} (kinds: {known})", what)
+        raise mistake(f"unknown kind of motion {kind!r}{nearest(kind, MOTIONS)} (kinds: {', '.join(MOTIONS)})")
     if kind in ("sequence", "together"):
         checked = _CombinedTable.model_validate(tables)
         parts = tuple(make_motion(table) for table in checked.motions)
@@ -178,8 +178,20 @@ SHAPES = {
 }
 
 
+def _has_a_shape(data: Any) -> Any:
+    shape = data.get("shape") if isinstance(data, dict) else None
+    if isinstance(data, dict) and (not isinstance(shape, str) or shape not in SHAPES):
+        said = f"unknown shape {shape!r}{nearest(shape, SHAPES)}" if "shape" in data else "missing key 'shape'"
+        raise mistake(f"{said} (shapes: {', '.join(SHAPES)})")
+    return data
+
+
 AnyBody = Annotated[
-    SphereBody | BoxBody | CapsuleBody | CylinderBody | PlaneBody | FrameBody | MeshBody, Field(discriminator="shape")
+    Annotated[
+        SphereBody | BoxBody | CapsuleBody | CylinderBody | PlaneBody | FrameBody | MeshBody,
+        Field(discriminator="shape"),
+    ],
+    BeforeValidator(_has_a_shape),
 ]
 
 
@@ -229,7 +241,7 @@ class Skin(Table):
         return self.name or self.device.rpartition(":")[2]
 
 
-class Event(Table):
+class EventTable(Table):
     """One line of the schedule: something goes wrong, or changes, while the scene runs."""
 
     at: float = Field(default=0.0, ge=0, description="[s]")
@@ -241,6 +253,20 @@ class Event(Table):
     value: float | None = Field(default=None, description="what dead taxels read; default: their last reading")
     hang: bool = Field(default=False, description="the device neither samples nor answers until `until`")
     reset: bool = Field(default=False, description="the device restarts as after power-up")
+
+
+class Event(EventTable):
+    """An entry ``[[scenario]]`` of a scene file, made in Python: ``tt.Event(at=2, dead=(4,))``.
+
+    Raises:
+        SceneError: a key that it does not have, or a value that does not fit.
+    """
+
+    def __init__(self, **entries: Any):
+        try:
+            super().__init__(**entries)
+        except ValidationError as error:
+            raise SceneError(listed(error, entries, "event")) from None
 
 
 class World(Table):
@@ -258,4 +284,4 @@ class SceneFile(Table):
     scene: World = World()
     body: tuple[AnyBody, ...] = ()
     skin: tuple[Skin, ...] = Field(min_length=1)
-    scenario: tuple[Event, ...] = ()
+    scenario: tuple[EventTable, ...] = ()

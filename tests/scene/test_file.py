@@ -146,3 +146,14 @@ def test_a_device_file_is_found_beside_the_scene(tmp_path):
     )
     devices = make_devices(file.load(path))
     assert devices["Mine"].layout.positions.shape == (6, 3)
+
+
+def test_a_device_file_runs_once_however_often_it_is_named(tmp_path, capsys):
+    (tmp_path / "mine.py").write_text(
+        "from firmware_protocols.template import VendorModel\nprint('run')\nclass Mine(VendorModel): pass\n"
+    )
+    name = f"{tmp_path}/mine.py:Mine"
+    device = file.load_device(name)
+    (made,) = make_devices(file.load(name)).values()
+    assert type(made) is device
+    assert capsys.readouterr().out == "run\n"

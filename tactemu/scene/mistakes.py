@@ -1,0 +1,56 @@
+"""What is wrong with tables, in words: where, what was expected and what was got."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import ValidationError
+from pydantic_core import PydanticCustomError
+
+_WHOLE = "whole_sentence"
+
+
+def mistake(sentence: str) -> PydanticCustomError:
+    """The error to raise in a validator whose sentence needs nothing added."""
+    return PydanticCustomError(_WHOLE, "{sentence}", {"sentence": sentence})
+
+
+def listed(error: ValidationError, data: Any, where: str, at: tuple[str, ...] = ()) -> str:
+    """A line for each mistake that pydantic found in ``data``.
+
+    Args:
+        error: as pydantic raised it.
+        data: the tables that were checked.
+        where: the file, or the table within it: what each line begins with.
+        at: the way from there to ``data``.
+    """
+    start = "".join(f".{part}" for part in at)
+    return "\n".join(f"{where}{_way(start, entry['loc'], data)}: {_said(entry)}" for entry in error.errors())
+
+
+def _way(text: str, loc: tuple, data: Any) -> str:
+    """``: body[1] 'ball'.radius``: the way to a key, with the table's name where it has one."""
+    for part in loc:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        elif isinstance(data, dict) and data.get("shape") == part:
+            continue  # pydantic names the branch of the union
+        else:
+            text += f".{part}"
+        data = _inside(data, part)
+        name = data.get("name", data.get("device")) if isinstance(part, int) and isinstance(data, dict) else None
+        if isinstance(name, str):
+            text += f" {name!r}"
+    return f": {text.lstrip('.')}" if text else ""
+
+
+def _inside(data: Any, part: int | str) -> Any:
+    if isinstance(part, int):
+        return data[part] if isinstance(data, list | tuple) and part < len(data) else None
+    return data.get(part) if isinstance(data, dict) else None
+
+
+def _said(entry: Any) -> str:
+    if entry["type"] in (_WHOLE, "missing"):
+        return "missing key" if entry["type"] == "missing" else entry["msg"]
+    return f"{entry['msg'][0].lower()}{entry['msg'][1:]}, got {entry.get('input')!r}"
