@@ -1,13 +1,16 @@
 """The contract between a sensor's firmware model and whoever runs it.
 
 A :class:`Device` is a state machine: readings and the driver's bytes go in, frames come out. It does no I/O, owns
-no clock and draws no random number; the time is an argument (``t_ns``, integer nanoseconds since power-on of the
-emulation), so that every test is instant and the same inputs give the same bytes.
+no clock and draws no random number, so that every test is instant and the same inputs give the same bytes.
+
+* ``__init__`` is power-up: what it sets is the firmware's memory, and a restart runs it again. Only ``flash`` survives.
+* Time is an argument: ``t_ns``, integer nanoseconds on the device's own clock. Nothing here asks for it.
+* A method returns what the firmware does, in order: frames to send, :class:`Sent`, :class:`Convert`, :class:`Restart`.
 
 Frames and signs, once and for all:
 
 * SI units up to the ADC, counts only after it.
-* Vectors are in the *link frame of the skin*; a taxel's normal points out of the skin.
+* Vectors are in the frame of the *link that carries the skin*; a taxel's normal points out of the skin.
 * Forces are those acting *on the skin*: a push has a negative component along the taxel's normal.
 """
 
@@ -15,323 +18,310 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import ClassVar, Literal
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal
 
 import numpy as np
 
-Quantity = Literal["force", "pressure", "depth", "displacement", "touch"]
-"""What a device's transducers see: ``force`` [N] (n, 3), ``pressure`` [Pa] (n,), ``depth`` [m] (n,),
-``displacement`` [m] (n, 3), ``touch`` bool (n,)."""
+from firmware_protocols import state as plain
+from firmware_protocols.commands import Command
+from firmware_protocols.connectors import Connector
+from firmware_protocols.frames import CanFrame
+from firmware_protocols.layouts import Layout
+
+Quantity = Literal[
+    "force", "pressure", "depth", "displacement", "touch",
+    "temperature", "acceleration", "angular_velocity", "wrench", "vibration", "load",
+]  # fmt: skip
+"""What transducers see, at the n points of a layout. Per taxel: ``force`` [N] (n, 3), ``pressure`` [Pa] (n,), ``depth``
+[m] (n,), ``displacement`` [m] (n, 3), ``touch`` bool (n,). Around it: ``temperature`` [°C] (n,), ``acceleration`` [m/s²]
+(n, 3), proper, so at rest it points up, ``angular_velocity`` [rad/s] (n, 3). Of all the skin's taxels together, about
+each point: ``wrench`` [N, Nm] (n, 6); ``vibration`` [Pa] (n,), the pressure in a common medium. ``load`` [Nm, N] (n,) of
+each joint in the order of :meth:`Device.joints`."""
 
 Evidence = Literal["captured", "vendor document", "firmware", "driver", "assumed"]
 """Where a byte table comes from, best first."""
 
+if TYPE_CHECKING:  # a device's frames are bytes unless it says Device[CanFrame]
+    from typing_extensions import TypeVar
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class CanFrame:
-    """One CAN or CAN-FD frame. ``data`` is at most 8 bytes, or a valid FD length when ``is_fd``."""
+    F = TypeVar("F", bound=bytes | CanFrame, default=bytes)
+else:
+    from typing import TypeVar
 
-    arbitration_id: int
-    data: bytes = b""
-    is_extended_id: bool = False
-    is_remote_frame: bool = False
-    is_fd: bool = False
-    bitrate_switch: bool = False
-    is_error_frame: bool = False
-    """Not a frame of a device: the bus was disturbed while this frame was on it (made by faults, seen by drivers)."""
-
-    def __str__(self) -> str:
-        """``candump`` notation: ``027#B1C6`` (classic), ``18FF0000##1AABB`` (FD, flags digit)."""
-        ident = f"{self.arbitration_id:08X}" if self.is_extended_id else f"{self.arbitration_id:03X}"
-        if self.is_error_frame:
-            return f"{ident}#ERROR"
-        if self.is_remote_frame:
-            return f"{ident}#R"
-        mark = f"##{int(self.bitrate_switch)}" if self.is_fd else "#"
-        return f"{ident}{mark}{self.data.hex().upper()}"
-
-
-Frame = bytes | CanFrame
-"""A serial frame is ``bytes`` and is written in one ``write()``; a CAN frame is a :class:`CanFrame`."""
+    F = TypeVar("F")
 
 
 @dataclass(frozen=True, slots=True)
-class Delayed:
-    """A frame that the firmware sends ``delay_ns`` after the call that caused it (conversion, flash write ...)."""
+class Sent(Generic[F]):
+    """A frame that is not simply sent now, where the cause came from."""
 
-    frame: Frame
-    delay_ns: int
-
-
-Outgoing = Frame | Delayed
-
-
-@dataclass(frozen=True, kw_only=True)
-class SerialWire:
-    """A UART or a USB-CDC port. On a true UART (``usb=False``) the driver's baud must match and bytes take time."""
-
-    baud: int
-    bytesize: int = 8
-    parity: Literal["N", "E", "O"] = "N"
-    stopbits: int = 1
-    usb: bool = False
-    """USB-CDC: the baud rate is a number that nobody uses; neither pacing nor mismatch applies."""
-
-    kind: ClassVar[str] = "serial"
-
-    @property
-    def bits_per_byte(self) -> int:
-        """Start, data, parity and stop bits."""
-        return 1 + self.bytesize + (self.parity != "N") + self.stopbits
+    frame: F
+    port: str = ""
+    """Default: where the request came in, else the device's first port."""
+    delay_ns: int = 0
+    """After the call (conversion, flash write ...); for an answer: after the request's last bit."""
+    turn: int = 0
+    """Place among the answers to one broadcast on a shared line: it begins when those before have ended."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class CanWire:
-    """A CAN bus; ``data_bitrate`` makes it CAN-FD with bit rate switching."""
+@dataclass(frozen=True, slots=True)
+class Convert:
+    """One conversion of a stream, out of its period: the runner calls ``feel`` and ``stream`` then."""
 
-    bitrate: int = 1_000_000
-    data_bitrate: int | None = None
-
-    kind: ClassVar[str] = "can"
+    stream: str = ""
+    delay_ns: int = 0
 
 
-@dataclass(frozen=True, kw_only=True)
-class TcpWire:
-    """A TCP server that speaks a framing of its own (Modbus TCP ...), not a raw serial stream."""
+@dataclass(frozen=True, slots=True)
+class Restart:
+    """Power-up again (reset command, watchdog, DTR), boot time included."""
 
-    port: int
-
-    kind: ClassVar[str] = "tcp"
+    delay_ns: int = 0
 
 
-Wire = SerialWire | CanWire | TcpWire
+Outs = Sequence["F | Sent[F] | Convert | Restart"]
+Counts = np.ndarray | Mapping[str, np.ndarray]
+"""What a perfect driver would decode, points in layout order; by sense where a stream converts several."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Patch:
-    """A run of taxels that forms a picture: ``rows * cols`` taxels from index ``start``, row-major.
+@dataclass(frozen=True)
+class Sense:
+    """One quantity at the points of a layout; a quantity alone stands for ``Sense(quantity)`` at ``device.layout``."""
 
-    ``rows = 0`` marks a free layout of ``cols`` taxels that is drawn by position.
-    """
-
-    name: str
-    start: int
-    rows: int
-    cols: int
+    quantity: Quantity
+    at: Layout | None = None
+    name: str = ""
+    """Key in the reading and in the counts; default: the quantity."""
+    burst: int = 1
+    """Values per conversion, evenly over the time since the last, oldest first: a last axis of this length."""
 
     @property
-    def taxels(self) -> slice:
-        """Indices of this patch in every ``(n_taxels, ...)`` array."""
-        return slice(self.start, self.start + max(self.rows, 1) * self.cols)
+    def key(self) -> str:
+        """Its name in readings and counts."""
+        return self.name or self.quantity
 
 
-@dataclass(frozen=True, kw_only=True)
-class Layout:
-    """Where the taxels are. All arrays in the skin's link frame.
+@dataclass(frozen=True)
+class Stream:
+    """Conversions at one rate, of some of the senses."""
 
-    Raises:
-        ValueError: shapes disagree, a normal is not a unit vector, or ``wire_order`` is not a permutation.
-    """
-
-    positions: np.ndarray
-    """Taxel centres [m], shape ``(n_taxels, 3)``."""
-    normals: np.ndarray
-    """Unit normals out of the skin, shape ``(n_taxels, 3)``."""
-    x_axes: np.ndarray = field(default=None)  # type: ignore[assignment]
-    """Unit x axes of the taxels' own frames (z is the normal), shape ``(n_taxels, 3)``; default: link x projected."""
-    wire_order: np.ndarray = field(default=None)  # type: ignore[assignment]
-    """``wire_order[k]`` is the taxel sent at place k, shape ``(n_taxels,)``; default: as listed."""
-    patches: tuple[Patch, ...] = ()
-    pitch: float = 0.002
-    """Distance of neighbours [m]: sets default probe radii and drawing."""
-    area: float = 0.0
-    """Area that one taxel stands for [m²]; default ``pitch**2``."""
-
-    def __post_init__(self):
-        positions = np.atleast_2d(np.asarray(self.positions, float)).reshape(-1, 3)
-        n = len(positions)
-        normals = np.broadcast_to(np.asarray(self.normals, float), (n, 3))
-        if n and not np.allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-6):
-            raise ValueError("Layout.normals: every normal must have length 1")
-        order = np.arange(n) if self.wire_order is None else np.asarray(self.wire_order, int)
-        if sorted(order.tolist()) != list(range(n)):
-            raise ValueError(f"Layout.wire_order: expected a permutation of 0..{n - 1}, got {order}")
-        x_axes = _default_x_axes(normals) if self.x_axes is None else np.asarray(self.x_axes, float)
-        store = object.__setattr__
-        store(self, "positions", positions)
-        store(self, "normals", normals)
-        store(self, "x_axes", np.broadcast_to(x_axes, (n, 3)))
-        store(self, "wire_order", order)
-        store(self, "area", self.area or self.pitch**2)
-        if not self.patches:
-            store(self, "patches", (Patch(name="all", start=0, rows=0, cols=n),))
-
-    def __len__(self) -> int:
-        return len(self.positions)
-
-    def to_taxel_frame(self, vectors: np.ndarray) -> np.ndarray:
-        """Vectors of the link frame, shape ``(n_taxels, 3)``, in each taxel's own frame (x, y, z = normal)."""
-        y_axes = np.cross(self.normals, self.x_axes)
-        return np.stack([(vectors * axis).sum(-1) for axis in (self.x_axes, y_axes, self.normals)], axis=-1)
-
-    def push(self, forces: np.ndarray) -> np.ndarray:
-        """How hard each taxel is pushed into the skin [N], shape ``(n_taxels,)``; ``forces`` as in :class:`Reading`."""
-        return -(np.asarray(forces) * self.normals).sum(-1)
+    rate_hz: float
+    """After power-up; 0 waits for the firmware to set a period, or for :class:`Convert`."""
+    senses: tuple[str, ...] = ()
+    """Keys; default: all."""
 
 
-def _default_x_axes(normals: np.ndarray) -> np.ndarray:
-    """Link x projected on each tangent plane; link y where the normal is (nearly) along x."""
-    seed = np.where(np.abs(normals[:, :1]) > 0.9, [[0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0]])
-    tangent = seed - normals * (seed * normals).sum(-1, keepdims=True)
-    return tangent / np.linalg.norm(tangent, axis=-1, keepdims=True)
-
-
-def grid_layout(rows: int, cols: int, pitch: float, *, name: str = "pad", origin=(0.0, 0.0, 0.0)) -> Layout:
-    """A flat grid centred on ``origin`` [m], normal +z; row 0 at the largest y, column 0 at the smallest x."""
-    x = (np.arange(cols) - (cols - 1) / 2) * pitch
-    y = ((rows - 1) / 2 - np.arange(rows)) * pitch
-    xx, yy = np.meshgrid(x, y)
-    positions = np.stack([xx, yy, np.zeros_like(xx)], -1).reshape(-1, 3) + np.asarray(origin, float)
-    patch = Patch(name=name, start=0, rows=rows, cols=cols)
-    return Layout(positions=positions, normals=np.array([0.0, 0.0, 1.0]), pitch=pitch, patches=(patch,))
-
-
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Reading:
-    """What the transducers of one device see at one instant, in SI units, taxels in layout order."""
+    """What the senses of one stream see at one instant: ``reading["force"]``, SI, points in layout order."""
 
-    t_ns: int
-    values: np.ndarray
-    """Shape and unit by the device's ``senses`` (see :data:`Quantity`); vectors in the link frame."""
-    temperature: float | np.ndarray = 25.0
-    """[°C], one number or shape ``(n_taxels,)``."""
-    acceleration: tuple[float, float, float] = (0.0, 0.0, 9.80665)
-    """Proper acceleration of the link [m/s²], link frame (at rest: up)."""
-    angular_velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Of the link [rad/s], link frame."""
+    values: Mapping[str, np.ndarray]
+    stream: str = ""
+
+    def __getitem__(self, key: str) -> np.ndarray:
+        if key not in self.values:
+            raise KeyError(f"stream {self.stream!r} converts {sorted(self.values)}, not {key!r}: add it to `senses`")
+        return self.values[key]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Command:
-    """One documented command: what a driver sends and what the firmware answers. The contract test sends each.
-
-    ``reply`` is the exact answer, ``None`` for documented silence, or a predicate over the answer's frames where the
-    answer holds a reading.
-    """
+class Column:
+    """One number of what :meth:`Device.feel` returns for a point: a column of the counts."""
 
     name: str
-    request: Frame
-    reply: Sequence[Frame] | Callable[[list[Frame]], bool] | None
-    about: str = ""
-    after: Sequence[Frame] = ()
-    """Requests to send first (select a port, unlock ...)."""
+    axis: Literal["", "x", "y", "z"] = ""
+    """Of the taxel's own frame; "" for a magnitude."""
+    unit: str = ""
+    """SI unit; "" where no scale is published."""
+    counts_per_unit: float | None = None
+    """``None`` where it is not published, or the law is no line."""
+    low: int
+    """The least count that it can show."""
+    high: int
+    """The greatest count that it can show."""
+    rest: int = 0
+    """Untouched."""
+    push: Literal[-1, 0, 1] = 0
+    """Which way it goes as its taxel is pushed; 0: it need not move."""
+    sense: str = ""
+    """Key of the counts, where a device has several senses."""
+    shared: bool = False
+    """One number for all points, not one each."""
 
 
-class Device(ABC):
+@dataclass(frozen=True, kw_only=True)
+class Rollover:
+    """A counter or clock on the wire that begins anew when it is full."""
+
+    name: str
+    bits: int
+    step: int = 1
+    """Per frame; of a clock: per second."""
+    clock: bool = False
+    """It counts time, not frames."""
+    state: str = ""
+    """The attribute that holds it (of a clock: what is added to the time), so that :meth:`Device.preset` can set it."""
+
+
+class Device(ABC, Generic[F]):
     """A model of one sensor's firmware. One file, one family; the file's docstring is its datasheet.
 
-    Subclasses set the class attributes, build ``self.layout`` in ``__init__`` (keyword-only options with defaults),
-    and write :meth:`digitize`, :meth:`stream` and, if the sensor takes commands, :meth:`receive`.
+    Write :meth:`feel`, then :meth:`stream` and :meth:`receive` where the sensor has them. Declarations are class
+    attributes or, where an option decides, set in ``__init__`` (keyword-only options with defaults); the datasheet is
+    printed from an instance. State is plain data (:mod:`firmware_protocols.state`).
     """
 
     name: ClassVar[str]
     """Registry name, lower case with underscores."""
-    title: ClassVar[str]
+    title: str
     """Vendor and model as people call it."""
-    wires: ClassVar[tuple[Wire, ...]]
-    """The wires it can be plugged into, the usual one first."""
-    senses: ClassVar[Quantity] = "force"
-    rate_hz: ClassVar[float] = 100.0
-    """Sampling rate unless a command or ``tactemu run --rate`` says otherwise."""
-    boot_s: ClassVar[float] = 0.0
-    """After power-up or a reset: how long it neither samples nor hears [s]."""
-    evidence: ClassVar[tuple[Evidence, ...]]
-    sources: ClassVar[tuple[str, ...]]
+    ports: tuple[Connector, ...]
+    """Its connectors, the usual one first. Live: a firmware that changes its baud rate replaces one."""
+    senses: tuple[Quantity | Sense, ...] = ("force",)
+    rate_hz: float = 100.0
+    """Conversions per second after power-up, of a device with one stream. The user's wish overrides it."""
+    streams: Mapping[str, Stream] = {}
+    """Of a device with several, by name."""
+    columns: tuple[Column, ...] = ()
+    """What the counts mean."""
+    rollovers: tuple[Rollover, ...] = ()
+    boot_s: float = 0.0
+    """After power-up or a restart: how long it neither samples nor hears [s]."""
+    evidence: tuple[Evidence, ...]
+    sources: tuple[str, ...]
     """Where each table comes from: repository@commit file, manual page, capture."""
-    judge: ClassVar[str] = "none"
+    judge: str = "none"
     """The unmodified driver (package and version) that has read this device."""
-    assumed: ClassVar[tuple[str, ...]] = ()
+    assumed: tuple[str, ...] = ()
     """What no source states and we chose."""
     scene: ClassVar[str] = ""
-    """Default scene in the scene file's TOML (``docs/scene-files.md``), so that the device's name alone runs.
-    Empty: one is made from the layout, a ball that presses the middle of each patch."""
+    """Default scene in the scene file's TOML, for a device outside the tree. Empty: one is made from the layout, a ball
+    that presses the middle of each patch."""
 
     layout: Layout
+    """Where the taxels are. From the options alone: a restart makes an equal one."""
 
-    def __init__(self):
-        self.wire: Wire = self.wires[0]
-        self.counts: np.ndarray = np.zeros(0)
-        """Latest output of :meth:`digitize`."""
-        self.counters: Counter[str] = Counter()
-        """What became of the driver's bytes: ``requests``, ``bad_checksum``, ``unknown_command`` ..."""
-        self._period_ns = round(1e9 / self.rate_hz)
+    options: Mapping[str, Any]
+    """Given: what ``__init__`` got."""
+    flash: dict[str, Any]
+    """Given: survives power-off; empty in a new device."""
+    counters: Counter[str]
+    """Given: what became of the driver's bytes (``requests``, ``bad_checksum``, ``unknown_command`` ...). Of the
+    emulation, not of the firmware: survives too."""
+    wake_ns: int | None
+    """Set it, and :meth:`wake` is called at that time of the device's clock."""
 
-    # -- what the runner asks -------------------------------------------------------------------------------------
+    if not TYPE_CHECKING:  # editors and checkers see the signature of __init__
+
+        def __new__(cls, **options):
+            device = super().__new__(cls)
+            device.options, device.flash, device.counters, device.wake_ns = options, {}, Counter(), None
+            return device
+
+    # -- what the runner asks --------------------------------------------------------------------------------------
+
+    @cached_property
+    def periods(self) -> dict[str, int]:
+        """The firmware's sampling periods by stream [ns]; 0 is off. A change starts counting anew."""
+        streams = self.streams or {"": Stream(self.rate_hz)}
+        return {name: round(1e9 / each.rate_hz) if each.rate_hz else 0 for name, each in streams.items()}
 
     @property
     def period_ns(self) -> int:
-        """Time between samples [ns]; a command may change it."""
-        return self._period_ns
+        """The period of a device with one stream [ns]; a command may change it."""
+        return self.periods[""]
 
     @period_ns.setter
     def period_ns(self, value: int) -> None:
-        if value <= 0:
-            raise ValueError(f"{self.name}: sampling period must be > 0 ns, got {value}")
-        self._period_ns = int(value)
+        if value < 0:
+            raise ValueError(f"{self.name}: a sampling period must be >= 0 ns, got {value}")
+        self.periods[""] = int(value)
 
     @property
-    def commands(self) -> tuple[Command, ...]:
-        """Every documented command, for `tactemu devices NAME` and for the contract test."""
-        return ()
+    def sensed(self) -> tuple[Sense, ...]:
+        """``senses`` in full."""
+        whole = (Sense(each) if isinstance(each, str) else each for each in self.senses)
+        return tuple(s if s.at is not None else Sense(s.quantity, self.layout, s.name, s.burst) for s in whole)
 
-    def plug(self, kind: str) -> Wire:
-        """Choose the wire of this kind (``serial``, ``can``, ``tcp``).
+    def senses_of(self, stream: str) -> tuple[Sense, ...]:
+        """What one stream converts."""
+        wanted = self.streams[stream].senses if self.streams else ()
+        return tuple(sense for sense in self.sensed if not wanted or sense.key in wanted)
+
+    def connector(self, port: str) -> Connector:
+        """The connector called ``port``; a client of one (``tcp/2``) is the connector's own."""
+        name = port.partition("/")[0]
+        return next(each for each in self.ports if each.name == name)
+
+    def power_cycle(self) -> None:
+        """Forget everything but options, flash and counters, and power up. The runner's, as is the time it takes."""
+        kept = {name: getattr(self, name) for name in ("options", "flash", "counters")}
+        vars(self).clear()
+        vars(self).update(kept, wake_ns=None)
+        self.__init__(**self.options)
+
+    def snapshot(self) -> dict[str, Any]:
+        """The whole state as plain data, for :meth:`restore` of a device with the same options, also elsewhere."""
+        return plain.save(self)
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from a snapshot, as often as you like."""
+        plain.load(self, state)
+
+    def preset(self, name: str, value: int) -> None:
+        """Set a counter or clock of :attr:`rollovers`, so that a test need not wait until it is full.
 
         Raises:
-            ValueError: the sensor has no such connector.
+            KeyError: it has none of this name that can be set.
         """
-        for wire in self.wires:
-            if wire.kind == kind:
-                self.wire = wire
-                return wire
-        has = ", ".join(w.kind for w in self.wires)
-        raise ValueError(f"{self.name} cannot be reached over {kind}; it has: {has}")
-
-    def power_on(self, t_ns: int) -> Sequence[Outgoing]:
-        """Back to the state after power-up; returns the boot banner, if there is one."""
-        return ()
-
-    def opened(self, t_ns: int) -> Sequence[Outgoing]:
-        """The driver opened the port (DTR rose, a client connected)."""
-        return ()
-
-    def closed(self, t_ns: int) -> None:
-        """The driver closed the port."""
-
-    def sample(self, reading: Reading, t_ns: int) -> Sequence[Outgoing]:
-        """Convert one reading and return what the sensor sends unasked."""
-        self.counts = self.digitize(reading)
-        return self.stream(t_ns)
+        for each in self.rollovers:
+            if each.name == name and each.state:
+                setattr(self, each.state, value)
+                return
+        raise KeyError(f"{self.name}: no counter {name!r} to preset: {[r.name for r in self.rollovers if r.state]}")
 
     # -- what a device writes --------------------------------------------------------------------------------------
 
     @abstractmethod
-    def digitize(self, reading: Reading) -> np.ndarray:
-        """The ADC: SI values to what a perfect driver would decode, saturation included; taxels in layout order.
+    def feel(self, reading: Reading, t_ns: int) -> Counts:
+        """The ADC: SI values into state; returns what a perfect driver would decode, saturation included.
 
-        Shape ``(n_taxels,)`` or ``(n_taxels, n_channels)``. The truth log keeps this array beside every frame.
+        Points in layout order, shape ``(n_points,)`` or ``(n_points, n_columns)``; by sense where there are several.
+        Sends nothing. Called once after boot, before the first period, so that a polled device knows a value.
         """
 
-    def stream(self, t_ns: int) -> Sequence[Outgoing]:
-        """Frames that leave at every sample; empty for a sensor that only answers."""
+    def stream(self, t_ns: int, name: str) -> Outs[F]:
+        """What leaves unasked after each conversion of the stream ``name``."""
         return ()
 
-    def receive(self, data: Frame, t_ns: int) -> Sequence[Outgoing]:
-        """Bytes in chunks of any size, or one CAN frame, from the driver; returns the firmware's answers.
+    def receive(self, data: F, t_ns: int, port: str) -> Outs[F]:
+        """Bytes in chunks of any size, or one CAN frame, from the driver; the firmware's answers.
 
         Never raises on bad input: it is counted in ``self.counters`` and answered as the firmware would, or not at all.
         """
         self.counters["ignored"] += 1
+        return ()
+
+    def boot(self, t_ns: int) -> Outs[F]:
+        """What it says when it has booted."""
+        return ()
+
+    def lines(self, dtr: bool, rts: bool, t_ns: int, port: str) -> Outs[F]:
+        """Modem lines moved; where there are none, both follow the port: opened or connected, closed."""
+        return ()
+
+    def wake(self, t_ns: int) -> Outs[F]:
+        """``wake_ns`` has come (and is ``None`` again)."""
+        return ()
+
+    def joints(self, t_ns: int) -> Mapping[str, float]:
+        """Where its actuators are [rad, m]; bodies of the scene may follow."""
+        return {}
+
+    @property
+    def commands(self) -> tuple[Command, ...]:
+        """Every documented command, for the datasheet and for ``tactemu check``."""
         return ()

@@ -1,49 +1,178 @@
-"""Building a skin from pieces: put a flat pad somewhere, join pads into one layout, fill a pad with n taxels."""
+"""Where the transducers are: points with a frame each, in patches that sit on links; and how to build a skin of them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from firmware_protocols.device import Layout, Patch
+
+@dataclass(frozen=True, kw_only=True)
+class Patch:
+    """A run of taxels that forms a picture: ``rows * cols`` taxels from index ``start``, row-major.
+
+    ``rows = 0`` marks a free layout of ``cols`` taxels that is drawn by position.
+    """
+
+    name: str
+    start: int
+    rows: int
+    cols: int
+    pitch: float = 0.002
+    """Distance of neighbours [m]: sets default probe radii and drawing."""
+    area: float = 0.0
+    """Area that one taxel stands for [m²]; default ``pitch**2``."""
+    link: str = ""
+    """Which of the device's links carries it; "" the device's own."""
+
+    def __post_init__(self):
+        if not self.area:
+            object.__setattr__(self, "area", self.pitch**2)
+
+    def __len__(self) -> int:
+        return max(self.rows, 1) * self.cols
+
+    @property
+    def taxels(self) -> slice:
+        """Indices of this patch in every ``(n_taxels, ...)`` array."""
+        return slice(self.start, self.start + len(self))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layout:
+    """Where the taxels are. All arrays in the frames of the links that carry them (one link unless patches say more).
+
+    Raises:
+        ValueError: shapes disagree, a normal is not a unit vector, ``wire_order`` is not a permutation, or the patches
+            do not cover every taxel once.
+    """
+
+    positions: np.ndarray
+    """Taxel centres [m], shape ``(n_taxels, 3)``."""
+    normals: np.ndarray
+    """Unit normals out of the skin, shape ``(n_taxels, 3)``."""
+    x_axes: np.ndarray = field(default=None)  # type: ignore[assignment]
+    """Unit x axes of the taxels' own frames (z is the normal), shape ``(n_taxels, 3)``; default: link x projected."""
+    wire_order: np.ndarray = field(default=None)  # type: ignore[assignment]
+    """``wire_order[k]`` is the taxel sent at place k, shape ``(n_taxels,)``; default: as listed."""
+    patches: tuple[Patch, ...] = ()
+
+    def __post_init__(self):
+        positions = np.atleast_2d(np.asarray(self.positions, float)).reshape(-1, 3)
+        n = len(positions)
+        normals = np.broadcast_to(np.asarray(self.normals, float), (n, 3))
+        if n and not np.allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-6):
+            raise ValueError("Layout.normals: every normal must have length 1")
+        order = np.arange(n) if self.wire_order is None else np.asarray(self.wire_order, int)
+        if not np.array_equal(np.sort(order), np.arange(n)):
+            raise ValueError(f"Layout.wire_order: expected a permutation of 0..{n - 1}, got {order}")
+        x_axes = _default_x_axes(normals) if self.x_axes is None else np.asarray(self.x_axes, float)
+        patches = self.patches or (Patch(name="all", start=0, rows=0, cols=n),)
+        covered = sorted((patch.start, patch.start + len(patch)) for patch in patches)
+        if [0, *(stop for _, stop in covered)] != [*(start for start, _ in covered), n]:
+            raise ValueError(f"Layout.patches: expected every taxel of 0..{n - 1} in one patch, got runs {covered}")
+        store = object.__setattr__
+        store(self, "positions", positions)
+        store(self, "normals", normals)
+        store(self, "x_axes", np.broadcast_to(x_axes, (n, 3)))
+        store(self, "wire_order", order)
+        store(self, "patches", patches)
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Names of the links that carry patches."""
+        return tuple(dict.fromkeys(patch.link for patch in self.patches))
+
+    @property
+    def pitches(self) -> np.ndarray:
+        """Each taxel's pitch [m], shape ``(n_taxels,)``."""
+        return self._by_taxel("pitch")
+
+    @property
+    def areas(self) -> np.ndarray:
+        """The area that each taxel stands for [m²], shape ``(n_taxels,)``."""
+        return self._by_taxel("area")
+
+    def _by_taxel(self, name: str) -> np.ndarray:
+        values = np.empty(len(self))
+        for patch in self.patches:
+            values[patch.taxels] = getattr(patch, name)
+        return values
+
+    def on_wire(self, values: np.ndarray) -> np.ndarray:
+        """Per-taxel values in the order in which they are sent."""
+        return values[self.wire_order]
+
+    def to_taxel_frame(self, vectors: np.ndarray) -> np.ndarray:
+        """Vectors of the link frame, shape ``(n_taxels, 3)``, in each taxel's own frame (x, y, z = normal)."""
+        y_axes = np.cross(self.normals, self.x_axes)
+        return np.stack([(vectors * axis).sum(-1) for axis in (self.x_axes, y_axes, self.normals)], axis=-1)
+
+    def push(self, forces: np.ndarray) -> np.ndarray:
+        """How hard each taxel is pushed into the skin [N], shape ``(n_taxels,)``, by forces on the skin ``(n, 3)``."""
+        return -(np.asarray(forces) * self.normals).sum(-1)
+
+
+def _default_x_axes(normals: np.ndarray) -> np.ndarray:
+    """Link x projected on each tangent plane; link y where the normal is (nearly) along x."""
+    seed = np.where(np.abs(normals[:, :1]) > 0.9, [[0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0]])
+    tangent = seed - normals * (seed * normals).sum(-1, keepdims=True)
+    return tangent / np.linalg.norm(tangent, axis=-1, keepdims=True)
+
+
+def grid_layout(
+    rows: int, cols: int, pitch: float, *, name: str = "pad", origin=(0.0, 0.0, 0.0), link: str = ""
+) -> Layout:
+    """A flat grid centred on ``origin`` [m], normal +z; row 0 at the largest y, column 0 at the smallest x."""
+    x = (np.arange(cols) - (cols - 1) / 2) * pitch
+    y = ((rows - 1) / 2 - np.arange(rows)) * pitch
+    xx, yy = np.meshgrid(x, y)
+    positions = np.stack([xx, yy, np.zeros_like(xx)], -1).reshape(-1, 3) + np.asarray(origin, float)
+    patch = Patch(name=name, start=0, rows=rows, cols=cols, pitch=pitch, link=link)
+    return Layout(positions=positions, normals=np.array([0.0, 0.0, 1.0]), patches=(patch,))
+
+
+def points(places: Mapping[str, Sequence[float]], *, pitch: float = 0.02, link: str = "") -> Layout:
+    """Single points by name [m], each a patch of its own, axes as the link's: chips, frames of force sensors, domes."""
+    patches = tuple(
+        Patch(name=name, start=k, rows=0, cols=1, pitch=pitch, link=link) for k, name in enumerate(places)
+    )
+    positions = np.array(list(places.values()), float).reshape(-1, 3)
+    return Layout(positions=positions, normals=np.array([0.0, 0.0, 1.0]), patches=patches)
 
 
 def place(layout: Layout, origin: Sequence[float], *, x_axis=(1.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0)) -> Layout:
     """``layout`` moved rigidly: its origin to ``origin`` [m], its x and z axes to ``x_axis`` and ``normal`` (unit)."""
     turn = np.stack([x_axis, np.cross(normal, x_axis), normal], axis=-1)
-    return Layout(
+    return replace(
+        layout,
         positions=layout.positions @ turn.T + np.asarray(origin, float),
         normals=layout.normals @ turn.T,
         x_axes=layout.x_axes @ turn.T,
-        wire_order=layout.wire_order,
-        patches=layout.patches,
-        pitch=layout.pitch,
-        area=layout.area,
     )
 
 
 def stack(*layouts: Layout) -> Layout:
-    """One layout of all the taxels, in this order on the skin and on the wire; pitch and area are the first one's."""
-    starts = np.cumsum([0, *map(len, layouts)])
-    patches = [
-        Patch(name=patch.name, start=patch.start + int(start), rows=patch.rows, cols=patch.cols)
-        for layout, start in zip(layouts, starts)
-        for patch in layout.patches
-    ]
+    """One layout of all the taxels, in this order on the skin and on the wire; patches keep pitch, area and link."""
+    starts = [int(start) for start in np.cumsum([0, *map(len, layouts)])]
+    pairs = list(zip(layouts, starts))
     return Layout(
         positions=np.concatenate([layout.positions for layout in layouts]),
         normals=np.concatenate([layout.normals for layout in layouts]),
         x_axes=np.concatenate([layout.x_axes for layout in layouts]),
-        wire_order=np.concatenate([layout.wire_order + start for layout, start in zip(layouts, starts)]),
-        patches=tuple(patches),
-        pitch=layouts[0].pitch,
-        area=layouts[0].area,
+        wire_order=np.concatenate([layout.wire_order + start for layout, start in pairs]),
+        patches=tuple(
+            replace(patch, start=patch.start + start) for layout, start in pairs for patch in layout.patches
+        ),
     )
 
 
-def filled(n_taxels: int, width: float, height: float, *, name: str) -> Layout:
+def filled(n_taxels: int, width: float, height: float, *, name: str, link: str = "") -> Layout:
     """``n_taxels`` spread evenly over a flat pad of ``width`` x ``height`` [m] (x, y), normal +z, in centred rows.
 
     For sensors whose taxel positions no source gives: the number of taxels is right, their places are an assumption.
@@ -56,10 +185,7 @@ def filled(n_taxels: int, width: float, height: float, *, name: str) -> Layout:
         for row, cols in enumerate(per_row)
         for col in range(cols)
     ]
-    return Layout(
-        positions=np.array(positions),
-        normals=np.array([0.0, 0.0, 1.0]),
-        patches=(Patch(name=name, start=0, rows=0, cols=n_taxels),),
-        pitch=min(step_x, step_y),
-        area=step_x * step_y,
+    patch = Patch(
+        name=name, start=0, rows=0, cols=n_taxels, pitch=min(step_x, step_y), area=step_x * step_y, link=link
     )
+    return Layout(positions=np.array(positions), normals=np.array([0.0, 0.0, 1.0]), patches=(patch,))

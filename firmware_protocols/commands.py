@@ -1,0 +1,44 @@
+"""Documented commands, each with a worked example and where it comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from firmware_protocols.frames import Frame, frame_of, matches
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Command:
+    """One documented command: what a driver sends and what the firmware answers. `tactemu check` sends each.
+
+    Frames are written as text (hex for bytes, candump notation for CAN) and are literal: bytes that the code under
+    test makes would only agree with themselves. In an answer ``..`` is any byte, ``..{12}`` twelve of them, ``*`` any
+    rest.
+    """
+
+    name: str
+    request: Frame | str
+    reply: Frame | str | Sequence[Frame | str] | Callable[[list[Any]], bool] | None = None
+    """The answer, or several in order; ``None``: documented silence; a predicate where no pattern can say it."""
+    about: str = ""
+    after: Sequence[Frame | str] = ()
+    """Requests to send first (select a port, unlock ...)."""
+    port: str = ""
+    """Where it is sent; default: the device's first port."""
+    origin: str = ""
+    """Where the example comes from: a manual's page, a capture, the driver that sends it."""
+
+    @property
+    def frame(self) -> Frame:
+        """The request as a frame."""
+        return frame_of(self.request)
+
+    def agrees(self, frames: Sequence[Any]) -> bool:
+        """Whether these frames are the documented answer."""
+        if callable(self.reply):
+            return bool(self.reply(list(frames)))
+        wanted = [] if self.reply is None else self.reply
+        wanted = list(wanted) if isinstance(wanted, list | tuple) else [wanted]
+        return len(frames) == len(wanted) and all(map(matches, wanted, frames))

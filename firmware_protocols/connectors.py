@@ -1,0 +1,75 @@
+"""What a device can be plugged into. A connector says what is soldered on; how its line behaves is the carrier's."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True)
+class USB:
+    """What a USB port says of itself when it is listed. Vendor and product ids as the vendor registered them."""
+
+    vid: int
+    pid: int
+    manufacturer: str = ""
+    product: str = ""
+    serial: str = ""
+    interface: int = 0
+    """Number of the interface, for boards with several ports."""
+    node: Literal["ttyACM", "ttyUSB"] = "ttyACM"
+    """The kernel's name for it: CDC-ACM, or a USB-serial bridge."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Connector:
+    """Any connector."""
+
+    name: str = ""
+    """Needed where a device has several."""
+    plugged: bool = True
+    """Whether it is in use unless the user says otherwise. The first connector always is."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Serial(Connector):
+    """A UART, or a USB-CDC port. On a true UART the driver's settings must match and bytes take time."""
+
+    baud: int
+    bytesize: int = 8
+    parity: Literal["N", "E", "O"] = "N"
+    stopbits: int = 1
+    usb: bool | USB = False
+    """USB-CDC: the baud rate is a number that nobody uses; neither pacing nor mismatch applies."""
+
+    @property
+    def bits_per_byte(self) -> int:
+        """Start, data, parity and stop bits."""
+        return 1 + self.bytesize + (self.parity != "N") + self.stopbits
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rs485(Serial):
+    """A half-duplex line (RS-485, one-wire TTL): one talks, all hear. Several devices may share it."""
+
+    turnaround_ns: int = 0
+    """From the last bit heard until the first that this device can send."""
+    echo: bool = False
+    """The host hears what it sends."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Can(Connector):
+    """A CAN bus; ``data_bitrate`` makes it CAN-FD with bit rate switching."""
+
+    bitrate: int = 1_000_000
+    data_bitrate: int | None = None
+    hears: tuple[tuple[int, int], ...] = ()
+    """``(id, mask)`` pairs that the device's controller takes; empty: everything that the host sends."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tcp(Connector):
+    """A TCP server that speaks a framing of its own (Modbus TCP ...), not a raw serial stream."""
+
+    port: int

@@ -1,0 +1,97 @@
+"""What travels: a serial frame is ``bytes``, a CAN frame is a :class:`CanFrame`; and both as text, for tables and logs."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+
+FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
+"""Numbers of data bytes that a CAN-FD frame can have."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CanFrame:
+    """One CAN or CAN-FD frame. ``data`` is at most 8 bytes, or a valid FD length when ``is_fd``."""
+
+    arbitration_id: int
+    data: bytes = b""
+    is_extended_id: bool = False
+    is_remote_frame: bool = False
+    is_fd: bool = False
+    bitrate_switch: bool = False
+    is_error_frame: bool = False
+    """Not a frame of a device: the bus was disturbed while this frame was on it (made by faults, seen by drivers)."""
+
+    def __str__(self) -> str:
+        """``candump`` notation: ``027#B1C6`` (classic), ``18FF0000##1AABB`` (FD, flags digit)."""
+        ident = f"{self.arbitration_id:08X}" if self.is_extended_id else f"{self.arbitration_id:03X}"
+        if self.is_error_frame:
+            return f"{ident}#ERROR"
+        if self.is_remote_frame:
+            return f"{ident}#R"
+        mark = f"##{int(self.bitrate_switch)}" if self.is_fd else "#"
+        return f"{ident}{mark}{self.data.hex().upper()}"
+
+    @staticmethod
+    def parse(text: str) -> CanFrame:
+        """The frame that ``str`` wrote; spaces between bytes are allowed.
+
+        Raises:
+            ValueError: it is not candump notation.
+        """
+        ident, mark, rest = text.replace(" ", "").partition("#")
+        if not mark:
+            raise ValueError(f"not a CAN frame: {text!r}; expected candump notation such as 027#B1C6")
+        is_fd, remote, error = rest.startswith("#"), rest == "R", rest == "ERROR"
+        return CanFrame(
+            arbitration_id=int(ident, 16),
+            data=b"" if remote or error else bytes.fromhex(rest[2:] if is_fd else rest),
+            is_extended_id=len(ident) > 3,
+            is_remote_frame=remote,
+            is_fd=is_fd,
+            bitrate_switch=is_fd and rest[1:2] == "1",
+            is_error_frame=error,
+        )
+
+
+Frame = bytes | CanFrame
+"""A serial frame is ``bytes`` and is written in one ``write()``; a CAN frame is a :class:`CanFrame`."""
+
+
+def frame_of(text: Frame | str) -> Frame:
+    """``"AA 07"`` or ``"201#0700"`` as a frame; frames pass.
+
+    Raises:
+        ValueError: it is neither hex nor candump notation.
+    """
+    if not isinstance(text, str):
+        return text
+    return CanFrame.parse(text) if "#" in text else bytes.fromhex(text)
+
+
+def text_of(frame: Frame) -> str:
+    """A frame in hex, or in candump notation."""
+    return str(frame) if isinstance(frame, CanFrame) else frame.hex()
+
+
+def payload(frame: Frame) -> bytes:
+    """The data bytes of a frame."""
+    return frame.data if isinstance(frame, CanFrame) else frame
+
+
+def with_payload(frame: Frame, data: bytes) -> Frame:
+    """The frame with other data; a CAN-FD frame is filled up with zeros to the next length that exists."""
+    if not isinstance(frame, CanFrame):
+        return data
+    if frame.is_fd:
+        data = data.ljust(next(size for size in FD_LENGTHS if size >= len(data)), b"\0")
+    return replace(frame, data=data)
+
+
+def matches(pattern: Frame | str, frame: Frame) -> bool:
+    """Whether a frame fits a pattern: a frame itself, or text in which ``..`` is any byte, ``..{12}`` twelve of them
+    and ``*`` any rest."""
+    if not isinstance(pattern, str):
+        return pattern == frame
+    regex = re.sub(r"(\.\.|[0-9A-F]{2})\{(\d+)\}", r"(?:\1){\2}", pattern.upper().replace(" ", ""))
+    return re.fullmatch(regex.replace("*", "(?:..)*"), text_of(frame).upper()) is not None

@@ -1,0 +1,118 @@
+"""Options of a device: declared once, as annotated keyword arguments of its ``__init__``::
+
+    def __init__(self, *, rows: Annotated[int, Option("as the board was flashed", low=1)] = 12): ...
+
+From that come the checks of :func:`checked`, the command line (``rows=16``), scene files and the datasheet.
+"""
+
+from __future__ import annotations
+
+import inspect
+import typing
+from collections.abc import Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Option:
+    """What an option means, in which unit, and within which bounds."""
+
+    about: str = ""
+    unit: str = ""
+    low: float | None = None
+    """The least value."""
+    high: float | None = None
+    """The greatest value."""
+
+
+@dataclass(frozen=True)
+class Declared:
+    """One option as a device declares it."""
+
+    name: str
+    annotation: Any
+    default: Any
+    option: Option
+
+    def __str__(self) -> str:
+        bounds = [f">= {self.option.low:g}"] if self.option.low is not None else []
+        bounds += [f"<= {self.option.high:g}"] if self.option.high is not None else []
+        extra = ", ".join(part for part in (self.option.unit, *bounds, self.option.about) if part)
+        return f"{self.name} = {self.default!r}" + (f"   {extra}" if extra else "")
+
+
+def declared(device: type) -> dict[str, Declared]:
+    """The options of a device class, by name."""
+    hints = typing.get_type_hints(device.__init__, include_extras=True)
+    found = {}
+    for name, parameter in list(inspect.signature(device.__init__).parameters.items())[1:]:
+        if parameter.kind in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL):
+            continue
+        annotation = hints.get(name, Any)
+        option = next((each for each in typing.get_args(annotation)[1:] if isinstance(each, Option)), Option())
+        found[name] = Declared(name, annotation, parameter.default, option)
+    return found
+
+
+def checked(device: type, options: Mapping[str, Any]) -> dict[str, Any]:
+    """``options`` as the annotations want them; text is read as what it stands for (``"6"`` as a number).
+
+    Raises:
+        ValueError: an option that the device does not have (the nearest is named), or a value that it does not take.
+    """
+    known = declared(device)
+    return {name: _checked(known, name, value) for name, value in options.items()}
+
+
+def _checked(known: dict[str, Declared], name: str, value: Any) -> Any:
+    if name not in known:
+        near = get_close_matches(name, list(known), n=1, cutoff=0.5)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise ValueError(f"unknown option {name!r}{hint} (options: {', '.join(known) or 'none'})")
+    from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+    each = known[name]
+    try:
+        config = ConfigDict(arbitrary_types_allowed=True, allow_inf_nan=False)
+        value = TypeAdapter(each.annotation, config=config).validate_python(_worded(value))
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise ValueError(f"option {name}: {first['msg'][0].lower()}{first['msg'][1:]}, got {value!r}") from None
+    low, high = each.option.low, each.option.high
+    numbers = value if isinstance(value, list | tuple) else [value]
+    if any(isinstance(number, int | float) and _outside(number, low, high) for number in numbers):
+        bounds = " and ".join(
+            part for part in (f">= {low:g}" if low is not None else "", f"<= {high:g}" if high is not None else "") if part
+        )
+        raise ValueError(f"option {name}: expected {bounds}, got {value!r}")
+    return value
+
+
+def _worded(value: Any) -> Any:
+    """Text that is a list, as on a command line: ``1,2,3`` or ``[1, 2, 3]``."""
+    if isinstance(value, str) and value.startswith("[") and value.endswith("]"):
+        return [part.strip() for part in value[1:-1].split(",")]
+    return value
+
+
+def _outside(number: float, low: float | None, high: float | None) -> bool:
+    return (low is not None and number < low) or (high is not None and number > high)
+
+
+def from_words(words: typing.Iterable[str]) -> dict[str, str]:
+    """``["axes=6", "rows=16"]`` as a table of options, still text.
+
+    Raises:
+        ValueError: a word without ``=``, or an option given twice.
+    """
+    found: dict[str, str] = {}
+    for word in words:
+        name, mark, value = word.partition("=")
+        if not mark or not name.isidentifier():
+            raise ValueError(f"device option {word!r}: expected NAME=VALUE")
+        if name in found:
+            raise ValueError(f"device option {name!r} is given twice")
+        found[name] = value
+    return found

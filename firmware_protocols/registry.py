@@ -1,0 +1,105 @@
+"""Every device by name, imported when it is asked for: those of this package, of installed ones, and files."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import sys
+from difflib import get_close_matches
+from importlib.metadata import entry_points
+from pathlib import Path
+
+from firmware_protocols.device import Device
+from firmware_protocols.options import checked
+
+_HERE = "firmware_protocols.devices"
+DEVICES: dict[str, str] = {
+    # name: "module:Class", sorted
+    "ability_hand": f"{_HERE}.ability_hand:AbilityHand",
+    "anyskin": f"{_HERE}.anyskin:AnySkin",
+    "flexitac": f"{_HERE}.flexitac:FlexiTac",
+    "icub_skin": f"{_HERE}.icub_skin:IcubSkin",
+    "inspire_rh56dftp": f"{_HERE}.inspire_rh56dftp:InspireRh56dftp",
+    "linker_hand_l10": f"{_HERE}.linker_hand:LinkerHandL10",
+    "linker_hand_l6": f"{_HERE}.linker_hand:LinkerHandL6",
+    "linker_hand_o6": f"{_HERE}.linker_hand:LinkerHandO6",
+    "optoforce": f"{_HERE}.optoforce:OptoForce",
+    "paxini_gen2": f"{_HERE}.paxini_gen2:PaxiniGen2",
+    "paxini_px6ax": f"{_HERE}.paxini_px6ax:PaxiniPx6ax",
+    "robotiq_tsf85": f"{_HERE}.robotiq_tsf85:RobotiqTsf85",
+    "xela_uskin": f"{_HERE}.xela_uskin:XelaUskin",
+}
+
+ENTRY_POINT_GROUP = "tactemu.devices"
+"""An installed package registers a device of its own under this group of entry points: ``name = "module:Class"``."""
+
+_FILES: dict[tuple[Path, int], object] = {}
+"""Device files that were run, by path and time of change: a file runs once."""
+
+
+def names() -> list[str]:
+    """Every device that :func:`load` knows by name, those of installed packages included."""
+    return sorted({*DEVICES, *(point.name for point in entry_points(group=ENTRY_POINT_GROUP))})
+
+
+def load(name: str) -> type[Device]:
+    """The device class called ``name``: a registered name, or ``path/to/file.py:Class``.
+
+    Raises:
+        LookupError: no such device; the message names the nearest.
+        TypeError: it is no device, or one of the contract's first version.
+    """
+    if ".py:" in name:
+        return _device(_from_file(name), name)
+    if name in DEVICES:
+        module, _, attribute = DEVICES[name].partition(":")
+        return getattr(importlib.import_module(module), attribute)
+    for point in entry_points(group=ENTRY_POINT_GROUP, name=name):
+        return _device(point.load(), name)
+    raise LookupError(_unknown(name))
+
+
+def create(name: str, **options) -> Device:
+    """A new device by name, just powered up, with its options (see the class).
+
+    Raises:
+        LookupError: no such device.
+        ValueError: an option that it does not have, or a value that it does not take.
+    """
+    device = load(name)
+    return device(**checked(device, options))
+
+
+def _device(found: object, name: str) -> type[Device]:
+    if isinstance(found, type) and hasattr(found, "digitize"):
+        raise TypeError(
+            f"{name} is written for the first version of the contract: rename digitize(reading) to feel(reading, t_ns) "
+            "and return the counts, wires to ports, put power_on into __init__, and see docs/adding-a-device.md"
+        )
+    if not (isinstance(found, type) and issubclass(found, Device)):
+        raise TypeError(f"{name} is not a subclass of firmware_protocols.Device")
+    return found
+
+
+def _from_file(target: str) -> object:
+    path, _, attribute = target.rpartition(":")
+    file = Path(path).resolve()
+    if not file.is_file():
+        raise LookupError(f"no such device file: {path}")
+    key = (file, file.stat().st_mtime_ns)
+    if key not in _FILES:
+        spec = importlib.util.spec_from_file_location(f"device_file_{file.stem}", file)
+        if spec is None or spec.loader is None:
+            raise LookupError(f"not a Python file: {path}")
+        module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        _FILES[key] = module
+    if not hasattr(_FILES[key], attribute):
+        raise LookupError(f"{path} has no class {attribute!r}")
+    return getattr(_FILES[key], attribute)
+
+
+def _unknown(name: str) -> str:
+    near = get_close_matches(name, names(), n=1)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    return f"unknown device {name!r}{hint} (known: {', '.join(names())})"
