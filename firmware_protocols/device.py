@@ -138,11 +138,11 @@ class Column:
     """SI unit; "" where no scale is published."""
     counts_per_unit: float | None = None
     """``None`` where it is not published, or the law is no line."""
-    low: int
+    low: float
     """The least count that it can show."""
-    high: int
+    high: float
     """The greatest count that it can show."""
-    rest: int = 0
+    rest: float = 0
     """Untouched."""
     push: Literal[-1, 0, 1] = 0
     """Which way it goes as its taxel is pushed; 0: it need not move."""

@@ -139,9 +139,7 @@ def grid_layout(
 
 def points(places: Mapping[str, Sequence[float]], *, pitch: float = 0.02, link: str = "") -> Layout:
     """Single points by name [m], each a patch of its own, axes as the link's: chips, frames of force sensors, domes."""
-    patches = tuple(
-        Patch(name=name, start=k, rows=0, cols=1, pitch=pitch, link=link) for k, name in enumerate(places)
-    )
+    patches = tuple(Patch(name=name, start=k, rows=0, cols=1, pitch=pitch, link=link) for k, name in enumerate(places))
     positions = np.array(list(places.values()), float).reshape(-1, 3)
     return Layout(positions=positions, normals=np.array([0.0, 0.0, 1.0]), patches=patches)
 
@@ -166,9 +164,7 @@ def stack(*layouts: Layout) -> Layout:
         normals=np.concatenate([layout.normals for layout in layouts]),
         x_axes=np.concatenate([layout.x_axes for layout in layouts]),
         wire_order=np.concatenate([layout.wire_order + start for layout, start in pairs]),
-        patches=tuple(
-            replace(patch, start=patch.start + start) for layout, start in pairs for patch in layout.patches
-        ),
+        patches=tuple(replace(patch, start=patch.start + start) for layout, start in pairs for patch in layout.patches),
     )
 
 
@@ -185,7 +181,5 @@ def filled(n_taxels: int, width: float, height: float, *, name: str, link: str =
         for row, cols in enumerate(per_row)
         for col in range(cols)
     ]
-    patch = Patch(
-        name=name, start=0, rows=0, cols=n_taxels, pitch=min(step_x, step_y), area=step_x * step_y, link=link
-    )
+    patch = Patch(name=name, start=0, rows=0, cols=n_taxels, pitch=min(step_x, step_y), area=step_x * step_y, link=link)
     return Layout(positions=np.array(positions), normals=np.array([0.0, 0.0, 1.0]), patches=(patch,))

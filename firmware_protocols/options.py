@@ -84,7 +84,9 @@ def _checked(known: dict[str, Declared], name: str, value: Any) -> Any:
     numbers = value if isinstance(value, list | tuple) else [value]
     if any(isinstance(number, int | float) and _outside(number, low, high) for number in numbers):
         bounds = " and ".join(
-            part for part in (f">= {low:g}" if low is not None else "", f"<= {high:g}" if high is not None else "") if part
+            part
+            for part in (f">= {low:g}" if low is not None else "", f"<= {high:g}" if high is not None else "")
+            if part
         )
         raise ValueError(f"option {name}: expected {bounds}, got {value!r}")
     return value

@@ -168,7 +168,9 @@ def _own_modules(device: Any) -> dict[str, Any]:
     """The modules of a device's classes, by name; a file of the user's own is under a name of its own."""
     import sys
 
-    return {cls.__module__: sys.modules[cls.__module__] for cls in type(device).__mro__ if cls.__module__ in sys.modules}
+    return {
+        cls.__module__: sys.modules[cls.__module__] for cls in type(device).__mro__ if cls.__module__ in sys.modules
+    }
 
 
 def _empty_dict(kind: str, value: dict[str, Any]) -> Any:

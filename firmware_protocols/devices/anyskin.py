@@ -23,12 +23,13 @@ Try it: ``tactemu run anyskin``, then ``AnySkinBase(num_mags=5, port=..., burst_
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import Annotated
 
 import numpy as np
 
-from firmware_protocols.device import Device, Layout, Outgoing, Patch, Reading, SerialWire
-from firmware_protocols.magnetic import LinearMagnet, Transducer, quantize
+from firmware_protocols import Column, Counts, Device, Layout, Option, Outs, Patch, Reading, Serial
+from firmware_protocols.adc import quantize
+from firmware_protocols.magnetic import LinearMagnet
 
 PITCH = 0.007
 PLACES = ((0, 0), (-1, 0), (1, 0), (0, 1), (0, -1))
@@ -51,17 +52,19 @@ REST_FIELD_UT = (
 
 
 class AnySkin(Device):
-    """Five 3-axis magnetometers that stream 82-byte frames unasked.
-
-    Args:
-        transducer: taxel force [N] to field [uT]; see :mod:`firmware_protocols.magnetic`.
-    """
+    """Five 3-axis magnetometers that stream 82-byte frames unasked."""
 
     name = "anyskin"
     title = "AnySkin, 5 magnetometers (ReSkin: same stream)"
-    wires = (SerialWire(baud=115200, usb=True),)
-    senses = "force"
-    rate_hz = 100.0
+    ports = (Serial(baud=115200, usb=True),)
+    senses = ("force", "temperature")
+    columns = (
+        Column(name="T", unit="degC", counts_per_unit=1.0, low=-998.1, high=451.8, rest=25.0),
+        *(
+            Column(name=f"B{axis}", axis=axis, unit="uT", counts_per_unit=1.0, low=-0x8000 * lsb, high=0x7FFF * lsb)
+            for axis, lsb in zip("xyz", FIELD_LSB_UT)
+        ),
+    )
     evidence = ("firmware", "driver")
     sources = (
         "raunaqbhirangi/anyskin@cb13b5b arduino/5X_binary_burst_stream.ino",
@@ -111,29 +114,33 @@ probe_radius = 0.0035
 normal_stiffness = 1000.0
 """
 
-    def __init__(self, *, transducer: Transducer | None = None):
-        super().__init__()
+    def __init__(
+        self,
+        *,
+        gains: Annotated[
+            tuple[float, float, float],
+            Option("of the force along x, y and z of a chip, z out of the skin", unit="uT/N"),
+        ] = GAIN_UT_PER_N,
+    ):
         turns = -np.radians(DRAWN_TURNS_DEG)
         self.layout = Layout(
             positions=PITCH * np.array([(x, y, 0.0) for x, y in PLACES]),
             normals=np.array([0.0, 0.0, 1.0]),
             x_axes=np.stack([np.cos(turns), np.sin(turns), np.zeros(5)], axis=-1),
-            patches=(Patch(name="skin", start=0, rows=0, cols=5),),
-            pitch=PITCH,
+            patches=(Patch(name="skin", start=0, rows=0, cols=5, pitch=PITCH),),
         )
-        self.transducer = transducer or LinearMagnet(gain=GAIN_UT_PER_N, offset=np.array(REST_FIELD_UT))
+        self.magnet = LinearMagnet(gain=gains, offset=np.array(REST_FIELD_UT))
 
-    def digitize(self, reading: Reading) -> np.ndarray:
+    def feel(self, reading: Reading, t_ns: int) -> Counts:
         """Temperature [deg C] and field [uT] as the driver decodes them, float32 ``(5, 4)``: T, Bx, By, Bz."""
-        field = self.transducer(self.layout.to_taxel_frame(np.asarray(reading.values)))
-        counts = quantize(field, FIELD_LSB_UT, -0x8000, 0x7FFF)
-        warmth = (np.broadcast_to(reading.temperature, 5) - 25.0) * TEMPERATURE_PER_DEG + TEMPERATURE_ZERO
-        raw_t = quantize(warmth, 1.0, 0, 0xFFFF)
+        field = self.magnet(self.layout.to_taxel_frame(reading["force"]))
+        raw_t = quantize(reading["temperature"] - 25.0, TEMPERATURE_PER_DEG, 0, 0xFFFF, rest=TEMPERATURE_ZERO)
         values = np.empty((5, 4), np.float32)
         values[:, 0] = 25.0 + (raw_t - TEMPERATURE_ZERO) / TEMPERATURE_PER_DEG
-        values[:, 1:] = counts * FIELD_LSB_UT
+        values[:, 1:] = quantize(field / FIELD_LSB_UT, 1.0, -0x8000, 0x7FFF) * FIELD_LSB_UT
+        self.counts = values
         return values
 
-    def stream(self, t_ns: int) -> Sequence[Outgoing]:
+    def stream(self, t_ns: int, name: str) -> Outs:
         """One 82-byte frame."""
-        return (self.counts[self.layout.wire_order].astype("<f4").tobytes() + b"\r\n",)
+        return [self.layout.on_wire(self.counts).astype("<f4").tobytes() + b"\r\n"]

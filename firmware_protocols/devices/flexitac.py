@@ -14,11 +14,11 @@ Try it: ``tactemu run flexitac``, then ``FlexiTacSensor(port).read()``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import Annotated
 
 import numpy as np
 
-from firmware_protocols.device import Device, Outgoing, Reading, SerialWire, grid_layout
+from firmware_protocols import Column, Counts, Device, Option, Outs, Reading, Serial, grid_layout
 
 MARKER = b"\xaa\x55"
 ADC_MAX = 1023
@@ -26,19 +26,11 @@ PITCH = 0.002
 
 
 class FlexiTac(Device):
-    """A grid of force-sensitive resistors, each read through a voltage divider.
-
-    Args:
-        rows, cols: as the board was flashed.
-        baseline: 10-bit ADC value of an untouched taxel.
-        half_force: push [N] that takes a taxel half way from there to full scale.
-    """
+    """A grid of force-sensitive resistors, each read through a voltage divider."""
 
     name = "flexitac"
     title = "FlexiTac 12 x 32 tactile matrix"
-    wires = (SerialWire(baud=2_000_000),)
-    senses = "force"
-    rate_hz = 100.0
+    ports = (Serial(baud=2_000_000),)
     evidence = ("firmware", "driver")
     sources = (
         "WT-MM/PyFlexiTac firmware/template.ino BAUD_RATE, loop()",
@@ -51,20 +43,25 @@ class FlexiTac(Device):
         "100 scans a second (the firmware scans as fast as it can)",
     )
 
-    def __init__(self, *, rows: int = 12, cols: int = 32, baseline: int = 80, half_force: float = 1.0):
-        super().__init__()
-        if rows < 1 or cols < 1 or half_force <= 0 or not 0 <= baseline <= ADC_MAX:
-            raise ValueError(f"flexitac: impossible options: {rows=}, {cols=}, {baseline=}, {half_force=}")
+    def __init__(
+        self,
+        *,
+        rows: Annotated[int, Option("as the board was flashed", low=1, high=256)] = 12,
+        cols: Annotated[int, Option("as the board was flashed", low=1, high=256)] = 32,
+        baseline: Annotated[int, Option("10-bit ADC value of an untouched taxel", low=0, high=ADC_MAX - 1)] = 80,
+        half_force: Annotated[float, Option("push half way from rest to full scale", unit="N", low=1e-6)] = 1.0,
+    ):
         self.layout = grid_layout(rows, cols, PITCH, name="matrix")
-        self.baseline = baseline
-        self.half_force = half_force
+        self.baseline, self.half_force = baseline, half_force
+        self.columns = (Column(name="touch", low=baseline >> 2, high=ADC_MAX >> 2, rest=baseline >> 2, push=1),)
 
-    def digitize(self, reading: Reading) -> np.ndarray:
+    def feel(self, reading: Reading, t_ns: int) -> Counts:
         """What the driver calls raw: 0..255, shape ``(rows * cols,)``."""
-        push = np.maximum(self.layout.push(reading.values), 0.0)
+        push = np.maximum(self.layout.push(reading["force"]), 0.0)
         adc = self.baseline + (ADC_MAX - self.baseline) * push / (push + self.half_force)
-        return adc.astype(np.int64) >> 2
+        self.counts = adc.astype(np.int64) >> 2
+        return self.counts
 
-    def stream(self, t_ns: int) -> Sequence[Outgoing]:
+    def stream(self, t_ns: int, name: str) -> Outs:
         """One frame."""
-        return (MARKER + self.counts[self.layout.wire_order].astype(np.uint8).tobytes(),)
+        return [MARKER + self.layout.on_wire(self.counts).astype(np.uint8).tobytes()]
