@@ -1,4 +1,4 @@
-r"""FlexiTac: a piezoresistive matrix of 12 x 32 taxels that an Arduino-class board scans (lineage of 3D-ViTac).
+r"""FlexiTac: a piezoresistive matrix that an Arduino-class board scans, 12 x 32 taxels as a rule (from 3D-ViTac).
 
 Wire: UART at 2 000 000 8N1. Device to host only: there is no command; it streams from power-up. One frame per scan:
 
@@ -9,7 +9,8 @@ Wire: UART at 2 000 000 8N1. Device to host only: there is no command; it stream
 No length, no checksum, no escape: a driver that first finds AA 55 inside an image that stands still never recovers.
 Taxels below AA (a push of less than 1.7 N here) cannot do that. Zeroing is the driver's: the median of 30 frames.
 
-Try it: ``tactemu run flexitac``, then ``FlexiTacSensor(port).read()``.
+Try it: ``tactemu run flexitac``, then ``FlexiTacSensor(port).read()``. The stock viewers want 16 x 32 taxels, as other
+boards are flashed: ``tactemu run flexitac rows=16``.
 """
 
 from __future__ import annotations
@@ -29,12 +30,12 @@ class FlexiTac(Device):
     """A grid of force-sensitive resistors, each read through a voltage divider."""
 
     name = "flexitac"
-    title = "FlexiTac 12 x 32 tactile matrix"
     ports = (Serial(baud=2_000_000),)
     evidence = ("firmware", "driver")
     sources = (
         "WT-MM/PyFlexiTac firmware/template.ino BAUD_RATE, loop()",
         "flexitac 0.3.1 sensor.py l.16-38, 82-112, 156-196",
+        "FlexiTac/FlexiTac_Hardware_Repo@9cf98bf 32_16_fast.ino (16 x 32)",
     )
     judge = "flexitac 0.3.1"
     assumed = (
@@ -51,6 +52,7 @@ class FlexiTac(Device):
         baseline: Annotated[int, Option("10-bit ADC value of an untouched taxel", low=0, high=ADC_MAX - 1)] = 80,
         half_force: Annotated[float, Option("push half way from rest to full scale", unit="N", low=1e-6)] = 1.0,
     ):
+        self.title = f"FlexiTac {rows} x {cols} tactile matrix"
         self.layout = grid_layout(rows, cols, PITCH, name="matrix")
         self.baseline, self.half_force = baseline, half_force
         self.columns = (Column(name="touch", low=baseline >> 2, high=ADC_MAX >> 2, rest=baseline >> 2, push=1),)

@@ -2,13 +2,14 @@
 
 ``tests/data/golden/*.json``, and ``golden/`` beside the file of a device that lives elsewhere::
 
-    {"origin": ..., "vectors": [{"name", "origin", "device"?, "options"?, "after"?: [frame],
-                                 "counts"? | "newtons"?, "request": frame, "reply": [frame] | "stream": [frame]}]}
+    {"origin": ..., "vectors": [{"name", "origin", "device"?, "options"?, "after"?: [frame], "counts"? | "newtons"? |
+                                 "pushes"?, "request": frame, "reply": [frame] | "stream": [frame]}]}
 
 A vector belongs to ``device``, or to the device that the file is named after. A frame is hex, or a CAN frame in candump
 notation. A fresh device with ``options`` is sent ``after``; its skin is pushed by ``newtons`` (one number or one per
-taxel), or its converter reads ``counts`` (one per value, or ``"index"``: 0, 1, 2 ...). Then it must answer ``request``
-with exactly ``reply``, or its next sample must send exactly ``stream``.
+taxel) or by ``pushes`` (pictures of patches by name, in newtons; the others are not touched), or its converter reads
+``counts`` (one per value, or ``"index"``: 0, 1, 2 ...). Then it must answer ``request`` with exactly ``reply``, or its
+next conversion must send exactly ``stream``.
 """
 
 import importlib
@@ -18,8 +19,8 @@ from pathlib import Path
 import numpy as np
 
 import firmware_protocols as fp
-from firmware_protocols import CanFrame
-from tests.firmware.feeding import frames, push
+from firmware_protocols.frames import frame_of, text_of
+from tests.firmware.feeding import frames, reading_of, send
 
 FOLDER = Path(__file__).parents[1] / "data" / "golden"
 
@@ -42,41 +43,22 @@ def _read(path: Path) -> list[dict]:
     return vectors
 
 
-def frame_from(text: str) -> bytes | CanFrame:
-    """``"9a00"``, ``"028#C0"``, ``"18FF0000##1AABB"``, ``"123#R"``."""
-    if "#" not in text:
-        return bytes.fromhex(text)
-    ident, _, rest = text.partition("#")
-    is_fd, remote = rest.startswith("#"), rest == "R"
-    return CanFrame(
-        arbitration_id=int(ident, 16),
-        data=b"" if remote else bytes.fromhex(rest[2:] if is_fd else rest),
-        is_extended_id=len(ident) > 3,
-        is_remote_frame=remote,
-        is_fd=is_fd,
-        bitrate_switch=is_fd and rest[1] == "1",
-    )
-
-
 def replay(vector: dict, name: str) -> None:
     device = fp.create(vector.get("device", name), **vector.get("options", {}))
-    device.power_on(0)
     for k, request in enumerate(vector.get("after", [])):
-        device.receive(frame_from(request), k * 10_000_000)
+        send(device, request, k * 10_000_000)
     t_ns, sent = 1_000_000_000, []
-    if "newtons" in vector:
-        sent = device.sample(push(device, vector["newtons"]), t_ns)
-    elif "counts" in vector:
-        device.counts = _counts(device, vector["counts"])
-        sent = device.stream(t_ns)
-    if "request" in vector:
-        got, expected = device.receive(frame_from(vector["request"]), t_ns), vector["reply"]
-    else:
-        got, expected = sent, vector["stream"]
-    assert [str(f) if isinstance(f, CanFrame) else f.hex() for f in frames(got)] == expected
+    for stream in device.periods:
+        counts = device.feel(reading_of(device, vector.get("pushes", vector.get("newtons", 0.0)), stream), t_ns)
+        if "counts" in vector:
+            device.counts = _counts(vector["counts"], counts)
+        if "stream" in vector:
+            sent += frames(device.stream(t_ns, stream))
+    got = send(device, vector["request"], t_ns) if "request" in vector else sent
+    expected = vector["reply"] if "request" in vector else vector["stream"]
+    assert [text_of(frame_of(text)) for text in expected] == [text_of(frame) for frame in got]
 
 
-def _counts(device: fp.Device, counts) -> np.ndarray:
-    like = device.digitize(push(device, 0.0))
+def _counts(counts, like: np.ndarray) -> np.ndarray:
     values = np.arange(like.size) if counts == "index" else np.array(counts)
     return values.reshape(like.shape).astype(like.dtype)
