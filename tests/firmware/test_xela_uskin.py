@@ -7,16 +7,15 @@ import numpy as np
 import pytest
 
 import firmware_protocols as fp
-from firmware_protocols.magnetic import LinearMagnet
-from tests.firmware.feeding import push
+from tests.firmware.feeding import check_commands, sample, send
+from tests.firmware.golden import golden_vectors, replay
 
 DBC = cantools.database.load_file(Path(__file__).parents[1] / "data" / "xela_uskin.dbc")
 
 
 def started(**options) -> fp.Device:
     device = fp.create("xela_uskin", **options)
-    device.power_on(0)
-    device.receive(_transmit(stop=0), 0)
+    send(device, _transmit(stop=0))
     return device
 
 
@@ -26,10 +25,19 @@ def _transmit(stop: int) -> fp.CanFrame:
     return fp.CanFrame(arbitration_id=message.frame_id, data=data)
 
 
+@pytest.mark.parametrize("vector", golden_vectors("xela_uskin"), ids=lambda v: v["name"])
+def test_golden(vector):
+    replay(vector, "xela_uskin")
+
+
+def test_commands():
+    check_commands(lambda: fp.create("xela_uskin", board=3))
+
+
 @pytest.mark.parametrize("ids", ["board", "grid"])
 def test_cantools_decodes_every_taxel(ids):
     device = started(ids=ids)
-    frames = device.sample(push(device, np.linspace(0, 3, 16)), 0)
+    frames = sample(device, np.linspace(0, 3, 16))
     decoded = {f.arbitration_id: DBC.decode_message(f.arbitration_id, f.data) for f in frames}
     assert len(decoded) == len(frames) == 16
     for taxel, counts in enumerate(device.counts):
@@ -39,48 +47,67 @@ def test_cantools_decodes_every_taxel(ids):
 
 
 def test_grid_generation_is_sent_column_by_column():
-    frames = started(ids="grid").sample(push(started(), 0.0), 0)
+    frames = sample(started(ids="grid"))
     assert [f.arbitration_id for f in frames[:5]] == [0x100, 0x110, 0x120, 0x130, 0x101]
     assert frames[-1].arbitration_id == 0x133
 
 
-def test_rest_lies_where_the_drivers_expect_it():
+def test_a_press_raises_z_alone_and_rest_lies_where_the_drivers_expect_it():
     device = started()
-    device.sample(push(device, 0.0), 0)
-    assert 18_000 <= device.counts.min() and device.counts.max() <= 30_000
+    sample(device)
+    rest = device.counts
+    assert 18_000 <= rest.min() and rest.max() <= 30_000
+    assert rest[0].tolist() == [column.rest for column in device.columns]
+    sample(device, 1.0)
+    assert (device.counts - rest).tolist() == [[0, 0, 5000]] * 16
 
 
 def test_streams_between_start_and_stop_only():
     device = fp.create("xela_uskin")
-    assert not device.sample(push(device, 1.0), 0)
-    device.receive(_transmit(stop=0), 0)
-    assert len(device.sample(push(device, 1.0), 1)) == 16
-    device.receive(_transmit(stop=1), 2)
-    assert not device.sample(push(device, 1.0), 3)
+    assert not sample(device, 1.0)
+    send(device, _transmit(stop=0))
+    assert len(sample(device, 1.0)) == 16
+    send(device, _transmit(stop=1))
+    assert not sample(device, 1.0)
+
+
+@pytest.mark.parametrize("request_", ["201#0700", "201#070000", "201#07000000000000FF"])
+def test_a_start_may_be_longer(request_):
+    device = fp.create("xela_uskin")
+    send(device, request_)
+    assert device.streaming
+
+
+@pytest.mark.parametrize("request_", ["201#", "201#07", "201#0702", "201##00700", "201#R", "00000201#0700"])
+def test_what_is_no_request_changes_nothing(request_):
+    device = fp.create("xela_uskin")
+    assert not send(device, request_) and not device.streaming
+    assert device.counters["unknown_command"] + device.counters["ignored"] == 1
 
 
 def test_board_number_moves_the_ids():
     device = fp.create("xela_uskin", board=5)
-    device.receive(fp.CanFrame(arbitration_id=0x205, data=b"\x07\x00"), 0)
-    assert [f.arbitration_id for f in device.sample(push(device, 0), 0)] == list(range(0x750, 0x760))
-    assert not device.receive(_transmit(stop=1), 0) and device.streaming, "board 1's stop is not for board 5"
+    send(device, "205#0700")
+    assert [f.arbitration_id for f in sample(device)] == list(range(0x750, 0x760))
+    send(device, _transmit(stop=1))
+    assert device.streaming and device.ports[0].hears == ((0x205, 0x7FF),), "board 1's stop is not for board 5"
 
 
 def test_forces_reach_their_axes_and_saturate():
-    device = started(transducer=LinearMagnet(gain=(100.0, 100.0, 100.0), offset=(3000.0, 3000.0, 3000.0)))
+    device = started(gains=(100.0, 200.0, 300.0))
     force = np.zeros((16, 3))
     force[0], force[1], force[2], force[3] = (1, 0, 0), (0, 1, 0), (0, 0, -1), (0, 0, 1e6)
-    device.sample(fp.Reading(t_ns=0, values=force), 0)
+    sample(device, force=force)
     assert device.counts[:5].tolist() == [
-        [31000, 30000, 30000],
-        [30000, 31000, 30000],
-        [30000, 30000, 29000],
-        [30000, 30000, 65535],
-        [30000, 30000, 30000],
+        [25000, 24000, 21000],
+        [24000, 26000, 21000],
+        [24000, 24000, 18000],
+        [24000, 24000, 65535],
+        [24000, 24000, 21000],
     ]
 
 
-@pytest.mark.parametrize("options", [{"ids": "rows"}, {"board": 16}, {"board": 0}])
+@pytest.mark.parametrize("options", [{"ids": "rows"}, {"board": 16}, {"board": 0}, {"gains": (1.0, 2.0)}])
 def test_bad_options_are_refused(options):
     with pytest.raises(ValueError, match=next(iter(options))):
         fp.create("xela_uskin", **options)
