@@ -3,7 +3,7 @@
 Wire: classic CAN, 1 Mbit/s, standard ids ``class << 8 | source << 4 | x``. Several boards share the bus; a board
 carries up to 16 triangles of 12 pads (10 taxels, thermal pads 6 and 10: ``icub_triangles.py``).
 
-Host to board b (1..14), id 0x200 | b, never answered:
+Host to board b (1..14), id 0x200 | b, never answered, bytes behind these ignored:
 
     4D type period noload                    type 0: temperature compensation, 1 palm or fingertip, 2 none; period
                                              in ms; clears all triangles
@@ -21,6 +21,8 @@ Board to host, two frames per enabled triangle t and period, the same id 0x400 |
 Flags: 1 the chip does not acknowledge, 2 triangle not connected. A pad reads
 ``noload - ((raw - offset - drift) >> shift)``, clamped to 0..255; ``drift`` is what the thermal pads say (type 0 only).
 
+Each board samples at its own period, also while it is silent: what it feels when 50 comes is its new no load.
+
 Evidence: firmware of the boards and the robot's own driver (YARP ``canBusSkin``).
 
 Try it: ``tactemu run icub_skin --port can:socketcan:vcan0``, then for each board, here 1 (50 Hz, triangles 0 to 2):
@@ -29,26 +31,17 @@ Try it: ``tactemu run icub_skin --port can:socketcan:vcan0``, then for each boar
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from enum import IntEnum
-from typing import Literal
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
 
 import numpy as np
 
-from firmware_protocols.device import CanFrame, CanWire, Command, Device, Outgoing, Reading
-from firmware_protocols.devices.icub_triangles import (
-    FOREARM_RADIUS,
-    PADS,
-    TAXELS,
-    THERMAL,
-    Place,
-    flat,
-    forearm_places,
-    wrapped,
-)
+from firmware_protocols import Can, CanFrame, Column, Command, Counts, Device, Option, Outs, Reading, Stream
+from firmware_protocols.adc import quantize
+from firmware_protocols.devices.icub_triangles import PADS, TAXELS, THERMAL, Place, flat, forearm_places, wrapped
 
 TRIANGLES = 16
-HEAD, TAIL = 0x40, 0xC0
+HEAD, TAIL = b"\x40", b"\xc0"
 NO_ACK, NOT_CONNECTED = 1, 2
 COMPENSATED = 0
 MS = 1_000_000
@@ -58,109 +51,93 @@ RAW_PER_NEWTON, RAW_PER_DEG = 600.0, 20.0
 NO_LOAD, SHIFT = 240, 2
 
 
-class Op(IntEnum):
-    """First byte of a message to a board."""
-
-    TRANSMIT = 0x07
-    OLD_SET_BOARD = 0x4C
-    SET_BOARD = 0x4D
-    OLD_SET_TRIANGLES = 0x4E
-    SET_TRIANGLES = 0x50
-
-
+@dataclass(eq=False)
 class Board:
-    """One microcontroller with its 16 triangle slots: set-up, calibration, frames."""
+    """One microcontroller with its triangles, as it powers up: silent, all enabled, calibrated at rest and 25 deg C."""
 
-    def __init__(self, address: int, triangles: int):
-        self.address = address
-        self.present = np.arange(TRIANGLES) < triangles
-        self.flags = np.zeros(TRIANGLES, int)
-        self.power_on()
+    address: int
+    first_taxel: int
+    """In the layout; its others follow."""
+    flags: list[int]
+    """Of each triangle."""
+    kind: int = COMPENSATED
+    no_load: int = NO_LOAD
+    period_ns: int = 50 * MS
+    transmitting: bool = False
+    raw: np.ndarray = field(init=False)
+    """What the converter reads of every pad, shape ``(n_triangles, 12)``."""
 
-    def power_on(self) -> None:
-        """Silent, every triangle enabled, calibrated at rest and 25 deg C."""
-        self.kind, self.no_load, self.period_ns = COMPENSATED, NO_LOAD, 50 * MS
-        self.shift = np.full((TRIANGLES, 1), SHIFT)
-        self.enabled = np.ones(TRIANGLES, bool)
-        self.raw = np.full((TRIANGLES, PADS), REST)
+    def __post_init__(self):
+        self.raw = np.full((len(self.flags), PADS), REST)
         self.offset = self.raw.copy()
-        self.transmitting = False
-        self.due_ns = 0
+        self.shift = np.full((len(self.flags), 1), SHIFT)
+        self.enabled = np.ones(len(self.flags), bool)
 
-    # -- values ----------------------------------------------------------------------------------------------------
+    @property
+    def taxels(self) -> slice:
+        """Its taxels in the layout."""
+        return slice(self.first_taxel, self.first_taxel + len(self.flags) * len(TAXELS))
+
+    def convert(self, push: np.ndarray, temperature: np.ndarray) -> None:
+        """Pushes [N] and temperatures [deg C] of its taxels."""
+        warmth = temperature.reshape(-1, len(TAXELS)).mean(axis=1, keepdims=True) - 25.0
+        raw = np.repeat(REST + RAW_PER_DEG * warmth, PADS, axis=1)
+        raw[:, TAXELS] += RAW_PER_NEWTON * np.maximum(push.reshape(-1, len(TAXELS)), 0.0)
+        self.raw = quantize(raw, high=RAW_MAX)
 
     def values(self) -> np.ndarray:
-        """What every pad reads, uint8, shape ``(16, 12)``."""
+        """What every pad reads, uint8, shape ``(n_triangles, 12)``."""
         change = self.raw - self.offset
         if self.kind == COMPENSATED:
             change = change - change[:, THERMAL].sum(axis=1, keepdims=True) // len(THERMAL)
         values = np.clip(self.no_load - (change >> self.shift), 0, 255)
-        return np.where(self.flags[:, None] == 0, values, self.no_load).astype(np.uint8)
+        return np.where(np.array(self.flags)[:, None] == 0, values, self.no_load).astype(np.uint8)
 
-    def out_of_range(self) -> np.ndarray:
-        """Bit ``k``: the converter of pad ``k`` is at its end; shape ``(16,)``."""
-        return ((self.raw <= 0) | (self.raw >= RAW_MAX)) @ (1 << np.arange(PADS))
+    def frames(self) -> list[CanFrame]:
+        """Head and tail of every enabled triangle."""
+        values, frames = self.values(), []
+        at_the_end = ((self.raw <= 0) | (self.raw >= RAW_MAX)) @ (1 << np.arange(PADS))
+        for triangle in np.flatnonzero(self.enabled).tolist():
+            ident, pads, mask = (
+                0x400 | self.address << 4 | triangle,
+                values[triangle].tobytes(),
+                int(at_the_end[triangle]),
+            )
+            ending = bytes([mask >> 4, (mask & 0xF) << 4 | self.flags[triangle]])
+            frames += [
+                CanFrame(arbitration_id=ident, data=HEAD + pads[:7]),
+                CanFrame(arbitration_id=ident, data=TAIL + pads[7:] + ending),
+            ]
+        return frames
 
-    def frames(self, t_ns: int) -> list[CanFrame]:
-        """Head and tail of every enabled triangle that there is, if the board transmits and its period is over."""
-        if not self.transmitting or t_ns < self.due_ns - self.period_ns // 4:
-            return []
-        self.due_ns = t_ns + self.period_ns
-        values, masks = self.values(), self.out_of_range()
-        return [
-            frame
-            for triangle in np.flatnonzero(self.enabled & self.present)
-            for frame in self._pair(int(triangle), values[triangle].tobytes(), int(masks[triangle]))
-        ]
-
-    def _pair(self, triangle: int, pads: bytes, mask: int) -> tuple[CanFrame, CanFrame]:
-        ident = 0x400 | self.address << 4 | triangle
-        ending = bytes([mask >> 4, (mask & 0xF) << 4 | int(self.flags[triangle])])
-        head = CanFrame(arbitration_id=ident, data=bytes([HEAD]) + pads[:7])
-        return head, CanFrame(arbitration_id=ident, data=bytes([TAIL]) + pads[7:] + ending)
-
-    # -- commands --------------------------------------------------------------------------------------------------
-
-    def receive(self, data: bytes, t_ns: int) -> bool:
+    def obey(self, data: bytes) -> bool:
         """Obey one message; ``False``: it is none that the board knows."""
         match tuple(data):
-            case [Op.TRANSMIT, (0 | 1) as stop, *_]:
-                self.transmitting, self.due_ns = not stop, t_ns
-            case [Op.SET_BOARD, kind, period, no_load, *_]:
+            case [0x07, (0 | 1) as stop, *_]:
+                self.transmitting = not stop
+            case [0x4D, kind, period, no_load, *_]:
                 self.kind, self.period_ns, self.no_load = kind, max(period, 1) * MS, no_load
                 self.enabled[:] = False
-            case [Op.SET_TRIANGLES, first, last, shift, enable, _, _, *_] if first <= last < TRIANGLES:
-                self.transmitting = False
-                self.enabled[first : last + 1] = bool(enable & 1)
-                self.shift[first : last + 1] = min(shift, 15)
-                self.offset[first : last + 1] = self.raw[first : last + 1]
-            case [Op.OLD_SET_BOARD, *_]:
-                self.period_ns, self.transmitting, self.due_ns = 40 * MS, True, t_ns
+            case [0x50, first, last, shift, enable, _, _, *_] if first <= last < TRIANGLES:
+                self.transmitting, which = False, slice(first, last + 1)
+                self.enabled[which], self.shift[which] = bool(enable & 1), min(shift, 15)
+                self.offset[which] = self.raw[which]
+            case [0x4C, *_]:
+                self.period_ns, self.transmitting = 40 * MS, True
                 self.enabled[:] = True
-            case [Op.OLD_SET_TRIANGLES, *_]:
+            case [0x4E, *_]:
                 pass
             case _:
                 return False
         return True
 
 
-class IcubSkin(Device):
-    """Triangles of the iCub skin on one CAN bus.
-
-    Args:
-        part: ``forearm`` (24 triangles, 240 taxels around a cylinder about the link's z axis) or ``triangle`` (one,
-            flat, normal +z).
-        triangles_per_board: how the triangles share boards, in order: 1..16.
-        first_board: address of the first board; the others follow.
-        no_ack: triangles whose chip does not answer, as ``"board.triangle"``.
-        not_connected: triangles that are unplugged.
-    """
+class IcubSkin(Device[CanFrame]):
+    """Triangles of the iCub skin on one CAN bus: flat with normal +z, or around a cylinder about the link's z axis."""
 
     name = "icub_skin"
-    title = "iCub skin, forearm of 24 triangles"
-    wires = (CanWire(bitrate=1_000_000),)
-    senses = "force"
-    rate_hz = 20.0
+    senses = ("force", "temperature")
+    columns = (Column(name="pad", low=0, high=255, rest=NO_LOAD, push=-1),)
     evidence = ("firmware", "driver")
     sources = (
         "icub-firmware@b429921 embot_prot_can_skin_periodic.cpp, embot_app_application_theSkin.cpp",
@@ -214,101 +191,70 @@ normal_stiffness = 300.0
     def __init__(
         self,
         *,
-        part: Literal["forearm", "triangle"] = "forearm",
-        triangles_per_board: int = 3,
-        first_board: int = 1,
-        no_ack: Sequence[str] = (),
-        not_connected: Sequence[str] = (),
+        part: Annotated[Literal["forearm", "triangle"], Option("24 triangles, or one")] = "forearm",
+        triangles_per_board: Annotated[int, Option("in order", low=1, high=TRIANGLES)] = 3,
+        first_board: Annotated[int, Option("address of the first board; the others follow", low=1, high=14)] = 1,
+        no_ack: Annotated[tuple[str, ...], Option("triangles whose chip does not answer, as board.triangle")] = (),
+        not_connected: Annotated[tuple[str, ...], Option("triangles that are unplugged")] = (),
     ):
-        super().__init__()
-        if part not in ("forearm", "triangle"):
-            raise ValueError(f"icub_skin: part: expected 'forearm' or 'triangle', got {part!r}")
-        if not 1 <= triangles_per_board <= TRIANGLES:
-            raise ValueError(f"icub_skin: triangles_per_board: expected 1..{TRIANGLES}, got {triangles_per_board}")
         places = forearm_places() if part == "forearm" else [Place(0.0, 0.0, False)]
-        self._slots = [(k // triangles_per_board, k % triangles_per_board) for k in range(len(places))]
-        self.boards = self._make_boards(first_board)
-        names = [f"{first_board + board}.{triangle}" for board, triangle in self._slots]
-        self.layout = wrapped(places, names, FOREARM_RADIUS) if part == "forearm" else flat(places, names)
-        for which, flag in ((no_ack, NO_ACK), (not_connected, NOT_CONNECTED)):
-            for name in which:
-                self._set_flag(name, names, flag)
-        self.power_on(0)
-
-    def _make_boards(self, first: int) -> list[Board]:
-        last = first + self._slots[-1][0]
-        if first < 1 or last > 14:
-            raise ValueError(f"icub_skin: boards have addresses 1..14, got {first}..{last}: put more triangles on each")
-        on_board = np.bincount([board for board, _ in self._slots])
-        return [Board(first + k, int(count)) for k, count in enumerate(on_board)]
-
-    def _set_flag(self, name: str, names: list[str], flag: int) -> None:
-        if name not in names:
-            raise ValueError(f"icub_skin: no triangle {name!r}; there are {names[0]} to {names[-1]} (board.triangle)")
-        board, triangle = self._slots[names.index(name)]
-        self.boards[board].flags[triangle] |= flag
-
-    def power_on(self, t_ns: int) -> Sequence[Outgoing]:
-        """Boards are silent until started."""
-        for board in self.boards:
-            board.power_on()
+        slots = [(first_board + k // triangles_per_board, k % triangles_per_board) for k in range(len(places))]
+        names = [f"{board}.{triangle}" for board, triangle in slots]
+        if (last := slots[-1][0]) > 14:
+            raise ValueError(f"boards have addresses 1..14, got {first_board}..{last}: put more triangles on each")
+        if unknown := [name for name in (*no_ack, *not_connected) if name not in names]:
+            raise ValueError(f"no triangle {unknown[0]!r}; there are {names[0]} to {names[-1]} (board.triangle)")
+        self.title = "iCub skin, forearm of 24 triangles" if part == "forearm" else "iCub skin, one triangle"
+        self.layout = wrapped(places, names) if part == "forearm" else flat(places, names)
+        flags = [NO_ACK * (name in no_ack) | NOT_CONNECTED * (name in not_connected) for name in names]
+        self.boards: dict[str, Board] = {}
+        for start in range(0, len(places), triangles_per_board):
+            address, own = slots[start][0], flags[start : start + triangles_per_board]
+            self.boards[f"board {address}"] = Board(address, start * len(TAXELS), own)
+        self.ports = (Can(hears=tuple((0x200 | board.address, 0x7FF) for board in self.boards.values())),)
+        self.streams = {name: Stream(1e9 / board.period_ns) for name, board in self.boards.items()}
         self.counts = np.full(len(self.layout), NO_LOAD, np.uint8)
-        self._sync_period()
-        return ()
 
-    def _sync_period(self) -> None:
-        """The skin is sampled for the fastest board; the others take every so many samples."""
-        self.period_ns = min(board.period_ns for board in self.boards)
+    def feel(self, reading: Reading, t_ns: int) -> Counts:
+        """What each taxel reads, uint8, shape ``(n_taxels,)``: no load minus what presses; other boards as before."""
+        board = self.boards[reading.stream]
+        board.convert(self.layout.push(reading["force"])[board.taxels], reading["temperature"][board.taxels])
+        self.counts = self.counts.copy()
+        self.counts[board.taxels] = board.values()[:, TAXELS].ravel()
+        return self.counts
 
-    def digitize(self, reading: Reading) -> np.ndarray:
-        """What each taxel reads, uint8, shape ``(n_taxels,)``: no load minus what presses."""
-        push = self.layout.push(reading.values).reshape(-1, len(TAXELS))
-        warmth = np.broadcast_to(reading.temperature, len(self.layout)).reshape(-1, len(TAXELS)).mean(axis=1) - 25.0
-        raw = np.repeat(REST + RAW_PER_DEG * warmth[:, None], PADS, axis=1)
-        raw[:, TAXELS] += RAW_PER_NEWTON * np.maximum(push, 0.0)
-        raw = np.clip(np.rint(raw), 0, RAW_MAX).astype(np.int64)
-        for (board, triangle), pads in zip(self._slots, raw):
-            self.boards[board].raw[triangle] = pads
-        values = [board.values() for board in self.boards]
-        return np.concatenate([values[board][triangle, TAXELS] for board, triangle in self._slots])
+    def stream(self, t_ns: int, name: str) -> Outs[CanFrame]:
+        """Two frames per enabled triangle of a board that transmits."""
+        return self.boards[name].frames() if self.boards[name].transmitting else ()
 
-    def stream(self, t_ns: int) -> Sequence[Outgoing]:
-        """Two frames per enabled triangle of every board that transmits."""
-        return [frame for board in self.boards for frame in board.frames(t_ns)]
-
-    def receive(self, data: CanFrame, t_ns: int) -> Sequence[Outgoing]:
+    def receive(self, data: CanFrame, t_ns: int, port: str) -> Outs[CanFrame]:
         """Set-up, start and stop of one board; nothing is ever answered."""
-        for board in self.boards:
-            if data == _to(board.address, data.data):
-                known = board.receive(data.data, t_ns)
-                self.counters["requests" if known else "unknown_command"] += 1
-                self._sync_period()
-                return ()
-        self.counters["ignored"] += 1
+        name = f"board {data.arbitration_id & 0xF}"
+        board = self.boards.get(name)
+        if board is None or data != CanFrame(arbitration_id=0x200 | board.address, data=data.data):
+            self.counters["ignored"] += 1
+        elif board.obey(data.data):
+            self.counters["requests"] += 1
+            self.periods[name] = board.period_ns
+        else:
+            self.counters["unknown_command"] += 1
         return ()
 
     @property
     def commands(self) -> tuple[Command, ...]:
         """The set-up in the order of the robot's driver, for the first board; the others take the same. All silent."""
-        address = self.boards[0].address
+        to = f"{0x200 | next(iter(self.boards.values())).address:03X}#"
         return tuple(
-            Command(name=name, request=_to(address, data), reply=None, about=about) for name, data, about in _SET_UP
+            Command(name=name, request=to + data, about=about, origin=origin) for name, data, about, origin in _SET_UP
         )
 
 
+_DRIVER, _MESSAGES = "icub-main@24c1a00 CanBusSkin.cpp", "icub-firmware-shared@62f2818 iCubCanProto_classes.h"
 _SET_UP = (
-    (
-        "board set-up",
-        bytes([Op.SET_BOARD, COMPENSATED, 50, NO_LOAD]),
-        "compensated, 50 ms, no load 240; clears triangles",
-    ),
-    ("triangle set-up", bytes([Op.SET_TRIANGLES, 0, 15, SHIFT, 1, 0x00, 0x22]), "all triangles; recalibrates, stops"),
-    ("start", bytes([Op.TRANSMIT, 0]), "two frames per triangle and period from now on"),
-    ("stop", bytes([Op.TRANSMIT, 1]), ""),
-    ("old board set-up", bytes([Op.OLD_SET_BOARD, 0, 0, 0]), "obsolete; starts at once"),
-    ("old triangle set-up", bytes([Op.OLD_SET_TRIANGLES, 0, 0, 0]), "obsolete"),
+    ("board set-up", "4D 00 32 F0", "compensated, 50 ms, no load 240; clears triangles", _DRIVER),
+    ("triangle set-up", "50 00 0F 02 01 00 22", "all triangles; recalibrates, stops", _DRIVER),
+    ("start", "07 00", "two frames per triangle and period from now on", _DRIVER),
+    ("stop", "07 01", "", _DRIVER),
+    ("old board set-up", "4C 00 00 00", "obsolete; starts at once", _MESSAGES),
+    ("old triangle set-up", "4E 00 00 00", "obsolete", _MESSAGES),
 )
-
-
-def _to(board: int, data: bytes) -> CanFrame:
-    return CanFrame(arbitration_id=0x200 | board, data=data)

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from firmware_protocols.device import Layout, Patch
+from firmware_protocols import Layout, Patch
 
 PADS = 12
 THERMAL = (6, 10)
@@ -28,22 +28,11 @@ TAXELS = tuple(pad for pad in range(PADS) if pad not in THERMAL)
 
 PITCH = 6.533e-3
 _ROW = PITCH * np.sqrt(3) / 2
-PAD_PLACES = np.array(
-    [
-        (PITCH, 0.0),
-        (1.5 * PITCH, -_ROW),
-        (0.5 * PITCH, -_ROW),
-        (0.0, 0.0),
-        (-0.5 * PITCH, -_ROW),
-        (-1.5 * PITCH, -_ROW),
-        (-6.510e-3, -3.750e-3),
-        (-PITCH, 0.0),
-        (-0.5 * PITCH, _ROW),
-        (0.0, 2 * _ROW),
-        (0.0, 7.507e-3),
-        (0.5 * PITCH, _ROW),
-    ]
-)
+_LATTICE = np.array([PITCH, _ROW])
+PAD_PLACES = np.array([
+    (1, 0), (1.5, -1), (0.5, -1), (0, 0), (-0.5, -1), (-1.5, -1), (0, 0), (-1, 0), (-0.5, 1), (0, 2), (0, 0), (0.5, 1),
+]) * _LATTICE  # fmt: skip
+PAD_PLACES[list(THERMAL)] = (-6.510e-3, -3.750e-3), (0.0, 7.507e-3)
 """Pads of one triangle [m], shape ``(12, 2)``, centroid at the origin, tip to +y."""
 
 SIDE = 0.030
@@ -65,20 +54,21 @@ class Place(NamedTuple):
 def flat(places: list[Place], names: list[str]) -> Layout:
     """Triangles on the plane z = 0, normal +z; patches named ``names``."""
     uw = _unrolled(places)
-    positions = np.column_stack([uw, np.zeros(len(uw))])
-    return _layout(positions, np.array([0.0, 0.0, 1.0]), None, names)
+    return Layout(
+        positions=np.column_stack([uw, np.zeros(len(uw))]), normals=np.array([0.0, 0.0, 1.0]), patches=_patches(names)
+    )
 
 
-def wrapped(places: list[Place], names: list[str], radius: float) -> Layout:
+def wrapped(places: list[Place], names: list[str], radius: float = FOREARM_RADIUS) -> Layout:
     """Triangles around a cylinder about the link's z axis, ``u`` = 0 at +x, ``w`` along z; normals point outwards."""
-    uw = _unrolled(places)
-    angle = uw[:, 0] / radius
-    zero = np.zeros_like(angle)
-    normals = np.column_stack([np.cos(angle), np.sin(angle), zero])
-    tangents = np.column_stack([-np.sin(angle), np.cos(angle), zero])
-    positions = radius * normals
-    positions[:, 2] = uw[:, 1]
-    return _layout(positions, normals, tangents, names)
+    u, w = _unrolled(places).T
+    cos, sin, zero = np.cos(u / radius), np.sin(u / radius), np.zeros_like(u)
+    return Layout(
+        positions=np.column_stack([radius * cos, radius * sin, w]),
+        normals=np.column_stack([cos, sin, zero]),
+        x_axes=np.column_stack([-sin, cos, zero]),
+        patches=_patches(names),
+    )
 
 
 def forearm_places() -> list[Place]:
@@ -99,13 +89,8 @@ def _unrolled(places: list[Place]) -> np.ndarray:
     return np.concatenate([(-taxels if p.upside_down else taxels) + (p.u, p.w) for p in places])
 
 
-def _layout(positions: np.ndarray, normals: np.ndarray, x_axes: np.ndarray | None, names: list[str]) -> Layout:
+def _patches(names: list[str]) -> tuple[Patch, ...]:
     n = len(TAXELS)
-    return Layout(
-        positions=positions,
-        normals=normals,
-        x_axes=x_axes,  # type: ignore[arg-type]
-        patches=tuple(Patch(name=name, start=k * n, rows=0, cols=n) for k, name in enumerate(names)),
-        pitch=PITCH,
-        area=PITCH * _ROW,
+    return tuple(
+        Patch(name=name, start=k * n, rows=0, cols=n, pitch=PITCH, area=PITCH * _ROW) for k, name in enumerate(names)
     )

@@ -5,7 +5,8 @@ import pytest
 
 import firmware_protocols as fp
 from firmware_protocols.devices.icub_triangles import FOREARM_RADIUS, PAD_PLACES, PITCH, SIDE, TAXELS
-from tests.firmware.feeding import push
+from tests.firmware.feeding import check_commands, reading_of, sample, send
+from tests.firmware.golden import golden_vectors, replay
 
 START = "0700"
 
@@ -14,20 +15,19 @@ def cdist(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.linalg.norm(a[:, None] - b[None], axis=-1)
 
 
-def send(device: fp.Device, board: int, *messages: str) -> None:
+def tell(device: fp.Device, board: int, *messages: str) -> None:
     for message in messages:
-        frame = fp.CanFrame(arbitration_id=0x200 | board, data=bytes.fromhex(message))
-        assert list(device.receive(frame, 0)) == []
+        assert send(device, f"{0x200 | board:03X}#{message}") == []
 
 
 def forearm(period_ms: int = 20, kind: int = 0, shift: int = 2) -> fp.Device:
     """Set up as the robot's driver does: all boards 4D, all 50, then 07 00."""
     device = fp.create("icub_skin")
     set_up = (f"4D{kind:02X}{period_ms:02X}F0", f"500002{shift:02X}010022", START)
-    device.sample(push(device, 0.0), 0)
+    sample(device, 0.0, 0)
     for message in set_up:
         for board in range(1, 9):
-            send(device, board, message)
+            tell(device, board, message)
     return device
 
 
@@ -46,13 +46,22 @@ def decoded(frames) -> dict[str, np.ndarray]:
     return skin
 
 
+@pytest.mark.parametrize("vector", golden_vectors("icub_skin"), ids=lambda v: v["name"])
+def test_golden(vector):
+    replay(vector, "icub_skin")
+
+
+def test_commands():
+    check_commands(lambda: fp.create("icub_skin", first_board=3))
+
+
 # -- set-up -----------------------------------------------------------------------------------------------------------
 
 
 def test_forearm_at_50_hz_is_48_frames_of_8_boards_in_pairs():
     device = forearm()
-    frames = device.sample(push(device, 0.0), 0)
-    assert device.period_ns == 20_000_000 and len(frames) == 48
+    frames = sample(device, 0.0, 0)
+    assert set(device.periods.values()) == {20_000_000} and len(frames) == 48
     assert [f.arbitration_id for f in frames[::2]] == [f.arbitration_id for f in frames[1::2]]
     assert [f.data[0] for f in frames[:4]] == [0x40, 0xC0, 0x40, 0xC0]
     assert {f.arbitration_id >> 4 & 15 for f in frames} == set(range(1, 9))
@@ -61,47 +70,66 @@ def test_forearm_at_50_hz_is_48_frames_of_8_boards_in_pairs():
 
 def test_silent_until_started_and_after_stop_and_during_set_up():
     device = fp.create("icub_skin")
-    assert device.sample(push(device, 0), 0) == []
-    send(device, 1, START)
-    assert len(device.sample(push(device, 0), 0)) == 6, "the three triangles of board 1 alone"
-    send(device, 1, "50000202010022")
-    assert device.sample(push(device, 0), 50_000_000) == [], "50 stops transmission"
-    send(device, 1, START)
-    send(device, 1, "0701")
-    assert device.sample(push(device, 0), 100_000_000) == []
+    assert sample(device, 0, 0) == []
+    tell(device, 1, START)
+    assert len(sample(device, 0, 0)) == 6, "the three triangles of board 1 alone"
+    tell(device, 1, "50000202010022")
+    assert sample(device, 0, 50_000_000) == [], "50 stops transmission"
+    tell(device, 1, START)
+    tell(device, 1, "0701")
+    assert sample(device, 0, 100_000_000) == []
 
 
 def test_set_up_clears_then_enables_a_range():
     device = fp.create("icub_skin")
-    send(device, 2, "4D0014F0", START)
-    assert device.sample(push(device, 0), 0) == []
-    send(device, 2, "50010202010022", START)
-    assert list(decoded(device.sample(push(device, 0), 20_000_000))) == ["2.1", "2.2"]
-    send(device, 2, "50010102000022", START)
-    assert list(decoded(device.sample(push(device, 0), 40_000_000))) == ["2.2"]
+    tell(device, 2, "4D0014F0", START)
+    assert sample(device, 0, 0) == []
+    tell(device, 2, "50010202010022", START)
+    assert list(decoded(sample(device, 0, 20_000_000))) == ["2.1", "2.2"]
+    tell(device, 2, "50010102000022", START)
+    assert list(decoded(sample(device, 0, 40_000_000))) == ["2.2"]
 
 
 def test_old_set_up_starts_at_once_every_40_ms():
     device = fp.create("icub_skin")
-    send(device, 3, "4C000000")
-    assert device.period_ns == 40_000_000
-    assert len(device.sample(push(device, 0), 0)) == 6
+    tell(device, 3, "4C000000")
+    assert device.periods["board 3"] == 40_000_000
+    assert len(sample(device, 0, 0)) == 6
 
 
 def test_two_full_boards_hold_the_forearm():
     device = fp.create("icub_skin", triangles_per_board=16)
     for board in (1, 2):
-        send(device, board, "4D0014F0", "50000F02010022", START)
-    names = list(decoded(device.sample(push(device, 0), 0)))
+        tell(device, board, "4D0014F0", "50000F02010022", START)
+    names = list(decoded(sample(device, 0, 0)))
     assert names == [f"1.{t}" for t in range(16)] + [f"2.{t}" for t in range(8)]
 
 
-def test_boards_keep_their_own_period():
+def test_boards_keep_their_own_period_also_where_one_is_no_multiple_of_another():
     device = fp.create("icub_skin")
-    for board, period in ((1, "14"), (2, "28")):
-        send(device, board, f"4D00{period}F0", "50000002010022", START)
-    sent = [list(decoded(device.sample(push(device, 0), k * 20_000_000))) for k in range(4)]
-    assert sent == [["1.0", "2.0"], ["1.0"], ["1.0", "2.0"], ["1.0"]]
+    for board, period in ((1, "14"), (2, "1E")):
+        tell(device, board, f"4D00{period}F0", "50000002010022", START)
+    assert [device.periods[f"board {board}"] for board in (1, 2, 3)] == [20_000_000, 30_000_000, 50_000_000]
+    device.feel(reading_of(device, 0.2, "board 2"), 0)
+    assert list(decoded(device.stream(0, "board 2"))) == ["2.0"] and device.stream(0, "board 3") == ()
+    assert set(device.counts[:30]) == {240} and set(device.counts[30:60]) == {210}, "a board converts its own triangles"
+
+
+def test_bytes_behind_a_message_are_ignored():
+    device = fp.create("icub_skin")
+    tell(device, 1, "4D0014F000000000", "5000020201002200", "070000")
+    assert len(sample(device)) == 6 and device.counters["requests"] == 3
+
+
+@pytest.mark.parametrize("request_", ["201#", "201#0702", "201#4D0014", "201#50020102010022", "209#0700", "201##00700"])
+def test_what_is_no_message_changes_nothing(request_):
+    device = fp.create("icub_skin")
+    assert send(device, request_) == [] == sample(device)
+    assert device.counters["unknown_command"] + device.counters["ignored"] == 1
+
+
+def test_the_controller_takes_what_is_for_its_boards():
+    assert fp.create("icub_skin").ports[0].hears == tuple((0x200 | board, 0x7FF) for board in range(1, 9))
 
 
 # -- values -----------------------------------------------------------------------------------------------------------
@@ -113,7 +141,7 @@ def test_only_the_pressed_patch_falls_and_by_its_shift():
     newtons[pressed] = [0.1, 0.2, 0.3, 9.0]
     for shift, expected in ((2, [225, 210, 195, 0]), (3, [233, 225, 218, 0])):
         device = forearm(shift=shift)
-        skin = decoded(device.sample(push(device, newtons), 0))
+        skin = decoded(sample(device, newtons, 0))
         name = device.layout.patches[7].name
         assert name == "3.1" and skin[name][list(TAXELS[:4])].tolist() == expected
         others = np.concatenate([pads for key, pads in skin.items() if key != name])
@@ -124,45 +152,46 @@ def test_only_the_pressed_patch_falls_and_by_its_shift():
 
 def test_a_pull_reads_no_load():
     device = forearm()
-    assert set(device.digitize(push(device, -3.0)).tolist()) == {240}
+    sample(device, -3.0)
+    assert set(device.counts.tolist()) == {240}
 
 
 def test_set_up_while_pressed_makes_the_press_no_load():
     device = forearm()
-    device.sample(push(device, 0.3), 0)
-    send(device, 1, "50000202010022")
-    assert device.digitize(push(device, 0.3))[0] == 240
-    assert device.digitize(push(device, 0.0))[0] == 255, "240 + 180 / 4 is more than a byte holds"
+    sample(device, 0.3, 0)
+    tell(device, 1, "50000202010022")
+    sample(device, 0.3)
+    assert device.counts[0] == 240 and device.counts[239] == 195
+    sample(device)
+    assert device.counts[0] == 255, "240 + 180 / 4 is more than a byte holds"
 
 
 @pytest.mark.parametrize(("kind", "taxel", "thermal"), [(0, 240, 240), (2, 190, 190)])
 def test_thermal_pads_take_the_drift_away(kind, taxel, thermal):
     device = forearm(kind=kind)
-    warm = fp.Reading(t_ns=0, values=np.zeros((240, 3)), temperature=35.0)
-    pads = decoded(device.sample(warm, 0))["1.0"]
+    pads = decoded(sample(device, temperature=35.0))["1.0"]
     assert set(pads[list(TAXELS)]) == {taxel} and set(pads[[6, 10]]) == {thermal}
 
 
 def test_compensated_press_on_a_warm_skin_reads_as_on_a_cold_one():
     device = forearm()
-    cold = device.digitize(push(device, 0.2)).copy()
-    force = push(device, 0.2).values
-    assert np.array_equal(device.digitize(fp.Reading(t_ns=0, values=force, temperature=40.0)), cold)
+    cold = sample(device, 0.2)
+    assert sample(device, 0.2, temperature=40.0) == cold
 
 
 def test_out_of_range_mask_names_the_pads():
     device = forearm()
     newtons = np.zeros(240)
     newtons[[0, 6]] = 1e3  # pads 0 and 7 of triangle 1.0
-    tail = next(f for f in device.sample(push(device, newtons), 0) if f.arbitration_id == 0x410 and f.data[0] == 0xC0)
+    tail = next(f for f in sample(device, newtons, 0) if f.arbitration_id == 0x410 and f.data[0] == 0xC0)
     mask = tail.data[6] << 4 | tail.data[7] >> 4
     assert mask == 1 << 0 | 1 << 7 and tail.data[7] & 0xF == 0
 
 
 def test_faulty_triangles_say_so():
     device = fp.create("icub_skin", no_ack=["1.1"], not_connected=["1.2"])
-    send(device, 1, START)
-    frames = device.sample(push(device, 1.0), 0)
+    tell(device, 1, START)
+    frames = sample(device, 1.0, 0)
     flags = {f.arbitration_id & 15: f.data[7] & 15 for f in frames if f.data[0] == 0xC0}
     assert flags == {0: 0, 1: 1, 2: 2}
     assert set(decoded(frames)["1.1"]) == {240}
