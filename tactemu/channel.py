@@ -1,66 +1,220 @@
-"""One device on one wire: what it samples, when, and through what its frames leave."""
+"""One device in time: what it samples, when, and through which wires its frames leave.
+
+The channel owns the sampling period of each stream: the user's wish, else what the firmware last set.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Protocol
+import inspect
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 
-from firmware_protocols import Device, Reading
+from firmware_protocols import CanFrame, Convert, Device, Reading, Restart, Sense, Sent
+from firmware_protocols.frames import text_of
+from tactemu.errors import DeviceError
 from tactemu.sampling import SampleClock
-from tactemu.scene.placement import Surroundings
 from tactemu.statistics import ChannelStatistics
 from tactemu.wire.wire import Wire
 
 
 class Source(Protocol):
-    """What a device samples: a sensor of a simulation, or a recording."""
+    """What a device's transducers sense: a sensor of a simulation, a recording, or the user's own."""
 
-    def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
-        """The latest reading of environment 0, shape ``(n_taxels,)`` or ``(n_taxels, 3)``, SI, link frame."""
+    def sense(self, sense: Sense, t_ns: int, ground_truth: bool = False) -> np.ndarray:
+        """What one sense sees at ``t_ns``, to which the simulation has been brought; SI, shape by its quantity."""
         ...
 
 
 @dataclass
+class Ticks:
+    """When one stream of a device converts."""
+
+    sampling: SampleClock
+    running: bool = False
+    """Off: the firmware has no period for it, or has not booted."""
+    count: int = 1
+    """Number of the next conversion since counting began."""
+
+    @property
+    def due_ns(self) -> int:
+        """When the next conversion is due."""
+        return self.sampling.due_ns(self.count)
+
+    def start(self, now_ns: int, period_ns: int) -> None:
+        """Count anew from now."""
+        self.sampling = self.sampling.restarted(now_ns, period_ns)
+        self.running, self.count = True, 1
+
+
+@dataclass
 class Channel:
-    """One device: its source on one side, its wire on the other."""
+    """One device: its source on one side, its wires on the other.
+
+    Raises:
+        DeviceError: a wish for a stream that the device does not have, or for one of several without its name.
+    """
 
     name: str
     device: Device
     source: Source
-    wire: Wire
+    wires: dict[str, Wire]
+    """By the name of the device's port."""
     sampling: SampleClock
-    surroundings: Callable[[int], Surroundings] = lambda t_ns: Surroundings()
-    """Temperature, acceleration and turning of the device at a time [ns]."""
+    """The device's oscillator, and how late its frames leave."""
+    wishes: Mapping[str, int] = field(default_factory=dict)
+    """Sampling periods that the user wants, by stream [ns]; they beat the firmware's and survive every restart."""
     statistics: ChannelStatistics = field(default_factory=ChannelStatistics)
-    count: int = 1
-    """Number of the next sample."""
     silent_until_ns: int = 0
     """The device boots or hangs until then: it neither samples nor hears."""
+    lives: int = 0
+    """How often it has powered up: what was planned in an earlier life does not happen."""
+    samples: int = 0
+    """Number of the next sample, over all lives and streams; 0 is the one taken at boot."""
+
+    def __post_init__(self):
+        self.alarm_ns: int | None = None
+        """When the device's own clock wakes it."""
+        self._ports = self.device.ports
+        self.ticks: dict[str, Ticks] = {}
+        for stream in self.device.periods:
+            name = f"{self.sampling.name}/{stream}" if stream else self.sampling.name
+            self.ticks[stream] = Ticks(replace(self.sampling, name=name))
+        for stream in self.wishes:
+            if stream not in self.device.periods:
+                has = ", ".join(map(repr, self.device.periods))
+                raise DeviceError(f"{self.name}: rate_hz: which stream? {self.device.name} has {has}")
 
     @property
-    def due_ns(self) -> int:
-        """When the next sample is taken."""
-        return self.sampling.due_ns(self.count)
+    def wire(self) -> Wire:
+        """The wire of its first port that is plugged in."""
+        return next(iter(self.wires.values()))
+
+    # -- time ----------------------------------------------------------------------------------------------------------
 
     def local_ns(self, t_ns: int) -> int:
         """What the device's own clock shows at a time: its firmware knows no other."""
         return self.sampling.local_ns(t_ns)
 
-    def restart(self, now_ns: int) -> None:
-        """The device's period was changed: count samples anew from now."""
-        self.sampling = self.sampling.restarted(now_ns, self.device.period_ns)
-        self.count = 1
+    def period_ns(self, stream: str) -> int:
+        """The sampling period in force [ns]; 0 when the firmware has the stream off."""
+        own = self.device.periods[stream]
+        return self.wishes.get(stream, own) if own else 0
 
-    def reading(self, t_ns: int, values: np.ndarray) -> Reading:
-        """What the device's transducers see at ``t_ns``: the touch, and its surroundings."""
-        around = self.surroundings(t_ns)
-        return Reading(
-            t_ns=t_ns,
-            values=values,
-            temperature=around.temperature,
-            acceleration=around.acceleration,
-            angular_velocity=around.angular_velocity,
-        )
+    def rates_hz(self) -> dict[str, float]:
+        """The sampling rate in force, by stream."""
+        return {name: 1e9 / period if (period := self.period_ns(name)) else 0.0 for name in self.ticks}
+
+    def begin(self, now_ns: int) -> None:
+        """The device has booted: every stream counts from now."""
+        for stream, ticks in self.ticks.items():
+            if period := self.period_ns(stream):
+                ticks.start(now_ns, period)
+
+    def halt(self) -> None:
+        """The device has restarted: nothing is sampled until :meth:`begin`."""
+        self.alarm_ns = None
+        self.plug()
+        for ticks in self.ticks.values():
+            ticks.running = False
+
+    def follow(self, now_ns: int) -> None:
+        """After a call into the device: its periods and line settings may have changed."""
+        for stream, ticks in self.ticks.items():
+            period = self.period_ns(stream)
+            if not period:
+                ticks.running = False
+            elif not ticks.running or period != ticks.sampling.period_ns:
+                ticks.start(now_ns, period)
+        if self.device.ports is not self._ports:
+            self.plug()
+
+    def plug(self) -> None:
+        """Tell the wires what is plugged into them."""
+        self._ports = self.device.ports
+        for port, wire in self.wires.items():
+            wire.attach(self.name, self.device.connector(port))
+
+    def due(self) -> list[tuple[int, str]]:
+        """When each stream that runs converts next, with its name."""
+        return [(ticks.due_ns, stream) for stream, ticks in self.ticks.items() if ticks.running]
+
+    # -- calls into the device -----------------------------------------------------------------------------------------
+
+    def read(
+        self, stream: str, t_ns: int, advance: Callable[[int], None]
+    ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """What the senses of one stream see, ideal and measured, by key.
+
+        ``advance`` brings the simulation to a time: to ``t_ns``, and for a burst to the times before it, too.
+        """
+        senses, source = self.device.senses_of(stream), self.source
+        burst = max(sense.burst for sense in senses)
+        span = self.period_ns(stream)
+        seen: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {sense.key: [] for sense in senses}
+        for left in range(burst - 1, -1, -1):
+            at_ns = t_ns - span * left // burst
+            advance(at_ns)
+            for sense in senses:
+                if sense.burst > 1 or not left:
+                    both = source.sense(sense, at_ns, True), source.sense(sense, at_ns)
+                    seen[sense.key].append(both)
+        whole = {key: [np.stack(side, -1) if len(side) > 1 else side[0] for side in zip(*all_)] for key, all_ in seen.items()}
+        return {key: ideal for key, (ideal, _) in whole.items()}, {key: measured for key, (_, measured) in whole.items()}
+
+    def feel(self, stream: str, measured: Mapping[str, np.ndarray], stamp_ns: int) -> Any:
+        """One conversion; returns the device's counts.
+
+        Raises:
+            DeviceError: the device raised, or returned no array.
+        """
+        counts = self._run("feel", Reading(measured, stream), stamp_ns)
+        if not isinstance(counts, np.ndarray | Mapping):
+            raise DeviceError(
+                f"{self.device.name}.feel returned {type(counts).__name__}: return the counts as an array, by sense if several"
+            )
+        return counts
+
+    def call(self, method: str, *args: Any) -> list[Any]:
+        """Call ``stream``, ``receive``, ``lines``, ``boot`` or ``wake``; returns its outs, checked.
+
+        Raises:
+            DeviceError: the device raised or returned what cannot be sent; names method, input, file and line.
+        """
+        outs = self._run(method, *args)
+        if not isinstance(outs, list | tuple):
+            one = isinstance(outs, bytes | CanFrame | Sent)
+            hint = "return [frame]" if one else "return a list of frames, or ()"
+            raise DeviceError(f"{self.device.name}.{method} returned {type(outs).__name__}: {hint}")
+        for out in outs:
+            self._check(method, out)
+        return list(outs)
+
+    def _check(self, method: str, out: Any) -> None:
+        if isinstance(out, Convert | Restart):
+            return
+        frame, port = (out.frame, out.port) if isinstance(out, Sent) else (out, "")
+        name = f"{self.device.name}.{method}"
+        if not isinstance(frame, bytes | CanFrame) or frame == b"":
+            raise DeviceError(f"{name} sent {frame!r}: expected bytes that are not empty, or a CanFrame")
+        if port and port.partition("/")[0] not in [each.name for each in self.device.ports]:
+            raise DeviceError(f"{name} sent to port {port!r}; it has {[each.name for each in self.device.ports]}")
+
+    def _run(self, method: str, *args: Any) -> Any:
+        try:
+            return getattr(self.device, method)(*args)
+        except Exception as error:
+            raise DeviceError(self._blame(method, args, error)) from error
+
+    def _blame(self, method: str, args: tuple, error: Exception) -> str:
+        """One sentence for the device's author: method, input, error, and the line in the device's own file."""
+        calls = traceback.extract_tb(error.__traceback__)
+        files = {inspect.getfile(cls) for cls in type(self.device).__mro__[:-3]}
+        own = next((call for call in reversed(calls) if call.filename in files), calls[-1])
+        heard = f" on {text_of(args[0])[:200]}" if method == "receive" else ""
+        where = f"{Path(own.filename).name}:{own.lineno}: {own.line}"
+        return f"{self.device.name}.{method}{heard} raised {type(error).__name__}: {error} at {where}"

@@ -16,6 +16,10 @@ class Clock(Protocol):
 
     virtual: bool
 
+    def start(self) -> None:
+        """The emulator opens: time begins."""
+        ...
+
     def now_ns(self) -> int:
         """Nanoseconds since the start."""
         ...
@@ -36,8 +40,12 @@ class RealClock:
     def __init__(self):
         self._start = time.monotonic_ns()
 
+    def start(self) -> None:
+        """Count from now."""
+        self._start = time.monotonic_ns()
+
     def now_ns(self) -> int:
-        """Nanoseconds since the clock was made."""
+        """Nanoseconds since the clock was made, or started."""
         return time.monotonic_ns() - self._start
 
     def wait(self, deadline_ns: int | None, filenos: Sequence[int], *, poll: bool = False) -> None:
@@ -57,6 +65,9 @@ class VirtualClock:
 
     def __init__(self, start_ns: int = 0):
         self._now = start_ns
+
+    def start(self) -> None:
+        """It stands where it was set."""
 
     def now_ns(self) -> int:
         """The deadline that was waited for last."""

@@ -6,24 +6,26 @@
                                                                   ▲                      │
                                                                   └────── commands ◀─────┘
 
-One thread and one clock. :meth:`Emulator.step` is the picture: what the driver sent goes to the devices, every device
-whose time has come takes a sample of the simulation, and what the wires have due is written. Deadlines are absolute
-integer nanoseconds; nothing here knows which device, sensor model or transport it runs.
+One thread and one clock. :meth:`Emulator.step` is the picture: what the driver sent goes to the devices, every stream
+of a device whose time has come takes a sample of the simulation, and what the wires have due is written. Deadlines are
+absolute integer nanoseconds; nothing here knows which device, sensor model or transport it runs.
 """
 
 from __future__ import annotations
 
-import heapq
 import queue
-from collections.abc import Callable, Iterable
-from typing import Protocol
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, Protocol
 
-from firmware_protocols import Outgoing
+import numpy as np
+
+from firmware_protocols import Convert, Restart
+from tactemu.agenda import Agenda
 from tactemu.channel import Channel, Source
 from tactemu.clock import Clock, RealClock
-from tactemu.transports.transport import BaudChanged, Closed, Event, Opened, Received
+from tactemu.transports.transport import BaudChanged, Closed, Event, LinesChanged, Opened
 from tactemu.truth import Truth
-from tactemu.wire.wire import Wire
+from tactemu.wire.wire import Heard, Wire
 
 
 class Simulated(Protocol):
@@ -46,7 +48,7 @@ class Emulator:
 
     Args:
         simulation: brought up to each sample's time; ``None`` when every source is a recording.
-        channels: the devices. Several may share a :class:`~tactemu.wire.wire.Wire` (one CAN bus).
+        channels: the devices. Several may share a :class:`~tactemu.wire.wire.Wire` (a CAN bus, an RS-485 line).
         clock: real time by default; a :class:`~tactemu.clock.VirtualClock` runs as fast as it can.
         truth: where samples, frames and faults are logged.
         catch_up_steps: a loop that is late by a period takes at most so many simulation steps for one sample.
@@ -64,33 +66,34 @@ class Emulator:
         self.catch_up_steps = catch_up_steps
         self.simulation = simulation
         self.channels = list(channels)
-        self.wires = list(dict.fromkeys(channel.wire for channel in self.channels))
+        self.wires = list(dict.fromkeys(wire for channel in self.channels for wire in channel.wires.values()))
         for wire in self.wires:
-            wire.name = "+".join(channel.name for channel in self.channels if channel.wire is wire)
+            wire.name = wire.name or "+".join(c.name for c in self.channels if wire in c.wires.values())
         self.clock: Clock = clock or RealClock()
         self.truth = truth or Truth()
         self.running = False
-        self._actions: list[tuple[int, int, Callable[[], None]]] = []
+        self._agenda = Agenda()
+        self._outbox = Agenda()
         self._calls: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
-        self._outbox: list[tuple[int, int, Channel, list[Outgoing]]] = []
-        self._serial = 0
 
     # -- life ------------------------------------------------------------------------------------------------------
 
     def open(self) -> None:
-        """Open every port, or none.
+        """Open every port, or none; time starts here.
 
         Raises:
             TransportError: a port cannot be made; those already open are closed again.
+            DeviceError: a device cannot be started.
         """
         try:
             for wire in self.wires:
                 wire.open()
+            self.clock.start()
+            for channel in self.channels:
+                self._power_on(channel)
         except BaseException:
             self.close()
             raise
-        for channel in self.channels:
-            self._power_on(channel, self.clock.now_ns())
 
     def close(self) -> None:
         """Remove every port. Safe to call twice."""
@@ -98,11 +101,25 @@ class Emulator:
             wire.close()
         self.truth.close()
 
-    def _power_on(self, channel: Channel, now: int) -> None:
-        """The device boots: its first sample comes a period after that."""
-        channel.silent_until_ns = now + round(channel.device.boot_s * 1e9)
-        channel.restart(channel.silent_until_ns)
-        self._send(channel, channel.device.power_on(channel.local_ns(now)), now)
+    def _power_on(self, channel: Channel) -> None:
+        """The device loses its memory and boots; until then it neither samples nor hears."""
+        now = self.clock.now_ns()
+        if channel.lives:
+            channel.device.power_cycle()
+        channel.lives += 1
+        channel.halt()
+        booted = channel.silent_until_ns = now + round(channel.device.boot_s * 1e9)
+        if booted > now:
+            self._later(channel, booted, lambda: self._boot(channel, booted))
+        else:
+            self._boot(channel, now)
+
+    def _boot(self, channel: Channel, now: int) -> None:
+        """One conversion of everything that nobody asked for, the banner, and then the periods."""
+        for stream in channel.ticks:
+            self._convert(channel, stream, now, channel.local_ns(now))
+        channel.begin(now)
+        self._call(channel, now, "boot", channel.local_ns(now))
 
     def run(self, seconds: float | None = None) -> None:
         """Run for ``seconds`` of emulation time, or until :meth:`stop`."""
@@ -114,15 +131,6 @@ class Emulator:
     def stop(self) -> None:
         """Leave :meth:`run` after the current turn. May be called from a signal handler or another thread."""
         self.running = False
-
-    def summary(self) -> dict[str, dict[str, float]]:
-        """Statistics of every device with the counters of its wire (shared by all on one bus) and of its firmware."""
-        return {
-            channel.name: channel.statistics.as_dict()
-            | {f"wire_{name}": count for name, count in sorted(channel.wire.counters.items())}
-            | {f"device_{name}": count for name, count in sorted(channel.device.counters.items())}
-            for channel in self.channels
-        }
 
     def __enter__(self):
         self.open()
@@ -139,9 +147,9 @@ class Emulator:
         self._act(now)
         for wire in self.wires:
             self._listen(wire, now)
-        for channel in sorted(self.channels, key=lambda c: c.due_ns):
-            if channel.due_ns <= now:
-                self._sample(channel, now)
+        for due, channel, stream in self._due():
+            if due <= now:
+                self._sample(channel, stream, now)
         self._release(now)
         for wire in self.wires:
             wire.flush(self.clock.now_ns())
@@ -151,48 +159,64 @@ class Emulator:
         """Commands and port events, from the wire to every device on it."""
         for event in wire.receive(now):
             for channel in self.channels:
-                if channel.wire is wire:
-                    self._hand_over(channel, event, now)
+                for port, each in channel.wires.items():
+                    if each is wire:
+                        self._hand_over(channel, port, event, now)
 
-    def _hand_over(self, channel: Channel, event: Event, now: int) -> None:
-        device, period = channel.device, channel.device.period_ns
-        if isinstance(event, Received) and now < channel.silent_until_ns:
-            device.counters["unheard"] += 1
-        elif isinstance(event, Received):
-            self._send(channel, device.receive(event.data, channel.local_ns(now)), now)
-        elif isinstance(event, Opened):
-            self.truth.event(now, channel.name, "opened")
-            self._send(channel, device.opened(channel.local_ns(now)), now)
-        elif isinstance(event, Closed):
-            self.truth.event(now, channel.name, "closed")
-            device.closed(channel.local_ns(now))
-        elif isinstance(event, BaudChanged):
-            self.truth.event(now, channel.name, f"baud {event.baud}")
-        if device.period_ns != period:
-            channel.restart(now)
+    def _hand_over(self, channel: Channel, port: str, event: Event | Heard, now: int) -> None:
+        local = channel.local_ns(now)
+        match event:
+            case Heard():
+                data = channel.wires[port].heard_by(channel.name, event)
+                if data is not None and now < channel.silent_until_ns:
+                    channel.device.counters["unheard"] += 1
+                elif data is not None:
+                    self._call(channel, now, "receive", data, local, port, port=port)
+            case Opened() | Closed():
+                opened = isinstance(event, Opened)
+                self.truth.event(now, channel.name, "opened" if opened else "closed")
+                self._call(channel, now, "lines", opened, opened, local, port, port=port)
+            case LinesChanged(dtr, rts):
+                self.truth.event(now, channel.name, f"dtr {int(dtr)} rts {int(rts)}")
+                self._call(channel, now, "lines", dtr, rts, local, port, port=port)
+            case BaudChanged():
+                self.truth.event(now, channel.name, f"baud {event.baud}")
 
-    def _sample(self, channel: Channel, now: int) -> None:
+    def _due(self) -> list[tuple[int, Channel, str]]:
+        """Streams by the time of their next sample, equal times in the order of the devices."""
+        due = [(t_ns, channel, stream) for channel in self.channels for t_ns, stream in channel.due()]
+        return sorted(due, key=lambda entry: entry[0])
+
+    def _sample(self, channel: Channel, stream: str, now: int) -> None:
         """Simulation up to the sample's time, reading, device, and out after the sampling delay."""
-        due = channel.due_ns
+        ticks = channel.ticks[stream]
+        if not ticks.running:
+            return
+        due, count = ticks.due_ns, ticks.count
         if due < channel.silent_until_ns:
-            channel.count += 1
+            ticks.count += 1
             channel.statistics.silent += 1
             return
-        self._advance(channel, due)
-        senses = channel.device.senses
-        ideal = channel.source.quantity(senses, ground_truth=True)
-        measured = channel.source.quantity(senses)
-        frames = channel.device.sample(channel.reading(due, measured), channel.sampling.stamp_ns(channel.count))
-        self.truth.sample(due, channel.name, ideal, measured, channel.device.counts)
-        self._post(channel, frames, channel.sampling.release_ns(channel.count, due))
-        self._count(channel, due, now)
+        stamp, release = ticks.sampling.stamp_ns(count), ticks.sampling.release_ns(count, due)
+        number = self._convert(channel, stream, due, stamp)
+        self._call(channel, now, "stream", stamp, stream, release_ns=release, sample=number)
+        self._count(channel, stream, count, due)
 
-    def _advance(self, channel: Channel, due: int) -> None:
-        """Bring the simulation to ``due``; late in real time, in few steps."""
+    def _convert(self, channel: Channel, stream: str, t_ns: int, stamp_ns: int) -> int:
+        """One conversion at ``t_ns``, logged; returns its number."""
+        number, channel.samples = channel.samples, channel.samples + 1
+        ideal, measured = channel.read(stream, t_ns, lambda at_ns: self._advance(channel, stream, at_ns))
+        counts = channel.feel(stream, measured, stamp_ns)
+        for key, values in _by_sense(counts, measured):
+            self.truth.sample(t_ns, channel.name, ideal[key], measured[key], values)
+        return number
+
+    def _advance(self, channel: Channel, stream: str, t_ns: int) -> None:
+        """Bring the simulation to ``t_ns``; late in real time, in few steps."""
         if self.simulation is None:
             return
-        behind = self.clock.now_ns() - due > channel.device.period_ns and not self.clock.virtual
-        stretched = self.simulation.advance_to(due, self.catch_up_steps if behind else None)
+        behind = not self.clock.virtual and self.clock.now_ns() - t_ns > channel.period_ns(stream)
+        stretched = self.simulation.advance_to(t_ns, self.catch_up_steps if behind else None)
         channel.statistics.stretched += stretched
 
     def _look_ahead(self, end_ns: int | None) -> bool:
@@ -202,47 +226,98 @@ class Emulator:
         call from another thread) meets a simulation that is less than a period ahead.
         """
         simulation = self.simulation
-        if simulation is None or not self.channels:
+        ends = [due for due, _, _ in self._due()]
+        if simulation is None or not ends:
             return False
-        ends = [channel.due_ns for channel in self.channels]
-        ends += [entry[0] for entry in self._actions[:1]]
-        horizon = min(ends if end_ns is None else [*ends, end_ns])
-        if simulation.dt_ns <= 0 or horizon - simulation.time_ns < simulation.dt_ns:
+        ends += [t_ns for t_ns in (self._agenda.next_ns, end_ns) if t_ns is not None]
+        if simulation.dt_ns <= 0 or min(ends) - simulation.time_ns < simulation.dt_ns:
             return False
         simulation.advance_to(simulation.time_ns + simulation.dt_ns)
         return True
 
-    def _count(self, channel: Channel, due: int, now: int) -> None:
+    def _count(self, channel: Channel, stream: str, count: int, due: int) -> None:
         """Statistics, and on to the next sample: those whose time has wholly passed are missed, never made up."""
-        statistics = channel.statistics
-        statistics.first_ns = statistics.first_ns or due
-        statistics.last_ns = due
-        statistics.samples += 1
-        statistics.lateness.add(max(0, self.clock.now_ns() - due))
-        channel.count += 1
-        behind = (self.clock.now_ns() - channel.due_ns) // channel.device.period_ns
-        if behind > 0:
-            channel.count += behind
-            statistics.missed += behind
+        late_ns = self.clock.now_ns() - due
+        channel.statistics.sampled(stream, due, late_ns)
+        ticks = channel.ticks[stream]
+        if ticks.running and ticks.count == count:  # unless the call has started it anew
+            past_ns = self.clock.now_ns() - ticks.sampling.due_ns(count + 1)
+            missed = max(0, past_ns // ticks.sampling.period_ns)
+            ticks.count += 1 + missed
+            channel.statistics.missed += missed
 
     # -- what leaves -------------------------------------------------------------------------------------------------
 
-    def _send(self, channel: Channel, frames: Iterable[Outgoing], now: int) -> None:
-        frames = list(frames)
-        if frames:
-            channel.wire.send(frames, now, source=channel.name)
+    def _call(
+        self,
+        channel: Channel,
+        now: int,
+        method: str,
+        *args: Any,
+        port: str = "",
+        release_ns: int | None = None,
+        sample: int | None = None,
+    ) -> None:
+        """Call into a device, do what it returns, and follow what it changed.
 
-    def _post(self, channel: Channel, frames: Iterable[Outgoing], release_ns: int) -> None:
-        """Keep a sample's frames until their release time. They stay together: a line takes them all, or none."""
-        frames = list(frames)
-        if frames:
-            self._serial += 1
-            heapq.heappush(self._outbox, (release_ns, self._serial, channel, frames))
+        Frames of one call to one port stay together: a line takes them all, or none. Answers leave now, readings at
+        ``release_ns``.
+        """
+        frames: dict[str, list[Any]] = {}
+        for out in channel.call(method, *args):
+            match out:
+                case Restart(delay_ns):
+                    self._later(channel, now + delay_ns, lambda: self._power_on(channel))
+                case Convert(stream, delay_ns):
+                    at = now + delay_ns
+                    self._later(channel, at, lambda stream=stream, at=at: self._convert_once(channel, stream, at))
+                case _:
+                    to = getattr(out, "port", "") or port or next(iter(channel.wires))
+                    frames.setdefault(to.partition("/")[0], []).append(out)
+        for to, together in frames.items():
+            if to not in channel.wires:
+                channel.device.counters["unplugged"] += len(together)
+            elif release_ns is None:
+                channel.wires[to].send(together, now, source=channel.name, sample=sample)
+            else:
+                self._post(channel, to, together, release_ns, sample)
+        channel.follow(now)
+        if channel.device.wake_ns != channel.alarm_ns:
+            self._set_alarm(channel, now)
+
+    def _post(self, channel: Channel, port: str, frames: list[Any], release_ns: int, sample: int | None) -> None:
+        """Keep a sample's frames until their release time."""
+        wire, name = channel.wires[port], channel.name
+        self._outbox.put(release_ns, lambda: wire.send(frames, release_ns, source=name, sample=sample))
 
     def _release(self, now: int) -> None:
-        while self._outbox and self._outbox[0][0] <= now:
-            release_ns, _, channel, frames = heapq.heappop(self._outbox)
-            channel.wire.send(frames, release_ns, source=channel.name)
+        for send in self._outbox.due(now):
+            send()
+
+    def _convert_once(self, channel: Channel, stream: str, t_ns: int) -> None:
+        """A conversion out of its period."""
+        local = channel.local_ns(t_ns)
+        number = self._convert(channel, stream, t_ns, local)
+        self._call(channel, t_ns, "stream", local, stream, sample=number)
+
+    def _later(self, channel: Channel, t_ns: int, action: Callable[[], None]) -> None:
+        """Unless the device has restarted by then."""
+        life = channel.lives
+        self._agenda.put(t_ns, lambda: action() if channel.lives == life else None)
+
+    def _set_alarm(self, channel: Channel, now: int) -> None:
+        """The device's alarm clock was set, to a time of its own clock, or switched off."""
+        wake_ns = channel.alarm_ns = channel.device.wake_ns
+        if wake_ns is None:
+            return
+
+        def wake() -> None:
+            if channel.alarm_ns == wake_ns:
+                channel.device.wake_ns = channel.alarm_ns = None
+                at = self.clock.now_ns()
+                self._call(channel, at, "wake", channel.local_ns(at))
+
+        self._later(channel, max(now, channel.sampling.world_ns(wake_ns)), wake)
 
     # -- what others ask of the loop -----------------------------------------------------------------------------------
 
@@ -252,8 +327,7 @@ class Emulator:
 
     def at(self, t_ns: int, action: Callable[[], None]) -> None:
         """Have ``action`` run by the loop at an emulation time. Call from the loop's thread, or before it runs."""
-        self._serial += 1
-        heapq.heappush(self._actions, (t_ns, self._serial, action))
+        self._agenda.put(t_ns, action)
 
     def hang(self, until_ns: int, name: str | None = None) -> None:
         """Let the device ``name`` (default: every one) neither sample nor hear until ``until_ns``, then go on."""
@@ -263,31 +337,35 @@ class Emulator:
 
     def reset(self, name: str | None = None) -> None:
         """Let the device ``name`` (default: every one) restart as after power-up, boot time included."""
-        now = self.clock.now_ns()
         for channel in self._named(name):
-            self.truth.inject(now, channel.name, "reset")
-            self._power_on(channel, now)
+            self.truth.inject(self.clock.now_ns(), channel.name, "reset")
+            self._power_on(channel)
 
     def _named(self, name: str | None) -> list[Channel]:
         return [channel for channel in self.channels if name in (None, channel.name)]
 
     def _act(self, now: int) -> None:
-        while self._actions and self._actions[0][0] <= now:
-            heapq.heappop(self._actions)[2]()
+        for action in self._agenda.due(now):
+            action()
         while not self._calls.empty():
             self._calls.get()()
 
     def _wait(self, end_ns: int | None, *, busy: bool) -> None:
         """Until whatever comes next; when busy, no longer than a look at the ports."""
-        deadlines = [channel.due_ns for channel in self.channels]
+        deadlines = [due for due, _, _ in self._due()]
         deadlines += [due for wire in self.wires if (due := wire.next_due_ns()) is not None]
-        deadlines += [entries[0][0] for entries in (self._actions, self._outbox) if entries]
-        if end_ns is not None:
-            deadlines.append(end_ns)
+        deadlines += [t_ns for t_ns in (self._agenda.next_ns, self._outbox.next_ns, end_ns) if t_ns is not None]
         filenos = [fileno for wire in self.wires for fileno in wire.filenos()]
         poll = any(not wire.filenos() for wire in self.wires)
         deadline = self.clock.now_ns() if busy else min(deadlines, default=None)
         self.clock.wait(deadline, filenos, poll=poll)
+
+
+def _by_sense(counts: np.ndarray | Mapping[str, np.ndarray], measured: Mapping[str, Any]) -> Sequence[tuple[str, Any]]:
+    """Counts with the key of their sense; an array stands for the first sense of the stream."""
+    if isinstance(counts, Mapping):
+        return [(key, values) for key, values in counts.items() if key in measured]
+    return [(next(iter(measured)), counts)]
 
 
 __all__ = ["Channel", "Emulator", "Simulated", "Source"]

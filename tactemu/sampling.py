@@ -80,6 +80,11 @@ class SampleClock:
             counted -= round(wrong / max(rate, 0.5))
         return shown + counted
 
+    def world_ns(self, shown_ns: int) -> int:
+        """Our time at which the device's clock shows ``shown_ns``."""
+        counted = shown_ns - self._shown_at_start
+        return self.start_ns + counted + (self._late(counted) if counted > 0 else 0)
+
     @property
     def _shown_at_start(self) -> int:
         return self.start_ns if self.shown_ns is None else self.shown_ns

@@ -28,6 +28,25 @@ class Lateness:
 
 
 @dataclass
+class StreamStatistics:
+    """Samples of one stream."""
+
+    first_ns: int
+    last_ns: int = 0
+    samples: int = 0
+
+    def add(self, due_ns: int) -> None:
+        """One more."""
+        self.samples, self.last_ns = self.samples + 1, due_ns
+
+    @property
+    def rate_hz(self) -> float:
+        """Mean rate since the first."""
+        elapsed = self.last_ns - self.first_ns
+        return (self.samples - 1) * 1e9 / elapsed if elapsed > 0 else 0.0
+
+
+@dataclass
 class ChannelStatistics:
     """Counters of one device since the start."""
 
@@ -38,15 +57,22 @@ class ChannelStatistics:
     """Samples for which the simulation took longer steps than the scene's, because the machine is too slow."""
     silent: int = 0
     """Samples that a booting or hanging device did not take."""
-    first_ns: int = 0
-    last_ns: int = 0
+    streams: dict[str, StreamStatistics] = field(default_factory=dict)
+    """By name, in the order of their first samples."""
     lateness: Lateness = field(default_factory=Lateness)
+
+    def sampled(self, stream: str, due_ns: int, late_ns: int) -> None:
+        """A sample of a stream was taken."""
+        self.samples += 1
+        self.lateness.add(max(0, late_ns))
+        if stream not in self.streams:
+            self.streams[stream] = StreamStatistics(due_ns)
+        self.streams[stream].add(due_ns)
 
     @property
     def rate_hz(self) -> float:
-        """Mean rate of samples since the first."""
-        elapsed = self.last_ns - self.first_ns
-        return (self.samples - 1) * 1e9 / elapsed if elapsed > 0 else 0.0
+        """Mean rate of samples since the first, of the first stream."""
+        return next((each.rate_hz for each in self.streams.values()), 0.0)
 
     def as_dict(self) -> dict[str, float]:
         """Plain numbers, times in microseconds, for logs and ``--json``."""
@@ -56,6 +82,7 @@ class ChannelStatistics:
             "stretched": self.stretched,
             "silent": self.silent,
             "rate_hz": round(self.rate_hz, 3),
+            **{f"rate_hz_{name}": round(each.rate_hz, 3) for name, each in self.streams.items() if name},
             "lateness_p50_us": round(self.lateness.percentile_ns(50) / 1e3, 1),
             "lateness_p99_us": round(self.lateness.percentile_ns(99) / 1e3, 1),
             "lateness_max_us": round(self.lateness.max_ns / 1e3, 1),

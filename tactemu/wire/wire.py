@@ -1,41 +1,50 @@
 """Between devices and port: the wire has a speed, and bytes and frames go wrong on it.
 
-Frames leave when their last bit would have: bytes at the baud rate, CAN frames at their exact bit time, lowest
-identifier first among the nodes of a bus. What the driver sends takes its time likewise. A reading that does not fit
-is dropped whole and counted; nothing queues without bound. At another baud rate than the device's the driver hears
-noise, and so does the device.
+Frames leave when their last bit would have: how long that takes and who goes first is the carrier's
+(:mod:`tactemu.wire.carriers`). What the driver sends takes its time likewise. A reading that does not fit is dropped
+whole and counted; nothing queues without bound. At other settings than the device's the driver hears noise, and so
+does the device.
 """
 
 from __future__ import annotations
 
-import heapq
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterable
+from dataclasses import dataclass
 
-from firmware_protocols import CanFrame, CanWire, Delayed, Frame, Outgoing, SerialWire
-from firmware_protocols import Wire as Spec
-from tactemu.transports.transport import BaudChanged, Closed, Event, Opened, Received, Transport
+from firmware_protocols import Connector, Frame, Sent
+from firmware_protocols.frames import payload
+from tactemu.transports.transport import Closed, Event, Received, Transport
 from tactemu.truth import Truth
+from tactemu.wire.carriers import carrier_of
+from tactemu.wire.carriers.carrier import DRIVER
 from tactemu.wire.faults import Fault, Injector
-from tactemu.wire.faults.frames import Parts
-from tactemu.wire.line import Line, Pending, duration
-from tactemu.wire.uart import misheard
+from tactemu.wire.line import Line, Pending
 
-DRIVER = "(driver)"
-"""The driver as a node of a CAN bus."""
-_INBOUND_LIMIT_NS = 1_000_000_000
+INBOUND_LIMIT_NS = 1_000_000_000
 """Bytes of a driver that is further ahead of its line than this are lost."""
+MAX_BYTES_A_TURN = 16_384
+"""Of what arrives in one turn of the loop: a flood is worked off in pieces, and the loop goes on meanwhile."""
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """A chunk of bytes or a CAN frame that has arrived at the devices of a wire."""
+
+    data: Frame
+    source: str = DRIVER
+    """Who sent it: the driver, or one of the devices."""
 
 
 class Wire:
-    """One wire of one kind in front of one transport. Several devices may share it (a CAN bus).
+    """One wire of one kind in front of one transport. Several devices may share it (a CAN bus, an RS-485 line).
 
     The caller gives the time with every call and calls :meth:`receive` and :meth:`flush` at every turn of its loop,
     and no later than :meth:`next_due_ns`.
 
     Args:
         transport: the port.
-        spec: the device's wire: baud rate or bit rates.
+        connector: what the device has there: baud rate or bit rates.
         pacing: whether frames take their time. Off, they leave at once.
         faults: what goes wrong, as text or parsed (:mod:`tactemu.wire.faults`).
         seed: root seed of the faults' random streams.
@@ -47,14 +56,14 @@ class Wire:
 
     ``counters``: ``sent`` and ``sent_bytes``, ``received`` and ``received_bytes``, ``dropped_readings`` and
     ``dropped_frames`` (the line is full), ``dropped_unread`` (the driver does not read), ``unheard`` (nobody has the
-    port open), ``misheard`` (the baud rates differ), ``overrun`` (the driver sends more than the line carries), and
-    injected faults by their kind.
+    port open), ``misheard`` (the settings differ), ``overrun`` (the driver is a second ahead of the line),
+    ``collision`` (it talks while a device does), and injected faults by their kind.
     """
 
     def __init__(
         self,
         transport: Transport,
-        spec: Spec,
+        connector: Connector,
         *,
         pacing: bool = True,
         faults: Iterable[Fault | str] = (),
@@ -63,29 +72,29 @@ class Wire:
         backlog_ns: int = 20_000_000,
     ):
         self.transport = transport
-        self.spec = spec
         self.pacing = pacing
-        self.seed = seed
         self.truth = truth or Truth()
         self.backlog_ns = backlog_ns
         self.counters: Counter[str] = Counter()
-        self.line = Line(spec, pacing=pacing)
-        self._inbound: list[tuple[int, int, Frame]] = []
-        self._inbound_number = 0
-        self._inbound_free_ns = 0
-        self._inbound_duration = duration(spec, pacing=pacing)
+        self.carrier = carrier_of(connector, pacing=pacing)
+        self.line = Line(self.carrier)
+        """Towards the driver, and from it where there is one line for both."""
+        self.inbound = self.line if self.carrier.one_line else Line(self.carrier)
+        self.connectors: dict[str, Connector] = {}
+        """What each device on the wire has there, by the device's name."""
         self.name = ""
         """Who is on it, for the truth log of what arrives and of what befalls the wire; default: who sent last."""
         self._source = ""
+        self._arrived: deque[tuple[int, Heard]] = deque()
+        self._held_ns = {"to_driver": 0, "from_driver": 0}
+        """Until when a fault holds a byte stream up."""
         self._now_ns = 0
         self._flushed_ns = 0
         """Until when the line has had its chance: what waits since is late by its caller, not by the line."""
         self._down: Fault | None = None
-        self._injector: Injector | None = None
-        for fault in faults:
-            self.add_fault(fault)
+        self._injector = Injector(faults, self.carrier, seed, self._note)
 
-    # -- life ------------------------------------------------------------------------------------------------------
+    # -- life --------------------------------------------------------------------------------------------------------
 
     def open(self) -> None:
         """Make the port.
@@ -99,7 +108,16 @@ class Wire:
         """Remove the port. Safe to call twice."""
         self.transport.close()
         self.line.clear()
-        self._inbound.clear()
+        self.inbound.clear()
+        self._arrived.clear()
+
+    def attach(self, source: str, connector: Connector) -> None:
+        """A device is on the wire, or its firmware has changed its settings: they hold for what is sent from now on."""
+        changed = self.connectors.get(source, connector) != connector
+        self.connectors[source] = connector
+        if changed:
+            self.carrier = carrier_of(connector, pacing=self.pacing)
+            self.line.carrier = self.inbound.carrier = self.carrier
 
     def filenos(self) -> list[int]:
         """File descriptors to select for reading."""
@@ -107,20 +125,20 @@ class Wire:
 
     def next_due_ns(self) -> int | None:
         """When :meth:`receive` or :meth:`flush` must be called next, whatever the file descriptors say."""
+        if self._arrived:
+            return self._arrived[0][0]
         due = self.line.next_ns()
-        if self._inbound:
-            due = self._inbound[0][0] if due is None else min(due, self._inbound[0][0])
-        if self._injector is not None:
-            happens = self._injector.next_ns(self._now_ns)
-            due = happens if due is None or (happens is not None and happens < due) else due
-        return due
+        if self.inbound is not self.line and (comes := self.inbound.next_ns()) is not None:
+            due = comes if due is None or comes < due else due
+        happens = self._injector.next_ns(self._now_ns)
+        return happens if due is None or (happens is not None and happens < due) else due
 
     # -- faults ------------------------------------------------------------------------------------------------------
 
     @property
     def faults(self) -> list[Fault]:
         """The faults that are on."""
-        return list(self._injector.faults) if self._injector else []
+        return list(self._injector.faults)
 
     def add_fault(self, fault: Fault | str) -> Fault:
         """Switch a fault on, also while running.
@@ -128,8 +146,6 @@ class Wire:
         Raises:
             SceneError: it cannot be parsed, or this wire cannot have it.
         """
-        if self._injector is None:
-            self._injector = Injector((), self.spec, self.seed, self._note)
         return self._injector.add(fault)
 
     def remove_fault(self, fault: Fault) -> None:
@@ -138,17 +154,13 @@ class Wire:
         Raises:
             ValueError: it is not on.
         """
-        if self._injector is None:
-            raise ValueError(f"no such fault is on: {fault}")
         for frame, source, direction in self._injector.remove(fault):
             if direction == "to_driver":
                 self.line.put(frame, self._now_ns, source)
             else:
-                self._take_in(frame, self._now_ns)
+                self.inbound.put(frame, self._now_ns, DRIVER)
         if fault.kind == "latency" and (rest := self._injector.unmount_chip()):
             self.transport.write(rest)
-        if not self._injector.faults and self._down is None:
-            self._injector = None
 
     def _note(self, t_ns: int, source: str, kind: str, detail: str) -> None:
         self.counters[kind] += 1
@@ -156,9 +168,14 @@ class Wire:
 
     # -- to the driver -----------------------------------------------------------------------------------------------
 
-    def send(self, frames: Iterable[Outgoing], now_ns: int, source: str = "") -> None:
-        """Queue one reading or one answer: all of its frames, or none when the line is full."""
-        parts: Parts = [(part.frame, part.delay_ns) if isinstance(part, Delayed) else (part, 0) for part in frames]
+    def send(
+        self, frames: Iterable[Frame | Sent], now_ns: int, source: str = "", *, sample: int | None = None
+    ) -> None:
+        """Queue one reading or one answer: all of its frames, or none when the line is full.
+
+        ``sample`` is the number of the sample that they carry.
+        """
+        parts = [each if isinstance(each, Sent) else Sent(each) for each in frames]
         self._source = source
         if not self.transport.listening:
             self._lose(parts, now_ns, source, "unheard", "nobody listens")
@@ -168,27 +185,37 @@ class Wire:
             self.counters["dropped_readings"] += 1
             self._lose(parts, now_ns, source, "dropped_frames", "line full")
         else:
-            if self._injector is not None:
-                parts = self._injector.spoil(parts, now_ns, source, "to_driver")
-            for frame, delay_ns in parts:
-                self.line.put(frame, now_ns + delay_ns, source)
+            least = self.carrier.turnaround_ns()
+            for part in parts:
+                ready_ns = now_ns + max(part.delay_ns, least)
+                for frame, held_ns in self._injector.spoil(part.frame, now_ns, source, "to_driver"):
+                    at = self._after_held("to_driver", ready_ns, held_ns)
+                    self.line.put(frame, at, source, turn=part.turn, sample=sample)
+
+    def _after_held(self, direction: str, ready_ns: int, held_ns: int) -> int:
+        """When a frame may leave that a fault holds back by ``held_ns``; on a byte stream, what follows waits for it."""
+        ready_ns += held_ns
+        if self.carrier.ordered:
+            ready_ns = max(ready_ns, self._held_ns[direction])
+            if held_ns:
+                self._held_ns[direction] = ready_ns
+        return ready_ns
 
     def flush(self, now_ns: int) -> int:
         """Write every frame whose last bit has gone; returns how many were written."""
         self._now_ns = self._flushed_ns = now_ns
-        if self._injector is not None:
-            self._add_traffic(self._injector, now_ns)
+        self._add_traffic(now_ns)
         written = 0
         while (pending := self.line.take(now_ns)) is not None:
             written += self._pass_on(pending, now_ns)
-        if self._injector is not None and self._injector.chip is not None:
-            while packet := self._injector.chip.take(now_ns):
+        if (chip := self._injector.chip) is not None:
+            while packet := chip.take(now_ns):
                 self.transport.write(packet)
         return written
 
-    def _add_traffic(self, injector: Injector, now_ns: int) -> None:
+    def _add_traffic(self, now_ns: int) -> None:
         """Let other nodes of the bus queue the frames that they have ready."""
-        for node in injector.traffic:
+        for node in self._injector.traffic:
             while (
                 self.line.backlog_ns(node.source, now_ns) <= self.backlog_ns
                 and (ready := node.take(now_ns)) is not None
@@ -199,28 +226,32 @@ class Wire:
 
     def _pass_on(self, pending: Pending, now_ns: int) -> bool:
         """What has left the line goes to whom it is for; returns whether that is the driver, and it took it."""
-        if pending.source != DRIVER:
-            return self._write(pending, now_ns)
-        if isinstance(pending.frame, CanFrame) and not pending.frame.is_error_frame:
-            self._take_in(pending.frame, pending.end_ns)
-        return False
+        if pending.source == DRIVER:
+            if self.carrier.carries(pending.frame) and not getattr(pending.frame, "is_error_frame", False):
+                self._arrived.append((pending.end_ns, Heard(pending.frame)))
+                if self.carrier.echoes():
+                    self.transport.write(pending.frame)
+            return False
+        if len(self.connectors) > 1 and pending.source in self.connectors:
+            self._arrived.append((pending.end_ns, Heard(pending.frame, pending.source)))
+        return self._write(pending, now_ns)
 
     def _write(self, pending: Pending, now_ns: int) -> bool:
         frame, source = pending.frame, pending.source
-        heard = self._through_baud(frame, to_driver=True)
+        heard = self._through(frame, source, to_driver=True)
         if isinstance(heard, bytes) and not heard:  # nothing that looks like a byte came out of the noise
             return False
         if not self._hand_over(heard, now_ns):
             why = ("dropped_unread", "not read") if self.transport.listening else ("unheard", "nobody listens")
-            self._lose([(frame, 0)], now_ns, source, *why)
+            self._lose([Sent(frame)], now_ns, source, *why)
             return False
         self.counters["sent"] += 1
-        self.counters["sent_bytes"] += _size(heard)
+        self.counters["sent_bytes"] += len(payload(heard))
         self.truth.wrote(now_ns, source, heard)
         return True
 
     def _hand_over(self, frame: Frame, now_ns: int) -> bool:
-        chip = self._injector.chip if self._injector is not None else None
+        chip = self._injector.chip
         if chip is None or not isinstance(frame, bytes):
             return self.transport.write(frame)
         if not self.transport.listening:
@@ -232,34 +263,43 @@ class Wire:
         self._note(now_ns, self._source, "latency", "")
         return True
 
-    def _lose(self, parts: Parts, now_ns: int, source: str, counter: str, why: str) -> None:
-        self.counters[counter] += len(parts)
-        for frame, _ in parts:
-            self.truth.dropped(now_ns, source, frame, why)
+    def _lose(self, parts: Iterable[Sent], now_ns: int, source: str, counter: str, why: str) -> None:
+        for part in parts:
+            self.counters[counter] += 1
+            self.truth.dropped(now_ns, source, part.frame, why)
 
     # -- from the driver ---------------------------------------------------------------------------------------------
 
-    def receive(self, now_ns: int) -> list[Event]:
-        """What the driver did by ``now_ns``, oldest first; its bytes arrive when their last bit has."""
+    def receive(self, now_ns: int) -> list[Event | Heard]:
+        """What happened by ``now_ns``, oldest first; bytes arrive when their last bit has."""
         self._now_ns = now_ns
-        events: list[Event] = []
-        if self._injector is not None:
-            self._follow_outages(self._injector.outage(now_ns), now_ns, events)
+        events: list[Event | Heard] = []
+        self._follow_outages(self._injector.outage(now_ns), now_ns, events)
         for event in self.transport.poll():
             if isinstance(event, Received):
                 if self._down is None:
                     self._arrive(event.data, now_ns)
                 continue
             if isinstance(event, Closed):
-                self._deliver(None, events)
+                self._hear_all(events)
                 self._forget(now_ns, "closed")
             events.append(event)
-        if (pending := self.line.finish(now_ns)) is not None:
+        if self.inbound is not self.line:
+            while (pending := self.inbound.take(now_ns)) is not None:
+                self._pass_on(pending, now_ns)
+        elif (pending := self.line.finish(now_ns)) is not None:
             self._pass_on(pending, now_ns)
         self._deliver(now_ns, events)
         return events
 
-    def _follow_outages(self, fault: Fault | None, now_ns: int, events: list[Event]) -> None:
+    def _hear_all(self, events: list[Event | Heard]) -> None:
+        """The port closes: what the driver has sent arrives at once."""
+        if self.inbound is not self.line:
+            for pending in self.inbound.clear():
+                self._arrived.append((self._now_ns, Heard(pending.frame)))
+        self._deliver(None, events)
+
+    def _follow_outages(self, fault: Fault | None, now_ns: int, events: list[Event | Heard]) -> None:
         """Pull the plug or leave the bus when it is time, and come back.
 
         Raises:
@@ -270,10 +310,10 @@ class Wire:
         before, self._down = self._down, fault
         if fault is not None:
             self._note(now_ns, self._owner, fault.kind, str(fault))
-            self._deliver(None, events)
+            self._hear_all(events)
             self._forget(now_ns, fault.kind)
         if fault is not None and fault.kind == "unplug":
-            if self.transport.listening and not isinstance(self.spec, CanWire):  # a bus has no open and close
+            if self.transport.listening and not self.carrier.one_line:  # a bus has no open and close
                 events.append(Closed())
             self.transport.close()
         elif before is not None and before.kind == "unplug":
@@ -283,69 +323,55 @@ class Wire:
         """Nothing is kept for whoever comes next."""
         for lost in self.line.clear():
             if lost.source != DRIVER:
-                self._lose([(lost.frame, 0)], now_ns, lost.source, "unheard", why)
-        if self._injector is not None:
-            held = [(frame, 0) for frame, _, way in self._injector.forget() if way == "to_driver"]
-            self._lose(held, now_ns, self._owner, "unheard", why)
+                self._lose([Sent(lost.frame)], now_ns, lost.source, "unheard", why)
+        held = [Sent(frame) for frame, _, way in self._injector.forget() if way == "to_driver"]
+        self._lose(held, now_ns, self._owner, "unheard", why)
 
     def _arrive(self, data: Frame, now_ns: int) -> None:
-        """The driver has sent something: on a bus it competes with the other nodes, else it has a line of its own."""
-        parts: Parts = [(data, 0)]
-        if self._injector is not None:
-            parts = self._injector.spoil(parts, now_ns, self._owner, "from_driver")
-        for part, delay_ns in parts:
-            if isinstance(self.spec, CanWire):
-                fits = self.line.backlog_ns(DRIVER, now_ns) <= self.backlog_ns
-                if fits:
-                    self.line.put(part, now_ns + delay_ns, DRIVER)
-            else:
-                begins_ns = max(self._inbound_free_ns, now_ns)
-                fits = begins_ns - now_ns <= _INBOUND_LIMIT_NS
-                if fits:
-                    self._inbound_free_ns = begins_ns + self._inbound_duration(part)
-                    self._take_in(part, self._inbound_free_ns + delay_ns)
-            if not fits:
+        """The driver has sent something: it takes its time on the line."""
+        for part, held_ns in self._injector.spoil(data, now_ns, self._owner, "from_driver"):
+            if self.inbound.backlog_ns(DRIVER, now_ns) > INBOUND_LIMIT_NS:
                 self.counters["overrun"] += 1
+            elif self.carrier.collides(self.line, now_ns):
+                self.counters["collision"] += 1
+            else:
+                at = self._after_held("from_driver", now_ns, held_ns)
+                self.inbound.put(part, at, DRIVER, turn=-1)
 
     @property
     def _owner(self) -> str:
         return self.name or self._source
 
-    def _take_in(self, frame: Frame, arrives_ns: int) -> None:
-        self._inbound_number += 1
-        heapq.heappush(self._inbound, (arrives_ns, self._inbound_number, frame))
+    def _deliver(self, now_ns: int | None, events: list[Event | Heard]) -> None:
+        size = 0
+        while self._arrived and (now_ns is None or self._arrived[0][0] <= now_ns) and size < MAX_BYTES_A_TURN:
+            end_ns, heard = self._arrived.popleft()
+            size += len(payload(heard.data))
+            if heard.source == DRIVER:
+                if len(self.connectors) < 2:  # else each device hears it in its own way: `heard_by`
+                    heard = Heard(self._through(heard.data, self._owner, to_driver=False))
+                    if heard.data == b"":
+                        continue
+                self.counters["received"] += 1
+                self.counters["received_bytes"] += len(payload(heard.data))
+                self.truth.received(end_ns, self._owner, heard.data)
+            events.append(heard)
 
-    def _deliver(self, now_ns: int | None, events: list[Event]) -> None:
-        while self._inbound and (now_ns is None or self._inbound[0][0] <= now_ns):
-            end_ns, _, data = heapq.heappop(self._inbound)
-            data = self._through_baud(data, to_driver=False)
-            if not data:
-                continue
-            self.counters["received"] += 1
-            self.counters["received_bytes"] += _size(data)
-            self.truth.received(end_ns, self._owner, data)
-            events.append(Received(data))
+    def heard_by(self, source: str, heard: Heard) -> Frame | None:
+        """What a device on the wire hears of a frame; ``None``: its connector lets nothing in."""
+        connector, of_peer = self.connectors[source], heard.source != DRIVER
+        if heard.source == source or not self.carrier.hears(connector, heard.data, of_peer=of_peer):
+            return None
+        if of_peer or len(self.connectors) < 2:
+            return heard.data
+        return self._through(heard.data, source, to_driver=False) or None
 
-    def _through_baud(self, data: Frame, *, to_driver: bool) -> Frame:
-        """The bytes as heard at the other end, whose speed may differ; USB and CAN have no such trouble."""
-        baud = self.transport.baud
-        spec = self.spec
-        if (
-            baud is None
-            or not isinstance(spec, SerialWire)
-            or spec.usb
-            or baud == spec.baud
-            or not isinstance(data, bytes)
-        ):
-            return data
-        sent, heard = (spec.baud, baud) if to_driver else (baud, spec.baud)
-        result = misheard(data, sent, heard, spec)
-        self.counters["misheard"] += result != data
+    def _through(self, frame: Frame, source: str, *, to_driver: bool) -> Frame:
+        """A frame as heard at the other end, whose settings may differ."""
+        connector = self.connectors.get(source, self.carrier.connector)
+        result = self.carrier.heard(frame, connector, self.transport.baud, to_driver=to_driver)
+        self.counters["misheard"] += result != frame
         return result
 
 
-def _size(frame: Frame) -> int:
-    return len(frame) if isinstance(frame, bytes) else len(frame.data)
-
-
-__all__ = ["BaudChanged", "Closed", "Opened", "Received", "Wire"]
+__all__ = ["DRIVER", "Heard", "Wire"]

@@ -12,14 +12,13 @@ from dataclasses import replace
 import numpy as np
 
 from firmware_protocols import CanFrame, Frame
+from firmware_protocols.frames import payload, with_payload
 from tactemu.wire.faults.fault import Fault
 
 Parts = list[tuple[Frame, int]]
 """Frames with the time by which each leaves later [ns]."""
 
 Spoil = Callable[[Frame, Fault, np.random.Generator], "Parts | None"]
-
-_CAN_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 
 
 def drop(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
@@ -85,7 +84,7 @@ def split(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
 
 
 def late(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
-    """The frame, ``by`` later. What comes after it does not wait."""
+    """The frame, ``by`` later. On a byte stream what follows waits for it, on a bus it does not."""
     return [(frame, fault.by_ns)]
 
 
@@ -107,17 +106,3 @@ SPOIL: dict[str, Spoil] = {
     "late": late,
     "error": error,
 }
-
-
-def payload(frame: Frame) -> bytes:
-    """The bytes that a fault may touch."""
-    return frame.data if isinstance(frame, CanFrame) else frame
-
-
-def with_payload(frame: Frame, data: bytes) -> Frame:
-    """The frame with other data; a CAN-FD frame is filled up with zeros to the next length that exists."""
-    if not isinstance(frame, CanFrame):
-        return data
-    if frame.is_fd:
-        data = data.ljust(next(size for size in _CAN_LENGTHS if size >= len(data)), b"\0")
-    return replace(frame, data=data)

@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from firmware_protocols import CanFrame, CanWire, Frame
-from firmware_protocols import Wire as Spec
+from firmware_protocols import CanFrame, Frame
+from firmware_protocols.frames import payload, text_of
 from tactemu.random_streams import generator
-from tactemu.truth import text
+from tactemu.wire.carriers import Carrier
 from tactemu.wire.faults.fault import Fault, parse
-from tactemu.wire.faults.frames import SPOIL, Parts, payload
+from tactemu.wire.faults.frames import SPOIL, Parts
 from tactemu.wire.faults.link import LatencyChip, Traffic
 
 Note = Callable[[int, str, str, str], None]
@@ -100,7 +100,7 @@ class Injector:
 
     Args:
         faults: as text or parsed.
-        spec: the wire; a fault that it cannot have is refused.
+        carrier: the kind of line; a fault that it cannot have is refused.
         seed: root seed. Each fault draws from a stream named after its text, so that one more changes no other.
         note: told of every injected fault.
 
@@ -108,8 +108,8 @@ class Injector:
         SceneError: a fault that cannot be parsed, or that this wire cannot have.
     """
 
-    def __init__(self, faults: Iterable[Fault | str], spec: Spec, seed: int, note: Note):
-        self.spec, self.seed, self.note = spec, seed, note
+    def __init__(self, faults: Iterable[Fault | str], carrier: Carrier, seed: int, note: Note):
+        self.carrier, self.seed, self.note = carrier, seed, note
         self.faults: list[Fault] = []
         self.traffic: list[Traffic] = []
         self.chip: LatencyChip | None = None
@@ -122,7 +122,7 @@ class Injector:
     def add(self, fault: Fault | str) -> Fault:
         """Switch a fault on, also while the wire runs."""
         fault = parse(fault) if isinstance(fault, str) else fault
-        fault.check_fits(self.spec.kind)
+        fault.check_fits(self.carrier.kind)
         name = f"fault/{fault}"
         self._copies[name] += 1
         rng = generator(self.seed, name if self._copies[name] == 1 else f"{name}/{self._copies[name]}")
@@ -132,8 +132,7 @@ class Injector:
         elif fault.kind == "latency":
             self.chip = LatencyChip(fault)
         elif fault.kind in ("babble", "load"):
-            assert isinstance(self.spec, CanWire)
-            self.traffic.append(Traffic(fault, self.spec, rng))
+            self.traffic.append(Traffic(fault, self.carrier, rng))
         else:
             self._frames.append(FrameFault(fault, rng))
         return fault
@@ -156,20 +155,22 @@ class Injector:
         chip, self.chip = self.chip, None
         return chip.empty() if chip else b""
 
-    def spoil(self, parts: Parts, t_ns: int, source: str, direction: str) -> Parts:
-        """Frames with their delays, as the faults leave them. ``direction``: ``to_driver`` or ``from_driver``.
+    def spoil(self, frame: Frame, t_ns: int, source: str, direction: str) -> Parts:
+        """A frame as the faults leave it: frames, and by how much each is held back [ns].
 
-        The log's detail is the fault, the direction and the frame before.
+        ``direction`` is ``to_driver`` or ``from_driver``. The log's detail is the fault, the direction and the frame
+        before.
         """
+        parts: Parts = [(frame, 0)]
         for active in self._frames:
             if active.fault.direction not in (direction, "both"):
                 continue
             spoiled: Parts = []
-            for frame, delay_ns in parts:
-                after, injected = active.apply(frame, (source, direction), t_ns)
-                spoiled += [(each, delay_ns + more_ns) for each, more_ns in after]
+            for before, held_ns in parts:
+                after, injected = active.apply(before, (source, direction), t_ns)
+                spoiled += [(each, held_ns + more_ns) for each, more_ns in after]
                 if injected:
-                    self.note(t_ns, source, active.fault.kind, f"{active.fault} [{direction}] {text(frame)}")
+                    self.note(t_ns, source, active.fault.kind, f"{active.fault} [{direction}] {text_of(before)}")
             parts = spoiled
         return parts
 

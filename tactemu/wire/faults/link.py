@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from firmware_protocols import CanFrame, CanWire
-from tactemu.wire.can_bits import frame_ns
+from firmware_protocols import CanFrame
+from tactemu.wire.carriers import Carrier
 from tactemu.wire.faults.fault import Fault
 from tactemu.wire.line import CATCH_UP_NS
 
@@ -53,10 +53,10 @@ class LatencyChip:
 class Traffic:
     """Another node: frames of its own that take a share of the bus (``load``), or all of it (``babble``)."""
 
-    def __init__(self, fault: Fault, wire: CanWire, rng: np.random.Generator):
+    def __init__(self, fault: Fault, carrier: Carrier, rng: np.random.Generator):
         self.fault = fault
         self.source = f"({fault.kind})"
-        self._wire, self._rng = wire, rng
+        self._carrier, self._rng = carrier, rng
         self._next_ns = fault.start_ns
 
     def next_ns(self) -> int | None:
@@ -72,8 +72,7 @@ class Traffic:
         if due is None or due > now_ns:
             return None
         frame = self._frame()
-        taken_ns = frame_ns(frame, self._wire.bitrate, self._wire.data_bitrate)
-        self._next_ns += round(taken_ns / self.fault.probability)
+        self._next_ns += round(self._carrier.traffic_ns(frame) / self.fault.probability)
         return due, frame
 
     def _frame(self) -> CanFrame:

@@ -1,0 +1,77 @@
+"""What each sense of a device sees, from what a skin feels and what is around it."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from firmware_protocols import Device, Sense
+from firmware_protocols.layouts import Layout
+from tactemu.scene.placement import Surroundings
+
+CONTACT = ("force", "pressure", "depth", "displacement", "touch")
+"""Quantities that a sensor model gives per taxel."""
+DERIVED = {"wrench": "force", "vibration": "force"}
+"""Quantities that follow from another, of all taxels together."""
+
+
+class Skin(Protocol):
+    """What a placed sensor or a recording offers."""
+
+    def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
+        """The latest reading of environment 0, shape ``(n_taxels,)`` or ``(n_taxels, 3)``, SI, device's frame."""
+        ...
+
+    def surroundings(self, t_ns: int) -> Surroundings:
+        """What is around it."""
+        ...
+
+
+def contact_quantities(device: Device) -> tuple[str, ...]:
+    """What a sensor model must give for a device, the first sense first; a device without touch gets ``force``."""
+    wanted = [DERIVED.get(sense.quantity, sense.quantity) for sense in device.sensed]
+    return tuple(dict.fromkeys(name for name in wanted if name in CONTACT)) or ("force",)
+
+
+class Senses:
+    """A device's transducers on a skin: a :class:`~tactemu.channel.Source`.
+
+    Args:
+        skin: what is felt, taxels in the order of ``layout``.
+        layout: where the taxels are.
+    """
+
+    def __init__(self, skin: Skin, layout: Layout):
+        self.skin = skin
+        self._layout = layout
+        self._around: tuple[int, Surroundings] = (-1, Surroundings())
+
+    def sense(self, sense: Sense, t_ns: int, ground_truth: bool = False) -> np.ndarray:
+        """What one sense sees now; shapes as in :data:`firmware_protocols.device.Quantity`."""
+        if sense.quantity in CONTACT:
+            return self.skin.quantity(sense.quantity, ground_truth)
+        at: Any = sense.at
+        match sense.quantity:
+            case "wrench":
+                return resultant(self._layout.positions, self.skin.quantity("force", ground_truth), at.positions)
+            case "vibration":
+                push = self._layout.push(self.skin.quantity("force", ground_truth)).sum()
+                return np.full(len(at), push / self._layout.areas.sum())
+            case "load":
+                return np.zeros(len(at))
+            case quantity:
+                value = np.asarray(getattr(self._surroundings(t_ns), quantity), float)
+                return np.broadcast_to(value, (len(at), *value.shape))
+
+    def _surroundings(self, t_ns: int) -> Surroundings:
+        if self._around[0] != t_ns:
+            self._around = (t_ns, self.skin.surroundings(t_ns))
+        return self._around[1]
+
+
+def resultant(positions: np.ndarray, forces: np.ndarray, about: np.ndarray) -> np.ndarray:
+    """Force and torque [N, Nm], shape ``(n, 6)``, of forces ``(m, 3)`` at ``positions`` about each of n points."""
+    arms = positions[None] - np.asarray(about)[:, None]
+    torques = np.cross(arms, forces[None]).sum(axis=1)
+    return np.concatenate([np.broadcast_to(forces.sum(axis=0), torques.shape), torques], axis=-1)

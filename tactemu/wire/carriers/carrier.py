@@ -1,0 +1,108 @@
+"""What a carrier answers: how long a frame takes, who goes first, what is heard, and where the line can lead."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from abc import ABC, abstractmethod
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from firmware_protocols import CanFrame, Connector, Frame
+
+if TYPE_CHECKING:
+    from tactemu.wire.line import Line, Pending
+
+DRIVER = "(driver)"
+"""The driver as a node of a shared line."""
+
+_fresh = itertools.count()
+
+
+class Carrier(ABC):
+    """One kind of line, for one connector."""
+
+    kind: ClassVar[str]
+    """The word by which faults know it: ``serial``, ``can``, ``tcp``."""
+    schemes: ClassVar[tuple[str, ...]]
+    """Transports that can stand for it beside ``memory:``, the usual one first."""
+    shared: ClassVar[bool] = False
+    """Several devices may be on it."""
+    one_line: ClassVar[bool] = False
+    """The driver's frames travel on the same line as the devices'."""
+    ordered: ClassVar[bool] = True
+    """A byte stream: what a fault holds back holds up what follows."""
+
+    def __init__(self, connector: Any, *, pacing: bool = True):
+        self.connector = connector
+        self.pacing = pacing
+
+    # -- on the line -------------------------------------------------------------------------------------------------
+
+    @abstractmethod
+    def duration_ns(self, frame: Frame) -> int:
+        """How long the line is busy with a frame [ns]."""
+
+    def lane(self, source: str) -> str:
+        """The queue of a source: frames of one lane leave in order."""
+        return ""
+
+    def order(self, turn: int, ready_ns: int) -> tuple[int, int]:
+        """Which frame of a lane goes first: the one with the smallest."""
+        return (0, ready_ns)
+
+    def rank(self, pending: Pending) -> tuple:
+        """Which of several lanes that are ready goes first: the one with the smallest."""
+        return (pending.ready_ns, pending.number)
+
+    def turnaround_ns(self) -> int:
+        """Least time from what a device heard to its answer [ns]."""
+        return 0
+
+    def heard(self, frame: Frame, connector: Any, setting: Any, *, to_driver: bool) -> Frame:
+        """What arrives of a frame between a device's connector and a driver with this setting of its port."""
+        return frame
+
+    def hears(self, connector: Any, frame: Frame, *, of_peer: bool) -> bool:
+        """Whether a device's connector lets a frame in; ``of_peer``: another device sent it."""
+        return not of_peer
+
+    def collides(self, line: Line, now_ns: int) -> bool:
+        """Whether the driver talks into what a device says at this moment."""
+        return False
+
+    def echoes(self) -> bool:
+        """Whether the driver hears what it sends."""
+        return False
+
+    def carries(self, frame: Frame) -> bool:
+        """Whether a frame is of the line's kind."""
+        return isinstance(frame, bytes)
+
+    def traffic_ns(self, frame: CanFrame) -> int:
+        """Time of a foreign node's frame, paced or not [ns]."""
+        return self.duration_ns(frame)
+
+    # -- where it leads ----------------------------------------------------------------------------------------------
+
+    def agrees(self, other: Connector) -> bool:
+        """Whether a device with the ``other`` connector may share the line."""
+        plain = {"name": "", "plugged": True}
+        return self.shared and replace(self.connector, **plain) == replace(other, **plain)
+
+    @abstractmethod
+    def describe(self) -> str:
+        """``serial 115200 8N1``, ``CAN 1 Mbit/s`` ..."""
+
+    @abstractmethod
+    def usual_port(self, name: str) -> str:
+        """Where a device called ``name`` is put when nobody says."""
+
+    @abstractmethod
+    def fresh_port(self, name: str) -> str:
+        """A port that nobody else has, for tests that run side by side."""
+
+    @staticmethod
+    def fresh_number() -> tuple[int, int]:
+        """This process, and a number that it has not used."""
+        return os.getpid(), next(_fresh)

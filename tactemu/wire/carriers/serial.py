@@ -1,0 +1,49 @@
+"""A UART, full duplex, or a USB-CDC port: bytes at the baud rate, noise where the settings differ."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from firmware_protocols import Frame
+from firmware_protocols.frames import payload
+from tactemu.wire.carriers.carrier import Carrier
+from tactemu.wire.uart import misheard
+
+
+class SerialCarrier(Carrier):
+    """Each direction is a line of its own."""
+
+    kind = "serial"
+    schemes = ("pty", "rfc2217", "tcp")
+
+    def __init__(self, connector: Any, *, pacing: bool = True):
+        super().__init__(connector, pacing=pacing)
+        timed = pacing and not connector.usb
+        self._byte_ns = connector.bits_per_byte * 1e9 / connector.baud if timed else 0.0
+
+    def duration_ns(self, frame: Frame) -> int:
+        """Bits per byte at the baud rate; nothing on USB."""
+        return round(len(payload(frame)) * self._byte_ns)
+
+    def heard(self, frame: Frame, connector: Any, setting: Any, *, to_driver: bool) -> Frame:
+        """Noise where the two ends are set differently; USB has no such trouble."""
+        if setting is None or connector.usb or setting == connector.baud or not isinstance(frame, bytes):
+            return frame
+        sent, heard = (connector.baud, setting) if to_driver else (setting, connector.baud)
+        return misheard(frame, sent, heard, connector)
+
+    def describe(self) -> str:
+        """``serial 115200 8N1`` or ``USB serial 115200 8N1``."""
+        c = self.connector
+        return f"{'USB serial' if c.usb else 'serial'} {c.baud} {c.bytesize}{c.parity}{c.stopbits}"
+
+    def usual_port(self, name: str) -> str:
+        """A pseudo-terminal under a name in ``/tmp``."""
+        return f"pty:/tmp/tactemu-{name}"
+
+    def fresh_port(self, name: str) -> str:
+        """A pseudo-terminal named after this process."""
+        pid, number = self.fresh_number()
+        return f"pty:{Path(tempfile.gettempdir()) / f'tactemu-{pid}-{number}-{name}'}"
