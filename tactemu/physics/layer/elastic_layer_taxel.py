@@ -46,6 +46,8 @@ from tactemu.physics.layer.surface import reach_of, surface_kernel
 from tactemu.physics.layer.tables import LayerMaterial, LayerTables
 from tactemu.physics.probes.probes import Probes
 from tactemu.physics.sensor import Compiled, SensorModel, Site
+from tactemu.physics.shapes.distance import FAR
+from tactemu.physics.shapes.rays import thickness_behind
 from tactemu.plan.clearing import clear_rows
 from tactemu.plan.plan import Stage, record
 
@@ -96,7 +98,9 @@ class ElasticLayerTaxel(SensorModel):
     coupled: bool = True
     """Pressure moves the surface sideways too, and so pulls at what sticks (none at nu = 0.5 in a thick layer)."""
     look_depth: float | None = None
-    """How far below the surface bodies are looked for [m]; default: the thickness, or the grid's diagonal if less."""
+    """How far below the surface bodies are looked for [m], as ``ray_reach`` of the probes; default: to the far side of
+    the link, and on a link without geometry to the thickness or the grid's diagonal, whichever is less. What has come
+    deeper reads nothing."""
 
     channels = CHANNELS
     unit = "Pa, N, m"
@@ -266,13 +270,25 @@ class CompiledLayer:
         )
         return command.launch
 
+    def _reach(self, horizon: float) -> wp.array:
+        """How far below each cell bodies are looked for [m]."""
+        site, shape = self.site, self.grid.shape
+        if self.model.look_depth is not None or site.link.shape is None:
+            return wp.full(shape, horizon, dtype=self.real, device=self.device)
+        centres = self.centres.flatten()
+        normals = wp.full(len(centres), site.vec3(*self.grid.normal), dtype=site.vec3, device=self.device)
+        thickness = thickness_behind(site.own_table, site.link.index, centres, normals, site.context).numpy()
+        limited = np.where(thickness < FAR, thickness, horizon).reshape(shape)
+        return wp.array(limited, dtype=self.real, device=self.device)
+
     def _overlap(self) -> Callable[[], None]:
         site, grid, real = self.site, self.grid, self.real
         vec3 = site.vec3
         diagonal = float(np.hypot(grid.rows * grid.pitch[0], grid.columns * grid.pitch[1]))
-        depth = self.model.look_depth or min(float(self.model.thickness), diagonal)
+        horizon = real(self.model.look_depth or min(float(self.model.thickness), diagonal))
         self.centres = wp.array(grid.cell_centres(), dtype=vec3, device=self.device)
         self.covered = wp.array(grid.covered(), dtype=wp.bool, device=self.device)
+        self.reach = self._reach(horizon)
         pose = site.view.pose
         self.last_pose = wp.zeros(pose.shape if self.rubs else (0, 0), dtype=pose.dtype, device=self.device)
         axes = [vec3(*grid.u), vec3(*grid.v), vec3(*grid.normal)]
@@ -285,11 +301,11 @@ class CompiledLayer:
             *axes,
             cell,
             wp.vec2i(*grid.shape),
-            real(depth),
+            horizon,
         ]
         near = record(near_kernel(real), self.n_envs, inputs, [self.near, self.active], self.device)
         inputs = [site.table.struct, pose, self.last_pose, site.targets, self.active, self.centres, self.covered]
-        inputs += [*axes, real(depth), real(self.tables.length_scale)]
+        inputs += [self.reach, *axes, horizon, real(self.tables.length_scale)]
         kernel = overlap_kernel(real, site.table.kinds, self.rubs)
         rows = (self.n_envs, grid.shape[0])
         find = record(kernel, rows, inputs, [self.overlap, self.body, self.slide], self.device)

@@ -12,7 +12,7 @@ import warp as wp
 
 from tactemu.physics.sensor import Site
 from tactemu.physics.shapes.distance import FAR, MESH, OPEN_MESH, shape_functions, table_type
-from tactemu.physics.shapes.rays import ray_function
+from tactemu.physics.shapes.rays import ray_function, thickness_behind
 
 
 @functools.cache
@@ -202,32 +202,6 @@ def contact_function(real, kinds: frozenset, along_normal: bool):
     return along if along_normal else to_surface
 
 
-@functools.cache
-def thickness_kernel(real, kinds: frozenset):
-    """How far behind each probe its own link ends, along the probe's normal."""
-    vec3 = wp.types.vector(3, real)
-    quat = wp.types.quaternion(real)
-    shapes_type = table_type(real)
-    enters = ray_function(real, kinds)
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def thickness(
-        shapes: shapes_type,
-        link: int,
-        positions: wp.array(dtype=vec3),
-        normals: wp.array(dtype=vec3),
-        reach_out: wp.array(dtype=real),
-    ):
-        i = wp.tid()
-        here = wp.transformation(vec3(real(0.0)), quat(real(0.0), real(0.0), real(0.0), real(1.0)))
-        s = enters(shapes, link, here, positions[i], normals[i], real(FAR), real(FAR))
-        if s >= real(0.0):  # the probe is not on its link's own body: nothing is behind it
-            s = real(-FAR)
-        reach_out[i] = -s
-
-    return thickness
-
-
 def probe_arrays(site: Site):
     """The probes as kernels take them."""
     real = site.context.real
@@ -283,9 +257,4 @@ def _reach(site: Site) -> wp.array:
     if given is not None or site.link.shape is None:
         values = np.full(site.probes.n, FAR if given is None else given)
         return wp.array(values, dtype=context.real, device=context.device)
-    reach = wp.zeros(site.probes.n, dtype=context.real, device=context.device)
-    table = site.own_table
-    inputs = [table.struct, site.link.index, site.positions, site.normals]
-    kernel = thickness_kernel(context.real, table.kinds)
-    wp.launch(kernel, dim=site.probes.n, inputs=inputs, outputs=[reach], device=context.device)
-    return reach
+    return thickness_behind(site.own_table, site.link.index, site.positions, site.normals, context)
