@@ -27,8 +27,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from firmware_protocols.adc import quantize
 from firmware_protocols.device import Device, Layout, Outgoing, Patch, Reading, SerialWire
-from firmware_protocols.magnetic import LinearMagnet, Transducer, quantize
+from firmware_protocols.magnetic import LinearMagnet, Transducer
 
 PITCH = 0.007
 PLACES = ((0, 0), (-1, 0), (1, 0), (0, 1), (0, -1))
@@ -126,7 +127,7 @@ normal_stiffness = 1000.0
     def digitize(self, reading: Reading) -> np.ndarray:
         """Temperature [deg C] and field [uT] as the driver decodes them, float32 ``(5, 4)``: T, Bx, By, Bz."""
         field = self.transducer(self.layout.to_taxel_frame(np.asarray(reading.values)))
-        counts = quantize(field, FIELD_LSB_UT, -0x8000, 0x7FFF)
+        counts = quantize(field, 1 / FIELD_LSB_UT, -0x8000, 0x7FFF)
         warmth = (np.broadcast_to(reading.temperature, 5) - 25.0) * TEMPERATURE_PER_DEG + TEMPERATURE_ZERO
         raw_t = quantize(warmth, 1.0, 0, 0xFFFF)
         values = np.empty((5, 4), np.float32)

@@ -28,8 +28,9 @@ from typing import Literal
 
 import numpy as np
 
+from firmware_protocols.adc import quantize
 from firmware_protocols.device import CanFrame, CanWire, Command, Device, Outgoing, Reading, grid_layout
-from firmware_protocols.magnetic import LinearMagnet, Transducer, quantize
+from firmware_protocols.magnetic import LinearMagnet, Transducer
 
 ROWS = COLUMNS = 4
 PITCH = 0.0047
@@ -119,7 +120,7 @@ normal_stiffness = 1000.0
     def digitize(self, reading: Reading) -> np.ndarray:
         """Raw counts X, Y, Z of each taxel, uint16, shape ``(16, 3)``."""
         field = self.transducer(self.layout.to_taxel_frame(np.asarray(reading.values)))
-        return quantize(field, COUNT_UT, 0, 0xFFFF).astype(np.uint16)
+        return quantize(field, 1 / COUNT_UT, 0, 0xFFFF).astype(np.uint16)
 
     def stream(self, t_ns: int) -> Sequence[Outgoing]:
         """Sixteen frames while started."""

@@ -1,0 +1,46 @@
+"""From SI to counts: the converter and the filter before it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+
+def quantize(
+    values: ArrayLike, counts_per_unit: ArrayLike = 1.0, low: float = 0, high: float = 0xFFFF, rest: ArrayLike = 0.0
+) -> np.ndarray:
+    """``rest + values * counts_per_unit``, rounded to nearest and saturated to ``low..high``; int64, so nothing wraps.
+
+    ``values`` may have any shape; ``counts_per_unit`` and ``rest`` (the reading of zero) broadcast against it.
+    """
+    counts = np.rint(np.asarray(values, float) * counts_per_unit + rest)
+    return np.minimum(np.maximum(counts, low), high).astype(np.int64)
+
+
+def int16(values: ArrayLike, order: str = ">") -> bytes:
+    """Rounded, saturated and packed as signed 16 bit; ``order`` is ``">"`` (high byte first) or ``"<"``."""
+    return quantize(values, 1.0, -0x8000, 0x7FFF).astype(f"{order}i2").tobytes()
+
+
+class LowPass:
+    """A first-order low-pass, exact for steps of any length.
+
+    The first value passes as it is. ``cutoff_hz`` may be changed at any time; ``None`` passes everything.
+    """
+
+    def __init__(self, cutoff_hz: float | None = None):
+        self.cutoff_hz = cutoff_hz
+        self.value: np.ndarray | None = None
+        """What came out last, of the shape that went in."""
+        self._t_ns = 0
+
+    def __call__(self, values: ArrayLike, t_ns: int) -> np.ndarray:
+        """What comes out at ``t_ns`` when ``values`` have been there since the call before."""
+        values = np.asarray(values, float)
+        if self.value is None or self.cutoff_hz is None:
+            self.value = values
+        else:
+            passed = -np.expm1(-2 * np.pi * self.cutoff_hz * (t_ns - self._t_ns) * 1e-9)
+            self.value = self.value + (values - self.value) * passed
+        self._t_ns = t_ns
+        return self.value
