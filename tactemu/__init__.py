@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import importlib
 
+from tactemu.physics.models import MODELS
+
 _PUBLIC = {
     # public name: module that defines it
     "Scene": "tactemu.scene.scene",
@@ -19,12 +21,6 @@ _PUBLIC = {
     "Mesh": "tactemu.scene.bodies",
     "VoxelGrid": "tactemu.scene.bodies",
     "MujocoSource": "tactemu.scene.mujoco_source",
-    "ContactProbe": "tactemu.physics.probes.contact_probe",
-    "ContactDepthProbe": "tactemu.physics.probes.contact_depth_probe",
-    "ElastomerTaxel": "tactemu.physics.elastomer.elastomer_taxel",
-    "ProximityTaxel": "tactemu.physics.points.proximity_taxel",
-    "KinematicTaxel": "tactemu.physics.probes.kinematic_taxel",
-    "ElasticLayerTaxel": "tactemu.physics.layer.elastic_layer_taxel",
     "Hold": "tactemu.scene.motion",
     "Press": "tactemu.scene.motion",
     "Slide": "tactemu.scene.motion",
@@ -38,6 +34,7 @@ _PUBLIC = {
     "Event": "tactemu.scene.schema",
     "serve": "tactemu.serving",
     "TactemuError": "tactemu.errors",
+    **{kind: module for module, _, kind in (target.partition(":") for target in MODELS.values())},
 }
 
 __all__ = list(_PUBLIC)

@@ -71,8 +71,6 @@ def sentence(entry: dict[str, Any]) -> str:
 
 def advice(emulator: Emulator, channel: Channel) -> str:
     """What to change when a device misses samples; empty when it does not."""
-    from tactemu.tune.settings import dial_of
-
     statistics = channel.statistics
     late = statistics.missed + statistics.stretched
     if late <= MISSED_SHARE * max(statistics.samples, 1):
@@ -88,12 +86,12 @@ def advice(emulator: Emulator, channel: Channel) -> str:
             f"{found}not for the simulation, which takes {simulated_us:.0f} of the {period_us:.0f} us between them; "
             "the machine is too busy, or the rate too high for it"
         )
-    costs = simulation.plan.measure(time.perf_counter_ns)
-    stage = max(costs, key=lambda name: costs[name])
-    dial = dial_of(stage)
+    simulation.plan.measure(time.perf_counter_ns)
+    stage = max(simulation.plan.stages, key=lambda stage: stage.cost_us)
+    dial = f" ({stage.cheaper})" if stage.cheaper else ""
     return (
         f"{found}the simulation takes {simulated_us:.0f} of the {period_us:.0f} us between them, most of it in "
-        f"{stage!r}{f' ({dial})' if dial else ''}. Raise [scene] dt, choose a cheaper model, lower --rate, or let "
+        f"{stage.name!r}{dial}. Raise [scene] dt, choose a cheaper model, lower --rate, or let "
         "`tactemu tune` choose"
     )
 

@@ -5,7 +5,9 @@ A model is a dataclass of options, one file, derived from :class:`SensorModel`::
     @dataclass(kw_only=True, eq=False)
     class MyTaxel(SensorModel):
         stiffness: float = 1.0
+        level = 2
         channels = ("force",)                                 # three numbers per taxel
+        layouts = {"force": slice(0, 3)}                      # what a device can sense of it
         unit = "N"
 
         def compile(self, site: Site) -> Compiled:
@@ -16,7 +18,8 @@ A model is a dataclass of options, one file, derived from :class:`SensorModel`::
             stage = Stage(name=f"{site.name}: my taxel", reason="MyTaxel asks for it", launch=launch)
             return Compiled(truth=raw, raw=raw, stages=[stage])
 
-Export it with one line in ``tactemu/__init__.py``. What a model gets is a :class:`Site`:
+One line in :mod:`tactemu.physics.models` makes it known to scene files, to ``tactemu tune``, to the benches and to
+``docs/sensors.md``; ``docs/adding-a-sensor-model.md`` shows all of it. What a model gets is a :class:`Site`:
 
 * ``site.view``: poses ``(n_envs, n_bodies)`` of all bodies in the link's frame, and twists if
   :meth:`SensorModel.velocity_reason` returns one (:class:`tactemu.physics.poses.LinkView`).
@@ -38,10 +41,10 @@ file *without* ``from __future__ import annotations``. A NaN pose must come out 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar, Literal, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
 
 import numpy as np
 import warp as wp
@@ -126,6 +129,15 @@ class Compiled:
     """Applied to each branch, ``finish(array, "truth" | "measured")``, after the imperfections and before the delay."""
 
 
+@dataclass(frozen=True)
+class Trial:
+    """One setting of a model's dials."""
+
+    name: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+    dtype: Literal["float32", "float64"] = "float32"
+
+
 @dataclass(kw_only=True, eq=False)
 class SensorModel(ImperfectionOptions, ABC):
     """Options that all tactile sensors share. Positions, normals and readings are in the frame of the link."""
@@ -152,6 +164,9 @@ class SensorModel(ImperfectionOptions, ABC):
     ray_reach: float | None = None
     """How far into the skin the ray query looks [m]; ``None``: to the far side of the sensor's own link."""
 
+    # What a model is. Scene files, `tactemu tune`, the benches and docs/sensors.md read it here.
+    level: ClassVar[int]
+    """Of fidelity, 0 (a touch flag) to 4 (a solved contact)."""
     channels: ClassVar[tuple[str, ...]] = ("scalar",)
     """What a taxel gives, in order: ``scalar`` is one number, ``force``, ``torque``, ``displacement`` three each."""
     unit: ClassVar[str] = ""
@@ -159,6 +174,29 @@ class SensorModel(ImperfectionOptions, ABC):
     """The model applies ``site.gain`` itself; else it multiplies the reading after hysteresis."""
     layouts: ClassVar[dict[str, slice]] = {}
     """Quantities it offers (see :data:`firmware_protocols.device.Quantity`): which channels hold each."""
+    feels_at_radius: ClassVar[bool] = False
+    """Its probes feel what comes nearer than their radius: sunk by that radius, they feel from the first touch."""
+    strengths: ClassVar[tuple[str, ...]] = ()
+    """Options that scale the whole reading: a gain that was fitted is written into them."""
+    material: ClassVar[tuple[str, ...]] = ()
+    """Options that state what the skin is made of. Readings are then physical, and no gain is fitted."""
+    examples: ClassVar[Mapping[str, Mapping[str, Any]]] = {"": {"probe_radius": 0.002}}
+    """What benches and tests run, on probes 2.5 mm apart: words behind the class's name, and options."""
+    valid: ClassVar[str] = ""
+    """Where its readings mean something, and where they do not."""
+    source: ClassVar[str] = ""
+    """Where its formula comes from. The formula itself stands in the docstring of the module."""
+
+    @classmethod
+    def trials(cls, quantity: str) -> Sequence[Trial]:
+        """The settings of its dials that ``tactemu tune`` tries for a device that senses ``quantity``."""
+        return [Trial("defaults")]
+
+    @classmethod
+    def finest(cls, side: int) -> Trial | None:
+        """The best it can do for a skin of ``side`` taxels along its longer side, at any cost: others are judged by
+        it. ``None``: it is no reference."""
+        return None
 
     @abstractmethod
     def compile(self, site: Site) -> Compiled:

@@ -45,6 +45,8 @@ class Stage:
     """Clears its state where the mask (bool, shape ``(n_envs,)``) is true. ``None``: it has no state."""
     cost_us: float | None = None
     """Measured by :meth:`Plan.measure`."""
+    cheaper: str = ""
+    """What to turn so that it costs less, in words; empty where nothing but another model helps."""
 
 
 @dataclass

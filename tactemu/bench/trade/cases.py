@@ -45,8 +45,7 @@ class TestSkin:
     @property
     def layer(self) -> dict[str, float]:
         """Its material, as options of ElasticLayerTaxel."""
-        names = ("young_modulus", "poisson_ratio", "thickness", "friction")
-        return {name: getattr(self, name) for name in names}
+        return {name: getattr(self, name) for name in tt.ElasticLayerTaxel.material}
 
 
 @dataclass(frozen=True)

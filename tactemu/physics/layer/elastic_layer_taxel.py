@@ -45,7 +45,7 @@ from tactemu.physics.layer.reading import (
 from tactemu.physics.layer.surface import reach_of, surface_kernel
 from tactemu.physics.layer.tables import LayerMaterial, LayerTables
 from tactemu.physics.probes.probes import Probes
-from tactemu.physics.sensor import Compiled, SensorModel, Site
+from tactemu.physics.sensor import Compiled, SensorModel, Site, Trial
 from tactemu.physics.shapes.distance import FAR
 from tactemu.physics.shapes.rays import thickness_behind
 from tactemu.plan.clearing import clear_rows
@@ -102,10 +102,44 @@ class ElasticLayerTaxel(SensorModel):
     the link, and on a link without geometry to the thickness or the grid's diagonal, whichever is less. What has come
     deeper reads nothing."""
 
+    level = 4
     channels = CHANNELS
     unit = "Pa, N, m"
     gain_inside = False
     layouts = {"pressure": PRESSURE, "force": FORCE, "displacement": DISPLACEMENT, "touch": PRESSURE}
+    material = ("young_modulus", "poisson_ratio", "thickness", "friction")
+    examples = {"": {"tolerance": 1e-4}}
+    valid = (
+        "A flat pad of a soft, linear material on a rigid base, pressed to 0.4 of its thickness (forces within 2 % of "
+        "a neo-Hookean skin for nu = 0.49, 13 % for nu = 0.3); contacts at least one cell wide; at rest at every "
+        "step. No viscosity, no wear, no free edges."
+    )
+    source = (
+        "The bonded elastic layer (transfer functions in closed form, physics/layer/compliance.py), normal contact by "
+        "projected conjugate gradients (Polonsky and Keer, 1999), Coulomb friction on the circles |q| = mu p. What "
+        "vouches for it: docs/accuracy.md."
+    )
+
+    @classmethod
+    def trials(cls, quantity: str) -> list[Trial]:
+        tight = {"iterations": 32, "tolerance": 1e-4}
+        dials = [
+            ("2 iterations", {"iterations": 2, "tolerance": 1e-3}, "float32"),
+            ("tolerance 1e-2", {"iterations": 16, "tolerance": 1e-2}, "float32"),
+            ("tolerance 1e-4", tight, "float32"),
+            ("oversampling 2", {"iterations": 32, "tolerance": 1e-3, "oversampling": 2}, "float32"),
+            ("oversampling 4", {"iterations": 32, "tolerance": 1e-3, "oversampling": 4}, "float32"),
+            ("tolerance 1e-4, float64", tight, "float64"),
+        ]
+        moved = {"displacement": quantity == "displacement"}
+        return [Trial(name, moved | options, dtype) for name, options, dtype in dials]
+
+    @classmethod
+    def finest(cls, side: int) -> Trial:
+        """Up to 256 cells along the longer side."""
+        split = max(1, min(8, 256 // max(side, 1)))
+        dials = {"iterations": 200, "tolerance": 1e-5, "oversampling": split}
+        return Trial(f"layer, {split} x {split} cells per taxel, residual 1e-5", dials)
 
     def validate(self, probes: Probes) -> None:
         where = "ElasticLayerTaxel"
@@ -193,13 +227,17 @@ class CompiledLayer:
             device=self.device,
         )
         self._allocate()
-        self._add(self._overlap, "overlap", "depth of each cell along the normal")
-        self._add(self._normal, "pressure", f"bonded layer, at most {model.iterations} iterations")
+        coarser = "lower `oversampling`"
+        solver = "lower `iterations` or `oversampling`, or raise `tolerance`"
+        self._add(self._overlap, "overlap", "depth of each cell along the normal", coarser)
+        self._add(self._normal, "pressure", f"bonded layer, at most {model.iterations} iterations", solver)
         if self.rubs:
-            self._add(self._friction, "friction", f"Coulomb friction {model.friction:g} with stick and slip")
+            why = f"Coulomb friction {model.friction:g} with stick and slip"
+            self._add(self._friction, "friction", why, f"set `friction = 0`, {solver}")
         if model.displacement:
-            self._add(self._surface, "surface", "displacement is on; within reach of the contact")
-        self._add(self._read, "taxels", f"{self.grid.split}x{self.grid.split} cells per taxel")
+            why = "displacement is on; within reach of the contact"
+            self._add(self._surface, "surface", why, f"set `displacement = false`, or {coarser}")
+        self._add(self._read, "taxels", f"{self.grid.split}x{self.grid.split} cells per taxel", coarser)
         self.stages[1].reset = self._reset
 
     # -- arrays -----------------------------------------------------------------------------------------------------
@@ -254,8 +292,8 @@ class CompiledLayer:
 
     # -- stages -----------------------------------------------------------------------------------------------------
 
-    def _add(self, make: Callable[[], Callable[[], None]], name: str, reason: str) -> None:
-        self.stages.append(Stage(name=f"{self.name}: {name}", reason=reason, launch=make()))
+    def _add(self, make: Callable[[], Callable[[], None]], name: str, reason: str, cheaper: str) -> None:
+        self.stages.append(Stage(name=f"{self.name}: {name}", reason=reason, launch=make(), cheaper=cheaper))
 
     def _blocks(self, kernel, inputs: list, outputs: list) -> Callable[[], None]:
         """A recorded launch with one block of threads per slot."""

@@ -12,6 +12,9 @@ from tactemu.physics.points.surface import sample_shape
 from tactemu.physics.sensor import Site
 from tactemu.random_streams import generator
 
+FEWER_POINTS = "lower `n_sample_points`"
+"""What makes a cloud cost less, for the plan."""
+
 
 def _counts(given: int | Sequence[int], n_bodies: int, sensor: str) -> list[int]:
     if isinstance(given, int | np.integer):

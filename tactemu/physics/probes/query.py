@@ -10,7 +10,7 @@ import functools
 import numpy as np
 import warp as wp
 
-from tactemu.physics.sensor import Site
+from tactemu.physics.sensor import Site, Trial
 from tactemu.physics.shapes.distance import FAR, MESH, OPEN_MESH, shape_functions, table_type
 from tactemu.physics.shapes.rays import ray_function, thickness_behind
 
@@ -210,6 +210,19 @@ def probe_arrays(site: Site):
     probes.strip, probes.strip_ball = strip_length(site), _strip_balls(site)
     probes.reach = _reach(site) if site.along_normal else wp.zeros(0, dtype=real, device=site.context.device)
     return probes
+
+
+CHEAPER_QUERY = 'set `contact_depth_query = "sdf"`'
+"""What makes a query cost less, for the plan."""
+
+
+def query_trials() -> list[Trial]:
+    """The ways to find depth, cheapest first."""
+    return [
+        Trial("nearest surface"),
+        Trial("voxels", {"contact_depth_query": "voxel"}),
+        Trial("along the normal", {"contact_depth_query": "ray"}),
+    ]
 
 
 STRIP = 8
