@@ -21,7 +21,7 @@ from typing import Protocol
 from firmware_protocols import Outgoing
 from tactemu.channel import Channel, Source
 from tactemu.clock import Clock, RealClock
-from tactemu.transports.transport import BaudChanged, Closed, Event, Opened, Received
+from tactemu.transports.transport import Closed, Event, Opened, Received, SettingChanged
 from tactemu.truth import Truth
 from tactemu.wire.wire import Wire
 
@@ -166,8 +166,8 @@ class Emulator:
         elif isinstance(event, Closed):
             self.truth.event(now, channel.name, "closed")
             device.closed(channel.local_ns(now))
-        elif isinstance(event, BaudChanged):
-            self.truth.event(now, channel.name, f"baud {event.baud}")
+        elif isinstance(event, SettingChanged) and event.setting.baud is not None:
+            self.truth.event(now, channel.name, f"baud {event.setting.baud}")
         if device.period_ns != period:
             channel.restart(now)
 

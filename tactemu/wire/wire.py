@@ -2,8 +2,8 @@
 
 Frames leave when their last bit would have: bytes at the baud rate, CAN frames at their exact bit time, lowest
 identifier first among the nodes of a bus. What the driver sends takes its time likewise. A reading that does not fit
-is dropped whole and counted; nothing queues without bound. At another baud rate than the device's the driver hears
-noise, and so does the device.
+is dropped whole and counted; nothing queues without bound. Where the driver has set another speed or format than the
+device's it hears noise, and so does the device.
 """
 
 from __future__ import annotations
@@ -14,7 +14,16 @@ from collections.abc import Iterable
 
 from firmware_protocols import CanFrame, CanWire, Delayed, Frame, Outgoing, SerialWire
 from firmware_protocols import Wire as Spec
-from tactemu.transports.transport import BaudChanged, Closed, Event, Opened, Received, Transport
+from tactemu.transports.transport import (
+    DROPPED,
+    Closed,
+    Event,
+    Opened,
+    Received,
+    SerialSetting,
+    SettingChanged,
+    Transport,
+)
 from tactemu.truth import Truth
 from tactemu.wire.faults import Fault, Injector
 from tactemu.wire.faults.frames import Parts
@@ -23,8 +32,10 @@ from tactemu.wire.uart import misheard
 
 DRIVER = "(driver)"
 """The driver as a node of a CAN bus."""
+_INBOUND_AHEAD_NS = 50_000_000
+"""A driver that is further ahead of its line than this is not read on: its own end holds it up, as a port's does."""
 _INBOUND_LIMIT_NS = 1_000_000_000
-"""Bytes of a driver that is further ahead of its line than this are lost."""
+"""Of what a driver leaves behind when it goes, bytes that are further ahead of its line than this are lost."""
 
 
 class Wire:
@@ -47,8 +58,8 @@ class Wire:
 
     ``counters``: ``sent`` and ``sent_bytes``, ``received`` and ``received_bytes``, ``dropped_readings`` and
     ``dropped_frames`` (the line is full), ``dropped_unread`` (the driver does not read), ``unheard`` (nobody has the
-    port open), ``misheard`` (the baud rates differ), ``overrun`` (the driver sends more than the line carries), and
-    injected faults by their kind.
+    port open), ``misheard`` (the two ends are set differently), ``overrun`` (the driver sends more than the line
+    carries), and injected faults by their kind.
     """
 
     def __init__(
@@ -103,7 +114,7 @@ class Wire:
 
     def filenos(self) -> list[int]:
         """File descriptors to select for reading."""
-        return self.transport.filenos()
+        return self.transport.filenos(self._reading)
 
     def next_due_ns(self) -> int | None:
         """When :meth:`receive` or :meth:`flush` must be called next, whatever the file descriptors say."""
@@ -207,7 +218,7 @@ class Wire:
 
     def _write(self, pending: Pending, now_ns: int) -> bool:
         frame, source = pending.frame, pending.source
-        heard = self._through_baud(frame, to_driver=True)
+        heard = self._through_uart(frame, to_driver=True)
         if isinstance(heard, bytes) and not heard:  # nothing that looks like a byte came out of the noise
             return False
         if not self._hand_over(heard, now_ns):
@@ -245,7 +256,7 @@ class Wire:
         events: list[Event] = []
         if self._injector is not None:
             self._follow_outages(self._injector.outage(now_ns), now_ns, events)
-        for event in self.transport.poll():
+        for event in self.transport.poll(self._reading):
             if isinstance(event, Received):
                 if self._down is None:
                     self._arrive(event.data, now_ns)
@@ -274,19 +285,25 @@ class Wire:
             self._forget(now_ns, fault.kind)
         if fault is not None and fault.kind == "unplug":
             if self.transport.listening and not isinstance(self.spec, CanWire):  # a bus has no open and close
-                events.append(Closed())
+                events += (Closed(), DROPPED)
             self.transport.close()
         elif before is not None and before.kind == "unplug":
             self.transport.open()
 
     def _forget(self, now_ns: int, why: str) -> None:
         """Nothing is kept for whoever comes next."""
+        self._inbound_free_ns = now_ns
         for lost in self.line.clear():
             if lost.source != DRIVER:
                 self._lose([(lost.frame, 0)], now_ns, lost.source, "unheard", why)
         if self._injector is not None:
             held = [(frame, 0) for frame, _, way in self._injector.forget() if way == "to_driver"]
             self._lose(held, now_ns, self._owner, "unheard", why)
+
+    @property
+    def _reading(self) -> bool:
+        """Whether the line has room for more of what the driver sends."""
+        return self._inbound_free_ns - self._now_ns <= _INBOUND_AHEAD_NS
 
     def _arrive(self, data: Frame, now_ns: int) -> None:
         """The driver has sent something: on a bus it competes with the other nodes, else it has a line of its own."""
@@ -318,7 +335,7 @@ class Wire:
     def _deliver(self, now_ns: int | None, events: list[Event]) -> None:
         while self._inbound and (now_ns is None or self._inbound[0][0] <= now_ns):
             end_ns, _, data = heapq.heappop(self._inbound)
-            data = self._through_baud(data, to_driver=False)
+            data = self._through_uart(data, to_driver=False)
             if not data:
                 continue
             self.counters["received"] += 1
@@ -326,20 +343,13 @@ class Wire:
             self.truth.received(end_ns, self._owner, data)
             events.append(Received(data))
 
-    def _through_baud(self, data: Frame, *, to_driver: bool) -> Frame:
-        """The bytes as heard at the other end, whose speed may differ; USB and CAN have no such trouble."""
-        baud = self.transport.baud
-        spec = self.spec
-        if (
-            baud is None
-            or not isinstance(spec, SerialWire)
-            or spec.usb
-            or baud == spec.baud
-            or not isinstance(data, bytes)
-        ):
+    def _through_uart(self, data: Frame, *, to_driver: bool) -> Frame:
+        """The bytes as heard at the other end, which may be set otherwise; USB and CAN have no such trouble."""
+        driver, spec = self.transport.setting, self.spec
+        if driver is None or not isinstance(spec, SerialWire) or spec.usb or not isinstance(data, bytes):
             return data
-        sent, heard = (spec.baud, baud) if to_driver else (baud, spec.baud)
-        result = misheard(data, sent, heard, spec)
+        device = SerialSetting(spec.baud, spec.bytesize, spec.parity, spec.stopbits)
+        result = misheard(data, device, driver) if to_driver else misheard(data, driver, device)
         self.counters["misheard"] += result != data
         return result
 
@@ -348,4 +358,4 @@ def _size(frame: Frame) -> int:
     return len(frame) if isinstance(frame, bytes) else len(frame.data)
 
 
-__all__ = ["BaudChanged", "Closed", "Opened", "Received", "Wire"]
+__all__ = ["Closed", "Opened", "Received", "SettingChanged", "Wire"]
