@@ -17,7 +17,7 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -328,7 +328,7 @@ class Device(ABC):
         """Frames that leave at every sample; empty for a sensor that only answers."""
         return ()
 
-    def receive(self, data: Frame, t_ns: int) -> Sequence[Outgoing]:
+    def receive(self, data: Any, t_ns: int) -> Sequence[Outgoing]:
         """Bytes in chunks of any size, or one CAN frame, from the driver; returns the firmware's answers.
 
         Never raises on bad input: it is counted in ``self.counters`` and answered as the firmware would, or not at all.

@@ -77,7 +77,7 @@ def advice(emulator: Emulator, channel: Channel) -> str:
         return ""
     found = f"{late} of {statistics.samples + statistics.missed} samples were not taken in time: "
     period_us = channel.device.period_ns / 1e3
-    simulation = getattr(emulator.simulation, "simulation", emulator.simulation)
+    simulation: Any = getattr(emulator.simulation, "simulation", emulator.simulation)
     if simulation is None or not simulation.dt_ns:
         return f"{found}nothing is simulated, so the machine is too busy or the rate too high"
     simulated_us = _step_us(simulation) * period_us * 1e3 / simulation.dt_ns

@@ -51,6 +51,7 @@ import warp as wp
 
 from tactemu.errors import SceneError
 from tactemu.imperfections import ImperfectionOptions, Imperfections, SensorSetters
+from tactemu.imperfections.info import Channels
 from tactemu.physics.options import number
 from tactemu.physics.poses import LinkView
 from tactemu.physics.probes.probes import Probes, make_probes
@@ -167,7 +168,7 @@ class SensorModel(ImperfectionOptions, ABC):
     # What a model is. Scene files, `tactemu tune`, the benches and docs/sensors.md read it here.
     level: ClassVar[int]
     """Of fidelity, 0 (a touch flag) to 4 (a solved contact)."""
-    channels: ClassVar[tuple[str, ...]] = ("scalar",)
+    channels: ClassVar[tuple[Channels, ...]] = ("scalar",)
     """What a taxel gives, in order: ``scalar`` is one number, ``force``, ``torque``, ``displacement`` three each."""
     unit: ClassVar[str] = ""
     gain_inside: ClassVar[bool] = True
@@ -209,7 +210,7 @@ class SensorModel(ImperfectionOptions, ABC):
     def validate(self, probes: Probes) -> None:
         """Check options against each other; raise :class:`SceneError`."""
 
-    def present(self, values: np.ndarray):
+    def present(self, values: np.ndarray) -> Any:
         """Turn an array ``(..., n_channels)`` into what ``read()`` returns; it is a copy already, so views will do."""
         return values[..., 0] if self.n_channels == 1 else values
 
@@ -270,7 +271,7 @@ class Sensor(SensorSetters):
         for, and the next step writes into it."""
         array = self._truth if ground_truth else self._measured
         if array is None:
-            raise SceneError(f"sensor {self.name!r} has nothing to read yet: build the scene (scene.build()) first")
+            raise self._unread()
         return array
 
     @property
@@ -289,7 +290,7 @@ class Sensor(SensorSetters):
             kind = type(self.model).__name__
             raise SceneError(f"sensor {self.name!r} ({kind}) has no {name!r}; it offers: {has}")
         array = self.array(ground_truth)
-        first = array[:1] if array.size and array.device.is_cuda else array  # on the CPU nothing is copied
+        first = array[:1] if array.size and self._simulation.device.is_cuda else array  # on the CPU nothing is copied
         values = self._numpy(first)[0]
         values = values[0] if values.ndim == 3 else values
         values = values[:, self.model.layouts[name]]
@@ -297,16 +298,25 @@ class Sensor(SensorSetters):
             return values[:, 0] > 0
         return values[:, 0].copy() if values.shape[1] == 1 else values.copy()
 
-    def _numpy(self, array: wp.array) -> np.ndarray:
-        self._sim.before_read()
+    @property
+    def _simulation(self) -> Simulation:
+        if self._sim is None:
+            raise self._unread()
+        return self._sim
+
+    def _unread(self) -> SceneError:
+        return SceneError(f"sensor {self.name!r} has nothing to read yet: build the scene (scene.build()) first")
+
+    def _numpy(self, array: Any) -> np.ndarray:
+        self._simulation.before_read()
         return array.numpy()
 
     def _present(self, array: wp.array):
         values = self._numpy(array)
-        if array.device.is_cpu:  # the device's own memory
+        if self._simulation.device.is_cpu:  # the device's own memory
             values = values.copy()
         shape = (*values.shape[:-2], *self.probes.layout, values.shape[-1])
-        return self.model.present(values.reshape(shape if self._sim.batched else shape[1:]))
+        return self.model.present(values.reshape(shape if self._simulation.batched else shape[1:]))
 
 
 def check_query(sensor: Sensor) -> None:

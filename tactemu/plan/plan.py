@@ -28,8 +28,8 @@ class Context:
     """Length of the step being taken [s], float64, shape ``(1,)``: read on the device, so that a graph sees changes."""
     step: wp.array
     """Number of the step being taken, from 1, int64, shape ``(1,)``."""
-    time_ns: wp.array | None = None
-    """Simulated time at the end of the step being taken [ns], int64, shape ``(1,)``. A scene always gives it."""
+    time_ns: wp.array
+    """Simulated time at the end of the step being taken [ns], int64, shape ``(1,)``."""
 
 
 @dataclass(kw_only=True)
@@ -75,6 +75,7 @@ class Plan:
     def _capture(self) -> None:
         with wp.ScopedCapture(self.device, force_module_load=False) as capture:
             self._launch()
+        assert capture.graph is not None
         self._graph = capture.graph
         wp.capture_launch(self._graph)
 
@@ -92,6 +93,7 @@ class Plan:
             repeats: runs of each stage.
         """
         device = self.device or wp.get_device("cpu")
+        costs: dict[str, float] = {}
         for stage in self.stages:
             times = []
             for _ in range(repeats):
@@ -100,8 +102,8 @@ class Plan:
                 stage.launch()
                 wp.synchronize_device(device)
                 times.append(now_ns() - start)
-            stage.cost_us = median(times) / 1e3
-        return {stage.name: stage.cost_us for stage in self.stages}
+            stage.cost_us = costs[stage.name] = median(times) / 1e3
+        return costs
 
     def __str__(self) -> str:
         rows = [("stage", "µs", "why")]

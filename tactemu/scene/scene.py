@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from tactemu.physics.simulation import Simulation
     from tactemu.scene.motion import Motion
 
+Dtype = Literal["float32", "float64"]
+"""Numbers of the kernels."""
+
 
 class Scene:
     """What is there, before anything is computed.
@@ -116,7 +119,7 @@ class Scene:
         *,
         device: str | None = "cpu",
         seed: int = 0,
-        dtype: Literal["float32", "float64"] = "float32",
+        dtype: Dtype = "float32",
     ) -> Simulation:
         """Compile the scene for ``n_envs`` environments; ``None``: one, and readings have no environment axis.
 

@@ -11,6 +11,7 @@ import numpy as np
 
 import tactemu as tt
 from tactemu.scene import rotation
+from tactemu.scene.scene import Dtype
 
 TOP = 0.005
 """Height of the skin's surface [m]."""
@@ -43,7 +44,7 @@ class TestSkin:
         return np.stack([*np.meshgrid(x, x[::-1]), np.full((self.side, self.side), TOP)], -1)
 
     @property
-    def layer(self) -> dict[str, float]:
+    def layer(self) -> dict[str, Any]:
         """Its material, as options of ElasticLayerTaxel."""
         return {name: getattr(self, name) for name in tt.ElasticLayerTaxel.material}
 
@@ -174,7 +175,7 @@ def all_cases(quick: bool = False) -> list[Case]:
     return cases + [Case(name, 5e-4, motion) for motion in ("slide", "roll") for name in names]
 
 
-def build(skin: TestSkin, case: Case, model: Any, dtype: str = "float32", device: str = "cpu"):
+def build(skin: TestSkin, case: Case, model: Any, dtype: Dtype = "float32", device: str = "cpu"):
     """A built scene with one skin and the case's object; returns simulation, body and sensor."""
     scene = tt.Scene(dt=DT)
     extent = 2 * skin.side * skin.pitch

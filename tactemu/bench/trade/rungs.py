@@ -7,6 +7,7 @@ from typing import Any
 
 from tactemu.bench.trade.cases import TestSkin
 from tactemu.physics.models import MODELS, load
+from tactemu.scene.scene import Dtype
 
 GRAZE = 1e-6
 """Radius of probes that shall feel no farther than the surface [m]."""
@@ -20,7 +21,7 @@ class Rung:
     model: str
     """As in scene files."""
     options: dict[str, Any] = field(default_factory=dict)
-    dtype: str = "float32"
+    dtype: Dtype = "float32"
 
     @property
     def level(self) -> int:

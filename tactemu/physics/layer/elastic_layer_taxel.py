@@ -276,7 +276,7 @@ class CompiledLayer:
             self.rubbing = Windows(struct, FRICTION_WINDOWS, self.n_slots, shape, real, self.lanes, self.device)
 
     def _reset(self, mask: wp.array) -> None:
-        chosen = mask.numpy()
+        chosen = np.asarray(mask.numpy(), bool)
         for array in (self.pressure, *self.surface):
             clear_rows(array, mask)
         state = self.state
@@ -306,6 +306,7 @@ class CompiledLayer:
             device=self.device,
             record_cmd=True,
         )
+        assert command is not None
         return command.launch
 
     def _reach(self, horizon: float) -> wp.array:

@@ -1,5 +1,8 @@
 """What the layer is pressed by: the overlap of each cell with the bodies, and how far they slid since the last step."""
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 
 import warp as wp

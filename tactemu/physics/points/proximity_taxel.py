@@ -10,6 +10,9 @@ The normal part is the force on the *body*, the shear part the force on the skin
 turns the normal and twist parts round, so that all of F and T acts on the skin.
 """
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -64,6 +64,7 @@ def surface_points(
     clouds = []
     for body, count in zip(site.target_bodies, _counts(n_sample_points, max(len(site.target_bodies), 1), site.name)):
         rng = generator(site.context.seed, f"{site.name}/points of {body.name}")
+        assert body.shape is not None  # of those without a shape nothing is felt
         candidates, area = sample_shape(body.shape, body.name, max(256, 4 * count), rng)
         positions = candidates[farthest_points(candidates, count)]
         clouds.append(PointCloud(body.index, positions, np.full(count, area / count)))

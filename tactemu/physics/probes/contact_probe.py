@@ -5,6 +5,9 @@ strict and are decided in the kernels' own float type. The truth latches on the 
 spoiled one (metres until here), and the delay acts on the bit.
 """
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 from dataclasses import dataclass
 

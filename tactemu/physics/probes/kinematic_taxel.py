@@ -10,6 +10,9 @@ The normal part is the force on the skin. The shear and twist parts oppose the b
 *body*: so the seed has it. ``forces_on_skin`` turns them round, so that all of F and T acts on the skin.
 """
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -5,6 +5,9 @@ free space within ``R`` reads ``R`` minus the distance. There is no gate: two fi
 The distance is that to the nearest surface, or with ``contact_depth_query="ray"`` that along the taxel's normal.
 """
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 
 import numpy as np
@@ -245,8 +248,8 @@ def turned(kinds: frozenset, in_strips: bool) -> bool:
 
 def strips(site: Site) -> tuple[int, int]:
     """Threads of a launch over all probes: ``(n_envs, strips)``, or the other way round if :func:`turned`."""
-    dim = site.context.n_envs, -(-site.probes.n // strip_length(site))
-    return dim[::-1] if turned(site.table.kinds, site.context.device.is_cpu) else dim
+    n_envs, n_strips = site.context.n_envs, -(-site.probes.n // strip_length(site))
+    return (n_strips, n_envs) if turned(site.table.kinds, site.context.device.is_cpu) else (n_envs, n_strips)
 
 
 def _strip_balls(site: Site) -> wp.array:

@@ -5,6 +5,9 @@ the normal goes on growing. For the line ``o + s d`` (``|d| = 1``) each function
 the solid; without a hit the first is +1e18 and the last -1e18. Convex shapes are exact.
 """
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false, reportAttributeAccessIssue=false
+
 import functools
 
 import warp as wp
