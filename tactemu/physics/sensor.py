@@ -56,7 +56,7 @@ from tactemu.physics.options import number
 from tactemu.physics.poses import LinkView
 from tactemu.physics.probes.probes import Probes, make_probes
 from tactemu.physics.shapes.table import ShapeTable, ShapeTables
-from tactemu.plan.plan import Context, Stage
+from tactemu.plan.plan import Context, Dtype, Stage
 from tactemu.scene.bodies import Body
 
 if TYPE_CHECKING:
@@ -136,7 +136,7 @@ class Trial:
 
     name: str
     options: Mapping[str, Any] = field(default_factory=dict)
-    dtype: Literal["float32", "float64"] = "float32"
+    dtype: Dtype = "float32"
 
 
 @dataclass(kw_only=True, eq=False)

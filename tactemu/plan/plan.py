@@ -9,8 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from statistics import median
+from typing import Literal
 
 import warp as wp
+
+Dtype = Literal["float32", "float64"]
+"""Width of the kernels' numbers."""
 
 
 @dataclass(frozen=True, kw_only=True)

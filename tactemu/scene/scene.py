@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
@@ -14,10 +14,8 @@ from tactemu.scene.bodies import Body, Shape
 if TYPE_CHECKING:
     from tactemu.physics.sensor import Sensor, SensorModel
     from tactemu.physics.simulation import Simulation
+    from tactemu.plan.plan import Dtype
     from tactemu.scene.motion import Motion
-
-Dtype = Literal["float32", "float64"]
-"""Numbers of the kernels."""
 
 
 class Scene:

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 import tactemu as tt
+from tactemu.plan.plan import Dtype
 from tactemu.scene import rotation
-from tactemu.scene.scene import Dtype
 
 TOP = 0.005
 """Height of the skin's surface [m]."""

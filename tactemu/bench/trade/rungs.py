@@ -7,7 +7,7 @@ from typing import Any
 
 from tactemu.bench.trade.cases import TestSkin
 from tactemu.physics.models import MODELS, load
-from tactemu.scene.scene import Dtype
+from tactemu.plan.plan import Dtype
 
 GRAZE = 1e-6
 """Radius of probes that shall feel no farther than the surface [m]."""

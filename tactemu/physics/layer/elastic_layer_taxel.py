@@ -49,7 +49,7 @@ from tactemu.physics.sensor import Compiled, SensorModel, Site, Trial
 from tactemu.physics.shapes.distance import FAR
 from tactemu.physics.shapes.rays import thickness_behind
 from tactemu.plan.clearing import clear_rows
-from tactemu.plan.plan import Stage, record
+from tactemu.plan.plan import Dtype, Stage, record
 
 BLOCKS_AT_ONCE = 1056
 """Blocks on a GPU: eight for each of 132 multiprocessors; more environments take turns."""
@@ -123,7 +123,7 @@ class ElasticLayerTaxel(SensorModel):
     @classmethod
     def trials(cls, quantity: str) -> list[Trial]:
         tight = {"iterations": 32, "tolerance": 1e-4}
-        dials = [
+        dials: list[tuple[str, dict[str, float], Dtype]] = [
             ("2 iterations", {"iterations": 2, "tolerance": 1e-3}, "float32"),
             ("tolerance 1e-2", {"iterations": 16, "tolerance": 1e-2}, "float32"),
             ("tolerance 1e-4", tight, "float32"),
