@@ -7,7 +7,11 @@ from numpy.typing import ArrayLike
 
 
 def quantize(
-    values: ArrayLike, counts_per_unit: ArrayLike = 1.0, low: float = 0, high: float = 0xFFFF, rest: ArrayLike = 0.0
+    values: ArrayLike,
+    counts_per_unit: float | np.ndarray = 1.0,
+    low: float = 0,
+    high: float = 0xFFFF,
+    rest: float | np.ndarray = 0.0,
 ) -> np.ndarray:
     """``rest + values * counts_per_unit``, rounded to nearest and saturated to ``low..high``; int64, so nothing wraps.
 
@@ -37,10 +41,9 @@ class LowPass:
     def __call__(self, values: ArrayLike, t_ns: int) -> np.ndarray:
         """What comes out at ``t_ns`` when ``values`` have been there since the call before."""
         values = np.asarray(values, float)
-        if self.value is None or self.cutoff_hz is None:
-            self.value = values
-        else:
+        out = values
+        if self.value is not None and self.cutoff_hz is not None:
             passed = -np.expm1(-2 * np.pi * self.cutoff_hz * (t_ns - self._t_ns) * 1e-9)
-            self.value = self.value + (values - self.value) * passed
-        self._t_ns = t_ns
-        return self.value
+            out = self.value + (values - self.value) * passed
+        self.value, self._t_ns = out, t_ns
+        return out

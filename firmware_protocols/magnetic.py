@@ -34,8 +34,3 @@ class LinearMagnet:
     def __call__(self, force: np.ndarray) -> np.ndarray:
         """Field [uT] at each chip, shape ``(n_taxels, 3)``, under ``force`` [N] of that shape."""
         return np.asarray(self.offset, float) + np.asarray(self.gain, float) * force
-
-
-def quantize(value: np.ndarray, lsb: float | np.ndarray, low: int, high: int) -> np.ndarray:
-    """Integer counts of an ADC with step ``lsb``, rounded to nearest and saturated to ``low..high``; int64."""
-    return np.clip(np.rint(value / lsb), low, high).astype(np.int64)

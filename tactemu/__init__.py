@@ -6,6 +6,52 @@ Names are imported on first use, so that ``import tactemu`` costs nothing.
 from __future__ import annotations
 
 import importlib
+from typing import TYPE_CHECKING
+
+from tactemu.physics.models import MODELS
+
+if TYPE_CHECKING:  # what an editor sees; the table below says the same to Python
+    from tactemu.errors import DeviceError as DeviceError
+    from tactemu.errors import MeshError as MeshError
+    from tactemu.errors import PoseError as PoseError
+    from tactemu.errors import SceneError as SceneError
+    from tactemu.errors import TactemuError as TactemuError
+    from tactemu.errors import TransportError as TransportError
+    from tactemu.errors import TransportUnavailable as TransportUnavailable
+    from tactemu.physics.elastomer.elastomer_taxel import ElastomerTaxel as ElastomerTaxel
+    from tactemu.physics.layer.elastic_layer_taxel import ElasticLayerTaxel as ElasticLayerTaxel
+    from tactemu.physics.points.proximity_taxel import ProximityTaxel as ProximityTaxel
+    from tactemu.physics.probes.contact_depth_probe import ContactDepthProbe as ContactDepthProbe
+    from tactemu.physics.probes.contact_probe import ContactProbe as ContactProbe
+    from tactemu.physics.probes.kinematic_taxel import KinematicTaxel as KinematicTaxel
+    from tactemu.physics.sensor import Sensor as Sensor
+    from tactemu.physics.simulation import Simulation as Simulation
+    from tactemu.scene.bodies import Body as Body
+    from tactemu.scene.bodies import Box as Box
+    from tactemu.scene.bodies import Capsule as Capsule
+    from tactemu.scene.bodies import Cylinder as Cylinder
+    from tactemu.scene.bodies import Mesh as Mesh
+    from tactemu.scene.bodies import Plane as Plane
+    from tactemu.scene.bodies import Sphere as Sphere
+    from tactemu.scene.bodies import VoxelGrid as VoxelGrid
+    from tactemu.scene.motion import FromFunction as FromFunction
+    from tactemu.scene.motion import Hold as Hold
+    from tactemu.scene.motion import Keyframes as Keyframes
+    from tactemu.scene.motion import Pose as Pose
+    from tactemu.scene.motion import Press as Press
+    from tactemu.scene.motion import Roll as Roll
+    from tactemu.scene.motion import Sequence as Sequence
+    from tactemu.scene.motion import Slide as Slide
+    from tactemu.scene.motion import Spin as Spin
+    from tactemu.scene.motion import Together as Together
+    from tactemu.scene.mujoco_source import MujocoSource as MujocoSource
+    from tactemu.scene.scene import Scene as Scene
+    from tactemu.scene.schema import Event as Event
+    from tactemu.serving import Served as Served
+    from tactemu.serving import serve as serve
+    from tactemu.truth import Truth as Truth
+
+__version__ = "0.1.0"
 
 _PUBLIC = {
     # public name: module that defines it
@@ -19,12 +65,8 @@ _PUBLIC = {
     "Mesh": "tactemu.scene.bodies",
     "VoxelGrid": "tactemu.scene.bodies",
     "MujocoSource": "tactemu.scene.mujoco_source",
-    "ContactProbe": "tactemu.physics.probes.contact_probe",
-    "ContactDepthProbe": "tactemu.physics.probes.contact_depth_probe",
-    "ElastomerTaxel": "tactemu.physics.elastomer.elastomer_taxel",
-    "ProximityTaxel": "tactemu.physics.points.proximity_taxel",
-    "KinematicTaxel": "tactemu.physics.probes.kinematic_taxel",
-    "ElasticLayerTaxel": "tactemu.physics.layer.elastic_layer_taxel",
+    "Simulation": "tactemu.physics.simulation",
+    "Sensor": "tactemu.physics.sensor",
     "Hold": "tactemu.scene.motion",
     "Press": "tactemu.scene.motion",
     "Slide": "tactemu.scene.motion",
@@ -37,17 +79,28 @@ _PUBLIC = {
     "Pose": "tactemu.scene.motion",
     "Event": "tactemu.scene.schema",
     "serve": "tactemu.serving",
+    "Served": "tactemu.serving",
+    "Truth": "tactemu.truth",
     "TactemuError": "tactemu.errors",
+    "SceneError": "tactemu.errors",
+    "MeshError": "tactemu.errors",
+    "PoseError": "tactemu.errors",
+    "DeviceError": "tactemu.errors",
+    "TransportError": "tactemu.errors",
+    "TransportUnavailable": "tactemu.errors",
+    **{kind: module for module, _, kind in (target.partition(":") for target in MODELS.values())},
 }
 
-__all__ = list(_PUBLIC)
+__all__ = list(_PUBLIC)  # pyright: ignore[reportUnsupportedDunderAll]
 
 
-def __getattr__(name: str):
-    if name in _PUBLIC:
-        return getattr(importlib.import_module(_PUBLIC[name]), name)
-    raise AttributeError(f"module 'tactemu' has no attribute {name!r}")
+if not TYPE_CHECKING:  # a checker takes a module with __getattr__ to have every name there is
+
+    def __getattr__(name: str):
+        if name in _PUBLIC:
+            return getattr(importlib.import_module(_PUBLIC[name]), name)
+        raise AttributeError(f"module 'tactemu' has no attribute {name!r}")
 
 
 def __dir__():
-    return __all__
+    return [*__all__, "__version__"]

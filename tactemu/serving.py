@@ -18,6 +18,7 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import numpy as np
 
@@ -173,7 +174,7 @@ class Served:
 
     @property
     def port(self) -> str:
-        """What the driver opens: a path, a URL, ``interface:channel``.
+        """What the driver opens: a path, a URL of pyserial (``socket://``, ``rfc2217://``), ``interface:channel``.
 
         Raises:
             TactemuError: several ports; see :attr:`ports`.
@@ -187,6 +188,18 @@ class Served:
     def ports(self) -> dict[str, str]:
         """The port of each skin."""
         return {channel.name: channel.wire.transport.address for channel in self.emulator.channels}
+
+    @property
+    def host_port(self) -> tuple[str, int]:
+        """Host and port of a TCP port, for drivers that take them apart: ``ModbusTcpClient(host, port=port)``.
+
+        Raises:
+            TactemuError: the port is no TCP port.
+        """
+        url = urlsplit(self.port)
+        if url.hostname is None or url.port is None:
+            raise TactemuError(f"the port {self.port} has no host and port; give serve(..., port='tcp:0')")
+        return url.hostname, url.port
 
     @property
     def can(self) -> dict[str, str]:

@@ -1,10 +1,15 @@
-"""The public names of ``tactemu``."""
+"""The public names of ``tactemu``: for Python, and for type checkers."""
 
+import ast
 import importlib
+import re
+from pathlib import Path
 
 import pytest
 
 import tactemu
+
+ROOT = Path(__file__).parents[1]
 
 
 @pytest.mark.parametrize("name", tactemu.__all__)
@@ -21,3 +26,31 @@ def test_serve_is_the_function_however_often_it_is_used():
 def test_an_unknown_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="no attribute 'Sphera'"):
         tactemu.Sphera  # noqa: B018
+
+
+def test_editors_and_python_are_told_the_same_names():
+    """``if TYPE_CHECKING:`` imports from the modules that the lazy table names."""
+    tree = ast.parse((ROOT / "tactemu/__init__.py").read_text())
+    checked = next(node for node in tree.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING")
+    imports = [(node.module, name) for node in checked.body if isinstance(node, ast.ImportFrom) for name in node.names]
+    assert all(name.asname == name.name for _, name in imports), "only `X as X` is exported"
+    assert {name.name: module for module, name in imports} == tactemu._PUBLIC
+
+
+@pytest.mark.parametrize("package", ["tactemu", "firmware_protocols"])
+def test_packages_say_that_they_have_types(package):
+    assert (ROOT / package / "py.typed").is_file()
+
+
+def test_only_files_with_kernels_are_checked_less():
+    """Rules are switched off where Warp's annotations defeat them, file by file, and nowhere else."""
+    reasons = re.compile(r"^\s*@wp\.(kernel|func|struct)|^\s*import mujoco$", re.MULTILINE)
+    for package in ("tactemu", "firmware_protocols"):
+        for path in (ROOT / package).rglob("*.py"):
+            text = path.read_text()
+            assert "# pyright: report" not in text or reasons.search(text), path.relative_to(ROOT)
+
+
+def test_the_version_is_told_in_one_place():
+    assert re.fullmatch(r"\d+\.\d+\.\d+", tactemu.__version__)
+    assert not re.search(r"^version\s*=", (ROOT / "pyproject.toml").read_text(), re.MULTILINE)

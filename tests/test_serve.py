@@ -103,6 +103,19 @@ def test_nothing_is_left(tmp_path):
     device.stop()
 
 
+@pytest.mark.parametrize(("port", "scheme"), [("tcp:0", "socket"), ("rfc2217:0", "rfc2217")])
+def test_the_port_is_what_a_driver_opens(port, scheme):
+    with serve("anyskin", port) as device:
+        assert device.port == f"{scheme}://{device.host_port[0]}:{device.host_port[1]}"
+        with serial.serial_for_url(device.port, 115_200, timeout=2) as driver:
+            assert len(driver.read(FRAME)) == FRAME
+
+
+def test_a_path_has_no_host(dev):
+    with pytest.raises(TactemuError, match=r"no host and port.*tcp:0"):
+        _ = dev.host_port
+
+
 def test_a_port_that_cannot_be_made_leaves_nothing():
     before = threading.active_count()
     with pytest.raises(TransportError):

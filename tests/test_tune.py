@@ -7,9 +7,11 @@ import pytest
 
 from tactemu.errors import SceneError
 from tactemu.scene.file import load, parse
-from tactemu.tune.settings import LAYER, Setting, settings_for
+from tactemu.tune.settings import Setting, settings_for
 from tactemu.tune.tuner import Measured, _pick, run_tune
 from tactemu.tune.writing import set_skin
+
+LAYER = "elastic_layer_taxel"
 
 SCENE = """# my hand
 [scene]
@@ -69,9 +71,10 @@ def test_writing_replaces_a_table_of_options():
 
 def test_a_setting_keeps_imperfections_and_drops_what_the_model_lacks():
     skin = parse(SCENE).tables.skin[0]
-    layer = next(s for s in settings_for("force", skin) if s.model == LAYER).skin(skin)
+    layer = next(s for s in settings_for("force") if s.model == LAYER).skin(skin)
     assert layer.options["noise"] == 0.01 and "normal_stiffness" not in layer.options
-    springs = next(s for s in settings_for("force", skin) if s.model == "kinematic_taxel").skin(skin, gain=2.0)
+    assert settings_for("force")[0].name == "kinematic_taxel, nearest surface"
+    springs = next(s for s in settings_for("force") if s.model == "kinematic_taxel").skin(skin, gain=2.0)
     assert springs.options["normal_damping"] == 2.0 and springs.options["noise"] == 0.01
 
 
@@ -115,22 +118,3 @@ def test_a_scene_without_contact_is_refused(tmp_path):
     file.write_text(SCENE.split("motion")[0] + '\n[[skin]]\ndevice = "xela_uskin"\nlink = "pad"\n')
     with pytest.raises(SceneError, match="nothing touches"):
         run_tune(str(file), 20.0, report=lambda _text: None, seconds=0.1)
-
-
-def test_every_stage_of_the_layer_has_a_dial():
-    """What `tactemu run` advises when the rate is missed names an option that the model has."""
-    import dataclasses
-
-    import tactemu as tt
-    from tactemu.tune.settings import DIAL_OF_STAGE, dial_of
-
-    scene = tt.Scene()
-    pad = scene.add_body(None, name="pad", fixed=True)
-    scene.add_body(tt.Sphere(radius=0.01), position=(0, 0, 1))
-    scene.add_sensor(tt.ElasticLayerTaxel(probe_local_pos=[[(0, 0, 0), (1e-3, 0, 0)]]), link=pad)
-    stages = [stage.name for stage in scene.build().plan.stages[1:]]
-    assert all(dial_of(stage) for stage in stages)
-    options = {field.name for model in (tt.ElasticLayerTaxel, tt.ElastomerTaxel) for field in dataclasses.fields(model)}
-    for dial in DIAL_OF_STAGE.values():
-        for word in dial.split("`")[1::2]:
-            assert word.split(" ")[0] in options

@@ -31,9 +31,9 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from firmware_protocols.adc import quantize
 from firmware_protocols.device import CanFrame, CanWire, Command, Device, Layout, Outgoing, Reading, grid_layout
 from firmware_protocols.layouts import stack
-from firmware_protocols.magnetic import quantize
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 FINGER_SPACING = 0.025
@@ -110,13 +110,13 @@ class LinkerHand(Device):
         """Raw counts 0..255 of the normal force of each taxel, uint8, shape ``(n_taxels,)``."""
         force = self.layout.to_taxel_frame(np.asarray(reading.values))
         self._quantities = self._four_quantities(force.reshape(5, -1, 3).sum(axis=1))
-        return quantize(self.layout.push(reading.values), 1 / COUNTS_PER_NEWTON, 0, 255).astype(np.uint8)
+        return quantize(self.layout.push(reading.values), COUNTS_PER_NEWTON, 0, 255).astype(np.uint8)
 
     def _four_quantities(self, force: np.ndarray) -> np.ndarray:
         """Normal, tangential, direction, approach under ``force`` [N] of shape ``(5, 3)``; uint8 ``(4, 5)``."""
         turn = np.arctan2(force[:, 1], force[:, 0]) / (2 * np.pi) % 1.0
-        normal = quantize(-force[:, 2], 1 / COUNTS_PER_NEWTON, 0, 255)
-        tangential = quantize(np.hypot(force[:, 0], force[:, 1]), 1 / COUNTS_PER_NEWTON, 0, 255)
+        normal = quantize(-force[:, 2], COUNTS_PER_NEWTON, 0, 255)
+        tangential = quantize(np.hypot(force[:, 0], force[:, 1]), COUNTS_PER_NEWTON, 0, 255)
         direction = np.rint(turn * 256).astype(int) % 256
         return np.stack([normal, tangential, direction, np.zeros(5, int)]).astype(np.uint8)
 

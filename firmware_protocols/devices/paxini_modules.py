@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from firmware_protocols.device import Device, Layout, Reading
+from firmware_protocols.device import Device, Layout, Outgoing, Reading
 from firmware_protocols.layouts import filled, place, stack
 
 TAXELS: Mapping[str, int] = {
@@ -103,7 +103,7 @@ class Px6axDevice(Device):
         return content[start : start + count] if 0 <= start and start + count <= len(content) else None
 
     @abstractmethod
-    def receive(self, data, t_ns):
+    def receive(self, data: bytes, t_ns: int) -> Sequence[Outgoing]:
         """Requests in chunks of any size."""
 
 

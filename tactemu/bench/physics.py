@@ -14,11 +14,16 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from statistics import median
+from typing import Any
 
 import numpy as np
+
+import tactemu as tt
+from tactemu.physics.models import MODELS, load
+from tactemu.physics.sensor import SensorModel
 
 Report = Callable[[str], None]
 
@@ -32,7 +37,7 @@ class Case:
     """One line of the table."""
 
     sensor: str
-    """A key of :data:`SENSORS`."""
+    """A key of :func:`sensors`."""
     side: int
     """Taxels along a side of the grid."""
     n_envs: int = 1
@@ -73,14 +78,14 @@ class Figure:
         )
 
 
-SENSORS: dict[str, tuple[str, dict]] = {
-    # name in the table: class, options beside the probes
-    "KinematicTaxel": ("KinematicTaxel", {"probe_radius": 0.002}),
-    "ContactDepthProbe": ("ContactDepthProbe", {"probe_radius": 0.002}),
-    "ElastomerTaxel": ("ElastomerTaxel", {"probe_radius": 0.002, "shear_scale": 0.0}),
-    "ElastomerTaxel with shear": ("ElastomerTaxel", {"probe_radius": 0.002, "n_sample_points": 500}),
-    "ProximityTaxel, 500 points": ("ProximityTaxel", {"probe_radius": 0.004, "n_sample_points": 500}),
-}
+def sensors() -> dict[str, tuple[type[SensorModel], Mapping[str, Any]]]:
+    """What is measured, by its name in the table: a model, and its options beside the probes."""
+    return {
+        f"{model.__name__}{words}": (model, options)
+        for model in map(load, MODELS)
+        for words, options in model.examples.items()
+    }
+
 
 CPU_CASES = (
     Case(sensor="KinematicTaxel", side=16, aim_us=40, peer_us=760),
@@ -109,6 +114,13 @@ GPU_CASES = (
 )
 
 
+def all_cases(device: str) -> list[Case]:
+    """The cases with a figure aimed at, and one for each other sensor."""
+    aimed = CPU_CASES if device == "cpu" else GPU_CASES
+    named = {case.sensor for case in aimed}
+    return [*aimed, *(Case(sensor=name, side=16, n_envs=aimed[0].n_envs) for name in sensors() if name not in named)]
+
+
 def grid(side: int) -> np.ndarray:
     """``side * side`` probes on the top of the pad, shape ``(side, side, 3)``."""
     x = (np.arange(side) - (side - 1) / 2) * (SIDE / side)
@@ -117,13 +129,11 @@ def grid(side: int) -> np.ndarray:
 
 def build(case: Case, device: str):
     """``(sim, ball, sensor)`` of a case, the ball 1 mm deep and sliding."""
-    import tactemu as tt
-
     scene = tt.Scene(dt=1e-3)
     pad = scene.add_body(tt.Box(size=(SIDE, SIDE, 0.02)), fixed=True, name="pad")
     ball = scene.add_body(_ball(case.mesh), name="ball", position=(0, 0, 0.029))
-    kind, options = SENSORS[case.sensor]
-    model = getattr(tt, kind)(probe_local_pos=grid(case.side), **options)
+    kind, options = sensors()[case.sensor]
+    model = kind(probe_local_pos=grid(case.side), **options)
     sensor = scene.add_sensor(model, link=pad, name="skin")
     sim = scene.build(case.n_envs, device=device)
     sim.set_pose(ball, linear_velocity=(0.01, 0, 0))
@@ -136,8 +146,6 @@ def build(case: Case, device: str):
 
 
 def _ball(mesh: bool):
-    import tactemu as tt
-
     if not mesh:
         return tt.Sphere(radius=0.02)
     import trimesh
@@ -250,13 +258,13 @@ def run(
         largest: also look for the largest batch that fits on a GPU.
     """
     figures: dict[str, dict] = {}
-    cases = CPU_CASES if device == "cpu" else GPU_CASES
+    cases = all_cases(device)
     for case in cases:
         if only.lower() in case.title.lower():
             figure = measure(case, device)
             figures[figure.title] = asdict(figure)
             report(str(figure))
-    for sensor in SENSORS if starts else ():
+    for sensor in sensors() if starts else ():
         if only.lower() in sensor.lower():
             with tempfile.TemporaryDirectory(prefix="tactemu-bench-") as cache:
                 cold = first_reading_s(sensor, cache, device)

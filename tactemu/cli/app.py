@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+import tactemu
 from tactemu.cli.benches import bench
 
 app = typer.Typer(
@@ -49,12 +50,7 @@ app.add_typer(bench, name="bench")
 
 def _version(wanted: bool) -> None:
     if wanted:
-        from importlib.metadata import PackageNotFoundError, version
-
-        try:
-            typer.echo(f"tactemu {version('tactemu')}")
-        except PackageNotFoundError:
-            typer.echo("tactemu (a source tree that is not installed)")
+        typer.echo(f"tactemu {tactemu.__version__}")
         raise typer.Exit
 
 

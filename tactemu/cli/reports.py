@@ -71,15 +71,13 @@ def sentence(entry: dict[str, Any]) -> str:
 
 def advice(emulator: Emulator, channel: Channel) -> str:
     """What to change when a device misses samples; empty when it does not."""
-    from tactemu.tune.settings import dial_of
-
     statistics = channel.statistics
     late = statistics.missed + statistics.stretched
     if late <= MISSED_SHARE * max(statistics.samples, 1):
         return ""
     found = f"{late} of {statistics.samples + statistics.missed} samples were not taken in time: "
     period_us = channel.device.period_ns / 1e3
-    simulation = getattr(emulator.simulation, "simulation", emulator.simulation)
+    simulation: Any = getattr(emulator.simulation, "simulation", emulator.simulation)
     if simulation is None or not simulation.dt_ns:
         return f"{found}nothing is simulated, so the machine is too busy or the rate too high"
     simulated_us = _step_us(simulation) * period_us * 1e3 / simulation.dt_ns
@@ -88,12 +86,12 @@ def advice(emulator: Emulator, channel: Channel) -> str:
             f"{found}not for the simulation, which takes {simulated_us:.0f} of the {period_us:.0f} us between them; "
             "the machine is too busy, or the rate too high for it"
         )
-    costs = simulation.plan.measure(time.perf_counter_ns)
-    stage = max(costs, key=lambda name: costs[name])
-    dial = dial_of(stage)
+    simulation.plan.measure(time.perf_counter_ns)
+    stage = max(simulation.plan.stages, key=lambda stage: stage.cost_us)
+    dial = f" ({stage.cheaper})" if stage.cheaper else ""
     return (
         f"{found}the simulation takes {simulated_us:.0f} of the {period_us:.0f} us between them, most of it in "
-        f"{stage!r}{f' ({dial})' if dial else ''}. Raise [scene] dt, choose a cheaper model, lower --rate, or let "
+        f"{stage.name!r}{dial}. Raise [scene] dt, choose a cheaper model, lower --rate, or let "
         "`tactemu tune` choose"
     )
 

@@ -107,7 +107,7 @@ class Adjustments:
         if self.stuck is None:
             raise self._off("dead")
         shape = (-1, self.info.n_taxels, self.info.n_channels)
-        return ~np.isposinf(self.stuck.numpy().reshape(shape)[:, :, 0])
+        return self.stuck.numpy().reshape(shape)[:, :, 0] != ALIVE
 
     def _off(self, law: str) -> SceneError:
         return SceneError(

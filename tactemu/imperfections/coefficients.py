@@ -1,5 +1,8 @@
 """What the laws need of time, worked out once a step for a whole sensor: a few float64 numbers on the device."""
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 
 import numpy as np

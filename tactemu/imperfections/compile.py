@@ -13,6 +13,8 @@ Each returns the array to go on with (the one it was given, if nothing is switch
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import warp as wp
 
@@ -74,19 +76,19 @@ class Imperfections(Adjustments):
             raise SceneError(f"sensor {self.info.name!r}: probe_gain must be one finite number or {n}, got {gain.size}")
         rows = np.tile(np.broadcast_to(gain, (n,)), (self.context.n_envs, 1))
         self.gain = wp.array(rows, dtype=self.context.real, device=self.context.device)
-        if self.options.probe_gain_resample_range is None:
+        limits = self.options.probe_gain_resample_range
+        if limits is None:
             return self.gain, []
-        redraw = self._counting(self._redraw_gain())
+        redraw = self._counting(self._redraw_gain(self.gain, *limits))
         return self.gain, [
             Stage(name=f"{self.info.name}: gain", reason="gains drawn at resets", launch=nothing, reset=redraw)
         ]
 
-    def _redraw_gain(self):
-        low, high = self.options.probe_gain_resample_range
+    def _redraw_gain(self, gain: wp.array, low: float, high: float) -> Callable[[wp.array], None]:
         kernel, key = resets.gain_kernel(self.context.real), self._key("gain")
 
         def redraw(mask: wp.array) -> None:
-            self._launch(kernel, self.gain.shape, [mask, self._resets, key, low, high, self.gain])
+            self._launch(kernel, gain.shape, [mask, self._resets, key, low, high, gain])
 
         redraw(self._everywhere())
         return redraw

@@ -1,5 +1,8 @@
 """Crosstalk between the taxels of a grid: each reading leaks into its neighbours'."""
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 import math
 
@@ -163,7 +166,8 @@ def compile_crosstalk(
     launches = []
     for width, groups in _groups(info.channels, len(kernel)).items():
         split = bool((groups[:, 1] != groups[:, 2]).any())
-        normal = wp.types.vector(width, real)(*(info.normal if split else np.zeros(width)))
+        along = info.normal if split and info.normal is not None else np.zeros(width)
+        normal = wp.types.vector(width, real)(*along)
         inputs = [x, info.layout[1], *on_device, wp.array(groups, dtype=wp.int32, device=device), normal, filler]
         dim = (context.n_envs, info.n_taxels, len(groups))
         launches.append(record(_kernel(real, width, split, options.crosstalk_conserving), dim, inputs, [out], device))

@@ -5,6 +5,9 @@ no argument that is read. One thread does four columns of one environment, which
 lie a quarter of the row apart, so that neighbouring threads touch neighbouring memory.
 """
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false, reportPossiblyUnboundVariable=false
+
 import functools
 
 import warp as wp

@@ -4,6 +4,9 @@ State is float64 in both float widths: with a time constant of an hour and steps
 10 % short of its end. Each law is exact for the course of the input that it assumes, so one step equals two half steps.
 """
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false, reportReturnType=false
+
 import warp as wp
 
 _ZERO = wp.constant(wp.float64(0.0))

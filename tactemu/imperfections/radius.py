@@ -1,5 +1,8 @@
 """Noise on the probe radius: an array that the sensor's kernel reads in place of the nominal radii."""
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 
 import warp as wp

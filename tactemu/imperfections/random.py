@@ -6,6 +6,9 @@ index, environment); the key is that of the stream (:mod:`tactemu.random_streams
 widths see the same words.
 """
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 import math
 

@@ -5,6 +5,9 @@ body's origin [m/s], angular velocity [rad/s]. For every link that carries a ski
 the link's frame and, where a sensor asks for it, the relative twist, and rounds only these to the kernels' type.
 """
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 from dataclasses import dataclass
 

@@ -5,7 +5,9 @@ A model is a dataclass of options, one file, derived from :class:`SensorModel`::
     @dataclass(kw_only=True, eq=False)
     class MyTaxel(SensorModel):
         stiffness: float = 1.0
+        level = 2
         channels = ("force",)                                 # three numbers per taxel
+        layouts = {"force": slice(0, 3)}                      # what a device can sense of it
         unit = "N"
 
         def compile(self, site: Site) -> Compiled:
@@ -16,7 +18,8 @@ A model is a dataclass of options, one file, derived from :class:`SensorModel`::
             stage = Stage(name=f"{site.name}: my taxel", reason="MyTaxel asks for it", launch=launch)
             return Compiled(truth=raw, raw=raw, stages=[stage])
 
-Export it with one line in ``tactemu/__init__.py``. What a model gets is a :class:`Site`:
+One line in :mod:`tactemu.physics.models` makes it known to scene files, to ``tactemu tune``, to the benches and to
+``docs/sensors.md``; ``docs/adding-a-sensor-model.md`` shows all of it. What a model gets is a :class:`Site`:
 
 * ``site.view``: poses ``(n_envs, n_bodies)`` of all bodies in the link's frame, and twists if
   :meth:`SensorModel.velocity_reason` returns one (:class:`tactemu.physics.poses.LinkView`).
@@ -38,21 +41,22 @@ file *without* ``from __future__ import annotations``. A NaN pose must come out 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar, Literal, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
 
 import numpy as np
 import warp as wp
 
 from tactemu.errors import SceneError
 from tactemu.imperfections import ImperfectionOptions, Imperfections, SensorSetters
+from tactemu.imperfections.info import Channels
 from tactemu.physics.options import number
 from tactemu.physics.poses import LinkView
 from tactemu.physics.probes.probes import Probes, make_probes
 from tactemu.physics.shapes.table import ShapeTable, ShapeTables
-from tactemu.plan.plan import Context, Stage
+from tactemu.plan.plan import Context, Dtype, Stage
 from tactemu.scene.bodies import Body
 
 if TYPE_CHECKING:
@@ -126,6 +130,15 @@ class Compiled:
     """Applied to each branch, ``finish(array, "truth" | "measured")``, after the imperfections and before the delay."""
 
 
+@dataclass(frozen=True)
+class Trial:
+    """One setting of a model's dials."""
+
+    name: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+    dtype: Dtype = "float32"
+
+
 @dataclass(kw_only=True, eq=False)
 class SensorModel(ImperfectionOptions, ABC):
     """Options that all tactile sensors share. Positions, normals and readings are in the frame of the link."""
@@ -152,13 +165,39 @@ class SensorModel(ImperfectionOptions, ABC):
     ray_reach: float | None = None
     """How far into the skin the ray query looks [m]; ``None``: to the far side of the sensor's own link."""
 
-    channels: ClassVar[tuple[str, ...]] = ("scalar",)
+    # What a model is. Scene files, `tactemu tune`, the benches and docs/sensors.md read it here.
+    level: ClassVar[int]
+    """Of fidelity, 0 (a touch flag) to 4 (a solved contact)."""
+    channels: ClassVar[tuple[Channels, ...]] = ("scalar",)
     """What a taxel gives, in order: ``scalar`` is one number, ``force``, ``torque``, ``displacement`` three each."""
     unit: ClassVar[str] = ""
     gain_inside: ClassVar[bool] = True
     """The model applies ``site.gain`` itself; else it multiplies the reading after hysteresis."""
     layouts: ClassVar[dict[str, slice]] = {}
     """Quantities it offers (see :data:`firmware_protocols.device.Quantity`): which channels hold each."""
+    feels_at_radius: ClassVar[bool] = False
+    """Its probes feel what comes nearer than their radius: sunk by that radius, they feel from the first touch."""
+    strengths: ClassVar[tuple[str, ...]] = ()
+    """Options that scale the whole reading: a gain that was fitted is written into them."""
+    material: ClassVar[tuple[str, ...]] = ()
+    """Options that state what the skin is made of. Readings are then physical, and no gain is fitted."""
+    examples: ClassVar[Mapping[str, Mapping[str, Any]]] = {"": {"probe_radius": 0.002}}
+    """What benches and tests run, on probes 2.5 mm apart: words behind the class's name, and options."""
+    valid: ClassVar[str] = ""
+    """Where its readings mean something, and where they do not."""
+    source: ClassVar[str] = ""
+    """Where its formula comes from. The formula itself stands in the docstring of the module."""
+
+    @classmethod
+    def trials(cls, quantity: str) -> Sequence[Trial]:
+        """The settings of its dials that ``tactemu tune`` tries for a device that senses ``quantity``."""
+        return [Trial("defaults")]
+
+    @classmethod
+    def finest(cls, side: int) -> Trial | None:
+        """The best it can do for a skin of ``side`` taxels along its longer side, at any cost: others are judged by
+        it. ``None``: it is no reference."""
+        return None
 
     @abstractmethod
     def compile(self, site: Site) -> Compiled:
@@ -171,7 +210,7 @@ class SensorModel(ImperfectionOptions, ABC):
     def validate(self, probes: Probes) -> None:
         """Check options against each other; raise :class:`SceneError`."""
 
-    def present(self, values: np.ndarray):
+    def present(self, values: np.ndarray) -> Any:
         """Turn an array ``(..., n_channels)`` into what ``read()`` returns; it is a copy already, so views will do."""
         return values[..., 0] if self.n_channels == 1 else values
 
@@ -232,7 +271,7 @@ class Sensor(SensorSetters):
         for, and the next step writes into it."""
         array = self._truth if ground_truth else self._measured
         if array is None:
-            raise SceneError(f"sensor {self.name!r} has nothing to read yet: build the scene (scene.build()) first")
+            raise self._unread()
         return array
 
     @property
@@ -251,7 +290,7 @@ class Sensor(SensorSetters):
             kind = type(self.model).__name__
             raise SceneError(f"sensor {self.name!r} ({kind}) has no {name!r}; it offers: {has}")
         array = self.array(ground_truth)
-        first = array[:1] if array.size and array.device.is_cuda else array  # on the CPU nothing is copied
+        first = array[:1] if array.size and self._simulation.device.is_cuda else array  # on the CPU nothing is copied
         values = self._numpy(first)[0]
         values = values[0] if values.ndim == 3 else values
         values = values[:, self.model.layouts[name]]
@@ -259,16 +298,25 @@ class Sensor(SensorSetters):
             return values[:, 0] > 0
         return values[:, 0].copy() if values.shape[1] == 1 else values.copy()
 
-    def _numpy(self, array: wp.array) -> np.ndarray:
-        self._sim.before_read()
+    @property
+    def _simulation(self) -> Simulation:
+        if self._sim is None:
+            raise self._unread()
+        return self._sim
+
+    def _unread(self) -> SceneError:
+        return SceneError(f"sensor {self.name!r} has nothing to read yet: build the scene (scene.build()) first")
+
+    def _numpy(self, array: Any) -> np.ndarray:
+        self._simulation.before_read()
         return array.numpy()
 
     def _present(self, array: wp.array):
         values = self._numpy(array)
-        if array.device.is_cpu:  # the device's own memory
+        if self._simulation.device.is_cpu:  # the device's own memory
             values = values.copy()
         shape = (*values.shape[:-2], *self.probes.layout, values.shape[-1])
-        return self.model.present(values.reshape(shape if self._sim.batched else shape[1:]))
+        return self.model.present(values.reshape(shape if self._simulation.batched else shape[1:]))
 
 
 def check_query(sensor: Sensor) -> None:

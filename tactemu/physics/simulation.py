@@ -20,6 +20,7 @@ from tactemu.plan.plan import Context, Plan, Stage
 
 if TYPE_CHECKING:
     from tactemu.scene.bodies import Body
+    from tactemu.scene.motion.pose import Motion, Placed
     from tactemu.scene.scene import Scene
 
 MOST_THREADS = 2**31
@@ -52,6 +53,11 @@ def _reading_info(sensor: Sensor) -> ReadingInfo:
     )
 
 
+def _placed(body: Body, motion: Motion) -> Motion | Placed:
+    """A motion in world coordinates; one that cannot be placed is in them already."""
+    return motion.placed(body.position, body.quaternion) if hasattr(motion, "placed") else motion
+
+
 class Simulation:
     """What :meth:`tactemu.Scene.build` returns. Time is counted in integer nanoseconds and steps in int64."""
 
@@ -81,7 +87,7 @@ class Simulation:
         self.sensors: tuple[Sensor, ...] = tuple(scene.sensors)
         self._compile()
         self.world = World(scene.bodies, self._poses.world)
-        self._moving = [(body, self._world_motion(body)) for body in scene.bodies if body.motion is not None]
+        self._moving = [(body, _placed(body, body.motion)) for body in scene.bodies if body.motion is not None]
         self._move(0.0)
 
     # -- building ---------------------------------------------------------------------------------------------------
@@ -162,7 +168,7 @@ class Simulation:
         quaternion=None,
         linear_velocity=None,
         angular_velocity=None,
-        envs: Sequence[int] | None = None,
+        envs: Sequence[int] | np.ndarray | None = None,
     ) -> None:
         """Put a body somewhere, from the next step on. What is not given stays as it is.
 
@@ -201,6 +207,7 @@ class Simulation:
         dt_ns = round(dt * 1e9)
         if dt_ns != self._dt_ns:
             for sensor in self.sensors:
+                assert sensor.imperfections is not None
                 sensor.imperfections.check_step(dt)
             self.context.dt.fill_(dt)
             self._poses.dt_ns.fill_(dt_ns)
@@ -232,17 +239,14 @@ class Simulation:
         """
         dt_ns = self.dt_ns
         steps = (t_ns - self.time_ns) // dt_ns if dt_ns else 0
-        stretched = max_steps is not None and steps > max_steps
-        if stretched:
-            self.step((steps - max_steps + 1) * dt_ns * 1e-9)
-            steps = max_steps - 1
-        for _ in range(steps):
+        if max_steps is None or steps <= max_steps:
+            for _ in range(steps):
+                self.step()
+            return False
+        self.step((steps - max_steps + 1) * dt_ns * 1e-9)
+        for _ in range(max_steps - 1):
             self.step()
-        return stretched
-
-    def _world_motion(self, body: Body):
-        motion = body.motion
-        return motion.placed(body.position, body.quaternion) if hasattr(motion, "placed") else motion
+        return True
 
     def _move(self, t_s: float) -> None:
         for body, motion in self._moving:
@@ -283,7 +287,7 @@ class Simulation:
         if self._bad_view is None and self.step_count:
             self.check_poses()
 
-    def reset(self, envs: Sequence[int] | None = None) -> None:
+    def reset(self, envs: Sequence[int] | np.ndarray | None = None) -> None:
         """Clear all state, put bodies back where they started, and let readings be 0 until the next step.
 
         Args:

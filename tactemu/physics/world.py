@@ -1,7 +1,11 @@
 """World poses of all bodies: set from Python per body, sent to the device in one copy per body and step."""
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 from collections.abc import Sequence
+from typing import cast
 
 import numpy as np
 import warp as wp
@@ -33,6 +37,7 @@ class World:
         self.n_bodies, self.n_envs = device_array.shape[:2]
         self._names = [body.name for body in bodies]
         self._device_array = device_array
+        assert device_array.device is not None
         self._shared = device_array.device.is_cpu
         self._staging = (
             device_array if self._shared else wp.zeros(device_array.shape, dtype=wp.float64, device="cpu", pinned=True)
@@ -99,7 +104,7 @@ class World:
 
     def _from_device(self, b: int, name: str, part: slice, value, envs):
         """Copy an array on the simulation's device into the world; returns as numpy what has to go by the host."""
-        array = value if isinstance(value, wp.array) else wp.from_dlpack(value)
+        array = value if isinstance(value, wp.array) else cast(wp.array, wp.from_dlpack(value))
         rows = _as_rows(array)
         if array.device != self._device_array.device or envs is not None or rows is None:
             return array.numpy()

@@ -1,7 +1,11 @@
 """Zeroing the rows of the environments that are reset."""
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 
+import numpy as np
 import warp as wp
 
 
@@ -20,8 +24,9 @@ def clear_rows(array: wp.array, mask: wp.array) -> None:
     """Set ``array[e, ...]`` to 0 where ``mask`` (bool, shape ``(n_envs,)``) is true. Scalars of any type."""
     if array.size == 0:
         return
+    assert array.device is not None
     if array.device.is_cpu:
-        array.numpy()[mask.numpy()] = 0
+        array.numpy()[np.asarray(mask.numpy(), bool)] = 0
         return
     flat = array.reshape((array.shape[0], -1))
     wp.launch(_clear_kernel(array.dtype), dim=flat.shape, inputs=[mask], outputs=[flat], device=array.device)

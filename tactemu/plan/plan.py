@@ -9,8 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from statistics import median
+from typing import Literal
 
 import warp as wp
+
+Dtype = Literal["float32", "float64"]
+"""Width of the kernels' numbers."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,8 +32,8 @@ class Context:
     """Length of the step being taken [s], float64, shape ``(1,)``: read on the device, so that a graph sees changes."""
     step: wp.array
     """Number of the step being taken, from 1, int64, shape ``(1,)``."""
-    time_ns: wp.array | None = None
-    """Simulated time at the end of the step being taken [ns], int64, shape ``(1,)``. A scene always gives it."""
+    time_ns: wp.array
+    """Simulated time at the end of the step being taken [ns], int64, shape ``(1,)``."""
 
 
 @dataclass(kw_only=True)
@@ -45,6 +49,8 @@ class Stage:
     """Clears its state where the mask (bool, shape ``(n_envs,)``) is true. ``None``: it has no state."""
     cost_us: float | None = None
     """Measured by :meth:`Plan.measure`."""
+    cheaper: str = ""
+    """What to turn so that it costs less, in words; empty where nothing but another model helps."""
 
 
 @dataclass
@@ -73,6 +79,7 @@ class Plan:
     def _capture(self) -> None:
         with wp.ScopedCapture(self.device, force_module_load=False) as capture:
             self._launch()
+        assert capture.graph is not None
         self._graph = capture.graph
         wp.capture_launch(self._graph)
 
@@ -90,6 +97,7 @@ class Plan:
             repeats: runs of each stage.
         """
         device = self.device or wp.get_device("cpu")
+        costs: dict[str, float] = {}
         for stage in self.stages:
             times = []
             for _ in range(repeats):
@@ -98,8 +106,8 @@ class Plan:
                 stage.launch()
                 wp.synchronize_device(device)
                 times.append(now_ns() - start)
-            stage.cost_us = median(times) / 1e3
-        return {stage.name: stage.cost_us for stage in self.stages}
+            stage.cost_us = costs[stage.name] = median(times) / 1e3
+        return costs
 
     def __str__(self) -> str:
         rows = [("stage", "µs", "why")]

@@ -6,28 +6,19 @@ import dataclasses
 import inspect
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-import tactemu
 from firmware_protocols import Device, Layout
 from tactemu.errors import DeviceError, SceneError, nearest
+from tactemu.physics.models import cheapest, load, models_for
 from tactemu.scene import bodies, rotation
 from tactemu.scene.file import LoadedScene, load_device
-from tactemu.scene.schema import MODELS, Skin
+from tactemu.scene.schema import Skin
 
-CHEAPEST_MODEL = {
-    "touch": "contact_probe",
-    "depth": "contact_depth_probe",
-    "force": "kinematic_taxel",
-    "displacement": "elastomer_taxel",
-    "pressure": "elastic_layer_taxel",
-}
-"""By what a device senses: the model for a skin that names none."""
-
-FEEL_AT_A_RADIUS = ("contact_probe", "contact_depth_probe", "kinematic_taxel")
-"""Models whose probes feel what comes nearer than their radius: sunk by that radius, they feel from the first touch."""
+if TYPE_CHECKING:
+    from tactemu.physics.sensor import SensorModel
 
 
 def make_devices(loaded: LoadedScene) -> dict[str, Device]:
@@ -115,10 +106,13 @@ def sensor_model(skin: Skin, device: Device, laws: Sequence[str] = ()) -> Any:
     ``laws`` are built although they are off, so that they can be switched on.
 
     Raises:
-        SceneError: an option that the model does not have or does not accept.
+        SceneError: no such model, or an option that it does not have or does not accept.
     """
-    name = skin.model_ or CHEAPEST_MODEL[device.senses]
-    model = getattr(tactemu, MODELS[name])
+    name = skin.model_ or cheapest(device.senses)
+    try:
+        model = load(name)
+    except LookupError as error:
+        raise SceneError(f"skin {skin.title!r}: model: {error}") from error
     known = [field.name for field in dataclasses.fields(model) if field.init]
     _check_senses(skin, name, model, device)
     where = f"skin {skin.title!r}: options"
@@ -126,7 +120,7 @@ def sensor_model(skin: Skin, device: Device, laws: Sequence[str] = ()) -> Any:
         if option not in known:
             raise SceneError(f"{where}: {name} has no {option!r}{nearest(option, known)} (options: {', '.join(known)})")
     try:
-        given = taxels(device.layout, skin, name, known) | _arrays(skin.options)
+        given = taxels(device.layout, skin, model, known) | _arrays(skin.options)
         if "forces_on_skin" in known:  # devices measure what acts on them (see firmware_protocols.device)
             given.setdefault("forces_on_skin", True)
         if laws:
@@ -138,18 +132,17 @@ def sensor_model(skin: Skin, device: Device, laws: Sequence[str] = ()) -> Any:
 
 def _check_senses(skin: Skin, name: str, model: Any, device: Device) -> None:
     if device.senses not in model.layouts:
-        fit = [other for other, title in MODELS.items() if device.senses in getattr(tactemu, title).layouts]
         raise SceneError(
             f"skin {skin.title!r}: model: {name} gives {', '.join(model.layouts)} and not {device.senses}, "
-            f"which {device.name} senses (models that do: {', '.join(fit)})"
+            f"which {device.name} senses (models that do: {', '.join(models_for(device.senses))})"
         )
 
 
-def taxels(layout: Layout, skin: Skin, model: str, known: list[str]) -> dict[str, Any]:
+def taxels(layout: Layout, skin: Skin, model: type[SensorModel], known: list[str]) -> dict[str, Any]:
     """Positions, normals and radius of the taxels in the link's frame; a single grid keeps its ``(rows, cols, 3)``."""
     turn = rotation.normalised(skin.quaternion)
     radius = np.asarray(skin.options.get("probe_radius", layout.pitch / 2), float)
-    below = skin.embed if skin.embed is not None else radius if model in FEEL_AT_A_RADIUS else 0.0
+    below = skin.embed if skin.embed is not None else radius if model.feels_at_radius else 0.0
     inside = layout.positions - np.reshape(np.broadcast_to(below, (len(layout),)), (-1, 1)) * layout.normals
     positions = rotation.rotate(turn, inside) + np.asarray(skin.position)
     normals = rotation.rotate(turn, layout.normals)

@@ -11,9 +11,10 @@ from pydantic import ValidationError
 
 import firmware_protocols
 from tactemu.errors import DeviceError, SceneError, nearest
+from tactemu.physics.models import MODELS
 from tactemu.scene.mistakes import listed
 from tactemu.scene.motion import Motion
-from tactemu.scene.schema import MODELS, SHAPES, SceneFile, make_motion, motion_schemas
+from tactemu.scene.schema import SHAPES, SceneFile, make_motion, motion_schemas
 
 
 @dataclass(frozen=True)
@@ -155,7 +156,7 @@ def _references(tables: SceneFile):
         elif skin.link is not None and skin.link not in bodies:
             known = ", ".join(bodies) or "none"
             yield f"skin {skin.title!r}: link: no body {skin.link!r}{nearest(skin.link, bodies)} (bodies: {known})"
-        if skin.model_ is not None and skin.model_ not in MODELS:
+        if skin.model_ is not None and skin.model_ not in MODELS and ":" not in skin.model_:
             hint = f"{nearest(skin.model_, MODELS)} (models: {', '.join(MODELS)})"
             yield f"skin {skin.title!r}: model: unknown model {skin.model_!r}{hint}"
     for k, event in enumerate(tables.scenario):

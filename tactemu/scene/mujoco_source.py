@@ -19,6 +19,9 @@ MuJoCo's contacts are soft, so that geoms overlap by a little: that overlap is t
 ``tactemu[mujoco]``.
 """
 
+# MuJoCo's functions come from a compiled module that a checker cannot see into.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from tactemu.scene.bodies import Body, Shape
 if TYPE_CHECKING:
     from tactemu.physics.sensor import Sensor, SensorModel
     from tactemu.physics.simulation import Simulation
+    from tactemu.plan.plan import Dtype
     from tactemu.scene.motion import Motion
 
 
@@ -116,7 +117,7 @@ class Scene:
         *,
         device: str | None = "cpu",
         seed: int = 0,
-        dtype: Literal["float32", "float64"] = "float32",
+        dtype: Dtype = "float32",
     ) -> Simulation:
         """Compile the scene for ``n_envs`` environments; ``None``: one, and readings have no environment axis.
 

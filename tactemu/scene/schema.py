@@ -27,16 +27,6 @@ from tactemu.scene.motion import MOTIONS, Motion, Sequence, Together
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
-MODELS = {
-    "contact_probe": "ContactProbe",
-    "contact_depth_probe": "ContactDepthProbe",
-    "kinematic_taxel": "KinematicTaxel",
-    "proximity_taxel": "ProximityTaxel",
-    "elastomer_taxel": "ElastomerTaxel",
-    "elastic_layer_taxel": "ElasticLayerTaxel",
-}
-"""``model`` of a skin: name of the sensor class in :mod:`tactemu`, cheapest first."""
-
 
 class Table(BaseModel):
     """A table of the file. A key that it does not have is an error that names the nearest one."""
@@ -226,7 +216,9 @@ class Skin(Table):
     readings_of: str | None = Field(default=None, description="which device of that log; default: its only one")
     position: Vector = Field(default=(0.0, 0.0, 0.0), description="of the device's frame on the link [m]")
     quaternion: Quaternion = Field(default=(1.0, 0.0, 0.0, 0.0), description="of the device's frame on the link")
-    model_: str | None = Field(default=None, alias="model", description="sensor model; default: the cheapest that fits")
+    model_: str | None = Field(
+        default=None, alias="model", description="sensor model, or MODULE:CLASS; default: the cheapest that fits"
+    )
     options: dict[str, Any] = Field(default={}, description="options of the sensor model, imperfections included")
     embed: float | None = Field(default=None, description="how far below the skin the probes' centres sit [m]")
     port: str | None = Field(default=None, description="pty:PATH, can:INTERFACE:CHANNEL, tcp:HOST:PORT, memory: ...")

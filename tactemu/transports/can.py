@@ -22,6 +22,8 @@ from tactemu.transports.transport import Event, Received, Transport
 
 logging.getLogger("can").addHandler(logging.NullHandler())  # a bus that cannot be opened is our error to report
 
+_AT_ONCE = 32
+"""Frames that one look takes at most: 2 ms of the slowest interface, a third of that on Linux CAN."""
 _ECHOES = 256
 """Own frames that are waited for on an interface that returns them."""
 _PROTOCOL_ERROR = 0x8
@@ -76,14 +78,16 @@ class CanTransport(Transport):
             self._bus.shutdown()
             self._bus, self._fileno, self._socket = None, -1, None
 
-    def filenos(self) -> list[int]:
+    def filenos(self, reading: bool = True) -> list[int]:
         """The bus's socket, where it has one."""
-        return [self._fileno] if self._fileno >= 0 else []
+        return [self._fileno] if self._fileno >= 0 and reading else []
 
-    def poll(self) -> list[Event]:
+    def poll(self, reading: bool = True) -> list[Event]:
         """Frames of the other nodes."""
         events: list[Event] = []
-        while self._bus is not None:
+        for _ in range(_AT_ONCE if reading else 0):
+            if self._bus is None:
+                break
             try:
                 message = self._bus.recv(0)
             except can.CanError:

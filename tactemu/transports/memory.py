@@ -3,12 +3,30 @@
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import replace
+from typing import Any
 
 from firmware_protocols import Frame
-from tactemu.transports.transport import BaudChanged, Closed, Event, LinesChanged, Opened, Received, Transport
+from tactemu.transports.transport import (
+    CHUNK,
+    DROPPED,
+    RAISED,
+    Closed,
+    Event,
+    LinesChanged,
+    Opened,
+    Received,
+    SerialSetting,
+    SettingChanged,
+    Transport,
+)
 
 UNREAD_LIMIT = 65_536
 """Frames that a driver may leave unread before they are dropped."""
+WAITING_LIMIT = 2048
+"""Chunks and frames of a driver that may wait for the device's end."""
+_AT_ONCE = 64
+"""Events that one look takes at most."""
 
 
 class DriverEnd:
@@ -16,7 +34,7 @@ class DriverEnd:
 
     def __init__(self):
         self.is_open = True
-        self.baud: int | None = None
+        self.setting = SerialSetting()
         self.sent: deque[Event] = deque()
         """Events for the device's end, oldest first."""
         self.unread: deque[Frame] = deque()
@@ -25,17 +43,21 @@ class DriverEnd:
     def open(self) -> None:
         """Open the port."""
         self.is_open = True
-        self.sent.append(Opened())
+        self.sent += (Opened(), RAISED)
 
     def close(self) -> None:
         """Close the port; what was not read is lost."""
         self.is_open = False
         self.unread.clear()
-        self.sent.append(Closed())
+        self.sent += (Closed(), DROPPED)
 
-    def write(self, data: Frame) -> None:
-        """Send bytes, or one CAN frame."""
-        self.sent.append(Received(data))
+    def write(self, data: Frame) -> bool:
+        """Send bytes, or one CAN frame; ``False`` when the device's end does not take what was sent."""
+        pieces = [data[at : at + CHUNK] for at in range(0, len(data), CHUNK)] if isinstance(data, bytes) else [data]
+        if len(self.sent) + len(pieces) > WAITING_LIMIT:
+            return False
+        self.sent.extend(map(Received, pieces))
+        return True
 
     def read(self) -> list[Frame]:
         """Everything that the device has sent since the last call, frame by frame."""
@@ -43,10 +65,10 @@ class DriverEnd:
         self.unread.clear()
         return frames
 
-    def set_baud(self, baud: int) -> None:
-        """Set the line speed [bit/s]."""
-        self.baud = baud
-        self.sent.append(BaudChanged(baud))
+    def set_serial(self, **entries: Any) -> None:
+        """Set the line: ``baud``, ``bytesize``, ``parity``, ``stopbits``."""
+        self.setting = replace(self.setting, **entries)
+        self.sent.append(SettingChanged(self.setting))
 
     def set_lines(self, *, dtr: bool, rts: bool) -> None:
         """Set the modem lines."""
@@ -69,21 +91,27 @@ class MemoryTransport(Transport):
         if not self._open:
             self._open = True
             if self.driver.is_open:
-                self.driver.sent.append(Opened())
+                self.driver.sent += (Opened(), RAISED)
 
     def close(self) -> None:
         """Remove the port."""
         self._open = False
         self.driver.sent.clear()
 
-    def filenos(self) -> list[int]:
+    def filenos(self, reading: bool = True) -> list[int]:
         """None."""
         return []
 
-    def poll(self) -> list[Event]:
-        """What the driver's end did."""
-        events = list(self.driver.sent)
-        self.driver.sent.clear()
+    def poll(self, reading: bool = True) -> list[Event]:
+        """What the driver's end did, as far as its data are taken."""
+        events: list[Event] = []
+        sent, room = self.driver.sent, CHUNK if reading else 0
+        while sent and len(events) < _AT_ONCE:
+            if isinstance(sent[0], Received):
+                if room <= 0:
+                    break
+                room -= _size(sent[0].data)
+            events.append(sent.popleft())
         return events
 
     def write(self, frame: Frame) -> bool:
@@ -99,6 +127,10 @@ class MemoryTransport(Transport):
         return self._open and self.driver.is_open
 
     @property
-    def baud(self) -> int | None:
-        """The speed that the driver's end set, if it did."""
-        return self.driver.baud
+    def setting(self) -> SerialSetting | None:
+        """What the driver's end has set; the rest is open."""
+        return self.driver.setting
+
+
+def _size(data: Frame) -> int:
+    return len(data) if isinstance(data, bytes) else len(data.data)

@@ -5,11 +5,13 @@ What a pseudo terminal does otherwise than a port, and what is done about it her
 * Fresh, it echoes and rewrites line ends: it is set raw before the name is published.
 * It keeps what nobody reads: nothing is written while nobody has it open, and what a driver left unread is thrown away
   when it closes. An open one still takes 17 to 20 kB before it refuses; then whole frames are dropped.
-* It has no speed: the driver's ``termios`` is read from our side, custom rates included.
+* It has no speed: the driver's ``termios`` is read from our side, custom rates included. Of the rest the kernel keeps
+  stop bits and odd, mark and space parity; even parity looks like none, and every byte size like eight.
 * It stays exclusive when the driver that made it so (``TIOCEXCL``) has closed it: then another takes its place.
 * It tells nobody that it was opened: inotify does. The other side is not held open, so that ``fuser`` sees only the
   driver, and ``POLLHUP`` and ``EIO`` mean that the driver has closed.
-* It has no modem lines (``TIOCMGET`` fails); ``rfc2217:`` has.
+* It has no modem lines (``TIOCMGET`` fails): they follow open and close, as the kernel moves those of a port.
+  ``rfc2217:`` has them.
 """
 
 from __future__ import annotations
@@ -26,11 +28,24 @@ from firmware_protocols import Frame
 from tactemu.errors import TransportError, TransportUnavailable
 from tactemu.transports.openings import Openings
 from tactemu.transports.symlink import StableLink
-from tactemu.transports.transport import BaudChanged, Closed, Event, Opened, Received, Transport
+from tactemu.transports.transport import (
+    CHUNK,
+    DROPPED,
+    RAISED,
+    REST,
+    Closed,
+    Event,
+    Opened,
+    Received,
+    SerialSetting,
+    SettingChanged,
+    Transport,
+)
 
 _TCGETS2 = 0x802C542A
 _TERMIOS2 = struct.Struct("4I20s2I")
-_CHUNK = 65_536
+_CMSPAR = 0o10000000000
+"""With ``PARODD``: mark parity, without: space. Python has no name for it."""
 
 
 class PtyTransport(Transport):
@@ -47,7 +62,7 @@ class PtyTransport(Transport):
         self._openings: Openings | None = None
         self._poll = select.poll()
         self._heard = False
-        self._baud: int | None = None
+        self._setting: SerialSetting | None = None
         self._rest = b""
         """The end of a frame that the kernel took only in part: it goes first, so that frames stay whole."""
 
@@ -80,7 +95,7 @@ class PtyTransport(Transport):
         os.close(slave)
         os.set_blocking(self._master, False)
         self._poll.register(self._master, select.POLLIN)
-        self._baud = self._read_baud()
+        self._setting = self._read_setting()
         self._openings = Openings(self._name)
 
     def close(self) -> None:
@@ -98,15 +113,15 @@ class PtyTransport(Transport):
 
     # -- events ------------------------------------------------------------------------------------------------------
 
-    def filenos(self) -> list[int]:
+    def filenos(self, reading: bool = True) -> list[int]:
         """The watch for openings, and the port itself while a driver has it open (else it would never be quiet)."""
         watch = self._openings.fileno if self._openings else -1
         if watch < 0:
             return []  # no inotify: be polled
-        return [watch, self._master] if self._heard else [watch]
+        return [watch, self._master] if self._heard and reading else [watch]
 
-    def poll(self) -> list[Event]:
-        """Openings, changes of speed, bytes and closings."""
+    def poll(self, reading: bool = True) -> list[Event]:
+        """Openings, changes of the setting, bytes and closings."""
         if self._master < 0:
             return []
         seen = self._openings.read() if self._openings else ""
@@ -116,11 +131,12 @@ class PtyTransport(Transport):
         gone = self._hung_up()
         if not self._heard and (not gone or "o" in seen):
             self._heard = True
-            events.append(Opened())
+            events += [Opened(), RAISED]
         if self._heard:
             self._finish()
-            events += self._changed_baud()
-            events += [Received(chunk) for chunk in self._read()]
+            events += self._changed_setting()
+            if reading or gone:
+                events += [Received(chunk) for chunk in self._read(REST if gone else CHUNK)]
         if self._heard and gone:
             events += self._closed()
         return events
@@ -129,11 +145,13 @@ class PtyTransport(Transport):
         ready = self._poll.poll(0)
         return bool(ready) and bool(ready[0][1] & select.POLLHUP)
 
-    def _read(self) -> list[bytes]:
+    def _read(self, room: int) -> list[bytes]:
+        """About ``room`` bytes at most."""
         chunks = []
         try:
-            while chunk := os.read(self._master, _CHUNK):
+            while room > 0 and (chunk := os.read(self._master, CHUNK)):
                 chunks.append(chunk)
+                room -= len(chunk)
         except OSError as error:
             if error.errno not in (errno.EAGAIN, errno.EIO):
                 raise TransportError(f"lost the port {self.address}: {error.strerror}") from None
@@ -142,7 +160,7 @@ class PtyTransport(Transport):
     def _closed(self) -> list[Event]:
         self._heard, self._rest = False, b""
         self._throw_away_unread()
-        return [Closed()]
+        return [Closed(), DROPPED]
 
     def _throw_away_unread(self) -> None:
         """A port with nobody on it keeps no bytes. Only the other side can flush them."""
@@ -197,7 +215,7 @@ class PtyTransport(Transport):
                 return 0
             raise TransportError(f"lost the port {self.address}: {error.strerror}") from None
 
-    # -- speed -------------------------------------------------------------------------------------------------------
+    # -- setting -----------------------------------------------------------------------------------------------------
 
     @property
     def listening(self) -> bool:
@@ -205,21 +223,24 @@ class PtyTransport(Transport):
         return self._heard
 
     @property
-    def baud(self) -> int | None:
-        """The speed in the driver's ``termios`` [bit/s]."""
-        return self._baud
+    def setting(self) -> SerialSetting | None:
+        """What the driver's ``termios`` tells."""
+        return self._setting
 
-    def _changed_baud(self) -> list[Event]:
-        baud = self._read_baud()
-        if baud == self._baud or baud is None:
+    def _changed_setting(self) -> list[Event]:
+        setting = self._read_setting()
+        if setting == self._setting or setting.baud is None:  # speed 0 hangs up, which a pseudo terminal cannot
             return []
-        self._baud = baud
-        return [BaudChanged(baud)]
+        self._setting = setting
+        return [SettingChanged(setting)]
 
-    def _read_baud(self) -> int | None:
+    def _read_setting(self) -> SerialSetting:
         """Asked of our side, the kernel gives the other side's settings; ``TCGETS2`` knows custom rates too."""
         settings = fcntl.ioctl(self._master, _TCGETS2, bytes(_TERMIOS2.size))
-        return _TERMIOS2.unpack(settings)[-1] or None
+        _, _, control, *_, baud = _TERMIOS2.unpack(settings)
+        odd = bool(control & termios.PARODD)
+        parity = ("S", "M")[odd] if control & _CMSPAR else (None, "O")[odd]
+        return SerialSetting(baud=baud or None, parity=parity, stopbits=2 if control & termios.CSTOPB else 1)
 
 
 def _leave_to_change(slave: int) -> None:

@@ -1,19 +1,50 @@
 """``rfc2217:HOST:PORT``: a serial port over the network with its speed, format and modem lines (RFC 2217).
 
-A driver opens ``serial.serial_for_url("rfc2217://HOST:PORT")``. Unlike a pseudo terminal this port has DTR and RTS, and
-answers with CTS and DSR raised. The protocol is pyserial's own server side.
+A driver opens ``serial.serial_for_url("rfc2217://HOST:PORT")``. Unlike a pseudo terminal this port has byte size,
+parity, DTR and RTS, and answers with CTS and DSR raised. The protocol is pyserial's own server side.
 """
 
 from __future__ import annotations
 
 import struct
+from dataclasses import replace
+from typing import Any
 
 from serial import rfc2217
 
 from tactemu.transports.tcp import TcpTransport
-from tactemu.transports.transport import BaudChanged, Event, LinesChanged, Received
+from tactemu.transports.transport import DROPPED, Event, Received, SerialSetting, SettingChanged
 
 _IAC = b"\xff"
+_LONGEST_OPTION = 64
+"""Bytes of a telnet option; those of RFC 2217 that a client sends are shorter, but for a signature."""
+_UNSENT_LIMIT = 65_536
+"""Answers that wait for a client that asks and does not read [byte]; those beyond are lost."""
+
+
+def _entry(name: str, usual: Any) -> Any:
+    """An attribute of a port that stands in its :class:`SerialSetting` once the client has set it."""
+
+    def get(port: _Port) -> Any:
+        value = getattr(port.setting, name)
+        return usual if value is None else value
+
+    def put(port: _Port, value: Any) -> None:
+        before, port.setting = port.setting, replace(port.setting, **{name: value})
+        if port.setting != before:
+            port.changes.append(SettingChanged(port.setting))
+
+    return property(get, put)
+
+
+def _line(name: str) -> Any:
+    """A modem line of a port, which the client may set."""
+
+    def put(port: _Port, value: bool) -> None:
+        port.lines = replace(port.lines, **{name: value})
+        port.changes.append(port.lines)
+
+    return property(lambda port: getattr(port.lines, name), put)
 
 
 class _Port:
@@ -21,41 +52,15 @@ class _Port:
 
     cts = dsr = cd = True
     ri = False
-    bytesize, parity, stopbits = 8, "N", 1
     xonxoff = rtscts = break_condition = False
+    baudrate, bytesize = _entry("baud", 9600), _entry("bytesize", 8)
+    parity, stopbits = _entry("parity", "N"), _entry("stopbits", 1)
+    dtr, rts = _line("dtr"), _line("rts")
 
     def __init__(self):
         self.changes: list[Event] = []
-        self._baud: int | None = None
-        self._dtr = self._rts = False
-
-    @property
-    def baudrate(self) -> int:
-        return self._baud or 9600
-
-    @baudrate.setter
-    def baudrate(self, value: int) -> None:
-        if value != self._baud:
-            self._baud = value
-            self.changes.append(BaudChanged(value))
-
-    @property
-    def dtr(self) -> bool:
-        return self._dtr
-
-    @dtr.setter
-    def dtr(self, value: bool) -> None:
-        self._dtr = value
-        self.changes.append(LinesChanged(self._dtr, self._rts))
-
-    @property
-    def rts(self) -> bool:
-        return self._rts
-
-    @rts.setter
-    def rts(self, value: bool) -> None:
-        self._rts = value
-        self.changes.append(LinesChanged(self._dtr, self._rts))
+        self.setting = SerialSetting()
+        self.lines = DROPPED
 
     def reset_input_buffer(self) -> None:
         """Nothing to do: what has left is at the client."""
@@ -77,38 +82,51 @@ class _Answers:
 class Rfc2217Transport(TcpTransport):
     """A network serial port for one client."""
 
-    scheme = "rfc2217"
+    scheme = url = "rfc2217"
     kinds = ("serial",)
 
     def __init__(self, rest: str):
         super().__init__(rest)
-        self._settings = _Port()
+        self._port = _Port()
         self._protocol: rfc2217.PortManager | None = None
 
     @property
-    def baud(self) -> int | None:
-        """The speed that the client set [bit/s]; ``None`` until it does."""
-        return self._settings._baud
+    def setting(self) -> SerialSetting | None:
+        """What the client has set; the rest is open."""
+        return self._port.setting
 
     def answer(self, data: bytes) -> None:
         """Queue telnet bytes for the client."""
-        self._unsent += data
-        self._push()
+        if len(self._unsent) < _UNSENT_LIMIT:
+            self._unsent += data
+            self._push()
 
-    def _greet(self) -> None:
-        self._settings = _Port()
-        self._protocol = rfc2217.PortManager(self._settings, _Answers(self))  # pyright: ignore[reportArgumentType]
+    def _greet(self) -> list[Event]:
+        self._port = _Port()
+        self._protocol = rfc2217.PortManager(self._port, _Answers(self))  # pyright: ignore[reportArgumentType]
+        return []
+
+    def _farewell(self) -> list[Event]:
+        return [DROPPED] if self._port.lines != DROPPED else []
 
     def _decode(self, chunk: bytes) -> list[Event]:
+        """Data and settings in their order. Plain data go by in one piece; only the protocol is taken byte by byte."""
         assert self._protocol is not None
         events: list[Event] = []
         data = bytearray()
-        for value in chunk:
-            data += self._feed(bytes([value]))
-            if self._settings.changes:  # keep the order of data and settings
+        at = 0
+        while at < len(chunk):
+            if self._protocol.mode == rfc2217.M_NORMAL and self._protocol.suboption is None:
+                special = chunk.find(_IAC, at)
+                end = special if special >= 0 else len(chunk)
+                data += chunk[at:end]
+                at = end
+            data += self._feed(chunk[at : at + 1])
+            at += 1
+            if self._port.changes:
                 events += [Received(bytes(data))] if data else []
-                events += self._settings.changes
-                self._settings.changes.clear()
+                events += self._port.changes
+                self._port.changes.clear()
                 data.clear()
         return events + ([Received(bytes(data))] if data else [])
 
@@ -116,10 +134,13 @@ class Rfc2217Transport(TcpTransport):
         """One byte through the telnet filter. Malformed options are the client's fault: forgotten."""
         assert self._protocol is not None
         try:
-            return b"".join(self._protocol.filter(byte))
+            data = b"".join(self._protocol.filter(byte))
+            if len(self._protocol.suboption or b"") <= _LONGEST_OPTION:
+                return data
         except (struct.error, ValueError, KeyError, TypeError):
-            self._protocol.mode, self._protocol.suboption = rfc2217.M_NORMAL, None
-            return b""
+            data = b""
+        self._protocol.mode, self._protocol.suboption = rfc2217.M_NORMAL, None
+        return data
 
     def _encode(self, frame: bytes) -> bytes:
         return frame.replace(_IAC, _IAC + _IAC)

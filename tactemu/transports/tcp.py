@@ -6,26 +6,32 @@ only; name an address (``tcp:0.0.0.0:5000``) to be reached from elsewhere. Port 
 
 from __future__ import annotations
 
+import select
 import socket
 
 from firmware_protocols import Frame
 from tactemu.errors import TransportError
-from tactemu.transports.transport import Closed, Event, Opened, Received, Transport
+from tactemu.transports.transport import CHUNK, DROPPED, RAISED, REST, Closed, Event, Opened, Received, Transport
 
 _SEND_BUFFER = 16_384
 """What the kernel keeps for a client that does not read [byte]; about as much as a serial port does."""
-_CHUNK = 65_536
+_RECEIVE_BUFFER = 16_384
+"""What the kernel keeps of what a client sends while the line is busy [byte]."""
+_BACKLOG = 16
+"""Clients that may wait to be accepted: one that comes, goes and comes again at once must not wait for a second."""
 
 
 class TcpTransport(Transport):
     """A server for one client. A serial device behind it is a port of a terminal server without settings."""
 
     scheme = "tcp"
+    url = "socket"
+    """Scheme of the URL with which pyserial opens it."""
     kinds = ("tcp", "serial")
 
     def __init__(self, rest: str):
         self.host, self.port = _parse(self.scheme, rest)
-        self.address = _join(self.host, self.port)
+        self.address = self._url()
         self._server: socket.socket | None = None
         self._client: socket.socket | None = None
         self._unsent = b""
@@ -43,16 +49,17 @@ class TcpTransport(Transport):
             return
         try:
             family, _, _, _, where = socket.getaddrinfo(self.host, self.port, type=socket.SOCK_STREAM)[0]
-            server = socket.create_server(where[:2], family=family, backlog=1)
+            server = socket.create_server(where[:2], family=family, backlog=_BACKLOG)
         except OSError as error:
             raise TransportError(
                 f"cannot listen on {_join(self.host, self.port)}: {error.strerror}; "
                 f"choose another port ({self.scheme}:0 takes a free one)"
             ) from None
         server.setblocking(False)
+        server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)  # clients inherit it
         self._server = server
         self.port = server.getsockname()[1]
-        self.address = _join(self.host, self.port)
+        self.address = self._url()
 
     def close(self) -> None:
         """Stop listening and drop the client."""
@@ -61,25 +68,26 @@ class TcpTransport(Transport):
             self._server.close()
             self._server = None
 
-    def filenos(self) -> list[int]:
+    def filenos(self, reading: bool = True) -> list[int]:
         """The server's socket and the client's."""
-        return [each.fileno() for each in (self._server, self._client) if each is not None]
+        return [each.fileno() for each in (self._server, self._client if reading else None) if each is not None]
 
     # -- events ------------------------------------------------------------------------------------------------------
 
-    def poll(self) -> list[Event]:
+    def poll(self, reading: bool = True) -> list[Event]:
         """Clients that come and go, and their bytes."""
         events: list[Event] = []
         if self._client is not None:
-            events += self._read()
-        while (client := self._accept()) is not None:
+            events += self._read(self._client, reading)
+        for _ in range(_BACKLOG):
+            if (client := self._accept()) is None:
+                break
             if self._client is not None:
                 client.close()  # taken
                 continue
             self._client = client
-            events.append(Opened())
-            self._greet()
-            events += self._read()
+            events += [Opened(), *self._greet()]
+            events += self._read(client, reading)
         return events
 
     def _accept(self) -> socket.socket | None:
@@ -94,20 +102,17 @@ class TcpTransport(Transport):
         client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
         return client
 
-    def _read(self) -> list[Event]:
+    def _read(self, client: socket.socket, reading: bool) -> list[Event]:
+        """One chunk; of a client that has gone, all that it left."""
         events: list[Event] = []
-        while self._client is not None:
-            try:
-                chunk = self._client.recv(_CHUNK)
-            except BlockingIOError:
-                break
-            except OSError:
-                chunk = b""
-            if chunk:
-                events += self._decode(chunk)
-            else:
-                self._drop_client()
-                events.append(Closed())
+        gone = _has_gone(client)
+        room = REST if gone else CHUNK if reading else 0
+        while room > 0 and (chunk := _received(client)):
+            events += self._decode(chunk)
+            room -= len(chunk) if gone else CHUNK
+        if gone:
+            self._drop_client()
+            events += [Closed(), *self._farewell()]
         self._push()
         return events
 
@@ -146,10 +151,18 @@ class TcpTransport(Transport):
         """Whether a client is connected."""
         return self._client is not None
 
+    def _url(self) -> str:
+        return f"{self.url}://{_join(self.host, self.port)}"
+
     # -- the protocol around the bytes: none ---------------------------------------------------------------------------
 
-    def _greet(self) -> None:
-        """A client has connected."""
+    def _greet(self) -> list[Event]:
+        """A client has connected: what that does to the port."""
+        return [RAISED]
+
+    def _farewell(self) -> list[Event]:
+        """A client has gone: what that does to the port."""
+        return [DROPPED]
 
     def _decode(self, chunk: bytes) -> list[Event]:
         return [Received(chunk)]
@@ -168,3 +181,18 @@ def _parse(scheme: str, rest: str) -> tuple[str, int]:
 
 def _join(host: str, port: int) -> str:
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
+def _has_gone(client: socket.socket) -> bool:
+    """Whether a client has closed its end, whatever of it still waits to be read."""
+    poll = select.poll()
+    poll.register(client, select.POLLRDHUP)
+    return bool(poll.poll(0))
+
+
+def _received(client: socket.socket) -> bytes:
+    """A chunk, or nothing: the client has sent nothing, or has gone."""
+    try:
+        return client.recv(CHUNK)
+    except OSError:
+        return b""

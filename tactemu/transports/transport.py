@@ -8,6 +8,25 @@ from typing import ClassVar
 
 from firmware_protocols import CanFrame, Frame
 
+CHUNK = 4096
+"""Bytes of a driver that one :meth:`Transport.poll` takes at most, so that a flood of them leaves time for the rest."""
+REST = 65_536
+"""Bytes that are still taken of a driver that has gone; a kernel keeps fewer, unless it was a flood."""
+
+
+@dataclass(frozen=True, slots=True)
+class SerialSetting:
+    """How one end of a serial line is set; ``None`` where it cannot be seen."""
+
+    baud: int | None = None
+    """[bit/s]."""
+    bytesize: int | None = None
+    """Data bits, 5 to 8."""
+    parity: str | None = None
+    """``N``, ``E``, ``O``, ``M`` or ``S``, as in pyserial."""
+    stopbits: float | None = None
+    """1, 1.5 or 2."""
+
 
 @dataclass(frozen=True, slots=True)
 class Opened:
@@ -21,27 +40,30 @@ class Closed:
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """Bytes in a chunk of any size, or one CAN frame, from the driver."""
+    """Bytes in a chunk of any size up to :data:`CHUNK`, or one CAN frame, from the driver."""
 
     data: Frame
 
 
 @dataclass(frozen=True, slots=True)
-class BaudChanged:
-    """The driver set another line speed [bit/s]."""
+class SettingChanged:
+    """The driver set its end of the line otherwise."""
 
-    baud: int
+    setting: SerialSetting
 
 
 @dataclass(frozen=True, slots=True)
 class LinesChanged:
-    """The driver set the modem lines (only where the transport can see them)."""
+    """The driver set the modem lines; where they cannot be seen, they follow :class:`Opened` and :class:`Closed`."""
 
     dtr: bool
     rts: bool
 
 
-Event = Opened | Closed | Received | BaudChanged | LinesChanged
+Event = Opened | Closed | Received | SettingChanged | LinesChanged
+
+RAISED, DROPPED = LinesChanged(True, True), LinesChanged(False, False)
+"""What the kernel does to the modem lines of a port when it is opened, and when it is closed."""
 
 
 class Transport(ABC):
@@ -52,7 +74,8 @@ class Transport(ABC):
     """Kinds of wire that it can stand for (``serial``, ``can``, ``tcp``), best first; empty: any."""
 
     address: str = ""
-    """What a driver opens: a path, a URL, ``interface:channel``. Valid once open."""
+    """What a driver opens: a path, a URL of pyserial (``socket://``, ``rfc2217://``), ``interface:channel``. Valid once
+    open."""
 
     @abstractmethod
     def open(self) -> None:
@@ -67,12 +90,21 @@ class Transport(ABC):
         """Remove the port and everything made for it. Safe to call twice, and on a port never opened."""
 
     @abstractmethod
-    def filenos(self) -> list[int]:
-        """File descriptors to ``select`` for reading; where there are none, :meth:`poll` is called often."""
+    def filenos(self, reading: bool = True) -> list[int]:
+        """File descriptors to ``select`` for reading; where there are none, :meth:`poll` is called often.
+
+        Args:
+            reading: as the next :meth:`poll` will be called. What nobody will read must not wake anybody.
+        """
 
     @abstractmethod
-    def poll(self) -> list[Event]:
-        """What happened since the last call, oldest first. Never blocks."""
+    def poll(self, reading: bool = True) -> list[Event]:
+        """What happened since the last call, oldest first. Never blocks, and takes a bounded time whatever is sent.
+
+        Args:
+            reading: whether the driver's data are taken. Those that are not stay where they are, and in the end hold
+                the driver up, as a line does that is slower than it.
+        """
 
     @abstractmethod
     def write(self, frame: Frame) -> bool:
@@ -84,8 +116,8 @@ class Transport(ABC):
         """Whether a driver holds the port (always true on a bus)."""
 
     @property
-    def baud(self) -> int | None:
-        """The speed that the driver set [bit/s]; ``None`` where the transport has no such notion."""
+    def setting(self) -> SerialSetting | None:
+        """How the driver's end of a serial line is set; ``None`` where the transport has no such notion."""
         return None
 
     def __enter__(self):
@@ -97,5 +129,6 @@ class Transport(ABC):
 
 
 __all__ = [
-    "BaudChanged", "CanFrame", "Closed", "Event", "Frame", "LinesChanged", "Opened", "Received", "Transport",
+    "CHUNK", "DROPPED", "RAISED", "REST", "CanFrame", "Closed", "Event", "Frame", "LinesChanged", "Opened", "Received",
+    "SerialSetting", "SettingChanged", "Transport",
 ]  # fmt: skip

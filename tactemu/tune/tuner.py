@@ -20,7 +20,7 @@ from tactemu.errors import SceneError
 from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.file import LoadedScene, load
 from tactemu.scene.schema import Skin
-from tactemu.tune.settings import STRENGTHS, Setting, settings_for, truth_setting
+from tactemu.tune.settings import Setting, settings_for, truth_settings
 from tactemu.tune.writing import write_skin
 
 ERRORS = {
@@ -112,11 +112,9 @@ def run_tune(
         _say(choice, error, rate_hz, report)
         if write and target.endswith(".toml"):
             changed = choice.chosen.setting.skin(skin, choice.chosen.gain)
-            assert changed.model_ is not None, "a setting names its model"
             dtype = choice.chosen.setting.dtype
             other = dtype if dtype != loaded.tables.scene.dtype else None
-            assert changed.model_ is not None  # a setting names its model
-            write_skin(Path(target), index, changed.model_, changed.options, other)
+            write_skin(Path(target), index, choice.chosen.setting.model, changed.options, other)
             report(f"written into {target}")
         choices.append(choice)
     return choices
@@ -136,8 +134,8 @@ class Tuner:
         """Run everything and pick."""
         layout = self.device.layout
         side = max(max(patch.rows, patch.cols if patch.rows else 1) for patch in layout.patches)
-        settings = settings_for(self.device.senses, self.skin)
-        truth, name = self._truth(truth_setting(self.skin, side), settings)
+        settings = settings_for(self.device.senses)
+        truth, name = self._truth(side)
         touched = np.flatnonzero(np.abs(truth).reshape(MOMENTS, -1).any(axis=1))
         if not len(touched):
             raise SceneError(
@@ -158,17 +156,15 @@ class Tuner:
             measured.append(Measured(setting, cost, late, wrong[self.error], gain, wrong))
         return _pick(self.skin.title, name, 1e6 * MARGIN / self.rate_hz, measured)
 
-    def _truth(self, finest: Setting, settings: list[Setting]) -> tuple[np.ndarray, str]:
+    def _truth(self, side: int) -> tuple[np.ndarray, str]:
         """The finest layer; where the skin is no flat grid, or senses depth, the best of the settings in float64."""
-        reason = SceneError(f"skin {self.skin.title!r}: there is no setting to judge")
-        candidates = [] if self.device.senses == "depth" else [finest]
-        reason = SceneError(f"skin {self.skin.title!r}: no model fits it")
-        for setting in [*candidates, *(Setting(s.name, s.model, s.dials, "float64") for s in reversed(settings))]:
+        reasons = []
+        for setting in truth_settings(self.device.senses, side):
             try:
                 return self._readings(setting), setting.name
             except SceneError as error:
-                reason = error
-        raise reason
+                reasons.append(error)
+        raise reasons[-1]
 
     def _build(self, setting: Setting):
         loaded = setting.scene(self.loaded, self.skin.title)
@@ -191,7 +187,7 @@ class Tuner:
         half = touched[: max(len(touched) // 2, 1)]
         judged = touched[len(half) :] if len(touched) > 1 else touched
         gain = 1.0
-        if setting.model in STRENGTHS and np.any(got[half]):
+        if setting.strengths and np.any(got[half]):
             gain = float(np.vdot(got[half], truth[half]) / np.vdot(got[half], got[half]))
             gain = gain if np.isfinite(gain) and gain > 0 else 1.0
         return gain, {kind: _error(kind, gain * got[judged], truth[judged]) for kind in ERRORS}

@@ -1,59 +1,77 @@
-"""What a UART hears of another that talks at another speed: the line's levels, sampled in the wrong places.
+"""What a UART hears of another that is set otherwise: the line's levels, sampled in the wrong places.
 
-The receiver waits for a falling edge, samples the middle of what it takes for the start bit, the data bits and the stop
-bit, and hands the byte over whether the stop bit was right or not, as a serial port in raw mode does. The same bytes at
-the same two speeds always give the same noise; a few percent of difference still read well, as on a real line.
+The receiver waits for a falling edge, samples the middle of what it takes for the start bit, the data bits, the parity
+bit and the stop bit, and hands the byte over whether parity and stop bit were right or not, as a serial port in raw
+mode does. The same bytes at the same two settings always give the same noise; a few percent of difference in speed
+still read well, as on a real line.
 """
 
 from __future__ import annotations
 
-from firmware_protocols import SerialWire
+import math
+from dataclasses import replace
+from functools import lru_cache
+
+from tactemu.transports.transport import SerialSetting
+
+_PLAIN = SerialSetting(baud=9600, bytesize=8, parity="N", stopbits=1)
+"""What is taken for what neither end says."""
 
 
-def misheard(data: bytes, sent_baud: int, heard_baud: int, wire: SerialWire) -> bytes:
-    """``data`` sent at one speed, as heard at another [bit/s]. Idle line before and after."""
-    if sent_baud == heard_baud:
-        return data
-    line = _levels(data, wire)
-    heard, edge = bytearray(), line.find(b"\x01\x00") + 1
-    while edge > 0:
-        byte, stop_at, good = _sample(line, edge, sent_baud, heard_baud, wire.bytesize, wire.parity != "N")
-        if byte is not None:
-            heard.append(byte)
-        if not good:
-            stop_at = line.find(b"\x01", stop_at)
-            if stop_at < 0:
-                break
-        edge = line.find(b"\x01\x00", stop_at) + 1
-    return bytes(heard)
+def misheard(data: bytes, sent: SerialSetting, heard: SerialSetting) -> bytes:
+    """``data`` sent at one setting, as heard at another. Idle line before and after.
 
-
-def _levels(data: bytes, wire: SerialWire) -> bytes:
-    """The line bit by bit: one idle bit, then start, data (least significant first), parity, stop of every byte."""
-    line = bytearray(b"\x01")
-    for byte in data:
-        bits = [byte >> k & 1 for k in range(wire.bytesize)]
-        line.append(0)
-        line.extend(bits)
-        if wire.parity != "N":
-            line.append(sum(bits) % 2 ^ (wire.parity == "O"))
-        line.extend(b"\x01" * wire.stopbits)
-    return bytes(line)
-
-
-def _sample(line: bytes, edge: int, sent: int, heard: int, bytesize: int, parity: bool) -> tuple[int | None, int, bool]:
-    """The byte that starts at ``edge``, where its stop bit was looked for, and whether the stop bit was there.
-
-    Times are in units of 1 / (sent * heard) s, so that all is exact in integers.
+    What one end does not say is as at the other: a pseudo terminal, for one, does not tell the driver's byte size.
     """
+    sent, heard = _filled(sent, heard), _filled(heard, sent)
+    if replace(sent, stopbits=None) == replace(heard, stopbits=None):  # a receiver looks at the first stop bit only
+        return data
+    samples = _samples(sent, heard)
+    start_at, bits_at, stop_at = samples[0], samples[1 : 1 + heard.bytesize], samples[-1]
+    levels = _levels(sent)
+    line = b"\x01" + b"".join([levels[byte] for byte in data])
+    end = len(line)
+    line += b"\x01" * (stop_at + 1)
+    out = bytearray()
+    edge = line.find(b"\x01\x00") + 1
+    while 0 < edge < end:
+        if line[edge + start_at]:  # the dip was shorter than half a bit: no start bit
+            edge = line.find(b"\x01\x00", edge + start_at) + 1
+            continue
+        byte = 0
+        for k, at in enumerate(bits_at):
+            byte |= line[edge + at] << k
+        out.append(byte)
+        idle = line.find(b"\x01", edge + stop_at)  # where the stop bit was, or should have been, the line is high again
+        edge = line.find(b"\x01\x00", idle) + 1
+    return bytes(out)
 
-    def level(k: int) -> tuple[int, int]:
-        at = (2 * edge * heard + (2 * k + 1) * sent) // (2 * heard)
-        return (line[at] if at < len(line) else 1), at
 
-    start, at = level(0)
-    if start:  # the dip was shorter than half a bit: no start bit
-        return None, at, True
-    byte = sum(level(1 + k)[0] << k for k in range(bytesize))
-    stop, at = level(1 + bytesize + parity)
-    return byte, at, bool(stop)
+def _filled(own: SerialSetting, other: SerialSetting) -> SerialSetting:
+    """``own`` with what it leaves open as at the other end."""
+
+    def pick(name: str):
+        said = (getattr(setting, name) for setting in (own, other, _PLAIN))
+        return next(value for value in said if value is not None)
+
+    return SerialSetting(pick("baud"), pick("bytesize"), pick("parity"), pick("stopbits"))
+
+
+@lru_cache(maxsize=16)
+def _levels(sent: SerialSetting) -> list[bytes]:
+    """Every byte as levels on the line: start, data (least significant first), parity, stop; shape ``(256, n)``."""
+    return [_levels_of(byte, sent) for byte in range(256)]
+
+
+def _levels_of(byte: int, sent: SerialSetting) -> bytes:
+    bits = [byte >> k & 1 for k in range(sent.bytesize)]
+    odd = sum(bits) % 2
+    parity = {"N": [], "E": [odd], "O": [1 - odd], "M": [1], "S": [0]}[sent.parity]
+    return bytes([0, *bits, *parity]) + b"\x01" * math.ceil(sent.stopbits)
+
+
+@lru_cache(maxsize=16)
+def _samples(sent: SerialSetting, heard: SerialSetting) -> tuple[int, ...]:
+    """Where the receiver looks, in bits of the sender after the falling edge: start, data, parity if any, stop."""
+    n = 2 + heard.bytesize + (heard.parity != "N")
+    return tuple((2 * k + 1) * sent.baud // (2 * heard.baud) for k in range(n))

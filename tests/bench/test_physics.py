@@ -7,7 +7,7 @@ import pytest
 from tactemu.bench import physics
 
 
-@pytest.mark.parametrize("sensor", physics.SENSORS)
+@pytest.mark.parametrize("sensor", physics.sensors())
 def test_every_sensor_can_be_measured_in_contact(sensor):
     case = physics.Case(sensor=sensor, side=8, n_envs=2, aim_us=1.0, peer_us=2.0)
     sim, _ball, skin = physics.build(case, "cpu")

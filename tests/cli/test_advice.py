@@ -24,7 +24,13 @@ def test_a_busy_machine_is_told_from_a_dear_simulation(emulator, monkeypatch):
     text = advice(emulator, channel)
     assert text.startswith("100 of 1000 samples were not taken in time: not for the simulation")
     monkeypatch.setattr("tactemu.cli.reports._step_us", lambda _simulation: 1600.0)
-    monkeypatch.setattr(emulator.simulation.plan, "measure", lambda _clock: {"poses": 100.0, "layer": 1500.0})
+    plan = emulator.simulation.plan
+
+    def springs_are_slow(_clock):
+        for stage in plan.stages:
+            stage.cost_us = 1500.0 if stage.name.endswith("springs") else 100.0
+
+    monkeypatch.setattr(plan, "measure", springs_are_slow)
     text = advice(emulator, channel)
-    assert "takes 16000 of the 10000 us between them, most of it in 'layer'" in text
+    assert "takes 16000 of the 10000 us between them, most of it in 'anyskin: springs' (set `contact_depth" in text
     assert "dt" in text and "tactemu tune" in text

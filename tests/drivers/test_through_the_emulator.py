@@ -73,7 +73,7 @@ def test_ability_hand(serve, tmp_path):
 
 def test_plusml_rh56dftp(serve, tmp_path):
     with serve("inspire_rh56dftp", "tcp:127.0.0.1:0", noise=0.5) as dev:
-        address = dev.port.removeprefix("socket://")
+        address = "{}:{}".format(*dev.host_port)
         got = run_driver("RH56DFTP", "plusml_rh56dftp_read.py", address, cwd=tmp_path)
     readings = [values[:96] for values in got["many"]]
     assert_consecutive(readings, counts_of(dev), decode=lambda counts: counts[INDEX_TOP])

@@ -72,14 +72,42 @@ def test_depth_along_the_normal_grows_with_every_micrometre(shape):
     assert np.abs(np.diff(touched) - 50e-6).max(initial=0) < 1e-6
 
 
-@pytest.mark.parametrize("shape", [tt.Sphere(radius=0.02), tt.Mesh(source=trimesh.creation.icosphere(3, radius=0.02))])
-@pytest.mark.parametrize("into", [-1e-3, 1e-3, 5e-3])
-def test_what_presses_on_the_back_is_not_felt_in_front(shape, into):
-    model = tt.ContactDepthProbe(probe_local_pos=[[0, 0, 0.01]], probe_radius=0.001, contact_depth_query="ray")
-    sim, ball, skin = scene_with(shape, model, link_shape=tt.Box(size=(0.08, 0.08, 0.02)))
-    sim.set_pose(ball, position=(0, 0, -0.03 + into))
+PROBES = {"probe_local_pos": [[0, 0, 0.01]], "probe_radius": 1e-3, "contact_depth_query": "ray"}
+PAD = [[[x, y, 0.01] for x in (-1e-3, 0, 1e-3)] for y in (1e-3, 0, -1e-3)]
+ALONG_THE_NORMAL = {
+    "touch": tt.ContactProbe(**PROBES),
+    "depth": tt.ContactDepthProbe(**PROBES),
+    "spring": tt.KinematicTaxel(**PROBES, normal_damping=0.0),
+    "layer": tt.ElasticLayerTaxel(probe_local_pos=PAD, friction=0.0),
+}
+
+
+def felt(model, shape, height):
+    """The largest of what a model on a plate reads (touch, depth, force [N]); the plate's top is at z = 10 mm."""
+    sim, body, skin = scene_with(shape, model, link_shape=tt.Box(size=(0.08, 0.08, 0.02)), dtype="float64")
+    sim.set_pose(body, position=(0, 0, height))
     sim.step()
-    assert skin.read()[0] == 0.0
+    reading = skin.read()
+    return np.abs(getattr(reading, "force", reading)).max()
+
+
+@pytest.mark.parametrize("model", ALONG_THE_NORMAL)
+@pytest.mark.parametrize("shape", [tt.Sphere(radius=0.02), tt.Mesh(source=trimesh.creation.icosphere(3, radius=0.02))])
+@pytest.mark.parametrize("top", [-0.011, -0.009, 0.0, 0.0065])
+def test_what_comes_from_behind_and_has_not_reached_the_skin_is_not_felt(model, shape, top):
+    assert felt(ALONG_THE_NORMAL[model], shape, top - 0.02) == 0.0
+
+
+@pytest.mark.parametrize("model", ALONG_THE_NORMAL)
+def test_what_sinks_into_a_thick_link_goes_on_being_felt(model):
+    """A ball of 2 mm, 3 to 17 mm deep: deeper than the layer of 4 mm, and still inside the link."""
+    readings = [
+        felt(ALONG_THE_NORMAL[model], tt.Sphere(radius=1e-3), 0.01 + 1e-3 - deep) for deep in (3e-3, 7e-3, 0.017)
+    ]
+    if model == "touch":
+        assert readings == [1, 1, 1]
+    else:
+        assert readings[0] > 0 and np.all(np.diff(readings) > 0)
 
 
 def test_springs_push_along_the_taxels_own_normal():

@@ -10,7 +10,16 @@ import serial
 from firmware_protocols import CanFrame, SerialWire
 from tactemu import transports
 from tactemu.errors import TransportError
-from tactemu.transports.transport import BaudChanged, Closed, LinesChanged, Opened, Received
+from tactemu.transports.transport import (
+    DROPPED,
+    RAISED,
+    Closed,
+    LinesChanged,
+    Opened,
+    Received,
+    SerialSetting,
+    SettingChanged,
+)
 
 FRAME = bytes(range(256)) + b"\r\n\xff\xff"
 
@@ -86,11 +95,11 @@ class MemoryEnd:
 
 
 DRIVERS = {
-    "memory": [("memory:", MemoryEnd, "{}")],
-    "pty": [("pty:", PySerialEnd, "{}"), ("pty:{tmp}/tty", PySerialEnd, "{}")],
-    "tcp": [("tcp:0", PySerialEnd, "socket://{}"), ("tcp:[::1]:0", PySerialEnd, "socket://{}")],
-    "rfc2217": [("rfc2217:127.0.0.1:0", PySerialEnd, "rfc2217://{}")],
-    "can": [("can:virtual:contract", CanEnd, "{}"), ("can:udp_multicast:239.74.163.9", CanEnd, "{}")],
+    "memory": [("memory:", MemoryEnd)],
+    "pty": [("pty:", PySerialEnd), ("pty:{tmp}/tty", PySerialEnd)],
+    "tcp": [("tcp:0", PySerialEnd), ("tcp:[::1]:0", PySerialEnd)],
+    "rfc2217": [("rfc2217:127.0.0.1:0", PySerialEnd)],
+    "can": [("can:virtual:contract", CanEnd), ("can:udp_multicast:239.74.163.9", CanEnd)],
 }
 CASES = [pytest.param(*case, id=case[0]) for cases in DRIVERS.values() for case in cases]
 
@@ -130,10 +139,10 @@ def test_every_scheme_has_a_driver():
     assert set(DRIVERS) == set(transports.TRANSPORTS)
 
 
-@pytest.mark.parametrize(("address", "end", "url"), CASES)
-def test_a_driver_comes_talks_and_goes_twice(address, end, url, tmp_path):
+@pytest.mark.parametrize(("address", "end"), CASES)
+def test_a_driver_comes_talks_and_goes_twice(address, end, tmp_path):
     with transports.create(address.format(tmp=tmp_path)) as port:
-        driver = end(port, url.format(port.address))
+        driver = end(port, port.address)
         bus = isinstance(driver, CanEnd)
         for _ in range(1 if bus else 2):
             assert port.listening == bus
@@ -142,7 +151,8 @@ def test_a_driver_comes_talks_and_goes_twice(address, end, url, tmp_path):
             seen = []
             driver.open(seen)
             if not bus:
-                assert look(port, seen, Opened)[0] == Opened()
+                look(port, seen, LinesChanged)
+                assert seen[0] == Opened() and [e for e in seen if isinstance(e, LinesChanged)][-1] == RAISED
             assert port.listening
             assert port.write(driver.frame)
             assert driver.read(driver.frame) == driver.frame
@@ -152,11 +162,11 @@ def test_a_driver_comes_talks_and_goes_twice(address, end, url, tmp_path):
             assert port.poll() == [], "own frames do not come back"
             driver.close()
             if not bus:
-                assert look(port, [], Closed)[-1] == Closed()
+                assert look(port, [], Closed)[-2:] == [Closed(), DROPPED]
 
 
-@pytest.mark.parametrize(("address", "end", "url"), CASES)
-def test_closing_is_safe_at_any_time(address, end, url, tmp_path):
+@pytest.mark.parametrize(("address", "end"), CASES)
+def test_closing_is_safe_at_any_time(address, end, tmp_path):
     port = transports.create(address.format(tmp=tmp_path))
     port.close()
     assert port.poll() == [] and not port.listening
@@ -201,21 +211,21 @@ def test_a_taken_tcp_port():
 
 def test_a_second_tcp_client_is_turned_away():
     with transports.create("tcp:0") as port:
-        first = serial.serial_for_url(f"socket://{port.address}", timeout=1)
+        first = serial.serial_for_url(port.address, timeout=1)
         seen = look(port, [], Opened)
-        second = serial.serial_for_url(f"socket://{port.address}", timeout=1)
+        second = serial.serial_for_url(port.address, timeout=1)
         for _ in range(3):
             seen += port.poll()
         with pytest.raises(serial.SerialException):
             second.read(1)
         port.write(b"first")
-        assert first.read(5) == b"first" and seen == [Opened()]
+        assert first.read(5) == b"first" and seen == [Opened(), RAISED]
         first.close()
 
 
 def test_a_tcp_client_that_does_not_read_loses_whole_frames():
     with transports.create("tcp:0") as port:
-        driver = serial.serial_for_url(f"socket://{port.address}", timeout=0.2)
+        driver = serial.serial_for_url(port.address, timeout=0.2)
         look(port, [], Opened)
         frame = bytes(range(250)) * 4
         taken = sum(port.write(frame) for _ in range(20_000))
@@ -232,18 +242,20 @@ def test_rfc2217_speed_and_modem_lines():
     with transports.create("rfc2217:0") as port:
         seen = []
         with pumping(port, seen):
-            driver = serial.serial_for_url(f"rfc2217://{port.address}", baudrate=460_800, timeout=1)
+            driver = serial.serial_for_url(port.address, baudrate=460_800, timeout=1)
             driver.dtr = False
             driver.rts = False
             driver.baudrate = 123_456
+            driver.bytesize, driver.parity, driver.stopbits = 7, "E", 2
             assert driver.cts and driver.dsr
             driver.write(b"\xff\xff\x00" * 10)
             time.sleep(0.1)
             driver.close()
-        assert BaudChanged(460_800) in seen and BaudChanged(123_456) in seen and port.baud == 123_456
+        assert {event.setting.baud for event in seen if isinstance(event, SettingChanged)} == {460_800, 123_456}
+        assert port.setting == SerialSetting(123_456, 7, "E", 2)
         assert [event for event in seen if isinstance(event, LinesChanged)][-1] == LinesChanged(False, False)
         assert b"".join(event.data for event in seen if isinstance(event, Received)) == b"\xff\xff\x00" * 10
-        assert seen[-1] == Closed()
+        assert Closed() in seen
 
 
 def test_rfc2217_survives_malformed_options():

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from firmware_protocols import CanFrame, CanWire, SerialWire
 from tactemu.errors import SceneError
 from tactemu.transports.memory import MemoryTransport
-from tactemu.transports.transport import Closed, Opened, Received
+from tactemu.transports.transport import DROPPED, RAISED, Closed, Opened, Received
 from tactemu.truth import Truth
 from tactemu.wire.faults import KINDS, Fault, parse
 from tactemu.wire.faults.frames import SPOIL
@@ -262,7 +262,7 @@ def test_a_held_command_reaches_the_device_when_the_fault_is_removed(kind):
     wire.open()
     fault = wire.add_fault(f"{kind} from_driver")
     wire.transport.driver.write(b"command")
-    assert wire.receive(0) == [Opened()]
+    assert wire.receive(0) == [Opened(), RAISED]
     wire.remove_fault(fault)
     assert wire.receive(MS) == ([Received(b"command")] if kind == "reorder" else [])
 
@@ -312,7 +312,7 @@ def test_unplug_and_replug():
         wire.send([now.to_bytes(8, "big")], now)
         wire.flush(now)
         seen += [int.from_bytes(each, "big") // MS for each in wire.transport.driver.read()]
-    assert events == {0: [Opened()], 100: [Closed()], 150: [Opened()]}
+    assert events == {0: [Opened(), RAISED], 100: [Closed(), DROPPED], 150: [Opened(), RAISED]}
     assert seen == [*range(100), *range(150, 200)]
     assert wire.truth.injected == {"unplug": 1} and wire.counters["unheard"] == 50
 

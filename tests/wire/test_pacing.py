@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from firmware_protocols import CanFrame, CanWire, Delayed, SerialWire
-from tactemu.transports.memory import MemoryTransport
-from tactemu.transports.transport import Closed, Opened, Received
+from tactemu.transports.memory import WAITING_LIMIT, MemoryTransport
+from tactemu.transports.transport import DROPPED, RAISED, Closed, Opened, Received, SerialSetting
 from tactemu.wire.can_bits import frame_ns
 from tactemu.wire.uart import misheard
 from tactemu.wire.wire import Wire
@@ -15,10 +15,14 @@ FRAME = bytes(range(82))
 FRAME_NS = round(82 * 10 * 1e9 / 115_200)
 
 
+def at(baud, bytesize=8, parity="N", stopbits=1):
+    return SerialSetting(baud, bytesize, parity, stopbits)
+
+
 def plugged(spec, **options):
     wire = Wire(MemoryTransport(), spec, **options)
     wire.open()
-    assert wire.receive(0) == [Opened()]
+    assert wire.receive(0) == [Opened(), RAISED]
     return wire, wire.transport.driver
 
 
@@ -118,14 +122,14 @@ def test_requests_take_their_time_too():
     assert wire.receive(wire.next_due_ns()) == [Received(b"12345678")]
     driver.write(b"bye")
     driver.close()
-    assert wire.receive(10**9) == [Received(b"bye"), Closed()]
+    assert wire.receive(10**9) == [Received(b"bye"), Closed(), DROPPED]
 
 
 def test_nobody_listens():
     wire, driver = plugged(UART)
     wire.send([FRAME] * 3, 0)
     driver.close()
-    assert wire.receive(1) == [Closed()]
+    assert wire.receive(1) == [Closed(), DROPPED]
     wire.send([FRAME], 2)
     assert wire.counters["unheard"] == 4 and wire.next_due_ns() is None
 
@@ -213,13 +217,29 @@ def test_a_driver_that_floods_the_bus_starves_no_lower_identifier():
     assert wire.counters["overrun"] > 30_000
 
 
-def test_a_driver_that_floods_a_serial_line_fills_no_memory():
+def test_a_driver_that_floods_a_serial_line_is_held_up_and_loses_nothing():
     wire, driver = plugged(UART)
-    for now in range(0, 100_000_000, 1_000_000):
-        driver.write(bytes(1000))
-        wire.receive(now)
-    assert wire.next_due_ns() is not None
-    assert wire.counters["overrun"] > 80 and wire._inbound_free_ns < 1.3e9
+    taken = [driver.write(bytes([k % 256]) * 100) for k in range(3000)]
+    assert taken == [True] * WAITING_LIMIT + [False] * (3000 - WAITING_LIMIT)
+    heard = b""
+    for now in range(0, 1_000_000_000, 1_000_000):
+        heard += b"".join(event.data for event in wire.receive(now) if isinstance(event, Received))
+        assert wire._inbound_free_ns - now <= 50_000_000 + 4200 * 10e9 / 115_200
+    assert len(heard) == pytest.approx(11_520, abs=100)
+    assert heard == b"".join(bytes([k % 256]) * 100 for k in range(200))[: len(heard)]
+    assert wire.counters["overrun"] == 0
+
+
+def test_what_a_driver_leaves_behind_keeps_nobody_waiting():
+    wire, driver = plugged(SerialWire(baud=100))
+    driver.write(bytes(500))
+    wire.receive(0)
+    driver.close()
+    assert Closed() in wire.receive(1_000_000)
+    driver.open()
+    driver.write(b"?")
+    wire.receive(2_000_000)
+    assert Received(b"?") in wire.receive(2_000_000 + 100_000_000)
 
 
 # -- baud ------------------------------------------------------------------------------------------------------------
@@ -230,7 +250,7 @@ def test_at_the_right_speed_everything_and_at_another_noise_both_ways():
     frame = rng.bytes(200)
     for baud, equal in ((115_200, True), (57_600, False), (230_400, False), (9600, False), (921_600, False)):
         wire, driver = plugged(UART)
-        driver.set_baud(baud)
+        driver.set_serial(baud=baud)
         driver.write(frame)
         wire.receive(0)
         heard = b"".join(event.data for event in wire.receive(10**9) if isinstance(event, Received))
@@ -244,7 +264,7 @@ def test_at_the_right_speed_everything_and_at_another_noise_both_ways():
 
 def test_usb_has_no_speed():
     wire, driver = plugged(SerialWire(baud=115_200, usb=True))
-    driver.set_baud(9600)
+    driver.set_serial(baud=9600, parity="E")
     wire.send([FRAME], 0)
     wire.flush(0)
     assert driver.read() == [FRAME]
@@ -254,8 +274,8 @@ def test_a_small_difference_of_speed_does_no_harm():
     """A UART samples mid-bit: half a bit in ten may be lost, 5 %. What every data sheet allows must pass."""
     everything = bytes(range(256))
     for off in (0.97, 0.98, 1.02, 1.03):
-        assert misheard(everything, 115_200, round(115_200 * off), UART) == everything
-    assert misheard(everything, 115_200, round(115_200 * 1.1), UART) != everything
+        assert misheard(everything, at(115_200), at(round(115_200 * off))) == everything
+    assert misheard(everything, at(115_200), at(round(115_200 * 1.1))) != everything
 
 
 def test_noise_that_can_be_worked_out_by_hand():
@@ -263,8 +283,45 @@ def test_noise_that_can_be_worked_out_by_hand():
 
     0xF0 at 19200 is low for five bits; at 9600 those are the start bit and a half: sampled 0, 0, then high.
     """
-    wire = SerialWire(baud=9600)
-    assert misheard(b"\x00", 9600, 19_200, wire) == b"\x00"
-    assert misheard(b"\xf0", 19_200, 9600, wire) == b"\xfe"
-    assert misheard(b"\xff", 9600, 19_200, wire) == b"\xfe"
-    assert misheard(b"", 9600, 19_200, wire) == b""
+    assert misheard(b"\x00", at(9600), at(19_200)) == b"\x00"
+    assert misheard(b"\xf0", at(19_200), at(9600)) == b"\xfe"
+    assert misheard(b"\xff", at(9600), at(19_200)) == b"\xfe"
+    assert misheard(b"", at(9600), at(19_200)) == b""
+
+
+def test_formats_that_disagree_by_hand():
+    """A line is low for the start bit, then least significant bit first, then parity if any, then high.
+
+    ``A`` (0x41) has two ones, ``C`` (0x43) three: even parity is 0 and 1, and lands where the eighth bit is looked for.
+    Where parity is looked for and none is sent, the stop bit is taken for it, and the next start bit for the stop bit:
+    the receiver waits for a high bit, which is bit 0 of the second 0x55, and begins at the fall to bit 1: it takes that
+    for the start bit, then hears 1 0 1 0 1 0, the stop bit and one idle bit.
+    """
+    plain, seven_even = at(9600), at(9600, bytesize=7, parity="E")
+    assert misheard(b"AC", seven_even, plain) == b"A\xc3"
+    assert misheard(b"AC", at(9600, bytesize=7, parity="O"), plain) == b"\xc1C"
+    assert misheard(b"AC", at(9600, bytesize=7, parity="M"), plain) == b"\xc1\xc3"
+    assert misheard(b"AC", at(9600, bytesize=7, parity="S"), plain) == b"AC"
+    assert misheard(b"\xc1C", plain, seven_even) == b"AC", "the eighth bit is taken for parity, which nobody checks"
+    assert misheard(b"\x55", plain, at(9600, parity="E")) == b"\x55"
+    assert misheard(b"\x55\x55", plain, at(9600, parity="E")) == b"\x55\xd5"
+    assert misheard(b"\x55\x55", at(9600, stopbits=2), at(9600, parity="E")) == b"\x55\x55", "a gap to find its feet"
+    assert misheard(b"AC", at(9600, parity="E"), at(9600, parity="O")) == b"AC", "raw mode checks no parity"
+    assert misheard(b"AC", at(9600, stopbits=2), plain) == misheard(b"AC", plain, at(9600, stopbits=2)) == b"AC"
+
+
+def test_what_an_end_does_not_say_is_as_at_the_other():
+    assert misheard(b"AC", SerialSetting(baud=9600), at(9600, bytesize=7, parity="E")) == b"AC"
+    assert misheard(b"AC", SerialSetting(), at(9600)) == b"AC"
+    assert misheard(b"\xf0", SerialSetting(baud=19_200, stopbits=1), at(9600)) == b"\xfe"
+
+
+@pytest.mark.parametrize("usb", [False, True])
+def test_a_driver_with_another_format_hears_noise_and_so_does_the_device(usb):
+    wire, driver = plugged(SerialWire(baud=9600, bytesize=7, parity="E", usb=usb))
+    driver.set_serial(baud=9600, bytesize=8, parity="N", stopbits=1)
+    driver.write(b"\xc3")
+    events = wire.receive(0) + wire.receive(10**9)
+    assert [event.data for event in events if isinstance(event, Received)] == [b"\xc3" if usb else b"C"]
+    wire.send([b"C"], 2 * 10**9)
+    assert [frame for _, frame in run_until(wire, 3 * 10**9)] == [b"C" if usb else b"\xc3"]

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 import tactemu as tt
+from tactemu.plan.plan import Dtype
 from tactemu.scene import rotation
 
 TOP = 0.005
@@ -43,10 +44,9 @@ class TestSkin:
         return np.stack([*np.meshgrid(x, x[::-1]), np.full((self.side, self.side), TOP)], -1)
 
     @property
-    def layer(self) -> dict[str, float]:
+    def layer(self) -> dict[str, Any]:
         """Its material, as options of ElasticLayerTaxel."""
-        names = ("young_modulus", "poisson_ratio", "thickness", "friction")
-        return {name: getattr(self, name) for name in names}
+        return {name: getattr(self, name) for name in tt.ElasticLayerTaxel.material}
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ def all_cases(quick: bool = False) -> list[Case]:
     return cases + [Case(name, 5e-4, motion) for motion in ("slide", "roll") for name in names]
 
 
-def build(skin: TestSkin, case: Case, model: Any, dtype: str = "float32", device: str = "cpu"):
+def build(skin: TestSkin, case: Case, model: Any, dtype: Dtype = "float32", device: str = "cpu"):
     """A built scene with one skin and the case's object; returns simulation, body and sensor."""
     scene = tt.Scene(dt=DT)
     extent = 2 * skin.side * skin.pitch

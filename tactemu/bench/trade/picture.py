@@ -54,6 +54,11 @@ def _panel(axis, metric: str, points: list) -> None:
         axis.spines[side].set_visible(False)
 
 
+def _is_free(left: float, low: float, width: float, taken: list[tuple[float, float, float]]) -> bool:
+    """Whether a line of text there [points] would overlap none of those that are written."""
+    return not any(abs(low - b) < 7 and left < a + w and a < left + width for a, b, w in taken)
+
+
 def _name(axis, points: list) -> None:
     """Write each rung's name beside its point, above or below others where they would overlap."""
     axis.autoscale_view()
@@ -61,11 +66,10 @@ def _name(axis, points: list) -> None:
     for x, y, row in points:
         px, py = axis.transData.transform((x, y)) * 72 / axis.figure.dpi
         width = 3.1 * len(row["name"])
-        for up in sorted(range(-60, 61, 7), key=abs):
-            at = (px + 5, py + up + 1.5, width)
-            if not any(abs(at[1] - b) < 7 and at[0] < a + w and a < at[0] + width for a, b, w in taken):
-                break
-        taken.append(at)
+        left = px + 5
+        offsets = sorted(range(-60, 61, 7), key=abs)
+        up = next((up for up in offsets if _is_free(left, py + up + 1.5, width, taken)), offsets[-1])
+        taken.append((left, py + up + 1.5, width))
         line = {"arrowstyle": "-", "color": "#bbbbbb", "linewidth": 0.5} if abs(up) > 7 else None
         axis.annotate(
             row["name"], (x, y), xytext=(5, up + 1.5 - 2), textcoords="offset points", fontsize=6, color="#333333",

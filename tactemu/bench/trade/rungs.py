@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-import tactemu as tt
 from tactemu.bench.trade.cases import TestSkin
+from tactemu.physics.models import MODELS, load
+from tactemu.plan.plan import Dtype
 
 GRAZE = 1e-6
 """Radius of probes that shall feel no farther than the surface [m]."""
@@ -17,50 +18,56 @@ class Rung:
     """A sensor model and its dials."""
 
     name: str
-    level: int
     model: str
-    """Class in :mod:`tactemu`."""
+    """As in scene files."""
     options: dict[str, Any] = field(default_factory=dict)
-    dtype: str = "float32"
-    calibrated: tuple[str, ...] = ()
-    """Quantities that get a gain on the calibration cases."""
+    dtype: Dtype = "float32"
+
+    @property
+    def level(self) -> int:
+        """Of fidelity."""
+        return load(self.model).level
+
+    @property
+    def calibrated(self) -> tuple[str, ...]:
+        """Fields of an observation that get a gain on the calibration cases; none where the material is stated."""
+        model = load(self.model)
+        if model.material:
+            return ()
+        return tuple(name for quantity in model.layouts for name in _FITTED[quantity])
 
     def make(self, skin: TestSkin) -> Any:
-        """The sensor model on a skin."""
-        layer = skin.layer if self.model == "ElasticLayerTaxel" else {}
-        return getattr(tt, self.model)(probe_local_pos=skin.positions(), **{**layer, **self.options})
+        """The sensor model on a skin, made of the skin's material where it states one."""
+        model = load(self.model)
+        material = {name: getattr(skin, name) for name in model.material}
+        return model(probe_local_pos=skin.positions(), **{**material, **self.options})
 
 
+_FITTED = {"touch": (), "depth": ("sink",), "force": ("pressure", "drag"), "displacement": ("sink", "shift")}
+"""By quantity: fields of an observation whose scale is free."""
 _GRAZING = {"probe_radius": GRAZE}
-_FORCE, _MOTION = ("pressure", "drag"), ("sink", "shift")
 
 
 def _layer(name: str, **options: Any) -> Rung:
     dtype = options.pop("dtype", "float32")
-    return Rung(name=f"L4 {name}", level=4, model="ElasticLayerTaxel", options=options, dtype=dtype)
+    return Rung(name=f"L4 {name}", model="elastic_layer_taxel", options=options, dtype=dtype)
 
 
 def ladder() -> list[Rung]:
-    """All rungs, cheapest level first."""
+    """All rungs, cheapest level first; a model that has none here is one with its defaults."""
     forced = {"tolerance": 1e-6}
     springs = {**_GRAZING, "normal_damping": 0.0, "forces_on_skin": True, "twist_scalar": 0.0}
     fitted = {"lambda_d": 3e4, "lambda_s": 3e4, "normal_exponent": 1.0, "n_sample_points": 2000}
     layered = {"compressibility": 0.0, "elastomer_thickness": 4e-3, "n_sample_points": 2000}
     proximity = {"probe_radius": 1e-3, "forces_on_skin": True, "twist_scalar": 0.0, "shear_coupling": 1.0}
     voxel = {"contact_depth_query": "voxel", "voxel_size": 2.5e-4}
-    return [
-        Rung(name="L0 touch", level=0, model="ContactProbe", options=_GRAZING),
+    rungs = [
+        Rung(name="L0 touch", model="contact_probe", options=_GRAZING),
         _depth("L1 depth", {}),
         _depth("L1 depth, voxel 0.25 mm", voxel),
         _depth("L1 depth, ray", {"contact_depth_query": "ray"}),
-        Rung(name="L2 springs", level=2, model="KinematicTaxel", options=springs, calibrated=_FORCE),
-        Rung(
-            name="L2 springs, ray",
-            level=2,
-            model="KinematicTaxel",
-            options={**springs, "contact_depth_query": "ray"},
-            calibrated=_FORCE,
-        ),
+        Rung(name="L2 springs", model="kinematic_taxel", options=springs),
+        Rung(name="L2 springs, ray", model="kinematic_taxel", options={**springs, "contact_depth_query": "ray"}),
         _points(proximity, 500),
         _points(proximity, 5000),
         _markers("L3 markers, defaults", {"n_sample_points": 500}),
@@ -75,21 +82,18 @@ def ladder() -> list[Rung]:
         _layer("oversampling 2", iterations=50, oversampling=2, tolerance=1e-4),
         _layer("oversampling 4", iterations=50, oversampling=4, tolerance=1e-4),
     ]
+    shown = {rung.model for rung in rungs}
+    return [*rungs, *(Rung(name=f"L{load(name).level} {name}", model=name) for name in MODELS if name not in shown)]
 
 
 def _depth(name: str, query: dict[str, Any]) -> Rung:
-    return Rung(name=name, level=1, model="ContactDepthProbe", options={**_GRAZING, **query}, calibrated=("sink",))
+    return Rung(name=name, model="contact_depth_probe", options={**_GRAZING, **query})
 
 
 def _points(options: dict[str, Any], count: int) -> Rung:
-    return Rung(
-        name=f"L2 proximity, {count} points",
-        level=2,
-        model="ProximityTaxel",
-        options={**options, "n_sample_points": count},
-        calibrated=_FORCE,
-    )
+    options = {**options, "n_sample_points": count}
+    return Rung(name=f"L2 proximity, {count} points", model="proximity_taxel", options=options)
 
 
 def _markers(name: str, options: dict[str, Any]) -> Rung:
-    return Rung(name=name, level=3, model="ElastomerTaxel", options=options, calibrated=_MOTION)
+    return Rung(name=name, model="elastomer_taxel", options=options)

@@ -5,6 +5,9 @@ its anchor. It is released when farther outside than the release margin. A latch
 markers around it by ``b (y - anchor)``, see :mod:`tactemu.physics.elastomer.drag`. The anchor never slips.
 """
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -4,6 +4,9 @@ The pressed taxels are listed chunk by chunk, in a fixed order, so that the sums
 every time.
 """
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 from collections.abc import Callable
 

@@ -4,6 +4,9 @@ Pass 1 sums over rows, for every column in contact; pass 2 over columns. One thr
 vector instructions on a CPU, neighbouring memory for neighbouring threads on a GPU.
 """
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 from collections.abc import Callable
 

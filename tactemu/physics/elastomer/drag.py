@@ -6,6 +6,9 @@ and, on a CPU, tables of the Gaussians of each row and column. ``quick`` asks fo
 good to 1e-6.
 """
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 from collections.abc import Callable
 

@@ -11,6 +11,9 @@ Two real columns make one complex column of a Stockham FFT of radix 4. Columns l
 Every pass transforms along the rows and writes its result transposed; two passes there and two back are a convolution.
 """
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 from typing import Any, NamedTuple
 
@@ -117,7 +120,7 @@ class Workspace:
         struct.second, struct.second_lanes = self._pairs[min(4, 2 + spectra)]
         struct.third, struct.third_lanes = self._pairs[-1]
         turns = np.exp(-2j * np.pi * np.arange(n_max) / n_max)
-        pairs = np.stack([turns.real, turns.imag], axis=1)
+        pairs = np.stack([np.real(turns), np.imag(turns)], axis=1)
         struct.twiddle = wp.array(pairs, dtype=wp.types.vector(2, real), device=device)
 
     @property

@@ -45,9 +45,11 @@ from tactemu.physics.layer.reading import (
 from tactemu.physics.layer.surface import reach_of, surface_kernel
 from tactemu.physics.layer.tables import LayerMaterial, LayerTables
 from tactemu.physics.probes.probes import Probes
-from tactemu.physics.sensor import Compiled, SensorModel, Site
+from tactemu.physics.sensor import Compiled, SensorModel, Site, Trial
+from tactemu.physics.shapes.distance import FAR
+from tactemu.physics.shapes.rays import thickness_behind
 from tactemu.plan.clearing import clear_rows
-from tactemu.plan.plan import Stage, record
+from tactemu.plan.plan import Dtype, Stage, record
 
 BLOCKS_AT_ONCE = 1056
 """Blocks on a GPU: eight for each of 132 multiprocessors; more environments take turns."""
@@ -96,12 +98,48 @@ class ElasticLayerTaxel(SensorModel):
     coupled: bool = True
     """Pressure moves the surface sideways too, and so pulls at what sticks (none at nu = 0.5 in a thick layer)."""
     look_depth: float | None = None
-    """How far below the surface bodies are looked for [m]; default: the thickness, or the grid's diagonal if less."""
+    """How far below the surface bodies are looked for [m], as ``ray_reach`` of the probes; default: to the far side of
+    the link, and on a link without geometry to the thickness or the grid's diagonal, whichever is less. What has come
+    deeper reads nothing."""
 
+    level = 4
     channels = CHANNELS
     unit = "Pa, N, m"
     gain_inside = False
     layouts = {"pressure": PRESSURE, "force": FORCE, "displacement": DISPLACEMENT, "touch": PRESSURE}
+    material = ("young_modulus", "poisson_ratio", "thickness", "friction")
+    examples = {"": {"tolerance": 1e-4}}
+    valid = (
+        "A flat pad of a soft, linear material on a rigid base, pressed to 0.4 of its thickness (forces within 2 % of "
+        "a neo-Hookean skin for nu = 0.49, 13 % for nu = 0.3); contacts at least one cell wide; at rest at every "
+        "step. No viscosity, no wear, no free edges."
+    )
+    source = (
+        "The bonded elastic layer (transfer functions in closed form, physics/layer/compliance.py), normal contact by "
+        "projected conjugate gradients (Polonsky and Keer, 1999), Coulomb friction on the circles |q| = mu p. What "
+        "vouches for it: docs/accuracy.md."
+    )
+
+    @classmethod
+    def trials(cls, quantity: str) -> list[Trial]:
+        tight = {"iterations": 32, "tolerance": 1e-4}
+        dials: list[tuple[str, dict[str, float], Dtype]] = [
+            ("2 iterations", {"iterations": 2, "tolerance": 1e-3}, "float32"),
+            ("tolerance 1e-2", {"iterations": 16, "tolerance": 1e-2}, "float32"),
+            ("tolerance 1e-4", tight, "float32"),
+            ("oversampling 2", {"iterations": 32, "tolerance": 1e-3, "oversampling": 2}, "float32"),
+            ("oversampling 4", {"iterations": 32, "tolerance": 1e-3, "oversampling": 4}, "float32"),
+            ("tolerance 1e-4, float64", tight, "float64"),
+        ]
+        moved = {"displacement": quantity == "displacement"}
+        return [Trial(name, moved | options, dtype) for name, options, dtype in dials]
+
+    @classmethod
+    def finest(cls, side: int) -> Trial:
+        """Up to 256 cells along the longer side."""
+        split = max(1, min(8, 256 // max(side, 1)))
+        dials = {"iterations": 200, "tolerance": 1e-5, "oversampling": split}
+        return Trial(f"layer, {split} x {split} cells per taxel, residual 1e-5", dials)
 
     def validate(self, probes: Probes) -> None:
         where = "ElasticLayerTaxel"
@@ -189,13 +227,17 @@ class CompiledLayer:
             device=self.device,
         )
         self._allocate()
-        self._add(self._overlap, "overlap", "depth of each cell along the normal")
-        self._add(self._normal, "pressure", f"bonded layer, at most {model.iterations} iterations")
+        coarser = "lower `oversampling`"
+        solver = "lower `iterations` or `oversampling`, or raise `tolerance`"
+        self._add(self._overlap, "overlap", "depth of each cell along the normal", coarser)
+        self._add(self._normal, "pressure", f"bonded layer, at most {model.iterations} iterations", solver)
         if self.rubs:
-            self._add(self._friction, "friction", f"Coulomb friction {model.friction:g} with stick and slip")
+            why = f"Coulomb friction {model.friction:g} with stick and slip"
+            self._add(self._friction, "friction", why, f"set `friction = 0`, {solver}")
         if model.displacement:
-            self._add(self._surface, "surface", "displacement is on; within reach of the contact")
-        self._add(self._read, "taxels", f"{self.grid.split}x{self.grid.split} cells per taxel")
+            why = "displacement is on; within reach of the contact"
+            self._add(self._surface, "surface", why, f"set `displacement = false`, or {coarser}")
+        self._add(self._read, "taxels", f"{self.grid.split}x{self.grid.split} cells per taxel", coarser)
         self.stages[1].reset = self._reset
 
     # -- arrays -----------------------------------------------------------------------------------------------------
@@ -234,7 +276,7 @@ class CompiledLayer:
             self.rubbing = Windows(struct, FRICTION_WINDOWS, self.n_slots, shape, real, self.lanes, self.device)
 
     def _reset(self, mask: wp.array) -> None:
-        chosen = mask.numpy()
+        chosen = np.asarray(mask.numpy(), bool)
         for array in (self.pressure, *self.surface):
             clear_rows(array, mask)
         state = self.state
@@ -250,8 +292,8 @@ class CompiledLayer:
 
     # -- stages -----------------------------------------------------------------------------------------------------
 
-    def _add(self, make: Callable[[], Callable[[], None]], name: str, reason: str) -> None:
-        self.stages.append(Stage(name=f"{self.name}: {name}", reason=reason, launch=make()))
+    def _add(self, make: Callable[[], Callable[[], None]], name: str, reason: str, cheaper: str) -> None:
+        self.stages.append(Stage(name=f"{self.name}: {name}", reason=reason, launch=make(), cheaper=cheaper))
 
     def _blocks(self, kernel, inputs: list, outputs: list) -> Callable[[], None]:
         """A recorded launch with one block of threads per slot."""
@@ -264,15 +306,28 @@ class CompiledLayer:
             device=self.device,
             record_cmd=True,
         )
+        assert command is not None
         return command.launch
+
+    def _reach(self, horizon: float) -> wp.array:
+        """How far below each cell bodies are looked for [m]."""
+        site, shape = self.site, self.grid.shape
+        if self.model.look_depth is not None or site.link.shape is None:
+            return wp.full(shape, horizon, dtype=self.real, device=self.device)
+        centres = self.centres.flatten()
+        normals = wp.full(len(centres), site.vec3(*self.grid.normal), dtype=site.vec3, device=self.device)
+        thickness = thickness_behind(site.own_table, site.link.index, centres, normals, site.context).numpy()
+        limited = np.where(thickness < FAR, thickness, horizon).reshape(shape)
+        return wp.array(limited, dtype=self.real, device=self.device)
 
     def _overlap(self) -> Callable[[], None]:
         site, grid, real = self.site, self.grid, self.real
         vec3 = site.vec3
         diagonal = float(np.hypot(grid.rows * grid.pitch[0], grid.columns * grid.pitch[1]))
-        depth = self.model.look_depth or min(float(self.model.thickness), diagonal)
+        horizon = real(self.model.look_depth or min(float(self.model.thickness), diagonal))
         self.centres = wp.array(grid.cell_centres(), dtype=vec3, device=self.device)
         self.covered = wp.array(grid.covered(), dtype=wp.bool, device=self.device)
+        self.reach = self._reach(horizon)
         pose = site.view.pose
         self.last_pose = wp.zeros(pose.shape if self.rubs else (0, 0), dtype=pose.dtype, device=self.device)
         axes = [vec3(*grid.u), vec3(*grid.v), vec3(*grid.normal)]
@@ -285,11 +340,11 @@ class CompiledLayer:
             *axes,
             cell,
             wp.vec2i(*grid.shape),
-            real(depth),
+            horizon,
         ]
         near = record(near_kernel(real), self.n_envs, inputs, [self.near, self.active], self.device)
         inputs = [site.table.struct, pose, self.last_pose, site.targets, self.active, self.centres, self.covered]
-        inputs += [*axes, real(depth), real(self.tables.length_scale)]
+        inputs += [self.reach, *axes, horizon, real(self.tables.length_scale)]
         kernel = overlap_kernel(real, site.table.kinds, self.rubs)
         rows = (self.n_envs, grid.shape[0])
         find = record(kernel, rows, inputs, [self.overlap, self.body, self.slide], self.device)

@@ -11,6 +11,9 @@ circle where a cell slips, whose curvature adds the stiffness ``|gap| / (mu p)``
 weighted by that stiffness, is the preconditioner. Lengths in pitches, tractions in the unit of the pressures.
 """
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 
 import warp as wp

@@ -1,5 +1,8 @@
 """What the friction solver works on and remembers (:mod:`tactemu.physics.layer.friction`)."""
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 
 import warp as wp

@@ -1,12 +1,15 @@
 """What the layer is pressed by: the overlap of each cell with the bodies, and how far they slid since the last step."""
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 
 import warp as wp
 
-from tactemu.physics.layer.column import column_function
 from tactemu.physics.layer.pressure import NO_SURFACE
 from tactemu.physics.shapes.distance import FAR, table_type
+from tactemu.physics.shapes.rays import ray_function
 
 
 @functools.cache
@@ -85,7 +88,7 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool):
     vec3, vec2 = wp.types.vector(3, real), wp.types.vector(2, real)
     transform = wp.types.transformation(real)
     shapes_type = table_type(real)
-    enter = column_function(real, kinds)
+    enters = ray_function(real, kinds)
 
     @wp.func
     def may_touch(shapes: shapes_type, b: int, pose: transform, r: vec3, n: vec3, nearest: real):
@@ -116,18 +119,18 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool):
         env: int,
         r: vec3,
         n: vec3,
-        depth: real,
+        reach: real,
+        horizon: real,
     ):
-        """Height of the lowest surface over the point ``r``, and its body; the body is -1 where there is none."""
-        lowest = depth
+        """Height of the lowest surface from ``reach`` below the point ``r`` to ``horizon`` above it, and its body; the
+        body is -1 where there is none."""
+        lowest = horizon
         body = int(-1)
         for t in range(targets.shape[0]):
             b = targets[t]
             place = pose[env, b]
             if may_touch(shapes, b, place, r, n, lowest):
-                q = wp.transform_get_rotation(place)
-                p = wp.quat_rotate_inv(q, r - wp.transform_get_translation(place))
-                height = enter(shapes, b, p, wp.quat_rotate_inv(q, n), depth)
+                height = enters(shapes, b, place, r, n, reach, horizon)
                 if height < lowest:
                     lowest = height
                     body = b
@@ -146,10 +149,11 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool):
         # Skin:
         centres: wp.array2d(dtype=vec3),
         covered: wp.array2d(dtype=wp.bool),
+        reach: wp.array2d(dtype=real),
         u: vec3,
         v: vec3,
         n: vec3,
-        depth: real,
+        horizon: real,
         pitch: real,
         # Out:
         overlap_out: wp.array3d(dtype=real),
@@ -165,7 +169,7 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool):
             body = int(-1)
             r = centres[y, x]
             if covered[y, x]:
-                lowest, body = lowest_surface(shapes, pose, targets, env, r, n, depth)
+                lowest, body = lowest_surface(shapes, pose, targets, env, r, n, reach[y, x], horizon)
             overlap = -lowest / pitch
             if body < 0 and wp.isfinite(lowest):
                 overlap = real(NO_SURFACE)

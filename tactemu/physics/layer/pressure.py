@@ -13,6 +13,9 @@ The residual is the root of the sum of the squared gaps where there is pressure 
 the overlap.
 """
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 
 import warp as wp

@@ -1,12 +1,16 @@
 """From cells to taxels: averages over a taxel's cells, in SI units and the link's frame."""
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 
 import warp as wp
 
+from tactemu.imperfections.info import Channels
 from tactemu.physics.layer.friction_state import FREE, SLIP, STICK, friction_state_type
 
-CHANNELS = ("scalar", "force", "displacement", "scalar", "scalar")
+CHANNELS: tuple[Channels, ...] = ("scalar", "force", "displacement", "scalar", "scalar")
 """Pressure, force, displacement, slip state, residual."""
 PRESSURE, FORCE, DISPLACEMENT, SLIP_STATE, RESIDUAL = slice(0, 1), slice(1, 4), slice(4, 7), 7, 8
 

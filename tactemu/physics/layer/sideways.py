@@ -9,6 +9,9 @@ Tractions along x and y move the surface along both. With the mirrored wave numb
 ``-k`` mirrors both wave numbers.
 """
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 from typing import Any, NamedTuple
 

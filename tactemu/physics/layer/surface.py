@@ -1,5 +1,8 @@
 """Where the surface of the layer is: its displacement by pressure and traction, out to where it dies away."""
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 
 import numpy as np
@@ -28,7 +31,8 @@ def reach_of(kernels: Kernels) -> tuple[int, int]:
     """How many cells away a load still moves the surface, along rows and columns; at most the whole grid."""
     strength = np.maximum(np.abs(kernels.nn), np.hypot(kernels.nx, kernels.ny)) / kernels.nn[0, 0]
     felt = strength > NEGLIGIBLE
-    return tuple(int(np.flatnonzero(felt.any(axis=1 - axis)).max()) + 1 for axis in range(2))
+    rows, columns = (int(np.flatnonzero(felt.any(axis=1 - axis)).max()) + 1 for axis in range(2))
+    return rows, columns
 
 
 @functools.cache

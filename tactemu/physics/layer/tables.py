@@ -4,6 +4,9 @@ Everything is dimensionless: lengths in pitches, pressures in the pressure that 
 A scene of nanometres and one of kilometres give the solvers the same numbers.
 """
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 from typing import NamedTuple
 

@@ -1,5 +1,8 @@
 """The window of cells that an environment's contact can reach, and how the threads of a block share it."""
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 
 import warp as wp

@@ -1,5 +1,8 @@
 """Which clusters of points can come near the skin at all, per environment: taxels then look at those only."""
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -5,6 +5,9 @@ With ``P_j = R - |x_j - r|`` for the points of a body nearer than R, the sums ar
 into each body's frame, so that points are never moved, and clusters out of reach are skipped.
 """
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 from collections.abc import Callable
 

@@ -10,6 +10,9 @@ The normal part is the force on the *body*, the shear part the force on the skin
 turns the normal and twist parts round, so that all of F and T acts on the skin.
 """
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -21,11 +24,11 @@ from tactemu.errors import SceneError
 from tactemu.physics.points.near import near_clusters
 from tactemu.physics.points.point_cloud import Clusters, cluster
 from tactemu.physics.points.proximity_sums import ProximitySums
-from tactemu.physics.points.surface_points import surface_points
+from tactemu.physics.points.surface_points import FEWER_POINTS, surface_points
 from tactemu.physics.points.table import upload_clouds
 from tactemu.physics.probes.kinematic_taxel import ForceTorque
 from tactemu.physics.probes.probes import Probes
-from tactemu.physics.sensor import Compiled, SensorModel, Site
+from tactemu.physics.sensor import Compiled, SensorModel, Site, Trial
 from tactemu.plan.plan import Stage, record
 
 
@@ -115,8 +118,21 @@ class ProximityTaxel(SensorModel):
     forces_on_skin: bool = False
     """Turn the normal and twist parts so that they too act on the skin."""
 
+    level = 2
     channels = ("force", "torque")
+    unit = "N"
     layouts = {"force": slice(0, 3)}
+    strengths = ("stiffness", "shear_coupling", "twist_scalar")
+    examples = {", 500 points": {"probe_radius": 0.004, "n_sample_points": 500}}
+    valid = (
+        "What is near, before it touches. As a force sensor it is slower and worse than springs: the sum over points "
+        "depends on where they happen to lie."
+    )
+    source = "Sums over points. Option names and numbers are those of the sensor of this name in Genesis."
+
+    @classmethod
+    def trials(cls, quantity: str) -> list[Trial]:
+        return [Trial(f"{count} points", {"n_sample_points": count}) for count in (500, 5000)]
 
     def velocity_reason(self) -> str | None:
         terms = {"shear": self.shear_coupling, "twist": self.twist_scalar}
@@ -157,9 +173,10 @@ class ProximityTaxel(SensorModel):
                 part()
 
         reason = f"ProximityTaxel sums over {clusters.n_points} points"
+        skips = "ProximityTaxel skips what is out of reach"
         return [
-            Stage(name=f"{site.name}: near points", reason="ProximityTaxel skips what is out of reach", launch=find),
-            Stage(name=f"{site.name}: points", reason=reason, launch=launch),
+            Stage(name=f"{site.name}: near points", reason=skips, launch=find, cheaper=FEWER_POINTS),
+            Stage(name=f"{site.name}: points", reason=reason, launch=launch, cheaper=FEWER_POINTS),
         ]
 
     def _forces(self, site: Site, clouds, sums: ProximitySums, values, gain, n_points: int, out) -> Callable[[], None]:

@@ -12,6 +12,9 @@ from tactemu.physics.points.surface import sample_shape
 from tactemu.physics.sensor import Site
 from tactemu.random_streams import generator
 
+FEWER_POINTS = "lower `n_sample_points`"
+"""What makes a cloud cost less, for the plan."""
+
 
 def _counts(given: int | Sequence[int], n_bodies: int, sensor: str) -> list[int]:
     if isinstance(given, int | np.integer):
@@ -61,6 +64,7 @@ def surface_points(
     clouds = []
     for body, count in zip(site.target_bodies, _counts(n_sample_points, max(len(site.target_bodies), 1), site.name)):
         rng = generator(site.context.seed, f"{site.name}/points of {body.name}")
+        assert body.shape is not None  # of those without a shape nothing is felt
         candidates, area = sample_shape(body.shape, body.name, max(256, 4 * count), rng)
         positions = candidates[farthest_points(candidates, count)]
         clouds.append(PointCloud(body.index, positions, np.full(count, area / count)))

@@ -1,20 +1,25 @@
 """ContactDepthProbe: how deep each probe is in what it touches [m]."""
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 from dataclasses import dataclass
 
 import warp as wp
 
 from tactemu.physics.probes.query import (
+    CHEAPER_QUERY,
     contact_function,
     noise_function,
     probe_arrays,
     probes_struct,
+    query_trials,
     strip_function,
     strips,
     turned,
 )
-from tactemu.physics.sensor import Compiled, SensorModel, Site
+from tactemu.physics.sensor import Compiled, SensorModel, Site, Trial
 from tactemu.physics.shapes.distance import table_type
 from tactemu.plan.plan import Stage, record
 
@@ -93,7 +98,7 @@ def compile_depth(site: Site, why: str) -> Compiled:
         site.radius if has_radius else none,
     ]
     launch = record(kernel, strips(site), inputs, [truth, raw], context.device)
-    stage = Stage(name=f"{site.name}: contact depth", reason=why, launch=launch)
+    stage = Stage(name=f"{site.name}: contact depth", reason=why, launch=launch, cheaper=CHEAPER_QUERY)
     return Compiled(truth=truth, raw=raw, stages=[stage])
 
 
@@ -101,8 +106,19 @@ def compile_depth(site: Site, why: str) -> Compiled:
 class ContactDepthProbe(SensorModel):
     """Reads depth [m], shape ``([n_envs,] layout)``."""
 
+    level = 1
     unit = "m"
     layouts = {"depth": slice(0, 1)}
+    feels_at_radius = True
+    valid = (
+        "Exact as a distance, at any depth with the ray query; it knows no equilibrium, so that beside a contact "
+        "nothing moves."
+    )
+    source = "Geometry. Option names and numbers are those of the sensor of this name in Genesis (genesis-world 1.4.5)."
+
+    @classmethod
+    def trials(cls, quantity: str) -> list[Trial]:
+        return query_trials()
 
     def compile(self, site: Site) -> Compiled:
         return compile_depth(site, "ContactDepthProbe reads depth")

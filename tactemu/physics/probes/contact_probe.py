@@ -5,6 +5,9 @@ strict and are decided in the kernels' own float type. The truth latches on the 
 spoiled one (metres until here), and the delay acts on the bit.
 """
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 from dataclasses import dataclass
 
@@ -15,7 +18,8 @@ from tactemu.errors import SceneError
 from tactemu.physics.options import number
 from tactemu.physics.probes.contact_depth_probe import compile_depth
 from tactemu.physics.probes.probes import Probes
-from tactemu.physics.sensor import Compiled, SensorModel, Site
+from tactemu.physics.probes.query import query_trials
+from tactemu.physics.sensor import Compiled, SensorModel, Site, Trial
 from tactemu.plan.plan import Context, Stage, record
 
 
@@ -54,8 +58,16 @@ class ContactProbe(SensorModel):
     release_threshold: float | None = None
     """Touch ends at or below this depth [m]; ``None``: at ``contact_threshold``."""
 
+    level = 0
     unit = "m"
     layouts = {"touch": slice(0, 1)}
+    feels_at_radius = True
+    valid = "Wherever depth is right; which taxels touch is a matter of the threshold, since nothing yields."
+    source = "A Schmitt trigger. Option names and numbers are those of the sensor of this name in Genesis."
+
+    @classmethod
+    def trials(cls, quantity: str) -> list[Trial]:
+        return query_trials()
 
     @property
     def _release(self) -> float:

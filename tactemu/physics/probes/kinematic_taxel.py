@@ -10,6 +10,9 @@ The normal part is the force on the skin. The shear and twist parts oppose the b
 *body*: so the seed has it. ``forces_on_skin`` turns them round, so that all of F and T acts on the skin.
 """
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -20,15 +23,17 @@ import warp as wp
 from tactemu.physics.options import number
 from tactemu.physics.probes.probes import Probes
 from tactemu.physics.probes.query import (
+    CHEAPER_QUERY,
     contact_function,
     noise_function,
     probe_arrays,
     probes_struct,
+    query_trials,
     strip_function,
     strips,
     turned,
 )
-from tactemu.physics.sensor import Compiled, SensorModel, Site
+from tactemu.physics.sensor import Compiled, SensorModel, Site, Trial
 from tactemu.physics.shapes.distance import table_type
 from tactemu.plan.plan import Stage, record
 
@@ -175,9 +180,21 @@ class KinematicTaxel(SensorModel):
     clamp_adhesion: bool = False
     """Never let the damper pull on the skin."""
 
+    level = 2
     channels = ("force", "torque")
     unit = "N"
     layouts = {"force": slice(0, 3)}
+    feels_at_radius = True
+    strengths = ("normal_stiffness", "normal_damping", "shear_scalar", "twist_scalar")
+    valid = (
+        "Each probe is a spring of its own: what presses, and how hard, once the stiffness is fitted. Under a flat "
+        "face or an edge the fitted force is off by up to 74 %; it neither sticks nor slips."
+    )
+    source = "Springs and dampers. Option names and numbers are those of the sensor of this name in Genesis."
+
+    @classmethod
+    def trials(cls, quantity: str) -> list[Trial]:
+        return query_trials()
 
     def velocity_reason(self) -> str | None:
         terms = {"damping": self.normal_damping, "shear": self.shear_scalar, "twist": self.twist_scalar}
@@ -207,8 +224,8 @@ class KinematicTaxel(SensorModel):
         how = (site.along_normal, context.device.is_cpu, moving, site.separate, has_gain, has_radius)
         kernel = kinematic_kernel(context.real, site.table.kinds, *how)
         inputs = [site.table.struct, view.pose, view.velocity, view.spin, site.targets, probe_arrays(site)]
-        inputs += [c]
-        inputs += [site.gain if has_gain else none, site.radius if has_radius else none]
+        inputs += [c, site.gain if has_gain else none, site.radius if has_radius else none]
         launch = record(kernel, strips(site), inputs, [truth, raw], context.device)
-        stage = Stage(name=f"{site.name}: springs", reason="KinematicTaxel reads force and torque", launch=launch)
+        why = "KinematicTaxel reads force and torque"
+        stage = Stage(name=f"{site.name}: springs", reason=why, launch=launch, cheaper=CHEAPER_QUERY)
         return Compiled(truth=truth, raw=raw, stages=[stage])

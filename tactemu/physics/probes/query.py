@@ -5,14 +5,17 @@ free space within ``R`` reads ``R`` minus the distance. There is no gate: two fi
 The distance is that to the nearest surface, or with ``contact_depth_query="ray"`` that along the taxel's normal.
 """
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 
 import numpy as np
 import warp as wp
 
-from tactemu.physics.sensor import Site
+from tactemu.physics.sensor import Site, Trial
 from tactemu.physics.shapes.distance import FAR, MESH, OPEN_MESH, shape_functions, table_type
-from tactemu.physics.shapes.rays import ray_function
+from tactemu.physics.shapes.rays import ray_function, thickness_behind
 
 
 @functools.cache
@@ -202,32 +205,6 @@ def contact_function(real, kinds: frozenset, along_normal: bool):
     return along if along_normal else to_surface
 
 
-@functools.cache
-def thickness_kernel(real, kinds: frozenset):
-    """How far behind each probe its own link ends, along the probe's normal."""
-    vec3 = wp.types.vector(3, real)
-    quat = wp.types.quaternion(real)
-    shapes_type = table_type(real)
-    enters = ray_function(real, kinds)
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def thickness(
-        shapes: shapes_type,
-        link: int,
-        positions: wp.array(dtype=vec3),
-        normals: wp.array(dtype=vec3),
-        reach_out: wp.array(dtype=real),
-    ):
-        i = wp.tid()
-        here = wp.transformation(vec3(real(0.0)), quat(real(0.0), real(0.0), real(0.0), real(1.0)))
-        s = enters(shapes, link, here, positions[i], normals[i], real(FAR), real(FAR))
-        if s >= real(0.0):  # the probe is not on its link's own body: nothing is behind it
-            s = real(-FAR)
-        reach_out[i] = -s
-
-    return thickness
-
-
 def probe_arrays(site: Site):
     """The probes as kernels take them."""
     real = site.context.real
@@ -236,6 +213,19 @@ def probe_arrays(site: Site):
     probes.strip, probes.strip_ball = strip_length(site), _strip_balls(site)
     probes.reach = _reach(site) if site.along_normal else wp.zeros(0, dtype=real, device=site.context.device)
     return probes
+
+
+CHEAPER_QUERY = 'set `contact_depth_query = "sdf"`'
+"""What makes a query cost less, for the plan."""
+
+
+def query_trials() -> list[Trial]:
+    """The ways to find depth, cheapest first."""
+    return [
+        Trial("nearest surface"),
+        Trial("voxels", {"contact_depth_query": "voxel"}),
+        Trial("along the normal", {"contact_depth_query": "ray"}),
+    ]
 
 
 STRIP = 8
@@ -258,8 +248,8 @@ def turned(kinds: frozenset, in_strips: bool) -> bool:
 
 def strips(site: Site) -> tuple[int, int]:
     """Threads of a launch over all probes: ``(n_envs, strips)``, or the other way round if :func:`turned`."""
-    dim = site.context.n_envs, -(-site.probes.n // strip_length(site))
-    return dim[::-1] if turned(site.table.kinds, site.context.device.is_cpu) else dim
+    n_envs, n_strips = site.context.n_envs, -(-site.probes.n // strip_length(site))
+    return (n_strips, n_envs) if turned(site.table.kinds, site.context.device.is_cpu) else (n_envs, n_strips)
 
 
 def _strip_balls(site: Site) -> wp.array:
@@ -283,9 +273,4 @@ def _reach(site: Site) -> wp.array:
     if given is not None or site.link.shape is None:
         values = np.full(site.probes.n, FAR if given is None else given)
         return wp.array(values, dtype=context.real, device=context.device)
-    reach = wp.zeros(site.probes.n, dtype=context.real, device=context.device)
-    table = site.own_table
-    inputs = [table.struct, site.link.index, site.positions, site.normals]
-    kernel = thickness_kernel(context.real, table.kinds)
-    wp.launch(kernel, dim=site.probes.n, inputs=inputs, outputs=[reach], device=context.device)
-    return reach
+    return thickness_behind(site.own_table, site.link.index, site.positions, site.normals, context)

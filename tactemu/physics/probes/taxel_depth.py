@@ -1,5 +1,8 @@
 """How deep each taxel's own place is inside the bodies felt, and which part of a grid is in contact."""
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -3,6 +3,9 @@
 Entries are listed in groups of fixed size by parallel threads; one thread per environment then lists the groups.
 """
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass

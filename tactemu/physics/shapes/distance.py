@@ -8,6 +8,9 @@ centre of a ball, the axis of a capsule): whoever uses it falls back to the taxe
 Formulas: Inigo Quilez' exact distances for the box, the capped cylinder and the capsule.
 """
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 from typing import Any, NamedTuple
 

@@ -9,6 +9,7 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 
@@ -44,7 +45,7 @@ def _read(source, name: str) -> tuple[np.ndarray, np.ndarray]:
         import trimesh
 
         try:
-            source = trimesh.load(path, force="mesh", process=False)
+            source = cast(Any, trimesh.load(path, force="mesh", process=False))
         except Exception as error:
             raise MeshError(f"{name}: trimesh cannot read it ({error}); try STL, OBJ, PLY, OFF or GLB") from None
     if hasattr(source, "vertices") and hasattr(source, "faces"):

@@ -7,6 +7,9 @@ sign is that of the angle-weighted normal of the nearest feature, which is right
 surface with holes it is that of the winding number.
 """
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false, reportAttributeAccessIssue=false
+
 import functools
 from dataclasses import dataclass
 

@@ -5,6 +5,9 @@ the normal goes on growing. For the line ``o + s d`` (``|d| = 1``) each function
 the solid; without a hit the first is +1e18 and the last -1e18. Convex shapes are exact.
 """
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false, reportAttributeAccessIssue=false
+
 import functools
 
 import warp as wp
@@ -22,6 +25,12 @@ from tactemu.physics.shapes.distance import (
     shape_functions,
     table_type,
 )
+from tactemu.plan.plan import Context
+
+SEARCHED = (MESH, OPEN_MESH, VOXEL)
+"""Shapes that a line is followed through step by step."""
+PARALLEL = 1.0e-12
+"""Sine of an angle below which a line runs along a face."""
 
 
 @functools.cache
@@ -34,20 +43,20 @@ def line_functions(real):
     def ball(o: vec3, d: vec3, centre: vec3, radius: real):
         m = o - centre
         b = wp.dot(m, d)
-        across = m - b * d
-        square = radius * radius - wp.dot(across, across)
+        across = wp.length(m - b * d)
         first = real(FAR)
         last = real(-FAR)
-        if square >= real(0.0):
-            first = -b - wp.sqrt(square)
-            last = -b + wp.sqrt(square)
+        if across <= radius:
+            half = wp.sqrt((radius - across) * (radius + across))
+            first = -b - half
+            last = -b + half
         return first, last
 
     @wp.func
     def slab(o: real, d: real, half: real):
         first = real(-FAR)
         last = real(FAR)
-        if d == real(0.0):
+        if wp.abs(d) < real(PARALLEL):
             if wp.abs(o) > half:
                 first = real(FAR)
                 last = real(-FAR)
@@ -61,22 +70,19 @@ def line_functions(real):
     @wp.func
     def tube(o: vec3, d: vec3, radius: real, half: real):
         first, last = slab(o[2], d[2], half)
-        run = vec2(d[0], d[1])
-        square = wp.dot(run, run)
-        at = vec2(o[0], o[1])
-        if square == real(0.0):
-            if wp.dot(at, at) > radius * radius:
+        slope = wp.length(vec2(d[0], d[1]))
+        if slope < real(PARALLEL):
+            if wp.length(vec2(o[0], o[1])) > radius:
                 first = real(FAR)
                 last = real(-FAR)
         else:
-            middle = -wp.dot(at, run) / square
-            nearest = at + middle * run
-            room = radius * radius - wp.dot(nearest, nearest)
-            if room < real(0.0):
+            across = wp.abs(o[0] * d[1] - o[1] * d[0]) / slope
+            if across > radius:
                 first = real(FAR)
                 last = real(-FAR)
             else:
-                reach = wp.sqrt(room / square)
+                middle = -(o[0] * d[0] + o[1] * d[1]) / (slope * slope)
+                reach = wp.sqrt((radius - across) * (radius + across)) / slope
                 first = wp.max(first, middle - reach)
                 last = wp.min(last, middle + reach)
         if first > last:
@@ -117,7 +123,7 @@ def line_functions(real):
     def plane(o: vec3, d: vec3, size: vec3):
         first = real(FAR)
         last = real(-FAR)
-        if d[2] == real(0.0):
+        if wp.abs(d[2]) < real(PARALLEL):
             if o[2] <= real(0.0):
                 first = real(-FAR)
                 last = real(FAR)
@@ -221,17 +227,55 @@ def ray_function(real, kinds: frozenset):
         if wp.static(PLANE in kinds):
             if kind == wp.static(PLANE):
                 first, last = plane(o, d, size)
-        back = wp.min(reach, wp.length(o) + shapes.bound[b])
-        across = o - wp.dot(o, d) * d
-        passes = wp.dot(across, across) <= shapes.bound[b] * shapes.bound[b]
-        if wp.static(MESH in kinds or OPEN_MESH in kinds):
-            if (kind == wp.static(MESH) or kind == wp.static(OPEN_MESH)) and passes:
-                first = through_mesh(shapes.mesh[b], shapes.mesh_unit[b], o, d, back)
-        if wp.static(VOXEL in kinds):
-            if kind == wp.static(VOXEL) and passes:
-                first = through_grid(shapes, b, o, d, back, margin)
+        if wp.static(not kinds.isdisjoint(SEARCHED)):
+            back = wp.min(reach, wp.length(o) + shapes.bound[b])
+            across = o - wp.dot(o, d) * d
+            if wp.dot(across, across) <= shapes.bound[b] * shapes.bound[b]:
+                if wp.static(VOXEL in kinds):
+                    if kind == wp.static(VOXEL):
+                        first = through_grid(shapes, b, o, d, back, margin)
+                if wp.static(MESH in kinds or OPEN_MESH in kinds):
+                    if kind == wp.static(MESH) or kind == wp.static(OPEN_MESH):
+                        first = through_mesh(shapes.mesh[b], shapes.mesh_unit[b], o, d, back)
         if first < -reach and last < real(0.0):
             first = real(FAR)
         return wp.max(first, -reach)
 
     return enters
+
+
+@functools.cache
+def _thickness_kernel(real, kinds: frozenset):
+    vec3 = wp.types.vector(3, real)
+    quat = wp.types.quaternion(real)
+    shapes_type = table_type(real)
+    enters = ray_function(real, kinds)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def find_thickness(
+        shapes: shapes_type,
+        b: int,
+        positions: wp.array(dtype=vec3),
+        normals: wp.array(dtype=vec3),
+        reach_out: wp.array(dtype=real),
+    ):
+        i = wp.tid()
+        here = wp.transformation(vec3(real(0.0)), quat(real(0.0), real(0.0), real(0.0), real(1.0)))
+        s = enters(shapes, b, here, positions[i], normals[i], real(FAR), real(FAR))
+        if s >= real(0.0):  # the point is not on the body: nothing is behind it
+            s = real(-FAR)
+        reach_out[i] = -s
+
+    return find_thickness
+
+
+def thickness_behind(table, b: int, positions: wp.array, normals: wp.array, context: Context) -> wp.array:
+    """How far body ``b`` of a table goes on behind points on its surface, against their normals [m], shape ``(n,)``.
+
+    Where a point is not on the body, or the body has no end, it is 1e18. Positions and normals are in its frame.
+    """
+    reach = wp.zeros(len(positions), dtype=context.real, device=context.device)
+    inputs = [table.struct, b, positions, normals]
+    kernel = _thickness_kernel(context.real, table.kinds)
+    wp.launch(kernel, dim=len(positions), inputs=inputs, outputs=[reach], device=context.device)
+    return reach

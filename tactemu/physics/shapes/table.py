@@ -37,7 +37,7 @@ def _row(body: bodies.Body, device) -> Row:
         case bodies.Sphere(radius=r):
             return Row(kind.SPHERE, (r, 0.0, 0.0), r, half=(r, r, r))
         case bodies.Box(size=size):
-            half = tuple(0.5 * float(extent) for extent in size)
+            half = (0.5 * float(size[0]), 0.5 * float(size[1]), 0.5 * float(size[2]))
             return Row(kind.BOX, half, float(np.linalg.norm(half)), half=half)
         case bodies.Capsule(radius=r, length=length):
             top = r + length / 2
@@ -52,7 +52,7 @@ def _row(body: bodies.Body, device) -> Row:
         case bodies.Mesh(source=source, scale=scale):
             triangles = load_mesh(source, scale, name=f"mesh of body {body.name!r}")
             query = build_query(triangles, device)
-            grid = bodies.VoxelGrid(values=query.values, origin=query.origin, cell=query.cell)
+            grid = bodies.VoxelGrid(values=query.values, origin=tuple(map(float, query.origin)), cell=query.cell)
             which = kind.MESH if triangles.closed else kind.OPEN_MESH
             used = triangles.vertices[triangles.faces].reshape(-1, 3)
             middle, half = 0.5 * (used.min(0) + used.max(0)), 0.5 * np.ptp(used, axis=0)

@@ -4,6 +4,9 @@ Beyond the grid the nearest surface is taken to be the one seen from the nearest
 distance is continuous across its border and goes on growing.
 """
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 
 import warp as wp

@@ -1,5 +1,8 @@
 """Sampling a shape's exact distance on a grid, for the voxel query."""
 
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
 import functools
 
 import numpy as np

@@ -13,6 +13,7 @@ import queue
 import signal
 import sys
 import time
+from urllib.parse import urlsplit
 
 OUT = sys.stdout
 PAUSE_S = 0.02
@@ -170,8 +171,8 @@ class InspireTcp:
         from RH56DFTP.RH56DFTP_TCP import RH56DFTP_TCP
 
         logging.disable(logging.CRITICAL)
-        host, _, number = port.removeprefix("socket://").partition(":")
-        self.driver = RH56DFTP_TCP(host=host, port=int(number))
+        url = urlsplit(port)
+        self.driver = RH56DFTP_TCP(host=url.hostname, port=url.port)
 
     def read(self):
         return {"parts": [self.driver.get("TACTILE_INDEX_FINGER_TIP_12x8")[:96]]}

@@ -1,0 +1,116 @@
+"""What every sensor model keeps, by the registry alone: a model that is added is found here by its name."""
+
+import dataclasses
+import inspect
+import re
+from typing import get_args
+
+import numpy as np
+import pytest
+
+import tactemu as tt
+from firmware_protocols.device import Quantity
+from tactemu.errors import SceneError
+from tactemu.physics.models import MODELS, cheapest, load, models_for
+from tactemu.physics.sensor import SensorModel
+from tactemu.scene.building import build_scene, make_devices
+from tactemu.scene.file import parse
+
+EXAMPLES = [(name, words) for name in MODELS for words in load(name).examples]
+SIDE = 9
+X, Y = np.meshgrid(*[(np.arange(SIDE) - (SIDE - 1) / 2) * 2.5e-3] * 2)
+PROBES = np.stack([X, Y, np.full_like(X, 0.01)], -1)
+
+
+def options_of(model) -> set[str]:
+    return {field.name for field in dataclasses.fields(model) if field.init}
+
+
+def pressed(name, options, *, depth, speed=(0.05, 0.0, 0.0), seed=0):
+    """``(reading as one array, plan)`` of a ball slid into a pad, or held off it for a negative depth."""
+    scene = tt.Scene(dt=1e-3)
+    pad = scene.add_body(tt.Box(size=(0.04, 0.04, 0.02)), fixed=True, name="pad")
+    ball = scene.add_body(tt.Sphere(radius=0.01), name="ball", position=(0, 0, 1))
+    skin = scene.add_sensor(load(name)(probe_local_pos=PROBES, **options), link=pad, name="skin")
+    sim = scene.build(seed=seed)
+    for step in range(4):
+        at = (5e-4 * step, 0, 0.02 - depth)
+        sim.set_pose(ball, position=at, linear_velocity=speed, angular_velocity=(0, 0, 1.0))
+        sim.step()
+    return skin.array().numpy().copy(), sim.plan
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_it_says_what_it_is(name):
+    model = load(name)
+    assert issubclass(model, SensorModel) and getattr(tt, model.__name__) is model
+    assert model.level in range(5) and model.valid and model.source and model.unit
+    assert inspect.getmodule(model).__doc__ and model.__doc__
+    assert model.layouts and set(model.layouts) <= set(get_args(Quantity))
+    named = {*model.strengths, *model.material, *(o for options in model.examples.values() for o in options)}
+    named |= {option for q in model.layouts for trial in model.trials(q) for option in trial.options}
+    assert named <= options_of(model), named - options_of(model)
+    assert all(len(model.trials(quantity)) for quantity in model.layouts)
+
+
+@pytest.mark.parametrize(("name", "words"), EXAMPLES)
+def test_it_feels_what_presses_and_nothing_else(name, words):
+    options = load(name).examples[words]
+    felt, plan = pressed(name, options, depth=1e-3)
+    assert np.isfinite(felt).all() and np.abs(felt).max() > 0
+    assert np.array_equal(felt, pressed(name, options, depth=1e-3)[0])
+    assert not pressed(name, options, depth=-0.02)[0].any()
+    for stage in plan.stages:
+        for option in re.findall(r"`(\w+)", stage.cheaper):
+            assert option in options_of(load(name)), stage.cheaper
+
+
+@pytest.mark.parametrize(("name", "words"), [example for example in EXAMPLES if load(example[0]).strengths])
+def test_its_strengths_scale_the_whole_reading(name, words):
+    model, options = load(name), dict(load(name).examples[words])
+    defaults = {field.name: field.default for field in dataclasses.fields(model)}
+    strong = options | {option: 3.0 * options.get(option, defaults[option]) for option in model.strengths}
+    once, thrice = (pressed(name, given, depth=1e-3)[0] for given in (options, strong))
+    assert thrice == pytest.approx(3.0 * once, rel=1e-5, abs=1e-6 * float(np.abs(once).max()))
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_every_setting_of_its_dials_can_be_built(name):
+    model = load(name)
+    for quantity in model.layouts:
+        for trial in model.trials(quantity):
+            base = next(iter(model.examples.values()))
+            assert np.abs(pressed(name, {**base, **trial.options}, depth=1e-3)[0]).max() > 0
+    finest = model.finest(SIDE)
+    assert finest is None or set(finest.options) <= options_of(model)
+
+
+def test_every_quantity_of_a_device_has_a_cheapest_model():
+    for quantity in get_args(Quantity):
+        assert cheapest(quantity) == next(iter(models_for(quantity)))
+    assert (cheapest("touch"), cheapest("force")) == ("contact_probe", "kinematic_taxel")
+
+
+SCENE = """
+[[body]]
+name = "pad"
+shape = "frame"
+[[skin]]
+device = "anyskin"
+link = "pad"
+model = {model!r}
+"""
+
+
+def test_a_scene_file_takes_a_class_of_the_users_own(tmp_path, monkeypatch):
+    text = "from tactemu import KinematicTaxel\n\n\nclass Soft(KinematicTaxel):\n    level = 2\n"
+    (tmp_path / "users_own_model.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    loaded = parse(SCENE.format(model="users_own_model:Soft"))
+    _scene, sensors = build_scene(loaded, make_devices(loaded))
+    assert type(sensors["anyskin"].model).__name__ == "Soft"
+    missing = parse(SCENE.format(model="users_own_model:Hard"))
+    with pytest.raises(SceneError, match="skin 'anyskin': model: no sensor model 'users_own_model:Hard'"):
+        build_scene(missing, make_devices(missing))
+    with pytest.raises(SceneError, match="unknown model 'kinematik_taxel'; did you mean 'kinematic_taxel'"):
+        parse(SCENE.format(model="kinematik_taxel"))

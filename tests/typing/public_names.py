@@ -1,0 +1,29 @@
+"""What a type checker must see of ``tactemu``. Read by pyright with the packages, never run.
+
+An expectation that does not hold is an error there, as is a mistake that it does not find.
+"""
+
+# pyright: reportUnnecessaryTypeIgnoreComment=error
+
+from typing import assert_type
+
+import firmware_protocols as fp
+import tactemu as tt
+
+scene = tt.Scene(dt=1e-3)
+assert_type(scene, tt.Scene)
+assert_type(scene.add_body(tt.Sphere(radius=0.01)), tt.Body)
+skin = scene.add_sensor(tt.ContactDepthProbe(probe_local_pos=[(0.0, 0.0, 0.0)]), link="pad")
+assert_type(skin, tt.Sensor)
+assert_type(scene.build(), tt.Simulation)
+
+with tt.serve("anyskin", faults=["flip 5%"]) as dev:
+    assert_type(dev, tt.Served)
+    assert_type(dev.port, str)
+    assert_type(dev.truth, tt.Truth)
+
+assert_type(fp.create("anyskin"), fp.Device)
+assert_type(tt.__version__, str)
+
+unknown = tt.Spehre  # pyright: ignore[reportAttributeAccessIssue]
+wrong = tt.Sphere(radius="1 cm")  # pyright: ignore[reportArgumentType]
