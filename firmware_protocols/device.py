@@ -41,6 +41,11 @@ Quantity = Literal[
 each point: ``wrench`` [N, Nm] (n, 6); ``vibration`` [Pa] (n,), the pressure in a common medium. ``load`` [Nm, N] (n,) of
 each joint in the order of :meth:`Device.joints`."""
 
+CONTACT = ("force", "pressure", "depth", "displacement", "touch")
+"""Quantities of each taxel by itself, which a model of touch gives."""
+_DERIVED = {"wrench": "force", "vibration": "force"}
+"""Quantities of all taxels together, and what they follow from."""
+
 Evidence = Literal["captured", "vendor document", "firmware", "driver", "assumed"]
 """Where a byte table comes from, best first."""
 
@@ -245,6 +250,12 @@ class Device(ABC, Generic[F]):
         """``senses`` in full."""
         whole = (Sense(each) if isinstance(each, str) else each for each in self.senses)
         return tuple(s if s.at is not None else Sense(s.quantity, self.layout, s.name, s.burst) for s in whole)
+
+    @property
+    def contact(self) -> tuple[str, ...]:
+        """What a model of touch must give at the taxels of :attr:`layout`, the first sense first; ``force`` if nothing."""
+        wanted = [_DERIVED.get(sense.quantity, sense.quantity) for sense in self.sensed]
+        return tuple(dict.fromkeys(name for name in wanted if name in CONTACT)) or ("force",)
 
     def senses_of(self, stream: str) -> tuple[Sense, ...]:
         """What one stream converts."""

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import itertools
-import os
-import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-from firmware_protocols import CanWire, Device, SerialWire, TcpWire
+from firmware_protocols import Device
 from tactemu import transports
+from tactemu.channel import Channel, Source
 from tactemu.clock import Clock
-from tactemu.emulator import Channel, Emulator
-from tactemu.errors import SceneError, TransportError
+from tactemu.emulator import Emulator
+from tactemu.errors import DeviceError
+from tactemu.plugging import Plug, plugs_of
 from tactemu.recordings.playback import Playback, recorded
 from tactemu.recordings.recording import RecordedReadings
 from tactemu.sampling import SampleClock
@@ -23,20 +21,19 @@ from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.file import LoadedScene
 from tactemu.scene.placement import PlacedSensor
 from tactemu.scene.schema import EventTable, Skin
+from tactemu.sensing import Senses
 from tactemu.truth import Truth
 from tactemu.wire.wire import Wire
-
-_FRESH = itertools.count()
-MULTICAST = "can:udp_multicast:239.74.163.2"
-"""python-can's own default group: a CAN bus for machines whose kernel has none."""
 
 
 @dataclass(frozen=True)
 class Wishes:
     """What the caller asks for beside the scene; ``None`` and empty leave it to the scene."""
 
-    port: str | None = None
-    rate_hz: float | None = None
+    port: str | Mapping[str, str] | None = None
+    """One port, or ports by skin, by the device's connector, or by ``SKIN/CONNECTOR``."""
+    rate_hz: float | Mapping[str, float] | None = None
+    """One rate, or rates by the device's streams."""
     faults: Sequence[str] = ()
     seed: int | None = None
     compute: str | None = None
@@ -45,8 +42,8 @@ class Wishes:
     """Events beside the scene's own."""
     adjustable: Sequence[str] = ()
     """Laws of imperfection that every skin is built with, so that they can be switched on while it runs."""
-    usual_port: Callable[[str, Device], str] | None = None
-    """Chooses a port by skin and device where nobody names one; default: :func:`usual_port`."""
+    fresh_ports: bool = False
+    """Where nobody names a port, one that nobody else has instead of the usual one."""
 
 
 @dataclass(frozen=True)
@@ -72,9 +69,9 @@ def assemble(
     seed = world.seed if wishes.seed is None else wishes.seed
     devices = make_devices(loaded)
     events = (*loaded.tables.scenario, *wishes.scenario)
-    ports = choose_ports(loaded.tables.skin, devices, wishes)
+    plugs = plugs_of(loaded.tables.skin, devices, wishes.port, fresh=wishes.fresh_ports)
     truth = truth or Truth()
-    wires = _wires(loaded.tables.skin, events, devices, ports, wishes, seed, truth)
+    wires = _wires(loaded.tables.skin, events, plugs, wishes, seed, truth)
     laws = {name: (*wishes.adjustable, *laws_needed(events, name)) for name in devices}
     scene, sensors = build_scene(loaded, devices, laws)
     played = _recordings(loaded, devices)
@@ -83,12 +80,12 @@ def assemble(
         simulation = scene.build(device=wishes.compute or world.device, seed=seed, dtype=world.dtype)
         simulation.step()  # loads the kernels, so that the first frame is not late
         simulation.reset()
-    channels = [
-        _channel(
-            skin, devices[skin.title], (sensors | played)[skin.title], wires[ports[skin.title]], wishes.rate_hz, seed
-        )
-        for skin in loaded.tables.skin
-    ]
+    channels = []
+    for skin in loaded.tables.skin:
+        device = devices[skin.title]
+        felt = played[skin.title] if skin.title in played else PlacedSensor(sensors[skin.title], skin.quaternion)
+        own = {plug.connector.name: wires[plug.address] for plug in plugs if plug.skin == skin.title}
+        channels.append(_channel(skin, device, Senses(felt, device.layout), own, wishes, seed))
     advanced = Playback(simulation, list(played.values())) if played else simulation
     emulator = Emulator(advanced, channels, clock=clock, truth=truth)
     schedule(emulator, events)
@@ -104,84 +101,26 @@ def _recordings(loaded: LoadedScene, devices: dict[str, Device]) -> dict[str, Re
     }
 
 
-def choose_ports(skins: Sequence[Skin], devices: dict[str, Device], wishes: Wishes) -> dict[str, str]:
-    """The port of each skin: the wish, the scene's, or the usual one for the device's wire.
-
-    Raises:
-        SceneError: two devices would hold one serial port.
-    """
-    usual = wishes.usual_port or usual_port
-    ports = {skin.title: wishes.port or skin.port or usual(skin.title, devices[skin.title]) for skin in skins}
-    for name, port in ports.items():
-        others = [other for other, taken in ports.items() if taken == port and other != name]
-        if port == "memory:" and others:
-            ports[name] = f"memory:{name}"
-        elif others and not port.startswith("can:"):
-            raise SceneError(
-                f"skins {name!r} and {others[0]!r} cannot share {port}; only a CAN bus is shared. "
-                "Give each skin a `port` of its own in the scene file"
-            )
-    return ports
-
-
-def usual_port(name: str, device: Device) -> str:
-    """Where a device is put when nobody says: a pty, vcan0 or a multicast CAN bus, or its TCP port."""
-    wire = device.wires[0]
-    if wire.kind == "can":
-        return "can:socketcan:vcan0" if os.path.exists("/sys/class/net/vcan0") else MULTICAST
-    if isinstance(wire, TcpWire):
-        return f"tcp:127.0.0.1:{wire.port}"
-    return f"pty:/tmp/tactemu-{name}"
-
-
-def fresh_port(name: str, device: Device) -> str:
-    """A port that nobody else has, for tests that run side by side.
-
-    On Linux a driver on one multicast group hears all others on its UDP port. Where that matters, give both processes
-    a port of their own, ``CAN_CONFIG='{"port": 43200}'`` (python-can reads it).
-    """
-    number = next(_FRESH)
-    wire = device.wires[0]
-    if isinstance(wire, SerialWire):
-        return f"pty:{Path(tempfile.gettempdir()) / f'tactemu-{os.getpid()}-{number}-{name}'}"
-    if isinstance(wire, CanWire):
-        group = (os.getpid() * 31 + number) % 65_000
-        return f"can:udp_multicast:239.74.{group // 254 + 1}.{group % 254 + 1}"
-    return "tcp:127.0.0.1:0"
-
-
 def _wires(
-    skins: Sequence[Skin],
-    events: Sequence[EventTable],
-    devices: dict[str, Device],
-    ports: dict[str, str],
-    wishes: Wishes,
-    seed: int,
-    truth: Truth,
+    skins: Sequence[Skin], events: Sequence[EventTable], plugs: Sequence[Plug], wishes: Wishes, seed: int, truth: Truth
 ) -> dict[str, Wire]:
-    """One wire per port. Skins on one bus add their faults up, and must agree on its speed."""
+    """One wire per port. Skins that share one add their faults up."""
     wires: dict[str, Wire] = {}
-    for port in dict.fromkeys(ports.values()):
-        here = [skin for skin in skins if ports[skin.title] == port]
-        transport = transports.create(port)
-        specs = {skin.title: transports.plug(devices[skin.title], transport) for skin in here}
-        first, spec = next(iter(specs.items()))
-        for name, other in specs.items():
-            if other != spec:
-                raise TransportError(f"{port}: {first!r} needs {spec} and {name!r} {other}; put them on two buses")
-        faults = [*(fault for skin in here for fault in skin.faults), *wishes.faults]
-        faults += faults_of(events, [skin.title for skin in here])
+    for address in dict.fromkeys(plug.address for plug in plugs):
+        names = [plug.skin for plug in plugs if plug.address == address]
+        connector = next(plug.connector for plug in plugs if plug.address == address)
+        here = [skin for skin in skins if skin.title in names]
+        faults = [*(fault for skin in here for fault in skin.faults), *wishes.faults, *faults_of(events, names)]
         pacing = all(skin.pacing for skin in here)
-        wires[port] = Wire(transport, spec, pacing=pacing, faults=faults, seed=seed, truth=truth)
+        transport = transports.create(address)
+        wires[address] = Wire(transport, connector, pacing=pacing, faults=faults, seed=seed, truth=truth)
     return wires
 
 
-def _channel(skin: Skin, device: Device, sensor: Any, wire: Wire, rate_hz: float | None, seed: int) -> Channel:
-    rate = rate_hz or skin.rate_hz
-    if rate:
-        device.period_ns = round(1e9 / rate)
+def _channel(skin: Skin, device: Device, source: Source, wires: dict[str, Wire], wishes: Wishes, seed: int) -> Channel:
+    wanted = _periods(skin, device, wishes.rate_hz or skin.rate_hz)
     sampling = SampleClock(
-        period_ns=device.period_ns,
+        period_ns=next((period for period in (*wanted.values(), *device.periods.values()) if period), 10_000_000),
         skew_ppm=skin.clock.skew_ppm,
         drift_ppm_per_s=skin.clock.drift_ppm_per_s,
         reorder=skin.clock.reorder,
@@ -190,7 +129,20 @@ def _channel(skin: Skin, device: Device, sensor: Any, wire: Wire, rate_hz: float
         seed=seed,
         name=skin.title,
     )
-    if isinstance(sensor, RecordedReadings):  # in the device's frame as they are
-        return Channel(skin.title, device, sensor, wire, sampling)
-    placed = PlacedSensor(sensor, skin.quaternion)
-    return Channel(skin.title, device, placed, wire, sampling, placed.surroundings)
+    return Channel(skin.title, device, source, wires, sampling, wanted)
+
+
+def _periods(skin: Skin, device: Device, rate_hz: float | Mapping[str, float] | None) -> dict[str, int]:
+    """The sampling periods that the user wants, by stream [ns].
+
+    Raises:
+        DeviceError: one rate for a device with several streams.
+    """
+    if rate_hz is None:
+        return {}
+    if not isinstance(rate_hz, Mapping):
+        if len(device.periods) > 1:
+            table = ", ".join(f"{name} = {rate_hz:g}" for name in device.periods)
+            raise DeviceError(f"{skin.title}: rate_hz: which stream? give a table, as {{ {table} }}")
+        rate_hz = dict.fromkeys(device.periods, rate_hz)
+    return {stream: round(1e9 / rate) for stream, rate in rate_hz.items()}

@@ -163,8 +163,12 @@ class Channel:
                 if sense.burst > 1 or not left:
                     both = source.sense(sense, at_ns, True), source.sense(sense, at_ns)
                     seen[sense.key].append(both)
-        whole = {key: [np.stack(side, -1) if len(side) > 1 else side[0] for side in zip(*all_)] for key, all_ in seen.items()}
-        return {key: ideal for key, (ideal, _) in whole.items()}, {key: measured for key, (_, measured) in whole.items()}
+        whole = {
+            key: [np.stack(side, -1) if len(side) > 1 else side[0] for side in zip(*all_)] for key, all_ in seen.items()
+        }
+        return {key: ideal for key, (ideal, _) in whole.items()}, {
+            key: measured for key, (_, measured) in whole.items()
+        }
 
     def feel(self, stream: str, measured: Mapping[str, np.ndarray], stamp_ns: int) -> Any:
         """One conversion; returns the device's counts.

@@ -23,7 +23,7 @@ from firmware_protocols import Convert, Restart
 from tactemu.agenda import Agenda
 from tactemu.channel import Channel, Source
 from tactemu.clock import Clock, RealClock
-from tactemu.transports.transport import BaudChanged, Closed, Event, LinesChanged, Opened
+from tactemu.transports.transport import Closed, Event, LinesChanged, Opened, SettingChanged
 from tactemu.truth import Truth
 from tactemu.wire.wire import Heard, Wire
 
@@ -172,15 +172,12 @@ class Emulator:
                     channel.device.counters["unheard"] += 1
                 elif data is not None:
                     self._call(channel, now, "receive", data, local, port, port=port)
-            case Opened() | Closed():
-                opened = isinstance(event, Opened)
-                self.truth.event(now, channel.name, "opened" if opened else "closed")
-                self._call(channel, now, "lines", opened, opened, local, port, port=port)
             case LinesChanged(dtr, rts):
-                self.truth.event(now, channel.name, f"dtr {int(dtr)} rts {int(rts)}")
                 self._call(channel, now, "lines", dtr, rts, local, port, port=port)
-            case BaudChanged():
-                self.truth.event(now, channel.name, f"baud {event.baud}")
+            case Opened() | Closed():
+                self.truth.event(now, channel.name, "opened" if isinstance(event, Opened) else "closed")
+            case SettingChanged() if event.setting.baud is not None:
+                self.truth.event(now, channel.name, f"baud {event.setting.baud}")
 
     def _due(self) -> list[tuple[int, Channel, str]]:
         """Streams by the time of their next sample, equal times in the order of the devices."""

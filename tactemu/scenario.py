@@ -14,9 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from tactemu.emulator import Channel, Emulator
+from tactemu.channel import Channel
+from tactemu.emulator import Emulator
 from tactemu.errors import SceneError, nearest
 from tactemu.scene.schema import EventTable
+from tactemu.wire.faults.fault import Fault, parse
 
 LAWS = {
     "probe_gain": "gain",
@@ -61,39 +63,24 @@ def _law(event: EventTable, option: str) -> str:
     return LAWS[option]
 
 
-def faults_of(events: Iterable[EventTable], skins: Sequence[str]) -> list[str]:
+def faults_of(events: Iterable[EventTable], skins: Sequence[str]) -> list[Fault]:
     """The faults that the events bring to a wire with these skins, each with its time.
 
     Raises:
-        SceneError: a fault with a time of its own.
+        SceneError: a fault that cannot be parsed, or with a time of its own.
     """
     concerned = (event for event in events if any(concerns(event, skin) for skin in skins))
     return [timed_fault(event) for event in concerned if event.fault]
 
 
-def timed_fault(event: EventTable, now_s: float = 0.0) -> str:
-    """``unplug for 0.5s`` at 3 s as ``unplug at 3s for 0.5s``; ``drop 1%`` from 5 to 6 s as ``drop 1% from 5s to 6s``.
+def timed_fault(event: EventTable, now_s: float = 0.0) -> Fault:
+    """The fault of an event, at its time after ``now_s``.
 
     Raises:
-        SceneError: the fault says itself when it happens.
+        SceneError: it cannot be parsed, or says itself when it happens.
     """
-    words = (event.fault or "").split()
-    start = _seconds(event.at + now_s)
-    if {"at", "from", "to"} & set(words):
-        raise SceneError(f"scenario: fault {event.fault!r}: the time is the event's `at` and `until`")
-    if "for" in words:
-        if event.until is not None:
-            raise SceneError(f"scenario: fault {event.fault!r}: give `for` or `until`, not both")
-        words[words.index("for") : words.index("for")] = ["at", start]
-    else:
-        words += ["from", start]
-    if event.until is not None:
-        words += ["to", _seconds(event.until + now_s)]
-    return " ".join(words)
-
-
-def _seconds(t_s: float) -> str:
-    return f"{round(t_s * 1e9)}ns"
+    until = None if event.until is None else round((event.until + now_s) * 1e9)
+    return parse(event.fault or "").scheduled(round((event.at + now_s) * 1e9), until)
 
 
 def schedule(emulator: Emulator, events: Iterable[EventTable], *, now_s: float = 0.0) -> None:
@@ -157,7 +144,7 @@ def sensor_of(channel: Channel) -> Any:
     Raises:
         SceneError: its readings are a recording, which has no imperfections of ours.
     """
-    source = channel.source
+    source = getattr(channel.source, "skin", channel.source)
     sensor = getattr(source, "sensor", source)
     if getattr(sensor, "imperfections", None) is None:
         raise SceneError(

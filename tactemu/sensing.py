@@ -6,14 +6,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from firmware_protocols import Device, Sense
+from firmware_protocols import Sense
+from firmware_protocols.device import CONTACT
 from firmware_protocols.layouts import Layout
 from tactemu.scene.placement import Surroundings
-
-CONTACT = ("force", "pressure", "depth", "displacement", "touch")
-"""Quantities that a sensor model gives per taxel."""
-DERIVED = {"wrench": "force", "vibration": "force"}
-"""Quantities that follow from another, of all taxels together."""
 
 
 class Skin(Protocol):
@@ -26,12 +22,6 @@ class Skin(Protocol):
     def surroundings(self, t_ns: int) -> Surroundings:
         """What is around it."""
         ...
-
-
-def contact_quantities(device: Device) -> tuple[str, ...]:
-    """What a sensor model must give for a device, the first sense first; a device without touch gets ``force``."""
-    wanted = [DERIVED.get(sense.quantity, sense.quantity) for sense in device.sensed]
-    return tuple(dict.fromkeys(name for name in wanted if name in CONTACT)) or ("force",)
 
 
 class Senses:

@@ -23,7 +23,7 @@ from urllib.parse import urlsplit
 import numpy as np
 
 from firmware_protocols import Device
-from tactemu.assembly import Assembled, Wishes, assemble, fresh_port
+from tactemu.assembly import Assembled, Wishes, assemble
 from tactemu.clock import RealClock
 from tactemu.emulator import Channel
 from tactemu.errors import SceneError, TactemuError
@@ -70,7 +70,7 @@ def serve(
         TactemuError: when it starts, if something asked for cannot be had.
     """
     wishes = Wishes(
-        port=port, rate_hz=rate_hz, faults=tuple(faults), seed=seed, compute=device, usual_port=fresh_port,
+        port=port, rate_hz=rate_hz, faults=tuple(faults), seed=seed, compute=device, fresh_ports=True,
         scenario=tuple(scenario), adjustable=tuple(adjustable),
     )  # fmt: skip
     return Served(str(target), wishes, tuple(steer), truth)
@@ -187,7 +187,11 @@ class Served:
     @property
     def ports(self) -> dict[str, str]:
         """The port of each skin."""
-        return {channel.name: channel.wire.transport.address for channel in self.emulator.channels}
+        return {
+            channel.name if len(channel.wires) == 1 else f"{channel.name}/{port}": wire.transport.address
+            for channel in self.emulator.channels
+            for port, wire in channel.wires.items()
+        }
 
     @property
     def host_port(self) -> tuple[str, int]:
@@ -311,7 +315,7 @@ class Served:
         def begin(now_s: float) -> float:
             schedule(self.emulator, [what], now_s=now_s)
             for wire in self.emulator.wires if what.fault else ():
-                if any(concerns(what, c.name) for c in self.emulator.channels if c.wire is wire):
+                if any(concerns(what, c.name) for c in self.emulator.channels if wire in c.wires.values()):
                     wire.add_fault(timed_fault(what, now_s))
             return now_s
 
@@ -329,7 +333,7 @@ class Served:
         """
         wire = self._channel(skin).wire
         deadline = time.monotonic() + seconds
-        while not (wire.counters["received"] if wire.transport.kinds == ("can",) else wire.transport.listening):
+        while not (wire.counters["received"] if wire.carrier.one_line else wire.transport.listening):
             if time.monotonic() > deadline:
                 raise TimeoutError(f"no driver came to {wire.transport.address} within {seconds} s")
             self.wait(0.01)
@@ -370,7 +374,7 @@ class Served:
             taxel = int(np.argmin(np.linalg.norm(positions - here.position, axis=1)))
         if not 0 <= taxel < len(layout):
             raise TactemuError(f"taxel: expected 0..{len(layout) - 1}, got {taxel}")
-        return positions[taxel], rotation.rotate(turn, layout.normals[taxel]), layout.pitch
+        return positions[taxel], rotation.rotate(turn, layout.normals[taxel]), layout.pitches[taxel]
 
     def _go(self, name: str, legs: Callable[[Pose, float], list[Leg]], wait: bool) -> None:
         motion = self._steered[name]

@@ -14,8 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from statistics import median
 
-from firmware_protocols import CanFrame, CanWire, Frame, SerialWire
-from firmware_protocols import Wire as Spec
+from firmware_protocols import Can, CanFrame, Connector, Frame, Serial
 from tactemu.errors import TransportUnavailable
 from tactemu.transports import create
 from tactemu.transports.transport import Transport
@@ -65,10 +64,10 @@ def through_wire(wire: Wire, frames: tuple[Frame, ...], read: Callable[[], objec
 
 
 @contextmanager
-def opened(address: str, spec: Spec, **options) -> Iterator[Wire]:
+def opened(address: str, connector: Connector, **options) -> Iterator[Wire]:
     """A wire on an open port that somebody listens to and reads from."""
     transport = create(address)
-    wire = Wire(transport, spec, **options)
+    wire = Wire(transport, connector, **options)
     wire.open()
     wire.receive(0)
     try:
@@ -112,21 +111,21 @@ def run(report: Report, *, repeats: int = 7) -> dict[str, float]:
 
 
 def _wires(note: Callable[..., None], repeats: int) -> None:
-    cases: dict[str, tuple[Spec, tuple[Frame, ...], tuple[str, ...]]] = {
-        "wire serial": (SerialWire(baud=115_200), (BYTES,), ()),
-        "wire can": (CanWire(), CAN, ()),
-        "wire can, a fault that never hits": (CanWire(), CAN, ("drop 0%",)),
-        "wire can, flip 50%": (CanWire(), CAN, ("flip 50%",)),
+    cases: dict[str, tuple[Connector, tuple[Frame, ...], tuple[str, ...]]] = {
+        "wire serial": (Serial(baud=115_200), (BYTES,), ()),
+        "wire can": (Can(), CAN, ()),
+        "wire can, a fault that never hits": (Can(), CAN, ("drop 0%",)),
+        "wire can, flip 50%": (Can(), CAN, ("flip 50%",)),
     }
-    for name, (spec, frames, faults) in cases.items():
-        with opened("memory:", spec, faults=faults) as wire:
+    for name, (connector, frames, faults) in cases.items():
+        with opened("memory:", connector, faults=faults) as wire:
             transport = wire.transport
             cost = per_frame_us(through_wire(wire, frames, transport.driver.read), repeats=repeats)  # type: ignore[attr-defined]
             note(name, cost, "µs/frame", "queue, arbitrate, pace, log, hand to the port")
 
 
 def _ports(note: Callable[..., None], repeats: int) -> None:
-    with opened("pty:", SerialWire(baud=115_200, usb=True)) as wire, _pty_reader(wire.transport) as drain:
+    with opened("pty:", Serial(baud=115_200, usb=True)) as wire, _pty_reader(wire.transport) as drain:
 
         def write_pty(n: int) -> None:
             for _ in range(n):
@@ -144,7 +143,7 @@ def _ports(note: Callable[..., None], repeats: int) -> None:
 
 
 def _bus(note: Callable[..., None], name: str, address: str, repeats: int) -> None:
-    with opened(address, CanWire()) as wire:
+    with opened(address, Can()) as wire:
 
         def write_can(n: int) -> None:
             for k in range(n):

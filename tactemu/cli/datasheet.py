@@ -1,10 +1,11 @@
-"""``tactemu devices``: the table of devices, and the datasheet of one."""
+"""``tactemu devices``: the table of devices, and the datasheet of one, printed from its declarations."""
 
 from __future__ import annotations
 
 import inspect
 import json as json_module
 import sys
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,51 +14,73 @@ from rich.console import Console
 from rich.table import Table
 
 import firmware_protocols
-from firmware_protocols import CanWire, Device, Frame, SerialWire, Wire
-from firmware_protocols.device import Layout, Patch
+from firmware_protocols import Column, Device
+from firmware_protocols.frames import frame_of
+from firmware_protocols.layouts import Layout, Patch
+from firmware_protocols.options import declared
 from tactemu.cli.heatmap import flattened
-from tactemu.scene.file import load_device
+from tactemu.errors import DeviceError
+from tactemu.scene.building import make_device
+from tactemu.wire.carriers import carrier_of
 
 MAX_PITCHES = 40
 """A picture of a free layout is no wider than this many taxels."""
 
 
 def print_table(*, json: bool = False) -> None:
-    """Name, wire, taxels, rate, evidence and judge of every device."""
-    rows = [_row(name, load_device(name)()) for name in firmware_protocols.names()]
+    """Name, ports, taxels, rate, evidence and judge of every device; one that cannot be made is listed with its error."""
+    rows = [_row_or_error(name) for name in firmware_protocols.names()]
     if json:
         print(json_module.dumps(rows))
         return
     table = Table(box=box.SIMPLE_HEAD)
-    for title in ("name", "what", "wire", "taxels", "rate", "evidence", "read by"):
+    for title in ("name", "what", "ports", "taxels", "rate", "evidence", "read by"):
         table.add_column(title, no_wrap=title == "name", justify="right" if title in ("taxels", "rate") else "left")
     for row in rows:
-        evidence = ", ".join(row["evidence"])
+        if "error" in row:
+            table.add_row(row["name"], f"cannot be made: {row['error']}", style="red")
+            continue
         table.add_row(
-            row["name"], row["title"], ", ".join(row["wires"]), str(row["taxels"]), f"{row['rate_hz']:g} Hz", evidence,
-            row["judge"],
+            row["name"], row["title"], ", ".join(row["ports"]), str(row["taxels"]), row["rate"],
+            ", ".join(row["evidence"]), row["judge"],
         )  # fmt: skip
     Console(highlight=False, width=None if sys.stdout.isatty() else 160).print(table)
 
 
-def describe_wire(wire: Wire) -> str:
-    """``serial 115200 8N1``, ``USB serial``, ``CAN 1 Mbit/s``, ``TCP port 6000``."""
-    if isinstance(wire, SerialWire):
-        frame = f"{wire.baud} {wire.bytesize}{wire.parity}{wire.stopbits}"
-        return f"{'USB serial' if wire.usb else 'serial'} {frame}"
-    if isinstance(wire, CanWire):
-        data = f" / {wire.data_bitrate / 1e6:g}" if wire.data_bitrate else ""
-        return f"CAN{'-FD' if data else ''} {wire.bitrate / 1e6:g}{data} Mbit/s"
-    return f"TCP port {wire.port}"
+def _row_or_error(name: str) -> dict[str, Any]:
+    """A device of somebody else's may fail in any way; the others are listed all the same."""
+    try:
+        return _row(name, make_device(name, {}))
+    except Exception as error:
+        return {"name": name, "error": f"{type(error).__name__}: {error}"}
 
 
-def print_datasheet(name: str, *, json: bool = False) -> None:
-    """Wire, frames, commands, taxel map, sources and assumptions of one device.
+def ports_of(device: Device) -> list[str]:
+    """``serial 115200 8N1``, ``fingers: USB serial ...``; those that are not in use by default are marked."""
+    lines = []
+    for k, connector in enumerate(device.ports):
+        text = carrier_of(connector).describe()
+        text = f"{connector.name}: {text}" if connector.name else text
+        lines.append(text if connector.plugged or not k else f"{text} (if asked for)")
+    return lines
+
+
+def rates_of(device: Device, wish: float | Mapping[str, float] | None = None) -> str:
+    """``100 Hz``, or the rate of each stream by name; ``wish`` is the user's."""
+    own = {stream: 1e9 / period if period else 0.0 for stream, period in device.periods.items()}
+    wishes = wish if isinstance(wish, Mapping) else dict.fromkeys(own, wish) if wish else {}
+    rates = {stream: wishes.get(stream) or hz for stream, hz in own.items()}
+    said = {stream: f"{hz:g} Hz" if hz else "when asked" for stream, hz in rates.items()}
+    return ", ".join(f"{stream} {text}".strip() for stream, text in said.items())
+
+
+def print_datasheet(name: str, options: Mapping[str, Any] | None = None, *, json: bool = False) -> None:
+    """Ports, frames, commands, taxel map, sources and assumptions of one device.
 
     Raises:
-        DeviceError: no such device.
+        DeviceError: no such device, or an option that it does not take.
     """
-    device = load_device(name)()
+    device = make_device(name, dict(options or {}))
     if json:
         layout = device.layout
         entry = _row(name, device) | {
@@ -73,13 +96,16 @@ def print_datasheet(name: str, *, json: bool = False) -> None:
 
 
 def _row(name: str, device: Device) -> dict[str, Any]:
+    missing = [each for each in ("title", "evidence", "sources") if not hasattr(device, each)]
+    if missing:
+        raise DeviceError(f"its class does not say its {', '.join(missing)}")
     return {
         "name": name,
         "title": device.title,
-        "wires": [describe_wire(wire) for wire in device.wires],
+        "ports": ports_of(device),
         "taxels": len(device.layout),
-        "senses": device.senses,
-        "rate_hz": device.rate_hz,
+        "senses": [sense.key for sense in device.sensed],
+        "rate": rates_of(device),
         "evidence": list(device.evidence),
         "judge": device.judge,
     }
@@ -87,9 +113,13 @@ def _row(name: str, device: Device) -> dict[str, Any]:
 
 def datasheet(name: str, device: Device) -> list[str]:
     """The lines of a datasheet."""
-    lines = [f"{name}: {device.title}", "", *frame_page(device), "", "Wires"]
-    lines += [f"  {describe_wire(wire)}" for wire in device.wires]
-    lines += ["", f"Senses {device.senses} at {device.rate_hz:g} Hz with {len(device.layout)} taxels"]
+    lines = [f"{name}: {device.title}", "", *frame_page(device), "", "Ports"]
+    lines += [f"  {line}" for line in ports_of(device)]
+    lines += ["", f"Streams: {rates_of(device)}", "Senses", *_senses(device)]
+    if device.columns:
+        lines += ["", "What the driver decodes", *(f"  {_column(column)}" for column in device.columns)]
+    for roll in device.rollovers:
+        lines.append(f"  {roll.name}: {roll.bits} bits, then from 0 again{', a clock' if roll.clock else ''}")
     lines += _options(device) + _commands(device) + taxel_map(device.layout)
     lines += ["", f"Evidence: {', '.join(device.evidence)}", f"Read by: {device.judge}"]
     lines += ["Sources", *(f"  {source}" for source in device.sources)]
@@ -97,14 +127,30 @@ def datasheet(name: str, device: Device) -> list[str]:
     return lines
 
 
+def _senses(device: Device) -> list[str]:
+    lines = []
+    for sense in device.sensed:
+        points = len(sense.at) if sense.at is not None else 0
+        what = sense.quantity if sense.key == sense.quantity else f"{sense.key} ({sense.quantity})"
+        lines.append(f"  {what} at {points} points" + (f", {sense.burst} values each" if sense.burst > 1 else ""))
+    links = [link for link in device.layout.links if link]
+    return lines + ([f"  on the links {', '.join(links)}"] if links else [])
+
+
+def _column(column: Column) -> str:
+    scale = f", {column.counts_per_unit:g} per {column.unit}" if column.counts_per_unit else f" {column.unit}".rstrip()
+    moves = {1: ", a push raises it", -1: ", a push lowers it", 0: ""}[column.push]
+    return f"{column.name}: {column.low:g} to {column.high:g}, at rest {column.rest:g}{scale}{moves}"
+
+
 def frame_page(device: Device) -> list[str]:
-    """The frame table of a device, with the evidence for it: the docstring of its file."""
+    """What the file of a device says of its frames, with the evidence for it."""
     return (inspect.getdoc(sys.modules[type(device).__module__]) or "").splitlines()
 
 
 def _options(device: Device) -> list[str]:
-    parameters = inspect.signature(type(device)).parameters.values()
-    return ["", "Options (device_options)", *(f"  {parameter}" for parameter in parameters)] if parameters else []
+    options = declared(type(device)).values()
+    return ["", "Options (`tactemu run NAME OPTION=VALUE`)", *(f"  {each}" for each in options)] if options else []
 
 
 def _commands(device: Device) -> list[str]:
@@ -112,11 +158,12 @@ def _commands(device: Device) -> list[str]:
         return ["", "Commands: none"]
     lines = ["", "Commands"]
     for command in device.commands:
-        lines.append(f"  {command.name:<24} {shown(command.request):<40} {command.about}".rstrip())
+        port = f" [{command.port}]" if command.port else ""
+        lines.append(f"  {command.name + port:<24} {shown(frame_of(command.request)):<40} {command.about}".rstrip())
     return lines
 
 
-def shown(frame: Frame) -> str:
+def shown(frame: Any) -> str:
     """A frame in hex, or in candump notation; long ones cut."""
     whole = frame.hex(" ") if isinstance(frame, bytes) else str(frame)
     return whole if len(whole) <= 40 else whole[:39] + "…"
@@ -148,7 +195,7 @@ def _picture(layout: Layout, patch: Patch) -> list[str]:
     flat = flattened(layout.positions[patch.taxels], layout.normals[patch.taxels])
     flat = flat - flat.min(axis=0)
     # One row of text is about as high as two characters are wide.
-    pitch = max(layout.pitch, float(flat[:, 0].max(initial=0.0)) / MAX_PITCHES, 1e-9)
+    pitch = max(patch.pitch, float(flat[:, 0].max(initial=0.0)) / MAX_PITCHES, 1e-9)
     columns, rows = (np.rint(flat / (0.5 * pitch)).astype(int)).T
     lines: dict[int, list[tuple[int, int]]] = {}
     for number, column, row in zip(numbers, columns, rows, strict=True):

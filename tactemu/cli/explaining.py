@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 
-from tactemu.cli.datasheet import describe_wire, frame_page, taxel_map
+from tactemu.cli.datasheet import frame_page, ports_of, rates_of, taxel_map
 from tactemu.cli.kernels import start_quietly
 from tactemu.scene import file
 
@@ -72,9 +72,9 @@ def _print_schedule(loaded: file.LoadedScene) -> None:
 def _print_skin(skin, device, sensor) -> None:
     print(f"Skin {skin.title!r}: {device.title}, {f'on {skin.link!r}' if skin.link else f'plays {skin.readings}'}")
     if sensor is not None:
-        print(f"  model     {type(sensor.model).__name__}: the device senses {device.senses}")
-    print(f"  wire      {', '.join(describe_wire(wire) for wire in device.wires)}")
-    print(f"  rate      {skin.rate_hz or 1e9 / device.period_ns:g} Hz")
+        print(f"  model     {type(sensor.model).__name__}: the device senses {', '.join(s.key for s in device.sensed)}")
+    print(f"  wire      {', '.join(ports_of(device))}")
+    print(f"  rate      {rates_of(device, skin.rate_hz)}")
     for fault in skin.faults:
         print(f"  fault     {fault}")
     print("  frames")

@@ -47,7 +47,7 @@ def _cells(layout: Layout, patch: Patch) -> np.ndarray:
         return np.stack(np.divmod(np.arange(patch.rows * patch.cols), patch.cols), axis=1)
     flat = flattened(layout.positions[patch.taxels], layout.normals[patch.taxels])
     flat -= flat.min(axis=0)
-    pitch = max(layout.pitch, flat[:, 0].max() / (MAX_COLUMNS - 1), 1e-9)
+    pitch = max(layout.pitches.min(), flat[:, 0].max() / (MAX_COLUMNS - 1), 1e-9)
     columns, rows = np.rint(flat / pitch).astype(int).T
     return np.stack([rows.max() - rows, columns], axis=1)
 

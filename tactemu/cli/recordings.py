@@ -60,11 +60,12 @@ def replay_file(
     from tactemu.recordings.recording import load
     from tactemu.recordings.replay import Replay, replay_spec
     from tactemu.transports import create
+    from tactemu.wire.carriers import carrier_of
     from tactemu.wire.wire import Wire
 
     recording = load(file)
     transport = create(port)
-    if transport.kinds and recording.kind not in transport.kinds:
+    if transport.scheme not in ("memory", *carrier_of(replay_spec(recording)).schemes):
         raise TransportError(f"{file} holds a {recording.kind} stream and cannot be played to {port}")
     wire = Wire(transport, replay_spec(recording), pacing=False, faults=faults)
     player = Replay(recording, wire, clock=RealClock(), speed=speed, loop=loop)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable
 from statistics import median
 from typing import Any
@@ -28,7 +29,7 @@ def entry_of(emulator: Emulator, channel: Channel) -> dict[str, Any]:
     return {
         "skin": channel.name,
         **channel.statistics.as_dict(),
-        "wire": dict(sorted(channel.wire.counters.items())),
+        "wire": dict(sorted(sum((wire.counters for wire in channel.wires.values()), Counter()).items())),
         "device": dict(sorted(channel.device.counters.items())),
         "injected": dict(sorted(emulator.truth.injected.items())),
     }
@@ -45,7 +46,9 @@ def say_in_words(console: Console) -> Say:
     def say(event: str, **entry: Any) -> None:
         skin = entry.pop("skin")
         if event == "ready":
-            what = f"{entry['device']} ready on {entry['port']} at {entry['rate_hz']:g} Hz"
+            what = f"{entry['device']} ready on {_listed(entry['port'])} at {_listed(entry['rate_hz'])} Hz"
+            if entry["firmware_rate_hz"] != entry["rate_hz"]:
+                what += f" (its firmware: {_listed(entry['firmware_rate_hz'])} Hz)"
             line = what if skin == entry["device"] else f"{skin}: {what}"
         elif event == "advice":
             line = f"{skin}: {entry['text']}"
@@ -55,6 +58,13 @@ def say_in_words(console: Console) -> Say:
         sys.stdout.flush()
 
     return say
+
+
+def _listed(value: Any) -> str:
+    """A number, a name, or those of several ports or streams."""
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {_listed(each)}" for name, each in value.items())
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def sentence(entry: dict[str, Any]) -> str:
@@ -76,7 +86,7 @@ def advice(emulator: Emulator, channel: Channel) -> str:
     if late <= MISSED_SHARE * max(statistics.samples, 1):
         return ""
     found = f"{late} of {statistics.samples + statistics.missed} samples were not taken in time: "
-    period_us = channel.device.period_ns / 1e3
+    period_us = min(p for p in (channel.period_ns(s) for s in channel.ticks) if p) / 1e3
     simulation: Any = getattr(emulator.simulation, "simulation", emulator.simulation)
     if simulation is None or not simulation.dt_ns:
         return f"{found}nothing is simulated, so the machine is too busy or the rate too high"

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from tactemu.channel import Channel
 from tactemu.cli.collector import no_full_collections
 from tactemu.cli.kernels import start_quietly
 from tactemu.cli.reports import Say, advice, entry_of, say_in_words, say_json
@@ -68,8 +69,8 @@ def run_emulator(emulator: Emulator, *, seconds: float | None, style: str) -> No
     with _stopped_by_signals(emulator), no_full_collections(), emulator:
         for channel in emulator.channels:
             say(
-                "ready", skin=channel.name, device=channel.device.name, port=channel.wire.transport.address,
-                rate_hz=round(1e9 / channel.device.period_ns, 3),
+                "ready", skin=channel.name, device=channel.device.name, port=_addresses(channel),
+                **_rates(channel),
             )  # fmt: skip
         if not live and not emulator.clock.virtual:
             _report_regularly(emulator, say)
@@ -81,6 +82,19 @@ def run_emulator(emulator: Emulator, *, seconds: float | None, style: str) -> No
     for channel in emulator.channels:
         if text := advice(emulator, channel):
             say("advice", skin=channel.name, text=text)
+
+
+def _addresses(channel: Channel) -> str | dict[str, str]:
+    addresses = {port: wire.transport.address for port, wire in channel.wires.items()}
+    return addresses if len(addresses) > 1 else next(iter(addresses.values()))
+
+
+def _rates(channel: Channel) -> dict[str, object]:
+    """The rate in force, and the firmware's own belief where the user's wish overrides it."""
+    own = {stream: 1e9 / period if period else 0.0 for stream, period in channel.device.periods.items()}
+    rates = {"rate_hz": channel.rates_hz(), "firmware_rate_hz": own}
+    rounded = {what: {stream: round(hz, 3) for stream, hz in each.items()} for what, each in rates.items()}
+    return {what: each.get("", each) if len(each) == 1 else each for what, each in rounded.items()}
 
 
 def _warm_up(console: Console) -> None:

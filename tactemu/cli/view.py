@@ -78,9 +78,9 @@ class LiveView:
         title = f"{channel.name}  {channel.wire.transport.address}"
         sample = latest_sample(self._emulator, channel.name)
         device = channel.device
-        values = felt(device.layout, device.senses, sample.measured) if sample else np.zeros(len(device.layout))
+        values = felt(device.layout, device.contact[0], sample.measured) if sample else np.zeros(len(device.layout))
         peak = self._peaks[channel.name] = max(self._peaks.get(channel.name, 0.0), float(np.max(values, initial=0.0)))
-        unit, scale = UNITS.get(device.senses, ("", 1.0))
+        unit, scale = UNITS.get(device.contact[0], ("", 1.0))
         maps = [
             Group(draw(device.layout, values, peak, patch=patch), Text(patch.name, style="dim"))
             for patch in device.layout.patches

@@ -18,13 +18,14 @@ def recorded(path: Path, of: str | None, skin: str, device: Device) -> RecordedR
         TactemuError: the file is no truth log, or its samples do not fit the device.
     """
     readings = RecordedReadings(path, of or "")
-    first = readings.quantity(device.senses)
-    vector = device.senses in ("force", "displacement")
+    quantity = device.contact[0]
+    first = readings.quantity(quantity)
+    vector = quantity in ("force", "displacement")
     expected = (len(device.layout), 3) if vector else (len(device.layout),)
     if first.shape != expected:
         raise SceneError(
             f"skin {skin!r}: readings: {path} holds readings of shape {first.shape}; "
-            f"{device.name} senses {device.senses}, shape {expected}"
+            f"{device.name} senses {quantity}, shape {expected}"
         )
     return readings
 

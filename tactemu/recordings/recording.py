@@ -18,6 +18,7 @@ import numpy as np
 
 from firmware_protocols import CanFrame, Frame
 from tactemu.errors import TactemuError
+from tactemu.scene.placement import Surroundings
 from tactemu.truth import read, text
 
 CAN_FORMATS = (".log", ".asc", ".blf")
@@ -258,6 +259,10 @@ class RecordedReadings:
     def advance_to(self, t_ns: int) -> None:
         """Move to this time."""
         self._now = max(0, int(np.searchsorted(self.times_ns, t_ns, side="right")) - 1)
+
+    def surroundings(self, t_ns: int) -> Surroundings:
+        """Not recorded: room temperature, at rest."""
+        return Surroundings()
 
     def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
         """The recorded reading at the present time, whatever quantity it was; shape ``(n_taxels[, 3])``."""

@@ -5,8 +5,7 @@ from __future__ import annotations
 import select
 from collections.abc import Callable
 
-from firmware_protocols import CanWire, SerialWire
-from firmware_protocols import Wire as Spec
+from firmware_protocols import Can, Connector, Serial
 from tactemu.clock import Clock
 from tactemu.errors import TactemuError, TransportError
 from tactemu.recordings.recording import Entry, Recorder, Recording
@@ -15,15 +14,15 @@ from tactemu.transports.transport import Opened, Received
 from tactemu.wire.wire import Wire
 
 
-def replay_spec(recording: Recording, baud: int | None = None) -> Spec:
+def replay_spec(recording: Recording, baud: int | None = None) -> Connector:
     """The wire that a recording needs: CAN, a UART where its speed is known, else USB.
 
     The entries are as far apart as the line had them: make the wire that replays them with ``pacing=False``.
     """
     if recording.kind == "can":
-        return CanWire()
+        return Can()
     baud = baud or recording.baud
-    return SerialWire(baud=baud or 115_200, usb=baud is None)
+    return Serial(baud=baud or 115_200, usb=baud is None)
 
 
 class Replay:

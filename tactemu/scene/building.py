@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import inspect
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from firmware_protocols import Device, Layout
+from firmware_protocols.options import checked
 from tactemu.errors import DeviceError, SceneError, nearest
 from tactemu.physics.models import cheapest, load, models_for
 from tactemu.scene import bodies, rotation
@@ -43,13 +43,8 @@ def make_device(name: str, options: dict[str, Any]) -> Device:
         DeviceError: no such device, or an option that it does not have or does not accept.
     """
     device = load_device(name)
-    known = [p.name for p in inspect.signature(device).parameters.values() if p.kind != p.VAR_KEYWORD]
-    for option in options:
-        if option not in known:
-            has = ", ".join(known) or "none"
-            raise DeviceError(f"device {name}: unknown option {option!r}{nearest(option, known)} (options: {has})")
     try:
-        return device(**options)
+        return device(**checked(device, options))
     except (TypeError, ValueError, ArithmeticError, LookupError) as error:
         raise DeviceError(f"device {name}: {error}") from error
 
@@ -108,7 +103,7 @@ def sensor_model(skin: Skin, device: Device, laws: Sequence[str] = ()) -> Any:
     Raises:
         SceneError: no such model, or an option that it does not have or does not accept.
     """
-    name = skin.model_ or cheapest(device.senses)
+    name = skin.model_ or cheapest(device.contact[0])
     try:
         model = load(name)
     except LookupError as error:
@@ -131,17 +126,18 @@ def sensor_model(skin: Skin, device: Device, laws: Sequence[str] = ()) -> Any:
 
 
 def _check_senses(skin: Skin, name: str, model: Any, device: Device) -> None:
-    if device.senses not in model.layouts:
-        raise SceneError(
-            f"skin {skin.title!r}: model: {name} gives {', '.join(model.layouts)} and not {device.senses}, "
-            f"which {device.name} senses (models that do: {', '.join(models_for(device.senses))})"
-        )
+    for quantity in device.contact:
+        if quantity not in model.layouts:
+            raise SceneError(
+                f"skin {skin.title!r}: model: {name} gives {', '.join(model.layouts)} and not {quantity}, "
+                f"which {device.name} senses (models that do: {', '.join(models_for(quantity))})"
+            )
 
 
 def taxels(layout: Layout, skin: Skin, model: type[SensorModel], known: list[str]) -> dict[str, Any]:
     """Positions, normals and radius of the taxels in the link's frame; a single grid keeps its ``(rows, cols, 3)``."""
     turn = rotation.normalised(skin.quaternion)
-    radius = np.asarray(skin.options.get("probe_radius", layout.pitch / 2), float)
+    radius = np.asarray(skin.options.get("probe_radius", layout.pitches / 2), float)
     below = skin.embed if skin.embed is not None else radius if model.feels_at_radius else 0.0
     inside = layout.positions - np.reshape(np.broadcast_to(below, (len(layout),)), (-1, 1)) * layout.normals
     positions = rotation.rotate(turn, inside) + np.asarray(skin.position)
@@ -153,10 +149,15 @@ def taxels(layout: Layout, skin: Skin, model: type[SensorModel], known: list[str
     given = {
         "probe_local_pos": positions,
         "probe_local_normal": normals,
-        "probe_radius": layout.pitch / 2,
-        "taxel_area": layout.area,
+        "probe_radius": _one_or_each(layout.pitches / 2),
+        "taxel_area": _one_or_each(layout.areas),
     }
     return {name: value for name, value in given.items() if name in known}
+
+
+def _one_or_each(values: np.ndarray) -> Any:
+    """One number where all taxels have the same."""
+    return float(values[0]) if len(values) and (values == values[0]).all() else tuple(values.tolist())
 
 
 def _arrays(options: dict[str, Any]) -> dict[str, Any]:

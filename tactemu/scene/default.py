@@ -20,7 +20,7 @@ def scene_for(name: str, device: type[Device], **device_options) -> LoadedScene:
     layout = device(**device_options).layout
     presses = len(layout.patches)
     for number, patch in enumerate(layout.patches):
-        ball = _ball(f"ball {patch.name}" if presses > 1 else "ball", layout, patch.taxels)
+        ball = _ball(f"ball {patch.name}" if presses > 1 else "ball", layout, patch.taxels, patch.pitch)
         ball["motion"]["delay"] = 0.5 + 0.25 * number
         data["body"].append(ball)
     return check(data, source=f"default scene of {name}", folder=Path())
@@ -31,11 +31,11 @@ def _pad() -> dict[str, Any]:
     return {"name": "pad", "shape": "frame", "fixed": True}
 
 
-def _ball(name: str, layout: Layout, taxels: slice) -> dict[str, Any]:
+def _ball(name: str, layout: Layout, taxels: slice, pitch: float) -> dict[str, Any]:
     """A ball over the taxel nearest to the patch's middle, on its normal, three pitches wide where it presses."""
     positions, normals = layout.positions[taxels], layout.normals[taxels]
     middle = np.argmin(np.linalg.norm(positions - positions.mean(axis=0), axis=1))
-    normal, pitch = normals[middle], layout.pitch
+    normal = normals[middle]
     radius, gap = 3 * pitch, pitch
     return {
         "name": name,

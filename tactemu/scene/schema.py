@@ -222,7 +222,10 @@ class Skin(Table):
     options: dict[str, Any] = Field(default={}, description="options of the sensor model, imperfections included")
     embed: float | None = Field(default=None, description="how far below the skin the probes' centres sit [m]")
     port: str | None = Field(default=None, description="pty:PATH, can:INTERFACE:CHANNEL, tcp:HOST:PORT, memory: ...")
-    rate_hz: PositiveFloat | None = Field(default=None, description="default: the device's own")
+    ports: dict[str, str] = Field(default={}, description="of a device with several connectors, by their names")
+    rate_hz: PositiveFloat | dict[str, PositiveFloat] | None = Field(
+        default=None, description="default: the device's own; of a device with several streams by their names"
+    )
     pacing: bool = Field(default=True, description="bytes and frames take their time on the line")
     clock: ClockTable = ClockTable()
     faults: Faults = Field(default=(), description="what goes wrong on the wire")

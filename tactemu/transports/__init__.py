@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import importlib
 
-from firmware_protocols import Device, Wire
-from tactemu.errors import DeviceError, TransportError
+from tactemu.errors import TransportError
 from tactemu.transports.transport import Transport
 
 TRANSPORTS: dict[str, str] = {
@@ -20,7 +19,7 @@ TRANSPORTS: dict[str, str] = {
     "tcp": "tactemu.transports.tcp:TcpTransport",
 }
 
-__all__ = ["TRANSPORTS", "Transport", "create", "plug"]
+__all__ = ["TRANSPORTS", "Transport", "create"]
 
 
 def create(port: str) -> Transport:
@@ -36,18 +35,3 @@ def create(port: str) -> Transport:
         )
     module, _, attribute = TRANSPORTS[scheme].partition(":")
     return getattr(importlib.import_module(module), attribute)(rest)
-
-
-def plug(device: Device, transport: Transport) -> Wire:
-    """Choose the device's wire that goes with this port, and return it.
-
-    Raises:
-        DeviceError: the device has no such connector.
-    """
-    if not transport.kinds:
-        return device.wire
-    for kind in transport.kinds:
-        if any(wire.kind == kind for wire in device.wires):
-            return device.plug(kind)
-    has = " or ".join(dict.fromkeys(wire.kind for wire in device.wires))
-    raise DeviceError(f"{device.name} has a {has} connector and cannot be plugged into {transport.scheme}:")

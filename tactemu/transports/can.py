@@ -35,7 +35,6 @@ class CanTransport(Transport):
     """A node of a CAN bus. Always listening: a bus has no open and close."""
 
     scheme = "can"
-    kinds = ("can",)
 
     def __init__(self, rest: str):
         self.interface, _, self.channel = rest.partition(":")

@@ -79,7 +79,6 @@ class MemoryTransport(Transport):
     """``memory:`` for whatever wire the device has; the driver's end is :attr:`driver`, open from the start."""
 
     scheme = "memory"
-    kinds = ()
 
     def __init__(self, rest: str = ""):
         self.address = f"memory:{rest}"

@@ -52,7 +52,6 @@ class PtyTransport(Transport):
     """``pty:PATH`` makes ``PATH`` a link to the port; ``pty:`` alone leaves the kernel's name (``/dev/pts/N``)."""
 
     scheme = "pty"
-    kinds = ("serial",)
 
     def __init__(self, rest: str = ""):
         self._link = StableLink(rest) if rest else None

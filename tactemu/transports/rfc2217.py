@@ -83,7 +83,6 @@ class Rfc2217Transport(TcpTransport):
     """A network serial port for one client."""
 
     scheme = url = "rfc2217"
-    kinds = ("serial",)
 
     def __init__(self, rest: str):
         super().__init__(rest)

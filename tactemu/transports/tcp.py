@@ -27,7 +27,6 @@ class TcpTransport(Transport):
     scheme = "tcp"
     url = "socket"
     """Scheme of the URL with which pyserial opens it."""
-    kinds = ("tcp", "serial")
 
     def __init__(self, rest: str):
         self.host, self.port = _parse(self.scheme, rest)

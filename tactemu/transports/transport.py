@@ -70,8 +70,6 @@ class Transport(ABC):
     """One port. The constructor only parses; :meth:`open` makes the port and is undone by :meth:`close`."""
 
     scheme: ClassVar[str]
-    kinds: ClassVar[tuple[str, ...]]
-    """Kinds of wire that it can stand for (``serial``, ``can``, ``tcp``), best first; empty: any."""
 
     address: str = ""
     """What a driver opens: a path, a URL of pyserial (``socket://``, ``rfc2217://``), ``interface:channel``. Valid once

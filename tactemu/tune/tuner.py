@@ -134,7 +134,7 @@ class Tuner:
         """Run everything and pick."""
         layout = self.device.layout
         side = max(max(patch.rows, patch.cols if patch.rows else 1) for patch in layout.patches)
-        settings = settings_for(self.device.senses)
+        settings = settings_for(self.device.contact[0])
         truth, name = self._truth(side)
         touched = np.flatnonzero(np.abs(truth).reshape(MOMENTS, -1).any(axis=1))
         if not len(touched):
@@ -159,7 +159,7 @@ class Tuner:
     def _truth(self, side: int) -> tuple[np.ndarray, str]:
         """The finest layer; where the skin is no flat grid, or senses depth, the best of the settings in float64."""
         reasons = []
-        for setting in truth_settings(self.device.senses, side):
+        for setting in truth_settings(self.device.contact[0], side):
             try:
                 return self._readings(setting), setting.name
             except SceneError as error:
@@ -179,7 +179,7 @@ class Tuner:
         frames = []
         for _ in range(MOMENTS):
             sim.step(self.seconds / MOMENTS)
-            frames.append(np.asarray(sensor.quantity(self.device.senses, ground_truth=True), float))
+            frames.append(np.asarray(sensor.quantity(self.device.contact[0], ground_truth=True), float))
         return np.stack(frames)
 
     def _judge(self, setting: Setting, got: np.ndarray, truth: np.ndarray, touched: np.ndarray) -> tuple[float, dict]:
@@ -205,8 +205,8 @@ class Tuner:
             due += period
             start = clock()
             sim.advance_to(due)
-            sensor.quantity(self.device.senses, ground_truth=True)
-            sensor.quantity(self.device.senses)
+            sensor.quantity(self.device.contact[0], ground_truth=True)
+            sensor.quantity(self.device.contact[0])
             times.append(1e6 * (clock() - start))
         return median(times), float(np.percentile(times, 90))
 

@@ -55,9 +55,7 @@ class Line:
         lane = carrier.lane(source)
         took = carrier.duration_ns(frame)
         order = carrier.order(turn, ready_ns)
-        heapq.heappush(
-            self._lanes[lane], Pending(order, self._number, frame, source, ready_ns, took, sample=sample)
-        )
+        heapq.heappush(self._lanes[lane], Pending(order, self._number, frame, source, ready_ns, took, sample=sample))
         self._waiting_ns[lane] += took
 
     def backlog_ns(self, source: str, now_ns: int) -> int:
@@ -65,6 +63,10 @@ class Line:
         name = self.carrier.lane(source)
         lane = self._lanes.get(name)
         return max(self._waiting_ns[name], now_ns - lane[0].ready_ns) if lane else 0
+
+    def waiting_ns(self, source: str) -> int:
+        """How long the line will be busy with what this source has queued."""
+        return self._waiting_ns[self.carrier.lane(source)]
 
     def talks(self, now_ns: int) -> str:
         """Whose frame is on the line; "" when it is idle."""

@@ -14,15 +14,17 @@ from dataclasses import dataclass
 
 from firmware_protocols import Connector, Frame, Sent
 from firmware_protocols.frames import payload
-from tactemu.transports.transport import Closed, Event, Received, Transport
+from tactemu.transports.transport import DROPPED, Closed, Event, Received, Transport
 from tactemu.truth import Truth
 from tactemu.wire.carriers import carrier_of
 from tactemu.wire.carriers.carrier import DRIVER
 from tactemu.wire.faults import Fault, Injector
 from tactemu.wire.line import Line, Pending
 
+INBOUND_AHEAD_NS = 50_000_000
+"""A driver that is further ahead of its line than this is not read on: its own end holds it up, as a port's does."""
 INBOUND_LIMIT_NS = 1_000_000_000
-"""Bytes of a driver that is further ahead of its line than this are lost."""
+"""Of what a driver leaves behind when it goes, bytes that are further ahead of its line than this are lost."""
 MAX_BYTES_A_TURN = 16_384
 """Of what arrives in one turn of the loop: a flood is worked off in pieces, and the loop goes on meanwhile."""
 
@@ -56,7 +58,7 @@ class Wire:
 
     ``counters``: ``sent`` and ``sent_bytes``, ``received`` and ``received_bytes``, ``dropped_readings`` and
     ``dropped_frames`` (the line is full), ``dropped_unread`` (the driver does not read), ``unheard`` (nobody has the
-    port open), ``misheard`` (the settings differ), ``overrun`` (the driver is a second ahead of the line),
+    port open), ``misheard`` (the settings differ), ``overrun`` (the driver was a second ahead of the line),
     ``collision`` (it talks while a device does), and injected faults by their kind.
     """
 
@@ -121,7 +123,12 @@ class Wire:
 
     def filenos(self) -> list[int]:
         """File descriptors to select for reading."""
-        return self.transport.filenos()
+        return self.transport.filenos(self._reading)
+
+    @property
+    def _reading(self) -> bool:
+        """Whether the line has room for more of what the driver sends."""
+        return self.inbound.waiting_ns(DRIVER) <= INBOUND_AHEAD_NS
 
     def next_due_ns(self) -> int | None:
         """When :meth:`receive` or :meth:`flush` must be called next, whatever the file descriptors say."""
@@ -168,9 +175,7 @@ class Wire:
 
     # -- to the driver -----------------------------------------------------------------------------------------------
 
-    def send(
-        self, frames: Iterable[Frame | Sent], now_ns: int, source: str = "", *, sample: int | None = None
-    ) -> None:
+    def send(self, frames: Iterable[Frame | Sent], now_ns: int, source: str = "", *, sample: int | None = None) -> None:
         """Queue one reading or one answer: all of its frames, or none when the line is full.
 
         ``sample`` is the number of the sample that they carry.
@@ -275,7 +280,7 @@ class Wire:
         self._now_ns = now_ns
         events: list[Event | Heard] = []
         self._follow_outages(self._injector.outage(now_ns), now_ns, events)
-        for event in self.transport.poll():
+        for event in self.transport.poll(self._reading):
             if isinstance(event, Received):
                 if self._down is None:
                     self._arrive(event.data, now_ns)
@@ -314,7 +319,7 @@ class Wire:
             self._forget(now_ns, fault.kind)
         if fault is not None and fault.kind == "unplug":
             if self.transport.listening and not self.carrier.one_line:  # a bus has no open and close
-                events.append(Closed())
+                events += (Closed(), DROPPED)
             self.transport.close()
         elif before is not None and before.kind == "unplug":
             self.transport.open()
@@ -330,7 +335,7 @@ class Wire:
     def _arrive(self, data: Frame, now_ns: int) -> None:
         """The driver has sent something: it takes its time on the line."""
         for part, held_ns in self._injector.spoil(data, now_ns, self._owner, "from_driver"):
-            if self.inbound.backlog_ns(DRIVER, now_ns) > INBOUND_LIMIT_NS:
+            if self.inbound.waiting_ns(DRIVER) > INBOUND_LIMIT_NS:
                 self.counters["overrun"] += 1
             elif self.carrier.collides(self.line, now_ns):
                 self.counters["collision"] += 1
@@ -369,7 +374,7 @@ class Wire:
     def _through(self, frame: Frame, source: str, *, to_driver: bool) -> Frame:
         """A frame as heard at the other end, whose settings may differ."""
         connector = self.connectors.get(source, self.carrier.connector)
-        result = self.carrier.heard(frame, connector, self.transport.baud, to_driver=to_driver)
+        result = self.carrier.heard(frame, connector, self.transport.setting, to_driver=to_driver)
         self.counters["misheard"] += result != frame
         return result
 

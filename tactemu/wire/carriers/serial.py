@@ -8,6 +8,7 @@ from typing import Any
 
 from firmware_protocols import Frame
 from firmware_protocols.frames import payload
+from tactemu.transports.transport import SerialSetting
 from tactemu.wire.carriers.carrier import Carrier
 from tactemu.wire.uart import misheard
 
@@ -29,10 +30,10 @@ class SerialCarrier(Carrier):
 
     def heard(self, frame: Frame, connector: Any, setting: Any, *, to_driver: bool) -> Frame:
         """Noise where the two ends are set differently; USB has no such trouble."""
-        if setting is None or connector.usb or setting == connector.baud or not isinstance(frame, bytes):
+        if setting is None or connector.usb or not isinstance(frame, bytes):
             return frame
-        sent, heard = (connector.baud, setting) if to_driver else (setting, connector.baud)
-        return misheard(frame, sent, heard, connector)
+        own = SerialSetting(connector.baud, connector.bytesize, connector.parity, connector.stopbits)
+        return misheard(frame, own, setting) if to_driver else misheard(frame, setting, own)
 
     def describe(self) -> str:
         """``serial 115200 8N1`` or ``USB serial 115200 8N1``."""

@@ -92,6 +92,25 @@ class Fault:
         """Whether it is in force at this time."""
         return self.start_ns <= t_ns and (self.stop_ns is None or t_ns < self.stop_ns)
 
+    def scheduled(self, start_ns: int, stop_ns: int | None = None) -> Fault:
+        """The fault from ``start_ns`` on, until ``stop_ns`` or for as long as it says itself.
+
+        Raises:
+            SceneError: it says itself when it happens, or its end twice.
+        """
+        words = self.text.split()
+        if {"at", "from", "to"} & set(words):
+            raise SceneError(f"scenario: fault {self.text!r}: the time is the event's `at` and `until`")
+        lasts, text, start = "for" in words, " ".join(words), f"{start_ns}ns"
+        if lasts and stop_ns is not None:
+            raise SceneError(f"scenario: fault {self.text!r}: give `for` or `until`, not both")
+        if lasts and self.stop_ns is not None:
+            return replace(
+                self, start_ns=start_ns, stop_ns=start_ns + self.stop_ns, text=text.replace("for", f"at {start} for", 1)
+            )
+        ends = "" if stop_ns is None else f" to {stop_ns}ns"
+        return replace(self, start_ns=start_ns, stop_ns=stop_ns, text=f"{text} from {start}{ends}")
+
     def check_fits(self, wire_kind: str) -> None:
         """Raise where a wire of this kind cannot have the fault.
 
