@@ -93,11 +93,13 @@ def byte_by_byte(device: Device, data: bytes, t_ns: int = 0, port: str | None = 
 
 def check_commands(make, *, gap_ns: int = 10_000_000, trailing: bytes = b"") -> None:
     """Each documented command answered as documented: whole and, of bytes, byte by byte and with trailing bytes."""
-    for command in make().commands:
+    device = make()
+    sample(device, 0.5)
+    fresh = device.snapshot()
+    for command in device.commands:
         is_bytes = isinstance(command.frame, bytes)
         for feed, tail in ((send, b""), (byte_by_byte, b""), (send, trailing)) if is_bytes else ((send, None),):
-            device = make()
-            sample(device, 0.5)
+            device.restore(fresh)
             port, t_ns = command.port or device.ports[0].name, gap_ns
             for request in command.after:
                 feed(device, frame_of(request), t_ns, port)
