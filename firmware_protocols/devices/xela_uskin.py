@@ -4,7 +4,7 @@ Wire: classic CAN, 1 Mbit/s, standard ids.
 
     id            data              direction   about
     0x200|board   07 00             to board    start: the board streams by itself from now on
-    0x200|board   07 01             to board    stop
+    0x200|board   07 01             to board    stop; bytes behind these two are ignored
     (below)       8 bytes           to host     one frame per taxel and sample
 
     byte   0        1..2       3..4       5..6       7
@@ -15,45 +15,37 @@ Ids of the taxels, two generations (option ``ids``):
     "board"   0x700 | board << 4 | taxel       taxel 0..15 row by row (0x710..0x71F for board 1)
     "grid"    0x100 | row << 4 | column        sent column by column
 
-Values are raw magnetic counts, uncalibrated, about 18 000 to 30 000 at rest. Evidence: two published drivers, one for
-each generation; neither firmware nor manual was seen.
+Values are raw magnetic counts, uncalibrated, about 18 000 to 30 000 at rest. A press raises Z: published readers
+subtract the rest and take what falls for no touch. Evidence: two published drivers, one for each generation; neither
+firmware nor manual was seen.
 
 Try it: ``tactemu run xela_uskin --port can:socketcan:vcan0``, then ``cansend vcan0 201#0700; candump vcan0``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Literal
+import struct
+from dataclasses import replace
+from typing import Annotated, Literal
 
 import numpy as np
 
+from firmware_protocols import Can, CanFrame, Column, Command, Counts, Device, Option, Outs, Reading, grid_layout
 from firmware_protocols.adc import quantize
-from firmware_protocols.device import CanFrame, CanWire, Command, Device, Outgoing, Reading, grid_layout
-from firmware_protocols.magnetic import LinearMagnet, Transducer
+from firmware_protocols.magnetic import LinearMagnet
 
-ROWS = COLUMNS = 4
+ROWS = COLS = 4
 PITCH = 0.0047
 COUNT_UT = 0.1
 REST_FIELD_UT = (2400.0, 2400.0, 2100.0)
+GAIN_UT_PER_N = (300.0, 300.0, -500.0)
 
-START, STOP = b"\x07\x00", b"\x07\x01"
 
-
-class XelaUskin(Device):
-    """Sixteen three-axis taxels, one CAN frame each.
-
-    Args:
-        ids: id scheme of the product generation, ``board`` or ``grid``.
-        board: 1..15, set by the board's switches.
-        transducer: taxel force [N] to field [uT]; see :mod:`firmware_protocols.magnetic`.
-    """
+class XelaUskin(Device[CanFrame]):
+    """Sixteen three-axis taxels, one CAN frame each."""
 
     name = "xela_uskin"
     title = "XELA uSkin 4x4"
-    wires = (CanWire(bitrate=1_000_000),)
-    senses = "force"
-    rate_hz = 100.0
     evidence = ("driver",)
     sources = (
         "o2as/ur-o2as@97adced xela_sensor.py l.37 (ids 'board')",
@@ -99,63 +91,56 @@ normal_stiffness = 1000.0
 """
 
     def __init__(
-        self, *, ids: Literal["board", "grid"] = "board", board: int = 1, transducer: Transducer | None = None
+        self,
+        *,
+        ids: Annotated[Literal["board", "grid"], Option("id scheme of the product generation")] = "board",
+        board: Annotated[int, Option("number, as the switches of the board say", low=1, high=15)] = 1,
+        gains: Annotated[
+            tuple[float, float, float],
+            Option("of the force along x, y and z of a taxel, z out of the skin", unit="uT/N"),
+        ] = GAIN_UT_PER_N,
     ):
-        super().__init__()
-        if ids not in ("board", "grid"):
-            raise ValueError(f"xela_uskin: ids: expected 'board' or 'grid', got {ids!r}")
-        if not 1 <= board <= 15:
-            raise ValueError(f"xela_uskin: board: expected 1..15, got {board}")
-        self.board = board
-        self.layout = grid_layout(ROWS, COLUMNS, PITCH, name="uskin")
-        self.transducer = transducer or LinearMagnet(gain=(300.0, 300.0, 500.0), offset=REST_FIELD_UT)
-        self._sent = _by_board(board) if ids == "board" else _by_grid()
-        self.power_on(0)
+        self.ports = (Can(hears=((0x200 | board, 0x7FF),)),)
+        row, col = np.divmod(np.arange(ROWS * COLS), COLS)
+        by_grid = ids == "grid"
+        order = np.lexsort((row, col)) if by_grid else None
+        self.layout = replace(grid_layout(ROWS, COLS, PITCH, name="uskin"), wire_order=order)  # type: ignore[arg-type]
+        self.ids = 0x100 | row << 4 | col if by_grid else 0x700 | board << 4 | row * COLS + col
+        self.columns = tuple(
+            Column(name=axis.upper(), axis=axis, low=0, high=0xFFFF, rest=round(field / COUNT_UT), push=push)
+            for axis, field, push in zip("xyz", REST_FIELD_UT, (0, 0, -int(np.sign(gains[2]))))
+        )
+        self.magnet = LinearMagnet(gain=gains, offset=REST_FIELD_UT)
+        self.command_id, self.streaming = 0x200 | board, False
 
-    def power_on(self, t_ns: int) -> Sequence[Outgoing]:
-        """Silent until started."""
-        self.streaming = False
-        return ()
+    def feel(self, reading: Reading, t_ns: int) -> Counts:
+        """Raw counts X, Y, Z of each taxel, 0..65535, shape ``(16, 3)``."""
+        self.counts = quantize(self.magnet(self.layout.to_taxel_frame(reading["force"])) / COUNT_UT)
+        return self.counts
 
-    def digitize(self, reading: Reading) -> np.ndarray:
-        """Raw counts X, Y, Z of each taxel, uint16, shape ``(16, 3)``."""
-        field = self.transducer(self.layout.to_taxel_frame(np.asarray(reading.values)))
-        return quantize(field, 1 / COUNT_UT, 0, 0xFFFF).astype(np.uint16)
-
-    def stream(self, t_ns: int) -> Sequence[Outgoing]:
+    def stream(self, t_ns: int, name: str) -> Outs[CanFrame]:
         """Sixteen frames while started."""
         if not self.streaming:
             return ()
-        axes = self.counts.astype(">u2")
-        return [CanFrame(arbitration_id=i, data=b"\0" + axes[taxel].tobytes() + b"\0") for i, taxel in self._sent]
+        taxels = zip(self.layout.on_wire(self.ids).tolist(), self.layout.on_wire(self.counts).tolist())
+        return [CanFrame(arbitration_id=each, data=struct.pack(">x3Hx", *axes)) for each, axes in taxels]
 
-    def receive(self, data: CanFrame, t_ns: int) -> Sequence[Outgoing]:
+    def receive(self, data: CanFrame, t_ns: int, port: str) -> Outs[CanFrame]:
         """Start and stop; nothing is ever answered."""
-        if data in (self._request(START), self._request(STOP)):
-            self.counters["requests"] += 1
-            self.streaming = data.data == START
-        elif data.arbitration_id == 0x200 | self.board:
-            self.counters["unknown_command"] += 1
-        else:
+        if data != CanFrame(arbitration_id=self.command_id, data=data.data):
             self.counters["ignored"] += 1
+        elif data.data[:2] in (b"\x07\x00", b"\x07\x01"):
+            self.counters["requests"] += 1
+            self.streaming = data.data[1] == 0
+        else:
+            self.counters["unknown_command"] += 1
         return ()
-
-    def _request(self, data: bytes) -> CanFrame:
-        return CanFrame(arbitration_id=0x200 | self.board, data=data)
 
     @property
     def commands(self) -> tuple[Command, ...]:
         """Start and stop."""
+        to, origin = f"{self.command_id:03X}", "ur-o2as@97adced xela_sensor.py"
         return (
-            Command(name="start", request=self._request(START), reply=None, about="streams until stopped"),
-            Command(name="stop", request=self._request(STOP), reply=None),
+            Command(name="start", request=f"{to}#0700", about="streams until stopped", origin=origin),
+            Command(name="stop", request=f"{to}#0701", origin=origin),
         )
-
-
-def _by_board(board: int) -> list[tuple[int, int]]:
-    """``(id, taxel)`` in the order sent."""
-    return [(0x700 | board << 4 | taxel, taxel) for taxel in range(ROWS * COLUMNS)]
-
-
-def _by_grid() -> list[tuple[int, int]]:
-    return [(0x100 | row << 4 | col, row * COLUMNS + col) for col in range(COLUMNS) for row in range(ROWS)]
