@@ -31,6 +31,6 @@ from firmware_protocols.registry import DEVICES, create, load, names
 
 __all__ = [
     "DEVICES", "USB", "Can", "CanFrame", "Column", "Command", "Connector", "Convert", "Counts", "Device", "Frame",
-    "Layout", "Option", "Outs", "Patch", "Quantity", "Reading", "Restart", "Rollover", "Rs485", "Sense", "Sent", "Serial",
-    "Stream", "Tcp", "create", "grid_layout", "load", "names", "points",
+    "Layout", "Option", "Outs", "Patch", "Quantity", "Reading", "Restart", "Rollover", "Rs485", "Sense", "Sent",
+    "Serial", "Stream", "Tcp", "create", "grid_layout", "load", "names", "points",
 ]  # fmt: skip

@@ -35,11 +35,14 @@ Quantity = Literal[
     "force", "pressure", "depth", "displacement", "touch",
     "temperature", "acceleration", "angular_velocity", "wrench", "vibration", "load",
 ]  # fmt: skip
-"""What transducers see, at the n points of a layout. Per taxel: ``force`` [N] (n, 3), ``pressure`` [Pa] (n,), ``depth``
-[m] (n,), ``displacement`` [m] (n, 3), ``touch`` bool (n,). Around it: ``temperature`` [°C] (n,), ``acceleration`` [m/s²]
-(n, 3), proper, so at rest it points up, ``angular_velocity`` [rad/s] (n, 3). Of all the skin's taxels together, about
-each point: ``wrench`` [N, Nm] (n, 6); ``vibration`` [Pa] (n,), the pressure in a common medium. ``load`` [Nm, N] (n,) of
-each joint in the order of :meth:`Device.joints`."""
+"""What transducers see, at the n points of a layout.
+
+Per taxel: ``force`` [N] (n, 3), ``pressure`` [Pa] (n,), ``depth`` [m] (n,), ``displacement`` [m] (n, 3), ``touch`` bool
+(n,). Around it: ``temperature`` [°C] (n,), ``acceleration`` [m/s²] (n, 3), proper, so that at rest it points up,
+``angular_velocity`` [rad/s] (n, 3). Of all the skin's taxels together, about each point: ``wrench`` [N, Nm] (n, 6);
+``vibration`` [Pa] (n,), the pressure in a common medium. ``load`` [Nm, N] (n,) of each joint, in the order of
+:meth:`Device.joints`.
+"""
 
 CONTACT = ("force", "pressure", "depth", "displacement", "touch")
 """Quantities of each taxel by itself, which a model of touch gives."""
@@ -221,7 +224,7 @@ class Device(ABC, Generic[F]):
 
     if not TYPE_CHECKING:  # editors and checkers see the signature of __init__
 
-        def __new__(cls, **options):
+        def __new__(cls, **options):  # noqa: D102
             device = super().__new__(cls)
             device.options, device.flash, device.counters, device.wake_ns = options, {}, Counter(), None
             return device
@@ -253,7 +256,7 @@ class Device(ABC, Generic[F]):
 
     @property
     def contact(self) -> tuple[str, ...]:
-        """What a model of touch must give at the taxels of :attr:`layout`, the first sense first; ``force`` if nothing."""
+        """What a model of touch must give at the taxels of :attr:`layout`, first sense first; ``force`` if nothing."""
         wanted = [_DERIVED.get(sense.quantity, sense.quantity) for sense in self.sensed]
         return tuple(dict.fromkeys(name for name in wanted if name in CONTACT)) or ("force",)
 

@@ -1,4 +1,4 @@
-"""What travels: a serial frame is ``bytes``, a CAN frame is a :class:`CanFrame`; and both as text, for tables and logs."""
+"""What travels: a serial frame is ``bytes``, a CAN frame a :class:`CanFrame`; and both as text, for tables and logs."""
 
 from __future__ import annotations
 

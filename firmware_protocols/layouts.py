@@ -1,4 +1,4 @@
-"""Where the transducers are: points with a frame each, in patches that sit on links; and how to build a skin of them."""
+"""Where the transducers are: points with a frame each, in patches that sit on links; and how to build such a skin."""
 
 from __future__ import annotations
 

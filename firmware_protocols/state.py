@@ -93,8 +93,8 @@ class _Writer:
             state = {name: self.write(getattr(value, name), f"{where}.{name}") for name in names}
             return {"~": "object", "class": f"{kind.__module__}:{kind.__qualname__}", "state": state}
         raise NotPlain(
-            f"self.{where} is a {kind.__module__}.{kind.__qualname__}: a device's state is numbers, text, bytes, arrays, "
-            "lists, dicts and objects of the kit, so that it can be saved"
+            f"self.{where} is a {kind.__module__}.{kind.__qualname__}: a device's state is numbers, text, bytes, "
+            "arrays, lists, dicts and objects of the kit, so that it can be saved"
         )
 
 

@@ -155,20 +155,16 @@ class Channel:
         senses, source = self.device.senses_of(stream), self.source
         burst = max(sense.burst for sense in senses)
         span = self.period_ns(stream)
-        seen: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {sense.key: [] for sense in senses}
+        ideal: dict[str, list[np.ndarray]] = {sense.key: [] for sense in senses}
+        measured: dict[str, list[np.ndarray]] = {sense.key: [] for sense in senses}
         for left in range(burst - 1, -1, -1):
             at_ns = t_ns - span * left // burst
             advance(at_ns)
             for sense in senses:
                 if sense.burst > 1 or not left:
-                    both = source.sense(sense, at_ns, True), source.sense(sense, at_ns)
-                    seen[sense.key].append(both)
-        whole = {
-            key: [np.stack(side, -1) if len(side) > 1 else side[0] for side in zip(*all_)] for key, all_ in seen.items()
-        }
-        return {key: ideal for key, (ideal, _) in whole.items()}, {
-            key: measured for key, (_, measured) in whole.items()
-        }
+                    ideal[sense.key].append(source.sense(sense, at_ns, True))
+                    measured[sense.key].append(source.sense(sense, at_ns))
+        return _joined(ideal), _joined(measured)
 
     def feel(self, stream: str, measured: Mapping[str, np.ndarray], stamp_ns: int) -> Any:
         """One conversion; returns the device's counts.
@@ -179,7 +175,8 @@ class Channel:
         counts = self._run("feel", Reading(measured, stream), stamp_ns)
         if not isinstance(counts, np.ndarray | Mapping):
             raise DeviceError(
-                f"{self.device.name}.feel returned {type(counts).__name__}: return the counts as an array, by sense if several"
+                f"{self.device.name}.feel returned {type(counts).__name__}: "
+                "return the counts as an array, by sense if several"
             )
         return counts
 
@@ -222,3 +219,8 @@ class Channel:
         heard = f" on {text_of(args[0])[:200]}" if method == "receive" else ""
         where = f"{Path(own.filename).name}:{own.lineno}: {own.line}"
         return f"{self.device.name}.{method}{heard} raised {type(error).__name__}: {error} at {where}"
+
+
+def _joined(seen: Mapping[str, list[np.ndarray]]) -> dict[str, np.ndarray]:
+    """One array for each sense; values of a burst along a last axis."""
+    return {key: values[0] if len(values) == 1 else np.stack(values, axis=-1) for key, values in seen.items()}

@@ -113,8 +113,8 @@ def _shared(plugs: list[Plug]) -> list[Plug]:
         carrier = carrier_of(first.connector)
         if not carrier.shared:
             raise SceneError(
-                f"skins {plug.skin!r} and {first.skin!r} cannot share {plug.address}; only a CAN bus and an RS-485 line "
-                "are shared. Give each skin a `port` of its own in the scene file"
+                f"skins {plug.skin!r} and {first.skin!r} cannot share {plug.address}; only a CAN bus and an RS-485 "
+                "line are shared. Give each skin a `port` of its own in the scene file"
             )
         if not carrier.agrees(plug.connector):
             raise TransportError(

@@ -28,7 +28,7 @@ MAX_PITCHES = 40
 
 
 def print_table(*, json: bool = False) -> None:
-    """Name, ports, taxels, rate, evidence and judge of every device; one that cannot be made is listed with its error."""
+    """Name, ports, taxels, rate, evidence and judge of every device; one that cannot be made stands with its error."""
     rows = [_row_or_error(name) for name in firmware_protocols.names()]
     if json:
         print(json_module.dumps(rows))

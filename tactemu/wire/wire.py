@@ -198,7 +198,7 @@ class Wire:
                     self.line.put(frame, at, source, turn=part.turn, sample=sample)
 
     def _after_held(self, direction: str, ready_ns: int, held_ns: int) -> int:
-        """When a frame may leave that a fault holds back by ``held_ns``; on a byte stream, what follows waits for it."""
+        """When a frame leaves that a fault holds back by ``held_ns``; on a byte stream, what follows waits for it."""
         ready_ns += held_ns
         if self.carrier.ordered:
             ready_ns = max(ready_ns, self._held_ns[direction])
