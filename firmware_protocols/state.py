@@ -1,14 +1,17 @@
 """A device's whole state as plain data, and back: for saving, forking, and the check that nothing else is kept.
 
 Plain data are numbers, text, bytes, arrays, and lists, tuples, dicts, sets and deques of them, and objects whose class
-belongs to the kit or to the device's own module. A function, a generator, an open file or an object of another library
-is refused with the name of the attribute that holds it. What two attributes share is still shared after a restore.
+belongs to the kit or to the device's own module, as are functions that such a module names. Any other function, a
+generator, an open file or an object of another library is refused with the name of the attribute that holds it. What
+two attributes share is still shared after a restore.
 """
 
 from __future__ import annotations
 
 import importlib
+import sys
 from collections import Counter, defaultdict, deque
+from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -48,8 +51,7 @@ def load(device: Any, state: dict[str, Any]) -> None:
 
 
 def _belongs(module: str, device: Any) -> bool:
-    own = {cls.__module__ for cls in type(device).__mro__}
-    return module.partition(".")[0] == "firmware_protocols" or module in own
+    return module.partition(".")[0] == "firmware_protocols" or module in _own_modules(device)
 
 
 class _Writer:
@@ -68,6 +70,12 @@ class _Writer:
             return {"~": "self"}
         if value is getattr(self.device, "layout", None):
             return {"~": "layout"}
+        if (
+            isinstance(value, FunctionType)
+            and "<" not in value.__qualname__
+            and _belongs(value.__module__, self.device)
+        ):
+            return {"~": "named", "as": f"{value.__module__}:{value.__qualname__}"}
         if id(value) in self.seen:
             return {"~": "same", "as": self.seen[id(value)]}
         number = self.seen[id(value)] = len(self.seen)
@@ -89,8 +97,7 @@ class _Writer:
             more = {"factory": _factory(value, where)} if kind is defaultdict else {}
             return {"~": kind.__name__, "items": pairs, **more}
         if _belongs(kind.__module__, self.device) and not callable(getattr(kind, "__next__", None)):
-            names = _attributes(value)
-            state = {name: self.write(getattr(value, name), f"{where}.{name}") for name in names}
+            state = {name: self.write(each, f"{where}.{name}") for name, each in _attributes(value).items()}
             return {"~": "object", "class": f"{kind.__module__}:{kind.__qualname__}", "state": state}
         raise NotPlain(
             f"self.{where} is a {kind.__module__}.{kind.__qualname__}: a device's state is numbers, text, bytes, "
@@ -98,9 +105,13 @@ class _Writer:
         )
 
 
-def _attributes(value: Any) -> list[str]:
+def _attributes(value: Any) -> dict[str, Any]:
+    """What an object is made of; its class may say what suffices to make it again (``__getstate__``, as for pickle)."""
+    if hasattr(value, "__setstate__"):
+        return value.__getstate__()
     slots = [name for cls in type(value).__mro__ for name in getattr(cls, "__slots__", ())]
-    return [*(name for name in slots if hasattr(value, name)), *getattr(value, "__dict__", {})]
+    names = [*(name for name in slots if hasattr(value, name)), *getattr(value, "__dict__", {})]
+    return {name: getattr(value, name) for name in names}
 
 
 def _factory(value: defaultdict, where: str) -> str:
@@ -124,6 +135,8 @@ class _Reader:
             return self.device if kind == "self" else self.device.layout
         if kind == "number":
             return value["value"][()]
+        if kind == "named":
+            return self._named(value["as"])
         made = self._make(kind, value)
         return made
 
@@ -147,17 +160,23 @@ class _Reader:
         return self._keep(value, tuple(items) if kind == "tuple" else frozenset(items))
 
     def _object(self, value: dict[str, Any]) -> Any:
-        module, _, qualname = value["class"].partition(":")
-        if not _belongs(module, self.device):
-            raise ValueError(f"a state of {type(self.device).__name__} holds no {value['class']}")
-        cls: Any = importlib.import_module(module) if module not in _own_modules(self.device) else None
-        cls = cls or _own_modules(self.device)[module]
-        for part in qualname.split("."):
-            cls = getattr(cls, part)
-        made = self._keep(value, object.__new__(cls))
-        for name, state in value["state"].items():
-            object.__setattr__(made, name, self.read(state))
+        made = self._keep(value, object.__new__(self._named(value["class"])))
+        state = {name: self.read(each) for name, each in value["state"].items()}
+        if hasattr(made, "__setstate__"):
+            made.__setstate__(state)
+        else:
+            for name, each in state.items():
+                object.__setattr__(made, name, each)
         return made
+
+    def _named(self, name: str) -> Any:
+        module, _, qualname = name.partition(":")
+        if not _belongs(module, self.device):
+            raise ValueError(f"a state of {type(self.device).__name__} holds no {name}")
+        found: Any = _own_modules(self.device).get(module) or importlib.import_module(module)
+        for part in qualname.split("."):
+            found = getattr(found, part)
+        return found
 
     def _keep(self, value: dict[str, Any], made: Any) -> Any:
         self.made[value["n"]] = made
@@ -166,11 +185,8 @@ class _Reader:
 
 def _own_modules(device: Any) -> dict[str, Any]:
     """The modules of a device's classes, by name; a file of the user's own is under a name of its own."""
-    import sys
-
-    return {
-        cls.__module__: sys.modules[cls.__module__] for cls in type(device).__mro__ if cls.__module__ in sys.modules
-    }
+    modules = {cls.__module__ for cls in type(device).__mro__} - sys.stdlib_module_names
+    return {module: sys.modules[module] for module in modules if module in sys.modules}
 
 
 def _empty_dict(kind: str, value: dict[str, Any]) -> Any:
