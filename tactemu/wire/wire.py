@@ -326,6 +326,7 @@ class Wire:
 
     def _forget(self, now_ns: int, why: str) -> None:
         """Nothing is kept for whoever comes next."""
+        self.inbound.free_ns = now_ns
         for lost in self.line.clear():
             if lost.source != DRIVER:
                 self._lose([Sent(lost.frame)], now_ns, lost.source, "unheard", why)

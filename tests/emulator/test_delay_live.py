@@ -8,7 +8,7 @@ import tty
 
 import numpy as np
 
-from firmware_protocols import SerialWire
+from firmware_protocols import Serial
 from tactemu import transports
 from tactemu.clock import RealClock
 from tactemu.emulator import Channel, Emulator
@@ -22,18 +22,18 @@ DELAY_NS, RATE_HZ, FRAMES = 3_700_000, 1000, 1500
 class Numbered(Counter8):
     """Streams its sample number in four bytes, over USB: nothing else delays it."""
 
-    wires, rate_hz = (SerialWire(baud=115200, usb=True),), RATE_HZ
+    ports, rate_hz = (Serial(baud=115200, usb=True),), RATE_HZ
 
-    def stream(self, t_ns):
+    def stream(self, t_ns, name):
         self.n += 1
         return [struct.pack("<I", self.n)]
 
 
 def test_frames_arrive_after_the_delay_and_never_before():
     transport, device = transports.create("pty:"), Numbered()
-    wire = Wire(transport, device.wires[0])
+    wire = Wire(transport, device.ports[0])
     sampling = SampleClock(period_ns=device.period_ns, delay_ns=DELAY_NS)
-    channel = Channel(name="a", device=device, source=Ramp(), wire=wire, sampling=sampling)
+    channel = Channel("a", device, Ramp(), {"": wire}, sampling)
     emulator = Emulator(None, [channel], clock=RealClock())
     with emulator:
         thread = threading.Thread(target=emulator.run, args=(20.0,))

@@ -3,32 +3,32 @@
 import numpy as np
 import pytest
 
-from firmware_protocols import Device, SerialWire, grid_layout
+from firmware_protocols import Device, Serial, grid_layout
 from tactemu.clock import VirtualClock
 from tactemu.emulator import Channel, Emulator
 from tactemu.sampling import SampleClock
-from tactemu.transports.transport import Closed, Opened, Received
+from tactemu.transports.transport import DROPPED, RAISED, Closed, Opened
+from tactemu.wire.wire import Heard
 
 
 class Counter8(Device):
     """Streams one byte, its sample number; `p` makes it ten times faster, `?` is answered with `!`."""
 
-    name, title, wires, evidence, sources = "counter8", "Counter", (SerialWire(baud=9600),), ("assumed",), ()
-    senses, rate_hz = "depth", 100.0
+    name, title, ports, evidence, sources = "counter8", "Counter", (Serial(baud=9600),), ("assumed",), ()
+    senses, rate_hz = ("depth",), 100.0
 
     def __init__(self):
-        super().__init__()
         self.layout = grid_layout(1, 1, 1e-3)
         self.n = 0
 
-    def digitize(self, reading):
-        return np.round(reading.values * 1e6)
+    def feel(self, reading, t_ns):
+        return np.round(reading["depth"] * 1e6)
 
-    def stream(self, t_ns):
+    def stream(self, t_ns, name):
         self.n += 1
         return [bytes([self.n & 255])]
 
-    def receive(self, data, t_ns):
+    def receive(self, data, t_ns, port):
         if data == b"p":
             self.period_ns = 1_000_000
         return [b"!"] if data == b"?" else []
@@ -36,6 +36,8 @@ class Counter8(Device):
 
 class ListWire:
     """A wire of infinite speed that remembers."""
+
+    name = ""
 
     def __init__(self):
         self.sent, self.events, self.opened = [], [], 0
@@ -46,7 +48,13 @@ class ListWire:
     def close(self):
         self.opened = 0
 
-    def send(self, frames, now_ns, source=""):
+    def attach(self, source, connector):
+        pass
+
+    def heard_by(self, source, heard):
+        return heard.data
+
+    def send(self, frames, now_ns, source="", sample=None):
         self.sent += [(now_ns, source, frame) for frame in frames]
 
     def next_due_ns(self):
@@ -73,14 +81,14 @@ class Ramp:
         self.time_ns += max(0, t_ns - self.time_ns) // self.dt_ns * self.dt_ns
         return False
 
-    def quantity(self, name, ground_truth=False):
+    def sense(self, sense, t_ns, ground_truth=False):
         return np.array([self.time_ns / 1e9])
 
 
 def make(clock=None, **sampling):
     wire, ramp, device = ListWire(), Ramp(), Counter8()
     clock_of_device = SampleClock(period_ns=device.period_ns, **sampling)
-    channel = Channel(name="a", device=device, source=ramp, wire=wire, sampling=clock_of_device)
+    channel = Channel("a", device, ramp, {"": wire}, clock_of_device)
     return Emulator(ramp, [channel], clock=clock or VirtualClock()), wire, channel
 
 
@@ -90,7 +98,7 @@ def test_samples_come_on_absolute_deadlines_and_see_the_simulation_of_that_time(
         emulator.run(seconds=1.0)
     assert [t for t, _, _ in wire.sent] == [k * 10_000_000 for k in range(1, 100)]
     assert [frame[0] for _, _, frame in wire.sent] == list(range(1, 100))
-    assert [s.counts[0] for s in emulator.truth.samples][:3] == [10_000, 20_000, 30_000]
+    assert [s.counts[0] for s in emulator.truth.samples][:4] == [0, 10_000, 20_000, 30_000]
     assert channel.statistics.samples == 99 and channel.statistics.missed == 0
     assert channel.statistics.rate_hz == pytest.approx(100.0)
 
@@ -100,18 +108,18 @@ def test_delay_moves_the_frames_not_the_samples():
     with emulator:
         emulator.run(seconds=0.1)
     assert [t for t, _, _ in wire.sent][:2] == [13_700_000, 23_700_000]
-    assert [s.t_ns for s in emulator.truth.samples][:2] == [10_000_000, 20_000_000]
+    assert [s.t_ns for s in emulator.truth.samples][:3] == [0, 10_000_000, 20_000_000]
 
 
 def test_a_slow_device_samples_late_and_does_not_know():
     """Its clock is 1 % slow: every tenth of a second on ours it shows a period per sample all the same."""
     emulator, wire, channel = make(skew_ppm=10_000.0)
     shown = []
-    channel.device.stream = lambda t_ns: shown.append(t_ns) or [b"x"]
-    channel.device.receive = lambda data, t_ns: shown.append(-t_ns) or []
+    channel.device.stream = lambda t_ns, name: shown.append(t_ns) or [b"x"]
+    channel.device.receive = lambda data, t_ns, port: shown.append(-t_ns) or []
     with emulator:
         emulator.run(seconds=0.5)
-        wire.events = [Received(b"?")]
+        wire.events = [Heard(b"?")]
         emulator.step()
     assert [t for t, _, _ in wire.sent][:3] == [10_100_000, 20_200_000, 30_300_000]
     assert [t for t in shown if t > 0] == [k * 10_000_000 for k in range(1, len(wire.sent) + 1)]
@@ -121,11 +129,11 @@ def test_a_slow_device_samples_late_and_does_not_know():
 def test_a_command_is_answered_and_may_change_the_period():
     emulator, wire, _ = make()
     with emulator:
-        wire.events = [Opened(), Received(b"?")]
+        wire.events = [Opened(), Heard(b"?")]
         emulator.run(seconds=0.05)
         assert (0, "a", b"!") in wire.sent
         wire.sent.clear()
-        wire.events = [Received(b"p"), Closed()]
+        wire.events = [Heard(b"p"), Closed()]
         emulator.run(seconds=0.01)
     assert [t for t, _, _ in wire.sent] == [50_000_000 + k * 1_000_000 for k in range(1, 10)]
 
@@ -160,7 +168,7 @@ def test_scheduled_and_foreign_actions_run_in_the_loop():
 def test_a_hanging_device_is_silent_and_goes_on_with_its_grid():
     emulator, wire, channel = make()
     emulator.at(35_000_000, lambda: emulator.hang(75_000_000))
-    emulator.at(50_000_000, lambda: wire.events.append(Received(b"?")))
+    emulator.at(50_000_000, lambda: wire.events.append(Heard(b"?")))
     with emulator:
         emulator.run(seconds=0.1)
     assert [t // 1_000_000 for t, _, _ in wire.sent] == [10, 20, 30, 80, 90]
@@ -172,18 +180,17 @@ def test_a_reset_device_boots_anew():
     class Booting(Counter8):
         boot_s = 0.025
 
-        def power_on(self, t_ns):
-            self.n = 0
+        def boot(self, t_ns):
             return [b"B"]
 
     wire, ramp = ListWire(), Ramp()
-    channel = Channel("a", Booting(), ramp, wire, SampleClock(period_ns=10_000_000))
+    channel = Channel("a", Booting(), ramp, {"": wire}, SampleClock(period_ns=10_000_000))
     emulator = Emulator(ramp, [channel], clock=VirtualClock())
     emulator.at(52_000_000, emulator.reset)
     with emulator:
         emulator.run(seconds=0.1)
     ms = [(t // 1_000_000, frame) for t, _, frame in wire.sent]
-    assert ms == [(0, b"B"), (35, b"\x01"), (45, b"\x02"), (52, b"B"), (87, b"\x01"), (97, b"\x02")]
+    assert ms == [(25, b"B"), (35, b"\x01"), (45, b"\x02"), (77, b"B"), (87, b"\x01"), (97, b"\x02")]
 
 
 def test_a_port_that_fails_closes_those_already_open():
@@ -193,7 +200,7 @@ def test_a_port_that_fails_closes_those_already_open():
 
     good, bad = ListWire(), Broken()
     channels = [
-        Channel(name=n, device=Counter8(), source=Ramp(), wire=w, sampling=SampleClock(period_ns=1))
+        Channel(n, Counter8(), Ramp(), {"": w}, SampleClock(period_ns=1))
         for n, w in (("a", good), ("b", bad))
     ]
     with pytest.raises(OSError):

@@ -21,9 +21,9 @@ def leave(frames: int, **clock) -> tuple[np.ndarray, np.ndarray]:
     """The numbers of the frames as they leave at 1 kHz, and how long after its sample each does [ns]."""
     device = Numbered()
     truth = Truth(keep=1)
-    wire = Wire(MemoryTransport(), device.wires[0], truth=truth)
+    wire = Wire(MemoryTransport(), device.ports[0], truth=truth)
     sampling = SampleClock(period_ns=device.period_ns, name="a", seed=4, **clock)
-    channel = Channel(name="a", device=device, source=Ramp(), wire=wire, sampling=sampling)
+    channel = Channel("a", device, Ramp(), {"": wire}, sampling)
     emulator = Emulator(None, [channel], clock=VirtualClock(), truth=truth)
     numbers, late = [], []
 

@@ -130,10 +130,10 @@ def test_the_documentation_names_every_key(table):
 
 def test_a_device_file_is_found_beside_the_scene(tmp_path):
     (tmp_path / "mine.py").write_text(
-        "from firmware_protocols import Device, SerialWire, grid_layout\n"
+        "from firmware_protocols import Device, Serial, grid_layout\n"
         "class Mine(Device):\n"
         "    name = title = 'mine'\n"
-        "    wires = (SerialWire(baud=9600),)\n"
+        "    wires = (Serial(baud=9600),)\n"
         "    def __init__(self):\n"
         "        super().__init__()\n"
         "        self.layout = grid_layout(2, 3, 0.004)\n"

@@ -7,7 +7,7 @@ import can
 import pytest
 import serial
 
-from firmware_protocols import CanFrame, SerialWire
+from firmware_protocols import CanFrame, Serial
 from tactemu import transports
 from tactemu.errors import TransportError
 from tactemu.transports.transport import (
@@ -284,7 +284,7 @@ def test_rfc2217_survives_malformed_options():
 def test_plug_finds_the_wire_that_goes_with_the_port():
     class Device:
         name = "two_wires"
-        wires = (SerialWire(baud=9600),)
+        wires = (Serial(baud=9600),)
         wire = wires[0]
 
         def plug(self, kind):

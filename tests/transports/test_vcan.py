@@ -9,7 +9,7 @@ import can
 import numpy as np
 import pytest
 
-from firmware_protocols import CanFrame, CanWire
+from firmware_protocols import CanFrame, Can
 from tactemu.clock import RealClock
 from tactemu.errors import TransportError
 from tactemu.transports import create
@@ -86,7 +86,7 @@ def test_candump_prints_what_was_sent(port):
 def test_canbusload_counts_the_same_bits_and_the_bus_is_never_overfull(port, asked, bitrate, tmp_path):
     """Two nodes send random frames for ``asked`` times what the bus can carry, for four seconds."""
     rng = np.random.default_rng(7)
-    wire, clock = Wire(port, CanWire(bitrate=bitrate)), RealClock()
+    wire, clock = Wire(port, Can(bitrate=bitrate)), RealClock()
     period = round(2 * 114.3e9 / bitrate / asked)
     due = [0]
 
@@ -129,7 +129,7 @@ def test_canbusload_counts_the_same_bits_and_the_bus_is_never_overfull(port, ask
 
 def test_the_lowest_identifier_goes_first_and_nodes_keep_their_order(port):
     """Three nodes offer their frames at the same instant, highest identifier first."""
-    wire, clock = Wire(port, CanWire(bitrate=250_000)), RealClock()
+    wire, clock = Wire(port, Can(bitrate=250_000)), RealClock()
     readings = {
         ident: [CanFrame(arbitration_id=ident, data=bytes([k])) for k in range(4)] for ident in (0x500, 0x300, 0x40)
     }
