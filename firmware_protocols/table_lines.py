@@ -1,0 +1,335 @@
+"""The lines of a frame table, read and checked: :mod:`firmware_protocols.tables` says what may stand in them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from firmware_protocols.sums import SUMS, Sum
+
+
+class TableError(ValueError):
+    """A table that contradicts itself, or is bound to what it does not have."""
+
+
+@dataclass(frozen=True)
+class Identifier:
+    """Bits of a CAN identifier: ``100 bbbb tttt`` with the parts ``board`` and ``triangle``."""
+
+    bits: str
+    """11 or 29 of them, each 0, 1 or the letter of a part."""
+    parts: Mapping[str, str]
+    """Letter by the name of the part."""
+
+    @property
+    def extended(self) -> bool:
+        """29 bits."""
+        return len(self.bits) == 29
+
+    def of(self, **parts: ArrayLike) -> Any:
+        """The identifier with these parts, integers or arrays of them.
+
+        Raises:
+            TypeError: not the parts that it has.
+            OverflowError: a part that does not fit its bits.
+        """
+        if set(parts) != set(self.parts):
+            raise TypeError(f"identifier {self.bits} has the parts {sorted(self.parts)}, got {sorted(parts)}")
+        return self._with(parts)
+
+    def filter(self, **parts: int) -> tuple[int, int]:
+        """Identifier and mask that let all with these parts through; parts not given may have any value."""
+        free = "".join(letter for name, letter in self.parts.items() if name not in parts)
+        mask = "".join("0" if bit in free else "1" for bit in self.bits)
+        return self._with(parts), int(mask, 2)
+
+    def read(self, identifier: int) -> dict[str, int] | None:
+        """The parts of an identifier, ``None`` if its constant bits do not fit."""
+        base, mask = self.filter()
+        if identifier & mask != base:
+            return None
+        return {
+            name: identifier >> self._shift(letter) & (1 << self.bits.count(letter)) - 1
+            for name, letter in self.parts.items()
+        }
+
+    def _shift(self, letter: str) -> int:
+        return len(self.bits) - 1 - self.bits.rindex(letter)
+
+    def _with(self, parts: Mapping[str, Any]) -> Any:
+        identifier: Any = int(re.sub("[a-z]", "0", self.bits), 2)
+        for name, value in parts.items():
+            letter = self.parts[name]
+            width = self.bits.count(letter)
+            if np.any(np.asarray(value) >> width != 0):
+                raise OverflowError(f"identifier {self.bits}: {name}: {value} does not fit {width} bits")
+            identifier = identifier | value << self._shift(letter)
+        return identifier
+
+
+_CODES = {"u1": "B", "i1": "b", "u2": "H", "i2": "h", "u4": "I", "i4": "i", "u8": "Q", "i8": "q", "f4": "f", "f8": "d"}
+_BYTE = np.dtype("u1")
+
+
+@dataclass(frozen=True)
+class Field:
+    """One line of a table."""
+
+    offset: str
+    text: str
+    """Type, as it stands there."""
+    name: str
+    formula: str = ""
+    about: str = ""
+    kind: str = "number"
+    """``const``, ``number``, ``bytes``, ``rest`` or ``sum``."""
+    dtype: np.dtype = _BYTE
+    shape: tuple[int | str, ...] = ()
+    const: bytes = b""
+    policy: str = "strict"
+    """``strict``, ``wrap`` or ``clip``."""
+    sum: Sum | None = None
+    start: int = 0
+    """Bytes that a sum leaves out."""
+
+    @property
+    def size(self) -> Any:
+        """Bytes, or ``None`` if that is not known."""
+        if self.kind == "const":
+            return len(self.const)
+        if self.is_open or any(isinstance(count, str) for count in self.shape):
+            return None
+        return int(np.prod(self.shape, dtype=int)) * self.dtype.itemsize
+
+    @property
+    def is_open(self) -> bool:
+        """Of any length."""
+        return self.kind == "rest" or (self.kind == "bytes" and not self.shape)
+
+    @property
+    def is_single(self) -> bool:
+        """One number."""
+        return self.kind == "number" and not self.shape
+
+    @property
+    def is_single_integer(self) -> bool:
+        """One integer."""
+        return self.is_single and self.dtype.kind != "f"
+
+    @property
+    def byte_order(self) -> str:
+        """``<``, ``>``, or nothing for single bytes."""
+        return self.dtype.str[0] if self.dtype.itemsize > 1 else ""
+
+    @property
+    def code(self) -> str:
+        """For :mod:`struct`, of one number."""
+        return _CODES[self.dtype.str[1:]]
+
+    @property
+    def per_taxel(self) -> bool:
+        """Whether its first axis is the taxels."""
+        return " x taxels" in self.text
+
+    @property
+    def words(self) -> str:
+        """The type with bound counts."""
+        if self.kind == "const" and not re.match("[0-9A-F]{2}( |$)", self.text):
+            return self.const.hex(" ").upper()
+        counts = iter(self.shape)
+        return re.sub(r" x \w+", lambda found: f" x {next(counts, found[0][3:])}", self.text)
+
+    def bound(self, values: Mapping[str, int]) -> Field:
+        """The field with counts as numbers, and as a constant if ``values`` has its name."""
+        if self.is_single_integer and self.name in values:
+            return self.constant(values[self.name])
+        return replace(self, shape=tuple(values.get(n, n) if isinstance(n, str) else n for n in self.shape))
+
+    def constant(self, value: int) -> Field:
+        """The field with one value for ever."""
+        return replace(self, kind="const", const=self.fitted("constant", np.asarray(value)).tobytes())
+
+    def fitted(self, frame: str, values: np.ndarray) -> np.ndarray:
+        """``values`` as the field stores them, of its type.
+
+        Raises:
+            OverflowError: they do not fit, and the table does not say what happens then.
+            TypeError: floats for integers.
+        """
+        if values.dtype == self.dtype or self.dtype.kind == "f":
+            return values.astype(self.dtype, copy=False)
+        if values.dtype.kind not in "iub":
+            raise TypeError(
+                f"{frame}: {self.name}: expected integers, got {values.dtype}: quantize in `feel`, with adc.quantize"
+            )
+        if self.policy != "wrap" and not _always_fits(values.dtype, self.dtype):
+            low, high = _limits(self.dtype)
+            if self.policy == "clip":
+                values = np.minimum(np.maximum(values, low), high)
+            elif not _fits(values, low, high):
+                raise OverflowError(
+                    f"{frame}: {self.name}: {values.min()}..{values.max()} does not fit {low}..{high}: "
+                    "clip in the ADC, or say `wrap` or `clip` behind its type"
+                )
+        return values.astype(self.dtype)
+
+
+@cache
+def _always_fits(values: np.dtype, stored: np.dtype) -> bool:
+    return np.can_cast(values, stored)
+
+
+@cache
+def _limits(dtype: np.dtype) -> tuple[int, int]:
+    return int(np.iinfo(dtype).min), int(np.iinfo(dtype).max)
+
+
+def _fits(values: np.ndarray, low: int, high: int) -> bool:
+    if low == 0:
+        # `high` is all ones: a number too large and a negative one both set a bit beyond it. One pass instead of two.
+        return not int(np.bitwise_or.reduce(values, axis=None)) & ~high
+    return low <= np.minimum.reduce(values, axis=None) and np.maximum.reduce(values, axis=None) <= high
+
+
+Header = tuple[str, str, "Identifier | None"]
+
+_FORMULA = re.compile(r"(total|len\((\w+)\))\s*(?:([+-])\s*(\d+))?")
+_HEADER = re.compile(r"([^,]+?)(?:,\s*id ([01a-z ]+?)\s*(?:\(([^)]*)\))?)?(?:,\s*(.*))?")
+_TYPES = "types are hex bytes (55 AA), u1 <u2 >i4 ... with `x N`, f4, f8, bytes, rest and " + ", ".join(SUMS)
+
+
+def length_formula(formula: str) -> tuple[str, int]:
+    """What it measures (``total`` or a field), and what it adds [bytes]."""
+    found = _FORMULA.fullmatch(formula)
+    assert found is not None
+    return found[2] or found[1], int((found[3] or "") + (found[4] or "0"))
+
+
+@cache
+def parse(text: str) -> tuple[Header, tuple[Field, ...]]:
+    """Header and fields of a table.
+
+    Raises:
+        TableError: with the frame, the field, and what is wrong.
+    """
+    first, *lines = [line.strip() for line in text.splitlines() if line.strip()] or [""]
+    header = _header(first)
+    if not lines:
+        raise TableError(f"{header[0]}: no fields")
+    fields = []
+    for line in lines:
+        try:
+            fields.append(_field(line))
+        except TableError as error:
+            raise TableError(f"{header[0]}: line {line!r}: {error}") from None
+    _check_names(header[0], fields)
+    _check_offsets(header[0], fields)
+    return header, tuple(fields)
+
+
+def _header(line: str) -> Header:
+    found = _HEADER.fullmatch(line)
+    if not found:
+        raise TableError(f"the first line of a table is `name[, id BITS (letter part, ...)][, words]`, got {line!r}")
+    name, bits, letters, about = found.groups()
+    return name, about or "", _identifier(name, bits.replace(" ", ""), letters or "") if bits else None
+
+
+def _identifier(frame: str, bits: str, letters: str) -> Identifier:
+    parts = {name: letter for letter, name in (part.split() for part in letters.split(",") if part)}
+    if len(bits) not in (11, 29):
+        raise TableError(f"{frame}: id {bits}: a CAN identifier has 11 or 29 bits, got {len(bits)}")
+    if set(parts.values()) != set(bits) - set("01"):
+        raise TableError(f"{frame}: id {bits}: name its letters, as in (b board, t triangle); got ({letters})")
+    if split := [letter for letter in parts.values() if letter * bits.count(letter) not in bits]:
+        raise TableError(f"{frame}: id {bits}: the bits of {split[0]} must stand together")
+    return Identifier(bits, parts)
+
+
+def _field(line: str) -> Field:
+    columns = re.split(r"\s{2,}", line, maxsplit=3)
+    if len(columns) < 2:
+        raise TableError("expected `offset  type  name  about`, in columns two spaces apart")
+    offset, text, name, about = [*columns, "", ""][:4]
+    name, equals, formula = (part.strip() for part in name.partition("="))
+    field = Field(offset, text, name, formula, about)
+    if equals and not _FORMULA.fullmatch(formula):
+        raise TableError(f"formula {formula!r}: only lengths: `total - 5`, `len(data) + 2`")
+    if not (offset.isdigit() or offset in ("..", "last")):
+        raise TableError(f"offset {offset!r}: expected a decimal number, `..` or `last`")
+    if found := re.fullmatch(r"([0-9A-F]{2}(?: [0-9A-F]{2})*)(?: x (\d+))?", text):
+        return replace(field, kind="const", const=bytes.fromhex(found[1]) * int(found[2] or 1))
+    if not re.fullmatch(r"[A-Za-z]\w*", name) and text != "rest":
+        raise TableError(f"{name!r} is no name: letters, digits and _")
+    return _typed(field, *text.split())
+
+
+def _typed(field: Field, word: str, *more: str) -> Field:
+    """The field with what its type says."""
+    order, bare = (word[0], word[1:]) if word[0] in "<>" else ("", word)
+    if bare in SUMS:
+        return _with_sum(field, bare, order, more)
+    rest = list(more)
+    shape: list[int | str] = []
+    while rest[:1] == ["x"] and len(rest) > 1:
+        shape.append(int(rest[1]) if rest[1].isdigit() else rest[1])
+        rest = rest[2:]
+    if "taxels" in shape[1:]:
+        raise TableError("taxels come first: `x taxels x 3`")
+    if bare in ("bytes", "rest") and not order and not rest:
+        return replace(field, kind=bare, shape=tuple(shape))
+    if not re.fullmatch(r"[ui][1248]|f[48]", bare) or rest not in ([], ["wrap"], ["clip"]):
+        raise TableError(f"unknown type {field.text!r}: {_TYPES}")
+    if bare[1] != "1" and not order:
+        raise TableError(f"{word} needs a byte order, <{bare} or >{bare}")
+    policy = rest[0] if rest else "strict"
+    return replace(field, dtype=np.dtype(order + bare), shape=tuple(shape), policy=policy)
+
+
+def _with_sum(field: Field, name: str, order: str, more: tuple[str, ...]) -> Field:
+    if more and not (len(more) == 2 and more[0] == "from" and more[1].isdigit()):
+        raise TableError(f"{' '.join(more)!r} behind a sum: expected `from N`")
+    if SUMS[name].size > 1 and not order:
+        raise TableError(f"{name} needs a byte order, <{name} or >{name}")
+    dtype = np.dtype(f"{order}u{SUMS[name].size}")
+    return replace(field, kind="sum", dtype=dtype, sum=SUMS[name], start=int(more[1]) if more else 0)
+
+
+def _check_names(frame: str, fields: list[Field]) -> None:
+    names = [field.name for field in fields if field.kind != "const"]
+    if twice := {name for name in names if names.count(name) > 1}:
+        raise TableError(f"{frame}: {sorted(twice)[0]!r} stands there twice")
+    if sum(field.is_open for field in fields) > 1:
+        raise TableError(f"{frame}: more than one field of open length: nobody could tell where one ends")
+    for field in fields:
+        if not field.formula:
+            continue
+        of, _ = length_formula(field.formula)
+        if not field.is_single_integer:
+            raise TableError(f"{frame}: {field.name!r}: a length is one integer, got {field.text!r}")
+        if of != "total" and of not in names:
+            raise TableError(f"{frame}: {field.name!r} measures {of!r}; there are {names}")
+
+
+def _check_offsets(frame: str, fields: list[Field]) -> None:
+    """Written offsets against the sizes of the fields before."""
+    at: int | None = 0
+    for k, field in enumerate(fields):
+        what = field.name or field.text
+        if field.offset == "last" and k < len(fields) - 1:
+            raise TableError(f"{frame}: {what!r} stands at `last`, but {fields[k + 1].name!r} comes after it")
+        if field.offset.isdigit() and at is None:
+            raise TableError(f"{frame}: {what!r} stands at {field.offset}, where nobody can know: say `..`")
+        if field.offset.isdigit() and int(field.offset) != at:
+            raise TableError(f"{frame}: {what!r} stands at {field.offset}, the fields before it end at {at}")
+        if field.offset == ".." and at is not None:
+            raise TableError(f"{frame}: {what!r} stands at `..`, but the fields before it end at {at}: say so")
+        if field.kind == "sum" and at is not None and field.start > at:
+            raise TableError(f"{frame}: {what!r} sums from {field.start}, but stands at {at}")
+        at = None if at is None or field.size is None else at + field.size
