@@ -5,6 +5,8 @@ import os
 
 import pytest
 
+import tests.fuzz  # noqa: F401  (the profile of all random tests)
+
 # On Linux a driver on one multicast group hears every other group on its port, so tests that run at the same time
 # would hear each other. python-can reads this variable, in this process and in those of the drivers.
 os.environ.setdefault("CAN_CONFIG", json.dumps({"port": 20_000 + os.getpid() % 20_000}))
