@@ -255,8 +255,8 @@ class Device(ABC):
     assumed: ClassVar[tuple[str, ...]] = ()
     """What no source states and we chose."""
     scene: ClassVar[str] = ""
-    """Default scene in the scene file's TOML (``docs/scene-files.md``), so that the device's name alone runs.
-    Empty: one is made from the layout, a ball that presses the middle of each patch."""
+    """Default scene in the scene file's TOML (``docs/scene-files.md``), for a class outside the tree; it is not
+    inherited. Empty: one is made from the layout, a ball that presses the middle of each patch."""
 
     layout: Layout
 

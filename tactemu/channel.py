@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -14,9 +14,17 @@ from tactemu.scene.placement import Surroundings
 from tactemu.statistics import ChannelStatistics
 from tactemu.wire.wire import Wire
 
+if TYPE_CHECKING:
+    from tactemu.imperfections import Imperfections
+
 
 class Source(Protocol):
     """What a device samples: a sensor of a simulation, or a recording."""
+
+    @property
+    def imperfections(self) -> Imperfections | None:
+        """What spoils its readings, to be changed while it runs; ``None`` for a recording."""
+        ...
 
     def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
         """The latest reading of environment 0, shape ``(n_taxels,)`` or ``(n_taxels, 3)``, SI, link frame."""

@@ -16,7 +16,7 @@ from __future__ import annotations
 import heapq
 import queue
 from collections.abc import Callable, Iterable
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from firmware_protocols import Outgoing
 from tactemu.channel import Channel, Source
@@ -24,6 +24,9 @@ from tactemu.clock import Clock, RealClock
 from tactemu.transports.transport import Closed, Event, Opened, Received, SettingChanged
 from tactemu.truth import Truth
 from tactemu.wire.wire import Wire
+
+if TYPE_CHECKING:
+    from tactemu.plan.plan import Plan
 
 
 class Simulated(Protocol):
@@ -34,6 +37,11 @@ class Simulated(Protocol):
     @property
     def dt_ns(self) -> int:
         """Length of a step."""
+        ...
+
+    @property
+    def plan(self) -> Plan | None:
+        """What a step computes; ``None`` where nothing is simulated."""
         ...
 
     def advance_to(self, t_ns: int, max_steps: int | None = None) -> bool:
