@@ -39,21 +39,21 @@ ARROWS = {
     ),
     "serving": (*LEAVES, "assembly", "clock", "emulator", "scenario", "scene", "truth"),
     "pytest_plugin": ("serving",),
-    "tactemu": ("physics",),  # the table of models; names are imported on first use
+    "tactemu": ("errors", "physics", "scene", "serving", "truth"),  # the public names, imported on first use
     "bench": (
-        *LEAVES, "assembly", "clock", "collector", "emulator", "physics", "scene", "statistics", "tactemu",
+        *LEAVES, "assembly", "clock", "collector", "emulator", "physics", "plan", "scene", "statistics", "tactemu",
         "transports", "truth", "tune", "wire",
     ),
     "cli": (
         *LEAVES, "assembly", "bench", "channel", "clock", "collector", "emulator", "recordings", "scenario", "scene",
-        "statistics", "transports", "truth", "tune", "wire",
+        "statistics", "tactemu", "transports", "truth", "tune", "wire",
     ),
     "__main__": ("cli",),
 }  # fmt: skip
 
 FACADES = {
     # scene is data and physics computes with it; only these look up
-    "scene/scene.py": ("physics",),  # build(): from the data to what computes
+    "scene/scene.py": ("physics", "plan"),  # build(): from the data to what computes
     "scene/building.py": ("physics",),  # the models by their names
     "scene/file.py": ("physics",),  # the table of these names
     "scene/steering.py": ("physics",),  # the extent of a mesh
