@@ -11,6 +11,7 @@ from __future__ import annotations
 import heapq
 from collections import Counter
 from collections.abc import Iterable
+from dataclasses import replace
 
 from firmware_protocols import CanFrame, CanWire, Delayed, Frame, Outgoing, SerialWire
 from firmware_protocols import Wire as Spec
@@ -84,7 +85,6 @@ class Wire:
         self._inbound: list[tuple[int, int, Frame]] = []
         self._inbound_number = 0
         self._inbound_free_ns = 0
-        self._inbound_duration = duration(spec, pacing=pacing)
         self.name = ""
         """Who is on it, for the truth log of what arrives and of what befalls the wire; default: who sent last."""
         self._source = ""
@@ -312,17 +312,24 @@ class Wire:
             parts = self._injector.spoil(parts, now_ns, self._owner, "from_driver")
         for part, delay_ns in parts:
             if isinstance(self.spec, CanWire):
-                fits = self.line.backlog_ns(DRIVER, now_ns) <= self.backlog_ns
+                fits = self.line.backlog_ns(DRIVER, min(now_ns, self._flushed_ns)) <= self.backlog_ns
                 if fits:
                     self.line.put(part, now_ns + delay_ns, DRIVER)
             else:
                 begins_ns = max(self._inbound_free_ns, now_ns)
                 fits = begins_ns - now_ns <= _INBOUND_LIMIT_NS
                 if fits:
-                    self._inbound_free_ns = begins_ns + self._inbound_duration(part)
+                    self._inbound_free_ns = begins_ns + self._inbound_ns(part)
                     self._take_in(part, self._inbound_free_ns + delay_ns)
             if not fits:
                 self.counters["overrun"] += 1
+
+    def _inbound_ns(self, data: Frame) -> int:
+        """How long the driver's end takes to send something, at the speed that it is set to."""
+        spec, setting = self.spec, self.transport.setting
+        if isinstance(spec, SerialWire) and setting is not None and setting.baud is not None:
+            spec = replace(spec, baud=setting.baud)
+        return duration(spec, pacing=self.pacing)(data)
 
     @property
     def _owner(self) -> str:
