@@ -206,8 +206,8 @@ class Device(ABC, Generic[F]):
     assumed: tuple[str, ...] = ()
     """What no source states and we chose."""
     scene: ClassVar[str] = ""
-    """Default scene in the scene file's TOML, for a device outside the tree. Empty: one is made from the layout, a ball
-    that presses the middle of each patch."""
+    """Default scene in the scene file's TOML (``docs/scene-files.md``), for a class outside the tree; it is not
+    inherited. Empty: one is made from the layout, a ball that presses the middle of each patch."""
 
     layout: Layout
     """Where the taxels are. From the options alone: a restart makes an equal one."""

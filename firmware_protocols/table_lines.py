@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -90,7 +90,8 @@ class Field:
     kind: str = "number"
     """``const``, ``number``, ``bytes``, ``rest`` or ``sum``."""
     dtype: np.dtype = _BYTE
-    shape: tuple[int | str, ...] = ()
+    shape: tuple[Any, ...] = ()
+    """Counts; a name until it is bound."""
     const: bytes = b""
     policy: str = "strict"
     """``strict``, ``wrap`` or ``clip``."""
@@ -106,6 +107,11 @@ class Field:
         if self.is_open or any(isinstance(count, str) for count in self.shape):
             return None
         return int(np.prod(self.shape, dtype=int)) * self.dtype.itemsize
+
+    @property
+    def byte_order_name(self) -> Literal["little", "big"]:
+        """As :meth:`int.to_bytes` wants it."""
+        return "big" if self.byte_order == ">" else "little"
 
     @property
     def is_open(self) -> bool:

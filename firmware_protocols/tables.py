@@ -37,7 +37,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Mapping
 from itertools import groupby
-from typing import Any, NoReturn
+from typing import Any, Literal, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -261,7 +261,7 @@ class _Run:
             byte_order + "".join(f.code if d else f"{f.size}s" for f, d in zip(fields, direct))
         )
         self.size: int | None = self._struct.size
-        self._items = [
+        self._items: list[tuple[str | None, Any]] = [
             (None, field.const) if field.kind == "const" else (field.name, self._encoder(field, order, as_it_is))
             for field, order, as_it_is in zip(fields, self._orders, direct)
         ]
@@ -370,7 +370,8 @@ class _Sum:
     """A checksum over what stands before it."""
 
     def __init__(self, field: Field):
-        self._start, self._order = field.start, "big" if field.dtype.str[0] == ">" else "little"
+        self._start = field.start
+        self._order: Literal["little", "big"] = field.byte_order_name
         assert field.sum is not None
         self._function, self.size = field.sum
 

@@ -10,7 +10,7 @@ import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -21,9 +21,17 @@ from tactemu.sampling import SampleClock
 from tactemu.statistics import ChannelStatistics
 from tactemu.wire.wire import Wire
 
+if TYPE_CHECKING:
+    from tactemu.imperfections import Imperfections
+
 
 class Source(Protocol):
     """What a device's transducers sense: a sensor of a simulation, a recording, or the user's own."""
+
+    @property
+    def imperfections(self) -> Imperfections | None:
+        """What spoils its readings, to be changed while it runs; ``None`` for a recording."""
+        ...
 
     def sense(self, sense: Sense, t_ns: int, ground_truth: bool = False) -> np.ndarray:
         """What one sense sees at ``t_ns``, to which the simulation has been brought; SI, shape by its quantity."""

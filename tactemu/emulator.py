@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import queue
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -27,11 +27,19 @@ from tactemu.transports.transport import Closed, Event, LinesChanged, Opened, Se
 from tactemu.truth import Truth
 from tactemu.wire.wire import Heard, Wire
 
+if TYPE_CHECKING:
+    from tactemu.plan.plan import Plan
+
 
 class Simulated(Protocol):
     """What the loop asks of a simulation: to be brought up to a time."""
 
     time_ns: int
+
+    @property
+    def plan(self) -> Plan | None:
+        """What a step computes; ``None`` where nothing is simulated."""
+        ...
 
     @property
     def dt_ns(self) -> int:

@@ -10,7 +10,7 @@ Faults of bytes are handed to the wire with their times; what befalls values and
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from tactemu.emulator import Emulator
 from tactemu.errors import SceneError, nearest
 from tactemu.scene.schema import EventTable
 from tactemu.wire.faults.fault import Fault, parse
+
+if TYPE_CHECKING:
+    from tactemu.imperfections import Imperfections
 
 LAWS = {
     "probe_gain": "gain",
@@ -110,12 +113,11 @@ def _schedule_one(emulator: Emulator, channel: Channel, event: EventTable, origi
         emulator.truth.inject(emulator.clock.now_ns(), channel.name, what, detail)
 
     def begin() -> None:
-        sensor = sensor_of(channel)
         if event.dead:
-            sensor.imperfections.set_dead(list(event.dead), True, event.value)
+            imperfections_of(channel).set_dead(list(event.dead), True, event.value)
             note("dead", " ".join(map(str, event.dead)))
         for option, value in event.set.items():
-            change(sensor, option, value)
+            change(imperfections_of(channel), option, value)
             note("set", f"{option} = {value}")
         if event.hang and stop is not None:
             emulator.hang(stop, channel.name)
@@ -123,13 +125,13 @@ def _schedule_one(emulator: Emulator, channel: Channel, event: EventTable, origi
             emulator.reset(channel.name)
 
     def end() -> None:
-        sensor = sensor_of(channel)
+        spoil = imperfections_of(channel)
         if event.dead:
-            sensor.imperfections.set_dead(list(event.dead), False)
+            spoil.set_dead(list(event.dead), False)
             note("revived", " ".join(map(str, event.dead)))
         for option in event.set:
-            before = getattr(sensor.model, option)
-            change(sensor, option, before)
+            before = getattr(spoil.options, option)
+            change(spoil, option, before)
             note("set", f"{option} = {before}")
 
     if event.dead or event.set or event.hang or event.reset:
@@ -138,24 +140,21 @@ def _schedule_one(emulator: Emulator, channel: Channel, event: EventTable, origi
         emulator.at(stop, end)
 
 
-def sensor_of(channel: Channel) -> Any:
-    """The simulated sensor behind a channel.
+def imperfections_of(channel: Channel) -> Imperfections:
+    """What spoils the readings of a channel.
 
     Raises:
         SceneError: its readings are a recording, which has no imperfections of ours.
     """
-    source = getattr(channel.source, "skin", channel.source)
-    sensor = getattr(source, "sensor", source)
-    if getattr(sensor, "imperfections", None) is None:
+    if channel.source.imperfections is None:
         raise SceneError(
             f"skin {channel.name!r}: its readings are not simulated; only faults, hang and reset befall it"
         )
-    return sensor
+    return channel.source.imperfections
 
 
-def change(sensor: Any, option: str, value: Any) -> None:
+def change(spoil: Imperfections, option: str, value: Any) -> None:
     """Change an imperfection of a built sensor."""
-    spoil = sensor.imperfections
     if option == "saturation_range":
         low, high = (-np.inf, np.inf) if value is None else value
         spoil.set_saturation_range(low, high)

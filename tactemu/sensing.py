@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -10,6 +10,9 @@ from firmware_protocols import Sense
 from firmware_protocols.device import CONTACT
 from firmware_protocols.layouts import Layout
 from tactemu.scene.placement import Surroundings
+
+if TYPE_CHECKING:
+    from tactemu.imperfections import Imperfections
 
 
 class Skin(Protocol):
@@ -21,6 +24,11 @@ class Skin(Protocol):
 
     def surroundings(self, t_ns: int) -> Surroundings:
         """What is around it."""
+        ...
+
+    @property
+    def imperfections(self) -> Imperfections | None:
+        """What spoils its readings; ``None`` for a recording."""
         ...
 
 
@@ -36,6 +44,11 @@ class Senses:
         self.skin = skin
         self._layout = layout
         self._around: tuple[int, Surroundings] = (-1, Surroundings())
+
+    @property
+    def imperfections(self) -> Imperfections | None:
+        """What spoils the readings, to be changed while it runs; ``None`` for a recording."""
+        return self.skin.imperfections
 
     def sense(self, sense: Sense, t_ns: int, ground_truth: bool = False) -> np.ndarray:
         """What one sense sees now; shapes as in :data:`firmware_protocols.device.Quantity`."""

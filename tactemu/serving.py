@@ -28,8 +28,9 @@ from tactemu.clock import RealClock
 from tactemu.emulator import Channel
 from tactemu.errors import SceneError, TactemuError
 from tactemu.scenario import concerns, schedule, timed_fault
-from tactemu.scene import file, rotation
+from tactemu.scene import file
 from tactemu.scene.motion import Pose
+from tactemu.scene.placement import PlacedLayout
 from tactemu.scene.schema import Event
 from tactemu.scene.steering import Leg, Steered, pressing_way
 from tactemu.truth import Sample, Truth
@@ -217,9 +218,7 @@ class Served:
 
     def sample(self, skin: str | None = None) -> Sample | None:
         """The latest sample of a skin: ideal and measured reading, and counts."""
-        from tactemu.cli.view import latest_sample
-
-        return latest_sample(self.emulator, self._channel(skin).name)
+        return self.truth.latest.get(self._channel(skin).name)
 
     def _channel(self, skin: str | None) -> Channel:
         channels = {channel.name: channel for channel in self.emulator.channels}
@@ -256,11 +255,12 @@ class Served:
         channel = self._channel(skin)
         name = self._hand = self._body(body) if body or not self._steered else self._nearest(channel, taxel)
         assert self._assembled is not None
-        shape = self._assembled.scene.body(name)
+        shape, taxels = self._assembled.scene.body(name), self._taxels(channel)
 
         def legs(here: Pose, t_s: float) -> list[Leg]:
-            target, normal, pitch = self._taxel(channel, here, taxel, t_s)
-            way, back = pressing_way(shape, here, target, normal, depth=depth, clearance=pitch, speed=speed)
+            k = taxels.chosen(taxel, here.position, t_s)
+            target, normal, gap = taxels.positions(t_s)[k], taxels.normal(k, t_s), float(taxels.layout.pitches[k])
+            way, back = pressing_way(shape, here, target, normal, depth=depth, clearance=gap, speed=speed)
             self._back[name] = back
             if seconds is None:
                 return way
@@ -348,33 +348,21 @@ class Served:
     def _nearest(self, channel: Channel, taxel: int | None) -> str:
         """The body that can be steered and is nearest to a taxel, or to any."""
         now_s = self.emulator.clock.now_ns() / 1e9
+        taxels = self._taxels(channel)
 
         def distance(motion: Steered) -> float:
-            here = motion.world(now_s)
-            target, _, _ = self._taxel(channel, here, taxel, now_s)
-            return float(np.linalg.norm(here.position - target))
+            here = motion.world(now_s).position
+            return float(np.linalg.norm(here - taxels.positions(now_s)[taxels.chosen(taxel, here, now_s)]))
 
         return min(self._steered, key=lambda name: distance(self._steered[name]))
 
-    def _taxel(self, channel: Channel, here: Pose, taxel: int | None, t_s: float):
-        """A taxel's position, normal (world) and pitch; the one nearest to ``here`` unless given."""
+    def _taxels(self, channel: Channel) -> PlacedLayout:
         assert self._assembled is not None
         skin = next(s for s in self._assembled.loaded.tables.skin if s.title == channel.name)
         if skin.link is None:
             raise TactemuError(f"skin {skin.title!r} plays recorded readings; nothing can be pressed into it")
         link = self._assembled.scene.body(skin.link)
-        at = Pose(np.array(link.position), np.array(link.quaternion))
-        if link.motion is not None:
-            at = link.motion.placed(link.position, link.quaternion).pose(t_s)
-        turn = rotation.multiply(at.quaternion, rotation.normalised(skin.quaternion))
-        layout = channel.device.layout
-        offset = at.position + rotation.rotate(at.quaternion, skin.position)
-        positions = offset + rotation.rotate(turn, layout.positions)
-        if taxel is None:
-            taxel = int(np.argmin(np.linalg.norm(positions - here.position, axis=1)))
-        if not 0 <= taxel < len(layout):
-            raise TactemuError(f"taxel: expected 0..{len(layout) - 1}, got {taxel}")
-        return positions[taxel], rotation.rotate(turn, layout.normals[taxel]), layout.pitches[taxel]
+        return PlacedLayout(channel.device.layout, link, skin.position, skin.quaternion)
 
     def _go(self, name: str, legs: Callable[[Pose, float], list[Leg]], wait: bool) -> None:
         motion = self._steered[name]

@@ -51,6 +51,8 @@ class Truth:
     def __init__(self, path: str | Path | None = None, *, keep: int = 100_000):
         self.injected: Counter[str] = Counter()
         self.samples: deque[Sample] = deque(maxlen=keep)
+        self.latest: dict[str, Sample] = {}
+        """The last sample of each device."""
         self.frames: deque[tuple[int, str, Frame]] = deque(maxlen=keep)
         """``(t_ns, device, frame)`` of every frame that left for the driver."""
         self.counts: Counter[str] = Counter()
@@ -64,6 +66,7 @@ class Truth:
             t_ns=t_ns, device=device, ideal=ideal.copy(), measured=measured.copy(), counts=np.array(counts, copy=True)
         )
         self.samples.append(entry)
+        self.latest[device] = entry
         if self._file:
             self._write(t_ns, device, "sample", ideal=ideal, measured=measured, counts=counts)
 

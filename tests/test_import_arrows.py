@@ -3,16 +3,68 @@
 import ast
 import subprocess
 import sys
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[1]
-FORBIDDEN = {
-    "firmware_protocols": ("tactemu", "warp", "trimesh", "can", "serial"),
-    "tactemu/physics": ("firmware_protocols", "tactemu.transports", "tactemu.wire", "tactemu.emulator", "time"),
-    "tactemu/transports": ("tactemu.physics", "tactemu.scene", "tactemu.emulator", "tactemu.imperfections"),
+
+LEAVES = ("errors", "firmware_protocols", "random_streams")
+"""What everybody in tactemu may import."""
+
+ARROWS = {
+    # room (a package, or a file beside them): what of ours it may import, lowest first
+    "firmware_protocols": (),
+    "errors": (),
+    "random_streams": (),
+    "clock": (),
+    "collector": (),
+    "statistics": (),
+    "plan": (),
+    "sampling": LEAVES,
+    "truth": LEAVES,
+    "scene": LEAVES,
+    "transports": LEAVES,
+    "imperfections": (*LEAVES, "plan"),
+    "physics": (*LEAVES, "plan", "imperfections", "scene"),
+    "wire": (*LEAVES, "truth", "transports"),
+    "channel": (*LEAVES, "imperfections", "sampling", "scene", "statistics", "wire"),
+    "emulator": (*LEAVES, "channel", "clock", "plan", "transports", "truth", "wire"),
+    "recordings": (*LEAVES, "clock", "transports", "truth", "wire"),
+    "scenario": (*LEAVES, "emulator", "imperfections", "scene"),
+    "tune": (*LEAVES, "physics", "scene"),
+    "assembly": (
+        *LEAVES, "clock", "emulator", "recordings", "sampling", "scenario", "scene", "transports", "truth", "wire",
+    ),
+    "serving": (*LEAVES, "assembly", "clock", "emulator", "scenario", "scene", "truth"),
+    "pytest_plugin": ("serving",),
+    "tactemu": ("errors", "physics", "scene", "serving", "truth"),  # the public names, imported on first use
+    "bench": (
+        *LEAVES, "assembly", "clock", "collector", "emulator", "physics", "plan", "scene", "statistics", "tactemu",
+        "transports", "truth", "tune", "wire",
+    ),
+    "cli": (
+        *LEAVES, "assembly", "bench", "channel", "clock", "collector", "emulator", "recordings", "scenario", "scene",
+        "statistics", "tactemu", "transports", "truth", "tune", "wire",
+    ),
+    "__main__": ("cli",),
+}  # fmt: skip
+
+FACADES = {
+    # scene is data and physics computes with it; only these look up
+    "scene/scene.py": ("physics", "plan"),  # build(): from the data to what computes
+    "scene/building.py": ("physics",),  # the models by their names
+    "scene/file.py": ("physics",),  # the table of these names
+    "scene/steering.py": ("physics",),  # the extent of a mesh
+    "scene/placement.py": ("physics", "imperfections"),  # a built sensor on its link
+    "scene/mujoco_source.py": ("physics",),  # poses a built scene
 }
+FOREIGN = {
+    "firmware_protocols": ("tactemu", "warp", "trimesh", "can", "serial"),
+    "physics": ("time",),
+}
+"""What of others' a room must not import."""
 
 
 def imported_modules(path: Path) -> set[str]:
@@ -20,19 +72,63 @@ def imported_modules(path: Path) -> set[str]:
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module == "tactemu":
+            found |= {f"tactemu.{alias.name}" for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
-            found |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+            found |= {node.module}
     return found
 
 
-@pytest.mark.parametrize("package", FORBIDDEN)
-def test_arrows_point_one_way(package):
-    files = list((ROOT / package).rglob("*.py"))
-    assert files
-    for path in files:
-        for module in imported_modules(path):
-            for bad in FORBIDDEN[package]:
-                assert module != bad and not module.startswith(bad + "."), f"{path.relative_to(ROOT)} imports {module}"
+def room_of(module: str) -> str | None:
+    """``tactemu.physics.sensor`` lives in ``physics``; ``None``: in nobody's room, it is not ours."""
+    package, _, rest = module.partition(".")
+    if package == "tactemu":
+        return rest.partition(".")[0] or "tactemu"
+    return package if package == "firmware_protocols" else None
+
+
+def files_of(room: str) -> list[Path]:
+    if room in ("firmware_protocols", "tactemu"):
+        return list((ROOT / room).rglob("*.py")) if room == "firmware_protocols" else [ROOT / "tactemu/__init__.py"]
+    package = ROOT / "tactemu" / room
+    return list(package.rglob("*.py")) if package.is_dir() else [package.with_suffix(".py")]
+
+
+@pytest.mark.parametrize("room", ARROWS)
+def test_arrows_point_one_way(room):
+    for path in files_of(room):
+        modules = imported_modules(path)
+        name = str(path.relative_to(ROOT / "tactemu")) if path.is_relative_to(ROOT / "tactemu") else path.name
+        allowed = {room, *ARROWS[room], *FACADES.get(name, ())}
+        assert {found for module in modules if (found := room_of(module))} <= allowed, name
+        assert not {module.partition(".")[0] for module in modules} & set(FOREIGN.get(room, ())), name
+
+
+def test_every_room_has_its_row():
+    files = [path for path in (ROOT / "tactemu").iterdir() if path.suffix == ".py" or (path / "__init__.py").exists()]
+    rooms = {"tactemu" if path.stem == "__init__" else path.stem for path in files}
+    assert rooms | {"firmware_protocols"} == set(ARROWS)
+
+
+def test_no_row_leads_back_to_itself():
+    list(TopologicalSorter(ARROWS).static_order())  # raises a CycleError that names the ring
+
+
+def test_every_exception_is_needed():
+    for name, rooms in FACADES.items():
+        assert set(rooms) <= {room_of(module) for module in imported_modules(ROOT / "tactemu" / name)}, name
+
+
+def test_no_file_leads_back_to_itself():
+    """Imports for types alone and those inside functions count: who reads a file reads what it names."""
+    files = {path for package in ("tactemu", "firmware_protocols") for path in (ROOT / package).rglob("*.py")}
+    name_of = {path: ".".join(path.relative_to(ROOT).with_suffix("").parts) for path in files}
+    modules = {name.removesuffix(".__init__"): path for path, name in name_of.items()}
+    arrows = {}
+    for path in files - {ROOT / "tactemu/__init__.py"}:
+        found = {modules.get(module) or modules.get(module.rpartition(".")[0]) for module in imported_modules(path)}
+        arrows[path] = {other for other in found if other and other != path and other.name != "__init__.py"}
+    list(TopologicalSorter(arrows).static_order())
 
 
 @pytest.mark.parametrize("statement", ["import firmware_protocols", "import tactemu"])

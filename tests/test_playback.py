@@ -9,7 +9,7 @@ from tactemu.scene.file import load, parse
 from tactemu.truth import Truth
 
 
-def run(loaded, truth: Truth, seconds: float = 1.0, **wishes) -> list[bytes]:
+def run(loaded, truth: Truth, seconds: float = 3.0, **wishes) -> list[bytes]:
     """The frames that left in a virtual second."""
     emulator = assemble(loaded, Wishes(port="memory:", **wishes), truth=truth).emulator
     emulator.clock = VirtualClock()

@@ -80,39 +80,6 @@ class AnySkin(Device):
         "60 uT/N in the plane, 90 uT/N along the normal: a push raises Bz; field at rest",
         "100 Hz (the firmware runs as fast as its loop)",
     )
-    scene = """
-[scene]
-dt = 0.001
-
-[[body]]
-name = "pad"
-shape = "box"
-size = [0.03, 0.03, 0.006]
-fixed = true
-
-[[body]]
-name = "ball"
-shape = "sphere"
-radius = 0.02
-position = [0.0, 0.0, 0.025]
-
-[body.motion]
-kind = "press"
-approach = 0.002
-depth = 0.002
-pause = 0.5
-repeat = 0
-
-[[skin]]
-device = "anyskin"
-link = "pad"
-position = [0.0, 0.0, 0.003]
-model = "kinematic_taxel"
-
-[skin.options]
-probe_radius = 0.0035
-normal_stiffness = 1000.0
-"""
 
     def __init__(
         self,

@@ -154,39 +154,6 @@ class IcubSkin(Device[CanFrame]):
         "types other than 0 do not compensate; the cdc offset shifts nothing that calibration does not take away",
         "slots without a triangle are not sent; a triangle with a flag is sent at no load; 4E does nothing",
     )
-    scene = """
-[scene]
-dt = 0.002
-
-[[body]]
-name = "forearm"
-shape = "cylinder"
-radius = 0.04
-length = 0.16
-
-[[body]]
-name = "ball"
-shape = "sphere"
-radius = 0.02
-position = [0.063, 0.0, 0.0]
-
-[body.motion]
-kind = "press"
-direction = [-1.0, 0.0, 0.0]
-approach = 0.003
-depth = 0.002
-pause = 0.5
-repeat = 0
-
-[[skin]]
-device = "icub_skin"
-link = "forearm"
-model = "kinematic_taxel"
-
-[skin.options]
-probe_radius = 0.002
-normal_stiffness = 300.0
-"""
 
     def __init__(
         self,

@@ -95,37 +95,6 @@ class InspireRh56dftp(Device):
         "writes outside the table: exception 2; values out of range: exception 3; nothing answers above 5999",
         "the line speed register is stored without effect",
     )
-    scene = """
-[scene]
-dt = 0.002
-
-[[body]]
-name = "hand"
-shape = "box"
-size = [0.16, 0.24, 0.03]
-position = [0.0, 0.05, -0.015]
-fixed = true
-
-[[body]]
-name = "ball on the middle finger"
-shape = "sphere"
-radius = 0.01
-position = [0.011, 0.08, 0.011]
-motion = { kind = "press", approach = 0.001, depth = 0.001, speed = 0.004, repeat = 0 }
-
-[[body]]
-name = "ball on the palm"
-shape = "sphere"
-radius = 0.03
-position = [0.0, 0.0, 0.031]
-motion = { kind = "press", approach = 0.001, depth = 0.002, speed = 0.004, repeat = 0 }
-
-[[skin]]
-name = "touch"
-device = "inspire_rh56dftp"
-link = "hand"
-position = [0.0, -0.05, 0.015]
-"""
 
     def __init__(self, *, counts_per_newton: float = 1000.0):
         super().__init__()

@@ -225,50 +225,12 @@ def _fingertips(rows: int, columns: int) -> Layout:
     return stack(*(grid_layout(rows, columns, PITCH, name=f, origin=p, link=f) for f, p in zip(FINGERS, places)))
 
 
-def _scene(device: str) -> str:
-    return f"""
-[scene]
-dt = 0.002
-
-[[body]]
-name = "hand"
-shape = "box"
-size = [0.12, 0.025, 0.01]
-fixed = true
-
-[[body]]
-name = "bar"
-shape = "capsule"
-radius = 0.005
-length = 0.11
-position = [0.0, 0.0, 0.012]
-quaternion = [0.7071067811865476, 0.0, 0.7071067811865476, 0.0]
-
-[body.motion]
-kind = "press"
-approach = 0.002
-depth = 0.001
-pause = 0.5
-repeat = 0
-
-[[skin]]
-device = "{device}"
-link = "hand"
-position = [0.0, 0.0, 0.005]
-model = "kinematic_taxel"
-
-[skin.options]
-normal_stiffness = 300.0
-"""
-
-
 class LinkerHandL6(LinkerHand):
     """L6: 12 x 6 fingertips, six joints."""
 
     name = "linker_hand_l6"
     title = "LinkerHand L6, 5 fingertips 12x6"
     model = "L6"
-    scene = _scene(name)
 
 
 class LinkerHandL10(LinkerHand):
@@ -292,7 +254,6 @@ class LinkerHandL10(LinkerHand):
         0x36: ("faults 6 to 10", bytes(5)),
     }
     judge = "linkerbot 0.5.4, as an L20 Lite, which has the same ten joints"
-    scene = _scene(name)
 
 
 class LinkerHandO6(LinkerHand):
@@ -303,4 +264,3 @@ class LinkerHandO6(LinkerHand):
     model = "O6"
     size, selector, touch_letter = (10, 4), 0xA4, "F"
     pcb_echoes = False
-    scene = _scene(name)

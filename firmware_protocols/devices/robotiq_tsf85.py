@@ -90,33 +90,6 @@ class RobotiqTsf85(Device):
         "autosend is not acknowledged; synchronous and asynchronous stream alike; E2 restarts the firmware",
         "a command with another data length than its own is skipped",
     )
-    scene = """
-[scene]
-dt = 0.001
-
-[[body]]
-name = "palm"
-shape = "box"
-size = [0.12, 0.06, 0.02]
-fixed = true
-
-[[body]]
-name = "ball"
-shape = "sphere"
-radius = 0.0435
-position = [0.0, 0.0, 0.09]
-
-[body.motion]
-kind = "keyframes"
-times = [0.0, 1.0, 2.0, 3.0]
-positions = [[0.0, 0.0, 0.0], [0.0, 0.0, -0.03], [0.0, 0.0, -0.03], [0.0, 0.0, 0.0]]
-repeat = true
-
-[[skin]]
-name = "fingers"
-device = "robotiq_tsf85"
-link = "palm"
-"""
 
     def __init__(
         self,

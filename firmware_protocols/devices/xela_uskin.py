@@ -57,38 +57,6 @@ class XelaUskin(Device[CanFrame]):
         "0.1 uT per count, 300 uT/N in the plane, 500 uT/N along the normal, 24000/24000/21000 counts at rest",
         "100 Hz; unused bytes 0; a 4x4 product with ids 'grid' (that generation's known product is 4x6)",
     )
-    scene = """
-[scene]
-dt = 0.001
-
-[[body]]
-name = "pad"
-shape = "box"
-size = [0.022, 0.022, 0.006]
-fixed = true
-
-[[body]]
-name = "ball"
-shape = "sphere"
-radius = 0.012
-position = [0.0, 0.0, 0.017]
-
-[body.motion]
-kind = "press"
-approach = 0.002
-depth = 0.0015
-pause = 0.5
-repeat = 0
-
-[[skin]]
-device = "xela_uskin"
-link = "pad"
-position = [0.0, 0.0, 0.003]
-model = "kinematic_taxel"
-
-[skin.options]
-normal_stiffness = 1000.0
-"""
 
     def __init__(
         self,

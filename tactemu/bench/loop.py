@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from statistics import median
 
-from tactemu.cli.collector import no_full_collections
+from tactemu.collector import no_full_collections
 
 Report = Callable[[str], None]
 

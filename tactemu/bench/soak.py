@@ -20,8 +20,8 @@ import numpy as np
 
 from firmware_protocols import Frame
 from tactemu.assembly import Wishes, assemble
-from tactemu.cli.collector import no_full_collections
 from tactemu.clock import RealClock
+from tactemu.collector import no_full_collections
 from tactemu.emulator import Channel, Emulator
 from tactemu.scene import file
 from tactemu.statistics import Lateness

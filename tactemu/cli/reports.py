@@ -13,7 +13,7 @@ from typing import Any
 from rich.console import Console
 
 from tactemu.channel import Channel
-from tactemu.emulator import Emulator
+from tactemu.emulator import Emulator, Simulated
 
 Say = Callable[..., None]
 """``say(event, skin=..., **entry)``."""
@@ -87,8 +87,8 @@ def advice(emulator: Emulator, channel: Channel) -> str:
         return ""
     found = f"{late} of {statistics.samples + statistics.missed} samples were not taken in time: "
     period_us = min(p for p in (channel.period_ns(s) for s in channel.ticks) if p) / 1e3
-    simulation: Any = getattr(emulator.simulation, "simulation", emulator.simulation)
-    if simulation is None or not simulation.dt_ns:
+    simulation = emulator.simulation
+    if simulation is None or simulation.plan is None:
         return f"{found}nothing is simulated, so the machine is too busy or the rate too high"
     simulated_us = _step_us(simulation) * period_us * 1e3 / simulation.dt_ns
     if simulated_us < BUSY_SHARE * period_us:
@@ -106,11 +106,11 @@ def advice(emulator: Emulator, channel: Channel) -> str:
     )
 
 
-def _step_us(simulation: Any, repeats: int = 50) -> float:
+def _step_us(simulation: Simulated, repeats: int = 50) -> float:
     """Median time of a step [us]."""
     times = []
     for _ in range(repeats):
         start = time.perf_counter_ns()
-        simulation.step()
+        simulation.advance_to(simulation.time_ns + simulation.dt_ns)
         times.append(time.perf_counter_ns() - start)
     return median(times) / 1e3

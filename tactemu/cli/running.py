@@ -9,9 +9,9 @@ from pathlib import Path
 from rich.console import Console
 
 from tactemu.channel import Channel
-from tactemu.cli.collector import no_full_collections
 from tactemu.cli.kernels import start_quietly
 from tactemu.cli.reports import Say, advice, entry_of, say_in_words, say_json
+from tactemu.collector import no_full_collections
 from tactemu.emulator import Emulator
 from tactemu.errors import SceneError, TactemuError
 from tactemu.statistics import Lateness

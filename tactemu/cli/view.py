@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from typing import Any
 
 import numpy as np
 from rich.columns import Columns
@@ -76,7 +75,7 @@ class LiveView:
 
     def _panel(self, channel: Channel) -> Panel:
         title = f"{channel.name}  {channel.wire.transport.address}"
-        sample = latest_sample(self._emulator, channel.name)
+        sample = self._emulator.truth.latest.get(channel.name)
         device = channel.device
         values = felt(device.layout, device.contact[0], sample.measured) if sample else np.zeros(len(device.layout))
         peak = self._peaks[channel.name] = max(self._peaks.get(channel.name, 0.0), float(np.max(values, initial=0.0)))
@@ -101,11 +100,6 @@ class LiveView:
 
     def _recent_frames(self) -> list:
         return _tail(self._emulator.truth.frames, 200)
-
-
-def latest_sample(emulator: Emulator, name: str) -> Any:
-    """The latest sample of one device, or ``None``."""
-    return next((s for s in reversed(_tail(emulator.truth.samples, 64)) if s.device == name), None)
 
 
 def _tail(entries, count: int) -> list:

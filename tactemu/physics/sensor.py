@@ -44,7 +44,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
+from typing import Any, ClassVar, Literal, Protocol, get_args
 
 import numpy as np
 import warp as wp
@@ -57,10 +57,8 @@ from tactemu.physics.poses import LinkView
 from tactemu.physics.probes.probes import Probes, make_probes
 from tactemu.physics.shapes.table import ShapeTable, ShapeTables
 from tactemu.plan.plan import Context, Dtype, Stage
-from tactemu.scene.bodies import Body
-
-if TYPE_CHECKING:
-    from tactemu.physics.simulation import Simulation
+from tactemu.scene.bodies import Body, find
+from tactemu.scene.motion import Pose
 
 DepthQuery = Literal["sdf", "raycast", "voxel", "ray"]
 
@@ -231,6 +229,20 @@ class SensorModel(ImperfectionOptions, ABC):
         )
 
 
+class Built(Protocol):
+    """What a sensor's handle asks of the simulation that it belongs to."""
+
+    batched: bool
+
+    def before_read(self) -> None:
+        """Raise what the last step found wrong."""
+        ...
+
+    def pose(self, body: Body) -> Pose:
+        """Where a body is and how it moves, in the world of environment 0."""
+        ...
+
+
 @dataclass(eq=False)
 class Sensor(SensorSetters):
     """A skin on a link, as :meth:`tactemu.Scene.add_sensor` returns it. Readable once the scene is built."""
@@ -240,7 +252,7 @@ class Sensor(SensorSetters):
     link: Body
     imperfections: Imperfections | None = field(default=None, repr=False)
     """Its setters change imperfections while running; there once the scene is built."""
-    _sim: Simulation | None = field(default=None, repr=False)
+    _sim: Built | None = field(default=None, repr=False)
     _truth: wp.array | None = field(default=None, repr=False)
     _measured: wp.array | None = field(default=None, repr=False)
 
@@ -249,7 +261,7 @@ class Sensor(SensorSetters):
         """Positions, normals and radii of the probes in the link's frame."""
         return self.model.probes(self.name)
 
-    def attach(self, sim: Simulation, spoil: Imperfections, truth: wp.array, measured: wp.array) -> None:
+    def attach(self, sim: Built, spoil: Imperfections, truth: wp.array, measured: wp.array) -> None:
         """Connect the handle to the arrays of a built scene; a later build takes over."""
         self._sim, self.imperfections, self._truth, self._measured = sim, spoil, truth, measured
 
@@ -273,6 +285,10 @@ class Sensor(SensorSetters):
         if array is None:
             raise self._unread()
         return array
+
+    def link_pose(self) -> Pose:
+        """Where its link is and how it moves, as last set, in the world of environment 0."""
+        return self.link.pose(0.0) if self._sim is None else self._sim.pose(self.link)
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -299,7 +315,7 @@ class Sensor(SensorSetters):
         return values[:, 0].copy() if values.shape[1] == 1 else values.copy()
 
     @property
-    def _simulation(self) -> Simulation:
+    def _simulation(self) -> Built:
         if self._sim is None:
             raise self._unread()
         return self._sim
@@ -336,7 +352,7 @@ def check_query(sensor: Sensor) -> None:
             number(f"sensor {sensor.name!r}", name, getattr(model, name), above=0, unit="m")
 
 
-def bodies_felt(sensor: Sensor, scene) -> tuple[Body, ...]:
+def bodies_felt(sensor: Sensor, bodies: Sequence[Body]) -> tuple[Body, ...]:
     """The bodies that a sensor asks for.
 
     Raises:
@@ -346,11 +362,11 @@ def bodies_felt(sensor: Sensor, scene) -> tuple[Body, ...]:
 
     def listed(given):
         single = isinstance(given, str | int | np.integer | Body)
-        return [scene.body(which) for which in ([given] if single else list(given))]
+        return [find(bodies, which) for which in ([given] if single else list(given))]
 
     ignored = listed(model.filter_link_idx)
     if model.track_link_idx is None:
-        chosen = [body for body in scene.bodies if body is not sensor.link]
+        chosen = [body for body in bodies if body is not sensor.link]
     else:
         chosen = listed(model.track_link_idx)
         if sensor.link in chosen:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import warp as wp
@@ -17,11 +16,8 @@ from tactemu.physics.shapes.table import ShapeTables
 from tactemu.physics.world import World
 from tactemu.plan.clearing import clear_rows
 from tactemu.plan.plan import Context, Plan, Stage
-
-if TYPE_CHECKING:
-    from tactemu.scene.bodies import Body
-    from tactemu.scene.motion.pose import Motion, Placed
-    from tactemu.scene.scene import Scene
+from tactemu.scene.bodies import Body, find
+from tactemu.scene.motion import Pose
 
 MOST_THREADS = 2**31
 """Warp counts threads and the places of an array's axis in 31 bits."""
@@ -53,20 +49,30 @@ def _reading_info(sensor: Sensor) -> ReadingInfo:
     )
 
 
-def _placed(body: Body, motion: Motion) -> Motion | Placed:
-    """A motion in world coordinates; one that cannot be placed is in them already."""
-    return motion.placed(body.position, body.quaternion) if hasattr(motion, "placed") else motion
-
-
 class Simulation:
-    """What :meth:`tactemu.Scene.build` returns. Time is counted in integer nanoseconds and steps in int64."""
+    """What :meth:`tactemu.Scene.build` returns. Time is counted in integer nanoseconds and steps in int64.
 
-    def __init__(self, scene: Scene, *, n_envs: int | None, device, seed: int, dtype: str):
+    It is of the bodies and sensors, and steps by the ``dt``, that the scene has when it is built.
+    """
+
+    def __init__(
+        self,
+        bodies: Sequence[Body],
+        sensors: Sequence[Sensor],
+        *,
+        dt: float,
+        n_envs: int | None,
+        device,
+        seed: int,
+        dtype: str,
+    ):
         if n_envs is not None and (isinstance(n_envs, bool) or int(n_envs) != n_envs or n_envs < 1):
             raise SceneError(f"build: n_envs must be None or a whole number >= 1, got {n_envs!r}")
         if dtype not in REAL:
             raise SceneError(f"build: dtype must be one of {', '.join(REAL)}, got {dtype!r}")
-        self.scene = scene
+        self.bodies, self.sensors = tuple(bodies), tuple(sensors)
+        self.dt = dt
+        """Length of a step unless :meth:`step` is told otherwise [s]."""
         self.batched = n_envs is not None
         """Do readings have an environment axis?"""
         self.n_envs = 1 if n_envs is None else int(n_envs)
@@ -78,16 +84,15 @@ class Simulation:
             n_envs=self.n_envs,
             real=REAL[dtype],
             seed=int(seed),
-            dt=wp.full(1, scene.dt, dtype=wp.float64, device=self.device),
+            dt=wp.full(1, dt, dtype=wp.float64, device=self.device),
             step=wp.zeros(1, dtype=wp.int64, device=self.device),
             time_ns=wp.zeros(1, dtype=wp.int64, device=self.device),
         )
         self._dt_ns = -1
         self._checked_step = 0
-        self.sensors: tuple[Sensor, ...] = tuple(scene.sensors)
         self._compile()
-        self.world = World(scene.bodies, self._poses.world)
-        self._moving = [(body, _placed(body, body.motion)) for body in scene.bodies if body.motion is not None]
+        self.world = World(self.bodies, self._poses.world)
+        self._moving = [body for body in self.bodies if body.motion is not None]
         self._move(0.0)
 
     # -- building ---------------------------------------------------------------------------------------------------
@@ -95,11 +100,11 @@ class Simulation:
     def _compile(self) -> None:
         links = sorted({sensor.link.index for sensor in self.sensors})
         reasons = [f"{s.name} ({why})" for s in self.sensors if (why := s.model.velocity_reason())]
-        self._poses = RelativePoses(links, len(self.scene.bodies), reasons, self.context)
+        self._poses = RelativePoses(links, len(self.bodies), reasons, self.context)
         self.plan = Plan(device=self.device)
         if self.sensors:
             self.plan.stages.append(self._poses.stage())
-        self._shapes = ShapeTables(self.scene.bodies, self.context)
+        self._shapes = ShapeTables(self.bodies, self.context)
         self._arrays: list[wp.array] = []
         for sensor in self.sensors:
             self.plan.stages += self._compile_sensor(sensor)
@@ -116,7 +121,7 @@ class Simulation:
         sensor.model.validate(sensor.probes)
 
     def _site(self, sensor: Sensor, gain, radius) -> Site:
-        felt = bodies_felt(sensor, self.scene)
+        felt = bodies_felt(sensor, self.bodies)
         return Site(
             name=sensor.name,
             model=sensor.model,
@@ -185,9 +190,11 @@ class Simulation:
         Raises:
             SceneError: the body is fixed or unknown, or a shape is wrong.
         """
-        body = self.scene.body(body)
-        if body.index >= self.world.n_bodies:
-            raise SceneError(f"set_pose: body {body.name!r} was added after the scene was built; build it again")
+        if isinstance(body, Body) and body not in self.bodies:
+            raise SceneError(
+                f"set_pose: body {body.name!r} was added after the scene was built, or is of another; build it again"
+            )
+        body = find(self.bodies, body)
         if body.fixed:
             raise SceneError(f"set_pose: body {body.name!r} is fixed; add it with fixed=False to move it")
         given = (position, quaternion, linear_velocity, angular_velocity)
@@ -201,7 +208,7 @@ class Simulation:
                 with such a pose read NaN.
             ValueError: ``dt`` is negative or not finite, or too short for what sensors keep of the past (delay, scan).
         """
-        dt = self.scene.dt if dt is None else dt
+        dt = self.dt if dt is None else dt
         if not (dt >= 0.0 and math.isfinite(dt)):
             raise ValueError(f"step: dt must be a time >= 0 s, got {dt!r}")
         dt_ns = round(dt * 1e9)
@@ -224,10 +231,10 @@ class Simulation:
     @property
     def dt_ns(self) -> int:
         """Length of a step unless :meth:`step` is told otherwise [ns]."""
-        return round(self.scene.dt * 1e9)
+        return round(self.dt * 1e9)
 
     def advance_to(self, t_ns: int, max_steps: int | None = None) -> bool:
-        """Step until no whole step of ``scene.dt`` fits before ``t_ns``.
+        """Step until no whole step of ``dt`` fits before ``t_ns``.
 
         Args:
             t_ns: simulated time to reach [ns].
@@ -249,9 +256,12 @@ class Simulation:
         return True
 
     def _move(self, t_s: float) -> None:
-        for body, motion in self._moving:
-            pose = motion.pose(t_s)
-            self.world.put(body.index, pose)
+        for body in self._moving:
+            self.world.put(body.index, body.pose(t_s))
+
+    def pose(self, body: Body) -> Pose:
+        """Where a body is and how it moves, as last set, in the world of environment 0."""
+        return self.world.pose(body.index)
 
     def check_poses(self) -> None:
         """Raise if a pose of the last step was not usable.
@@ -277,7 +287,7 @@ class Simulation:
             what = f"pose {values[b, e]} too far from the skin for {self.context.real.__name__}"
         envs = sorted({int(env) for env in np.argwhere(bad)[:, 0]})
         raise PoseError(
-            f"body {self.scene.bodies[b].name!r}, environment {e}, step {self.step_count}: {what} "
+            f"body {self.bodies[b].name!r}, environment {e}, step {self.step_count}: {what} "
             f"(position, quaternion w x y z, velocity, angular velocity) must be finite and the quaternion not 0. "
             f"Environments that read NaN: {envs}; set_pose a good pose there and reset(envs={envs})"
         )

@@ -13,6 +13,7 @@ import warp as wp
 from tactemu.errors import SceneError
 from tactemu.physics.poses import POSE_WIDTH, pose_row
 from tactemu.scene.bodies import Body
+from tactemu.scene.motion import Pose
 
 PARTS = {
     "position": slice(0, 3),
@@ -148,6 +149,12 @@ class World:
     def download(self) -> np.ndarray:
         """All poses as numpy, ``(n_bodies, n_envs, 13)``."""
         return self._values if self._shared else self._device_array.numpy()
+
+    def pose(self, b: int) -> Pose:
+        """The pose of a body in environment 0, as last set."""
+        row = (self._device_array[b].numpy() if b in self._device_newer else self._values[b])[0].copy()
+        position, quaternion, velocity, turning = (row[part] for part in PARTS.values())
+        return Pose(position, quaternion / np.linalg.norm(quaternion), velocity, turning)
 
     def reset(self, envs) -> None:
         """Put all bodies back where they started."""

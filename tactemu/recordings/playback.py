@@ -43,6 +43,11 @@ class Playback:
         """Length of a simulation step; 0 where nothing is simulated."""
         return self.simulation.dt_ns if self.simulation is not None else 0
 
+    @property
+    def plan(self) -> Any:
+        """What a simulation step computes; ``None`` where nothing is simulated."""
+        return self.simulation.plan if self.simulation is not None else None
+
     def advance_to(self, t_ns: int, max_steps: int | None = None) -> bool:
         """Bring everything to ``t_ns``; true if a simulation step was stretched."""
         for recording in self.recordings:

@@ -236,6 +236,9 @@ class RecordedReadings:
         TactemuError: the file is no truth log, or has no samples of this device.
     """
 
+    imperfections = None
+    """They are in the recording, or in the sensor that it was made of."""
+
     def __init__(self, path: str | Path, device: str = ""):
         try:
             rows = [row for row in read(path) if row["kind"] == "sample"]

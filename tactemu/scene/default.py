@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from firmware_protocols import Device, Layout
-from tactemu.scene.file import LoadedScene, check
 
+REST_S = 2.0
+"""How long nothing touches a skin at first: drivers that calibrate when they open take that for the reading at rest."""
 PERIOD_S = 2.0
 """Length of one press of the default scene."""
 
 
-def scene_for(name: str, device: type[Device], **device_options) -> LoadedScene:
-    """The default scene of ``device``, made from its layout."""
+def tables_for(name: str, device: type[Device], **device_options) -> dict[str, Any]:
+    """The tables of a default scene for ``device``, made from its layout; ``name`` is what a scene file calls it."""
     data = {"scene": {}, "body": [_pad()], "skin": [{"device": name, "link": "pad", "device_options": device_options}]}
     layout = device(**device_options).layout
     presses = len(layout.patches)
     for number, patch in enumerate(layout.patches):
         ball = _ball(f"ball {patch.name}" if presses > 1 else "ball", layout, patch.taxels, patch.pitch)
-        ball["motion"]["delay"] = 0.5 + 0.25 * number
+        ball["motion"]["delay"] = REST_S + 0.25 * number
         data["body"].append(ball)
-    return check(data, source=f"default scene of {name}", folder=Path())
+    return data
 
 
 def _pad() -> dict[str, Any]:

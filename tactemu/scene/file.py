@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +12,13 @@ from pydantic import ValidationError
 import firmware_protocols
 from tactemu.errors import DeviceError, SceneError, nearest
 from tactemu.physics.models import MODELS
+from tactemu.scene.default import tables_for
 from tactemu.scene.mistakes import listed
 from tactemu.scene.motion import Motion
 from tactemu.scene.schema import SHAPES, SceneFile, make_motion, motion_schemas
+
+DEFAULTS = Path(__file__).parent / "defaults"
+"""Scenes of the devices that come with tactemu, by their names; the others' are made from their layouts."""
 
 
 @dataclass(frozen=True)
@@ -49,16 +53,28 @@ def load(target: str | Path) -> LoadedScene:
 
 
 def default_scene(name: str) -> LoadedScene:
-    """The scene that comes with a device, or one made for its layout.
+    """The scene that comes with a device, in ``defaults/`` or in the text of a class of the user's own, or one made
+    for its layout. A class that inherits a device does not inherit its scene, which runs the device inherited.
 
     Raises:
         DeviceError: no such device.
+        SceneError: the text of the class is no scene, or one of another device.
     """
-    from tactemu.scene.default import scene_for
-
-    device = load_device(name)
-    text = device.scene.strip()
-    return parse(text, source=f"scene of {name}") if text else scene_for(name, device)
+    device, source = load_device(name), f"default scene of {name}"
+    shipped = DEFAULTS / f"{name}.toml"
+    if name in firmware_protocols.DEVICES and shipped.is_file():
+        return parse(shipped.read_text(encoding="utf-8"), source=source)
+    if not vars(device).get("scene"):
+        return check(tables_for(name, device), source=source)
+    loaded = parse(device.scene, source=source)
+    own = [skin.device in (name, device.name) for skin in loaded.tables.skin]
+    if not any(own):
+        raise SceneError(f"{source}: no skin has device = {device.name!r}")
+    skins = tuple(
+        skin.model_copy(update={"device": name, "name": skin.title}) if is_own else skin
+        for skin, is_own in zip(loaded.tables.skin, own)
+    )
+    return replace(loaded, tables=loaded.tables.model_copy(update={"skin": skins}))
 
 
 def load_device(name: str) -> type[firmware_protocols.Device]:

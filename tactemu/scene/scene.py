@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, get_args
 import numpy as np
 
 from tactemu.errors import SceneError
-from tactemu.scene.bodies import Body, Shape
+from tactemu.scene.bodies import Body, Moved, Shape, find
 
 if TYPE_CHECKING:
     from tactemu.physics.sensor import Sensor, SensorModel
@@ -40,7 +40,7 @@ class Scene:
         fixed: bool = False,
         position: Sequence[float] = (0.0, 0.0, 0.0),
         quaternion: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
-        motion: Motion | None = None,
+        motion: Motion | Moved | None = None,
     ) -> Body:
         """Add a rigid body.
 
@@ -50,7 +50,8 @@ class Scene:
             fixed: never moves; a motion or :meth:`Simulation.set_pose` on it is an error.
             position: where it starts, world [m].
             quaternion: its orientation there, (w, x, y, z); need not be of unit length.
-            motion: moves it; an object with ``pose(t_s)``.
+            motion: moves it: a motion of :mod:`tactemu.scene.motion`, which displaces it from there, or an object whose
+                ``pose(t_s)`` gives world poses (:class:`tactemu.Pose`).
 
         Raises:
             SceneError: an option is wrong, or the name is taken.
@@ -102,14 +103,7 @@ class Scene:
         Raises:
             SceneError: there is none; the message lists those there are.
         """
-        for body in self.bodies:
-            if which is body or (isinstance(which, str) and which == body.name):
-                return body
-        if isinstance(which, int | np.integer) and not isinstance(which, bool) and 0 <= which < len(self.bodies):
-            return self.bodies[int(which)]
-        wanted = which.name if isinstance(which, Body) else which
-        known = ", ".join(f"{body.index}: {body.name}" for body in self.bodies) or "none"
-        raise SceneError(f"no body {wanted!r} in this scene; bodies: {known}")
+        return find(self.bodies, which)
 
     def build(
         self,
@@ -132,4 +126,4 @@ class Scene:
         """
         from tactemu.physics.simulation import Simulation
 
-        return Simulation(self, n_envs=n_envs, device=device, seed=seed, dtype=dtype)
+        return Simulation(self.bodies, self.sensors, dt=self.dt, n_envs=n_envs, device=device, seed=seed, dtype=dtype)

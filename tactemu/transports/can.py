@@ -11,6 +11,7 @@ import logging
 import os
 import socket
 import struct
+import time
 from collections import deque
 from typing import Any
 
@@ -22,8 +23,8 @@ from tactemu.transports.transport import Event, Received, Transport
 
 logging.getLogger("can").addHandler(logging.NullHandler())  # a bus that cannot be opened is our error to report
 
-_AT_ONCE = 32
-"""Frames that one look takes at most: 2 ms of the slowest interface, a third of that on Linux CAN."""
+_AT_ONCE_S = 0.001
+"""For how long one look takes frames [s], so that a flood of them leaves time for the rest."""
 _ECHOES = 256
 """Own frames that are waited for on an interface that returns them."""
 _PROTOCOL_ERROR = 0x8
@@ -84,9 +85,8 @@ class CanTransport(Transport):
     def poll(self, reading: bool = True) -> list[Event]:
         """Frames of the other nodes."""
         events: list[Event] = []
-        for _ in range(_AT_ONCE if reading else 0):
-            if self._bus is None:
-                break
+        end = time.monotonic() + _AT_ONCE_S
+        while reading and self._bus is not None:
             try:
                 message = self._bus.recv(0)
             except can.CanError:
@@ -98,6 +98,8 @@ class CanTransport(Transport):
             frame = _frame(message)
             if not self._is_echo(frame):
                 events.append(Received(frame))
+            if time.monotonic() > end:
+                break
         return events
 
     def write(self, frame: Frame) -> bool:

@@ -60,7 +60,8 @@ class PtyTransport(Transport):
         self._master = -1
         self._openings: Openings | None = None
         self._poll = select.poll()
-        self._heard = False
+        self._heard = self._leaving = False
+        """Whether a driver has the port open; whether it has closed it and left bytes that are still being read."""
         self._setting: SerialSetting | None = None
         self._rest = b""
         """The end of a frame that the kernel took only in part: it goes first, so that frames stay whole."""
@@ -108,7 +109,7 @@ class PtyTransport(Transport):
         if self._openings:  # last: the kernel takes its time for it, some milliseconds
             self._openings.close()
             self._openings = None
-        self._heard, self._rest = False, b""
+        self._heard, self._leaving, self._rest = False, False, b""
 
     # -- events ------------------------------------------------------------------------------------------------------
 
@@ -125,7 +126,7 @@ class PtyTransport(Transport):
             return []
         seen = self._openings.read() if self._openings else ""
         events: list[Event] = []
-        if self._heard and "co" in seen:  # closed and opened again since the last call
+        if self._heard and ("co" in seen or (self._leaving and "o" in seen)):  # closed and opened again
             events += self._closed()
         gone = self._hung_up()
         if not self._heard and (not gone or "o" in seen):
@@ -134,18 +135,19 @@ class PtyTransport(Transport):
         if self._heard:
             self._finish()
             events += self._changed_setting()
-            if reading or gone:
-                events += [Received(chunk) for chunk in self._read(REST if gone else CHUNK)]
-        if self._heard and gone:
-            events += self._closed()
+            chunks, all_read = self._read(CHUNK if reading else REST if gone else 0)
+            events += map(Received, chunks)
+            self._leaving = gone
+            if gone and (all_read or not reading):
+                events += self._closed()
         return events
 
     def _hung_up(self) -> bool:
         ready = self._poll.poll(0)
         return bool(ready) and bool(ready[0][1] & select.POLLHUP)
 
-    def _read(self, room: int) -> list[bytes]:
-        """About ``room`` bytes at most."""
+    def _read(self, room: int) -> tuple[list[bytes], bool]:
+        """About ``room`` bytes at most, and whether that is all there was."""
         chunks = []
         try:
             while room > 0 and (chunk := os.read(self._master, CHUNK)):
@@ -154,10 +156,10 @@ class PtyTransport(Transport):
         except OSError as error:
             if error.errno not in (errno.EAGAIN, errno.EIO):
                 raise TransportError(f"lost the port {self.address}: {error.strerror}") from None
-        return chunks
+        return chunks, room > 0
 
     def _closed(self) -> list[Event]:
-        self._heard, self._rest = False, b""
+        self._heard, self._leaving, self._rest = False, False, b""
         self._throw_away_unread()
         return [Closed(), DROPPED]
 

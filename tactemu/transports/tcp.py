@@ -102,14 +102,13 @@ class TcpTransport(Transport):
         return client
 
     def _read(self, client: socket.socket, reading: bool) -> list[Event]:
-        """One chunk; of a client that has gone, all that it left."""
         events: list[Event] = []
         gone = _has_gone(client)
-        room = REST if gone else CHUNK if reading else 0
+        room = CHUNK if reading else REST if gone else 0
         while room > 0 and (chunk := _received(client)):
             events += self._decode(chunk)
-            room -= len(chunk) if gone else CHUNK
-        if gone:
+            room -= len(chunk)
+        if gone and (room > 0 or not reading):
             self._drop_client()
             events += [Closed(), *self._farewell()]
         self._push()

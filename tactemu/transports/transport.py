@@ -8,10 +8,11 @@ from typing import ClassVar
 
 from firmware_protocols import CanFrame, Frame
 
-CHUNK = 4096
-"""Bytes of a driver that one :meth:`Transport.poll` takes at most, so that a flood of them leaves time for the rest."""
+CHUNK = 512
+"""Bytes of a driver that one :meth:`Transport.poll` takes at most: as many requests as can be answered in some
+milliseconds, so that a flood of them leaves time for the rest."""
 REST = 65_536
-"""Bytes that are still taken of a driver that has gone; a kernel keeps fewer, unless it was a flood."""
+"""Bytes that are taken at once of a driver that has gone while its line was full, so that it keeps nobody waiting."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,12 +48,21 @@ class Line:
         self._sending: Pending | None = None
         self._number = 0
 
-    def put(self, frame: Frame, ready_ns: int, source: str, *, turn: int = 0, sample: int | None = None) -> None:
-        """Queue a frame that may leave from ``ready_ns`` on."""
+    def put(
+        self,
+        frame: Frame,
+        ready_ns: int,
+        source: str,
+        *,
+        turn: int = 0,
+        sample: int | None = None,
+        took_ns: int | None = None,
+    ) -> None:
+        """Queue a frame that may leave from ``ready_ns`` on; ``took_ns`` is its time on the line if not the carrier's."""
         self._number += 1
         carrier = self.carrier
         lane = carrier.lane(source)
-        took = carrier.duration_ns(frame)
+        took = carrier.duration_ns(frame) if took_ns is None else took_ns
         order = carrier.order(turn, ready_ns)
         heapq.heappush(self._lanes[lane], Pending(order, self._number, frame, source, ready_ns, took, sample=sample))
         self._waiting_ns[lane] += took

@@ -342,7 +342,8 @@ class Wire:
                 self.counters["collision"] += 1
             else:
                 at = self._after_held("from_driver", now_ns, held_ns)
-                self.inbound.put(part, at, DRIVER, turn=-1)
+                took_ns = self.carrier.driver_ns(part, self.transport.setting)
+                self.inbound.put(part, at, DRIVER, turn=-1, took_ns=took_ns)
 
     @property
     def _owner(self) -> str:

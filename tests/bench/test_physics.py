@@ -1,4 +1,4 @@
-"""`tactemu bench physics` measures what it says; how fast is no matter for a test."""
+"""Smoke tests: `tactemu bench physics` measures what it says; how fast is no matter for a test."""
 
 import json
 
@@ -27,4 +27,4 @@ def test_figures_go_to_a_file(tmp_path):
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 0, done.output
     (figure,) = json.loads(out.read_text()).values()
-    assert figure["aim_us"] == 30 and figure["step_us"] + figure["read_us"] < 30_000
+    assert figure["aim_us"] == 30 and figure["step_us"] > 0 and figure["read_us"] > 0

@@ -7,9 +7,10 @@ import sys
 import pytest
 
 import firmware_protocols
+from tactemu.cli.app import app
 from tests.cli.command import ROOT, environment, tactemu
 
-COMMANDS = ("run", "devices", "explain", "truth", "faults", "record", "replay")
+COMMANDS = [command.name or command.callback.__name__ for command in app.registered_commands]
 HEAVY = ("warp", "trimesh", "can", "numpy")
 
 

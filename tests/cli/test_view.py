@@ -40,7 +40,7 @@ def watch(seconds: float, *arguments: str) -> tuple[int, str]:
 
 def test_the_view_shows_the_press_and_ends_cleanly(tmp_path):
     port = tmp_path / "skin"
-    code, shown = watch(2.0, "anyskin", "--port", f"pty:{port}")
+    code, shown = watch(3.5, "anyskin", "--port", f"pty:{port}")
     assert code == 0
     assert shown.startswith(f"anyskin ready on {port}")
     assert "██" in shown, "the press"

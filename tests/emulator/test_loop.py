@@ -7,7 +7,7 @@ from firmware_protocols import Device, Serial, grid_layout
 from tactemu.clock import VirtualClock
 from tactemu.emulator import Channel, Emulator
 from tactemu.sampling import SampleClock
-from tactemu.transports.transport import DROPPED, RAISED, Closed, Opened
+from tactemu.transports.transport import Closed, Opened
 from tactemu.wire.wire import Heard
 
 
@@ -199,10 +199,7 @@ def test_a_port_that_fails_closes_those_already_open():
             raise OSError("no")
 
     good, bad = ListWire(), Broken()
-    channels = [
-        Channel(n, Counter8(), Ramp(), {"": w}, SampleClock(period_ns=1))
-        for n, w in (("a", good), ("b", bad))
-    ]
+    channels = [Channel(n, Counter8(), Ramp(), {"": w}, SampleClock(period_ns=1)) for n, w in (("a", good), ("b", bad))]
     with pytest.raises(OSError):
         Emulator(None, channels).open()
     assert good.opened == 0

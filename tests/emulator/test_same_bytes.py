@@ -12,7 +12,7 @@ from tactemu.scene import file
 from tactemu.truth import Truth
 
 SECONDS = {"anyskin": 10.0, "linker_hand_l6": 10.0, "xela_uskin": 10.0}
-"""Of emulation; the others run for two."""
+"""Of emulation; the others run until their scenes have pressed them."""
 STARTS = {
     "xela_uskin": ["start"],
     "icub_skin": ["start"],
@@ -49,7 +49,7 @@ def digest(data: dict, name: str, seed: int = 1) -> tuple[str, int]:
         write = channel.wire.transport.driver.write
         for k, request in enumerate(_requests(channel.device)):
             emulator.at(round((0.2 + 0.05 * k) * 1e9), functools.partial(write, request))
-        emulator.run(SECONDS.get(name, 2.0))
+        emulator.run(SECONDS.get(name, 3.5))
     sent = hashlib.sha256()
     frames = [(t_ns, frame) for t_ns, device, frame in truth.frames if device == name]
     for t_ns, frame in frames:

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tactemu.sampling import SampleClock
+from tests.fuzz import examples
 
 MS = 1_000_000
 
@@ -29,7 +30,7 @@ def test_drift_is_the_integral_of_a_growing_skew():
     assert late == pytest.approx(100, abs=1)
 
 
-@settings(max_examples=200, deadline=None)
+@examples(200)
 @given(
     k=st.integers(1, 10**9),
     period=st.integers(1000, 10**9),

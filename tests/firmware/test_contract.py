@@ -14,8 +14,9 @@ import firmware_protocols as fp
 from firmware_protocols.device import Delayed, Evidence, Quantity
 from tactemu.scene.file import default_scene
 from tests.firmware.golden import golden_vectors_of, replay
+from tests.fuzz import TIMES
 
-FUZZED_COMMANDS = 100_000
+FUZZED_COMMANDS = 10_000 * TIMES
 SECOND = 1_000_000_000
 FD_LENGTHS = {*range(9), 12, 16, 20, 24, 32, 48, 64}
 CASES = [(name, wire.kind) for name in fp.names() for wire in fp.load(name).wires]

@@ -1,19 +1,16 @@
 """Any values of all options at once: finite loads give finite readings, and what is no number stays none.
 
-All laws are switched on in every example, so that one set of kernels serves them all. Run it longer with
-``HYPOTHESIS_EXAMPLES=20000``.
+All laws are switched on in every example, so that one set of kernels serves them all.
 """
-
-import os
 
 import numpy as np
 import warp as wp
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.fuzz import examples
 from tests.imperfections.rig import Rig, info, options
 
-EXAMPLES = int(os.environ.get("HYPOTHESIS_EXAMPLES", "60"))
 LARGEST = 1e6
 """Loads and parameters stay where a product of several of them is a float32."""
 
@@ -66,7 +63,7 @@ OPTIONS = st.fixed_dictionaries(
 )
 
 
-@settings(max_examples=EXAMPLES, deadline=None, derandomize=EXAMPLES == 60)
+@examples(60)
 @given(OPTIONS, st.data())
 def test_finite_in_finite_out(chosen, data):
     layout = data.draw(st.sampled_from([(2, 3), (1, 4), (5, 1)]))

@@ -47,6 +47,7 @@ class Case:
         """The sensor with the options recorded."""
         key = sensor["key"]
         options = dict(sensor["options"])
+        options.pop("use_visual_mesh", None)  # a body has one surface here
         for name in ("probe_local_pos", "probe_local_normal", "probe_gain"):
             if f"{key}__{name}" in self.data:
                 options[name] = self.data[f"{key}__{name}"]

@@ -107,7 +107,7 @@ def test_unknown_environments_and_bodies_are_named():
             sim.set_pose(body, position=(0, 0, 0), envs=envs)
     with pytest.raises(SceneError, match="0: link, 1: body"):
         sim.set_pose("ball", position=(0, 0, 0))
-    late = sim.scene.add_body(tt.Plane(), name="late")
+    late = tt.Scene().add_body(tt.Plane(), name="late")
     with pytest.raises(SceneError, match="'late' was added after the scene was built"):
         sim.set_pose(late, position=(0, 0, 0))
     with pytest.raises(SceneError, match="'link' is fixed"):

@@ -1,23 +1,15 @@
-"""Whatever is asked of the public interface, it answers with numbers that make sense or with an error of ours.
-
-Short here; ``TACTEMU_FUZZ=20000 pytest tests/physics/test_fuzz.py`` looks longer.
-"""
+"""Whatever is asked of the public interface, it answers with numbers that make sense or with an error of ours."""
 
 import itertools
-import os
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 import tactemu as tt
 from tactemu.errors import PoseError, SceneError
-
-EXAMPLES = int(os.environ.get("TACTEMU_FUZZ", "20"))
-quick = settings(
-    max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck), derandomize=EXAMPLES < 50
-)
+from tests.fuzz import examples
 
 length = st.floats(1e-4, 1.0)
 coordinate = st.floats(-2.0, 2.0)
@@ -104,7 +96,7 @@ ON_THE_SURFACE = (
 )
 
 
-@quick
+@examples(20)
 @given(shapes(), poses(), probes(), vector, quaternion)
 @example(*ALONG_A_FACE)
 @example(*ON_THE_SURFACE)
@@ -125,14 +117,14 @@ def test_a_scene_moved_as_a_whole_reads_the_same(bodies, placed, options, shift,
     assert np.abs(here - read(along, bodies, moved, link=(shift, turn)))[~grazing].max(initial=0) < 1e-3
 
 
-@quick
+@examples(20)
 @given(shapes(), poses(), probes(), st.permutations(range(5)))
 def test_the_order_of_bodies_changes_no_depth(bodies, placed, options, order):
     model = tt.ContactDepthProbe(**options)
     assert np.array_equal(read(model, bodies, placed), read(model, bodies, placed, order=order))
 
 
-@quick
+@examples(20)
 @given(shapes(), poses(), probes())
 def test_float32_is_float64_rounded(bodies, placed, options):
     model = tt.ContactDepthProbe(**options)
@@ -140,7 +132,7 @@ def test_float32_is_float64_rounded(bodies, placed, options):
     assert rounded.dtype == np.float32 and np.abs(exact - rounded).max() < 1e-5
 
 
-@quick
+@examples(20)
 @given(shapes(), poses(), probes())
 def test_along_the_normal_is_at_least_as_deep_where_it_is_in_touch(bodies, placed, options):
     radius = np.asarray(options["probe_radius"])
@@ -154,7 +146,7 @@ def test_along_the_normal_is_at_least_as_deep_where_it_is_in_touch(bodies, place
 number = st.one_of(coordinate, anything)
 
 
-@quick
+@examples(20)
 @given(
     st.lists(
         st.tuples(
@@ -225,7 +217,7 @@ OPTIONS = (
 )  # fmt: skip
 
 
-@quick
+@examples(20)
 @given(
     st.dictionaries(st.sampled_from(OPTIONS), st.one_of(anything, st.tuples(anything, anything, anything)), max_size=3)
 )

@@ -1,10 +1,11 @@
 """Any allowed options, layout and motion: readings are finite, fillers read 0, and a step never raises."""
 
 import numpy as np
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import tactemu as tt
+from tests.fuzz import examples
 
 TOP = 0.01
 SHAPES = [
@@ -96,7 +97,6 @@ def play(model, shape, where, dtype):
     return readings if isinstance(readings, tuple) else (readings,)
 
 
-often = settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck), derandomize=True)
 dtypes = st.sampled_from(["float32", "float64"])
 
 
@@ -110,13 +110,13 @@ def check(readings, options):
         assert not reading.reshape(2, -1, 3)[:, filler].any()
 
 
-@often
+@examples(25)
 @given(skins(elastomers), st.sampled_from(SHAPES), poses, dtypes)
 def test_elastomer(options, shape, where, dtype):
     check(play(tt.ElastomerTaxel(**options), shape, where, dtype), options)
 
 
-@often
+@examples(25)
 @given(skins(proximities), st.sampled_from(SHAPES), poses, dtypes)
 def test_proximity(options, shape, where, dtype):
     check(play(tt.ProximityTaxel(**options), shape, where, dtype), options)

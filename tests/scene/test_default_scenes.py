@@ -1,4 +1,4 @@
-"""Every device's name alone runs: its default scene builds, presses its taxels, and starts untouched."""
+"""Every device's name alone runs: its default scene builds, rests at first, and then presses its taxels."""
 
 import numpy as np
 import pytest
@@ -6,30 +6,63 @@ import pytest
 import firmware_protocols
 from tactemu.assembly import Wishes, assemble
 from tactemu.clock import VirtualClock
-from tactemu.scene.default import scene_for
-from tactemu.scene.file import load, load_device
+from tactemu.errors import SceneError
+from tactemu.scene.default import REST_S, tables_for
+from tactemu.scene.file import DEFAULTS, check, load, load_device
 
 
 def felt(loaded) -> np.ndarray:
-    """Largest reading at each sample of the first three seconds."""
-    emulator = assemble(loaded, Wishes(port="memory:", rate_hz=25)).emulator
+    """Largest reading at each sample of the first four seconds."""
+    emulator = assemble(loaded, Wishes(port="memory:", rate_hz=10)).emulator
     emulator.clock = VirtualClock()
     with emulator:
-        emulator.run(3)
+        emulator.run(4)
     return np.array([np.abs(sample.ideal).max() for sample in emulator.truth.samples])
 
 
 @pytest.mark.parametrize("name", firmware_protocols.names())
 def test_the_scene_of_every_device_presses_it(name):
-    peaks = felt(load(name))
-    assert peaks[0] == 0.0, "not touched at the start"
-    assert peaks.max() > 0.0, "touched later"
+    loaded = load(name)
+    assert [skin.device for skin in loaded.tables.skin] == [name]
+    for body, motion in loaded.motions.items():
+        moved = [np.abs(motion.pose(t).position).max() for t in np.arange(0.0, REST_S, 0.01)]
+        assert max(moved) == 0.0, f"{body} moves before drivers have calibrated"
+    peaks = felt(loaded)
+    rest = round(REST_S * 10)
+    assert not peaks[:rest].any(), "not touched at the start"
+    assert peaks[rest:].max() > 0.0, "touched later"
+
+
+def test_every_file_of_a_default_scene_belongs_to_a_device():
+    assert {path.stem for path in DEFAULTS.iterdir()} <= set(firmware_protocols.DEVICES)
+
+
+INHERITED = """
+from firmware_protocols.devices.linker_hand import LinkerHandL10
+
+class L10(LinkerHandL10):
+    scene = {scene!r}
+"""
+SCENE = "[[body]]\nname = 'link'\nshape = 'frame'\n[[skin]]\ndevice = '{device}'\nlink = 'link'"
+
+
+@pytest.mark.parametrize("scene", ["", SCENE.format(device="linker_hand_l10")])
+def test_a_class_that_inherits_a_device_runs_itself(tmp_path, scene):
+    (tmp_path / "mine.py").write_text(INHERITED.format(scene=scene))
+    name = f"{tmp_path}/mine.py:L10"
+    assert [skin.device for skin in load(name).tables.skin] == [name]
+
+
+def test_a_default_scene_of_another_device_is_refused(tmp_path):
+    (tmp_path / "mine.py").write_text(INHERITED.format(scene=SCENE.format(device="anyskin")))
+    with pytest.raises(SceneError, match="no skin has device = 'linker_hand_l10'"):
+        load(f"{tmp_path}/mine.py:L10")
 
 
 @pytest.mark.parametrize("name", ["anyskin", "linker_hand_o6"])
 def test_a_device_without_a_scene_gets_one(name):
     device = load_device(name)
-    loaded = scene_for(name, device)
+    loaded = check(tables_for(name, device))
     assert len(loaded.tables.body) == 1 + len(device().layout.patches)
     peaks = felt(loaded)
     assert peaks[0] == 0.0

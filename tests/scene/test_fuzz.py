@@ -2,12 +2,13 @@
 
 import copy
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tactemu.errors import TactemuError
 from tactemu.scene import file
 from tactemu.scene.building import build_scene, make_devices
+from tests.fuzz import examples
 
 SCENE = {
     "scene": {"dt": 0.001, "seed": 1, "device": "cpu", "dtype": "float32"},
@@ -54,7 +55,7 @@ def places(value, path=()):
 PLACES = [path for path in places(SCENE) if path]
 
 
-@settings(max_examples=200, deadline=None)
+@examples(200)
 @given(st.lists(st.tuples(st.sampled_from(PLACES), st.sampled_from(["replace", "drop", "rename"]), junk), max_size=3))
 def test_a_spoiled_scene_is_a_scene_or_an_error_of_ours(changes):
     data = copy.deepcopy(SCENE)

@@ -19,6 +19,7 @@ from tactemu.scene.motion import (
     Spin,
     Together,
 )
+from tactemu.scene.scene import Scene
 
 HALF_TURN_Z = (0.0, 0.0, 0.0, 1.0)
 MOTIONS = {
@@ -111,9 +112,9 @@ def test_a_sequence_is_continuous():
     assert np.abs(np.diff(places, axis=0)).max() < 0.06 * (times[1] - times[0]) * 1.01, "never faster than its parts"
 
 
-def test_a_placed_motion_moves_along_the_world_whatever_the_pose():
-    placed = Press(depth=1e-3, speed=0.01).placed(position=(1, 2, 3), quaternion=(0, 1, 0, 0))
-    pose = placed.pose(0.1)
+def test_a_motion_displaces_its_body_along_the_world_whatever_the_pose():
+    press = Press(depth=1e-3, speed=0.01)
+    pose = Scene().add_body(position=(1, 2, 3), quaternion=(0, 1, 0, 0), motion=press).pose(0.1)
     np.testing.assert_allclose(pose.position, (1, 2, 3 - 1e-3), atol=1e-15)
     np.testing.assert_allclose(pose.quaternion, (0, 1, 0, 0))
     np.testing.assert_allclose(pose.linear_velocity, 0.0)

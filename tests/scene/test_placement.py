@@ -82,6 +82,20 @@ def test_a_moving_link_is_felt_in_its_own_frame():
     assert np.allclose(felt.angular_velocity, (0, 0, 2.0))
 
 
+def test_a_link_posed_by_hand_is_felt_as_told():
+    scene = tt.Scene(dt=1e-3)
+    pad = scene.add_body(tt.Box(size=(0.04, 0.04, 0.04)))
+    sensor = PlacedSensor(scene.add_sensor(tt.KinematicTaxel(), link=pad))
+    sim = scene.build()
+    told = {"quaternion": QUARTER, "angular_velocity": (0, 0, 2.0)}
+    for k, speed in enumerate((0.0, 0.02, 0.05)):
+        sim.set_pose(pad, linear_velocity=(0, 0, speed), **told)
+        sim.step()
+        felt = sensor.surroundings(10_000_000 * k)
+    assert np.allclose(felt.acceleration, (-3.0 - 9.80665, 0, 0))  # 0.03 m/s more in 10 ms; z is the device's -x
+    assert np.allclose(felt.angular_velocity, (-2.0, 0, 0))
+
+
 def test_temperature_follows_its_course():
     sensor = placed(temperature_course=[(0, 25), (10, 45)], temperature_offset=1e-3)
     assert sensor.surroundings(5_000_000_000).temperature == pytest.approx(35.0)

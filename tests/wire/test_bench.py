@@ -1,4 +1,4 @@
-"""The benchmark of the wire runs and measures every stage. What the figures are is the machine's business."""
+"""A smoke test: the benchmark of the wire runs and names every stage. The figures are the machine's business."""
 
 from tactemu.bench.wire import run
 

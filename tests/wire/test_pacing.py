@@ -5,7 +5,7 @@ import pytest
 
 from firmware_protocols import Can, CanFrame, Sent, Serial
 from tactemu.transports.memory import WAITING_LIMIT, MemoryTransport
-from tactemu.transports.transport import DROPPED, RAISED, Closed, Opened, SerialSetting
+from tactemu.transports.transport import CHUNK, DROPPED, RAISED, Closed, Opened, SerialSetting
 from tactemu.wire.can_bits import frame_ns
 from tactemu.wire.uart import misheard
 from tactemu.wire.wire import DRIVER, Heard, Wire
@@ -217,6 +217,30 @@ def test_a_driver_that_floods_the_bus_starves_no_lower_identifier():
     assert wire.counters["overrun"] == 0, "what has not been read waits with the driver"
 
 
+def test_a_loop_that_is_late_hears_all_frames_of_an_idle_bus_in_order():
+    wire, driver = plugged(Can())
+    heard = []
+    for turn in range(20):
+        now = turn * 25_000_000
+        for k in range(4):
+            driver.write(CanFrame(arbitration_id=0x400, data=bytes([turn, k])))
+        heard += [event.data.data for event in wire.receive(now) if isinstance(event, Heard)]
+        wire.flush(now + 50_000)
+    while (due := wire.next_due_ns()) is not None:
+        heard += [event.data.data for event in wire.receive(due) if isinstance(event, Heard)]
+        wire.flush(due)
+    assert heard == [bytes([turn, k]) for turn in range(20) for k in range(4)]
+    assert wire.counters["overrun"] == 0
+
+
+def test_a_request_takes_the_time_of_the_speed_that_the_driver_has_set():
+    wire, driver = plugged(UART)
+    driver.set_serial(baud=9600)
+    driver.write(b"12345678")
+    assert wire.receive(0)[0].setting.baud == 9600
+    assert wire.next_due_ns() == round(80e9 / 9600)
+
+
 def test_a_driver_that_floods_a_serial_line_is_held_up_and_loses_nothing():
     wire, driver = plugged(UART)
     taken = [driver.write(bytes([k % 256]) * 100) for k in range(3000)]
@@ -224,7 +248,7 @@ def test_a_driver_that_floods_a_serial_line_is_held_up_and_loses_nothing():
     heard = b""
     for now in range(0, 1_000_000_000, 1_000_000):
         heard += b"".join(event.data for event in wire.receive(now) if isinstance(event, Heard))
-        assert wire.inbound.waiting_ns(DRIVER) <= 50_000_000 + 4200 * 10e9 / 115_200
+        assert wire.inbound.waiting_ns(DRIVER) <= 50_000_000 + (CHUNK + 100) * 10e9 / 115_200
     assert len(heard) == pytest.approx(11_520, abs=100)
     assert heard == b"".join(bytes([k % 256]) * 100 for k in range(200))[: len(heard)]
     assert wire.counters["overrun"] == 0

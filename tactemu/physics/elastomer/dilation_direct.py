@@ -23,7 +23,7 @@ _LARGEST_ESTIMATE = 20_000
 
 
 def free_spacing(positions: np.ndarray) -> float:
-    """The seed's length for layouts that are no grid: root of the area per taxel of the bounding box [m].
+    """Genesis' length for layouts that are no grid: root of the area per taxel of the bounding box [m].
 
     The area is the product of the two largest extents, or the square of the largest if the second is nearly zero.
     """

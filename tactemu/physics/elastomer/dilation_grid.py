@@ -40,7 +40,7 @@ def _offsets(grid: RegularGrid) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _periodic_layer(grid: RegularGrid, thickness: float) -> tuple[np.ndarray, float]:
-    """The layer's planes (u, v) at the grid's offsets as the seed has them, and their peak."""
+    """The layer's planes (u, v) at the grid's offsets as Genesis has them, and their peak."""
     ny, nx = (1 << (2 * n - 2).bit_length() for n in (grid.rows, grid.cols))
     planes = spectral_layer((ny, nx), (grid.du, grid.dv), thickness)
     rows, cols = np.arange(1 - grid.rows, grid.rows), np.arange(1 - grid.cols, grid.cols)

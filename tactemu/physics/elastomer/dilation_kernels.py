@@ -61,7 +61,7 @@ def layer_response(q: np.ndarray) -> np.ndarray:
 def spectral_layer(shape: tuple[int, int], spacing: tuple[float, float], thickness: float) -> np.ndarray:
     """The layer weight times the offset on a periodic box, planes (u, v), shape ``(2, *shape)``, offset 0 at index 0.
 
-    ``q`` is limited to [1e-3, 30] as in the seed system, which keeps the result finite for a vanishing thickness.
+    ``q`` is limited to [1e-3, 30] as in Genesis, which keeps the result finite for a vanishing thickness.
     """
     (ny, nx), (du, dv) = shape, spacing
     ky, kx = np.meshgrid(2 * np.pi * np.fft.fftfreq(ny, dv), 2 * np.pi * np.fft.rfftfreq(nx, du), indexing="ij")

@@ -1,11 +1,15 @@
 """ElastomerTaxel: how markers on a soft skin move, by dilation around a press and by shear of what sticks to it.
 
-``u = dilate_scale * dilation + shear_scale * shear`` [m], link frame, per marker.
+Neighbours of a pressed taxel are pushed aside and bulge along the normal; points of an object that stick to the skin
+drag the markers along. For marker i at ``r_i`` with normal ``n_i``, pressed taxels j of depth ``h_j``, ``o`` the way
+from j to i in the tangent plane of i, and points k that stuck at ``a_k`` and are now ``b_k`` deep at ``y_k``::
 
-* Dilation: neighbours of a pressed taxel are pushed aside, and bulge along the normal;
-  :mod:`tactemu.physics.elastomer.dilation_kernels`.
-* Shear: points of an object that stick to the skin drag the markers along; :mod:`tactemu.physics.elastomer.anchors` and
-  :mod:`tactemu.physics.elastomer.drag`.
+    u_i        = dilate_scale * dilation_i + shear_scale * shear_i                                      [m]
+    dilation_i = sum_j h_j w(|o|) o + n_i sum_j h_j**normal_exponent exp(-lambda_d |o|^2)
+    shear_i    = sum_k exp(-lambda_s |P_i (r_i - y_k)|^2) P_i b_k (y_k - a_k)       P_i: onto the tangent plane
+    w(rho)     = exp(-lambda_d rho^2)        compressibility 1: the push stays local
+                 1 / (rho^2 + eps^2)         compressibility 0: it reaches far; eps is the spacing of the taxels
+                 the response of a layer of elastomer_thickness on a rigid back, where that is given, instead
 
 Sums run over taxels and over points, so that they grow with their number. ``area_weighted`` multiplies each by the area
 that it stands for, and gives the layer its unbounded form in every layout: results then do not depend on the pitch.
@@ -53,19 +57,17 @@ class ElastomerTaxel(SensorModel):
     shear_scale: float = 1.0
     """Factor on the shear; 0 switches it off."""
     normal_exponent: float = 2.0
-    """Of the depth in the normal motion; > 0."""
+    """Exponent of the depth in the normal motion; > 0."""
     compressibility: float = 1.0
     """1: Gaussian dilation, 0: far-reaching, between: a blend of the two, each divided by its peak."""
     elastomer_thickness: float = 0.0
-    """Of a layer bonded to a rigid back [m]; 0: unknown, the taxel spacing takes its place."""
+    """Thickness of a layer bonded to a rigid back [m]; 0: unknown, the taxel spacing takes its place."""
     contact_threshold: float = 1e-5
     """Depth at which a point starts to stick [m]."""
     release_threshold: float = -1e-4
     """Depth at which it lets go [m]; negative: outside the skin."""
     n_sample_points: int | Sequence[int] = 500
     """Points on all tracked bodies together, split evenly, or one number per tracked body."""
-    use_visual_mesh: bool = True
-    """Accepted as the seed's option: a body here has one surface, which both values sample."""
     points: Sequence | np.ndarray | None = None
     """The points themselves in the frame of the tracked body [m], ``(M, 3)``; a list of such arrays for several."""
     area_weighted: bool = False

@@ -1,10 +1,17 @@
 """ElasticLayerTaxel: the skin as an elastic layer on a rigid base, pressed, dragged and read on a grid of taxels.
 
-Fidelity level 4. The stages, one file each::
+With the layer's compliances ``C`` (along the normal) and ``A`` (along the skin), the overlap ``o`` of object and
+undeformed skin, the pressures ``p``, the tractions ``q``, and ``a`` where the skin was held, ``s`` how far the object
+has slid since and ``v`` how far pressure alone moves the skin sideways::
+
+    p >= 0,  C p >= o,  p (C p - o) = 0                no pull, no penetration, no pressure across a gap
+    q of least  q.A q / 2 - q.(a + s - v)  with |q| <= friction * p                        stick, and slip
+
+on cells, ``oversampling`` along each side of a taxel. The stages, one file each::
 
     overlap ─▶ normal contact ─▶ friction ─▶ surface ─▶ reading
-    per cell   p >= 0, no        stick and   where the   averages
-               penetration       slip        skin is     per taxel
+    per cell   p                 q           where the   averages
+                                             skin is     per taxel
 
 The theory is that of small strains: against a neo-Hookean skin pressed to 0.4 of its thickness forces are within 2 %
 for nu = 0.49 and 13 % for nu = 0.3, surface motion along the skin is off by up to 41 % (docs/accuracy.md).
@@ -75,15 +82,16 @@ class LayerReading(NamedTuple):
 
 @dataclass(kw_only=True, eq=False)
 class ElasticLayerTaxel(SensorModel):
-    """Reads :class:`LayerReading`. The taxels lie on a flat rectangular grid, or on several such pads, each a layer of
-    its own; contact is where taxels are."""
+    """Reads :class:`LayerReading`: pressure [Pa], traction [Pa], force [N], displacement [m], slip state, residual;
+    vectors in the link's frame, forces on the skin. The taxels lie on a flat rectangular grid, or on several such pads,
+    each a layer of its own; contact is where taxels are."""
 
     young_modulus: float = 1.0e5
-    """[Pa]"""
+    """Young's modulus of the skin [Pa]."""
     poisson_ratio: float = 0.49
-    """0 to 0.5."""
+    """Poisson's ratio of the skin, 0 to 0.5."""
     thickness: float = 0.004
-    """Of the layer [m]; ``inf`` for a half-space."""
+    """Thickness of the layer [m]; ``inf`` for a half-space."""
     friction: float = 0.5
     """Coulomb's coefficient; 0: no friction, and nothing is computed for it."""
     iterations: int = 16

@@ -6,7 +6,7 @@ normal a, ``v_j = v_body(x_j) - v_skin(r)``, ``v_tj`` its part across a, and ``D
     F = k D (sum P_j) a + c D sum P_j v_tj             k stiffness, c shear_coupling
     T = r x F - c_w a sum P_j (w_j - w_skin).a / sum P_j        c_w twist_scalar
 
-The normal part is the force on the *body*, the shear part the force on the skin: so the seed has it. ``forces_on_skin``
+The normal part is the force on the *body*, the shear part the force on the skin: so Genesis has it. ``forces_on_skin``
 turns the normal and twist parts round, so that all of F and T acts on the skin.
 """
 
@@ -99,7 +99,10 @@ def proximity_kernel(real, moving: bool, has_gain: bool):
 
 @dataclass(kw_only=True, eq=False)
 class ProximityTaxel(SensorModel):
-    """Reads :class:`ForceTorque`. ``track_link_idx`` names the bodies whose points it senses (default: all others)."""
+    """Reads :class:`ForceTorque`: force [N], and torque about the link's origin [N m].
+
+    ``track_link_idx`` names the bodies whose points it senses (default: all others).
+    """
 
     stiffness: float = 100.0
     """Force per summed overlap [N/m], before ``density_scalar``."""
@@ -111,8 +114,6 @@ class ProximityTaxel(SensorModel):
     """Torque per spin about the normal [N m s/rad]."""
     n_sample_points: int | Sequence[int] = 500
     """Points on all tracked bodies together, split evenly, or one number per tracked body."""
-    use_visual_mesh: bool = True
-    """Accepted as the seed's option: a body here has one surface, which both values sample."""
     points: Sequence | np.ndarray | None = None
     """The points themselves in the frame of the tracked body [m], ``(M, 3)``; a list of such arrays for several."""
     forces_on_skin: bool = False

@@ -7,7 +7,7 @@ With depth ``d > 0``, ``s = d**normal_exponent``, ``n`` the normal of the body t
     T = r x F - c_w ((w_body - w_skin) . n) n    c_w twist_scalar, r the probe's position in the link's frame
 
 The normal part is the force on the skin. The shear and twist parts oppose the body's motion, which is the force on the
-*body*: so the seed has it. ``forces_on_skin`` turns them round, so that all of F and T acts on the skin.
+*body*: so Genesis has it. ``forces_on_skin`` turns them round, so that all of F and T acts on the skin.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -163,18 +163,18 @@ def kinematic_kernel(
 
 @dataclass(kw_only=True, eq=False)
 class KinematicTaxel(SensorModel):
-    """Reads :class:`ForceTorque`."""
+    """Reads :class:`ForceTorque`: force [N], and torque about the link's origin [N m]."""
 
     normal_stiffness: float = 1000.0
-    """[N/m**normal_exponent] per probe."""
+    """Normal force of a probe per depth [N/m**normal_exponent]."""
     normal_damping: float = 1.0
-    """[N s/m**(normal_exponent + 1)] per probe."""
+    """Normal force of a probe per depth and closing speed [N s/m**(normal_exponent + 1)]."""
     normal_exponent: float = 1.0
-    """Of depth; > 0."""
+    """Exponent of the depth in the normal force; > 0."""
     shear_scalar: float = 1.0
-    """[N s/m] per probe."""
+    """Tangential force of a probe per sliding speed [N s/m]."""
     twist_scalar: float = 1.0
-    """[N m s/rad] per probe."""
+    """Torque of a probe per spin about the normal [N m s/rad]."""
     forces_on_skin: bool = False
     """Turn the shear and twist parts so that they too act on the skin (a body that slides drags the skin along)."""
     clamp_adhesion: bool = False

@@ -36,7 +36,7 @@ class RegularGrid:
 
 
 def regular_grid(positions: np.ndarray, normals: np.ndarray) -> RegularGrid | None:
-    """The grid that the taxels form, or ``None`` where the seed's grid conditions do not hold.
+    """The grid that the taxels form, or ``None`` where Genesis' grid conditions do not hold.
 
     Args:
         positions: link frame [m], shape ``(rows, cols, 3)``; other shapes are no grid, nor is a single row or column.

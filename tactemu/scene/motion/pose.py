@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -60,19 +59,3 @@ class Motion(ABC):
     def duration(self) -> float:
         """[s]; infinite for a motion that does not end."""
         return math.inf
-
-    def placed(self, position=(0.0, 0.0, 0.0), quaternion=rotation.IDENTITY) -> Placed:
-        """The same motion of a body that was placed at this pose: gives poses in the world."""
-        return Placed(self, Pose(np.array(position, np.float64), rotation.normalised(quaternion)))
-
-
-@dataclass(frozen=True)
-class Placed:
-    """A motion seen from the world: the pose at which the body was placed, displaced."""
-
-    motion: Motion
-    start: Pose
-
-    def pose(self, t_s: float) -> Pose:
-        """World pose at ``t_s`` [s]."""
-        return self.start.displaced(self.motion.pose(t_s))

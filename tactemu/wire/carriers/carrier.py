@@ -43,6 +43,10 @@ class Carrier(ABC):
     def duration_ns(self, frame: Frame) -> int:
         """How long the line is busy with a frame [ns]."""
 
+    def driver_ns(self, frame: Frame, setting: Any) -> int:
+        """How long the driver's end takes to send a frame, at the setting of its port [ns]."""
+        return self.duration_ns(frame)
+
     def lane(self, source: str) -> str:
         """The queue of a source: frames of one lane leave in order."""
         return ""

@@ -28,6 +28,11 @@ class SerialCarrier(Carrier):
         """Bits per byte at the baud rate; nothing on USB."""
         return round(len(payload(frame)) * self._byte_ns)
 
+    def driver_ns(self, frame: Frame, setting: Any) -> int:
+        """At the speed that the driver has set."""
+        speed = setting.baud if setting is not None and setting.baud else self.connector.baud
+        return round(len(payload(frame)) * self._byte_ns * self.connector.baud / speed)
+
     def heard(self, frame: Frame, connector: Any, setting: Any, *, to_driver: bool) -> Frame:
         """Noise where the two ends are set differently; USB has no such trouble."""
         if setting is None or connector.usb or not isinstance(frame, bytes):

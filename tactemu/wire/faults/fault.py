@@ -162,26 +162,26 @@ class _Words:
             values["stop_ns"] = values.get("start_ns", 0) + length
         fault = replace(Fault(kind=self.kind, text=self.text, by_ns=_DEFAULT_BY_NS.get(self.kind, 0)), **values)
         if fault.stop_ns is not None and fault.stop_ns <= fault.start_ns:
-            raise self._wrong("to", "it ends before it begins")
+            raise self._wrong("to" if length is None else "for", "it ends before it begins")
         return fault
 
     def _take(self, word: str) -> None:
         if match := re.fullmatch(r"([\d.]+)%", word):
-            self._set("probability", self._percent(word, match[1]))
+            self._set(word, "probability", self._percent(word, match[1]))
         elif word in DIRECTIONS:
-            self._set("direction", word)
+            self._set(word, "direction", word)
         elif word.startswith("id="):
-            self._set("arbitration_id", self._integer("id=", word[3:], 0x1FFF_FFFF))
+            self._set(word, "arbitration_id", self._integer(word, word[3:], 0x1FFF_FFFF))
         elif word.startswith("prefix="):
-            self._set("prefix", self._hex(word[7:]))
+            self._set(word, "prefix", self._hex(word))
         elif word in ("at", "from", "to", "for", "by"):
             name = {"from": "start_ns", "to": "stop_ns", "by": "by_ns"}.get(word, word)
-            self._set(name, self._duration(word, self._next(word)))
+            self._set(word, name, self._duration(word, self._next(word)))
         elif word in ("every", "bits", "bytes"):
             value = self._integer(word, self._next(word), 65_536, least=1)
-            self._set("every" if word == "every" else "amount", value)
+            self._set(word, "every" if word == "every" else "amount", value)
         elif self.kind == "latency" and word[:1].isdigit():
-            self._set("by_ns", self._duration("latency", word))
+            self._set(word, "by_ns", self._duration(word, word))
         else:
             raise self._wrong(word, f"unknown word{_near(word, _WORDS)}; expected {', '.join(_WORDS)}")
         self._check_allowed(word)
@@ -198,9 +198,9 @@ class _Words:
         ):
             raise self._wrong(word, f"{self.kind} befalls the whole link: give it a time only")
 
-    def _set(self, name: str, value: Any) -> None:
+    def _set(self, word: str, name: str, value: Any) -> None:
         if name in self.values:
-            raise self._wrong(name.removesuffix("_ns"), "given twice")
+            raise self._wrong(word, "given twice")
         self.values[name] = value
 
     def _next(self, word: str) -> str:
@@ -232,11 +232,12 @@ class _Words:
             raise self._wrong(word, f"expected a whole number from {least} to {most} (0x{most:X}), got {value!r}")
         return number
 
-    def _hex(self, value: str) -> bytes:
+    def _hex(self, word: str) -> bytes:
+        value = word.removeprefix("prefix=")
         try:
             return bytes.fromhex(value.removeprefix("0x"))
         except ValueError:
-            raise self._wrong("prefix=", f"expected bytes in hex such as 55aa, got {value!r}") from None
+            raise self._wrong(word, f"expected bytes in hex such as 55aa, got {value!r}") from None
 
     def _wrong(self, word: str, why: str) -> SceneError:
         return SceneError(f"fault {self.text!r}: {word!r}: {why}")

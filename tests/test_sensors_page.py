@@ -1,0 +1,167 @@
+"""docs/sensors.md is what the sensor models declare: formula, options, settings, and what docs/accuracy.md measured.
+
+``python tests/test_sensors_page.py --write`` writes it.
+"""
+
+import ast
+import dataclasses
+import inspect
+import re
+import sys
+import textwrap
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from tactemu.bench.trade.rungs import ladder
+from tactemu.imperfections import ImperfectionOptions
+from tactemu.physics.models import MODELS, cheapest, load
+from tactemu.physics.sensor import SensorModel
+
+DOCS = Path(__file__).parents[1] / "docs"
+PAGE = DOCS / "sensors.md"
+HEAD = """# Sensor models
+
+<!-- written from the models' declarations: python tests/test_sensors_page.py --write -->
+
+A sensor model turns contact into what a taxel reads. A scene file names one (`model = "kinematic_taxel"`, or
+`"module:Class"` of your own), Python makes one (`tt.KinematicTaxel(...)`); without a name a skin takes the cheapest
+model that gives what its device senses. Positions, normals and readings are in the frame of the link, normals point out
+of the skin, units are SI. Costs and errors below are those of [speed for accuracy](accuracy.md): one step of 1024
+taxels on one core, and median errors over contacts that nothing was fitted on. How deep a body is in a probe:
+[contact](contact.md). Where the models differ from those of Genesis whose options they share:
+[differences](differences.md). A model of your own: [adding a sensor model](adding-a-sensor-model.md).
+"""
+ALL_MODELS = "## Options of every model"
+IMPERFECTIONS = """## Imperfections
+
+Options of every model too, off by default; [imperfections](imperfections.md) says how they act.
+"""
+
+
+def docstrings(cls) -> dict[str, str]:
+    """The docstring under each attribute of a class."""
+    (tree,) = ast.parse(textwrap.dedent(inspect.getsource(cls))).body
+    assert isinstance(tree, ast.ClassDef)
+    return {
+        node.target.id: inspect.cleandoc(after.value.value)
+        for node, after in zip(tree.body, tree.body[1:])
+        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)
+        if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
+    }
+
+
+def words(text: str) -> str:
+    """A docstring's words as Markdown, on one line."""
+    text = re.sub(r":\w+:`~?(?:[\w.]*\.)?(\w+)`", r"`\1`", " ".join(text.split()))
+    return text.replace("``", "`")
+
+
+def row(*cells: str) -> str:
+    return "| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |"
+
+
+def unit_of(text: str) -> str:
+    """The unit in a docstring: the first brackets that hold no range and no shape."""
+    return next((found for found in re.findall(r"\[([^\]]+)\]", text) if not re.match(r"[-\d.]+,|n_envs", found)), "")
+
+
+def options_table(cls) -> str:
+    """The options that a class itself declares: default, unit and meaning."""
+    said = docstrings(cls)
+    rows = ["| option | default | unit | meaning |", "| --- | --- | --- | --- |"]
+    for field in dataclasses.fields(cls):
+        if field.init and field.name in cls.__annotations__:
+            text = said[field.name]
+            rows.append(row(f"`{field.name}`", f"`{field.default!r}`", words(unit_of(text)), words(text)))
+    return "\n".join(rows)
+
+
+def formula(cls) -> str:
+    """The docstring of a model's module as Markdown: literal blocks fenced."""
+    text = inspect.getdoc(inspect.getmodule(cls)) or ""
+    parts = []
+    for paragraph in text.split("\n\n"):
+        if paragraph.startswith(" "):
+            parts.append(f"```text\n{textwrap.dedent(paragraph)}\n```")
+        else:
+            parts.append(words(re.sub(r"::$", ":", paragraph)))
+    return "\n\n".join(parts)
+
+
+def measured() -> dict[str, list[str]]:
+    """By the name of a rung: its cells in docs/accuracy.md, and the table's head."""
+    table = (DOCS / "accuracy.md").read_text(encoding="utf-8").split("## All figures")[1].split("\n## ")[0]
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines() if line[:2] == "| "]
+    return {row[0]: row[1:] for row in rows}
+
+
+def cost_and_error(name: str) -> str:
+    """What docs/accuracy.md says of a model: the columns that have a figure."""
+    found = measured()
+    rows = {rung.name: found[rung.name] for rung in ladder() if rung.model == name and rung.name in found}
+    columns = [k for k, _title in enumerate(found["rung"]) if any(cells[k] for cells in rows.values())]
+    lines = [row("setting", *(found["rung"][k] for k in columns)), "| --- |" + " --- |" * len(columns)]
+    lines += [row(rung, *(cells[k] for k in columns)) for rung, cells in rows.items()]
+    return "\n".join(lines) if rows else "Not measured yet: `tactemu bench trade`."
+
+
+def settings(cls) -> str:
+    """What ``tactemu tune`` tries, quantity by quantity where that matters."""
+    names = list(dict.fromkeys(trial.name for quantity in cls.layouts for trial in cls.trials(quantity)))
+    return "; ".join(names)
+
+
+def section(name: str) -> str:
+    cls = load(name)
+    gives = ", ".join(f"{quantity}{' (by default)' if cheapest(quantity) == name else ''}" for quantity in cls.layouts)
+    scaled = ", ".join(f"`{option}`" for option in cls.strengths)
+    strengths = f"\n\nOptions that scale the whole reading, for a calibration: {scaled}." if scaled else ""
+    return f"""## {cls.__name__}
+
+`model = "{name}"`, level {cls.level}. Gives a device: {gives}. {words(cls.__doc__ or "")}
+
+{formula(cls)}
+
+**Valid.** {cls.valid}
+
+**Source.** {cls.source}
+
+{options_table(cls)}{strengths}
+
+`tactemu tune` tries: {settings(cls)}.
+
+{cost_and_error(name)}
+"""
+
+
+def page() -> str:
+    overview = ["| model | level | gives | unit |", "| --- | --- | --- | --- |"]
+    for name in MODELS:
+        cls = load(name)
+        link = f"[`{cls.__name__}`](#{cls.__name__.lower()})"
+        overview.append(row(link, str(cls.level), ", ".join(cls.layouts), cls.unit))
+    shared = f"{ALL_MODELS}\n\n{options_table(SensorModel)}\n"
+    spoiled = f"{IMPERFECTIONS}\n{options_table(ImperfectionOptions)}\n"
+    return "\n".join([HEAD, "\n".join(overview) + "\n", *(section(name) for name in MODELS), shared, spoiled])
+
+
+def test_the_page_is_what_the_models_say():
+    assert PAGE.read_text(encoding="utf-8") == page(), "run: python tests/test_sensors_page.py --write"
+
+
+def test_a_changed_default_is_seen(monkeypatch):
+    field = next(f for f in dataclasses.fields(load("elastomer_taxel")) if f.name == "lambda_d")
+    monkeypatch.setattr(field, "default", 701.0)
+    assert page() != PAGE.read_text(encoding="utf-8")
+
+
+def test_every_model_that_accuracy_measured_has_its_figures():
+    text = page()
+    for rung in measured():
+        assert rung == "rung" or f"| {rung} |" in text, rung
+
+
+if __name__ == "__main__":
+    if "--write" in sys.argv:
+        PAGE.write_text(page(), encoding="utf-8")
