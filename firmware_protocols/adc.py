@@ -23,7 +23,7 @@ def quantize(
 
 def int16(values: ArrayLike, order: str = ">") -> bytes:
     """Rounded, saturated and packed as signed 16 bit; ``order`` is ``">"`` (high byte first) or ``"<"``."""
-    return quantize(values, 1.0, -0x8000, 0x7FFF).astype(f"{order}i2").tobytes()
+    return np.asarray(quantize(values, 1.0, -0x8000, 0x7FFF), f"{order}i2").tobytes()
 
 
 class LowPass:

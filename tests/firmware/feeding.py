@@ -84,6 +84,8 @@ def send(device: Device, data: bytes | CanFrame | str, t_ns: int = 0, port: str 
 def _obeyed(device: Device, outs) -> list:
     if any(isinstance(out, Restart) for out in outs):
         device.power_cycle()
+        for stream in device.periods:
+            device.feel(reading_of(device, stream=stream), 0)
     return frames(outs)
 
 

@@ -20,7 +20,7 @@ def test_scale_and_rest_may_differ_by_channel():
 
 def test_int16_saturates_in_both_byte_orders():
     assert int16([1.6, -40_000, 40_000]) == bytes.fromhex("0002 8000 7FFF")
-    assert int16(258, "<") == b"\x02\x01"
+    assert int16(258) == b"\x01\x02" and int16(258, "<") == b"\x02\x01"
 
 
 @pytest.mark.parametrize("steps", [1, 3, 100])
