@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 import firmware_protocols as fp
-from firmware_protocols import Reading
-from tests.firmware.feeding import push
+from tests.firmware.feeding import check_commands, sample, send, survive
 from tests.firmware.golden import golden_vectors, replay
 
 
 def configure(device, speed, cutoff, zero, t_ns=0):
     packet = bytes([0xAA, 0, 0x32, 3, speed, cutoff, zero])
-    (answer,) = device.receive(packet + struct.pack(">H", sum(packet)), t_ns)
+    (answer,) = send(device, packet + struct.pack(">H", sum(packet)), t_ns)
     assert answer[:4].hex() == "aa005001" and struct.unpack(">H", answer[-2:])[0] == sum(answer[:-2])
     return answer[4]
 
@@ -30,19 +29,27 @@ def test_golden(vector):
     replay(vector, "optoforce")
 
 
+@pytest.mark.parametrize("axes", ["3", "4x3", "6"])
+def test_commands(axes):
+    check_commands(lambda: fp.create("optoforce", axes=axes), trailing=b"\xaa\x00")
+
+
+def test_survives_noise():
+    survive(fp.create("optoforce"))
+
+
 @pytest.mark.parametrize(("axes", "size", "values"), [("3", 16, 3), ("4x3", 34, 12), ("6", 22, 6)])
 def test_packets(axes, size, values):
     device = fp.create("optoforce", axes=axes)
-    (packet,) = device.sample(push(device, 100.0), 0)
+    (packet,) = sample(device, 100.0, 0)
     counter, status, got = parse(packet)
     assert len(packet) == size and len(got) == values and counter == 1 and status == 0
     assert got[2] == round(100 * 6049 / 2000)
-    assert parse(device.sample(push(device, 100.0), 10**7)[0])[0] == 2
+    assert parse(sample(device, 100.0, 10**7)[0])[0] == 2
 
 
 def test_axes_and_torque():
-    force = Reading(t_ns=0, values=np.array([[3.0, -4.0, -10.0]]))
-    _, _, got = parse(fp.create("optoforce", axes="6").sample(force, 0)[0])
+    _, _, got = parse(sample(fp.create("optoforce", axes="6"), force=(3.0, -4.0, -10.0))[0])
     assert got[:3] == [round(3 * 7925 / 300), round(-4 * 8641 / 300), round(10 * 6049 / 2000)]
     assert got[3:] == [200, 150, 0], "0.05 m above the flange: T = r x F"
 
@@ -51,8 +58,8 @@ def test_speeds():
     device = fp.create("optoforce")
     for speed in (1, 3, 10, 33, 100):
         assert configure(device, speed, 0, 0) == 0
-        assert device.period_ns == speed * 1_000_000 and len(device.sample(push(device, 0), 0)) == 1
-    assert configure(device, 0, 0, 0) == 0 and device.sample(push(device, 0), 0) == ()
+        assert device.period_ns == speed * 1_000_000 and len(sample(device, 0, 0)) == 1
+    assert configure(device, 0, 0, 0) == 0 and sample(device) == []
     for bad in ((2, 0, 0), (10, 7, 0), (10, 4, 1)):
         assert configure(device, *bad) == 2
 
@@ -61,31 +68,50 @@ def test_speeds():
 def test_filter_is_a_first_order_low_pass(setting, cutoff):
     device = fp.create("optoforce")
     configure(device, 1, setting, 0)
-    device.sample(push(device, 0.0), 0)
-    device.sample(push(device, 2000.0), 1_000_000)
+    sample(device, 0.0, 0)
+    sample(device, 2000.0, 1_000_000)
     assert abs(device.counts[0, 2] - 6049 * (1 - np.exp(-2 * np.pi * cutoff * 1e-3))) <= 1
 
 
 def test_zero_and_no_zero():
     device = fp.create("optoforce")
     configure(device, 10, 0, 0)
-    device.sample(push(device, 500.0), 0)
+    sample(device, 500.0, 0)
     configure(device, 10, 0, 255)
-    device.sample(push(device, 700.0), 10**7)
+    sample(device, 700.0, 10**7)
     assert device.counts[0, 2] == round(200 * 6049 / 2000)
     configure(device, 10, 0, 0)
-    device.sample(push(device, 700.0), 2 * 10**7)
+    sample(device, 700.0, 2 * 10**7)
     assert device.counts[0, 2] == round(700 * 6049 / 2000)
 
 
 def test_overload_is_reported_per_axis():
     device = fp.create("optoforce")
-    _, status, _ = parse(device.sample(Reading(t_ns=0, values=np.array([[400.0, 0.0, -3000.0]])), 0)[0])
+    _, status, _ = parse(sample(device, force=(400.0, 0.0, -3000.0))[0])
     assert status == 1 << 9 | 1 << 7
 
 
 def test_wrong_sum_is_refused_and_changes_nothing():
     device = fp.create("optoforce")
-    (answer,) = device.receive(bytes.fromhex("aa0032030104000000"), 0)
+    (answer,) = send(device, "aa0032030104000000")
     assert answer[4] == 1 and device.period_ns == 10_000_000
     assert configure(device, 1, 4, 0) == 0
+
+
+def test_a_wrong_sum_in_a_serial_number_request_is_silence():
+    device = fp.create("optoforce")
+    assert send(device, "ab00120800c6") == [] and device.counters["bad_checksum"] == 1
+
+
+def test_the_counter_rolls_over_and_can_be_preset():
+    device = fp.create("optoforce")
+    device.preset("counter", 0xFFFE)
+    assert [parse(sample(device)[0])[0] for _ in range(3)] == [0xFFFF, 0, 1]
+
+
+def test_six_axes_feel_one_wrench_at_the_flange():
+    device = fp.create("optoforce", axes="6")
+    (sense,) = device.sensed
+    assert sense.quantity == "wrench" and sense.at.positions.tolist() == [[0, 0, 0]]
+    sample(device, wrench=[[1.0, 2.0, -100.0, 0.5, -0.25, 40.0]])
+    assert device.counts.tolist() == [[26, 58, 302, 500, -250, 32767]] and device.status == 1 << 4
