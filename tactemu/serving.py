@@ -15,7 +15,7 @@ from __future__ import annotations
 import dataclasses
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -24,7 +24,6 @@ import numpy as np
 
 from firmware_protocols import Device
 from tactemu.assembly import Assembled, Wishes, assemble
-from tactemu.clock import RealClock
 from tactemu.emulator import Channel
 from tactemu.errors import SceneError, TactemuError
 from tactemu.scenario import concerns, schedule, timed_fault
@@ -41,9 +40,9 @@ _SPEED = 0.05
 
 def serve(
     target: str | Path,
-    port: str | None = None,
+    port: str | Mapping[str, str] | None = None,
     *,
-    rate_hz: float | None = None,
+    rate_hz: float | Mapping[str, float] | None = None,
     faults: Sequence[str] = (),
     seed: int | None = None,
     steer: Sequence[str] = (),
@@ -51,13 +50,15 @@ def serve(
     adjustable: Sequence[str] = (),
     truth: str | Path | None = None,
     device: str | None = None,
+    device_options: Mapping[str, Any] | None = None,
 ) -> Served:
     """A device or scene file on a port of its own; use it in a ``with`` statement.
 
     Args:
         target: a device's name, ``path/to/device.py:Class`` or ``scene.toml``.
-        port: as for ``tactemu run --port``; default: a fresh one, so that tests may run side by side.
-        rate_hz: sampling rate; default: the device's own.
+        port: as for ``tactemu run --port``; default: a fresh one, so that tests may run side by side. Where there are
+            several, a table of ports by skin, by the device's connector, or by ``SKIN/CONNECTOR``.
+        rate_hz: sampling rate; default: the device's own. A table for a device with several streams.
         faults: what goes wrong on the wire, as for ``--fault``.
         seed: root of all random numbers; default: the scene's.
         steer: bodies of a scene file to be moved by hand instead of by their motions. Bodies without a motion, and
@@ -66,6 +67,7 @@ def serve(
         adjustable: laws of imperfection (``noise``, ``dead``, ``bias`` ...) that :meth:`Served.happen` will switch on.
         truth: file for the truth log.
         device: where kernels run.
+        device_options: of a device named by ``target``, as for ``tactemu run NAME OPTION=VALUE``.
 
     Raises:
         TactemuError: when it starts, if something asked for cannot be had.
@@ -74,13 +76,21 @@ def serve(
         port=port, rate_hz=rate_hz, faults=tuple(faults), seed=seed, compute=device, fresh_ports=True,
         scenario=tuple(scenario), adjustable=tuple(adjustable),
     )  # fmt: skip
-    return Served(str(target), wishes, tuple(steer), truth)
+    return Served(str(target), wishes, tuple(steer), truth, device_options)
 
 
 class Served:
     """What :func:`serve` returns: a running emulator, seen from a test."""
 
-    def __init__(self, target: str, wishes: Wishes, steer: Sequence[str], truth: str | Path | None):
+    def __init__(
+        self,
+        target: str,
+        wishes: Wishes,
+        steer: Sequence[str],
+        truth: str | Path | None,
+        device_options: Mapping[str, Any] | None = None,
+    ):
+        self._device_options = device_options
         self._target, self._wishes, self._steer_names, self._truth_path = target, wishes, steer, truth
         self._thread: threading.Thread | None = None
         self._error: BaseException | None = None
@@ -100,11 +110,12 @@ class Served:
         """
         if self._thread is not None:
             return self
-        loaded = self._steer(file.load(self._target), self._steer_names, by_hand=not self._target.endswith(".toml"))
+        loaded = self._steer(
+            file.load(self._target, self._device_options), self._steer_names, by_hand=not self._target.endswith(".toml")
+        )
         truth = Truth(self._truth_path)
         try:
             self._assembled = assemble(loaded, self._wishes, truth=truth)
-            self.emulator.clock = RealClock()
             self.emulator.open()
         except BaseException:
             truth.close()

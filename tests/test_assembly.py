@@ -1,14 +1,17 @@
 """From scene files to emulators: buses are shared, ports are not, and what a skin says reaches its channel."""
 
+from dataclasses import replace
+
 import can
 import numpy as np
 import pytest
 
-from tactemu.assembly import Wishes, assemble, fresh_port, usual_port
+from tactemu.assembly import Wishes, assemble
 from tactemu.clock import VirtualClock
 from tactemu.errors import DeviceError, SceneError, TransportError
-from tactemu.scene.building import make_device
-from tactemu.scene.file import parse
+from tactemu.plugging import plugs_of
+from tactemu.scene.building import make_device, make_devices
+from tactemu.scene.file import load, parse
 from tactemu.truth import Truth, read
 
 BODIES = """
@@ -39,9 +42,9 @@ def test_two_boards_share_one_bus():
             start = next(c for c in channel.device.commands if "start" in c.name)
             bus.send(
                 can.Message(
-                    arbitration_id=start.request.arbitration_id,
-                    data=start.request.data,
-                    is_extended_id=start.request.is_extended_id,
+                    arbitration_id=start.frame.arbitration_id,
+                    data=start.frame.data,
+                    is_extended_id=start.frame.is_extended_id,
                 )
             )
         emulator.run(0.5)
@@ -66,7 +69,7 @@ def test_what_arrives_is_logged_under_who_is_on_the_wire(tmp_path):
     emulator.clock = VirtualClock()
     with emulator, can.Bus(interface="virtual", channel="owners") as bus:
         bus.send(can.Message(arbitration_id=0x201, data=b"\x07\x00", is_extended_id=False))
-        emulator.wires[1].transport.driver.write(emulator.channels[2].device.commands[0].request)
+        emulator.wires[1].transport.driver.write(emulator.channels[2].device.commands[0].frame)
         emulator.run(0.1)
     rows = [row for row in read(tmp_path / "t.jsonl") if row["kind"] in ("rx", "tx")]
     assert {(row["kind"], row["device"]) for row in rows} == {
@@ -77,22 +80,18 @@ def test_what_arrives_is_logged_under_who_is_on_the_wire(tmp_path):
     }
 
 
-def test_devices_of_other_speeds_do_not_share_a_bus():
+def test_devices_of_other_speeds_do_not_share_a_bus(monkeypatch):
     port = 'port = "can:virtual:x"'
     with pytest.raises(TransportError, match="put them on two buses"):
         loaded = parse(BODIES + skin("xela_uskin", port) + skin("linker_hand_l6", port))
         fast = next(s for s in loaded.tables.skin if s.device == "linker_hand_l6")
         device_class = type(make_device(fast.device, {}))
-        before = device_class.wires
-        try:
-            device_class.wires = (type(before[0])(bitrate=500_000),)
-            assemble(loaded)
-        finally:
-            device_class.wires = before
+        monkeypatch.setattr(device_class, "ports", (replace(device_class.ports[0], bitrate=500_000),))
+        assemble(loaded)
 
 
 def test_a_serial_port_is_not_shared():
-    with pytest.raises(SceneError, match="cannot share pty:/tmp/one; only a CAN bus is shared"):
+    with pytest.raises(SceneError, match="cannot share pty:/tmp/one; only a CAN bus and an RS-485 line are shared"):
         assemble(
             parse(BODIES + skin("anyskin", 'name = "a"') + skin("anyskin", 'name = "b"')), Wishes(port="pty:/tmp/one")
         )
@@ -107,7 +106,7 @@ def test_what_a_skin_says_reaches_its_channel():
     )
     made = assemble(parse(BODIES + skin("anyskin", more)))
     channel = made.emulator.channels[0]
-    assert (channel.name, channel.device.period_ns, channel.wire.pacing) == ("tip", 4_000_000, False)
+    assert (channel.name, channel.period_ns(""), channel.wire.pacing) == ("tip", 4_000_000, False)
     sampling = channel.sampling
     assert (sampling.delay_ns, sampling.jitter_ns, sampling.skew_ppm) == (3_000_000, 1_000_000, 50)
     assert [str(fault) for fault in channel.wire.faults] == ["drop 1%"]
@@ -128,11 +127,15 @@ def test_the_device_reads_in_its_own_frame():
 
 
 def test_usual_and_fresh_ports():
-    anyskin, hand = make_device("anyskin", {}), make_device("linker_hand_l6", {})
-    assert usual_port("anyskin", anyskin) == "pty:/tmp/tactemu-anyskin"
-    assert usual_port("hand", hand).startswith("can:")
-    assert fresh_port("a", anyskin) != fresh_port("a", anyskin)
-    assert fresh_port("h", hand) != fresh_port("h", hand)
+    def port(name: str, *, fresh: bool) -> str:
+        loaded = load(name)
+        (plug,) = plugs_of(loaded.tables.skin, make_devices(loaded), None, fresh=fresh)
+        return plug.address
+
+    assert port("anyskin", fresh=False) == "pty:/tmp/tactemu-anyskin"
+    assert port("linker_hand_l6", fresh=False).startswith("can:")
+    for name in ("anyskin", "linker_hand_l6"):
+        assert port(name, fresh=True) != port(name, fresh=True)
 
 
 @pytest.mark.parametrize(

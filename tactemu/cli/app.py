@@ -31,6 +31,10 @@ A simulated tactile skin on the far end of the wire: real sensors' bytes and CAN
 Target = Annotated[
     str, typer.Argument(metavar="DEVICE_OR_SCENE", help="A device's name, path/to/device.py:Class, or scene.toml.")
 ]
+Options = Annotated[
+    list[str] | None,
+    typer.Argument(metavar="[OPTION=VALUE]...", help="Options of a device; `tactemu devices NAME` lists them."),
+]
 Port = Annotated[
     str | None,
     typer.Option(
@@ -66,6 +70,7 @@ def _options(
 @app.command()
 def run(
     target: Target,
+    options: Options = None,
     port: Port = None,
     rate: Rate = None,
     seed: Seed = None,
@@ -89,6 +94,7 @@ def run(
     \b
       tactemu run anyskin
       tactemu run anyskin --port pty:/tmp/skin --rate 200 --fault 'drop 1%'
+      tactemu run optoforce axes=6
       tactemu run linker_hand_l6 --port can:socketcan:vcan0
       tactemu run hand.toml --fault 'unplug at 3s for 0.5s' --truth truth.jsonl
       tactemu run my_sensor.py:MySensor --port tcp:127.0.0.1:5000
@@ -100,14 +106,15 @@ def run(
     from tactemu.cli.running import run_target
 
     run_target(
-        target, port=port, rate_hz=rate, seed=seed, seconds=seconds, compute=device, faults=tuple(fault or ()),
-        truth=truth, style="json" if json else "plain" if plain else "auto", virtual=virtual,
+        target, options=options or (), port=port, rate_hz=rate, seed=seed, seconds=seconds, compute=device,
+        faults=tuple(fault or ()), truth=truth, style="json" if json else "plain" if plain else "auto", virtual=virtual,
     )  # fmt: skip
 
 
 @app.command()
 def devices(
     name: Annotated[str | None, typer.Argument(help="Print this device's datasheet.")] = None,
+    options: Options = None,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,
 ) -> None:
     """List the devices, or print one's datasheet.
@@ -115,10 +122,11 @@ def devices(
     \b
       tactemu devices
       tactemu devices anyskin
+      tactemu devices flexitac rows=16
     """
-    from tactemu.cli.datasheet import print_datasheet, print_table
+    from tactemu.cli.datasheet import options_of, print_datasheet, print_table
 
-    print_datasheet(name, json=json) if name else print_table(json=json)
+    print_datasheet(name, options_of(options or ()), json=json) if name else print_table(json=json)
 
 
 @app.command()

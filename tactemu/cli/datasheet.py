@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import json as json_module
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ import firmware_protocols
 from firmware_protocols import Column, Device
 from firmware_protocols.frames import frame_of
 from firmware_protocols.layouts import Layout, Patch
-from firmware_protocols.options import declared
+from firmware_protocols.options import declared, from_words
 from tactemu.cli.heatmap import flattened
 from tactemu.errors import DeviceError
 from tactemu.scene.building import make_device
@@ -72,6 +72,18 @@ def rates_of(device: Device, wish: float | Mapping[str, float] | None = None) ->
     rates = {stream: wishes.get(stream) or hz for stream, hz in own.items()}
     said = {stream: f"{hz:g} Hz" if hz else "when asked" for stream, hz in rates.items()}
     return ", ".join(f"{stream} {text}".strip() for stream, text in said.items())
+
+
+def options_of(words: Sequence[str]) -> dict[str, str]:
+    """``["axes=6"]`` as a table.
+
+    Raises:
+        DeviceError: a word that is no ``NAME=VALUE``.
+    """
+    try:
+        return from_words(words)
+    except ValueError as error:
+        raise DeviceError(str(error)) from None
 
 
 def print_datasheet(name: str, options: Mapping[str, Any] | None = None, *, json: bool = False) -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 from rich.console import Console
 
 from tactemu.channel import Channel
+from tactemu.cli.datasheet import options_of
 from tactemu.cli.kernels import start_quietly
 from tactemu.cli.reports import Say, advice, entry_of, say_in_words, say_json
 from tactemu.collector import no_full_collections
@@ -24,6 +26,7 @@ KEPT = 1000
 def run_target(
     target: str,
     *,
+    options: Sequence[str] = (),
     port: str | None,
     rate_hz: float | None,
     seed: int | None,
@@ -48,12 +51,12 @@ def run_target(
     if rate_hz is not None and not 0 < rate_hz <= 1e6:
         raise SceneError(f"--rate: expected a rate in Hz, more than 0 and at most 1e6, got {rate_hz}")
     wishes = Wishes(port=port, rate_hz=rate_hz, faults=faults, seed=seed, compute=compute)
-    loaded = load(target)
+    loaded = load(target, options_of(options))
     start_quietly()
     log = _truth(truth)
     try:
-        emulator = assemble(loaded, wishes, truth=log).emulator
-        emulator.clock = VirtualClock() if virtual else RealClock()
+        clock = VirtualClock() if virtual else RealClock()
+        emulator = assemble(loaded, wishes, clock=clock, truth=log).emulator
         run_emulator(emulator, seconds=seconds, style=style)
     finally:
         log.close()

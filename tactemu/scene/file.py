@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import ValidationError
 
 import firmware_protocols
+from firmware_protocols.options import checked
 from tactemu.errors import DeviceError, SceneError, nearest
 from tactemu.physics.models import MODELS
 from tactemu.scene.default import tables_for
@@ -34,33 +37,39 @@ class LoadedScene:
     """What paths in the file are relative to."""
 
 
-def load(target: str | Path) -> LoadedScene:
-    """The scene in the file ``target``, or the default scene of the device called ``target``.
+def load(target: str | Path, device_options: Mapping[str, Any] | None = None) -> LoadedScene:
+    """The scene in the file ``target``, or the default scene of the device called ``target`` with its options.
 
     Raises:
         SceneError: the file cannot be read or is wrong; every mistake is listed.
-        DeviceError: neither a file nor a device.
+        DeviceError: neither a file nor a device, or an option that the device does not take.
     """
     text = str(target)
     if text.endswith(".toml"):
+        if device_options:
+            named = ", ".join(device_options)
+            raise SceneError(f"{text}: a scene file gives its skins' `device_options` itself; leave out {named}")
         path = Path(text)
         try:
             return parse(path.read_text(encoding="utf-8"), source=text, folder=path.parent)
         except (OSError, UnicodeDecodeError) as error:
             reason = error.strerror if isinstance(error, OSError) else "not a text file"
             raise SceneError(f"{text}: cannot read the scene file: {reason}") from None
-    return default_scene(text)
+    return default_scene(text, device_options)
 
 
-def default_scene(name: str) -> LoadedScene:
+def default_scene(name: str, device_options: Mapping[str, Any] | None = None) -> LoadedScene:
     """The scene that comes with a device, in ``defaults/`` or in the text of a class of the user's own, or one made
-    for its layout. A class that inherits a device does not inherit its scene, which runs the device inherited.
+    for its layout, which it is too where options change the layout. A class that inherits a device does not inherit its
+    scene, which runs the device inherited.
 
     Raises:
-        DeviceError: no such device.
+        DeviceError: no such device, or an option that it does not take.
         SceneError: the text of the class is no scene, or one of another device.
     """
     device, source = load_device(name), f"default scene of {name}"
+    if device_options:
+        return _with_options(name, device, device_options, source)
     shipped = DEFAULTS / f"{name}.toml"
     if name in firmware_protocols.DEVICES and shipped.is_file():
         return parse(shipped.read_text(encoding="utf-8"), source=source)
@@ -74,6 +83,19 @@ def default_scene(name: str) -> LoadedScene:
         skin.model_copy(update={"device": name, "name": skin.title}) if is_own else skin
         for skin, is_own in zip(loaded.tables.skin, own)
     )
+    return replace(loaded, tables=loaded.tables.model_copy(update={"skin": skins}))
+
+
+def _with_options(name: str, device: type[firmware_protocols.Device], options: Mapping, source: str) -> LoadedScene:
+    try:
+        given = checked(device, options)
+        layout = device(**given).layout
+    except (TypeError, ValueError, ArithmeticError, LookupError) as error:
+        raise DeviceError(f"device {name}: {error}") from error
+    if not np.array_equal(layout.positions, device().layout.positions):
+        return check(tables_for(name, device, **given), source=source)
+    loaded = default_scene(name)
+    skins = tuple(skin.model_copy(update={"device_options": given}) for skin in loaded.tables.skin)
     return replace(loaded, tables=loaded.tables.model_copy(update={"skin": skins}))
 
 

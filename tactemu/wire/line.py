@@ -58,7 +58,7 @@ class Line:
         sample: int | None = None,
         took_ns: int | None = None,
     ) -> None:
-        """Queue a frame that may leave from ``ready_ns`` on; ``took_ns`` is its time on the line if not the carrier's."""
+        """Queue a frame that may leave from ``ready_ns`` on; ``took_ns``: its time on the line if not the carrier's."""
         self._number += 1
         carrier = self.carrier
         lane = carrier.lane(source)
