@@ -1,0 +1,345 @@
+"""Modbus on memories: functions 1 to 6, 15, 16, 22, 23 and exceptions, over RTU and over TCP.
+
+    self.rtu = Rtu(counters=self.counters)                                   # in __init__
+    self.rtu.answers(data, t_ns, {self.unit: Banks(holding=self)})           # in receive: frames
+    self.mbap[client].answers(data, t_ns, Banks(holding=self))               # TCP, whatever the unit
+
+After the Modbus application protocol specification V1.1b3, over serial line V1.02, messaging on TCP/IP V1.0b.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import Counter
+from collections.abc import Container, Mapping
+from dataclasses import dataclass
+
+from firmware_protocols.registers import Memory, Refused, Why
+from firmware_protocols.sums import crc16_modbus
+
+BROADCAST = 0
+LONGEST_RTU, LONGEST_PDU = 256, 253
+EXCEPTIONS: dict[Why, int] = {"function": 1, "address": 2, "access": 2, "value": 3, "failure": 4, "busy": 6}
+MBAP = struct.Struct(">HHHB")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Banks:
+    """The four tables of a unit, each a memory or missing (then its functions are unknown). Made for one call.
+
+    A register is two bytes. Coils and discrete inputs are memories with one byte, 0 or 1, per address.
+    """
+
+    holding: Memory | None = None
+    """Functions 3, 6, 16, 22, 23."""
+    inputs: Memory | None = None
+    """Function 4."""
+    coils: Memory | None = None
+    """Functions 1, 5, 15."""
+    discretes: Memory | None = None
+    """Function 2."""
+    step: int = 2
+    """Bytes of memory per Modbus address: 1 where a firmware counts its addresses in bytes."""
+    low_first: bool = False
+    """Whether numbers lie in memory low byte first. On the wire the high byte is first."""
+
+
+def silence_ns(baud: int) -> int:
+    """The silence that ends an RTU frame: 3.5 characters, 1.75 ms above 19200 baud."""
+    return 1_750_000 if baud > 19200 else round(3.5 * 11e9 / baud)
+
+
+def rtu(unit: int, pdu: bytes) -> bytes:
+    """``pdu`` (function and data) as a frame on a serial line."""
+    frame = bytes([unit]) + pdu
+    return frame + crc16_modbus(frame).to_bytes(2, "little")
+
+
+def mbap(unit: int, pdu: bytes, *, transaction: int = 1) -> bytes:
+    """``pdu`` (function and data) as a message over TCP."""
+    return MBAP.pack(transaction, 0, len(pdu) + 1, unit) + pdu
+
+
+# -- functions -------------------------------------------------------------------------------------------------------
+
+
+def answer(pdu: bytes, banks: Banks, t_ns: int) -> bytes:
+    """The PDU that answers a request; an exception if the memory or its form refuses it."""
+    try:
+        act, whole = _FUNCTIONS.get(pdu[0], (None, None))
+        if act is None or whole is None:
+            raise Refused("function")
+        if not whole(pdu):
+            raise Refused("value")
+        return act(pdu, banks, t_ns)
+    except Refused as refused:
+        return bytes([pdu[0] | 0x80, EXCEPTIONS[refused.why]])
+
+
+def _read_bits(pdu: bytes, banks: Banks, t_ns: int) -> bytes:
+    address, count = struct.unpack(">HH", pdu[1:])
+    _demand(address, count, 2000)
+    memory = _there(banks.coils if pdu[0] == 1 else banks.discretes)
+    bits = memory.read(address, count, t_ns)
+    data = sum((bit != 0) << k for k, bit in enumerate(bits)).to_bytes((count + 7) // 8, "little")
+    return bytes([pdu[0], len(data)]) + data
+
+
+def _read_registers(pdu: bytes, banks: Banks, t_ns: int) -> bytes:
+    memory = _there(banks.holding if pdu[0] == 3 else banks.inputs)
+    data = _words(memory, banks, *struct.unpack(">HH", pdu[1:]), t_ns)
+    return bytes([pdu[0], len(data)]) + data
+
+
+def _write_coil(pdu: bytes, banks: Banks, t_ns: int) -> bytes:
+    address, value = struct.unpack(">HH", pdu[1:])
+    if value not in (0, 0xFF00):
+        raise Refused("value")
+    _there(banks.coils).write(address, bytes([value >> 15]), t_ns)
+    return pdu
+
+
+def _write_register(pdu: bytes, banks: Banks, t_ns: int) -> bytes:
+    _write_words(banks, int.from_bytes(pdu[1:3], "big"), pdu[3:], t_ns)
+    return pdu
+
+
+def _write_coils(pdu: bytes, banks: Banks, t_ns: int) -> bytes:
+    address, count = struct.unpack(">HH", pdu[1:5])
+    _demand(address, count, 1968)
+    bits = int.from_bytes(pdu[6:], "little")
+    _there(banks.coils).write(address, bytes(bits >> k & 1 for k in range(count)), t_ns)
+    return pdu[:5]
+
+
+def _write_registers(pdu: bytes, banks: Banks, t_ns: int) -> bytes:
+    address, count = struct.unpack(">HH", pdu[1:5])
+    _demand(address, count, 123)
+    _write_words(banks, address, pdu[6:], t_ns)
+    return pdu[:5]
+
+
+def _mask_write(pdu: bytes, banks: Banks, t_ns: int) -> bytes:
+    address, keep, put = struct.unpack(">HHH", pdu[1:])
+    before = int.from_bytes(_words(_there(banks.holding), banks, address, 1, t_ns), "big")
+    _write_words(banks, address, (before & keep | put & ~keep).to_bytes(2, "big"), t_ns)
+    return pdu
+
+
+def _read_and_write(pdu: bytes, banks: Banks, t_ns: int) -> bytes:
+    """The write comes before the read."""
+    address, count, written, n = struct.unpack(">HHHH", pdu[1:9])
+    _demand(address, count, 125)
+    _demand(written, n, 121)
+    _write_words(banks, written, pdu[10:], t_ns)
+    data = _words(_there(banks.holding), banks, address, count, t_ns)
+    return bytes([pdu[0], len(data)]) + data
+
+
+def _there(memory: Memory | None) -> Memory:
+    if memory is None:
+        raise Refused("function")
+    return memory
+
+
+def _demand(address: int, count: int, most: int) -> None:
+    if not 1 <= count <= most:
+        raise Refused("value")
+    if address + count > 1 << 16:
+        raise Refused("address")
+
+
+def _words(memory: Memory, banks: Banks, address: int, count: int, t_ns: int) -> bytes:
+    _demand(address, count, 125)
+    data = memory.read(banks.step * address, 2 * count, t_ns)
+    return _swapped(data) if banks.low_first else data
+
+
+def _write_words(banks: Banks, address: int, data: bytes, t_ns: int) -> None:
+    _there(banks.holding).write(banks.step * address, _swapped(data) if banks.low_first else data, t_ns)
+
+
+def _swapped(data: bytes) -> bytes:
+    swapped = bytearray(len(data))
+    swapped[0::2], swapped[1::2] = data[1::2], data[0::2]
+    return bytes(swapped)
+
+
+def _five(pdu: bytes) -> bool:
+    return len(pdu) == 5
+
+
+def _seven(pdu: bytes) -> bool:
+    return len(pdu) == 7
+
+
+def _bits_follow(pdu: bytes) -> bool:
+    return len(pdu) >= 6 and len(pdu) == 6 + pdu[5] and pdu[5] == (int.from_bytes(pdu[3:5], "big") + 7) // 8
+
+
+def _registers_follow(pdu: bytes) -> bool:
+    return len(pdu) >= 6 and len(pdu) == 6 + pdu[5] and pdu[5] == 2 * int.from_bytes(pdu[3:5], "big")
+
+
+def _written_registers_follow(pdu: bytes) -> bool:
+    return len(pdu) >= 10 and len(pdu) == 10 + pdu[9] and pdu[9] == 2 * int.from_bytes(pdu[7:9], "big")
+
+
+_FUNCTIONS = {
+    1: (_read_bits, _five),
+    2: (_read_bits, _five),
+    3: (_read_registers, _five),
+    4: (_read_registers, _five),
+    5: (_write_coil, _five),
+    6: (_write_register, _five),
+    15: (_write_coils, _bits_follow),
+    16: (_write_registers, _registers_follow),
+    22: (_mask_write, _seven),
+    23: (_read_and_write, _written_registers_follow),
+}
+"""What answers a function, and whether a PDU has the length that it states."""
+
+
+# -- framings --------------------------------------------------------------------------------------------------------
+
+
+class Rtu:
+    """A serial line with one unit or several.
+
+    A frame ends where its function and byte count say, or where the CRC fits; a wrong CRC, a silence and too many
+    bytes forget what has come in. Unit 0 is a broadcast, obeyed by every unit and never answered.
+
+    Args:
+        counters: the device's; gets ``requests``, ``refused``, ``other_unit``, ``bad_checksum``, ``broken_frames``.
+        gap_ns: the silence, see :func:`silence_ns`.
+    """
+
+    def __init__(self, *, counters: Counter[str], gap_ns: int = 1_750_000):
+        self.gap_ns = gap_ns
+        self._counters = counters
+        self._buffer = b""
+        self._heard_ns = 0
+
+    def reset(self) -> None:
+        """Forget what has come in."""
+        self._buffer = b""
+
+    def answers(self, data: bytes, t_ns: int, units: Mapping[int, Banks]) -> list[bytes]:
+        """Frames that answer the requests that these bytes complete; ``units`` are those of this device."""
+        frames = []
+        for unit, pdu in self._cut(data, t_ns, units):
+            if unit == BROADCAST:
+                for banks in units.values():
+                    _execute(pdu, banks, t_ns, self._counters)
+            elif unit not in units:
+                self._counters["other_unit"] += 1
+            elif (reply := _execute(pdu, units[unit], t_ns, self._counters)) is not None:
+                frames.append(rtu(unit, reply))
+        return frames
+
+    def _cut(self, data: bytes, t_ns: int, units: Container[int]) -> list[tuple[int, bytes]]:
+        """Unit and PDU of every frame."""
+        if self._buffer and t_ns - self._heard_ns > self.gap_ns:
+            self._forget("broken_frames")
+        self._heard_ns = t_ns
+        self._buffer += data
+        frames = []
+        while size := self._size(units):
+            frame, self._buffer = self._buffer[:size], self._buffer[size:]
+            frames.append((frame[0], frame[1:-2]))
+        return frames
+
+    def _size(self, units: Container[int]) -> int:
+        """Bytes of the sound frame that begins the buffer, 0 while there is none."""
+        buffer = self._buffer
+        size = _rtu_size(buffer)
+        waiting = len(buffer) < size <= LONGEST_RTU
+        if len(buffer) < 4 or (waiting and (buffer[0] == BROADCAST or buffer[0] in units)):
+            return 0
+        # The CRC over a frame and its CRC is 0. An unknown function and another unit's answer end where it says so.
+        for end in (size, len(buffer)):
+            if 4 <= end <= min(len(buffer), LONGEST_RTU) and crc16_modbus(buffer[:end]) == 0:
+                return end
+        if size > LONGEST_RTU or len(buffer) > LONGEST_RTU:
+            self._forget("broken_frames")
+        elif size and not waiting:
+            self._forget("bad_checksum")
+        return 0
+
+    def _forget(self, why: str) -> None:
+        self._counters[why] += 1
+        self._buffer = b""
+
+
+_FIXED_SIZES = {**dict.fromkeys((1, 2, 3, 4, 5, 6, 8), 8), **dict.fromkeys((7, 11, 12, 17), 4), 22: 10, 24: 6, 43: 7}
+_COUNT_AT = {15: 6, 16: 6, 20: 2, 21: 2, 23: 10}
+
+
+def _rtu_size(frame: bytes) -> int:
+    """Bytes of a request with its CRC, 0 if they cannot be known (yet)."""
+    if len(frame) < 2:
+        return 0
+    if fixed := _FIXED_SIZES.get(frame[1]):
+        return fixed
+    at = _COUNT_AT.get(frame[1])
+    return 0 if at is None or len(frame) <= at else at + 1 + frame[at] + 2
+
+
+class Mbap:
+    """One TCP connection. A header that cannot be one forgets what has come in.
+
+    Args:
+        counters: the device's; gets ``requests``, ``refused``, ``other_unit``, ``broken_frames``.
+    """
+
+    def __init__(self, *, counters: Counter[str]):
+        self._counters = counters
+        self._buffer = b""
+
+    def reset(self) -> None:
+        """Forget what has come in."""
+        self._buffer = b""
+
+    def answers(self, data: bytes, t_ns: int, units: Banks | Mapping[int, Banks]) -> list[bytes]:
+        """Messages that answer the requests that these bytes complete.
+
+        ``units`` is the one device at this address, whatever unit the host writes (most firmwares), or the units
+        behind a gateway. Unit and transaction come back as they were sent.
+        """
+        self._buffer += data
+        messages = []
+        while (message := self._take()) is not None:
+            transaction, unit, pdu = message
+            banks = units if isinstance(units, Banks) else units.get(unit)
+            if banks is None:
+                self._counters["other_unit"] += 1
+            elif (reply := _execute(pdu, banks, t_ns, self._counters)) is not None:
+                messages.append(mbap(unit, reply, transaction=transaction))
+        return messages
+
+    def _take(self) -> tuple[int, int, bytes] | None:
+        """Transaction, unit and PDU of the next message."""
+        if len(self._buffer) < MBAP.size:
+            return None
+        transaction, protocol, length, unit = MBAP.unpack_from(self._buffer)
+        if protocol != 0 or not 2 <= length <= LONGEST_PDU + 1:
+            self._counters["broken_frames"] += 1
+            self._buffer = b""
+            return None
+        size = MBAP.size - 1 + length
+        if len(self._buffer) < size:
+            return None
+        pdu, self._buffer = self._buffer[MBAP.size : size], self._buffer[size:]
+        return transaction, unit, pdu
+
+
+def _execute(pdu: bytes, banks: Banks, t_ns: int, counters: Counter[str]) -> bytes | None:
+    """The answer; ``None`` to what is itself one (an exception heard on the line)."""
+    if pdu[0] >= 0x80:
+        counters["broken_frames"] += 1
+        return None
+    counters["requests"] += 1
+    reply = answer(pdu, banks, t_ns)
+    if reply[0] & 0x80:
+        counters["refused"] += 1
+    return reply
