@@ -8,7 +8,7 @@ import numpy as np
 from rich.style import Style
 from rich.text import Text
 
-from firmware_protocols.device import Layout, Patch
+from firmware_protocols.layouts import Layout, Patch
 
 SHADES = "·░▒▓█"
 RAMP = np.array([(68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37)], float)
