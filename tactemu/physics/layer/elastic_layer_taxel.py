@@ -53,8 +53,8 @@ from tactemu.physics.layer.surface import reach_of, surface_kernel
 from tactemu.physics.layer.tables import LayerMaterial, LayerTables
 from tactemu.physics.probes.probes import Probes
 from tactemu.physics.sensor import Compiled, SensorModel, Site, Trial
-from tactemu.physics.shapes.distance import FAR
 from tactemu.physics.shapes.rays import thickness_behind
+from tactemu.physics.shapes.shape import FAR
 from tactemu.plan.clearing import clear_rows
 from tactemu.plan.plan import Dtype, Stage, record
 

@@ -20,7 +20,7 @@ from tactemu.physics.probes.query import (
     turned,
 )
 from tactemu.physics.sensor import Compiled, SensorModel, Site, Trial
-from tactemu.physics.shapes.distance import table_type
+from tactemu.physics.shapes.shape import table_type
 from tactemu.plan.plan import Stage, record
 
 

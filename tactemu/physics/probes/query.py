@@ -14,8 +14,9 @@ import numpy as np
 import warp as wp
 
 from tactemu.physics.sensor import Site, Trial
-from tactemu.physics.shapes.distance import FAR, MESH, OPEN_MESH, shape_functions, table_type
+from tactemu.physics.shapes.distance import shape_functions
 from tactemu.physics.shapes.rays import ray_function, thickness_behind
+from tactemu.physics.shapes.shape import FAR, table_type
 
 
 @functools.cache
@@ -243,7 +244,7 @@ def turned(kinds: frozenset, in_strips: bool) -> bool:
     On a GPU with meshes: searches for one probe in many environments go similar ways, those for neighbouring probes,
     of which some are near the mesh and some are not, do not. Writing is less orderly then, so not without meshes.
     """
-    return not in_strips and bool(kinds & {MESH, OPEN_MESH})
+    return not in_strips and any(kind.searched for kind in kinds)
 
 
 def strips(site: Site) -> tuple[int, int]:

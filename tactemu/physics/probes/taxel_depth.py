@@ -11,7 +11,7 @@ import warp as wp
 
 from tactemu.physics.probes.query import contact_function, probe_arrays, probes_struct, strip_function, strips, turned
 from tactemu.physics.sensor import Site
-from tactemu.physics.shapes.distance import table_type
+from tactemu.physics.shapes.shape import table_type
 from tactemu.plan.plan import record
 
 _NOWHERE = 2**30
