@@ -35,10 +35,8 @@ def number(
     Raises:
         SceneError: it is not.
     """
-    bounds = [
-        f"{sign} {bound:g}" for sign, bound in ((">", above), (">=", at_least), ("<=", at_most)) if bound is not None
-    ]
-    expected = " and ".join(bounds) or "finite"
+    asked = {">": above, ">=": at_least, "<=": at_most}
+    bounds = [f"{sign} {bound:g}" for sign, bound in asked.items() if bound is not None]
     try:
         got = float(value)
     except (TypeError, ValueError, OverflowError):
@@ -46,8 +44,9 @@ def number(
     too_low = (above is not None and not got > above) or (at_least is not None and not got >= at_least)
     too_high = at_most is not None and not got <= at_most
     if not math.isfinite(got) or too_low or too_high or (whole and got != int(got)):
-        kind = "a whole number " if whole else "a number, " if not bounds else ""
-        raise SceneError(f"{where}: {name} must be {kind}{expected}{' ' + unit if unit else ''}, got {value!r}")
+        kind = ["a whole number"] if whole else [] if bounds else ["a finite number"]
+        expected = " ".join([*kind, " and ".join(bounds), unit])
+        raise SceneError(f"{where}: {name} must be {' '.join(expected.split())}, got {value!r}")
     return got
 
 

@@ -91,7 +91,7 @@ def test_blocks_hold_neighbours():
 @pytest.mark.parametrize("thickness", [0.0, 2e-3])
 def test_area_weighted_grid_has_the_weights_of_a_free_layout(compressibility, thickness):
     """The grid's planes are the radial weight times the offset times the taxel's area."""
-    grid = Grid(7, 9, 1e-3, 1e-3, np.eye(3)[0], np.eye(3)[1], np.eye(3)[2])
+    grid = Grid(7, 9, 1e-3, 1e-3, np.eye(3)[0], np.eye(3)[1], np.eye(3)[2], np.zeros(3))
     options = DilationOptions(
         lambda_d=2e5, compressibility=compressibility, elastomer_thickness=thickness, area_weighted=True
     )
