@@ -9,6 +9,7 @@ import importlib
 from typing import TYPE_CHECKING
 
 from tactemu.physics.models import MODELS
+from tactemu.physics.shapes.registry import SHAPES
 
 if TYPE_CHECKING:  # what an editor sees; the table below says the same to Python
     from tactemu.errors import DeviceError as DeviceError
@@ -25,15 +26,15 @@ if TYPE_CHECKING:  # what an editor sees; the table below says the same to Pytho
     from tactemu.physics.probes.contact_probe import ContactProbe as ContactProbe
     from tactemu.physics.probes.kinematic_taxel import KinematicTaxel as KinematicTaxel
     from tactemu.physics.sensor import Sensor as Sensor
+    from tactemu.physics.shapes.box import Box as Box
+    from tactemu.physics.shapes.capsule import Capsule as Capsule
+    from tactemu.physics.shapes.cylinder import Cylinder as Cylinder
+    from tactemu.physics.shapes.mesh import Mesh as Mesh
+    from tactemu.physics.shapes.plane import Plane as Plane
+    from tactemu.physics.shapes.sphere import Sphere as Sphere
+    from tactemu.physics.shapes.voxel_grid import VoxelGrid as VoxelGrid
     from tactemu.physics.simulation import Simulation as Simulation
     from tactemu.scene.bodies import Body as Body
-    from tactemu.scene.bodies import Box as Box
-    from tactemu.scene.bodies import Capsule as Capsule
-    from tactemu.scene.bodies import Cylinder as Cylinder
-    from tactemu.scene.bodies import Mesh as Mesh
-    from tactemu.scene.bodies import Plane as Plane
-    from tactemu.scene.bodies import Sphere as Sphere
-    from tactemu.scene.bodies import VoxelGrid as VoxelGrid
     from tactemu.scene.motion import FromFunction as FromFunction
     from tactemu.scene.motion import Hold as Hold
     from tactemu.scene.motion import Keyframes as Keyframes
@@ -57,13 +58,6 @@ _PUBLIC = {
     # public name: module that defines it
     "Scene": "tactemu.scene.scene",
     "Body": "tactemu.scene.bodies",
-    "Sphere": "tactemu.scene.bodies",
-    "Box": "tactemu.scene.bodies",
-    "Capsule": "tactemu.scene.bodies",
-    "Cylinder": "tactemu.scene.bodies",
-    "Plane": "tactemu.scene.bodies",
-    "Mesh": "tactemu.scene.bodies",
-    "VoxelGrid": "tactemu.scene.bodies",
     "MujocoSource": "tactemu.scene.mujoco_source",
     "Simulation": "tactemu.physics.simulation",
     "Sensor": "tactemu.physics.sensor",
@@ -88,7 +82,7 @@ _PUBLIC = {
     "DeviceError": "tactemu.errors",
     "TransportError": "tactemu.errors",
     "TransportUnavailable": "tactemu.errors",
-    **{kind: module for module, _, kind in (target.partition(":") for target in MODELS.values())},
+    **{kind: module for module, _, kind in (target.partition(":") for target in (*SHAPES.values(), *MODELS.values()))},
 }
 
 __all__ = list(_PUBLIC)  # pyright: ignore[reportUnsupportedDunderAll]

@@ -54,9 +54,10 @@ ARROWS = {
 FACADES = {
     # scene is data and physics computes with it; only these look up
     "scene/scene.py": ("physics", "plan"),  # build(): from the data to what computes
-    "scene/building.py": ("physics",),  # the models by their names
-    "scene/file.py": ("physics",),  # the table of these names
-    "scene/steering.py": ("physics",),  # the extent of a mesh
+    "scene/building.py": ("physics",),  # the models and the shapes by their names
+    "scene/file.py": ("physics",),  # the table of the models' names
+    "scene/bodies.py": ("physics",),  # what a shape is
+    "scene/schema.py": ("physics",),  # the keys of each shape
     "scene/placement.py": ("physics", "imperfections"),  # a built sensor on its link
     "scene/mujoco_source.py": ("physics",),  # poses a built scene
 }

@@ -10,9 +10,17 @@ from tactemu.errors import SceneError
 
 
 def number(
-    where: str, name: str, value, *, above: float | None = None, at_least: float | None = None, unit: str = ""
+    where: str,
+    name: str,
+    value,
+    *,
+    above: float | None = None,
+    at_least: float | None = None,
+    at_most: float | None = None,
+    whole: bool = False,
+    unit: str = "",
 ) -> float:
-    """A finite number, within its bound.
+    """A finite number, within its bounds.
 
     Args:
         where: the sensor or the model, for the message.
@@ -20,19 +28,25 @@ def number(
         value: as given.
         above: it must be greater than this.
         at_least: it must not be less than this.
+        at_most: it must not be more than this.
+        whole: it must be a whole number.
         unit: for the message.
 
     Raises:
         SceneError: it is not.
     """
-    bound = f"> {above:g}" if above is not None else f">= {at_least:g}" if at_least is not None else "a finite number"
+    asked = {">": above, ">=": at_least, "<=": at_most}
+    bounds = [f"{sign} {bound:g}" for sign, bound in asked.items() if bound is not None]
     try:
         got = float(value)
     except (TypeError, ValueError, OverflowError):
         got = math.nan
     too_low = (above is not None and not got > above) or (at_least is not None and not got >= at_least)
-    if not math.isfinite(got) or too_low:
-        raise SceneError(f"{where}: {name} must be {bound}{' ' + unit if unit else ''}, got {value!r}")
+    too_high = at_most is not None and not got <= at_most
+    if not math.isfinite(got) or too_low or too_high or (whole and got != int(got)):
+        kind = ["a whole number"] if whole else [] if bounds else ["a finite number"]
+        expected = " ".join([*kind, " and ".join(bounds), unit])
+        raise SceneError(f"{where}: {name} must be {' '.join(expected.split())}, got {value!r}")
     return got
 
 

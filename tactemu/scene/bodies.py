@@ -1,4 +1,4 @@
-"""What is pressed into the skin, and what carries it: rigid shapes, each fixed in the frame of its body.
+"""What carries shapes and skins: the bodies of a scene.
 
 Lengths in metres. A shape's origin and axes are those of its body; a body's pose is that of this frame in the world.
 """
@@ -6,114 +6,15 @@ Lengths in metres. A shape's origin and axes are those of its body; a body's pos
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from tactemu.errors import SceneError
+from tactemu.physics.shapes.shape import Shape
 from tactemu.scene.motion import Motion, Pose
-
-
-def _positive(kind: str, **lengths: float) -> None:
-    for name, value in lengths.items():
-        if not (np.isfinite(value) and value > 0):
-            raise SceneError(f"{kind}: {name} must be a finite length > 0 m, got {value!r}")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Sphere:
-    """A ball around the origin."""
-
-    radius: float
-
-    def __post_init__(self):
-        _positive("Sphere", radius=self.radius)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Box:
-    """A cuboid around the origin, edges along the axes."""
-
-    size: Sequence[float]
-    """Full extents along x, y, z [m]."""
-
-    def __post_init__(self):
-        if len(self.size) != 3:
-            raise SceneError(f"Box: size is the full extent along x, y, z; got {self.size!r}")
-        _positive("Box", **{f"size[{i}]": value for i, value in enumerate(self.size)})
-
-
-@dataclass(frozen=True, kw_only=True)
-class Capsule:
-    """A cylinder with round ends, along z around the origin."""
-
-    radius: float
-    length: float
-    """Of the straight part [m]; the whole is ``length + 2 * radius`` long."""
-
-    def __post_init__(self):
-        _positive("Capsule", radius=self.radius, length=self.length)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Cylinder:
-    """A cylinder with flat ends, along z around the origin."""
-
-    radius: float
-    length: float
-
-    def __post_init__(self):
-        _positive("Cylinder", radius=self.radius, length=self.length)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Plane:
-    """The half-space z <= 0: solid below, free above."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Mesh:
-    """A triangle mesh: a file that trimesh reads, a ``trimesh.Trimesh``, or ``(vertices, faces)`` arrays.
-
-    Raises:
-        MeshError: when the scene is built; the message says what is wrong with which mesh.
-    """
-
-    source: str | Path | Any
-    scale: float | Sequence[float] = 1.0
-    """Factor from the file's unit to metres (0.001 for millimetres), one number or one per axis."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class VoxelGrid:
-    """A signed distance sampled on a regular grid, trilinear between its nodes."""
-
-    values: np.ndarray
-    """Signed distances [m], negative inside, shape ``(nx, ny, nz)``, at least 2 nodes per axis."""
-    origin: Sequence[float]
-    """Position of node (0, 0, 0) in the body's frame [m]."""
-    cell: float | Sequence[float]
-    """Distance of neighbouring nodes [m], one number or one per axis."""
-    gradients: np.ndarray | None = field(default=None)
-    """Gradients at the nodes, shape ``(nx, ny, nz, 3)``; ``None``: the gradient of the interpolated distance."""
-
-    def __post_init__(self):
-        shape = np.shape(self.values)
-        if len(shape) != 3 or min(shape) < 2:
-            raise SceneError(f"VoxelGrid: values must have shape (nx, ny, nz), each >= 2, got {shape}")
-        if not np.isfinite(self.values).all():
-            raise SceneError("VoxelGrid: values must be finite; replace unknown distances by a large number")
-        if self.gradients is not None and np.shape(self.gradients) != (*shape, 3):
-            raise SceneError(f"VoxelGrid: gradients must have shape {(*shape, 3)}, got {np.shape(self.gradients)}")
-        cell = np.broadcast_to(np.asarray(self.cell, float), (3,))
-        if not (np.isfinite(cell).all() and (cell > 0).all()):
-            raise SceneError(f"VoxelGrid: cell must be > 0 m, got {self.cell!r}")
-
-
-Shape = Sphere | Box | Capsule | Cylinder | Plane | Mesh | VoxelGrid
 
 
 class Moved(Protocol):

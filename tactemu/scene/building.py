@@ -13,8 +13,11 @@ from firmware_protocols import Device, Layout
 from firmware_protocols.options import checked
 from tactemu.errors import DeviceError, SceneError, nearest
 from tactemu.physics.models import cheapest, load, models_for
-from tactemu.scene import bodies, rotation
+from tactemu.physics.shapes.registry import load_shape
+from tactemu.physics.shapes.shape import Shape
+from tactemu.scene import rotation
 from tactemu.scene.file import LoadedScene, load_device
+from tactemu.scene.schema import Body as BodyTable
 from tactemu.scene.schema import Skin
 
 if TYPE_CHECKING:
@@ -80,19 +83,14 @@ def build_scene(
     return scene, sensors
 
 
-def _shape(body: Any, folder: Path) -> Any:
+def _shape(body: BodyTable, folder: Path) -> Shape | None:
     if body.shape == "frame":
         return None
-    options = {name: getattr(body, name) for name in type(body).model_fields if name not in _COMMON}
-    if body.shape == "mesh":
-        path = folder / body.path
-        if not path.is_file():
-            raise SceneError(f"body {body.name!r}: path: no such mesh file: {path}")
-        return bodies.Mesh(source=path, scale=body.scale)
-    return getattr(bodies, body.shape.capitalize())(**options)
-
-
-_COMMON = ("name", "shape", "fixed", "position", "quaternion", "motion")
+    own = {name: getattr(body, name) for name in type(body).model_fields if name not in BodyTable.model_fields}
+    try:
+        return load_shape(body.shape).from_file(folder, **own)
+    except SceneError as error:
+        raise SceneError(f"body {body.name!r}: {error}") from None
 
 
 def sensor_model(skin: Skin, device: Device, laws: Sequence[str] = ()) -> Any:

@@ -30,7 +30,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tactemu.errors import SceneError
-from tactemu.scene.bodies import Body, Box, Capsule, Cylinder, Mesh, Plane, Shape, Sphere
+from tactemu.physics.shapes.mesh import Mesh
+from tactemu.physics.shapes.registry import SHAPES, load_shape
+from tactemu.physics.shapes.shape import Shape
+from tactemu.scene.bodies import Body
 
 if TYPE_CHECKING:
     from tactemu.physics.simulation import Simulation
@@ -120,26 +123,17 @@ class MujocoSource:
         return [int(geom) for geom in np.flatnonzero(takes_part)]
 
     def _shape(self, geom: int) -> Shape:
-        kinds = self._mujoco.mjtGeom
         size = [float(value) for value in self._model.geom_size[geom]]
-        match int(self._model.geom_type[geom]):
-            case kinds.mjGEOM_PLANE:
-                return Plane()
-            case kinds.mjGEOM_SPHERE:
-                return Sphere(radius=size[0])
-            case kinds.mjGEOM_CAPSULE:
-                return Capsule(radius=size[0], length=2 * size[1])
-            case kinds.mjGEOM_CYLINDER:
-                return Cylinder(radius=size[0], length=2 * size[1])
-            case kinds.mjGEOM_BOX:
-                return Box(size=tuple(2 * half for half in size))
-            case kinds.mjGEOM_ELLIPSOID:
-                import trimesh
+        kind = self._mujoco.mjtGeom(self._model.geom_type[geom]).name.removeprefix("mjGEOM_").lower()
+        for shape in map(load_shape, SHAPES):
+            if shape.mujoco_geom == kind:
+                return shape.from_mujoco(size)
+        if kind == "ellipsoid":
+            import trimesh
 
-                return Mesh(source=trimesh.creation.icosphere(5), scale=size)
-            case kinds.mjGEOM_MESH:
-                return self._mesh(int(self._model.geom_dataid[geom]))
-        kind = kinds(self._model.geom_type[geom]).name.removeprefix("mjGEOM_").lower()
+            return Mesh(source=trimesh.creation.icosphere(5), scale=size)
+        if kind == "mesh":
+            return self._mesh(int(self._model.geom_dataid[geom]))
         raise SceneError(
             f"geom {self._name('geom', geom)!r} is of kind {kind}, which has no distance here; "
             "name the geoms to add without it: MujocoSource(scene, model, geoms=[...])"

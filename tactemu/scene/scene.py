@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactemu.errors import SceneError
-from tactemu.scene.bodies import Body, Moved, Shape, find
+from tactemu.physics.shapes.registry import SHAPES
+from tactemu.physics.shapes.shape import Shape
+from tactemu.scene.bodies import Body, Moved, find
 
 if TYPE_CHECKING:
     from tactemu.physics.sensor import Sensor, SensorModel
@@ -57,8 +59,7 @@ class Scene:
             SceneError: an option is wrong, or the name is taken.
         """
         if shape is not None and not isinstance(shape, Shape):
-            kinds = ", ".join(kind.__name__ for kind in get_args(Shape))
-            raise SceneError(f"add_body: expected a shape ({kinds}) or None, got {shape!r}")
+            raise SceneError(f"add_body: expected a shape ({', '.join(SHAPES)}) or None, got {shape!r}")
         index = len(self.bodies)
         kind = type(shape).__name__.lower() if shape is not None else "frame"
         name = name or f"{kind}{index}"

@@ -6,8 +6,9 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import typing
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
 from pydantic import (
     BaseModel,
@@ -21,6 +22,9 @@ from pydantic import (
 )
 
 from tactemu.errors import SceneError, nearest
+from tactemu.physics.shapes.registry import SHAPES as SHAPE_CLASSES
+from tactemu.physics.shapes.registry import load_shape
+from tactemu.physics.shapes.shape import Shape
 from tactemu.scene.mistakes import listed, mistake
 from tactemu.scene.motion import MOTIONS, Motion, Sequence, Together
 
@@ -100,6 +104,7 @@ def motion_schemas() -> dict[str, dict[str, Any]]:
 class Body(Table):
     """What every ``[[body]]`` has."""
 
+    shape: str
     name: str = Field(min_length=1)
     fixed: bool = Field(default=False, description="never moves")
     position: Vector = Field(default=(0.0, 0.0, 0.0), description="of its origin, in the world [m]")
@@ -107,65 +112,28 @@ class Body(Table):
     motion: Any = Field(default=None, description="a table with `kind`, or a list of them, one after another")
 
 
-class SphereBody(Body):
-    """A ball."""
-
-    shape: Literal["sphere"]
-    radius: PositiveFloat = Field(description="[m]")
-
-
-class BoxBody(Body):
-    """A cuboid about its origin."""
-
-    shape: Literal["box"]
-    size: tuple[PositiveFloat, PositiveFloat, PositiveFloat] = Field(description="full extents along x, y, z [m]")
-
-
-class CapsuleBody(Body):
-    """A cylinder along z with half balls at its ends."""
-
-    shape: Literal["capsule"]
-    radius: PositiveFloat = Field(description="[m]")
-    length: PositiveFloat = Field(description="of the straight part [m]")
+def _body_table(name: str, shape: type[Shape]) -> type[Body]:
+    """The table with the keys of a shape: its fields, or what its ``from_file`` asks for."""
+    own = "from_file" in vars(shape)
+    maker = shape.from_file if own else shape
+    hints = typing.get_type_hints(maker, include_extras=True)
+    fields: dict[str, Any] = {"shape": (Literal[name], ...)}  # type: ignore[valid-type]
+    for key, parameter in inspect.signature(maker).parameters.items():
+        if key == "folder":
+            continue
+        about = [text for text in getattr(hints[key], "__metadata__", ()) if isinstance(text, str)]
+        given = ... if parameter.default is parameter.empty else parameter.default
+        fields[key] = (hints[key], Field(default=given, description=" ".join(about) or None))
+    return create_model(f"{shape.__name__}Body", __base__=Body, __doc__=shape.__doc__, **fields)
 
 
-class CylinderBody(Body):
-    """A cylinder along z."""
-
-    shape: Literal["cylinder"]
-    radius: PositiveFloat = Field(description="[m]")
-    length: PositiveFloat = Field(description="[m]")
-
-
-class FrameBody(Body):
-    """No geometry: a link for a skin."""
-
-    shape: Literal["frame"]
-
-
-class PlaneBody(Body):
-    """The plane z = 0 of its own frame, solid below."""
-
-    shape: Literal["plane"]
-
-
-class MeshBody(Body):
-    """A triangle mesh in a file that trimesh loads (STL, OBJ, PLY, GLB ...)."""
-
-    shape: Literal["mesh"]
-    path: str = Field(description="relative to the scene file")
-    scale: PositiveFloat = Field(default=1.0, description="metres per unit of the file")
-
-
-SHAPES = {
-    "sphere": SphereBody,
-    "box": BoxBody,
-    "capsule": CapsuleBody,
-    "cylinder": CylinderBody,
-    "plane": PlaneBody,
-    "frame": FrameBody,
-    "mesh": MeshBody,
+SHAPES: dict[str, type[Body]] = {
+    **{name: _body_table(name, load_shape(name)) for name in SHAPE_CLASSES},
+    "frame": create_model(
+        "FrameBody", __base__=Body, __doc__="No geometry: a link for a skin.", shape=(Literal["frame"], ...)
+    ),
 }
+"""Table of each ``shape``."""
 
 
 def _has_a_shape(data: Any) -> Any:
@@ -176,13 +144,11 @@ def _has_a_shape(data: Any) -> Any:
     return data
 
 
-AnyBody = Annotated[
-    Annotated[
-        SphereBody | BoxBody | CapsuleBody | CylinderBody | PlaneBody | FrameBody | MeshBody,
-        Field(discriminator="shape"),
-    ],
-    BeforeValidator(_has_a_shape),
-]
+if TYPE_CHECKING:
+    AnyBody = Body
+else:
+    _OneBody = Annotated[Union[tuple(SHAPES.values())], Field(discriminator="shape")]  # noqa: UP007
+    AnyBody = Annotated[_OneBody, BeforeValidator(_has_a_shape)]
 
 
 # -- skins ---------------------------------------------------------------------------------------------------------

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from tactemu.errors import SceneError
 from tactemu.scene import rotation
-from tactemu.scene.bodies import Body, Box, Capsule, Cylinder, Mesh, Plane, Sphere
+from tactemu.scene.bodies import Body
 from tactemu.scene.motion import Hold, Keyframes, Motion, Pose
 
 
@@ -64,25 +63,11 @@ def reach(body: Body, quaternion: np.ndarray, direction: np.ndarray) -> float:
     """How far the surface of a body lies from its origin along a world direction [m] (its support function).
 
     Raises:
-        SceneError: a shape whose extent is not known here.
+        SceneError: it has no shape, or one whose extent is not known.
     """
-    d = rotation.rotate(rotation.conjugate(quaternion), direction)
-    shape = body.shape
-    if isinstance(shape, Sphere):
-        return shape.radius
-    if isinstance(shape, Box):
-        return float(np.abs(d) @ np.asarray(shape.size, float)) / 2
-    if isinstance(shape, Capsule):
-        return shape.radius + abs(float(d[2])) * shape.length / 2
-    if isinstance(shape, Cylinder):
-        return shape.radius * math.hypot(d[0], d[1]) + abs(float(d[2])) * shape.length / 2
-    if isinstance(shape, Plane):
-        return 0.0
-    if not isinstance(shape, Mesh):
+    if body.shape is None:
         raise SceneError(f"body {body.name!r}: cannot tell how far it reaches; use move() with a position")
-    from tactemu.physics.shapes.mesh import load_mesh
-
-    return float((load_mesh(shape.source, shape.scale, body.name).vertices @ d).max())
+    return body.shape.reach(body.name, rotation.rotate(rotation.conjugate(quaternion), direction))
 
 
 def pressing_way(

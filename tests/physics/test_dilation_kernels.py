@@ -16,7 +16,7 @@ from tactemu.physics.elastomer.dilation_kernels import (
     spectral_layer,
 )
 from tactemu.physics.elastomer.separable import overlapping_blocks, separable_terms
-from tactemu.physics.probes.probe_grid import RegularGrid, regular_grid
+from tactemu.physics.probes.grid import Grid, find_grid
 
 
 def exact_layer_response(q: float) -> Fraction:
@@ -91,7 +91,7 @@ def test_blocks_hold_neighbours():
 @pytest.mark.parametrize("thickness", [0.0, 2e-3])
 def test_area_weighted_grid_has_the_weights_of_a_free_layout(compressibility, thickness):
     """The grid's planes are the radial weight times the offset times the taxel's area."""
-    grid = RegularGrid(7, 9, 1e-3, 1e-3, np.eye(3)[0], np.eye(3)[1], np.eye(3)[2])
+    grid = Grid(7, 9, 1e-3, 1e-3, np.eye(3)[0], np.eye(3)[1], np.eye(3)[2], np.zeros(3))
     options = DilationOptions(
         lambda_d=2e5, compressibility=compressibility, elastomer_thickness=thickness, area_weighted=True
     )
@@ -114,15 +114,15 @@ def test_grid_detection():
     x, y = np.meshgrid(np.arange(5) * 2e-3, np.arange(4) * 3e-3)
     positions = np.stack([x, y, 0 * x], -1)
     up = np.broadcast_to([0.0, 0.0, 1.0], (20, 3))
-    grid = regular_grid(positions, up)
+    grid = find_grid(positions, up)
     assert (grid.rows, grid.cols) == (4, 5) and grid.is_exact
     assert (grid.du, grid.dv) == pytest.approx((2e-3, 3e-3))
-    assert regular_grid(positions[:1], up[:5]) is None and regular_grid(positions.reshape(-1, 3), up) is None
+    assert find_grid(positions[:1], up[:5]) is None and find_grid(positions.reshape(-1, 3), up) is None
     bent = positions.copy()
     bent[..., 2] = 5 * x**2
-    assert regular_grid(bent, up) is None
+    assert find_grid(bent, up) is None
     fanned = up + np.stack([0.01 * x, 0 * x, 0 * x], -1).reshape(-1, 3)
-    assert regular_grid(positions, fanned) is None
+    assert find_grid(positions, fanned) is None
 
 
 @pytest.mark.parametrize("hexagonal", [False, True])

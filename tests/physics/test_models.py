@@ -114,3 +114,25 @@ def test_a_scene_file_takes_a_class_of_the_users_own(tmp_path, monkeypatch):
         build_scene(missing, make_devices(missing))
     with pytest.raises(SceneError, match="unknown model 'kinematik_taxel'; did you mean 'kinematic_taxel'"):
         parse(SCENE.format(model="kinematik_taxel"))
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        ("elastomer_taxel", {"release_threshold": np.nan}, "release_threshold must be a finite number m, got nan"),
+        ("elastomer_taxel", {"release_threshold": -np.inf}, "release_threshold must be a finite number m, got -inf"),
+        ("elastomer_taxel", {"release_threshold": 1e-3}, "release_threshold must be <= contact_threshold (1e-05 m)"),
+        ("elastomer_taxel", {"compressibility": 1.5}, "compressibility must be >= 0 and <= 1, got 1.5"),
+        ("contact_probe", {"release_threshold": np.nan}, "release_threshold must be a finite number m, got nan"),
+        ("proximity_taxel", {"stiffness": "much"}, "stiffness must be >= 0, got 'much'"),
+        ("kinematic_taxel", {"normal_exponent": 0}, "normal_exponent must be > 0, got 0"),
+        ("elastic_layer_taxel", {"iterations": 2.5}, "iterations must be a whole number >= 1, got 2.5"),
+        ("elastic_layer_taxel", {"poisson_ratio": 0.51}, "poisson_ratio must be >= 0 and <= 0.5, got 0.51"),
+        ("elastic_layer_taxel", {"young_modulus": np.inf}, "young_modulus must be > 0 Pa, got inf"),
+        ("elastic_layer_taxel", {"thickness": np.nan}, "thickness must be > 0 m, got nan"),
+    ],
+)
+def test_a_wrong_option_is_named_as_it_is(name, options, message):
+    with pytest.raises(SceneError) as caught:
+        pressed(name, options, depth=0.0)
+    assert f"{load(name).__name__}: {message}" in str(caught.value)

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 import tactemu as tt
-from tactemu.physics.shapes import table
+from tactemu.physics.shapes import mesh_query
 from tests.physics.rig import scene_with
 
 COUNT = """
@@ -103,8 +103,8 @@ def test_a_mesh_that_no_sensor_feels_is_never_loaded():
 
 def test_bodies_that_share_a_mesh_share_its_hierarchy(monkeypatch):
     built = []
-    build = table.build_query
-    monkeypatch.setattr(table, "build_query", lambda *args: built.append(args) or build(*args))
+    build = mesh_query.build_query
+    monkeypatch.setattr(mesh_query, "build_query", lambda *args: built.append(args) or build(*args))
     ball = tt.Mesh(source=trimesh.creation.icosphere(2, radius=0.01))
     scene = tt.Scene()
     link = scene.add_body(fixed=True)

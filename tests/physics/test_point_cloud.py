@@ -6,7 +6,7 @@ import pytest
 import tactemu as tt
 from tactemu.errors import SceneError
 from tactemu.physics.points.point_cloud import CLUSTER, PointCloud, cluster, farthest_points, split_evenly
-from tactemu.physics.points.surface import sample_shape, sample_triangles
+from tactemu.physics.shapes.surface import sample_triangles
 
 
 def test_farthest_points_keep_their_distance():
@@ -74,7 +74,7 @@ def test_points_are_split_evenly():
     ],
 )
 def test_points_lie_evenly_on_the_exact_surface(shape, area):
-    points, total = sample_shape(shape, "it", 20_000, np.random.default_rng(0))
+    points, total = shape.sample("it", 20_000, np.random.default_rng(0))
     assert total == pytest.approx(area) and points.shape == (20_000, 3)
     match shape:
         case tt.Sphere(radius=r):

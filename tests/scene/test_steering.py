@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import trimesh
 
+from tactemu import Box, Capsule, Cylinder, Mesh, Sphere
 from tactemu.errors import SceneError
 from tactemu.scene import rotation
-from tactemu.scene.bodies import Box, Capsule, Cylinder, Mesh, Sphere
 from tactemu.scene.motion import Pose
 from tactemu.scene.scene import Scene
 from tactemu.scene.steering import Leg, Steered, pressing_way, reach

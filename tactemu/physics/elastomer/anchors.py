@@ -18,12 +18,10 @@ from tactemu.physics.points.point_cloud import CLUSTER, Clusters
 from tactemu.physics.points.table import cloud_type, upload_clouds
 from tactemu.physics.poses import LinkView
 from tactemu.physics.shapes.active_groups import ActiveGroups, active_groups
-from tactemu.physics.shapes.distance import VOXEL, ShapeFunctions, table_type
+from tactemu.physics.shapes.distance import ShapeFunctions
+from tactemu.physics.shapes.shape import table_type
 from tactemu.physics.shapes.table import ShapeTable
 from tactemu.plan.plan import Context, record
-
-_VOXEL_SLOPE = 1.75
-"""A trilinear grid of distances may change by sqrt(3) per length, other distances by 1."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,7 +165,7 @@ def shear_anchors(
         place=wp.zeros(places, dtype=vec3, device=device),
         pull=wp.zeros(places, dtype=vec3, device=device),
     )
-    slope = _VOXEL_SLOPE if VOXEL in table.kinds else 1.0
+    slope = max((kind.steepest for kind in table.kinds), default=1.0)
     follow_points, release_all = _kernels(real, table.functions, slope, area_weighted)
     follow = record(
         follow_points,

@@ -21,7 +21,7 @@ from tactemu.physics.elastomer.dilation_kernels import (
     spectral_layer,
 )
 from tactemu.physics.elastomer.separable import overlapping_blocks, separable_terms
-from tactemu.physics.probes.probe_grid import RegularGrid
+from tactemu.physics.probes.grid import Grid
 from tactemu.plan.plan import Context, record
 
 WIDTH = 8
@@ -31,7 +31,7 @@ _NEGLIGIBLE = 1e-30
 """Smaller weights, as a part of the largest, count as 0: numbers below the normal range of floats are slow."""
 
 
-def _offsets(grid: RegularGrid) -> tuple[np.ndarray, np.ndarray]:
+def _offsets(grid: Grid) -> tuple[np.ndarray, np.ndarray]:
     """Signed offsets (u, v) [m], shape ``(2 rows - 1, 2 cols - 1)`` each."""
     v, u = np.meshgrid(
         np.arange(1 - grid.rows, grid.rows) * grid.dv, np.arange(1 - grid.cols, grid.cols) * grid.du, indexing="ij"
@@ -39,7 +39,7 @@ def _offsets(grid: RegularGrid) -> tuple[np.ndarray, np.ndarray]:
     return u, v
 
 
-def _periodic_layer(grid: RegularGrid, thickness: float) -> tuple[np.ndarray, float]:
+def _periodic_layer(grid: Grid, thickness: float) -> tuple[np.ndarray, float]:
     """The layer's planes (u, v) at the grid's offsets as Genesis has them, and their peak."""
     ny, nx = (1 << (2 * n - 2).bit_length() for n in (grid.rows, grid.cols))
     planes = spectral_layer((ny, nx), (grid.du, grid.dv), thickness)
@@ -47,7 +47,7 @@ def _periodic_layer(grid: RegularGrid, thickness: float) -> tuple[np.ndarray, fl
     return planes[:, rows[:, None], cols], float(np.hypot(*planes).max())
 
 
-def _free_layer(grid: RegularGrid, thickness: float, area: float) -> tuple[np.ndarray, float]:
+def _free_layer(grid: Grid, thickness: float, area: float) -> tuple[np.ndarray, float]:
     """The layer's planes in an unbounded plane, per taxel, and their peak per area."""
     u, v = _offsets(grid)
     rho = np.hypot(u, v)
@@ -56,7 +56,7 @@ def _free_layer(grid: RegularGrid, thickness: float, area: float) -> tuple[np.nd
     return area * np.stack([u * weight, v * weight]), peak
 
 
-def far_planes(grid: RegularGrid, options: DilationOptions) -> tuple[np.ndarray, float]:
+def far_planes(grid: Grid, options: DilationOptions) -> tuple[np.ndarray, float]:
     """The far-reaching weight times the offset, planes (u, v) at signed offsets, and the peak used in a blend."""
     area = grid.du * grid.dv if options.area_weighted else 1.0
     if options.uses_layer and options.area_weighted:
@@ -69,7 +69,7 @@ def far_planes(grid: RegularGrid, options: DilationOptions) -> tuple[np.ndarray,
     return np.stack([u * weight, v * weight]), 1.0 / (2.0 * eps)
 
 
-def plane_terms(grid: RegularGrid, options: DilationOptions, tolerance: float) -> list[tuple[np.ndarray, np.ndarray]]:
+def plane_terms(grid: Grid, options: DilationOptions, tolerance: float) -> list[tuple[np.ndarray, np.ndarray]]:
     """Separable terms of the planes (u, v, normal): rows and columns each, see :func:`separable_terms`."""
     u, v = _offsets(grid)
     area = grid.du * grid.dv if options.area_weighted else 1.0
@@ -152,7 +152,7 @@ def _kernels(real):
 
 def grid_dilation(
     context: Context,
-    grid: RegularGrid,
+    grid: Grid,
     options: DilationOptions,
     *,
     scale: float,

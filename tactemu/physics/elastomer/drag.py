@@ -11,14 +11,36 @@ good to 1e-6.
 
 import functools
 from collections.abc import Callable
+from dataclasses import dataclass
 
-import numpy as np
 import warp as wp
 
 from tactemu.physics.elastomer.anchors import Anchors
 from tactemu.physics.points.point_cloud import CLUSTER
-from tactemu.physics.probes.probe_grid import RegularGrid
+from tactemu.physics.probes.grid import Grid
 from tactemu.plan.plan import Context, record
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drag:
+    """What all three ways are told."""
+
+    context: Context
+    anchors: Anchors
+    is_sensing: wp.array
+    """False for fillers, bool, shape ``(n_taxels,)``; they are left alone."""
+    scale: float
+    lambda_s: float
+    """[1/m^2]"""
+    motion: wp.array
+    """Of the markers [m], vec3, shape ``(n_envs, n_taxels)``: added to, or written if ``add`` is false."""
+    add: bool
+
+    @property
+    def pulling(self) -> list[wp.array]:
+        """Clusters with points that pull, as kernels take them."""
+        return [self.anchors.n_pulling, self.anchors.groups.n_active, self.anchors.groups.active]
+
 
 WIDTH = 8
 _NEGLIGIBLE = 1.0e-30
@@ -202,72 +224,39 @@ def _block_kernel(real, add: bool, quick: bool):
     return add_shear
 
 
-def direct_shear_motion(
-    context: Context,
-    anchors: Anchors,
-    *,
-    positions: wp.array,
-    normals: wp.array,
-    is_sensing: wp.array,
-    scale: float,
-    lambda_s: float,
-    motion: wp.array,
-    add: bool,
-) -> Callable[[], None]:
-    """Record the sum for taxels anywhere, each with its own normal; see :func:`grid_shear_motion`."""
-    groups = anchors.groups
+def direct_shear_motion(drag: Drag, positions: wp.array, normals: wp.array) -> Callable[[], None]:
+    """Record the sum for taxels anywhere, each with its own normal."""
+    context, anchors = drag.context, drag.anchors
+    kernel = _direct_kernel(context.real, drag.add, not context.device.is_cpu)
     inputs = [
-        anchors.n_pulling,
-        groups.n_active,
-        groups.active,
+        *drag.pulling,
         anchors.place,
         anchors.pull,
         positions,
         normals,
-        is_sensing,
-        scale,
-        lambda_s,
+        drag.is_sensing,
+        drag.scale,
+        drag.lambda_s,
     ]
-    dim = (context.n_envs, len(is_sensing))
-    return record(_direct_kernel(context.real, add, not context.device.is_cpu), dim, inputs, [motion], context.device)
+    return record(kernel, drag.motion.shape, inputs, [drag.motion], context.device)
 
 
-def tabulated_shear_motion(
-    context: Context,
-    anchors: Anchors,
-    grid: RegularGrid,
-    corner: np.ndarray,
-    *,
-    is_sensing: wp.array,
-    scale: float,
-    lambda_s: float,
-    motion: wp.array,
-    add: bool,
-) -> Callable[[], None]:
-    """As :func:`grid_shear_motion`, with the exponentials in tables: for few environments, where memory is cheap."""
+def tabulated_shear_motion(drag: Drag, grid: Grid) -> Callable[[], None]:
+    """Record the sum for a grid, with the exponentials in tables: for few environments, where memory is cheap."""
+    context, anchors = drag.context, drag.anchors
     real, device, n_envs = context.real, context.device, context.n_envs
     vec3 = wp.types.vector(3, real)
     n_slots, n_blocks = anchors.place.shape[1], -(-grid.cols // WIDTH)
     in_plane = wp.zeros((n_envs, n_slots), dtype=wp.types.vector(2, real), device=device)
     by_row = wp.zeros((n_envs, n_slots, grid.rows), dtype=real, device=device)
     by_col = wp.zeros((n_envs, n_slots, n_blocks), dtype=wp.types.vector(WIDTH, real), device=device)
-    groups = anchors.groups
-    tabulate, add_shear = _grid_kernels(real, add)
+    tabulate, add_shear = _grid_kernels(real, drag.add)
     axes = [vec3(*grid.u), vec3(*grid.v)]
-    first = record(
-        tabulate,
-        anchors.n_pulling.shape,
-        [anchors.n_pulling, anchors.place, anchors.pull, vec3(*corner), *axes, grid.du, grid.dv, lambda_s, scale],
-        [in_plane, by_row, by_col],
-        device,
-    )
-    second = record(
-        add_shear,
-        (n_envs, grid.rows, n_blocks),
-        [anchors.n_pulling, groups.n_active, groups.active, in_plane, by_row, by_col, *axes, is_sensing, grid.cols],
-        [motion],
-        device,
-    )
+    inputs = [anchors.n_pulling, anchors.place, anchors.pull, vec3(*grid.corner), *axes, grid.du, grid.dv]
+    inputs += [drag.lambda_s, drag.scale]
+    first = record(tabulate, anchors.n_pulling.shape, inputs, [in_plane, by_row, by_col], device)
+    inputs = [*drag.pulling, in_plane, by_row, by_col, *axes, drag.is_sensing, grid.cols]
+    second = record(add_shear, (n_envs, grid.rows, n_blocks), inputs, [drag.motion], device)
 
     def launch():
         first()
@@ -276,27 +265,13 @@ def tabulated_shear_motion(
     return launch
 
 
-def grid_shear_motion(
-    context: Context,
-    anchors: Anchors,
-    grid: RegularGrid,
-    corner: np.ndarray,
-    *,
-    is_sensing: wp.array,
-    scale: float,
-    lambda_s: float,
-    motion: wp.array,
-    add: bool,
-) -> Callable[[], None]:
-    """Record the sum for a grid whose first taxel is at ``corner``.
-
-    It adds to ``motion``, vec3, shape ``(n_envs, n_taxels)``, or writes it if ``add`` is false; fillers are left alone.
-    """
+def grid_shear_motion(drag: Drag, grid: Grid) -> Callable[[], None]:
+    """Record the sum for a grid, each exponential where it is needed: for many environments."""
+    context, anchors = drag.context, drag.anchors
     vec3 = wp.types.vector(3, context.real)
     shape = (context.n_envs, grid.rows, grid.cols)
-    groups = anchors.groups
-    inputs = [anchors.n_pulling, groups.n_active, groups.active, anchors.place, anchors.pull, vec3(*corner)]
-    inputs += [vec3(*grid.u), vec3(*grid.v), grid.du, grid.dv, lambda_s, scale, is_sensing.reshape(shape[1:])]
+    inputs = [*drag.pulling, anchors.place, anchors.pull, vec3(*grid.corner), vec3(*grid.u), vec3(*grid.v)]
+    inputs += [grid.du, grid.dv, drag.lambda_s, drag.scale, drag.is_sensing.reshape(shape[1:])]
     dim = (context.n_envs, -(-grid.rows // WIDTH), grid.cols)
-    kernel = _block_kernel(context.real, add, not context.device.is_cpu)
-    return record(kernel, dim, inputs, [motion.reshape(shape)], context.device)
+    kernel = _block_kernel(context.real, drag.add, not context.device.is_cpu)
+    return record(kernel, dim, inputs, [drag.motion.reshape(shape)], context.device)

@@ -29,10 +29,10 @@ from tactemu.physics.elastomer.anchors import shear_anchors
 from tactemu.physics.elastomer.dilation_direct import direct_dilation, free_areas
 from tactemu.physics.elastomer.dilation_grid import grid_dilation
 from tactemu.physics.elastomer.dilation_kernels import DilationOptions
-from tactemu.physics.elastomer.drag import direct_shear_motion, grid_shear_motion, tabulated_shear_motion
+from tactemu.physics.elastomer.drag import Drag, direct_shear_motion, grid_shear_motion, tabulated_shear_motion
+from tactemu.physics.options import number
 from tactemu.physics.points.point_cloud import cluster
 from tactemu.physics.points.surface_points import FEWER_POINTS, surface_points
-from tactemu.physics.probes.probe_grid import regular_grid
 from tactemu.physics.probes.probes import Probes
 from tactemu.physics.probes.taxel_depth import taxel_depth
 from tactemu.physics.sensor import Compiled, SensorModel, Site, Trial
@@ -95,19 +95,18 @@ class ElastomerTaxel(SensorModel):
         return [Trial(f"{count} points", {"n_sample_points": count}) for count in (500, 2000)]
 
     def validate(self, probes: Probes) -> None:
-        """Check ranges."""
-        at_least_zero = ("lambda_d", "lambda_s", "dilate_scale", "shear_scale", "elastomer_thickness")
-        for name in at_least_zero:
-            self._check(name, getattr(self, name) >= 0, ">= 0")
-        self._check("contact_threshold", self.contact_threshold >= self.release_threshold, ">= release_threshold")
-        self._check("release_threshold", True, "")
-        self._check("normal_exponent", self.normal_exponent > 0, "> 0")
-        self._check("compressibility", 0 <= self.compressibility <= 1, "within 0..1")
-
-    def _check(self, name: str, ok: bool, wanted: str) -> None:
-        value = getattr(self, name)
-        if not (np.isfinite(value) and ok):
-            raise SceneError(f"ElastomerTaxel: {name} must be finite and {wanted}, got {value!r}")
+        where = "ElastomerTaxel"
+        for name in ("lambda_d", "lambda_s", "dilate_scale", "shear_scale", "elastomer_thickness"):
+            number(where, name, getattr(self, name), at_least=0)
+        number(where, "normal_exponent", self.normal_exponent, above=0)
+        number(where, "compressibility", self.compressibility, at_least=0, at_most=1)
+        for name in ("contact_threshold", "release_threshold"):
+            number(where, name, getattr(self, name), unit="m")
+        if self.release_threshold > self.contact_threshold:
+            raise SceneError(
+                f"{where}: release_threshold must be <= contact_threshold ({self.contact_threshold!r} m), "
+                f"got {self.release_threshold!r} m"
+            )
 
     def compile(self, site: Site) -> Compiled:
         """Depth, dilation, anchors, shear: only those that are switched on."""
@@ -131,7 +130,7 @@ class _Parts:
         self.model, self.site, self.motion = model, site, motion
         probes = site.probes
         self.is_sensing = wp.array(probes.active, dtype=wp.bool, device=site.context.device)
-        self.grid = regular_grid(probes.positions.reshape(*probes.layout, 3), probes.normals)
+        self.grid = probes.grid
         if probes.is_grid and self.grid is None and min(probes.layout) > 1:
             log.warning("%s: the taxels are no flat, even grid with one normal: summed one by one", site.name)
 
@@ -209,14 +208,16 @@ class _Parts:
 
     def _drag(self, anchors, add: bool) -> Callable[[], None]:
         site, model = self.site, self.model
-        shared = {
-            "is_sensing": self.is_sensing,
-            "scale": model.shear_scale,
-            "lambda_s": model.lambda_s,
-            "motion": self.motion,
-            "add": add,
-        }
+        drag = Drag(
+            context=site.context,
+            anchors=anchors,
+            is_sensing=self.is_sensing,
+            scale=model.shear_scale,
+            lambda_s=model.lambda_s,
+            motion=self.motion,
+            add=add,
+        )
         if self.grid is None or not self.grid.is_exact:
-            return direct_shear_motion(site.context, anchors, positions=site.positions, normals=site.normals, **shared)
+            return direct_shear_motion(drag, site.positions, site.normals)
         by_grid = tabulated_shear_motion if site.context.device.is_cpu else grid_shear_motion
-        return by_grid(site.context, anchors, self.grid, site.probes.positions[0], **shared)
+        return by_grid(drag, self.grid)

@@ -51,10 +51,11 @@ from tactemu.physics.layer.reading import (
 )
 from tactemu.physics.layer.surface import reach_of, surface_kernel
 from tactemu.physics.layer.tables import LayerMaterial, LayerTables
+from tactemu.physics.options import number
 from tactemu.physics.probes.probes import Probes
 from tactemu.physics.sensor import Compiled, SensorModel, Site, Trial
-from tactemu.physics.shapes.distance import FAR
 from tactemu.physics.shapes.rays import thickness_behind
+from tactemu.physics.shapes.shape import FAR
 from tactemu.plan.clearing import clear_rows
 from tactemu.plan.plan import Dtype, Stage, record
 
@@ -151,18 +152,15 @@ class ElasticLayerTaxel(SensorModel):
 
     def validate(self, probes: Probes) -> None:
         where = "ElasticLayerTaxel"
-        for name in ("young_modulus", "thickness", "tolerance"):
-            if not getattr(self, name) > 0 or (name != "thickness" and not math.isfinite(getattr(self, name))):
-                raise SceneError(f"{where}: {name} must be > 0, got {getattr(self, name)!r}")
-        if not 0 <= self.poisson_ratio <= 0.5:
-            raise SceneError(f"{where}: poisson_ratio must be 0..0.5, got {self.poisson_ratio!r}")
-        if not (math.isfinite(self.friction) and self.friction >= 0):
-            raise SceneError(f"{where}: friction must be finite and >= 0, got {self.friction!r}")
-        for name, least in (("iterations", 1), ("oversampling", 1)):
-            if getattr(self, name) != int(getattr(self, name)) or getattr(self, name) < least:
-                raise SceneError(f"{where}: {name} must be a whole number >= {least}, got {getattr(self, name)!r}")
-        if self.look_depth is not None and not (math.isfinite(self.look_depth) and self.look_depth > 0):
-            raise SceneError(f"{where}: look_depth must be a length > 0 m, got {self.look_depth!r}")
+        for name, unit in (("young_modulus", "Pa"), ("thickness", "m"), ("tolerance", "")):
+            if name != "thickness" or self.thickness != math.inf:
+                number(where, name, getattr(self, name), above=0, unit=unit)
+        number(where, "poisson_ratio", self.poisson_ratio, at_least=0, at_most=0.5)
+        number(where, "friction", self.friction, at_least=0)
+        for name in ("iterations", "oversampling"):
+            number(where, name, getattr(self, name), at_least=1, whole=True)
+        if self.look_depth is not None:
+            number(where, "look_depth", self.look_depth, above=0, unit="m")
         if self.contact_depth_query not in (None, "ray"):
             raise SceneError(
                 f"{where}: contact_depth_query must be 'ray' (or left out), got {self.contact_depth_query!r}: "

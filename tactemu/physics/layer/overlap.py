@@ -8,8 +8,8 @@ import functools
 import warp as wp
 
 from tactemu.physics.layer.pressure import NO_SURFACE
-from tactemu.physics.shapes.distance import FAR, table_type
 from tactemu.physics.shapes.rays import ray_function
+from tactemu.physics.shapes.shape import FAR, table_type
 
 
 @functools.cache

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from tactemu.errors import SceneError
+from tactemu.physics.options import number
 from tactemu.physics.points.near import near_clusters
 from tactemu.physics.points.point_cloud import Clusters, cluster
 from tactemu.physics.points.proximity_sums import ProximitySums
@@ -142,9 +142,7 @@ class ProximityTaxel(SensorModel):
 
     def validate(self, probes: Probes) -> None:
         for name in ("stiffness", "density_scalar", "shear_coupling", "twist_scalar"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise SceneError(f"ProximityTaxel: {name} must be finite and >= 0, got {value!r}")
+            number("ProximityTaxel", name, getattr(self, name), at_least=0)
 
     def present(self, values: np.ndarray) -> ForceTorque:
         return ForceTorque(values[..., :3], values[..., 3:])

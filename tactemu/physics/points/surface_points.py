@@ -8,7 +8,6 @@ import numpy as np
 
 from tactemu.errors import SceneError
 from tactemu.physics.points.point_cloud import PointCloud, farthest_points, split_evenly
-from tactemu.physics.points.surface import sample_shape
 from tactemu.physics.sensor import Site
 from tactemu.random_streams import generator
 
@@ -65,7 +64,7 @@ def surface_points(
     for body, count in zip(site.target_bodies, _counts(n_sample_points, max(len(site.target_bodies), 1), site.name)):
         rng = generator(site.context.seed, f"{site.name}/points of {body.name}")
         assert body.shape is not None  # of those without a shape nothing is felt
-        candidates, area = sample_shape(body.shape, body.name, max(256, 4 * count), rng)
+        candidates, area = body.shape.sample(body.name, max(256, 4 * count), rng)
         positions = candidates[farthest_points(candidates, count)]
         clouds.append(PointCloud(body.index, positions, np.full(count, area / count)))
     return clouds

@@ -74,8 +74,8 @@ class ContactProbe(SensorModel):
         return self.contact_threshold if self.release_threshold is None else self.release_threshold
 
     def validate(self, probes: Probes) -> None:
-        number("ContactProbe", "contact_threshold", self.contact_threshold, unit="[m]")
-        number("ContactProbe", "release_threshold", self._release, unit="[m]")
+        number("ContactProbe", "contact_threshold", self.contact_threshold, unit="m")
+        number("ContactProbe", "release_threshold", self._release, unit="m")
         if self._release > self.contact_threshold:
             raise SceneError(
                 f"ContactProbe: release_threshold must be <= contact_threshold ({self.contact_threshold!r} m), "

@@ -22,20 +22,10 @@ import warp as wp
 
 from tactemu.physics.options import number
 from tactemu.physics.probes.probes import Probes
-from tactemu.physics.probes.query import (
-    CHEAPER_QUERY,
-    contact_function,
-    noise_function,
-    probe_arrays,
-    probes_struct,
-    query_trials,
-    strip_function,
-    strips,
-    turned,
-)
+from tactemu.physics.probes.query import CHEAPER_QUERY, probes_struct, query_trials
+from tactemu.physics.probes.strips import record_strips
 from tactemu.physics.sensor import Compiled, SensorModel, Site, Trial
-from tactemu.physics.shapes.distance import table_type
-from tactemu.plan.plan import Stage, record
+from tactemu.plan.plan import Stage
 
 
 class ForceTorque(NamedTuple):
@@ -48,53 +38,59 @@ class ForceTorque(NamedTuple):
 
 
 @functools.cache
-def coefficients_type(real):
-    """The Warp struct of a KinematicTaxel's numbers."""
+def springs_type(real):
+    """The Warp struct of a KinematicTaxel's numbers, and of the motion of what presses."""
+    vec3 = wp.types.vector(3, real)
 
     @wp.struct
-    class Coefficients:
+    class Springs:
         stiffness: real
         damping: real
         exponent: real
         shear: real
         twist: real
         pull_floor: real  # least normal force: 0 forbids adhesion, -1e18 allows it
+        velocity: wp.array2d(dtype=vec3)
+        spin: wp.array2d(dtype=vec3)
 
-    return Coefficients
+    return Springs
 
 
 @functools.cache
-def kinematic_kernel(
-    real,
-    kinds: frozenset,
-    along_normal: bool,
-    in_strips: bool,
-    moving: bool,
-    separate: bool,
-    has_gain: bool,
-    has_radius: bool,
-):
-    """Force and torque of the truth and, if ``separate``, of the measured branch."""
+def springs_formula(real, moving: bool):
+    """Force and torque of one probe; ``moving``: damping, shear or twist are asked for."""
     vec3 = wp.types.vector(3, real)
-    transform = wp.types.transformation(real)
-    shapes_type = table_type(real)
-    probes_type = probes_struct(real)
-    nearest = contact_function(real, kinds, along_normal)
-    touches, noise = strip_function(real, kinds), noise_function(real, has_radius)
-    coefficients = coefficients_type(real)
+    springs_struct, probes_type = springs_type(real), probes_struct(real)
 
     @wp.func
-    def write(
-        d: real, c: coefficients, n: vec3, v: vec3, w: vec3, r: vec3, e: int, i: int, out: wp.array3d(dtype=real)
+    def feel(
+        c: springs_struct,
+        probes: probes_type,
+        depth: real,
+        gain: real,
+        n: vec3,
+        body: int,
+        e: int,
+        i: int,
+        out: wp.array3d(dtype=real),
     ):
         force = vec3(real(0.0))
         torque = vec3(real(0.0))
+        d = depth * gain
         if not (d <= real(0.0)):  # so that NaN goes on
+            if wp.dot(n, n) < real(0.5):
+                n = -probes.normals[i]
+            r = probes.positions[i]
             s = d
             if c.exponent != real(1.0):
                 s = wp.pow(d, c.exponent)
             push = c.stiffness * s
             if wp.static(moving):
+                v = vec3(real(0.0))
+                w = vec3(real(0.0))
+                if body >= 0:
+                    w = c.spin[e, body]
+                    v = c.velocity[e, body] + wp.cross(w, r)
                 vn = wp.dot(v, n)
                 push += c.damping * s * vn
                 if push < c.pull_floor:  # not max(), which would turn NaN into the floor
@@ -108,57 +104,7 @@ def kinematic_kernel(
             out[e, i, k] = force[k]
             out[e, i, 3 + k] = torque[k]
 
-    @wp.kernel(module="unique", enable_backward=False)
-    def kinematic(
-        shapes: shapes_type,
-        pose: wp.array2d(dtype=transform),
-        velocity: wp.array2d(dtype=vec3),
-        spin: wp.array2d(dtype=vec3),
-        targets: wp.array(dtype=wp.int32),
-        probes: probes_type,
-        c: coefficients,
-        gain: wp.array2d(dtype=real),
-        radius: wp.array2d(dtype=real),
-        truth_out: wp.array3d(dtype=real),
-        raw_out: wp.array3d(dtype=real),
-    ):
-        e, strip = wp.tid()
-        if wp.static(turned(kinds, in_strips)):
-            strip, e = wp.tid()
-        first = strip * probes.strip
-        last = wp.min(first + probes.strip, probes.radii.shape[0])
-        if wp.static(in_strips):
-            if not touches(shapes, pose, targets, probes, e, strip, noise(probes, radius, e, strip)):
-                for i in range(first, last):
-                    for k in range(6):
-                        truth_out[e, i, k] = real(0.0)
-                        if wp.static(separate):
-                            raw_out[e, i, k] = real(0.0)
-                return
-        for i in range(first, last):
-            r_true = probes.radii[i]
-            if r_true > real(0.0):
-                r_measured = r_true
-                if wp.static(has_radius):
-                    r_measured = radius[e, i]
-                distance, n, b = nearest(shapes, pose, targets, probes, e, i, wp.max(r_true, r_measured))
-                if wp.dot(n, n) < real(0.5):
-                    n = -probes.normals[i]
-                r = probes.positions[i]
-                v = vec3(real(0.0))
-                w = vec3(real(0.0))
-                if wp.static(moving):
-                    if b >= 0:
-                        w = spin[e, b]
-                        v = velocity[e, b] + wp.cross(w, r)
-                write(r_true - distance, c, n, v, w, r, e, i, truth_out)
-                if wp.static(separate):
-                    d = r_measured - distance
-                    if wp.static(has_gain):
-                        d *= gain[e, i]
-                    write(d, c, n, v, w, r, e, i, raw_out)
-
-    return kinematic
+    return feel
 
 
 @dataclass(kw_only=True, eq=False)
@@ -210,22 +156,19 @@ class KinematicTaxel(SensorModel):
         return ForceTorque(values[..., :3], values[..., 3:])
 
     def compile(self, site: Site) -> Compiled:
-        context, view = site.context, site.view
-        truth = site.zeros()
+        real, truth = site.context.real, site.zeros()
         raw = site.zeros() if site.separate else truth
-        none = wp.zeros((0, 0), dtype=context.real, device=context.device)
-        c = coefficients_type(context.real)()
+        moving = self.velocity_reason() is not None
+        launch = record_strips(site, springs_formula(real, moving), springs_type(real), self._springs(site), truth, raw)
+        why = "KinematicTaxel reads force and torque"
+        stage = Stage(name=f"{site.name}: springs", reason=why, launch=launch, cheaper=CHEAPER_QUERY)
+        return Compiled(truth=truth, raw=raw, stages=[stage])
+
+    def _springs(self, site: Site):
+        c = springs_type(site.context.real)()
         side = -1.0 if self.forces_on_skin else 1.0
         c.stiffness, c.damping, c.exponent = self.normal_stiffness, self.normal_damping, self.normal_exponent
         c.shear, c.twist = side * self.shear_scalar, side * self.twist_scalar
         c.pull_floor = 0.0 if self.clamp_adhesion else -1e18
-        moving = self.velocity_reason() is not None
-        has_gain, has_radius = site.gain is not None, site.radius is not None
-        how = (site.along_normal, context.device.is_cpu, moving, site.separate, has_gain, has_radius)
-        kernel = kinematic_kernel(context.real, site.table.kinds, *how)
-        inputs = [site.table.struct, view.pose, view.velocity, view.spin, site.targets, probe_arrays(site)]
-        inputs += [c, site.gain if has_gain else none, site.radius if has_radius else none]
-        launch = record(kernel, strips(site), inputs, [truth, raw], context.device)
-        why = "KinematicTaxel reads force and torque"
-        stage = Stage(name=f"{site.name}: springs", reason=why, launch=launch, cheaper=CHEAPER_QUERY)
-        return Compiled(truth=truth, raw=raw, stages=[stage])
+        c.velocity, c.spin = site.view.velocity, site.view.spin
+        return c

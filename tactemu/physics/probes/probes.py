@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from tactemu.errors import SceneError
 from tactemu.physics.options import numbers, triple
+from tactemu.physics.probes.grid import Grid, find_grid
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,6 +49,11 @@ class Probes:
     def is_grid(self) -> bool:
         """Was the layout given as ``(rows, cols, 3)``?"""
         return len(self.layout) == 2
+
+    @cached_property
+    def grid(self) -> Grid | None:
+        """The flat, even grid that the probes form, or ``None``."""
+        return find_grid(self.positions.reshape(*self.layout, 3), self.normals)
 
     def steps(self) -> tuple[np.ndarray, np.ndarray]:
         """Mean step vectors of a grid [m]: along the columns (u) and along the rows (v); zero for a single one."""

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from tactemu.physics.probes.query import contact_function, probe_arrays, probes_struct, strip_function, strips, turned
+from tactemu.physics.probes.query import probes_struct
+from tactemu.physics.probes.strips import record_strips
 from tactemu.physics.sensor import Site
-from tactemu.physics.shapes.distance import table_type
 from tactemu.plan.plan import record
 
 _NOWHERE = 2**30
@@ -43,49 +43,50 @@ def _clear_kernel():
 
 
 @functools.cache
-def _depth_kernel(real, kinds: frozenset, along_normal: bool, in_strips: bool):
-    transform = wp.types.transformation(real)
-    contact, touches = contact_function(real, kinds, along_normal), strip_function(real, kinds)
+def _box_type(real):
+    @wp.struct
+    class Boxes:
+        exponent: real
+        cols: wp.int32
+        power: wp.array2d(dtype=real)  # written: depth ** exponent
+        box: wp.array2d(dtype=wp.int32)  # widened by every taxel in contact
 
-    @wp.kernel(module="unique", enable_backward=False)
-    def find_depth(
-        shapes: table_type(real),
-        pose: wp.array2d(dtype=transform),
-        targets: wp.array(dtype=wp.int32),
-        probes: probes_struct(real),
-        exponent: real,
-        cols: int,
-        # outputs
-        depth: wp.array2d(dtype=real),
-        power: wp.array2d(dtype=real),
-        box: wp.array2d(dtype=wp.int32),
+    return Boxes
+
+
+@functools.cache
+def _depth_formula(real):
+    vec3 = wp.types.vector(3, real)
+    boxes_type, probes_type = _box_type(real), probes_struct(real)
+
+    @wp.func
+    def feel(
+        boxes: boxes_type,
+        probes: probes_type,
+        depth: real,
+        gain: real,
+        normal: vec3,
+        body: int,
+        e: int,
+        i: int,
+        out: wp.array3d(dtype=real),
     ):
-        env, strip = wp.tid()
-        if wp.static(turned(kinds, in_strips)):
-            strip, env = wp.tid()
-        first = strip * probes.strip
-        near = bool(True)
-        if wp.static(in_strips):
-            near = touches(shapes, pose, targets, probes, env, strip, real(0.0))
-        for taxel in range(first, wp.min(first + probes.strip, probes.positions.shape[0])):
-            h = real(0.0)
-            if near and probes.radii[taxel] > real(0.0):
-                distance, _normal, _body = contact(shapes, pose, targets, probes, env, taxel, real(0.0))
-                if not (distance >= real(0.0)):  # so that NaN goes on
-                    h = -distance
-                    row = taxel // cols
-                    col = taxel - row * cols
-                    wp.atomic_min(box, env, 0, row)
-                    wp.atomic_max(box, env, 1, row)
-                    wp.atomic_min(box, env, 2, col)
-                    wp.atomic_max(box, env, 3, col)
-            depth[env, taxel] = h
-            if exponent == real(2.0):
-                power[env, taxel] = h * h
-            elif exponent != real(1.0):
-                power[env, taxel] = wp.pow(h, exponent)
+        h = real(0.0)
+        if not (depth <= real(0.0)):  # so that NaN goes on
+            h = depth
+            row = i // boxes.cols
+            col = i - row * boxes.cols
+            wp.atomic_min(boxes.box, e, 0, row)
+            wp.atomic_max(boxes.box, e, 1, row)
+            wp.atomic_min(boxes.box, e, 2, col)
+            wp.atomic_max(boxes.box, e, 3, col)
+        out[e, i, 0] = h
+        if boxes.exponent == real(2.0):
+            boxes.power[e, i] = h * h
+        elif boxes.exponent != real(1.0):
+            boxes.power[e, i] = wp.pow(h, boxes.exponent)
 
-    return find_depth
+    return feel
 
 
 def taxel_depth(site: Site, exponent: float) -> tuple[TaxelDepth, Callable[[], None]]:
@@ -96,9 +97,10 @@ def taxel_depth(site: Site, exponent: float) -> tuple[TaxelDepth, Callable[[], N
     power = depth if exponent == 1.0 else wp.zeros(shape, dtype=real, device=device)
     box = wp.zeros((context.n_envs, 4), dtype=wp.int32, device=device)
     clear = record(_clear_kernel(), context.n_envs, [], [box], device)
-    kernel = _depth_kernel(real, site.table.kinds, site.along_normal, device.is_cpu)
-    inputs = [site.table.struct, site.view.pose, site.targets, probe_arrays(site), exponent, site.probes.layout[-1]]
-    find = record(kernel, strips(site), inputs, [depth, power, box], device)
+    boxes = _box_type(real)()
+    boxes.exponent, boxes.cols, boxes.power, boxes.box = exponent, site.probes.layout[-1], power, box
+    out = depth.reshape((*shape, 1))
+    find = record_strips(site, _depth_formula(real), _box_type(real), boxes, out, out, at_surface=True)
 
     def launch():
         clear()

@@ -1,168 +1,121 @@
-"""Triangle meshes: loading them and judging them.
+"""A triangle mesh: read and judged by :mod:`triangles`, searched by :mod:`mesh_query`."""
 
-What is wrong with a mesh is said before anything is computed: what has no distance is refused, what can be put right
-(degenerate triangles, a surface that is inside out, vertices given once per triangle) is put right and logged, and a
-surface with holes is used with a warning, inside being what it mostly encloses.
-"""
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false, reportAttributeAccessIssue=false
 
-import logging
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Annotated, Any
 
 import numpy as np
 
-from tactemu.errors import MeshError
+from tactemu.errors import SceneError
+from tactemu.physics.shapes.rays import bound_function
+from tactemu.physics.shapes.shape import FAR, Kind, Length, Row, Shape, table_type
+from tactemu.physics.shapes.surface import sample_triangles
+from tactemu.physics.shapes.triangles import Triangles, load_mesh
+from tactemu.physics.shapes.voxel_grid import VoxelGrid
 
-log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, eq=False)
-class Triangles:
-    """A mesh that has passed :func:`load_mesh`: metres, body frame."""
-
-    name: str
-    vertices: np.ndarray
-    """Shape ``(n, 3)``, float64."""
-    faces: np.ndarray
-    """Shape ``(m, 3)``, int32, counter-clockwise seen from outside."""
-    closed: bool
-    """Does every edge belong to two triangles?"""
-
-    @property
-    def bound(self) -> float:
-        """Largest distance of a vertex from the body's origin [m]."""
-        return float(np.linalg.norm(self.vertices, axis=1).max())
+MOST_CROSSINGS = 16
+"""Surfaces behind the skin that a line may cross."""
 
 
-def _read(source, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and faces of a path, a ``trimesh.Trimesh`` or a pair of arrays."""
-    if isinstance(source, str | Path):
-        path = Path(source)
-        if not path.is_file():
-            raise MeshError(f"{name}: no such file (looked in {Path.cwd()}); give the full path")
-        import trimesh
-
-        try:
-            source = cast(Any, trimesh.load(path, force="mesh", process=False))
-        except Exception as error:
-            raise MeshError(f"{name}: trimesh cannot read it ({error}); try STL, OBJ, PLY, OFF or GLB") from None
-    if hasattr(source, "vertices") and hasattr(source, "faces"):
-        return np.asarray(source.vertices), np.asarray(source.faces)
-    try:
-        vertices, faces = source
-    except (TypeError, ValueError):
-        expected = "a path, a trimesh.Trimesh or (vertices, faces)"
-        raise MeshError(f"{name}: expected {expected}, got {type(source).__name__}") from None
-    return np.asarray(vertices), np.asarray(faces)
-
-
-def load_mesh(source, scale: float | Sequence[float] = 1.0, name: str = "mesh") -> Triangles:
-    """Load a mesh, put right what can be, and refuse what has no distance.
-
-    Args:
-        source: a path, a ``trimesh.Trimesh``, or ``(vertices, faces)``.
-        scale: metres per unit of the source, one number or one per axis.
-        name: for messages; a path is appended.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Mesh(Shape):
+    """A triangle mesh: a file that trimesh reads, a ``trimesh.Trimesh``, or ``(vertices, faces)`` arrays.
 
     Raises:
-        MeshError: the file is missing or unreadable, there are no triangles or none with an area, numbers are not
-            finite, faces name vertices that are not there, neighbours are wound against each other, or the scale is
-            not positive.
+        MeshError: when the scene is built; the message says what is wrong with which mesh.
     """
-    if isinstance(source, str | Path):
-        name = f"{name} ({source})"
-    vertices, faces = _read(source, name)
-    vertices, faces = _checked_arrays(vertices, faces, name)
-    vertices = vertices * _checked_scale(scale, name)
-    given = len(faces)
-    faces = _without_points(_merged(vertices, faces))
-    closed = len(faces) > 0 and _is_closed(faces, name)
-    faces = _without_slivers(vertices, faces, given, name)
-    if closed and _volume(vertices, faces) < 0.0:
-        log.warning("%s is inside out: its faces are turned round", name)
-        faces = np.ascontiguousarray(faces[:, ::-1])
-    return Triangles(name, np.ascontiguousarray(vertices), faces, closed)
 
+    source: str | Path | Any
+    scale: float | Sequence[float] = 1.0
+    """Factor from the file's unit to metres (0.001 for millimetres), one number or one per axis."""
 
-def _checked_arrays(vertices: np.ndarray, faces: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
-    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3 or not len(faces):
-        raise MeshError(f"{name}: expected (n, 3) vertices and (m, 3) faces, got {vertices.shape} and {faces.shape}")
-    if faces.dtype.kind not in "iu" or faces.min() < 0 or faces.max() >= len(vertices):
-        raise MeshError(f"{name}: faces must name vertices 0..{len(vertices) - 1}, got {faces.min()}..{faces.max()}")
-    vertices = vertices.astype(np.float64)
-    bad = np.flatnonzero(~np.isfinite(vertices).all(1))
-    if len(bad):
-        raise MeshError(f"{name}: vertex {bad[0]} is not finite: {vertices[bad[0]]} ({len(bad)} such vertices)")
-    return vertices, faces.astype(np.int32)
+    def row(self, name: str, device) -> Row:
+        from tactemu.physics.shapes.mesh_query import build_query
 
-
-def _checked_scale(scale, name: str) -> np.ndarray:
-    factor = np.asarray(scale, float)
-    if factor.shape not in ((), (3,)) or not (np.isfinite(factor).all() and (factor > 0).all()):
-        raise MeshError(f"{name}: scale must be > 0, one number or one per axis, got {scale!r}")
-    return factor
-
-
-def _merged(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Faces that name the same vertex wherever positions are equal bit for bit (STL repeats them per triangle)."""
-    bits = (vertices + 0.0).view(np.uint64)  # + 0.0: so that -0.0 equals 0.0
-    with np.errstate(over="ignore"):
-        odd = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
-        mixed = (bits ^ (bits >> np.uint64(29))) * odd
-        key = mixed[:, 0] ^ np.roll(mixed, 1, axis=1)[:, 2] * odd[2] ^ (mixed[:, 2] >> np.uint64(7)) * odd[0]
-    _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
-    same = first[inverse]
-    if not np.array_equal(vertices[same], vertices):  # a collision of keys: as unlikely as it is harmless
-        return faces
-    return same.astype(np.int32)[faces]
-
-
-def _without_points(faces: np.ndarray) -> np.ndarray:
-    """Drop triangles that name a vertex twice: their neighbours share the edge that is left of them."""
-    a, b, c = faces.T
-    return np.ascontiguousarray(faces[(a != b) & (b != c) & (c != a)])
-
-
-def _without_slivers(vertices: np.ndarray, faces: np.ndarray, given: int, name: str) -> np.ndarray:
-    """Drop triangles without an area: Warp finds no distance to them, and their edges are those of neighbours.
-
-    Judged after the edges, since such a triangle may well close a surface.
-    """
-    corners = vertices[faces]
-    extent = np.ptp(corners.reshape(-1, 3), axis=0).max() if len(faces) else 0.0
-    sides = (np.roll(corners, -1, axis=1) - corners) / (extent or 1.0)
-    longest = np.linalg.norm(sides, axis=2).max(1, initial=0.0)
-    area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-    proper = area > longest * np.maximum(1e-6 * longest, 1e-7)
-    if not proper.any():
-        raise MeshError(f"{name}: no triangle has an area; is the scale right, or are all vertices in one line?")
-    dropped = given - int(proper.sum())
-    if dropped:
-        log.warning("%s: %d of %d triangles have no area and are dropped", name, dropped, given)
-    return np.ascontiguousarray(faces[proper])
-
-
-def _is_closed(faces: np.ndarray, name: str) -> bool:
-    """Judge the edges: every one in two triangles, in opposite directions."""
-    start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
-    low, high = np.minimum(start, end).astype(np.int64), np.maximum(start, end)
-    edge = low * (int(faces.max()) + 1) + high
-    _, inverse, uses = np.unique(edge, return_inverse=True, return_counts=True)
-    turns = np.bincount(inverse, weights=np.where(start < end, 1.0, -1.0))
-    against = int(((uses == 2) & (turns != 0)).sum())
-    if against:
-        raise MeshError(
-            f"{name}: at {against} of {len(uses)} edges neighbouring triangles are wound against each other, so that "
-            "inside and outside are not defined; trimesh.repair.fix_normals(mesh) mends that"
+        triangles = self._triangles(name)
+        query = build_query(triangles, device)
+        used = triangles.vertices[triangles.faces].reshape(-1, 3)
+        return Row(
+            MESH if triangles.closed else OPEN_MESH,
+            bound=triangles.bound,
+            middle=tuple(0.5 * (used.min(0) + used.max(0))),
+            half=tuple(0.5 * np.ptp(used, axis=0)),
+            mesh=query.mesh,
+            mesh_unit=query.unit,
+            grid=VoxelGrid(values=query.values, origin=query.origin, cell=query.cell),
         )
-    holes = int((uses % 2 == 1).sum())
-    if holes:
-        log.warning("%s is not closed (%d edges on a border): inside is what it mostly encloses", name, holes)
-    return not holes
+
+    def reach(self, name: str, direction: np.ndarray) -> float:
+        return float((self._triangles(name).vertices @ direction).max())
+
+    def sample(self, name: str, count: int, rng: np.random.Generator) -> tuple[np.ndarray, float]:
+        triangles = self._triangles(name)
+        return sample_triangles(triangles.vertices, triangles.faces, count, rng)
+
+    @classmethod
+    def from_file(  # pyright: ignore[reportIncompatibleMethodOverride]
+        cls,
+        folder: Path,
+        *,
+        path: Annotated[str, "of a file that trimesh reads (STL, OBJ, PLY, GLB ...); relative to the scene file"],
+        scale: Annotated[Length, "metres per unit of the file"] = 1.0,
+    ) -> "Mesh":
+        if not (folder / path).is_file():
+            raise SceneError(f"path: no such mesh file: {folder / path}")
+        return cls(source=folder / path, scale=scale)
+
+    def _triangles(self, name: str) -> Triangles:
+        return load_mesh(self.source, self.scale, name=f"mesh of body {name!r}")
 
 
-def _volume(vertices: np.ndarray, faces: np.ndarray) -> float:
-    a, b, c = ((vertices - vertices[faces[0, 0]])[faces[:, k]] for k in range(3))
-    return float(np.einsum("ij,ij->", a, np.cross(b, c)))
+def _distance(closed: bool, real):
+    from tactemu.physics.shapes.mesh_query import mesh_functions
+
+    return mesh_functions(real, closed).distance
+
+
+def _lower_bound(real):
+    from tactemu.physics.shapes.mesh_query import mesh_functions
+
+    return mesh_functions(real, True).lower_bound
+
+
+@functools.cache
+def _ray(real):
+    import warp as wp
+
+    vec3, shapes_type = wp.types.vector(3, real), table_type(real)
+    begin = bound_function(real)
+
+    @wp.func
+    def through_mesh(shapes: shapes_type, b: int, o: vec3, d: vec3, start: real, end: real):
+        back = begin(shapes, b, o, d, start)
+        if back == real(FAR):
+            return real(FAR), real(-FAR)
+        unit = shapes.mesh_unit[b]
+        way = wp.vec3(wp.float32(d[0]), wp.float32(d[1]), wp.float32(d[2]))
+        s = -back
+        for _ in range(wp.static(MOST_CROSSINGS)):
+            q = (o + s * d) / unit
+            origin = wp.vec3(wp.float32(q[0]), wp.float32(q[1]), wp.float32(q[2]))
+            hit = wp.mesh_query_ray(shapes.mesh[b], origin, way, wp.float32(1.0e6))
+            if not hit.result:
+                break
+            at = s + real(hit.t) * unit
+            if hit.sign > 0.0:  # from outside
+                return at, real(FAR)
+            if at >= real(0.0):  # from inside, and solid up to the skin
+                return -back, real(FAR)
+            s = at + real(1.0e-5) * unit
+        return real(FAR), real(-FAR)
+
+    return through_mesh
+
+
+MESH = Kind("mesh", functools.partial(_distance, True), _ray, _lower_bound, searched=True)
+OPEN_MESH = Kind("open mesh", functools.partial(_distance, False), _ray, searched=True)

@@ -12,11 +12,13 @@ surface with holes it is that of the winding number.
 
 import functools
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
 
-from tactemu.physics.shapes.mesh import Triangles
+from tactemu.physics.shapes.shape import table_type
+from tactemu.physics.shapes.triangles import Triangles
 
 NODES = 32
 """Nodes of the bounding grid along the longest side."""
@@ -73,14 +75,19 @@ def build_query(triangles: Triangles, device) -> MeshQuery:
     return MeshQuery(mesh, unit, out.numpy().astype(np.float64) * unit, origin, cell)
 
 
-@functools.cache
-def mesh_functions(real, shapes_type, closed: bool):
-    """``(distance, lower_bound)`` for a point ``p`` in the body's frame.
+class MeshFunctions(NamedTuple):
+    """Warp functions for a point ``p`` in the body's frame."""
 
-    ``distance(shapes, b, p) -> (signed distance, normal)``; ``lower_bound(shapes, b, p)`` is never more than the
-    distance and costs one look into the grid.
-    """
-    vec3 = wp.types.vector(3, real)
+    distance: Any
+    """``distance(shapes, b, p) -> (signed distance, normal)``"""
+    lower_bound: Any
+    """``lower_bound(shapes, b, p)``: never more than the distance of a closed mesh, for one look into the grid."""
+
+
+@functools.cache
+def mesh_functions(real, closed: bool) -> MeshFunctions:
+    """The functions for one float type, for meshes that are closed or not."""
+    vec3, shapes_type = wp.types.vector(3, real), table_type(real)
 
     @wp.func
     def nearest_node(shapes: shapes_type, b: int, p: vec3):
@@ -99,9 +106,7 @@ def mesh_functions(real, shapes_type, closed: bool):
     @wp.func
     def lower_bound(shapes: shapes_type, b: int, p: vec3):
         d, away = nearest_node(shapes, b, p)
-        if wp.static(closed):
-            return d - away
-        return real(-1.0e18)
+        return d - away
 
     @wp.func
     def distance(shapes: shapes_type, b: int, p: vec3):
@@ -143,4 +148,4 @@ def mesh_functions(real, shapes_type, closed: bool):
             n = gap * (sign / length)
         return real(sign * length) * unit, vec3(real(n[0]), real(n[1]), real(n[2]))
 
-    return distance, lower_bound
+    return MeshFunctions(distance, lower_bound)

@@ -9,33 +9,32 @@ the solid; without a hit the first is +1e18 and the last -1e18. Convex shapes ar
 # pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false, reportAttributeAccessIssue=false
 
 import functools
+from typing import Any, NamedTuple
 
-import warp as wp
+from tactemu.physics.shapes.shape import FAR, codes, table_type
 
-from tactemu.physics.shapes.distance import (
-    BOX,
-    CAPSULE,
-    CYLINDER,
-    FAR,
-    MESH,
-    OPEN_MESH,
-    PLANE,
-    SPHERE,
-    VOXEL,
-    shape_functions,
-    table_type,
-)
-from tactemu.plan.plan import Context
-
-SEARCHED = (MESH, OPEN_MESH, VOXEL)
-"""Shapes that a line is followed through step by step."""
 PARALLEL = 1.0e-12
 """Sine of an angle below which a line runs along a face."""
+MOST_STEPS = 1024
+"""Of a line that is followed by the distance alone."""
+
+
+class LinePieces(NamedTuple):
+    """What the primitives are made of; each returns ``(first, last)``."""
+
+    ball: Any
+    """``ball(o, d, centre, radius)``"""
+    slab: Any
+    """``slab(o, d, half)``: between two planes, for one coordinate."""
+    tube: Any
+    """``tube(o, d, radius, half)``: a cylinder along z."""
 
 
 @functools.cache
-def line_functions(real):
-    """``f(o, d, size) -> (first, last)`` of each primitive."""
+def line_pieces(real) -> LinePieces:
+    """The pieces for one float type."""
+    import warp as wp
+
     vec3 = wp.types.vector(3, real)
     vec2 = wp.types.vector(2, real)
 
@@ -90,54 +89,74 @@ def line_functions(real):
             last = real(-FAR)
         return first, last
 
-    @wp.func
-    def sphere(o: vec3, d: vec3, size: vec3):
-        return ball(o, d, vec3(real(0.0)), size[0])
+    return LinePieces(ball, slab, tube)
+
+
+@functools.cache
+def bound_function(real):
+    """``f(shapes, b, o, d, start) -> start``: from where to look along a line, no farther back than the ball around the
+    shape; 1e18 if the line misses that ball."""
+    import warp as wp
+
+    vec3, shapes_type = wp.types.vector(3, real), table_type(real)
 
     @wp.func
-    def box(o: vec3, d: vec3, size: vec3):
-        first = real(-FAR)
-        last = real(FAR)
-        for k in range(3):
-            a, b = slab(o[k], d[k], size[k])
-            first = wp.max(first, a)
-            last = wp.min(last, b)
-        if first > last:
-            first = real(FAR)
-            last = real(-FAR)
-        return first, last
+    def begin(shapes: shapes_type, b: int, o: vec3, d: vec3, start: real):
+        across = o - wp.dot(o, d) * d
+        if not (wp.dot(across, across) <= shapes.bound[b] * shapes.bound[b]):
+            return real(FAR)
+        return wp.min(start, wp.length(o) + shapes.bound[b])
+
+    return begin
+
+
+def traced_ray(real, distance, near=None):
+    """The ray of a shape that is known by its distance alone: the line is followed in steps of the distance.
+
+    What is solid from ``-start`` to the skin is entered at ``-start``; ``last`` is 1e18 for every hit.
+
+    Args:
+        real: the float type.
+        distance: the Warp function of :attr:`Kind.distance`.
+        near: Warp function ``f(shapes, b)``: a distance that counts as touching [m]; default: 1e-5 of the size.
+    """
+    import warp as wp
+
+    vec3, shapes_type = wp.types.vector(3, real), table_type(real)
+    begin = bound_function(real)
 
     @wp.func
-    def capsule(o: vec3, d: vec3, size: vec3):
-        first, last = tube(o, d, size[0], size[1])
-        top = vec3(real(0.0), real(0.0), size[1])
-        a, b = ball(o, d, top, size[0])
-        e, f = ball(o, d, -top, size[0])
-        return wp.min(first, wp.min(a, e)), wp.max(last, wp.max(b, f))
+    def part_of_size(shapes: shapes_type, b: int):
+        return real(1.0e-5) * shapes.bound[b]
+
+    near = near or part_of_size
 
     @wp.func
-    def cylinder(o: vec3, d: vec3, size: vec3):
-        return tube(o, d, size[0], size[1])
-
-    @wp.func
-    def plane(o: vec3, d: vec3, size: vec3):
-        first = real(FAR)
-        last = real(-FAR)
-        if wp.abs(d[2]) < real(PARALLEL):
-            if o[2] <= real(0.0):
-                first = real(-FAR)
-                last = real(FAR)
-        else:
-            at = -o[2] / d[2]
-            if d[2] < real(0.0):
-                first = at
-                last = real(FAR)
+    def follow(shapes: shapes_type, b: int, o: vec3, d: vec3, start: real, end: real):
+        back = begin(shapes, b, o, d, start)
+        if back == real(FAR):
+            return real(FAR), real(-FAR)
+        touching = near(shapes, b)
+        s = -back
+        gap, _n = distance(shapes, b, o + s * d)
+        within = gap < real(0.0)
+        for _ in range(wp.static(MOST_STEPS)):
+            gap, _m = distance(shapes, b, o + s * d)
+            if within:
+                if gap > touching:
+                    within = False
+                elif s >= real(0.0):
+                    return -back, real(FAR)
+                s += wp.max(-gap, touching)
             else:
-                first = real(-FAR)
-                last = at
-        return first, last
+                if gap <= touching:
+                    return s + gap, real(FAR)
+                s += gap
+            if s > end:
+                break
+        return real(FAR), real(-FAR)
 
-    return {SPHERE: sphere, BOX: box, CAPSULE: capsule, CYLINDER: cylinder, PLANE: plane}
+    return follow
 
 
 @functools.cache
@@ -148,95 +167,25 @@ def ray_function(real, kinds: frozenset):
     not its front, and is not seen; what is solid all the way enters at ``-reach``. 1e18 if the line misses the body,
     or (grids) enters it farther out than ``margin``.
     """
+    import warp as wp
+
     vec3 = wp.types.vector(3, real)
     transform = wp.types.transformation(real)
     shapes_type = table_type(real)
-    lines = line_functions(real)
-    sphere, box, capsule = lines[SPHERE], lines[BOX], lines[CAPSULE]
-    cylinder, plane = lines[CYLINDER], lines[PLANE]
-    distance = shape_functions(real, kinds).distance
 
     @wp.func
-    def through_mesh(mesh: wp.uint64, unit: real, o: vec3, d: vec3, start: real):
-        way = wp.vec3(wp.float32(d[0]), wp.float32(d[1]), wp.float32(d[2]))
-        s = -start
-        found = real(FAR)
-        for _ in range(16):
-            q = (o + s * d) / unit
-            origin = wp.vec3(wp.float32(q[0]), wp.float32(q[1]), wp.float32(q[2]))
-            hit = wp.mesh_query_ray(mesh, origin, way, wp.float32(1.0e6))
-            if not hit.result:
-                break
-            at = s + real(hit.t) * unit
-            if hit.sign > 0.0:  # from outside
-                found = at
-                break
-            if at >= real(0.0):  # from inside, and solid up to the skin
-                found = -start
-                break
-            s = at + real(1.0e-5) * unit
-        return found
+    def through_nothing(shapes: shapes_type, b: int, o: vec3, d: vec3, start: real, end: real):
+        return real(FAR), real(-FAR)
 
-    @wp.func
-    def through_grid(shapes: shapes_type, b: int, o: vec3, d: vec3, start: real, end: real):
-        cell = shapes.grid_cell[b]
-        near = real(1.0e-3) * wp.min(cell[0], wp.min(cell[1], cell[2]))
-        s = -start
-        found = real(FAR)
-        gap, _n = distance(shapes, b, o + s * d)
-        within = gap < real(0.0)
-        for _ in range(1024):
-            gap, _m = distance(shapes, b, o + s * d)
-            if within:
-                if gap > near:
-                    within = False
-                elif s >= real(0.0):
-                    found = -start
-                    break
-                s += wp.max(-gap, near)
-            else:
-                if gap <= near:
-                    found = s + gap
-                    break
-                s += gap
-            if s > end:
-                break
-        return found
+    through = through_nothing
+    for code, kind in codes(kinds):
+        through = _ray_or(real, code, kind.ray(real), through)
 
     @wp.func
     def enters(shapes: shapes_type, b: int, pose: transform, r: vec3, m: vec3, reach: real, margin: real):
         q = wp.transform_get_rotation(pose)
         o = wp.quat_rotate_inv(q, r - wp.transform_get_translation(pose))
-        d = wp.quat_rotate_inv(q, m)
-        kind = shapes.kind[b]
-        size = shapes.size[b]
-        first = real(FAR)
-        last = real(FAR)
-        if wp.static(SPHERE in kinds):
-            if kind == wp.static(SPHERE):
-                first, last = sphere(o, d, size)
-        if wp.static(BOX in kinds):
-            if kind == wp.static(BOX):
-                first, last = box(o, d, size)
-        if wp.static(CAPSULE in kinds):
-            if kind == wp.static(CAPSULE):
-                first, last = capsule(o, d, size)
-        if wp.static(CYLINDER in kinds):
-            if kind == wp.static(CYLINDER):
-                first, last = cylinder(o, d, size)
-        if wp.static(PLANE in kinds):
-            if kind == wp.static(PLANE):
-                first, last = plane(o, d, size)
-        if wp.static(not kinds.isdisjoint(SEARCHED)):
-            back = wp.min(reach, wp.length(o) + shapes.bound[b])
-            across = o - wp.dot(o, d) * d
-            if wp.dot(across, across) <= shapes.bound[b] * shapes.bound[b]:
-                if wp.static(VOXEL in kinds):
-                    if kind == wp.static(VOXEL):
-                        first = through_grid(shapes, b, o, d, back, margin)
-                if wp.static(MESH in kinds or OPEN_MESH in kinds):
-                    if kind == wp.static(MESH) or kind == wp.static(OPEN_MESH):
-                        first = through_mesh(shapes.mesh[b], shapes.mesh_unit[b], o, d, back)
+        first, last = through(shapes, b, o, wp.quat_rotate_inv(q, m), reach, margin)
         if first < -reach and last < real(0.0):
             first = real(FAR)
         return wp.max(first, -reach)
@@ -244,8 +193,26 @@ def ray_function(real, kinds: frozenset):
     return enters
 
 
+def _ray_or(real, code: int, ray, others):
+    import warp as wp
+
+    vec3, shapes_type = wp.types.vector(3, real), table_type(real)
+
+    @wp.func
+    def through(shapes: shapes_type, b: int, o: vec3, d: vec3, start: real, end: real):
+        if shapes.kind[b] == wp.static(code):
+            first, last = ray(shapes, b, o, d, start, end)
+        else:
+            first, last = others(shapes, b, o, d, start, end)
+        return first, last
+
+    return through
+
+
 @functools.cache
 def _thickness_kernel(real, kinds: frozenset):
+    import warp as wp
+
     vec3 = wp.types.vector(3, real)
     quat = wp.types.quaternion(real)
     shapes_type = table_type(real)
@@ -269,11 +236,20 @@ def _thickness_kernel(real, kinds: frozenset):
     return find_thickness
 
 
-def thickness_behind(table, b: int, positions: wp.array, normals: wp.array, context: Context) -> wp.array:
+def thickness_behind(table, b: int, positions, normals, context):
     """How far body ``b`` of a table goes on behind points on its surface, against their normals [m], shape ``(n,)``.
 
     Where a point is not on the body, or the body has no end, it is 1e18. Positions and normals are in its frame.
+
+    Args:
+        table: a :class:`~tactemu.physics.shapes.table.ShapeTable`.
+        b: row of the body.
+        positions: ``wp.array`` of vectors [m], shape ``(n,)``.
+        normals: unit vectors, likewise.
+        context: of the scene.
     """
+    import warp as wp
+
     reach = wp.zeros(len(positions), dtype=context.real, device=context.device)
     inputs = [table.struct, b, positions, normals]
     kernel = _thickness_kernel(context.real, table.kinds)

@@ -5,63 +5,12 @@ from dataclasses import dataclass, field
 import numpy as np
 import warp as wp
 
-from tactemu.errors import SceneError
-from tactemu.physics.shapes import distance as kind
-from tactemu.physics.shapes.distance import ShapeFunctions, shape_functions, table_type
-from tactemu.physics.shapes.mesh import load_mesh
-from tactemu.physics.shapes.mesh_query import build_query
-from tactemu.physics.shapes.voxel_grid import grid_bound, voxelise
+from tactemu.physics.shapes.distance import ShapeFunctions, shape_functions
+from tactemu.physics.shapes.shape import Row, codes, table_type
+from tactemu.physics.shapes.voxel_grid import VOXELS
+from tactemu.physics.shapes.voxelise import voxelise
 from tactemu.plan.plan import Context
-from tactemu.scene import bodies
-
-
-@dataclass
-class Row:
-    """One shape as the kernels see it."""
-
-    kind: int = -1
-    size: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    bound: float = 0.0
-    mesh: wp.Mesh | None = None
-    mesh_unit: float = 1.0
-    grid: bodies.VoxelGrid | None = None
-    middle: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Centre of the box around the shape, body frame [m]."""
-    half: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Half its extents [m]."""
-
-
-def _row(body: bodies.Body, device) -> Row:
-    shape = body.shape
-    match shape:
-        case bodies.Sphere(radius=r):
-            return Row(kind.SPHERE, (r, 0.0, 0.0), r, half=(r, r, r))
-        case bodies.Box(size=size):
-            half = (0.5 * float(size[0]), 0.5 * float(size[1]), 0.5 * float(size[2]))
-            return Row(kind.BOX, half, float(np.linalg.norm(half)), half=half)
-        case bodies.Capsule(radius=r, length=length):
-            top = r + length / 2
-            return Row(kind.CAPSULE, (r, length / 2, 0.0), top, half=(r, r, top))
-        case bodies.Cylinder(radius=r, length=length):
-            top = length / 2
-            return Row(kind.CYLINDER, (r, top, 0.0), float(np.hypot(r, top)), half=(r, r, top))
-        case bodies.Plane():
-            return Row(kind.PLANE, bound=kind.FAR)
-        case bodies.VoxelGrid():
-            return Row(kind.VOXEL, bound=grid_bound(shape), grid=shape)
-        case bodies.Mesh(source=source, scale=scale):
-            triangles = load_mesh(source, scale, name=f"mesh of body {body.name!r}")
-            query = build_query(triangles, device)
-            grid = bodies.VoxelGrid(values=query.values, origin=tuple(map(float, query.origin)), cell=query.cell)
-            which = kind.MESH if triangles.closed else kind.OPEN_MESH
-            used = triangles.vertices[triangles.faces].reshape(-1, 3)
-            middle, half = 0.5 * (used.min(0) + used.max(0)), 0.5 * np.ptp(used, axis=0)
-            row = Row(which, bound=triangles.bound, mesh=query.mesh, mesh_unit=query.unit, grid=grid)
-            row.middle, row.half = tuple(middle), tuple(half)
-            return row
-    raise SceneError(
-        f"body {body.name!r}: not a shape: {shape!r}; there are Sphere, Box, Capsule, Cylinder, Plane, Mesh"
-    )
+from tactemu.scene.bodies import Body
 
 
 @dataclass
@@ -82,13 +31,13 @@ class ShapeTables:
         MeshError: a mesh cannot be used.
     """
 
-    def __init__(self, scene_bodies: list[bodies.Body], context: Context):
+    def __init__(self, scene_bodies: list[Body], context: Context):
         self._bodies, self._context = scene_bodies, context
         self._rows: dict[int, Row] = {}
         self._grids: dict[tuple[int, float | None], Row] = {}
         self._tables: dict = {}
 
-    def table(self, used: tuple[bodies.Body, ...], query: str | None = None, cell: float | None = None) -> ShapeTable:
+    def table(self, used: tuple[Body, ...], query: str | None = None, cell: float | None = None) -> ShapeTable:
         """The table of the bodies ``used``; the others get an empty row and cost nothing."""
         chosen = frozenset(body.index for body in used)
         voxels = query == "voxel"
@@ -98,16 +47,17 @@ class ShapeTables:
             self._tables[key] = pack(rows, self._context)
         return self._tables[key]
 
-    def _row(self, body: bodies.Body, voxels: bool, cell: float | None) -> Row:
+    def _row(self, body: Body, voxels: bool, cell: float | None) -> Row:
+        assert body.shape is not None  # of a body without geometry nothing is asked
         shape = id(body.shape)  # bodies may share one
         if shape not in self._rows:
-            self._rows[shape] = _row(body, self._context.device)
+            self._rows[shape] = body.shape.row(body.name, self._context.device)
         row = self._rows[shape]
-        if not voxels or row.kind in (kind.SPHERE, kind.PLANE, kind.VOXEL):  # exact at no cost, or a grid already
+        if not (voxels and row.kind and row.kind.to_grid):
             return row
         if (shape, cell) not in self._grids:
             grid = voxelise(pack([row], self._context), row.middle, row.half, cell, body.name, self._context)
-            self._grids[shape, cell] = Row(kind.VOXEL, bound=row.bound, grid=grid)
+            self._grids[shape, cell] = Row(VOXELS, bound=row.bound, grid=grid)
         return self._grids[shape, cell]
 
 
@@ -131,8 +81,11 @@ def pack(rows: list[Row], context: Context) -> ShapeTable:
     def gradients_of(grid):
         return np.zeros((*np.shape(grid.values), 3)) if grid.gradients is None else grid.gradients
 
+    kinds = frozenset(row.kind for row in rows if row.kind is not None)
+    code = {None: -1} | {kind: number for number, kind in codes(kinds)}
     table = table_type(real)()
-    table.kind = upload([row.kind for row in rows], wp.int32)
+    table.kind = upload([code[row.kind] for row in rows], wp.int32)
+    table.turns = upload([int(row.kind is not None and row.kind.turns) for row in rows], wp.int32)
     table.size = upload([row.size for row in rows], vec3)
     table.bound = upload([row.bound for row in rows], real)
     table.mesh = upload([0 if row.mesh is None else row.mesh.id for row in rows], wp.uint64)
@@ -144,5 +97,4 @@ def pack(rows: list[Row], context: Context) -> ShapeTable:
     table.grid_values = upload(packed(lambda g: g.values, ()), real)
     table.grid_gradients = upload(packed(gradients_of, (3,)) if with_gradients else np.zeros((1, 3)), vec3)
     table.grid_has_gradients = upload([int(g is not None and g.gradients is not None) for g in grids], wp.int32)
-    kinds = frozenset(row.kind for row in rows if row.kind >= 0)
     return ShapeTable(table, kinds, shape_functions(real, kinds), rows)

@@ -11,7 +11,7 @@ _TOLERANCE = 1e-5
 
 
 @dataclass(frozen=True)
-class RegularGrid:
+class Grid:
     """A flat grid of taxels. Column step along u, row step along v; flat index ``row * cols + col``."""
 
     rows: int
@@ -26,6 +26,8 @@ class RegularGrid:
     """Unit tangent along a column."""
     normal: np.ndarray
     """Unit normal of all taxels."""
+    corner: np.ndarray
+    """Where the taxel of row 0, column 0 is, link frame [m]."""
     deviation: float = 0.0
     """Largest deviation, in cosines of angles or as a part of the extent."""
 
@@ -35,7 +37,7 @@ class RegularGrid:
         return self.deviation < 1e-10
 
 
-def regular_grid(positions: np.ndarray, normals: np.ndarray) -> RegularGrid | None:
+def find_grid(positions: np.ndarray, normals: np.ndarray) -> Grid | None:
     """The grid that the taxels form, or ``None`` where Genesis' grid conditions do not hold.
 
     Args:
@@ -58,4 +60,4 @@ def regular_grid(positions: np.ndarray, normals: np.ndarray) -> RegularGrid | No
     residual = np.abs(centred - expected).max() / np.abs(expected).max()
     skew = max(abs(u @ v), abs(u @ normal), abs(v @ normal), float(np.abs(normals - normal).max()))
     deviation = float(max(residual, skew))
-    return RegularGrid(rows, cols, du, dv, u, v, normal, deviation) if deviation <= _TOLERANCE else None
+    return Grid(rows, cols, du, dv, u, v, normal, positions[0, 0], deviation) if deviation <= _TOLERANCE else None
