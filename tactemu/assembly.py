@@ -136,12 +136,12 @@ def _periods(skin: Skin, device: Device, rate_hz: float | Mapping[str, float] | 
     """The sampling periods that the user wants, by stream [ns].
 
     Raises:
-        DeviceError: one rate for a device with several streams.
+        DeviceError: one rate for streams that convert different things.
     """
     if rate_hz is None:
         return {}
     if not isinstance(rate_hz, Mapping):
-        if len(device.periods) > 1:
+        if len({stream.senses for stream in device.streams.values()}) > 1:
             table = ", ".join(f"{name} = {rate_hz:g}" for name in device.periods)
             raise DeviceError(f"{skin.title}: rate_hz: which stream? give a table, as {{ {table} }}")
         rate_hz = dict.fromkeys(device.periods, rate_hz)

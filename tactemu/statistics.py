@@ -70,6 +70,11 @@ class ChannelStatistics:
         self.streams[stream].add(due_ns)
 
     @property
+    def last_ns(self) -> int:
+        """When the latest sample was due."""
+        return max((each.last_ns for each in self.streams.values()), default=0)
+
+    @property
     def rate_hz(self) -> float:
         """Mean rate of samples since the first, of the first stream."""
         return next((each.rate_hz for each in self.streams.values()), 0.0)

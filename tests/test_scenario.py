@@ -65,7 +65,7 @@ def test_a_device_hangs_and_goes_on():
     truth = run("[[scenario]]\nat = 0.4\nuntil = 0.6\nhang = true\n")
     t, _ = measured(truth)
     assert not ((t > 0.4) & (t < 0.6)).any()
-    assert (t < 0.4).sum() == 39 and (t >= 0.6).sum() == 40
+    assert (t < 0.4).sum() == 40 and (t >= 0.6).sum() == 40
     assert truth.injected == {"hang": 1}
 
 
@@ -88,11 +88,11 @@ def test_faults_get_the_time_of_their_event():
         Event(at=5, until=6, fault="truncate 5%"),
         Event(at=1.5, fault="drop 1%", skin="other"),
     ]
-    assert faults_of(events, ["anyskin"]) == [
+    assert [str(fault) for fault in faults_of(events, ["anyskin"])] == [
         "unplug at 3000000000ns for 0.5s",
         "truncate 5% from 5000000000ns to 6000000000ns",
     ]
-    assert faults_of(events, ["other"])[-1] == "drop 1% from 1500000000ns"
+    assert str(faults_of(events, ["other"])[-1]) == "drop 1% from 1500000000ns"
 
 
 @pytest.mark.parametrize(
@@ -125,4 +125,4 @@ def test_events_from_python_and_by_hand():
 def test_an_event_is_checked():
     with pytest.raises(SceneError, match="at"):
         Event(at=-1)
-    assert timed_fault(Event(at=1, fault="drop 1%"), now_s=2.0) == "drop 1% from 3000000000ns"
+    assert str(timed_fault(Event(at=1, fault="drop 1%"), now_s=2.0)) == "drop 1% from 3000000000ns"

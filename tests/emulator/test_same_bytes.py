@@ -40,7 +40,7 @@ def beside(data: dict, other: dict) -> dict:
 
 def digest(data: dict, name: str, seed: int = 1) -> tuple[str, int]:
     """SHA-256 and number of the frames that ``name`` sent."""
-    wishes = Wishes(seed=seed, usual_port=lambda skin, device: f"memory:{skin}")
+    wishes = Wishes(seed=seed, fresh_ports=True)
     truth = Truth()
     emulator = assemble(file.check(data), wishes, truth=truth).emulator
     emulator.clock = VirtualClock()
