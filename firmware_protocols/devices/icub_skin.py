@@ -12,11 +12,7 @@ Host to board b (1..14), id 0x200 | b, never answered, bytes behind these ignore
     07 00, 07 01                             start, stop
     4C, 4E                                   obsolete set-up; 4C starts at once, every 40 ms, all triangles
 
-Board to host, two frames per enabled triangle t and period, the same id 0x400 | b << 4 | t:
-
-    byte   0    1..5            6                        7
-    head   40   pads 0..4       pad 5                    pad 6
-    tail   C0   pads 7..11      out of range, pads 11..4 out of range, pads 3..0 << 4 | flags
+Board to host, two frames of the same id per enabled triangle and period: ``HEAD`` and ``TAIL``.
 
 Flags: 1 the chip does not acknowledge, 2 triangle not connected. A pad reads
 ``noload - ((raw - offset - drift) >> shift)``, clamped to 0..255; ``drift`` is what the thermal pads say (type 0 only).
@@ -39,9 +35,21 @@ import numpy as np
 from firmware_protocols import Can, CanFrame, Column, Command, Counts, Device, Option, Outs, Reading, Stream
 from firmware_protocols.adc import quantize
 from firmware_protocols.devices.icub_triangles import PADS, TAXELS, THERMAL, Place, flat, forearm_places, wrapped
+from firmware_protocols.tables import Frame
 
+HEAD = Frame("""
+    head, id 100 bbbb tttt (b board, t triangle)
+    0    40        head
+    1    u1 x 7    pads            0 to 6
+""")
+TAIL = Frame("""
+    tail, id 100 bbbb tttt (b board, t triangle)
+    0    C0        tail
+    1    u1 x 5    pads            7 to 11
+    6    u1        out_of_range    pads 11 to 4, a bit each
+    7    u1        ending          out of range, pads 3 to 0; four bits of flags
+""")
 TRIANGLES = 16
-HEAD, TAIL = b"\x40", b"\xc0"
 NO_ACK, NOT_CONNECTED = 1, 2
 COMPENSATED = 0
 MS = 1_000_000
@@ -66,6 +74,8 @@ class Board:
     transmitting: bool = False
     raw: np.ndarray = field(init=False)
     """What the converter reads of every pad, shape ``(n_triangles, 12)``."""
+    pads: np.ndarray = field(init=False)
+    """What is sent of it, uint8, since the first conversion."""
 
     def __post_init__(self):
         self.raw = np.full((len(self.flags), PADS), REST)
@@ -78,36 +88,28 @@ class Board:
         """Its taxels in the layout."""
         return slice(self.first_taxel, self.first_taxel + len(self.flags) * len(TAXELS))
 
-    def convert(self, push: np.ndarray, temperature: np.ndarray) -> None:
-        """Pushes [N] and temperatures [deg C] of its taxels."""
+    def convert(self, push: np.ndarray, temperature: np.ndarray) -> np.ndarray:
+        """What every pad reads, uint8, shape ``(n_triangles, 12)``; of pushes [N] and temperatures [deg C] by taxel."""
         warmth = temperature.reshape(-1, len(TAXELS)).mean(axis=1, keepdims=True) - 25.0
         raw = np.repeat(REST + RAW_PER_DEG * warmth, PADS, axis=1)
         raw[:, TAXELS] += RAW_PER_NEWTON * np.maximum(push.reshape(-1, len(TAXELS)), 0.0)
         self.raw = quantize(raw, high=RAW_MAX)
-
-    def values(self) -> np.ndarray:
-        """What every pad reads, uint8, shape ``(n_triangles, 12)``."""
         change = self.raw - self.offset
         if self.kind == COMPENSATED:
             change = change - change[:, THERMAL].sum(axis=1, keepdims=True) // len(THERMAL)
         values = np.clip(self.no_load - (change >> self.shift), 0, 255)
-        return np.where(np.array(self.flags)[:, None] == 0, values, self.no_load).astype(np.uint8)
+        self.pads = np.where(np.array(self.flags)[:, None] == 0, values, self.no_load).astype(np.uint8)
+        return self.pads
 
     def frames(self) -> list[CanFrame]:
         """Head and tail of every enabled triangle."""
-        values, frames = self.values(), []
-        at_the_end = ((self.raw <= 0) | (self.raw >= RAW_MAX)) @ (1 << np.arange(PADS))
+        frames = []
+        at_the_end = (((self.raw <= 0) | (self.raw >= RAW_MAX)) @ (1 << np.arange(PADS))).tolist()
         for triangle in np.flatnonzero(self.enabled).tolist():
-            ident, pads, mask = (
-                0x400 | self.address << 4 | triangle,
-                values[triangle].tobytes(),
-                int(at_the_end[triangle]),
-            )
-            ending = bytes([mask >> 4, (mask & 0xF) << 4 | self.flags[triangle]])
-            frames += [
-                CanFrame(arbitration_id=ident, data=HEAD + pads[:7]),
-                CanFrame(arbitration_id=ident, data=TAIL + pads[7:] + ending),
-            ]
+            ident, pads, mask = 0x400 | self.address << 4 | triangle, self.pads[triangle], at_the_end[triangle]
+            ending = (mask & 0xF) << 4 | self.flags[triangle]
+            tail = TAIL.pack(pads=pads[7:], out_of_range=mask >> 4, ending=ending)
+            frames += [CanFrame(arbitration_id=ident, data=data) for data in (HEAD.pack(pads=pads[:7]), tail)]
         return frames
 
     def obey(self, data: bytes) -> bool:
@@ -185,9 +187,9 @@ class IcubSkin(Device[CanFrame]):
     def feel(self, reading: Reading, t_ns: int) -> Counts:
         """What each taxel reads, uint8, shape ``(n_taxels,)``: no load minus what presses; other boards as before."""
         board = self.boards[reading.stream]
-        board.convert(self.layout.push(reading["force"])[board.taxels], reading["temperature"][board.taxels])
+        pads = board.convert(self.layout.push(reading["force"])[board.taxels], reading["temperature"][board.taxels])
         self.counts = self.counts.copy()
-        self.counts[board.taxels] = board.values()[:, TAXELS].ravel()
+        self.counts[board.taxels] = pads[:, TAXELS].ravel()
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Outs[CanFrame]:

@@ -5,10 +5,7 @@ Wire: classic CAN, 1 Mbit/s, standard ids.
     id            data              direction   about
     0x200|board   07 00             to board    start: the board streams by itself from now on
     0x200|board   07 01             to board    stop; bytes behind these two are ignored
-    (below)       8 bytes           to host     one frame per taxel and sample
-
-    byte   0        1..2       3..4       5..6       7
-           unused   X u16 BE   Y u16 BE   Z u16 BE   unused
+    (below)       ``TAXEL``         to host     one frame per taxel and sample
 
 Ids of the taxels, two generations (option ``ids``):
 
@@ -24,7 +21,6 @@ Try it: ``tactemu run xela_uskin --port can:socketcan:vcan0``, then ``cansend vc
 
 from __future__ import annotations
 
-import struct
 from dataclasses import replace
 from typing import Annotated, Literal
 
@@ -33,6 +29,14 @@ import numpy as np
 from firmware_protocols import Can, CanFrame, Column, Command, Counts, Device, Option, Outs, Reading, grid_layout
 from firmware_protocols.adc import quantize
 from firmware_protocols.magnetic import LinearMagnet
+from firmware_protocols.tables import Frame
+
+TAXEL = Frame("""
+    taxel, raw magnetic counts
+    0    00         unused
+    1    >u2 x 3    axes      X, Y, Z
+    7    00         unused
+""")
 
 ROWS = COLS = 4
 PITCH = 0.0047
@@ -73,7 +77,8 @@ class XelaUskin(Device[CanFrame]):
         by_grid = ids == "grid"
         order = np.lexsort((row, col)) if by_grid else None
         self.layout = replace(grid_layout(ROWS, COLS, PITCH, name="uskin"), wire_order=order)  # type: ignore[arg-type]
-        self.ids = 0x100 | row << 4 | col if by_grid else 0x700 | board << 4 | row * COLS + col
+        ids = 0x100 | row << 4 | col if by_grid else 0x700 | board << 4 | row * COLS + col
+        self.ids = self.layout.on_wire(ids).tolist()
         self.columns = tuple(
             Column(name=axis.upper(), axis=axis, low=0, high=0xFFFF, rest=round(field / COUNT_UT), push=push)
             for axis, field, push in zip("xyz", REST_FIELD_UT, (0, 0, -int(np.sign(gains[2]))))
@@ -90,8 +95,8 @@ class XelaUskin(Device[CanFrame]):
         """Sixteen frames while started."""
         if not self.streaming:
             return ()
-        taxels = zip(self.layout.on_wire(self.ids).tolist(), self.layout.on_wire(self.counts).tolist())
-        return [CanFrame(arbitration_id=each, data=struct.pack(">x3Hx", *axes)) for each, axes in taxels]
+        taxels = zip(self.ids, self.layout.on_wire(self.counts))
+        return [CanFrame(arbitration_id=ident, data=TAXEL.pack(axes=axes)) for ident, axes in taxels]
 
     def receive(self, data: CanFrame, t_ns: int, port: str) -> Outs[CanFrame]:
         """Start and stop; nothing is ever answered."""
