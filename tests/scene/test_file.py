@@ -133,12 +133,11 @@ def test_a_device_file_is_found_beside_the_scene(tmp_path):
         "from firmware_protocols import Device, Serial, grid_layout\n"
         "class Mine(Device):\n"
         "    name = title = 'mine'\n"
-        "    wires = (Serial(baud=9600),)\n"
+        "    ports = (Serial(baud=9600),)\n"
         "    def __init__(self):\n"
-        "        super().__init__()\n"
         "        self.layout = grid_layout(2, 3, 0.004)\n"
-        "    def digitize(self, reading):\n"
-        "        return reading.values[:, 2]\n"
+        "    def feel(self, reading, t_ns):\n"
+        "        return reading['force'][:, 2]\n"
     )
     path = tmp_path / "scene.toml"
     path.write_text(
