@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -174,33 +174,24 @@ class Field:
             raise TypeError(
                 f"{frame}: {self.name}: expected integers, got {values.dtype}: quantize in `feel`, with adc.quantize"
             )
-        if self.policy != "wrap" and not _always_fits(values.dtype, self.dtype):
-            low, high = _limits(self.dtype)
-            if self.policy == "clip":
-                values = np.minimum(np.maximum(values, low), high)
-            elif not _fits(values, low, high):
-                raise OverflowError(
-                    f"{frame}: {self.name}: {values.min()}..{values.max()} does not fit {low}..{high}: "
-                    "clip in the ADC, or say `wrap` or `clip` behind its type"
-                )
+        if self.policy == "clip":
+            values = np.minimum(np.maximum(values, self.limits[0]), self.limits[1])
+        elif self.policy == "strict" and not self._holds(values):
+            raise OverflowError(
+                f"{frame}: {self.name}: {values.min()}..{values.max()} does not fit "
+                f"{self.limits[0]}..{self.limits[1]}: clip in the ADC, or say `wrap` or `clip` behind its type"
+            )
         return values.astype(self.dtype)
 
+    @cached_property
+    def limits(self) -> tuple[int, int]:
+        """Least and greatest integer."""
+        return int(np.iinfo(self.dtype).min), int(np.iinfo(self.dtype).max)
 
-@cache
-def _always_fits(values: np.dtype, stored: np.dtype) -> bool:
-    return np.can_cast(values, stored)
-
-
-@cache
-def _limits(dtype: np.dtype) -> tuple[int, int]:
-    return int(np.iinfo(dtype).min), int(np.iinfo(dtype).max)
-
-
-def _fits(values: np.ndarray, low: int, high: int) -> bool:
-    if low == 0:
-        # `high` is all ones: a number too large and a negative one both set a bit beyond it. One pass instead of two.
-        return not int(np.bitwise_or.reduce(values, axis=None)) & ~high
-    return low <= np.minimum.reduce(values, axis=None) and np.maximum.reduce(values, axis=None) <= high
+    def _holds(self, values: np.ndarray) -> bool:
+        low, high = self.limits
+        # argmin and argmax take a third of the time of min and max on so few numbers.
+        return not values.size or (low <= values.item(values.argmin()) and values.item(values.argmax()) <= high)
 
 
 Header = tuple[str, str, "Identifier | None"]

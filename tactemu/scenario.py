@@ -10,32 +10,15 @@ Faults of bytes are handed to the wire with their times; what befalls values and
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import get_args
 
 from tactemu.channel import Channel
 from tactemu.emulator import Emulator
 from tactemu.errors import SceneError, nearest
+from tactemu.imperfections import Imperfections
+from tactemu.imperfections.options import Law
 from tactemu.scene.schema import EventTable
 from tactemu.wire.faults.fault import Fault, parse
-
-if TYPE_CHECKING:
-    from tactemu.imperfections import Imperfections
-
-LAWS = {
-    "probe_gain": "gain",
-    "probe_radius_noise": "radius_noise",
-    "temperature_offset": "temperature_offset",
-    "temperature_sensitivity": "temperature_sensitivity",
-    "random_walk": "random_walk",
-    "noise": "noise",
-    "bias": "bias",
-    "saturation_range": "saturation",
-    "resolution": "resolution",
-    "jitter": "jitter",
-}
-"""Sensor options that ``set`` may change while running, and the law of imperfection behind each."""
 
 
 def concerns(event: EventTable, skin: str) -> bool:
@@ -52,18 +35,17 @@ def laws_needed(events: Iterable[EventTable], skin: str) -> tuple[str, ...]:
     needed = set()
     for event in events:
         if concerns(event, skin):
-            needed |= {_law(event, option) for option in event.set}
+            needed |= {_changeable(event, option) for option in event.set}
             needed |= {"dead"} if event.dead else set()
     return tuple(sorted(needed))
 
 
-def _law(event: EventTable, option: str) -> str:
-    if option not in LAWS:
-        known = ", ".join(LAWS)
-        raise SceneError(
-            f"scenario at {event.at:g} s: set: {option!r} cannot change{nearest(option, LAWS)} (can: {known})"
-        )
-    return LAWS[option]
+def _changeable(event: EventTable, option: str) -> str:
+    options = [law for law in get_args(Law) if law != "dead"]
+    if option not in options:
+        hint = f"{nearest(option, options)} (can: {', '.join(options)})"
+        raise SceneError(f"scenario at {event.at:g} s: set: {option!r} cannot change{hint}")
+    return option
 
 
 def faults_of(events: Iterable[EventTable], skins: Sequence[str]) -> list[Fault]:
@@ -117,7 +99,7 @@ def _schedule_one(emulator: Emulator, channel: Channel, event: EventTable, origi
             imperfections_of(channel).set_dead(list(event.dead), True, event.value)
             note("dead", " ".join(map(str, event.dead)))
         for option, value in event.set.items():
-            change(imperfections_of(channel), option, value)
+            imperfections_of(channel).set(option, value)
             note("set", f"{option} = {value}")
         if event.hang and stop is not None:
             emulator.hang(stop, channel.name)
@@ -131,7 +113,7 @@ def _schedule_one(emulator: Emulator, channel: Channel, event: EventTable, origi
             note("revived", " ".join(map(str, event.dead)))
         for option in event.set:
             before = getattr(spoil.options, option)
-            change(spoil, option, before)
+            spoil.set(option, before)
             note("set", f"{option} = {before}")
 
     if event.dead or event.set or event.hang or event.reset:
@@ -151,14 +133,3 @@ def imperfections_of(channel: Channel) -> Imperfections:
             f"skin {channel.name!r}: its readings are not simulated; only faults, hang and reset befall it"
         )
     return channel.source.imperfections
-
-
-def change(spoil: Imperfections, option: str, value: Any) -> None:
-    """Change an imperfection of a built sensor."""
-    if option == "saturation_range":
-        low, high = (-np.inf, np.inf) if value is None else value
-        spoil.set_saturation_range(low, high)
-    elif hasattr(spoil, f"set_{option}"):
-        getattr(spoil, f"set_{option}")(value)
-    else:
-        spoil.set(LAWS[option], value)

@@ -97,7 +97,7 @@ def advice(emulator: Emulator, channel: Channel) -> str:
             "the machine is too busy, or the rate too high for it"
         )
     simulation.plan.measure(time.perf_counter_ns)
-    stage = max(simulation.plan.stages, key=lambda stage: stage.cost_us)
+    stage = max(simulation.plan.stages, key=lambda stage: stage.cost_us or 0.0)
     dial = f" ({stage.cheaper})" if stage.cheaper else ""
     return (
         f"{found}the simulation takes {simulated_us:.0f} of the {period_us:.0f} us between them, most of it in "

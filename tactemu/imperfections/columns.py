@@ -9,6 +9,7 @@ import warp as wp
 
 from tactemu.errors import SceneError
 from tactemu.imperfections.info import ReadingInfo
+from tactemu.plan.plan import Context
 
 
 def spread(value, info: ReadingInfo, option: str) -> np.ndarray:
@@ -60,28 +61,39 @@ def environments(envs_idx, n_envs: int) -> np.ndarray:
     return chosen
 
 
+SIGNED = {"bias", "temperature_offset", "temperature_sensitivity", "saturation_range", "probe_gain"}
+"""Options that may be negative."""
+LARGEST = float(np.finfo(np.float32).max)
+
+
 class Table:
     """A parameter per environment, one number or one per column: ``(n_envs, 1)`` or ``(n_envs, n_columns)``."""
 
-    def __init__(self, value, info: ReadingInfo, option: str, *, n_envs: int, dtype, device, wide: bool = False):
+    def __init__(self, value, info: ReadingInfo, option: str, context: Context, *, wide: bool = False):
         row = spread(value, info, option)
         if wide and row.size == 1:
             row = np.repeat(row, info.n_columns)
         self.option, self._info = option, info
-        self._host = np.tile(row, (n_envs, 1))
-        self.array = wp.array(self._host, dtype=dtype, device=device)
+        self.array = wp.array(np.tile(row, (context.n_envs, 1)), dtype=context.real, device=context.device)
 
     def set(self, value, envs_idx: Sequence[int] | None = None) -> None:
-        """Gives the environments named a new value; a leading axis of their number gives each its own."""
-        envs = environments(envs_idx, len(self._host))
+        """Gives the environments named a new value; a leading axis of their number gives each its own.
+
+        Raises:
+            SceneError: a value that does not fit, or is negative where the option has no sign.
+        """
+        envs = environments(envs_idx, self.array.shape[0])
         rows = self._rows(value, len(envs))
-        if rows.shape[-1] > self._host.shape[1]:
+        if self.option not in SIGNED and (rows < 0.0).any():
+            raise SceneError(f"sensor {self._info.name!r}: {self.option} must be zero or positive, got {value!r}")
+        if rows.shape[-1] > self.array.shape[1]:
             raise SceneError(
                 f"sensor {self._info.name!r}: {self.option} was built with one number for all columns; list it in"
                 f" `adjustable` to set one per column while running"
             )
-        self._host[envs] = rows
-        self.array.assign(self._host)
+        now = self.array.numpy()
+        now[envs] = rows
+        self.array.assign(now)
 
     def _rows(self, value, n: int) -> np.ndarray:
         try:
@@ -92,3 +104,27 @@ class Table:
                 raise
             rows = [spread(v, self._info, self.option) for v in per_env]
             return np.stack(rows)
+
+
+class Range:
+    """Two numbers per environment, low and high: ``(n_envs, 1)`` each. ``None`` is the whole range of a float32."""
+
+    def __init__(self, value, info: ReadingInfo, option: str, context: Context):
+        self._where = f"sensor {info.name!r}: {option}"
+        self.low, self.high = (Table(bound, info, option, context) for bound in self._bounds(value))
+
+    def set(self, value, envs_idx: Sequence[int] | None = None) -> None:
+        """Gives the environments named new bounds, for all of them or (each bound an array) one each.
+
+        Raises:
+            SceneError: they are no range.
+        """
+        low, high = self._bounds(value)
+        self.low.set(low, envs_idx)
+        self.high.set(high, envs_idx)
+
+    def _bounds(self, value) -> tuple:
+        low, high = (-LARGEST, LARGEST) if value is None else value
+        if not np.all(np.asarray(low) <= np.asarray(high)) or not np.isfinite([low, high]).all():
+            raise SceneError(f"{self._where} needs two finite numbers, low <= high, got {value!r}")
+        return low, high

@@ -3,6 +3,7 @@
 ::
 
     chain = Imperfections(options, info, context)
+    stages = chain.compile_resets()                # before all others
     gain, stages = chain.compile_gain()            # for the sensor's kernel, or None
     radius, stages = chain.compile_radius_noise()  # the same
     measured, stages = chain.compile_values(raw)   # material, scan, electronics
@@ -14,6 +15,9 @@ Each returns the array to go on with (the one it was given, if nothing is switch
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from inspect import signature
+from typing import Any, Protocol
 
 import numpy as np
 import warp as wp
@@ -22,17 +26,13 @@ from tactemu.errors import SceneError
 from tactemu.imperfections import resets
 from tactemu.imperfections.adjustments import Adjustments
 from tactemu.imperfections.coefficients import compile_coefficients
-from tactemu.imperfections.columns import Table
+from tactemu.imperfections.columns import Range, Table
 from tactemu.imperfections.crosstalk import compile_crosstalk
+from tactemu.imperfections.dead import DeadTaxels
 from tactemu.imperfections.delivery import Delay, compile_history
-from tactemu.imperfections.elementwise import (
-    ALIVE,
-    COLUMNS_PER_THREAD,
-    electronics_kernel,
-    material_kernel,
-)
+from tactemu.imperfections.elementwise import COLUMNS_PER_THREAD, electronics_kernel, material_kernel
 from tactemu.imperfections.info import ReadingInfo
-from tactemu.imperfections.laws import check, electronic_laws, gain_is_on, material_laws
+from tactemu.imperfections.laws import check, draws, electronic_laws, gain_is_on, material_laws
 from tactemu.imperfections.options import ImperfectionOptions
 from tactemu.imperfections.radius import radius_kernel
 from tactemu.imperfections.scan import compile_scan
@@ -45,42 +45,87 @@ def nothing() -> None:
     """The launch of a stage that only acts at resets."""
 
 
+class Adjustable(Protocol):
+    """What an option becomes that can change while running: a :class:`Table`, a :class:`Range`, a :class:`Delay`."""
+
+    def set(self, value, envs_idx=None) -> None:
+        """Change it in the environments named."""
+        ...
+
+
 class Imperfections(Adjustments):
     """The imperfections of one sensor, and the handle by which they are changed while running."""
 
     def __init__(self, options: ImperfectionOptions, info: ReadingInfo, context: Context):
         check(options, info)
         self.options, self.info, self.context = options, info, context
-        self.tables: dict[str, Table] = {}
-        self.gain: wp.array | None = None
-        """Gain of each taxel, shape ``(n_envs, n_taxels)``; ``None`` where all are 1."""
-        self.stuck: wp.array | None = None
-        """What dead columns read, shape ``(n_envs, n_columns)``, infinite where alive."""
         self.state: dict[str, wp.array] = {}
         """What the laws remember, float64, shape ``(n_envs, n_columns)``."""
         self.shortest_step_s = 0.0
         """Shortest step for which what is kept of the past (delay, scan) lasts long enough [s]."""
-        self._delay: Delay | None = None
+        self._built: dict[str, Adjustable] = {}
+        """By the option's name."""
+        self._gain: Table | None = None
+        self._dead: DeadTaxels | None = None
         self._resets = self._zeros((context.n_envs,), wp.int32)
-        self._counted = False
+
+    # -- changing them
+
+    def set(self, option: str, value, envs_idx=None) -> None:
+        """Change an option by its name (see :class:`Adjustments`)."""
+        if option not in self._built:
+            raise self._off(option)
+        self._built[option].set(value, envs_idx)
+
+    def set_dead(self, taxels, dead: bool = True, value: float | None = None, envs_idx=None) -> None:
+        """Kill taxels, or revive them; without a value they are stuck at their last reading."""
+        self._killable.set(taxels, dead, value, envs_idx)
+
+    @property
+    def dead(self) -> np.ndarray:
+        """Which taxels are dead, bool, shape ``(n_envs, n_taxels)``."""
+        return self._killable.mask
+
+    @property
+    def stuck(self) -> wp.array | None:
+        """What dead columns read, shape ``(n_envs, n_columns)``, infinite where alive; ``None``: none can die."""
+        return None if self._dead is None else self._dead.stuck
+
+    @property
+    def _killable(self) -> DeadTaxels:
+        if self._dead is None:
+            raise self._off("dead")
+        return self._dead
+
+    def _off(self, option: str) -> SceneError:
+        return SceneError(
+            f"sensor {self.info.name!r} was built without {option}: set it when building, or list it in `adjustable`"
+        )
 
     # -- for the sensor's kernel
+
+    def compile_resets(self) -> list[Stage]:
+        """The stage that numbers the resets of each environment, for the draws of all others; it comes first."""
+        if not draws(self.options):
+            return []
+
+        def count(mask: wp.array) -> None:
+            self._launch(resets.count_resets, mask.shape, [mask, self._resets])
+
+        return [Stage(name=f"{self.info.name}: resets", reason="each begins new draws", launch=nothing, reset=count)]
 
     def compile_gain(self) -> tuple[wp.array | None, list[Stage]]:
         """Gains ``(n_envs, n_taxels)``, or ``None`` if all are 1; with a stage only if they are drawn at resets."""
         if not gain_is_on(self.options):
             return None, []
-        n = self.info.n_taxels
-        gain = np.asarray(self.options.probe_gain, dtype=np.float64).reshape(-1)
-        if gain.size not in (1, n) or not np.all(np.isfinite(gain)):
-            raise SceneError(f"sensor {self.info.name!r}: probe_gain must be one finite number or {n}, got {gain.size}")
-        rows = np.tile(np.broadcast_to(gain, (n,)), (self.context.n_envs, 1))
-        self.gain = wp.array(rows, dtype=self.context.real, device=self.context.device)
-        limits = self.options.probe_gain_resample_range
+        per_taxel = replace(self.info, channels=("scalar",))
+        self._gain = Table(self.options.probe_gain, per_taxel, "probe_gain", self.context, wide=True)
+        self._built["probe_gain"] = self._gain
+        gain, limits = self._gain.array, self.options.probe_gain_resample_range
         if limits is None:
-            return self.gain, []
-        redraw = self._counting(self._redraw_gain(self.gain, *limits))
-        return self.gain, [
+            return gain, []
+        redraw = self._redraw_gain(gain, *limits)
+        return gain, [
             Stage(name=f"{self.info.name}: gain", reason="gains drawn at resets", launch=nothing, reset=redraw)
         ]
 
@@ -90,15 +135,16 @@ class Imperfections(Adjustments):
         def redraw(mask: wp.array) -> None:
             self._launch(kernel, gain.shape, [mask, self._resets, key, low, high, gain])
 
-        redraw(self._everywhere())
+        redraw(wp.full(self.context.n_envs, True, dtype=wp.bool, device=self.context.device))
         return redraw
 
     def compile_radius_noise(self) -> tuple[wp.array | None, list[Stage]]:
         """Radii of the measured branch ``(n_envs, n_taxels)``, new each step; ``None`` without noise on them."""
-        if not self.options.probe_radius_noise and "radius_noise" not in self.options.adjustable:
+        if not self.options.probe_radius_noise and "probe_radius_noise" not in self.options.adjustable:
             return None, []
         context, n = self.context, self.info.n_taxels
-        table = self._table("radius_noise", self.options.probe_radius_noise, narrow=True)
+        table = Table(self.options.probe_radius_noise, self.info, "probe_radius_noise", context)
+        self._built["probe_radius_noise"] = table
         nominal = wp.array(np.asarray(self.info.probe_radius).reshape(n), dtype=context.real, device=context.device)
         radius = self._zeros((context.n_envs, n), context.real)
         launch = record(
@@ -108,8 +154,8 @@ class Imperfections(Adjustments):
             [radius],
             context.device,
         )
-        name, reset = f"{self.info.name}: radius_noise", self._counting(self._clear([radius]))
-        return radius, [Stage(name=name, reason="probe_radius_noise", launch=launch, reset=reset)]
+        name = f"{self.info.name}: radius_noise"
+        return radius, [Stage(name=name, reason="probe_radius_noise", launch=launch, reset=self._clear([radius]))]
 
     # -- on the sensor's readings
 
@@ -162,62 +208,52 @@ class Imperfections(Adjustments):
 
     def _electronics(self, x: wp.array, laws: frozenset[str], coefficient) -> tuple[wp.array, Stage]:
         context, options, real = self.context, self.options, self.context.real
-        low, high = options.saturation_range or (-np.finfo(np.float32).max, np.finfo(np.float32).max)
 
-        def table(law: str, name: str, value, narrow: bool = False):
-            return self._table(name, value, narrow=narrow).array if law in laws else None
+        def table(option: str, law: str = "") -> wp.array | None:
+            return self._table(option).array if (law or option) in laws else None
 
-        is_filler = wp.array(self.info.filler.astype(np.uint8), dtype=wp.uint8, device=context.device)
+        clipped = None
+        if "saturation_range" in laws:
+            clipped = Range(options.saturation_range, self.info, "saturation_range", context)
+            self._built["saturation_range"] = clipped
         walked = self._zeros(self._flat, wp.float64) if "random_walk" in laws else None
         if walked is not None:
             self.state["random_walk"] = walked
-        redraw_dead = self._redraw_dead() if "dead" in laws else None
-        out = self._zeros(x.shape, real)
-        launch = record(
-            electronics_kernel(real, laws),
-            self._threads,
-            [
-                self._flatten(x), self.info.n_channels, context.step, coefficient,
-                self._key("random_walk"), self._key("noise"), self._resets,
-                self.gain if "gain" in laws else None,
-                table("temperature", "temperature_sensitivity", options.temperature_sensitivity),
-                table("temperature", "temperature_offset", options.temperature_offset),
-                table("random_walk", "random_walk", options.random_walk),
-                table("random_walk_density", "random_walk_density", options.random_walk_density),
-                table("noise", "noise", options.noise),
-                table("noise_density", "noise_density", options.noise_density),
-                table("bias", "bias", options.bias),
-                table("saturation", "saturation_low", low, True),
-                table("saturation", "saturation_high", high, True),
-                table("resolution", "resolution", options.resolution),
-                is_filler, walked, self.stuck,
-            ],
-            [self._flatten(out)],
-            context.device,
-        )  # fmt: skip
-        clear = self._clear([walked, self._flatten(out)])
+        if "dead" in laws:
+            self._dead = DeadTaxels(options, self.info, context, self._resets)
+        kernel, out = electronics_kernel(real, laws), self._zeros(x.shape, real)
+        inputs = {
+            "x": self._flatten(x),
+            "n_channels": self.info.n_channels,
+            "step": context.step,
+            "coefficient": coefficient,
+            "walk_key": self._key("random_walk"),
+            "noise_key": self._key("noise"),
+            "resets": self._resets,
+            "gains": self._gain.array if self._gain is not None and "probe_gain" in laws else None,
+            "sensitivity": table("temperature_sensitivity", "temperature"),
+            "drift": table("temperature_offset", "temperature"),
+            "walk_each": table("random_walk"),
+            "walk_root": table("random_walk_density"),
+            "noise_each": table("noise"),
+            "noise_root": table("noise_density"),
+            "offset": table("bias"),
+            "low": clipped and clipped.low.array,
+            "high": clipped and clipped.high.array,
+            "quantum": table("resolution"),
+            "is_filler": wp.array(self.info.filler.astype(np.uint8), dtype=wp.uint8, device=context.device),
+            "walked": walked,
+            "stuck": self.stuck,
+        }
+        launch = record(kernel, self._threads, in_order(kernel, inputs), [self._flatten(out)], context.device)
+        clear, dead = self._clear([walked, self._flatten(out)]), self._dead
 
         def reset(mask: wp.array) -> None:
             clear(mask)
-            if redraw_dead is not None:
-                redraw_dead(mask)
+            if dead is not None:
+                dead.redraw(mask)
 
-        reset = self._counting(reset)
         return out, Stage(name=f"{self.info.name}: electronics", reason=_reason(laws), launch=launch, reset=reset)
-
-    def _redraw_dead(self):
-        options, real = self.options, self.context.real
-        self.stuck = wp.full(self._flat, ALIVE, dtype=real, device=self.context.device)
-        arguments = [
-            self._key("dead"), options.dead_taxel_probability, *options.dead_taxel_value_range,
-            options.dead_taxel_mode == "last", self.info.n_channels,
-        ]  # fmt: skip
-
-        def redraw(mask: wp.array) -> None:
-            self._launch(resets.dead_kernel(real), self._flat, [mask, self._resets, *arguments, self.stuck])
-
-        redraw(self._everywhere())
-        return redraw
 
     def compile_delivery(self, measured: wp.array) -> tuple[wp.array, list[Stage]]:
         """Delays ``measured`` and adds a history: ``(n_envs, [history,] n_taxels, n_channels)``, any number type."""
@@ -225,9 +261,10 @@ class Imperfections(Adjustments):
         array = measured
         if self.options.delay > 0.0 or self.options.jitter > 0.0 or "jitter" in self.options.adjustable:
             self.shortest_step_s = self._dt_s
-            self._delay = Delay(self.options, self.info, self.context, self._resets)
-            array, stages = self._delay.compile(measured)
-            stages[0].reset = self._counting(stages[0].reset)
+            delay = Delay(self.options, self.info, self.context, self._resets)
+            array, stages = delay.compile(measured)
+            if delay.jitters:
+                self._built["jitter"] = delay
         array, more = self.compile_history(array)
         return array, stages + more
 
@@ -248,18 +285,6 @@ class Imperfections(Adjustments):
             )
 
     # -- helpers
-
-    def _counting(self, reset):
-        """``reset``, which in the first stage that draws random numbers also counts the resets for all of them."""
-        if self._counted:
-            return reset
-        self._counted = True
-
-        def counting(mask: wp.array) -> None:
-            self._launch(resets.count_resets, mask.shape, [mask, self._resets])
-            reset(mask)
-
-        return counting
 
     @property
     def _dt_s(self) -> float:
@@ -282,23 +307,12 @@ class Imperfections(Adjustments):
     def _zeros(self, shape, dtype) -> wp.array:
         return wp.zeros(shape, dtype=dtype, device=self.context.device)
 
-    def _everywhere(self) -> wp.array:
-        return wp.full(self.context.n_envs, True, dtype=wp.bool, device=self.context.device)
-
     def _launch(self, kernel, dim, inputs: list) -> None:
         wp.launch(kernel, dim=dim, inputs=inputs, device=self.context.device)
 
-    def _table(self, name: str, value, *, narrow: bool = False) -> Table:
-        table = Table(
-            value,
-            self.info,
-            name,
-            n_envs=self.context.n_envs,
-            dtype=self.context.real,
-            device=self.context.device,
-            wide=not narrow and name in self.options.adjustable,
-        )
-        self.tables[name] = table
+    def _table(self, option: str) -> Table:
+        value, wide = getattr(self.options, option), option in self.options.adjustable
+        self._built[option] = table = Table(value, self.info, option, self.context, wide=wide)
         return table
 
     def _clear(self, arrays: list):
@@ -313,3 +327,9 @@ class Imperfections(Adjustments):
 
 def _reason(laws: frozenset[str]) -> str:
     return ", ".join(sorted(laws))
+
+
+def in_order(kernel, inputs: dict[str, Any]) -> list:
+    """Inputs of a kernel as its parameters have them, from those given by name; its outputs are the parameters left."""
+    names = list(signature(kernel.func).parameters)[: len(inputs)]
+    return [inputs[name] for name in names]

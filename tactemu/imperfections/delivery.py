@@ -43,9 +43,7 @@ class Delay:
         key = stream_key(context.seed, f"{info.name}/jitter")
         nearest = options.delay_interpolation == "nearest"
         select = record(
-            select_kernel(
-                options.jitter > 0.0 or "jitter" in options.adjustable, nearest, linear, options.jitter_reorder
-            ),
+            select_kernel(self.jitters, nearest, linear, options.jitter_reorder),
             context.n_envs,
             [context.step, context.time_ns, context.dt, key, self._resets, self._array, ring.birth],
             [ring.times, newest, chosen, share],
@@ -71,10 +69,17 @@ class Delay:
         reason = f"delay {options.delay:g} s, jitter {options.jitter:g} s, {options.delay_interpolation}"
         return out, [Stage(name=f"{info.name}: delay", reason=reason, launch=launch, reset=reset)]
 
-    def set_jitter(self, value, envs_idx=None) -> None:
-        """Changes the jitter [s] of the environments named, one number or one each."""
-        if not (self._options.jitter > 0.0 or "jitter" in self._options.adjustable):
-            raise SceneError(f"sensor {self._info.name!r} was built without jitter; list 'jitter' in `adjustable`")
+    @property
+    def jitters(self) -> bool:
+        """Does it draw a further delay?"""
+        return self._options.jitter > 0.0 or "jitter" in self._options.adjustable
+
+    def set(self, value, envs_idx=None) -> None:
+        """Changes the jitter [s] of the environments named, one number or one each.
+
+        Raises:
+            SceneError: negative, or more than there is room for.
+        """
         envs = environments(envs_idx, self._context.n_envs)
         jitter = np.broadcast_to(np.asarray(value, dtype=np.float64), envs.shape)
         if not np.all((jitter >= 0.0) & (self._options.delay + jitter <= self._longest_s + 1e-12)):

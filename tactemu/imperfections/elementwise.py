@@ -92,9 +92,9 @@ def electronics_kernel(real: type, laws: frozenset[str]):
 
     A number that is not finite passes through unchanged and touches no state: it never becomes a valid reading.
     """
-    gain, temperature, walk, noise = (k in laws for k in ("gain", "temperature", "random_walk", "noise"))
+    gain, temperature, walk, noise = (k in laws for k in ("probe_gain", "temperature", "random_walk", "noise"))
     density, walk_density = "noise_density" in laws, "random_walk_density" in laws
-    bias, saturation, resolution = (k in laws for k in ("bias", "saturation", "resolution"))
+    bias, saturation, resolution = (k in laws for k in ("bias", "saturation_range", "resolution"))
     dead, filler = "dead" in laws, "filler" in laws
     exact = real(2.0**24) if real is wp.float32 else real(2.0**53)
     normals4 = normals(real)

@@ -75,10 +75,19 @@ def _check_temperature(options: ImperfectionOptions, info: ReadingInfo) -> None:
         )
 
 
+_DRAWN = ("probe_radius_noise", "random_walk", "random_walk_density", "noise", "noise_density", "jitter")
+
+
+def draws(options: ImperfectionOptions) -> bool:
+    """Whether any law draws random numbers."""
+    redrawn = options.probe_gain_resample_range is not None or options.dead_taxel_probability > 0.0
+    return redrawn or any(is_on(getattr(options, name)) or name in options.adjustable for name in _DRAWN)
+
+
 def gain_is_on(options: ImperfectionOptions) -> bool:
     """Whether taxels have gains of their own."""
     fixed = np.any(np.asarray(options.probe_gain, dtype=np.float64) != 1.0)
-    return bool(fixed) or options.probe_gain_resample_range is not None or "gain" in options.adjustable
+    return bool(fixed) or options.probe_gain_resample_range is not None or "probe_gain" in options.adjustable
 
 
 def material_laws(options: ImperfectionOptions) -> frozenset[str]:
@@ -102,19 +111,20 @@ def electronic_laws(options: ImperfectionOptions, info: ReadingInfo) -> frozense
     walk_density = is_on(options.random_walk_density)
     density = is_on(options.noise_density)
     laws = {
-        "gain": gain_is_on(options) and not info.gain_inside,
+        "probe_gain": gain_is_on(options) and not info.gain_inside,
         "temperature": temperature and options.temperature_course is not None,
         "random_walk": is_on(options.random_walk) or walk_density or "random_walk" in adjustable,
         "random_walk_density": walk_density,
         "noise": is_on(options.noise) or density or "noise" in adjustable,
         "noise_density": density,
         "bias": is_on(options.bias) or "bias" in adjustable,
-        "saturation": options.saturation_range is not None or "saturation" in adjustable,
+        "saturation_range": options.saturation_range is not None or "saturation_range" in adjustable,
         "resolution": is_on(options.resolution) or "resolution" in adjustable,
         "dead": options.dead_taxel_probability > 0.0 or "dead" in adjustable,
     }
     chosen = {law for law, on in laws.items() if on}
     # A filler reads 0 already: only a law that adds something must be kept from it.
-    if bool(info.filler.any()) and chosen & {"temperature", "random_walk", "noise", "bias", "saturation", "dead"}:
+    adds = {"temperature", "random_walk", "noise", "bias", "saturation_range", "dead"}
+    if bool(info.filler.any()) and chosen & adds:
         chosen.add("filler")
     return frozenset(chosen)

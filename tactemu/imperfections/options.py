@@ -19,10 +19,10 @@ Numbers = float | Sequence | np.ndarray
 """One number, or one per column (see the module's docstring)."""
 
 Law = Literal[
-    "gain", "radius_noise", "temperature_offset", "temperature_sensitivity", "random_walk", "noise", "bias",
-    "saturation", "resolution", "dead", "jitter",
+    "probe_gain", "probe_radius_noise", "temperature_offset", "temperature_sensitivity", "random_walk", "noise", "bias",
+    "saturation_range", "resolution", "jitter", "dead",
 ]  # fmt: skip
-"""Names for :attr:`ImperfectionOptions.adjustable`."""
+"""What can be switched on while running: options by their names, and ``dead`` for killing single taxels."""
 
 
 @dataclass(kw_only=True)
@@ -121,5 +121,5 @@ class ImperfectionOptions:
     """Deliver the last so many readings, newest first, delayed like a single one."""
 
     adjustable: Sequence[Law] = ()
-    """Laws that are built although they are zero, with a number per column, so that their setters can switch them on
-    while running."""
+    """Options that are built although they are zero, with a number per column, so that their setters can switch them
+    on while running; ``dead`` for :meth:`~tactemu.physics.sensor.Sensor.set_dead`."""

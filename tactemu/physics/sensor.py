@@ -50,7 +50,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.errors import SceneError
-from tactemu.imperfections import ImperfectionOptions, Imperfections, SensorSetters
+from tactemu.imperfections import Adjustments, ImperfectionOptions, Imperfections
 from tactemu.imperfections.info import Channels
 from tactemu.physics.options import number
 from tactemu.physics.poses import LinkView
@@ -233,6 +233,8 @@ class Built(Protocol):
     """What a sensor's handle asks of the simulation that it belongs to."""
 
     batched: bool
+    """Do readings have an environment axis?"""
+    device: wp.Device
 
     def before_read(self) -> None:
         """Raise what the last step found wrong."""
@@ -244,7 +246,7 @@ class Built(Protocol):
 
 
 @dataclass(eq=False)
-class Sensor(SensorSetters):
+class Sensor(Adjustments):
     """A skin on a link, as :meth:`tactemu.Scene.add_sensor` returns it. Readable once the scene is built."""
 
     name: str
@@ -285,6 +287,20 @@ class Sensor(SensorSetters):
         if array is None:
             raise self._unread()
         return array
+
+    def set(self, option: str, value, envs_idx=None) -> None:
+        """Change an imperfection by its option's name (see :class:`~tactemu.imperfections.Adjustments`)."""
+        self._spoil.set(option, value, envs_idx)
+
+    def set_dead(self, taxels, dead: bool = True, value: float | None = None, envs_idx=None) -> None:
+        """Kill taxels, or revive them; without a value they are stuck at their last reading."""
+        self._spoil.set_dead(taxels, dead, value, envs_idx)
+
+    @property
+    def _spoil(self) -> Imperfections:
+        if self.imperfections is None:
+            raise SceneError(f"sensor {self.name!r} has nothing to set yet: build the scene (scene.build()) first")
+        return self.imperfections
 
     def link_pose(self) -> Pose:
         """Where its link is and how it moves, as last set, in the world of environment 0."""

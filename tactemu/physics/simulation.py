@@ -155,7 +155,7 @@ class Simulation:
         remembered, history_stages = (measured, []) if truth is measured else spoil.compile_history(truth)
         self._arrays += [compiled.truth, compiled.raw, truth, remembered, values, measured]
         sensor.attach(self, spoil, remembered, measured)
-        stages = gain_stages + radius_stages + compiled.stages + truth_stages
+        stages = spoil.compile_resets() + gain_stages + radius_stages + compiled.stages + truth_stages
         return stages + value_stages + finish_stages + delivery_stages + history_stages
 
     @property

@@ -60,7 +60,7 @@ class Body:
         return Pose(np.array(self.position), np.array(self.quaternion))
 
 
-def find(bodies: Sequence[Body], which: Body | str | int) -> Body:
+def find(bodies: Sequence[Body], which: Body | str | int | np.integer) -> Body:
     """Of these bodies the one that is meant by itself, its name or its index.
 
     Raises:

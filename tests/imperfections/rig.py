@@ -53,7 +53,7 @@ class Rig:
         self.radius, radius = self.chain.compile_radius_noise()
         self.measured, values = self.chain.compile_values(self.raw)
         self.reading, delivery = self.chain.compile_delivery(self.measured)
-        self.stages = before + radius + values + delivery
+        self.stages = self.chain.compile_resets() + before + radius + values + delivery
 
     def step(self, raw=None, dt_ns: int | None = None) -> np.ndarray:
         """One step with raw readings that broadcast to ``(n_envs, n_taxels, n_channels)``."""

@@ -6,7 +6,16 @@ import pytest
 from tactemu.errors import SceneError
 from tests.imperfections.rig import Rig, info, options
 
-ADJUSTABLE = ("bias", "noise", "random_walk", "resolution", "gain", "dead", "radius_noise", "saturation")
+ADJUSTABLE = (
+    "bias",
+    "noise",
+    "random_walk",
+    "resolution",
+    "probe_gain",
+    "dead",
+    "probe_radius_noise",
+    "saturation_range",
+)
 
 
 def rig(**given) -> Rig:

@@ -122,7 +122,9 @@ def test_setters_of_a_sensor_in_a_batch():
     scene = tt.Scene()
     pad = scene.add_body(tt.Box(size=(0.08, 0.08, 0.02)), fixed=True)
     scene.add_body(tt.Sphere(radius=0.01), position=(0.0, 0.0, 1.0))
-    skin = scene.add_sensor(tt.ContactDepthProbe(adjustable=("bias", "noise", "dead", "gain", "resolution")), link=pad)
+    skin = scene.add_sensor(
+        tt.ContactDepthProbe(adjustable=("bias", "noise", "dead", "probe_gain", "resolution")), link=pad
+    )
     with pytest.raises(tt.TactemuError, match="build"):
         skin.set_bias(1.0)
     sim = scene.build(n_envs=4)

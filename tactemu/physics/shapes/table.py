@@ -1,5 +1,6 @@
 """The table of a scene's shapes on the device: one row per body, meshes and grids packed beside it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -31,7 +32,7 @@ class ShapeTables:
         MeshError: a mesh cannot be used.
     """
 
-    def __init__(self, scene_bodies: list[Body], context: Context):
+    def __init__(self, scene_bodies: Sequence[Body], context: Context):
         self._bodies, self._context = scene_bodies, context
         self._rows: dict[int, Row] = {}
         self._grids: dict[tuple[int, float | None], Row] = {}

@@ -1,0 +1,57 @@
+"""Dead taxels: drawn at resets, killed and revived while running."""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from tactemu.errors import SceneError
+from tactemu.imperfections.columns import environments
+from tactemu.imperfections.elementwise import ALIVE, DIES
+from tactemu.imperfections.info import ReadingInfo
+from tactemu.imperfections.options import ImperfectionOptions
+from tactemu.imperfections.resets import dead_kernel
+from tactemu.plan.plan import Context
+from tactemu.random_streams import stream_key
+
+
+class DeadTaxels:
+    """What the dead columns of every environment read; the electronics' kernel puts it in place of their readings."""
+
+    def __init__(self, options: ImperfectionOptions, info: ReadingInfo, context: Context, resets: wp.array):
+        self._info, self._context, self._resets = info, context, resets
+        self._options = options
+        self.stuck = wp.full((context.n_envs, info.n_columns), ALIVE, dtype=context.real, device=context.device)
+        """Readings of dead columns, shape ``(n_envs, n_columns)``; infinite where alive."""
+        self.redraw(wp.full(context.n_envs, True, dtype=wp.bool, device=context.device))
+
+    def redraw(self, mask: wp.array) -> None:
+        """Draw anew which taxels are dead in the environments that the mask (bool, shape ``(n_envs,)``) names."""
+        options, context = self._options, self._context
+        key = stream_key(context.seed, f"{self._info.name}/dead")
+        drawn = [options.dead_taxel_probability, *options.dead_taxel_value_range, options.dead_taxel_mode == "last"]
+        inputs = [mask, self._resets, key, *drawn, self._info.n_channels, self.stuck]
+        wp.launch(dead_kernel(context.real), dim=self.stuck.shape, inputs=inputs, device=context.device)
+
+    def set(self, taxels, dead: bool, value: float | None, envs_idx) -> None:
+        """Kill taxels, stuck at a value or (``None``) at their last reading, or revive them.
+
+        Raises:
+            SceneError: no such taxels or environments, or a value that is not finite.
+        """
+        info = self._info
+        taxels = np.atleast_1d(np.asarray(taxels, dtype=np.int64))
+        if taxels.size and not 0 <= taxels.min() <= taxels.max() < info.n_taxels:
+            raise SceneError(f"sensor {info.name!r}: taxels must be 0..{info.n_taxels - 1}, got {taxels}")
+        if value is not None and not np.isfinite(value):
+            raise SceneError(f"sensor {info.name!r}: a dead taxel reads a finite number, got {value!r}")
+        flat = self.stuck.numpy()
+        stuck = flat.reshape(len(flat), info.n_taxels, info.n_channels)
+        fate = (DIES if value is None else float(value)) if dead else ALIVE
+        stuck[np.ix_(environments(envs_idx, len(stuck)), taxels)] = fate
+        self.stuck.assign(flat)
+
+    @property
+    def mask(self) -> np.ndarray:
+        """Which taxels are dead, bool, shape ``(n_envs, n_taxels)``."""
+        return self.stuck.numpy().reshape(-1, self._info.n_taxels, self._info.n_channels)[:, :, 0] != ALIVE
