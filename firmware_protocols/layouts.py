@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -98,6 +99,11 @@ class Layout:
         """The area that each taxel stands for [m²], shape ``(n_taxels,)``."""
         return self._by_taxel("area")
 
+    @cached_property
+    def y_axes(self) -> np.ndarray:
+        """Unit y axes of the taxels' own frames, shape ``(n_taxels, 3)``."""
+        return np.cross(self.normals, self.x_axes)
+
     def _by_taxel(self, name: str) -> np.ndarray:
         values = np.empty(len(self))
         for patch in self.patches:
@@ -110,8 +116,7 @@ class Layout:
 
     def to_taxel_frame(self, vectors: np.ndarray) -> np.ndarray:
         """Vectors of the link frame, shape ``(n_taxels, 3)``, in each taxel's own frame (x, y, z = normal)."""
-        y_axes = np.cross(self.normals, self.x_axes)
-        return np.stack([(vectors * axis).sum(-1) for axis in (self.x_axes, y_axes, self.normals)], axis=-1)
+        return np.stack([(vectors * axis).sum(-1) for axis in (self.x_axes, self.y_axes, self.normals)], axis=-1)
 
     def push(self, forces: np.ndarray) -> np.ndarray:
         """How hard each taxel is pushed into the skin [N], shape ``(n_taxels,)``, by forces on the skin ``(n, 3)``."""
