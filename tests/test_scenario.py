@@ -125,10 +125,7 @@ def test_events_from_python_and_by_hand():
 def test_an_event_is_checked():
     with pytest.raises(SceneError, match="at"):
         Event(at=-1)
-<<<<<<< HEAD
     assert str(timed_fault(Event(at=1, fault="drop 1%"), now_s=2.0)) == "drop 1% from 3000000000ns"
-=======
-    assert timed_fault(Event(at=1, fault="drop 1%"), now_s=2.0) == "drop 1% from 3000000000ns"
 
 
 def test_a_range_that_was_none_is_none_again_afterwards():
@@ -138,4 +135,3 @@ def test_a_range_that_was_none_is_none_again_afterwards():
         assert dev.sample().measured.max() == pytest.approx(0.1)
         dev.wait(0.1)
         assert not dev.sample().measured.any()
->>>>>>> main

@@ -1,12 +1,6 @@
 r"""PaXini PX-6AX behind the GEN2 control box.
 
-Wire: 460800 8N1. One request, one reply; the host must wait for it.
-
-    part  host to box                                    box to host
-    head  55 AA 7B 7B                                    the same
-    body  0E, index, main, sub (2), length LE16, data    0E, index, main, sub (2), error, length LE16, data
-    LRC   makes the sum of the body 0                    the same; the error byte counts
-    tail  55 AA 7D 7D                                    the same
+Wire: USB, opened at 460800 8N1. One request, one reply; the host must wait for it.
 
     command            main  sub    data                           data in the reply
     version            60    A0 01  -                              ASCII
@@ -17,7 +11,7 @@ Wire: 460800 8N1. One request, one reply; the host must wait for it.
     read               70    C0 06  7B, start LE16, count LE16     finger status, 7B, start LE16, count LE16, content
     write user config  70    B0 02  address, value (03 01: zero)   status
 
-Memory of a module: :mod:`firmware_protocols.devices.paxini_modules`. The index comes back as it was sent.
+Memory of a module: ``paxini_modules.py``. The index comes back as it was sent.
 
 Quirks kept: the box answers the zero command with error 06 although it obeys (the driver takes it for success), and
 the driver looks for the version 10 ms after asking and never again. The vendor's example of a set mode reply shows sub
@@ -29,208 +23,205 @@ Try it: ``tactemu run paxini_gen2``, then the driver of Gabriel-Ning/paxini_driv
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from typing import Annotated
 
-from firmware_protocols.device import Command, Delayed, Outgoing, SerialWire
-from firmware_protocols.devices.paxini_modules import GAP_NS, TAXEL_DATA, TAXELS, Px6axDevice
-from firmware_protocols.devices.paxini_px6ax import lrc
+from firmware_protocols import Command, Option, Outs, Sent, Serial
+from firmware_protocols.devices.paxini_modules import GAP_NS, TAXELS, Model, Px6axDevice
+from firmware_protocols.framing import MORE, SOUND, Broken, Packets
+from firmware_protocols.sums import lrc8
+from firmware_protocols.tables import Frame
 
+REQUEST = Frame("""
+    request
+    0     55 AA 7B 7B     head
+    4     0E              fixed
+    5     u1              index
+    6     u1              main
+    7     >u2             sub
+    9     <u2             length = len(data)
+    11    bytes           data
+    ..    lrc8 from 4     check
+    ..    55 AA 7D 7D     tail
+""")
+REPLY = Frame("""
+    reply
+    0     55 AA 7B 7B     head
+    4     0E              fixed
+    5     u1              index         as in the request
+    6     u1              main
+    7     >u2             sub
+    9     u1              error
+    10    <u2             length = len(data)
+    12    bytes           data
+    ..    lrc8 from 4     check
+    ..    55 AA 7D 7D     tail
+""")
 HEAD, TAIL = b"\x55\xaa\x7b\x7b", b"\x55\xaa\x7d\x7d"
-FIXED = 0x0E
-REGION = 0x7B
+FIXED, REGION = 0x0E, 0x7B
 VERSION, SET_MODE, GET_MODE = (0x60, 0xA001), (0x70, 0xC00C), (0x70, 0xC00D)
 SELECT_PORT, READ, WRITE_CONFIG = (0x70, 0xB10A), (0x70, 0xC006), (0x70, 0xB002)
+DATA_LENGTH = {VERSION: 0, GET_MODE: 0, SET_MODE: 1, SELECT_PORT: 1, READ: 5, WRITE_CONFIG: 2}
+MAINS = {main for main, _ in DATA_LENGTH}
 ZERO = b"\x03\x01"
 MODES = (1, 2, 5)
 LONGEST_DATA = 64
 
-OK, BAD_LRC, BAD_LENGTH, BAD_COMMAND, BAD_VALUE, NO_MODULE, ZERO_ANSWER = 0, 1, 2, 3, 4, 5, 6
+OK, BAD_LENGTH, BAD_LRC, BAD_MAIN, BAD_SUB, TOO_LONG, BAD_PARAMETER, NO_DATA = range(8)
 
 
 class PaxiniGen2(Px6axDevice):
-    """Modules on the ports of a GEN2 control box, which answers requests.
-
-    Args:
-        models: model name or names.
-        places: port of each module, ``(CON - 1) * 3 + offset``; by default a single module sits on every port.
-        version: the answer to the version command.
-        mode_time_s: how long a change of mode takes [s].
-        zero_error: error byte in the answer to the zero command.
-    """
+    """Modules on the ports of a GEN2 control box, which answers requests."""
 
     name = "paxini_gen2"
     title = "PaXini PX-6AX, GEN2 control box"
-    wires = (SerialWire(baud=460800),)
-    rate_hz = 100.0
+    ports = (Serial(baud=460800, usb=True),)
     taxel_counts = {**TAXELS, "L5325": 120}
     evidence = ("vendor document", "driver")
     sources = (
-        "vendor PDF 'control box protocol V1.5 (simplified)' in Gabriel-Ning/paxini_driver@113ab44",
+        "vendor PDF 'control box protocol V1.5 (simplified)' in Gabriel-Ning/paxini_driver@113ab44, with error codes",
         "Gabriel-Ning/paxini_driver@113ab44 paxini_driver.py l.94-96, 165",
     )
     judge = "none on the package index"
     assumed = (
         "places of the taxels: even rows on a flat pad of the size in the model's name; 0.1 N per count as on GEN3",
         "L5325 has the 120 taxels that the driver reads; other models as on GEN3",
-        "which error code means what: 1 LRC, 2 length or tail, 3 command, 4 value or address, 5 no module",
+        "a wrong tail or first byte counts as a wrong length; a port without a module has no data",
         "a change of mode takes 0.5 s; a half request is forgotten after 50 ms",
     )
 
     def __init__(
         self,
         *,
-        models: str | Sequence[str] = "L5325",
-        places: Sequence[int] | None = None,
-        version: str = "PX-6AX-GEN2 V1.5",
-        mode_time_s: float = 0.5,
-        zero_error: int = ZERO_ANSWER,
+        models: Annotated[Model | tuple[Model, ...], Option("one model name, or several")] = "L5325",
+        places: Annotated[
+            tuple[int, ...] | None,
+            Option("port of each module, (CON - 1) * 3 + offset; default: one sits on every port"),
+        ] = None,
+        version: Annotated[str, Option("answer to the version command")] = "PX-6AX-GEN2 V1.5",
+        mode_time_s: Annotated[float, Option("how long a change of mode takes", unit="s", low=0.0)] = 0.5,
+        zero_error: Annotated[
+            int, Option("error byte in the answer to the zero command", low=0, high=255)
+        ] = BAD_PARAMETER,
     ):
-        super().__init__(models=models, places=places)
+        self._power_up(models, places)
         self.version = version.encode("ascii")
         self.mode_time_ns = round(mode_time_s * 1e9)
         self.zero_error = zero_error
-        self.power_on(0)
-
-    def power_on(self, t_ns: int) -> Sequence[Outgoing]:
-        """Mode 5, the first module's port."""
-        self._buffer = bytearray()
-        self._heard_ns = t_ns
-        self.mode = 5
-        self.port = self.places[0] if self.places else 0
-        self._reset_modules()
-        return ()
+        self.mode, self.selected = 5, self.places[0] if self.places else 0
+        self.packets = Packets(HEAD, _size, _check, counters=self.counters, gap_ns=GAP_NS, broken=True)
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """Every command of the vendor's table."""
-        taxels = 3 * self.taxel_counts[self.models[0]]
-        port = bytes([self.places[0] if self.places else 0])
-        where = struct.pack("<BHH", REGION, TAXEL_DATA, taxels)
-
-        def reading(frames: list) -> bool:
-            return len(frames) == 1 and len(frames[0]) == 17 + 6 + taxels and frames[0][9] == OK
-
+        """Every command of the vendor's table, to a box as it comes."""
+        if self.places is not None or self.models != ("L5325",):
+            return ()
+        pdf = "vendor PDF V1.5"
         return (
-            Command(name="version", request=request(VERSION), reply=[reply(1, VERSION, OK, self.version)]),
-            Command(name="set mode", request=request(SET_MODE, b"\x05"), reply=[reply(1, SET_MODE, OK)]),
-            Command(name="get mode", request=request(GET_MODE), reply=[reply(1, GET_MODE, OK, bytes([self.mode]))]),
-            Command(name="select port", request=request(SELECT_PORT, port), reply=[reply(1, SELECT_PORT, OK)]),
-            Command(name="read taxels", request=request(READ, where), reply=reading),
+            Command(
+                name="version",
+                request="55 AA 7B 7B 0E 01 60 A0 01 00 00 F0 55 AA 7D 7D",
+                reply="55 AA 7B 7B 0E 01 60 A0 01 00 * 55 AA 7D 7D",
+                origin=pdf,
+            ),
+            Command(
+                name="set mode",
+                request="55 AA 7B 7B 0E 01 70 C0 0C 01 00 05 AF 55 AA 7D 7D",
+                reply="55 AA 7B 7B 0E 01 70 C0 0C 00 00 00 B5 55 AA 7D 7D",
+                origin=pdf,
+            ),
+            Command(
+                name="get mode",
+                request="55 AA 7B 7B 0E 01 70 C0 0D 00 00 B4 55 AA 7D 7D",
+                reply="55 AA 7B 7B 0E 01 70 C0 0D 00 01 00 05 AE 55 AA 7D 7D",
+                origin=pdf,
+            ),
+            Command(
+                name="select port",
+                request="55 AA 7B 7B 0E 01 70 B1 0A 01 00 00 C5 55 AA 7D 7D",
+                reply="55 AA 7B 7B 0E 01 70 B1 0A 00 00 00 C6 55 AA 7D 7D",
+                origin=pdf,
+            ),
+            Command(
+                name="read taxels",
+                request="55 AA 7B 7B 0E 00 70 C0 06 05 00 7B 0E 04 1E 00 0C 55 AA 7D 7D",
+                reply="55 AA 7B 7B 0E 00 70 C0 06 00 24 00 00 7B 0E 04 1E 00 ..{30} .. 55 AA 7D 7D",
+                origin=pdf,
+            ),
             Command(
                 name="zero",
-                request=request(WRITE_CONFIG, ZERO),
-                reply=[reply(1, WRITE_CONFIG, self.zero_error, b"\0")],
+                request="55 AA 7B 7B 0E 01 70 B0 02 02 00 03 01 C9 55 AA 7D 7D",
+                reply="55 AA 7B 7B 0E 01 70 B0 02 06 01 00 00 C8 55 AA 7D 7D",
                 about="write user config 03 = 01; the error byte is wrong on the real box, too",
+                origin="Gabriel-Ning/paxini_driver@113ab44 l.165",
             ),
         )
 
-    def receive(self, data: bytes, t_ns: int) -> Sequence[Outgoing]:
-        """Requests in chunks of any size."""
-        if t_ns - self._heard_ns > GAP_NS:
-            self._buffer.clear()
-        self._heard_ns = t_ns
-        self._buffer += data
-        answers: list[Outgoing] = []
-        while (answer := self._next()) is not None:
-            answers += answer
-        return answers
+    def _refuse(self, packet: Broken) -> Outs:
+        """An error, with whatever stands in the request's fields."""
+        error = BAD_LRC if packet.why == "bad_checksum" else TOO_LONG if packet.why == "too_long" else BAD_LENGTH
+        index, main, sub = struct.unpack_from(">BBH", packet, 5)
+        return [REPLY.pack(index=index, main=main, sub=sub, error=error, data=b"")]
 
-    def _next(self) -> list[Outgoing] | None:
-        """Answer to the next thing in the buffer, or ``None`` until more bytes come."""
-        buffer = self._buffer
-        start = buffer.find(HEAD)
-        junk = start if start >= 0 else max(0, len(buffer) - len(HEAD) + 1)
-        self.counters["skipped_bytes"] += junk
-        del buffer[:junk]
-        if start < 0 or len(buffer) < 11:
-            return None
-        _, index, main, sub, length = struct.unpack_from(">BBBH", buffer, 4) + struct.unpack_from("<H", buffer, 9)
-        if length > LONGEST_DATA or buffer[4] != FIXED:
-            return self._refuse(BAD_LENGTH, "bad_length", index, (main, sub))
-        if len(buffer) < 16 + length:
-            return None
-        body, tail = bytes(buffer[4 : 12 + length]), bytes(buffer[12 + length : 16 + length])
-        if lrc(body):
-            return self._refuse(BAD_LRC, "bad_checksum", index, (main, sub))
-        if tail != TAIL:
-            return self._refuse(BAD_LENGTH, "bad_tail", index, (main, sub))
-        del buffer[: 16 + length]
-        self.counters["requests"] += 1
-        return self._answer(index, (main, sub), body[7:-1])
-
-    def _refuse(self, error: int, counter: str, index: int, command: tuple[int, int]) -> list[Outgoing]:
-        """Answer with an error, and look for the next head behind this one."""
-        self.counters[counter] += 1
-        del self._buffer[: len(HEAD)]
-        return [reply(index, command, error)]
-
-    def _answer(self, index: int, command: tuple[int, int], data: bytes) -> list[Outgoing]:
-        answers = {
-            VERSION: (0, self._version),
-            GET_MODE: (0, self._get_mode),
-            SET_MODE: (1, self._set_mode),
-            SELECT_PORT: (1, self._select_port),
-            READ: (5, self._read),
-            WRITE_CONFIG: (2, self._write_config),
-        }
-        length, act = answers.get(command, (0, None))
-        if act is None:
-            error, content, delay_ns = BAD_COMMAND, b"", 0
-        elif len(data) != length:
-            error, content, delay_ns = BAD_LENGTH, b"", 0
-        else:
-            error, content, delay_ns = act(data)
+    def _answer(self, packet: bytes) -> Outs:
+        request = REQUEST.unpack(packet)
+        assert request is not None, "the cutter has checked it"
+        command, data = (request["main"], request["sub"]), request["data"]
+        delay_ns = self.mode_time_ns if command == SET_MODE and data and data[0] != self.mode else 0
+        error, content = self._obey(command, data)
         self.counters["refused"] += error != OK
-        frame = reply(index, command, error, content)
-        return [Delayed(frame, delay_ns) if delay_ns else frame]
+        frame = REPLY.pack(index=request["index"], main=command[0], sub=command[1], error=error, data=content)
+        return [Sent(frame, delay_ns=delay_ns if error == OK else 0)]
 
-    # -- commands: error, content, delay [ns] ----------------------------------------------------------------------
+    def _obey(self, command: tuple[int, int], data: bytes) -> tuple[int, bytes]:
+        """Error and content of the answer."""
+        if command not in DATA_LENGTH:
+            return BAD_SUB if command[0] in MAINS else BAD_MAIN, b""
+        if len(data) != DATA_LENGTH[command]:
+            return BAD_LENGTH, b""
+        if command == VERSION:
+            return OK, self.version
+        if command == GET_MODE:
+            return OK, bytes([self.mode])
+        if command == SET_MODE:
+            if data[0] not in MODES:
+                return BAD_PARAMETER, b""
+            self.mode = data[0]
+        elif command == SELECT_PORT:
+            self.selected = data[0]
+        elif command == READ:
+            return self._read(data)
+        else:
+            return self._write_config(data)
+        return OK, b""
 
-    def _version(self, _data: bytes) -> tuple[int, bytes, int]:
-        return OK, self.version, 0
-
-    def _get_mode(self, _data: bytes) -> tuple[int, bytes, int]:
-        return OK, bytes([self.mode]), 0
-
-    def _set_mode(self, data: bytes) -> tuple[int, bytes, int]:
-        if data[0] not in MODES:
-            return BAD_VALUE, b"", 0
-        delay_ns = self.mode_time_ns if data[0] != self.mode else 0
-        self.mode = data[0]
-        return OK, b"", delay_ns
-
-    def _select_port(self, data: bytes) -> tuple[int, bytes, int]:
-        self.port = data[0]
-        return OK, b"", 0
-
-    def _read(self, data: bytes) -> tuple[int, bytes, int]:
+    def _read(self, data: bytes) -> tuple[int, bytes]:
         region, start, count = struct.unpack("<BHH", data)
-        module = self.module_at(self.port)
+        module = self.module_at(self.selected)
         if module is None:
-            return NO_MODULE, b"\x01" + data, 0
+            return NO_DATA, b""
         content = self.memory(module, start, count) if region == REGION else None
-        return (BAD_VALUE, b"", 0) if content is None else (OK, b"\0" + data + content, 0)
+        return (BAD_PARAMETER, b"") if content is None else (OK, b"\0" + data + content)
 
-    def _write_config(self, data: bytes) -> tuple[int, bytes, int]:
-        module = self.module_at(self.port)
+    def _write_config(self, data: bytes) -> tuple[int, bytes]:
+        module = self.module_at(self.selected)
         if module is None:
-            return NO_MODULE, b"\x01", 0
+            return NO_DATA, b"\x01"
         if data != ZERO:
-            return BAD_VALUE, b"\x01", 0
-        self.zero(module)
-        return self.zero_error, b"\0", 0
+            return BAD_PARAMETER, b"\x01"
+        self.set_zero(module)
+        return self.zero_error, b"\0"
 
 
-def request(command: tuple[int, int], data: bytes = b"", *, index: int = 1) -> bytes:
-    """A request as a driver sends it; ``command`` is (main, sub)."""
-    return _framed(struct.pack(">BBBH", FIXED, index, *command), data)
+def _size(data: bytes) -> int | str:
+    if len(data) < 11:
+        return MORE
+    length = int.from_bytes(data[9:11], "little")
+    if data[4] != FIXED:
+        return "bad_length"
+    return 16 + length if length <= LONGEST_DATA else "too_long"
 
 
-def reply(index: int, command: tuple[int, int], error: int, data: bytes = b"") -> bytes:
-    """The box's answer."""
-    return _framed(struct.pack(">BBBHB", FIXED, index, *command, error), data)
-
-
-def _framed(start: bytes, data: bytes) -> bytes:
-    body = start + struct.pack("<H", len(data)) + data
-    return HEAD + body + bytes([lrc(body)]) + TAIL
+def _check(packet: bytes) -> str:
+    if lrc8(packet[4:-4]):
+        return "bad_checksum"
+    return SOUND if packet.endswith(TAIL) else "bad_tail"

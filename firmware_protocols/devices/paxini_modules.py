@@ -13,10 +13,12 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
+from typing import ClassVar, Literal
 
 import numpy as np
 
-from firmware_protocols.device import Device, Layout, Outgoing, Reading
+from firmware_protocols import Column, Counts, Device, Layout, Outs, Reading
+from firmware_protocols.framing import Broken, Packets
 from firmware_protocols.layouts import filled, place, stack
 
 TAXELS: Mapping[str, int] = {
@@ -24,6 +26,9 @@ TAXELS: Mapping[str, int] = {
     "L3530": 135, "S1610": 25, "M2324": 68, "M3025": 77, "L5325": 239, "M2020": 9,
 }  # fmt: skip
 """Taxels by model; S1813E is the "elite", S1813C the "core"."""
+Model = Literal[
+    "S1813E", "S1813C", "S2015", "S2716", "S3013", "M2826", "L3530", "S1610", "M2324", "M3025", "L5325", "M2020"
+]
 
 NEWTON_PER_COUNT = 0.1
 LOW, HIGH = np.array([-128, -128, 0]), np.array([127, 127, 255])
@@ -34,58 +39,45 @@ GAP_NS = 50_000_000
 
 
 class Px6axDevice(Device):
-    """Modules behind a board or box.
+    """Modules behind a board or box; their pads lie side by side along x."""
 
-    Args:
-        models: one model name (see :data:`TAXELS`) or several; their pads lie side by side along x.
-        places: the number by which a request picks each module: device id or port. By default a single module is
-            reached by every number, several by 0, 1, 2 ...
-    """
+    columns = (
+        Column(name="Fx", axis="x", unit="N", counts_per_unit=1 / NEWTON_PER_COUNT, low=-128, high=127),
+        Column(name="Fy", axis="y", unit="N", counts_per_unit=1 / NEWTON_PER_COUNT, low=-128, high=127),
+        Column(name="Fz", axis="z", unit="N", counts_per_unit=1 / NEWTON_PER_COUNT, low=0, high=255, push=1),
+    )
+    taxel_counts: ClassVar[Mapping[str, int]] = TAXELS
+    packets: Packets
 
-    senses = "force"
-    taxel_counts: Mapping[str, int] = TAXELS
-
-    def __init__(self, *, models: str | Sequence[str], places: Sequence[int] | None = None):
-        super().__init__()
+    def _power_up(self, models: Model | Sequence[Model], places: Sequence[int] | None) -> None:
         self.models = (models,) if isinstance(models, str) else tuple(models)
-        for model in self.models:
-            if model not in self.taxel_counts:
-                known = ", ".join(self.taxel_counts)
-                raise ValueError(f"{self.name}: unknown model {model!r}; it knows: {known}")
         if places is not None and len(set(places)) != len(self.models):
             raise ValueError(f"{self.name}: {len(self.models)} modules need as many different numbers, got {places}")
         if places is None and len(self.models) > 1:
             places = range(len(self.models))
         self.places = None if places is None else tuple(places)
         self.layout = _side_by_side(self.models, self.taxel_counts)
-        self._reset_modules()
-
-    def _reset_modules(self) -> None:
         n = len(self.layout)
-        self._raw = np.zeros((n, 3))
-        self._raw_resultants = np.zeros((len(self.models), 3))
-        self._zero = np.zeros((n, 3))
-        self._zero_resultants = np.zeros((len(self.models), 3))
         self.counts = np.zeros((n, 3), np.int64)
+        self.felt, self.zero = np.zeros((n, 3)), np.zeros((n, 3))
+        self.felt_sums, self.zero_sums = np.zeros((len(self.models), 3)), np.zeros((len(self.models), 3))
 
-    def digitize(self, reading: Reading) -> np.ndarray:
+    def feel(self, reading: Reading, t_ns: int) -> Counts:
         """Fx, Fy, Fz of every taxel in counts of 0.1 N, zero applied, shape ``(n_taxels, 3)``."""
-        self._raw, self._raw_resultants = self._raw_counts(reading)
-        return self._zeroed()
-
-    def _raw_counts(self, reading: Reading) -> tuple[np.ndarray, np.ndarray]:
-        counts = self.layout.to_taxel_frame(np.asarray(reading.values)) * [1, 1, -1] / NEWTON_PER_COUNT
-        sums = [counts[patch.taxels].sum(0) for patch in self.layout.patches]
-        return np.rint(counts), np.rint(sums)
+        counts = self.layout.to_taxel_frame(reading["force"]) * [1, 1, -1] / NEWTON_PER_COUNT
+        self.felt = np.rint(counts)
+        self.felt_sums = np.rint([counts[patch.taxels].sum(0) for patch in self.layout.patches])
+        self.counts = self._zeroed()
+        return self.counts
 
     def _zeroed(self) -> np.ndarray:
-        return np.clip(self._raw - self._zero, LOW, HIGH).astype(np.int64)
+        return np.clip(self.felt - self.zero, LOW, HIGH).astype(np.int64)
 
-    def zero(self, module: int) -> None:
+    def set_zero(self, module: int) -> None:
         """What this module feels now is zero from now on."""
         taxels = self.layout.patches[module].taxels
-        self._zero[taxels] = self._raw[taxels]
-        self._zero_resultants[module] = self._raw_resultants[module]
+        self.zero[taxels] = self.felt[taxels]
+        self.zero_sums[module] = self.felt_sums[module]
         self.counts = self._zeroed()
 
     def module_at(self, place: int) -> int | None:
@@ -96,15 +88,28 @@ class Px6axDevice(Device):
 
     def memory(self, module: int, address: int, count: int) -> bytes | None:
         """``count`` bytes of region 7B, or ``None`` outside of it."""
-        resultant = np.clip(self._raw_resultants[module] - self._zero_resultants[module], LOW, HIGH).astype(np.int64)
-        taxels = self.counts[self.layout.patches[module].taxels]
-        content = _to_bytes(resultant).ljust(TAXEL_DATA - RESULTANT, b"\0") + _to_bytes(taxels)
+        resultant = np.clip(self.felt_sums[module] - self.zero_sums[module], LOW, HIGH).astype(np.int64)
+        taxels = np.arange(len(self.layout))[self.layout.patches[module].taxels]
+        sent = self.layout.wire_order[np.isin(self.layout.wire_order, taxels)]
+        content = _to_bytes(resultant).ljust(TAXEL_DATA - RESULTANT, b"\0") + _to_bytes(self.counts[sent])
         start = address - RESULTANT
         return content[start : start + count] if 0 <= start and start + count <= len(content) else None
 
+    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+        """Requests in chunks of any size; broken ones are answered, too."""
+        return [
+            out
+            for packet in self.packets.cut(data, t_ns)
+            for out in (self._refuse(packet) if isinstance(packet, Broken) else self._answer(packet))
+        ]
+
     @abstractmethod
-    def receive(self, data: bytes, t_ns: int) -> Sequence[Outgoing]:
-        """Requests in chunks of any size."""
+    def _refuse(self, packet: Broken) -> Outs:
+        """The answer to a broken request."""
+
+    @abstractmethod
+    def _answer(self, packet: bytes) -> Outs:
+        """The answer to a sound one."""
 
 
 def _to_bytes(counts: np.ndarray) -> bytes:
