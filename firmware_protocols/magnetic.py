@@ -5,19 +5,14 @@ that has the right channels: per taxel and axis one gain and one offset,
 
     B = offset + gain * F        B, offset [uT], F [N] and gain [uT/N], all in the taxel's own frame (z = normal)
 
-It has no cross-talk between axes or chips and does not saturate (the ADC does). Any callable with the signature of
-:meth:`LinearMagnet.__call__` can take its place: ``fp.create("anyskin", transducer=my_model)``.
+It has no cross-talk between axes or chips and does not saturate (the ADC does).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-
-Transducer = Callable[[np.ndarray], np.ndarray]
-"""Forces on the taxels [N] in their own frames, shape ``(n_taxels, 3)``, to field [uT] of the same shape and frame."""
 
 
 @dataclass(frozen=True, kw_only=True)

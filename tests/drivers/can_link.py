@@ -21,7 +21,7 @@ class CanLink:
     def filenos(self):
         return [self.bus.fileno()]
 
-    def read(self, _device, _now):
+    def read(self):
         message = self.bus.recv(0)
         if message is None:
             return []

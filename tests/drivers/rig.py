@@ -24,8 +24,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from firmware_protocols import Delayed, Device, Reading
+from firmware_protocols import Can, Convert, Device, Reading, Restart, Sent, Serial, Tcp
 from tests.drivers.can_link import open_can
+from tests.firmware.feeding import reading_of
 
 DRIVERS = Path(__file__).parent / "scripts"
 
@@ -41,16 +42,15 @@ class Rig:
         self._random = np.random.default_rng(seed)
         self._stop = threading.Event()
         self._pending: list[tuple[int, bytes]] = []
-        self._open = {"serial": _open_pty, "tcp": _open_tcp, "can": open_can}[kind]
+        connector, self._open = {"serial": (Serial, _open_pty), "tcp": (Tcp, _open_tcp), "can": (Can, open_can)}[kind]
+        self._connector = next(port.name for port in device.ports if isinstance(port, connector))
 
-    def reading(self, t_ns: int) -> Reading:
+    def reading(self, stream: str) -> Reading:
         """Every sample another random push on every taxel, so that a reading names its sample."""
-        push = self._random.uniform(0.0, self.peak, len(self.device.layout))
-        return Reading(t_ns=t_ns, values=-push[:, None] * self.device.layout.normals)
+        return reading_of(self.device, self._random.uniform(0.0, self.peak, len(self.device.layout)), stream)
 
     def __enter__(self):
-        self.device.plug(self.kind)
-        self.device.power_on(0)
+        self._boot(0)
         self.port, self._link = self._open()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -69,26 +69,56 @@ class Rig:
         except BaseException as error:
             self.error = error
 
+    def _boot(self, now):
+        """Each stream converts once, which sends nothing; then the firmware speaks, and periods begin."""
+        for stream in self.device.periods:
+            self._feel(stream, now)
+        self._queue(self.device.boot(now), now)
+        self._due = dict.fromkeys(self.device.periods, now)
+
+    def _feel(self, stream, now):
+        self.truth.append(np.copy(self.device.feel(self.reading(stream), now)))
+        self.sampled_ns.append(now)
+
     def _loop(self):
-        start, due = time.monotonic_ns(), 0
+        start = time.monotonic_ns()
         while not self._stop.is_set():
-            wait = min([due, *(when for when, _ in self._pending)]) - (time.monotonic_ns() - start)
+            running = [due for stream, due in self._due.items() if self.device.periods[stream]]
+            next_ns = min([*running, *(when for when, _ in self._pending)], default=start + 10**9)
+            wait = next_ns - (time.monotonic_ns() - start)
             ready, _, _ = select.select(self._link.filenos(), [], [], min(max(wait / 1e9, 0.0), 0.05))
             now = time.monotonic_ns() - start
             if ready:
-                for data in self._link.read(self.device, now):
-                    self._queue(self.device.receive(data, now), now)
-            if now >= due:
-                self._queue(self.device.sample(self.reading(now), now), now)
-                self.truth.append(self.device.counts.copy())
-                self.sampled_ns.append(now)
-                due = max(due + self.device.period_ns, now - self.device.period_ns)
+                for event in self._link.read():
+                    self._hear(event, now)
+            for stream, period in self.device.periods.items():
+                if period and now >= self._due[stream]:
+                    self._convert(stream, now)
+                    self._due[stream] = max(self._due[stream] + period, now - period)
             self._send(now)
 
-    def _queue(self, outgoing, now):
-        for item in outgoing:
-            delay, frame = (item.delay_ns, item.frame) if isinstance(item, Delayed) else (0, item)
-            self._pending.append((now + delay, frame))
+    def _hear(self, event, now):
+        """Data, or ``True`` or ``False`` where a driver connects or leaves."""
+        if isinstance(event, bool):
+            outs = self.device.lines(event, event, now, self._connector)
+        else:
+            outs = self.device.receive(event, now, self._connector)
+        self._queue(outs, now)
+
+    def _convert(self, stream, now):
+        self._feel(stream, now)
+        self._queue(self.device.stream(now, stream), now)
+
+    def _queue(self, outs, now):
+        for out in outs:
+            if isinstance(out, Restart):
+                self.device.power_cycle()
+                self._boot(now)
+            elif isinstance(out, Convert):
+                self._convert(out.stream, now)
+            else:
+                delay, frame = (out.delay_ns, out.frame) if isinstance(out, Sent) else (0, out)
+                self._pending.append((now + delay, frame))
 
     def _send(self, now):
         late = [frame for when, frame in self._pending if when <= now]
@@ -106,7 +136,7 @@ class _Pty:
     def filenos(self):
         return [self.master]
 
-    def read(self, _device, _now):
+    def read(self):
         with contextlib.suppress(BlockingIOError):
             return [os.read(self.master, 4096)]
         return []
@@ -129,17 +159,16 @@ class _Tcp:
     def filenos(self):
         return [self.server, *([self.client] if self.client else [])]
 
-    def read(self, device, now):
+    def read(self):
         if self.client is None:
             self.client, _ = self.server.accept()
-            device.opened(now)
-            return []
+            return [True]
         with contextlib.suppress(BlockingIOError):
             if data := self.client.recv(4096, socket.MSG_DONTWAIT):
                 return [data]
             self.client.close()
             self.client = None
-            device.closed(now)
+            return [False]
         return []
 
     def write(self, frame):

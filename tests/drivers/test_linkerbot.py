@@ -1,4 +1,4 @@
-"""linkerbot 0.5.4, unmodified, reads L6 and O6 over python-can's ``udp_multicast``."""
+"""linkerbot 0.5.4, unmodified, reads L6, O6 and, as an L20 Lite, the L10 over python-can's ``udp_multicast``."""
 
 import numpy as np
 import pytest
@@ -12,21 +12,26 @@ pytestmark = [pytest.mark.driver, pytest.mark.timeout(90)]
 
 
 @pytest.mark.parametrize(
-    ("model", "side", "serial"), [("L6", "left", "LHL6-03-001-L-B-1-A"), ("O6", "right", "LHO6-03-001-R-F-1-A")]
+    ("name", "model", "side", "serial"),
+    [
+        ("l6", "L6", "left", "LHL6-03-001-L-B-1-A"),
+        ("o6", "O6", "right", "LHO6-03-001-R-F-1-A"),
+        ("l10", "L20lite", "left", "LHL10-03-001-L-B-1-A"),
+    ],
 )
-def test_identity_and_200_readings_of_every_finger(model, side, serial):
-    device = fp.create(f"linker_hand_{model.lower()}", side=side)
+def test_identity_and_200_readings_of_every_finger(name, model, side, serial):
+    device = fp.create(f"linker_hand_{name}", side=side)
     with Rig(device, kind="can", peak=0.5) as rig:
         got = run_driver("linkerbot", "linkerbot_read.py", model, side, rig.port, INTERFACE, 200, seconds=60)
     assert got["serial"] == serial
     assert (got["firmware"], got["mechanical"], got["pcb"]) == ("V1.2.3", "V2.0.1", "V1.0.4")
     readings = np.array(got["readings"])
-    assert readings.shape == (200, 5, device.rows, device.columns) and readings.std() > 50
+    assert readings.shape == (200, 5, *device.size) and readings.std() > 50
     for finger, patch in enumerate(device.layout.patches):
         assert_consecutive(
             readings[:, finger],
             rig.truth,
-            decode=lambda counts, taxels=patch.taxels: counts[taxels].reshape(device.rows, device.columns),
+            decode=lambda counts, taxels=patch.taxels: counts[taxels].reshape(device.size),
         )
 
 
