@@ -14,7 +14,7 @@ from firmware_protocols import CanWire, Device, SerialWire, TcpWire
 from tactemu import transports
 from tactemu.clock import Clock
 from tactemu.emulator import Channel, Emulator
-from tactemu.errors import SceneError, TransportError
+from tactemu.errors import SceneError, TactemuError, TransportError
 from tactemu.recordings.playback import Playback, recorded
 from tactemu.recordings.recording import RecordedReadings
 from tactemu.sampling import SampleClock
@@ -93,6 +93,19 @@ def assemble(
     emulator = Emulator(advanced, channels, clock=clock, truth=truth)
     schedule(emulator, events)
     return Assembled(emulator, simulation, scene, loaded)
+
+
+def truth_of(loaded: LoadedScene, path: str | Path | None = None, keep: str | int | None = None) -> Truth:
+    """The truth of a run of this scene; ``keep`` goes before the scene's own.
+
+    Raises:
+        TactemuError: the file cannot be written, or is one that the scene reads.
+    """
+    reads = [loaded.source, *(loaded.folder / skin.readings for skin in loaded.tables.skin if skin.readings)]
+    try:
+        return Truth(path, keep=loaded.tables.truth.keep if keep is None else keep, reads=reads)
+    except OSError as error:
+        raise TactemuError(f"{path}: cannot write the truth log: {error.strerror}") from None
 
 
 def _recordings(loaded: LoadedScene, devices: dict[str, Device]) -> dict[str, RecordedReadings]:

@@ -15,6 +15,8 @@ class Clock(Protocol):
     """What the loop asks of time."""
 
     virtual: bool
+    origin_ns: int | None
+    """The machine's monotonic clock when this one showed 0; ``None`` where time is virtual."""
 
     def now_ns(self) -> int:
         """Nanoseconds since the start."""
@@ -34,11 +36,11 @@ class RealClock:
     virtual = False
 
     def __init__(self):
-        self._start = time.monotonic_ns()
+        self.origin_ns = time.monotonic_ns()
 
     def now_ns(self) -> int:
         """Nanoseconds since the clock was made."""
-        return time.monotonic_ns() - self._start
+        return time.monotonic_ns() - self.origin_ns
 
     def wait(self, deadline_ns: int | None, filenos: Sequence[int], *, poll: bool = False) -> None:
         """Sleep in ``select``, whose timeout has microsecond steps (``epoll`` would round to milliseconds)."""
@@ -54,6 +56,7 @@ class VirtualClock:
     """A clock that jumps: a wait takes no time, so the loop runs as fast as it can and always the same way."""
 
     virtual = True
+    origin_ns = None
 
     def __init__(self, start_ns: int = 0):
         self._now = start_ns

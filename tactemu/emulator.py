@@ -91,6 +91,7 @@ class Emulator:
         Raises:
             TransportError: a port cannot be made; those already open are closed again.
         """
+        self.truth.begin(self.clock.origin_ns, patient=self.clock.virtual)
         try:
             for wire in self.wires:
                 wire.open()

@@ -23,7 +23,7 @@ from urllib.parse import urlsplit
 import numpy as np
 
 from firmware_protocols import Device
-from tactemu.assembly import Assembled, Wishes, assemble, fresh_port
+from tactemu.assembly import Assembled, Wishes, assemble, fresh_port, truth_of
 from tactemu.clock import RealClock
 from tactemu.emulator import Channel
 from tactemu.errors import SceneError, TactemuError
@@ -50,6 +50,7 @@ def serve(
     scenario: Sequence[Event] = (),
     adjustable: Sequence[str] = (),
     truth: str | Path | None = None,
+    keep: str | int | None = None,
     device: str | None = None,
 ) -> Served:
     """A device or scene file on a port of its own; use it in a ``with`` statement.
@@ -64,7 +65,8 @@ def serve(
             all those of a device's default scene, are.
         scenario: what goes wrong when (:class:`tactemu.Event`), beside the scene's own schedule.
         adjustable: laws of imperfection (``noise``, ``dead``, ``bias`` ...) that :meth:`Served.happen` will switch on.
-        truth: file for the truth log.
+        truth: file for the truth log, ``.mcap`` or ``.jsonl``.
+        keep: memory for samples and frames, ``"64MB"``; default: the scene's, else a share of the process's 256 MB.
         device: where kernels run.
 
     Raises:
@@ -74,14 +76,17 @@ def serve(
         port=port, rate_hz=rate_hz, faults=tuple(faults), seed=seed, compute=device, usual_port=fresh_port,
         scenario=tuple(scenario), adjustable=tuple(adjustable),
     )  # fmt: skip
-    return Served(str(target), wishes, tuple(steer), truth)
+    return Served(str(target), wishes, tuple(steer), truth, keep)
 
 
 class Served:
     """What :func:`serve` returns: a running emulator, seen from a test."""
 
-    def __init__(self, target: str, wishes: Wishes, steer: Sequence[str], truth: str | Path | None):
-        self._target, self._wishes, self._steer_names, self._truth_path = target, wishes, steer, truth
+    def __init__(
+        self, target: str, wishes: Wishes, steer: Sequence[str], truth: str | Path | None, keep: str | int | None
+    ):
+        self._target, self._wishes, self._steer_names = target, wishes, steer
+        self._truth_path, self._keep = truth, keep
         self._thread: threading.Thread | None = None
         self._error: BaseException | None = None
         self._assembled: Assembled | None = None
@@ -101,7 +106,7 @@ class Served:
         if self._thread is not None:
             return self
         loaded = self._steer(file.load(self._target), self._steer_names, by_hand=not self._target.endswith(".toml"))
-        truth = Truth(self._truth_path)
+        truth = truth_of(loaded, self._truth_path, self._keep)
         try:
             self._assembled = assemble(loaded, self._wishes, truth=truth)
             self.emulator.clock = RealClock()
@@ -214,7 +219,7 @@ class Served:
 
     def sample(self, skin: str | None = None) -> Sample | None:
         """The latest sample of a skin: ideal and measured reading, and counts."""
-        return self.truth.latest.get(self._channel(skin).name)
+        return self.truth.latest(self._channel(skin).name)
 
     def _channel(self, skin: str | None) -> Channel:
         channels = {channel.name: channel for channel in self.emulator.channels}

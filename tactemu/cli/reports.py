@@ -30,7 +30,7 @@ def entry_of(emulator: Emulator, channel: Channel) -> dict[str, Any]:
         **channel.statistics.as_dict(),
         "wire": dict(sorted(channel.wire.counters.items())),
         "device": dict(sorted(channel.device.counters.items())),
-        "injected": dict(sorted(emulator.truth.injected.items())),
+        "injected": dict(sorted(emulator.truth.injected_at(channel.name).items())),
     }
 
 

@@ -7,7 +7,8 @@ import time
 import pytest
 import serial
 
-from tactemu.recordings.recording import Entry, Recorder, load
+from tactemu.recordings.recorder import Recorder
+from tactemu.recordings.recording import Entry, load
 from tactemu.wire.faults import KINDS
 from tests.cli.command import start, tactemu
 

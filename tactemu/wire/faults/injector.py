@@ -9,8 +9,8 @@ import numpy as np
 
 from firmware_protocols import CanFrame, CanWire, Frame
 from firmware_protocols import Wire as Spec
+from tactemu.frame_text import text
 from tactemu.random_streams import generator
-from tactemu.truth import text
 from tactemu.wire.faults.fault import Fault, parse
 from tactemu.wire.faults.frames import SPOIL, Parts, payload
 from tactemu.wire.faults.link import LatencyChip, Traffic
