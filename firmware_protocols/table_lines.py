@@ -32,6 +32,10 @@ class Identifier:
         """29 bits."""
         return len(self.bits) == 29
 
+    def __str__(self) -> str:
+        names = ", ".join(f"{letter} {name}" for name, letter in self.parts.items())
+        return f"{self.bits} ({names})" if names else self.bits
+
     def of(self, **parts: ArrayLike) -> Any:
         """The identifier with these parts, integers or arrays of them.
 

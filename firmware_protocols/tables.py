@@ -240,9 +240,8 @@ class Frame:
             at = None if at is None or field.size is None else at + field.size
         widths = [max(len(row[column]) for row in rows) for column in range(3)]
         lines = ["  ".join([*(cell.ljust(width) for cell, width in zip(row, widths)), row[3]]).rstrip() for row in rows]
-        return "\n".join(
-            [", ".join(part for part in (self.name, self.about) if part), *("  " + line for line in lines)]
-        )
+        header = ", ".join(part for part in (self.name, f"id {self.id}" if self.id else "", self.about) if part)
+        return "\n".join([header, *("  " + line for line in lines)])
 
 
 _FEW = 16
@@ -340,8 +339,12 @@ class _Run:
             elif field.kind == "bytes":
                 block[:] = np.frombuffer(self._exactly(field, values[field.name]), np.uint8)
             else:
-                column = field.fitted(self._frame, np.asarray(values[field.name]))
-                column = np.broadcast_to(column, (len(frames), *field.shape))
+                column = np.asarray(values[field.name])
+                if column.shape not in ((), field.shape, (len(frames), *field.shape)):
+                    raise ValueError(
+                        f"{self._frame}: {field.name}: expected shape {(len(frames), *field.shape)}, got {column.shape}"
+                    )
+                column = np.broadcast_to(field.fitted(self._frame, column), (len(frames), *field.shape))
                 column = column if order is None else column[:, order]
                 block[:] = np.ascontiguousarray(column).view(np.uint8).reshape(len(frames), -1)
 

@@ -50,7 +50,9 @@ if TYPE_CHECKING:  # what an editor sees; the table below says the same to Pytho
     from tactemu.scene.schema import Event as Event
     from tactemu.serving import Served as Served
     from tactemu.serving import serve as serve
+    from tactemu.truth import Log as Log
     from tactemu.truth import Truth as Truth
+    from tactemu.truth import read_log as read_log
 
 __version__ = "0.1.0"
 
@@ -75,6 +77,8 @@ _PUBLIC = {
     "serve": "tactemu.serving",
     "Served": "tactemu.serving",
     "Truth": "tactemu.truth",
+    "Log": "tactemu.truth",
+    "read_log": "tactemu.truth",
     "TactemuError": "tactemu.errors",
     "SceneError": "tactemu.errors",
     "MeshError": "tactemu.errors",

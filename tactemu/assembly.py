@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from firmware_protocols import Device
@@ -11,7 +12,7 @@ from tactemu import transports
 from tactemu.channel import Channel, Source
 from tactemu.clock import Clock
 from tactemu.emulator import Emulator
-from tactemu.errors import DeviceError
+from tactemu.errors import DeviceError, TactemuError
 from tactemu.plugging import Plug, plugs_of
 from tactemu.recordings.playback import Playback, recorded
 from tactemu.recordings.recording import RecordedReadings
@@ -90,6 +91,19 @@ def assemble(
     emulator = Emulator(advanced, channels, clock=clock, truth=truth)
     schedule(emulator, events)
     return Assembled(emulator, simulation, scene, loaded)
+
+
+def truth_of(loaded: LoadedScene, path: str | Path | None = None, keep: str | int | None = None) -> Truth:
+    """The truth of a run of this scene; ``keep`` goes before the scene's own.
+
+    Raises:
+        TactemuError: the file cannot be written, or is one that the scene reads.
+    """
+    reads = [loaded.source, *(loaded.folder / skin.readings for skin in loaded.tables.skin if skin.readings)]
+    try:
+        return Truth(path, keep=loaded.tables.truth.keep if keep is None else keep, reads=reads)
+    except OSError as error:
+        raise TactemuError(f"{path}: cannot write the truth log: {error.strerror}") from None
 
 
 def _recordings(loaded: LoadedScene, devices: dict[str, Device]) -> dict[str, RecordedReadings]:

@@ -15,6 +15,8 @@ class Clock(Protocol):
     """What the loop asks of time."""
 
     virtual: bool
+    origin_ns: int | None
+    """The machine's monotonic clock when this one showed 0; ``None`` where time is virtual."""
 
     def start(self) -> None:
         """The emulator opens: time begins."""
@@ -38,15 +40,15 @@ class RealClock:
     virtual = False
 
     def __init__(self):
-        self._start = time.monotonic_ns()
+        self.origin_ns = time.monotonic_ns()
 
     def start(self) -> None:
         """Count from now."""
-        self._start = time.monotonic_ns()
+        self.origin_ns = time.monotonic_ns()
 
     def now_ns(self) -> int:
         """Nanoseconds since the clock was made, or started."""
-        return time.monotonic_ns() - self._start
+        return time.monotonic_ns() - self.origin_ns
 
     def wait(self, deadline_ns: int | None, filenos: Sequence[int], *, poll: bool = False) -> None:
         """Sleep in ``select``, whose timeout has microsecond steps (``epoll`` would round to milliseconds)."""
@@ -62,6 +64,7 @@ class VirtualClock:
     """A clock that jumps: a wait takes no time, so the loop runs as fast as it can and always the same way."""
 
     virtual = True
+    origin_ns = None
 
     def __init__(self, start_ns: int = 0):
         self._now = start_ns

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from firmware_protocols import Convert, Restart
+from firmware_protocols import Convert, Counts, Restart
 from tactemu.agenda import Agenda
 from tactemu.channel import Channel, Source
 from tactemu.clock import Clock, RealClock
@@ -93,10 +93,12 @@ class Emulator:
             TransportError: a port cannot be made; those already open are closed again.
             DeviceError: a device cannot be started.
         """
+        self.truth.begin(self.clock.origin_ns, patient=self.clock.virtual)
         try:
             for wire in self.wires:
                 wire.open()
             self.clock.start()
+            self.truth.begin(self.clock.origin_ns, patient=self.clock.virtual)
             for channel in self.channels:
                 self._power_on(channel)
         except BaseException:
@@ -212,8 +214,8 @@ class Emulator:
         number, channel.samples = channel.samples, channel.samples + 1
         ideal, measured = channel.read(stream, t_ns, lambda at_ns: self._advance(channel, stream, at_ns))
         counts = channel.feel(stream, measured, stamp_ns)
-        for key, values in _by_sense(counts, measured):
-            self.truth.sample(t_ns, channel.name, ideal[key], measured[key], values)
+        for key, values, sense in _by_sense(counts, measured):
+            self.truth.sample(t_ns, channel.name, ideal[key], measured[key], values, number=number, sense=sense)
         return number
 
     def _advance(self, channel: Channel, stream: str, t_ns: int) -> None:
@@ -366,11 +368,11 @@ class Emulator:
         self.clock.wait(deadline, filenos, poll=poll)
 
 
-def _by_sense(counts: np.ndarray | Mapping[str, np.ndarray], measured: Mapping[str, Any]) -> Sequence[tuple[str, Any]]:
-    """Counts with the key of their sense; an array stands for the first sense of the stream."""
+def _by_sense(counts: Counts, measured: Mapping[str, Any]) -> Sequence[tuple[str, np.ndarray, str]]:
+    """Counts with the key of their sense and its name in the log; an array stands for the stream's first sense."""
     if isinstance(counts, Mapping):
-        return [(key, values) for key, values in counts.items() if key in measured]
-    return [(next(iter(measured)), counts)]
+        return [(key, values, key) for key, values in counts.items() if key in measured]
+    return [(next(iter(measured)), counts, "")]
 
 
 __all__ = ["Channel", "Emulator", "Simulated", "Source"]

@@ -23,7 +23,7 @@ from urllib.parse import urlsplit
 import numpy as np
 
 from firmware_protocols import Device
-from tactemu.assembly import Assembled, Wishes, assemble
+from tactemu.assembly import Assembled, Wishes, assemble, truth_of
 from tactemu.emulator import Channel
 from tactemu.errors import SceneError, TactemuError
 from tactemu.scenario import concerns, schedule, timed_fault
@@ -49,6 +49,7 @@ def serve(
     scenario: Sequence[Event] = (),
     adjustable: Sequence[str] = (),
     truth: str | Path | None = None,
+    keep: str | int | None = None,
     device: str | None = None,
     device_options: Mapping[str, Any] | None = None,
 ) -> Served:
@@ -65,7 +66,8 @@ def serve(
             all those of a device's default scene, are.
         scenario: what goes wrong when (:class:`tactemu.Event`), beside the scene's own schedule.
         adjustable: laws of imperfection (``noise``, ``dead``, ``bias`` ...) that :meth:`Served.happen` will switch on.
-        truth: file for the truth log.
+        truth: file for the truth log, ``.mcap`` or ``.jsonl``.
+        keep: memory for samples and frames, ``"64MB"``; default: the scene's, else a share of the process's 256 MB.
         device: where kernels run.
         device_options: of a device named by ``target``, as for ``tactemu run NAME OPTION=VALUE``.
 
@@ -76,7 +78,7 @@ def serve(
         port=port, rate_hz=rate_hz, faults=tuple(faults), seed=seed, compute=device, fresh_ports=True,
         scenario=tuple(scenario), adjustable=tuple(adjustable),
     )  # fmt: skip
-    return Served(str(target), wishes, tuple(steer), truth, device_options)
+    return Served(str(target), wishes, tuple(steer), truth, keep, device_options)
 
 
 class Served:
@@ -88,10 +90,11 @@ class Served:
         wishes: Wishes,
         steer: Sequence[str],
         truth: str | Path | None,
-        device_options: Mapping[str, Any] | None = None,
+        keep: str | int | None,
+        device_options: Mapping[str, Any] | None,
     ):
-        self._device_options = device_options
-        self._target, self._wishes, self._steer_names, self._truth_path = target, wishes, steer, truth
+        self._target, self._device_options, self._wishes, self._steer_names = target, device_options, wishes, steer
+        self._truth_path, self._keep = truth, keep
         self._thread: threading.Thread | None = None
         self._error: BaseException | None = None
         self._assembled: Assembled | None = None
@@ -110,10 +113,9 @@ class Served:
         """
         if self._thread is not None:
             return self
-        loaded = self._steer(
-            file.load(self._target, self._device_options), self._steer_names, by_hand=not self._target.endswith(".toml")
-        )
-        truth = Truth(self._truth_path)
+        by_hand = not self._target.endswith(".toml")
+        loaded = self._steer(file.load(self._target, self._device_options), self._steer_names, by_hand=by_hand)
+        truth = truth_of(loaded, self._truth_path, self._keep)
         try:
             self._assembled = assemble(loaded, self._wishes, truth=truth)
             self.emulator.open()
@@ -229,7 +231,7 @@ class Served:
 
     def sample(self, skin: str | None = None) -> Sample | None:
         """The latest sample of a skin: ideal and measured reading, and counts."""
-        return self.truth.latest.get(self._channel(skin).name)
+        return self.truth.latest(self._channel(skin).name)
 
     def _channel(self, skin: str | None) -> Channel:
         channels = {channel.name: channel for channel in self.emulator.channels}

@@ -10,6 +10,8 @@ import serial
 from tactemu.errors import SceneError, TactemuError, TransportError
 from tactemu.serving import serve
 
+pytestmark = pytest.mark.realtime
+
 FRAME = 82
 
 

@@ -1,12 +1,11 @@
 """The truth log keeps what it was told, bit for bit."""
 
-import json
-
 import numpy as np
 import pytest
 
 from firmware_protocols import CanFrame
 from tactemu import truth
+from tactemu.errors import TactemuError
 
 
 def test_log_round_trip_is_bit_exact(tmp_path):
@@ -29,8 +28,8 @@ def test_log_round_trip_is_bit_exact(tmp_path):
 
 def test_a_damaged_log_names_its_line(tmp_path):
     path = tmp_path / "t.jsonl"
-    path.write_text(json.dumps({"t_ns": 1}) + "\nnot json\n")
-    with pytest.raises(ValueError, match=r"t\.jsonl:2"):
+    path.write_text('{"t_ns": 1, "kind": "event", "what": "opened"}\nnot json\n')
+    with pytest.raises(TactemuError, match=r"t\.jsonl: not a truth log: line 2"):
         list(truth.read(path))
 
 

@@ -30,8 +30,8 @@ from tactemu.truth import Truth
 Report = Callable[[str], None]
 
 FAULTS = ("drop 1%", "flip 1%", "truncate 1%", "duplicate 1%", "garbage 1%")
-KEPT = 1_000
-"""Entries that the truth log holds in memory: full after a second, so that what grows later is a leak."""
+KEPT = "1MB"
+"""What the truth holds in memory: full after a second, so that what grows later is a leak."""
 
 READER = """
 import os, sys, tty, zlib

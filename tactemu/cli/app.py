@@ -79,7 +79,11 @@ def run(
     fault: Faults = None,
     truth: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Write what was felt, sent and injected (JSON lines)."),
+        typer.Option(metavar="FILE", help="Write what was felt, sent and injected: .mcap, or .jsonl for JSON lines."),
+    ] = None,
+    truth_keep: Annotated[
+        str | None,
+        typer.Option(metavar="SIZE", help="Memory for samples and frames; default: the scene's, else 256MB."),
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON lines instead of the picture.")] = False,
     plain: Annotated[
@@ -96,7 +100,7 @@ def run(
       tactemu run anyskin --port pty:/tmp/skin --rate 200 --fault 'drop 1%'
       tactemu run optoforce axes=6
       tactemu run linker_hand_l6 --port can:socketcan:vcan0
-      tactemu run hand.toml --fault 'unplug at 3s for 0.5s' --truth truth.jsonl
+      tactemu run hand.toml --fault 'unplug at 3s for 0.5s' --truth truth.mcap
       tactemu run my_sensor.py:MySensor --port tcp:127.0.0.1:5000
       tactemu run anyskin --port memory: --virtual --seconds 10 --json
 
@@ -107,7 +111,8 @@ def run(
 
     run_target(
         target, options=options or (), port=port, rate_hz=rate, seed=seed, seconds=seconds, compute=device,
-        faults=tuple(fault or ()), truth=truth, style="json" if json else "plain" if plain else "auto", virtual=virtual,
+        faults=tuple(fault or ()), truth=truth, keep=truth_keep,
+        style="json" if json else "plain" if plain else "auto", virtual=virtual,
     )  # fmt: skip
 
 
@@ -161,8 +166,8 @@ def truth(
     """Summarise a truth log: samples, frames, drops and injected faults of each device.
 
     \b
-      tactemu run anyskin --seconds 10 --fault 'flip 5%' --truth truth.jsonl
-      tactemu truth truth.jsonl
+      tactemu run anyskin --seconds 10 --fault 'flip 5%' --truth truth.mcap
+      tactemu truth truth.mcap
     """
     from tactemu.cli.truths import print_summary
 
@@ -185,17 +190,19 @@ def faults() -> None:
 
 @app.command()
 def record(
-    file: Annotated[Path, typer.Argument(help="What to write: .jsonl for bytes or CAN; .log, .asc or .blf for CAN.")],
+    file: Annotated[Path, typer.Argument(help="What to write: .mcap or .jsonl; for CAN also .log, .asc or .blf.")],
     source: Annotated[
         str, typer.Option("--from", metavar="SOURCE", help="/dev/ttyUSB0, a pyserial URL, or can:INTERFACE:CHANNEL.")
     ],
-    baud: Annotated[int, typer.Option(metavar="N", min=1, help="Speed of a serial port [bit/s].")] = 115_200,
+    baud: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="Speed of a serial port [bit/s]; default: 115200.")
+    ] = None,
     seconds: Annotated[float | None, typer.Option(metavar="S", min=0, help="Stop after this long.")] = None,
 ) -> None:
     """Record what a sensor sends, with its timing, until Ctrl-C.
 
     \b
-      tactemu record anyskin.jsonl --from /dev/ttyACM0
+      tactemu record anyskin.mcap --from /dev/ttyACM0
       tactemu record hand.log --from can:socketcan:can0 --seconds 10
     """
     from tactemu.cli.recordings import record_stream
@@ -209,6 +216,9 @@ def replay(
     port: Annotated[
         str, typer.Option("--port", metavar="PORT", help="pty:PATH, can:INTERFACE:CHANNEL, tcp:HOST:PORT ...")
     ],
+    skin: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Whose frames, where a truth log has several skins.")
+    ] = None,
     speed: Annotated[float, typer.Option(metavar="X", help="2 is twice as fast; inf as fast as it goes.")] = 1.0,
     step: Annotated[bool, typer.Option("--step", help="Send one frame for every line on stdin.")] = False,
     loop: Annotated[bool, typer.Option("--loop", help="Start again at the end.")] = False,
@@ -218,13 +228,13 @@ def replay(
     """Play a recording to a driver. A serial one starts when the driver opens the port.
 
     \b
-      tactemu replay anyskin.jsonl --port pty:/tmp/skin --speed 2
+      tactemu replay anyskin.mcap --port pty:/tmp/skin --speed 2
       tactemu replay hand.blf --port can:socketcan:vcan0 --fault 'drop 1%'
-      tactemu replay truth.jsonl --port pty:/tmp/skin --step
+      tactemu replay truth.mcap --port pty:/tmp/skin --skin thumb --step
     """
     from tactemu.cli.recordings import replay_file
 
-    replay_file(file, port, speed=speed, step=step, loop=loop, faults=tuple(fault or ()), seconds=seconds)
+    replay_file(file, port, skin=skin, speed=speed, step=step, loop=loop, faults=tuple(fault or ()), seconds=seconds)
 
 
 @app.command()

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 from collections.abc import Callable
-from contextlib import contextmanager
 from pathlib import Path
 
+from tactemu.cli.signals import ended_by_signals
 from tactemu.wire.faults import DIRECTIONS, KINDS
 
 
@@ -22,25 +21,25 @@ def print_faults() -> None:
     print("Times are 3s, 16ms or 200us of emulation time; N% is per frame, or the share of the bus (load, babble).")
 
 
-def record_stream(source: str, file: Path, *, baud: int, seconds: float | None) -> None:
+def record_stream(source: str, file: Path, *, baud: int | None, seconds: float | None) -> None:
     """Record until Ctrl-C or for ``seconds``.
 
     Raises:
         TactemuError: the source or the file cannot be had.
     """
     from tactemu.clock import RealClock
-    from tactemu.recordings.recording import Recorder
-    from tactemu.recordings.replay import record
+    from tactemu.recordings.recorder import Recorder
+    from tactemu.recordings.replay import USUAL_BAUD, line_of, record
 
     clock = RealClock()
     end_ns = None if seconds is None else round(seconds * 1e9)
-    with _interruptible() as interrupted, Recorder(file, baud=None if source.startswith("can:") else baud) as recorder:
+    with ended_by_signals() as interrupted, Recorder(file, line=line_of(source, baud)) as recorder:
         print(f"recording {source} to {file}", flush=True)
         record(
             source,
             recorder,
             clock=clock,
-            baud=baud,
+            baud=baud or USUAL_BAUD,
             stop=lambda _: interrupted() or (end_ns is not None and clock.now_ns() >= end_ns),
         )
         count = recorder.count
@@ -48,7 +47,15 @@ def record_stream(source: str, file: Path, *, baud: int, seconds: float | None) 
 
 
 def replay_file(
-    file: Path, port: str, *, speed: float, step: bool, loop: bool, faults: tuple[str, ...], seconds: float | None
+    file: Path,
+    port: str,
+    *,
+    skin: str | None,
+    speed: float,
+    step: bool,
+    loop: bool,
+    faults: tuple[str, ...],
+    seconds: float | None,
 ) -> None:
     """Play a recording until its end, Ctrl-C, or for ``seconds``.
 
@@ -63,7 +70,7 @@ def replay_file(
     from tactemu.wire.carriers import carrier_of
     from tactemu.wire.wire import Wire
 
-    recording = load(file)
+    recording = load(file, skin)
     transport = create(port)
     if transport.scheme not in ("memory", *carrier_of(replay_spec(recording)).schemes):
         raise TransportError(f"{file} holds a {recording.kind} stream and cannot be played to {port}")
@@ -72,7 +79,7 @@ def replay_file(
     wire.open()
     try:
         print(f"{len(player.entries)} frames ready on {wire.transport.address}", flush=True)
-        with _interruptible(player.stop) as interrupted:
+        with ended_by_signals(player.stop) as interrupted:
             _play_stepwise(player, interrupted) if step else player.run(seconds)
     finally:
         wire.close()
@@ -89,22 +96,3 @@ def _play_stepwise(player, interrupted: Callable[[], bool]) -> None:
             break
         player.wire.flush(now)
         print(f"{entry.t_ns / 1e9:.6f} s  {entry.frame.hex() if isinstance(entry.frame, bytes) else entry.frame}")
-
-
-@contextmanager
-def _interruptible(also: Callable[[], None] | None = None):
-    """Ctrl-C and SIGTERM end the loop, not the program; gives a function that says whether one came."""
-    seen: list[int] = []
-
-    def stop(number, _frame):
-        seen.append(number)
-        if also is not None:
-            also()
-        signal.signal(number, signal.SIG_DFL)
-
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield lambda: bool(seen)
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

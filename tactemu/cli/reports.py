@@ -31,7 +31,7 @@ def entry_of(emulator: Emulator, channel: Channel) -> dict[str, Any]:
         **channel.statistics.as_dict(),
         "wire": dict(sorted(sum((wire.counters for wire in channel.wires.values()), Counter()).items())),
         "device": dict(sorted(channel.device.counters.items())),
-        "injected": dict(sorted(emulator.truth.injected.items())),
+        "injected": dict(sorted(emulator.truth.injected_at(channel.name).items())),
     }
 
 

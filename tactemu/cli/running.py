@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from pathlib import Path
 
 from rich.console import Console
@@ -13,14 +12,13 @@ from tactemu.channel import Channel
 from tactemu.cli.datasheet import options_of
 from tactemu.cli.kernels import start_quietly
 from tactemu.cli.reports import Say, advice, entry_of, say_in_words, say_json
+from tactemu.cli.signals import ended_by_signals
 from tactemu.collector import no_full_collections
 from tactemu.emulator import Emulator
-from tactemu.errors import SceneError, TactemuError
+from tactemu.errors import SceneError
 from tactemu.statistics import Lateness
 
 REPORT_PERIOD_NS = 1_000_000_000
-KEPT = 1000
-"""Samples and frames that are kept in memory for the view: a run may last for days."""
 
 
 def run_target(
@@ -34,6 +32,7 @@ def run_target(
     compute: str | None,
     faults: tuple[str, ...],
     truth: Path | None,
+    keep: str | None,
     style: str,
     virtual: bool,
 ) -> None:
@@ -42,7 +41,7 @@ def run_target(
     Raises:
         TactemuError: the request cannot be met; nothing is left behind.
     """
-    from tactemu.assembly import Wishes, assemble
+    from tactemu.assembly import Wishes, assemble, truth_of
     from tactemu.clock import RealClock, VirtualClock
     from tactemu.scene.file import load
 
@@ -53,7 +52,7 @@ def run_target(
     wishes = Wishes(port=port, rate_hz=rate_hz, faults=faults, seed=seed, compute=compute)
     loaded = load(target, options_of(options))
     start_quietly()
-    log = _truth(truth)
+    log = truth_of(loaded, truth, keep)
     try:
         clock = VirtualClock() if virtual else RealClock()
         emulator = assemble(loaded, wishes, clock=clock, truth=log).emulator
@@ -69,7 +68,7 @@ def run_emulator(emulator: Emulator, *, seconds: float | None, style: str) -> No
     say = say_json if style == "json" else say_in_words(console)
     view = _view(emulator, console) if live else nullcontext()
     _warm_up(console)
-    with _stopped_by_signals(emulator), no_full_collections(), emulator:
+    with ended_by_signals(emulator.stop), no_full_collections(), emulator:
         for channel in emulator.channels:
             say(
                 "ready", skin=channel.name, device=channel.device.name, port=_addresses(channel),
@@ -85,6 +84,8 @@ def run_emulator(emulator: Emulator, *, seconds: float | None, style: str) -> No
     for channel in emulator.channels:
         if text := advice(emulator, channel):
             say("advice", skin=channel.name, text=text)
+    if lost := emulator.truth.lost:
+        say("advice", skin="truth log", text=f"{lost} entries are missing: the disk was full, or too slow")
 
 
 def _addresses(channel: Channel) -> str | dict[str, str]:
@@ -125,28 +126,3 @@ def _view(emulator: Emulator, console: Console):
     view = LiveView(emulator, console)
     view.rehearse()
     return view
-
-
-def _truth(path: Path | None):
-    from tactemu.truth import Truth
-
-    try:
-        return Truth(path, keep=KEPT)
-    except OSError as error:
-        raise TactemuError(f"--truth {path}: cannot write the truth log: {error.strerror}") from None
-
-
-@contextmanager
-def _stopped_by_signals(emulator: Emulator):
-    """Ctrl-C and SIGTERM end the run after the current turn; a second one ends the process."""
-
-    def stop(number, _frame):
-        emulator.stop()
-        signal.signal(number, signal.SIG_DFL)
-
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

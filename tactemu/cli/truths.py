@@ -1,4 +1,4 @@
-"""``tactemu truth FILE``: what a truth log holds, device by device."""
+"""``tactemu truth FILE``: what a truth log holds, device by device; and its exports."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tactemu.errors import TactemuError
-from tactemu.truth import read
+from tactemu.truth import Entry, Injection, Passage, PortEvent, Sample, entries
 
 
 def summarise(path: str | Path) -> dict[str, dict[str, Any]]:
@@ -20,18 +19,8 @@ def summarise(path: str | Path) -> dict[str, dict[str, Any]]:
         TactemuError: the file cannot be read, or is no truth log.
     """
     found: dict[str, _Tally] = {}
-    try:
-        for number, entry in enumerate(read(path), 1):
-            try:
-                found.setdefault(str(entry["device"]), _Tally()).add(entry)
-            except (KeyError, TypeError, ValueError) as error:
-                raise TactemuError(f"{path}:{number}: not an entry of a truth log: {error!r}") from None
-    except OSError as error:
-        raise TactemuError(f"{path}: cannot read the truth log: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise TactemuError(f"{path}: not a truth log: it is no text") from None
-    except ValueError as error:
-        raise TactemuError(str(error)) from None
+    for entry in entries(path):
+        found.setdefault(entry.device, _Tally()).add(entry)
     return {device: tally.summary() for device, tally in found.items()}
 
 
@@ -39,7 +28,8 @@ class _Tally:
     """The entries of one device, counted."""
 
     def __init__(self):
-        self.kinds: Counter[str] = Counter()
+        self.sense: str | None = None
+        self.passages: Counter[str] = Counter()
         self.drops: Counter[str] = Counter()
         self.injected: Counter[str] = Counter()
         self.events: Counter[str] = Counter()
@@ -47,31 +37,37 @@ class _Tally:
         self.peak = 0.0
         self.error = 0.0
 
-    def add(self, entry: dict[str, Any]) -> None:
-        kind = entry["kind"]
-        self.kinds[kind] += 1
-        if kind == "sample":
-            self.times.append(entry["t_ns"])
-            ideal, measured = np.array(entry["ideal"], float), np.array(entry["measured"], float)
-            self.peak = max(self.peak, float(np.abs(ideal).max(initial=0.0)))
-            self.error = max(self.error, float(np.abs(measured - ideal).max(initial=0.0)))
-        elif kind == "drop":
-            self.drops[entry["why"]] += 1
-        elif kind == "inject":
-            self.injected[entry["what"]] += 1
-        elif kind == "event":
-            self.events[entry["what"]] += 1
+    def add(self, entry: Entry) -> None:
+        if isinstance(entry, Sample):
+            self._add_sample(entry)
+        elif isinstance(entry, Passage):
+            self.passages[entry.kind] += 1
+            if entry.kind == "drop":
+                self.drops[entry.why] += 1
+        elif isinstance(entry, Injection):
+            self.injected[entry.what] += 1
+        elif isinstance(entry, PortEvent):
+            self.events[entry.what] += 1
+
+    def _add_sample(self, sample: Sample) -> None:
+        self.sense = sample.sense if self.sense is None else self.sense
+        if sample.sense != self.sense:  # other senses have rates and units of their own
+            return
+        self.times.append(sample.t_ns)
+        ideal, measured = np.asarray(sample.ideal, float), np.asarray(sample.measured, float)
+        self.peak = max(self.peak, float(np.abs(ideal).max(initial=0.0)))
+        self.error = max(self.error, float(np.abs(measured - ideal).max(initial=0.0)))
 
     def summary(self) -> dict[str, Any]:
         gaps = np.diff(self.times) if len(self.times) > 1 else np.zeros(1)
         span = self.times[-1] - self.times[0] if self.times else 0
         return {
-            "samples": self.kinds["sample"],
+            "samples": len(self.times),
             "seconds": round(span / 1e9, 6),
             "rate_hz": round((len(self.times) - 1) * 1e9 / span, 3) if span else 0.0,
             "longest_gap_ms": round(float(gaps.max()) / 1e6, 3),
-            "frames_to_driver": self.kinds["tx"],
-            "frames_from_driver": self.kinds["rx"],
+            "frames_to_driver": self.passages["tx"],
+            "frames_from_driver": self.passages["rx"],
             "dropped": dict(self.drops),
             "injected": dict(self.injected),
             "events": dict(self.events),

@@ -16,7 +16,7 @@ from rich.text import Text
 
 from tactemu.cli.heatmap import draw, felt
 from tactemu.emulator import Channel, Emulator
-from tactemu.truth import text
+from tactemu.frame_text import text
 
 PERIOD_S = 0.1
 REST = 5
@@ -75,7 +75,7 @@ class LiveView:
 
     def _panel(self, channel: Channel) -> Panel:
         title = f"{channel.name}  {channel.wire.transport.address}"
-        sample = self._emulator.truth.latest.get(channel.name)
+        sample = self._emulator.truth.latest(channel.name)
         device = channel.device
         values = felt(device.layout, device.contact[0], sample.measured) if sample else np.zeros(len(device.layout))
         peak = self._peaks[channel.name] = max(self._peaks.get(channel.name, 0.0), float(np.max(values, initial=0.0)))
@@ -89,7 +89,7 @@ class LiveView:
         return Panel(body, title=title, title_align="left")
 
     def _last_frame(self, channel: Channel) -> Text:
-        frame = next((f for _, name, f in reversed(self._recent_frames()) if name == channel.name), None)
+        frame = self._emulator.truth.latest_frame(channel.name)
         if not channel.wire.transport.listening:
             return Text(f"waiting for a driver to open {channel.wire.transport.address}", style="yellow")
         if frame is None:
@@ -97,20 +97,6 @@ class LiveView:
         shown = text(frame)
         cut = shown[: 2 * MAX_HEX]
         return Text("last frame  ", style="dim").append(cut + ("…" if len(shown) > len(cut) else ""), style="cyan")
-
-    def _recent_frames(self) -> list:
-        return _tail(self._emulator.truth.frames, 200)
-
-
-def _tail(entries, count: int) -> list:
-    """The last entries of a deque that another thread appends to."""
-    found = []
-    for back in range(1, min(count, len(entries)) + 1):
-        try:
-            found.append(entries[-back])
-        except IndexError:
-            break
-    return found[::-1]
 
 
 def _numbers(channel: Channel) -> Table:

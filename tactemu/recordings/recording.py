@@ -1,29 +1,35 @@
-"""Streams with their timing, to files and back: from a real sensor or from an emulated one, to a driver again.
+"""Streams with their timing, from files: of a real sensor or of an emulated one, to a driver again.
 
-CAN is kept in python-can's formats (``.log`` as of candump, ``.asc``, ``.blf``), serial streams in JSON lines with the
-schema of the truth log (``.jsonl``; :mod:`tactemu.truth`), so that a truth log is a recording as it stands. ``tx`` is
-towards the driver, as everywhere; a recording made at a driver's end has what it received as ``tx``.
+A truth log is a recording as it stands (``.mcap`` and ``.jsonl``; :mod:`tactemu.truth`); CAN is also read in
+python-can's formats, candump's among them. ``tx`` is towards the driver, as everywhere; a recording made at a driver's
+end has what it received as ``tx``.
 """
 
 from __future__ import annotations
 
-import json
+import math
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import IO, Any, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
 
 from firmware_protocols import CanFrame, Frame
 from tactemu.errors import TactemuError
+from tactemu.frame_text import checked, parse
 from tactemu.scene.placement import Surroundings
-from tactemu.truth import read, text
+from tactemu.truth import Passage, PortEvent, entries, read_log
+from tactemu.truth.writer import SUFFIXES
 
-CAN_FORMATS = (".log", ".asc", ".blf")
-SERIAL_FORMAT = ".jsonl"
-_FORMATS = ", ".join((SERIAL_FORMAT, *CAN_FORMATS))
+CANDUMP_FORMATS = (".log", ".dump", ".candump")
+CAN_FORMATS = (*CANDUMP_FORMATS, ".asc", ".blf", ".trc", ".csv", ".mf4")
+"""Formats of CAN alone that can be read; :mod:`tactemu.recordings.recorder` has those that can be written."""
+FORMATS = (*SUFFIXES, *CAN_FORMATS)
+_CANDUMP_LINE = re.compile(r"\(([\d.]+)\) +\S+ +(\S+)(?: +([RT]))?")
+_LATEST_S = 9e9
+"""Times beyond do not fit 64 bits [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +45,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Recording:
-    """A whole recording."""
+    """A whole recording: of one serial line, or of one CAN bus."""
 
     entries: list[Entry]
     """In order of time, from 0 at the first."""
@@ -56,171 +62,118 @@ class Recording:
         return [entry for entry in self.entries if entry.kind == "tx"]
 
 
-class Recorder:
-    """Writes entries to a file; the format follows the suffix.
-
-    Args:
-        path: ``.jsonl`` for bytes or CAN, ``.log``, ``.asc`` or ``.blf`` for CAN.
-        device: name that goes with every entry of a ``.jsonl`` file.
-        baud: noted at the head of a ``.jsonl`` file.
-
-    Raises:
-        TactemuError: another suffix, or the file cannot be written.
-    """
-
-    def __init__(self, path: str | Path, *, device: str = "recorded", baud: int | None = None):
-        self.path, self.device = Path(path), device
-        self.count = 0
-        self._baud = baud
-        self._lines: IO[str] | None = None
-        self._log: Any = None
-        self._made = not self.path.exists()
-        if self.path.suffix not in (SERIAL_FORMAT, *CAN_FORMATS):
-            raise TactemuError(f"{path}: cannot record to {self.path.suffix!r}; expected one of {_FORMATS}")
-        try:
-            self.path.open("ab").close()  # an older recording is kept until there is something to record
-        except OSError as error:
-            raise TactemuError(f"{path}: cannot write the recording: {error.strerror}") from None
-
-    def start(self) -> None:
-        """Begin the file, in place of what was there. The first entry does it, too."""
-        self._made = False
-        if self.path.suffix == SERIAL_FORMAT:
-            self._lines = self.path.open("w", encoding="utf-8")
-            if self._baud is not None:
-                self._line(0, "event", what=f"baud {self._baud}")
-        else:
-            import can
-
-            self._log = can.Logger(self.path)
-
-    def add(self, entry: Entry) -> None:
-        """Write one entry.
-
-        Raises:
-            TactemuError: bytes for a CAN format.
-        """
-        if self._lines is None and self._log is None:
-            self.start()
-        self.count += 1
-        if self._lines is not None:
-            self._line(entry.t_ns, entry.kind, data=text(entry.frame))
-        elif not isinstance(entry.frame, CanFrame):
-            raise TactemuError(f"{self.path}: {self.path.suffix} holds CAN frames; record bytes to {SERIAL_FORMAT}")
-        elif self._log is not None:
-            self._log.on_message_received(_message(entry))
-
-    def close(self) -> None:
-        """Finish the file; one that was never begun is not left behind. Safe to call twice."""
-        if self._lines is not None:
-            self._lines.close()
-        if self._log is not None:
-            self._log.stop()
-        self._lines = self._log = None
-        if self._made:
-            self.path.unlink(missing_ok=True)
-            self._made = False
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None):
-        self.close()
-
-    def _line(self, t_ns: int, kind: str, **more: Any) -> None:
-        assert self._lines is not None
-        self._lines.write(json.dumps({"t_ns": t_ns, "device": self.device, "kind": kind, **more}) + "\n")
-
-
-def load(path: str | Path) -> Recording:
+def load(path: str | Path, skin: str | None = None) -> Recording:
     """Read a recording or a truth log.
 
+    Args:
+        path: the file; its suffix says which format it has.
+        skin: whose frames, where a truth log has several skins; default: those of the only one, or of a whole CAN bus.
+
     Raises:
-        TactemuError: no such file, another format, or a line that is none; the message says which.
+        TactemuError: no such file, another format, or something in it that no line carries; the message says which.
     """
     path = Path(path)
+    if path.suffix in SUFFIXES:
+        return _load_log(path, skin)
+    if path.suffix not in CAN_FORMATS:
+        raise TactemuError(f"{path}: unknown format {path.suffix!r}; expected one of {', '.join(FORMATS)}")
     try:
-        if path.suffix == SERIAL_FORMAT:
-            return _load_lines(path)
-        if path.suffix in CAN_FORMATS:
-            return Recording(_from_zero(_read_can(path)))
+        found = list(_read_candump(path) if path.suffix in CANDUMP_FORMATS else _read_can(path))
     except OSError as error:
         raise TactemuError(f"{path}: cannot read the recording: {error.strerror}") from None
-    except (ValueError, KeyError, IndexError, AssertionError) as error:
-        raise TactemuError(f"{path}: not a recording: {error}") from None
-    raise TactemuError(f"{path}: unknown format {path.suffix!r}; expected one of {_FORMATS}")
+    except Exception as error:  # whatever python-can's readers, and the libraries below, make of a damaged file
+        raise TactemuError(f"{path}: not a recording: {str(error) or type(error).__name__}") from None
+    if not found:
+        raise TactemuError(f"{path}: not a recording: there is no CAN frame in it")
+    return Recording(_from_zero(found))
 
 
-def parse_frame(data: str) -> Frame:
-    """A frame from the log's text: hex for bytes, candump notation for CAN.
+def _load_log(path: Path, skin: str | None) -> Recording:
+    found: list[Entry] = []
+    bauds: dict[str, int] = {}
+    for entry in entries(path):
+        if isinstance(entry, Passage) and entry.kind != "drop":
+            found.append(Entry(entry.t_ns, entry.frame, entry.kind, entry.device))
+        elif isinstance(entry, PortEvent) and entry.what.startswith("baud "):
+            bauds.setdefault(entry.device, _baud(path, entry.what))
+    if skin is not None:
+        found = [entry for entry in found if skin in (entry.device, *entry.device.split("+"))]
+    _check_one_line(path, found)
+    owners = {entry.device for entry in found} or set(bauds)
+    return Recording(_from_zero(found), next((baud for owner, baud in bauds.items() if owner in owners), None))
+
+
+def _baud(path: Path, what: str) -> int:
+    digits = what.removeprefix("baud ")
+    if not (digits.isascii() and digits.isdigit() and len(digits) < 10 and int(digits)):
+        raise TactemuError(f"{path}: not a recording: expected an event `baud N`, got {what[:40]!r}")
+    return int(digits)
+
+
+def _check_one_line(path: Path, found: list[Entry]) -> None:
+    """Refuse what no single line carried.
 
     Raises:
-        ValueError: neither.
+        TactemuError: frames of several serial lines, or of serial lines and CAN.
     """
-    ident, mark, rest = data.partition("#")
-    if not mark:
-        return bytes.fromhex(data)
-    known = {"arbitration_id": int(ident, 16), "is_extended_id": len(ident) == 8}
-    if rest == "ERROR":
-        return CanFrame(**known, is_error_frame=True)
-    if rest == "R":
-        return CanFrame(**known, is_remote_frame=True)
-    if rest.startswith("#"):
-        return CanFrame(**known, is_fd=True, bitrate_switch=bool(int(rest[1], 16) & 1), data=bytes.fromhex(rest[2:]))
-    return CanFrame(**known, data=bytes.fromhex(rest))
+    serial = sorted({entry.device for entry in found if not isinstance(entry.frame, CanFrame)})
+    bus = sorted({entry.device for entry in found if isinstance(entry.frame, CanFrame)})
+    if len(serial) > 1 or (serial and bus):
+        kinds = [f"{kind} of {', '.join(map(repr, of))}" for kind, of in (("bytes", serial), ("CAN frames", bus)) if of]
+        raise TactemuError(f"{path}: holds {' and '.join(kinds)}; one port carries one of them: choose it with --skin")
 
 
-def _load_lines(path: Path) -> Recording:
-    entries, baud = [], None
-    for row in read(path):
-        if row["kind"] in ("tx", "rx"):
-            entries.append(Entry(int(row["t_ns"]), parse_frame(row["data"]), row["kind"], row.get("device", "")))
-        elif row["kind"] == "event" and row["what"].startswith("baud "):
-            baud = baud or int(row["what"].removeprefix("baud "))
-    return Recording(_from_zero(entries), baud)
+def _read_candump(path: Path) -> Iterator[Entry]:
+    """What ``candump -L`` writes: ``(time) interface frame``, and ``T`` where the frame was sent from there.
+
+    python-can's reader takes most error frames for frames with data.
+    """
+    with path.open(encoding="ascii") as lines:
+        for number, line in enumerate(lines, 1):
+            match = _CANDUMP_LINE.fullmatch(line.strip())
+            if match is None:
+                raise ValueError(f"line {number}: expected `(time) interface id#data`, got {line[:60].strip()!r}")
+            try:
+                frame = parse(match[2])
+            except ValueError as error:
+                raise ValueError(f"line {number}: {error}") from None
+            if not isinstance(frame, CanFrame):
+                raise ValueError(f"line {number}: {match[2]!r:.60} is no CAN frame")
+            if not frame.is_error_frame:
+                yield Entry(_nanoseconds(float(match[1])), frame, "rx" if match[3] == "T" else "tx")
+
+
+def _nanoseconds(time_s: float) -> int:
+    """A time in the unit of the others [ns].
+
+    Raises:
+        ValueError: it is not finite, or does not fit 64 bits.
+    """
+    if not math.isfinite(time_s) or abs(time_s) > _LATEST_S:
+        raise ValueError(f"a frame at {time_s} s")
+    return round(time_s * 1e9)
 
 
 def _read_can(path: Path) -> Iterator[Entry]:
     import can
 
-    with can.LogReader(path) as messages:
+    from tactemu.transports.can_messages import frame_of
+
+    size = path.stat().st_size
+    reader: Any = can.LogReader(path)
+    with reader as messages:
+        if size < getattr(messages, "file_size", 0):
+            raise ValueError(f"cut off: {size} of {messages.file_size} bytes")
         for message in messages:
             if message.is_error_frame:
                 continue
-            frame = CanFrame(
-                arbitration_id=message.arbitration_id,
-                data=b"" if message.is_remote_frame else bytes(message.data),
-                is_extended_id=message.is_extended_id,
-                is_remote_frame=message.is_remote_frame,
-                is_fd=message.is_fd,
-                bitrate_switch=message.bitrate_switch,
-            )
-            yield Entry(round(message.timestamp * 1e9), frame, "tx" if message.is_rx else "rx")
+            yield Entry(_nanoseconds(message.timestamp), checked(frame_of(message)), "tx" if message.is_rx else "rx")
 
 
 def _from_zero(entries: Iterable[Entry]) -> list[Entry]:
     entries = sorted(entries, key=lambda entry: entry.t_ns)
     start = entries[0].t_ns if entries else 0
     return [Entry(entry.t_ns - start, entry.frame, entry.kind, entry.device) for entry in entries]
-
-
-def _message(entry: Entry) -> Any:
-    import can
-
-    frame = entry.frame
-    assert isinstance(frame, CanFrame)
-    return can.Message(
-        timestamp=entry.t_ns / 1e9,
-        arbitration_id=frame.arbitration_id,
-        data=frame.data,
-        is_extended_id=frame.is_extended_id,
-        is_remote_frame=frame.is_remote_frame,
-        is_fd=frame.is_fd,
-        bitrate_switch=frame.bitrate_switch,
-        is_error_frame=frame.is_error_frame,
-        is_rx=entry.kind == "tx",
-        channel=0,
-    )
 
 
 class RecordedReadings:
@@ -240,23 +193,19 @@ class RecordedReadings:
     """They are in the recording, or in the sensor that it was made of."""
 
     def __init__(self, path: str | Path, device: str = ""):
-        try:
-            rows = [row for row in read(path) if row["kind"] == "sample"]
-        except OSError as error:
-            raise TactemuError(f"{path}: cannot read the truth log: {error.strerror}") from None
-        except (ValueError, KeyError) as error:
-            raise TactemuError(f"{path}: not a truth log: {error}") from None
-        names = sorted({row["device"] for row in rows})
+        log = read_log(path)
+        names = sorted(name for name, skin in log.items() if len(skin.t_ns))
         if not device and len(names) == 1:
             device = names[0]
-        rows = [row for row in rows if row["device"] == device]
-        if not rows:
+        if device not in names:
             raise TactemuError(
                 f"{path}: no samples of {device or 'one device'!r}; it has: {', '.join(names) or 'none'}"
             )
-        self.times_ns = np.array([row["t_ns"] for row in rows], np.int64)
-        self._measured = np.array([row["measured"] for row in rows], float)
-        self._ideal = np.array([row["ideal"] for row in rows], float)
+        skin = log[device]
+        if object in (skin.measured.dtype, skin.ideal.dtype):
+            raise TactemuError(f"{path}: the samples of {device!r} do not all have one shape")
+        self.times_ns = skin.t_ns
+        self._measured, self._ideal = np.asarray(skin.measured, float), np.asarray(skin.ideal, float)
         self._now = 0
 
     def advance_to(self, t_ns: int) -> None:

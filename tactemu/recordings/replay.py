@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import os
 import select
 from collections.abc import Callable
 
 from firmware_protocols import Can, Connector, Serial
 from tactemu.clock import Clock
 from tactemu.errors import TactemuError, TransportError
-from tactemu.recordings.recording import Entry, Recorder, Recording
+from tactemu.recordings.recorder import Recorder
+from tactemu.recordings.recording import Entry, Recording
 from tactemu.transports import create
 from tactemu.transports.transport import Opened, Received
 from tactemu.wire.wire import Wire
+
+USUAL_BAUD = 115_200
+"""Speed to which a serial port is set where nobody says [bit/s]."""
+_UARTS = ("ttyS", "ttyUSB", "ttyAMA", "ttyTHS", "ttymxc", "ttyO", "COM", "cu.usbserial", "tty.usbserial")
+"""Names of ports with a UART behind them, as Linux, macOS and Windows have them."""
 
 
 def replay_spec(recording: Recording, baud: int | None = None) -> Connector:
@@ -22,7 +29,7 @@ def replay_spec(recording: Recording, baud: int | None = None) -> Connector:
     if recording.kind == "can":
         return Can()
     baud = baud or recording.baud
-    return Serial(baud=baud or 115_200, usb=baud is None)
+    return Serial(baud=baud or USUAL_BAUD, usb=baud is None)
 
 
 class Replay:
@@ -108,7 +115,23 @@ class Replay:
         self.clock.wait(min(deadlines, default=None), filenos, poll=not filenos)
 
 
-def record(source: str, recorder: Recorder, *, clock: Clock, stop: Callable[[int], bool], baud: int = 115_200) -> None:
+def line_of(source: str, baud: int | None) -> str:
+    """What a recording notes of the line that it is of: its speed, ``usb`` where it has none, nothing of CAN.
+
+    A network connection and USB's own serial class know no speed, whatever a program sets; a port that nobody can look
+    behind (a pty) is taken for one of them, unless the caller gives ``baud``.
+    """
+    if source.startswith("can:"):
+        return ""
+    name = os.path.basename(os.path.realpath(source))
+    if baud is None and not name.startswith(_UARTS):
+        return "usb"
+    return f"baud {baud or USUAL_BAUD}"
+
+
+def record(
+    source: str, recorder: Recorder, *, clock: Clock, stop: Callable[[int], bool], baud: int = USUAL_BAUD
+) -> None:
     """Write what a sensor sends to a file until ``stop(entries so far)`` is true; asked at least every 100 ms.
 
     Args:
@@ -120,6 +143,7 @@ def record(source: str, recorder: Recorder, *, clock: Clock, stop: Callable[[int
 
     Raises:
         TransportError: the source cannot be opened, or was lost.
+        TactemuError: the file cannot be written any more.
     """
     take = _from_can if source.startswith("can:") else _from_serial
     take(source, recorder, clock, stop, baud)
@@ -127,7 +151,7 @@ def record(source: str, recorder: Recorder, *, clock: Clock, stop: Callable[[int
 
 def _from_can(source: str, recorder: Recorder, clock: Clock, stop: Callable[[int], bool], baud: int) -> None:
     with create(source) as port:
-        recorder.start()
+        recorder.start(clock.origin_ns)
         while not stop(recorder.count):
             clock.wait(clock.now_ns() + 100_000_000, port.filenos(), poll=not port.filenos())
             now = clock.now_ns()
@@ -141,7 +165,7 @@ def _from_serial(source: str, recorder: Recorder, clock: Clock, stop: Callable[[
 
     try:
         with serial.serial_for_url(source, baudrate=baud, timeout=0.1) as port:
-            recorder.start()
+            recorder.start(clock.origin_ns)
             while not stop(recorder.count):
                 if hasattr(port, "fileno") and not select.select([port], [], [], 0.1)[0]:
                     continue

@@ -239,9 +239,16 @@ class World(Table):
     dtype: Literal["float32", "float64"] = Field(default="float32", description="width of the kernels' numbers")
 
 
+class TruthTable(Table):
+    """``[truth]``: what is remembered of a run."""
+
+    keep: str | int | None = Field(default=None, description='memory for samples and frames; default: "256MB"')
+
+
 class SceneFile(Table):
     """A whole file."""
 
+    truth: TruthTable = TruthTable()
     scene: World = World()
     body: tuple[AnyBody, ...] = ()
     skin: tuple[Skin, ...] = Field(min_length=1)

@@ -7,7 +7,6 @@
 from __future__ import annotations
 
 import contextlib
-import logging
 import os
 import socket
 import struct
@@ -19,16 +18,14 @@ import can
 
 from firmware_protocols import CanFrame, Frame
 from tactemu.errors import TransportError, TransportUnavailable
+from tactemu.frame_text import PROTOCOL_ERROR
+from tactemu.transports.can_messages import frame_of, message_of
 from tactemu.transports.transport import Event, Received, Transport
-
-logging.getLogger("can").addHandler(logging.NullHandler())  # a bus that cannot be opened is our error to report
 
 _AT_ONCE_S = 0.001
 """For how long one look takes frames [s], so that a flood of them leaves time for the rest."""
 _ECHOES = 256
 """Own frames that are waited for on an interface that returns them."""
-_PROTOCOL_ERROR = 0x8
-"""How SocketCAN tells a program of an error frame: the class of the error in place of the identifier."""
 _CAN_FRAME, _CANFD_FRAME = struct.Struct("=IB3x8s"), struct.Struct("=IBB2x64s")
 
 
@@ -95,7 +92,7 @@ class CanTransport(Transport):
                 break
             if message.is_error_frame:
                 continue
-            frame = _frame(message)
+            frame = frame_of(message)
             if not self._is_echo(frame):
                 events.append(Received(frame))
             if time.monotonic() > end:
@@ -112,7 +109,7 @@ class CanTransport(Transport):
             if self._socket is not None:
                 self._socket.send(_packed(frame), socket.MSG_DONTWAIT)
             else:
-                self._bus.send(_message(frame), timeout=None if self.interface == "virtual" else 0)
+                self._bus.send(message_of(frame), timeout=None if self.interface == "virtual" else 0)
         except (can.CanError, OSError):
             return False
         if self._echoes is not None and not frame.is_error_frame:
@@ -165,34 +162,10 @@ def _is_down(name: str) -> bool:
 
 def _packed(frame: CanFrame) -> bytes:
     """``struct can_frame`` or ``struct canfd_frame`` of the kernel."""
-    identifier = _PROTOCOL_ERROR if frame.is_error_frame else frame.arbitration_id
+    identifier = PROTOCOL_ERROR if frame.is_error_frame else frame.arbitration_id
     identifier |= frame.is_extended_id << 31 | frame.is_remote_frame << 30 | frame.is_error_frame << 29
     if frame.is_fd:
         return _CANFD_FRAME.pack(identifier, len(frame.data), frame.bitrate_switch, frame.data)
     if frame.is_error_frame:
         return _CAN_FRAME.pack(identifier, 8, bytes(8))
     return _CAN_FRAME.pack(identifier, len(frame.data), frame.data)
-
-
-def _message(frame: CanFrame) -> can.Message:
-    if frame.is_error_frame:
-        return can.Message(arbitration_id=_PROTOCOL_ERROR, data=bytes(8), is_error_frame=True, is_extended_id=False)
-    return can.Message(
-        arbitration_id=frame.arbitration_id,
-        data=frame.data,
-        is_extended_id=frame.is_extended_id,
-        is_remote_frame=frame.is_remote_frame,
-        is_fd=frame.is_fd,
-        bitrate_switch=frame.bitrate_switch,
-    )
-
-
-def _frame(message: can.Message) -> CanFrame:
-    return CanFrame(
-        arbitration_id=message.arbitration_id,
-        data=b"" if message.is_remote_frame else bytes(message.data),
-        is_extended_id=message.is_extended_id,
-        is_remote_frame=message.is_remote_frame,
-        is_fd=message.is_fd,
-        bitrate_switch=message.bitrate_switch,
-    )

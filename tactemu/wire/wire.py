@@ -252,7 +252,7 @@ class Wire:
             return False
         self.counters["sent"] += 1
         self.counters["sent_bytes"] += len(payload(heard))
-        self.truth.wrote(now_ns, source, heard)
+        self.truth.wrote(now_ns, source, heard, pending.sample)
         return True
 
     def _hand_over(self, frame: Frame, now_ns: int) -> bool:

@@ -7,6 +7,8 @@ import pytest
 
 from tactemu.bench import soak
 
+pytestmark = pytest.mark.realtime
+
 
 @pytest.fixture(scope="module")
 def soaked():

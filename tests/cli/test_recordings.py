@@ -7,7 +7,8 @@ import time
 import pytest
 import serial
 
-from tactemu.recordings.recording import Entry, Recorder, load
+from tactemu.recordings.recorder import Recorder
+from tactemu.recordings.recording import Entry, load
 from tactemu.wire.faults import KINDS
 from tests.cli.command import start, tactemu
 
@@ -28,6 +29,7 @@ def wait_for(path):
     raise AssertionError(f"{path} never appeared")
 
 
+@pytest.mark.realtime
 def test_replay_to_record(recording, tmp_path):
     player = start("replay", str(recording), "--port", f"pty:{tmp_path / 'tty'}", "--loop")
     port = wait_for(tmp_path / "tty")
@@ -41,6 +43,7 @@ def test_replay_to_record(recording, tmp_path):
     assert len(got) > 100 and got in whole * 20
 
 
+@pytest.mark.realtime
 def test_replay_stepwise(recording, tmp_path):
     player = start("replay", str(recording), "--port", f"pty:{tmp_path / 'tty'}", "--step", stdin=subprocess.PIPE)
     with serial.Serial(wait_for(tmp_path / "tty"), timeout=5) as driver:

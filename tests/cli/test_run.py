@@ -22,6 +22,7 @@ def port(tmp_path) -> Path:
     return tmp_path / "skin"
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_port_is_there_until_a_signal_ends_it(port, number):
     process = start("run", "anyskin", "--port", f"pty:{port}", "--json")
@@ -44,6 +45,7 @@ def test_a_port_is_there_until_a_signal_ends_it(port, number):
     assert not os.path.lexists(port)
 
 
+@pytest.mark.realtime
 def test_plain_lines_where_there_is_no_terminal(port):
     done = tactemu("run", "anyskin", "--port", f"pty:{port}", "--seconds", "1.5")
     assert done.returncode == 0, done.stderr
@@ -163,6 +165,7 @@ def test_a_mistake_is_a_message_and_leaves_nothing(name, folder):
     assert left(folder) == before
 
 
+@pytest.mark.realtime
 def test_a_reader_that_has_had_enough_ends_it_quietly(port):
     process = start("run", "anyskin", "--port", f"pty:{port}")
     process.stdout.readline()

@@ -8,7 +8,11 @@ import signal
 import sys
 import time
 
+import pytest
+
 from tests.cli.command import environment
+
+pytestmark = pytest.mark.realtime
 
 
 def watch(seconds: float, *arguments: str) -> tuple[int, str]:

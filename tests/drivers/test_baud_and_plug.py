@@ -12,7 +12,7 @@ from tests.cli.command import environment
 from tests.drivers.matrix.bout import Judge, Process, Ring, served, until
 from tests.drivers.matrix.drivers import DRIVERS
 
-pytestmark = [pytest.mark.driver, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.driver, pytest.mark.realtime, pytest.mark.timeout(120)]
 
 
 @pytest.mark.parametrize("name", [name for name, driver in DRIVERS.items() if driver.wrong_baud])

@@ -12,7 +12,7 @@ from tests.drivers.matrix.drivers import DRIVERS
 from tests.drivers.matrix.endure import digest
 from tests.drivers.test_through_the_emulator import SCENE
 
-pytestmark = [pytest.mark.driver, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.driver, pytest.mark.realtime, pytest.mark.timeout(120)]
 
 SECONDS = 4
 

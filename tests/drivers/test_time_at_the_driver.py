@@ -9,7 +9,7 @@ import pytest
 from tests.drivers.matrix.bout import Ring, until
 from tests.drivers.matrix.drivers import DRIVERS
 
-pytestmark = [pytest.mark.driver, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.driver, pytest.mark.realtime, pytest.mark.timeout(120)]
 
 MS = 1_000_000
 

@@ -13,7 +13,7 @@ from tests.drivers.matrix.drivers import DRIVERS
 from tests.drivers.matrix.trials import TRIALS
 from tests.drivers.rig import run_driver
 
-pytestmark = [pytest.mark.driver, pytest.mark.timeout(180)]
+pytestmark = [pytest.mark.driver, pytest.mark.realtime, pytest.mark.timeout(180)]
 
 
 @pytest.fixture

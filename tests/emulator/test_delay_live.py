@@ -7,6 +7,7 @@ import threading
 import tty
 
 import numpy as np
+import pytest
 
 from firmware_protocols import Serial
 from tactemu import transports
@@ -15,6 +16,8 @@ from tactemu.emulator import Channel, Emulator
 from tactemu.sampling import SampleClock
 from tactemu.wire.wire import Wire
 from tests.emulator.test_loop import Counter8, Ramp
+
+pytestmark = pytest.mark.realtime
 
 DELAY_NS, RATE_HZ, FRAMES = 3_700_000, 1000, 1500
 

@@ -20,14 +20,14 @@ MS = 1_000_000
 def leave(frames: int, **clock) -> tuple[np.ndarray, np.ndarray]:
     """The numbers of the frames as they leave at 1 kHz, and how long after its sample each does [ns]."""
     device = Numbered()
-    truth = Truth(keep=1)
+    truth = Truth()
     wire = Wire(MemoryTransport(), device.ports[0], truth=truth)
     sampling = SampleClock(period_ns=device.period_ns, name="a", seed=4, **clock)
     channel = Channel("a", device, Ramp(), {"": wire}, sampling)
     emulator = Emulator(None, [channel], clock=VirtualClock(), truth=truth)
     numbers, late = [], []
 
-    def note(t_ns, _device, frame):
+    def note(t_ns, _device, frame, sample=None):
         (number,) = struct.unpack("<I", frame)
         numbers.append(number)
         late.append(t_ns - number * device.period_ns)

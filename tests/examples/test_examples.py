@@ -8,6 +8,8 @@ import pytest
 from tactemu.cli.truths import summarise
 from tests.cli.command import ROOT, environment, plugin_options, tactemu
 
+pytestmark = pytest.mark.realtime
+
 EXPECTED = {
     "without_a_wire.py": ["relative poses", "depth [mm]"],
     "mujoco_skin.py": ["t = 0.80 s, ball at x =", "force on the skin"],

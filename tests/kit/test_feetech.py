@@ -170,7 +170,7 @@ class Wire:
 
 @pytest.fixture
 def sdk(bus):
-    scservo_sdk = pytest.importorskip("scservo_sdk")
+    scservo_sdk = pytest.importorskip("scservo_sdk", reason="feetech-servo-sdk, of the drivers extra, is not installed")
     port = scservo_sdk.PortHandler("nowhere")
     port.ser = Wire(bus)
     return scservo_sdk, port, scservo_sdk.PacketHandler(0)

@@ -190,6 +190,8 @@ def test_rows_are_the_frames_one_by_one():
     rows = frame.rows(4, pads=pads, status=status, tag=b"x", warmth=warmth)
     assert rows == [frame.pack(pads=pads[k], status=status[k], tag=b"x", warmth=warmth[k]) for k in range(4)]
     assert frame.rows(2, pads=pads[:2], status=7, tag=b"x", warmth=0)[1][7:9] == b"\x00\x07"
+    with pytest.raises(ValueError, match=r"row: pads: expected shape \(4, 6\), got \(6, 4\)"):
+        frame.rows(4, pads=pads.T, status=0, tag=b"x", warmth=0)
     with pytest.raises(OverflowError, match="row: status"):
         frame.rows(4, pads=pads, status=status * 1000, tag=b"x", warmth=warmth)
 
@@ -223,6 +225,8 @@ def test_a_table_prints_itself_with_what_is_bound():
         "image, row by row\n  0  AA 55     marker\n  2  u1 x 384  touch   the 10-bit ADC, shifted right by 2"
     )
     assert "  0   14" in str(MIXED.bind(kind=0x14))
+    assert str(TAIL).startswith("tail, id 100bbbbtttt (b board, t triangle)\n  0  C0")
+    assert Frame(str(TAIL)).id == TAIL.id
     assert Frame(str(REQUEST)).pack(device=1, function=2, address=3, count=4)
 
 

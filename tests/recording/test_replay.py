@@ -1,8 +1,10 @@
 """Replay to a driver, and recording from one's port: the other side is pyserial or python-can, unmodified."""
 
 import math
+import os
 import threading
 import time
+import tty
 
 import can
 import numpy as np
@@ -12,8 +14,9 @@ import serial
 from firmware_protocols import CanFrame
 from tactemu.clock import RealClock, VirtualClock
 from tactemu.errors import TactemuError, TransportError
-from tactemu.recordings.recording import Entry, Recorder, Recording, load
-from tactemu.recordings.replay import Replay, record, replay_spec
+from tactemu.recordings.recorder import Recorder
+from tactemu.recordings.recording import Entry, Recording, load
+from tactemu.recordings.replay import Replay, line_of, record, replay_spec
 from tactemu.transports import create
 from tactemu.wire.wire import Wire
 
@@ -74,6 +77,7 @@ def test_faults_apply_to_a_replay():
     assert wire.transport.driver.read() == [entry.frame for entry in STREAM.entries[::2]]
 
 
+@pytest.mark.realtime
 def test_true_time_on_a_pty_from_the_moment_the_driver_opens_it():
     player, wire, _ = replay(STREAM, "pty:", clock=RealClock())
     thread = threading.Thread(target=player.run)
@@ -107,6 +111,7 @@ class CountingRecorder(Recorder):
         super().add(entry)
 
 
+@pytest.mark.realtime
 def test_what_a_port_sends_is_recorded(tmp_path):
     """Record from the port that a replay feeds: the copy has the same bytes and about the same timing."""
     player, wire, clock = replay(STREAM, "pty:", clock=RealClock())
@@ -120,7 +125,7 @@ def test_what_a_port_sends_is_recorded(tmp_path):
         return recorder.bytes >= size
 
     try:
-        with CountingRecorder(tmp_path / "x.jsonl", baud=115_200) as recorder:
+        with CountingRecorder(tmp_path / "x.jsonl", line="baud 115200") as recorder:
             record(wire.transport.address, recorder, clock=clock, stop=stop)
         copy = load(tmp_path / "x.jsonl")
         assert b"".join(e.frame for e in copy.entries) == b"".join(e.frame for e in STREAM.entries)
@@ -133,6 +138,7 @@ def test_what_a_port_sends_is_recorded(tmp_path):
         wire.close()
 
 
+@pytest.mark.realtime
 def test_what_a_bus_carries_is_recorded(tmp_path):
     frames = [CanFrame(arbitration_id=0x100 + k, data=bytes([k])) for k in range(10)]
     bus = can.Bus(interface="virtual", channel="recorded")
@@ -149,6 +155,46 @@ def test_what_a_bus_carries_is_recorded(tmp_path):
     thread.join()
     bus.shutdown()
     assert [entry.frame for entry in load(tmp_path / "x.blf").entries] == frames
+
+
+@pytest.mark.parametrize(
+    ("source", "baud", "line"),
+    [
+        ("/dev/ttyUSB0", None, "baud 115200"),
+        ("/dev/ttyS3", 9600, "baud 9600"),
+        ("/dev/ttyACM0", None, "usb"),
+        ("socket://10.0.0.1:4000", None, "usb"),
+        ("/dev/ttyACM0", 460_800, "baud 460800"),
+        ("can:socketcan:can0", None, ""),
+    ],
+)
+def test_only_a_uart_has_a_speed(source, baud, line, tmp_path):
+    assert line_of(source, baud) == line
+    with Recorder(tmp_path / "x.mcap", line=line) as recorder:
+        recorder.add(Entry(0, b"frame"))
+    assert replay_spec(load(tmp_path / "x.mcap")).usb is not line.startswith("baud")
+
+
+def test_a_full_disk_blames_the_file_not_the_source(tmp_path):
+    """The kernel's own full disk."""
+    (tmp_path / "x.jsonl").symlink_to("/dev/full")
+    port, far = os.openpty()
+    tty.setraw(far)
+
+    def stop(_):
+        os.write(port, bytes(1000))
+        return time.monotonic() > deadline
+
+    deadline = time.monotonic() + 20
+    try:
+        with (
+            pytest.raises(TactemuError, match=r"x\.jsonl: cannot write the recording: No space left on device"),
+            Recorder(tmp_path / "x.jsonl") as recorder,
+        ):
+            record(os.ttyname(far), recorder, clock=RealClock(), stop=stop)
+    finally:
+        os.close(port)
+        os.close(far)
 
 
 def test_a_source_that_is_not_there(tmp_path):

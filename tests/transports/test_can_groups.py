@@ -3,10 +3,13 @@
 import time
 
 import can
+import pytest
 
 from firmware_protocols import CanFrame
 from tactemu.transports import create
 from tactemu.transports.transport import Received
+
+pytestmark = pytest.mark.realtime
 
 
 def test_a_node_hears_its_own_group_only():

@@ -1,6 +1,6 @@
 """Clients that write without pause: each look at a port is short, and what is not read holds the client up.
 
-With a real emulator and client (``tactemu run`` and a process each) on an idle machine: ``pytest -m realtime``.
+With a real emulator and client (``tactemu run`` and a process each) on an idle machine: ``pytest -m idle``.
 """
 
 import contextlib
@@ -218,7 +218,7 @@ class Flood:
         self.process.stdout.close()
 
 
-@pytest.mark.realtime
+@pytest.mark.idle
 @pytest.mark.parametrize("case", CASES)
 def test_a_flood_takes_neither_memory_nor_samples_nor_signals(case, tmp_path):
     device, port, code = CASES[case]

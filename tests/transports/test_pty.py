@@ -16,6 +16,8 @@ from tactemu.errors import TransportError
 from tactemu.transports import create
 from tactemu.transports.transport import DROPPED, RAISED, Closed, Opened, Received, SerialSetting, SettingChanged
 
+pytestmark = pytest.mark.realtime
+
 ROOT = Path(__file__).parents[2]
 
 
@@ -117,6 +119,7 @@ EXCLUSIVE = """
 import fcntl, os, sys, termios
 from tactemu.transports import create
 from tactemu.transports.transport import DROPPED, RAISED, Closed, Opened
+
 with create(sys.argv[1]) as port:
     for _ in range(5):
         driver = os.open(port.address, os.O_RDWR | os.O_NOCTTY)

@@ -9,7 +9,7 @@ import can
 import numpy as np
 import pytest
 
-from firmware_protocols import CanFrame, Can
+from firmware_protocols import Can, CanFrame
 from tactemu.clock import RealClock
 from tactemu.errors import TransportError
 from tactemu.transports import create

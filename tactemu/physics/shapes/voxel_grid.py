@@ -39,14 +39,18 @@ class VoxelGrid(Shape):
 
     def __post_init__(self):
         shape = np.shape(self.values)
+        if np.asarray(self.values).dtype.kind not in "iuf":
+            raise SceneError(f"VoxelGrid: values must be numbers, got an array of {np.asarray(self.values).dtype}")
         if len(shape) != 3 or min(shape) < 2:
             raise SceneError(f"VoxelGrid: values must have shape (nx, ny, nz), each >= 2, got {shape}")
         if not np.isfinite(self.values).all():
             raise SceneError("VoxelGrid: values must be finite; replace unknown distances by a large number")
         if self.gradients is not None and np.shape(self.gradients) != (*shape, 3):
             raise SceneError(f"VoxelGrid: gradients must have shape {(*shape, 3)}, got {np.shape(self.gradients)}")
-        cell = np.broadcast_to(np.asarray(self.cell, float), (3,))
-        if not (np.isfinite(cell).all() and (cell > 0).all()):
+        if np.shape(self.origin) != (3,) or not np.isfinite(np.asarray(self.origin, float)).all():
+            raise SceneError(f"VoxelGrid: origin must be 3 finite numbers [m], got {self.origin!r}")
+        cell = np.asarray(self.cell, float)
+        if cell.shape not in ((), (3,)) or not (np.isfinite(cell).all() and (cell > 0).all()):
             raise SceneError(f"VoxelGrid: cell must be > 0 m, got {self.cell!r}")
 
     def row(self, name: str, device) -> Row:
@@ -84,10 +88,7 @@ class VoxelGrid(Shape):
             raise SceneError(
                 f"path: {path} lacks {', '.join(sorted(missing))}; it has {', '.join(arrays) or 'nothing'}"
             )
-        cell = np.broadcast_to(arrays["cell"], 3) if arrays["cell"].size in (1, 3) else (np.nan,) * 3
-        return cls(
-            values=arrays["values"], origin=arrays["origin"], cell=tuple(cell), gradients=arrays.get("gradients")
-        )
+        return cls(**{key: arrays.get(key) for key in ("values", "origin", "cell", "gradients")})
 
     def _bound(self) -> float:
         """Radius of a ball around the origin that holds the solid [m]; endless if the border cuts the solid off."""

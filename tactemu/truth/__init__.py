@@ -1,0 +1,25 @@
+"""The truth log: for every sample and frame, what was felt, what was read, what was sent and what was injected.
+
+:class:`Truth` keeps the latest in memory and, if asked, writes everything to a file, in one of two formats by its
+suffix: ``.mcap``, robotics' own container, or ``.jsonl``, a JSON object a line (``docs/truth-log.md``). Recordings have
+the same two.
+"""
+
+from tactemu.truth.entries import Entry, Injection, Passage, PortEvent, Sample
+from tactemu.truth.reading import Log, Samples, SkinLog, entries, read, read_log
+from tactemu.truth.truth import Truth
+
+__all__ = [
+    "Entry",
+    "Injection",
+    "Log",
+    "Passage",
+    "PortEvent",
+    "Sample",
+    "Samples",
+    "SkinLog",
+    "Truth",
+    "entries",
+    "read",
+    "read_log",
+]

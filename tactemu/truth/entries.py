@@ -1,0 +1,125 @@
+"""What a truth log consists of: samples, frames, injected faults and events of the port, in the order they happened.
+
+``t_ns`` is emulation time in integer nanoseconds, ``device`` the name of the skin in the scene; what arrives on a bus
+that several skins share, or befalls it, has all their names (``left+right``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple, Protocol
+
+import numpy as np
+
+from firmware_protocols import Frame
+
+VERSION = 1
+"""Of the log's format, in both encodings."""
+LARGEST_TIME = 2**63 - 1
+"""Times are integers of 64 bits [ns]."""
+
+Direction = Literal["tx", "rx", "drop"]
+
+
+@dataclass(slots=True, eq=False)
+class Sample:
+    """One sample of one device. Arrays in layout order, read-only."""
+
+    t_ns: int
+    device: str
+    ideal: np.ndarray
+    """Reading without imperfections of values, SI, shape ``(n_taxels[, 3])``."""
+    measured: np.ndarray
+    """Reading with them, same shape."""
+    counts: np.ndarray
+    """What a perfect driver decodes from the frames."""
+    number: int = 0
+    """Which sample of this device it is, from 0; the senses that were converted together have one number."""
+    sense: str = ""
+    """Which of the device's senses it is of, where the device names them."""
+
+
+class Passage(NamedTuple):
+    """A frame on its way: ``tx`` left for the driver, ``rx`` arrived from it, ``drop`` never left."""
+
+    t_ns: int
+    device: str
+    kind: Direction
+    frame: Frame
+    sample: int | None = None
+    """Number of the sample that it carries; ``None``: of none, or nobody said."""
+    why: str = ""
+    """Why it never left."""
+
+
+class Injection(NamedTuple):
+    """A fault of values, time or bytes that was injected."""
+
+    t_ns: int
+    device: str
+    what: str
+    detail: str = ""
+    before: str = ""
+    """What it befell, a frame as text or a value; empty: nothing that could be named."""
+    after: tuple[str, ...] = ()
+    """What became of it; a frame may become none, or two."""
+
+
+class PortEvent(NamedTuple):
+    """``opened``, ``closed``, ``baud 9600`` ..."""
+
+    t_ns: int
+    device: str
+    what: str
+
+
+class Header(NamedTuple):
+    """How a log begins."""
+
+    origin_ns: int | None = None
+    """The machine's monotonic clock at ``t_ns = 0``; ``None``: time was virtual, or nobody said."""
+    version: int = VERSION
+
+
+class End(NamedTuple):
+    """How a log ends that lost entries."""
+
+    lost: int
+
+
+Entry = Sample | Passage | Injection | PortEvent
+
+
+class Sink(Protocol):
+    """A file that a format writes to."""
+
+    def write(self, data: bytes) -> int:
+        """Write all of it."""
+        ...
+
+    def tell(self) -> int:
+        """Bytes written."""
+        ...
+
+    def flush(self) -> None:
+        """Hand over what waits."""
+        ...
+
+
+def checked_header(version: Any, origin_ns: Any) -> Header:
+    """The head of a log, if this program can read what follows.
+
+    Raises:
+        ValueError: it cannot.
+    """
+    if not _is_integer(version) or version < 1:
+        raise ValueError(f"version: expected a number from 1, got {version!r:.60}")
+    if version > VERSION:
+        raise ValueError(f"the log has version {version}, this tactemu reads up to {VERSION}: update it")
+    if origin_ns is not None and not (_is_integer(origin_ns) and abs(origin_ns) <= LARGEST_TIME):
+        raise ValueError(f"origin_ns: expected an integer of 64 bits, got {origin_ns!r:.60}")
+    return Header(origin_ns, version)
+
+
+def _is_integer(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)

@@ -1,0 +1,209 @@
+"""``.jsonl``: a truth log as one JSON object a line, for a look with ``grep`` and for programs without a reader.
+
+Numbers are the shortest decimals that read back to the same float, which costs about a microsecond each.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator
+from typing import IO, Any
+
+import numpy as np
+
+from tactemu import frame_text
+from tactemu.truth.entries import (
+    LARGEST_TIME,
+    End,
+    Entry,
+    Header,
+    Injection,
+    Passage,
+    PortEvent,
+    Sample,
+    Sink,
+    checked_header,
+)
+
+_NUMBERS_AT_ONCE = 128
+"""Numbers that are turned into text before the interpreter is offered to others."""
+_BLOCK = 1 << 16
+"""Bytes of lines that are written together."""
+_LONGEST_LINE = 1 << 28
+
+
+class LinesWriter:
+    """Writes entries as lines to a file that is open for binary writing."""
+
+    def __init__(self, file: Sink):
+        self._file = file
+        self._parts: list[str] = []
+        self._size = 0
+
+    @property
+    def saved(self) -> bool:
+        """Whether everything is in the file."""
+        return not self._parts
+
+    def begin(self, header: Header) -> None:
+        """Write the first line."""
+        self._line({"kind": "log", "version": header.version, "origin_ns": header.origin_ns})
+
+    def add(self, entry: Entry) -> Iterator[None]:
+        """Write an entry; yields now and then, so that a large one can be written in slices of time."""
+        row = row_of(entry)
+        arrays = [name for name, value in row.items() if isinstance(value, np.ndarray)]
+        head = json.dumps({name: value for name, value in row.items() if name not in arrays}, separators=(",", ":"))
+        self._put(head[:-1])
+        for name in arrays:
+            self._put(f',"{name}":')
+            for part in _array(row[name]):
+                self._put(part)
+                yield
+        self._put("}\n")
+        if self._size > _BLOCK:
+            self.flush()
+
+    def flush(self) -> None:
+        """Hand everything over to the file."""
+        block = "".join(self._parts).encode()
+        self._parts, self._size = [], 0
+        self._file.write(block)
+
+    def finish(self, end: End) -> None:
+        """Write what is left."""
+        if end.lost:
+            self._line({"kind": "end", "lost": end.lost})
+        self.flush()
+
+    def _line(self, row: dict[str, Any]) -> None:
+        self._put(json.dumps(row, separators=(",", ":")) + "\n")
+
+    def _put(self, part: str) -> None:
+        self._parts.append(part)
+        self._size += len(part)
+
+
+def row_of(entry: Entry) -> dict[str, Any]:
+    """An entry as the object of its line; arrays stay arrays, frames are text, what is not known is left out."""
+    row: dict[str, Any] = {"t_ns": entry.t_ns, "device": entry.device}
+    if isinstance(entry, Sample):
+        row |= {"kind": "sample", "sample": entry.number} | ({"sense": entry.sense} if entry.sense else {})
+        return row | {"ideal": entry.ideal, "measured": entry.measured, "counts": entry.counts}
+    if isinstance(entry, Passage):
+        row |= {"kind": entry.kind, "data": frame_text.text(entry.frame)}
+        row |= {} if entry.sample is None else {"sample": entry.sample}
+        return row | ({"why": entry.why} if entry.kind == "drop" else {})
+    if isinstance(entry, Injection):
+        row |= {"kind": "inject", "what": entry.what, "detail": entry.detail}
+        return row | ({"before": entry.before, "after": list(entry.after)} if entry.before or entry.after else {})
+    return row | {"kind": "event", "what": entry.what}
+
+
+def _array(values: np.ndarray) -> Iterator[str]:
+    """An array as JSON, in pieces."""
+    if values.ndim == 0:
+        yield json.dumps(_plain(values.reshape(1))[0])
+        return
+    rows = max(1, _NUMBERS_AT_ONCE // max(1, values[:1].size))
+    yield "["
+    for start in range(0, len(values), rows):
+        yield ("," if start else "") + json.dumps(_plain(values[start : start + rows]), separators=(",", ":"))[1:-1]
+    yield "]"
+
+
+def _plain(values: np.ndarray) -> list:
+    """Arrays as lists. Float32 goes through its shortest decimal, so that reading it back gives the same bits."""
+    if values.dtype != np.float32:
+        return values.tolist()
+    return [float(str(x)) for x in values] if values.ndim == 1 else [_plain(row) for row in values]
+
+
+# -- reading -------------------------------------------------------------------------------------------------------
+
+
+def read(file: IO[bytes]) -> Iterator[Header | Entry | End]:
+    """The entries of a file of lines. A last line that was cut off is left out.
+
+    Raises:
+        ValueError: a line is no entry of a log; names the line.
+    """
+    number = 0
+    while line := file.readline(_LONGEST_LINE):
+        number += 1
+        whole = line.endswith(b"\n")
+        try:
+            entry = _entry(json.loads(line), first=number == 1)
+        except RecursionError:
+            raise ValueError(f"line {number}: nested too deeply") from None
+        except (ValueError, OverflowError) as error:
+            if not whole and number > 1 and len(line) < _LONGEST_LINE:
+                return
+            raise ValueError(f"line {number}: {error}") from None
+        yield entry
+
+
+def _entry(row: Any, *, first: bool) -> Header | Entry | End:
+    """The entry of one line's object.
+
+    Raises:
+        ValueError: it is none.
+    """
+    if not isinstance(row, dict):
+        raise ValueError(f"expected an object, got {_short(row)}")
+    kind = row.get("kind")
+    if kind == "log" and first:
+        return checked_header(row.get("version"), row.get("origin_ns"))
+    if kind == "end":
+        return End(_number(row, "lost"))
+    t_ns, device = _number(row, "t_ns"), _text(row, "device", "")
+    if kind == "sample":
+        arrays = [_numbers(row, name) for name in ("ideal", "measured", "counts")]
+        return Sample(t_ns, device, *arrays, _number(row, "sample", 0), _text(row, "sense", ""))
+    if kind in ("tx", "rx", "drop"):
+        frame = frame_text.parse(_text(row, "data"))
+        sample = _number(row, "sample") if "sample" in row else None
+        return Passage(t_ns, device, kind, frame, sample, _text(row, "why", ""))
+    if kind == "inject":
+        after = row.get("after", [])
+        if not isinstance(after, list) or not all(isinstance(each, str) for each in after):
+            raise ValueError(f"after: expected a list of texts, got {_short(after)}")
+        return Injection(
+            t_ns, device, _text(row, "what"), _text(row, "detail", ""), _text(row, "before", ""), tuple(after)
+        )
+    if kind == "event":
+        return PortEvent(t_ns, device, _text(row, "what"))
+    raise ValueError(f"kind: expected sample, tx, rx, drop, inject or event, got {_short(kind)}")
+
+
+def _number(row: dict[str, Any], name: str, default: int | None = None) -> int:
+    value = row.get(name, default)
+    if not isinstance(value, int) or isinstance(value, bool) or abs(value) > LARGEST_TIME:
+        raise ValueError(f"{name}: expected an integer of 64 bits, got {_short(value)}")
+    return value
+
+
+def _text(row: dict[str, Any], name: str, default: str | None = None) -> str:
+    value = row.get(name, default)
+    if not isinstance(value, str):
+        raise ValueError(f"{name}: expected a text, got {_short(value)}")
+    return value
+
+
+def _numbers(row: dict[str, Any], name: str) -> np.ndarray:
+    """An array of numbers.
+
+    Raises:
+        ValueError: ragged, nested too deeply, or not numbers.
+    """
+    values = row.get(name)
+    array = np.array(values) if isinstance(values, Iterable) and not isinstance(values, str | dict) else None
+    if array is None or array.dtype.kind not in "biuf":
+        raise ValueError(f"{name}: expected lists of numbers, got {_short(values)}")
+    return array
+
+
+def _short(value: Any) -> str:
+    """A value for a message, cut to a readable length."""
+    said = "nothing" if value is None else str(value) if isinstance(value, int) else repr(value)
+    return said if len(said) <= 60 else said[:57] + "..."

@@ -1,0 +1,111 @@
+"""The latest samples and frames, in memory and bounded in bytes."""
+
+from __future__ import annotations
+
+import re
+import threading
+import weakref
+from collections import deque
+
+from firmware_protocols import CanFrame, Frame
+from tactemu.errors import TactemuError
+from tactemu.truth.entries import Sample
+
+DEFAULT_KEEP = "256MB"
+"""What all runs of a process that are not told otherwise keep together."""
+_OBJECTS_OF_SAMPLE, _OBJECTS_OF_FRAME = 800, 250
+"""What Python needs for the objects around the numbers, roughly [bytes]."""
+_AT_ONCE = 1 << 15
+"""Bytes that are let go together, so that not every entry pays for the looking."""
+_UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "ki": 2**10, "mi": 2**20, "gi": 2**30}
+_SIZE = re.compile(r"\s*(\d+(?:\.\d*)?)\s*([kmg]i?)?b?\s*", re.IGNORECASE)
+
+
+def parse_size(size: str | int) -> int:
+    """``"256MB"``, ``"1.5 GB"``, ``"64MiB"`` or a number, in bytes.
+
+    Raises:
+        TactemuError: it is none.
+    """
+    match = _SIZE.fullmatch(str(size)) if isinstance(size, str | int) and not isinstance(size, bool) else None
+    if match is None:
+        raise TactemuError(f'keep: expected a size such as "256MB" or a number of bytes, got {size!r}')
+    return int(float(match[1]) * _UNITS[(match[2] or "").lower()])
+
+
+class Budget:
+    """Bytes that several memories share. When they are spent, the one that has most lets its oldest go."""
+
+    def __init__(self, limit: int):
+        self.limit = limit
+        self.lock = threading.Lock()
+        self.spent = 0
+        """At most this; memories that are gone are taken off when it reaches the limit."""
+        self.memories: weakref.WeakSet[Memory] = weakref.WeakSet()
+
+    def spend(self, size: int) -> None:
+        """Take ``size`` bytes; the caller holds the lock."""
+        self.spent += size
+        if self.spent <= self.limit:
+            return
+        self.spent = sum(memory.bytes for memory in self.memories)
+        while self.spent > self.limit:
+            most = max(self.memories, key=lambda memory: memory.bytes)
+            goal = most.bytes - min(most.bytes, max(self.spent - self.limit, _AT_ONCE))
+            while most.bytes > goal:
+                self.spent -= most.forget_oldest()
+
+
+class Memory:
+    """What one run keeps.
+
+    Args:
+        keep: bytes, as a number or as text; ``None``: a share of what the process keeps.
+    """
+
+    def __init__(self, keep: str | int | None = None):
+        self.budget = _PROCESS if keep is None else Budget(parse_size(keep))
+        self.samples: deque[Sample] = deque()
+        self.frames: deque[tuple[int, str, Frame]] = deque()
+        self.bytes = 0
+        self.forgotten = 0
+        with self.budget.lock:
+            self.budget.memories.add(self)
+
+    def add_sample(self, sample: Sample) -> None:
+        """Keep a sample."""
+        self._add(self.samples, sample, size_of_sample(sample))
+
+    def add_frame(self, t_ns: int, device: str, frame: Frame) -> None:
+        """Keep a frame."""
+        self._add(self.frames, (t_ns, device, frame), size_of_frame(frame))
+
+    def _add(self, entries: deque, entry: object, size: int) -> None:
+        with self.budget.lock:
+            entries.append(entry)
+            self.bytes += size
+            self.budget.spend(size)
+
+    def forget_oldest(self) -> int:
+        """Let the oldest entry go; the bytes that it had. The caller holds the budget's lock."""
+        samples, frames = self.samples, self.frames
+        if samples and (not frames or samples[0].t_ns <= frames[0][0]):
+            size = size_of_sample(samples.popleft())
+        else:
+            size = size_of_frame(frames.popleft()[2])
+        self.bytes -= size
+        self.forgotten += 1
+        return size
+
+
+def size_of_sample(sample: Sample) -> int:
+    """Bytes of a sample in memory, roughly."""
+    return _OBJECTS_OF_SAMPLE + sample.ideal.nbytes + sample.measured.nbytes + sample.counts.nbytes
+
+
+def size_of_frame(frame: Frame) -> int:
+    """Bytes of a frame in memory, roughly."""
+    return _OBJECTS_OF_FRAME + len(frame.data if isinstance(frame, CanFrame) else frame)
+
+
+_PROCESS = Budget(parse_size(DEFAULT_KEEP))

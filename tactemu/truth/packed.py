@@ -1,0 +1,151 @@
+"""``.mcap``: a truth log in robotics' own container (https://mcap.dev), one message of packed arrays a sample.
+
+Messages are ROS 2's, so that Foxglove, PlotJuggler and ``mcap-ros2-support`` show them. Every skin has a topic per kind
+(``/thumb/sample/force``, ``/thumb/tx`` ...); the time of a message is emulation time. Chunks are compressed with LZ4,
+and a file that was cut off reads up to its last whole chunk.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import struct
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import IO, Any
+
+from tactemu.truth.entries import End, Entry, Header, Sample, Sink, checked_header
+from tactemu.truth.messages import Decoder, Message, message_of, metadata_of
+
+_CHUNK_BYTES = 1 << 18
+"""Before compression. Small, since a chunk is put together without a break."""
+_LARGEST_CHUNK = 1 << 28
+_HEAD, _END = "tactemu", "tactemu end"
+"""Names of our metadata records."""
+
+
+class PackedWriter:
+    """Writes entries as messages to a file that is open for binary writing."""
+
+    def __init__(self, file: Sink):
+        from mcap.writer import CompressionType, Writer
+
+        self._file = file
+        self._writer = Writer(file, chunk_size=_CHUNK_BYTES, compression=CompressionType.LZ4)  # type: ignore[arg-type]
+        self._channels: dict[tuple, int] = {}
+        self._schemas: dict[str, int] = {}
+        self.saved = True
+        """Whether everything is in the file."""
+
+    def begin(self, header: Header) -> None:
+        """Write the head of the file."""
+        self._writer.start(library="tactemu")
+        origin = {} if header.origin_ns is None else {"origin_ns": str(header.origin_ns)}
+        self._writer.add_metadata(_HEAD, {"version": str(header.version)} | origin)
+
+    def add(self, entry: Entry) -> Iterator[None]:
+        """Write an entry; yields now and then, so that a large one can be written in slices of time."""
+        kind, message, fixed, variable = message_of(entry)
+        yield
+        key: tuple = (entry.device, kind)
+        if isinstance(entry, Sample):
+            key += (entry.sense, message.name, entry.ideal.shape, entry.counts.shape)
+        channel = self._channels.get(key)
+        if channel is None:
+            channel = self._channels[key] = self._channel(message, metadata_of(entry, kind))
+        data = message.encode(fixed, variable)
+        yield
+        time = max(entry.t_ns, 0)  # the container has no negative times; the message has it as it is
+        before = self._file.tell()
+        self._writer.add_message(channel, time, data, time)
+        self.saved = self._file.tell() != before
+
+    def _channel(self, message: Message, metadata: dict[str, str]) -> int:
+        if message.name not in self._schemas:
+            definition = message.definition.encode()
+            self._schemas[message.name] = self._writer.register_schema(message.name, "ros2msg", definition)
+        topic = "/".join(("", *(metadata[name] for name in ("device", "kind", "sense") if name in metadata)))
+        return self._writer.register_channel(topic, "cdr", self._schemas[message.name], metadata)
+
+    def flush(self) -> None:
+        """Finish the chunk."""
+        self._writer.flush()
+
+    def finish(self, end: End) -> None:
+        """Finish the chunk, and write the index."""
+        if end.lost:
+            self._writer.flush()
+            self._writer.add_metadata(_END, {"lost": str(end.lost)})
+        self._writer.finish()
+
+
+def read(file: IO[bytes]) -> Iterator[Header | Entry | End]:
+    """The entries of a file of messages; those of a file that was cut off, up to its last whole chunk.
+
+    Raises:
+        ValueError: it is no truth log, or damaged before its end.
+    """
+    if not os.fstat(file.fileno()).st_size:
+        raise ValueError("the file is empty")
+    with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        yield from _entries(content)
+
+
+def _entries(content: mmap.mmap) -> Iterator[Header | Entry | End]:
+    from mcap.exceptions import McapError
+    from mcap.records import Channel, Chunk, Metadata, Schema
+    from mcap.records import Message as Record
+    from mcap.stream_reader import StreamReader
+
+    decoders: dict[int, Decoder] = {}
+    definitions: dict[int, str] = {}
+    known = False
+    try:  # a stream of a memory map reads no more than there is, whatever length a record claims
+        for record in StreamReader(content, emit_chunks=True, record_size_limit=len(content)).records:  # type: ignore[arg-type]
+            if isinstance(record, Metadata) and record.name == _HEAD:
+                yield _header(record.metadata)
+                known = True
+            elif isinstance(record, Metadata) and record.name == _END:
+                yield End(int(record.metadata["lost"]))
+            elif isinstance(record, Chunk) and known:
+                for each in _unpacked(record):
+                    if isinstance(each, Schema):
+                        definitions[each.id] = str(each.data, "utf-8")
+                    elif isinstance(each, Channel):
+                        decoders[each.id] = Decoder(each.metadata, definitions[each.schema_id])
+                    elif isinstance(each, Record):
+                        yield decoders[each.channel_id](each.data)
+    except (McapError, struct.error, ValueError, RuntimeError, LookupError, TypeError, ArithmeticError) as error:
+        if not known:
+            raise ValueError(str(error) or "cut off before it begins") from None
+        if content.read(1):
+            raise ValueError(f"damaged before byte {content.tell()}: {error!r}") from None
+        return  # cut off
+    if not known:
+        raise ValueError("an MCAP file, but no truth log of tactemu")
+
+
+def _unpacked(chunk: Any) -> list:
+    """The records of a chunk, whose size is bounded whatever it says.
+
+    Raises:
+        ValueError, RuntimeError: it is damaged.
+    """
+    from lz4.frame import LZ4FrameDecompressor
+    from mcap.stream_reader import breakup_chunk
+
+    if chunk.uncompressed_size > _LARGEST_CHUNK:
+        raise ValueError(f"a chunk of {chunk.uncompressed_size} bytes")
+    if chunk.compression == "lz4":
+        data = LZ4FrameDecompressor().decompress(chunk.data, max_length=chunk.uncompressed_size)
+        chunk = replace(chunk, compression="", data=data)
+    elif chunk.compression:
+        raise ValueError(f"compression {chunk.compression!r}; truth logs have lz4")
+    if len(chunk.data) != chunk.uncompressed_size:
+        raise ValueError("a chunk is shorter than it says")
+    return breakup_chunk(chunk, validate_crc=True)
+
+
+def _header(metadata: dict[str, str]) -> Header:
+    origin = metadata.get("origin_ns")
+    return checked_header(int(metadata.get("version", "0")), None if origin is None else int(origin))

@@ -1,0 +1,155 @@
+"""Truth logs read back: entry by entry, or as arrays per skin."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactemu.errors import TactemuError
+from tactemu.truth import lines, packed
+from tactemu.truth.entries import End, Entry, Header, Injection, Passage, PortEvent, Sample
+from tactemu.truth.writer import check_suffix
+
+
+def entries(path: str | Path) -> Iterator[Entry]:
+    """The entries of a log, in order. A file that was cut off gives those that are whole.
+
+    Raises:
+        TactemuError: no such file, or no log; the message says where it is wrong.
+    """
+    return (entry for entry in _everything(Path(path)) if not isinstance(entry, Header | End))
+
+
+def read(path: str | Path) -> Iterator[dict[str, Any]]:
+    """The entries of a log as the objects of its lines, arrays as arrays, whatever the file's format.
+
+    Raises:
+        TactemuError: as :func:`entries`.
+    """
+    return map(lines.row_of, entries(path))
+
+
+@dataclass(frozen=True)
+class Samples:
+    """The samples of one sense of one skin."""
+
+    t_ns: np.ndarray
+    """When they were taken [ns], shape ``(n_samples,)``."""
+    sample: np.ndarray
+    """Their numbers; one that is missing was lost. Shape ``(n_samples,)``."""
+    ideal: np.ndarray
+    """Readings without imperfections of values, SI, shape ``(n_samples, n_taxels[, 3])``."""
+    measured: np.ndarray
+    """Readings with them, same shape."""
+    counts: np.ndarray
+    """What a perfect driver decodes, shape ``(n_samples, ...)``."""
+
+
+@dataclass(frozen=True)
+class SkinLog(Samples):
+    """What a log says of one skin, or of the bus that several share (``left+right``).
+
+    Its own arrays are those of the first of its senses.
+    """
+
+    senses: dict[str, Samples]
+    """By the senses' names; one without a name is ``""``."""
+    frames: list[Passage]
+    """Frames to the driver, from it, and those that never left, with the number of the sample that they carry."""
+    injects: list[Injection]
+    events: list[PortEvent]
+
+
+@dataclass(frozen=True)
+class Log(Mapping[str, SkinLog]):
+    """A whole log: ``log["thumb"].measured``."""
+
+    skins: dict[str, SkinLog]
+    origin_ns: int | None = None
+    """The machine's monotonic clock (``time.monotonic_ns()``) at ``t_ns = 0``; ``None`` where time was virtual."""
+    lost: int = 0
+    """Entries that could not be written."""
+
+    def __getitem__(self, device: str) -> SkinLog:
+        """The part of one skin.
+
+        Raises:
+            KeyError: there is none; names those that there are.
+        """
+        if device not in self.skins:
+            raise KeyError(f"no {device!r} in this log; it has: {', '.join(self.skins) or 'nothing'}")
+        return self.skins[device]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.skins)
+
+    def __len__(self) -> int:
+        return len(self.skins)
+
+
+def read_log(path: str | Path) -> Log:
+    """A truth log (``.mcap`` or ``.jsonl``) as arrays per skin.
+
+    Raises:
+        TactemuError: no such file, or no log; the message says where it is wrong.
+    """
+    found: dict[str, dict[type, list]] = {}
+    origin_ns, lost = None, 0
+    for entry in _everything(Path(path)):
+        if isinstance(entry, Header):
+            origin_ns = entry.origin_ns
+        elif isinstance(entry, End):
+            lost = entry.lost
+        else:
+            kinds = found.setdefault(entry.device, {Sample: [], Passage: [], Injection: [], PortEvent: []})
+            kinds[type(entry)].append(entry)
+    return Log({device: _skin(kinds) for device, kinds in found.items()}, origin_ns, lost)
+
+
+def _skin(entries_by_kind: dict[type, list]) -> SkinLog:
+    by_sense: dict[str, list[Sample]] = {}
+    for each in entries_by_kind.pop(Sample):
+        by_sense.setdefault(each.sense, []).append(each)
+    senses = {sense: _samples(those) for sense, those in by_sense.items()}
+    first = next(iter(senses.values()), _samples([]))
+    return SkinLog(
+        **vars(first),
+        senses=senses,
+        frames=entries_by_kind[Passage],
+        injects=entries_by_kind[Injection],
+        events=entries_by_kind[PortEvent],
+    )
+
+
+def _samples(samples: list[Sample]) -> Samples:
+    return Samples(
+        np.array([each.t_ns for each in samples], np.int64),
+        np.array([each.number for each in samples], np.int64),
+        _stacked([each.ideal for each in samples]),
+        _stacked([each.measured for each in samples]),
+        _stacked([each.counts for each in samples]),
+    )
+
+
+def _stacked(values: list[np.ndarray]) -> np.ndarray:
+    """One array of all; of objects where a device changed its shape while it ran."""
+    if len({each.shape for each in values}) <= 1:
+        return np.stack(values) if values else np.zeros(0)
+    stacked = np.empty(len(values), object)
+    stacked[:] = values
+    return stacked
+
+
+def _everything(path: Path) -> Iterable[Header | Entry | End]:
+    check_suffix(path)
+    try:
+        with path.open("rb") as file:
+            yield from (lines if path.suffix == ".jsonl" else packed).read(file)
+    except OSError as error:
+        raise TactemuError(f"{path}: cannot read the truth log: {error.strerror}") from None
+    except ValueError as error:
+        raise TactemuError(f"{path}: not a truth log: {error}") from None

@@ -1,0 +1,211 @@
+"""What really happened, as the loop tells it: kept in memory, and handed to a file's writer."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from firmware_protocols import Frame
+from tactemu.frame_text import text
+from tactemu.truth.entries import Entry, Header, Injection, Passage, PortEvent, Sample
+from tactemu.truth.memory import Memory, size_of_frame, size_of_sample
+from tactemu.truth.writer import LogWriter, check_overwriting
+
+_SMALL = 300
+"""Bytes that an entry without numbers is taken to have."""
+
+
+class Truth:
+    """What really happened: the latest of it in memory, and all of it in a file, if one is named.
+
+    ``injected`` counts every fault by name, so that a test can write
+    ``assert driver.bad_frames == truth.injected["flip"]``.
+
+    Args:
+        path: file for everything, ``.mcap`` or ``.jsonl``. An older log there is overwritten.
+        keep: bytes of samples and frames to keep in memory, ``"64MB"`` or a number. Default: 256 MB a process, which
+            all that have the default share.
+        reads: files that the run itself reads, and that must not be overwritten.
+
+    Raises:
+        TactemuError: a size that is none, a suffix that is no format, or a file that must not be overwritten.
+        OSError: the file cannot be written.
+    """
+
+    def __init__(
+        self, path: str | Path | None = None, *, keep: str | int | None = None, reads: Iterable[str | Path] = ()
+    ):
+        self._memory = Memory(keep)
+        if path is not None:
+            check_overwriting(Path(path), map(Path, reads))
+        self._writer = LogWriter(path) if path is not None else None
+        self._latest: dict[str, dict[str, Sample]] = {}
+        self._latest_frames: dict[str, Frame] = {}
+        self._numbers: dict[str, int] = {}
+        self.injected: Counter[str] = Counter()
+        """Injected faults by name."""
+        self.injected_by_device: dict[str, Counter[str]] = {}
+        """The same apart for every skin, or bus that several share (``left+right``)."""
+        self.counts: Counter[str] = Counter()
+        """Entries by kind."""
+        self.origin_ns: int | None = None
+        """The machine's monotonic clock at ``t_ns = 0``, where the run follows it; set it before the first entry."""
+
+    # -- what is kept --------------------------------------------------------------------------------------------------
+
+    @property
+    def samples(self) -> deque[Sample]:
+        """The latest samples, oldest first."""
+        return self._memory.samples
+
+    @property
+    def frames(self) -> deque[tuple[int, str, Frame]]:
+        """``(t_ns, device, frame)`` of the latest frames that left for the driver, oldest first."""
+        return self._memory.frames
+
+    @property
+    def forgotten(self) -> int:
+        """Samples and frames that memory has let go."""
+        return self._memory.forgotten
+
+    @property
+    def lost(self) -> int:
+        """Entries that the file lacks: the disk was full, or too slow."""
+        return self._writer.lost if self._writer else 0
+
+    def latest(self, device: str, sense: str | None = None) -> Sample | None:
+        """The latest sample of one device; of several senses, that of the one named, or of the one that came first."""
+        senses = self._latest.get(device, {})
+        return senses.get(sense) if sense is not None else next(iter(senses.values()), None)
+
+    def latest_frame(self, device: str) -> Frame | None:
+        """The latest frame of one device that left for the driver."""
+        return self._latest_frames.get(device)
+
+    def injected_at(self, device: str) -> Counter[str]:
+        """Faults by name that befell one skin, or the bus that it is on."""
+        found: Counter[str] = Counter()
+        for name, counts in self.injected_by_device.items():
+            if name == device or device in name.split("+"):
+                found += counts
+        return found
+
+    # -- what the loop tells -------------------------------------------------------------------------------------------
+
+    def sample(
+        self,
+        t_ns: int,
+        device: str,
+        ideal: np.ndarray,
+        measured: np.ndarray,
+        counts: np.ndarray,
+        *,
+        number: int | None = None,
+        sense: str = "",
+    ) -> int:
+        """One sample; the arrays are copied, so that the caller may reuse them.
+
+        Args:
+            t_ns: when it was taken.
+            device: name of the skin.
+            ideal: reading without imperfections of values, SI, shape ``(n_taxels[, 3])``.
+            measured: reading with them, same shape.
+            counts: what a perfect driver decodes.
+            number: its number; default: one more than the device's last, from 0. Returned, for frames that carry it.
+            sense: which of the device's senses it is of.
+        """
+        self.counts["sample"] += 1
+        number = self._numbers.get(device, 0) if number is None else number
+        self._numbers[device] = number + 1
+        entry = Sample(t_ns, device, *_copied(ideal, measured, np.asarray(counts)), number, sense)
+        self._latest.setdefault(device, {})[sense] = entry
+        self._memory.add_sample(entry)
+        if self._writer:
+            self._log(entry, size_of_sample(entry))
+        return number
+
+    def wrote(self, t_ns: int, device: str, frame: Frame, sample: int | None = None) -> None:
+        """A frame left for the driver; ``sample`` is the number of the one that it carries, if it does."""
+        self.counts["tx"] += 1
+        self._latest_frames[device] = frame
+        self._memory.add_frame(t_ns, device, frame)
+        if self._writer:
+            self._log(Passage(t_ns, device, "tx", frame, sample), size_of_frame(frame))
+
+    def received(self, t_ns: int, device: str, frame: Frame) -> None:
+        """Something arrived from the driver."""
+        self.counts["rx"] += 1
+        if self._writer:
+            self._log(Passage(t_ns, device, "rx", frame), size_of_frame(frame))
+
+    def dropped(self, t_ns: int, device: str, frame: Frame, why: str, sample: int | None = None) -> None:
+        """A frame never left."""
+        self.counts["drop"] += 1
+        if self._writer:
+            self._log(Passage(t_ns, device, "drop", frame, sample, why), size_of_frame(frame))
+
+    def inject(
+        self,
+        t_ns: int,
+        device: str,
+        what: str,
+        detail: str = "",
+        *,
+        before: Frame | str = "",
+        after: Sequence[Frame | str] = (),
+    ) -> None:
+        """A fault was injected: ``before`` is what it befell, ``after`` what became of it, frames or values as text."""
+        self.injected[what] += 1
+        self.injected_by_device.setdefault(device, Counter())[what] += 1
+        self.counts["inject"] += 1
+        if self._writer:
+            entry = Injection(t_ns, device, what, detail, _as_text(before), tuple(map(_as_text, after)))
+            self._log(entry, _SMALL + len(entry.before) + sum(map(len, entry.after)))
+
+    def event(self, t_ns: int, device: str, what: str) -> None:
+        """The port was opened or closed, the baud rate changed ..."""
+        self.counts["event"] += 1
+        self._log(PortEvent(t_ns, device, what), _SMALL)
+
+    # -- life ----------------------------------------------------------------------------------------------------------
+
+    def begin(self, origin_ns: int | None = None, *, patient: bool = False) -> None:
+        """The run begins: the file's older content is overwritten. The first entry does it, too.
+
+        Args:
+            origin_ns: the machine's monotonic clock at ``t_ns = 0``; ``None`` where time is virtual.
+            patient: rather wait for the disk than lose an entry: where time is virtual.
+        """
+        self.origin_ns = origin_ns
+        if self._writer:
+            self._writer.patient = patient
+            if not self._writer.begun:
+                self._writer.begin(Header(origin_ns))
+
+    def close(self) -> None:
+        """Finish the file. Safe to call twice."""
+        if self._writer:
+            self._writer.close()
+
+    def _log(self, entry: Entry, size: int) -> None:
+        if self._writer:
+            if not self._writer.begun:
+                self._writer.begin(Header(self.origin_ns))
+            self._writer.put(entry, size)
+
+
+def _copied(*arrays: np.ndarray) -> list[np.ndarray]:
+    """Read-only copies that lie in one piece of memory."""
+    packed = b"".join([(values if values.flags.c_contiguous else values.copy()).data for values in arrays])
+    copies, start = [], 0
+    for values in arrays:
+        copies.append(np.ndarray(values.shape, values.dtype, packed, start))
+        start += values.nbytes
+    return copies
+
+
+def _as_text(value: Frame | str) -> str:
+    return value if isinstance(value, str) else text(value)

@@ -1,0 +1,260 @@
+"""The thread that writes a truth log, behind a loop that never waits for a disk.
+
+The loop hands entries over; the thread turns them into the file's format, compresses and writes. It works in slices of
+a fraction of a millisecond and rests between them, so that the loop gets the interpreter when its time comes. What
+waits is bounded in bytes; where the disk is too slow, or full, entries are lost and counted, and the loop goes on.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import stat
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+from tactemu.errors import TactemuError
+from tactemu.truth.entries import End, Entry, Header
+from tactemu.truth.lines import LinesWriter
+from tactemu.truth.packed import PackedWriter
+
+SUFFIXES = (".mcap", ".jsonl")
+"""Formats of a log, by the suffix of its file."""
+WAITING_BYTES = 64_000_000
+"""What may wait for the disk."""
+_LOOK_S = 0.02
+"""How often the thread looks for entries."""
+_FLUSH_S = 2.0
+"""How much time a log may lack when its process is killed."""
+_SLICE_S, _REST_S = 2e-4, 5e-5
+
+_logger = logging.getLogger(__name__)
+
+
+def check_suffix(path: Path) -> None:
+    """Refuse what is no format of a log.
+
+    Raises:
+        TactemuError: another suffix.
+    """
+    if path.suffix not in SUFFIXES:
+        raise TactemuError(f"{path}: the suffix decides the format of a log: expected .mcap or .jsonl")
+
+
+class LogWriter:
+    """One log file and its thread. Only one thread may hand over.
+
+    The file stays as it was until :meth:`begin`, and one that was made for nothing is removed by :meth:`close`.
+
+    Args:
+        path: the file; its suffix decides the format. What is there is overwritten.
+
+    Raises:
+        TactemuError: another suffix.
+        OSError: it cannot be written.
+    """
+
+    def __init__(self, path: str | Path):
+        self.path = Path(path)
+        check_suffix(self.path)
+        self.error: Exception | None = None
+        """Why nothing is written any more."""
+        self.patient = False
+        """Let the loop wait rather than lose entries: where time is virtual."""
+        self._made = not self.path.exists()
+        self._file = _File(self.path)
+        self._format: LinesWriter | PackedWriter | None = None
+        self._entries: deque[tuple[Entry, int]] = deque()
+        self._handed_over = self._taken = self._refused = 0
+        self._unsaved = self._failed = 0
+        self._closing = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._owner = os.getpid()
+
+    @property
+    def begun(self) -> bool:
+        """Whether there is something in the file."""
+        return self._thread is not None
+
+    @property
+    def lost(self) -> int:
+        """Entries that are not in the file: the disk was full, or too slow."""
+        return self._refused + self._failed
+
+    @property
+    def waiting(self) -> int:
+        """Bytes that wait for the disk."""
+        return self._handed_over - self._taken
+
+    def begin(self, header: Header) -> None:
+        """Overwrite what was there, and start."""
+        self._file.truncate()
+        self._format = LinesWriter(self._file) if self.path.suffix == ".jsonl" else PackedWriter(self._file)
+        self._attempt(lambda: self._format.begin(header))
+        self._thread = threading.Thread(target=self._work, name="tactemu-log", daemon=True)
+        self._thread.start()
+
+    def put(self, entry: Entry, size: int) -> None:
+        """Hand over an entry of about ``size`` bytes, which nobody changes any more."""
+        if self.error is not None:
+            self._refused += 1
+            return
+        if self.waiting + size > WAITING_BYTES and self.waiting:
+            if not self.patient:
+                self._lose_for_slowness(entry)
+                return
+            while self.waiting + size > WAITING_BYTES and self.waiting and self.error is None:
+                time.sleep(_REST_S)
+        self._handed_over += size
+        self._entries.append((entry, size))
+
+    def close(self) -> None:
+        """Write what waits, and finish the file. Safe to call twice; a forked child leaves its parent's log alone."""
+        if self._owner != os.getpid() or self._file.closed:
+            return
+        if self._thread is not None:
+            self._closing.set()
+            self._thread.join()
+        self._file.close()
+        if self._made and self._thread is None:
+            self.path.unlink(missing_ok=True)
+
+    def _lose_for_slowness(self, entry: Entry) -> None:
+        if not self._refused:
+            _logger.warning(
+                "%s: the disk or the format is too slow: entries are lost from %.3f s on%s",
+                self.path, entry.t_ns / 1e9, "; .mcap is faster" if self.path.suffix == ".jsonl" else "",
+            )  # fmt: skip
+        self._refused += 1
+
+    # -- in the thread -------------------------------------------------------------------------------------------------
+
+    def _work(self) -> None:
+        flushed = time.monotonic()
+        while not self._closing.wait(_LOOK_S):
+            self._attempt(self._write_waiting)
+            if self._unsaved and time.monotonic() - flushed > _FLUSH_S:
+                self._attempt(self._save)
+                flushed = time.monotonic()
+        self._attempt(self._write_waiting)
+        self._attempt(self._finish)
+
+    def _write_waiting(self) -> None:
+        assert self._format is not None
+        since = time.perf_counter()
+        while self._entries:
+            entry, size = self._entries.popleft()
+            self._unsaved += 1
+            for _ in self._format.add(entry):
+                since = self._rest(since)
+            self._taken += size
+            if self._format.saved:
+                self._mark()
+            since = self._rest(since)
+
+    def _rest(self, since: float) -> float:
+        """Let the loop have the interpreter after a slice of work. Nobody needs it when the run is over."""
+        now = time.perf_counter()
+        if now - since < _SLICE_S or self._closing.is_set():
+            return since
+        time.sleep(_REST_S)
+        return time.perf_counter()
+
+    def _save(self) -> None:
+        assert self._format is not None
+        self._format.flush()
+        self._mark()
+
+    def _mark(self) -> None:
+        self._file.mark()
+        self._unsaved = 0
+
+    def _finish(self) -> None:
+        assert self._format is not None
+        self._format.finish(End(self.lost))
+        self._unsaved = 0
+
+    def _attempt(self, step: Callable[[], Any]) -> None:
+        """Do a step of writing, unless the disk has failed; when it fails now, say so and keep what is whole."""
+        try:
+            if self.error is None:
+                step()
+        except Exception as error:
+            self.error = error
+            self._file.cut()
+            self._failed += self._unsaved
+            why = error.strerror if isinstance(error, OSError) else repr(error)
+            _logger.error("%s: cannot write the log: %s; the run goes on, what is lost is counted", self.path, why)
+        while self.error is not None and self._entries:
+            self._entries.popleft()
+            self._failed += 1
+
+
+class _File:
+    """A file without a buffer of its own, which can be cut back to where it was whole."""
+
+    def __init__(self, path: Path):
+        self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        self._at = self._whole = 0
+        self.closed = False
+
+    def write(self, data: bytes) -> int:
+        """Write all of it.
+
+        Raises:
+            OSError: it does not fit.
+        """
+        rest = memoryview(data)
+        while rest:
+            rest = rest[os.write(self._fd, rest) :]
+        self._at += len(data)
+        return len(data)
+
+    def tell(self) -> int:
+        """Bytes written."""
+        return self._at
+
+    def flush(self) -> None:
+        """Nothing waits here."""
+
+    def mark(self) -> None:
+        """What is written so far is whole."""
+        self._whole = self._at
+
+    def cut(self) -> None:
+        """Leave what is whole."""
+        with contextlib.suppress(OSError):
+            os.ftruncate(self._fd, self._whole)
+
+    def truncate(self) -> None:
+        """Empty the file; what is none (a device, a pipe) has nothing to lose."""
+        if stat.S_ISREG(os.fstat(self._fd).st_mode):
+            os.ftruncate(self._fd, 0)
+
+    def close(self) -> None:
+        """Close it. Safe to call twice."""
+        if not self.closed:
+            self.closed = True
+            os.close(self._fd)
+
+
+def check_overwriting(path: Path, reads: Iterable[Path]) -> None:
+    """Refuse to overwrite what the run reads, or what is no log.
+
+    Raises:
+        TactemuError: with what to do instead.
+    """
+    if not path.is_file():
+        return
+    for other in reads:
+        if other.exists() and path.samefile(other):
+            raise TactemuError(f"{path}: the run reads this file and cannot overwrite it; name another")
+    with path.open("rb") as file:
+        start = file.read(4096)
+    if start and not (start.startswith(b"\x89MCAP0\r\n") or (start.startswith(b"{") and b'"kind"' in start)):
+        raise TactemuError(f"{path}: is no log and is not overwritten; remove it first, or name another file")
