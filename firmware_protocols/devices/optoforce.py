@@ -80,7 +80,14 @@ ZERO, NO_ZERO = 0xFF, 0x00
 FORCE_COUNTS = (7925 / 300, 8641 / 300, 6049 / 2000)
 TORQUE_COUNTS = 1000.0
 CAPACITY = np.array([300.0, 300.0, 2000.0, 30.0, 30.0, 30.0])
-AXES = (("Fx", "x"), ("Fy", "y"), ("Fz", "z"), ("Tx", "x"), ("Ty", "y"), ("Tz", "z"))
+AXES: tuple[tuple[str, Literal["x", "y", "z"], Literal[0, 1]], ...] = (
+    ("Fx", "x", 0),
+    ("Fy", "y", 0),
+    ("Fz", "z", 1),
+    ("Tx", "x", 0),
+    ("Ty", "y", 0),
+    ("Tz", "z", 0),
+)
 PLACES = {
     "3": [(0.0, 0.0, 0.01)],
     "4x3": [(x, y, 0.01) for y in (0.01, -0.01) for x in (-0.01, 0.01)],
@@ -113,7 +120,7 @@ class OptoForce(Device):
         *,
         axes: Annotated[Literal["3", "4x3", "6"], Option("one dome, four domes, or force and torque")] = "3",
         counts_per_newton: Annotated[
-            tuple[float, float, float], Option("of Fx, Fy, Fz, as on the calibration sheet", unit="1/N")
+            tuple[float, float, float], Option("of Fx, Fy, Fz, as on the calibration sheet", unit="1/N", low=1e-6)
         ] = FORCE_COUNTS,
         serial_number: Annotated[str, Option("eight characters")] = "ISE00001",
     ):
@@ -127,8 +134,8 @@ class OptoForce(Device):
         self.scale = np.array([*counts_per_newton, *[TORQUE_COUNTS] * 3][: 6 if self.has_torque else 3])
         self.columns = tuple(
             Column(name=name, axis=axis, unit="N" if name[0] == "F" else "Nm", counts_per_unit=scale, low=-0x8000,
-                   high=0x7FFF, push=int(np.sign(scale)) if name == "Fz" else 0)
-            for (name, axis), scale in zip(AXES, self.scale.tolist())
+                   high=0x7FFF, push=push)
+            for (name, axis, push), scale in zip(AXES, self.scale.tolist())
         )  # fmt: skip
         self.serial_number = serial_number.encode("ascii").ljust(8)[:8]
         self.packets = Packets(b"", _size, _check, counters=self.counters, broken=True)

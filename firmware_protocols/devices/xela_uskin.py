@@ -77,11 +77,13 @@ class XelaUskin(Device[CanFrame]):
         by_grid = ids == "grid"
         order = np.lexsort((row, col)) if by_grid else None
         self.layout = replace(grid_layout(ROWS, COLS, PITCH, name="uskin"), wire_order=order)  # type: ignore[arg-type]
-        ids = 0x100 | row << 4 | col if by_grid else 0x700 | board << 4 | row * COLS + col
-        self.ids = self.layout.on_wire(ids).tolist()
-        self.columns = tuple(
-            Column(name=axis.upper(), axis=axis, low=0, high=0xFFFF, rest=round(field / COUNT_UT), push=push)
-            for axis, field, push in zip("xyz", REST_FIELD_UT, (0, 0, -int(np.sign(gains[2]))))
+        taxel_ids = 0x100 | row << 4 | col if by_grid else 0x700 | board << 4 | row * COLS + col
+        self.ids = self.layout.on_wire(taxel_ids).tolist()
+        rest_x, rest_y, rest_z = (round(field / COUNT_UT) for field in REST_FIELD_UT)
+        self.columns = (
+            Column(name="X", axis="x", low=0, high=0xFFFF, rest=rest_x),
+            Column(name="Y", axis="y", low=0, high=0xFFFF, rest=rest_y),
+            Column(name="Z", axis="z", low=0, high=0xFFFF, rest=rest_z, push=-1 if gains[2] > 0 else 1),
         )
         self.magnet = LinearMagnet(gain=gains, offset=REST_FIELD_UT)
         self.command_id, self.streaming = 0x200 | board, False
