@@ -84,7 +84,9 @@ def test_devices_of_other_speeds_do_not_share_a_bus(tmp_path):
         "from firmware_protocols import Can\n"
         "from firmware_protocols.devices.xela_uskin import XelaUskin\n"
         "class Slow(XelaUskin):\n"
-        "    ports = (Can(bitrate=500_000),)\n"
+        "    def __init__(self):\n"
+        "        super().__init__()\n"
+        "        self.ports = (Can(bitrate=500_000),)\n"
     )
     port = 'port = "can:virtual:x"'
     with pytest.raises(TransportError, match="put them on two buses"):

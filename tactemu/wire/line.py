@@ -8,30 +8,13 @@ from __future__ import annotations
 
 import heapq
 from collections import defaultdict
-from dataclasses import dataclass, field
 
 from firmware_protocols import Frame
 from tactemu.wire.carriers.carrier import Carrier
+from tactemu.wire.pending import Pending
 
 CATCH_UP_NS = 5_000_000
 """After a stall of its caller a line makes up for this much at most: no burst, and never more than it can carry."""
-
-
-@dataclass(order=True, slots=True)
-class Pending:
-    """A frame on its way, in the order of its lane."""
-
-    order: tuple[int, int]
-    number: int
-    frame: Frame = field(compare=False)
-    source: str = field(compare=False)
-    ready_ns: int = field(compare=False)
-    """When it may leave."""
-    duration_ns: int = field(compare=False, default=0)
-    end_ns: int = field(compare=False, default=0)
-    """When its last bit has gone; set when it wins the line."""
-    sample: int | None = field(compare=False, default=None)
-    """Number of the sample that it carries."""
 
 
 class Line:

@@ -19,7 +19,8 @@ from tactemu.truth import Truth
 from tactemu.wire.carriers import carrier_of
 from tactemu.wire.carriers.carrier import DRIVER
 from tactemu.wire.faults import Fault, Injector
-from tactemu.wire.line import Line, Pending
+from tactemu.wire.line import Line
+from tactemu.wire.pending import Pending
 
 INBOUND_AHEAD_NS = 50_000_000
 """A driver that is further ahead of its line than this is not read on: its own end holds it up, as a port's does."""
@@ -338,7 +339,7 @@ class Wire:
         for part, held_ns in self._injector.spoil(data, now_ns, self._owner, "from_driver"):
             if self.inbound.waiting_ns(DRIVER) > INBOUND_LIMIT_NS:
                 self.counters["overrun"] += 1
-            elif self.carrier.collides(self.line, now_ns):
+            elif self.carrier.collides(self.line.talks(now_ns)):
                 self.counters["collision"] += 1
             else:
                 at = self._after_held("from_driver", now_ns, held_ns)

@@ -6,6 +6,7 @@ import hashlib
 import pytest
 
 import firmware_protocols as fp
+from firmware_protocols.frames import frame_of
 from tactemu.assembly import Wishes, assemble
 from tactemu.clock import VirtualClock
 from tactemu.scene import file
@@ -40,7 +41,7 @@ def beside(data: dict, other: dict) -> dict:
 
 def digest(data: dict, name: str, seed: int = 1) -> tuple[str, int]:
     """SHA-256 and number of the frames that ``name`` sent."""
-    wishes = Wishes(seed=seed, fresh_ports=True)
+    wishes = Wishes(port="memory:", seed=seed)
     truth = Truth()
     emulator = assemble(file.check(data), wishes, truth=truth).emulator
     emulator.clock = VirtualClock()
@@ -60,7 +61,7 @@ def digest(data: dict, name: str, seed: int = 1) -> tuple[str, int]:
 def _requests(device: fp.Device) -> list:
     commands = device.commands
     chosen = [c for c in commands if c.name in STARTS[device.name]] if device.name in STARTS else commands
-    return [request for command in chosen for request in (*command.after, command.request)]
+    return [frame_of(request) for command in chosen for request in (*command.after, command.request)]
 
 
 @pytest.mark.parametrize("name", fp.names())

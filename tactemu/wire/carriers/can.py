@@ -8,7 +8,7 @@ from typing import Any
 from firmware_protocols import CanFrame, Frame
 from tactemu.wire.can_bits import frame_ns, priority
 from tactemu.wire.carriers.carrier import Carrier
-from tactemu.wire.line import Pending
+from tactemu.wire.pending import Pending
 
 MULTICAST = "can:udp_multicast:239.74.163.2"
 """python-can's own default group: a CAN bus for machines whose kernel has none."""

@@ -6,12 +6,10 @@ import itertools
 import os
 from abc import ABC, abstractmethod
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from firmware_protocols import CanFrame, Connector, Frame
-
-if TYPE_CHECKING:
-    from tactemu.wire.line import Line, Pending
+from tactemu.wire.pending import Pending
 
 DRIVER = "(driver)"
 """The driver as a node of a shared line."""
@@ -71,8 +69,8 @@ class Carrier(ABC):
         """Whether a device's connector lets a frame in; ``of_peer``: another device sent it."""
         return not of_peer
 
-    def collides(self, line: Line, now_ns: int) -> bool:
-        """Whether the driver talks into what a device says at this moment."""
+    def collides(self, talker: str) -> bool:
+        """Whether the driver talks into what ``talker`` has on the line ("" for an idle line), so that it is lost."""
         return False
 
     def echoes(self) -> bool:

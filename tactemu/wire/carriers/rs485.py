@@ -7,7 +7,6 @@ from typing import Any
 from firmware_protocols import Connector, Frame, Rs485
 from tactemu.wire.carriers.carrier import DRIVER
 from tactemu.wire.carriers.serial import SerialCarrier
-from tactemu.wire.line import Line
 
 
 class Rs485Carrier(SerialCarrier):
@@ -29,9 +28,9 @@ class Rs485Carrier(SerialCarrier):
         """Everything that is said on the line."""
         return True
 
-    def collides(self, line: Line, now_ns: int) -> bool:
+    def collides(self, talker: str) -> bool:
         """A device holds the line: what the driver says into it is lost to all."""
-        return line.talks(now_ns) not in ("", DRIVER)
+        return talker not in ("", DRIVER)
 
     def echoes(self) -> bool:
         """As the connector says."""
