@@ -46,8 +46,8 @@ ARROWS = {
         "transports", "truth", "tune", "wire",
     ),
     "cli": (
-        *LEAVES, "assembly", "bench", "channel", "clock", "collector", "emulator", "frame_text", "recordings", "scenario",
-        "scene", "statistics", "tactemu", "transports", "truth", "tune", "wire",
+        *LEAVES, "assembly", "bench", "channel", "clock", "collector", "emulator", "frame_text", "recordings",
+        "scenario", "scene", "statistics", "tactemu", "transports", "truth", "tune", "wire",
     ),
     "__main__": ("cli",),
 }  # fmt: skip
