@@ -34,10 +34,10 @@ ARROWS = {
     "emulator": (*LEAVES, "channel", "clock", "plan", "transports", "truth", "wire"),
     "recordings": (*LEAVES, "clock", "frame_text", "transports", "truth", "wire"),
     "scenario": (*LEAVES, "emulator", "imperfections", "scene"),
+    "tune": (*LEAVES, "physics", "scene"),
     "assembly": (
         *LEAVES, "clock", "emulator", "recordings", "sampling", "scenario", "scene", "transports", "truth", "wire",
     ),
-    "tune": (*LEAVES, "assembly", "channel", "clock", "emulator", "physics", "plan", "scene"),
     "serving": (*LEAVES, "assembly", "clock", "emulator", "scenario", "scene", "truth"),
     "pytest_plugin": ("serving",),
     "tactemu": ("errors", "physics", "scene", "serving", "truth"),  # the public names, imported on first use
