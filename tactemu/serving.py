@@ -13,6 +13,7 @@ The emulator runs in one background thread; everything here may be called from a
 from __future__ import annotations
 
 import dataclasses
+import os
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -96,6 +97,8 @@ class Served:
         self._target, self._device_options, self._wishes, self._steer_names = target, device_options, wishes, steer
         self._truth_path, self._keep = truth, keep
         self._thread: threading.Thread | None = None
+        self._maker = 0
+        """Process in which the thread runs."""
         self._error: BaseException | None = None
         self._assembled: Assembled | None = None
         self._steered: dict[str, Steered] = {}
@@ -122,13 +125,14 @@ class Served:
         except BaseException:
             truth.close()
             raise
+        self._maker = os.getpid()
         self._thread = threading.Thread(target=self._run, name="tactemu", daemon=True)
         self._thread.start()
         return self
 
     def stop(self) -> None:
-        """Stop, remove the port, and raise what went wrong in the background. Safe to call twice."""
-        if self._thread is None:
+        """Stop, remove the port, and raise what went wrong in the background. Safe to call twice, and in a fork."""
+        if self._thread is None or self._maker != os.getpid():
             return
         self.emulator.call(self.emulator.stop)
         self._thread.join()

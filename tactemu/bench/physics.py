@@ -2,7 +2,7 @@
 
 A ball pressed 1 mm into a 40 mm pad; each figure is the median time of ``step()`` and ``read()`` [µs] (on a GPU: of a
 step in a long run of steps, the device waited for at the end, and the read apart). Beside it stand the figure aimed at
-and that of the peer, genesis-world 1.4.5, measured on machines of these kinds. ``bound`` is the time that moving the
+and that of Genesis (genesis-world 1.4.5), measured on machines of these kinds. ``bound`` is the time that moving the
 counted bytes (poses read, readings written) would take at the memory's full speed.
 """
 
@@ -42,7 +42,7 @@ class Case:
     """Taxels along a side of the grid."""
     n_envs: int = 1
     aim_us: float | None = None
-    peer_us: float | None = None
+    genesis_us: float | None = None
     mesh: bool = False
     """The ball as a mesh of 80k faces."""
 
@@ -61,7 +61,7 @@ class Figure:
     step_us: float
     read_us: float
     aim_us: float | None
-    peer_us: float | None
+    genesis_us: float | None
     bound_us: float
     build_s: float
     bytes_per_env_taxel: float | None
@@ -69,11 +69,11 @@ class Figure:
 
     def __str__(self) -> str:
         aim = f"aim {self.aim_us:7.0f}" if self.aim_us else " " * 11
-        peer = f"peer {self.peer_us:7.0f}" if self.peer_us else " " * 12
+        genesis = f"genesis {self.genesis_us:7.0f}" if self.genesis_us else " " * 12
         total = self.step_us + self.read_us
         memory = f"  {self.bytes_per_env_taxel:.0f} B/env/taxel" if self.bytes_per_env_taxel else ""
         return (
-            f"{self.title:<48} {total:9.1f} µs (step {self.step_us:.1f}, read {self.read_us:.1f})  {aim}  {peer}  "
+            f"{self.title:<48} {total:9.1f} µs (step {self.step_us:.1f}, read {self.read_us:.1f})  {aim}  {genesis}  "
             f"bound {self.bound_us:.1f}  build {self.build_s:.2f} s{memory}"
         )
 
@@ -88,29 +88,29 @@ def sensors() -> dict[str, tuple[type[SensorModel], Mapping[str, Any]]]:
 
 
 CPU_CASES = (
-    Case(sensor="KinematicTaxel", side=16, aim_us=40, peer_us=760),
-    Case(sensor="ContactDepthProbe", side=16, aim_us=30, peer_us=600),
-    Case(sensor="ElastomerTaxel with shear", side=16, aim_us=250, peer_us=2100),
-    Case(sensor="ProximityTaxel, 500 points", side=16, aim_us=100, peer_us=780),
-    Case(sensor="KinematicTaxel", side=64, aim_us=250, peer_us=1400),
-    Case(sensor="ContactDepthProbe", side=64, aim_us=200, peer_us=760),
-    Case(sensor="ElastomerTaxel with shear", side=64, aim_us=2000, peer_us=3400),
-    Case(sensor="ProximityTaxel, 500 points", side=64, aim_us=1000, peer_us=3300),
-    Case(sensor="KinematicTaxel", side=64, n_envs=64, aim_us=6000, peer_us=30000),
-    Case(sensor="ContactDepthProbe", side=64, n_envs=64, aim_us=1320, peer_us=6600),
-    Case(sensor="ElastomerTaxel with shear", side=64, n_envs=64, aim_us=13600, peer_us=68000),
-    Case(sensor="ProximityTaxel, 500 points", side=64, n_envs=64, aim_us=26000, peer_us=130000),
-    Case(sensor="ContactDepthProbe", side=16, mesh=True, aim_us=300, peer_us=3400),
+    Case(sensor="KinematicTaxel", side=16, aim_us=40, genesis_us=760),
+    Case(sensor="ContactDepthProbe", side=16, aim_us=30, genesis_us=600),
+    Case(sensor="ElastomerTaxel with shear", side=16, aim_us=250, genesis_us=2100),
+    Case(sensor="ProximityTaxel, 500 points", side=16, aim_us=100, genesis_us=780),
+    Case(sensor="KinematicTaxel", side=64, aim_us=250, genesis_us=1400),
+    Case(sensor="ContactDepthProbe", side=64, aim_us=200, genesis_us=760),
+    Case(sensor="ElastomerTaxel with shear", side=64, aim_us=2000, genesis_us=3400),
+    Case(sensor="ProximityTaxel, 500 points", side=64, aim_us=1000, genesis_us=3300),
+    Case(sensor="KinematicTaxel", side=64, n_envs=64, aim_us=6000, genesis_us=30000),
+    Case(sensor="ContactDepthProbe", side=64, n_envs=64, aim_us=1320, genesis_us=6600),
+    Case(sensor="ElastomerTaxel with shear", side=64, n_envs=64, aim_us=13600, genesis_us=68000),
+    Case(sensor="ProximityTaxel, 500 points", side=64, n_envs=64, aim_us=26000, genesis_us=130000),
+    Case(sensor="ContactDepthProbe", side=16, mesh=True, aim_us=300, genesis_us=3400),
 )
 
 GPU_CASES = (
-    Case(sensor="KinematicTaxel", side=16, n_envs=4096, aim_us=50, peer_us=760),
-    Case(sensor="KinematicTaxel", side=32, n_envs=4096, aim_us=150, peer_us=1480),
-    Case(sensor="ContactDepthProbe", side=16, n_envs=4096, aim_us=40, peer_us=570),
-    Case(sensor="ContactDepthProbe", side=16, n_envs=4096, mesh=True, aim_us=500, peer_us=8960),
-    Case(sensor="ProximityTaxel, 500 points", side=16, n_envs=4096, aim_us=150, peer_us=940),
-    Case(sensor="ElastomerTaxel", side=32, n_envs=4096, aim_us=400, peer_us=2380),
-    Case(sensor="ElastomerTaxel with shear", side=32, n_envs=4096, aim_us=800, peer_us=3930),
+    Case(sensor="KinematicTaxel", side=16, n_envs=4096, aim_us=50, genesis_us=760),
+    Case(sensor="KinematicTaxel", side=32, n_envs=4096, aim_us=150, genesis_us=1480),
+    Case(sensor="ContactDepthProbe", side=16, n_envs=4096, aim_us=40, genesis_us=570),
+    Case(sensor="ContactDepthProbe", side=16, n_envs=4096, mesh=True, aim_us=500, genesis_us=8960),
+    Case(sensor="ProximityTaxel, 500 points", side=16, n_envs=4096, aim_us=150, genesis_us=940),
+    Case(sensor="ElastomerTaxel", side=32, n_envs=4096, aim_us=400, genesis_us=2380),
+    Case(sensor="ElastomerTaxel with shear", side=32, n_envs=4096, aim_us=800, genesis_us=3930),
 )
 
 
@@ -184,7 +184,7 @@ def measure(case: Case, device: str = "cpu", repeats: int = 300) -> Figure:
         step_us=median(steps) / 1e3,
         read_us=median(reads) / 1e3,
         aim_us=case.aim_us,
-        peer_us=case.peer_us,
+        genesis_us=case.genesis_us,
         bound_us=moved / MEMORY_BYTES_PER_S[kind] * 1e6,
         build_s=build_s,
         bytes_per_env_taxel=taken / n if kind == "cuda" else None,

@@ -54,7 +54,7 @@ def physics(
     largest: Annotated[bool, typer.Option(help="Also the largest batch that fits on a GPU.")] = False,
     out: Out = None,
 ) -> None:
-    """Step and read per sensor, beside the figures aimed at and the peer's."""
+    """Step and read per sensor, beside the figures aimed at and Genesis's."""
     from tactemu.bench.physics import run
 
     save(run(typer.echo, device=device, starts=starts, only=only, largest=largest), out)
@@ -92,10 +92,10 @@ def trade(
     out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Figures, table, picture.")] = Path("trade"),
     quick: Annotated[bool, typer.Option("--quick", help="A coarser truth and ten cases: a minute.")] = False,
     device: Annotated[str, typer.Option("--device", metavar="DEVICE", help="cpu, or cuda:0.")] = "cpu",
-    only: Annotated[str, typer.Option(metavar="TEXT", help="Only rungs whose name contains this.")] = "",
+    only: Annotated[str, typer.Option(metavar="TEXT", help="Only settings whose name contains this.")] = "",
     fresh: Annotated[bool, typer.Option("--fresh", help="Measure all again instead of going on.")] = False,
 ) -> None:
-    """Error against truth and cost of every rung, with a table and a picture. A stopped run goes on where it was."""
+    """Error against truth and cost of every setting, with a table and a picture. A stopped run goes on where it was."""
     from tactemu.bench.trade.trade import run_trade
     from tactemu.cli.progress import show_progress
 

@@ -20,6 +20,7 @@ from firmware_protocols import CanFrame, Frame
 from tactemu.errors import TransportError, TransportUnavailable
 from tactemu.frame_text import PROTOCOL_ERROR
 from tactemu.transports.can_messages import frame_of, message_of
+from tactemu.transports.forks import keep_from_children
 from tactemu.transports.transport import Event, Received, Transport
 
 _AT_ONCE_S = 0.001
@@ -60,6 +61,7 @@ class CanTransport(Transport):
             self._bus = can.Bus(interface=self.interface, channel=self.channel, **options)
         except (can.CanError, OSError, ImportError, ValueError, NotImplementedError) as error:
             raise TransportUnavailable(f"cannot open can:{self.address}: {error}; {self._fix()}") from error
+        keep_from_children(self)
         try:
             self._fileno = self._bus.fileno()
         except NotImplementedError:

@@ -26,6 +26,7 @@ import tty
 
 from firmware_protocols import Frame
 from tactemu.errors import TransportError, TransportUnavailable
+from tactemu.transports.forks import keep_from_children
 from tactemu.transports.openings import Openings
 from tactemu.transports.symlink import StableLink
 from tactemu.transports.transport import (
@@ -76,6 +77,7 @@ class PtyTransport(Transport):
         """
         if self._master >= 0:
             return
+        keep_from_children(self)
         try:
             self._make_pair()
             if self._link:

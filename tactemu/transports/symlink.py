@@ -1,10 +1,11 @@
-"""A stable name for a port that the kernel names anew each time: a symbolic link that goes when we go."""
+"""A stable name for a port that the kernel names anew each time: a symbolic link that goes when its maker goes."""
 
 from __future__ import annotations
 
 import atexit
 import hashlib
 import os
+import secrets
 import signal
 import socket
 import threading
@@ -13,15 +14,23 @@ from pathlib import Path
 from tactemu.errors import TransportError
 
 _LIVE: set[StableLink] = set()
+_ENDING = (signal.SIGTERM, signal.SIGHUP)
+_HELD = threading.local()
+"""``mask``: the signals that a thread held back before the fork that it is in the middle of."""
 
 
 class StableLink:
-    """A symbolic link to a pseudo terminal, put in place in one step and removed on close, exit or SIGTERM."""
+    """A symbolic link to a pseudo terminal, put in place in one step and removed on close, exit or SIGTERM.
+
+    Only by the process that made it: a forked child leaves it alone.
+    """
 
     def __init__(self, path: str):
         self.path = Path(os.path.abspath(os.path.expanduser(path)))
         self._target = ""
         self._claim: socket.socket | None = None
+        self._maker = 0
+        """Process that made the link."""
 
     def point_to(self, target: str) -> None:
         """Create the link, or move one that was left behind by an earlier run.
@@ -32,17 +41,14 @@ class StableLink:
         """
         self._check()
         self._claim = self._claim or _claimed(self.path)
-        aside = self.path.with_name(f".{self.path.name}.{os.getpid()}")
         try:
-            aside.symlink_to(target)
-            aside.replace(self.path)
+            _put(self.path, target)
         except OSError as error:
-            aside.unlink(missing_ok=True)
             self.remove()
             raise TransportError(
                 f"cannot create the port {self.path}: {error.strerror}; choose a path in a folder that you may write"
             ) from None
-        self._target = target
+        self._target, self._maker = target, os.getpid()
         _LIVE.add(self)
         _catch_termination()
 
@@ -50,7 +56,7 @@ class StableLink:
         """Remove the link if it is still ours. Safe to call twice."""
         _LIVE.discard(self)
         try:
-            if self._target and os.readlink(self.path) == self._target:
+            if self._target and self._maker == os.getpid() and os.readlink(self.path) == self._target:
                 self.path.unlink()
         except OSError:
             pass  # somebody else removed or replaced it
@@ -68,6 +74,17 @@ class StableLink:
                 raise TransportError(f"{self.path} is a link to {target}, not to a pseudo terminal; it is left alone")
         elif self.path.exists():
             raise TransportError(f"{self.path} exists and is not a link; it is left alone: choose another path")
+
+
+def _put(path: Path, target: str) -> None:
+    """A link at ``path``, in one step also where there is one already."""
+    aside = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
+    aside.symlink_to(target)
+    try:
+        aside.replace(path)
+    except OSError:
+        aside.unlink()
+        raise
 
 
 def _claimed(path: Path) -> socket.socket:
@@ -96,9 +113,30 @@ def _catch_termination() -> None:
     """SIGTERM and SIGHUP end a process without running its exit handlers; where nobody else handles them, clean up."""
     if threading.current_thread() is not threading.main_thread():
         return
-    for number in (signal.SIGTERM, signal.SIGHUP):
+    for number in _ENDING:
         if signal.getsignal(number) is signal.SIG_DFL:
             signal.signal(number, _terminate)
+
+
+def _before_fork() -> None:
+    """A signal that reaches a child before it is a program of its own is held back: Python would forget it."""
+    _HELD.mask = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
+
+
+def _let_signals_in() -> None:
+    signal.pthread_sigmask(signal.SIG_SETMASK, _HELD.mask)
+
+
+def _after_fork_in_child() -> None:
+    """A child has no port to remove: it dies of a signal as any program does."""
+    _LIVE.clear()
+    for number in _ENDING:
+        if signal.getsignal(number) is _terminate:
+            signal.signal(number, signal.SIG_DFL)
+    _let_signals_in()
+
+
+os.register_at_fork(before=_before_fork, after_in_parent=_let_signals_in, after_in_child=_after_fork_in_child)
 
 
 def _terminate(number: int, _frame) -> None:

@@ -11,6 +11,7 @@ import socket
 
 from firmware_protocols import Frame
 from tactemu.errors import TransportError
+from tactemu.transports.forks import keep_from_children
 from tactemu.transports.transport import CHUNK, DROPPED, RAISED, REST, Closed, Event, Opened, Received, Transport
 
 _SEND_BUFFER = 16_384
@@ -57,6 +58,7 @@ class TcpTransport(Transport):
         server.setblocking(False)
         server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)  # clients inherit it
         self._server = server
+        keep_from_children(self)
         self.port = server.getsockname()[1]
         self.address = self._url()
 

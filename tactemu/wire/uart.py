@@ -9,13 +9,19 @@ still read well, as on a real line.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from functools import lru_cache
+from typing import NamedTuple
 
 from tactemu.transports.transport import SerialSetting
 
-_PLAIN = SerialSetting(baud=9600, bytesize=8, parity="N", stopbits=1)
-"""What is taken for what neither end says."""
+
+class _Setting(NamedTuple):
+    """A serial setting that leaves nothing open; the defaults are taken for what neither end says."""
+
+    baud: int = 9600
+    bytesize: int = 8
+    parity: str = "N"
+    stopbits: float = 1
 
 
 def misheard(data: bytes, sent: SerialSetting, heard: SerialSetting) -> bytes:
@@ -23,12 +29,12 @@ def misheard(data: bytes, sent: SerialSetting, heard: SerialSetting) -> bytes:
 
     What one end does not say is as at the other: a pseudo terminal, for one, does not tell the driver's byte size.
     """
-    sent, heard = _filled(sent, heard), _filled(heard, sent)
-    if replace(sent, stopbits=None) == replace(heard, stopbits=None):  # a receiver looks at the first stop bit only
+    here, there = _filled(sent, heard), _filled(heard, sent)
+    if here[:3] == there[:3]:  # a receiver looks at the first stop bit only
         return data
-    samples = _samples(sent, heard)
-    start_at, bits_at, stop_at = samples[0], samples[1 : 1 + heard.bytesize], samples[-1]
-    levels = _levels(sent)
+    samples = _samples(here, there)
+    start_at, bits_at, stop_at = samples[0], samples[1 : 1 + there.bytesize], samples[-1]
+    levels = _levels(here)
     line = b"\x01" + b"".join([levels[byte] for byte in data])
     end = len(line)
     line += b"\x01" * (stop_at + 1)
@@ -47,23 +53,24 @@ def misheard(data: bytes, sent: SerialSetting, heard: SerialSetting) -> bytes:
     return bytes(out)
 
 
-def _filled(own: SerialSetting, other: SerialSetting) -> SerialSetting:
+def _filled(own: SerialSetting, other: SerialSetting) -> _Setting:
     """``own`` with what it leaves open as at the other end."""
-
-    def pick(name: str):
-        said = (getattr(setting, name) for setting in (own, other, _PLAIN))
-        return next(value for value in said if value is not None)
-
-    return SerialSetting(pick("baud"), pick("bytesize"), pick("parity"), pick("stopbits"))
+    said = {
+        name: getattr(setting, name)
+        for setting in (other, own)
+        for name in _Setting._fields
+        if getattr(setting, name) is not None
+    }
+    return _Setting(**said)
 
 
 @lru_cache(maxsize=16)
-def _levels(sent: SerialSetting) -> list[bytes]:
+def _levels(sent: _Setting) -> list[bytes]:
     """Every byte as levels on the line: start, data (least significant first), parity, stop; shape ``(256, n)``."""
     return [_levels_of(byte, sent) for byte in range(256)]
 
 
-def _levels_of(byte: int, sent: SerialSetting) -> bytes:
+def _levels_of(byte: int, sent: _Setting) -> bytes:
     bits = [byte >> k & 1 for k in range(sent.bytesize)]
     odd = sum(bits) % 2
     parity = {"N": [], "E": [odd], "O": [1 - odd], "M": [1], "S": [0]}[sent.parity]
@@ -71,7 +78,7 @@ def _levels_of(byte: int, sent: SerialSetting) -> bytes:
 
 
 @lru_cache(maxsize=16)
-def _samples(sent: SerialSetting, heard: SerialSetting) -> tuple[int, ...]:
+def _samples(sent: _Setting, heard: _Setting) -> tuple[int, ...]:
     """Where the receiver looks, in bits of the sender after the falling edge: start, data, parity if any, stop."""
     n = 2 + heard.bytesize + (heard.parity != "N")
     return tuple((2 * k + 1) * sent.baud // (2 * heard.baud) for k in range(n))

@@ -9,7 +9,7 @@ from tactemu.bench import physics
 
 @pytest.mark.parametrize("sensor", physics.sensors())
 def test_every_sensor_can_be_measured_in_contact(sensor):
-    case = physics.Case(sensor=sensor, side=8, n_envs=2, aim_us=1.0, peer_us=2.0)
+    case = physics.Case(sensor=sensor, side=8, n_envs=2, aim_us=1.0, genesis_us=2.0)
     sim, _ball, skin = physics.build(case, "cpu")
     assert sim.step_count == 3 and abs(skin.array().numpy()).max() > 0
     figure = physics.measure(case, repeats=5)

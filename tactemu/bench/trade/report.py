@@ -79,7 +79,7 @@ def write_table(found: dict, file: Path) -> str:
         f"Gains of the rungs below L4 are fitted on: {calibrated}. Median of |error| (range), other cases:",
         "",
     ]
-    head = ["rung", "step µs", "still µs", "taxels/s", "MB", *SHOWN]
+    head = ["setting", "step µs", "still µs", "taxels/s", "MB", *SHOWN]
     lines += ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     for row in found["summary"]:
         cells = [row["name"], f"{row['step_us']:.0f}", f"{row['still_us']:.0f}", f"{row['updates_per_s']:.2g}"]
@@ -87,7 +87,7 @@ def write_table(found: dict, file: Path) -> str:
         cells += [_cell(row["metrics"].get(metric), metric) for metric in SHOWN]
         lines.append("| " + " | ".join(cells) + " |")
     lines += ["", f"Worst error where the contact is narrower than a taxel ({', '.join(NARROW)}):", ""]
-    lines += ["| rung | normal force | pressure | tangential motion |", "|---|---|---|---|"]
+    lines += ["| setting | normal force | pressure | tangential motion |", "|---|---|---|---|"]
     for row in found["summary"]:
         parts = [row["metrics"].get(metric, {}).get("narrow") for metric in ("normal force", "pressure")]
         parts.append(row["metrics"].get("tangential motion", {}).get("narrow"))

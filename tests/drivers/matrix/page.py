@@ -1,4 +1,4 @@
-"""The page that users read: how each driver bears each fault, from the outcomes of a run."""
+"""The page that users read: how each driver copes with each fault, from the outcomes of a run."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ LONG_GAP_S = 0.75
 INTRO = """\
 # Drivers under faults
 
-How the published drivers of tactile skins bear what goes wrong on a wire. Each driver is unmodified, runs in a process
-of its own and reads a simulated skin whose every sample is known, so that each reading it hands out is *right* (number
-for number one of the samples) or is not. Faults are switched on in the middle of a stream and off again.
+How the published drivers of tactile skins cope with what goes wrong on a wire. Each driver is unmodified, runs in a
+process of its own and reads a simulated skin whose every sample is known, so that each reading it hands out is *right*
+(number for number one of the samples) or is not. Faults are switched on in the middle of a stream and off again.
 
 This page is written by the run that it describes; nothing in the tables was entered by hand:
 
