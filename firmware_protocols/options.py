@@ -76,7 +76,7 @@ def _checked(known: dict[str, Declared], name: str, value: Any) -> Any:
     each = known[name]
     try:
         config = ConfigDict(arbitrary_types_allowed=True, allow_inf_nan=False)
-        value = TypeAdapter(each.annotation, config=config).validate_python(_worded(value))
+        value = TypeAdapter(each.annotation, config=config).validate_python(_worded(value, each.annotation))
     except ValidationError as error:
         first = error.errors()[0]
         raise ValueError(f"option {name}: {first['msg'][0].lower()}{first['msg'][1:]}, got {value!r}") from None
@@ -92,8 +92,11 @@ def _checked(known: dict[str, Declared], name: str, value: Any) -> Any:
     return value
 
 
-def _worded(value: Any) -> Any:
-    """Text that is a list, as on a command line: ``1,2,3`` or ``[1, 2, 3]``."""
+def _worded(value: Any, annotation: Any) -> Any:
+    """Text that is a list, as on a command line (``1,2,3`` or ``[1, 2, 3]``), or a number of a ``Literal``."""
+    kind = typing.get_args(annotation)[0] if typing.get_origin(annotation) is typing.Annotated else annotation
+    if typing.get_origin(kind) is typing.Literal:
+        return next((member for member in typing.get_args(kind) if str(member) == value), value)
     if isinstance(value, str) and value.startswith("[") and value.endswith("]"):
         return [part.strip() for part in value[1:-1].split(",")]
     return value
