@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -109,6 +109,19 @@ class Layout:
         for patch in self.patches:
             values[patch.taxels] = getattr(patch, name)
         return values
+
+    def on_links(self, links: Collection[str]) -> tuple[Layout, np.ndarray]:
+        """The patches on some of the links as a layout of its own, and the indices of its taxels in this one."""
+        patches = [patch for patch in self.patches if patch.link in links]
+        taxels = np.concatenate([np.arange(len(self))[patch.taxels] for patch in patches])
+        starts = np.cumsum([0, *map(len, patches)]).tolist()
+        part = Layout(
+            positions=self.positions[taxels],
+            normals=self.normals[taxels],
+            x_axes=self.x_axes[taxels],
+            patches=tuple(replace(patch, start=start) for patch, start in zip(patches, starts)),
+        )
+        return part, taxels
 
     def on_wire(self, values: np.ndarray) -> np.ndarray:
         """Per-taxel values in the order in which they are sent."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from tactemu import transports
 from tactemu.channel import Channel, Source
 from tactemu.clock import Clock
 from tactemu.emulator import Emulator
-from tactemu.errors import DeviceError, TactemuError
+from tactemu.errors import DeviceError, SceneError, TactemuError
 from tactemu.plugging import Plug, plugs_of
 from tactemu.recordings.playback import Playback, recorded
 from tactemu.recordings.recording import RecordedReadings
@@ -20,7 +20,8 @@ from tactemu.sampling import SampleClock
 from tactemu.scenario import faults_of, laws_needed, schedule
 from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.file import LoadedScene
-from tactemu.scene.placement import PlacedSensor
+from tactemu.scene.motion import Joint
+from tactemu.scene.placement import PlacedSkin
 from tactemu.scene.schema import EventTable, Skin
 from tactemu.sensing import Senses
 from tactemu.truth import Truth
@@ -55,6 +56,8 @@ class Assembled:
     simulation: Any
     scene: Any
     loaded: LoadedScene
+    skins: Mapping[str, PlacedSkin]
+    """Those that are on bodies, by name."""
 
 
 def assemble(
@@ -74,23 +77,23 @@ def assemble(
     truth = truth or Truth()
     wires = _wires(loaded.tables.skin, events, plugs, wishes, seed, truth)
     laws = {name: (*wishes.adjustable, *laws_needed(events, name)) for name in devices}
-    scene, sensors = build_scene(loaded, devices, laws)
+    channels: dict[str, Channel] = {}
+    scene, placed = build_scene(_driven(loaded, devices, channels), devices, laws)
     played = _recordings(loaded, devices)
     simulation = None
-    if sensors:
+    if placed:
         simulation = scene.build(device=wishes.compute or world.device, seed=seed, dtype=world.dtype)
         simulation.step()  # loads the kernels, so that the first frame is not late
         simulation.reset()
-    channels = []
     for skin in loaded.tables.skin:
         device = devices[skin.title]
-        felt = played[skin.title] if skin.title in played else PlacedSensor(sensors[skin.title], skin.quaternion)
+        felt = played[skin.title] if skin.title in played else placed[skin.title]
         own = {plug.connector.name: wires[plug.address] for plug in plugs if plug.skin == skin.title}
-        channels.append(_channel(skin, device, Senses(felt, device.layout), own, wishes, seed))
+        channels[skin.title] = _channel(skin, device, Senses(felt, device.layout), own, wishes, seed)
     advanced = Playback(simulation, list(played.values())) if played else simulation
-    emulator = Emulator(advanced, channels, clock=clock, truth=truth)
+    emulator = Emulator(advanced, channels.values(), clock=clock, truth=truth)
     schedule(emulator, events)
-    return Assembled(emulator, simulation, scene, loaded)
+    return Assembled(emulator, simulation, scene, loaded, placed)
 
 
 def truth_of(loaded: LoadedScene, path: str | Path | None = None, keep: str | int | None = None) -> Truth:
@@ -104,6 +107,32 @@ def truth_of(loaded: LoadedScene, path: str | Path | None = None, keep: str | in
         return Truth(path, keep=loaded.tables.truth.keep if keep is None else keep, reads=reads)
     except OSError as error:
         raise TactemuError(f"{path}: cannot write the truth log: {error.strerror}") from None
+
+
+def _driven(loaded: LoadedScene, devices: dict[str, Device], channels: Mapping[str, Channel]) -> LoadedScene:
+    """The scene with bodies that follow a device's joints bound to it. ``channels`` need not be there yet.
+
+    Raises:
+        SceneError: no such skin, or no such joint of its device.
+    """
+    motions = dict(loaded.motions)
+    for body, motion in loaded.motions.items():
+        if not isinstance(motion, Joint):
+            continue
+        where = f"body {body!r}: motion"
+        if motion.skin not in devices:
+            raise SceneError(f"{where}: no skin {motion.skin!r} (skins: {', '.join(devices)})")
+        has = devices[motion.skin].joints(0)
+        if motion.joint not in has:
+            known = ", ".join(has) or "none"
+            raise SceneError(f"{where}: {devices[motion.skin].name} has no joint {motion.joint!r} (joints: {known})")
+
+        def position(t_s: float, motion: Joint = motion) -> float:
+            channel = channels[motion.skin]
+            return channel.device.joints(channel.local_ns(round(t_s * 1e9)))[motion.joint]
+
+        motions[body] = motion.driven_by(position)
+    return replace(loaded, motions=motions)
 
 
 def _recordings(loaded: LoadedScene, devices: dict[str, Device]) -> dict[str, RecordedReadings]:

@@ -22,8 +22,8 @@ class Skin(Protocol):
         """The latest reading of environment 0, shape ``(n_taxels,)`` or ``(n_taxels, 3)``, SI, device's frame."""
         ...
 
-    def surroundings(self, t_ns: int) -> Surroundings:
-        """What is around it."""
+    def surroundings(self, t_ns: int, link: str = "") -> Surroundings:
+        """What is around one link of the device; "" the first."""
         ...
 
     @property
@@ -43,7 +43,7 @@ class Senses:
     def __init__(self, skin: Skin, layout: Layout):
         self.skin = skin
         self._layout = layout
-        self._around: tuple[int, Surroundings] = (-1, Surroundings())
+        self._around: tuple[int, dict[str, Surroundings]] = (-1, {})
 
     @property
     def imperfections(self) -> Imperfections | None:
@@ -64,13 +64,21 @@ class Senses:
             case "load":
                 return np.zeros(len(at))
             case quantity:
-                value = np.asarray(getattr(self._surroundings(t_ns), quantity), float)
-                return np.broadcast_to(value, (len(at), *value.shape))
+                links = [patch.link for patch in at.patches]
+                values = {link: np.asarray(getattr(self._at(t_ns, link), quantity), float) for link in {*links}}
+                return np.concatenate([
+                    np.broadcast_to(values[link], (len(patch), *values[link].shape))
+                    for link, patch in zip(links, at.patches)
+                ])  # fmt: skip
 
-    def _surroundings(self, t_ns: int) -> Surroundings:
+    def _at(self, t_ns: int, link: str) -> Surroundings:
+        """What is around a link; looked at once for all the senses that are converted at a time."""
         if self._around[0] != t_ns:
-            self._around = (t_ns, self.skin.surroundings(t_ns))
-        return self._around[1]
+            self._around = (t_ns, {})
+        found = self._around[1]
+        if link not in found:
+            found[link] = self.skin.surroundings(t_ns, link)
+        return found[link]
 
 
 def resultant(positions: np.ndarray, forces: np.ndarray, about: np.ndarray) -> np.ndarray:

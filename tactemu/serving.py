@@ -30,7 +30,7 @@ from tactemu.errors import SceneError, TactemuError
 from tactemu.scenario import concerns, schedule, timed_fault
 from tactemu.scene import file
 from tactemu.scene.motion import Pose
-from tactemu.scene.placement import PlacedLayout
+from tactemu.scene.placement import PlacedSkin
 from tactemu.scene.schema import Event
 from tactemu.scene.steering import Leg, Steered, pressing_way
 from tactemu.truth import Sample, Truth
@@ -276,7 +276,8 @@ class Served:
 
         def legs(here: Pose, t_s: float) -> list[Leg]:
             k = taxels.chosen(taxel, here.position, t_s)
-            target, normal, gap = taxels.positions(t_s)[k], taxels.normal(k, t_s), float(taxels.layout.pitches[k])
+            target, normal = taxels.positions(t_s)[k], taxels.normals(t_s)[k]
+            gap = float(channel.device.layout.pitches[k])
             way, back = pressing_way(shape, here, target, normal, depth=depth, clearance=gap, speed=speed)
             self._back[name] = back
             if seconds is None:
@@ -373,13 +374,11 @@ class Served:
 
         return min(self._steered, key=lambda name: distance(self._steered[name]))
 
-    def _taxels(self, channel: Channel) -> PlacedLayout:
+    def _taxels(self, channel: Channel) -> PlacedSkin:
         assert self._assembled is not None
-        skin = next(s for s in self._assembled.loaded.tables.skin if s.title == channel.name)
-        if skin.link is None:
-            raise TactemuError(f"skin {skin.title!r} plays recorded readings; nothing can be pressed into it")
-        link = self._assembled.scene.body(skin.link)
-        return PlacedLayout(channel.device.layout, link, skin.position, skin.quaternion)
+        if channel.name not in self._assembled.skins:
+            raise TactemuError(f"skin {channel.name!r} plays recorded readings; nothing can be pressed into it")
+        return self._assembled.skins[channel.name]
 
     def _go(self, name: str, legs: Callable[[Pose, float], list[Leg]], wait: bool) -> None:
         motion = self._steered[name]

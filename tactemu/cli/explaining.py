@@ -29,13 +29,13 @@ def explain_target(target: str, *, compute: str | None, cost: bool) -> None:
     loaded = file.load(target)
     devices = make_devices(loaded)
     laws = {name: laws_needed(loaded.tables.scenario, name) for name in devices}
-    scene, sensors = build_scene(loaded, devices, laws)
+    scene, skins = build_scene(loaded, devices, laws)
     world = loaded.tables.scene
     print(f"{loaded.source}: a step of {world.dt * 1e3:g} ms, seed {world.seed}\n")
     _print_bodies(loaded)
     for skin in loaded.tables.skin:
-        _print_skin(skin, devices[skin.title], sensors.get(skin.title))
-    if not sensors:
+        _print_skin(skin, devices[skin.title], skins.get(skin.title))
+    if not skins:
         print("Plan: nothing is simulated")
         return
     _print_schedule(loaded)

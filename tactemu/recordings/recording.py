@@ -212,7 +212,7 @@ class RecordedReadings:
         """Move to this time."""
         self._now = max(0, int(np.searchsorted(self.times_ns, t_ns, side="right")) - 1)
 
-    def surroundings(self, t_ns: int) -> Surroundings:
+    def surroundings(self, t_ns: int, link: str = "") -> Surroundings:
         """Not recorded: room temperature, at rest."""
         return Surroundings()
 

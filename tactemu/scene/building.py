@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from firmware_protocols import Device, Layout
+from firmware_protocols import Device
 from firmware_protocols.options import checked
 from tactemu.errors import DeviceError, SceneError, nearest
 from tactemu.physics.models import cheapest, load, models_for
@@ -17,11 +17,14 @@ from tactemu.physics.shapes.registry import load_shape
 from tactemu.physics.shapes.shape import Shape
 from tactemu.scene import rotation
 from tactemu.scene.file import LoadedScene, load_device
+from tactemu.scene.placement import PlacedSensor, PlacedSkin
 from tactemu.scene.schema import Body as BodyTable
 from tactemu.scene.schema import Skin
+from tactemu.scene.skins import SkinPart, parts_of
 
 if TYPE_CHECKING:
     from tactemu.physics.sensor import SensorModel
+    from tactemu.scene.scene import Scene
 
 
 def make_devices(loaded: LoadedScene) -> dict[str, Device]:
@@ -54,8 +57,8 @@ def make_device(name: str, options: dict[str, Any]) -> Device:
 
 def build_scene(
     loaded: LoadedScene, devices: dict[str, Device], laws: Mapping[str, Sequence[str]] | None = None
-) -> tuple[Any, dict[str, Any]]:
-    """The scene, and the sensor of each skin on a link, by the skin's name; nothing is compiled yet.
+) -> tuple[Scene, dict[str, PlacedSkin]]:
+    """The scene, and each skin that is on a link with its sensors, by the skin's name; nothing is compiled yet.
 
     ``laws`` names the imperfections of each skin that will be switched while it runs.
 
@@ -74,13 +77,17 @@ def build_scene(
             quaternion=body.quaternion,
             motion=loaded.motions.get(body.name),
         )
-    sensors = {}
+    skins = {}
     for skin in loaded.tables.skin:
         if skin.link is None:
             continue
-        model = sensor_model(skin, devices[skin.title], (laws or {}).get(skin.title, ()))
-        sensors[skin.title] = scene.add_sensor(model, link=skin.link, name=skin.title)
-    return scene, sensors
+        device = devices[skin.title]
+        placed = []
+        for part in parts_of(skin, device.layout):
+            model = sensor_model(skin, device, (laws or {}).get(skin.title, ()), part=part)
+            placed.append(PlacedSensor(scene.add_sensor(model, link=part.body, name=part.name), part))
+        skins[skin.title] = PlacedSkin(placed, len(device.layout))
+    return scene, skins
 
 
 def _shape(body: BodyTable, folder: Path) -> Shape | None:
@@ -93,10 +100,10 @@ def _shape(body: BodyTable, folder: Path) -> Shape | None:
         raise SceneError(f"body {body.name!r}: {error}") from None
 
 
-def sensor_model(skin: Skin, device: Device, laws: Sequence[str] = ()) -> Any:
+def sensor_model(skin: Skin, device: Device, laws: Sequence[str] = (), *, part: SkinPart | None = None) -> Any:
     """The sensor model of a skin: the device's taxels, placed on the link, with the skin's options.
 
-    ``laws`` are built although they are off, so that they can be switched on.
+    ``laws`` are built although they are off, so that they can be switched on. ``part`` is of a skin on several bodies.
 
     Raises:
         SceneError: no such model, or an option that it does not have or does not accept.
@@ -113,7 +120,7 @@ def sensor_model(skin: Skin, device: Device, laws: Sequence[str] = ()) -> Any:
         if option not in known:
             raise SceneError(f"{where}: {name} has no {option!r}{nearest(option, known)} (options: {', '.join(known)})")
     try:
-        given = taxels(device.layout, skin, model, known) | _arrays(skin.options)
+        given = taxels(part or parts_of(skin, device.layout)[0], skin, model, known) | _arrays(skin.options)
         if "forces_on_skin" in known:  # devices measure what acts on them (see firmware_protocols.device)
             given.setdefault("forces_on_skin", True)
         if laws:
@@ -132,13 +139,14 @@ def _check_senses(skin: Skin, name: str, model: Any, device: Device) -> None:
             )
 
 
-def taxels(layout: Layout, skin: Skin, model: type[SensorModel], known: list[str]) -> dict[str, Any]:
+def taxels(part: SkinPart, skin: Skin, model: type[SensorModel], known: list[str]) -> dict[str, Any]:
     """Positions, normals and radius of the taxels in the link's frame; a single grid keeps its ``(rows, cols, 3)``."""
-    turn = rotation.normalised(skin.quaternion)
+    layout = part.layout
+    turn = rotation.normalised(part.quaternion)
     radius = np.asarray(skin.options.get("probe_radius", layout.pitches / 2), float)
     below = skin.embed if skin.embed is not None else radius if model.feels_at_radius else 0.0
     inside = layout.positions - np.reshape(np.broadcast_to(below, (len(layout),)), (-1, 1)) * layout.normals
-    positions = rotation.rotate(turn, inside) + np.asarray(skin.position)
+    positions = rotation.rotate(turn, inside) + np.asarray(part.position)
     normals = rotation.rotate(turn, layout.normals)
     patch = layout.patches[0]
     if len(layout.patches) == 1 and patch.rows > 1 and patch.cols > 1:

@@ -194,6 +194,11 @@ def _references(tables: SceneFile):
         elif skin.link is not None and skin.link not in bodies:
             known = ", ".join(bodies) or "none"
             yield f"skin {skin.title!r}: link: no body {skin.link!r}{nearest(skin.link, bodies)} (bodies: {known})"
+        for link, place in skin.links.items():
+            body = place if isinstance(place, str) else place.body
+            if body not in bodies:
+                known = ", ".join(bodies) or "none"
+                yield f"skin {skin.title!r}: links.{link}: no body {body!r}{nearest(body, bodies)} (bodies: {known})"
         if skin.model_ is not None and skin.model_ not in MODELS and ":" not in skin.model_:
             hint = f"{nearest(skin.model_, MODELS)} (models: {', '.join(MODELS)})"
             yield f"skin {skin.title!r}: model: unknown model {skin.model_!r}{hint}"

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from firmware_protocols import Layout
 from tactemu.errors import SceneError
 from tactemu.scene import rotation
-from tactemu.scene.bodies import Body
+from tactemu.scene.skins import SkinPart
 
 if TYPE_CHECKING:
-    from tactemu.imperfections import Imperfections
-    from tactemu.physics.sensor import Sensor
+    from tactemu.imperfections import ImperfectionOptions, Imperfections
+    from tactemu.physics.sensor import Sensor, SensorModel
 
 GRAVITY = (0.0, 0.0, 9.80665)
 """What an accelerometer at rest reads in the world's frame [m/s²]: up."""
@@ -34,58 +34,34 @@ class Surroundings:
     """[rad/s]"""
 
 
-@dataclass(frozen=True)
-class PlacedLayout:
-    """A device's taxels on a body that moves."""
-
-    layout: Layout
-    link: Body
-    position: tuple[float, float, float]
-    """Of the device's frame on the link [m]."""
-    quaternion: tuple[float, float, float, float]
-    """From the device's frame to the link's."""
-
-    def positions(self, t_s: float) -> np.ndarray:
-        """All taxels in the world at ``t_s`` [m], shape ``(n_taxels, 3)``."""
-        link = self.link.pose(t_s)
-        on_link = rotation.rotate(rotation.normalised(self.quaternion), self.layout.positions) + self.position
-        return link.position + rotation.rotate(link.quaternion, on_link)
-
-    def normal(self, taxel: int, t_s: float) -> np.ndarray:
-        """A taxel's direction out of the skin in the world at ``t_s``, shape ``(3,)``."""
-        turn = rotation.multiply(self.link.pose(t_s).quaternion, rotation.normalised(self.quaternion))
-        return rotation.rotate(turn, self.layout.normals[taxel])
-
-    def chosen(self, taxel: int | None, near: np.ndarray, t_s: float) -> int:
-        """The taxel that was asked for; ``None``: the one nearest to a point of the world at ``t_s``.
-
-        Raises:
-            SceneError: there is none of this number.
-        """
-        if taxel is None:
-            return int(np.argmin(np.linalg.norm(self.positions(t_s) - near, axis=1)))
-        if not 0 <= taxel < len(self.layout):
-            raise SceneError(f"taxel: expected 0..{len(self.layout) - 1}, got {taxel}")
-        return taxel
-
-
 class PlacedSensor:
-    """A built sensor on its link, turned by ``quaternion`` against the link's frame.
+    """A built sensor on its body, with vectors in the frame of the device or link that it belongs to.
 
     Args:
         sensor: as :meth:`tactemu.Scene.add_sensor` returns it.
-        quaternion: from the device's frame to the link's.
+        part: the taxels that it has, and where they are.
     """
 
-    def __init__(self, sensor: Sensor, quaternion=rotation.IDENTITY):
-        self.sensor = sensor
-        self._to_link = rotation.normalised(quaternion)
+    def __init__(self, sensor: Sensor, part: SkinPart):
+        self.sensor, self.part = sensor, part
+        self._to_link = rotation.normalised(part.quaternion)
         self._back = rotation.conjugate(self._to_link)
         self._turned = not np.array_equal(self._to_link, rotation.IDENTITY)
         course = sensor.model.temperature_course
         self._course = None if course is None else np.asarray(course, float)
         self._before: tuple[float, np.ndarray] | None = None
         """When a link that is posed by hand was last looked at [s], and its velocity then [m/s]."""
+
+    def positions(self, t_s: float) -> np.ndarray:
+        """Its taxels in the world at ``t_s`` [m], shape ``(n_taxels, 3)``."""
+        link = self.sensor.link.pose(t_s)
+        on_link = rotation.rotate(self._to_link, self.part.layout.positions) + self.part.position
+        return link.position + rotation.rotate(link.quaternion, on_link)
+
+    def normals(self, t_s: float) -> np.ndarray:
+        """Its taxels' directions out of the skin in the world at ``t_s``, shape ``(n_taxels, 3)``."""
+        turn = rotation.multiply(self.sensor.link.pose(t_s).quaternion, self._to_link)
+        return rotation.rotate(turn, self.part.layout.normals)
 
     @property
     def imperfections(self) -> Imperfections | None:
@@ -131,3 +107,87 @@ class PlacedSensor:
         if self._course is None:
             return ROOM_TEMPERATURE
         return float(np.interp(t_s, self._course[:, 0], self._course[:, 1]))
+
+
+class PlacedSkin:
+    """A device's skin on one body or several: what its taxels read, and where they are, in the device's order."""
+
+    def __init__(self, parts: Sequence[PlacedSensor], n_taxels: int):
+        self.parts = list(parts)
+        self.n_taxels = n_taxels
+
+    @property
+    def model(self) -> SensorModel:
+        """Of its first sensor; all are of one class."""
+        return self.parts[0].sensor.model
+
+    @property
+    def imperfections(self) -> Imperfections | JoinedImperfections | None:
+        """What spoils its readings, to be changed while it runs."""
+        if len(self.parts) == 1:
+            return self.parts[0].imperfections
+        return JoinedImperfections(
+            [(part.imperfections, part.part.taxels) for part in self.parts if part.imperfections]
+        )
+
+    def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
+        """The latest reading in the frames of the device's links, shape ``(n_taxels,)`` or ``(n_taxels, 3)``, SI."""
+        if len(self.parts) == 1:
+            return self.parts[0].quantity(name, ground_truth)
+        return self._joined([part.quantity(name, ground_truth) for part in self.parts])
+
+    def surroundings(self, t_ns: int, link: str = "") -> Surroundings:
+        """What is around one link of the device; "" the first."""
+        part = next((part for part in self.parts if link in part.part.links), self.parts[0])
+        return part.surroundings(t_ns)
+
+    def positions(self, t_s: float) -> np.ndarray:
+        """All taxels in the world at ``t_s`` [m], shape ``(n_taxels, 3)``."""
+        return self._joined([part.positions(t_s) for part in self.parts])
+
+    def normals(self, t_s: float) -> np.ndarray:
+        """Their directions out of the skin in the world at ``t_s``, shape ``(n_taxels, 3)``."""
+        return self._joined([part.normals(t_s) for part in self.parts])
+
+    def chosen(self, taxel: int | None, near: np.ndarray, t_s: float) -> int:
+        """The taxel that was asked for; ``None``: the one nearest to a point of the world at ``t_s``.
+
+        Raises:
+            SceneError: there is none of this number.
+        """
+        if taxel is None:
+            return int(np.argmin(np.linalg.norm(self.positions(t_s) - near, axis=1)))
+        if not 0 <= taxel < self.n_taxels:
+            raise SceneError(f"taxel: expected 0..{self.n_taxels - 1}, got {taxel}")
+        return taxel
+
+    def _joined(self, values: list[np.ndarray]) -> np.ndarray:
+        whole = np.empty((self.n_taxels, *values[0].shape[1:]), values[0].dtype)
+        for part, own in zip(self.parts, values):
+            whole[part.part.taxels] = own
+        return whole
+
+
+class JoinedImperfections:
+    """The imperfections of a skin on several bodies, under the numbers of the device's taxels."""
+
+    def __init__(self, parts: Sequence[tuple[Imperfections, np.ndarray]]):
+        self._parts = list(parts)
+
+    @property
+    def options(self) -> ImperfectionOptions:
+        """Of its first part; all were built with the same."""
+        return self._parts[0][0].options
+
+    def set(self, option: str, value: Any) -> None:
+        """Change one option of all its parts; a value per taxel goes to each part in its order."""
+        for spoil, taxels in self._parts:
+            each = np.ndim(value) and len(value) == sum(len(own) for _, own in self._parts)
+            spoil.set(option, np.asarray(value)[taxels] if each else value)
+
+    def set_dead(self, taxels: Sequence[int], dead: bool = True, value: float | None = None) -> None:
+        """Let taxels die, or revive them."""
+        for spoil, own in self._parts:
+            here = np.flatnonzero(np.isin(own, taxels)).tolist()
+            if here:
+                spoil.set_dead(here, dead, value)

@@ -171,6 +171,14 @@ def _one_or_more(value: Any) -> Any:
 Faults = Annotated[tuple[str, ...], BeforeValidator(_one_or_more)]
 
 
+class LinkTable(Table):
+    """Where one link of a device is: a link placed by itself has its origin in the middle of its taxels."""
+
+    body: str = Field(description="name of the body that carries it")
+    position: Vector = Field(default=(0.0, 0.0, 0.0), description="of the link's frame on the body [m]")
+    quaternion: Quaternion = Field(default=(1.0, 0.0, 0.0, 0.0), description="of the link's frame on the body")
+
+
 class Skin(Table):
     """One device on one port, fed by one sensor on one body."""
 
@@ -180,6 +188,9 @@ class Skin(Table):
     link: str | None = Field(default=None, description="name of the body that carries the taxels")
     readings: str | None = Field(default=None, description="instead of a link: truth log whose samples are felt")
     readings_of: str | None = Field(default=None, description="which device of that log; default: its only one")
+    links: dict[str, str | LinkTable] = Field(
+        default={}, description="bodies that carry links of the device (fingers ...) instead of `link`, by their names"
+    )
     position: Vector = Field(default=(0.0, 0.0, 0.0), description="of the device's frame on the link [m]")
     quaternion: Quaternion = Field(default=(1.0, 0.0, 0.0, 0.0), description="of the device's frame on the link")
     model_: str | None = Field(

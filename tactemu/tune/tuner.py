@@ -168,10 +168,10 @@ class Tuner:
 
     def _build(self, setting: Setting):
         loaded = setting.scene(self.loaded, self.skin.title)
-        scene, sensors = build_scene(loaded, {self.skin.title: self.device} | make_devices(loaded))
+        scene, skins = build_scene(loaded, {self.skin.title: self.device} | make_devices(loaded))
         world = loaded.tables.scene
         sim = scene.build(device=self.compute, seed=world.seed, dtype=world.dtype)
-        return sim, sensors[self.skin.title]
+        return sim, skins[self.skin.title]
 
     def _readings(self, setting: Setting) -> np.ndarray:
         """What the device would sense, without imperfections, at moments spread over the scene."""

@@ -13,14 +13,17 @@ time becomes one with ``FromFunction``. The classes double as the ``[body.motion
 from __future__ import annotations
 
 from tactemu.scene.motion.combined import Sequence, Together
+from tactemu.scene.motion.driven import Joint
 from tactemu.scene.motion.free import FromFunction, Keyframes
 from tactemu.scene.motion.pose import Motion, Pose
 from tactemu.scene.motion.strokes import Hold, Press, Roll, Slide, Spin
 
-MOTIONS: dict[str, type[Motion]] = {m.kind: m for m in (Hold, Press, Slide, Roll, Spin, Keyframes, Sequence, Together)}
+MOTIONS: dict[str, type[Motion]] = {
+    m.kind: m for m in (Hold, Press, Slide, Roll, Spin, Keyframes, Joint, Sequence, Together)
+}
 """What ``kind`` in a scene file may say."""
 
 __all__ = [
-    "MOTIONS", "FromFunction", "Hold", "Keyframes", "Motion", "Pose", "Press", "Roll", "Sequence", "Slide",
+    "MOTIONS", "FromFunction", "Hold", "Joint", "Keyframes", "Motion", "Pose", "Press", "Roll", "Sequence", "Slide",
     "Spin", "Together",
 ]  # fmt: skip

@@ -1,0 +1,59 @@
+"""Which taxels of a device are on which body: all on the skin's link, or links of their own on bodies of their own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from firmware_protocols import Layout
+from tactemu.errors import SceneError, nearest
+from tactemu.scene.schema import LinkTable, Skin
+
+
+@dataclass(frozen=True)
+class SkinPart:
+    """Taxels of one device on one body."""
+
+    name: str
+    """Of its sensor."""
+    layout: Layout
+    """In the frame that ``position`` and ``quaternion`` place on the body."""
+    taxels: np.ndarray
+    """Their indices in the device's layout."""
+    links: tuple[str, ...]
+    """The device's links that it has."""
+    body: str
+    position: tuple[float, float, float]
+    quaternion: tuple[float, float, float, float]
+
+
+def parts_of(skin: Skin, layout: Layout) -> list[SkinPart]:
+    """The parts of a skin, those on the skin's own link first.
+
+    Raises:
+        SceneError: the device has no such link.
+    """
+    for link in skin.links:
+        if link not in layout.links:
+            has = ", ".join(name for name in layout.links if name) or "none"
+            raise SceneError(
+                f"skin {skin.title!r}: links: {skin.device} has no link {link!r}"
+                f"{nearest(link, layout.links)} (links: {has})"
+            )
+    assert skin.link is not None
+    rest = tuple(link for link in layout.links if link not in skin.links)
+    parts = []
+    if not skin.links:
+        everything = np.arange(len(layout))
+        return [SkinPart(skin.title, layout, everything, rest, skin.link, skin.position, skin.quaternion)]
+    if rest:
+        own, taxels = layout.on_links(rest)
+        parts.append(SkinPart(skin.title, own, taxels, rest, skin.link, skin.position, skin.quaternion))
+    for link, given in skin.links.items():
+        place = LinkTable(body=given) if isinstance(given, str) else given
+        own, taxels = layout.on_links((link,))
+        own = replace(own, positions=own.positions - own.positions.mean(axis=0))
+        name = f"{skin.title}/{link}"
+        parts.append(SkinPart(name, own, taxels, (link,), place.body, place.position, place.quaternion))
+    return parts
