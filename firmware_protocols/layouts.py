@@ -70,7 +70,7 @@ class Layout:
         if not np.array_equal(np.sort(order), np.arange(n)):
             raise ValueError(f"Layout.wire_order: expected a permutation of 0..{n - 1}, got {order}")
         x_axes = _default_x_axes(normals) if self.x_axes is None else np.asarray(self.x_axes, float)
-        patches = self.patches or (Patch(name="all", start=0, rows=0, cols=n),)
+        patches = self.patches or ((Patch(name="all", start=0, rows=0, cols=n),) if n else ())
         covered = sorted((patch.start, patch.start + len(patch)) for patch in patches)
         if [0, *(stop for _, stop in covered)] != [*(start for start, _ in covered), n]:
             raise ValueError(f"Layout.patches: expected every taxel of 0..{n - 1} in one patch, got runs {covered}")

@@ -23,7 +23,7 @@ from tactemu.scene.file import LoadedScene
 from tactemu.scene.motion import Joint
 from tactemu.scene.placement import PlacedSkin
 from tactemu.scene.schema import EventTable, Skin
-from tactemu.sensing import Senses
+from tactemu.sensing import Senses, Untouched
 from tactemu.truth import Truth
 from tactemu.wire.wire import Wire
 
@@ -87,7 +87,7 @@ def assemble(
         simulation.reset()
     for skin in loaded.tables.skin:
         device = devices[skin.title]
-        felt = played[skin.title] if skin.title in played else placed[skin.title]
+        felt = played.get(skin.title) or placed.get(skin.title) or Untouched()
         own = {plug.connector.name: wires[plug.address] for plug in plugs if plug.skin == skin.title}
         channels[skin.title] = _channel(skin, device, Senses(felt, device.layout), own, wishes, seed)
     advanced = Playback(simulation, list(played.values())) if played else simulation
@@ -128,8 +128,9 @@ def _driven(loaded: LoadedScene, devices: dict[str, Device], channels: Mapping[s
             raise SceneError(f"{where}: {devices[motion.skin].name} has no joint {motion.joint!r} (joints: {known})")
 
         def position(t_s: float, motion: Joint = motion) -> float:
-            channel = channels[motion.skin]
-            return channel.device.joints(channel.local_ns(round(t_s * 1e9)))[motion.joint]
+            t_ns, channel = round(t_s * 1e9), channels.get(motion.skin)
+            local_ns = t_ns if channel is None else channel.local_ns(t_ns)
+            return devices[motion.skin].joints(local_ns)[motion.joint]
 
         motions[body] = motion.driven_by(position)
     return replace(loaded, motions=motions)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import inspect
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -38,6 +38,10 @@ class Source(Protocol):
         ...
 
 
+Seen = tuple[dict[str, np.ndarray], dict[str, np.ndarray]]
+"""What the senses of a stream see, ideal and measured, by key."""
+
+
 @dataclass
 class Ticks:
     """When one stream of a device converts."""
@@ -47,16 +51,28 @@ class Ticks:
     """Off: the firmware has no period for it, or has not booted."""
     count: int = 1
     """Number of the next conversion since counting began."""
+    burst: int = 1
+    """Looks at the skin per conversion, evenly over its period."""
+    seen: list[Seen] = field(default_factory=list)
+    """What was seen so far of the next conversion."""
 
     @property
     def due_ns(self) -> int:
-        """When the next conversion is due."""
-        return self.sampling.due_ns(self.count)
+        """When the skin is looked at next."""
+        due = self.sampling.due_ns(self.count)
+        if self.burst == 1:
+            return due
+        left = self.burst - 1 - len(self.seen)
+        return due - (due - self.sampling.due_ns(self.count - 1)) * left // self.burst
 
     def start(self, now_ns: int, period_ns: int) -> None:
         """Count anew from now."""
         self.sampling = self.sampling.restarted(now_ns, period_ns)
-        self.running, self.count = True, 1
+        self.running, self.count, self.seen = True, 1, []
+
+    def next(self, missed: int) -> None:
+        """On to the conversion after the one due, and after those whose time has wholly passed."""
+        self.count, self.seen = self.count + 1 + missed, []
 
 
 @dataclass
@@ -91,7 +107,8 @@ class Channel:
         self.ticks: dict[str, Ticks] = {}
         for stream in self.device.periods:
             name = f"{self.sampling.name}/{stream}" if stream else self.sampling.name
-            self.ticks[stream] = Ticks(replace(self.sampling, name=name))
+            burst = max((sense.burst for sense in self.device.senses_of(stream)), default=1)
+            self.ticks[stream] = Ticks(replace(self.sampling, name=name), burst=burst)
         for stream in self.wishes:
             if stream not in self.device.periods:
                 has = ", ".join(map(repr, self.device.periods))
@@ -153,26 +170,28 @@ class Channel:
 
     # -- calls into the device -----------------------------------------------------------------------------------------
 
-    def read(
-        self, stream: str, t_ns: int, advance: Callable[[int], None]
-    ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-        """What the senses of one stream see, ideal and measured, by key.
-
-        ``advance`` brings the simulation to a time: to ``t_ns``, and for a burst to the times before it, too.
-        """
+    def look(self, stream: str, t_ns: int) -> Seen:
+        """What the senses of one stream see at ``t_ns``, to which the simulation has been brought."""
         senses, source = self.device.senses_of(stream), self.source
-        burst = max(sense.burst for sense in senses)
-        span = self.period_ns(stream)
-        ideal: dict[str, list[np.ndarray]] = {sense.key: [] for sense in senses}
-        measured: dict[str, list[np.ndarray]] = {sense.key: [] for sense in senses}
-        for left in range(burst - 1, -1, -1):
-            at_ns = t_ns - span * left // burst
-            advance(at_ns)
-            for sense in senses:
-                if sense.burst > 1 or not left:
-                    ideal[sense.key].append(source.sense(sense, at_ns, True))
-                    measured[sense.key].append(source.sense(sense, at_ns))
-        return _joined(ideal), _joined(measured)
+        ideal = {sense.key: source.sense(sense, t_ns, True) for sense in senses}
+        return ideal, {sense.key: source.sense(sense, t_ns) for sense in senses}
+
+    def whole(self, stream: str, last: Seen) -> Seen:
+        """A conversion that ends with the look ``last``: senses with a burst have a last axis of all looks."""
+        ticks = self.ticks[stream]
+        if ticks.burst == 1:
+            return last
+        looks = [*ticks.seen, last]
+        looks = [last] * (ticks.burst - len(looks)) + looks  # none before: at boot, or asked for out of turn
+        bursts = {sense.key: sense.burst for sense in self.device.senses_of(stream)}
+        ideal, measured = (
+            {
+                key: np.stack([look[side][key] for look in looks], -1) if n > 1 else last[side][key]
+                for key, n in bursts.items()
+            }
+            for side in (0, 1)
+        )
+        return ideal, measured
 
     def feel(self, stream: str, measured: Mapping[str, np.ndarray], stamp_ns: int) -> Any:
         """One conversion; returns the device's counts.
@@ -227,8 +246,3 @@ class Channel:
         heard = f" on {text_of(args[0])[:200]}" if method == "receive" else ""
         where = f"{Path(own.filename).name}:{own.lineno}: {own.line}"
         return f"{self.device.name}.{method}{heard} raised {type(error).__name__}: {error} at {where}"
-
-
-def _joined(seen: Mapping[str, list[np.ndarray]]) -> dict[str, np.ndarray]:
-    """One array for each sense; values of a burst along a last axis."""
-    return {key: values[0] if len(values) == 1 else np.stack(values, axis=-1) for key, values in seen.items()}

@@ -201,8 +201,12 @@ class Emulator:
             return
         due, count = ticks.due_ns, ticks.count
         if due < channel.silent_until_ns:
-            ticks.count += 1
+            ticks.next(0)
             channel.statistics.silent += 1
+            return
+        if len(ticks.seen) < ticks.burst - 1:
+            self._advance(channel, stream, due)
+            ticks.seen.append(channel.look(stream, due))
             return
         stamp, release = ticks.sampling.stamp_ns(count), ticks.sampling.release_ns(count, due)
         number = self._convert(channel, stream, due, stamp)
@@ -212,7 +216,8 @@ class Emulator:
     def _convert(self, channel: Channel, stream: str, t_ns: int, stamp_ns: int) -> int:
         """One conversion at ``t_ns``, logged; returns its number."""
         number, channel.samples = channel.samples, channel.samples + 1
-        ideal, measured = channel.read(stream, t_ns, lambda at_ns: self._advance(channel, stream, at_ns))
+        self._advance(channel, stream, t_ns)
+        ideal, measured = channel.whole(stream, channel.look(stream, t_ns))
         counts = channel.feel(stream, measured, stamp_ns)
         for key, values, sense in _by_sense(counts, measured):
             self.truth.sample(t_ns, channel.name, ideal[key], measured[key], values, number=number, sense=sense)
@@ -250,7 +255,7 @@ class Emulator:
         if ticks.running and ticks.count == count:  # unless the call has started it anew
             past_ns = self.clock.now_ns() - ticks.sampling.due_ns(count + 1)
             missed = max(0, past_ns // ticks.sampling.period_ns)
-            ticks.count += 1 + missed
+            ticks.next(missed)
             channel.statistics.missed += missed
 
     # -- what leaves -------------------------------------------------------------------------------------------------

@@ -81,6 +81,20 @@ class Senses:
         return found[link]
 
 
+class Untouched:
+    """The skin of a device without taxels."""
+
+    imperfections = None
+
+    def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
+        """Nothing, shape ``(0, 3)`` or ``(0,)``."""
+        return np.zeros((0, 3) if name in ("force", "displacement") else 0)
+
+    def surroundings(self, t_ns: int, link: str = "") -> Surroundings:
+        """A room, at rest."""
+        return Surroundings()
+
+
 def resultant(positions: np.ndarray, forces: np.ndarray, about: np.ndarray) -> np.ndarray:
     """Force and torque [N, Nm], shape ``(n, 6)``, of forces ``(m, 3)`` at ``positions`` about each of n points."""
     arms = positions[None] - np.asarray(about)[:, None]

@@ -79,9 +79,9 @@ def build_scene(
         )
     skins = {}
     for skin in loaded.tables.skin:
-        if skin.link is None:
-            continue
         device = devices[skin.title]
+        if skin.link is None or not len(device.layout):
+            continue
         placed = []
         for part in parts_of(skin, device.layout):
             model = sensor_model(skin, device, (laws or {}).get(skin.title, ()), part=part)
