@@ -20,7 +20,7 @@ POSE_WIDTH = 13
 
 
 @functools.cache
-def relative_pose_kernel(real, with_twist: bool, with_centres: bool):
+def relative_pose_kernel(real, with_twist: bool):
     """Poses (and twists) of all bodies in the frame of each link; a pose that is not finite becomes NaN and a flag."""
     vec3 = wp.types.vector(3, real)
     quat = wp.types.quaternion(real)
@@ -38,13 +38,12 @@ def relative_pose_kernel(real, with_twist: bool, with_centres: bool):
     def unit_quaternion(row: wp.array(dtype=wp.float64)):
         q = wp.quatd(row[4], row[5], row[6], row[3])
         length = wp.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-        return q / wp.where(length >= wp.float64(1.0e-6) and wp.isfinite(length), length, wp.float64(wp.nan))
+        return q / wp.where(length < wp.float64(1.0e-6), wp.float64(wp.nan), length)
 
     @wp.kernel(module="unique", enable_backward=False)
     def relative_poses(
         world: wp.array3d(dtype=wp.float64),
         links: wp.array(dtype=wp.int32),
-        centres: wp.array(dtype=wp.vec3d),
         dt_ns: wp.array(dtype=wp.int64),
         step: wp.array(dtype=wp.int64),
         time_ns: wp.array(dtype=wp.int64),
@@ -62,11 +61,8 @@ def relative_pose_kernel(real, with_twist: bool, with_centres: bool):
         body = world[b, e]
         q_link = unit_quaternion(link)
         to_link = wp.quat_inverse(q_link)
+        x = wp.quat_rotate(to_link, vector(body, 0) - vector(link, 0))
         q_body = unit_quaternion(body)
-        from_link = vector(body, 0) - vector(link, 0)
-        if wp.static(with_centres):
-            from_link += wp.quat_rotate(q_body, centres[b])
-        x = wp.quat_rotate(to_link, from_link)
         q = wp.normalize(to_link * q_body)
         v = vector(body, 7)
         w = vector(body, 10)
@@ -99,8 +95,7 @@ class LinkView:
 
     link: int
     pose: wp.array
-    """Transforms (position, quaternion) of the bodies in the link's frame. NaN where a world pose is not finite. The
-    position is that of :meth:`tactemu.physics.shapes.table.ShapeTables.centre`, for most bodies their origin."""
+    """Transforms (position, quaternion) of the bodies in the link's frame. NaN where a world pose is not finite."""
     velocity: wp.array
     """Relative velocity of each body's material at the link's *origin* [m/s], link frame; empty unless asked for."""
     spin: wp.array
@@ -134,7 +129,6 @@ class RelativePoses:
         self._velocity = wp.zeros(twist_shape, dtype=vec3, device=device)
         self._spin = wp.zeros(twist_shape, dtype=vec3, device=device)
         self._link_spin = wp.zeros(twist_shape[:2], dtype=vec3, device=device)
-        self._centres = np.zeros((n_bodies, 3))
         self.bad = wp.zeros(shape, dtype=wp.uint8, device=device)
 
     def view(self, link: int) -> LinkView:
@@ -147,18 +141,12 @@ class RelativePoses:
             arrays = {"velocity": none, "spin": none, "link_spin": none.reshape((0,))}
         return LinkView(link=link, pose=self._pose[l], **arrays)
 
-    def count_from(self, centres: dict[int, tuple[float, float, float]]) -> None:
-        """Let poses be those of these points of the bodies, by index, body frame [m], not of their origins."""
-        for body, centre in centres.items():
-            self._centres[body] = centre
-
     def stage(self) -> Stage:
         """The stage; it also advances the step count and the time."""
         context = self._context
-        centres = wp.array(self._centres, dtype=wp.vec3d, device=context.device)
-        inputs = [self.world, self._links, centres, self.dt_ns, context.step, context.time_ns]
+        inputs = [self.world, self._links, self.dt_ns, context.step, context.time_ns]
         outputs = [self._pose, self._velocity, self._spin, self._link_spin, self.bad]
-        kernel = relative_pose_kernel(context.real, self.with_twist, bool(self._centres.any()))
+        kernel = relative_pose_kernel(context.real, self.with_twist)
         reason = "poses of all bodies in the skin's frame, formed in float64"
         if self.with_twist:
             reason += "; velocities for " + ", ".join(self._reasons)

@@ -40,7 +40,6 @@ file *without* ``from __future__ import annotations``. A NaN pose must come out 
 
 from __future__ import annotations
 
-import logging
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -60,11 +59,6 @@ from tactemu.physics.shapes.table import ShapeTable, ShapeTables
 from tactemu.plan.plan import Context, Dtype, Stage
 from tactemu.scene.bodies import Body, find
 from tactemu.scene.motion import Pose
-
-log = logging.getLogger(__name__)
-
-ROUGH = 0.01
-"""Part of a probe's radius by which rounding may move a surface before it is said."""
 
 DepthQuery = Literal["sdf", "raycast", "voxel", "ray"]
 
@@ -93,22 +87,7 @@ class Site:
     def table(self) -> ShapeTable:
         """The shapes of the bodies felt."""
         model = self.model
-        table = self.shapes.table(self.target_bodies, model.contact_depth_query, model.voxel_size)
-        self._tell_of_rounding(table)
-        return table
-
-    def _tell_of_rounding(self, table: ShapeTable) -> None:
-        """Warn of bodies so large that distances to them are steps, seen from the smallest probe."""
-        radii = self.probes.radii[self.probes.radii > 0]
-        step = float(np.finfo(np.float32 if self.context.real is wp.float32 else np.float64).eps)
-        for body in self.target_bodies:
-            extent = max(table.rows[body.index].half)
-            if len(radii) and step * extent > ROUGH * radii.min():
-                log.warning(
-                    "sensor %r: body %r reaches %.3g m, where numbers step by %.2g m, and the smallest radius is "
-                    "%.3g m; build(dtype='float64'), or take a smaller body",
-                    *(self.name, body.name, extent, step * extent, radii.min()),
-                )
+        return self.shapes.table(self.target_bodies, model.contact_depth_query, model.voxel_size)
 
     @cached_property
     def own_table(self) -> ShapeTable:

@@ -102,13 +102,12 @@ class Simulation:
         reasons = [f"{s.name} ({why})" for s in self.sensors if (why := s.model.velocity_reason())]
         self._poses = RelativePoses(links, len(self.bodies), reasons, self.context)
         self.plan = Plan(device=self.device)
+        if self.sensors:
+            self.plan.stages.append(self._poses.stage())
         self._shapes = ShapeTables(self.bodies, self.context)
         self._arrays: list[wp.array] = []
         for sensor in self.sensors:
             self.plan.stages += self._compile_sensor(sensor)
-        if self.sensors:
-            self._poses.count_from(self._shapes.centres)
-            self.plan.stages.insert(0, self._poses.stage())
         self._bad_view = self._poses.bad.numpy() if self.device.is_cpu else None
 
     def _check(self, sensor: Sensor) -> None:

@@ -25,6 +25,8 @@ from tactemu.transports.transport import Event, Received, Transport
 
 _AT_ONCE_S = 0.001
 """For how long one look takes frames [s], so that a flood of them leaves time for the rest."""
+_LONGEST_NAME = 15
+"""Of a network interface on Linux [bytes]."""
 _ECHOES = 256
 """Own frames that are waited for on an interface that returns them."""
 _CAN_FRAME, _CANFD_FRAME = struct.Struct("=IB3x8s"), struct.Struct("=IBB2x64s")
@@ -137,6 +139,8 @@ class CanTransport(Transport):
             name = self.channel
             if os.path.exists(f"/sys/class/net/{name}"):
                 return f"bring it up: sudo ip link set {name} up"
+            if len(name.encode()) > _LONGEST_NAME:
+                return f"the kernel knows no interface whose name is longer than {_LONGEST_NAME} bytes; shorten it"
             return (
                 f"make it: sudo modprobe vcan && sudo ip link add dev {name} type vcan && "
                 f"sudo ip link set {name} mtu 72 up; "

@@ -10,7 +10,7 @@ import tactemu as tt
 from tactemu.errors import MeshError
 from tactemu.physics.shapes.triangles import load_mesh
 from tests.physics.genesis_case import DATA
-from tests.physics.rig import depth_of, scene_with
+from tests.physics.rig import depth_of
 
 RADIUS = 4.0
 
@@ -164,76 +164,3 @@ def test_distances_are_those_of_libigl():
     ours = 0.1 - depth_of(blob, points, 0.1)
     assert not ((ours < 0) != (theirs < 0))[np.abs(theirs) > 1e-7].any()
     assert np.abs(ours - theirs).max() < 2e-8
-
-
-def normals(shape, points, radius):
-    """Unit normals that springs feel at points of the body's frame, in float64."""
-    springs = {"normal_stiffness": 1.0, "normal_damping": 0.0, "shear_scalar": 0.0, "twist_scalar": 0.0}
-    sim, _, skin = scene_with(
-        shape, tt.KinematicTaxel(probe_local_pos=points, probe_radius=radius, **springs), dtype="float64"
-    )
-    sim.step()
-    force = skin.read().force
-    return force / np.linalg.norm(force, axis=1, keepdims=True)
-
-
-@pytest.mark.parametrize("gap", [1e-6, 50e-9, 1e-9, 0.0, -50e-9])
-@pytest.mark.parametrize("mesh", [trimesh.creation.box((0.04,) * 3), trimesh.creation.icosphere(3, radius=0.02)])
-def test_near_a_face_its_normal_and_its_plane_are_felt(mesh, gap):
-    rng = np.random.default_rng(6)
-    face = rng.integers(0, len(mesh.faces), 300)
-    weights = rng.dirichlet((4.0, 4.0, 4.0), 300)
-    corners, expected = mesh.triangles[face], np.cross(*np.moveaxis(np.diff(mesh.triangles[face], axis=1), 1, 0))
-    expected /= np.linalg.norm(expected, axis=1, keepdims=True)
-    points = np.einsum("ik,ikx->ix", weights, corners) + gap * expected
-    shape = tt.Mesh(source=mesh)
-    assert np.abs(normals(shape, points, 1e-3) - expected).max() < 1e-9
-    depth = depth_of(shape, points, 1e-3, dtype="float64")
-    assert np.abs(depth - (1e-3 - gap)).max() < 1e-15
-
-
-def test_lines_enter_a_mesh_where_its_faces_are():
-    points = np.random.default_rng(8).uniform(-0.019, 0.019, (200, 3)) * (1, 1, 0) + (0, 0, -0.0205)
-    ray = {"contact_depth_query": "ray", "dtype": "float64"}
-    ours = depth_of(tt.Mesh(source=trimesh.creation.box((0.04,) * 3)), points, 1e-3, **ray)
-    assert ours == pytest.approx(depth_of(tt.Box(size=(0.04,) * 3), points, 1e-3, **ray), abs=1e-15)
-
-
-@pytest.mark.parametrize("query", [None, "ray"])
-def test_a_mesh_far_from_its_bodys_origin_keeps_its_digits(query):
-    """A box whose file puts it 10 m away, seen by a skin that is where the box is."""
-    box = trimesh.creation.box((0.04, 0.04, 0.04))
-    rng = np.random.default_rng(7)
-    turn = np.array((0.5, 0.5, 0.5, 0.5))  # x to y, y to z, z to x
-    points = np.column_stack([rng.uniform(-0.03, 0.03, (200, 2)), rng.uniform(-0.0215, -0.0205, 200)])
-    near = depth_of(tt.Mesh(source=box), points, 1e-3, contact_depth_query=query)
-    away = box.copy().apply_translation((10.0, 0.0, 0.0))
-    shape = tt.Mesh(source=away)
-    ours = depth_of(shape, points, 1e-3, position=(0, -10.0, 0), quaternion=turn, contact_depth_query=query)
-    assert near.any() and np.abs(ours - near).max() < 4e-8
-
-
-def test_points_on_a_far_mesh_keep_their_digits():
-    readings = []
-    for shift in (0.0, 10.0):
-        box = trimesh.creation.box((0.04, 0.04, 0.04)).apply_translation((shift, 0, 0))
-        points = [[0.001 * x + shift, 0.001 * y, -0.02] for x in range(5) for y in range(5)]
-        model = tt.ProximityTaxel(probe_local_pos=[[0.001, 0.001, 0]], probe_radius=0.003, points=points)
-        sim, body, skin = scene_with(tt.Mesh(source=box), model)
-        sim.set_pose(body, position=(-shift, 0, 0.019))
-        sim.step()
-        readings.append(skin.read().force[0])
-    assert readings[0][2] != 0 and np.abs(readings[1] - readings[0]).max() < 1e-6 * np.abs(readings[0]).max()
-
-
-def test_a_skin_on_a_far_mesh_looks_through_it():
-    """The link is a box that its file puts 10 m away: a ball sinks into it, and is felt as far as the box goes."""
-    box = trimesh.creation.box((0.04, 0.04, 0.02)).apply_translation((10.0, 0, 0))
-    at = {"probe_local_pos": [[10.0, 0, 0.01]], "probe_radius": 1e-3, "contact_depth_query": "ray"}
-    sim, ball, skin = scene_with(tt.Sphere(radius=1e-3), tt.ContactDepthProbe(**at), link_shape=tt.Mesh(source=box))
-    depths = []
-    for z in (0.01, 0.0, -0.008, -0.02):
-        sim.set_pose(ball, position=(10.0, 0, z))
-        sim.step()
-        depths.append(skin.read()[0])
-    assert depths == pytest.approx([2e-3, 12e-3, 20e-3, 0.0], abs=2e-6)

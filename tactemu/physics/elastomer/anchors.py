@@ -57,7 +57,6 @@ def _kernels(real, functions: ShapeFunctions, slope: float, area_weighted: bool)
         clouds: cloud_type(real),
         pose: wp.array2d(dtype=transform),
         link: int,
-        link_centre: vec3,
         contact_threshold: real,
         release_margin: real,
         # outputs
@@ -74,7 +73,7 @@ def _kernels(real, functions: ShapeFunctions, slope: float, area_weighted: bool)
         first = c * CLUSTER
         last = first + clouds.counts[c]
         centre = wp.transform_point(at, vec3(ball[0], ball[1], ball[2]))
-        centre_distance, _normal = distance(shapes, link, centre - link_centre)
+        centre_distance, _normal = distance(shapes, link, centre)
         if centre_distance > steepest * ball[3] + wp.max(release_margin, real(0.0)):
             if n_latched[env, c] > 0:
                 for p in range(first, last):
@@ -86,7 +85,7 @@ def _kernels(real, functions: ShapeFunctions, slope: float, area_weighted: bool)
         pulling = int(0)
         for p in range(first, last):
             y = wp.transform_point(at, clouds.points[p])
-            depth, _normal = distance(shapes, link, y - link_centre)
+            depth, _normal = distance(shapes, link, y)
             depth = -depth
             holds = is_latched[env, p] != wp.uint8(0) and not (depth < -release_margin)
             touches = not holds and depth > contact_threshold
@@ -136,7 +135,6 @@ def shear_anchors(
     view: LinkView,
     clusters: Clusters,
     *,
-    link_centre: tuple[float, float, float],
     contact_threshold: float,
     release_margin: float,
     area_weighted: bool,
@@ -145,7 +143,6 @@ def shear_anchors(
 
     Args:
         clusters: points of the tracked bodies.
-        link_centre: what the row of the link counts from, link frame [m].
         contact_threshold: depth in the link's body beyond which a point latches [m].
         release_margin: distance from the link's body beyond which it is released [m].
         area_weighted: multiply each pull by the surface that the point stands for.
@@ -178,7 +175,6 @@ def shear_anchors(
             upload_clouds(clusters, context),
             view.pose,
             view.link,
-            vec3(*link_centre),
             contact_threshold,
             release_margin,
         ],

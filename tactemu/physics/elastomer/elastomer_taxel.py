@@ -195,7 +195,6 @@ class _Parts:
             site.own_table,
             site.view,
             clouds,
-            link_centre=site.shapes.centre(site.link),
             contact_threshold=model.contact_threshold,
             release_margin=-model.release_threshold,
             area_weighted=model.area_weighted,

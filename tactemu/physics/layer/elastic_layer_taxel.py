@@ -322,7 +322,7 @@ class CompiledLayer:
             return wp.full(shape, horizon, dtype=self.real, device=self.device)
         centres = self.centres.flatten()
         normals = wp.full(len(centres), site.vec3(*self.grid.normal), dtype=site.vec3, device=self.device)
-        thickness = thickness_behind(site, centres, normals).numpy()
+        thickness = thickness_behind(site.own_table, site.link.index, centres, normals, site.context).numpy()
         limited = np.where(thickness < FAR, thickness, horizon).reshape(shape)
         return wp.array(limited, dtype=self.real, device=self.device)
 

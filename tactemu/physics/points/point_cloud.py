@@ -19,12 +19,12 @@ FAR_AWAY = 1.0e17
 
 @dataclass(frozen=True)
 class PointCloud:
-    """Points fixed to one body."""
+    """Points fixed to one body, in its frame."""
 
     body: int
     """Index of the body in the scene."""
     positions: np.ndarray
-    """Along the body's axes, from its origin or another point of it [m], float64, shape ``(n, 3)``."""
+    """[m], float64, shape ``(n, 3)``."""
     areas: np.ndarray
     """Surface that each point stands for [m^2], shape ``(n,)``; NaN where unknown (points given without areas)."""
 

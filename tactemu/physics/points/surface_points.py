@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -47,7 +46,7 @@ def _given_clouds(points, area: float, site: Site) -> list[PointCloud]:
 def surface_points(
     site: Site, n_sample_points: int | Sequence[int], points=None, point_area: float | None = None
 ) -> list[PointCloud]:
-    """One cloud per tracked body, its positions counted from where the device counts those of the body.
+    """One cloud per tracked body.
 
     Args:
         site: of the sensor; its target bodies are sampled.
@@ -60,14 +59,7 @@ def surface_points(
         SceneError: numbers do not fit the bodies, or a body has no surface to sample.
     """
     if points is not None and len(points):
-        clouds = _given_clouds(points, np.nan if point_area is None else float(point_area), site)
-    else:
-        clouds = _sampled_clouds(n_sample_points, site)
-    centres = [site.shapes.centre(body) for body in site.target_bodies]
-    return [replace(cloud, positions=cloud.positions - centre) for cloud, centre in zip(clouds, centres)]
-
-
-def _sampled_clouds(n_sample_points: int | Sequence[int], site: Site) -> list[PointCloud]:
+        return _given_clouds(points, np.nan if point_area is None else float(point_area), site)
     clouds = []
     for body, count in zip(site.target_bodies, _counts(n_sample_points, max(len(site.target_bodies), 1), site.name)):
         rng = generator(site.context.seed, f"{site.name}/points of {body.name}")

@@ -223,4 +223,4 @@ def _reach(site: Site) -> wp.array:
     if given is not None or site.link.shape is None:
         values = np.full(site.probes.n, FAR if given is None else given)
         return wp.array(values, dtype=context.real, device=context.device)
-    return thickness_behind(site, site.positions, site.normals)
+    return thickness_behind(site.own_table, site.link.index, site.positions, site.normals, context)

@@ -5,7 +5,7 @@
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,13 +13,11 @@ import numpy as np
 
 from tactemu.errors import SceneError
 from tactemu.physics.shapes.rays import bound_function
-from tactemu.physics.shapes.shape import FAR, Kind, Length, Row, Shape, far_centre, table_type
+from tactemu.physics.shapes.shape import FAR, Kind, Length, Row, Shape, table_type
 from tactemu.physics.shapes.surface import sample_triangles
 from tactemu.physics.shapes.triangles import Triangles, load_mesh
 from tactemu.physics.shapes.voxel_grid import VoxelGrid
 
-GRAZING = 1.0e-2
-"""Sine of an angle between line and face below which their crossing stays as the search found it."""
 MOST_CROSSINGS = 16
 """Surfaces behind the skin that a line may cross."""
 
@@ -39,8 +37,7 @@ class Mesh(Shape):
     def row(self, name: str, device) -> Row:
         from tactemu.physics.shapes.mesh_query import build_query
 
-        given = self._triangles(name)
-        triangles = replace(given, vertices=given.vertices - self.centre(name))
+        triangles = self._triangles(name)
         query = build_query(triangles, device)
         used = triangles.vertices[triangles.faces].reshape(-1, 3)
         return Row(
@@ -50,14 +47,8 @@ class Mesh(Shape):
             half=tuple(0.5 * np.ptp(used, axis=0)),
             mesh=query.mesh,
             mesh_unit=query.unit,
-            corners=query.corners,
             grid=VoxelGrid(values=query.values, origin=query.origin, cell=query.cell),
         )
-
-    def centre(self, name: str) -> tuple[float, float, float]:
-        triangles = self._triangles(name)
-        used = triangles.vertices[triangles.faces].reshape(-1, 3)
-        return far_centre(used.min(0), used.max(0))
 
     def reach(self, name: str, direction: np.ndarray) -> float:
         return float((self._triangles(name).vertices @ direction).max())
@@ -79,9 +70,7 @@ class Mesh(Shape):
         return cls(source=folder / path, scale=scale)
 
     def _triangles(self, name: str) -> Triangles:
-        if "_loaded" not in self.__dict__:  # frozen, as a cached property
-            self.__dict__["_loaded"] = load_mesh(self.source, self.scale, name=f"mesh of body {name!r}")
-        return self.__dict__["_loaded"]
+        return load_mesh(self.source, self.scale, name=f"mesh of body {name!r}")
 
 
 def _distance(closed: bool, real):
@@ -118,12 +107,6 @@ def _ray(real):
             if not hit.result:
                 break
             at = s + real(hit.t) * unit
-            first = shapes.first_corner[b] + 3 * hit.face
-            a = shapes.corners[first]
-            n = wp.normalize(wp.cross(shapes.corners[first + 1] - a, shapes.corners[first + 2] - a))
-            slope = wp.dot(d, n)
-            if wp.abs(slope) > real(GRAZING):  # what the search found in float32, measured in the kernel's own numbers
-                at = wp.dot(a * unit - o, n) / slope
             if hit.sign > 0.0:  # from outside
                 return at, real(FAR)
             if at >= real(0.0):  # from inside, and solid up to the skin

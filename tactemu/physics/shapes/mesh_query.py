@@ -35,8 +35,6 @@ class MeshQuery:
     """Signed distances at the nodes of the bounding grid [m], shape ``(nx, ny, nz)``."""
     origin: np.ndarray
     cell: float
-    corners: np.ndarray
-    """Three vertices of each face in stored units, float64, shape ``(3 * n_faces, 3)``."""
 
 
 @functools.cache
@@ -74,52 +72,7 @@ def build_query(triangles: Triangles, device) -> MeshQuery:
     out = wp.zeros(tuple(nodes), dtype=wp.float32, device=device)
     inputs = [mesh.id, wp.vec3(*(origin / unit)), cell / unit]
     wp.launch(_node_kernel(triangles.closed), dim=out.shape[:2], inputs=inputs, outputs=[out], device=device)
-    corners = triangles.vertices[triangles.faces].reshape(-1, 3) / unit
-    return MeshQuery(mesh, unit, out.numpy().astype(np.float64) * unit, origin, cell, corners)
-
-
-@functools.cache
-def triangle_function(real):
-    """``nearest(a, b, c, p) -> (point, normal, inside)``: the point of the triangle nearest to ``p``, the triangle's
-    normal, and whether that point lies off its edges. Christer Ericson, Real-Time Collision Detection, 5.1.5.
-
-    What the search found in float32 is measured once more in the kernel's own numbers: near the surface the direction
-    to a point rounded to float32 says nothing.
-    """
-    vec3 = wp.types.vector(3, real)
-
-    @wp.func
-    def nearest(a: vec3, b: vec3, c: vec3, p: vec3):
-        ab = b - a
-        ac = c - a
-        n = wp.normalize(wp.cross(ab, ac))
-        a_b = wp.dot(ab, p - a)
-        a_c = wp.dot(ac, p - a)
-        if a_b <= real(0.0) and a_c <= real(0.0):
-            return a, n, False
-        b_b = wp.dot(ab, p - b)
-        b_c = wp.dot(ac, p - b)
-        if b_b >= real(0.0) and b_c <= b_b:
-            return b, n, False
-        c_b = wp.dot(ab, p - c)
-        c_c = wp.dot(ac, p - c)
-        if c_c >= real(0.0) and c_b <= c_c:
-            return c, n, False
-        if a_b * b_c - b_b * a_c <= real(0.0) and a_b >= real(0.0) and b_b <= real(0.0):
-            return a + (a_b / (a_b - b_b)) * ab, n, False
-        if c_b * a_c - a_b * c_c <= real(0.0) and a_c >= real(0.0) and c_c <= real(0.0):
-            return a + (a_c / (a_c - c_c)) * ac, n, False
-        to_b = c_b - c_c
-        to_c = b_c - b_b
-        if b_b * c_c - c_b * b_c <= real(0.0) and to_c >= real(0.0) and to_b >= real(0.0):
-            return b + (to_c / (to_c + to_b)) * (c - b), n, False
-        return p - wp.dot(p - a, n) * n, n, True
-
-    return nearest
-
-
-TOUCHING = {wp.float32: 1.0e-6, wp.float64: 1.0e-12}
-"""Distance from an edge or a vertex, in stored units, below which a direction is rounding."""
+    return MeshQuery(mesh, unit, out.numpy().astype(np.float64) * unit, origin, cell)
 
 
 class MeshFunctions(NamedTuple):
@@ -155,9 +108,6 @@ def mesh_functions(real, closed: bool) -> MeshFunctions:
         d, away = nearest_node(shapes, b, p)
         return d - away
 
-    nearest_point = triangle_function(real)
-    touching = real(TOUCHING[real])
-
     @wp.func
     def distance(shapes: shapes_type, b: int, p: vec3):
         mesh = shapes.mesh[b]
@@ -168,35 +118,34 @@ def mesh_functions(real, closed: bool) -> MeshFunctions:
         farthest = wp.float32((wp.abs(node) + away) / unit)
         sign = float(1.0)
         face = int(-1)
+        u = float(0.0)
+        v = float(0.0)
         if wp.static(closed):
             if wp.abs(node) > away:
                 sure = wp.mesh_query_point_no_sign(mesh, q, farthest)
                 sign = wp.where(node < real(0.0), -1.0, 1.0)
+                u = sure.u
+                v = sure.v
                 face = wp.where(sure.result, sure.face, -1)
             else:
                 hit = wp.mesh_query_point_sign_normal(mesh, q, farthest)
                 sign = hit.sign
+                u = hit.u
+                v = hit.v
                 face = wp.where(hit.result, hit.face, -1)
         else:
             wound = wp.mesh_query_point_sign_winding_number(mesh, q, farthest)
             sign = wound.sign
+            u = wound.u
+            v = wound.v
             face = wp.where(wound.result, wound.face, -1)
         if face < 0:  # not a number
             return real(wp.nan), vec3(real(0.0))
-        first = shapes.first_corner[b] + 3 * face
-        point, n, inside = nearest_point(
-            shapes.corners[first], shapes.corners[first + 1], shapes.corners[first + 2], scaled
-        )
-        gap = scaled - point
+        gap = q - wp.mesh_eval_position(mesh, face, u, v)
         length = wp.length(gap)
-        side = real(sign)
-        if inside:
-            height = wp.dot(gap, n)
-            if wp.static(closed):
-                return height * unit, n
-            return side * wp.abs(height) * unit, wp.where(side * height < real(0.0), -n, n)
-        if length > touching:
-            n = gap * (side / length)
-        return side * length * unit, n
+        n = wp.mesh_eval_face_normal(mesh, face)
+        if length > 1.0e-6:
+            n = gap * (sign / length)
+        return real(sign * length) * unit, vec3(real(n[0]), real(n[1]), real(n[2]))
 
     return MeshFunctions(distance, lower_bound)

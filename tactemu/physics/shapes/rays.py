@@ -222,14 +222,13 @@ def _thickness_kernel(real, kinds: frozenset):
     def find_thickness(
         shapes: shapes_type,
         b: int,
-        centre: vec3,
         positions: wp.array(dtype=vec3),
         normals: wp.array(dtype=vec3),
         reach_out: wp.array(dtype=real),
     ):
         i = wp.tid()
         here = wp.transformation(vec3(real(0.0)), quat(real(0.0), real(0.0), real(0.0), real(1.0)))
-        s = enters(shapes, b, here, positions[i] - centre, normals[i], real(FAR), real(FAR))
+        s = enters(shapes, b, here, positions[i], normals[i], real(FAR), real(FAR))
         if s >= real(0.0):  # the point is not on the body: nothing is behind it
             s = real(-FAR)
         reach_out[i] = -s
@@ -237,22 +236,22 @@ def _thickness_kernel(real, kinds: frozenset):
     return find_thickness
 
 
-def thickness_behind(site, positions, normals):
-    """How far a sensor's own link goes on behind points on its surface, against their normals [m], shape ``(n,)``.
+def thickness_behind(table, b: int, positions, normals, context):
+    """How far body ``b`` of a table goes on behind points on its surface, against their normals [m], shape ``(n,)``.
 
-    Where a point is not on the link, or the link has no end, it is 1e18.
+    Where a point is not on the body, or the body has no end, it is 1e18. Positions and normals are in its frame.
 
     Args:
-        site: of the sensor (:class:`tactemu.physics.sensor.Site`).
-        positions: ``wp.array`` of vectors in the link's frame [m], shape ``(n,)``.
+        table: a :class:`~tactemu.physics.shapes.table.ShapeTable`.
+        b: row of the body.
+        positions: ``wp.array`` of vectors [m], shape ``(n,)``.
         normals: unit vectors, likewise.
+        context: of the scene.
     """
     import warp as wp
 
-    real, device = site.context.real, site.context.device
-    reach = wp.zeros(len(positions), dtype=real, device=device)
-    centre = wp.types.vector(3, real)(*site.shapes.centre(site.link))
-    inputs = [site.own_table.struct, site.link.index, centre, positions, normals]
-    kernel = _thickness_kernel(real, site.own_table.kinds)
-    wp.launch(kernel, dim=len(positions), inputs=inputs, outputs=[reach], device=device)
+    reach = wp.zeros(len(positions), dtype=context.real, device=context.device)
+    inputs = [table.struct, b, positions, normals]
+    kernel = _thickness_kernel(context.real, table.kinds)
+    wp.launch(kernel, dim=len(positions), inputs=inputs, outputs=[reach], device=context.device)
     return reach

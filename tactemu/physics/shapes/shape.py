@@ -76,8 +76,6 @@ class Row:
     """A ``wp.Mesh`` on the device, scaled to unit size."""
     mesh_unit: float = 1.0
     """Metres that one stored unit of the mesh stands for."""
-    corners: np.ndarray | None = None
-    """Vertices of the mesh, three for each face, in stored units, ``(3 * n_faces, 3)``."""
     grid: Any = None
     """Distances on a grid (:class:`~tactemu.physics.shapes.voxel_grid.VoxelGrid`)."""
 
@@ -96,11 +94,6 @@ class Shape(ABC):
         Raises:
             MeshError: a mesh cannot be used.
         """
-
-    def centre(self, name: str) -> tuple[float, float, float]:
-        """What its row and its poses on the device count from, body frame [m]: a shape far from its body's origin would
-        lose its digits."""
-        return 0.0, 0.0, 0.0
 
     @abstractmethod
     def reach(self, name: str, direction: np.ndarray) -> float:
@@ -144,13 +137,6 @@ def check_lengths(shape: Shape, **lengths: float) -> None:
             raise SceneError(f"{type(shape).__name__}: {name} must be a finite length > 0 m, got {value!r}")
 
 
-def far_centre(low, high) -> tuple[float, float, float]:
-    """The centre of a box if it lies farther from the origin than the box is long, else the origin."""
-    low, high = np.asarray(low, float), np.asarray(high, float)
-    x, y, z = map(float, 0.5 * (low + high))
-    return (x, y, z) if math.hypot(x, y, z) > (high - low).max() else (0.0, 0.0, 0.0)
-
-
 @functools.cache
 def table_type(real):
     """The Warp struct that holds all shapes of a scene, one row per body."""
@@ -166,8 +152,6 @@ def table_type(real):
         bound: wp.array(dtype=real)  # radius of a ball around the origin that holds the shape
         mesh: wp.array(dtype=wp.uint64)
         mesh_unit: wp.array(dtype=real)  # meshes are stored with unit size: metres per stored unit
-        corners: wp.array(dtype=vec3)  # of meshes, three for each face, in stored units
-        first_corner: wp.array(dtype=wp.int32)
         grid_start: wp.array(dtype=wp.int64)  # first node in grid_values; a mesh has a coarse grid
         grid_nodes: wp.array(dtype=wp.vec3i)
         grid_origin: wp.array(dtype=vec3)

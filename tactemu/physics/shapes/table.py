@@ -37,8 +37,6 @@ class ShapeTables:
         self._rows: dict[int, Row] = {}
         self._grids: dict[tuple[int, float | None], Row] = {}
         self._tables: dict = {}
-        self.centres: dict[int, tuple[float, float, float]] = {}
-        """Of the bodies that were asked for, by index."""
 
     def table(self, used: tuple[Body, ...], query: str | None = None, cell: float | None = None) -> ShapeTable:
         """The table of the bodies ``used``; the others get an empty row and cost nothing."""
@@ -46,17 +44,9 @@ class ShapeTables:
         voxels = query == "voxel"
         key = (chosen, voxels, cell if voxels else None)
         if key not in self._tables:
-            for body in used:
-                self.centre(body)
             rows = [self._row(body, voxels, cell) if body.index in chosen else Row() for body in self._bodies]
             self._tables[key] = pack(rows, self._context)
         return self._tables[key]
-
-    def centre(self, body: Body) -> tuple[float, float, float]:
-        """What positions of a body are counted from on the device, body frame [m]."""
-        if body.index not in self.centres:
-            self.centres[body.index] = (0.0, 0.0, 0.0) if body.shape is None else body.shape.centre(body.name)
-        return self.centres[body.index]
 
     def _row(self, body: Body, voxels: bool, cell: float | None) -> Row:
         assert body.shape is not None  # of a body without geometry nothing is asked
@@ -101,9 +91,6 @@ def pack(rows: list[Row], context: Context) -> ShapeTable:
     table.bound = upload([row.bound for row in rows], real)
     table.mesh = upload([0 if row.mesh is None else row.mesh.id for row in rows], wp.uint64)
     table.mesh_unit = upload([row.mesh_unit for row in rows], real)
-    corners = [np.zeros((0, 3)) if row.corners is None else row.corners for row in rows]
-    table.corners = upload(np.concatenate([*corners, np.zeros((1, 3))]), vec3)
-    table.first_corner = upload(np.cumsum([0, *map(len, corners)])[:-1], wp.int32)
     table.grid_start = upload(starts, wp.int64)
     table.grid_nodes = upload([(0, 0, 0) if g is None else np.shape(g.values) for g in grids], wp.vec3i)
     table.grid_origin = upload([zero if g is None else np.asarray(g.origin, float) for g in grids], vec3)

@@ -10,7 +10,7 @@ distance is continuous across its border and goes on growing.
 import functools
 import zipfile
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -18,7 +18,7 @@ import numpy as np
 
 from tactemu.errors import SceneError
 from tactemu.physics.shapes.rays import traced_ray
-from tactemu.physics.shapes.shape import FAR, Kind, Row, Shape, far_centre, table_type
+from tactemu.physics.shapes.shape import FAR, Kind, Row, Shape, table_type
 
 MOST_NODES = 1 << 28
 """Of one grid: 1 GiB in float32."""
@@ -54,12 +54,7 @@ class VoxelGrid(Shape):
             raise SceneError(f"VoxelGrid: cell must be > 0 m, got {self.cell!r}")
 
     def row(self, name: str, device) -> Row:
-        origin = np.subtract(self.origin, self.centre(name))
-        return Row(VOXELS, bound=self._bound(origin), grid=replace(self, origin=origin))
-
-    def centre(self, name: str) -> tuple[float, float, float]:
-        high = np.asarray(self.origin) + np.asarray(self.cell) * (np.array(np.shape(self.values)) - 1)
-        return far_centre(self.origin, high)
+        return Row(VOXELS, bound=self._bound(), grid=self)
 
     def reach(self, name: str, direction: np.ndarray) -> float:
         """As far as the balls go that the nodes inside say are solid: short of the surface by less than a cell.
@@ -95,7 +90,7 @@ class VoxelGrid(Shape):
             )
         return cls(**{key: arrays.get(key) for key in ("values", "origin", "cell", "gradients")})
 
-    def _bound(self, low: np.ndarray) -> float:
+    def _bound(self) -> float:
         """Radius of a ball around the origin that holds the solid [m]; endless if the border cuts the solid off."""
         values = np.asarray(self.values)
         border = np.ones(values.shape, bool)
@@ -103,6 +98,7 @@ class VoxelGrid(Shape):
         if (values[border] <= 0).any():
             return FAR
         cell = np.broadcast_to(np.asarray(self.cell, float), 3)
+        low = np.asarray(self.origin, float)
         corner = np.maximum(np.abs(low), np.abs(low + cell * (np.array(values.shape) - 1)))
         return float(np.linalg.norm(corner))
 
