@@ -21,7 +21,7 @@ from tactemu.scene.schema import Body as BodyTable
 from tactemu.scene.schema import Skin
 
 if TYPE_CHECKING:
-    from tactemu.physics.sensor import SensorModel
+    from tactemu.physics.sensor_model import SensorModel
 
 
 def make_devices(loaded: LoadedScene) -> dict[str, Device]:
