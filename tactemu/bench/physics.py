@@ -23,7 +23,7 @@ import numpy as np
 
 import tactemu as tt
 from tactemu.physics.models import MODELS, load
-from tactemu.physics.sensor import SensorModel
+from tactemu.physics.sensor_model import SensorModel
 
 Report = Callable[[str], None]
 

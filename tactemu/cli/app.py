@@ -162,16 +162,29 @@ def explain(
 def truth(
     file: Annotated[Path, typer.Argument(help="Written by `tactemu run --truth FILE`.")],
     json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,
+    export: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write samples (.csv), CAN frames (.log, .asc, .blf) or all (.mcap, .jsonl)"),
+    ] = None,
+    skin: Annotated[str | None, typer.Option(metavar="NAME", help="Whose, for --export.")] = None,
+    sense: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Which of its senses, for --export FILE.csv.")
+    ] = None,
 ) -> None:
     """Summarise a truth log: samples, frames, drops and injected faults of each device.
 
     \b
       tactemu run anyskin --seconds 10 --fault 'flip 5%' --truth truth.mcap
       tactemu truth truth.mcap
+      tactemu truth truth.mcap --export thumb.csv --skin thumb
+      tactemu truth truth.mcap --export bus.log
     """
-    from tactemu.cli.truths import print_summary
+    from tactemu.cli.truths import export_log, print_summary
 
-    print_summary(file, json=json)
+    if export is None:
+        print_summary(file, json=json)
+    else:
+        export_log(file, export, skin=skin, sense=sense)
 
 
 @app.command()

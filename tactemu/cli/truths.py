@@ -90,3 +90,14 @@ def print_summary(path: Path, *, json: bool = False) -> None:
             print(f"  {name.replace('_', ' '):<20} {value}")
     if not summary:
         print(f"{path}: empty")
+
+
+def export_log(path: Path, target: Path, *, skin: str | None, sense: str | None) -> None:
+    """Write what a log holds to a file of another format.
+
+    Raises:
+        TactemuError: no log, nothing of the kind in it, or a file that cannot be written.
+    """
+    from tactemu.recordings.export import export
+
+    print(f"{export(path, target, skin=skin, sense=sense)} rows written to {target}")

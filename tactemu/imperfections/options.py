@@ -25,7 +25,7 @@ Law = Literal[
 """What can be switched on while running: options by their names, and ``dead`` for killing single taxels."""
 
 
-@dataclass(kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class ImperfectionOptions:
     """How a sensor is wrong. Everything is off by default; what is off costs nothing."""
 

@@ -11,7 +11,7 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from tactemu.physics.sensor import SensorModel
+    from tactemu.physics.sensor_model import SensorModel
 
 MODELS: dict[str, str] = {
     # name in scene files: "module:Class", imported only when asked for; for each quantity the cheapest first

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 import warp as wp
 
 from tactemu.errors import PoseError, SceneError
 from tactemu.imperfections import Imperfections, ReadingInfo
+from tactemu.physics.points.point_cloud import PointCloud
 from tactemu.physics.poses import RelativePoses
-from tactemu.physics.sensor import Sensor, Site, bodies_felt, check_query, upload_probes
+from tactemu.physics.sensor import Sensor, bodies_felt, check_query
+from tactemu.physics.sensor_model import Site, upload_probes
 from tactemu.physics.shapes.table import ShapeTables
 from tactemu.physics.world import World
 from tactemu.plan.clearing import clear_rows
-from tactemu.plan.plan import Context, Plan, Stage
+from tactemu.plan.plan import Context, Plan
 from tactemu.scene.bodies import Body, find
 from tactemu.scene.motion import Pose
 
@@ -88,16 +91,21 @@ class Simulation:
             step=wp.zeros(1, dtype=wp.int64, device=self.device),
             time_ns=wp.zeros(1, dtype=wp.int64, device=self.device),
         )
+        self.outdated = ""
+        """Why it must not be stepped any more: its scene has changed, or was built again."""
         self._dt_ns = -1
         self._checked_step = 0
-        self._compile()
+        attachments = self._compile()
         self.world = World(self.bodies, self._poses.world)
         self._moving = [body for body in self.bodies if body.motion is not None]
         self._move(0.0)
+        for attach in attachments:
+            attach()
 
     # -- building ---------------------------------------------------------------------------------------------------
 
-    def _compile(self) -> None:
+    def _compile(self) -> list[Callable[[], None]]:
+        """Fill the plan. Returns what connects the sensors' handles, to be called when all is well."""
         links = sorted({sensor.link.index for sensor in self.sensors})
         reasons = [f"{s.name} ({why})" for s in self.sensors if (why := s.model.velocity_reason())]
         self._poses = RelativePoses(links, len(self.bodies), reasons, self.context)
@@ -105,10 +113,11 @@ class Simulation:
         if self.sensors:
             self.plan.stages.append(self._poses.stage())
         self._shapes = ShapeTables(self.bodies, self.context)
+        self._clouds: dict[tuple[int, int], PointCloud] = {}
         self._arrays: list[wp.array] = []
-        for sensor in self.sensors:
-            self.plan.stages += self._compile_sensor(sensor)
+        attachments = [self._compile_sensor(sensor) for sensor in self.sensors]
         self._bad_view = self._poses.bad.numpy() if self.device.is_cpu else None
+        return attachments
 
     def _check(self, sensor: Sensor) -> None:
         n_taxels = self.n_envs * sensor.probes.n
@@ -133,13 +142,15 @@ class Simulation:
             target_bodies=felt,
             targets=wp.array([body.index for body in felt], dtype=wp.int32, device=self.device),
             shapes=self._shapes,
+            clouds=self._clouds,
             **upload_probes(sensor.probes, self.context),
             gain=gain,
             radius=radius,
         )
 
-    def _compile_sensor(self, sensor: Sensor) -> list[Stage]:
-        """The stages of one sensor in their order: what enters its formula, the formula, what spoils its result."""
+    def _compile_sensor(self, sensor: Sensor) -> Callable[[], None]:
+        """Plan the stages of one sensor in their order: what enters its formula, the formula, what spoils its result.
+        Returns what connects its handle."""
         model = sensor.model
         self._check(sensor)
         spoil = Imperfections(model, _reading_info(sensor), self.context)
@@ -154,9 +165,9 @@ class Simulation:
         measured, delivery_stages = spoil.compile_delivery(values)
         remembered, history_stages = (measured, []) if truth is measured else spoil.compile_history(truth)
         self._arrays += [compiled.truth, compiled.raw, truth, remembered, values, measured]
-        sensor.attach(self, spoil, remembered, measured)
-        stages = spoil.compile_resets() + gain_stages + radius_stages + compiled.stages + truth_stages
-        return stages + value_stages + finish_stages + delivery_stages + history_stages
+        self.plan.stages += spoil.compile_resets() + gain_stages + radius_stages + compiled.stages + truth_stages
+        self.plan.stages += value_stages + finish_stages + delivery_stages + history_stages
+        return partial(sensor.attach, self, spoil, remembered, measured, compiled.present)
 
     @property
     def uses_velocity(self) -> bool:
@@ -206,12 +217,18 @@ class Simulation:
         Raises:
             PoseError: a pose is not finite (on a GPU: at the next read). All environments have been computed; those
                 with such a pose read NaN.
-            ValueError: ``dt`` is negative or not finite, or too short for what sensors keep of the past (delay, scan).
+            ValueError: ``dt`` is negative or not finite, less than a nanosecond but not 0, or too short for what
+                sensors keep of the past (delay, scan).
+            SceneError: the scene has changed since, or was built again.
         """
+        if self.outdated:
+            raise SceneError(f"step: {self.outdated}; go on with what scene.build() returns now")
         dt = self.dt if dt is None else dt
         if not (dt >= 0.0 and math.isfinite(dt)):
             raise ValueError(f"step: dt must be a time >= 0 s, got {dt!r}")
         dt_ns = round(dt * 1e9)
+        if dt_ns == 0 < dt:
+            raise ValueError(f"step: time is counted in nanoseconds; dt must be 0 or at least 1e-9 s, got {dt!r}")
         if dt_ns != self._dt_ns:
             for sensor in self.sensors:
                 assert sensor.imperfections is not None

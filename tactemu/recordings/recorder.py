@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
-from firmware_protocols import CanFrame
+from firmware_protocols import CanFrame, Frame
 from tactemu.errors import TactemuError
+from tactemu.frame_text import text
 from tactemu.recordings.recording import Entry
 from tactemu.truth.entries import Header, Passage, PortEvent
 from tactemu.truth.memory import size_of_frame
@@ -36,7 +37,7 @@ class Recorder:
         self.path, self.device = Path(path), device
         self.count = 0
         self._line = line
-        self._messages: Any = None
+        self._can: _Candump | _PythonCan | None = None
         self._log: LogWriter | None = None
         self._made = False
         try:
@@ -61,10 +62,8 @@ class Recorder:
             if self._line:
                 self._log.put(PortEvent(0, self.device, self._line), 0)
         else:
-            import can
-
             self._made = False
-            self._messages = can.Logger(self.path)
+            self._can = _Candump(self.path) if self.path.suffix == ".log" else _PythonCan(self.path)
 
     def add(self, entry: Entry) -> None:
         """Write one entry.
@@ -74,24 +73,18 @@ class Recorder:
         """
         if self._log is None and not isinstance(entry.frame, CanFrame):
             raise TactemuError(f"{self.path}: {self.path.suffix} holds CAN frames; record bytes to .mcap or .jsonl")
-        if self._messages is None and not (self._log is not None and self._log.begun):
+        if self._can is None and not (self._log is not None and self._log.begun):
             self.start()
         self.count += 1
         if self._log is not None:
             self._log.put(Passage(entry.t_ns, self.device, entry.kind, entry.frame), size_of_frame(entry.frame))
             if self._log.error is not None:
                 raise self._cannot(self._log.error)
-        else:
-            self._add_message(entry)
-
-    def _add_message(self, entry: Entry) -> None:
-        from tactemu.transports.can_messages import message_of
-
-        assert isinstance(entry.frame, CanFrame)
-        try:
-            self._messages.on_message_received(message_of(entry.frame, entry.t_ns / 1e9, received=entry.kind == "tx"))
-        except OSError as error:
-            raise self._cannot(error) from None
+        elif self._can is not None:
+            try:
+                self._can.add(entry.frame, entry.t_ns, to_driver=entry.kind == "tx")
+            except OSError as error:
+                raise self._cannot(error) from None
 
     def close(self) -> None:
         """Finish the file. Safe to call twice.
@@ -99,12 +92,12 @@ class Recorder:
         Raises:
             TactemuError: it cannot be written to its end.
         """
-        messages, self._messages = self._messages, None
+        can, self._can = self._can, None
         if self._log is not None:
             self._log.close()
-        elif messages is not None:
+        elif can is not None:
             try:
-                messages.stop()
+                can.close()
             except OSError as error:
                 raise self._cannot(error) from None
         if self._made:
@@ -120,3 +113,39 @@ class Recorder:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None):
         self.close()
+
+
+class _Candump:
+    """``candump -L``'s lines. python-can's own writer has another class of error for every error frame."""
+
+    def __init__(self, path: Path):
+        self._file = path.open("w", encoding="ascii")
+
+    def add(self, frame: Frame, t_ns: int, *, to_driver: bool) -> None:
+        """Write one frame; ``T`` marks what the driver sent."""
+        time = f"{t_ns // 10**9}.{t_ns // 1000 % 10**6:06d}"
+        self._file.write(f"({time}) can0 {text(frame)} {'R' if to_driver else 'T'}\n")
+
+    def close(self) -> None:
+        """Finish the file."""
+        self._file.close()
+
+
+class _PythonCan:
+    """python-can's formats."""
+
+    def __init__(self, path: Path):
+        import can
+
+        self._logger = can.Logger(path)
+
+    def add(self, frame: Frame, t_ns: int, *, to_driver: bool) -> None:
+        """Write one frame."""
+        from tactemu.transports.can_messages import message_of
+
+        assert isinstance(frame, CanFrame)
+        self._logger.on_message_received(message_of(frame, t_ns / 1e9, received=to_driver))
+
+    def close(self) -> None:
+        """Finish the file."""
+        self._logger.stop()

@@ -23,7 +23,7 @@ from tactemu.scene.schema import Skin
 from tactemu.scene.skins import SkinPart, parts_of
 
 if TYPE_CHECKING:
-    from tactemu.physics.sensor import SensorModel
+    from tactemu.physics.sensor_model import SensorModel
     from tactemu.scene.scene import Scene
 
 

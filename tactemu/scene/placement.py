@@ -14,7 +14,8 @@ from tactemu.scene.skins import SkinPart
 
 if TYPE_CHECKING:
     from tactemu.imperfections import ImperfectionOptions, Imperfections
-    from tactemu.physics.sensor import Sensor, SensorModel
+    from tactemu.physics.sensor import Sensor
+    from tactemu.physics.sensor_model import SensorModel
 
 GRAVITY = (0.0, 0.0, 9.80665)
 """What an accelerometer at rest reads in the world's frame [m/s²]: up."""

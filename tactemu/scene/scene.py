@@ -14,7 +14,8 @@ from tactemu.physics.shapes.shape import Shape
 from tactemu.scene.bodies import Body, Moved, find
 
 if TYPE_CHECKING:
-    from tactemu.physics.sensor import Sensor, SensorModel
+    from tactemu.physics.sensor import Sensor
+    from tactemu.physics.sensor_model import SensorModel
     from tactemu.physics.simulation import Simulation
     from tactemu.plan.plan import Dtype
     from tactemu.scene.motion import Motion
@@ -24,15 +25,16 @@ class Scene:
     """What is there, before anything is computed.
 
     Args:
-        dt: time that one step advances [s], > 0.
+        dt: time that one step advances [s]; it is counted in whole nanoseconds.
     """
 
     def __init__(self, dt: float = 1e-3):
-        if not (math.isfinite(dt) and dt > 0):
-            raise SceneError(f"Scene: dt must be a time > 0 s, got {dt!r}")
+        if not (math.isfinite(dt) and dt > 0 and round(dt * 1e9) > 0):
+            raise SceneError(f"Scene: dt must be a time of at least 1e-9 s, got {dt!r}")
         self.dt = float(dt)
         self.bodies: list[Body] = []
         self.sensors: list[Sensor] = []
+        self._built: Simulation | None = None
 
     def add_body(
         self,
@@ -78,6 +80,7 @@ class Scene:
         qw, qx, qy, qz = map(float, wxyz)
         body = Body(index, name, shape, fixed, (x, y, z), (qw, qx, qy, qz), motion)
         self.bodies.append(body)
+        self._outdate(f"body {name!r} was added after the scene was built")
         return body
 
     def add_sensor(self, model: SensorModel, *, link: Body | str | int, name: str | None = None) -> Sensor:
@@ -86,7 +89,8 @@ class Scene:
         Raises:
             SceneError: the body is not of this scene, or the name is taken.
         """
-        from tactemu.physics.sensor import Sensor, SensorModel
+        from tactemu.physics.sensor import Sensor
+        from tactemu.physics.sensor_model import SensorModel
 
         if not isinstance(model, SensorModel):
             raise SceneError(f"add_sensor: expected a sensor such as tactemu.KinematicTaxel(...), got {model!r}")
@@ -96,7 +100,13 @@ class Scene:
             raise SceneError(f"sensor {name!r}: there is already a sensor of this name; give another")
         sensor = Sensor(name, model, self.body(link))
         self.sensors.append(sensor)
+        self._outdate(f"sensor {name!r} was added after the scene was built")
         return sensor
+
+    def _outdate(self, why: str) -> None:
+        """What was built before is no longer this scene, and its sensors' handles are not its own: it says so."""
+        if self._built is not None:
+            self._built.outdated, self._built = why, None
 
     def body(self, which: Body | str | int) -> Body:
         """Find a body by itself, its name or its index.
@@ -127,4 +137,9 @@ class Scene:
         """
         from tactemu.physics.simulation import Simulation
 
-        return Simulation(self.bodies, self.sensors, dt=self.dt, n_envs=n_envs, device=device, seed=seed, dtype=dtype)
+        simulation = Simulation(
+            self.bodies, self.sensors, dt=self.dt, n_envs=n_envs, device=device, seed=seed, dtype=dtype
+        )
+        self._outdate("the scene was built again, and its sensors read the new simulation")
+        self._built = simulation
+        return simulation

@@ -2,16 +2,22 @@
 
 ``can:socketcan:vcan0`` is Linux CAN, ``can:udp_multicast:239.74.163.2`` needs no CAN in the kernel,
 ``can:virtual:NAME`` stays inside this process.
+
+Multicast stays on this machine, since whoever hears it may also command the device. To reach others, say so the way
+python-can is told such things: ``CAN_CONFIG='{"hop_limit": 1}'``, for the driver's process too.
 """
 
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 import socket
 import struct
 import time
 from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import can
@@ -21,17 +27,35 @@ from tactemu.errors import TransportError, TransportUnavailable
 from tactemu.frame_text import PROTOCOL_ERROR
 from tactemu.transports.can_messages import frame_of, message_of
 from tactemu.transports.forks import keep_from_children
-from tactemu.transports.transport import Event, Received, Transport
+from tactemu.transports.transport import Closed, Event, Opened, Received, Transport
+
+_logger = logging.getLogger(__name__)
 
 _AT_ONCE_S = 0.001
 """For how long one look takes frames [s], so that a flood of them leaves time for the rest."""
+_LONGEST_NAME = 15
+"""Of a network interface on Linux [bytes]."""
 _ECHOES = 256
 """Own frames that are waited for on an interface that returns them."""
 _CAN_FRAME, _CANFD_FRAME = struct.Struct("=IB3x8s"), struct.Struct("=IBB2x64s")
 
 
+@dataclass(frozen=True, slots=True)
+class CanFilter:
+    """Identifiers that a node listens to: those that agree with ``ident`` in the bits of ``mask``."""
+
+    ident: int
+    mask: int = 0x1FFF_FFFF
+    extended: bool = False
+
+    def passes(self, message: can.Message) -> bool:
+        """Whether a message has such an identifier."""
+        same = (message.arbitration_id ^ self.ident) & self.mask == 0
+        return same and message.is_extended_id == self.extended
+
+
 class CanTransport(Transport):
-    """A node of a CAN bus. Always listening: a bus has no open and close."""
+    """A node of a CAN bus. Always listening, but while its network interface is away: a bus has no open and close."""
 
     scheme = "can"
 
@@ -45,6 +69,18 @@ class CanTransport(Transport):
         self._socket: socket.socket | None = None
         """Linux CAN: frames are sent without python-can, which would ask before each whether it may."""
         self._echoes: deque[CanFrame] | None = deque(maxlen=_ECHOES) if self.interface == "udp_multicast" else None
+        self._filters: tuple[CanFilter, ...] = ()
+        self._index = 0
+        """Linux's number of the network interface: one that is made again under its name has another."""
+        self._away = False
+
+    def hear_only(self, filters: Sequence[CanFilter]) -> None:
+        """Let frames with other identifiers cost little: on Linux CAN the kernel drops them, else they are not decoded.
+
+        They are then not on the bus that the wire models either: frames of ours do not wait for them. Call before
+        :meth:`open`; empty, as at first: hear all.
+        """
+        self._filters = tuple(filters)
 
     def open(self) -> None:
         """Join the bus.
@@ -56,9 +92,8 @@ class CanTransport(Transport):
             return
         if self.interface == "socketcan" and _is_down(self.channel):
             raise TransportUnavailable(f"cannot open can:{self.address}: the interface is down; {self._fix()}")
-        options: dict[str, Any] = {"fd": True} if self.interface in ("socketcan", "udp_multicast") else {}
         try:
-            self._bus = can.Bus(interface=self.interface, channel=self.channel, **options)
+            self._bus = can.Bus(interface=self.interface, channel=self.channel, **self._options())
         except (can.CanError, OSError, ImportError, ValueError, NotImplementedError) as error:
             raise TransportUnavailable(f"cannot open can:{self.address}: {error}; {self._fix()}") from error
         keep_from_children(self)
@@ -68,6 +103,11 @@ class CanTransport(Transport):
             self._fileno = -1
         if self.interface == "socketcan":
             self._socket = self._bus.socket  # type: ignore[attr-defined]
+            self._index = _index_of(self.channel)
+            if self._filters:
+                self._bus.set_filters(
+                    [{"can_id": f.ident, "can_mask": f.mask, "extended": f.extended} for f in self._filters]
+                )
         if self.interface == "udp_multicast":
             _hear_own_group_only(self._fileno)
 
@@ -76,30 +116,55 @@ class CanTransport(Transport):
         if self._bus is not None:
             self._bus.shutdown()
             self._bus, self._fileno, self._socket = None, -1, None
+        self._away = False
 
     def filenos(self, reading: bool = True) -> list[int]:
         """The bus's socket, where it has one."""
         return [self._fileno] if self._fileno >= 0 and reading else []
 
     def poll(self, reading: bool = True) -> list[Event]:
-        """Frames of the other nodes."""
+        """Frames of the other nodes, and whether the network interface went away or came back."""
         events: list[Event] = []
+        if self._away and self._come_back():
+            events.append(Opened())
         end = time.monotonic() + _AT_ONCE_S
         while reading and self._bus is not None:
             try:
                 message = self._bus.recv(0)
-            except can.CanError:
-                break  # interface down: nothing arrives until it is up again
+            except can.CanError:  # a network interface that is down comes up again as it was
+                if self._has_gone():
+                    events.append(Closed())
+                break
             if message is None:
                 break
-            if message.is_error_frame:
-                continue
-            frame = frame_of(message)
-            if not self._is_echo(frame):
+            if self._is_heard(message) and not self._is_echo(frame := frame_of(message)):
                 events.append(Received(frame))
             if time.monotonic() > end:
                 break
         return events
+
+    def _is_heard(self, message: can.Message) -> bool:
+        if message.is_error_frame:
+            return False
+        return not self._filters or any(each.passes(message) for each in self._filters)
+
+    def _has_gone(self) -> bool:
+        """Whether the network interface was taken away: its socket is good for nothing any more."""
+        if self.interface != "socketcan" or _index_of(self.channel) == self._index:
+            return False
+        _logger.warning("can:%s: the interface is gone; waiting for it to come back", self.address)
+        self.close()
+        self._away = True
+        return True
+
+    def _come_back(self) -> bool:
+        if not _index_of(self.channel) or _is_down(self.channel):
+            return False
+        with contextlib.suppress(TransportError):  # gone again
+            self.open()
+            self._away = False
+            _logger.warning("can:%s: the interface is back", self.address)
+        return not self._away
 
     def write(self, frame: Frame) -> bool:
         """Send one frame; ``False`` when the interface is down or its queue is full."""
@@ -131,11 +196,22 @@ class CanTransport(Transport):
             pass
         return True
 
+    def _options(self) -> dict[str, Any]:
+        """What python-can is asked for beside interface and channel."""
+        options: dict[str, Any] = {"fd": True} if self.interface in ("socketcan", "udp_multicast") else {}
+        if self.interface == "udp_multicast":
+            options["hop_limit"] = int(can.util.load_config(config={"interface": self.interface}).get("hop_limit", 0))
+            if options["hop_limit"] > 0:
+                _logger.warning("can:%s: whoever is on the network may hear and command the device", self.address)
+        return options
+
     def _fix(self) -> str:
         if self.interface == "socketcan":
             name = self.channel
             if os.path.exists(f"/sys/class/net/{name}"):
                 return f"bring it up: sudo ip link set {name} up"
+            if len(name.encode()) > _LONGEST_NAME:
+                return f"the kernel knows no interface whose name is longer than {_LONGEST_NAME} bytes; shorten it"
             return (
                 f"make it: sudo modprobe vcan && sudo ip link add dev {name} type vcan && "
                 f"sudo ip link set {name} mtu 72 up; "
@@ -151,6 +227,14 @@ def _hear_own_group_only(fileno: int) -> None:
     option = {socket.AF_INET: (socket.IPPROTO_IP, 49), socket.AF_INET6: (socket.IPPROTO_IPV6, 29)}
     with contextlib.suppress(OSError), socket.socket(fileno=os.dup(fileno)) as copy:
         copy.setsockopt(*option[copy.family], 0)  # IP_MULTICAST_ALL, IPV6_MULTICAST_ALL: Python has no names for them
+
+
+def _index_of(name: str) -> int:
+    """Linux's number of a network interface; 0: there is none of that name."""
+    try:
+        return socket.if_nametoindex(name)
+    except OSError:
+        return 0
 
 
 def _is_down(name: str) -> bool:

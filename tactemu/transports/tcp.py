@@ -6,6 +6,8 @@ only; name an address (``tcp:0.0.0.0:5000``) to be reached from elsewhere. Port 
 
 from __future__ import annotations
 
+import ipaddress
+import logging
 import select
 import socket
 
@@ -13,6 +15,8 @@ from firmware_protocols import Frame
 from tactemu.errors import TransportError
 from tactemu.transports.forks import keep_from_children
 from tactemu.transports.transport import CHUNK, DROPPED, RAISED, REST, Closed, Event, Opened, Received, Transport
+
+_logger = logging.getLogger(__name__)
 
 _SEND_BUFFER = 16_384
 """What the kernel keeps for a client that does not read [byte]; about as much as a serial port does."""
@@ -61,6 +65,8 @@ class TcpTransport(Transport):
         keep_from_children(self)
         self.port = server.getsockname()[1]
         self.address = self._url()
+        if not ipaddress.ip_address(where[0]).is_loopback:
+            _logger.warning("%s: whoever is on the network may connect and command the device", self.address)
 
     def close(self) -> None:
         """Stop listening and drop the client."""

@@ -90,6 +90,11 @@ class End(NamedTuple):
 Entry = Sample | Passage | Injection | PortEvent
 
 
+def is_of(entry: Entry, skin: str | None) -> bool:
+    """Whether an entry is of this skin, or of the bus that it is on; ``None``: of any."""
+    return skin is None or skin == entry.device or skin in entry.device.split("+")
+
+
 class Sink(Protocol):
     """A file that a format writes to."""
 

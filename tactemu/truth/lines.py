@@ -158,8 +158,9 @@ def _entry(row: Any, *, first: bool) -> Header | Entry | End:
         return End(_number(row, "lost"))
     t_ns, device = _number(row, "t_ns"), _text(row, "device", "")
     if kind == "sample":
-        arrays = [_numbers(row, name) for name in ("ideal", "measured", "counts")]
-        return Sample(t_ns, device, *arrays, _number(row, "sample", 0), _text(row, "sense", ""))
+        ideal, measured, counts = (_numbers(row, name) for name in ("ideal", "measured", "counts"))
+        number, sense = _number(row, "sample", 0), _text(row, "sense", "")
+        return Sample(t_ns, device, ideal, measured, counts, number, sense)
     if kind in ("tx", "rx", "drop"):
         frame = frame_text.parse(_text(row, "data"))
         sample = _number(row, "sample") if "sample" in row else None

@@ -9,7 +9,7 @@ from collections import deque
 
 from firmware_protocols import CanFrame, Frame
 from tactemu.errors import TactemuError
-from tactemu.truth.entries import Sample
+from tactemu.truth.entries import Entry, Injection, Passage, Sample
 
 DEFAULT_KEEP = "256MB"
 """What all runs of a process that are not told otherwise keep together."""
@@ -101,6 +101,16 @@ class Memory:
 def size_of_sample(sample: Sample) -> int:
     """Bytes of a sample in memory, roughly."""
     return _OBJECTS_OF_SAMPLE + sample.ideal.nbytes + sample.measured.nbytes + sample.counts.nbytes
+
+
+def size_of(entry: Entry) -> int:
+    """Bytes of any entry in memory, roughly."""
+    if isinstance(entry, Sample):
+        return size_of_sample(entry)
+    if isinstance(entry, Passage):
+        return size_of_frame(entry.frame)
+    texts = (entry.detail, entry.before, *entry.after) if isinstance(entry, Injection) else ()
+    return _OBJECTS_OF_FRAME + sum(map(len, texts))
 
 
 def size_of_frame(frame: Frame) -> int:

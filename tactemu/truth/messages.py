@@ -210,17 +210,17 @@ class Decoder:
         """
         fixed, variable = self.message.decode(data)
         if self.kind == "sample":
-            arrays = [values.reshape(shape) for values, shape in zip(variable, self.shapes)]
-            return Sample(fixed[0], self.device, *arrays, fixed[1], self.sense)
+            ideal, measured, counts = (values.reshape(shape) for values, shape in zip(variable, self.shapes))
+            return Sample(fixed[0], self.device, ideal, measured, counts, fixed[1], self.sense)
         if self.kind == "inject":
             return Injection(fixed[0], self.device, *variable)
         if self.kind == "event":
             return PortEvent(fixed[0], self.device, *variable)
         t_ns, number, ident, is_can, *flags = fixed
         why, payload = variable
-        frame: Frame = payload.tobytes()
-        if is_can:
-            frame = checked(CanFrame(arbitration_id=ident, data=frame, **dict(zip(_CAN_FLAGS, flags))))
+        data = payload.tobytes()
+        can = CanFrame(arbitration_id=ident, data=data, **dict(zip(_CAN_FLAGS, flags))) if is_can else None
+        frame: Frame = data if can is None else checked(can)
         return Passage(t_ns, self.device, self.kind, frame, None if number < 0 else number, why)  # type: ignore[arg-type]
 
 

@@ -101,7 +101,7 @@ def _entries(content: mmap.mmap) -> Iterator[Header | Entry | End]:
     definitions: dict[int, str] = {}
     known = False
     try:  # a stream of a memory map reads no more than there is, whatever length a record claims
-        for record in StreamReader(content, emit_chunks=True, record_size_limit=len(content)).records:  # type: ignore[arg-type]
+        for record in StreamReader(content, emit_chunks=True, record_size_limit=None).records:  # type: ignore[arg-type]
             if isinstance(record, Metadata) and record.name == _HEAD:
                 yield _header(record.metadata)
                 known = True

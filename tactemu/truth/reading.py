@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,13 +15,30 @@ from tactemu.truth.entries import End, Entry, Header, Injection, Passage, PortEv
 from tactemu.truth.writer import check_suffix
 
 
+def records(path: str | Path) -> Iterator[Header | Entry | End]:
+    """The entries of a log, with what stands before and behind them.
+
+    Raises:
+        TactemuError: as :func:`entries`.
+    """
+    path = Path(path)
+    check_suffix(path)
+    try:
+        with path.open("rb") as file:
+            yield from (lines if path.suffix == ".jsonl" else packed).read(file)
+    except OSError as error:
+        raise TactemuError(f"{path}: cannot read the truth log: {error.strerror}") from None
+    except ValueError as error:
+        raise TactemuError(f"{path}: not a truth log: {error}") from None
+
+
 def entries(path: str | Path) -> Iterator[Entry]:
     """The entries of a log, in order. A file that was cut off gives those that are whole.
 
     Raises:
         TactemuError: no such file, or no log; the message says where it is wrong.
     """
-    return (entry for entry in _everything(Path(path)) if not isinstance(entry, Header | End))
+    return (record for record in records(path) if not isinstance(record, Header | End))
 
 
 def read(path: str | Path) -> Iterator[dict[str, Any]]:
@@ -99,7 +116,7 @@ def read_log(path: str | Path) -> Log:
     """
     found: dict[str, dict[type, list]] = {}
     origin_ns, lost = None, 0
-    for entry in _everything(Path(path)):
+    for entry in records(path):
         if isinstance(entry, Header):
             origin_ns = entry.origin_ns
         elif isinstance(entry, End):
@@ -142,14 +159,3 @@ def _stacked(values: list[np.ndarray]) -> np.ndarray:
     stacked = np.empty(len(values), object)
     stacked[:] = values
     return stacked
-
-
-def _everything(path: Path) -> Iterable[Header | Entry | End]:
-    check_suffix(path)
-    try:
-        with path.open("rb") as file:
-            yield from (lines if path.suffix == ".jsonl" else packed).read(file)
-    except OSError as error:
-        raise TactemuError(f"{path}: cannot read the truth log: {error.strerror}") from None
-    except ValueError as error:
-        raise TactemuError(f"{path}: not a truth log: {error}") from None

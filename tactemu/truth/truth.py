@@ -11,11 +11,8 @@ import numpy as np
 from firmware_protocols import Frame
 from tactemu.frame_text import text
 from tactemu.truth.entries import Entry, Header, Injection, Passage, PortEvent, Sample
-from tactemu.truth.memory import Memory, size_of_frame, size_of_sample
+from tactemu.truth.memory import Memory, size_of
 from tactemu.truth.writer import LogWriter, check_overwriting
-
-_SMALL = 300
-"""Bytes that an entry without numbers is taken to have."""
 
 
 class Truth:
@@ -89,7 +86,7 @@ class Truth:
         """Faults by name that befell one skin, or the bus that it is on."""
         found: Counter[str] = Counter()
         for name, counts in self.injected_by_device.items():
-            if name == device or device in name.split("+"):
+            if device == name or device in name.split("+"):
                 found += counts
         return found
 
@@ -120,11 +117,12 @@ class Truth:
         self.counts["sample"] += 1
         number = self._numbers.get(device, 0) if number is None else number
         self._numbers[device] = number + 1
-        entry = Sample(t_ns, device, *_copied(ideal, measured, np.asarray(counts)), number, sense)
+        ideal, measured, counts = _copied(ideal, measured, np.asarray(counts))
+        entry = Sample(t_ns, device, ideal, measured, counts, number, sense)
         self._latest.setdefault(device, {})[sense] = entry
         self._memory.add_sample(entry)
         if self._writer:
-            self._log(entry, size_of_sample(entry))
+            self._log(entry)
         return number
 
     def wrote(self, t_ns: int, device: str, frame: Frame, sample: int | None = None) -> None:
@@ -133,19 +131,19 @@ class Truth:
         self._latest_frames[device] = frame
         self._memory.add_frame(t_ns, device, frame)
         if self._writer:
-            self._log(Passage(t_ns, device, "tx", frame, sample), size_of_frame(frame))
+            self._log(Passage(t_ns, device, "tx", frame, sample))
 
     def received(self, t_ns: int, device: str, frame: Frame) -> None:
         """Something arrived from the driver."""
         self.counts["rx"] += 1
         if self._writer:
-            self._log(Passage(t_ns, device, "rx", frame), size_of_frame(frame))
+            self._log(Passage(t_ns, device, "rx", frame))
 
     def dropped(self, t_ns: int, device: str, frame: Frame, why: str, sample: int | None = None) -> None:
         """A frame never left."""
         self.counts["drop"] += 1
         if self._writer:
-            self._log(Passage(t_ns, device, "drop", frame, sample, why), size_of_frame(frame))
+            self._log(Passage(t_ns, device, "drop", frame, sample, why))
 
     def inject(
         self,
@@ -162,13 +160,13 @@ class Truth:
         self.injected_by_device.setdefault(device, Counter())[what] += 1
         self.counts["inject"] += 1
         if self._writer:
-            entry = Injection(t_ns, device, what, detail, _as_text(before), tuple(map(_as_text, after)))
-            self._log(entry, _SMALL + len(entry.before) + sum(map(len, entry.after)))
+            self._log(Injection(t_ns, device, what, detail, _as_text(before), tuple(map(_as_text, after))))
 
     def event(self, t_ns: int, device: str, what: str) -> None:
         """The port was opened or closed, the baud rate changed ..."""
         self.counts["event"] += 1
-        self._log(PortEvent(t_ns, device, what), _SMALL)
+        if self._writer:
+            self._log(PortEvent(t_ns, device, what))
 
     # -- life ----------------------------------------------------------------------------------------------------------
 
@@ -190,11 +188,11 @@ class Truth:
         if self._writer:
             self._writer.close()
 
-    def _log(self, entry: Entry, size: int) -> None:
-        if self._writer:
-            if not self._writer.begun:
-                self._writer.begin(Header(self.origin_ns))
-            self._writer.put(entry, size)
+    def _log(self, entry: Entry) -> None:
+        assert self._writer is not None
+        if not self._writer.begun:
+            self._writer.begin(Header(self.origin_ns))
+        self._writer.put(entry, size_of(entry))
 
 
 def _copied(*arrays: np.ndarray) -> list[np.ndarray]:

@@ -94,8 +94,8 @@ class LogWriter:
     def begin(self, header: Header) -> None:
         """Overwrite what was there, and start."""
         self._file.truncate()
-        self._format = LinesWriter(self._file) if self.path.suffix == ".jsonl" else PackedWriter(self._file)
-        self._attempt(lambda: self._format.begin(header))
+        begun = self._format = (LinesWriter if self.path.suffix == ".jsonl" else PackedWriter)(self._file)
+        self._attempt(lambda: begun.begin(header))
         self._thread = threading.Thread(target=self._work, name="tactemu-log", daemon=True)
         self._thread.start()
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from tactemu.physics.models import load, models_for
-from tactemu.physics.sensor import SensorModel, Trial
+from tactemu.physics.sensor_model import SensorModel, Trial
 from tactemu.scene.file import LoadedScene
 from tactemu.scene.schema import Skin
 

@@ -11,9 +11,9 @@ from tactemu.truth import Truth
 from tests.cli.command import tactemu
 
 
-@pytest.fixture
-def log(tmp_path):
-    path = tmp_path / "truth.jsonl"
+@pytest.fixture(params=[".mcap", ".jsonl"])
+def log(request, tmp_path):
+    path = tmp_path / f"truth{request.param}"
     truth = Truth(path)
     for k in range(11):
         t = k * 10_000_000

@@ -12,7 +12,7 @@ import tactemu as tt
 from firmware_protocols.device import Quantity
 from tactemu.errors import SceneError
 from tactemu.physics.models import MODELS, cheapest, load, models_for
-from tactemu.physics.sensor import SensorModel
+from tactemu.physics.sensor_model import SensorModel
 from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.file import parse
 

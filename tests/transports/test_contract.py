@@ -1,6 +1,7 @@
 """What every transport promises, tried on all of the registry. A new scheme needs a driver's end in ``DRIVERS``."""
 
 import select
+import socket
 import time
 
 import can
@@ -209,6 +210,27 @@ def test_a_taken_tcp_port():
         transports.create(f"tcp:{first.port}").open()
 
 
+@pytest.mark.parametrize(
+    ("address", "warns"), [("tcp:0", 0), ("tcp:[::1]:0", 0), ("tcp:0.0.0.0:0", 1), ("tcp:[::]:0", 1)]
+)
+def test_a_port_that_others_reach_says_so_in_one_line(address, warns, caplog):
+    with transports.create(address) as port:
+        assert [record.getMessage().count("\n") for record in caplog.records] == [0] * warns
+        assert all(port.address in record.getMessage() for record in caplog.records)
+
+
+def test_a_client_that_comes_and_goes_and_comes_again_does_not_wait():
+    """A full queue of clients costs the next one a second: the kernel forgets it, and it asks again."""
+    with transports.create("tcp:0") as port:
+        began = time.monotonic()
+        for _ in range(8):
+            socket.create_connection(("127.0.0.1", port.port)).close()
+        assert time.monotonic() - began < 0.9
+        with socket.create_connection(("127.0.0.1", port.port)):
+            assert look(port, [], Received, seconds=0.2).count(Opened()) == 9
+            assert port.listening
+
+
 def test_a_second_tcp_client_is_turned_away():
     with transports.create("tcp:0") as port:
         first = serial.serial_for_url(port.address, timeout=1)
@@ -259,8 +281,6 @@ def test_rfc2217_speed_and_modem_lines():
 
 
 def test_rfc2217_survives_malformed_options():
-    import socket
-
     import numpy as np
 
     rng = np.random.default_rng(5)

@@ -13,7 +13,7 @@ from firmware_protocols import Can, CanFrame
 from tactemu.clock import RealClock
 from tactemu.errors import TransportError
 from tactemu.transports import create
-from tactemu.transports.transport import Received
+from tactemu.transports.transport import Closed, Opened, Received
 from tactemu.wire.can_bits import frame_bits
 from tactemu.wire.line import CATCH_UP_NS
 from tactemu.wire.wire import Wire
@@ -158,3 +158,32 @@ def test_an_fd_frame_on_a_classic_interface_is_dropped_not_fatal(port):
     finally:
         subprocess.run(["ip", "link", "set", "vcan0", "down"], check=True)
         subprocess.run(["ip", "link", "set", "vcan0", "mtu", "72", "up"], check=True)
+
+
+def test_an_interface_that_is_deleted_and_made_again():
+    def link(*words):
+        subprocess.run(["ip", "link", *words], check=True)
+
+    link("add", "dev", "vcan7", "type", "vcan")
+    link("set", "vcan7", "up")
+    try:
+        with create("can:socketcan:vcan7") as port:
+            link("del", "vcan7")
+            assert poll_until(port, Closed()) and not port.write(FRAMES[0])
+            link("add", "dev", "vcan7", "type", "vcan")
+            link("set", "vcan7", "up")
+            assert poll_until(port, Opened())
+            with can.Bus(interface="socketcan", channel="vcan7") as driver:
+                assert port.write(FRAMES[0])
+                assert driver.recv(2).arbitration_id == FRAMES[0].arbitration_id
+    finally:
+        subprocess.run(["ip", "link", "del", "vcan7"], check=False)
+
+
+def poll_until(port, event):
+    end = time.monotonic() + 2
+    while time.monotonic() < end:
+        if event in port.poll():
+            return True
+        time.sleep(0.001)
+    return False

@@ -9,6 +9,7 @@ from typing import assert_type
 
 import firmware_protocols as fp
 import tactemu as tt
+from tactemu.pytest_plugin import TactileDevice
 
 scene = tt.Scene(dt=1e-3)
 assert_type(scene, tt.Scene)
@@ -24,6 +25,11 @@ with tt.serve("anyskin", faults=["flip 5%"]) as dev:
 
 assert_type(fp.create("anyskin"), fp.Device)
 assert_type(tt.__version__, str)
+
+
+def test_my_driver(tactile_device: TactileDevice):
+    assert_type(tactile_device("anyskin", rate_hz=100), tt.Served)
+
 
 unknown = tt.Spehre  # pyright: ignore[reportAttributeAccessIssue]
 wrong = tt.Sphere(radius="1 cm")  # pyright: ignore[reportArgumentType]

@@ -35,13 +35,13 @@ from tactemu.physics.points.point_cloud import cluster
 from tactemu.physics.points.surface_points import FEWER_POINTS, surface_points
 from tactemu.physics.probes.probes import Probes
 from tactemu.physics.probes.taxel_depth import taxel_depth
-from tactemu.physics.sensor import Compiled, SensorModel, Site, Trial
+from tactemu.physics.sensor_model import Compiled, SensorModel, Site, Trial
 from tactemu.plan.plan import Stage
 
 log = logging.getLogger(__name__)
 
 
-@dataclass(kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ElastomerTaxel(SensorModel):
     """Reads the motion of each marker [m], link frame, shape ``([n_envs,] layout, 3)``.
 

@@ -22,6 +22,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -53,7 +54,7 @@ from tactemu.physics.layer.surface import reach_of, surface_kernel
 from tactemu.physics.layer.tables import LayerMaterial, LayerTables
 from tactemu.physics.options import number
 from tactemu.physics.probes.probes import Probes
-from tactemu.physics.sensor import Compiled, SensorModel, Site, Trial
+from tactemu.physics.sensor_model import Compiled, SensorModel, Site, Trial
 from tactemu.physics.shapes.rays import thickness_behind
 from tactemu.physics.shapes.shape import FAR
 from tactemu.plan.clearing import clear_rows
@@ -81,7 +82,7 @@ class LayerReading(NamedTuple):
     (traction), the larger one; the same for all taxels of a pad."""
 
 
-@dataclass(kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ElasticLayerTaxel(SensorModel):
     """Reads :class:`LayerReading`: pressure [Pa], traction [Pa], force [N], displacement [m], slip state, residual;
     vectors in the link's frame, forces on the skin. The taxels lie on a flat rectangular grid, or on several such pads,
@@ -168,12 +169,14 @@ class ElasticLayerTaxel(SensorModel):
             )
         layer_grids(probes, 1, where)
 
-    def present(self, values: np.ndarray) -> LayerReading:
+    @staticmethod
+    def _reading(values: np.ndarray, normals: np.ndarray, areas: np.ndarray) -> LayerReading:
+        """An array of channels as a reading; normals and areas of the taxels in the layout."""
         force = values[..., FORCE]
-        along = force - (force * self._normals).sum(-1, keepdims=True) * self._normals
+        along = force - (force * normals).sum(-1, keepdims=True) * normals
         return LayerReading(
             pressure=values[..., 0],
-            traction=(along / self._areas).astype(values.dtype),
+            traction=(along / areas).astype(values.dtype),
             force=force,
             displacement=values[..., DISPLACEMENT],
             slip=values[..., SLIP_STATE].astype(np.int8),
@@ -186,7 +189,8 @@ class ElasticLayerTaxel(SensorModel):
         areas = np.ones(probes.n)
         for grid in grids:
             areas[grid.place >= 0] = grid.area
-        self._normals, self._areas = probes.normals.reshape(*probes.layout, 3), areas.reshape(*probes.layout, 1)
+        normals, areas = probes.normals.reshape(*probes.layout, 3), areas.reshape(*probes.layout, 1)
+        present = partial(self._reading, normals=normals, areas=areas)
         names = [site.name if len(grids) == 1 else f"{site.name} pad {k + 1}" for k in range(len(grids))]
         stages = [
             stage for name, grid in zip(names, grids) for stage in CompiledLayer(self, grid, site, reading, name).stages
@@ -200,7 +204,7 @@ class ElasticLayerTaxel(SensorModel):
             reason = "slip state and residual are no measurements"
             return array, [Stage(name=f"{site.name}: status", reason=reason, launch=launch)]
 
-        return Compiled(truth=reading, raw=reading, stages=stages, finish=finish)
+        return Compiled(truth=reading, raw=reading, stages=stages, finish=finish, present=present)
 
 
 @dataclass(eq=False)

@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.physics.points.table import cloud_type
-from tactemu.physics.sensor import Site
+from tactemu.physics.sensor_model import Site
 from tactemu.plan.plan import record
 
 _ANYWHERE = 1.0e17

@@ -17,7 +17,7 @@ import warp as wp
 from tactemu.physics.points.near import NearClusters
 from tactemu.physics.points.point_cloud import CLUSTER, spatial_order
 from tactemu.physics.points.table import cloud_type
-from tactemu.physics.sensor import Site
+from tactemu.physics.sensor_model import Site
 from tactemu.plan.plan import record
 
 _SIDE_BY_SIDE = 32

@@ -28,7 +28,7 @@ from tactemu.physics.points.surface_points import FEWER_POINTS, surface_points
 from tactemu.physics.points.table import upload_clouds
 from tactemu.physics.probes.kinematic_taxel import ForceTorque
 from tactemu.physics.probes.probes import Probes
-from tactemu.physics.sensor import Compiled, SensorModel, Site, Trial
+from tactemu.physics.sensor_model import Compiled, SensorModel, Site, Trial
 from tactemu.plan.plan import Stage, record
 
 
@@ -97,7 +97,7 @@ def proximity_kernel(real, moving: bool, has_gain: bool):
     return proximity
 
 
-@dataclass(kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ProximityTaxel(SensorModel):
     """Reads :class:`ForceTorque`: force [N], and torque about the link's origin [N m].
 

@@ -8,8 +8,9 @@ import numpy as np
 
 from tactemu.errors import SceneError
 from tactemu.physics.points.point_cloud import PointCloud, farthest_points, split_evenly
-from tactemu.physics.sensor import Site
+from tactemu.physics.sensor_model import Site
 from tactemu.random_streams import generator
+from tactemu.scene.bodies import Body
 
 FEWER_POINTS = "lower `n_sample_points`"
 """What makes a cloud cost less, for the plan."""
@@ -52,7 +53,6 @@ def surface_points(
         site: of the sensor; its target bodies are sampled.
         n_sample_points: for all bodies together, split evenly, or one number per body.
         points: the points themselves, ``(M, 3)`` for one body or a list of such arrays; nothing is sampled then.
-
         point_area: surface that each of them stands for [m^2].
 
     Raises:
@@ -62,9 +62,17 @@ def surface_points(
         return _given_clouds(points, np.nan if point_area is None else float(point_area), site)
     clouds = []
     for body, count in zip(site.target_bodies, _counts(n_sample_points, max(len(site.target_bodies), 1), site.name)):
-        rng = generator(site.context.seed, f"{site.name}/points of {body.name}")
-        assert body.shape is not None  # of those without a shape nothing is felt
-        candidates, area = body.shape.sample(body.name, max(256, 4 * count), rng)
-        positions = candidates[farthest_points(candidates, count)]
-        clouds.append(PointCloud(body.index, positions, np.full(count, area / count)))
+        key = body.index, count
+        if key not in site.clouds:
+            site.clouds[key] = _sampled(body, count, site)
+        clouds.append(site.clouds[key])
     return clouds
+
+
+def _sampled(body: Body, count: int, site: Site) -> PointCloud:
+    """An even spread of points over a body, from the random stream of the first sensor that asks for so many."""
+    rng = generator(site.context.seed, f"{site.name}/points of {body.name}")
+    assert body.shape is not None  # of those without a shape nothing is felt
+    candidates, area = body.shape.sample(body.name, max(256, 4 * count), rng)
+    positions = candidates[farthest_points(candidates, count)]
+    return PointCloud(body.index, positions, np.full(count, area / count))

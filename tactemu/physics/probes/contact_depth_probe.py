@@ -10,7 +10,7 @@ import warp as wp
 
 from tactemu.physics.probes.query import CHEAPER_QUERY, probes_struct, query_trials
 from tactemu.physics.probes.strips import record_strips
-from tactemu.physics.sensor import Compiled, SensorModel, Site, Trial
+from tactemu.physics.sensor_model import Compiled, SensorModel, Site, Trial
 from tactemu.plan.plan import Stage
 
 
@@ -45,7 +45,7 @@ def compile_depth(site: Site, why: str) -> Compiled:
     return Compiled(truth=truth, raw=raw, stages=[stage])
 
 
-@dataclass(kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ContactDepthProbe(SensorModel):
     """Reads depth [m], shape ``([n_envs,] layout)``."""
 

@@ -19,7 +19,7 @@ from tactemu.physics.options import number
 from tactemu.physics.probes.contact_depth_probe import compile_depth
 from tactemu.physics.probes.probes import Probes
 from tactemu.physics.probes.query import query_trials
-from tactemu.physics.sensor import Compiled, SensorModel, Site, Trial
+from tactemu.physics.sensor_model import Compiled, SensorModel, Site, Trial
 from tactemu.plan.plan import Context, Stage, record
 
 
@@ -49,7 +49,7 @@ def compile_latch(depth: wp.array, enter: float, leave: float, name: str, contex
     return bits, [Stage(name=name, reason="ContactProbe compares depth with its thresholds", launch=launch)]
 
 
-@dataclass(kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ContactProbe(SensorModel):
     """Reads bool, shape ``([n_envs,] layout)``."""
 

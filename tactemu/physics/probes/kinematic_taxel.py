@@ -24,7 +24,7 @@ from tactemu.physics.options import number
 from tactemu.physics.probes.probes import Probes
 from tactemu.physics.probes.query import CHEAPER_QUERY, probes_struct, query_trials
 from tactemu.physics.probes.strips import record_strips
-from tactemu.physics.sensor import Compiled, SensorModel, Site, Trial
+from tactemu.physics.sensor_model import Compiled, SensorModel, Site, Trial
 from tactemu.plan.plan import Stage
 
 
@@ -107,7 +107,7 @@ def springs_formula(real, moving: bool):
     return feel
 
 
-@dataclass(kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class KinematicTaxel(SensorModel):
     """Reads :class:`ForceTorque`: force [N], and torque about the link's origin [N m]."""
 

@@ -12,7 +12,7 @@ import functools
 
 import warp as wp
 
-from tactemu.physics.sensor import Trial
+from tactemu.physics.sensor_model import Trial
 from tactemu.physics.shapes.distance import shape_functions
 from tactemu.physics.shapes.rays import ray_function
 from tactemu.physics.shapes.shape import FAR, table_type

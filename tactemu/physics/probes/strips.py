@@ -23,7 +23,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.physics.probes.query import contact_function, probes_struct
-from tactemu.physics.sensor import Site
+from tactemu.physics.sensor_model import Site
 from tactemu.physics.shapes.rays import thickness_behind
 from tactemu.physics.shapes.shape import FAR, table_type
 from tactemu.plan.plan import record

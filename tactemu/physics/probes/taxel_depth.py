@@ -11,7 +11,7 @@ import warp as wp
 
 from tactemu.physics.probes.query import probes_struct
 from tactemu.physics.probes.strips import record_strips
-from tactemu.physics.sensor import Site
+from tactemu.physics.sensor_model import Site
 from tactemu.plan.plan import record
 
 _NOWHERE = 2**30

@@ -1,0 +1,71 @@
+"""What the loop tells of a run: numbered samples, a log in either format, faults where they befell."""
+
+import time
+
+import numpy as np
+import pytest
+
+import tactemu as tt
+from tactemu.assembly import Wishes, assemble, truth_of
+from tactemu.cli.reports import entry_of
+from tactemu.clock import VirtualClock
+from tactemu.scene.file import parse
+
+SKIN = """
+[[skin]]
+name = "{name}"
+device = "anyskin"
+link = "pad"
+port = "memory:{name}"
+faults = {faults}
+"""
+TWO = '[[body]]\nname = "pad"\nshape = "frame"\nfixed = true\n' + "".join(
+    SKIN.format(name=name, faults=faults) for name, faults in (("left", '["drop every 2"]'), ("right", "[]"))
+)
+
+
+def run(path=None):
+    scene = parse(TWO)
+    emulator = assemble(scene, Wishes(), truth=truth_of(scene, path)).emulator
+    emulator.clock = VirtualClock()
+    with emulator:
+        emulator.run(0.5)
+    return emulator
+
+
+def test_faults_are_counted_under_the_skin_that_they_befell():
+    """Two skins, one of which loses every other frame."""
+    emulator = run()
+    left, right = (entry_of(emulator, channel) for channel in emulator.channels)
+    assert left["injected"] == {"drop": left["samples"] // 2} and right["injected"] == {}
+    assert emulator.truth.injected == left["injected"], "the truth's own counter is of the whole run"
+
+
+@pytest.mark.parametrize("suffix", [".mcap", ".jsonl"])
+def test_the_log_of_a_run_has_what_memory_has(tmp_path, suffix):
+    truth = run(tmp_path / f"t{suffix}").truth
+    log = tt.read_log(tmp_path / f"t{suffix}")
+    assert log.origin_ns is None and log.lost == 0, "time was virtual"
+    for name in ("left", "right"):
+        kept = [sample for sample in truth.samples if sample.device == name]
+        skin = log[name]
+        assert skin.sample.tolist() == list(range(len(kept))) == [sample.number for sample in kept]
+        assert np.array_equal(skin.measured, [sample.measured for sample in kept])
+        sent = [frame for _, device, frame in truth.frames if device == name]
+        assert [each.frame for each in skin.frames if each.kind == "tx"] == sent
+
+
+def test_a_log_in_real_time_says_where_on_the_machines_clock_it_is(tmp_path):
+    with tt.serve("anyskin", truth=tmp_path / "t.mcap", rate_hz=200) as dev:
+        dev.wait(0.1)
+        now_ns = time.monotonic_ns()
+    log = tt.read_log(tmp_path / "t.mcap")
+    assert log.origin_ns is not None and 0 <= now_ns - (log.origin_ns + log["anyskin"].t_ns[-1]) < 500_000_000
+    assert log["anyskin"].t_ns.tolist() == [sample.t_ns for sample in dev.truth.samples]
+
+
+def test_keep_bounds_what_a_served_device_remembers():
+    with tt.serve("anyskin", rate_hz=1000, keep="20kB") as dev:
+        dev.wait(0.2)
+    assert 0 < len(dev.truth.samples) < 20 < dev.truth.forgotten
+    assert dev.sample() is not None

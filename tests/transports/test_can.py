@@ -1,0 +1,141 @@
+"""A CAN port that leaves nobody outside in, drops what is of no concern, and outlives its network interface."""
+
+import json
+import os
+import socket
+import struct
+import time
+
+import can
+import pytest
+
+from firmware_protocols import CanFrame
+from tactemu.transports import can as can_transport
+from tactemu.transports import create
+from tactemu.transports.can import CanFilter
+from tactemu.transports.transport import Closed, Opened, Received
+
+GROUP = "239.74.77.9"
+
+
+def hops(port):
+    """How far its datagrams go, as the kernel has it."""
+    with socket.socket(fileno=port.filenos()[0]) as copy:
+        there = struct.unpack("@i", copy.getsockopt(socket.IPPROTO_IP, socket.IP_TTL, 4))[0]
+        multicast = copy.getsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL)
+        copy.detach()
+    return {there, multicast}
+
+
+def test_multicast_stays_on_the_machine_unless_told(monkeypatch, caplog):
+    with create(f"can:udp_multicast:{GROUP}") as port:
+        assert 0 in hops(port) and not caplog.records
+        with can.Bus(interface="udp_multicast", channel=GROUP, hop_limit=0) as driver:
+            driver.send(can.Message(arbitration_id=0x28, data=[1], is_extended_id=False))
+            assert heard(port) == [0x28]
+    config = json.loads(os.environ["CAN_CONFIG"])
+    monkeypatch.setenv("CAN_CONFIG", json.dumps(config | {"hop_limit": 1}))
+    with create(f"can:udp_multicast:{GROUP}") as port:
+        assert 0 not in hops(port)
+        assert [record.getMessage().count("network") for record in caplog.records] == [1]
+
+
+def heard(port, seconds=2.0):
+    """Identifiers that arrive, until something has."""
+    events, end = [], time.monotonic() + seconds
+    while not events and time.monotonic() < end:
+        events = port.poll()
+        time.sleep(0.002)
+    return [event.data.arbitration_id for event in events if isinstance(event, Received)]
+
+
+def test_identifiers_of_no_concern_are_not_heard():
+    port = create("can:virtual:filters")
+    port.hear_only([CanFilter(0x28), CanFilter(0x400, 0x700), CanFilter(0x28, extended=True)])
+    with port, can.Bus(interface="virtual", channel="filters") as driver:
+        for ident, extended in [
+            (0x28, False),
+            (0x29, False),
+            (0x4AB, False),
+            (0x5AB, False),
+            (0x28, True),
+            (0x4AB, True),
+        ]:
+            driver.send(can.Message(arbitration_id=ident, is_extended_id=extended))
+        assert heard(port) == [0x28, 0x4AB, 0x28]
+
+
+class Interface:
+    """Linux CAN as a program sees it when the adapter is pulled and plugged in again."""
+
+    def __init__(self):
+        self.index, self.filters, self.sent = 7, [], []
+        self.ends = []
+
+    def bus(self, **options):
+        if not self.index:
+            raise OSError("No such device")
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.ends.append((ours, theirs))
+        return FakeBus(self, self.index, ours)
+
+
+class FakeBus:
+    def __init__(self, interface, index, end):
+        self.interface, self.index, self.socket = interface, index, end
+
+    def fileno(self):
+        return self.socket.fileno()
+
+    def set_filters(self, filters):
+        self.interface.filters.append(filters)
+
+    def recv(self, timeout):
+        if self.index != self.interface.index:
+            raise can.CanOperationError("No such device")
+        return None
+
+    def shutdown(self):
+        self.socket.close()
+
+
+@pytest.fixture
+def interface(monkeypatch):
+    made = Interface()
+    monkeypatch.setattr(can_transport.can, "Bus", made.bus)
+    monkeypatch.setattr(can_transport, "_index_of", lambda name: made.index)
+    monkeypatch.setattr(can_transport, "_is_down", lambda name: False)
+    yield made
+    for ends in made.ends:
+        for end in ends:
+            end.close()
+
+
+def test_an_interface_that_goes_and_comes_back_is_opened_again(interface, caplog):
+    frame = CanFrame(arbitration_id=0x28, data=b"\x01")
+    port = create("can:socketcan:can9")
+    port.hear_only([CanFilter(0x28)])
+    with port:
+        assert port.write(frame) and port.poll() == []
+        interface.index = 0
+        assert port.poll() == [Closed()] and port.poll() == []
+        assert not port.listening and not port.filenos() and not port.write(frame)
+        interface.index = 8
+        assert port.poll() == [Opened()] and port.poll() == []
+        assert port.listening and port.filenos() and port.write(frame)
+        interface.index = 9  # gone and made again between two looks
+        assert port.poll() == [Closed()] and port.poll() == [Opened()]
+    assert interface.filters == [[{"can_id": 0x28, "can_mask": 0x1FFF_FFFF, "extended": False}]] * 3
+    assert [record.getMessage() for record in caplog.records] == [
+        "can:socketcan:can9: the interface is gone; waiting for it to come back",
+        "can:socketcan:can9: the interface is back",
+    ] * 2
+
+
+def test_an_interface_that_is_only_down_keeps_its_socket(interface, monkeypatch):
+    def down(bus, timeout):
+        raise can.CanOperationError("Network is down")
+
+    with create("can:socketcan:can9") as port:
+        monkeypatch.setattr(FakeBus, "recv", down)
+        assert port.poll() == [] and port.listening
