@@ -1,226 +1,305 @@
 r"""Inspire RH56DFTP: a hand with 1062 tactile points in seventeen matrices, over Modbus RTU or Modbus TCP.
 
-Wire: RS-485, 115200 8N1, Modbus RTU; or Modbus TCP on port 6000. Unit 1, functions 03, 06, 16.
+Wire: RS-485, 115200 8N1, Modbus RTU, answered to its own unit after 6 to 14 ms; or Modbus TCP on port 6000, where the
+unit selects nothing and comes back as it was sent. Functions 03, 06, 16.
 
 Addresses count *bytes*, not registers: reading n registers at A gives bytes A .. A + 2 n - 1, and the register at A is
 byte A (low) and byte A + 1 (high). So two neighbouring matrices of 16-bit values are read by advancing 2 addresses per
 register. One driver asks for one register per address and gets, after the matrix, what lies behind it.
 
-    address  content, int16 0..4096, row by row
+Touch, int16 0..4096, row by row from the first:
+
     3000     little finger: tip 3x3 (+0, 18 bytes), top 12x8 (+18, 192), pad 10x8 (+210, 160)
     3370     ring finger, the same
     3740     middle finger, the same
     4110     index finger, the same
     4480     thumb: tip 3x3, top 12x8 (4498), middle 3x3 (4690), pad 12x8 (4708)
-    4900     palm 14x8, until 5123
-
-    address  bytes  content (w: can be written)          address  bytes  content
-    1000     1   w  unit (from the next power-up)        1534     12     position, 0..2000
-    1002     1   w  line speed (from the next power-up)  1546     12     angle, 0..1000
-    1004     1   w  1 clears errors                      1582     12     force [g], -4000..4000
-    1005     1   w  1 saves to flash                     1594     12     current [mA], 0..2000
-    1006     1   w  1 restores the factory settings      1606     6      error bits
-    1009     1   w  1 zeroes the forces                  1612     6      status
-    1032     12  w  speed at power-up, 0..1000           1618     6      temperature [deg C]
-    1044     12  w  force limit at power-up, 0..1000
-    1464     10  w  stored only
-    1474     12  w  position to go to, 0..2000, -1: stay
-    1486     12  w  angle to go to, 0..1000, -1: stay
-    1498     12  w  force limit, 0..3000
-    1522     12  w  speed, 0..1000
+    4900     palm 8x14, until 5123: column by column from the first, each from row 8 up to row 1
 
 Six values are little, ring, middle, index, thumb bend, thumb turn. All other addresses below 6000 read zero (drivers
-ask for register 0 to see whether the hand is there).
+ask for register 0 to see whether the hand is there). Published drivers disagree which of two actuators lies in the high
+byte of a register at 1606, 1612 and 1618: Unitree's takes the first, others the second (option ``first_byte``).
 
 Try it: ``tactemu run inspire_rh56dftp --port tcp:127.0.0.1:6000``, then ``RH56DFTP_TCP(host, 6000).get(...)``.
 """
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Annotated, Literal
 
 import numpy as np
 
-from firmware_protocols.device import (
+from firmware_protocols import (
+    Column,
     Command,
+    Counts,
     Device,
     Layout,
-    Outgoing,
+    Option,
+    Outs,
     Reading,
-    SerialWire,
-    TcpWire,
-    Wire,
+    Rs485,
+    Sense,
+    Sent,
+    Tcp,
     grid_layout,
+    points,
 )
-from firmware_protocols.devices.inspire_registers import MEMORY_END, HandRegisters
+from firmware_protocols.adc import quantize
 from firmware_protocols.layouts import place, stack
-from firmware_protocols.modbus import ILLEGAL_ADDRESS, ModbusServer, Refused
+from firmware_protocols.motors import Motors
+from firmware_protocols.protocols.modbus import Banks, Mbap, Rtu, silence_ns
+from firmware_protocols.registers import RegisterMap, Registers
 
-TACTILE = 3000
-FULL_SCALE = 4096
+MAP = RegisterMap(
+    """
+    1000  u1          unit           1..254  = 1  flash            from the next power-up
+    1002  u1          baud           0..4  flash                   0 115200, 1 57600, 2 19200, 3 and 4 921600; likewise
+    1004  u1          clear_errors   0..1                          orders: 1, reads 0 again
+    1005  u1          save           0..1                          what the flash keeps
+    1006  u1          restore        0..1                          factory settings
+    1009  u1          zero_force     0..1
+    1032  <i2 x 6     speed_default  0..1000  = 1000  flash        at power-up
+    1044  <i2 x 6     force_default  0..3000  = 500  flash         at power-up
+    1474  <i2 x 6     position_set   -1..2000  = -1                -1: stay
+    1486  <i2 x 6     angle_set      -1..1000  = -1                -1: stay; 1000 is open
+    1498  <i2 x 6     force_set      0..3000                       limit [g]
+    1522  <i2 x 6     speed_set      0..1000
+    1534  <i2 x 6     position       0..2000  r                    2000 - 2 angle
+    1546  <i2 x 6     angle          0..1000  r
+    1582  <i2 x 6     force          -4000..4000  r                [g]
+    1594  <i2 x 6     current        0..2000  r                    [mA]
+    1606  u1 x 6      errors         r
+    1612  u1 x 6      status         r                             0 opening, 1 closing, 2 there
+    1618  u1 x 6      temperature    0..100  = 25  r               [deg C]
+    1700  u1 x 4      ip             = 192, 168, 11, 210  flash    from the next power-up
+    2320  <u2         gesture
+    2322  <u2         run_gesture
+    3000  <i2 x 1062  touch          r
+    """,
+    size=6000,
+    writable=((1000, 1060), (1464, 1534)),
+)
+TOUCH = MAP.by_name["touch"].address
+BAUDS = (115200, 57600, 19200, 921600, 921600)
+FUNCTIONS = (3, 6, 16)
+ORDERS = ("clear_errors", "save", "restore", "zero_force")
+GRAMS = 1000 / 9.80665
+OPEN, CLOSED_POSITION, FULL_SCALE = 1000.0, 2000, 4096
+FULL_STROKE_S, STROKE_RAD, MOVING_MA = 0.6, 1.6, 200
+
 FINE, COARSE = 0.0015, 0.004
 FINGER = (("tip", 3, 3, 0.033), ("top", 12, 8, 0.021), ("pad", 10, 8, 0.0))
 THUMB = (("tip", 3, 3, 0.048), ("top", 12, 8, 0.036), ("middle", 3, 3, 0.023), ("pad", 12, 8, 0.01))
 """Matrices along a finger: name, rows, columns, height of the centre above the finger's base [m]."""
-FINGERS = {"little": (-0.033, 0.065), "ring": (-0.011, 0.075), "middle": (0.011, 0.08), "index": (0.033, 0.075)}
-THUMB_BASE = (0.06, -0.01)
+BASES = {
+    "little": (-0.033, 0.065), "ring": (-0.011, 0.075), "middle": (0.011, 0.08), "index": (0.033, 0.075),
+    "thumb": (0.06, -0.01),
+}  # fmt: skip
+ACTUATORS = ("little", "ring", "middle", "index", "thumb bend", "thumb turn")
 
 
 class InspireRh56dftp(Device):
-    """The hand: tactile matrices, and actuators that follow their commands.
-
-    Args:
-        counts_per_newton: tactile counts per newton along a point's normal.
-    """
+    """The hand: tactile matrices, and actuators that follow their commands."""
 
     name = "inspire_rh56dftp"
     title = "Inspire RH56DFTP hand, tactile version"
-    wires = (SerialWire(baud=115200), TcpWire(port=6000))
-    senses = "force"
+    senses = ("force", Sense("temperature", at=points({"motors": (0.0, 0.0, 0.0)}, link="palm")))
     rate_hz = 50.0
-    evidence = ("driver",)
+    evidence = ("vendor document", "driver")
     sources = (
+        "vendor manual PRJ-02-TS-U-001 V1.0.0 2.4, 2.6, 2.6.20 (in NaCl-1374/inspire_hand_ws@fc75490 inspire_R1)",
         "NaCl-1374/inspire_hand_ws@fc75490 inspire_hand_defaut.py (tactile map)",
         "plusml-rh56dftp 0.1.7 Register/config/configFTP/ftp_registers.py (both maps)",
+        "inspire-rh56dftp 0.1.0 client.py (units over TCP)",
         "Modbus application protocol V1.1b3; Modbus over serial line V1.02",
     )
     judge = "plusml-rh56dftp 0.1.7 (TCP), pymodbus 3.11 and modbus_tk 1.1.5 (RTU)"
     assumed = (
         "places of the points: all matrices in one plane, normal +z, 1.5 mm pitch on the fingers, 4 mm on the palm",
         "1000 counts/N, converted 50 times a second",
-        "registers 1486..1533, 1534..1557 and 1612: as commonly listed for RH56 hands, in no source read here",
-        "a full stroke takes 0.8 s at speed 1000; force limits are stored without effect; 200 mA while moving",
-        "force of a finger: the sum over its matrices; status 2 there, 1 closing, 0 opening; errors never",
+        "a full stroke takes 0.6 s at speed 1000 and is 1.6 rad; it begins at once (a hand: after 60 to 70 ms)",
+        "force limits and gestures are stored without effect; 200 mA while moving; TCP is answered at once",
+        "force of a finger: the sum over its matrices; errors never",
         "writes outside the table: exception 2; values out of range: exception 3; nothing answers above 5999",
-        "the line speed register is stored without effect",
     )
 
-    def __init__(self, *, counts_per_newton: float = 1000.0):
-        super().__init__()
-        self.counts_per_newton = counts_per_newton
+    def __init__(
+        self,
+        *,
+        unit: Annotated[int, Option("as delivered; register 1000 tells and changes it", low=1, high=254)] = 1,
+        baud: Annotated[
+            Literal[115200, 57600, 19200, 921600], Option("as delivered; register 1002 tells and changes it")
+        ] = 115200,
+        counts_per_newton: Annotated[float, Option("tactile counts along a point's normal", unit="1/N")] = 1000.0,
+        first_byte: Annotated[
+            Literal["low", "high"], Option("where the first of two byte registers is in a Modbus register")
+        ] = "low",
+        answer_s: Annotated[
+            float, Option("from an RTU request to its answer; hands take 6 to 14 ms", unit="s", low=0.0)
+        ] = 0.006,
+    ):
+        self.counts_per_newton, self.first_low, self.answer_ns = (
+            counts_per_newton,
+            first_byte == "low",
+            round(answer_s * 1e9),
+        )
+        self.columns = (
+            Column(name="touch", unit="N", counts_per_unit=counts_per_newton, low=0, high=FULL_SCALE, push=1),
+        )
         self.layout = _hand()
-        self.registers = HandRegisters()
-        self._server = ModbusServer(read=self._read, write=self._write, counters=self.counters)
-        self._now_ns = 0
-        self.power_on(0)
-
-    def plug(self, kind: str) -> Wire:
-        """RTU on ``serial``, Modbus TCP on ``tcp``."""
-        wire = super().plug(kind)
-        self._server.framing = "tcp" if kind == "tcp" else "rtu"
-        self._server.reset()
-        return wire
-
-    def power_on(self, t_ns: int) -> Sequence[Outgoing]:
-        """Saved parameters, hand open."""
-        self.registers.power_on(t_ns)
-        self._server.unit = self.registers.unit
-        self._server.reset()
+        kept = {"unit": unit, "baud": BAUDS.index(baud), **self.flash}
+        self.registers = Registers(MAP, kept=kept)
+        self.registers["speed_set"] = self.registers.all("speed_default")
+        self.registers["force_set"] = self.registers.all("force_default")
+        self.unit, speed = self.registers["unit"], BAUDS[self.registers["baud"]]
+        self.ports = (Rs485(name="rtu", baud=speed), Tcp(name="tcp", port=6000, plugged=False))
+        self.rtu = Rtu(counters=self.counters, gap_ns=silence_ns(speed))
+        self.clients: dict[str, Mbap] = {}
+        self.motors = Motors([OPEN] * 6, low=0.0, high=OPEN, time_constant_s=0.0, speed_limit=self._speeds())
         self.counts = np.zeros(len(self.layout), np.int64)
-        return ()
-
-    def opened(self, t_ns: int) -> Sequence[Outgoing]:
-        """A new connection starts with a new request."""
-        self._server.reset()
-        return ()
+        self.forces = self.zero = np.zeros(6)
 
     # -- readings --------------------------------------------------------------------------------------------------
 
-    def digitize(self, reading: Reading) -> np.ndarray:
+    def feel(self, reading: Reading, t_ns: int) -> Counts:
         """Tactile counts 0..4096, shape ``(1062,)``, matrix by matrix, row by row."""
-        counts = np.rint(self.counts_per_newton * self.layout.push(reading.values))
-        return np.clip(counts, 0, FULL_SCALE).astype(np.int64)
-
-    def sample(self, reading: Reading, t_ns: int) -> Sequence[Outgoing]:
-        """Convert; nothing leaves unasked."""
-        push = self.layout.push(reading.values)
-        by_finger: dict[str, float] = {}
+        push = self.layout.push(reading["force"])
+        felt = dict.fromkeys(BASES, 0.0) | {"palm": 0.0}
         for patch in self.layout.patches:
-            finger = patch.name.split()[0]
-            by_finger[finger] = by_finger.get(finger, 0.0) + push[patch.taxels].sum()
-        felt = [by_finger[finger] for finger in (*FINGERS, "thumb")]
-        self.registers.feel(forces=(*felt, 0.0), temperature=float(np.mean(reading.temperature)))
-        return super().sample(reading, t_ns)
+            felt[patch.link] += push[patch.taxels].sum()
+        self.forces = np.array([*(felt[finger] for finger in BASES), 0.0]) * GRAMS
+        self.registers["temperature"] = reading["temperature"][0]
+        self.counts = quantize(push, self.counts_per_newton, 0, FULL_SCALE)
+        return self.counts
 
-    # -- commands --------------------------------------------------------------------------------------------------
+    def joints(self, t_ns: int) -> Mapping[str, float]:
+        """How far each actuator is closed [rad]."""
+        return dict(zip(ACTUATORS, ((1 - self.motors.positions(t_ns) / OPEN) * STROKE_RAD).tolist()))
+
+    # -- requests --------------------------------------------------------------------------------------------------
+
+    def lines(self, dtr: bool, rts: bool, t_ns: int, port: str) -> Outs:
+        """A new connection starts with a new request."""
+        self.clients.pop(port, None)
+        return ()
+
+    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+        """Modbus requests in chunks of any size."""
+        banks = Banks(holding=self, step=1, low_first=True, functions=FUNCTIONS)
+        if port == "rtu":
+            answers = self.rtu.answers(data, t_ns, {self.unit: banks})
+            return [Sent(answer, delay_ns=self.answer_ns) for answer in answers]
+        client = self.clients.setdefault(port, Mbap(counters=self.counters))
+        return client.answers(data, t_ns, banks)
+
+    def read(self, address: int, n: int, t_ns: int) -> bytes:
+        """Memory as the hand reports it at ``t_ns``."""
+        if address < TOUCH:
+            self._report(t_ns)
+        if address + n > TOUCH:
+            self.registers["touch"] = self.layout.on_wire(self.counts)
+        return self.registers.read(address, n)
+
+    def _report(self, t_ns: int) -> None:
+        """Bring the actuators' registers up to date."""
+        registers, angles, moving = self.registers, self.motors.positions(t_ns), self.motors.moving(t_ns)
+        registers["angle"] = angles
+        registers["position"] = CLOSED_POSITION - 2 * angles
+        registers["force"] = self.forces - self.zero
+        registers["current"] = MOVING_MA * moving
+        registers["status"] = self._in_pairs(np.select([~moving, self.motors.goals < angles], [2, 1], 0))
+
+    def _in_pairs(self, values: np.ndarray) -> np.ndarray:
+        return values if self.first_low else values.reshape(-1, 2)[:, ::-1].ravel()
+
+    def write(self, address: int, data: bytes, t_ns: int) -> Sequence[str]:
+        """Store, and do what was ordered."""
+        written = self.registers.write(address, data)
+        if "position_set" in written:
+            self.motors.go((CLOSED_POSITION - self._given("position_set")) / 2, t_ns)
+        if "angle_set" in written:
+            self.motors.go(self._given("angle_set"), t_ns)
+        if "speed_set" in written:
+            self.motors.limit_speed(self._speeds(), t_ns)
+        self._obey({order for order in ORDERS if self.registers[order]})
+        return written
+
+    def _given(self, name: str) -> np.ndarray:
+        """Targets, NaN for an actuator that stays as it is."""
+        values = np.array(self.registers.all(name), float)
+        return np.where(values < 0, np.nan, values)
+
+    def _speeds(self) -> np.ndarray:
+        """Angle counts per second."""
+        return np.array(self.registers.all("speed_set")) / FULL_STROKE_S
+
+    def _obey(self, orders: set[str]) -> None:
+        """Carry out the orders that read 1, and take them back."""
+        for order in orders:
+            self.registers[order] = 0
+        if "restore" in orders:
+            self.registers.reset(*self.registers.kept())
+        if "zero_force" in orders:
+            self.zero = self.forces
+        if "save" in orders:
+            self.flash.update(self.registers.kept())
+
+    # -- datasheet -------------------------------------------------------------------------------------------------
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """Reading each matrix, the registers that drivers touch, and the three exceptions."""
-
-        def registers(count: int) -> Callable[[list], bool]:
-            return lambda frames: len(frames) == 1 and frames[0][self._payload + 1] == 2 * count
-
-        def read(name: str, address: int, count: int) -> Command:
-            return Command(name=name, request=self._framed(3, address, count), reply=registers(count))
-
-        def echoed(name: str, *fields: int) -> Command:
-            return Command(name=name, request=self._framed(*fields), reply=[self._framed(*fields)])
-
-        def refused(name: str, function: int, code: int, *fields: int) -> Command:
-            answer = self._server.request(bytes([function | 0x80, code]))
-            return Command(name=name, request=self._framed(function, *fields), reply=[answer])
-
-        angles = struct.pack(">BHHB6H", 16, 1486, 6, 12, 1000, 800, 600, 400, 200, 0)
-        return (
-            *(read(f"touch, {p.name}", address, size // 2) for p, address, size in self.matrices()),
-            read("unit", 1000, 1),
-            read("presence", 0, 1),
-            read("forces", 1582, 6),
-            read("angles", 1546, 6),
-            echoed("clear errors", 6, 1004, 1),
-            echoed("zero the forces", 6, 1009, 1),
-            echoed("save", 6, 1005, 1),
-            echoed("bend the little finger", 6, 1486, 500),
-            Command(
-                name="six angles",
-                request=self._server.request(angles),
-                reply=[self._framed(16, 1486, 6)],
-            ),
-            refused("read coils: illegal function", 1, 1, 0, 8),
-            refused("read beyond the map: illegal address", 3, 2, 5999, 1),
-            refused("write a reading: illegal address", 6, 2, 3000, 1),
-            refused("read too much: illegal value", 3, 3, 3000, 126),
-            refused("angle out of range: illegal value", 6, 3, 1486, 1001),
+        """Reads of touch and of what drivers use, orders, the three exceptions; to a hand as it comes."""
+        if self.unit != 1:
+            return ()
+        return tuple(
+            Command(name=name, request=request, reply=reply or request, origin=origin, port=port)
+            for port, origin, listed in (("rtu", _RTU, _OVER_RTU), ("tcp", _TCP, _OVER_TCP))
+            for name, request, reply in listed
         )
 
-    @property
-    def _payload(self) -> int:
-        """Offset of the function code in a frame."""
-        return 7 if self.wire.kind == "tcp" else 1
 
-    def _framed(self, function: int, *fields: int) -> bytes:
-        return self._server.request(struct.pack(f">B{len(fields)}H", function, *fields))
-
-    def matrices(self):
-        """Patch, address and size [bytes] of every matrix."""
-        for patch in self.layout.patches:
-            yield patch, TACTILE + 2 * patch.start, 2 * patch.rows * patch.cols
-
-    def receive(self, data: bytes, t_ns: int) -> Sequence[Outgoing]:
-        """Modbus requests in chunks of any size."""
-        self._now_ns = t_ns
-        return self._server.receive(data, t_ns)
-
-    def _read(self, address: int, count: int) -> list[int]:
-        if address + 2 * count > MEMORY_END:
-            raise Refused(ILLEGAL_ADDRESS)
-        memory = self.registers.snapshot(self._now_ns)
-        touch = self.counts[self.layout.wire_order].astype("<i2").tobytes()
-        memory[TACTILE : TACTILE + len(touch)] = touch
-        return list(struct.unpack_from(f"<{count}H", memory, address))
-
-    def _write(self, address: int, registers: list[int]) -> None:
-        self.registers.write(address, struct.pack(f"<{len(registers)}H", *registers), self._now_ns)
+_RTU = "register map of the vendor manual 2.4, 2.6; CRC by pymodbus 3.11"
+_TCP = "vendor manual 2.6.20; inspire-rh56dftp 0.1.0 client.py"
+_OVER_RTU = (
+    # name, request, reply; a write comes back as it was
+    ("unit", "01 03 03 E8 00 01 04 7A", "01 03 02 00 01 79 84"),
+    ("presence", "01 03 00 00 00 01 84 0A", "01 03 02 00 00 B8 44"),
+    ("tip of the index finger", "01 03 10 0E 00 09 E0 CF", "01 03 12 ..{18} ..{2}"),
+    ("palm", "01 03 13 24 00 70 00 A1", "01 03 E0 ..{224} ..{2}"),
+    ("forces", "01 03 06 2E 00 06 A5 49", "01 03 0C ..{12} ..{2}"),
+    ("angles", "01 03 06 0A 00 06 E5 42", "01 03 0C ..{12} ..{2}"),
+    ("IP address", "01 03 06 A4 00 02 85 60", "01 03 04 A8 C0 D2 0B C7 08"),
+    ("clear errors", "01 06 03 EC 00 01 89 BB", ""),
+    ("zero the forces", "01 06 03 F1 00 01 19 BD", ""),
+    ("save", "01 06 03 ED 00 01 D8 7B", ""),
+    ("bend the little finger", "01 06 05 CE 01 F4 E8 EE", ""),
+    (
+        "six angles",
+        "01 10 05 CE 00 06 0C 03 E8 03 20 02 58 01 90 00 C8 00 00 C5 F5",
+        "01 10 05 CE 00 06 21 38",
+    ),
+    ("read coils: illegal function", "01 01 00 00 00 08 3D CC", "01 81 01 81 90"),
+    ("mask write: illegal function", "01 16 05 CE 00 00 00 01 5E 43", "01 96 01 8E 60"),
+    ("read beyond the map: illegal address", "01 03 17 6F 00 01 B1 A3", "01 83 02 C0 F1"),
+    ("write a reading: illegal address", "01 06 0B B8 00 01 CA 0B", "01 86 02 C3 A1"),
+    ("read too much: illegal value", "01 03 0B B8 00 7E 47 EB", "01 83 03 01 31"),
+    ("angle out of range: illegal value", "01 06 05 CE 03 E9 29 87", "01 86 03 02 61"),
+)
+_OVER_TCP = (
+    ("angles, unit 0", "00 01 00 00 00 06 00 03 06 0A 00 06", "00 01 00 00 00 0F 00 03 0C ..{12}"),
+    ("palm, unit 255", "00 01 00 00 00 06 FF 03 13 24 00 70", "00 01 00 00 00 E3 FF 03 E0 ..{224}"),
+)
 
 
 def _hand() -> Layout:
-    """All matrices in wire order; x across the hand, y along the fingers, z out of the palm."""
-    pads = []
-    for finger, base in (*FINGERS.items(), ("thumb", THUMB_BASE)):
-        for name, rows, cols, height in THUMB if finger == "thumb" else FINGER:
-            pad = grid_layout(rows, cols, FINE, name=f"{finger} {name}")
-            pads.append(place(pad, (base[0], base[1] + height, 0.0)))
-    pads.append(grid_layout(14, 8, COARSE, name="palm"))
-    return stack(*pads)
+    """All matrices in wire order, each on its finger's link; x across the hand, y along the fingers, z out of it."""
+    pads = [
+        place(grid_layout(rows, cols, FINE, name=f"{finger} {name}", link=finger), (x, y + height, 0.0))
+        for finger, (x, y) in BASES.items()
+        for name, rows, cols, height in (THUMB if finger == "thumb" else FINGER)
+    ]
+    palm = grid_layout(8, 14, COARSE, name="palm", link="palm")
+    return stack(*pads, replace(palm, wire_order=np.arange(8 * 14).reshape(8, 14)[::-1].T.ravel()))

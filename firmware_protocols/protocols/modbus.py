@@ -42,6 +42,8 @@ class Banks:
     """Bytes of memory per Modbus address: 1 where a firmware counts its addresses in bytes."""
     low_first: bool = False
     """Whether numbers lie in memory low byte first. On the wire the high byte is first."""
+    functions: Container[int] | None = None
+    """Those that the firmware knows; default: all that its tables allow."""
 
 
 def silence_ns(baud: int) -> int:
@@ -67,7 +69,7 @@ def answer(pdu: bytes, banks: Banks, t_ns: int) -> bytes:
     """The PDU that answers a request; an exception if the memory or its form refuses it."""
     try:
         act, whole = _FUNCTIONS.get(pdu[0], (None, None))
-        if act is None or whole is None:
+        if act is None or whole is None or not (banks.functions is None or pdu[0] in banks.functions):
             raise Refused("function")
         if not whole(pdu):
             raise Refused("value")

@@ -15,7 +15,10 @@ def hand() -> fp.Device:
     return device
 
 
-INDEX_TOP, PALM = slice(564, 660), slice(950, 1062)
+INDEX_TOP = slice(564, 660)
+PALM = [950 + 14 * row + column for column in range(14) for row in range(7, -1, -1)]
+"""8 x 14 points, as they are sent: column by column, each from the bottom."""
+SENT = [*range(950), *PALM]
 
 
 def test_plusml_rh56dftp_over_tcp(tmp_path):
@@ -28,7 +31,7 @@ def test_plusml_rh56dftp_over_tcp(tmp_path):
         size = len(values) // 2
         start = (address - 3000) // 2
         part = slice(start, start + size)
-        assert_consecutive([values[:size]], rig.truth, decode=lambda counts, part=part: counts[part], count=1)
+        assert_consecutive([values[:size]], rig.truth, decode=lambda counts, part=part: counts[SENT][part], count=1)
     assert len(got["once"]) == 17
     assert got["written"] and got["others"]["POS_SET(2)"] == 300
     assert got["others"]["HAND_ID"] == 1 and got["others"]["TEMP(1)"] == 25 and got["others"]["ERROR(5)"] == 0

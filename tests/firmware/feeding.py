@@ -130,14 +130,15 @@ def mutate(data: bytes, rng: random.Random) -> bytes:
 def survive(device: Device, count: int = 3000, seed: int = 1, gap_ns: int = 10_000_000) -> None:
     """Mutated commands in random chunks never raise; replies stay frames; the first command works afterwards."""
     rng = random.Random(seed)
-    requests = [command.frame for command in device.commands]
+    requests = [(command.frame, command.port or None) for command in device.commands]
     t_ns = 0
     for k in range(count):
         t_ns += gap_ns
-        data = mutate(rng.choice(requests), rng)
+        request, port = rng.choice(requests)
+        data = mutate(request, rng)
         cut = rng.randrange(len(data) + 1)
         for piece in (data[:cut], data[cut:]):
-            assert all(isinstance(frame, bytes) and frame for frame in send(device, piece, t_ns))
+            assert all(isinstance(frame, bytes) and frame for frame in send(device, piece, t_ns, port))
         if k % 50 == 0:
             sample(device, rng.uniform(-1, 30), t_ns)
     settle(device, t_ns)
@@ -150,7 +151,7 @@ def settle(device: Device, t_ns: int) -> None:
             t_ns += 1_000_000_000
             for request in (*command.after, command.request):
                 t_ns += 10_000_000
-                got = send(device, request, t_ns)
+                got = send(device, request, t_ns, command.port or None)
             if command.reply is None or got:
                 break
         assert command.agrees(got), f"{command.name}: expected {command.reply}, got {got}"

@@ -54,6 +54,13 @@ def test_coils_are_packed_low_bit_first(unit):
     assert ask(unit.banks, "02 00 00 00 01") == "02 01 00"
 
 
+def test_a_firmware_may_know_few_functions(unit):
+    few = Banks(holding=unit.holding, functions=(3, 6))
+    assert ask(few, "06 00 01 00 03") == "06 00 01 00 03"
+    assert ask(few, "10 00 02 00 02 04 00 0A 01 02") == "90 01"
+    assert ask(few, "16 00 01 00 F2 00 25") == "96 01"
+
+
 def test_a_mask_write_changes_bits(unit):
     # The example of the specification, 6.16.
     unit.holding["words"] = 0x12
