@@ -39,6 +39,7 @@ class Command:
         """Whether these frames are the documented answer."""
         if callable(self.reply):
             return bool(self.reply(list(frames)))
-        wanted = [] if self.reply is None else self.reply
-        wanted = list(wanted) if isinstance(wanted, list | tuple) else [wanted]
+        wanted: list[Any] = [] if self.reply is None else [self.reply]
+        if isinstance(self.reply, list | tuple):
+            wanted = list(self.reply)
         return len(frames) == len(wanted) and all(map(matches, wanted, frames))

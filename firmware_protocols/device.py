@@ -49,6 +49,8 @@ CONTACT = ("force", "pressure", "depth", "displacement", "touch")
 _DERIVED = {"wrench": "force", "vibration": "force"}
 """Quantities of all taxels together, and what they follow from."""
 
+Axis = Literal["", "x", "y", "z"]
+
 Evidence = Literal["captured", "vendor document", "firmware", "driver", "assumed"]
 """Where a byte table comes from, best first."""
 
@@ -140,7 +142,7 @@ class Column:
     """One number of what :meth:`Device.feel` returns for a point: a column of the counts."""
 
     name: str
-    axis: Literal["", "x", "y", "z"] = ""
+    axis: Axis = ""
     """Of the taxel's own frame; "" for a magnitude."""
     unit: str = ""
     """SI unit; "" where no scale is published."""

@@ -23,13 +23,14 @@ from tactemu.wire.wire import Wire
 
 if TYPE_CHECKING:
     from tactemu.imperfections import Imperfections
+    from tactemu.scene.placement import JoinedImperfections
 
 
 class Source(Protocol):
     """What a device's transducers sense: a sensor of a simulation, a recording, or the user's own."""
 
     @property
-    def imperfections(self) -> Imperfections | None:
+    def imperfections(self) -> Imperfections | JoinedImperfections | None:
         """What spoils its readings, to be changed while it runs; ``None`` for a recording."""
         ...
 

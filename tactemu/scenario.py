@@ -122,7 +122,7 @@ def _schedule_one(emulator: Emulator, channel: Channel, event: EventTable, origi
         emulator.at(stop, end)
 
 
-def imperfections_of(channel: Channel) -> Imperfections:
+def imperfections_of(channel: Channel) -> Imperfections | JoinedImperfections:
     """What spoils the readings of a channel.
 
     Raises:

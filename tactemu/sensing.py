@@ -9,7 +9,7 @@ import numpy as np
 from firmware_protocols import Sense
 from firmware_protocols.device import CONTACT
 from firmware_protocols.layouts import Layout
-from tactemu.scene.placement import Surroundings
+from tactemu.scene.placement import JoinedImperfections, Surroundings
 
 if TYPE_CHECKING:
     from tactemu.imperfections import Imperfections
@@ -27,7 +27,7 @@ class Skin(Protocol):
         ...
 
     @property
-    def imperfections(self) -> Imperfections | None:
+    def imperfections(self) -> Imperfections | JoinedImperfections | None:
         """What spoils its readings; ``None`` for a recording."""
         ...
 
@@ -46,7 +46,7 @@ class Senses:
         self._around: tuple[int, dict[str, Surroundings]] = (-1, {})
 
     @property
-    def imperfections(self) -> Imperfections | None:
+    def imperfections(self) -> Imperfections | JoinedImperfections | None:
         """What spoils the readings, to be changed while it runs; ``None`` for a recording."""
         return self.skin.imperfections
 

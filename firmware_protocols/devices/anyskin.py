@@ -29,12 +29,14 @@ import numpy as np
 
 from firmware_protocols import Column, Counts, Device, Layout, Option, Outs, Patch, Reading, Serial
 from firmware_protocols.adc import quantize
+from firmware_protocols.device import Axis
 from firmware_protocols.magnetic import LinearMagnet
 
 PITCH = 0.007
 PLACES = ((0, 0), (-1, 0), (1, 0), (0, 1), (0, -1))
 DRAWN_TURNS_DEG = (-90, -90, 180, 90, 0)
 
+AXES: tuple[Axis, ...] = ("x", "y", "z")
 FIELD_LSB_UT = np.array([0.150, 0.150, 0.242])
 TEMPERATURE_ZERO, TEMPERATURE_PER_DEG = 46244, 45.2
 
@@ -62,7 +64,7 @@ class AnySkin(Device):
         Column(name="T", unit="degC", counts_per_unit=1.0, low=-998.1, high=451.8, rest=25.0),
         *(
             Column(name=f"B{axis}", axis=axis, unit="uT", counts_per_unit=1.0, low=-0x8000 * lsb, high=0x7FFF * lsb)
-            for axis, lsb in zip("xyz", FIELD_LSB_UT)
+            for axis, lsb in zip(AXES, FIELD_LSB_UT)
         ),
     )
     evidence = ("firmware", "driver")

@@ -62,7 +62,7 @@ def lateness(rate_hz: float, seconds: float, *, device: str = "anyskin") -> dict
     with no_full_collections(), emulator, _drained(f"{folder}/port"):
         emulator.run(seconds)
     os.rmdir(folder)
-    return next(iter(emulator.summary().values()))
+    return emulator.channels[0].statistics.as_dict()
 
 
 @contextmanager

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 from firmware_protocols import Connector, Frame, Sent
 from firmware_protocols.frames import payload
@@ -181,15 +182,16 @@ class Wire:
 
         ``sample`` is the number of the sample that they carry.
         """
-        parts = [each if isinstance(each, Sent) else Sent(each) for each in frames]
+        parts: list[Sent[Any]] = [each if isinstance(each, Sent) else Sent(each) for each in frames]
+        whole = [part.frame for part in parts]
         self._source = source
         if not self.transport.listening:
-            self._lose(parts, now_ns, source, "unheard", "nobody listens")
+            self._lose(whole, now_ns, source, "unheard", "nobody listens")
         elif self._down is not None:
-            self._lose(parts, now_ns, source, "unheard", str(self._down))
+            self._lose(whole, now_ns, source, "unheard", str(self._down))
         elif self.line.backlog_ns(source, min(now_ns, self._flushed_ns)) > self.backlog_ns:
             self.counters["dropped_readings"] += 1
-            self._lose(parts, now_ns, source, "dropped_frames", "line full")
+            self._lose(whole, now_ns, source, "dropped_frames", "line full")
         else:
             least = self.carrier.turnaround_ns()
             for part in parts:
@@ -249,7 +251,7 @@ class Wire:
             return False
         if not self._hand_over(heard, now_ns):
             why = ("dropped_unread", "not read") if self.transport.listening else ("unheard", "nobody listens")
-            self._lose([Sent(frame)], now_ns, source, *why)
+            self._lose([frame], now_ns, source, *why)
             return False
         self.counters["sent"] += 1
         self.counters["sent_bytes"] += len(payload(heard))
@@ -269,10 +271,10 @@ class Wire:
         self._note(now_ns, self._source, "latency", "")
         return True
 
-    def _lose(self, parts: Iterable[Sent], now_ns: int, source: str, counter: str, why: str) -> None:
-        for part in parts:
+    def _lose(self, frames: Iterable[Frame], now_ns: int, source: str, counter: str, why: str) -> None:
+        for frame in frames:
             self.counters[counter] += 1
-            self.truth.dropped(now_ns, source, part.frame, why)
+            self.truth.dropped(now_ns, source, frame, why)
 
     # -- from the driver ---------------------------------------------------------------------------------------------
 
@@ -330,8 +332,8 @@ class Wire:
         self.inbound.free_ns = now_ns
         for lost in self.line.clear():
             if lost.source != DRIVER:
-                self._lose([Sent(lost.frame)], now_ns, lost.source, "unheard", why)
-        held = [Sent(frame) for frame, _, way in self._injector.forget() if way == "to_driver"]
+                self._lose([lost.frame], now_ns, lost.source, "unheard", why)
+        held = [frame for frame, _, way in self._injector.forget() if way == "to_driver"]
         self._lose(held, now_ns, self._owner, "unheard", why)
 
     def _arrive(self, data: Frame, now_ns: int) -> None:
