@@ -17,6 +17,7 @@ from tactemu.emulator import Emulator
 from tactemu.errors import SceneError, nearest
 from tactemu.imperfections import Imperfections
 from tactemu.imperfections.options import Law
+from tactemu.scene.placement import JoinedImperfections
 from tactemu.scene.schema import EventTable
 from tactemu.wire.faults.fault import Fault, parse
 
