@@ -28,12 +28,14 @@ from tactemu.assembly import Assembled, Wishes, assemble, fresh_port, truth_of
 from tactemu.clock import RealClock
 from tactemu.emulator import Channel
 from tactemu.errors import SceneError, TactemuError
+from tactemu.kernels import start_quietly
 from tactemu.scenario import concerns, schedule, timed_fault
 from tactemu.scene import file
 from tactemu.scene.motion import Pose
 from tactemu.scene.placement import PlacedLayout
 from tactemu.scene.schema import Event
 from tactemu.scene.steering import Leg, Steered, pressing_way
+from tactemu.transports.pty import PtyTransport
 from tactemu.truth import Sample, Truth
 
 _SPEED = 0.05
@@ -48,6 +50,7 @@ def serve(
     faults: Sequence[str] = (),
     seed: int | None = None,
     steer: Sequence[str] = (),
+    by_hand: bool = True,
     scenario: Sequence[Event] = (),
     adjustable: Sequence[str] = (),
     truth: str | Path | None = None,
@@ -64,6 +67,7 @@ def serve(
         seed: root of all random numbers; default: the scene's.
         steer: bodies of a scene file to be moved by hand instead of by their motions. Bodies without a motion, and
             all those of a device's default scene, are.
+        by_hand: whether the default scene of a device is moved by hand, rather than by its own motions.
         scenario: what goes wrong when (:class:`tactemu.Event`), beside the scene's own schedule.
         adjustable: laws of imperfection (``noise``, ``dead``, ``bias`` ...) that :meth:`Served.happen` will switch on.
         truth: file for the truth log, ``.mcap`` or ``.jsonl``.
@@ -77,16 +81,24 @@ def serve(
         port=port, rate_hz=rate_hz, faults=tuple(faults), seed=seed, compute=device, usual_port=fresh_port,
         scenario=tuple(scenario), adjustable=tuple(adjustable),
     )  # fmt: skip
-    return Served(str(target), wishes, tuple(steer), truth, keep)
+    return Served(str(target), wishes, tuple(steer), truth, keep, by_hand=by_hand)
 
 
 class Served:
     """What :func:`serve` returns: a running emulator, seen from a test."""
 
     def __init__(
-        self, target: str, wishes: Wishes, steer: Sequence[str], truth: str | Path | None, keep: str | int | None
+        self,
+        target: str,
+        wishes: Wishes,
+        steer: Sequence[str],
+        truth: str | Path | None,
+        keep: str | int | None,
+        *,
+        by_hand: bool,
     ):
         self._target, self._wishes, self._steer_names = target, wishes, steer
+        self._by_hand = by_hand and not target.endswith(".toml")
         self._truth_path, self._keep = truth, keep
         self._thread: threading.Thread | None = None
         self._maker = 0
@@ -108,7 +120,8 @@ class Served:
         """
         if self._thread is not None:
             return self
-        loaded = self._steer(file.load(self._target), self._steer_names, by_hand=not self._target.endswith(".toml"))
+        start_quietly()
+        loaded = self._steer(file.load(self._target), self._steer_names, by_hand=self._by_hand)
         truth = truth_of(loaded, self._truth_path, self._keep)
         try:
             self._assembled = assemble(loaded, self._wishes, truth=truth)
@@ -325,6 +338,13 @@ class Served:
             return now_s
 
         self._until(begin)
+
+    def set_lines(self, *, dtr: bool, rts: bool, skin: str | None = None) -> None:
+        """Move the modem lines of a pseudo terminal, on which a driver cannot."""
+        transport = self._channel(skin).wire.transport
+        if not isinstance(transport, PtyTransport):
+            raise TactemuError(f"the port {transport.address} is no pseudo terminal; only those want their lines moved")
+        transport.set_lines(dtr, rts)
 
     def wait(self, seconds: float) -> None:
         """Let the emulator run for ``seconds`` of its time."""

@@ -7,12 +7,12 @@ from pathlib import Path
 
 from rich.console import Console
 
-from tactemu.cli.kernels import start_quietly
 from tactemu.cli.reports import Say, advice, entry_of, say_in_words, say_json
 from tactemu.cli.signals import ended_by_signals
 from tactemu.collector import no_full_collections
 from tactemu.emulator import Emulator
 from tactemu.errors import SceneError
+from tactemu.kernels import start_quietly
 from tactemu.statistics import Lateness
 
 REPORT_PERIOD_NS = 1_000_000_000
