@@ -31,7 +31,7 @@ _LOOK_S = 0.02
 """How often the thread looks for entries."""
 _FLUSH_S = 2.0
 """How much time a log may lack when its process is killed."""
-_SLICE_S, _REST_S = 2e-4, 5e-5
+_SLICE_S, _REST_S = 1e-4, 5e-5
 
 _logger = logging.getLogger(__name__)
 
