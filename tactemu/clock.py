@@ -15,8 +15,11 @@ class Clock(Protocol):
     """What the loop asks of time."""
 
     virtual: bool
-    origin_ns: int | None
-    """The machine's monotonic clock when this one showed 0; ``None`` where time is virtual."""
+
+    @property
+    def origin_ns(self) -> int | None:
+        """The machine's monotonic clock when this one showed 0; ``None`` where time is virtual."""
+        ...
 
     def now_ns(self) -> int:
         """Nanoseconds since the start."""

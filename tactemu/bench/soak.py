@@ -56,9 +56,9 @@ class Tally(Truth):
         super().__init__(keep=KEPT)
         self.size = self.check = 0
 
-    def wrote(self, t_ns: int, device: str, frame: Frame) -> None:
+    def wrote(self, t_ns: int, device: str, frame: Frame, sample: int | None = None) -> None:
         """A frame left for the driver."""
-        super().wrote(t_ns, device, frame)
+        super().wrote(t_ns, device, frame, sample)
         assert isinstance(frame, bytes)
         self.size, self.check = self.size + len(frame), zlib.crc32(frame, self.check)
 

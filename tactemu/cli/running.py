@@ -60,7 +60,7 @@ def run_target(
 def run_emulator(emulator: Emulator, *, seconds: float | None, style: str) -> None:
     """Run an assembled emulator with a picture, log lines or JSON lines, until it is told to stop."""
     console = Console(highlight=False)
-    live = style == "auto" and console.is_terminal
+    live = style == "auto" and console.is_terminal and not console.is_dumb_terminal
     say = say_json if style == "json" else say_in_words(console)
     view = _view(emulator, console) if live else nullcontext()
     _warm_up(console)
