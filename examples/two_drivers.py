@@ -19,7 +19,7 @@ from rich.text import Text
 
 import tactemu
 from tactemu.cli.heatmap import draw, felt
-from tactemu.cli.kernels import start_quietly
+from tactemu.kernels import start_quietly
 
 DEPTH = 1.5e-3
 TIME_LIMIT_S = 90

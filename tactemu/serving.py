@@ -27,12 +27,14 @@ from firmware_protocols import Device
 from tactemu.assembly import Assembled, Wishes, assemble, truth_of
 from tactemu.emulator import Channel
 from tactemu.errors import SceneError, TactemuError
+from tactemu.kernels import start_quietly
 from tactemu.scenario import concerns, schedule, timed_fault
 from tactemu.scene import file
 from tactemu.scene.motion import Pose
 from tactemu.scene.placement import PlacedSkin
 from tactemu.scene.schema import Event
 from tactemu.scene.steering import Leg, Steered, pressing_way
+from tactemu.transports.pty import PtyTransport
 from tactemu.truth import Sample, Truth
 
 _SPEED = 0.05
@@ -47,6 +49,7 @@ def serve(
     faults: Sequence[str] = (),
     seed: int | None = None,
     steer: Sequence[str] = (),
+    by_hand: bool = True,
     scenario: Sequence[Event] = (),
     adjustable: Sequence[str] = (),
     truth: str | Path | None = None,
@@ -65,6 +68,7 @@ def serve(
         seed: root of all random numbers; default: the scene's.
         steer: bodies of a scene file to be moved by hand instead of by their motions. Bodies without a motion, and
             all those of a device's default scene, are.
+        by_hand: whether the default scene of a device is moved by hand, rather than by its own motions.
         scenario: what goes wrong when (:class:`tactemu.Event`), beside the scene's own schedule.
         adjustable: laws of imperfection (``noise``, ``dead``, ``bias`` ...) that :meth:`Served.happen` will switch on.
         truth: file for the truth log, ``.mcap`` or ``.jsonl``.
@@ -79,7 +83,7 @@ def serve(
         port=port, rate_hz=rate_hz, faults=tuple(faults), seed=seed, compute=device, fresh_ports=True,
         scenario=tuple(scenario), adjustable=tuple(adjustable),
     )  # fmt: skip
-    return Served(str(target), wishes, tuple(steer), truth, keep, device_options)
+    return Served(str(target), wishes, tuple(steer), truth, keep, device_options, by_hand=by_hand)
 
 
 class Served:
@@ -93,8 +97,11 @@ class Served:
         truth: str | Path | None,
         keep: str | int | None,
         device_options: Mapping[str, Any] | None,
+        *,
+        by_hand: bool,
     ):
         self._target, self._device_options, self._wishes, self._steer_names = target, device_options, wishes, steer
+        self._by_hand = by_hand and not target.endswith(".toml")
         self._truth_path, self._keep = truth, keep
         self._thread: threading.Thread | None = None
         self._maker = 0
@@ -116,8 +123,8 @@ class Served:
         """
         if self._thread is not None:
             return self
-        by_hand = not self._target.endswith(".toml")
-        loaded = self._steer(file.load(self._target, self._device_options), self._steer_names, by_hand=by_hand)
+        start_quietly()
+        loaded = self._steer(file.load(self._target, self._device_options), self._steer_names, by_hand=self._by_hand)
         truth = truth_of(loaded, self._truth_path, self._keep)
         try:
             self._assembled = assemble(loaded, self._wishes, truth=truth)
@@ -338,6 +345,13 @@ class Served:
             return now_s
 
         self._until(begin)
+
+    def set_lines(self, *, dtr: bool, rts: bool, skin: str | None = None) -> None:
+        """Move the modem lines of a pseudo terminal, on which a driver cannot."""
+        transport = self._channel(skin).wire.transport
+        if not isinstance(transport, PtyTransport):
+            raise TactemuError(f"the port {transport.address} is no pseudo terminal; only those want their lines moved")
+        transport.set_lines(dtr, rts)
 
     def wait(self, seconds: float) -> None:
         """Let the emulator run for ``seconds`` of its time."""

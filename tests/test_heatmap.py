@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 import firmware_protocols as fp
-from tactemu.cli.heatmap import SHADES, draw, felt, flattened
+from tactemu.cli.heatmap import SHADES, draw, draw_all, felt, flattened
 
 
 def rows(text) -> list[str]:
@@ -53,3 +54,37 @@ def test_what_is_felt_is_one_number(senses, values, number):
 def test_nothing_felt_is_no_division_by_zero():
     layout = fp.grid_layout(1, 2, 0.002)
     assert draw(layout, np.zeros(2), 0.0).plain == SHADES[0] * 4
+
+
+def printed(layout, values, width, height) -> list[str]:
+    console = Console(width=width)
+    with console.capture() as capture:
+        console.print(draw_all(layout, values, 1.0, width, height))
+    return capture.get().splitlines()
+
+
+@pytest.mark.parametrize(("width", "height"), [(76, 14), (36, 14), (76, 5), (200, 60)])
+@pytest.mark.parametrize("name", ["inspire_rh56dftp", "linker_hand_l6", "flexitac", "icub_skin"])
+def test_all_patches_fit_the_room_and_the_strongest_taxel_is_seen(name, width, height):
+    layout = fp.create(name).layout
+    values = np.zeros(len(layout))
+    values[3] = 1.0
+    lines = printed(layout, values, width, height)
+    assert len(lines) <= height and max(map(len, lines)) <= width
+    assert SHADES[-1] in "".join(lines)
+    if height >= 14:
+        assert all(patch.name in "".join(lines) for patch in layout.patches if len(layout.patches) > 1)
+
+
+def test_a_large_pad_is_pooled_not_cut():
+    layout = fp.grid_layout(96, 200, 0.002)
+    values = np.zeros(96 * 200)
+    values[-1] = 1.0
+    lines = printed(layout, values, 76, 14)
+    assert 7 <= len(lines) <= 14 and lines[-1].rstrip().endswith(SHADES[-1] * 2)
+
+
+def test_what_does_not_fit_at_all_is_counted():
+    layout = fp.create("inspire_rh56dftp").layout
+    lines = printed(layout, np.zeros(len(layout)), 36, 3)
+    assert len(lines) <= 3 and lines[-1].endswith(" more patches")

@@ -20,6 +20,7 @@ ARROWS = {
     "random_streams": (),
     "clock": (),
     "collector": (),
+    "kernels": (),
     "statistics": (),
     "plan": (),
     "sampling": LEAVES,
@@ -42,16 +43,17 @@ ARROWS = {
         *LEAVES, "channel", "clock", "emulator", "plugging", "recordings", "sampling", "scenario", "scene", "sensing",
         "transports", "truth", "wire",
     ),
-    "serving": (*LEAVES, "assembly", "clock", "emulator", "scenario", "scene", "truth"),
+    "serving": (*LEAVES, "assembly", "clock", "emulator", "kernels", "scenario", "scene", "transports", "truth"),
     "pytest_plugin": ("serving",),
+    "doors": (*LEAVES, "serving"),
     "tactemu": ("errors", "physics", "scene", "serving", "truth"),  # the public names, imported on first use
     "bench": (
         *LEAVES, "assembly", "clock", "collector", "emulator", "physics", "plan", "scene", "statistics", "tactemu",
         "transports", "truth", "tune", "wire",
     ),
     "cli": (
-        *LEAVES, "assembly", "bench", "channel", "clock", "collector", "emulator", "frame_text", "recordings",
-        "scenario", "scene", "statistics", "tactemu", "transports", "truth", "tune", "wire",
+        *LEAVES, "assembly", "bench", "channel", "clock", "collector", "emulator", "frame_text", "kernels",
+        "recordings", "scenario", "scene", "statistics", "tactemu", "transports", "truth", "tune", "wire",
     ),
     "__main__": ("cli",),
 }  # fmt: skip

@@ -3,7 +3,8 @@
 * Start: from the command `tactemu run anyskin` to its first byte on the port, with an empty and with a filled kernel
   cache; median of several runs.
 * Lateness: time from a sample's deadline to its frame being ready, as the loop itself counts it, while another process
-  drains the port.
+  drains the port; at 1 kHz also with a truth log open.
+* Truth: what a sample costs the loop to remember, and to hand to a log's writer.
 """
 
 from __future__ import annotations
@@ -18,9 +19,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from statistics import median
 
+import numpy as np
+
 from tactemu.collector import no_full_collections
+from tactemu.truth import Truth
 
 Report = Callable[[str], None]
+TAXELS = (16, 1000, 19_000)
+"""Sizes of skins whose truth is told."""
 
 
 def first_frame_s(cache: Path, *, device: str = "anyskin", limit_s: float = 120.0) -> float:
@@ -49,7 +55,23 @@ def first_frame_s(cache: Path, *, device: str = "anyskin", limit_s: float = 120.
         folder.rmdir()
 
 
-def lateness(rate_hz: float, seconds: float, *, device: str = "anyskin") -> dict[str, float]:
+def truth_us(n_taxels: int, path: Path | None, samples: int = 100) -> float:
+    """Median time that telling the truth of a sample takes the loop [us], one sample after another.
+
+    Forces of ``n_taxels`` taxels, ideal and measured, and as many counts of 16 bits.
+    """
+    forces = np.random.default_rng(0).normal(size=(n_taxels, 3)).astype(np.float32)
+    measured, counts = forces * np.float32(1.01), (forces * 100).astype(np.int16)
+    truth, times = Truth(path), []
+    for k in range(samples):
+        start = time.perf_counter_ns()
+        truth.sample(k * 10_000_000, "skin", forces, measured, counts)
+        times.append(time.perf_counter_ns() - start)
+    truth.close()
+    return median(times) / 1e3
+
+
+def lateness(rate_hz: float, seconds: float, *, device: str = "anyskin", truth: Path | None = None) -> dict[str, float]:
     """Statistics of a device that streams at ``rate_hz`` for ``seconds`` to a process that reads everything."""
     from tactemu.assembly import Wishes, assemble
     from tactemu.clock import RealClock
@@ -57,7 +79,7 @@ def lateness(rate_hz: float, seconds: float, *, device: str = "anyskin") -> dict
 
     folder = tempfile.mkdtemp(prefix="tactemu-bench-")
     wishes = Wishes(port=f"pty:{folder}/port", rate_hz=rate_hz)
-    emulator = assemble(file.load(device), wishes).emulator
+    emulator = assemble(file.load(device), wishes, truth=Truth(truth)).emulator
     emulator.clock = RealClock()
     with no_full_collections(), emulator, _drained(f"{folder}/port"):
         emulator.run(seconds)
@@ -84,13 +106,26 @@ def run(report: Report, *, seconds: float = 60.0, repeats: int = 5) -> dict[str,
         report(f"first frame, empty kernel cache    {figures['first_frame_cold_s']:.2f} s")
         figures["first_frame_warm_s"] = median(first_frame_s(Path(cache)) for _ in range(repeats))
         report(f"first frame, filled kernel cache   {figures['first_frame_warm_s']:.2f} s   median of {repeats}")
-    for rate in (100.0, 1000.0):
-        measured = lateness(rate, seconds)
+    for rate, suffix in ((100.0, ""), (1000.0, ""), (1000.0, ".mcap"), (1000.0, ".jsonl")):
+        with tempfile.TemporaryDirectory(prefix="tactemu-bench-") as folder:
+            measured = lateness(rate, seconds, truth=Path(folder) / f"truth{suffix}" if suffix else None)
         for name in ("lateness_p50_us", "lateness_p99_us", "lateness_max_us", "samples", "missed"):
-            figures[f"{name}_at_{rate:.0f}_hz"] = measured[name]
+            figures[f"{name}_at_{rate:.0f}_hz{suffix.replace('.', '_')}"] = measured[name]
         report(
-            f"lateness at {rate:4.0f} Hz over {seconds:.0f} s        p50 {measured['lateness_p50_us']:.0f} µs, "
+            f"lateness at {rate:4.0f} Hz over {seconds:.0f} s {suffix:6} p50 {measured['lateness_p50_us']:.0f} µs, "
             f"p99 {measured['lateness_p99_us']:.0f} µs, max {measured['lateness_max_us']:.0f} µs, "
             f"missed {measured['missed']:.0f} of {measured['samples'] + measured['missed']:.0f}"
         )
+    for n_taxels in TAXELS:
+        _report_truth(n_taxels, figures, report)
     return figures
+
+
+def _report_truth(n_taxels: int, figures: dict[str, float], report: Report) -> None:
+    said = []
+    for name in ("", ".mcap", ".jsonl"):
+        with tempfile.TemporaryDirectory(prefix="tactemu-bench-") as folder:
+            cost = truth_us(n_taxels, Path(folder) / f"truth{name}" if name else None)
+        figures[f"truth_us_of_{n_taxels}_taxels{name.replace('.', '_')}"] = cost
+        said.append(f"{name or 'memory'} {cost:.0f} µs")
+    report(f"truth of a sample, {n_taxels:5} taxels   {', '.join(said)}   (aim: {50 + 0.02 * n_taxels:.0f} µs)")

@@ -268,8 +268,8 @@ def tune(
 
     Measures every setting on the scene, says what it costs and how wrong it is, and writes the choice into the file.
     """
-    from tactemu.cli.kernels import start_quietly
     from tactemu.cli.progress import show_progress
+    from tactemu.kernels import start_quietly
     from tactemu.tune.tuner import as_dict, run_tune
 
     start_quietly()

@@ -68,7 +68,7 @@ def soak(
 ) -> None:
     """Memory, file descriptors, lateness and lost frames at 1 kHz with 5 % faults."""
     from tactemu.bench.soak import run
-    from tactemu.cli.kernels import start_quietly
+    from tactemu.kernels import start_quietly
 
     start_quietly()
     save(run(typer.echo, minutes=minutes, interval_s=interval), out)

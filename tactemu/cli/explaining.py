@@ -6,7 +6,7 @@ import json
 import time
 
 from tactemu.cli.datasheet import frame_page, ports_of, rates_of, taxel_map
-from tactemu.cli.kernels import start_quietly
+from tactemu.kernels import start_quietly
 from tactemu.scene import file
 
 MAX_MAP_LINES = 60

@@ -1,11 +1,14 @@
-"""Taxels as a picture in a terminal: grids as grids, free layouts by position."""
+"""Taxels as a picture in a terminal: grids as grids, free layouts by position, as large as there is room."""
 
 from __future__ import annotations
 
 import itertools
+from typing import NamedTuple
 
 import numpy as np
+from rich.console import Group, RenderableType
 from rich.style import Style
+from rich.table import Table
 from rich.text import Text
 
 from firmware_protocols.layouts import Layout, Patch
@@ -13,6 +16,8 @@ from firmware_protocols.layouts import Layout, Patch
 SHADES = "·░▒▓█"
 RAMP = np.array([(68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37)], float)
 """Dark to light, evenly spaced: readable for colour-blind eyes (viridis at five places)."""
+GAP = 3
+"""Characters between two patches."""
 MAX_COLUMNS = 40
 """A free layout is drawn no wider than this many cells."""
 
@@ -25,10 +30,13 @@ def felt(layout: Layout, senses: str, values: np.ndarray) -> np.ndarray:
     return np.linalg.norm(values, axis=-1) if values.ndim == 2 else values
 
 
-def draw(layout: Layout, values: np.ndarray, peak: float, *, patch: Patch | None = None) -> Text:
-    """A heat map of one patch (default: the first), ``values`` of shape ``(n_taxels,)`` from 0 to ``peak``."""
+def draw(layout: Layout, values: np.ndarray, peak: float, *, patch: Patch | None = None, pool: int = 1) -> Text:
+    """A heat map of one patch (default: the first), ``values`` of shape ``(n_taxels,)`` from 0 to ``peak``.
+
+    ``pool`` by ``pool`` cells are drawn as one.
+    """
     patch = patch or layout.patches[0]
-    cells = _cells(layout, patch)
+    cells = _cells(layout, patch) // pool
     level = np.clip(values[patch.taxels] / peak, 0.0, 1.0) if peak > 0 else np.zeros(len(values[patch.taxels]))
     picture = np.full(cells.max(axis=0) + 1, EMPTY)
     np.maximum.at(picture, tuple(cells.T), np.rint(level * (LEVELS - 1)).astype(int))  # the strongest shows
@@ -39,6 +47,64 @@ def draw(layout: Layout, values: np.ndarray, peak: float, *, patch: Patch | None
             character, style = INK[step]
             text.append(character * (2 * len(list(run))), style)
     return text
+
+
+def draw_all(layout: Layout, values: np.ndarray, peak: float, width: int, height: int) -> RenderableType:
+    """Heat maps of all patches with their names, side by side, pooled until they fit the room; in characters.
+
+    Where even a character each is too much, the first patches are drawn and the others counted.
+    """
+    sizes = [_cells(layout, patch).max(axis=0) + 1 for patch in layout.patches]
+    pool, most = 1, max(int(size.max()) for size in sizes)
+    rows = _rows(layout, sizes, pool, width)
+    while pool < most and (_height(rows) > height or any(block.width > width for row in rows for block in row)):
+        pool += 1
+        rows = _rows(layout, sizes, pool, width)
+    if len(layout.patches) == 1:
+        return draw(layout, values, peak, pool=pool) if height > 0 else Text()
+    shown = list(rows)
+    while shown and _height(shown) + (len(shown) < len(rows)) > height:
+        shown.pop()
+    lines: list[RenderableType] = []
+    for row in shown:
+        line = Table.grid(padding=(0, GAP))
+        line.add_row(
+            *(
+                Group(draw(layout, values, peak, patch=each.patch, pool=pool), Text(each.patch.name, style="dim"))
+                for each in row
+            )
+        )
+        lines.append(line)
+    left = sum(map(len, rows)) - sum(map(len, shown))
+    return Group(*lines, *([Text(f"and {left} more patches", style="dim")] if left and height > 0 else []))
+
+
+class _Block(NamedTuple):
+    """A patch as it is drawn, name included; in characters."""
+
+    patch: Patch
+    width: int
+    height: int
+
+
+def _rows(layout: Layout, sizes: list[np.ndarray], pool: int, width: int) -> list[list[_Block]]:
+    """The patches in rows that are no wider than ``width``."""
+    rows: list[list[_Block]] = []
+    named = len(layout.patches) > 1
+    free = 0
+    for patch, size in zip(layout.patches, sizes, strict=True):
+        high, wide = (-(-int(extent) // pool) for extent in size)
+        block = _Block(patch, max(2 * wide, len(patch.name) * named), high + named)
+        if not rows or free < block.width:
+            rows.append([])
+            free = width
+        rows[-1].append(block)
+        free -= block.width + GAP
+    return rows
+
+
+def _height(rows: list[list[_Block]]) -> int:
+    return sum(max(block.height for block in row) for row in rows)
 
 
 def _cells(layout: Layout, patch: Patch) -> np.ndarray:

@@ -10,12 +10,12 @@ from rich.console import Console
 
 from tactemu.channel import Channel
 from tactemu.cli.datasheet import options_of
-from tactemu.cli.kernels import start_quietly
 from tactemu.cli.reports import Say, advice, entry_of, say_in_words, say_json
 from tactemu.cli.signals import ended_by_signals
 from tactemu.collector import no_full_collections
 from tactemu.emulator import Emulator
 from tactemu.errors import SceneError
+from tactemu.kernels import start_quietly
 from tactemu.statistics import Lateness
 
 REPORT_PERIOD_NS = 1_000_000_000
@@ -64,7 +64,7 @@ def run_target(
 def run_emulator(emulator: Emulator, *, seconds: float | None, style: str) -> None:
     """Run an assembled emulator with a picture, log lines or JSON lines, until it is told to stop."""
     console = Console(highlight=False)
-    live = style == "auto" and console.is_terminal
+    live = style == "auto" and console.is_terminal and not console.is_dumb_terminal
     say = say_json if style == "json" else say_in_words(console)
     view = _view(emulator, console) if live else nullcontext()
     _warm_up(console)

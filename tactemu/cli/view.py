@@ -7,14 +7,12 @@ import threading
 import time
 
 import numpy as np
-from rich.columns import Columns
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.panel import Panel
-from rich.table import Table
 from rich.text import Text
 
-from tactemu.cli.heatmap import draw, felt
+from tactemu.cli.heatmap import draw_all, felt
 from tactemu.emulator import Channel, Emulator
 from tactemu.frame_text import text
 
@@ -26,6 +24,8 @@ SWITCH_INTERVAL_S = 5e-4
 UNITS = {"force": ("N", 1.0), "pressure": ("kPa", 1e-3), "depth": ("mm", 1e3), "displacement": ("mm", 1e3)}
 MISSED_SHARE = 0.01
 """Of its samples that a device may miss before the number turns red."""
+BORDER_ROWS, BORDER_COLUMNS = 2, 4
+"""Of a panel."""
 MAX_HEX = 96
 """Bytes of a frame that are shown."""
 
@@ -71,53 +71,58 @@ class LiveView:
 
     def picture(self) -> RenderableType:
         """Everything on one screen: a panel per device."""
-        return Group(*(self._panel(channel) for channel in self._emulator.channels), Text("Ctrl-C ends", style="dim"))
+        width, height = self._live.console.size
+        channels = self._emulator.channels
+        room = (height - 2) // len(channels)  # the last line of a terminal stays free for its cursor
+        panels = [self._panel(channel, width, room) for channel in channels]
+        return Group(*panels, Text("Ctrl-C ends", style="dim"))
 
-    def _panel(self, channel: Channel) -> Panel:
+    def _panel(self, channel: Channel, width: int, height: int) -> Panel:
+        """One device in ``width`` by ``height`` characters: what is said comes first, the pictures get the rest."""
         title = f"{channel.name}  {channel.wire.transport.address}"
         sample = self._emulator.truth.latest(channel.name)
         device = channel.device
         values = felt(device.layout, device.contact[0], sample.measured) if sample else np.zeros(len(device.layout))
         peak = self._peaks[channel.name] = max(self._peaks.get(channel.name, 0.0), float(np.max(values, initial=0.0)))
         unit, scale = UNITS.get(device.contact[0], ("", 1.0))
-        maps = [
-            Group(draw(device.layout, values, peak, patch=patch), Text(patch.name, style="dim"))
-            for patch in device.layout.patches
-        ]
         summary = f"sum {values.sum() * scale:.4g} {unit}   peak {max(values.max(initial=0.0), 0.0) * scale:.4g} {unit}"
-        body = Group(Columns(maps, padding=(0, 3)), Text(summary), _numbers(channel), self._last_frame(channel))
-        return Panel(body, title=title, title_align="left")
+        inside = width - BORDER_COLUMNS
+        words = [Text(summary), *_numbers(channel, inside), self._last_frame(channel, inside)]
+        taken = sum(len(text.wrap(self._live.console, inside)) for text in words)
+        maps = draw_all(device.layout, values, peak, inside, height - BORDER_ROWS - taken)
+        return Panel(Group(maps, *words), title=title, title_align="left")
 
-    def _last_frame(self, channel: Channel) -> Text:
+    def _last_frame(self, channel: Channel, width: int) -> Text:
         frame = self._emulator.truth.latest_frame(channel.name)
         if not channel.wire.transport.listening:
             return Text(f"waiting for a driver to open {channel.wire.transport.address}", style="yellow")
         if frame is None:
             return Text("nothing sent yet: this sensor speaks when it is asked", style="dim")
         shown = text(frame)
-        cut = shown[: 2 * MAX_HEX]
+        cut = shown[: min(2 * MAX_HEX, 2 * width - 20)]
         return Text("last frame  ", style="dim").append(cut + ("…" if len(shown) > len(cut) else ""), style="cyan")
 
 
-def _numbers(channel: Channel) -> Table:
-    """Rates, drops and lateness in one line."""
-    table = Table.grid(padding=(0, 2))
+def _numbers(channel: Channel, width: int) -> list[Text]:
+    """Rates, drops and lateness, in as many lines as they take."""
     statistics = channel.statistics
-    counters = {name: count for name, count in channel.wire.counters.items() if count}
     late = statistics.lateness
+    latest = (late.percentile_ns(50), late.percentile_ns(99), late.max_ns)
     cells = {
         "rate": f"{statistics.rate_hz:.1f} Hz",
         "samples": str(statistics.samples),
         "missed": str(statistics.missed),
-        "late p50/p99/max": "/".join(
-            f"{ns / 1e3:.0f}" for ns in (late.percentile_ns(50), late.percentile_ns(99), late.max_ns)
-        )
-        + " µs",
-        **{name.replace("_", " "): str(count) for name, count in counters.items()},
+        "late p50/p99/max": "/".join(f"{ns / 1e3:.0f}" for ns in latest) + " µs",
+        **{name.replace("_", " "): str(count) for name, count in channel.wire.counters.items() if count},
     }
     too_many = statistics.missed > MISSED_SHARE * max(statistics.samples, 1)
-    styles = {"missed": "bold red" if too_many else "default"}
-    table.add_row(
-        *(Text(name, style="dim").append(f" {value}", styles.get(name, "default")) for name, value in cells.items())
-    )
-    return table
+    lines = [Text()]
+    for name, value in cells.items():
+        cell = Text(name, style="dim").append(f" {value}", "bold red" if name == "missed" and too_many else "default")
+        if not lines[-1]:
+            lines[-1] = cell
+        elif len(lines[-1]) + 2 + len(cell) <= width:
+            lines[-1] = Text("  ").join([lines[-1], cell])
+        else:
+            lines.append(cell)
+    return lines

@@ -39,10 +39,10 @@ class Recorder:
         self._line = line
         self._can: _Candump | _PythonCan | None = None
         self._log: LogWriter | None = None
-        self._made = False
+        self._made = self._refused = False
         try:
             if self.path.suffix in SUFFIXES:
-                self._log = LogWriter(self.path)
+                self._log = LogWriter(self.path, report=lambda _: None)  # raised here instead
             elif self.path.suffix in CAN_FORMATS:
                 self._made = not self.path.exists()
                 self.path.open("ab").close()
@@ -93,8 +93,11 @@ class Recorder:
             TactemuError: it cannot be written to its end.
         """
         can, self._can = self._can, None
-        if self._log is not None:
-            self._log.close()
+        log, self._log = self._log, None
+        if log is not None:
+            log.close()
+            if log.error is not None and not self._refused:
+                raise self._cannot(log.error)
         elif can is not None:
             try:
                 can.close()
@@ -105,6 +108,7 @@ class Recorder:
             self._made = False
 
     def _cannot(self, error: Exception) -> TactemuError:
+        self._refused = True
         why = error.strerror if isinstance(error, OSError) else repr(error)
         return TactemuError(f"{self.path}: cannot write the recording: {why}")
 

@@ -10,8 +10,8 @@ What a pseudo terminal does otherwise than a port, and what is done about it her
 * It stays exclusive when the driver that made it so (``TIOCEXCL``) has closed it: then another takes its place.
 * It tells nobody that it was opened: inotify does. The other side is not held open, so that ``fuser`` sees only the
   driver, and ``POLLHUP`` and ``EIO`` mean that the driver has closed.
-* It has no modem lines (``TIOCMGET`` fails): they follow open and close, as the kernel moves those of a port.
-  ``rfc2217:`` has them.
+* It has no modem lines (``TIOCMGET`` fails): they follow open and close, as the kernel moves those of a port, and what
+  a driver in this process says beside the port. ``rfc2217:`` has them.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ import select
 import struct
 import termios
 import tty
+from collections import deque
 
 from firmware_protocols import Frame
 from tactemu.errors import TransportError, TransportUnavailable
@@ -36,6 +37,7 @@ from tactemu.transports.transport import (
     REST,
     Closed,
     Event,
+    LinesChanged,
     Opened,
     Received,
     SerialSetting,
@@ -64,6 +66,7 @@ class PtyTransport(Transport):
         self._heard = self._leaving = False
         """Whether a driver has the port open; whether it has closed it and left bytes that are still being read."""
         self._setting: SerialSetting | None = None
+        self._lines: deque[LinesChanged] = deque()
         self._rest = b""
         """The end of a frame that the kernel took only in part: it goes first, so that frames stay whole."""
 
@@ -137,6 +140,8 @@ class PtyTransport(Transport):
         if self._heard:
             self._finish()
             events += self._changed_setting()
+            while self._lines:
+                events.append(self._lines.popleft())
             chunks, all_read = self._read(CHUNK if reading else REST if gone else 0)
             events += map(Received, chunks)
             self._leaving = gone
@@ -162,6 +167,7 @@ class PtyTransport(Transport):
 
     def _closed(self) -> list[Event]:
         self._heard, self._leaving, self._rest = False, False, b""
+        self._lines.clear()
         self._throw_away_unread()
         return [Closed(), DROPPED]
 
@@ -192,6 +198,10 @@ class PtyTransport(Transport):
         if openings:
             openings.close()
         os.close(master)
+
+    def set_lines(self, dtr: bool, rts: bool) -> None:
+        """What a driver in this process sets its modem lines to. Safe from any thread."""
+        self._lines.append(LinesChanged(dtr, rts))
 
     # -- bytes out ---------------------------------------------------------------------------------------------------
 

@@ -25,7 +25,7 @@ from tactemu.truth.entries import (
     checked_header,
 )
 
-_NUMBERS_AT_ONCE = 128
+_NUMBERS_AT_ONCE = 64
 """Numbers that are turned into text before the interpreter is offered to others."""
 _BLOCK = 1 << 16
 """Bytes of lines that are written together."""

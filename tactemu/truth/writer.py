@@ -31,7 +31,7 @@ _LOOK_S = 0.02
 """How often the thread looks for entries."""
 _FLUSH_S = 2.0
 """How much time a log may lack when its process is killed."""
-_SLICE_S, _REST_S = 2e-4, 5e-5
+_SLICE_S, _REST_S = 1e-4, 5e-5
 
 _logger = logging.getLogger(__name__)
 
@@ -53,14 +53,15 @@ class LogWriter:
 
     Args:
         path: the file; its suffix decides the format. What is there is overwritten.
+        report: told once when nothing can be written any more, and once when entries are lost to a slow disk.
 
     Raises:
         TactemuError: another suffix.
         OSError: it cannot be written.
     """
 
-    def __init__(self, path: str | Path):
-        self.path = Path(path)
+    def __init__(self, path: str | Path, *, report: Callable[[str], None] = _logger.error):
+        self.path, self._report = Path(path), report
         check_suffix(self.path)
         self.error: Exception | None = None
         """Why nothing is written any more."""
@@ -126,10 +127,8 @@ class LogWriter:
 
     def _lose_for_slowness(self, entry: Entry) -> None:
         if not self._refused:
-            _logger.warning(
-                "%s: the disk or the format is too slow: entries are lost from %.3f s on%s",
-                self.path, entry.t_ns / 1e9, "; .mcap is faster" if self.path.suffix == ".jsonl" else "",
-            )  # fmt: skip
+            hint = "; .mcap is faster" if self.path.suffix == ".jsonl" else ""
+            self._report(f"{self.path}: the disk is too slow: entries are lost from {entry.t_ns / 1e9:.3f} s on{hint}")
         self._refused += 1
 
     # -- in the thread -------------------------------------------------------------------------------------------------
@@ -189,7 +188,7 @@ class LogWriter:
             self._file.cut()
             self._failed += self._unsaved
             why = error.strerror if isinstance(error, OSError) else repr(error)
-            _logger.error("%s: cannot write the log: %s; the run goes on, what is lost is counted", self.path, why)
+            self._report(f"{self.path}: cannot write the log: {why}; the run goes on, what is lost is counted")
         while self.error is not None and self._entries:
             self._entries.popleft()
             self._failed += 1

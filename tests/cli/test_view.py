@@ -15,13 +15,13 @@ from tests.cli.command import environment
 pytestmark = pytest.mark.realtime
 
 
-def watch(seconds: float, *arguments: str) -> tuple[int, str]:
+def watch(seconds: float, *arguments: str, term: str = "xterm-256color") -> tuple[int, str]:
     """Run on a terminal, press Ctrl-C after ``seconds``; exit status and everything that was shown."""
     child, terminal = pty.fork()
     if child == 0:
         os.execve(
             sys.executable, [sys.executable, "-m", "tactemu", "run", *arguments],
-            environment() | {"TERM": "xterm-256color", "COLUMNS": "100", "LINES": "40"},
+            environment() | {"TERM": term, "COLUMNS": "100", "LINES": "40"},
         )  # fmt: skip
     shown, ends, pressed = b"", time.monotonic() + 60, False
     while time.monotonic() < ends:
@@ -53,3 +53,9 @@ def test_the_view_shows_the_press_and_ends_cleanly(tmp_path):
     assert "Ctrl-C ends" in shown
     assert "summary anyskin: " in shown
     assert not os.path.lexists(port)
+
+
+def test_a_terminal_that_cannot_draw_gets_log_lines(tmp_path):
+    code, shown = watch(2.5, "anyskin", "--port", f"pty:{tmp_path / 'skin'}", term="dumb")
+    assert code == 0 and "summary anyskin: " in shown
+    assert re.search(r"\d\d:\d\d:\d\d anyskin: \d+ samples at \d+", shown)

@@ -197,6 +197,18 @@ def test_a_full_disk_blames_the_file_not_the_source(tmp_path):
         os.close(far)
 
 
+@pytest.mark.parametrize("suffix", [".mcap", ".jsonl", ".log", ".asc"])
+def test_a_disk_that_is_full_at_the_end(tmp_path, suffix, caplog):
+    """What is short is written when the file is closed."""
+    (tmp_path / f"x{suffix}").symlink_to("/dev/full")
+    recorder = Recorder(tmp_path / f"x{suffix}")
+    with pytest.raises(TactemuError, match="cannot write the recording: No space left on device"):
+        recorder.add(Entry(0, CanFrame(arbitration_id=1)))
+        recorder.close()
+    assert not caplog.records, "an error that is raised is not said twice"
+    recorder.close()
+
+
 def test_a_source_that_is_not_there(tmp_path):
     def attempt(name):
         with Recorder(tmp_path / name) as recorder, pytest.raises(TransportError, match="check the name"):

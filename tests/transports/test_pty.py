@@ -14,7 +14,16 @@ import serial
 
 from tactemu.errors import TransportError
 from tactemu.transports import create
-from tactemu.transports.transport import DROPPED, RAISED, Closed, Opened, Received, SerialSetting, SettingChanged
+from tactemu.transports.transport import (
+    DROPPED,
+    RAISED,
+    Closed,
+    LinesChanged,
+    Opened,
+    Received,
+    SerialSetting,
+    SettingChanged,
+)
 
 pytestmark = pytest.mark.realtime
 
@@ -113,6 +122,19 @@ def test_parity_on_the_second_opening(port):
         with serial.Serial(port.address, 115_200, parity="E") as driver:
             assert driver.is_open and events(port)
         events(port)
+
+
+def test_lines_that_are_moved_beside_the_port(port):
+    port.set_lines(False, True)
+    assert port.poll() == []
+    with serial.Serial(port.address):
+        assert [event for event in events(port) if isinstance(event, LinesChanged)] == [
+            RAISED,
+            LinesChanged(False, True),
+        ]
+        port.set_lines(True, True)
+        assert port.poll() == [RAISED]
+    assert events(port)[-1] == DROPPED
 
 
 EXCLUSIVE = """

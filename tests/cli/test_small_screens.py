@@ -1,0 +1,30 @@
+"""The live picture where there is little room: what is said stays on the screen, whatever the size of the skin."""
+
+import pytest
+from rich.console import Console
+
+from tactemu.assembly import Wishes, assemble
+from tactemu.cli.view import LiveView
+from tactemu.clock import VirtualClock
+from tactemu.scene.file import load
+
+
+@pytest.fixture(scope="module")
+def hand():
+    emulator = assemble(load("inspire_rh56dftp"), Wishes(port="memory:"), clock=VirtualClock()).emulator
+    with emulator:
+        emulator.run(0.5)
+        yield emulator
+
+
+@pytest.mark.parametrize(("width", "height"), [(80, 24), (40, 24), (40, 12), (120, 50)])
+def test_statistics_and_port_stay_on_the_screen(hand, width, height):
+    console = Console(width=width, height=height, force_terminal=True, color_system=None)
+    view = LiveView(hand, console)
+    with console.capture() as capture:
+        console.print(view.picture())
+    lines = capture.get().splitlines()
+    assert len(lines) < height and max(map(len, lines)) <= width
+    shown = "\n".join(lines)
+    for words in ("rate ", "samples ", "missed ", "late p50/p99/max ", "memory:", "Ctrl-C ends"):
+        assert words in shown, words

@@ -1,0 +1,48 @@
+"""The page on the truth log says what is so."""
+
+import re
+from pathlib import Path
+
+import tactemu as tt
+from tactemu.recordings.export import export
+from tactemu.truth.memory import DEFAULT_KEEP, parse_size
+from tactemu.truth.messages import EVENT, FRAME, INJECTION
+from tactemu.truth.writer import WAITING_BYTES
+from tests.truth.telling import tell
+
+PAGE = (Path(__file__).parents[2] / "docs" / "truth-log.md").read_text()
+
+
+def block(language: str, word: str) -> str:
+    return next(b for b in re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL) if word in b)
+
+
+def test_the_lines_are_those_that_are_written(tmp_path):
+    (tmp_path / "page.jsonl").write_text(block("json", '"kind":"log"'))
+    log = tt.read_log(tmp_path / "page.jsonl")
+    assert log["tip"].measured.shape == (1, 1, 3) and log.lost == 2
+    export(tmp_path / "page.jsonl", tmp_path / "again.jsonl")
+    *lines, end = block("json", '"kind":"log"').splitlines()
+    assert (tmp_path / "again.jsonl").read_text().splitlines() == lines and '"end"' in end
+
+
+def test_the_example_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    log = tt.Truth("truth.mcap")
+    tell(log)
+    log.close()
+    names: dict = {}
+    exec(block("python", "tt.read_log"), names)
+    assert names["thumb"].t_ns.tolist() == [0, 10, 20]
+
+
+def test_the_messages_have_the_fields_that_it_names():
+    for message in (FRAME, INJECTION, EVENT):
+        (line,) = re.findall(rf"`{message.name}`: (.*?)(?:\n- |\n\n)", PAGE, re.DOTALL)
+        named = [words.split()[-1] for words in re.findall(r"`([^`]+)`", line)]
+        assert [name for name, _ in (*message.fixed, *message.variable)] == named
+
+
+def test_the_bounds_are_those_of_the_code():
+    assert f"{parse_size(DEFAULT_KEEP) // 10**6} MB a process" in PAGE
+    assert f"({WAITING_BYTES // 10**6} MB)" in PAGE
