@@ -31,7 +31,7 @@ REQUEST = Frame("""
     0     55 AA       head
     2     <u2         length = total - 5
     4     u1          device                its number
-    5     00          reserved
+    5     u1          reserved              00; not looked at
     6     u1          function              FB read, 79 write
     7     <u4         address
     11    <u2         count
