@@ -113,10 +113,10 @@ class InspireRh56dftp(Device):
         "vendor manual PRJ-02-TS-U-001 V1.0.0 2.4, 2.6, 2.6.20 (in NaCl-1374/inspire_hand_ws@fc75490 inspire_R1)",
         "NaCl-1374/inspire_hand_ws@fc75490 inspire_hand_defaut.py (tactile map)",
         "plusml-rh56dftp 0.1.7 Register/config/configFTP/ftp_registers.py (both maps)",
-        "inspire-rh56dftp 0.1.0 client.py (units over TCP)",
+        "inspire-rh56dftp 0.1.0 client.py, registers.py (numbers high byte first on the wire; the batches of reads)",
         "Modbus application protocol V1.1b3; Modbus over serial line V1.02",
     )
-    judge = "plusml-rh56dftp 0.1.7 (TCP), pymodbus 3.11 and modbus_tk 1.1.5 (RTU)"
+    judge = "plusml-rh56dftp 0.1.7 and inspire-rh56dftp 0.1.0 (TCP), pymodbus 3.11 and modbus_tk 1.1.5 (RTU)"
     assumed = (
         "places of the points: all matrices in one plane, normal +z, 1.5 mm pitch on the fingers, 4 mm on the palm",
         "1000 counts/N, converted 50 times a second",

@@ -78,7 +78,7 @@ class PaxiniPx6ax(Px6axDevice):
         "fengjh97/paxini@e8e6bcc paxini_sensor.py l.16-29",
         "adnan-saood/paxini_ros2@25009ba",
     )
-    judge = "captured frames"
+    judge = "paxini-sdk 0.1.0"
     assumed = (
         "places of the taxels: even rows on a flat pad of the size in the model's name",
         "Fx, Fy along the pad's x, y; the resultant is the sum over the pad",

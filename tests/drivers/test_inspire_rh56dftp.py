@@ -1,4 +1,4 @@
-"""Three unmodified Modbus clients read the Inspire hand: over TCP, and as RTU on a bare pty."""
+"""Four unmodified Modbus clients read the Inspire hand: over TCP, and as RTU on a bare pty."""
 
 import pytest
 
@@ -36,6 +36,18 @@ def test_plusml_rh56dftp_over_tcp(tmp_path):
     assert got["written"] and got["others"]["POS_SET(2)"] == 300
     assert got["others"]["HAND_ID"] == 1 and got["others"]["TEMP(1)"] == 25 and got["others"]["ERROR(5)"] == 0
     assert got["others"]["FORCE_ACT(0)"] == 4000
+
+
+@pytest.mark.parametrize("unit", [0, 255])
+def test_inspire_rh56dftp_over_tcp(unit):
+    with Rig(hand(), kind="tcp", peak=4.5) as rig:
+        got = run_driver("inspire_rh56dftp", "inspire_rh56dftp_read.py", rig.port, unit)
+    for address, readings in got["batches"].items():
+        start = (int(address) - 3000) // 2
+        part = slice(start, start + len(readings[0]))
+        assert_consecutive(readings, rig.truth, decode=lambda counts, part=part: counts[SENT][part], count=20)
+    assert len(got["batches"]) == 11
+    assert got["moved"] and got["angles"] == [0, 200, 400, 600, 800, 1000]
 
 
 def test_pymodbus_rtu():
