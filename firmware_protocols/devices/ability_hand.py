@@ -134,6 +134,7 @@ class AbilityHand(Device):
         "fits the fingers within 4 % and not the rotator",
         "places of the six sites: 3 rows x 2 columns at 7 mm on each fingertip, all pads in one plane, normal +z",
         "touch is converted 250 times a second; the ICD calls the constants of its force formula placeholders",
+        "a control message without six targets moves nothing; a reset is not answered, Bluetooth commands are",
         "motors: one time constant of 0.1 s, 200 deg/s per A, 300 deg/s at full duty, stops at 0 and 100 deg",
         "after 300 ms without a command the joints hold; the hot/cold mask is 0; the first format is 10",
         "grip 0 opens, every other closes all fingers; registers 1..63 hold the example's gains, without effect, and "
@@ -288,7 +289,7 @@ def _int16(values: np.ndarray, counts_per_unit: float | np.ndarray) -> np.ndarra
     return quantize(values, counts_per_unit, -0x8000, 0x7FFF)
 
 
-_SDK, _ICD, _ANY = "ability-hand 0.2.2 ah_api.py", "ICD 3.3.3, 3.4", "7E .. * 7E"
+_SDK, _ICD, _ANY = "ability-hand 0.2.2 ah_api.py", "ABILITY-HAND-ICD.pdf", "7E .. * 7E"
 _TARGETS = {
     # mode: first digit of the header, six targets, sum with reply 0
     "position": (1, "99 19 99 19 99 19 99 19 99 19 67 E6", 0xD9),

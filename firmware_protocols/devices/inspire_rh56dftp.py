@@ -123,6 +123,7 @@ class InspireRh56dftp(Device):
         "a full stroke takes 0.6 s at speed 1000 and is 1.6 rad; it begins at once (a hand: after 60 to 70 ms)",
         "force limits and gestures are stored without effect; 200 mA while moving; TCP is answered at once",
         "force of a finger: the sum over its matrices; errors never",
+        "unit and line speed change at the next power-up, if saved; 1002 takes 3 and 4 for 921600, as sources differ",
         "writes outside the table: exception 2; values out of range: exception 3; nothing answers above 5999",
     )
 
