@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from firmware_protocols import Connector, Device
+from tactemu import transports
 from tactemu.errors import DeviceError, SceneError, TransportError
 from tactemu.scene.schema import Skin
 from tactemu.wire.carriers import carrier_of
@@ -35,7 +36,7 @@ def plugs_of(
     Raises:
         DeviceError: a device has no connector that goes with the port, or none of that name.
         SceneError: two devices would hold one port that cannot be shared.
-        TransportError: two devices on one bus disagree about its speed.
+        TransportError: an address that cannot be, or two devices on one bus that disagree about its speed.
     """
     wishes = {} if wish is None or isinstance(wish, str) else dict(wish)
     plugs = []
@@ -85,6 +86,7 @@ def _default_port(skin: str, device: Device, connector: Connector, fresh: bool) 
 
 def _fitting(device: Device, address: str) -> Connector:
     """The connector that goes best with a port."""
+    transports.create(address)  # an address that cannot be is named as that
     scheme = address.partition(":")[0]
     if scheme == "memory":
         return device.ports[0]

@@ -141,6 +141,23 @@ def test_usual_and_fresh_ports():
         assert port(name, fresh=True) != port(name, fresh=True)
 
 
+def test_a_connector_is_found_that_goes_with_the_port():
+    loaded = load("inspire_rh56dftp")
+    devices = make_devices(loaded)
+
+    def plugged(port):
+        return {plug.connector.name: plug.address for plug in plugs_of(loaded.tables.skin, devices, port)}
+
+    assert plugged("pty:/tmp/x") == {"rtu": "pty:/tmp/x"}
+    assert plugged("tcp:127.0.0.1:0") == {"tcp": "tcp:127.0.0.1:0"}, "rather than the serial line over a socket"
+    assert plugged({"tcp": "tcp:127.0.0.1:0", "rtu": "memory:"}) == {"tcp": "tcp:127.0.0.1:0", "rtu": "memory:"}
+    assert plugged({"touch/rtu": "memory:a"}) == {"rtu": "memory:a"}
+    with pytest.raises(DeviceError, match="has a serial or tcp connector and cannot be plugged into can:"):
+        plugged("can:virtual:x")
+    with pytest.raises(DeviceError, match="no such port: usb"):
+        plugged({"usb": "memory:"})
+
+
 @pytest.mark.parametrize(
     ("name", "options", "says"),
     [

@@ -37,7 +37,7 @@ ARROWS = {
     "recordings": (*LEAVES, "clock", "frame_text", "scene", "transports", "truth", "wire"),
     "scenario": (*LEAVES, "channel", "emulator", "imperfections", "scene", "wire"),
     "sensing": (*LEAVES, "imperfections", "scene"),
-    "plugging": (*LEAVES, "scene", "wire"),
+    "plugging": (*LEAVES, "scene", "transports", "wire"),
     "tune": (*LEAVES, "physics", "scene"),
     "assembly": (
         *LEAVES, "channel", "clock", "emulator", "plugging", "recordings", "sampling", "scenario", "scene", "sensing",

@@ -10,7 +10,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import firmware_protocols as fp
-from tactemu.cli.datasheet import describe_wire
+from tactemu.cli.datasheet import ports_of
 
 README = Path(__file__).parents[1] / "README.md"
 TABLE = re.compile(r"(<!-- devices: [^\n]* -->\n).*?(<!-- end of devices -->)", re.DOTALL)
@@ -18,11 +18,11 @@ TABLE = re.compile(r"(<!-- devices: [^\n]* -->\n).*?(<!-- end of devices -->)", 
 
 def table() -> str:
     """The devices as Markdown."""
-    rows = ["| name | sensor | wire | taxels | read by |", "| --- | --- | --- | --- | --- |"]
+    rows = ["| name | sensor | ports | taxels | read by |", "| --- | --- | --- | --- | --- |"]
     for name in fp.names():
         device = fp.create(name)
-        wires = ", ".join(describe_wire(wire) for wire in device.wires)
-        rows.append(f"| `{name}` | {device.title} | {wires} | {len(device.layout)} | {device.judge} |")
+        ports = ", ".join(ports_of(device))
+        rows.append(f"| `{name}` | {device.title} | {ports} | {len(device.layout)} | {device.judge} |")
     return "\n" + "\n".join(rows) + "\n\n"
 
 

@@ -50,7 +50,7 @@ def test_devices_lists_the_registry():
 
 def test_a_datasheet_has_everything():
     done = tactemu("devices", "anyskin")
-    for word in ("Wires", "Senses force", "Commands", "taxel  on wire", "Evidence", "Read by", "Sources", "Assumed"):
+    for word in ("Ports", "Senses force", "Commands", "taxel  on wire", "Evidence", "Read by", "Sources", "Assumed"):
         assert word in done.stdout, word
     assert "1   0   2" in done.stdout, "the picture of the cross"
 

@@ -28,7 +28,10 @@ def test_a_port_is_there_until_a_signal_ends_it(port, number):
     process = start("run", "anyskin", "--port", f"pty:{port}", "--json")
     try:
         line = ready(process)
-        assert line == {"event": "ready", "skin": "anyskin", "device": "anyskin", "port": str(port), "rate_hz": 100.0}
+        assert line == {
+            "event": "ready", "skin": "anyskin", "device": "anyskin", "port": str(port), "rate_hz": 100.0,
+            "firmware_rate_hz": 100.0,
+        }  # fmt: skip
         with serial.Serial(str(port), 115200, timeout=5) as driver:
             stream = driver.read(5 * 82)
         assert len(stream) == 5 * 82

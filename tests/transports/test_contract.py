@@ -299,19 +299,3 @@ def test_rfc2217_survives_malformed_options():
                 client.setblocking(True)
         assert port.listening
         client.close()
-
-
-def test_plug_finds_the_wire_that_goes_with_the_port():
-    class Device:
-        name = "two_wires"
-        wires = (Serial(baud=9600),)
-        wire = wires[0]
-
-        def plug(self, kind):
-            return kind
-
-    for address, kind in (("pty:", "serial"), ("tcp:0", "serial"), ("rfc2217:0", "serial")):
-        assert transports.plug(Device(), transports.create(address)) == kind
-    assert transports.plug(Device(), transports.create("memory:")) is Device.wire
-    with pytest.raises(Exception, match="serial connector"):
-        transports.plug(Device(), transports.create("can:virtual:x"))
