@@ -15,12 +15,14 @@ from tactemu import transports
 from tactemu.clock import Clock
 from tactemu.emulator import Channel, Emulator
 from tactemu.errors import SceneError, TactemuError, TransportError
+from tactemu.options import number
 from tactemu.recordings.playback import Playback, recorded
 from tactemu.recordings.recording import RecordedReadings
 from tactemu.sampling import SampleClock
 from tactemu.scenario import faults_of, laws_needed, schedule
 from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.file import LoadedScene
+from tactemu.scene.limits import RATES_HZ
 from tactemu.scene.placement import PlacedSensor
 from tactemu.scene.schema import EventTable, Skin
 from tactemu.truth import Truth
@@ -47,6 +49,18 @@ class Wishes:
     """Laws of imperfection that every skin is built with, so that they can be switched on while it runs."""
     usual_port: Callable[[str, Device], str] | None = None
     """Chooses a port by skin and device where nobody names one; default: :func:`usual_port`."""
+
+    def __post_init__(self):
+        if not isinstance(self.port, str | None):
+            raise SceneError(f"port: expected a text such as 'pty:/tmp/skin', got {self.port!r}")
+        if self.rate_hz is not None:
+            number("the request", "rate", self.rate_hz, at_least=RATES_HZ[0], at_most=RATES_HZ[1], unit="Hz")
+        if not isinstance(self.seed, int | None) or isinstance(self.seed, bool):
+            raise SceneError(f"seed: expected a whole number, got {self.seed!r}")
+        for name in ("faults", "adjustable"):
+            given = getattr(self, name)
+            if isinstance(given, str) or not all(isinstance(text, str) for text in given):
+                raise SceneError(f"{name}: expected a list of texts, got {given!r}")
 
 
 @dataclass(frozen=True)

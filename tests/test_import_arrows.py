@@ -10,13 +10,14 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 
-LEAVES = ("errors", "firmware_protocols", "random_streams")
+LEAVES = ("errors", "firmware_protocols", "options", "random_streams")
 """What everybody in tactemu may import."""
 
 ARROWS = {
     # room (a package, or a file beside them): what of ours it may import, lowest first
     "firmware_protocols": (),
     "errors": (),
+    "options": ("errors",),
     "random_streams": (),
     "clock": (),
     "collector": (),
@@ -39,7 +40,10 @@ ARROWS = {
     "assembly": (
         *LEAVES, "clock", "emulator", "recordings", "sampling", "scenario", "scene", "transports", "truth", "wire",
     ),
-    "serving": (*LEAVES, "assembly", "clock", "emulator", "kernels", "scenario", "scene", "transports", "truth"),
+    "errand": ("emulator",),
+    "serving": (
+        *LEAVES, "assembly", "clock", "emulator", "errand", "kernels", "scenario", "scene", "transports", "truth",
+    ),
     "pytest_plugin": ("serving",),
     "doors": (*LEAVES, "serving"),
     "tactemu": ("errors", "physics", "scene", "serving", "truth"),  # the public names, imported on first use

@@ -19,6 +19,7 @@ A simulated tactile skin on the far end of the wire: real sensors' bytes and CAN
   tactemu devices                      what can be emulated
   tactemu run anyskin                  a port, a press, a picture
   tactemu explain anyskin              frames, taxels, and what is simulated and why
+  tactemu new hand.toml                a scene file to start from
   tactemu tune hand.toml --rate 500    the most accurate setting that keeps a rate here
 """,
     no_args_is_help=True,
@@ -38,6 +39,20 @@ Port = Annotated[
     ),
 ]
 Rate = Annotated[float | None, typer.Option("--rate", metavar="HZ", help="Sampling rate; default: the device's own.")]
+
+
+def _seconds(text: str) -> float:
+    from tactemu.options import number
+    from tactemu.scene.limits import MOST_S
+
+    try:
+        given: float | str = float(text)
+    except ValueError:
+        given = text
+    return number("command line", "--seconds", given, at_least=0, at_most=MOST_S, unit="s")
+
+
+Seconds = Annotated[float | None, typer.Option("--seconds", metavar="S", parser=_seconds, help="Stop after this long.")]
 Seed = Annotated[int | None, typer.Option(metavar="N", help="Root of all random numbers; same seed, same bytes.")]
 Compute = Annotated[str | None, typer.Option("--device", metavar="DEV", help="Where kernels run: cpu or cuda:0.")]
 Faults = Annotated[
@@ -69,7 +84,7 @@ def run(
     port: Port = None,
     rate: Rate = None,
     seed: Seed = None,
-    seconds: Annotated[float | None, typer.Option(metavar="S", min=0, help="Stop after this long.")] = None,
+    seconds: Seconds = None,
     device: Compute = None,
     fault: Faults = None,
     truth: Annotated[
@@ -130,6 +145,7 @@ def explain(
     target: Annotated[str | None, typer.Argument(metavar="DEVICE_OR_SCENE")] = None,
     device: Compute = None,
     cost: Annotated[bool, typer.Option(help="Measure what each stage costs here.")] = True,
+    code: Annotated[bool, typer.Option(help="Run the Python files that it names; --no-code refuses them.")] = True,
     schema: Annotated[bool, typer.Option("--schema", help="Print the JSON schema of scene files.")] = False,
 ) -> None:
     """Say what a scene models, and why: frames, taxels, and the plan with each stage's cost.
@@ -137,6 +153,7 @@ def explain(
     \b
       tactemu explain anyskin
       tactemu explain hand.toml --device cuda:0
+      tactemu explain somebodys.toml --no-code
       tactemu explain --schema > scene.schema.json
     """
     from tactemu.cli.explaining import explain_target, print_schema
@@ -146,7 +163,38 @@ def explain(
     elif target is None:
         raise typer.BadParameter("name a device or a scene file, or ask for --schema", param_hint="DEVICE_OR_SCENE")
     else:
-        explain_target(target, compute=device, cost=cost)
+        explain_target(target, compute=device, cost=cost, code=code)
+
+
+@app.command()
+def new(file: Annotated[Path, typer.Argument(help="The scene file to write, such as hand.toml.")]) -> None:
+    """Write a scene file to start from: a fingertip and a ball, with comments on every key.
+
+    \b
+      tactemu new hand.toml
+      tactemu run hand.toml
+    """
+    from tactemu.cli.starting import new_scene
+
+    new_scene(file)
+
+
+@app.command()
+def examples(
+    folder: Annotated[Path | None, typer.Argument(help="Copy them into this folder; it is made.")] = None,
+) -> None:
+    """List the examples that come with tactemu, or copy them into a folder.
+
+    \b
+      tactemu examples
+      tactemu examples tactile
+    """
+    from tactemu.cli.starting import copy_examples, list_examples
+
+    if folder is None:
+        list_examples()
+    else:
+        copy_examples(folder)
 
 
 @app.command()
@@ -201,7 +249,7 @@ def record(
     baud: Annotated[
         int | None, typer.Option(metavar="N", min=1, help="Speed of a serial port [bit/s]; default: 115200.")
     ] = None,
-    seconds: Annotated[float | None, typer.Option(metavar="S", min=0, help="Stop after this long.")] = None,
+    seconds: Seconds = None,
 ) -> None:
     """Record what a sensor sends, with its timing, until Ctrl-C.
 
@@ -227,7 +275,7 @@ def replay(
     step: Annotated[bool, typer.Option("--step", help="Send one frame for every line on stdin.")] = False,
     loop: Annotated[bool, typer.Option("--loop", help="Start again at the end.")] = False,
     fault: Faults = None,
-    seconds: Annotated[float | None, typer.Option(metavar="S", min=0, help="Stop after this long.")] = None,
+    seconds: Seconds = None,
 ) -> None:
     """Play a recording to a driver. A serial one starts when the driver opens the port.
 
@@ -246,7 +294,9 @@ def tune(
     target: Target,
     rate: Annotated[float, typer.Option("--rate", metavar="HZ", help="Samples per second that every skin shall keep.")],
     error: Annotated[str, typer.Option(metavar="METRIC", help="taxels, total or worst.")] = "taxels",
-    seconds: Annotated[float, typer.Option(metavar="S", min=0.01, help="How much of the scene is looked at.")] = 4.0,
+    seconds: Annotated[
+        float, typer.Option(metavar="S", min=0.01, max=1000, help="How much of the scene is looked at.")
+    ] = 4.0,
     write: Annotated[bool, typer.Option(help="Write the choice into the scene file.")] = True,
     device: Compute = None,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,

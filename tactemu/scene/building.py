@@ -6,17 +6,20 @@ import dataclasses
 import inspect
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 import numpy as np
+from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from firmware_protocols import Device, Layout
 from tactemu.errors import DeviceError, SceneError, nearest
+from tactemu.options import numbers
 from tactemu.physics.models import cheapest, load, models_for
 from tactemu.physics.shapes.registry import load_shape
 from tactemu.physics.shapes.shape import Shape
 from tactemu.scene import rotation
 from tactemu.scene.file import LoadedScene, load_device
+from tactemu.scene.mistakes import listed
 from tactemu.scene.schema import Body as BodyTable
 from tactemu.scene.schema import Skin
 
@@ -52,9 +55,25 @@ def make_device(name: str, options: dict[str, Any]) -> Device:
             has = ", ".join(known) or "none"
             raise DeviceError(f"device {name}: unknown option {option!r}{nearest(option, known)} (options: {has})")
     try:
-        return device(**options)
+        return device(**_checked(name, device, options))
     except (TypeError, ValueError, ArithmeticError, LookupError) as error:
         raise DeviceError(f"device {name}: {error}") from error
+
+
+def _checked(name: str, device: type[Device], options: dict[str, Any]) -> dict[str, Any]:
+    """Values of the types that the device's parameters declare: a file can hold no function, nor ``true`` for a 1."""
+    try:
+        hints = get_type_hints(device.__init__)
+    except NameError:  # declared for type checkers alone
+        return options
+    checked = dict(options)
+    for option in hints.keys() & options.keys():
+        kind = TypeAdapter(hints[option], config=ConfigDict(arbitrary_types_allowed=True))
+        try:
+            checked[option] = kind.validate_python(options[option])
+        except ValidationError as error:
+            raise DeviceError(listed(error, options[option], f"device {name}", (option,))) from None
+    return checked
 
 
 def build_scene(
@@ -106,11 +125,15 @@ def sensor_model(skin: Skin, device: Device, laws: Sequence[str] = ()) -> Any:
     Raises:
         SceneError: no such model, or an option that it does not have or does not accept.
     """
+    from tactemu.physics.sensor import SensorModel
+
     name = skin.model_ or cheapest(device.senses)
     try:
         model = load(name)
     except LookupError as error:
         raise SceneError(f"skin {skin.title!r}: model: {error}") from error
+    if not (isinstance(model, type) and issubclass(model, SensorModel)):
+        raise SceneError(f"skin {skin.title!r}: model: {name} is no sensor model (tactemu.physics.sensor.SensorModel)")
     known = [field.name for field in dataclasses.fields(model) if field.init]
     _check_senses(skin, name, model, device)
     where = f"skin {skin.title!r}: options"
@@ -139,7 +162,7 @@ def _check_senses(skin: Skin, name: str, model: Any, device: Device) -> None:
 def taxels(layout: Layout, skin: Skin, model: type[SensorModel], known: list[str]) -> dict[str, Any]:
     """Positions, normals and radius of the taxels in the link's frame; a single grid keeps its ``(rows, cols, 3)``."""
     turn = rotation.normalised(skin.quaternion)
-    radius = np.asarray(skin.options.get("probe_radius", layout.pitch / 2), float)
+    radius = numbers(model.__name__, "probe_radius", skin.options.get("probe_radius", layout.pitch / 2))
     below = skin.embed if skin.embed is not None else radius if model.feels_at_radius else 0.0
     inside = layout.positions - np.reshape(np.broadcast_to(below, (len(layout),)), (-1, 1)) * layout.normals
     positions = rotation.rotate(turn, inside) + np.asarray(skin.position)

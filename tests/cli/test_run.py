@@ -99,7 +99,7 @@ WRONG = {
     "unknown kind of CAN": (["xela_uskin", "--port", "can:nothing:0"], "nothing"),
     "wrong connector": (["xela_uskin", "--port", "pty:skin"], "connector"),
     "port out of range": (["anyskin", "--port", "tcp:127.0.0.1:99999"], "99999"),
-    "rate": (["anyskin", "--rate", "-5"], "--rate: expected a rate in Hz"),
+    "rate": (["anyskin", "--rate", "-5"], "rate must be >= 0.001 and <= 1e+06 Hz, got -5"),
     "compute device": (["anyskin", "--device", "cuda:77"], "no device 'cuda:77'"),
     "fault": (["anyskin", "--fault", "dorp 1%"], "did you mean 'drop'?"),
     "fault of another wire": (["anyskin", "--fault", "busoff at 1s"], "no such thing on a serial wire"),

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 import warp as wp
 
-from tactemu.physics.options import number
+from tactemu.options import number
 from tactemu.physics.probes.probes import Probes
 from tactemu.physics.probes.query import CHEAPER_QUERY, probes_struct, query_trials
 from tactemu.physics.probes.strips import record_strips
