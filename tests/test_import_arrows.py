@@ -36,10 +36,10 @@ ARROWS = {
     "emulator": (*LEAVES, "channel", "clock", "plan", "transports", "truth", "wire"),
     "recordings": (*LEAVES, "clock", "frame_text", "transports", "truth", "wire"),
     "scenario": (*LEAVES, "emulator", "imperfections", "scene"),
-    "tune": (*LEAVES, "physics", "scene"),
     "assembly": (
         *LEAVES, "clock", "emulator", "recordings", "sampling", "scenario", "scene", "transports", "truth", "wire",
     ),
+    "tune": (*LEAVES, "assembly", "channel", "clock", "emulator", "physics", "plan", "scene"),
     "errand": ("emulator",),
     "serving": (
         *LEAVES, "assembly", "clock", "emulator", "errand", "kernels", "scenario", "scene", "transports", "truth",

@@ -16,13 +16,13 @@ from statistics import median
 
 from firmware_protocols import CanFrame, CanWire, Frame, SerialWire
 from firmware_protocols import Wire as Spec
+from tactemu.bench.timing import Report
 from tactemu.errors import TransportUnavailable
 from tactemu.transports import create
 from tactemu.transports.transport import Transport
 from tactemu.wire.can_bits import frame_bits
 from tactemu.wire.wire import Wire
 
-Report = Callable[[str], None]
 FRAMES = 2000
 """In each timed run."""
 BYTES = bytes(range(82))

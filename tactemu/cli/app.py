@@ -311,7 +311,8 @@ def tune(
     """
     from tactemu.cli.progress import show_progress
     from tactemu.kernels import start_quietly
-    from tactemu.tune.tuner import as_dict, run_tune
+    from tactemu.tune.choice import as_dict
+    from tactemu.tune.tuner import run_tune
 
     start_quietly()
     say = (lambda _text: None) if json else typer.echo

@@ -8,7 +8,7 @@ import pytest
 
 import firmware_protocols
 from tactemu.cli.app import app
-from tests.cli.command import ROOT, environment, tactemu
+from tests.cli.command import ROOT, environment, here
 
 COMMANDS = [command.name or command.callback.__name__ for command in app.registered_commands]
 HEAVY = ("warp", "trimesh", "can", "numpy")
@@ -36,20 +36,20 @@ def test_help_imports_nothing_heavy():
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_shows_examples(command):
-    done = tactemu(command, "--help")
+    done = here(command, "--help")
     assert done.returncode == 0
     assert f"    tactemu {command}" in done.stdout, "an example to copy"
 
 
 def test_devices_lists_the_registry():
-    done = tactemu("devices")
+    done = here("devices")
     assert done.returncode == 0
     for name in firmware_protocols.names():
         assert name in done.stdout
 
 
 def test_a_datasheet_has_everything():
-    done = tactemu("devices", "anyskin")
+    done = here("devices", "anyskin")
     for word in ("Wires", "Senses force", "Commands", "taxel  on wire", "Evidence", "Read by", "Sources", "Assumed"):
         assert word in done.stdout, word
     assert "1   0   2" in done.stdout, "the picture of the cross"
@@ -57,18 +57,18 @@ def test_a_datasheet_has_everything():
 
 @pytest.mark.parametrize("arguments", [("run",), ("run", "anyskin", "--rte", "3"), ("nosuch",), ("explain",)])
 def test_wrong_usage_exits_with_2(arguments):
-    done = tactemu(*arguments)
+    done = here(*arguments)
     assert done.returncode == 2
     assert done.stderr and not done.stdout
 
 
 def test_version():
-    done = tactemu("--version")
+    done = here("--version")
     assert done.returncode == 0
     assert done.stdout.startswith("tactemu ")
 
 
 def test_every_device_named_in_an_example_exists():
-    text = "".join(tactemu(command, "--help").stdout for command in ("run", "faults", "devices", "explain"))
+    text = "".join(here(command, "--help").stdout for command in ("run", "faults", "devices", "explain"))
     named = set(re.findall(r"tactemu (?:run|explain|devices) ([a-z_0-9]+)(?: |\n)", text))
     assert named and named <= {*firmware_protocols.names()}, named
