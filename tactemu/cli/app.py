@@ -23,14 +23,27 @@ A simulated tactile skin on the far end of the wire: real sensors' bytes and CAN
   tactemu tune hand.toml --rate 500    the most accurate setting that keeps a rate here
 """,
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
+
+def _targets(incomplete: str) -> list[str]:
+    """What a shell offers for a target: devices, and scene files here."""
+    import firmware_protocols
+
+    found = [*firmware_protocols.names(), *map(str, Path().glob("*.toml"))]
+    return [each for each in found if each.startswith(incomplete)]
+
+
 Target = Annotated[
-    str, typer.Argument(metavar="DEVICE_OR_SCENE", help="A device's name, path/to/device.py:Class, or scene.toml.")
+    str,
+    typer.Argument(
+        metavar="DEVICE_OR_SCENE",
+        help="A device's name, path/to/device.py:Class, or scene.toml.",
+        autocompletion=_targets,
+    ),
 ]
 Port = Annotated[
     str | None,
@@ -114,7 +127,8 @@ def run(
       tactemu run anyskin --port memory: --virtual --seconds 10 --json
 
     One line says where the port is; then a live picture, or log lines when the output is no terminal.
-    Exit code 0 after Ctrl-C, SIGTERM or --seconds; 2 when something in the request is wrong.
+    Exit code 0 after Ctrl-C, SIGTERM or --seconds; 130 after Ctrl-C before the port is there; 2 when something in the
+    request is wrong.
     """
     from tactemu.cli.running import run_target
 

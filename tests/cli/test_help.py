@@ -8,6 +8,7 @@ import pytest
 
 import firmware_protocols
 from tactemu.cli.app import app
+from tactemu.cli.datasheet import taxel_map
 from tests.cli.command import ROOT, environment, here
 
 COMMANDS = [command.name or command.callback.__name__ for command in app.registered_commands]
@@ -72,3 +73,42 @@ def test_every_device_named_in_an_example_exists():
     text = "".join(here(command, "--help").stdout for command in ("run", "faults", "devices", "explain"))
     named = set(re.findall(r"tactemu (?:run|explain|devices) ([a-z_0-9]+)(?: |\n)", text))
     assert named and named <= {*firmware_protocols.names()}, named
+
+
+@pytest.mark.parametrize("name", firmware_protocols.names())
+def test_a_datasheet_is_no_longer_than_one_reads(name):
+    lines = here("devices", name).stdout.splitlines()
+    layout = firmware_protocols.create(name).layout
+    assert len(lines) < 400
+    if len(layout) > 100:
+        assert all(any(line.startswith(f"  {patch.name} ") for line in lines) for patch in layout.patches)
+
+
+def test_a_large_pad_is_summed_up():
+    layout = firmware_protocols.grid_layout(96, 200, 0.002)
+    assert taxel_map(layout)[2:] == [
+        f"  {layout.patches[0].name}  0 to 19199, 96 rows of 200, from (-199.00, 95.00, 0.00) to (199.00, -95.00, 0.00)"
+    ]
+
+
+@pytest.mark.parametrize(("words", "offered"), [("tactemu run any", "anyskin"), ("tactemu ex", "explain")])
+def test_a_shell_completes_commands_and_devices(words, offered, monkeypatch):
+    monkeypatch.setenv("_TACTEMU_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", words)
+    monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
+    assert offered in here().stdout.split()
+
+
+class InterruptsImports:
+    """Ctrl-C while the commands are being imported."""
+
+    def find_spec(self, name, path=None, target=None):
+        if name == "tactemu.cli.app":
+            raise KeyboardInterrupt
+
+
+def test_an_early_interrupt_is_no_traceback(monkeypatch):
+    monkeypatch.delitem(sys.modules, "tactemu.cli.app")
+    monkeypatch.setattr(sys, "meta_path", [InterruptsImports(), *sys.meta_path])
+    done = here("devices")
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
