@@ -2,7 +2,7 @@
 
 State is float64 in both float widths: with a time constant of an hour and steps of a millisecond a float32 state stalls
 10 % short of its end. Each law is exact for the course of the input that it assumes, so that one step of it equals two
-half steps. Of two laws in a row that holds but nearly: hysteresis hands creep a curve, which creep takes as straight
+half steps. For two laws in a row this is nearly so only: hysteresis hands creep a curve, which creep takes as straight
 within a step.
 """
 

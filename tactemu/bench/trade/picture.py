@@ -89,5 +89,5 @@ def _is_free(left: float, middle: float, width: float, points: list, taken: list
     """Is there neither a point nor a name where a name would be?"""
     on_point = any(left - DOT < a < left + width + DOT and abs(middle - b) < 0.5 * LINE + DOT for a, b in points)
     return not on_point and not any(
-        abs(middle - b) < LINE and left < a + other and a < left + width for a, b, other in taken
+        abs(middle - b) < LINE and left < a + other + DOT and a < left + width + DOT for a, b, other in taken
     )
