@@ -9,7 +9,7 @@ from tactemu.bench.trade import cases as trade_cases
 from tactemu.bench.trade import trade
 from tactemu.bench.trade.cases import Case, TestSkin, all_cases, build, indenters
 from tactemu.bench.trade.errors import Observation, errors, fit_gains, observe
-from tactemu.bench.trade.picture import places
+from tactemu.bench.trade.picture import draw, places
 from tactemu.bench.trade.report import summarise
 from tactemu.bench.trade.settings import Setting, ladder
 from tactemu.bench.trade.truth import Truths
@@ -132,3 +132,10 @@ def test_names_in_the_picture_lie_on_no_point_and_on_no_other_name():
     for k, (left, middle) in enumerate(boxes):
         assert not any(left - 1 < x < left + 61 and abs(middle - y) < 4 for x, y in points)
         assert not any(abs(left - a) < 60 and abs(middle - b) < 6.5 for a, b in boxes[:k])
+
+
+def test_a_picture_of_settings_without_forces_can_be_drawn(tmp_path):
+    row = {"name": "L1 depth", "level": 1, "step_us": 10.0, "metrics": {"normal motion": {"median": 0.4}}}
+    draw({"summary": [row]}, tmp_path / "trade.svg")
+    text = (tmp_path / "trade.svg").read_text()
+    assert "L1 depth" in text and "error of the pressure" not in text

@@ -27,7 +27,10 @@ def draw(found: dict, file: Path) -> None:
             for row in found["summary"]
             if metric in row["metrics"]
         ]
-        _panel(axis, metric, sorted(points, key=lambda point: point[0]))
+        if points:
+            _panel(axis, metric, sorted(points, key=lambda point: point[0]))
+        else:  # none of the settings gives it
+            axis.set_axis_off()
     for axis in axes[1]:
         axis.set_xlabel("one step of 1024 taxels [µs]")
     figure.suptitle("Speed for accuracy: median error over the cases not calibrated on, warm sliding contact")
