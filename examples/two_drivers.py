@@ -11,6 +11,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 
 import numpy as np
 from rich.columns import Columns
@@ -48,12 +49,26 @@ print(json.dumps(frames))
 """
 
 
+def wait_for(process: subprocess.Popen[str], dev) -> None:
+    """Return when the driver has opened the port; where it ends instead, end with what it said."""
+    deadline = time.monotonic() + TIME_LIMIT_S
+    while True:
+        try:
+            return dev.wait_for_driver(0.5)
+        except TimeoutError as error:
+            if process.poll() is not None:
+                said = process.communicate()[1].strip().splitlines() or ["nothing"]
+                sys.exit(f"the driver has ended and said: {said[-1]}\n(pip install 'tactemu[drivers]' installs both)")
+            if time.monotonic() > deadline:
+                sys.exit(str(error))
+
+
 def read_while_pressed(dev, driver: str, *arguments: str, taxel: int) -> np.ndarray:
     """Start a driver, press while it reads, and return the frames that it decoded."""
     command = [sys.executable, "-c", driver, *arguments]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
-        dev.wait_for_driver(TIME_LIMIT_S)
+        wait_for(process, dev)
         dev.wait(0.3)
         dev.press(DEPTH, seconds=0.3, taxel=taxel)
         out, _ = process.communicate(timeout=TIME_LIMIT_S)

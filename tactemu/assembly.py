@@ -13,6 +13,7 @@ from tactemu.channel import Channel, Source
 from tactemu.clock import Clock
 from tactemu.emulator import Emulator
 from tactemu.errors import DeviceError, SceneError, TactemuError
+from tactemu.options import number
 from tactemu.plugging import Plug, plugs_of
 from tactemu.recordings.playback import Playback, recorded
 from tactemu.recordings.recording import RecordedReadings
@@ -20,6 +21,7 @@ from tactemu.sampling import SampleClock
 from tactemu.scenario import faults_of, laws_needed, schedule
 from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.file import LoadedScene
+from tactemu.scene.limits import RATES_HZ
 from tactemu.scene.motion import Joint
 from tactemu.scene.placement import PlacedSkin
 from tactemu.scene.schema import EventTable, Skin
@@ -46,6 +48,21 @@ class Wishes:
     """Laws of imperfection that every skin is built with, so that they can be switched on while it runs."""
     fresh_ports: bool = False
     """Where nobody names a port, one that nobody else has instead of the usual one."""
+
+    def __post_init__(self):
+        ports = self.port.values() if isinstance(self.port, Mapping) else [self.port]
+        if not all(isinstance(port, str | None) for port in ports):
+            raise SceneError(f"port: expected a text such as 'pty:/tmp/skin', got {self.port!r}")
+        rates = self.rate_hz.values() if isinstance(self.rate_hz, Mapping) else [self.rate_hz]
+        for rate in rates:
+            if rate is not None:
+                number("the request", "rate", rate, at_least=RATES_HZ[0], at_most=RATES_HZ[1], unit="Hz")
+        if not isinstance(self.seed, int | None) or isinstance(self.seed, bool):
+            raise SceneError(f"seed: expected a whole number, got {self.seed!r}")
+        for name in ("faults", "adjustable"):
+            given = getattr(self, name)
+            if isinstance(given, str) or not all(isinstance(text, str) for text in given):
+                raise SceneError(f"{name}: expected a list of texts, got {given!r}")
 
 
 @dataclass(frozen=True)

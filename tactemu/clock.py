@@ -67,7 +67,7 @@ class VirtualClock:
     """A clock that jumps: a wait takes no time, so the loop runs as fast as it can and always the same way."""
 
     virtual = True
-    origin_ns: int | None = None
+    origin_ns = None
 
     def __init__(self, start_ns: int = 0):
         self._now = start_ns

@@ -47,6 +47,12 @@ class TransportUnavailable(TransportError):
     """The machine lacks what the transport needs."""
 
 
+def shown(value: object) -> str:
+    """A value as a message shows it: its ``repr``, cut where it is long."""
+    text = repr(value)
+    return text if len(text) <= 80 else f"{text[:60]} ... ({len(text)} characters)"
+
+
 def nearest(name: object, known: Iterable[str]) -> str:
     """What a message about an unknown name adds: ``"; did you mean 'x'?"``, or nothing."""
     near = get_close_matches(str(name), list(known), n=1, cutoff=0.5)

@@ -81,6 +81,18 @@ def schedule(emulator: Emulator, events: Iterable[EventTable], *, now_s: float =
                 _schedule_one(emulator, channel, event, round(now_s * 1e9))
 
 
+def befall(emulator: Emulator, event: EventTable, now_s: float) -> None:
+    """Let an event happen in a loop that runs, its faults of bytes included; its times count from ``now_s`` [s].
+
+    Raises:
+        SceneError: this scene cannot have it.
+    """
+    schedule(emulator, [event], now_s=now_s)
+    for wire in emulator.wires if event.fault else ():
+        if any(concerns(event, c.name) for c in emulator.channels if wire in c.wires.values()):
+            wire.add_fault(timed_fault(event, now_s))
+
+
 def _schedule_one(emulator: Emulator, channel: Channel, event: EventTable, origin_ns: int) -> None:
     start = origin_ns + round(event.at * 1e9)
     stop = None if event.until is None else origin_ns + round(event.until * 1e9)
@@ -89,6 +101,8 @@ def _schedule_one(emulator: Emulator, channel: Channel, event: EventTable, origi
         raise SceneError(
             f"scenario at {event.at:g} s: dead: expected taxels 0..{last} of {channel.name!r}, got {event.dead}"
         )
+    for option, value in event.set.items():
+        imperfections_of(channel).set(option, value, ())  # in no environment: whether it fits is known now
     if event.hang and stop is None:
         raise SceneError(f"scenario at {event.at:g} s: hang: say until when with `until`")
 

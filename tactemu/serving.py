@@ -12,7 +12,6 @@ The emulator runs in one background thread; everything here may be called from a
 
 from __future__ import annotations
 
-import dataclasses
 import os
 import threading
 import time
@@ -26,14 +25,24 @@ import numpy as np
 from firmware_protocols import Device
 from tactemu.assembly import Assembled, Wishes, assemble, truth_of
 from tactemu.emulator import Channel
-from tactemu.errors import SceneError, TactemuError
+from tactemu.errand import Errand
+from tactemu.errors import TactemuError
 from tactemu.kernels import start_quietly
-from tactemu.scenario import concerns, schedule, timed_fault
+from tactemu.scenario import befall
 from tactemu.scene import file
 from tactemu.scene.motion import Pose
 from tactemu.scene.placement import PlacedSkin
-from tactemu.scene.schema import Event
-from tactemu.scene.steering import Leg, Steered, pressing_way
+from tactemu.scene.schema import Event, one_or_more
+from tactemu.scene.steering import (
+    Leg,
+    Steered,
+    check_depth,
+    check_pace,
+    check_place,
+    nearest_body,
+    pressing_way,
+    steered,
+)
 from tactemu.transports.pty import PtyTransport
 from tactemu.truth import Sample, Truth
 
@@ -46,12 +55,12 @@ def serve(
     port: str | Mapping[str, str] | None = None,
     *,
     rate_hz: float | Mapping[str, float] | None = None,
-    faults: Sequence[str] = (),
+    faults: str | Sequence[str] = (),
     seed: int | None = None,
-    steer: Sequence[str] = (),
+    steer: str | Sequence[str] = (),
     by_hand: bool = True,
     scenario: Sequence[Event] = (),
-    adjustable: Sequence[str] = (),
+    adjustable: str | Sequence[str] = (),
     truth: str | Path | None = None,
     keep: str | int | None = None,
     device: str | None = None,
@@ -80,10 +89,11 @@ def serve(
         TactemuError: when it starts, if something asked for cannot be had.
     """
     wishes = Wishes(
-        port=port, rate_hz=rate_hz, faults=tuple(faults), seed=seed, compute=device, fresh_ports=True,
-        scenario=tuple(scenario), adjustable=tuple(adjustable),
+        port=port, rate_hz=rate_hz, faults=tuple(one_or_more(faults)), seed=seed, compute=device, fresh_ports=True,
+        scenario=tuple(scenario), adjustable=tuple(one_or_more(adjustable)),
     )  # fmt: skip
-    return Served(str(target), wishes, tuple(steer), truth, keep, device_options, by_hand=by_hand)
+    steered_by_name = tuple(one_or_more(steer))
+    return Served(str(target), wishes, steered_by_name, truth, keep, device_options, by_hand=by_hand)
 
 
 class Served:
@@ -108,6 +118,8 @@ class Served:
         """Process in which the thread runs."""
         self._error: BaseException | None = None
         self._assembled: Assembled | None = None
+        self._unwatched: list[Errand] = []
+        """Those that nobody waited for; :meth:`stop` raises what went wrong in them."""
         self._steered: dict[str, Steered] = {}
         self._back: dict[str, np.ndarray] = {}
         self._hand = ""
@@ -124,7 +136,8 @@ class Served:
         if self._thread is not None:
             return self
         start_quietly()
-        loaded = self._steer(file.load(self._target, self._device_options), self._steer_names, by_hand=self._by_hand)
+        loaded = file.load(self._target, self._device_options)
+        loaded, self._steered = steered(loaded, self._steer_names, by_hand=self._by_hand)
         truth = truth_of(loaded, self._truth_path, self._keep)
         try:
             self._assembled = assemble(loaded, self._wishes, truth=truth)
@@ -160,22 +173,11 @@ class Served:
             self._error = error
 
     def _raise(self) -> None:
-        if self._error is not None:
-            error, self._error = self._error, None
-            raise error
-
-    def _steer(self, loaded: file.LoadedScene, names: Sequence[str], *, by_hand: bool) -> file.LoadedScene:
-        """The scene with a motion that can be steered for every body that is moved by hand."""
-        links = {skin.link for skin in loaded.tables.skin}
-        bodies = {body.name: body for body in loaded.tables.body if not body.fixed}
-        for name in names:
-            if name not in bodies:
-                raise SceneError(f"steer: no body {name!r} that could move (there are: {', '.join(bodies) or 'none'})")
-        motions = dict(loaded.motions)
-        for name, body in bodies.items():
-            if name in names or (name not in links and (by_hand or name not in motions)):
-                motions[name] = self._steered[name] = Steered(body.position, body.quaternion)
-        return dataclasses.replace(loaded, motions=motions)
+        errors = [self._error, *(errand.failed for errand in self._unwatched)]
+        self._error, self._unwatched = None, []
+        for error in errors:
+            if error is not None:
+                raise error
 
     # -- what a test looks at ------------------------------------------------------------------------------------------
 
@@ -276,10 +278,14 @@ class Served:
             speed: [m/s].
             wait: return when it is done (at depth, or released again) and every skin has sampled it, not at once.
         """
-        channel = self._channel(skin)
-        name = self._hand = self._body(body) if body or not self._steered else self._nearest(channel, taxel)
+        check_depth("press", depth)
+        check_pace("press", 0.0 if seconds is None else seconds, speed)
         assert self._assembled is not None
-        shape, taxels = self._assembled.scene.body(name), self._taxels(channel)
+        channel, now_s = self._channel(skin), self.emulator.clock.now_ns() / 1e9
+        taxels = self._taxels(channel)
+        choose = body is None and self._steered
+        name = self._hand = nearest_body(self._steered, taxels, taxel, now_s) if choose else self._body(body)
+        shape = self._assembled.scene.body(name)
 
         def legs(here: Pose, t_s: float) -> list[Leg]:
             k = taxels.chosen(taxel, here.position, t_s)
@@ -296,6 +302,7 @@ class Served:
 
     def release(self, *, body: str | None = None, speed: float = _SPEED, wait: bool = True) -> None:
         """Lift a body (default: the one that pressed last) to where it was over the skin."""
+        check_pace("release", 0.0, speed)
         name = self._body(body)
 
         def legs(here: Pose, _t: float) -> list[Leg]:
@@ -318,6 +325,8 @@ class Served:
 
         ``seconds`` 0 means at once (no velocity is felt for more than a step).
         """
+        check_pace("move", seconds, _SPEED)
+        check_place("move", position=position, by=by, quaternion=quaternion)
 
         def legs(here: Pose, _t: float) -> list[Leg]:
             goal = (here.position if position is None else np.asarray(position, float)) + np.asarray(by, float)
@@ -338,10 +347,7 @@ class Served:
         what = Event(**event)
 
         def begin(now_s: float) -> float:
-            schedule(self.emulator, [what], now_s=now_s)
-            for wire in self.emulator.wires if what.fault else ():
-                if any(concerns(what, c.name) for c in self.emulator.channels if wire in c.wires.values()):
-                    wire.add_fault(timed_fault(what, now_s))
+            befall(self.emulator, what, now_s)
             return now_s
 
         self._until(begin)
@@ -355,6 +361,7 @@ class Served:
 
     def wait(self, seconds: float) -> None:
         """Let the emulator run for ``seconds`` of its time."""
+        check_pace("wait", seconds, _SPEED)
         self._until(lambda now_s: now_s + seconds)
 
     def wait_for_driver(self, seconds: float = 20.0, skin: str | None = None) -> None:
@@ -377,17 +384,6 @@ class Served:
             raise TactemuError(f"body {name!r} cannot be steered; these can: {', '.join(self._steered)}")
         return name or self._hand or next(iter(self._steered))
 
-    def _nearest(self, channel: Channel, taxel: int | None) -> str:
-        """The body that can be steered and is nearest to a taxel, or to any."""
-        now_s = self.emulator.clock.now_ns() / 1e9
-        taxels = self._taxels(channel)
-
-        def distance(motion: Steered) -> float:
-            here = motion.world(now_s).position
-            return float(np.linalg.norm(here - taxels.positions(now_s)[taxels.chosen(taxel, here, now_s)]))
-
-        return min(self._steered, key=lambda name: distance(self._steered[name]))
-
     def _taxels(self, channel: Channel) -> PlacedSkin:
         assert self._assembled is not None
         if channel.name not in self._assembled.skins:
@@ -396,44 +392,17 @@ class Served:
 
     def _go(self, name: str, legs: Callable[[Pose, float], list[Leg]], wait: bool) -> None:
         motion = self._steered[name]
-
-        def start(now_s: float) -> float:
-            return motion.follow(now_s, legs(motion.world(now_s), now_s))
-
-        self._until(start, wait=wait, sampled=True)
+        self._until(lambda now_s: motion.follow(now_s, legs(motion.world(now_s), now_s)), wait=wait, sampled=True)
 
     def _until(self, begin: Callable[[float], float], *, wait: bool = True, sampled: bool = False) -> None:
-        """Call ``begin(now)`` in the loop; it returns the time to wait for [s], and with ``sampled`` for a sample."""
-        done = threading.Event()
-        failed: list[BaseException] = []
-        emulator = self.emulator
-
-        step_ns = emulator.simulation.dt_ns if emulator.simulation else 0
-
-        def arrive(t_ns: int) -> None:
-            """A loop that is late takes its samples after its actions, and the scene that a sample sees may be a step
-            older than the sample: look again until one has seen ``t_ns``."""
-            now = emulator.clock.now_ns()
-            late = any(c.statistics.last_ns < t_ns + step_ns and c.silent_until_ns <= now for c in emulator.channels)
-            if sampled and late:
-                emulator.at(now + 1_000_000, lambda: arrive(t_ns))
-            else:
-                done.set()
-
-        def action() -> None:
-            try:
-                t_ns = round(begin(emulator.clock.now_ns() / 1e9) * 1e9)
-                emulator.at(t_ns, lambda: arrive(t_ns))
-            except Exception as error:  # a mistake of the caller's: raised where it was made, or by stop()
-                failed.append(error)
-                done.set()
-                if not wait:
-                    self._error = error
-
-        emulator.call(action)
-        while wait and not done.wait(0.05):
+        """Have the loop call ``begin(now_s)``, and wait until the time [s] that it returns (see :class:`Errand`)."""
+        errand = Errand(self.emulator, begin, sampled=sampled)
+        if not wait:
+            self._unwatched = [e for e in (*self._unwatched, errand) if e.failed or not e.done.is_set()]
+            return
+        while not errand.done.wait(0.05):
             if self._thread is None or not self._thread.is_alive():
                 self._raise()
                 raise TactemuError("the emulator has stopped")
-        if failed:
-            raise failed[0]
+        if errand.failed is not None:
+            raise errand.failed

@@ -10,13 +10,14 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 
-LEAVES = ("errors", "firmware_protocols", "random_streams")
+LEAVES = ("errors", "firmware_protocols", "options", "random_streams")
 """What everybody in tactemu may import."""
 
 ARROWS = {
     # room (a package, or a file beside them): what of ours it may import, lowest first
     "firmware_protocols": (),
     "errors": (),
+    "options": ("errors",),
     "random_streams": (),
     "clock": (),
     "collector": (),
@@ -38,12 +39,15 @@ ARROWS = {
     "scenario": (*LEAVES, "channel", "emulator", "imperfections", "scene", "wire"),
     "sensing": (*LEAVES, "imperfections", "scene"),
     "plugging": (*LEAVES, "scene", "transports", "wire"),
-    "tune": (*LEAVES, "physics", "scene"),
     "assembly": (
         *LEAVES, "channel", "clock", "emulator", "plugging", "recordings", "sampling", "scenario", "scene", "sensing",
         "transports", "truth", "wire",
     ),
-    "serving": (*LEAVES, "assembly", "clock", "emulator", "kernels", "scenario", "scene", "transports", "truth"),
+    "tune": (*LEAVES, "assembly", "channel", "clock", "emulator", "physics", "plan", "scene"),
+    "errand": ("emulator",),
+    "serving": (
+        *LEAVES, "assembly", "clock", "emulator", "errand", "kernels", "scenario", "scene", "transports", "truth",
+    ),
     "pytest_plugin": ("serving",),
     "doors": (*LEAVES, "serving"),
     "tactemu": ("errors", "physics", "scene", "serving", "truth"),  # the public names, imported on first use

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from tactemu.assembly import assemble
+from tactemu.assembly import Wishes, assemble
 from tactemu.clock import VirtualClock
 from tactemu.errors import SceneError
 from tactemu.scenario import faults_of, timed_fault
-from tactemu.scene.file import parse
+from tactemu.scene.file import default_scene, parse
 from tactemu.scene.schema import Event
 from tactemu.serving import serve
 from tactemu.truth import Truth
@@ -130,8 +130,10 @@ def test_an_event_is_checked():
 
 def test_a_range_that_was_none_is_none_again_afterwards():
     event = Event(at=0.0, until=0.05, set={"saturation_range": (0.0, 0.1), "bias": 1.0})
-    with serve("anyskin", "memory:", scenario=[event]) as dev:
-        dev.wait(0.04)
-        assert dev.sample().measured.max() == pytest.approx(0.1)
-        dev.wait(0.1)
-        assert not dev.sample().measured.any()
+    emulator = assemble(default_scene("anyskin"), Wishes(port="memory:", scenario=[event])).emulator
+    emulator.clock = VirtualClock()
+    with emulator:
+        emulator.run(0.04)
+        assert emulator.truth.latest("anyskin").measured.max() == pytest.approx(0.1)
+        emulator.run(0.04)
+        assert not emulator.truth.latest("anyskin").measured.any()

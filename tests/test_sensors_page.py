@@ -13,7 +13,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from tactemu.bench.trade.rungs import ladder
+from tactemu.bench.trade.settings import ladder
 from tactemu.imperfections import ImperfectionOptions
 from tactemu.physics.models import MODELS, cheapest, load
 from tactemu.physics.sensor_model import SensorModel
@@ -99,10 +99,12 @@ def measured() -> dict[str, list[str]]:
 def cost_and_error(name: str) -> str:
     """What docs/accuracy.md says of a model: the columns that have a figure."""
     found = measured()
-    rows = {rung.name: found[rung.name] for rung in ladder() if rung.model == name and rung.name in found}
+    rows = {
+        setting.name: found[setting.name] for setting in ladder() if setting.model == name and setting.name in found
+    }
     columns = [k for k, _title in enumerate(found["setting"]) if any(cells[k] for cells in rows.values())]
     lines = [row("setting", *(found["setting"][k] for k in columns)), "| --- |" + " --- |" * len(columns)]
-    lines += [row(rung, *(cells[k] for k in columns)) for rung, cells in rows.items()]
+    lines += [row(setting, *(cells[k] for k in columns)) for setting, cells in rows.items()]
     return "\n".join(lines) if rows else "Not measured yet: `tactemu bench trade`."
 
 
@@ -158,8 +160,8 @@ def test_a_changed_default_is_seen(monkeypatch):
 
 def test_every_model_that_accuracy_measured_has_its_figures():
     text = page()
-    for rung in measured():
-        assert f"| {rung} |" in text
+    for setting in measured():
+        assert f"| {setting} |" in text
 
 
 if __name__ == "__main__":

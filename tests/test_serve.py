@@ -126,12 +126,66 @@ def test_a_port_that_cannot_be_made_leaves_nothing():
 
 
 def test_an_error_in_the_background_reaches_the_test():
-    device = serve("anyskin").start()
-    with pytest.raises(TactemuError, match="finite"):
-        device.move(position=(0, 0, float("nan")))
+    def fail():
+        raise TactemuError("the mesh is gone")
+
+    device = serve("anyskin", "memory:").start()
+    device.emulator.call(fail)
+    with pytest.raises(TactemuError, match="the mesh is gone"):
         device.wait(1.0)
-    device._error = None
     device.stop()
+
+
+@pytest.mark.parametrize(
+    ("slip", "says"),
+    [
+        (lambda dev: dev.press(depth=1), r"press: depth must be >= -0.5 and <= 0.5 m \(6 mm is 0.006\), got 1"),
+        (lambda dev: dev.press(depth=True), "press: depth must be"),
+        (lambda dev: dev.press("1mm"), "press: depth must be"),
+        (lambda dev: dev.press(1e-3, seconds=-1), "press: seconds must be >= 0"),
+        (lambda dev: dev.press(1e-3, speed=0), "press: speed must be"),
+        (lambda dev: dev.press(1e-3, taxel=77), "taxel: expected 0..4, got 77"),
+        (lambda dev: dev.release(speed=-1), "release: speed must be"),
+        (lambda dev: dev.move(position=(0, 0, float("nan"))), "move: position must be finite"),
+        (lambda dev: dev.move(by=(1, 2)), "move: by must be 3 numbers"),
+        (lambda dev: dev.move(quaternion=(1, 0, 0)), "move: quaternion must be 4 numbers"),
+        (lambda dev: dev.wait(float("inf")), "wait: seconds must be"),
+        (lambda dev: dev.happen(set={"noise": "loud"}), "noise must be numbers"),
+        (lambda dev: dev.happen(set={"jitter": 1e9}), "built without jitter"),
+    ],
+)
+def test_a_slip_of_the_tests_is_refused_in_words_and_harms_nothing(memory_dev, slip, says):
+    with pytest.raises(TactemuError, match=says):
+        slip(memory_dev)
+    memory_dev.wait(0.02)
+
+
+@pytest.fixture(scope="module")
+def memory_dev():
+    with serve("anyskin", "memory:", adjustable="noise") as device:
+        yield device
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ({"port": 3}, "port: expected a text such as 'pty:/tmp/skin', got 3"),
+        ({"rate_hz": "fast"}, "rate must be >= 0.001 and <= 1e\\+06 Hz, got 'fast'"),
+        ({"rate_hz": 0}, "rate must be"),
+        ({"seed": "x"}, "seed: expected a whole number, got 'x'"),
+        ({"faults": [3]}, "faults: expected a list of texts"),
+        ({"steer": "bal"}, "steer: no body 'bal'"),
+    ],
+)
+def test_a_wrong_request_is_refused_in_words(wrong, says):
+    with pytest.raises(TactemuError, match=says):
+        serve("anyskin", **{"port": "memory:"} | wrong).start()
+
+
+def test_one_fault_may_be_a_text():
+    with serve("anyskin", "memory:", faults="drop 100%") as device:
+        device.wait(0.1)
+        assert device.truth.injected["drop"] > 5
 
 
 def test_a_mistake_that_nobody_waits_for_is_raised_at_the_end():

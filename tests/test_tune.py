@@ -5,10 +5,13 @@ from pathlib import Path
 
 import pytest
 
+from tactemu.assembly import Wishes, assemble
 from tactemu.errors import SceneError
 from tactemu.scene.file import load, parse
+from tactemu.tune.choice import ALIKE, Measured, Pace, pick
+from tactemu.tune.cost import MOST_LOAD, Cost, measure_loop
 from tactemu.tune.settings import Setting, settings_for
-from tactemu.tune.tuner import Measured, _pick, run_tune
+from tactemu.tune.tuner import run_tune
 from tactemu.tune.writing import set_skin
 
 LAYER = "elastic_layer_taxel"
@@ -78,17 +81,54 @@ def test_a_setting_keeps_imperfections_and_drops_what_the_model_lacks():
     assert springs.options["normal_damping"] == 2.0 and springs.options["noise"] == 0.01
 
 
-def measured(name, cost, error):
-    return Measured(Setting(name, LAYER), cost, 1.2 * cost, error, 1.0)
+def measured(name, step_us, error, rate_hz=100.0, *, late_us=None, sample_us=10.0):
+    cost = Cost(step_us, late_us or 1.2 * step_us, sample_us)
+    return Measured(Setting(name, LAYER), cost, Pace(rate_hz, 1e-3), error, 1.0)
+
+
+def picked(rate_hz):
+    """Of settings from 10 µs to 11 ms a step, each better than the one before."""
+    entries = [measured(f"{step_us}", step_us, 1 / step_us, rate_hz) for step_us in (10, 50, 200, 500, 11_000)]
+    return pick("skin", "truth", Pace(rate_hz, 1e-3), None, entries)
 
 
 def test_the_most_accurate_that_fits_is_picked_with_both_neighbours():
-    entries = [measured("a", 10, 0.5), measured("b", 50, 0.1), measured("c", 60, 0.098), measured("d", 500, 0.01)]
-    choice = _pick("skin", "truth", 100.0, entries)
+    entries = [measured("a", 10, 0.5), measured("b", 50, 0.1), measured("c", 60, 0.098), measured("d", 900, 0.01)]
+    choice = pick("skin", "truth", Pace(100.0, 1e-3), None, entries)
     assert choice.keeps_rate and choice.chosen.setting.name == "b"  # as good as c, and cheaper
     assert choice.cheaper.setting.name == "a" and choice.finer.setting.name == "d"
-    late = _pick("skin", "truth", 5.0, entries)
-    assert not late.keeps_rate and late.chosen.setting.name == "a" and late.cheaper is None
+    late = pick("skin", "truth", Pace(1e5, 1e-3), None, [measured(e.setting.name, 800, e.error, 1e5) for e in entries])
+    assert not late.keeps_rate and late.chosen.setting.name == "a"
+
+
+def test_steps_are_paid_by_their_own_rate_however_many_samples_there_are():
+    """A step of 11 ms at a time step of 1 ms keeps no rate at all."""
+    dear = measured("dear", 11_000, 0.001, 30_000.0)
+    assert dear.load > 11 and not dear.keeps_rate
+    assert measured("cheap", 20, 0.1, 30_000.0).load == pytest.approx(0.02 + 0.3)
+
+
+@pytest.mark.parametrize(("late_us", "lost"), [(80, 0.0), (95, 0.1), (400, 3.1), (2000, 1.0)])
+def test_samples_behind_a_slow_step_are_lost(late_us, lost):
+    """At 10 kHz: of the periods that a step of each millisecond takes, all but the first two."""
+    cost = Cost(20.0, late_us, 10.0)
+    missed = max(0, (late_us + 10) // 100 - 2) / 10
+    assert cost.lost(10_000.0, 1e-3) == pytest.approx(min(missed, 1.0))
+    assert cost.keeps(10_000.0, 1e-3) == (missed == 0)
+
+
+def test_the_choice_is_monotone_in_the_rate():
+    errors = [picked(rate).chosen.error for rate in (1, 10, 100, 1e3, 3e3, 1e4, 2e4, 3e4, 6e4)]
+    assert errors == sorted(errors) and errors[0] < errors[-1]
+    assert picked(100).chosen.load <= MOST_LOAD and not picked(1e5).keeps_rate and ALIKE > 1
+
+
+def test_the_limit_of_the_wire_is_found():
+    """386 bytes of 10 bits at 2 Mbaud."""
+    loaded = load("flexitac")
+    slow = measure_loop(loaded, 100.0, "cpu", 0.5)
+    assert slow.line_hz is None and slow.skins == 1 and slow.sample_us > 0
+    assert measure_loop(loaded, 5_000.0, "cpu", 0.5).line_hz == pytest.approx(2e6 / 3860, rel=0.02)
 
 
 @pytest.mark.parametrize(("rate", "error"), [(0.0, "taxels"), (100.0, "nonsense")])
@@ -103,7 +143,7 @@ def test_a_scene_is_tuned_and_written(tmp_path):
     file.write_text(first)
     lines = []
     (choice,) = run_tune(str(file), 20.0, report=lines.append, seconds=1.0)
-    assert choice.keeps_rate and choice.chosen.late_us <= choice.budget_us
+    assert choice.keeps_rate and choice.chosen.load <= MOST_LOAD
     layers = {m.setting.name: m.error for m in choice.all if m.setting.model == LAYER}
     springs = min(m.error for m in choice.all if m.setting.model == "kinematic_taxel")
     assert choice.chosen.setting.model == LAYER and choice.chosen.error == pytest.approx(min(layers.values()), rel=0.06)
@@ -118,3 +158,17 @@ def test_a_scene_without_contact_is_refused(tmp_path):
     file.write_text(SCENE.split("motion")[0] + '\n[[skin]]\ndevice = "xela_uskin"\nlink = "pad"\n')
     with pytest.raises(SceneError, match="nothing touches"):
         run_tune(str(file), 20.0, report=lambda _text: None, seconds=0.1)
+
+
+@pytest.mark.realtime
+def test_a_run_at_the_choice_keeps_its_samples(tmp_path):
+    rate_hz = 500.0
+    file = Path(tmp_path) / "hand.toml"
+    file.write_text(SCENE.split('[[skin]]\ndevice = "xela_uskin"\nname')[0])
+    (choice,) = run_tune(str(file), rate_hz, report=print, seconds=1.0)
+    assert choice.keeps_rate
+    with assemble(load(str(file)), Wishes(port="memory:", rate_hz=rate_hz)).emulator as emulator:
+        emulator.run(4.0)
+        statistics = emulator.channels[0].statistics
+    assert statistics.samples >= 0.98 * (statistics.samples + statistics.missed)
+    assert statistics.samples >= 0.98 * 4.0 * rate_hz - 2

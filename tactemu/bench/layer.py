@@ -7,17 +7,13 @@ does a GPU carry? Times are medians; on a CPU of the thread's own time, so that 
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from statistics import median
 
 import numpy as np
-import warp as wp
 
 import tactemu as tt
-
-Report = Callable[[str], None]
+from tactemu.bench.timing import Report, timed_step
 
 TOP = 0.005
 STEPS = 40
@@ -112,11 +108,11 @@ def measure(case: Case, device: str) -> Figure:
     for k in range(STEPS + WARM_UP):
         height = TOP + case.radius - depths - 2e-6 * k
         sim.set_pose(ball, position=np.stack([np.zeros_like(height), np.full_like(height, 1e-5 * k), height], -1))
-        took = _timed(sim)
+        took = timed_step(sim)
         if k >= WARM_UP:
             moving.append(took)
     for _ in range(STEPS):
-        still.append(_timed(sim))
+        still.append(timed_step(sim))
     reading = skin.read()
     return Figure(
         title=case.title,
@@ -126,11 +122,3 @@ def measure(case: Case, device: str) -> Figure:
         residual=float(reading.residual.max()),
         aim_ms=case.aim_ms,
     )
-
-
-def _timed(sim) -> float:
-    clock = time.thread_time if sim.device.is_cpu else time.perf_counter
-    start = clock()
-    sim.step()
-    wp.synchronize_device(sim.device)
-    return clock() - start

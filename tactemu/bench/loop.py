@@ -14,17 +14,17 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from statistics import median
 
 import numpy as np
 
+from tactemu.bench.timing import Report
 from tactemu.collector import no_full_collections
 from tactemu.truth import Truth
 
-Report = Callable[[str], None]
 TAXELS = (16, 1000, 19_000)
 """Sizes of skins whose truth is told."""
 

@@ -14,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from statistics import median
 from typing import Any
@@ -22,10 +22,9 @@ from typing import Any
 import numpy as np
 
 import tactemu as tt
+from tactemu.bench.timing import Report
 from tactemu.physics.models import MODELS, load
 from tactemu.physics.sensor_model import SensorModel
-
-Report = Callable[[str], None]
 
 SIDE = 0.04
 MEMORY_BYTES_PER_S = {"cpu": 20e9, "cuda": 4.8e12}

@@ -13,21 +13,19 @@ import sys
 import tempfile
 import time
 import zlib
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from firmware_protocols import Frame
 from tactemu.assembly import Wishes, assemble
+from tactemu.bench.timing import Report
 from tactemu.clock import RealClock
 from tactemu.collector import no_full_collections
 from tactemu.emulator import Channel, Emulator
 from tactemu.scene import file
 from tactemu.statistics import Lateness
 from tactemu.truth import Truth
-
-Report = Callable[[str], None]
 
 FAULTS = ("drop 1%", "flip 1%", "truncate 1%", "duplicate 1%", "garbage 1%")
 KEPT = "1MB"

@@ -15,13 +15,13 @@ from contextlib import contextmanager
 from statistics import median
 
 from firmware_protocols import Can, CanFrame, Connector, Frame, Serial
+from tactemu.bench.timing import Report
 from tactemu.errors import TransportUnavailable
 from tactemu.transports import create
 from tactemu.transports.transport import Transport
 from tactemu.wire.can_bits import frame_bits
 from tactemu.wire.wire import Wire
 
-Report = Callable[[str], None]
 FRAMES = 2000
 """In each timed run."""
 BYTES = bytes(range(82))

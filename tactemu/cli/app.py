@@ -19,17 +19,31 @@ A simulated tactile skin on the far end of the wire: real sensors' bytes and CAN
   tactemu devices                      what can be emulated
   tactemu run anyskin                  a port, a press, a picture
   tactemu explain anyskin              frames, taxels, and what is simulated and why
+  tactemu new hand.toml                a scene file to start from
   tactemu tune hand.toml --rate 500    the most accurate setting that keeps a rate here
 """,
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
+
+def _targets(incomplete: str) -> list[str]:
+    """What a shell offers for a target: devices, and scene files here."""
+    import firmware_protocols
+
+    found = [*firmware_protocols.names(), *map(str, Path().glob("*.toml"))]
+    return [each for each in found if each.startswith(incomplete)]
+
+
 Target = Annotated[
-    str, typer.Argument(metavar="DEVICE_OR_SCENE", help="A device's name, path/to/device.py:Class, or scene.toml.")
+    str,
+    typer.Argument(
+        metavar="DEVICE_OR_SCENE",
+        help="A device's name, path/to/device.py:Class, or scene.toml.",
+        autocompletion=_targets,
+    ),
 ]
 Options = Annotated[
     list[str] | None,
@@ -42,6 +56,20 @@ Port = Annotated[
     ),
 ]
 Rate = Annotated[float | None, typer.Option("--rate", metavar="HZ", help="Sampling rate; default: the device's own.")]
+
+
+def _seconds(text: str) -> float:
+    from tactemu.options import number
+    from tactemu.scene.limits import MOST_S
+
+    try:
+        given: float | str = float(text)
+    except ValueError:
+        given = text
+    return number("command line", "--seconds", given, at_least=0, at_most=MOST_S, unit="s")
+
+
+Seconds = Annotated[float | None, typer.Option("--seconds", metavar="S", parser=_seconds, help="Stop after this long.")]
 Seed = Annotated[int | None, typer.Option(metavar="N", help="Root of all random numbers; same seed, same bytes.")]
 Compute = Annotated[str | None, typer.Option("--device", metavar="DEV", help="Where kernels run: cpu or cuda:0.")]
 Faults = Annotated[
@@ -74,7 +102,7 @@ def run(
     port: Port = None,
     rate: Rate = None,
     seed: Seed = None,
-    seconds: Annotated[float | None, typer.Option(metavar="S", min=0, help="Stop after this long.")] = None,
+    seconds: Seconds = None,
     device: Compute = None,
     fault: Faults = None,
     truth: Annotated[
@@ -105,7 +133,8 @@ def run(
       tactemu run anyskin --port memory: --virtual --seconds 10 --json
 
     One line says where the port is; then a live picture, or log lines when the output is no terminal.
-    Exit code 0 after Ctrl-C, SIGTERM or --seconds; 2 when something in the request is wrong.
+    Exit code 0 after Ctrl-C, SIGTERM or --seconds; 130 after Ctrl-C before the port is there; 2 when something in the
+    request is wrong.
     """
     from tactemu.cli.running import run_target
 
@@ -139,6 +168,7 @@ def explain(
     target: Annotated[str | None, typer.Argument(metavar="DEVICE_OR_SCENE")] = None,
     device: Compute = None,
     cost: Annotated[bool, typer.Option(help="Measure what each stage costs here.")] = True,
+    code: Annotated[bool, typer.Option(help="Run the Python files that it names; --no-code refuses them.")] = True,
     schema: Annotated[bool, typer.Option("--schema", help="Print the JSON schema of scene files.")] = False,
 ) -> None:
     """Say what a scene models, and why: frames, taxels, and the plan with each stage's cost.
@@ -146,6 +176,7 @@ def explain(
     \b
       tactemu explain anyskin
       tactemu explain hand.toml --device cuda:0
+      tactemu explain somebodys.toml --no-code
       tactemu explain --schema > scene.schema.json
     """
     from tactemu.cli.explaining import explain_target, print_schema
@@ -155,7 +186,38 @@ def explain(
     elif target is None:
         raise typer.BadParameter("name a device or a scene file, or ask for --schema", param_hint="DEVICE_OR_SCENE")
     else:
-        explain_target(target, compute=device, cost=cost)
+        explain_target(target, compute=device, cost=cost, code=code)
+
+
+@app.command()
+def new(file: Annotated[Path, typer.Argument(help="The scene file to write, such as hand.toml.")]) -> None:
+    """Write a scene file to start from: a fingertip and a ball, with comments on every key.
+
+    \b
+      tactemu new hand.toml
+      tactemu run hand.toml
+    """
+    from tactemu.cli.starting import new_scene
+
+    new_scene(file)
+
+
+@app.command()
+def examples(
+    folder: Annotated[Path | None, typer.Argument(help="Copy them into this folder; it is made.")] = None,
+) -> None:
+    """List the examples that come with tactemu, or copy them into a folder.
+
+    \b
+      tactemu examples
+      tactemu examples tactile
+    """
+    from tactemu.cli.starting import copy_examples, list_examples
+
+    if folder is None:
+        list_examples()
+    else:
+        copy_examples(folder)
 
 
 @app.command()
@@ -210,7 +272,7 @@ def record(
     baud: Annotated[
         int | None, typer.Option(metavar="N", min=1, help="Speed of a serial port [bit/s]; default: 115200.")
     ] = None,
-    seconds: Annotated[float | None, typer.Option(metavar="S", min=0, help="Stop after this long.")] = None,
+    seconds: Seconds = None,
 ) -> None:
     """Record what a sensor sends, with its timing, until Ctrl-C.
 
@@ -236,7 +298,7 @@ def replay(
     step: Annotated[bool, typer.Option("--step", help="Send one frame for every line on stdin.")] = False,
     loop: Annotated[bool, typer.Option("--loop", help="Start again at the end.")] = False,
     fault: Faults = None,
-    seconds: Annotated[float | None, typer.Option(metavar="S", min=0, help="Stop after this long.")] = None,
+    seconds: Seconds = None,
 ) -> None:
     """Play a recording to a driver. A serial one starts when the driver opens the port.
 
@@ -255,7 +317,9 @@ def tune(
     target: Target,
     rate: Annotated[float, typer.Option("--rate", metavar="HZ", help="Samples per second that every skin shall keep.")],
     error: Annotated[str, typer.Option(metavar="METRIC", help="taxels, total or worst.")] = "taxels",
-    seconds: Annotated[float, typer.Option(metavar="S", min=0.01, help="How much of the scene is looked at.")] = 4.0,
+    seconds: Annotated[
+        float, typer.Option(metavar="S", min=0.01, max=1000, help="How much of the scene is looked at.")
+    ] = 4.0,
     write: Annotated[bool, typer.Option(help="Write the choice into the scene file.")] = True,
     device: Compute = None,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,
@@ -270,7 +334,8 @@ def tune(
     """
     from tactemu.cli.progress import show_progress
     from tactemu.kernels import start_quietly
-    from tactemu.tune.tuner import as_dict, run_tune
+    from tactemu.tune.choice import as_dict
+    from tactemu.tune.tuner import run_tune
 
     start_quietly()
     say = (lambda _text: None) if json else typer.echo

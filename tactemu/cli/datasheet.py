@@ -23,6 +23,8 @@ from tactemu.errors import DeviceError
 from tactemu.scene.building import make_device
 from tactemu.wire.carriers import carrier_of
 
+MAX_LISTED = 100
+"""Taxels that are listed one by one; of more than these, patches are."""
 MAX_PITCHES = 40
 """A picture of a free layout is no wider than this many taxels."""
 
@@ -185,7 +187,9 @@ def shown(frame: Any) -> str:
 
 
 def taxel_map(layout: Layout) -> list[str]:
-    """Every patch as a picture of taxel numbers, then the table of positions."""
+    """Every patch as a picture of taxel numbers, then the table of positions; of many taxels a line for each patch."""
+    if len(layout) > MAX_LISTED:
+        return _patches(layout)
     lines = [""]
     for patch in layout.patches:
         lines += [f"Patch {patch.name!r}: taxel numbers, seen from outside", *_picture(layout, patch), ""]
@@ -195,6 +199,18 @@ def taxel_map(layout: Layout) -> list[str]:
         x, y, z = position + 0.0
         u, v, w = np.where(np.abs(normal) < 5e-4, 0.0, normal)
         lines.append(f"{k:5d}  {place[k]:7d}  {x:7.2f}  {y:7.2f}  {z:7.2f}   {u:6.3f} {v:6.3f} {w:6.3f}")
+    return lines
+
+
+def _patches(layout: Layout) -> list[str]:
+    lines = ["", "Taxels, patch by patch; positions in mm, each of them with --json"]
+    width = max(len(patch.name) for patch in layout.patches)
+    for patch in layout.patches:
+        numbers = np.arange(len(layout))[patch.taxels]
+        first, last = layout.positions[numbers[[0, -1]]] * 1e3 + 0.0
+        size = f"{patch.rows} rows of {patch.cols}" if patch.rows else f"{len(numbers)} taxels"
+        places = (", ".join(f"{x:.2f}" for x in place) for place in (first, last))
+        lines.append(f"  {patch.name:<{width}}  {numbers[0]} to {numbers[-1]}, {size}, from ({') to ('.join(places)})")
     return lines
 
 

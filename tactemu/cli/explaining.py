@@ -17,16 +17,16 @@ def print_schema() -> None:
     print(json.dumps(file.json_schema(), indent=2))
 
 
-def explain_target(target: str, *, compute: str | None, cost: bool) -> None:
+def explain_target(target: str, *, compute: str | None, cost: bool, code: bool = True) -> None:
     """Print bodies, skins, frames, taxels and the plan of a device's scene or a scene file.
 
     Raises:
-        TactemuError: the scene is wrong.
+        TactemuError: the scene is wrong, or names Python files and ``code`` is false.
     """
     from tactemu.scenario import laws_needed
     from tactemu.scene.building import build_scene, make_devices
 
-    loaded = file.load(target)
+    loaded = file.load(target, code=code)
     devices = make_devices(loaded)
     laws = {name: laws_needed(loaded.tables.scenario, name) for name in devices}
     scene, skins = build_scene(loaded, devices, laws)

@@ -47,8 +47,6 @@ def run_target(
 
     if virtual and seconds is None:
         raise SceneError("--virtual runs as fast as it can and would never end; say how long with --seconds")
-    if rate_hz is not None and not 0 < rate_hz <= 1e6:
-        raise SceneError(f"--rate: expected a rate in Hz, more than 0 and at most 1e6, got {rate_hz}")
     wishes = Wishes(port=port, rate_hz=rate_hz, faults=faults, seed=seed, compute=compute)
     loaded = load(target, options_of(options))
     start_quietly()

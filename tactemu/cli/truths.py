@@ -83,13 +83,18 @@ def print_summary(path: Path, *, json: bool = False) -> None:
         print(json_module.dumps(summary))
         return
     for device, entry in summary.items():
-        print(device)
+        print(_printable(device))
         for name, value in entry.items():
             if isinstance(value, dict):
-                value = ", ".join(f"{what} {count}" for what, count in sorted(value.items())) or "none"
+                value = ", ".join(f"{_printable(what)} {count}" for what, count in sorted(value.items())) or "none"
             print(f"  {name.replace('_', ' '):<20} {value}")
     if not summary:
         print(f"{path}: empty")
+
+
+def _printable(text: str) -> str:
+    """A text of the file's, without anything that a terminal would obey."""
+    return text if text.isprintable() else ascii(text)
 
 
 def export_log(path: Path, target: Path, *, skin: str | None, sense: str | None) -> None:

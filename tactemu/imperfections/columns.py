@@ -9,6 +9,7 @@ import warp as wp
 
 from tactemu.errors import SceneError
 from tactemu.imperfections.info import ReadingInfo
+from tactemu.options import numbers
 from tactemu.plan.plan import Context
 
 
@@ -18,10 +19,8 @@ def spread(value, info: ReadingInfo, option: str) -> np.ndarray:
     Raises:
         SceneError: if the shape fits neither taxels nor columns, or a number is not finite.
     """
-    array = np.asarray(value, dtype=np.float64)
+    array = numbers(f"sensor {info.name!r}", option, value)
     n, c = info.n_taxels, info.n_channels
-    if not np.all(np.isfinite(array)):
-        raise SceneError(f"sensor {info.name!r}: {option} must be finite, got {value!r}")
     if array.ndim == 0:
         return array.reshape(1)
     if array.shape in ((n,), info.layout):
@@ -99,7 +98,7 @@ class Table:
         try:
             return spread(value, self._info, self.option)
         except SceneError:
-            per_env = np.asarray(value, dtype=np.float64)
+            per_env = numbers(f"sensor {self._info.name!r}", self.option, value)
             if per_env.ndim == 0 or len(per_env) != n:
                 raise
             rows = [spread(v, self._info, self.option) for v in per_env]
@@ -110,7 +109,7 @@ class Range:
     """Two numbers per environment, low and high: ``(n_envs, 1)`` each. ``None`` is the whole range of a float32."""
 
     def __init__(self, value, info: ReadingInfo, option: str, context: Context):
-        self._where = f"sensor {info.name!r}: {option}"
+        self._info, self._option = info, option
         self.low, self.high = (Table(bound, info, option, context) for bound in self._bounds(value))
 
     def set(self, value, envs_idx: Sequence[int] | None = None) -> None:
@@ -124,7 +123,8 @@ class Range:
         self.high.set(high, envs_idx)
 
     def _bounds(self, value) -> tuple:
-        low, high = (-LARGEST, LARGEST) if value is None else value
-        if not np.all(np.asarray(low) <= np.asarray(high)) or not np.isfinite([low, high]).all():
-            raise SceneError(f"{self._where} needs two finite numbers, low <= high, got {value!r}")
-        return low, high
+        where = f"sensor {self._info.name!r}"
+        limits = numbers(where, self._option, (-LARGEST, LARGEST) if value is None else value)
+        if limits.shape[:1] != (2,) or (limits[0] > limits[1]).any():
+            raise SceneError(f"{where}: {self._option} must be (low, high), low <= high, got {value!r}")
+        return limits[0], limits[1]

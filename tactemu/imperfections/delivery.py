@@ -13,6 +13,7 @@ from tactemu.imperfections.delivery_kernels import deliver_kernel, remember_kern
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.options import ImperfectionOptions
 from tactemu.imperfections.ring import Ring, ring_depth
+from tactemu.options import numbers
 from tactemu.plan.clearing import clear_rows
 from tactemu.plan.plan import Context, Stage, record
 from tactemu.random_streams import stream_key
@@ -81,14 +82,18 @@ class Delay:
             SceneError: negative, or more than there is room for.
         """
         envs = environments(envs_idx, self._context.n_envs)
-        jitter = np.broadcast_to(np.asarray(value, dtype=np.float64), envs.shape)
+        jitter = numbers(f"sensor {self._info.name!r}", "jitter", value)
+        if jitter.shape not in ((), (1,), envs.shape):
+            raise SceneError(
+                f"sensor {self._info.name!r}: jitter must be one number or one for each environment, got {value!r}"
+            )
         if not np.all((jitter >= 0.0) & (self._options.delay + jitter <= self._longest_s + 1e-12)):
             room = self._longest_s - self._options.delay
             raise SceneError(
                 f"sensor {self._info.name!r}: jitter must be in 0..{room:g} s, the room made when the scene was built;"
                 f" got {value!r}. Build with a larger jitter and set it to less"
             )
-        self._lags[envs, 1] = np.rint(jitter * 1e9)
+        self._lags[envs, 1] = np.broadcast_to(np.rint(jitter * 1e9), envs.shape)
         self._array.assign(self._lags.astype(np.int64))
 
 

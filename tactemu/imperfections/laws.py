@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
+from dataclasses import fields
 from typing import get_args
 
 import numpy as np
@@ -10,15 +11,21 @@ import numpy as np
 from tactemu.errors import SceneError
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.options import ImperfectionOptions, Law
+from tactemu.options import numbers
 
-_NOT_NEGATIVE = (
-    "probe_radius_noise", "crosstalk_strength", "crosstalk_sigma", "hysteresis_strength", "hysteresis_tau",
-    "hysteresis_strength_unloading", "hysteresis_tau_unloading", "hysteresis_backlash", "creep_strength", "creep_tau",
-    "scan_time", "random_walk", "random_walk_density", "random_walk_tau", "noise", "noise_density", "resolution",
-    "dead_taxel_probability", "delay", "jitter", "history_length",
-)  # fmt: skip
+_TYPES = {field.name: str(field.type) for field in fields(ImperfectionOptions)}
+_SINGLE = tuple(name for name, kind in _TYPES.items() if kind in ("float", "float | None", "int"))
+_PER_COLUMN = tuple(name for name, kind in _TYPES.items() if kind == "Numbers")
+_SIGNED = {"probe_gain", "temperature_reference", "temperature_sensitivity", "temperature_offset", "bias"}
 _RANGES = ("probe_gain_resample_range", "saturation_range", "dead_taxel_value_range")
 _CHOICES = {"dead_taxel_mode": ("value", "last"), "delay_interpolation": ("hold", "linear", "nearest")}
+
+
+_TIMES = ("scan_time", "delay", "jitter")
+LONGEST_S = 1e6
+"""Of a time that readings are kept for."""
+LONGEST_HISTORY = 100_000
+"""Readings."""
 
 
 def is_on(value) -> bool:
@@ -36,23 +43,32 @@ def check(options: ImperfectionOptions, info: ReadingInfo) -> None:
     def refuse(option: str, expected: str) -> None:
         raise SceneError(f"sensor {info.name!r}: {option} must be {expected}, got {getattr(options, option)!r}")
 
-    for option in _NOT_NEGATIVE:
+    where = f"sensor {info.name!r}"
+    for option in (*_SINGLE, *_PER_COLUMN):
         value = getattr(options, option)
-        if value is not None and not np.all(np.asarray(value, dtype=np.float64) >= 0.0):
+        given = np.zeros(()) if value is None else numbers(where, option, value)
+        if option in _SINGLE and given.ndim:
+            refuse(option, "one number")
+        elif option not in _SIGNED and (given < 0.0).any():
             refuse(option, "zero or positive")
+    for option in _TIMES:
+        if getattr(options, option) > LONGEST_S:
+            refuse(option, f"at most {LONGEST_S:g} s")
     for option in _RANGES:
         value = getattr(options, option)
-        if value is not None and not (len(value) == 2 and value[0] <= value[1] and math.isfinite(value[0] + value[1])):
-            refuse(option, "(low, high), finite, with low <= high")
+        limits = np.zeros(2) if value is None else numbers(where, option, value)
+        if limits.shape != (2,) or limits[0] > limits[1]:
+            refuse(option, "(low, high) with low <= high")
     for option, choices in _CHOICES.items():
         if getattr(options, option) not in choices:
             refuse(option, f"one of {choices}")
     if options.dead_taxel_probability > 1.0:
         refuse("dead_taxel_probability", "at most 1")
-    if int(options.history_length) != options.history_length:
-        refuse("history_length", "a whole number")
-    if unknown := set(options.adjustable) - set(get_args(Law)):
-        refuse("adjustable", f"out of {get_args(Law)}; unknown: {sorted(unknown)}")
+    if not (options.history_length <= LONGEST_HISTORY and int(options.history_length) == options.history_length):
+        refuse("history_length", f"a whole number up to {LONGEST_HISTORY}")
+    listed = options.adjustable
+    if isinstance(listed, str) or not isinstance(listed, Sequence) or not set(listed) <= set(get_args(Law)):
+        refuse("adjustable", f"a list out of {', '.join(get_args(Law))}")
     _check_temperature(options, info)
 
 
@@ -66,8 +82,8 @@ def _check_temperature(options: ImperfectionOptions, info: ReadingInfo) -> None:
                 f" such as [(0, 25), (600, 40)]: keyframes of time [s] and temperature [degree C]"
             )
         return
-    frames = np.asarray(course, dtype=np.float64)
-    if frames.ndim != 2 or frames.shape[1:] != (2,) or not len(frames) or not np.all(np.isfinite(frames)):
+    frames = numbers(f"sensor {info.name!r}", "temperature_course", course)
+    if frames.ndim != 2 or frames.shape[1:] != (2,) or not len(frames):
         raise SceneError(f"sensor {info.name!r}: temperature_course must be (time, temperature) pairs, got {course!r}")
     if np.any(np.diff(frames[:, 0]) < 0.0):
         raise SceneError(

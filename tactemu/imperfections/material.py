@@ -1,7 +1,9 @@
 """Memory of the material: overshoot that relaxes, a loop that does not depend on the rate, creep.
 
 State is float64 in both float widths: with a time constant of an hour and steps of a millisecond a float32 state stalls
-10 % short of its end. Each law is exact for the course of the input that it assumes, so one step equals two half steps.
+10 % short of its end. Each law is exact for the course of the input that it assumes, so that one step of it equals two
+half steps. For two laws in a row this is nearly so only: hysteresis hands creep a curve, which creep takes as straight
+within a step.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false

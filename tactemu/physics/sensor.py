@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Protocol, get_args
@@ -12,7 +12,7 @@ import warp as wp
 
 from tactemu.errors import SceneError
 from tactemu.imperfections import Adjustments, Imperfections
-from tactemu.physics.options import number
+from tactemu.options import number
 from tactemu.physics.probes.probes import Probes
 from tactemu.physics.sensor_model import DepthQuery, SensorModel
 from tactemu.scene.bodies import Body, find
@@ -177,8 +177,8 @@ def bodies_felt(sensor: Sensor, bodies: Sequence[Body]) -> tuple[Body, ...]:
     model = sensor.model
 
     def listed(given):
-        single = isinstance(given, str | int | np.integer | Body)
-        return [find(bodies, which) for which in ([given] if single else list(given))]
+        single = isinstance(given, str) or not isinstance(given, Iterable)
+        return [find(bodies, which) for which in ([given] if single else given)]
 
     ignored = listed(model.filter_link_idx)
     if model.track_link_idx is None:

@@ -12,6 +12,7 @@ import numpy as np
 from firmware_protocols import Device
 from firmware_protocols.options import checked
 from tactemu.errors import DeviceError, SceneError, nearest
+from tactemu.options import numbers
 from tactemu.physics.models import cheapest, load, models_for
 from tactemu.physics.shapes.registry import load_shape
 from tactemu.physics.shapes.shape import Shape
@@ -108,11 +109,15 @@ def sensor_model(skin: Skin, device: Device, laws: Sequence[str] = (), *, part: 
     Raises:
         SceneError: no such model, or an option that it does not have or does not accept.
     """
+    from tactemu.physics.sensor import SensorModel
+
     name = skin.model_ or cheapest(device.contact[0])
     try:
         model = load(name)
     except LookupError as error:
         raise SceneError(f"skin {skin.title!r}: model: {error}") from error
+    if not (isinstance(model, type) and issubclass(model, SensorModel)):
+        raise SceneError(f"skin {skin.title!r}: model: {name} is no sensor model (tactemu.physics.sensor.SensorModel)")
     known = [field.name for field in dataclasses.fields(model) if field.init]
     _check_senses(skin, name, model, device)
     where = f"skin {skin.title!r}: options"
@@ -143,7 +148,7 @@ def taxels(part: SkinPart, skin: Skin, model: type[SensorModel], known: list[str
     """Positions, normals and radius of the taxels in the link's frame; a single grid keeps its ``(rows, cols, 3)``."""
     layout = part.layout
     turn = rotation.normalised(part.quaternion)
-    radius = np.asarray(skin.options.get("probe_radius", layout.pitches / 2), float)
+    radius = numbers(model.__name__, "probe_radius", skin.options.get("probe_radius", layout.pitches / 2))
     below = skin.embed if skin.embed is not None else radius if model.feels_at_radius else 0.0
     inside = layout.positions - np.reshape(np.broadcast_to(below, (len(layout),)), (-1, 1)) * layout.normals
     positions = rotation.rotate(turn, inside) + np.asarray(part.position)

@@ -37,21 +37,33 @@ class LoadedScene:
     """What paths in the file are relative to."""
 
 
-def load(target: str | Path, device_options: Mapping[str, Any] | None = None) -> LoadedScene:
+def load(target: str | Path, device_options: Mapping[str, Any] | None = None, *, code: bool = True) -> LoadedScene:
     """The scene in the file ``target``, or the default scene of the device called ``target`` with its options.
+
+    Whoever builds a scene runs the Python files that it names. ``code=False`` refuses one that names any.
 
     Raises:
         SceneError: the file cannot be read or is wrong; every mistake is listed.
         DeviceError: neither a file nor a device, or an option that the device does not take.
     """
-    text = str(target)
+    if not code and ".py:" in str(target):
+        raise SceneError(f"{target}: it is code, which would be run")
+    loaded = _load(str(target), device_options or {})
+    for skin in () if code else loaded.tables.skin:
+        for name in (skin.device, skin.model_ or ""):
+            if ":" in name:
+                raise SceneError(f"{target}: skin {skin.title!r} names {name}, which is code and would be run")
+    return loaded
+
+
+def _load(text: str, device_options: Mapping[str, Any]) -> LoadedScene:
     if text.endswith(".toml"):
         if device_options:
             named = ", ".join(device_options)
             raise SceneError(f"{text}: a scene file gives its skins' `device_options` itself; leave out {named}")
         path = Path(text)
         try:
-            return parse(path.read_text(encoding="utf-8"), source=text, folder=path.parent)
+            return parse(path.read_text(encoding="utf-8-sig"), source=text, folder=path.parent)
         except (OSError, UnicodeDecodeError) as error:
             reason = error.strerror if isinstance(error, OSError) else "not a text file"
             raise SceneError(f"{text}: cannot read the scene file: {reason}") from None
@@ -128,6 +140,10 @@ def parse(text: str, *, source: str = "scene", folder: Path | None = None) -> Lo
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise SceneError(f"{source}: not valid TOML: {error}") from None
+    except RecursionError:
+        raise SceneError(f"{source}: not a scene: tables or lists are nested too deep") from None
+    if not data:
+        raise SceneError(f"{source}: it is empty; `tactemu new FILE` writes a scene to start from")
     return check(data, source=source, folder=folder)
 
 

@@ -7,7 +7,13 @@ from typing import Any
 from pydantic import ValidationError
 from pydantic_core import PydanticCustomError
 
+from tactemu.errors import shown
+
 _WHOLE = "whole_sentence"
+_IN_TOML = dict.fromkeys(("tuple_type", "list_type"), "expected a list") | dict.fromkeys(
+    ("model_type", "model_attributes_type", "dict_type"), "expected a table"
+)
+"""What pydantic calls a tuple, a dictionary or a model."""
 
 
 def mistake(sentence: str) -> PydanticCustomError:
@@ -51,6 +57,7 @@ def _inside(data: Any, part: int | str) -> Any:
 
 
 def _said(entry: Any) -> str:
-    if entry["type"] in (_WHOLE, "missing"):
-        return "missing key" if entry["type"] == "missing" else entry["msg"]
-    return f"{entry['msg'][0].lower()}{entry['msg'][1:]}, got {entry.get('input')!r}"
+    kind, message = entry["type"], entry["msg"]
+    if kind in (_WHOLE, "missing"):
+        return "missing key" if kind == "missing" else message
+    return f"{_IN_TOML.get(kind, message[0].lower() + message[1:])}, got {shown(entry.get('input'))}"

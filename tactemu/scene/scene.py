@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactemu.errors import SceneError
+from tactemu.options import number
 from tactemu.physics.shapes.registry import SHAPES
 from tactemu.physics.shapes.shape import Shape
 from tactemu.scene.bodies import Body, Moved, find
@@ -25,13 +25,11 @@ class Scene:
     """What is there, before anything is computed.
 
     Args:
-        dt: time that one step advances [s]; it is counted in whole nanoseconds.
+        dt: time that one step advances [s], a nanosecond or more: time is counted in them.
     """
 
     def __init__(self, dt: float = 1e-3):
-        if not (math.isfinite(dt) and dt > 0 and round(dt * 1e9) > 0):
-            raise SceneError(f"Scene: dt must be a time of at least 1e-9 s, got {dt!r}")
-        self.dt = float(dt)
+        self.dt = number("Scene", "dt", dt, at_least=1e-9, unit="s")
         self.bodies: list[Body] = []
         self.sensors: list[Sensor] = []
         self._built: Simulation | None = None
@@ -72,7 +70,8 @@ class Scene:
         xyz, wxyz = np.asarray(position, float), np.asarray(quaternion, float)
         if xyz.shape != (3,) or not np.isfinite(xyz).all():
             raise SceneError(f"body {name!r}: position must be 3 finite numbers, got {position!r}")
-        length = np.linalg.norm(wxyz)
+        with np.errstate(over="ignore"):
+            length = np.linalg.norm(wxyz)
         if wxyz.shape != (4,) or not np.isfinite(length) or length < 1e-6:
             raise SceneError(f"body {name!r}: quaternion must be 4 numbers (w, x, y, z), not all 0, got {quaternion!r}")
         wxyz = wxyz / length

@@ -7,15 +7,17 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import types
 import typing
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
     Field,
-    PositiveFloat,
+    Strict,
     ValidationError,
     create_model,
     model_validator,
@@ -25,11 +27,39 @@ from tactemu.errors import SceneError, nearest
 from tactemu.physics.shapes.registry import SHAPES as SHAPE_CLASSES
 from tactemu.physics.shapes.registry import load_shape
 from tactemu.physics.shapes.shape import Shape
+from tactemu.scene.limits import FARTHEST_M, METRES, MOST_RADIUS_M, MOST_S, RATES_HZ, SIZES_M, STEPS_S
 from tactemu.scene.mistakes import listed, mistake
 from tactemu.scene.motion import MOTIONS, Motion, Sequence, Together
 
-Vector = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
+Real = Annotated[float, Strict()]
+"""A number; neither a text nor a truth value is one."""
+Seconds = Annotated[Real, Field(ge=0, le=MOST_S)]
+Coordinate = Annotated[Real, Field(ge=-FARTHEST_M, le=FARTHEST_M)]
+Vector = tuple[Coordinate, Coordinate, Coordinate]
+Quaternion = tuple[Real, Real, Real, Real]
+
+
+def _printable(text: str) -> str:
+    if not text.isprintable() or "/" in text:
+        raise mistake(f"expected printable characters without '/', got {text!r}")
+    return text
+
+
+Name = Annotated[str, Field(min_length=1), AfterValidator(_printable)]
+"""It stands on terminals and in the paths of ports."""
+
+
+def _strictly(hint: Any, *more: Any) -> Any:
+    """A type whose numbers are no texts and no truth values, with ``more`` to check of each."""
+    if hint in (int, float):
+        return Annotated[hint, Strict(), *more]
+    inside = typing.get_args(hint)
+    if typing.get_origin(hint) is Annotated:
+        return Annotated[_strictly(inside[0], *more), *inside[1:]]
+    if not inside:
+        return hint
+    parts = tuple(_strictly(part, *more) for part in inside)
+    return Union[parts] if isinstance(hint, types.UnionType) else typing.get_origin(hint)[parts]  # noqa: UP007
 
 
 class Table(BaseModel):
@@ -57,7 +87,8 @@ def _table_of(motion: type[Motion]) -> type[Table]:
     hints = typing.get_type_hints(motion)
     fields: dict[str, Any] = {"kind": (Literal[motion.kind], ...)}  # type: ignore[name-defined]
     for field in dataclasses.fields(motion):  # type: ignore[arg-type]
-        fields[field.name] = (hints[field.name], ... if field.default is dataclasses.MISSING else field.default)
+        given = ... if field.default is dataclasses.MISSING else field.default
+        fields[field.name] = (_strictly(hints[field.name]), given)
     return create_model(f"{motion.__name__}Motion", __base__=Table, __doc__=motion.__doc__, **fields)
 
 
@@ -105,11 +136,23 @@ class Body(Table):
     """What every ``[[body]]`` has."""
 
     shape: str
-    name: str = Field(min_length=1)
+    name: Name
     fixed: bool = Field(default=False, description="never moves")
     position: Vector = Field(default=(0.0, 0.0, 0.0), description="of its origin, in the world [m]")
     quaternion: Quaternion = Field(default=(1.0, 0.0, 0.0, 0.0), description="w, x, y, z")
     motion: Any = Field(default=None, description="a table with `kind`, or a list of them, one after another")
+
+
+def _sized(key: str) -> AfterValidator:
+    """Refuses lengths of a shape that no skin needs; most are millimetres meant."""
+    least, most = SIZES_M[0], MOST_RADIUS_M if key == "radius" else SIZES_M[1]
+
+    def check(length: float) -> float:
+        if not least <= length < most:
+            raise mistake(f"expected at least {least:g} and less than {most:g} {METRES}, got {length:g}")
+        return length
+
+    return AfterValidator(check)
 
 
 def _body_table(name: str, shape: type[Shape]) -> type[Body]:
@@ -123,7 +166,7 @@ def _body_table(name: str, shape: type[Shape]) -> type[Body]:
             continue
         about = [text for text in getattr(hints[key], "__metadata__", ()) if isinstance(text, str)]
         given = ... if parameter.default is parameter.empty else parameter.default
-        fields[key] = (hints[key], Field(default=given, description=" ".join(about) or None))
+        fields[key] = (_strictly(hints[key], _sized(key)), Field(default=given, description=" ".join(about) or None))
     return create_model(f"{shape.__name__}Body", __base__=Body, __doc__=shape.__doc__, **fields)
 
 
@@ -157,18 +200,22 @@ else:
 class ClockTable(Table):
     """The device's time: what becomes late, and how steady it is."""
 
-    delay_s: float = Field(default=0.0, ge=0, description="from sample to wire [s]")
-    jitter_s: float = Field(default=0.0, ge=0, description="uniform extra delay up to this [s]")
+    delay_s: Seconds = Field(default=0.0, description="from sample to wire [s]")
+    jitter_s: Real = Field(default=0.0, ge=0, le=1, description="uniform extra delay up to this [s]")
     reorder: bool = Field(default=False, description="jitter may let a later sample overtake an earlier one")
-    skew_ppm: float = Field(default=0.0, description="device clock slow (> 0) or fast (< 0)")
-    drift_ppm_per_s: float = Field(default=0.0, description="how much slower it becomes each second")
+    skew_ppm: Real = Field(default=0.0, ge=-1e5, le=1e6, description="device clock slow (> 0) or fast (< 0)")
+    drift_ppm_per_s: Real = Field(default=0.0, ge=-1e3, le=1e3, description="how much slower it becomes each second")
 
 
-def _one_or_more(value: Any) -> Any:
+def one_or_more(value: Any) -> Any:
+    """A text as a list of one; anything else as it is."""
     return [value] if isinstance(value, str) else value
 
 
-Faults = Annotated[tuple[str, ...], BeforeValidator(_one_or_more)]
+Faults = Annotated[tuple[str, ...], BeforeValidator(one_or_more)]
+
+
+Rate = Annotated[Real, Field(ge=RATES_HZ[0], le=RATES_HZ[1])]
 
 
 class LinkTable(Table):
@@ -182,7 +229,7 @@ class LinkTable(Table):
 class Skin(Table):
     """One device on one port, fed by one sensor on one body."""
 
-    name: str | None = Field(default=None, description="default: the device's name")
+    name: Name | None = Field(default=None, description="default: the device's name")
     device: str = Field(description="see `tactemu devices`, or path/to/file.py:Class")
     device_options: dict[str, Any] = Field(default={}, description="keyword arguments of the device class")
     link: str | None = Field(default=None, description="name of the body that carries the taxels")
@@ -197,10 +244,14 @@ class Skin(Table):
         default=None, alias="model", description="sensor model, or MODULE:CLASS; default: the cheapest that fits"
     )
     options: dict[str, Any] = Field(default={}, description="options of the sensor model, imperfections included")
-    embed: float | None = Field(default=None, description="how far below the skin the probes' centres sit [m]")
-    port: str | None = Field(default=None, description="pty:PATH, can:INTERFACE:CHANNEL, tcp:HOST:PORT, memory: ...")
+    embed: Real | None = Field(
+        default=None, ge=-1, le=1, description="how far below the skin the probes' centres sit [m]"
+    )
+    port: str | None = Field(
+        default=None, min_length=1, description="pty:PATH, can:INTERFACE:CHANNEL, tcp:HOST:PORT, memory: ..."
+    )
     ports: dict[str, str] = Field(default={}, description="of a device with several connectors, by their names")
-    rate_hz: PositiveFloat | dict[str, PositiveFloat] | None = Field(
+    rate_hz: Rate | dict[str, Rate] | None = Field(
         default=None, description="default: the device's own; of a device with several streams by their names"
     )
     pacing: bool = Field(default=True, description="bytes and frames take their time on the line")
@@ -216,13 +267,13 @@ class Skin(Table):
 class EventTable(Table):
     """One line of the schedule: something goes wrong, or changes, while the scene runs."""
 
-    at: float = Field(default=0.0, ge=0, description="[s]")
-    until: float | None = Field(default=None, description="when it ends [s]; default: it stays")
+    at: Seconds = Field(default=0.0, description="[s]")
+    until: Seconds | None = Field(default=None, description="when it ends [s]; default: it stays")
     skin: str | None = Field(default=None, description="default: every skin")
     fault: str | None = Field(default=None, description="on the wire, as in `faults`")
     set: dict[str, Any] = Field(default={}, description="sensor options that change (noise, bias, probe_gain ...)")
-    dead: tuple[int, ...] = Field(default=(), description="taxels that die")
-    value: float | None = Field(default=None, description="what dead taxels read; default: their last reading")
+    dead: tuple[Annotated[int, Strict()], ...] = Field(default=(), description="taxels that die")
+    value: Real | None = Field(default=None, description="what dead taxels read; default: their last reading")
     hang: bool = Field(default=False, description="the device neither samples nor answers until `until`")
     reset: bool = Field(default=False, description="the device restarts as after power-up")
 
@@ -244,8 +295,8 @@ class Event(EventTable):
 class World(Table):
     """``[scene]``: what holds for everything."""
 
-    dt: PositiveFloat = Field(default=1e-3, description="simulation step [s]")
-    seed: int = Field(default=0, description="of every random number")
+    dt: Real = Field(default=1e-3, ge=STEPS_S[0], le=STEPS_S[1], description="simulation step [s]")
+    seed: Annotated[int, Strict()] = Field(default=0, description="of every random number")
     device: str = Field(default="cpu", description="where kernels run: cpu, cuda:0 ...")
     dtype: Literal["float32", "float64"] = Field(default="float32", description="width of the kernels' numbers")
 
@@ -256,11 +307,17 @@ class TruthTable(Table):
     keep: str | int | None = Field(default=None, description='memory for samples and frames; default: "256MB"')
 
 
+def _not_empty(tables: Any) -> Any:
+    if tables in ([], ()):
+        raise mistake("expected one [[skin]] or more")
+    return tables
+
+
 class SceneFile(Table):
     """A whole file."""
 
     truth: TruthTable = TruthTable()
     scene: World = World()
     body: tuple[AnyBody, ...] = ()
-    skin: tuple[Skin, ...] = Field(min_length=1)
+    skin: Annotated[tuple[Skin, ...], BeforeValidator(_not_empty)]
     scenario: tuple[EventTable, ...] = ()

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tactemu.errors import SceneError
+from tactemu.options import number, numbers
 from tactemu.scene import rotation
 from tactemu.scene.bodies import Body
+from tactemu.scene.file import LoadedScene
+from tactemu.scene.limits import METRES, MOST_DEPTH_M, MOST_S, SPEEDS
 from tactemu.scene.motion import Hold, Keyframes, Motion, Pose
+from tactemu.scene.placement import PlacedSkin
 
 
 @dataclass(frozen=True)
@@ -97,3 +101,61 @@ def pressing_way(
             legs.append(Leg(distance / speed, way))
         place = way
     return legs or [Leg(0.0, down)], over
+
+
+def steered(loaded: LoadedScene, names: Sequence[str], *, by_hand: bool) -> tuple[LoadedScene, dict[str, Steered]]:
+    """The scene with a motion that can be steered for every body that is moved by hand, and these motions.
+
+    Args:
+        loaded: as it was read.
+        names: of bodies that are, whatever motion they have.
+        by_hand: all others are too that carry no skin; else only those without a motion.
+
+    Raises:
+        SceneError: no such body, or a fixed one.
+    """
+    links = {skin.link for skin in loaded.tables.skin}
+    links |= {place if isinstance(place, str) else place.body for s in loaded.tables.skin for place in s.links.values()}
+    bodies = {body.name: body for body in loaded.tables.body if not body.fixed}
+    for name in names:
+        if name not in bodies:
+            raise SceneError(f"steer: no body {name!r} that could move (there are: {', '.join(bodies) or 'none'})")
+    found = {
+        name: Steered(body.position, body.quaternion)
+        for name, body in bodies.items()
+        if name in names or (name not in links and (by_hand or name not in loaded.motions))
+    }
+    return replace(loaded, motions={**loaded.motions, **found}), found
+
+
+def nearest_body(motions: Mapping[str, Steered], taxels: PlacedSkin, taxel: int | None, t_s: float) -> str:
+    """Of bodies that are moved by hand the one nearest to a taxel at ``t_s``, or (``None``) to any.
+
+    Raises:
+        SceneError: no such taxel.
+    """
+
+    def distance(name: str) -> float:
+        here = motions[name].world(t_s).position
+        return float(np.linalg.norm(here - taxels.positions(t_s)[taxels.chosen(taxel, here, t_s)]))
+
+    return min(motions, key=distance)
+
+
+def check_depth(what: str, depth: float) -> None:
+    """Refuse a depth [m] to press that no skin has: millimetres given as metres."""
+    number(what, "depth", depth, at_least=-MOST_DEPTH_M, at_most=MOST_DEPTH_M, unit=METRES)
+
+
+def check_pace(what: str, seconds: float, speed: float) -> None:
+    """Refuse a time [s] or a speed [m/s] that is none."""
+    number(what, "seconds", seconds, at_least=0, at_most=MOST_S, unit="s")
+    number(what, "speed", speed, at_least=SPEEDS[0], at_most=SPEEDS[1], unit="m/s")
+
+
+def check_place(what: str, **given: Sequence[float] | None) -> None:
+    """Refuse positions that are not three numbers, and quaternions that are not four; ``None`` passes."""
+    for name, place in given.items():
+        width = 4 if name == "quaternion" else 3
+        if place is not None and numbers(what, name, place).shape != (width,):
+            raise SceneError(f"{what}: {name} must be {width} numbers, got {place!r}")

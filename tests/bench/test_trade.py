@@ -9,8 +9,9 @@ from tactemu.bench.trade import cases as trade_cases
 from tactemu.bench.trade import trade
 from tactemu.bench.trade.cases import Case, TestSkin, all_cases, build, indenters
 from tactemu.bench.trade.errors import Observation, errors, fit_gains, observe
+from tactemu.bench.trade.picture import draw, places
 from tactemu.bench.trade.report import summarise
-from tactemu.bench.trade.rungs import ladder
+from tactemu.bench.trade.settings import Setting, ladder
 from tactemu.bench.trade.truth import Truths
 
 SKIN = TestSkin(side=16, pitch=1e-3)
@@ -42,10 +43,10 @@ def test_gains_undo_a_scale():
 @pytest.mark.parametrize("name", indenters())
 def test_every_object_touches_with_its_lowest_point_in_the_middle(name):
     """At a depth of 0.5 mm the deepest taxel is nearly that deep; on the wedge, 0.125 mm beside its edge, hardly."""
-    rung = next(rung for rung in ladder() if rung.name == "L1 depth, ray")
+    setting = next(setting for setting in ladder() if setting.name == "L1 depth, ray")
     skin = TestSkin(side=48, pitch=2.5e-4)
     case = Case(name, 5e-4, "press")
-    sim, body, sensor = build(skin, case, rung.make(skin))
+    sim, body, sensor = build(skin, case, setting.make(skin))
     for pose in case.poses():
         sim.set_pose(body, **pose)
         sim.step()
@@ -58,7 +59,7 @@ def test_all_levels_in_one_small_run(tmp_path, monkeypatch):
     names = ("L0 touch", "L1 depth", "L2 springs, ray", "L3 markers, thickness", "L4 4 iterations")
     monkeypatch.setattr(trade, "TestSkin", lambda: SKIN)
     monkeypatch.setattr(trade, "all_cases", lambda quick: cases)
-    monkeypatch.setattr(trade, "ladder", lambda: [rung for rung in ladder() if rung.name in names])
+    monkeypatch.setattr(trade, "ladder", lambda: [setting for setting in ladder() if setting.name in names])
     monkeypatch.setattr(trade, "checks", lambda cells: [])
     monkeypatch.setattr(trade, "Truths", lambda skin, factor, folder: Truths(skin, 4, folder))
     lines = []
@@ -76,17 +77,17 @@ def test_all_levels_in_one_small_run(tmp_path, monkeypatch):
     monkeypatch.setattr(trade, "_play", refuse)
     monkeypatch.setattr(Truths, "_solve", refuse)
     again = trade.run_trade(lines.append, out=tmp_path, quick=True)
-    for one, other in zip(again["rungs"], found["rungs"]):
+    for one, other in zip(again["settings"], found["settings"]):
         for case, values in other["errors"].items():
             assert one["errors"][case] == pytest.approx(values, rel=1e-5, abs=1e-6)
 
 
 def test_a_rung_is_dominated_by_one_that_is_faster_and_better():
-    def rung(name, cost, error):
+    def setting(name, cost, error):
         values = {"cost": {"step_us": cost}, "errors": {"box, 0.5 mm, press": {"pressure": error}}}
         return {"name": name, "level": 2, "calibrated_on": [], **values}
 
-    rows = summarise([rung("slow", 10.0, 0.2), rung("fast", 5.0, 0.1), rung("exact", 20.0, 0.01)])
+    rows = summarise([setting("slow", 10.0, 0.2), setting("fast", 5.0, 0.1), setting("exact", 20.0, 0.01)])
     assert [row["dominated_by"] for row in rows] == ["fast", None, None]
 
 
@@ -105,3 +106,36 @@ def test_a_scene_of_the_user_is_measured_with_every_setting(tmp_path, monkeypatc
     assert len(skin["all"]) >= 4 and all(entry["cost_us"] > 0 for entry in skin["all"])
     assert all(set(entry["errors"]) == set(tune.ERRORS) for entry in skin["all"])
     assert "| µs a sample |" in (tmp_path / "trade.md").read_text()
+
+
+def test_truth_and_settings_count_the_same_taxels_as_touched():
+    """The layer solved with as many cells is the truth itself, contact area included."""
+    case = Case("box edge", 5e-4, "press")
+    truth = Truths(SKIN, 4, None).of(case)
+    fine = Setting(
+        name="as fine", model="elastic_layer_taxel", options={"oversampling": 4, "iterations": 400, "tolerance": 1e-5}
+    )
+    sim, body, sensor = build(SKIN, case, fine.make(SKIN))
+    for pose in case.poses():
+        sim.set_pose(body, **pose)
+        sim.step()
+    found = errors(observe(sensor.read(), SKIN.pitch**2), truth, POSITIONS, SKIN.pitch**2, SKIN.friction)
+    assert found["contact area"] == 0.0 and found["overlap of areas"] == 0.0
+    assert abs(found["normal force"]) < 1e-3
+
+
+def test_names_in_the_picture_lie_on_no_point_and_on_no_other_name():
+    rng = np.random.default_rng(0)
+    points = [(float(x), float(y)) for x, y in rng.uniform((0, 0), (300, 60), (19, 2))]
+    widths = [60.0] * len(points)
+    boxes = [(x + right, y + up) for (x, y), (right, up) in zip(points, places(points, widths))]
+    for k, (left, middle) in enumerate(boxes):
+        assert not any(left - 1 < x < left + 61 and abs(middle - y) < 4 for x, y in points)
+        assert not any(abs(left - a) < 60 and abs(middle - b) < 6.5 for a, b in boxes[:k])
+
+
+def test_a_picture_of_settings_without_forces_can_be_drawn(tmp_path):
+    row = {"name": "L1 depth", "level": 1, "step_us": 10.0, "metrics": {"normal motion": {"median": 0.4}}}
+    draw({"summary": [row]}, tmp_path / "trade.svg")
+    text = (tmp_path / "trade.svg").read_text()
+    assert "L1 depth" in text and "error of the pressure" not in text

@@ -4,11 +4,11 @@ import json
 
 import pytest
 
-from tests.cli.command import ROOT, tactemu
+from tests.cli.command import ROOT, here
 
 
 def test_a_scene_is_explained_with_its_plan():
-    done = tactemu("explain", str(ROOT / "examples" / "hand.toml"))
+    done = here("explain", str(ROOT / "examples" / "hand.toml"))
     assert done.returncode == 0, done.stderr
     for words in (
         "pencil           cylinder  roll",
@@ -24,17 +24,17 @@ def test_a_scene_is_explained_with_its_plan():
 
 
 def test_only_what_the_scene_requires_is_in_the_plan():
-    plan = tactemu("explain", "anyskin", "--no-cost").stdout.partition("Plan: ")[2]
+    plan = here("explain", "anyskin", "--no-cost").stdout.partition("Plan: ")[2]
     assert len(plan.splitlines()) == 4, plan
 
 
 def test_the_schema_is_json():
-    schema = json.loads(tactemu("explain", "--schema").stdout)
+    schema = json.loads(here("explain", "--schema").stdout)
     assert schema["properties"]["skin"]
 
 
 @pytest.mark.parametrize("target", ["nosuch", "none.toml"])
 def test_mistakes_exit_with_2(target):
-    done = tactemu("explain", target)
+    done = here("explain", target)
     assert done.returncode == 2
     assert done.stderr.startswith("tactemu: ")

@@ -8,7 +8,8 @@ import pytest
 
 import firmware_protocols
 from tactemu.cli.app import app
-from tests.cli.command import ROOT, environment, tactemu
+from tactemu.cli.datasheet import taxel_map
+from tests.cli.command import ROOT, environment, here
 
 COMMANDS = [command.name or command.callback.__name__ for command in app.registered_commands]
 HEAVY = ("warp", "trimesh", "can", "numpy")
@@ -36,39 +37,78 @@ def test_help_imports_nothing_heavy():
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_shows_examples(command):
-    done = tactemu(command, "--help")
+    done = here(command, "--help")
     assert done.returncode == 0
     assert f"    tactemu {command}" in done.stdout, "an example to copy"
 
 
 def test_devices_lists_the_registry():
-    done = tactemu("devices")
+    done = here("devices")
     assert done.returncode == 0
     for name in firmware_protocols.names():
         assert name in done.stdout
 
 
 def test_a_datasheet_has_everything():
-    done = tactemu("devices", "anyskin")
-    for word in ("Ports", "Senses force", "Commands", "taxel  on wire", "Evidence", "Read by", "Sources", "Assumed"):
+    done = here("devices", "anyskin")
+    for word in ("Ports", "Senses", "Commands", "taxel  on wire", "Evidence", "Read by", "Sources", "Assumed"):
         assert word in done.stdout, word
     assert "1   0   2" in done.stdout, "the picture of the cross"
 
 
 @pytest.mark.parametrize("arguments", [("run",), ("run", "anyskin", "--rte", "3"), ("nosuch",), ("explain",)])
 def test_wrong_usage_exits_with_2(arguments):
-    done = tactemu(*arguments)
+    done = here(*arguments)
     assert done.returncode == 2
     assert done.stderr and not done.stdout
 
 
 def test_version():
-    done = tactemu("--version")
+    done = here("--version")
     assert done.returncode == 0
     assert done.stdout.startswith("tactemu ")
 
 
 def test_every_device_named_in_an_example_exists():
-    text = "".join(tactemu(command, "--help").stdout for command in ("run", "faults", "devices", "explain"))
+    text = "".join(here(command, "--help").stdout for command in ("run", "faults", "devices", "explain"))
     named = set(re.findall(r"tactemu (?:run|explain|devices) ([a-z_0-9]+)(?: |\n)", text))
     assert named and named <= {*firmware_protocols.names()}, named
+
+
+@pytest.mark.parametrize("name", firmware_protocols.names())
+def test_a_datasheet_is_no_longer_than_one_reads(name):
+    lines = here("devices", name).stdout.splitlines()
+    layout = firmware_protocols.create(name).layout
+    assert len(lines) < 400
+    if len(layout) > 100:
+        assert all(any(line.startswith(f"  {patch.name} ") for line in lines) for patch in layout.patches)
+
+
+def test_a_large_pad_is_summed_up():
+    layout = firmware_protocols.grid_layout(96, 200, 0.002)
+    assert taxel_map(layout)[2:] == [
+        f"  {layout.patches[0].name}  0 to 19199, 96 rows of 200, from (-199.00, 95.00, 0.00) to (199.00, -95.00, 0.00)"
+    ]
+
+
+@pytest.mark.parametrize(("words", "offered"), [("tactemu run any", "anyskin"), ("tactemu ex", "explain")])
+def test_a_shell_completes_commands_and_devices(words, offered, monkeypatch):
+    monkeypatch.setenv("_TACTEMU_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", words)
+    monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
+    assert offered in here().stdout.split()
+
+
+class InterruptsImports:
+    """Ctrl-C while the commands are being imported."""
+
+    def find_spec(self, name, path=None, target=None):
+        if name == "tactemu.cli.app":
+            raise KeyboardInterrupt
+
+
+def test_an_early_interrupt_is_no_traceback(monkeypatch):
+    monkeypatch.delitem(sys.modules, "tactemu.cli.app")
+    monkeypatch.setattr(sys, "meta_path", [InterruptsImports(), *sys.meta_path])
+    done = here("devices")
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")

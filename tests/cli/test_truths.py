@@ -63,6 +63,16 @@ def test_a_run_on_a_full_disk_goes_on_and_says_so(tmp_path):
     assert tactemu(*run, "--truth-keep", "much").returncode == 2
 
 
+def test_names_in_a_log_do_not_command_the_terminal(tmp_path):
+    path = tmp_path / "t.jsonl"
+    truth = Truth(path)
+    truth.event(0, "a\x1b[2Jb", "opened\x07")
+    truth.close()
+    done = tactemu("truth", str(path))
+    assert done.returncode == 0 and "a\\x1b[2Jb" in done.stdout
+    assert "\x1b" not in done.stdout and "\x07" not in done.stdout
+
+
 def test_a_missing_log(tmp_path):
     done = tactemu("truth", str(tmp_path / "none.jsonl"))
     assert done.returncode == 2

@@ -56,11 +56,14 @@ def test_the_log_of_a_run_has_what_memory_has(tmp_path, suffix):
 
 
 def test_a_log_in_real_time_says_where_on_the_machines_clock_it_is(tmp_path):
+    begun = time.monotonic_ns()
     with tt.serve("anyskin", truth=tmp_path / "t.mcap", rate_hz=200) as dev:
         dev.wait(0.1)
-        now_ns = time.monotonic_ns()
     log = tt.read_log(tmp_path / "t.mcap")
-    assert log.origin_ns is not None and 0 <= now_ns - (log.origin_ns + log["anyskin"].t_ns[-1]) < 500_000_000
+    assert log.origin_ns is not None
+    assert (
+        begun < log.origin_ns + log["anyskin"].t_ns[0] < log.origin_ns + log["anyskin"].t_ns[-1] < time.monotonic_ns()
+    )
     assert log["anyskin"].t_ns.tolist() == [sample.t_ns for sample in dev.truth.samples]
 
 

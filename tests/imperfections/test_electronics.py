@@ -192,7 +192,11 @@ def test_fillers_read_zero_whatever_is_switched_on(real):
         ({"history_length": 1.5}, "whole"),
         ({"scan_time": 1e-3, "scan_order": "spiral"}, "spiral"),
         ({"probe_gain": [1.0, 2.0]}, "probe_gain"),
-        ({"delay": 1e9}, "readings"),
+        ({"delay": 1e5}, "readings"),
+        ({"delay": 1e9}, "at most 1e+06 s"),
+        ({"noise": "loud"}, "noise must be numbers"),
+        ({"creep_tau": (1.0, 2.0)}, "creep_tau must be one number"),
+        ({"adjustable": 3}, "adjustable must be a list"),
     ],
 )
 def test_options_without_meaning_are_refused_by_name(given, words):

@@ -128,14 +128,22 @@ def test_long_spins_lose_no_accuracy():
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (lambda: Press(depth=math.nan), "press.depth"),
-        (lambda: Press(depth=1e-3, speed=0), "press.speed: expected a finite number > 0"),
+        (lambda: Press(depth=math.nan), "press: depth must be >= 0 and <= 0.5 m"),
+        (lambda: Press(depth=1e-3, speed=0), "press: speed must be >= 1e-09"),
         (lambda: Press(depth=1e-3, direction=(0, 0, 0)), "press.direction"),
-        (lambda: Slide(distance=-1), "slide.distance"),
-        (lambda: Keyframes(times=(0, 0)), "keyframes.times"),
+        (lambda: Slide(distance=-1), "slide: distance must be >= 0 and <= 10 m"),
+        (lambda: Keyframes(times=(0, 0)), "keyframes: times must be"),
         (lambda: Keyframes(times=(0, 1), quaternions=((0, 0, 0, 0), (1, 0, 0, 0))), "keyframes.quaternions"),
         (lambda: Sequence((Spin(rate=1), Hold())), "only its last motion may go on for ever"),
-        (lambda: Sequence((Hold(),), repeat=True), "only its last motion may go on for ever"),
+        (lambda: Sequence((Hold(),), repeat=True), "takes a time > 0 s and ends, got inf s"),
+        (lambda: Sequence((Hold(seconds=0.0),), repeat=True), "takes a time > 0 s and ends, got 0.0 s"),
+        (lambda: Sequence(()), "sequence: expected one or more motions"),
+        (lambda: Together((None,)), "together: expected one or more motions"),
+        (lambda: Press(depth=1), r"press: depth must be .* <= 0.5 m \(6 mm is 0.006\), got 1"),
+        (lambda: Press(depth=1e-3, dwell=1e300), "press: dwell must be >= 0 and <= 1e\\+06 s"),
+        (lambda: Press(depth=1e-3, repeat=10**400), "press: repeat must be a whole number"),
+        (lambda: FromFunction(function=lambda t: None).pose(0.0), "a function: at 0 s expected a position"),
+        (lambda: FromFunction(function=lambda t: (1, 2)).pose(0.0), "a function: at 0 s expected a position"),
     ],
 )
 def test_bad_motions_are_refused(make, says):

@@ -8,7 +8,7 @@ import can
 import pytest
 import serial
 
-from firmware_protocols import CanFrame, Serial
+from firmware_protocols import CanFrame
 from tactemu import transports
 from tactemu.errors import TransportError
 from tactemu.transports.transport import (

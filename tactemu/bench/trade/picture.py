@@ -11,6 +11,8 @@ import matplotlib.pyplot as plt  # noqa: TID253
 
 PANELS = ("normal force", "pressure", "tangential motion", "normal motion")
 COLOURS = {0: "#888888", 1: "#b07d2b", 2: "#2b7bb0", 3: "#8a3fa0", 4: "#c0392b"}
+LINE, DOT = 7, 2.5
+"""Height of a name, and radius of a point, on the page."""
 FLOOR = 1e-4
 """Errors below this are drawn at it."""
 
@@ -25,7 +27,10 @@ def draw(found: dict, file: Path) -> None:
             for row in found["summary"]
             if metric in row["metrics"]
         ]
-        _panel(axis, metric, sorted(points, key=lambda point: point[0]))
+        if points:
+            _panel(axis, metric, sorted(points, key=lambda point: point[0]))
+        else:  # none of the settings gives it
+            axis.set_axis_off()
     for axis in axes[1]:
         axis.set_xlabel("one step of 1024 taxels [µs]")
     figure.suptitle("Speed for accuracy: median error over the cases not calibrated on, warm sliding contact")
@@ -54,24 +59,38 @@ def _panel(axis, metric: str, points: list) -> None:
         axis.spines[side].set_visible(False)
 
 
-def _is_free(left: float, low: float, width: float, taken: list[tuple[float, float, float]]) -> bool:
-    """Whether a line of text there [points] would overlap none of those that are written."""
-    return not any(abs(low - b) < 7 and left < a + w and a < left + width for a, b, w in taken)
-
-
 def _name(axis, points: list) -> None:
-    """Write each rung's name beside its point, above or below others where they would overlap."""
+    """Write each setting's name beside its point, on no other name and on no point."""
     axis.autoscale_view()
-    taken: list[tuple[float, float, float]] = []
-    for x, y, row in points:
-        px, py = axis.transData.transform((x, y)) * 72 / axis.figure.dpi
-        width = 3.1 * len(row["name"])
-        left = px + 5
-        offsets = sorted(range(-60, 61, 7), key=abs)
-        up = next((up for up in offsets if _is_free(left, py + up + 1.5, width, taken)), offsets[-1])
-        taken.append((left, py + up + 1.5, width))
-        line = {"arrowstyle": "-", "color": "#bbbbbb", "linewidth": 0.5} if abs(up) > 7 else None
+    at = [tuple(axis.transData.transform((x, y)) * 72 / axis.figure.dpi) for x, y, _row in points]
+    for (x, y, row), (right, up) in zip(points, places(at, [3.1 * len(row["name"]) for *_xy, row in points])):
+        line = {"arrowstyle": "-", "color": "#bbbbbb", "linewidth": 0.5} if abs(up) > LINE else None
         axis.annotate(
-            row["name"], (x, y), xytext=(5, up + 1.5 - 2), textcoords="offset points", fontsize=6, color="#333333",
+            row["name"], (x, y), xytext=(right, up - 2), textcoords="offset points", fontsize=6, color="#333333",
             arrowprops=line,
         )  # fmt: skip
+
+
+def places(points: list[tuple[float, float]], widths: list[float]) -> list[tuple[float, float]]:
+    """Where names go, from each point to the left end and the middle of its name, as near as there is room.
+
+    Args:
+        points: on the page.
+        widths: of the names.
+    """
+    found: list[tuple[float, float]] = []
+    for (x, y), width in zip(points, widths):
+        beside = (5.0, -5.0 - width)
+        tried = sorted(((right, up + 1.5) for up in range(-84, 85, LINE) for right in beside), key=lambda d: abs(d[1]))
+        taken = [(a + right, b + up, other) for (a, b), (right, up), other in zip(points, found, widths)]
+        free = (way for way in tried if _is_free(x + way[0], y + way[1], width, points, taken))
+        found.append(next(free, tried[0]))
+    return found
+
+
+def _is_free(left: float, middle: float, width: float, points: list, taken: list) -> bool:
+    """Is there neither a point nor a name where a name would be?"""
+    on_point = any(left - DOT < a < left + width + DOT and abs(middle - b) < 0.5 * LINE + DOT for a, b in points)
+    return not on_point and not any(
+        abs(middle - b) < LINE and left < a + other + DOT and a < left + width + DOT for a, b, other in taken
+    )

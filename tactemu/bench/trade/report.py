@@ -1,4 +1,4 @@
-"""From errors case by case to one line per rung: medians, ranges, and who is dominated by whom."""
+"""From errors case by case to one line per setting: medians, ranges, and who is dominated by whom."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ NARROW = ("thin wedge", "box edge, 0.2 mm")
 SHOWN = ("normal force", "tangential force", "pressure", "contact area", "overlap of areas", "centre")
 SHOWN += ("normal motion", "tangential motion")
 JUDGED = ("normal force", "pressure", "normal motion", "tangential motion", "tangential force")
-"""Metrics of the picture and of the comparison of rungs."""
+"""Metrics of the picture and of the comparison of settings."""
 CLOSE = 1.1
-"""A rung is dominated by one that is as good and as fast, and in one of the two better by this factor."""
+"""A setting is dominated by one that is as good and as fast, and in one of the two better by this factor."""
 SAME = 1.02
 """Errors within this factor count as the same."""
 
 
-def summarise(rungs: list[dict]) -> list[dict]:
-    """For each rung and metric: median and range over the cases it was not calibrated on, narrow contacts apart."""
+def summarise(settings: list[dict]) -> list[dict]:
+    """For each setting and metric: median and range over the cases it was not calibrated on, narrow contacts apart."""
     rows = []
-    for rung in rungs:
-        row = {"name": rung["name"], "level": rung["level"], **rung["cost"], "metrics": {}}
+    for setting in settings:
+        row = {"name": setting["name"], "level": setting["level"], **setting["cost"], "metrics": {}}
         for metric in METRICS:
-            values = _values(rung, metric, narrow=False)
+            values = _values(setting, metric, narrow=False)
             if not values:
                 continue
             sizes = [abs(value) for value in values]
@@ -33,7 +33,7 @@ def summarise(rungs: list[dict]) -> list[dict]:
                 "median": median(sizes),
                 "low": min(values),
                 "high": max(values),
-                "narrow": max((abs(v) for v in _values(rung, metric, narrow=True)), default=None),
+                "narrow": max((abs(v) for v in _values(setting, metric, narrow=True)), default=None),
             }
         rows.append(row)
     for row in rows:
@@ -41,11 +41,11 @@ def summarise(rungs: list[dict]) -> list[dict]:
     return rows
 
 
-def _values(rung: dict, metric: str, *, narrow: bool) -> list[float]:
+def _values(setting: dict, metric: str, *, narrow: bool) -> list[float]:
     """Tangential forces are judged where something slides; the other metrics everywhere."""
     values = []
-    for name, errors in rung["errors"].items():
-        wanted = name.startswith(NARROW) == narrow and name not in rung["calibrated_on"]
+    for name, errors in setting["errors"].items():
+        wanted = name.startswith(NARROW) == narrow and name not in setting["calibrated_on"]
         if metric == "tangential force":
             wanted = wanted and name.endswith(("slide", "roll"))
         if wanted and errors.get(metric) is not None:
@@ -54,7 +54,7 @@ def _values(rung: dict, metric: str, *, narrow: bool) -> list[float]:
 
 
 def _dominator(row: dict, rows: list[dict]) -> str | None:
-    """The fastest rung that is no slower and no worse in anything this one offers, and clearly better in something."""
+    """The fastest setting that is no slower, no worse in anything this one offers, and clearly better in something."""
     mine = {metric: value["median"] for metric, value in row["metrics"].items() if metric in JUDGED}
     if not mine:
         return None
@@ -76,7 +76,7 @@ def write_table(found: dict, file: Path) -> str:
     calibrated = " and ".join(found["calibration"])
     lines += [
         "",
-        f"Gains of the rungs below L4 are fitted on: {calibrated}. Median of |error| (range), other cases:",
+        f"Gains of the settings below L4 are fitted on: {calibrated}. Median of |error| (range), other cases:",
         "",
     ]
     head = ["setting", "step µs", "still µs", "taxels/s", "MB", *SHOWN]
@@ -94,7 +94,7 @@ def write_table(found: dict, file: Path) -> str:
         if any(part is not None for part in parts):
             lines.append(f"| {row['name']} | " + " | ".join("" if p is None else f"{p:.1%}" for p in parts) + " |")
     slower = [(row["name"], row["dominated_by"]) for row in found["summary"] if row["dominated_by"]]
-    lines += ["", "Rungs that another one beats in cost and in every error:", ""]
+    lines += ["", "Settings that another one beats in cost and in every error:", ""]
     lines += [f"- {name} (by {by})" for name, by in slower] or ["- none"]
     text = "\n".join(lines) + "\n"
     file.write_text(text, encoding="utf-8")

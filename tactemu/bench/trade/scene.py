@@ -7,7 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from tactemu.scene.file import load
-from tactemu.tune.tuner import ERRORS, Choice, Tuner, as_dict
+from tactemu.tune.choice import ERRORS, Choice, as_dict
+from tactemu.tune.tuner import Tuner
 
 RATE_HZ = 100.0
 """Costs are those of a sample at this rate, simulation steps included."""
@@ -18,7 +19,7 @@ def trade_of_scene(report: Callable[[str], None], scene: str, folder: Path, devi
     loaded = load(scene)
     choices = []
     for skin in loaded.tables.skin:
-        tuner = Tuner(loaded, skin, RATE_HZ * len(loaded.tables.skin), "taxels", 4.0, device)
+        tuner = Tuner(loaded, skin, RATE_HZ, "taxels", 4.0, device)
         choices.append(tuner.choose(progress))
     text = "\n".join(_table(choice) for choice in choices)
     report(text)

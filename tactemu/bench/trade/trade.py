@@ -1,9 +1,9 @@
-"""Speed for accuracy: `tactemu bench trade` measures every rung of the ladder against truth, and what it costs.
+"""Speed for accuracy: `tactemu bench trade` measures every setting of the ladder against truth, and what it costs.
 
-For each rung and case the last reading is compared with that of a solution sixteen times as fine
+For each setting and case the last reading is compared with that of a solution sixteen times as fine
 (:mod:`tactemu.bench.trade.truth`). Springs, points, depths and markers get one gain per quantity, fitted on a ball
 pressed (and, for tangential forces, slid) 0.5 mm deep, and are judged on the other cases. Costs are medians of warm
-steps of a sliding contact, all rungs in turn, in the same run.
+steps of a sliding contact, all settings in turn, in the same run.
 
 Files in the folder: ``trade.json`` (all figures), ``trade.md`` (the table), ``trade.svg`` (the picture, with
 matplotlib), ``results.jsonl`` and ``truth/`` (what a later run does not compute again).
@@ -17,7 +17,6 @@ import hashlib
 import json
 import os
 import platform
-import time
 import zlib
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
@@ -27,6 +26,7 @@ from statistics import median
 import numpy as np
 import warp as wp
 
+from tactemu.bench.timing import Report, timed_step
 from tactemu.bench.trade.cases import (
     CALIBRATION,
     CALIBRATION_OF_SHEAR,
@@ -39,11 +39,9 @@ from tactemu.bench.trade.cases import (
 )
 from tactemu.bench.trade.errors import Observation, errors, fit_gains, observe
 from tactemu.bench.trade.report import summarise, write_table
-from tactemu.bench.trade.rungs import Rung, ladder
 from tactemu.bench.trade.scene import trade_of_scene
+from tactemu.bench.trade.settings import Setting, ladder
 from tactemu.bench.trade.truth import Truths, checks
-
-Report = Callable[[str], None]
 
 FINE_STEPS = 10
 """The cost is timed on steps so many times smaller than those of the cases."""
@@ -52,7 +50,7 @@ ROUNDS = 3
 
 @dataclass(frozen=True, kw_only=True)
 class Cost:
-    """What a rung costs on this machine."""
+    """What a setting costs on this machine."""
 
     step_us: float
     """Median of a warm step with contact, sliding."""
@@ -82,8 +80,8 @@ def run_trade(
         scene: a scene file or a device: its own contacts and skins are measured instead of the seven objects.
         out: folder for the results; a later run goes on from what is there.
         quick: a coarser truth (256 cells) and ten cases instead of thirty-five.
-        device: where the rungs run: ``cpu`` or ``cuda:0``.
-        only: rungs whose name contains this.
+        device: where the settings run: ``cpu`` or ``cuda:0``.
+        only: settings whose name contains this.
         fresh: measure everything again.
         progress: ``progress(items, title, total)`` iterates and shows how far it is.
 
@@ -96,7 +94,7 @@ def run_trade(
     if scene is not None:
         return trade_of_scene(report, scene, folder, device, progress)
     skin = TestSkin()
-    rungs = [rung for rung in ladder() if only in rung.name]
+    settings = [setting for setting in ladder() if only in setting.name]
     cases = all_cases(quick)
     truths = Truths(skin, 8 if quick else 16, folder / "truth")
     vouchers = checks(128 if quick else 256)
@@ -107,10 +105,10 @@ def run_trade(
     needed = list(dict.fromkeys([*cases, CALIBRATION, CALIBRATION_OF_SHEAR]))
     for case in progress(needed, "truth", len(needed)):
         truths.of(case)
-    jobs = [(rung, case) for rung in rungs for case in needed if not done.has(rung, case)]
-    for rung, case in progress(jobs, "rungs", len(jobs)):
-        done.add(rung, case, _play(skin, rung, case, device))
-    costs = measure_costs(skin, rungs, device, progress)
+    jobs = [(setting, case) for setting in settings for case in needed if not done.has(setting, case)]
+    for setting, case in progress(jobs, "settings", len(jobs)):
+        done.add(setting, case, _play(skin, setting, case, device))
+    costs = measure_costs(skin, settings, device, progress)
     found = {
         "machine": {"processor": platform.processor() or platform.machine(), "cores": os.cpu_count(), "device": device},
         "warp": wp.config.version,
@@ -118,9 +116,11 @@ def run_trade(
         "checks": [asdict(check) for check in vouchers],
         "calibration": [CALIBRATION.name, CALIBRATION_OF_SHEAR.name],
         "skin": asdict(skin),
-        "rungs": [_judge(skin, rung, cases, truths, done) | {"cost": asdict(costs[rung.name])} for rung in rungs],
+        "settings": [
+            _judge(skin, setting, cases, truths, done) | {"cost": asdict(costs[setting.name])} for setting in settings
+        ],
     }
-    found["summary"] = summarise(found["rungs"])
+    found["summary"] = summarise(found["settings"])
     (folder / "trade.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     report(write_table(found, folder / "trade.md"))
     _draw(found, folder / "trade.svg", report)
@@ -133,7 +133,7 @@ def _digest(truths: Truths, device: str) -> str:
 
 
 class Results:
-    """Observations of rungs, one JSON line each, found again by a later run."""
+    """Observations of settings, one JSON line each, found again by a later run."""
 
     def __init__(self, file: Path, digest: str, fresh: bool):
         self._file, self._digest = file, digest
@@ -146,20 +146,20 @@ class Results:
                 if entry["digest"] == digest:
                     self._known[entry["key"]] = _unpack(entry["observation"])
 
-    def _key(self, rung: Rung, case: Case) -> str:
-        return f"{rung.name} {sorted(rung.options.items())} {case.name}"
+    def _key(self, setting: Setting, case: Case) -> str:
+        return f"{setting.name} {sorted(setting.options.items())} {case.name}"
 
-    def has(self, rung: Rung, case: Case) -> bool:
+    def has(self, setting: Setting, case: Case) -> bool:
         """Is it there?"""
-        return self._key(rung, case) in self._known
+        return self._key(setting, case) in self._known
 
-    def get(self, rung: Rung, case: Case) -> Observation:
+    def get(self, setting: Setting, case: Case) -> Observation:
         """The observation."""
-        return self._known[self._key(rung, case)]
+        return self._known[self._key(setting, case)]
 
-    def add(self, rung: Rung, case: Case, seen: Observation) -> None:
+    def add(self, setting: Setting, case: Case, seen: Observation) -> None:
         """Keep it, on disk too."""
-        key = self._key(rung, case)
+        key = self._key(setting, case)
         self._known[key] = seen
         packed = {name: None if value is None else _pack(value) for name, value in vars(seen).items()}
         with self._file.open("a", encoding="utf-8") as file:
@@ -181,63 +181,63 @@ def _unpack(packed: dict) -> Observation:
     return Observation(**{name: None if entry is None else array(entry) for name, entry in packed.items()})
 
 
-def _play(skin: TestSkin, rung: Rung, case: Case, device: str) -> Observation:
-    sim, body, sensor = build(skin, case, rung.make(skin), rung.dtype, device)
+def _play(skin: TestSkin, setting: Setting, case: Case, device: str) -> Observation:
+    sim, body, sensor = build(skin, case, setting.make(skin), setting.dtype, device)
     for pose in case.poses():
         sim.set_pose(body, **pose)
         sim.step()
     return observe(sensor.read(), skin.pitch**2, threshold=2e-6)
 
 
-def _gains(rung: Rung, truths: Truths, done: Results) -> dict[str, float]:
+def _gains(setting: Setting, truths: Truths, done: Results) -> dict[str, float]:
     """Normal quantities and markers are fitted to a press, tangential forces to a slide."""
-    still = tuple(name for name in rung.calibrated if name not in ("drag", "shift"))
-    moving = tuple(name for name in rung.calibrated if name == "drag")
-    both = tuple(name for name in rung.calibrated if name == "shift")
-    gains = fit_gains(done.get(rung, CALIBRATION), truths.of(CALIBRATION), still + both)
-    return gains | fit_gains(done.get(rung, CALIBRATION_OF_SHEAR), truths.of(CALIBRATION_OF_SHEAR), moving)
+    still = tuple(name for name in setting.calibrated if name not in ("drag", "shift"))
+    moving = tuple(name for name in setting.calibrated if name == "drag")
+    both = tuple(name for name in setting.calibrated if name == "shift")
+    gains = fit_gains(done.get(setting, CALIBRATION), truths.of(CALIBRATION), still + both)
+    return gains | fit_gains(done.get(setting, CALIBRATION_OF_SHEAR), truths.of(CALIBRATION_OF_SHEAR), moving)
 
 
-def _judge(skin: TestSkin, rung: Rung, cases: list[Case], truths: Truths, done: Results) -> dict:
-    gains = _gains(rung, truths, done)
+def _judge(skin: TestSkin, setting: Setting, cases: list[Case], truths: Truths, done: Results) -> dict:
+    gains = _gains(setting, truths, done)
     positions = skin.positions()[..., :2].reshape(-1, 2)
     found = {}
     for case in cases:
-        seen = done.get(rung, case).scaled(gains)
+        seen = done.get(setting, case).scaled(gains)
         found[case.name] = errors(seen, truths.of(case), positions, skin.pitch**2, skin.friction)
-    fitted = {CALIBRATION.name, CALIBRATION_OF_SHEAR.name} if rung.calibrated else set()
+    fitted = {CALIBRATION.name, CALIBRATION_OF_SHEAR.name} if setting.calibrated else set()
     return {
-        "name": rung.name,
-        "level": rung.level,
-        "model": rung.model,
-        "options": rung.options,
-        "dtype": rung.dtype,
+        "name": setting.name,
+        "level": setting.level,
+        "model": setting.model,
+        "options": setting.options,
+        "dtype": setting.dtype,
         "gains": gains,
         "calibrated_on": sorted(fitted),
         "errors": found,
     }
 
 
-def measure_costs(skin: TestSkin, rungs: list[Rung], device: str, progress) -> dict[str, Cost]:
-    """Warm steps of all rungs in turn, several rounds, so that a disturbance hits none alone."""
+def measure_costs(skin: TestSkin, settings: list[Setting], device: str, progress) -> dict[str, Cost]:
+    """Warm steps of all settings in turn, several rounds, so that a disturbance hits none alone."""
     runs, memory = {}, {}
-    for rung in rungs:
+    for setting in settings:
         gc.collect()
         before = _held_bytes()
-        runs[rung.name] = build(skin, COST, rung.make(skin), rung.dtype, device)
-        memory[rung.name] = _held_bytes() - before
-    moving = {rung.name: [] for rung in rungs}
-    still = {rung.name: [] for rung in rungs}
+        runs[setting.name] = build(skin, COST, setting.make(skin), setting.dtype, device)
+        memory[setting.name] = _held_bytes() - before
+    moving = {setting.name: [] for setting in settings}
+    still = {setting.name: [] for setting in settings}
     poses = list(COST.poses(fine=FINE_STEPS))
     for _ in progress(range(ROUNDS), "cost", ROUNDS):
         for name, (sim, body, _sensor) in runs.items():
             for k, pose in enumerate(poses):
                 sim.set_pose(body, **pose)
-                took = _timed(sim)
+                took = timed_step(sim)
                 if k >= PRESS_STEPS + 3:
                     moving[name].append(took)
             for _k in range(20):
-                still[name].append(_timed(sim))
+                still[name].append(timed_step(sim))
     taxels = skin.side**2
     return {
         name: Cost(
@@ -248,15 +248,6 @@ def measure_costs(skin: TestSkin, rungs: list[Rung], device: str, progress) -> d
         )
         for name, times in moving.items()
     }
-
-
-def _timed(sim) -> float:
-    """Time of a step [s]: of this thread on a CPU, so that other work on the machine does not count."""
-    clock = time.thread_time if sim.device.is_cpu else time.perf_counter
-    start = clock()
-    sim.step()
-    wp.synchronize_device(sim.device)
-    return clock() - start
 
 
 def _held_bytes() -> int:

@@ -1,4 +1,4 @@
-"""The truth that rungs are measured against: the layer solved on a grid sixteen times as fine, and what vouches for it.
+"""The truth that settings are measured against: the layer on a grid sixteen times as fine, and what vouches for it.
 
 A closed form exists for none of the seven objects on a layer of finite thickness. The fine solution is therefore
 compared with truths where there are some: Hertz' half-space, and finite elements of this very layer.
@@ -17,6 +17,8 @@ from tactemu.bench.trade.cases import TOP, Case, TestSkin, build
 from tactemu.bench.trade.errors import Observation
 
 TOLERANCE = 1e-5
+_VERSION = 2
+"""Of what a kept truth holds."""
 FINITE_ELEMENTS = {(0.3, 4e-4): 0.119728, (0.45, 4e-4): 0.148791, (0.49, 4e-4): 0.162828, (0.49, 8e-4): 0.592370}
 """(Poisson ratio, depth [m]): force [N] on a paraboloid of 5 mm, E = 0.1 MPa, 4 mm thick; quadratic axisymmetric
 elements, 27,000 unknowns."""
@@ -42,7 +44,7 @@ class Truths:
     """The truth of each case, solved once and kept in a folder.
 
     Args:
-        skin: as the rungs have it.
+        skin: as the settings have it.
         factor: cells along a taxel.
         folder: where truths are kept between runs; ``None``: nowhere.
     """
@@ -74,7 +76,9 @@ class Truths:
     def _file(self, case: Case) -> Path | None:
         if self.folder is None:
             return None
-        key = hashlib.blake2b(repr((self.skin, self.factor, TOLERANCE, list(_plain(case)))).encode(), digest_size=8)
+        key = hashlib.blake2b(
+            repr((_VERSION, self.skin, self.factor, TOLERANCE, list(_plain(case)))).encode(), digest_size=8
+        )
         return self.folder / f"{case.name.replace(',', '').replace(' ', '_')}-{key.hexdigest()}.npz"
 
     def _solve(self, case: Case) -> Observation:
@@ -96,10 +100,11 @@ class Truths:
             return values.astype(float).reshape(side, factor, side, factor, *tail).mean((1, 3)).reshape(-1, *tail)
 
         moved = blocks(reading.displacement)
+        pressure = blocks(reading.pressure)
         return Observation(
-            pressure=blocks(reading.pressure),
+            pressure=pressure,
             drag=reading.force.reshape(-1, 3)[:, :2].astype(float).sum(0),
-            touch=blocks(reading.pressure > 0) >= 0.5,
+            touch=pressure > 0,  # as a setting reads it: any part of the taxel
             sink=-moved[:, 2],
             shift=moved[:, :2],
         )

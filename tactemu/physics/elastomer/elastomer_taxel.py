@@ -25,12 +25,12 @@ import numpy as np
 import warp as wp
 
 from tactemu.errors import SceneError
+from tactemu.options import number
 from tactemu.physics.elastomer.anchors import shear_anchors
 from tactemu.physics.elastomer.dilation_direct import direct_dilation, free_areas
 from tactemu.physics.elastomer.dilation_grid import grid_dilation
 from tactemu.physics.elastomer.dilation_kernels import DilationOptions
 from tactemu.physics.elastomer.drag import Drag, direct_shear_motion, grid_shear_motion, tabulated_shear_motion
-from tactemu.physics.options import number
 from tactemu.physics.points.point_cloud import cluster
 from tactemu.physics.points.surface_points import FEWER_POINTS, surface_points
 from tactemu.physics.probes.probes import Probes

@@ -29,6 +29,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.errors import SceneError
+from tactemu.options import number
 from tactemu.physics.layer.convolution import BLOCK_THREADS, Workspace, lanes_of
 from tactemu.physics.layer.friction import friction_kernel
 from tactemu.physics.layer.friction_state import (
@@ -52,7 +53,6 @@ from tactemu.physics.layer.reading import (
 )
 from tactemu.physics.layer.surface import reach_of, surface_kernel
 from tactemu.physics.layer.tables import LayerMaterial, LayerTables
-from tactemu.physics.options import number
 from tactemu.physics.probes.probes import Probes
 from tactemu.physics.sensor_model import Compiled, SensorModel, Site, Trial
 from tactemu.physics.shapes.rays import thickness_behind

@@ -10,11 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
+from tactemu.physics.points.point_cloud import FAR_AWAY
 from tactemu.physics.points.table import cloud_type
 from tactemu.physics.sensor_model import Site
 from tactemu.plan.plan import record
-
-_ANYWHERE = 1.0e17
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,6 +75,6 @@ def near_clusters(site: Site, clouds, reach: float | None) -> tuple[NearClusters
         start=wp.zeros((n_envs, len(clouds.bodies) + 1), dtype=wp.int32, device=device),
     )
     limits = [vec3(*positions.min(axis=0)), vec3(*positions.max(axis=0))]
-    limits.append(_ANYWHERE if reach is None else np.nextafter(reach * (1 + 1e-5), np.inf))
+    limits.append(FAR_AWAY if reach is None else np.nextafter(reach * (1 + 1e-5), np.inf))
     outputs = [near.clusters, near.start]
     return near, record(_kernel(context.real), n_envs, [clouds, site.view.pose, *limits], outputs, device)

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from tactemu.physics.options import number
+from tactemu.options import number
 from tactemu.physics.points.near import near_clusters
 from tactemu.physics.points.point_cloud import Clusters, cluster
 from tactemu.physics.points.proximity_sums import ProximitySums

@@ -15,7 +15,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.errors import SceneError
-from tactemu.physics.options import number
+from tactemu.options import number
 from tactemu.physics.probes.contact_depth_probe import compile_depth
 from tactemu.physics.probes.probes import Probes
 from tactemu.physics.probes.query import query_trials

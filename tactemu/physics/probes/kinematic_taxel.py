@@ -20,11 +20,12 @@ from typing import NamedTuple
 import numpy as np
 import warp as wp
 
-from tactemu.physics.options import number
+from tactemu.options import number
 from tactemu.physics.probes.probes import Probes
 from tactemu.physics.probes.query import CHEAPER_QUERY, probes_struct, query_trials
 from tactemu.physics.probes.strips import record_strips
 from tactemu.physics.sensor_model import Compiled, SensorModel, Site, Trial
+from tactemu.physics.shapes.shape import FAR
 from tactemu.plan.plan import Stage
 
 
@@ -49,7 +50,7 @@ def springs_type(real):
         exponent: real
         shear: real
         twist: real
-        pull_floor: real  # least normal force: 0 forbids adhesion, -1e18 allows it
+        pull_floor: real  # least normal force: 0 forbids adhesion, -FAR allows it
         velocity: wp.array2d(dtype=vec3)
         spin: wp.array2d(dtype=vec3)
 
@@ -169,6 +170,6 @@ class KinematicTaxel(SensorModel):
         side = -1.0 if self.forces_on_skin else 1.0
         c.stiffness, c.damping, c.exponent = self.normal_stiffness, self.normal_damping, self.normal_exponent
         c.shear, c.twist = side * self.shear_scalar, side * self.twist_scalar
-        c.pull_floor = 0.0 if self.clamp_adhesion else -1e18
+        c.pull_floor = 0.0 if self.clamp_adhesion else -FAR
         c.velocity, c.spin = site.view.velocity, site.view.spin
         return c

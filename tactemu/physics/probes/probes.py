@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from tactemu.errors import SceneError
-from tactemu.physics.options import numbers, triple
+from tactemu.options import numbers, triple
 from tactemu.physics.probes.grid import Grid, find_grid
 
 

@@ -66,7 +66,7 @@ class Mesh(Shape):
         scale: Annotated[Length, "metres per unit of the file"] = 1.0,
     ) -> "Mesh":
         if not (folder / path).is_file():
-            raise SceneError(f"path: no such mesh file: {folder / path}")
+            raise SceneError(f"path: no such mesh file: {str(folder / path)!r}")
         return cls(source=folder / path, scale=scale)
 
     def _triangles(self, name: str) -> Triangles:

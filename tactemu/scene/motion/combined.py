@@ -11,6 +11,11 @@ from tactemu.errors import SceneError
 from tactemu.scene.motion.pose import Motion, Pose
 
 
+def _check_motions(whole: Motion, parts: tuple[Motion, ...]) -> None:
+    if not isinstance(parts, tuple | list) or not parts or not all(isinstance(part, Motion) for part in parts):
+        raise SceneError(f"{whole.kind}: expected one or more motions, got {parts!r}")
+
+
 @dataclass(frozen=True)
 class Sequence(Motion):
     """One motion after another, each starting where the one before it ended; ``repeat``: over again from the start."""
@@ -20,10 +25,12 @@ class Sequence(Motion):
     repeat: bool = False
 
     def __post_init__(self):
+        _check_motions(self, self.motions)
         endless = [m.kind for m in self.motions[:-1] if math.isinf(m.duration)]
-        if not self.motions or endless or (self.repeat and math.isinf(self.duration_once)):
-            what = f"{endless[0]!r} never ends" if endless else "one that is repeated must end, and hold something"
-            raise SceneError(f"sequence: only its last motion may go on for ever: {what}")
+        if endless:
+            raise SceneError(f"sequence: only its last motion may go on for ever: {endless[0]!r} never ends")
+        if self.repeat and not 0 < self.duration_once < math.inf:
+            raise SceneError(f"sequence: one that is repeated takes a time > 0 s and ends, got {self.duration_once} s")
 
     @cached_property
     def _starts(self) -> list[tuple[float, Pose]]:
@@ -60,6 +67,9 @@ class Together(Motion):
 
     kind = "together"
     motions: tuple[Motion, ...]
+
+    def __post_init__(self):
+        _check_motions(self, self.motions)
 
     @property
     def duration(self) -> float:

@@ -11,7 +11,9 @@ from functools import cached_property
 import numpy as np
 
 from tactemu.errors import SceneError
+from tactemu.options import numbers
 from tactemu.scene import rotation
+from tactemu.scene.limits import METRES, MOST_M, MOST_S
 from tactemu.scene.motion.pose import Motion, Pose, Quaternion, Vector
 
 
@@ -30,12 +32,16 @@ class Keyframes(Motion):
     """Start over at the end."""
 
     def __post_init__(self):
-        times = np.asarray(self.times, float)
-        if len(times) < 2 or not np.all(np.diff(times) > 0) or not np.all(np.isfinite(times)):
-            raise SceneError(f"keyframes.times: expected two or more ascending times [s], got {list(self.times)}")
+        times = numbers(self.kind, "times", self.times)
+        if times.ndim != 1 or len(times) < 2 or not np.all(np.diff(times) > 1e-9) or np.abs(times).max() > MOST_S:
+            raise SceneError(
+                f"keyframes: times must be two or more that ascend, up to {MOST_S:g} s, got {list(self.times)}"
+            )
         for name, given in (("positions", self.positions), ("quaternions", self.quaternions)):
             if given and len(given) != len(times):
                 raise SceneError(f"keyframes.{name}: expected one per time ({len(times)}), got {len(given)}")
+        if self.positions and np.abs(numbers(self.kind, "positions", self.positions)).max() > MOST_M:
+            raise SceneError(f"keyframes: positions must be within {MOST_M:g} {METRES} of where the body was placed")
         self._segments  # noqa: B018  (computed now, so that a bad quaternion is an error of the scene)
 
     @cached_property
@@ -95,5 +101,9 @@ class FromFunction(Motion):
         value = self.function(t_s)
         if isinstance(value, Pose):
             return value
-        position, turn = value if len(value) == 2 else (value, rotation.IDENTITY)  # type: ignore[arg-type]
-        return np.asarray(position, np.float64), rotation.normalised(turn)
+        try:
+            position, turn = value if len(value) == 2 else (value, rotation.IDENTITY)  # type: ignore[arg-type]
+            return np.asarray(position, np.float64).reshape(3), rotation.normalised(turn)
+        except (TypeError, ValueError):
+            expected = "a position, (position, quaternion) or a Pose"
+            raise SceneError(f"motion by a function: at {t_s:g} s expected {expected}, got {value!r}") from None

@@ -8,10 +8,25 @@ from functools import cached_property
 
 import numpy as np
 
-from tactemu.errors import SceneError
+from tactemu.options import number
 from tactemu.scene import rotation
+from tactemu.scene.limits import METRES, MOST_DEPTH_M, MOST_RADIUS_M, SIZES_M
 from tactemu.scene.motion.pose import UNTURNED, ZERO, Motion, Pose, Vector
-from tactemu.scene.motion.way import Way, check_direction, check_not_negative, check_positive, to_and_fro, unit
+from tactemu.scene.motion.way import (
+    Way,
+    check_direction,
+    check_repeat,
+    check_speeds,
+    check_times,
+    check_ways,
+    to_and_fro,
+    unit,
+)
+
+MOST_RATE = 1e4
+"""Of a spin [rad/s]."""
+MOST_ANGLE = 1e9
+"""Of a spin [rad]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,7 +38,8 @@ class Hold(Motion):
     """How long [s]: a pause inside a sequence."""
 
     def __post_init__(self):
-        check_not_negative(self, "seconds")
+        if self.seconds != math.inf:
+            check_times(self, "seconds")
 
     @property
     def duration(self) -> float:
@@ -60,11 +76,12 @@ class Press(Motion):
     """In the world; its length does not matter."""
 
     def __post_init__(self):
-        check_not_negative(self, "approach", "dwell", "pause", "delay")
-        check_positive(self, "speed", "release_speed")
+        check_ways(self, "approach")
+        check_times(self, "dwell", "pause", "delay")
+        check_speeds(self, "speed", "release_speed")
         check_direction(self, "direction")
-        if not math.isfinite(self.depth) or self.approach + self.depth < 0:
-            raise SceneError(f"press.depth: expected a finite depth [m] of at least -approach, got {self.depth}")
+        check_repeat(self)
+        number(self.kind, "depth", self.depth, at_least=0.0 - self.approach, at_most=MOST_DEPTH_M, unit=METRES)
 
     @cached_property
     def _way(self) -> Way:
@@ -101,9 +118,11 @@ class Slide(Motion):
     """Time before the start [s]."""
 
     def __post_init__(self):
-        check_not_negative(self, "distance", "delay")
-        check_positive(self, "speed")
+        check_ways(self, "distance")
+        check_times(self, "delay")
+        check_speeds(self, "speed")
         check_direction(self, "direction")
+        check_repeat(self)
 
     @cached_property
     def _way(self) -> Way:
@@ -140,10 +159,13 @@ class Roll(Motion):
     """Time before the start [s]."""
 
     def __post_init__(self):
-        check_not_negative(self, "distance", "delay")
-        check_positive(self, "speed", "radius")
+        check_ways(self, "distance")
+        check_times(self, "delay")
+        check_speeds(self, "speed")
+        number(self.kind, "radius", self.radius, at_least=SIZES_M[0], at_most=MOST_RADIUS_M, unit=METRES)
         check_direction(self, "direction")
         check_direction(self, "normal")
+        check_repeat(self)
 
     @cached_property
     def _way(self) -> Way:
@@ -180,7 +202,10 @@ class Spin(Motion):
     """Time before the start [s]."""
 
     def __post_init__(self):
-        check_not_negative(self, "angle", "delay")
+        check_times(self, "delay")
+        number(self.kind, "rate", self.rate, at_least=-MOST_RATE, at_most=MOST_RATE, unit="rad/s")
+        if self.angle is not None:
+            number(self.kind, "angle", self.angle, at_least=0, at_most=MOST_ANGLE, unit="rad")
         check_direction(self, "axis")
 
     @property

@@ -8,6 +8,8 @@ import math
 import numpy as np
 
 from tactemu.errors import SceneError
+from tactemu.options import number
+from tactemu.scene.limits import METRES, MOST_M, MOST_S, SPEEDS
 from tactemu.scene.motion.pose import Motion
 
 
@@ -54,23 +56,34 @@ def unit(vector) -> np.ndarray:
 def check_direction(motion: Motion, name: str) -> None:
     """Refuse a field that gives no direction."""
     v = np.asarray(getattr(motion, name), float)
-    if v.shape != (3,) or not np.all(np.isfinite(v)) or not np.any(v):
+    if v.shape != (3,) or not np.all(np.isfinite(v)) or not np.any(np.abs(v) > 1e-6) or np.any(np.abs(v) > 1e6):
         raise SceneError(
-            f"{motion.kind}.{name}: expected three finite numbers, not all zero, got {getattr(motion, name)}"
+            f"{motion.kind}.{name}: expected three finite numbers, not all (nearly) zero, got {getattr(motion, name)}"
         )
 
 
-def check_not_negative(motion: Motion, *names: str) -> None:
-    """Refuse fields below zero or not a number; ``None`` passes."""
+def check_times(motion: Motion, *names: str) -> None:
+    """Refuse fields that are no time from 0 to :data:`MOST_S`; ``None`` passes."""
     for name in names:
-        value = getattr(motion, name)
-        if value is not None and not value >= 0:
-            raise SceneError(f"{motion.kind}.{name}: expected a number >= 0, got {value}")
+        if getattr(motion, name) is not None:
+            number(motion.kind, name, getattr(motion, name), at_least=0, at_most=MOST_S, unit="s")
 
 
-def check_positive(motion: Motion, *names: str) -> None:
-    """Refuse fields that are zero, below or not finite; ``None`` passes."""
+def check_ways(motion: Motion, *names: str) -> None:
+    """Refuse fields that are no distance from 0 to :data:`MOST_M`."""
     for name in names:
-        value = getattr(motion, name)
-        if value is not None and not 0 < value < math.inf:
-            raise SceneError(f"{motion.kind}.{name}: expected a finite number > 0, got {value}")
+        number(motion.kind, name, getattr(motion, name), at_least=0, at_most=MOST_M, unit=METRES)
+
+
+def check_speeds(motion: Motion, *names: str) -> None:
+    """Refuse fields that are no speed within :data:`SPEEDS`; ``None`` passes."""
+    for name in names:
+        if getattr(motion, name) is not None:
+            least, most = SPEEDS
+            number(motion.kind, name, getattr(motion, name), at_least=least, at_most=most, unit="m/s")
+
+
+def check_repeat(motion: Motion, name: str = "repeat") -> None:
+    """Refuse what is no count; ``None`` passes."""
+    if getattr(motion, name) is not None:
+        number(motion.kind, name, getattr(motion, name), at_least=0, at_most=1e9, whole=True)

@@ -1,4 +1,4 @@
-"""The rungs of the ladder that `tactemu bench trade` compares: sensor models with their dials."""
+"""The settings of the ladder that `tactemu bench trade` compares: sensor models with their dials."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ GRAZE = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rung:
+class Setting:
     """A sensor model and its dials."""
 
     name: str
@@ -48,26 +48,26 @@ _FITTED = {"touch": (), "depth": ("sink",), "force": ("pressure", "drag"), "disp
 _GRAZING = {"probe_radius": GRAZE}
 
 
-def _layer(name: str, **options: Any) -> Rung:
+def _layer(name: str, **options: Any) -> Setting:
     dtype = options.pop("dtype", "float32")
-    return Rung(name=f"L4 {name}", model="elastic_layer_taxel", options=options, dtype=dtype)
+    return Setting(name=f"L4 {name}", model="elastic_layer_taxel", options=options, dtype=dtype)
 
 
-def ladder() -> list[Rung]:
-    """All rungs, cheapest level first; a model that has none here is one with its defaults."""
+def ladder() -> list[Setting]:
+    """All settings, cheapest level first; a model that has none here is one with its defaults."""
     forced = {"tolerance": 1e-6}
     springs = {**_GRAZING, "normal_damping": 0.0, "forces_on_skin": True, "twist_scalar": 0.0}
     fitted = {"lambda_d": 3e4, "lambda_s": 3e4, "normal_exponent": 1.0, "n_sample_points": 2000}
     layered = {"compressibility": 0.0, "elastomer_thickness": 4e-3, "n_sample_points": 2000}
     proximity = {"probe_radius": 1e-3, "forces_on_skin": True, "twist_scalar": 0.0, "shear_coupling": 1.0}
     voxel = {"contact_depth_query": "voxel", "voxel_size": 2.5e-4}
-    rungs = [
-        Rung(name="L0 touch", model="contact_probe", options=_GRAZING),
+    settings = [
+        Setting(name="L0 touch", model="contact_probe", options=_GRAZING),
         _depth("L1 depth", {}),
         _depth("L1 depth, voxel 0.25 mm", voxel),
         _depth("L1 depth, ray", {"contact_depth_query": "ray"}),
-        Rung(name="L2 springs", model="kinematic_taxel", options=springs),
-        Rung(name="L2 springs, ray", model="kinematic_taxel", options={**springs, "contact_depth_query": "ray"}),
+        Setting(name="L2 springs", model="kinematic_taxel", options=springs),
+        Setting(name="L2 springs, ray", model="kinematic_taxel", options={**springs, "contact_depth_query": "ray"}),
         _points(proximity, 500),
         _points(proximity, 5000),
         _markers("L3 markers, defaults", {"n_sample_points": 500}),
@@ -82,18 +82,21 @@ def ladder() -> list[Rung]:
         _layer("oversampling 2", iterations=50, oversampling=2, tolerance=1e-4),
         _layer("oversampling 4", iterations=50, oversampling=4, tolerance=1e-4),
     ]
-    shown = {rung.model for rung in rungs}
-    return [*rungs, *(Rung(name=f"L{load(name).level} {name}", model=name) for name in MODELS if name not in shown)]
+    shown = {setting.model for setting in settings}
+    return [
+        *settings,
+        *(Setting(name=f"L{load(name).level} {name}", model=name) for name in MODELS if name not in shown),
+    ]
 
 
-def _depth(name: str, query: dict[str, Any]) -> Rung:
-    return Rung(name=name, model="contact_depth_probe", options={**_GRAZING, **query})
+def _depth(name: str, query: dict[str, Any]) -> Setting:
+    return Setting(name=name, model="contact_depth_probe", options={**_GRAZING, **query})
 
 
-def _points(options: dict[str, Any], count: int) -> Rung:
+def _points(options: dict[str, Any], count: int) -> Setting:
     options = {**options, "n_sample_points": count}
-    return Rung(name=f"L2 proximity, {count} points", model="proximity_taxel", options=options)
+    return Setting(name=f"L2 proximity, {count} points", model="proximity_taxel", options=options)
 
 
-def _markers(name: str, options: dict[str, Any]) -> Rung:
-    return Rung(name=name, model="elastomer_taxel", options=options)
+def _markers(name: str, options: dict[str, Any]) -> Setting:
+    return Setting(name=name, model="elastomer_taxel", options=options)

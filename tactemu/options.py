@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from tactemu.errors import SceneError
+from tactemu.errors import SceneError, shown
 
 
 def number(
@@ -23,9 +23,9 @@ def number(
     """A finite number, within its bounds.
 
     Args:
-        where: the sensor or the model, for the message.
+        where: the sensor, the model or the motion, for the message.
         name: of the option.
-        value: as given.
+        value: as given; neither a text nor a truth value is a number.
         above: it must be greater than this.
         at_least: it must not be less than this.
         at_most: it must not be more than this.
@@ -38,7 +38,7 @@ def number(
     asked = {">": above, ">=": at_least, "<=": at_most}
     bounds = [f"{sign} {bound:g}" for sign, bound in asked.items() if bound is not None]
     try:
-        got = float(value)
+        got = math.nan if isinstance(value, bool | str) else float(value)
     except (TypeError, ValueError, OverflowError):
         got = math.nan
     too_low = (above is not None and not got > above) or (at_least is not None and not got >= at_least)
@@ -46,22 +46,25 @@ def number(
     if not math.isfinite(got) or too_low or too_high or (whole and got != int(got)):
         kind = ["a whole number"] if whole else [] if bounds else ["a finite number"]
         expected = " ".join([*kind, " and ".join(bounds), unit])
-        raise SceneError(f"{where}: {name} must be {' '.join(expected.split())}, got {value!r}")
+        raise SceneError(f"{where}: {name} must be {' '.join(expected.split())}, got {shown(value)}")
     return got
 
 
 def numbers(where: str, name: str, value) -> np.ndarray:
-    """A float64 array of finite numbers, of any shape.
+    """A float64 array of finite numbers, of any shape; neither texts nor truth values are numbers.
 
     Raises:
         SceneError: it is not.
     """
     try:
-        array = np.asarray(value, np.float64)
+        given = np.asarray(value)
+        array = given.astype(np.float64) if given.dtype.kind in "iuf" or given.size == 0 else None
     except (TypeError, ValueError, OverflowError):
-        raise SceneError(f"{where}: {name} must be numbers in a regular shape, got {value!r}") from None
+        array = None
+    if array is None:
+        raise SceneError(f"{where}: {name} must be numbers in a regular shape, got {shown(value)}")
     if not np.isfinite(array).all():
-        raise SceneError(f"{where}: {name} holds numbers that are not finite")
+        raise SceneError(f"{where}: {name} must be finite, got {shown(value)}")
     return array
 
 
@@ -73,5 +76,5 @@ def triple(where: str, name: str, value) -> np.ndarray:
     """
     array = numbers(where, name, value)
     if array.shape != (3,):
-        raise SceneError(f"{where}: {name} must be 3 numbers, got {value!r}")
+        raise SceneError(f"{where}: {name} must be 3 numbers, got {shown(value)}")
     return array

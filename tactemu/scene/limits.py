@@ -1,0 +1,22 @@
+"""How much a scene may ask for. Beyond these bounds a number is a slip, such as millimetres given as metres, or would
+overflow on its way through a run; no skin needs it."""
+
+MOST_S = 1e6
+"""Of every time [s]: eleven days."""
+STEPS_S = (1e-7, 10.0)
+"""Of the simulation's step [s]."""
+RATES_HZ = (1e-3, 1e6)
+"""Of sampling."""
+SPEEDS = (1e-9, 1e3)
+"""Of a motion [m/s]."""
+MOST_M = 10.0
+"""Of a way that a body goes [m]."""
+MOST_DEPTH_M = 0.5
+"""That a body is pressed in [m]."""
+FARTHEST_M = 100.0
+"""From the world's origin to a body [m]."""
+SIZES_M = (1e-6, 3.0)
+"""Of a body [m]; from 1 m on it may have no radius: that is a ball of two metres."""
+MOST_RADIUS_M = 1.0
+METRES = "m (6 mm is 0.006)"
+"""The unit in messages about lengths."""

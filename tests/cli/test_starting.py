@@ -1,0 +1,74 @@
+"""Something to start from: a new scene runs, and the examples come along."""
+
+import subprocess
+import sys
+import zipfile
+
+import pytest
+
+from tactemu.cli import starting
+from tactemu.errors import TactemuError
+from tactemu.scene.default import REST_S
+from tactemu.scene.file import load
+from tests.cli.command import ROOT
+
+
+def test_a_new_scene_is_one_and_rests_at_first(tmp_path, capsys):
+    file = tmp_path / "hand.toml"
+    starting.new_scene(file)
+    assert f"tactemu run {file}" in capsys.readouterr().out
+    loaded = load(file)
+    assert [skin.device for skin in loaded.tables.skin] == ["anyskin"]
+    assert all(not motion.pose(REST_S - 0.01).position.any() for motion in loaded.motions.values())
+
+
+def test_what_its_comments_offer_is_right(tmp_path):
+    """Every key that is commented out, taken in."""
+    lines = starting.START.read_text().splitlines()
+    offered = [line.removeprefix("# ") if _is_toml(line.removeprefix("# ")) else line for line in lines]
+    (tmp_path / "hand.toml").write_text("\n".join(offered))
+    tables = load(tmp_path / "hand.toml").tables
+    (skin,) = tables.skin
+    assert skin.port and skin.rate_hz and skin.faults and skin.clock.skew_ppm and skin.options["noise"]
+    assert tables.scene.device == "cuda:0" and len(tables.scenario) == 2
+
+
+def _is_toml(text: str) -> bool:
+    return text.startswith("[") or text.partition(" ")[2].startswith("= ")
+
+
+WRONG = [("there.toml", "is there already"), ("hand.txt", "ends in .toml"), ("no/x.toml", "cannot write it")]
+
+
+@pytest.mark.parametrize(("name", "says"), WRONG)
+def test_nothing_is_overwritten(tmp_path, name, says):
+    (tmp_path / "there.toml").write_text("mine")
+    with pytest.raises(TactemuError, match=says):
+        starting.new_scene(tmp_path / name)
+    assert (tmp_path / "there.toml").read_text() == "mine"
+
+
+def test_examples_are_listed_with_what_they_show(capsys):
+    starting.list_examples()
+    listed = capsys.readouterr().out
+    for path in (ROOT / "examples").glob("*.[pt]*"):
+        line = next(line for line in listed.splitlines() if line.startswith(path.name))
+        assert len(line.split()) > 5
+
+
+def test_examples_are_copied_once(tmp_path, capsys):
+    starting.copy_examples(tmp_path / "a" / "b")
+    copied = {path.name: path.read_text() for path in (tmp_path / "a" / "b").iterdir()}
+    assert copied == {path.name: path.read_text() for path in (ROOT / "examples").iterdir() if path.name in copied}
+    assert "hand.toml" in copied and len(copied) >= 5
+    with pytest.raises(TactemuError, match="is there already"):
+        starting.copy_examples(tmp_path / "a" / "b")
+
+
+def test_the_wheel_holds_the_scenes_and_the_examples(tmp_path):
+    pytest.importorskip("hatchling", reason="the wheel is built with hatchling")
+    build = "from hatchling.builders.wheel import WheelBuilder as W; print(*W('.').build(directory={!r}))"
+    subprocess.run([sys.executable, "-c", build.format(str(tmp_path))], cwd=ROOT, check=True, capture_output=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    names = set(zipfile.ZipFile(wheel).namelist())
+    assert {"tactemu/scene/start.toml", "tactemu/scene/defaults/anyskin.toml", "tactemu/examples/hand.toml"} <= names
