@@ -34,7 +34,7 @@ MUTABLE = (bytearray, list, set, deque, np.ndarray, Packets, Lines, LowPass, Mot
 
 def faults(subject: Subject) -> Iterator[Fault]:
     """What is missing or contradicts itself."""
-    device = subject.make()
+    device = subject.build()
     file, line = place(subject.cls)
     for text in (
         *_datasheet(subject, device), *_options(subject.cls), *_shared(subject.cls), *_ports(device),

@@ -16,7 +16,7 @@ def main() -> None:
     head, _, saved = sys.stdin.buffer.read().partition(b"\n")
     header = json.loads(head)
     subject = Subject(header["target"], registry.load(header["target"]), header["options"])
-    host = Host(subject.make())
+    host = Host(subject.build())
     host.device.restore(plain.from_bytes(saved))
     host.t_ns = header["t_ns"]
     sys.stdout.write(json.dumps(continued(host, subject)))

@@ -185,7 +185,7 @@ def judged(subject: Subject) -> tuple[list[Fault], list[str], int]:
 def _tried(subject: Subject, examples: Sequence[Example]) -> Iterator[tuple[str, bool]]:
     """Each change of a declared fact, and whether all examples pass with it."""
     for change in changes(subject.cls):
-        with change.made() as applied:
+        with change.made() as applied, subject.changed():
             unnoticed = _all_pass(subject, examples) and applied()
         yield change.text, unnoticed
 

@@ -191,13 +191,13 @@ WAYS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 def order(layout: Layout, way: str) -> np.ndarray:
     """``wire_order`` if the taxels follow in this way, patch by patch."""
     patches = sorted(layout.patches, key=lambda patch: patch.start)
-    runs = [WAYS[way](_grid(patch)).ravel() for patch in patches]
+    runs = [order_of(patch, way) for patch in patches]
     return np.concatenate(runs[::-1] if way == "last patch first" else runs)
 
 
-def _grid(patch: Patch) -> np.ndarray:
-    """Taxels of a patch as they lie; those of a free one in one row."""
-    return np.arange(patch.start, patch.start + len(patch)).reshape(max(patch.rows, 1), -1)
+def order_of(patch: Patch, way: str) -> np.ndarray:
+    """Taxels of a patch as they follow in this way; those of a free one lie in one row."""
+    return WAYS[way](np.arange(patch.start, patch.start + len(patch)).reshape(max(patch.rows, 1), -1)).ravel()
 
 
 def ways(layout: Layout, found: np.ndarray) -> list[str]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from firmware_protocols.calls import AuthorError, place
 from firmware_protocols.check.examples import examples_of
-from firmware_protocols.check.facts import order, reordered, said, ways, words_of
+from firmware_protocols.check.facts import order, order_of, reordered, said, ways, words_of
 from firmware_protocols.check.host import Host, Subject
 from firmware_protocols.check.memory import memory_of
 from firmware_protocols.check.report import Fault
@@ -155,9 +155,18 @@ def _following(owners: np.ndarray) -> np.ndarray:
 
 def _against_words(subject: Subject, layout: Layout, found: np.ndarray) -> Iterator[str]:
     spoken = said(words_of(subject.cls))
-    fits = any(np.array_equal(order(layout, way), found) for way in spoken)
-    if spoken and not fits and all(patch.rows for patch in layout.patches):
+    if spoken and not _fits(layout, spoken, found) and all(patch.rows for patch in layout.patches):
         yield f"tables and docstring say {' and '.join(map(repr, spoken))}, {PRESSING} {_worded(layout, found)}"
+
+
+def _fits(layout: Layout, spoken: list[str], found: np.ndarray) -> bool:
+    """Whether one of the ways is that of all patches, or each patch follows one of them."""
+    if any(np.array_equal(order(layout, way), found) for way in spoken):
+        return True
+    runs = np.split(found, np.cumsum([len(patch) for patch in layout.patches])[:-1])
+    return all(
+        any(np.array_equal(run, order_of(patch, way)) for way in spoken) for patch, run in zip(layout.patches, runs)
+    )
 
 
 def wordless(subject: Subject) -> list[str]:
@@ -181,7 +190,7 @@ def _without_effect(subject: Subject, sights: dict[Look, np.ndarray]) -> bool:
     n = len(subject.make().layout)
     newtons = 0.2 + 2.0 * np.arange(n) / n
     plain = _Watcher(subject)
-    with reordered(subject.cls, lambda layout: layout.wire_order[::-1]):
+    with reordered(subject.cls, lambda layout: layout.wire_order[::-1]), subject.changed():
         other = _Watcher(subject)
         pairs: Sequence[tuple[np.ndarray, np.ndarray]] = [
             (plain.sight(look, newtons), other.sight(look, newtons)) for look in sights

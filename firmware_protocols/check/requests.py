@@ -60,8 +60,8 @@ def _answered(subject: Subject, command: Command) -> Iterator[Fault]:
     unknown = host.device.counters["unknown_command"]
     if not command.agrees(got := host.send(command.request, command.port) + host.wait()):
         yield _said(command, got, "whole")
-    elif host.device.counters["unknown_command"] > unknown:
-        yield _fault(command, "it is documented, but counted as unknown_command")
+    elif not got and host.device.counters["unknown_command"] > unknown:
+        yield _fault(command, "it is documented, but not answered, and counted as unknown_command")
 
 
 def _in_pieces(subject: Subject, command: Command) -> Iterator[Fault]:

@@ -39,7 +39,7 @@ class Baseline:
 
     def __post_init__(self):
         self.shared = shared(self.subject.cls)
-        device = self.subject.make()
+        device = self.subject.build()
         self.layout, self.periods, self.why = device.layout, dict(device.periods), ""
         try:
             self.state = _state(device)
@@ -61,7 +61,7 @@ def faults(baseline: Baseline) -> Iterator[Fault]:
 
 
 def _again(subject: Subject) -> Iterator[str]:
-    first, second = ([text_of(frame) for frame in story(Host(subject.make()), subject, 1)] for _ in range(2))
+    first, second = ([text_of(frame) for frame in story(Host(subject.build()), subject, 1)] for _ in range(2))
     if first != second:
         at = next((k for k, (a, b) in enumerate(zip(first, second)) if a != b), min(len(first), len(second)))
         yield f"the same inputs give other bytes the second time, from frame {at} on: it draws, asks the time, or keeps"
@@ -107,7 +107,7 @@ def _requests(subject: Subject) -> Iterator[tuple[str, list[Any], str]]:
 
 def _restarted(baseline: Baseline) -> Iterator[str]:
     subject = baseline.subject
-    used = Host(subject.make())
+    used = Host(subject.build())
     story(used, subject, 2)
     for command in subject.commands:
         if isinstance(command.frame, bytes):
