@@ -9,8 +9,11 @@ two attributes share is still shared after a restore.
 from __future__ import annotations
 
 import importlib
+import io
+import json
 import sys
 from collections import Counter, defaultdict, deque
+from collections.abc import Mapping
 from types import FunctionType
 from typing import Any
 
@@ -48,6 +51,49 @@ def load(device: Any, state: dict[str, Any]) -> None:
     kept = {name: value for name, value in vars(device).items() if name in _NOT_STATE}
     vars(device).clear()
     vars(device).update(kept | values)
+
+
+def to_bytes(state: dict[str, Any]) -> bytes:
+    """What :func:`save` returned as the bytes of an ``.npz`` file: the arrays, and the rest as JSON."""
+    arrays: dict[str, np.ndarray] = {}
+    text = json.dumps(_without_arrays(state, arrays))
+    file = io.BytesIO()
+    np.savez(file, tree=np.frombuffer(text.encode(), np.uint8), **arrays)  # type: ignore[arg-type]
+    return file.getvalue()
+
+
+def from_bytes(data: bytes) -> dict[str, Any]:
+    """What :func:`to_bytes` wrote.
+
+    Raises:
+        ValueError: it is no such file.
+    """
+    with np.load(io.BytesIO(data), allow_pickle=False) as file:
+        return _with_arrays(json.loads(file["tree"].tobytes()), file)
+
+
+def _without_arrays(value: Any, arrays: dict[str, np.ndarray]) -> Any:
+    if isinstance(value, np.ndarray):
+        arrays[name := f"a{len(arrays)}"] = value
+        return {"array": name}
+    if isinstance(value, bytes):
+        return {"bytes": value.hex()}
+    if isinstance(value, list):
+        return [_without_arrays(each, arrays) for each in value]
+    if isinstance(value, dict):
+        return {"dict": [[key, _without_arrays(each, arrays)] for key, each in value.items()]}
+    return value
+
+
+def _with_arrays(value: Any, arrays: Mapping[str, np.ndarray]) -> Any:
+    if isinstance(value, list):
+        return [_with_arrays(each, arrays) for each in value]
+    if not isinstance(value, dict):
+        return value
+    ((kind, held),) = value.items()
+    if kind == "array":
+        return arrays[held]
+    return bytes.fromhex(held) if kind == "bytes" else {key: _with_arrays(each, arrays) for key, each in held}
 
 
 def _belongs(module: str, device: Any) -> bool:

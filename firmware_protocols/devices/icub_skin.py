@@ -64,8 +64,8 @@ class Board:
     """One microcontroller with its triangles, as it powers up: silent, all enabled, calibrated at rest and 25 deg C."""
 
     address: int
-    first_taxel: int
-    """In the layout; its others follow."""
+    taxels: np.ndarray
+    """In the layout, in the order of the pads, triangle by triangle."""
     flags: list[int]
     """Of each triangle."""
     kind: int = COMPENSATED
@@ -82,11 +82,6 @@ class Board:
         self.offset = self.raw.copy()
         self.shift = np.full((len(self.flags), 1), SHIFT)
         self.enabled = np.ones(len(self.flags), bool)
-
-    @property
-    def taxels(self) -> slice:
-        """Its taxels in the layout."""
-        return slice(self.first_taxel, self.first_taxel + len(self.flags) * len(TAXELS))
 
     def convert(self, push: np.ndarray, temperature: np.ndarray) -> np.ndarray:
         """What every pad reads, uint8, shape ``(n_triangles, 12)``; of pushes [N] and temperatures [deg C] by taxel."""
@@ -179,7 +174,8 @@ class IcubSkin(Device[CanFrame]):
         self.boards: dict[str, Board] = {}
         for start in range(0, len(places), triangles_per_board):
             address, own = slots[start][0], flags[start : start + triangles_per_board]
-            self.boards[f"board {address}"] = Board(address, start * len(TAXELS), own)
+            taxels = self.layout.wire_order[start * len(TAXELS) :][: len(own) * len(TAXELS)]
+            self.boards[f"board {address}"] = Board(address, taxels, own)
         self.ports = (Can(hears=tuple((0x200 | board.address, 0x7FF) for board in self.boards.values())),)
         self.streams = {name: Stream(1e9 / board.period_ns) for name, board in self.boards.items()}
         self.counts = np.full(len(self.layout), NO_LOAD, np.uint8)

@@ -14,7 +14,7 @@ Touch, int16 0..4096, row by row from the first:
     3740     middle finger, the same
     4110     index finger, the same
     4480     thumb: tip 3x3, top 12x8 (4498), middle 3x3 (4690), pad 12x8 (4708)
-    4900     palm 8x14, until 5123: column by column from the first, each from row 8 up to row 1
+    4900     palm 8x14, until 5123: column by column from the bottom, each from row 8 up to row 1
 
 Six values are little, ring, middle, index, thumb bend, thumb turn. All other addresses below 6000 read zero (drivers
 ask for register 0 to see whether the hand is there). Published drivers disagree which of two actuators lies in the high
@@ -65,8 +65,8 @@ MAP = RegisterMap(
     1044  <i2 x 6     force_default  0..3000  = 500  flash         at power-up
     1474  <i2 x 6     position_set   -1..2000  = -1                -1: stay
     1486  <i2 x 6     angle_set      -1..1000  = -1                -1: stay; 1000 is open
-    1498  <i2 x 6     force_set      0..3000                       limit [g]
-    1522  <i2 x 6     speed_set      0..1000
+    1498  <i2 x 6     force_set      0..3000  = 500                limit [g]
+    1522  <i2 x 6     speed_set      0..1000  = 1000
     1534  <i2 x 6     position       0..2000  r                    2000 - 2 angle
     1546  <i2 x 6     angle          0..1000  r
     1582  <i2 x 6     force          -4000..4000  r                [g]

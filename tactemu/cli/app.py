@@ -21,6 +21,7 @@ A simulated tactile skin on the far end of the wire: real sensors' bytes and CAN
   tactemu explain anyskin              frames, taxels, and what is simulated and why
   tactemu new hand.toml                a scene file to start from
   tactemu tune hand.toml --rate 500    the most accurate setting that keeps a rate here
+  tactemu check my_sensor.py:MySensor  what is wrong with a device of your own
 """,
     no_args_is_help=True,
     rich_markup_mode=None,
@@ -161,6 +162,29 @@ def devices(
     from tactemu.cli.datasheet import options_of, print_datasheet, print_table
 
     print_datasheet(name, options_of(options or ()), json=json) if name else print_table(json=json)
+
+
+@app.command()
+def check(
+    target: Annotated[str, typer.Argument(metavar="DEVICE", help="A device's name, or path/to/device.py:Class.")],
+    options: Options = None,
+    fuzz: Annotated[int, typer.Option(metavar="N", min=0, help="How many spoiled requests are tried.")] = 1000,
+    json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,
+) -> None:
+    """Judge a device by its declarations, its worked examples, and by using it.
+
+    \b
+      tactemu check anyskin
+      tactemu check path/to/my_sensor.py:MySensor
+      tactemu check optoforce axes=6
+
+    A line for each fault, with method, bytes, file and line; then the declared facts that no example pins.
+    Exit code 0 without a fault, 1 with one, 2 when there is no such device or option.
+    """
+    from tactemu.cli.checking import check_device
+
+    if not check_device(target, options or (), fuzz=fuzz, json=json).ok:
+        raise typer.Exit(1)
 
 
 @app.command()

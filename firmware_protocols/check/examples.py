@@ -1,0 +1,198 @@
+"""Worked examples: JSON files of vectors, each with its origin, and what they pin.
+
+``golden/*.json`` beside the file of a device, and ``tests/data/golden`` for those of this tree::
+
+    {"origin": "manual, page 3", "vectors": [
+      {"name": "all taxels", "origin": "manual, page 3", "pushes": {"left": [[0.1, 0.2], [0.3, 0.4]]},
+       "request": "C1 01 00 C0", "reply": ["C1 01 ..."]}]}
+
+A vector belongs to ``device``, or to the device that the file is named after. A frame is hex, or a CAN frame in candump
+notation. A fresh device with ``options`` is sent ``after`` on ``port``; its skin is pushed by ``newtons`` (one number
+or one per taxel) or by ``pushes`` (pictures of patches by name [N], as one looks at the skin; patches without one are
+not touched), or its converter reads ``counts`` (one per value, or ``"index"``: 0, 1, 2 ...). Then, at ``t_ns`` (1 s),
+it must answer ``request`` with exactly ``reply``, or its next conversion must send exactly ``stream``, and convert
+``rate_hz`` times a second, if that is given.
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import MISSING, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import firmware_protocols
+from firmware_protocols.calls import AuthorError
+from firmware_protocols.check.facts import changes
+from firmware_protocols.check.host import SECOND, Host, Subject
+from firmware_protocols.check.report import Fault
+from firmware_protocols.device import Device
+from firmware_protocols.frames import frame_of, payload, text_of
+
+TREE = Path(firmware_protocols.__file__).parents[1] / "tests" / "data" / "golden"
+BETWEEN = SECOND // 100
+"""Between the requests that go before."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Example:
+    """One vector."""
+
+    name: str
+    origin: str
+    device: str = ""
+    options: Mapping[str, Any] = field(default_factory=dict)
+    after: Sequence[str] = ()
+    port: str = ""
+    newtons: Any = 0.0
+    pushes: Mapping[str, Any] | None = None
+    counts: Any = None
+    t_ns: int = SECOND
+    request: str | None = None
+    reply: Sequence[str] | None = None
+    stream: Sequence[str] | None = None
+    rate_hz: float | None = None
+
+    @staticmethod
+    def of(vector: Mapping[str, Any]) -> Example:
+        """A vector of a file.
+
+        Raises:
+            ValueError: keys that are missing or unknown, or neither an answer nor a stream.
+        """
+        known = {each.name for each in fields(Example)}
+        needed = {each.name for each in fields(Example) if each.default is each.default_factory is MISSING}
+        if odd := (set(vector) - known) | (needed - set(vector)):
+            raise ValueError(
+                f"example {vector.get('name', '?')!r}: keys {sorted(odd)} unknown or missing; {sorted(known)}"
+            )
+        if not str(vector["origin"]).strip() or (vector.get("reply") is None) == (vector.get("stream") is None):
+            raise ValueError(f"example {vector['name']!r}: give an origin, and `request` with `reply`, or `stream`")
+        return Example(**vector)
+
+    @property
+    def frames(self) -> list[Any]:
+        """What must come."""
+        return [frame_of(text) for text in (self.reply if self.request is not None else self.stream) or ()]
+
+
+def read(path: Path) -> list[Example]:
+    """The examples of a file.
+
+    Raises:
+        ValueError: it is no JSON, or a vector is not whole.
+    """
+    return [Example.of({"device": path.stem, **vector}) for vector in json.loads(path.read_text())["vectors"]]
+
+
+def examples_of(cls: type[Device]) -> Iterator[tuple[Path, Example]]:
+    """Those of a device, wherever they are written, with their files."""
+    for folder in dict.fromkeys([TREE, Path(inspect.getfile(cls)).parent / "golden"]):
+        for path in sorted(folder.glob("*.json")):
+            yield from ((path, example) for example in read(path) if example.device == cls.name)
+
+
+def replayed(subject: Subject, example: Example) -> tuple[list[Any], Device]:
+    """What a fresh device sends in an example, and the device.
+
+    Raises:
+        AuthorError: the device failed.
+        ValueError: pictures that do not fit its layout, or options that it does not take.
+    """
+    host = Host(subject.make(example.options))
+    for k, request in enumerate(example.after):
+        host.t_ns = k * BETWEEN
+        host.send(request, example.port)
+    host.t_ns = example.t_ns
+    host.pushes = example.newtons if example.pushes is None else example.pushes
+    sent = []
+    for stream in host.device.periods:
+        counts = host.feel(stream)
+        if example.counts is not None:
+            host.device.counts = _given(example.counts, counts)  # type: ignore[attr-defined]
+        if example.stream is not None:
+            sent += host.streamed(stream)
+    return (host.send(example.request, example.port) if example.request is not None else sent), host.device
+
+
+def _given(counts: Any, like: np.ndarray) -> np.ndarray:
+    values = np.arange(like.size) if counts == "index" else np.array(counts)
+    return values.reshape(like.shape).astype(like.dtype)
+
+
+def difference(subject: Subject, example: Example) -> str:
+    """Where an example and the device disagree; empty: nowhere. Raises as :func:`replayed`."""
+    got, device = replayed(subject, example)
+    if (text := first_difference(got, example.frames)) or example.rate_hz is None:
+        return text
+    rates = {stream: 1e9 / period if period else 0.0 for stream, period in device.periods.items()}
+    if any(np.isclose(rate, example.rate_hz) for rate in rates.values()):
+        return ""
+    found = ", ".join(f"{stream} {rate:g}".strip() for stream, rate in rates.items())
+    return f"it converts {found} times a second instead of {example.rate_hz:g}: set self.period_ns or self.periods[...]"
+
+
+def first_difference(got: Sequence[Any], wanted: Sequence[Any]) -> str:
+    """``frame 0, byte 4: 0001 instead of 0100``; empty: none."""
+    for k, (mine, theirs) in enumerate(zip(got, wanted)):
+        if text_of(mine) == text_of(theirs):
+            continue
+        a, b = payload(mine), payload(theirs)
+        at = next((i for i, (x, y) in enumerate(zip(a, b)) if x != y), min(len(a), len(b)))
+        if a == b:
+            return f"frame {k}: {text_of(mine)} instead of {text_of(theirs)}"
+        lengths = f" ({len(a)} bytes instead of {len(b)})" if len(a) != len(b) else ""
+        return f"frame {k}, byte {at}: {_some(a, at)} instead of {_some(b, at)}{lengths}"
+    return "" if len(got) == len(wanted) else f"{len(got)} frames instead of {len(wanted)}"
+
+
+def _some(data: bytes, at: int) -> str:
+    return data[at : at + 4].hex().upper() + ("…" if len(data) > at + 4 else "") or "the end"
+
+
+def judged(subject: Subject) -> tuple[list[Fault], list[str], int]:
+    """Faults, unpinned facts, and how many examples there are."""
+    faults: list[Fault] = []
+    try:
+        given = list(examples_of(subject.cls))
+    except (ValueError, KeyError, TypeError) as error:
+        return [Fault("examples", f"a file of examples cannot be read: {error}")], [], 0
+    failed = []
+    for path, example in given:
+        try:
+            text = difference(subject, example)
+        except AuthorError as error:
+            text = str(error)
+        except ValueError as error:
+            faults.append(Fault("examples", f"{example.name!r} ({example.origin}): {error}", str(path)))
+            continue
+        if text:
+            failed.append((path, example, text))
+    for path, example, text in failed:
+        fits = [change for change, unnoticed in _tried(subject, [example]) if unnoticed]
+        hint = f"; it fits with {' or '.join(fits[:3])}" if fits else ""
+        faults.append(Fault("examples", f"{example.name!r} ({example.origin}): {text}{hint}", str(path)))
+    if faults:
+        return faults, [], len(given)
+    loose = [change for change, unnoticed in _tried(subject, [example for _, example in given]) if unnoticed]
+    return [], loose, len(given)
+
+
+def _tried(subject: Subject, examples: Sequence[Example]) -> Iterator[tuple[str, bool]]:
+    """Each change of a declared fact, and whether all examples pass with it."""
+    for change in changes(subject.cls):
+        with change.made() as applied, subject.changed():
+            unnoticed = _all_pass(subject, examples) and applied()
+        yield change.text, unnoticed
+
+
+def _all_pass(subject: Subject, examples: Sequence[Example]) -> bool:
+    try:
+        subject.make()
+        return not any(difference(subject, example) for example in examples)
+    except Exception:  # a change may break the device in any way: it is noticed
+        return False

@@ -1,0 +1,92 @@
+"""Readings to feed a device with: pushes along the taxels' normals, everything else at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from firmware_protocols.device import Device, Reading, Sense
+
+REST: Mapping[str, Any] = {"temperature": 25.0, "acceleration": (0.0, 0.0, 9.80665)}
+"""What senses see of a skin that nobody touches, where it is not 0; per point."""
+WIDTHS = {"force": 3, "displacement": 3, "acceleration": 3, "angular_velocity": 3, "wrench": 6}
+"""Numbers per point, where it is not one."""
+METRES_PER_NEWTON = 1e-4
+
+Pushes = ArrayLike | Mapping[str, Sequence]
+"""One number for all taxels, one each, or pictures of patches by name [N]."""
+
+
+def pushes_of(device: Device, pushes: Pushes) -> np.ndarray:
+    """Pushes per taxel [N]; patches without a picture are not touched.
+
+    Raises:
+        ValueError: a picture of another shape than its patch, or of no patch.
+    """
+    if not isinstance(pushes, Mapping):
+        return np.array(np.broadcast_to(np.asarray(pushes, float), len(device.layout)))
+    newtons, patches = np.zeros(len(device.layout)), {patch.name: patch for patch in device.layout.patches}
+    for name, rows in pushes.items():
+        if name not in patches:
+            raise ValueError(f"the example has a picture of {name!r}, the layout's patches are {list(patches)}")
+        patch, picture = patches[name], np.array(rows, float)
+        shape = (patch.rows, patch.cols) if patch.rows else (patch.cols,)
+        if picture.shape != shape:
+            raise ValueError(f"patch {name!r} is {_sized(shape)}, the example's picture {_sized(picture.shape)}")
+        newtons[patch.taxels] = picture.ravel()
+    return newtons
+
+
+def _sized(shape: tuple[int, ...]) -> str:
+    return " x ".join(map(str, shape))
+
+
+def reading_of(device: Device, pushes: Pushes = 0.0, stream: str = "", **values: ArrayLike) -> Reading:
+    """What the senses of a stream see; ``values`` by sense override it and are broadcast over its points.
+
+    Raises:
+        ValueError: pushes that do not fit the layout, or values of a sense that the stream does not have.
+    """
+    layout = device.layout
+    forces = np.array(-pushes_of(device, pushes)[:, None] * layout.normals)
+    forces = np.broadcast_to(np.asarray(values.pop("force", forces), float), forces.shape)
+    seen = {}
+    for sense in device.senses_of(stream):
+        value = values.pop(sense.key, None)
+        seen[sense.key] = _felt(sense, device, forces) if value is None else _spread(sense, value)
+    if values:
+        raise ValueError(f"{device.name} has no sense {sorted(values)}")
+    return Reading(seen, stream)
+
+
+def _felt(sense: Sense, device: Device, forces: np.ndarray) -> np.ndarray:
+    layout = device.layout
+    if sense.quantity == "force":
+        return _spread(sense, forces)
+    if sense.quantity == "wrench":
+        at = sense.at.positions if sense.at is not None else layout.positions
+        torques = np.stack([np.cross(layout.positions - point, forces).sum(0) for point in at])
+        return _spread(sense, np.concatenate([np.broadcast_to(forces.sum(0), torques.shape), torques], axis=-1))
+    match sense.quantity:
+        case "pressure":
+            return _spread(sense, layout.push(forces) / layout.areas)
+        case "depth":
+            return _spread(sense, METRES_PER_NEWTON * layout.push(forces))
+        case "displacement":
+            return _spread(sense, METRES_PER_NEWTON * forces)
+        case "touch":
+            return _spread(sense, layout.push(forces) > 0)
+        case "vibration":
+            return _spread(sense, layout.push(forces).sum() / layout.areas.sum())
+    return _spread(sense, REST.get(sense.quantity, 0.0))
+
+
+def _spread(sense: Sense, value: Any) -> np.ndarray:
+    width, n = WIDTHS.get(sense.quantity), len(sense.at) if sense.at is not None else 0
+    value = np.asarray(value)
+    value = value if value.dtype == bool else value.astype(float)
+    whole = np.array(np.broadcast_to(value, (n,) if width is None else (n, width)))
+    return whole if sense.burst == 1 else np.repeat(whole[..., None], sense.burst, axis=-1)
