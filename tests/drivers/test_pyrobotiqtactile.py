@@ -6,7 +6,7 @@ import firmware_protocols as fp
 from firmware_protocols.devices.robotiq_tsf85 import VERSION, packet
 from tests.drivers.rig import Rig, assert_consecutive, run_driver
 
-pytestmark = [pytest.mark.driver, pytest.mark.realtime, pytest.mark.timeout(90)]
+pytestmark = [pytest.mark.driver, pytest.mark.timeout(90)]
 
 
 @pytest.mark.parametrize(
