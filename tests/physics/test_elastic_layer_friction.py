@@ -94,7 +94,7 @@ def test_a_still_object_keeps_its_tractions():
     along, _ = rig.rub(0.5 * full)
     for _ in range(3):
         again, _ = rig.rub(0.0)
-    np.testing.assert_allclose(again, along, atol=3e-4 * np.abs(along).max())  # the next steps go on solving
+    np.testing.assert_allclose(again, along, atol=5e-4 * np.abs(along).max())  # steps go on solving
     rig.changed.fill_(0)
     rig.rub(0.0)
     assert rig.state.iterations.numpy()[0] == 0
