@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
+from pydantic import BaseModel
 
 import tactemu
 
@@ -54,3 +55,12 @@ def test_only_files_with_kernels_are_checked_less():
 def test_the_version_is_told_in_one_place():
     assert re.fullmatch(r"\d+\.\d+\.\d+", tactemu.__version__)
     assert not re.search(r"^version\s*=", (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
+
+
+def test_no_public_object_speaks_pydantics_words():
+    public = [getattr(tactemu, name) for name in tactemu.__all__]
+    tables = [thing for thing in public if isinstance(thing, type) and issubclass(thing, BaseModel)]
+    assert tactemu.Event in tables
+    for table in tables:
+        with pytest.raises(tactemu.SceneError, match="unknown key 'no_such_key'"):
+            table(no_such_key=1)

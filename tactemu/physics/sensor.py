@@ -176,9 +176,10 @@ def bodies_felt(sensor: Sensor, bodies: Sequence[Body]) -> tuple[Body, ...]:
     """
     model = sensor.model
 
-    def listed(given):
-        single = isinstance(given, str) or not isinstance(given, Iterable)
-        return [find(bodies, which) for which in ([given] if single else given)]
+    def listed(given: Any) -> list[Body]:
+        several = isinstance(given, Iterable) and not isinstance(given, str)
+        which: list[Any] = list(given) if several else [given]
+        return [find(bodies, each) for each in which]
 
     ignored = listed(model.filter_link_idx)
     if model.track_link_idx is None:

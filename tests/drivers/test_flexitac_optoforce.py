@@ -6,7 +6,7 @@ import pytest
 import firmware_protocols as fp
 from tests.drivers.rig import Rig, assert_consecutive, run_driver
 
-pytestmark = [pytest.mark.driver, pytest.mark.realtime, pytest.mark.timeout(90)]
+pytestmark = [pytest.mark.driver, pytest.mark.timeout(90)]
 
 SCALE = np.array([1 / 7925 * 300, 1 / 8641 * 300, 1 / 6049 * 2000])
 """The driver's own constants, in its order of operations."""

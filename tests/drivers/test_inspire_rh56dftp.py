@@ -5,7 +5,7 @@ import pytest
 import firmware_protocols as fp
 from tests.drivers.rig import Rig, assert_consecutive, run_driver
 
-pytestmark = [pytest.mark.driver, pytest.mark.realtime, pytest.mark.timeout(90)]
+pytestmark = [pytest.mark.driver, pytest.mark.timeout(90)]
 
 
 def hand() -> fp.Device:

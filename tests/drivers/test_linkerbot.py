@@ -8,7 +8,7 @@ import tactemu
 from tests.drivers.can_link import INTERFACE
 from tests.drivers.rig import Rig, assert_consecutive, run_driver
 
-pytestmark = [pytest.mark.driver, pytest.mark.realtime, pytest.mark.timeout(90)]
+pytestmark = [pytest.mark.driver, pytest.mark.timeout(90)]
 
 
 @pytest.mark.parametrize(

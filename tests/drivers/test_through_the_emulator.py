@@ -12,7 +12,7 @@ from tests.drivers.test_ability_hand import documented_force
 from tests.drivers.test_flexitac_optoforce import SCALE
 from tests.drivers.test_inspire_rh56dftp import INDEX_TOP, PALM
 
-pytestmark = [pytest.mark.driver, pytest.mark.realtime, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.driver, pytest.mark.timeout(120)]
 
 SCENE = """
 [scene]

@@ -8,8 +8,6 @@ import pytest
 from tactemu.cli.truths import summarise
 from tests.cli.command import ROOT, environment, plugin_options, tactemu
 
-pytestmark = pytest.mark.realtime
-
 EXPECTED = {
     "without_a_wire.py": ["relative poses", "depth [mm]"],
     "mujoco_skin.py": ["t = 0.80 s, ball at x =", "force on the skin"],
@@ -35,6 +33,16 @@ def test_an_example_runs(name):
     assert done.returncode == 0, done.stdout + done.stderr
     for words in EXPECTED[name]:
         assert words in done.stdout.replace("\n", " "), words
+
+
+def test_a_driver_that_is_missing_is_said_at_once():
+    code = "import two_drivers; two_drivers.ANYSKIN_DRIVER = 'import nosuchdriver'; two_drivers.main()"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, env=environment(),
+        cwd=ROOT / "examples", check=False,
+    )  # fmt: skip
+    assert done.returncode == 1 and "No module named 'nosuchdriver'" in done.stderr
+    assert "pip install 'tactemu[drivers]'" in done.stderr
 
 
 @pytest.mark.timeout(150)

@@ -94,7 +94,7 @@ def test_a_still_object_keeps_its_tractions():
     along, _ = rig.rub(0.5 * full)
     for _ in range(3):
         again, _ = rig.rub(0.0)
-    np.testing.assert_allclose(again, along, atol=1e-4 * np.abs(along).max())
+    np.testing.assert_allclose(again, along, atol=5e-4 * np.abs(along).max())  # steps go on solving
     rig.changed.fill_(0)
     rig.rub(0.0)
     assert rig.state.iterations.numpy()[0] == 0
@@ -147,3 +147,30 @@ def test_both_solvers_converge_whatever_happens(seed):
         along, across = rig.rub(*(10 ** rng.uniform(-9, 0) * rng.choice([-1, 1], 2)))
         assert rig.residual <= 1e-4 and rig.state.residual.numpy()[0] <= 1e-4
         assert (pressure >= 0).all() and (np.hypot(along, across) <= mu * pressure * (1 + 1e-5)).all()
+
+
+def after_laps(path, tolerance, laps):
+    """Tractions along x and y [Pa] after the fifth lap and after ``laps`` of a ball that slips at its edge alone."""
+    x, y = coordinates(24, 5e-4)
+    rig = LayerRig((24, 24), 5e-4, E, 0.49, 4e-3, mu=0.5, coupled=True, iterations=16, tolerance=tolerance)
+    overlap = 4e-4 - (x**2 + y**2) / 0.04
+    rig.press(overlap)
+    rig.rub(0.0)
+    before, found = np.zeros(2), []
+    for step in range(1, 20 * laps + 1):
+        turn = 2 * np.pi * step / 20
+        if path == "while pressed deeper and less":
+            rig.press(overlap + 5e-5 * np.sin(2 * turn))
+        here = 3e-5 * np.array([np.sin(turn), 1 - np.cos(turn) if path == "round" else 0.0])
+        tractions = rig.rub(*(here - before))
+        before = here
+        if step in (100, 20 * laps):
+            found.append(np.array(tractions))
+    return found
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-3, 1e-4])
+@pytest.mark.parametrize("path", ["there and back", "round", "while pressed deeper and less"])
+def test_partial_slip_does_not_drift(path, tolerance):
+    fifth, last = after_laps(path, tolerance, laps=100)
+    assert np.abs(last - fifth).max() < 5e-3 * np.abs(fifth).max()

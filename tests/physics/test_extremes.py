@@ -241,7 +241,7 @@ def test_a_contact_narrower_than_the_pitch_needs_a_radius_of_half_of_it():
     ("options", "message"),
     [
         ({"probe_local_pos": np.zeros((2, 2))}, "probe_local_pos must have shape"),
-        ({"probe_local_pos": [[0, 0, np.nan]]}, "probe_local_pos holds numbers that are not finite"),
+        ({"probe_local_pos": [[0, 0, np.nan]]}, "probe_local_pos must be finite"),
         ({"probe_radius": -1.0}, "probe_radius must be >= 0"),
         ({"probe_radius": [1.0, 2.0]}, "probe_radius must be one number or 1, got 2"),
         ({"track_link_idx": 7}, "no body 7 in this scene; bodies: 0: link, 1: body"),

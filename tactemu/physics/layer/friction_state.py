@@ -88,14 +88,21 @@ def memory_functions(real, lanes: int):
 
     @wp.func
     def settle(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i):
-        """Where cells are held from now on, into ``hold``."""
+        """Where cells are held from now on, into ``hold``: free cells where they are, slipping ones as far as they slip
+        against their traction. What else is left of a gap is the solver's error, which the next step closes; kept, it
+        would add up over steps."""
         for y in range(mine[0], shape[0], mine[1]):
             for x in range(mine[2], shape[1], mine[3]):
                 limit = win.limit[slot, y, x]
-                q = vec2(win.x[slot, y, x], win.y[slot, y, x])
-                if limit <= real(0.0) or wp.length(q) >= real(AT_BOUND) * limit:
-                    win.hold_x[slot, y, x] = win.hold_x[slot, y, x] + win.gap_x[slot, y, x]
-                    win.hold_y[slot, y, x] = win.hold_y[slot, y, x] + win.gap_y[slot, y, x]
+                slipped = vec2(win.gap_x[slot, y, x], win.gap_y[slot, y, x])
+                if limit > real(0.0):
+                    q = vec2(win.x[slot, y, x], win.y[slot, y, x])
+                    along = real(0.0)
+                    if wp.length(q) >= real(AT_BOUND) * limit:
+                        along = wp.min(wp.dot(slipped, q), real(0.0)) / wp.dot(q, q)
+                    slipped = along * q
+                win.hold_x[slot, y, x] = win.hold_x[slot, y, x] + slipped[0]
+                win.hold_y[slot, y, x] = win.hold_y[slot, y, x] + slipped[1]
         block_sync()
 
     @wp.func
