@@ -4,6 +4,7 @@
   cache; median of several runs.
 * Lateness: time from a sample's deadline to its frame being ready, as the loop itself counts it, while another process
   drains the port; at 1 kHz also with a truth log open.
+* Answers: how long a polled driver waits (:mod:`tactemu.bench.answers`).
 * Truth: what a sample costs the loop to remember, and to hand to a log's writer.
 """
 
@@ -21,6 +22,7 @@ from statistics import median
 
 import numpy as np
 
+from tactemu.bench import answers
 from tactemu.bench.timing import Report
 from tactemu.collector import no_full_collections
 from tactemu.truth import Truth
@@ -98,7 +100,7 @@ def _drained(port: str) -> Iterator[None]:
         reader.wait(10)
 
 
-def run(report: Report, *, seconds: float = 60.0, repeats: int = 5) -> dict[str, float]:
+def run(report: Report, *, seconds: float = 60.0, repeats: int = 5, questions: int = 10_000) -> dict[str, float]:
     """Measure everything; ``report`` gets one line per figure. Returns the figures by name."""
     figures: dict[str, float] = {}
     with tempfile.TemporaryDirectory(prefix="tactemu-bench-") as cache:
@@ -118,7 +120,7 @@ def run(report: Report, *, seconds: float = 60.0, repeats: int = 5) -> dict[str,
         )
     for n_taxels in TAXELS:
         _report_truth(n_taxels, figures, report)
-    return figures
+    return figures | answers.run(report, count=questions)
 
 
 def _report_truth(n_taxels: int, figures: dict[str, float], report: Report) -> None:

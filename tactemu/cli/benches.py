@@ -38,12 +38,13 @@ def save(figures: object, out: Path | None) -> None:
 def loop(
     seconds: Annotated[float, typer.Option(metavar="S", min=0.1, help="Length of each lateness run.")] = 60.0,
     repeats: Annotated[int, typer.Option(metavar="N", min=1, help="Starts with a filled kernel cache.")] = 5,
+    questions: Annotated[int, typer.Option(metavar="N", min=1, help="Asked of a polled device on each port.")] = 10_000,
     out: Out = None,
 ) -> None:
-    """First frame with an empty and a filled kernel cache; lateness at 100 Hz and 1 kHz."""
+    """First frame with an empty and a filled kernel cache; lateness at 100 Hz and 1 kHz; answers to requests."""
     from tactemu.bench.loop import run
 
-    save(run(typer.echo, seconds=seconds, repeats=repeats), out)
+    save(run(typer.echo, seconds=seconds, repeats=repeats, questions=questions), out)
 
 
 @bench.command()

@@ -1,0 +1,12 @@
+"""The measurement of answers runs, on every kind of port; its figures are nobody's business here."""
+
+import pytest
+
+from tactemu.bench import answers
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("case", answers.CASES, ids=lambda case: case.name)
+def test_every_question_is_answered(case):
+    found = answers.answer_ms(case, 20)
+    assert found["lost"] == 0 and 0 < found["p50"] <= found["p99"]
