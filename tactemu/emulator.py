@@ -93,7 +93,6 @@ class Emulator:
             TransportError: a port cannot be made; those already open are closed again.
             DeviceError: a device cannot be started.
         """
-        self.truth.begin(self.clock.origin_ns, patient=self.clock.virtual)
         try:
             for wire in self.wires:
                 wire.open()

@@ -7,7 +7,7 @@ place of an identifier (``20000008#0000000000000000``); which frame it disturbed
 from __future__ import annotations
 
 from firmware_protocols import CanFrame, Frame
-from firmware_protocols.frames import FD_LENGTHS, frame_of
+from firmware_protocols.frames import FD_LENGTHS, frame_of, text_of
 
 PROTOCOL_ERROR = 0x8
 """How SocketCAN tells a program of a disturbed frame: the class of the error in place of the identifier."""
@@ -17,11 +17,9 @@ _ERROR_DATA = "00" * 8
 
 def text(frame: Frame) -> str:
     """The frame as logs write it."""
-    if not isinstance(frame, CanFrame):
-        return frame.hex()
-    if frame.is_error_frame:
+    if isinstance(frame, CanFrame) and frame.is_error_frame:
         return f"{_ERROR_FLAG | on_the_bus(frame).arbitration_id:08X}#{_ERROR_DATA}"
-    return str(frame)
+    return text_of(frame)
 
 
 def on_the_bus(frame: CanFrame) -> CanFrame:

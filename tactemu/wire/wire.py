@@ -9,7 +9,7 @@ does the device.
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -171,9 +171,11 @@ class Wire:
         if fault.kind == "latency" and (rest := self._injector.unmount_chip()):
             self.transport.write(rest)
 
-    def _note(self, t_ns: int, source: str, kind: str, detail: str) -> None:
+    def _note(
+        self, t_ns: int, source: str, kind: str, detail: str, *, before: Frame | str = "", after: Sequence[Frame] = ()
+    ) -> None:
         self.counters[kind] += 1
-        self.truth.inject(t_ns, source, kind, detail)
+        self.truth.inject(t_ns, source, kind, detail, before=before, after=after)
 
     # -- to the driver -----------------------------------------------------------------------------------------------
 
@@ -186,12 +188,12 @@ class Wire:
         whole = [part.frame for part in parts]
         self._source = source
         if not self.transport.listening:
-            self._lose(whole, now_ns, source, "unheard", "nobody listens")
+            self._lose(whole, now_ns, source, "unheard", "nobody listens", sample)
         elif self._down is not None:
-            self._lose(whole, now_ns, source, "unheard", str(self._down))
+            self._lose(whole, now_ns, source, "unheard", str(self._down), sample)
         elif self.line.backlog_ns(source, min(now_ns, self._flushed_ns)) > self.backlog_ns:
             self.counters["dropped_readings"] += 1
-            self._lose(whole, now_ns, source, "dropped_frames", "line full")
+            self._lose(whole, now_ns, source, "dropped_frames", "line full", sample)
         else:
             least = self.carrier.turnaround_ns()
             for part in parts:
@@ -230,7 +232,7 @@ class Wire:
             ):
                 due_ns, frame = ready
                 self.line.put(frame, due_ns, node.source)
-                self._note(due_ns, node.source, node.fault.kind, str(frame))
+                self._note(due_ns, node.source, node.fault.kind, str(node.fault), after=[frame])
 
     def _pass_on(self, pending: Pending, now_ns: int) -> bool:
         """What has left the line goes to whom it is for; returns whether that is the driver, and it took it."""
@@ -251,7 +253,7 @@ class Wire:
             return False
         if not self._hand_over(heard, now_ns):
             why = ("dropped_unread", "not read") if self.transport.listening else ("unheard", "nobody listens")
-            self._lose([frame], now_ns, source, *why)
+            self._lose([frame], now_ns, source, *why, pending.sample)
             return False
         self.counters["sent"] += 1
         self.counters["sent_bytes"] += len(payload(heard))
@@ -271,10 +273,12 @@ class Wire:
         self._note(now_ns, self._source, "latency", "")
         return True
 
-    def _lose(self, frames: Iterable[Frame], now_ns: int, source: str, counter: str, why: str) -> None:
+    def _lose(
+        self, frames: Iterable[Frame], now_ns: int, source: str, counter: str, why: str, sample: int | None = None
+    ) -> None:
         for frame in frames:
             self.counters[counter] += 1
-            self.truth.dropped(now_ns, source, frame, why)
+            self.truth.dropped(now_ns, source, frame, why, sample)
 
     # -- from the driver ---------------------------------------------------------------------------------------------
 
@@ -332,7 +336,7 @@ class Wire:
         self.inbound.free_ns = now_ns
         for lost in self.line.clear():
             if lost.source != DRIVER:
-                self._lose([lost.frame], now_ns, lost.source, "unheard", why)
+                self._lose([lost.frame], now_ns, lost.source, "unheard", why, lost.sample)
         held = [frame for frame, _, way in self._injector.forget() if way == "to_driver"]
         self._lose(held, now_ns, self._owner, "unheard", why)
 

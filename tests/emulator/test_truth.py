@@ -72,3 +72,12 @@ def test_keep_bounds_what_a_served_device_remembers():
         dev.wait(0.2)
     assert 0 < len(dev.truth.samples) < 20 < dev.truth.forgotten
     assert dev.sample() is not None
+
+
+def test_frames_say_which_sample_they_carry(tmp_path):
+    run(tmp_path / "t.mcap")
+    skin = tt.read_log(tmp_path / "t.mcap")["right"]
+    counts = dict(zip(skin.sample.tolist(), skin.counts))
+    sent = {each.sample: each.frame for each in skin.frames if each.kind == "tx"}
+    assert len(sent) > 40 and max(sent) == max(counts)
+    assert all(frame == counts[number].astype("<f4").tobytes() + b"\r\n" for number, frame in sent.items())

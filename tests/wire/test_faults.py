@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 
 from firmware_protocols import Can, CanFrame, Serial
 from tactemu.errors import SceneError
+from tactemu.frame_text import text
 from tactemu.transports.memory import MemoryTransport
 from tactemu.transports.transport import DROPPED, RAISED, Closed, Opened
-from tactemu.truth import Truth
+from tactemu.truth import Truth, read_log
 from tactemu.wire.carriers import carrier_of
 from tactemu.wire.faults import KINDS, Fault, parse
 from tactemu.wire.faults.frames import SPOIL
@@ -407,3 +408,32 @@ def test_any_frame_can_be_spoiled(data, kind, amount, seed):
             assert delay in (0, 5) and type(each) is type(spoiled)
             if isinstance(each, CanFrame):
                 assert len(each.data) <= 8
+
+
+@pytest.mark.parametrize("spec", [USB, CAN], ids=["usb", "can"])
+@pytest.mark.parametrize("fault", ["flip", "drop", "duplicate", "truncate", "checksum"])
+def test_the_log_says_what_a_fault_befell_and_what_became_of_it(fault, spec, tmp_path):
+    truth = Truth(tmp_path / "t.mcap")
+    wire = Wire(MemoryTransport(), spec, faults=[f"{fault} every 2"], truth=truth, pacing=False)
+    wire.open()
+    wire.receive(0)
+    sent, arrived = [frame(k, spec) for k in range(6)], []
+    for k, each in enumerate(sent):
+        wire.send([each], k * MS, "pad", sample=k)
+        wire.flush(k * MS)
+        arrived.append(wire.transport.driver.read())
+    truth.close()
+    log = read_log(tmp_path / "t.mcap")["pad"]
+    assert [each.before for each in log.injects] == [text(each) for each in sent[1::2]]
+    assert [list(each.after) for each in log.injects] == [[text(each) for each in got] for got in arrived[1::2]]
+    assert {each.detail for each in log.injects} == {f"{fault} every 2 [to_driver]"}
+    assert [each.sample for each in log.frames] == [k for k, got in enumerate(arrived) for _ in got]
+
+
+def test_a_reading_that_is_dropped_is_logged_with_its_sample(tmp_path):
+    truth = Truth(tmp_path / "t.jsonl")
+    wire = Wire(MemoryTransport(), USB, truth=truth)
+    wire.send([b"frame"], 0, "pad", sample=7)
+    truth.close()
+    (lost,) = read_log(tmp_path / "t.jsonl")["pad"].frames
+    assert (lost.kind, lost.sample, lost.why) == ("drop", 7, "nobody listens")

@@ -3,20 +3,29 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Sequence
+from typing import Protocol
 
 import numpy as np
 
 from firmware_protocols import CanFrame, Frame
-from firmware_protocols.frames import payload, text_of
+from firmware_protocols.frames import payload
 from tactemu.random_streams import generator
 from tactemu.wire.carriers import Carrier
 from tactemu.wire.faults.fault import Fault, parse
 from tactemu.wire.faults.frames import SPOIL, Parts
 from tactemu.wire.faults.link import LatencyChip, Traffic
 
-Note = Callable[[int, str, str, str], None]
-"""``(t_ns, source, kind, detail)``: called once for every injected fault."""
+
+class Note(Protocol):
+    """Called once for every injected fault."""
+
+    def __call__(
+        self, t_ns: int, source: str, kind: str, detail: str, *, before: Frame | str = "", after: Sequence[Frame] = ()
+    ) -> None:
+        """``before`` is the frame that the fault befell, ``after`` what became of it."""
+        ...
+
 
 Key = tuple[str, str]
 """Source and direction of a frame: what one fault holds back of one is not mixed with the others."""
@@ -158,8 +167,7 @@ class Injector:
     def spoil(self, frame: Frame, t_ns: int, source: str, direction: str) -> Parts:
         """A frame as the faults leave it: frames, and by how much each is held back [ns].
 
-        ``direction`` is ``to_driver`` or ``from_driver``. The log's detail is the fault, the direction and the frame
-        before.
+        ``direction`` is ``to_driver`` or ``from_driver``. The log's detail is the fault and the direction.
         """
         parts: Parts = [(frame, 0)]
         for active in self._frames:
@@ -170,7 +178,9 @@ class Injector:
                 after, injected = active.apply(before, (source, direction), t_ns)
                 spoiled += [(each, held_ns + more_ns) for each, more_ns in after]
                 if injected:
-                    self.note(t_ns, source, active.fault.kind, f"{active.fault} [{direction}] {text_of(before)}")
+                    detail = f"{active.fault} [{direction}]"
+                    became = [each for each, _ in after]
+                    self.note(t_ns, source, active.fault.kind, detail, before=before, after=became)
             parts = spoiled
         return parts
 
