@@ -94,6 +94,8 @@ class Emulator:
             DeviceError: a device cannot be started.
         """
         try:
+            for channel in self.channels:
+                channel.plug()
             for wire in self.wires:
                 wire.open()
             self.clock.start()

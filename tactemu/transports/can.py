@@ -17,7 +17,6 @@ import struct
 import time
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import can
@@ -27,7 +26,7 @@ from tactemu.errors import TransportError, TransportUnavailable
 from tactemu.frame_text import PROTOCOL_ERROR
 from tactemu.transports.can_messages import frame_of, message_of
 from tactemu.transports.forks import keep_from_children
-from tactemu.transports.transport import Closed, Event, Opened, Received, Transport
+from tactemu.transports.transport import CanFilter, Closed, Event, Opened, Received, Transport
 
 _logger = logging.getLogger(__name__)
 
@@ -38,20 +37,6 @@ _LONGEST_NAME = 15
 _ECHOES = 256
 """Own frames that are waited for on an interface that returns them."""
 _CAN_FRAME, _CANFD_FRAME = struct.Struct("=IB3x8s"), struct.Struct("=IBB2x64s")
-
-
-@dataclass(frozen=True, slots=True)
-class CanFilter:
-    """Identifiers that a node listens to: those that agree with ``ident`` in the bits of ``mask``."""
-
-    ident: int
-    mask: int = 0x1FFF_FFFF
-    extended: bool = False
-
-    def passes(self, message: can.Message) -> bool:
-        """Whether a message has such an identifier."""
-        same = (message.arbitration_id ^ self.ident) & self.mask == 0
-        return same and message.is_extended_id == self.extended
 
 
 class CanTransport(Transport):
@@ -146,7 +131,9 @@ class CanTransport(Transport):
     def _is_heard(self, message: can.Message) -> bool:
         if message.is_error_frame:
             return False
-        return not self._filters or any(each.passes(message) for each in self._filters)
+        return not self._filters or any(
+            each.passes(message.arbitration_id, message.is_extended_id) for each in self._filters
+        )
 
     def _has_gone(self) -> bool:
         """Whether the network interface was taken away: its socket is good for nothing any more."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -67,6 +68,19 @@ RAISED, DROPPED = LinesChanged(True, True), LinesChanged(False, False)
 """What the kernel does to the modem lines of a port when it is opened, and when it is closed."""
 
 
+@dataclass(frozen=True, slots=True)
+class CanFilter:
+    """Identifiers that a node listens to: those that agree with ``ident`` in the bits of ``mask``."""
+
+    ident: int
+    mask: int = 0x1FFF_FFFF
+    extended: bool = False
+
+    def passes(self, ident: int, extended: bool) -> bool:
+        """Whether a frame with this identifier is one of them."""
+        return (ident ^ self.ident) & self.mask == 0 and extended == self.extended
+
+
 class Transport(ABC):
     """One port. The constructor only parses; :meth:`open` makes the port and is undone by :meth:`close`."""
 
@@ -82,6 +96,12 @@ class Transport(ABC):
 
         Raises:
             TransportError: it cannot be made; the message says what to do. Nothing is left behind.
+        """
+
+    def hear_only(self, filters: Sequence[CanFilter]) -> None:
+        """Let frames that nobody on this side listens to cost little, where the port can; empty: hear all.
+
+        Call before :meth:`open`.
         """
 
     @abstractmethod
@@ -128,6 +148,19 @@ class Transport(ABC):
 
 
 __all__ = [
-    "CHUNK", "DROPPED", "RAISED", "REST", "CanFrame", "Closed", "Event", "Frame", "LinesChanged", "Opened", "Received",
-    "SerialSetting", "SettingChanged", "Transport",
+    "CHUNK",
+    "DROPPED",
+    "RAISED",
+    "REST",
+    "CanFilter",
+    "CanFrame",
+    "Closed",
+    "Event",
+    "Frame",
+    "LinesChanged",
+    "Opened",
+    "Received",
+    "SerialSetting",
+    "SettingChanged",
+    "Transport",
 ]  # fmt: skip

@@ -61,7 +61,8 @@ class Wire:
     ``counters``: ``sent`` and ``sent_bytes``, ``received`` and ``received_bytes``, ``dropped_readings`` and
     ``dropped_frames`` (the line is full), ``dropped_unread`` (the driver does not read), ``unheard`` (nobody has the
     port open), ``misheard`` (the settings differ), ``overrun`` (the driver was a second ahead of the line),
-    ``collision`` (it talks while a device does), and injected faults by their kind.
+    ``collision`` (it talks while a device does), ``load_missed`` and ``babble_missed`` (frames of other nodes that a
+    late loop left out: the share that was asked for is not reached), and injected faults by their kind.
     """
 
     def __init__(
@@ -106,6 +107,7 @@ class Wire:
         Raises:
             TransportError: it cannot be made.
         """
+        self.transport.hear_only(self.carrier.filters(self.connectors.values()))
         self.transport.open()
 
     def close(self) -> None:
@@ -233,6 +235,8 @@ class Wire:
                 due_ns, frame = ready
                 self.line.put(frame, due_ns, node.source)
                 self._note(due_ns, node.source, node.fault.kind, str(node.fault), after=[frame])
+            if missed := node.take_missed():
+                self.counters[f"{node.fault.kind}_missed"] += missed
 
     def _pass_on(self, pending: Pending, now_ns: int) -> bool:
         """What has left the line goes to whom it is for; returns whether that is the driver, and it took it."""

@@ -12,8 +12,7 @@ import pytest
 from firmware_protocols import CanFrame
 from tactemu.transports import can as can_transport
 from tactemu.transports import create
-from tactemu.transports.can import CanFilter
-from tactemu.transports.transport import Closed, Opened, Received
+from tactemu.transports.transport import CanFilter, Closed, Opened, Received
 
 GROUP = "239.74.77.9"
 

@@ -437,3 +437,13 @@ def test_a_reading_that_is_dropped_is_logged_with_its_sample(tmp_path):
     truth.close()
     (lost,) = read_log(tmp_path / "t.jsonl")["pad"].frames
     assert (lost.kind, lost.sample, lost.why) == ("drop", 7, "nobody listens")
+
+
+def test_traffic_that_a_late_loop_leaves_out_is_counted():
+    wire = Wire(MemoryTransport(), CAN, faults=["load 80%"])
+    wire.open()
+    for turn in range(20):
+        wire.flush(turn * 50 * MS)
+    sent, missed = wire.counters["load"], wire.counters["load_missed"]
+    assert missed > 5 * sent > 0
+    assert (sent + missed) * 0.111 / 950 == pytest.approx(0.8 * 1.18, rel=0.15), "what was asked for"

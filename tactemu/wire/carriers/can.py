@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from typing import Any
 
 from firmware_protocols import CanFrame, Frame
+from tactemu.transports.transport import CanFilter
 from tactemu.wire.can_bits import frame_ns, priority
 from tactemu.wire.carriers.carrier import Carrier
 from tactemu.wire.pending import Pending
@@ -47,6 +49,13 @@ class CanCarrier(Carrier):
         return isinstance(frame, CanFrame) and any(
             frame.arbitration_id & mask == ident for ident, mask in connector.hears
         )
+
+    def filters(self, connectors: Iterable[Any]) -> list[CanFilter]:
+        """What all the controllers together take, if each has filters."""
+        heard = [connector.hears for connector in connectors]
+        if not heard or not all(heard):
+            return []
+        return [CanFilter(ident, mask, ident > 0x7FF) for pairs in heard for ident, mask in pairs]
 
     def carries(self, frame: Frame) -> bool:
         """CAN frames."""

@@ -5,10 +5,12 @@ from __future__ import annotations
 import itertools
 import os
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any, ClassVar
 
 from firmware_protocols import CanFrame, Connector, Frame
+from tactemu.transports.transport import CanFilter
 from tactemu.wire.pending import Pending
 
 DRIVER = "(driver)"
@@ -72,6 +74,10 @@ class Carrier(ABC):
     def collides(self, talker: str) -> bool:
         """Whether the driver talks into what ``talker`` has on the line ("" for an idle line), so that it is lost."""
         return False
+
+    def filters(self, connectors: Iterable[Any]) -> list[CanFilter]:
+        """What the devices with these connectors listen to, for ports that can filter; empty: to everything."""
+        return []
 
     def echoes(self) -> bool:
         """Whether the driver hears what it sends."""

@@ -58,6 +58,13 @@ class Traffic:
         self.source = f"({fault.kind})"
         self._carrier, self._rng = carrier, rng
         self._next_ns = fault.start_ns
+        self._spacing_ns = 1
+        self._missed_ns = 0
+
+    def take_missed(self) -> int:
+        """How many of its frames a caller that was late has left out since the last call."""
+        missed, self._missed_ns = divmod(self._missed_ns, self._spacing_ns)
+        return missed
 
     def next_ns(self) -> int | None:
         """When it sends next; ``None`` when it is over."""
@@ -67,12 +74,14 @@ class Traffic:
     def take(self, now_ns: int) -> tuple[int, CanFrame] | None:
         """When its next frame is ready and the frame, if that is by now."""
         if self._next_ns < now_ns - CATCH_UP_NS:
+            self._missed_ns += now_ns - CATCH_UP_NS - self._next_ns
             self._next_ns = now_ns - CATCH_UP_NS
         due = self.next_ns()
         if due is None or due > now_ns:
             return None
         frame = self._frame()
-        self._next_ns += round(self._carrier.traffic_ns(frame) / self.fault.probability)
+        self._spacing_ns = round(self._carrier.traffic_ns(frame) / self.fault.probability)
+        self._next_ns += self._spacing_ns
         return due, frame
 
     def _frame(self) -> CanFrame:
