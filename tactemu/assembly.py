@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from firmware_protocols import Device
 from tactemu import transports
@@ -24,10 +24,15 @@ from tactemu.scene.file import LoadedScene
 from tactemu.scene.limits import RATES_HZ
 from tactemu.scene.motion import Joint
 from tactemu.scene.placement import PlacedSkin
-from tactemu.scene.schema import EventTable, Skin
+from tactemu.scene.schema import EventTable, Skin, World
 from tactemu.sensing import Senses, Untouched
+from tactemu.sources import given_by, without
 from tactemu.truth import Truth
 from tactemu.wire.wire import Wire
+
+if TYPE_CHECKING:
+    from tactemu.physics.simulation import Simulation
+    from tactemu.scene.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -75,12 +80,21 @@ class Assembled:
     loaded: LoadedScene
     skins: Mapping[str, PlacedSkin]
     """Those that are on bodies, by name."""
+    posed: frozenset[str]
+    """Bodies that a source of the user's poses."""
 
 
 def assemble(
-    loaded: LoadedScene, wishes: Wishes | None = None, *, clock: Clock | None = None, truth: Truth | None = None
+    loaded: LoadedScene,
+    wishes: Wishes | None = None,
+    *,
+    clock: Clock | None = None,
+    truth: Truth | None = None,
+    source: Any = None,
 ) -> Assembled:
     """Build everything that a scene file asks for; kernels are compiled here, ports opened only by the emulator.
+
+    ``source`` is a simulator of the user's own (:mod:`tactemu.sources`).
 
     Raises:
         TactemuError: something in the scene or the wishes cannot be had.
@@ -89,6 +103,8 @@ def assemble(
     world = loaded.tables.scene
     seed = world.seed if wishes.seed is None else wishes.seed
     devices = make_devices(loaded)
+    given = given_by(source, loaded, devices, lambda scene: _built(scene, wishes, world, seed))
+    loaded = without(loaded, given)
     events = (*loaded.tables.scenario, *wishes.scenario)
     plugs = plugs_of(loaded.tables.skin, devices, wishes.port, fresh=wishes.fresh_ports)
     truth = truth or Truth()
@@ -97,20 +113,28 @@ def assemble(
     channels: dict[str, Channel] = {}
     scene, placed = build_scene(_driven(loaded, devices, channels), devices, laws)
     played = _recordings(loaded, devices)
-    simulation = None
-    if placed:
-        simulation = scene.build(device=wishes.compute or world.device, seed=seed, dtype=world.dtype)
-        simulation.step()  # loads the kernels, so that the first frame is not late
-        simulation.reset()
+    simulation = _built(scene, wishes, world, seed) if placed else given.simulation
+    if given.poses and simulation is not None:
+        given.poses.attach(simulation)
+    placed |= given.sensors
+    fed = given.readings.skins if given.readings else {}
     for skin in loaded.tables.skin:
         device = devices[skin.title]
-        felt = played.get(skin.title) or placed.get(skin.title) or Untouched()
+        felt = fed.get(skin.title) or played.get(skin.title) or placed.get(skin.title) or Untouched()
         own = {plug.connector.name: wires[plug.address] for plug in plugs if plug.skin == skin.title}
         channels[skin.title] = _channel(skin, device, Senses(felt, device.layout), own, wishes, seed)
-    advanced = Playback(simulation, list(played.values())) if played else simulation
+    followed = [*played.values(), *([given.readings] if given.readings else [])]
+    advanced = Playback(simulation, followed) if followed else simulation
     emulator = Emulator(advanced, channels.values(), clock=clock, truth=truth)
     schedule(emulator, events)
-    return Assembled(emulator, simulation, scene, loaded, placed)
+    return Assembled(emulator, simulation, scene, loaded, placed, frozenset(given.posed))
+
+
+def _built(scene: Scene, wishes: Wishes, world: World, seed: int) -> Simulation:
+    simulation = scene.build(device=wishes.compute or world.device, seed=seed, dtype=world.dtype)
+    simulation.step()  # loads the kernels, so that the first frame is not late
+    simulation.reset()
+    return simulation
 
 
 def truth_of(loaded: LoadedScene, path: str | Path | None = None, keep: str | int | None = None) -> Truth:

@@ -6,6 +6,7 @@
      ├── SceneError             a scene or an option is wrong; raised before any port opens
      ├── MeshError              a mesh that cannot be loaded or used
      ├── PoseError              a pose or twist that is not finite, or a quaternion of length zero
+     ├── SourceError            a simulator of the user's own that raised, or gave what is of no use
      ├── DeviceError            an unknown device, or one that does not fit its wire or its skin
      └── TransportError         a port that cannot be made
           └── TransportUnavailable   this machine lacks what the transport needs; the message names the fix
@@ -33,6 +34,10 @@ class MeshError(SceneError):
 
 class PoseError(TactemuError):
     """A pose is not usable; the message names body, environment and step."""
+
+
+class SourceError(TactemuError):
+    """A simulator of the user's own has failed; the message names the time."""
 
 
 class DeviceError(TactemuError):

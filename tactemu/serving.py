@@ -17,7 +17,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -46,6 +46,11 @@ from tactemu.scene.steering import (
 from tactemu.transports.pty import PtyTransport
 from tactemu.truth import Sample, Truth
 
+if TYPE_CHECKING:
+    from tactemu.physics.simulation import Simulation
+    from tactemu.scene.bodies import Body
+    from tactemu.scene.scene import Scene
+
 _SPEED = 0.05
 """Of bodies that are steered [m/s], unless told otherwise."""
 
@@ -65,6 +70,7 @@ def serve(
     keep: str | int | None = None,
     device: str | None = None,
     device_options: Mapping[str, Any] | None = None,
+    source: Scene | Simulation | Callable[[float], Any] | None = None,
 ) -> Served:
     """A device or scene file on a port of its own; use it in a ``with`` statement.
 
@@ -84,6 +90,8 @@ def serve(
         keep: memory for samples and frames, ``"64MB"``; default: the scene's, else a share of the process's 256 MB.
         device: where kernels run.
         device_options: of a device named by ``target``, as for ``tactemu run NAME OPTION=VALUE``.
+        source: a simulator of your own: a scene, built or not, or a function of time that gives poses or readings
+            (:mod:`tactemu.sources`).
 
     Raises:
         TactemuError: when it starts, if something asked for cannot be had.
@@ -93,7 +101,9 @@ def serve(
         scenario=tuple(scenario), adjustable=tuple(one_or_more(adjustable)),
     )  # fmt: skip
     steered_by_name = tuple(one_or_more(steer))
-    return Served(str(target), wishes, steered_by_name, truth, keep, device_options, by_hand=by_hand)
+    return Served(
+        str(target), wishes, steered_by_name, truth, keep, device_options, by_hand=by_hand, source=source
+    )  # fmt: skip
 
 
 class Served:
@@ -109,7 +119,9 @@ class Served:
         device_options: Mapping[str, Any] | None,
         *,
         by_hand: bool,
+        source: Any,
     ):
+        self._source = source
         self._target, self._device_options, self._wishes, self._steer_names = target, device_options, wishes, steer
         self._by_hand = by_hand and not target.endswith(".toml")
         self._truth_path, self._keep = truth, keep
@@ -140,7 +152,9 @@ class Served:
         loaded, self._steered = steered(loaded, self._steer_names, by_hand=self._by_hand)
         truth = truth_of(loaded, self._truth_path, self._keep)
         try:
-            self._assembled = assemble(loaded, self._wishes, truth=truth)
+            self._assembled = assemble(loaded, self._wishes, truth=truth, source=self._source)
+            for name in self._assembled.posed:
+                self._steered.pop(name, None)
             self.emulator.open()
         except BaseException:
             truth.close()
@@ -351,6 +365,19 @@ class Served:
             return now_s
 
         self._until(begin)
+
+    def set_pose(self, body: Body | str, **pose: Any) -> None:
+        """Pose a body of the simulation, as :meth:`tactemu.physics.simulation.Simulation.set_pose`, from any thread.
+
+        Raises:
+            TactemuError: there is no such body, it is fixed, or the pose is none.
+        """
+
+        def put(now_s: float) -> float:
+            self.simulation.set_pose(body, **pose)
+            return now_s
+
+        self._until(put)
 
     def set_lines(self, *, dtr: bool, rts: bool, skin: str | None = None) -> None:
         """Move the modem lines of a pseudo terminal, on which a driver cannot."""

@@ -39,14 +39,16 @@ ARROWS = {
     "scenario": (*LEAVES, "channel", "emulator", "imperfections", "scene", "wire"),
     "sensing": (*LEAVES, "imperfections", "scene"),
     "plugging": (*LEAVES, "scene", "transports", "wire"),
+    "sources": (*LEAVES, "physics", "scene"),
     "assembly": (
-        *LEAVES, "channel", "clock", "emulator", "plugging", "recordings", "sampling", "scenario", "scene", "sensing",
-        "transports", "truth", "wire",
+        *LEAVES, "channel", "clock", "emulator", "physics", "plugging", "recordings", "sampling", "scenario", "scene",
+        "sensing", "sources", "transports", "truth", "wire",
     ),
     "tune": (*LEAVES, "assembly", "channel", "clock", "emulator", "physics", "plan", "scene"),
     "errand": ("emulator",),
     "serving": (
-        *LEAVES, "assembly", "clock", "emulator", "errand", "kernels", "scenario", "scene", "transports", "truth",
+        *LEAVES, "assembly", "clock", "emulator", "errand", "kernels", "physics", "scenario", "scene", "transports",
+        "truth",
     ),
     "pytest_plugin": ("serving",),
     "doors": (*LEAVES, "serving"),
@@ -71,6 +73,7 @@ FACADES = {
     "scene/schema.py": ("physics",),  # the keys of each shape
     "scene/placement.py": ("physics", "imperfections"),  # a built sensor on its link
     "scene/mujoco_source.py": ("physics",),  # poses a built scene
+    "scene/engine.py": ("physics",),  # likewise, at each of its steps
 }
 FOREIGN = {
     "firmware_protocols": ("tactemu", "warp", "trimesh", "can", "serial"),

@@ -68,6 +68,7 @@ class Simulation:
         device,
         seed: int,
         dtype: str,
+        posers: Sequence[Callable[[Simulation, float], None]] = (),
     ):
         if n_envs is not None and (isinstance(n_envs, bool) or int(n_envs) != n_envs or n_envs < 1):
             raise SceneError(f"build: n_envs must be None or a whole number >= 1, got {n_envs!r}")
@@ -98,6 +99,8 @@ class Simulation:
         attachments = self._compile()
         self.world = World(self.bodies, self._poses.world)
         self._moving = [body for body in self.bodies if body.motion is not None]
+        self.posers = list(posers)
+        """Called at each step with its time [s], after the motions: they pose bodies."""
         self._move(0.0)
         for attach in attachments:
             attach()
@@ -238,8 +241,7 @@ class Simulation:
             self._dt_ns = dt_ns
         self.time_ns += dt_ns
         self.step_count += 1
-        if self._moving:
-            self._move(self.time_ns * 1e-9)
+        self._move(self.time_ns * 1e-9)
         self.world.upload()
         self.plan.run()
         if self._bad_view is not None and self._bad_view.any():
@@ -275,6 +277,8 @@ class Simulation:
     def _move(self, t_s: float) -> None:
         for body in self._moving:
             self.world.put(body.index, body.pose(t_s))
+        for pose in self.posers:
+            pose(self, t_s)
 
     def pose(self, body: Body) -> Pose:
         """Where a body is and how it moves, as last set, in the world of environment 0."""

@@ -17,6 +17,8 @@ from tactemu.physics.models import cheapest, load, models_for
 from tactemu.physics.shapes.registry import load_shape
 from tactemu.physics.shapes.shape import Shape
 from tactemu.scene import rotation
+from tactemu.scene.bodies import Body
+from tactemu.scene.engine import MujocoEngine
 from tactemu.scene.file import LoadedScene, load_device
 from tactemu.scene.placement import PlacedSensor, PlacedSkin
 from tactemu.scene.schema import Body as BodyTable
@@ -78,6 +80,7 @@ def build_scene(
             quaternion=body.quaternion,
             motion=loaded.motions.get(body.name),
         )
+    engine = _engine(loaded, scene)
     skins = {}
     for skin in loaded.tables.skin:
         device = devices[skin.title]
@@ -85,10 +88,23 @@ def build_scene(
             continue
         placed = []
         for part in parts_of(skin, device.layout):
-            model = sensor_model(skin, device, (laws or {}).get(skin.title, ()), part=part)
-            placed.append(PlacedSensor(scene.add_sensor(model, link=part.body, name=part.name), part))
+            link, unfelt = _carrier(scene, engine, part.body)
+            model = sensor_model(skin, device, (laws or {}).get(skin.title, ()), part=part, unfelt=unfelt)
+            placed.append(PlacedSensor(scene.add_sensor(model, link=link, name=part.name), part))
         skins[skin.title] = PlacedSkin(placed, len(device.layout))
     return scene, skins
+
+
+def _engine(loaded: LoadedScene, scene: Scene) -> MujocoEngine | None:
+    table = loaded.tables.engine
+    return None if table is None else MujocoEngine(scene, loaded.folder / table.file)
+
+
+def _carrier(scene: Scene, engine: MujocoEngine | None, name: str) -> tuple[Body, tuple[int, ...]]:
+    """The body that carries a skin, and those that move with it and are not felt, by their places."""
+    if engine is None or any(body.name == name for body in scene.bodies if body not in engine.bodies):
+        return scene.body(name), ()
+    return engine.carrier(name), engine.beside(name)
 
 
 def _shape(body: BodyTable, folder: Path) -> Shape | None:
@@ -101,10 +117,18 @@ def _shape(body: BodyTable, folder: Path) -> Shape | None:
         raise SceneError(f"body {body.name!r}: {error}") from None
 
 
-def sensor_model(skin: Skin, device: Device, laws: Sequence[str] = (), *, part: SkinPart | None = None) -> Any:
+def sensor_model(
+    skin: Skin,
+    device: Device,
+    laws: Sequence[str] = (),
+    *,
+    part: SkinPart | None = None,
+    unfelt: tuple[int, ...] = (),
+) -> Any:
     """The sensor model of a skin: the device's taxels, placed on the link, with the skin's options.
 
     ``laws`` are built although they are off, so that they can be switched on. ``part`` is of a skin on several bodies.
+    ``unfelt`` are bodies that it does not feel, unless the options choose them.
 
     Raises:
         SceneError: no such model, or an option that it does not have or does not accept.
@@ -128,6 +152,8 @@ def sensor_model(skin: Skin, device: Device, laws: Sequence[str] = (), *, part: 
         given = taxels(part or parts_of(skin, device.layout)[0], skin, model, known) | _arrays(skin.options)
         if "forces_on_skin" in known:  # devices measure what acts on them (see firmware_protocols.device)
             given.setdefault("forces_on_skin", True)
+        if unfelt:
+            given.setdefault("filter_link_idx", unfelt)
         if laws:
             given["adjustable"] = tuple(sorted({*given.get("adjustable", ()), *laws}))
         return model(**given)

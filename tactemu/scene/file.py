@@ -200,6 +200,7 @@ def _motions(tables: SceneFile, source: str) -> dict[str, Motion]:
 def _references(tables: SceneFile):
     """Names that must exist, and must not exist twice."""
     bodies = [body.name for body in tables.body]
+    elsewhere = tables.engine is not None  # its bodies are known when its file is read
     skins = [skin.title for skin in tables.skin]
     for kind, names in (("body", bodies), ("skin", skins)):
         for name in sorted({n for n in names if names.count(n) > 1}):
@@ -207,12 +208,12 @@ def _references(tables: SceneFile):
     for skin in tables.skin:
         if (skin.link is None) == (skin.readings is None):
             yield f"skin {skin.title!r}: give it a `link` to a body, or `readings` from a truth log (one of the two)"
-        elif skin.link is not None and skin.link not in bodies:
+        elif skin.link is not None and skin.link not in bodies and not elsewhere:
             known = ", ".join(bodies) or "none"
             yield f"skin {skin.title!r}: link: no body {skin.link!r}{nearest(skin.link, bodies)} (bodies: {known})"
         for link, place in skin.links.items():
             body = place if isinstance(place, str) else place.body
-            if body not in bodies:
+            if body not in bodies and not elsewhere:
                 known = ", ".join(bodies) or "none"
                 yield f"skin {skin.title!r}: links.{link}: no body {body!r}{nearest(body, bodies)} (bodies: {known})"
         if skin.model_ is not None and skin.model_ not in MODELS and ":" not in skin.model_:

@@ -40,11 +40,16 @@ if TYPE_CHECKING:
     from tactemu.scene.scene import Scene
 
 
-def _mujoco():
+def load_mujoco():
+    """The module.
+
+    Raises:
+        SceneError: it is not installed.
+    """
     try:
         import mujoco
     except ImportError:
-        raise SceneError("MujocoSource needs MuJoCo: pip install 'tactemu[mujoco]'") from None
+        raise SceneError("MuJoCo is not installed: pip install 'tactemu[mujoco]'") from None
     return mujoco
 
 
@@ -61,7 +66,7 @@ class MujocoSource:
     """
 
     def __init__(self, scene: Scene, model: Any, geoms: Iterable[str | int] | None = None):
-        self._mujoco = _mujoco()
+        self._mujoco = load_mujoco()
         self._scene, self._model = scene, model
         self._geoms: dict[int, Body] = {}
         self._links: dict[int, Body] = {}
@@ -92,6 +97,15 @@ class MujocoSource:
         if found not in self._links:
             self._links[found] = self._scene.add_body(name=f"{self._name('body', found)} (frame)")
         return self._links[found]
+
+    @property
+    def bodies(self) -> list[Body]:
+        """All that were added to the scene."""
+        return [*self._geoms.values(), *self._links.values()]
+
+    def names(self) -> str:
+        """What there is, in words for a message."""
+        return f"geoms: {self._listed(self._geoms)}; bodies: {self._names('body', range(self._model.nbody))}"
 
     def geoms_of(self, which: str | int) -> list[Body]:
         """The bodies of all geoms that a MuJoCo body carries."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from tactemu.errors import SceneError
 from tactemu.scene import rotation
+from tactemu.scene.motion import Pose
 from tactemu.scene.skins import SkinPart
 
 if TYPE_CHECKING:
@@ -55,14 +56,19 @@ class PlacedSensor:
 
     def positions(self, t_s: float) -> np.ndarray:
         """Its taxels in the world at ``t_s`` [m], shape ``(n_taxels, 3)``."""
-        link = self.sensor.link.pose(t_s)
+        link = self._link(t_s)
         on_link = rotation.rotate(self._to_link, self.part.layout.positions) + self.part.position
         return link.position + rotation.rotate(link.quaternion, on_link)
 
     def normals(self, t_s: float) -> np.ndarray:
         """Its taxels' directions out of the skin in the world at ``t_s``, shape ``(n_taxels, 3)``."""
-        turn = rotation.multiply(self.sensor.link.pose(t_s).quaternion, self._to_link)
+        turn = rotation.multiply(self._link(t_s).quaternion, self._to_link)
         return rotation.rotate(turn, self.part.layout.normals)
+
+    def _link(self, t_s: float) -> Pose:
+        """Where its link is: by its motion at ``t_s``, else as it was posed last."""
+        link = self.sensor.link
+        return link.pose(t_s) if link.motion is not None or link.fixed else self.sensor.link_pose()
 
     @property
     def imperfections(self) -> Imperfections | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,6 +32,8 @@ class Scene:
         self.dt = number("Scene", "dt", dt, at_least=1e-9, unit="s")
         self.bodies: list[Body] = []
         self.sensors: list[Sensor] = []
+        self.posers: list[Callable[[Simulation, float], None]] = []
+        """What poses bodies at each step of the built scene, with its time [s]: another simulator."""
         self._built: Simulation | None = None
 
     def add_body(
@@ -137,8 +139,9 @@ class Scene:
         from tactemu.physics.simulation import Simulation
 
         simulation = Simulation(
-            self.bodies, self.sensors, dt=self.dt, n_envs=n_envs, device=device, seed=seed, dtype=dtype
-        )
+            self.bodies, self.sensors, dt=self.dt, n_envs=n_envs, device=device, seed=seed, dtype=dtype,
+            posers=self.posers,
+        )  # fmt: skip
         self._outdate("the scene was built again, and its sensors read the new simulation")
         self._built = simulation
         return simulation

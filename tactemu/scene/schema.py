@@ -301,6 +301,13 @@ class World(Table):
     dtype: Literal["float32", "float64"] = Field(default="float32", description="width of the kernels' numbers")
 
 
+class EngineTable(Table):
+    """``[engine]``: a simulator that moves bodies of its own, which skins feel and may sit on."""
+
+    kind: Literal["mujoco"]
+    file: str = Field(description="its model, by a path relative to the scene file")
+
+
 class TruthTable(Table):
     """``[truth]``: what is remembered of a run."""
 
@@ -318,6 +325,7 @@ class SceneFile(Table):
 
     truth: TruthTable = TruthTable()
     scene: World = World()
+    engine: EngineTable | None = None
     body: tuple[AnyBody, ...] = ()
     skin: Annotated[tuple[Skin, ...], BeforeValidator(_not_empty)]
     scenario: tuple[EventTable, ...] = ()

@@ -31,7 +31,9 @@ _LOOK_S = 0.02
 """How often the thread looks for entries."""
 _FLUSH_S = 2.0
 """How much time a log may lack when its process is killed."""
-_SLICE_S, _REST_S = 1e-4, 5e-5
+_SLICE_S, _REST_S, _HURRIED_REST_S = 5e-5, 5e-4, 5e-5
+_HURRY_BYTES = 4_000_000
+"""From here on the thread rests less. Before, a turn of the loop meets one slice of its work at most."""
 
 _logger = logging.getLogger(__name__)
 
@@ -161,7 +163,7 @@ class LogWriter:
         now = time.perf_counter()
         if now - since < _SLICE_S or self._closing.is_set():
             return since
-        time.sleep(_REST_S)
+        time.sleep(_REST_S if self.waiting < _HURRY_BYTES else _HURRIED_REST_S)
         return time.perf_counter()
 
     def _save(self) -> None:

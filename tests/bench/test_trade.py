@@ -40,7 +40,14 @@ def test_gains_undo_a_scale():
     assert gains["drag"] == pytest.approx(4.0) and gains["shift"] == pytest.approx(4.0)
 
 
-@pytest.mark.parametrize("name", indenters())
+OBJECTS = ["sphere", "box", "box edge", "cylinder", "tilted box", "thin wedge", "free form"]
+
+
+def test_every_object_is_tried():
+    assert OBJECTS == list(indenters())
+
+
+@pytest.mark.parametrize("name", OBJECTS)
 def test_every_object_touches_with_its_lowest_point_in_the_middle(name):
     """At a depth of 0.5 mm the deepest taxel is nearly that deep; on the wedge, 0.125 mm beside its edge, hardly."""
     setting = next(setting for setting in ladder() if setting.name == "L1 depth, ray")

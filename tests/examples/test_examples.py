@@ -10,6 +10,8 @@ from tests.cli.command import ROOT, environment, plugin_options, tactemu
 
 EXPECTED = {
     "without_a_wire.py": ["relative poses", "depth [mm]"],
+    "own_simulator.py": ["poses: 100 frames", "readings: 100 frames", "pushed with up to 1.00 N"],
+    "genesis_skin.py": ["50 frames", "the skin was pushed with up to"],
     "mujoco_skin.py": ["t = 0.80 s, ball at x =", "force on the skin"],
     "two_drivers.py": ["read by the anyskin package", "read by the linkerbot SDK", "every one as it was sent"],
 }
@@ -24,8 +26,9 @@ def test_every_example_is_tested():
 @pytest.mark.timeout(150)
 @pytest.mark.parametrize("name", EXPECTED)
 def test_an_example_runs(name):
-    if name == "mujoco_skin.py":
-        pytest.importorskip("mujoco")
+    for package in ("mujoco", "genesis"):
+        if name.startswith(package):
+            pytest.importorskip(package, reason="the example says what to install")
     done = subprocess.run(
         [sys.executable, str(ROOT / "examples" / name)], capture_output=True, text=True, timeout=140, env=environment(),
         check=False,

@@ -304,6 +304,56 @@ def test_two_pads_are_two_layers():
             np.testing.assert_allclose(one[members], other[order[members] - offset], atol=1e-3 * scale)
 
 
+@pytest.mark.parametrize("quaternion", [(1, 0, 0, 0), (0.9, 0.1, 0.3, 0.2)])
+def test_pressure_under_a_large_ball_is_smooth_in_float32(quaternion):
+    """Hertz, 0.1 mm under a ball of 250 mm: every cell's overlap is a small difference of large numbers."""
+    young, nu, radius, depth = 1e5, 0.45, 0.25, 1e-4
+    patch = np.sqrt(radius * depth)
+    positions = grid(96, 96, 2.4 * patch / 96)
+    options = {"thickness": np.inf, "poisson_ratio": nu, "iterations": 50, "tolerance": 1e-5, "displacement": False}
+    sim, ball, skin = scene_with(tt.Sphere(radius=radius), positions=positions, young_modulus=young, **options)
+    pressure = press(sim, ball, skin, radius - depth, quaternion=quaternion).pressure
+    away = np.hypot(positions[..., 0], positions[..., 1]) / patch
+    peak = 2 * young / (1 - nu**2) * np.sqrt(depth / radius) / np.pi
+    expected = peak * np.sqrt(np.maximum(1 - away**2, 0))
+    assert np.abs(pressure - expected)[away < 0.9].max() < 2e-3 * peak
+
+
+def bent(radius, shared_normal=False):
+    """A pad of 12 x 16 taxels bent around y, its middle at the top of the pad; positions and normals."""
+    flat = grid(12, 16, 1e-3)
+    angle = flat[..., 0] / radius
+    positions = np.stack([radius * np.sin(angle), flat[..., 1], TOP + radius * (np.cos(angle) - 1)], -1)
+    normals = np.stack([np.sin(angle), 0 * angle, np.cos(angle)], -1)
+    return positions, (0.0, 0.0, 1.0) if shared_normal else normals
+
+
+@pytest.mark.parametrize("shared_normal", [False, True])
+@pytest.mark.parametrize("radius", [1.0, 0.1, 0.03, 0.01])
+def test_a_bent_skin_is_refused_and_not_cut_into_strips(radius, shared_normal):
+    positions, normals = bent(radius, shared_normal)
+    with pytest.raises(SceneError, match=r"bent surface.*bend radius of (39|4\d) m on|needs taxels on a flat"):
+        scene_with(tt.Sphere(radius=5e-3), positions=positions, probe_local_normal=normals)
+
+
+def test_from_the_radius_that_is_named_on_a_bent_skin_reads_as_a_flat_one():
+    forces = []
+    for positions, normals in (bent(50.0), (grid(12, 16, 1e-3), (0, 0, 1))):
+        sim, ball, skin = scene_with(tt.Sphere(radius=5e-3), positions=positions, probe_local_normal=normals)
+        forces.append(press(sim, ball, skin, 4.5e-3, x=4e-3).force)
+    assert np.abs(forces[0] - forces[1]).max() < 5e-3 * np.abs(forces[1]).max()
+
+
+def test_faces_that_meet_at_an_edge_are_pads_of_their_own():
+    top = grid(8, 8, 1e-3).reshape(-1, 3)
+    side = np.column_stack([np.full(64, 4.5e-3 + 5e-4), top[:, 1], TOP - 5e-4 - (top[:, 0] + 3.5e-3)])
+    normals = np.repeat([(0, 0, 1.0), (1.0, 0, 0)], 64, axis=0)
+    positions = np.concatenate([top, side])
+    sim, ball, skin = scene_with(tt.Sphere(radius=5e-3), positions=positions, probe_local_normal=normals)
+    force = press(sim, ball, skin, 4.5e-3).force
+    assert force[:64].any() and not force[64:].any()
+
+
 @pytest.mark.parametrize(("device", "pads"), [("inspire_rh56dftp", 17), ("robotiq_tsf85", 2), ("xela_uskin", 1)])
 def test_pads_of_real_hands_are_found(device, pads):
     import firmware_protocols

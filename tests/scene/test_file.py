@@ -120,7 +120,9 @@ def test_every_toml_block_of_the_documentation_is_right():
             file.make_motion(body["motion"])
 
 
-@pytest.mark.parametrize("table", [schema.World, schema.Skin, schema.ClockTable, schema.Event, *schema.SHAPES.values()])
+@pytest.mark.parametrize(
+    "table", [schema.World, schema.Skin, schema.ClockTable, schema.EngineTable, schema.Event, *schema.SHAPES.values()]
+)
 def test_the_documentation_names_every_key(table):
     page = PAGE.read_text()
     for name, field in table.model_fields.items():

@@ -21,16 +21,18 @@ def _capsule() -> trimesh.Trimesh:
 
 
 SHAPES = {
-    "sphere": (Sphere(radius=0.01), trimesh.creation.icosphere(subdivisions=5, radius=0.01)),
-    "box": (Box(size=(0.01, 0.02, 0.03)), trimesh.creation.box(extents=(0.01, 0.02, 0.03))),
-    "capsule": (Capsule(radius=0.004, length=0.02), _capsule()),
-    "cylinder": (Cylinder(radius=0.004, length=0.02), trimesh.creation.cylinder(0.004, 0.02, sections=512)),
+    # shape, and what makes its mesh
+    "sphere": (Sphere(radius=0.01), lambda: trimesh.creation.icosphere(subdivisions=5, radius=0.01)),
+    "box": (Box(size=(0.01, 0.02, 0.03)), lambda: trimesh.creation.box(extents=(0.01, 0.02, 0.03))),
+    "capsule": (Capsule(radius=0.004, length=0.02), _capsule),
+    "cylinder": (Cylinder(radius=0.004, length=0.02), lambda: trimesh.creation.cylinder(0.004, 0.02, sections=512)),
 }
 
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_reach_is_that_of_the_shapes_mesh(name):
-    shape, mesh = SHAPES[name]
+    shape, make_mesh = SHAPES[name]
+    mesh = make_mesh()
     rng = np.random.default_rng(0)
     body = Scene().add_body(shape)
     twin = Scene().add_body(Mesh(source=mesh))

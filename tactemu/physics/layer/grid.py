@@ -11,6 +11,10 @@ from tactemu.physics.probes.probes import Probes
 
 _TOLERANCE = 1e-3
 """Largest deviation of a taxel from its place, in pitches, and of normals from one another."""
+_NEIGHBOURS = 1.6
+"""Pads nearer to each other than so many pitches touch; a diagonal step is 1.41."""
+_CORNER = np.cos(np.radians(44.0))
+"""Cosine of the angle from which on touching pads are two faces of a body, and not one bent skin."""
 _CLOSE = (2.05, 1.45, 1.05)
 """How many pitches apart neighbours of one pad may be; pads that lie close together need the smaller ones."""
 
@@ -72,11 +76,11 @@ def layer_grids(probes: Probes, split: int, sensor: str) -> list[LayerGrid]:
     """The grids that the probes form, listed as ``(rows, cols, 3)`` or as ``(n, 3)``: one, or one per flat pad.
 
     Raises:
-        SceneError: a pad's taxels do not lie on a flat rectangular lattice.
+        SceneError: a pad's taxels do not lie on a flat rectangular lattice, or the pads are strips of a bent skin.
     """
     active = np.flatnonzero(probes.active)
     if not len(active):
-        raise SceneError(f"{sensor}: ElasticLayerTaxel needs at least one taxel with a probe_radius > 0")
+        return []
     try:
         return [_grid_of(probes, active, split, sensor)]
     except SceneError as error:
@@ -84,10 +88,41 @@ def layer_grids(probes: Probes, split: int, sensor: str) -> list[LayerGrid]:
     for closeness in _CLOSE:
         pads = _pads(probes, active, closeness)
         try:
-            return [_grid_of(probes, pad, split, f"{sensor}, pad {k + 1} of {len(pads)}") for k, pad in enumerate(pads)]
+            grids = [
+                _grid_of(probes, pad, split, f"{sensor}, pad {k + 1} of {len(pads)}") for k, pad in enumerate(pads)
+            ]
         except SceneError as error:
             reason = error if len(pads) > 1 else reason
+            continue
+        _refuse_strips(probes, pads, grids, sensor)
+        return grids
     raise reason
+
+
+def _refuse_strips(probes: Probes, pads: list[np.ndarray], grids: list[LayerGrid], sensor: str) -> None:
+    """Pads know nothing of each other: right for fingers and faces, wrong for the strips of one bent skin.
+
+    Raises:
+        SceneError: two pads touch, out of one plane, and are hardly turned against each other.
+    """
+    for k, (pad, grid) in enumerate(zip(pads, grids)):
+        for other, beside in zip(pads[:k], grids[:k]):
+            if grid.normal @ beside.normal < _CORNER:
+                continue
+            way = probes.positions[other][:, None] - probes.positions[pad][None]
+            distance = np.linalg.norm(way, axis=-1)
+            pitch = max(*grid.pitch, *beside.pitch)
+            level = np.abs(way @ grid.normal).max() <= _TOLERANCE * pitch
+            if level or distance.min() > _NEIGHBOURS * pitch:
+                continue
+            positions = probes.positions[probes.active]
+            extent = float(np.linalg.norm(np.ptp(positions, axis=0)))
+            flat_from = extent / _TOLERANCE * max(0.5, extent / (8 * min(grid.pitch)))
+            raise SceneError(
+                f"{sensor}: the taxels lie on a bent surface; ElasticLayerTaxel solves flat pads, and strips of a bent "
+                f"one would not feel each other. From a bend radius of {flat_from:.2g} m on these count as flat. Use "
+                "ElastomerTaxel, or lay the taxels out flat"
+            )
 
 
 def _pads(probes: Probes, active: np.ndarray, closeness: float) -> list[np.ndarray]:

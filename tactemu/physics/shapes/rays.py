@@ -46,9 +46,10 @@ def line_pieces(real) -> LinePieces:
         first = real(FAR)
         last = real(-FAR)
         if across <= radius:
-            half = wp.sqrt((radius - across) * (radius + across))
-            first = -b - half
-            last = -b + half
+            # How far the ball has dropped from its pole: of a large one the difference of roots is rounding.
+            drop = across * across / (radius + wp.sqrt((radius - across) * (radius + across)))
+            first = (-b - radius) + drop
+            last = (-b + radius) - drop
         return first, last
 
     @wp.func
@@ -184,8 +185,12 @@ def ray_function(real, kinds: frozenset):
     @wp.func
     def enters(shapes: shapes_type, b: int, pose: transform, r: vec3, m: vec3, reach: real, margin: real):
         q = wp.transform_get_rotation(pose)
-        o = wp.quat_rotate_inv(q, r - wp.transform_get_translation(pose))
-        first, last = through(shapes, b, o, wp.quat_rotate_inv(q, m), reach, margin)
+        o = r - wp.transform_get_translation(pose)
+        d = m
+        if shapes.turns[b] == 1:
+            o = wp.quat_rotate_inv(q, o)
+            d = wp.quat_rotate_inv(q, m)
+        first, last = through(shapes, b, o, d, reach, margin)
         if first < -reach and last < real(0.0):
             first = real(FAR)
         return wp.max(first, -reach)

@@ -1,0 +1,65 @@
+"""Genesis's own taxels behind a driver: what its sensor reads goes on the wire as it is; tactemu simulates nothing.
+
+pip install genesis-world torch
+python examples/genesis_skin.py
+
+A ball drops on a pad that carries Genesis's KinematicTaxel at the places of AnySkin's five chips.
+"""
+
+from __future__ import annotations
+
+import genesis as gs
+import numpy as np
+import serial
+
+import firmware_protocols
+import tactemu as tt
+
+FRAME = 82
+TOP = 0.01
+"""Of the pad [m]."""
+
+
+def built():
+    """A pad, a ball above it, and a sensor on the pad."""
+    gs.init(backend=gs.cpu, logging_level="warning")
+    scene = gs.Scene(sim_options=gs.options.SimOptions(dt=0.002), show_viewer=False)
+    pad = scene.add_entity(gs.morphs.Box(size=(0.03, 0.03, TOP), pos=(0, 0, TOP / 2), fixed=True))
+    scene.add_entity(gs.morphs.Sphere(radius=0.01, pos=(0, 0, TOP + 0.02)))
+    chips = firmware_protocols.create("anyskin").layout.positions
+    taxels = gs.sensors.KinematicTaxel(
+        entity_idx=pad.idx,
+        probe_local_pos=(chips + np.array([0, 0, TOP / 2 - 0.001])).tolist(),
+        probe_radius=0.003,
+        normal_stiffness=1000.0,
+    )
+    sensor = scene.add_sensor(taxels)
+    scene.build()
+    return scene, sensor
+
+
+def readings_of(scene, sensor, dt: float = 0.002):
+    """Genesis up to a time, and what its sensor reads then: the force that the skin exerts, so its negative is ours."""
+
+    def forces(t_s: float) -> np.ndarray:
+        while scene.t * dt < t_s:
+            scene.step()
+        return -sensor.read().force.cpu().numpy().reshape(-1, 3).astype(float)
+
+    return forces
+
+
+def main() -> None:
+    scene, sensor = built()
+    scene.step()  # compiles Genesis's kernels, before a driver waits for the first frame
+    with tt.serve("anyskin", source=readings_of(scene, sensor), rate_hz=50) as dev:
+        with serial.Serial(dev.port, 115_200, timeout=10) as port:
+            frames = [port.read(FRAME) for _ in range(50)]
+        pushes = [-float(np.asarray(sample.ideal)[:, 2].sum()) for sample in dev.truth.samples]
+    fields = np.array([np.frombuffer(frame[:80], "<f4").reshape(5, 4)[0, 3] for frame in frames])
+    print(f"{len(frames)} frames; Bz of the middle chip from {fields.min():.0f} to {fields.max():.0f} µT")
+    print(f"the skin was pushed with up to {max(pushes):.2f} N")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,72 @@
+"""``[engine]`` of a scene file: a simulator that moves the bodies, here MuJoCo. Skins feel its geoms."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tactemu.errors import SceneError
+from tactemu.scene.bodies import Body
+from tactemu.scene.mujoco_source import MujocoSource, load_mujoco
+
+if TYPE_CHECKING:
+    from tactemu.physics.simulation import Simulation
+    from tactemu.scene.scene import Scene
+
+
+class MujocoEngine:
+    """A MuJoCo model that runs beside the scene, from its own start and by its own time step.
+
+    Its geoms that take part in collisions are bodies of the scene, under their names.
+
+    Args:
+        scene: where they are added.
+        file: the model, MJCF or URDF.
+
+    Raises:
+        SceneError: MuJoCo is not installed, or cannot read the file.
+    """
+
+    def __init__(self, scene: Scene, file: Path):
+        mujoco = self._mujoco = load_mujoco()
+        try:
+            self.model = mujoco.MjModel.from_xml_path(str(file))
+        except (ValueError, OSError) as error:
+            raise SceneError(f"engine: {file}: {str(error).strip()}") from None
+        self.data = mujoco.MjData(self.model)
+        self.source = MujocoSource(scene, self.model)
+        scene.posers.append(self.pose)
+
+    @property
+    def bodies(self) -> list[Body]:
+        """Those that it added to the scene."""
+        return self.source.bodies
+
+    def carrier(self, name: str) -> Body:
+        """The geom or MuJoCo body of this name, to put a skin on.
+
+        Raises:
+            SceneError: there is neither.
+        """
+        if self._has("GEOM", name):
+            return self.source.geom(name)
+        if self._has("BODY", name):
+            return self.source.link(name)
+        raise SceneError(f"engine: no geom or body {name!r}; {self.source.names()}")
+
+    def beside(self, name: str) -> tuple[int, ...]:
+        """The places in the scene of the geoms that move with a geom or MuJoCo body: its skin does not feel them."""
+        carrier = int(self.model.geom(name).bodyid[0]) if self._has("GEOM", name) else name
+        return tuple(body.index for body in self.source.geoms_of(carrier))
+
+    def pose(self, simulation: Simulation, t_s: float) -> None:
+        """Run the model up to ``t_s``, from its start where that has passed, and pose its geoms as they are then."""
+        half = self.model.opt.timestep / 2
+        if t_s < self.data.time - half:
+            self._mujoco.mj_resetData(self.model, self.data)
+        while self.data.time < t_s - half:
+            self._mujoco.mj_step(self.model, self.data)
+        self.source.update(simulation, self.data)
+
+    def _has(self, kind: str, name: str) -> bool:
+        return self._mujoco.mj_name2id(self.model, getattr(self._mujoco.mjtObj, f"mjOBJ_{kind}"), name) >= 0
