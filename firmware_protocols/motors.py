@@ -46,6 +46,7 @@ class Motors:
         self._start, self._start_speed = start, np.zeros(n)
         self._driven = np.full(n, np.nan)
         self._since_ns = 0
+        self._asked_ns, self._answer = -1, (start, np.zeros(n))
 
     # -- orders ----------------------------------------------------------------------------------------------------
 
@@ -103,11 +104,19 @@ class Motors:
         return (np.abs(self.goals - self.positions(t_ns)) > tolerance) & ~self.stalled & (self._driven != 0)
 
     def _settle(self, t_ns: int) -> None:
+        """An order is coming: from here on where they are follows from here."""
         self._start, self._start_speed = self._state(t_ns)
         self._since_ns = max(t_ns, self._since_ns)
+        self._asked_ns = -1
 
     def _state(self, t_ns: int) -> tuple[np.ndarray, np.ndarray]:
-        """Positions and velocities."""
+        """Positions and velocities; asked for often at one time, computed once."""
+        if t_ns == self._asked_ns:
+            return self._answer
+        self._answer, self._asked_ns = self._follow(t_ns), t_ns
+        return self._answer
+
+    def _follow(self, t_ns: int) -> tuple[np.ndarray, np.ndarray]:
         seconds = max(t_ns - self._since_ns, 0) * 1e-9
         driven = ~np.isnan(self._driven)
         positions, speeds = self._approach(seconds)
@@ -119,6 +128,8 @@ class Motors:
     def _approach(self, seconds: float) -> tuple[np.ndarray, np.ndarray]:
         """Towards the goals: at the limit as far as ``limit * time_constant`` before them, then exponentially."""
         away = self.goals - self._start
+        if not away.any():
+            return self._start, np.zeros_like(away)
         distance, tau = np.abs(away), self.time_constant_s
         slow = np.minimum(self._limit * tau, distance) if tau > 0 else np.zeros_like(distance)
         fast = distance - slow

@@ -66,6 +66,8 @@ class Board:
     address: int
     taxels: np.ndarray
     """In the layout, in the order of the pads, triangle by triangle."""
+    normals: np.ndarray
+    """Of these taxels."""
     flags: list[int]
     """Of each triangle."""
     kind: int = COMPENSATED
@@ -175,7 +177,7 @@ class IcubSkin(Device[CanFrame]):
         for start in range(0, len(places), triangles_per_board):
             address, own = slots[start][0], flags[start : start + triangles_per_board]
             taxels = self.layout.wire_order[start * len(TAXELS) :][: len(own) * len(TAXELS)]
-            self.boards[f"board {address}"] = Board(address, taxels, own)
+            self.boards[f"board {address}"] = Board(address, taxels, self.layout.normals[taxels], own)
         self.ports = (Can(hears=tuple((0x200 | board.address, 0x7FF) for board in self.boards.values())),)
         self.streams = {name: Stream(1e9 / board.period_ns) for name, board in self.boards.items()}
         self.counts = np.full(len(self.layout), NO_LOAD, np.uint8)
@@ -183,7 +185,7 @@ class IcubSkin(Device[CanFrame]):
     def feel(self, reading: Reading, t_ns: int) -> Counts:
         """What each taxel reads, uint8, shape ``(n_taxels,)``: no load minus what presses; other boards as before."""
         board = self.boards[reading.stream]
-        pads = board.convert(self.layout.push(reading["force"])[board.taxels], reading["temperature"][board.taxels])
+        pads = board.convert(-(reading["force"][board.taxels] * board.normals).sum(-1), reading["temperature"][board.taxels])
         self.counts = self.counts.copy()
         self.counts[board.taxels] = pads[:, TAXELS].ravel()
         return self.counts
