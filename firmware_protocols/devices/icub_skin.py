@@ -185,7 +185,8 @@ class IcubSkin(Device[CanFrame]):
     def feel(self, reading: Reading, t_ns: int) -> Counts:
         """What each taxel reads, uint8, shape ``(n_taxels,)``: no load minus what presses; other boards as before."""
         board = self.boards[reading.stream]
-        pads = board.convert(-(reading["force"][board.taxels] * board.normals).sum(-1), reading["temperature"][board.taxels])
+        push = -(reading["force"][board.taxels] * board.normals).sum(-1)
+        pads = board.convert(push, reading["temperature"][board.taxels])
         self.counts = self.counts.copy()
         self.counts[board.taxels] = pads[:, TAXELS].ravel()
         return self.counts
