@@ -144,8 +144,8 @@ def run(
     from tactemu.cli.running import run_target
 
     run_target(
-        target, options=options or (), ports=tuple(port or ()), rate_hz=rate, seed=seed, seconds=seconds, compute=device,
-        faults=tuple(fault or ()), truth=truth, keep=truth_keep,
+        target, options=options or (), ports=tuple(port or ()), rate_hz=rate, seed=seed, seconds=seconds,
+        compute=device, faults=tuple(fault or ()), truth=truth, keep=truth_keep,
         style="json" if json else "plain" if plain else "auto", virtual=virtual,
     )  # fmt: skip
 
