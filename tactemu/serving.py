@@ -68,7 +68,7 @@ def serve(
     adjustable: str | Sequence[str] = (),
     truth: str | Path | None = None,
     keep: str | int | None = None,
-    device: str | None = None,
+    compute: str | None = None,
     device_options: Mapping[str, Any] | None = None,
     source: Scene | Simulation | Callable[[float], Any] | None = None,
 ) -> Served:
@@ -88,7 +88,7 @@ def serve(
         adjustable: laws of imperfection (``noise``, ``dead``, ``bias`` ...) that :meth:`Served.happen` will switch on.
         truth: file for the truth log, ``.mcap`` or ``.jsonl``.
         keep: memory for samples and frames, ``"64MB"``; default: the scene's, else a share of the process's 256 MB.
-        device: where kernels run.
+        compute: where kernels run, ``cpu`` or ``cuda:0``; default: as the scene says.
         device_options: of a device named by ``target``, as for ``tactemu run NAME OPTION=VALUE``.
         source: a simulator of your own: a scene, built or not, or a function of time that gives poses or readings
             (:mod:`tactemu.sources`).
@@ -97,7 +97,7 @@ def serve(
         TactemuError: when it starts, if something asked for cannot be had.
     """
     wishes = Wishes(
-        port=port, rate_hz=rate_hz, faults=tuple(one_or_more(faults)), seed=seed, compute=device, fresh_ports=True,
+        port=port, rate_hz=rate_hz, faults=tuple(one_or_more(faults)), seed=seed, compute=compute, fresh_ports=True,
         scenario=tuple(scenario), adjustable=tuple(one_or_more(adjustable)),
     )  # fmt: skip
     steered_by_name = tuple(one_or_more(steer))

@@ -15,7 +15,7 @@ ports = []
 def test_with(tactile_device):
     with tactile_device("anyskin", rate_hz=100, seed=7) as dev:
         ports.append(dev.port)
-        dev.press(depth=1e-3, seconds=0.05)
+        dev.press(depth=1e-3)
         assert any(s.ideal.any() for s in dev.truth.samples)
     assert not os.path.lexists(ports[0])
 

@@ -186,6 +186,14 @@ def test_fingers_on_links_of_their_own_close_on_a_ball():
     assert (last.measured[:4, 2] <= 0).all(), "pushed into the pad, in the finger's own frame"
 
 
+def test_imperfections_of_a_skin_on_two_links_change_while_it_runs():
+    event = "[[scenario]]\nat = 0.2\nset = { bias = 0.5 }\n"
+    emulator = ran(fingers() + gripper('links = { left = "left", right = "right" }\n') + event, 0.4)
+    samples = [s for s in emulator.truth.samples if s.sense == "force"]
+    before = [s.measured for s in samples if s.t_ns < 200_000_000]
+    assert not np.any(before) and (samples[-1].measured == 0.5).all()
+
+
 def test_a_burst_brings_its_values_oldest_first():
     press = (
         '[[body]]\nname = "ball"\nshape = "sphere"\nradius = 0.01\nposition = [-0.03, 0.0, 0.011]\n'

@@ -50,10 +50,13 @@ Options = Annotated[
     list[str] | None,
     typer.Argument(metavar="[OPTION=VALUE]...", help="Options of a device; `tactemu devices NAME` lists them."),
 ]
-Port = Annotated[
-    str | None,
+Ports = Annotated[
+    list[str] | None,
     typer.Option(
-        "--port", metavar="PORT", help="pty:PATH, can:INTERFACE:CHANNEL, tcp:HOST:PORT, rfc2217:HOST:PORT or memory:"
+        "--port",
+        metavar="PORT",
+        help="pty:PATH, can:INTERFACE:CHANNEL, tcp:HOST:PORT, rfc2217:HOST:PORT or memory:; "
+        "of several skins SKIN=PORT, repeatable.",
     ),
 ]
 Rate = Annotated[float | None, typer.Option("--rate", metavar="HZ", help="Sampling rate; default: the device's own.")]
@@ -100,7 +103,7 @@ def _options(
 def run(
     target: Target,
     options: Options = None,
-    port: Port = None,
+    port: Ports = None,
     rate: Rate = None,
     seed: Seed = None,
     seconds: Seconds = None,
@@ -128,6 +131,7 @@ def run(
       tactemu run anyskin
       tactemu run anyskin --port pty:/tmp/skin --rate 200 --fault 'drop 1%'
       tactemu run optoforce axes=6
+      tactemu run hand.toml --port fingertip=pty:/tmp/a --port palm=pty:/tmp/b
       tactemu run linker_hand_l6 --port can:socketcan:vcan0
       tactemu run hand.toml --fault 'unplug at 3s for 0.5s' --truth truth.mcap
       tactemu run my_sensor.py:MySensor --port tcp:127.0.0.1:5000
@@ -140,8 +144,8 @@ def run(
     from tactemu.cli.running import run_target
 
     run_target(
-        target, options=options or (), port=port, rate_hz=rate, seed=seed, seconds=seconds, compute=device,
-        faults=tuple(fault or ()), truth=truth, keep=truth_keep,
+        target, options=options or (), ports=tuple(port or ()), rate_hz=rate, seed=seed, seconds=seconds,
+        compute=device, faults=tuple(fault or ()), truth=truth, keep=truth_keep,
         style="json" if json else "plain" if plain else "auto", virtual=virtual,
     )  # fmt: skip
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
@@ -14,10 +15,12 @@ from tactemu.cli.reports import Say, advice, entry_of, say_in_words, say_json
 from tactemu.cli.signals import ended_by_signals
 from tactemu.collector import no_full_collections
 from tactemu.emulator import Emulator
-from tactemu.errors import SceneError
+from tactemu.errors import SceneError, TransportError
 from tactemu.kernels import start_quietly
 from tactemu.statistics import Lateness
 
+_OWNER = re.compile(r"[^:=]+=")
+"""In front of a port: a skin's name, or its connector's."""
 REPORT_PERIOD_NS = 1_000_000_000
 
 
@@ -25,7 +28,7 @@ def run_target(
     target: str,
     *,
     options: Sequence[str] = (),
-    port: str | None,
+    ports: Sequence[str],
     rate_hz: float | None,
     seed: int | None,
     seconds: float | None,
@@ -47,7 +50,7 @@ def run_target(
 
     if virtual and seconds is None:
         raise SceneError("--virtual runs as fast as it can and would never end; say how long with --seconds")
-    wishes = Wishes(port=port, rate_hz=rate_hz, faults=faults, seed=seed, compute=compute)
+    wishes = Wishes(port=ports_of(ports), rate_hz=rate_hz, faults=faults, seed=seed, compute=compute)
     loaded = load(target, options_of(options))
     start_quietly()
     log = truth_of(loaded, truth, keep)
@@ -57,6 +60,25 @@ def run_target(
         run_emulator(emulator, seconds=seconds, style=style)
     finally:
         log.close()
+
+
+def ports_of(words: Sequence[str]) -> str | dict[str, str] | None:
+    """``["pty:/tmp/skin"]`` as it is, ``["thumb=pty:/tmp/a", "palm=pty:/tmp/b"]`` by skin or connector.
+
+    Raises:
+        TransportError: several ports of which one does not say whose it is.
+    """
+    if len(words) == 1 and not _OWNER.match(words[0]):
+        return words[0]
+    ports = {}
+    for word in words:
+        owner, given, port = word.partition("=")
+        if not given or not _OWNER.match(word):
+            raise TransportError(f"--port {word}: of several ports each needs its skin, --port SKIN={word}")
+        if owner in ports:
+            raise TransportError(f"--port {word}: {owner!r} has a port already, {ports[owner]}")
+        ports[owner] = port
+    return ports or None
 
 
 def run_emulator(emulator: Emulator, *, seconds: float | None, style: str) -> None:

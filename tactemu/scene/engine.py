@@ -1,5 +1,8 @@
 """``[engine]`` of a scene file: a simulator that moves the bodies, here MuJoCo. Skins feel its geoms."""
 
+# MuJoCo's functions come from a compiled module that a checker cannot see into.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 from pathlib import Path

@@ -186,11 +186,11 @@ class JoinedImperfections:
         """Of its first part; all were built with the same."""
         return self._parts[0][0].options
 
-    def set(self, option: str, value: Any, envs: Sequence[int] | None = None) -> None:
+    def set(self, option: str, value: Any, envs_idx: Sequence[int] | None = None) -> None:
         """Change one option of all its parts; a value per taxel goes to each part in its order."""
         for spoil, taxels in self._parts:
             each = np.ndim(value) and len(value) == sum(len(own) for _, own in self._parts)
-            spoil.set(option, np.asarray(value)[taxels] if each else value, envs)
+            spoil.set(option, np.asarray(value)[taxels] if each else value, envs_idx)
 
     def set_dead(self, taxels: Sequence[int], dead: bool = True, value: float | None = None) -> None:
         """Let taxels die, or revive them."""

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import serial
 
-from tests.cli.command import here, start, tactemu
+from tests.cli.command import ROOT, here, start, tactemu
 
 
 def ready(process) -> dict:
@@ -106,6 +106,9 @@ WRONG = {
     "fault": (["anyskin", "--fault", "dorp 1%"], "did you mean 'drop'?"),
     "fault of another wire": (["anyskin", "--fault", "busoff at 1s"], "no such thing on a serial wire"),
     "model that does not sense it": (["senses.toml"], "contact_probe gives touch and not force"),
+    "several ports of nobody": (["two.toml", "--port", "memory:", "--port", "pty:x"], "--port SKIN=memory:"),
+    "two ports for one skin": (["two.toml", "--port", "other=memory:a", "--port", "other=pty:x"], "has a port already"),
+    "port of a skin that is not there": (["two.toml", "--port", "othr=memory:"], "no such port: othr"),
     "one port for two skins": (["two.toml", "--port", "pty:both"], "cannot share pty:both"),
     "virtual without an end": (["anyskin", "--virtual"], "--seconds"),
     "truth file": (["anyskin", "--truth", "/nonexistent/t.jsonl"], "cannot write the truth log"),
@@ -158,6 +161,14 @@ def test_a_mistake_is_a_message_and_leaves_nothing(name, folder):
     assert says in done.stderr
     assert "ready" not in done.stdout
     assert left(folder) == before
+
+
+def test_each_skin_has_its_own_port(tmp_path):
+    ports = ["--port", "palm=memory:one", "--port", "fingertip=memory:two"]
+    done = here("run", str(ROOT / "examples" / "hand.toml"), *ports, "--virtual", "--seconds", "0.1", "--json")
+    assert done.returncode == 0, done.stderr
+    ready = [json.loads(line) for line in done.stdout.splitlines() if '"ready"' in line]
+    assert {entry["skin"]: entry["port"] for entry in ready} == {"palm": "memory:one", "fingertip": "memory:two"}
 
 
 def test_the_exit_status_of_a_mistake_and_no_traceback():

@@ -1,4 +1,4 @@
-"""Replays a recorded case of the seed system through our sensors."""
+"""Replays a recorded case of Genesis through our sensors."""
 
 import json
 from pathlib import Path
@@ -21,7 +21,7 @@ class Case:
         self.batched = self.meta["n_envs"] > 0
 
     def grid(self, geom: int, gradients: bool = True) -> tt.VoxelGrid:
-        """The seed's distance grid of a geom."""
+        """Genesis's distance grid of a geom."""
         to_index = self.arrays[f"g{geom}_sdf_T"]
         cell = 1.0 / np.diag(to_index)[:3]
         grads = self.arrays[f"g{geom}_sdf_grad"] if gradients else None
@@ -35,7 +35,7 @@ class Case:
     def replay(self, shape, keys, dtype: str, device: str = "cpu", gated: bool = False, **extra):
         """Readings of the sensors ``keys`` when ``shape`` is pressed into the pad: ``{key: {branch: (T, ...)}}``.
 
-        ``gated``: the object is taken away on steps on which the seed's contact list is empty.
+        ``gated``: the object is taken away on steps on which Genesis's contact list is empty.
         """
         scene = tt.Scene(dt=self.meta["dt"])
         pad, indenter = scene.add_body(name="pad"), scene.add_body(shape, name="indenter")
@@ -67,7 +67,7 @@ class Case:
         sim.set_pose(body, position=position, quaternion=quaternion, linear_velocity=velocity, angular_velocity=spin)
 
     def parts(self, key: str, readings, branch: str):
-        """Pairs (ours, the seed's) of every part of a reading, each ``(T, ...)``."""
+        """Pairs (ours, Genesis's) of every part of a reading, each ``(T, ...)``."""
         ours = readings[key][branch]
         if isinstance(ours[0], tuple):
             for part in ("force", "torque"):

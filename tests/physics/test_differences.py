@@ -1,6 +1,6 @@
-"""Where the seed system is wrong: its number and ours, side by side. Keep docs/differences.md in step.
+"""Where Genesis is wrong: its number and ours, side by side. Keep docs/differences.md in step.
 
-The seed's numbers were read from genesis-world 1.4.5.
+Genesis's numbers were read from genesis-world 1.4.5.
 """
 
 import numpy as np
@@ -41,7 +41,7 @@ def test_outside_of_an_acute_edge_is_outside():
     along = np.maximum(np.abs(y) * np.sin(np.radians(15)) - 0.1 * MM * np.cos(np.radians(15)), 0)
     exact = np.sqrt(y**2 + (0.1 * MM) ** 2 - along**2)
     assert np.abs(ours - (3 * MM - exact)).max() < 1e-8
-    assert ours.max() < 3 * MM  # the seed reads 5.1 to 5.8 mm here
+    assert ours.max() < 3 * MM  # Genesis reads 5.1 to 5.8 mm here
 
 
 def test_depth_does_not_end_at_a_grid():
@@ -71,8 +71,8 @@ def test_box_distances_are_exact():
 
 def test_no_gate_jumps_at_first_touch():
     """Quirk 4: it reads 0 until the bodies touch, then the whole radius at once. Ours grows from 0."""
-    seed = {4.0: 0.0, 1.0: 0.0, 0.1: 0.0, -0.01: 5.01, -0.1: 5.1, -1.0: 6.0}
-    for gap, theirs in seed.items():
+    genesis = {4.0: 0.0, 1.0: 0.0, 0.1: 0.0, -0.01: 5.01, -0.1: 5.1, -1.0: 6.0}
+    for gap, theirs in genesis.items():
         ours = depth_of(tt.Sphere(radius=20 * MM), [[0, 0, 0]], 5 * MM, position=(0, 0, (20 + gap) * MM))[0] / MM
         assert ours == pytest.approx(5 - gap, abs=1e-4)
         assert (gap <= 0) == (ours == pytest.approx(theirs, abs=1e-3))
@@ -105,7 +105,7 @@ def test_speed_hides_no_probe():
 
 
 def test_two_fixed_bodies_touch():
-    """Quirks 4 and 24: two fixed bodies make no contact in the seed, and its probes read 0."""
+    """Quirks 4 and 24: two fixed bodies make no contact in Genesis, and its probes read 0."""
     scene = tt.Scene()
     pad = scene.add_body(tt.Box(size=(0.08, 0.08, 0.02)), fixed=True)
     scene.add_body(tt.Sphere(radius=0.02), fixed=True, position=(0, 0, 0.027))
@@ -116,7 +116,7 @@ def test_two_fixed_bodies_touch():
 
 def test_a_thin_blade_goes_on_getting_deeper():
     """Quirk 17: to the closest surface a 2 mm blade is never deeper than 1 mm. Along the normal it is."""
-    nearest_surface = {0.5: 0.5, 1.0: 1.0, 2.0: 1.0, 3.0: 1.0}  # the seed's raycast; its sdf: 0.456 0.831 0.903 0.903
+    nearest_surface = {0.5: 0.5, 1.0: 1.0, 2.0: 1.0, 3.0: 1.0}  # Genesis's raycast; its sdf: 0.456 0.831 0.903 0.903
     blade = tt.Box(size=(2 * MM, 40 * MM, 20 * MM))
     for pressed, theirs in nearest_surface.items():
         where = {"position": (0, 0, (10 - pressed) * MM)}
@@ -127,7 +127,7 @@ def test_a_thin_blade_goes_on_getting_deeper():
 
 
 def test_offsets_move_the_probes():
-    """Quirk 10: pos_offset and euler_offset change nothing in the seed."""
+    """Quirk 10: pos_offset and euler_offset change nothing in Genesis."""
     offset = {"pos_offset": (10 * MM, 0, 0), "euler_offset": (0, 0, 90)}
     points = np.array([[5 * MM, 0, 0], [0, 0, 0]])
     moved = depth_of(tt.Sphere(radius=20 * MM), points, 2 * MM, position=(0, 0, 20 * MM), **offset)

@@ -1,4 +1,4 @@
-"""Where ElastomerTaxel and ProximityTaxel differ from the seed system, or keep what is questionable in it.
+"""Where ElastomerTaxel and ProximityTaxel differ from Genesis, or keep what is questionable in it.
 
 Each test shows both numbers; docs/differences.md is the table of them.
 """
@@ -13,7 +13,7 @@ from tests.physics.test_elastomer_taxel import TOP, grid, press
 
 
 def test_anchors_survive_within_the_release_margin():
-    """Largest shear [m] in steps 12 to 16 of c16, after a lift within the margin. The seed's numbers: with its grid of
+    """Largest shear [m] in steps 12 to 16 of c16, after a lift within the margin. Genesis's numbers: with its grid of
     distances, which forgets the margin, and with its exact distance to triangles, which keeps one point."""
     forgets = [0.0, 0.000259, 0.000521, 0.000784, 0.00105]
     keeps = [9.83e-05, 0.000357, 0.000618, 0.000881, 0.00115]
@@ -25,7 +25,7 @@ def test_anchors_survive_within_the_release_margin():
 
 
 def test_compressibility_is_a_mix_of_different_units():
-    """In-plane motion of one press: m^2, m and a pure number, as in the seed; a jump at both ends of the blend."""
+    """In-plane motion of one press: m^2, m and a pure number, as in Genesis; a jump at both ends of the blend."""
     largest = {
         c: np.abs(press(grid(15, 15), depth=2e-3, compressibility=c)[..., :2]).max() for c in (1, 0.999, 0.001, 0)
     }
@@ -33,7 +33,7 @@ def test_compressibility_is_a_mix_of_different_units():
 
 
 def test_dilation_grows_with_the_number_of_taxels():
-    """8 x 8 to 29 x 29 over the same area: 17 times, as in the seed (the areas' ratio); 1 when areas weigh."""
+    """8 x 8 to 29 x 29 over the same area: 17 times, as in Genesis (the areas' ratio); 1 when areas weigh."""
     coarse, fine = grid(8, 8, du=14e-3 / 7), grid(29, 29, du=14e-3 / 28)
     ratio = np.abs(press(fine)).max() / np.abs(press(coarse)).max()
     assert ratio == pytest.approx((4 / 1) ** 2, rel=0.15)
@@ -42,7 +42,7 @@ def test_dilation_grows_with_the_number_of_taxels():
 
 
 def test_other_sensors_change_nothing():
-    """A 9 x 9 layer of 20 mm: the seed's FFT box grows with the largest grid in the scene, and with it the reading
+    """A 9 x 9 layer of 20 mm: Genesis's FFT box grows with the largest grid in the scene, and with it the reading
     (13 % in its own record). Here it is that of the sensor alone."""
     options = {"compressibility": 0.0, "elastomer_thickness": 20e-3, "shear_scale": 0.0}
     readings = []
@@ -62,7 +62,7 @@ def test_other_sensors_change_nothing():
 
 
 def test_the_layer_of_a_grid_is_periodic_unless_areas_weigh():
-    """The last row of the seed's spectrum breaks the symmetry of the axes by 0.05 %; the unbounded layer has it."""
+    """The last row of Genesis's spectrum breaks the symmetry of the axes by 0.05 %; the unbounded layer has it."""
     positions = grid(6, 11, du=1.5e-3, dv=2.5e-3)
     transposed = np.ascontiguousarray(positions.transpose(1, 0, 2))
     options = {"compressibility": 0.0, "elastomer_thickness": 0.5e-3}
@@ -76,7 +76,7 @@ def test_the_layer_of_a_grid_is_periodic_unless_areas_weigh():
 
 
 def test_a_thick_layer_tends_to_no_motion_and_a_thin_one_to_a_limit():
-    """q is limited to 1e-3 .. 30 as in the seed: 1 nm and 2 nm read the same, and 0 is another weight altogether."""
+    """q is limited to 1e-3 .. 30 as in Genesis: 1 nm and 2 nm read the same, and 0 is another weight altogether."""
     options = {"compressibility": 0.0}
     thin, thinner, none, thick = (
         np.abs(press(grid(8, 8), elastomer_thickness=h, **options)[..., :2]).max() for h in (2e-9, 1e-9, 0.0, 10.0)
@@ -90,7 +90,7 @@ def test_markers_bulge_outward_even_under_the_press():
 
 
 def test_a_stuck_point_never_slips():
-    """Shear grows with the way, without a limit by friction: ten times the way, ten times the shear, as in the seed."""
+    """Shear grows with the way, without a limit by friction: ten times the way, ten times the shear, as in Genesis."""
     shared = {"dilate_scale": 0.0, "shear_scale": 1.0, "lambda_s": 0.0}
     short, far = (np.abs(press(grid(4, 4), slide=way, **shared)).max() for way in (1e-3, 1e-2))
     assert far / short == pytest.approx(10.0, rel=1e-3)

@@ -247,16 +247,16 @@ def test_halving_the_pitch_changes_nothing_when_areas_weigh(options, free):
 
 
 def test_grid_and_free_layouts_agree_on_a_layer_when_areas_weigh():
-    """The seed's two paths differ a thousandfold on a layer of known thickness; see docs/differences.md."""
+    """Genesis's two paths differ a thousandfold on a layer of known thickness; see docs/differences.md."""
     positions = grid(13, 13, du=1.5e-3)
     options = {"compressibility": 0.0, "elastomer_thickness": 4e-3}
     area = 1.5e-3**2
     u = press(positions, area_weighted=True, **options)[..., :2]
     v = press(positions.reshape(-1, 3), area_weighted=True, taxel_area=area, **options)[:, :2].reshape(u.shape)
     assert v == pytest.approx(u, abs=1e-5 * np.abs(u).max())
-    seed_grid = np.abs(press(positions, **options)[..., :2]).max()
-    seed_free = np.abs(press(positions.reshape(-1, 3), **options)[:, :2]).max()
-    assert seed_free > 300 * seed_grid
+    genesis_grid = np.abs(press(positions, **options)[..., :2]).max()
+    genesis_free = np.abs(press(positions.reshape(-1, 3), **options)[:, :2]).max()
+    assert genesis_free > 300 * genesis_grid
 
 
 @pytest.mark.parametrize("dilate_scale", [0.0, 1.0])

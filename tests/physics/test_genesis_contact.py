@@ -1,4 +1,4 @@
-"""Readings of the seed system, step by step, wherever they are well defined.
+"""Readings of Genesis, step by step, wherever they are well defined.
 
 Left out: steps on which its contact list is empty though the bodies are within a probe radius (its gate), and probes
 outside the distance grid of an object (it reads 0 there). `test_differences.py` shows what we read instead.
@@ -29,7 +29,7 @@ def replayed(name: str, dtype: str):
 
 
 def inside_grid(case: Case, key: str) -> np.ndarray:
-    """Which probes are where the seed knows distances, shape (T, envs, n)."""
+    """Which probes are where Genesis knows distances, shape (T, envs, n)."""
     probes = np.asarray(case.options(key)["probe_local_pos"], float).reshape(-1, 3)
     world = case.arrays["link_pos"][:, :, 0, None] + rotate(case.arrays["link_quat"][:, :, 0, None], probes)
     turn = case.arrays["geom_quat"][:, :, 1, None] * [1, -1, -1, -1]
@@ -63,7 +63,7 @@ BRANCHES = [(name, key, branch) for name in CASES for key in CASES[name][1] for 
 
 @pytest.mark.parametrize("dtype", TOLERANCE)
 @pytest.mark.parametrize(("name", "key", "branch"), [b for b in BRANCHES if b[0] != "c14_contact" or b[2]])
-def test_reads_what_the_seed_reads(name, key, branch, dtype):
+def test_reads_what_genesis_reads(name, key, branch, dtype):
     case, readings = replayed(name, dtype)
     for part, ours, theirs in case.parts(key, readings, branch):
         mask = well_defined(case, key, theirs.shape)
@@ -107,7 +107,7 @@ GATED = {
 @pytest.mark.parametrize("name", GATED)
 def test_whole_readings_with_all_imperfections(name, dtype):
     """Crosstalk, gain, hysteresis, bias, resolution, dead taxels, thresholds, delay, history, resets, in one go. The
-    object is taken away while the seed's contact list is empty, so that its memory is comparable on every step."""
+    object is taken away while Genesis's contact list is empty, so that its memory is comparable on every step."""
     case = Case(name)
     shape, keys = GATED[name]
     readings = case.replay(shape, keys, dtype, gated=True)

@@ -154,7 +154,7 @@ def test_a_file_that_is_no_mesh_is_refused(tmp_path):
 
 
 def test_distances_are_those_of_libigl():
-    """The seed's grid of a non-convex mesh: 32768 signed distances that libigl computed."""
+    """Genesis's grid of a non-convex mesh: 32768 signed distances that libigl computed."""
     arrays = np.load(DATA / "c10_contact.npz")
     to_index = arrays["g1_sdf_T"]
     nodes = np.stack(np.meshgrid(*map(np.arange, arrays["g1_sdf_val"].shape), indexing="ij"), -1).reshape(-1, 3)

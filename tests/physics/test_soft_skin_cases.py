@@ -1,4 +1,4 @@
-"""ElastomerTaxel and ProximityTaxel read what the seed system reads, where its result is well defined."""
+"""ElastomerTaxel and ProximityTaxel read what Genesis reads, where its result is well defined."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def test_readings_match_on_a_gpu(name, dtype):
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_points_are_held_within_the_release_margin(dtype):
-    """c16 lifts by 0.05 mm within a margin of 0.1 mm (steps 9 to 11). The seed lets go of points that have left the
+    """c16 lifts by 0.05 mm within a margin of 0.1 mm (steps 9 to 11). Genesis lets go of points that have left the
     bounding box of the skin, whatever the margin, so that their anchors are new in steps 12 to 16; here they are the
     old ones. All other steps agree, those after the lift by 0.3 mm too."""
     case = Case("c16")

@@ -9,6 +9,7 @@ from tactemu.scene import file, rotation
 from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.motion import Pose
 from tactemu.scene.placement import PlacedSensor
+from tactemu.scene.skins import SkinPart
 
 SCENE = """
 [[body]]
@@ -38,7 +39,7 @@ def force(at, turn, ball):
     scene, sensors = build_scene(loaded, make_devices(loaded))
     sim = scene.build()
     sim.step()
-    return PlacedSensor(sensors["xela_uskin"], turn).quantity("force")
+    return sensors["xela_uskin"].quantity("force")
 
 
 def test_a_turned_skin_reads_as_an_upright_one():
@@ -59,12 +60,18 @@ class Shaken:
         return Pose(np.array([x, 0, 0.0]), turn, np.array([v, 0, 0.0]), np.array([0, 0, 2.0]))
 
 
+def on_link(sensor, turn=(1.0, 0.0, 0.0, 0.0)):
+    """A sensor as a skin whose device is turned on the link."""
+    layout = grid_layout(4, 4, 0.004)
+    return PlacedSensor(sensor, SkinPart("skin", layout, np.arange(16), ("",), "pad", (0.0, 0.0, 0.0), turn))
+
+
 def placed(turn=(1.0, 0.0, 0.0, 0.0), motion=None, **options):
     scene = tt.Scene(dt=1e-3)
     pad = scene.add_body(tt.Box(size=(0.04, 0.04, 0.04)), motion=motion)
     scene.add_body(tt.Sphere(radius=0.01))
     positions = grid_layout(4, 4, 0.004).positions
-    return PlacedSensor(scene.add_sensor(tt.KinematicTaxel(probe_local_pos=positions, **options), link=pad), turn)
+    return on_link(scene.add_sensor(tt.KinematicTaxel(probe_local_pos=positions, **options), link=pad), turn)
 
 
 def test_gravity_follows_the_skin():
@@ -85,7 +92,7 @@ def test_a_moving_link_is_felt_in_its_own_frame():
 def test_a_link_posed_by_hand_is_felt_as_told():
     scene = tt.Scene(dt=1e-3)
     pad = scene.add_body(tt.Box(size=(0.04, 0.04, 0.04)))
-    sensor = PlacedSensor(scene.add_sensor(tt.KinematicTaxel(), link=pad))
+    sensor = on_link(scene.add_sensor(tt.KinematicTaxel(), link=pad))
     sim = scene.build()
     told = {"quaternion": QUARTER, "angular_velocity": (0, 0, 2.0)}
     for k, speed in enumerate((0.0, 0.02, 0.05)):

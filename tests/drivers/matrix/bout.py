@@ -47,8 +47,6 @@ class Outcome:
     readings: int = 0
     wrong: int = 0
     """Readings handed to the user that are no sample, without a word."""
-    power_on: int = 0
-    """Readings of what the device holds from its start to its first sample."""
     refused: int = 0
     """Readings that the driver itself marks as bad."""
     older: int = 0
@@ -233,9 +231,6 @@ class Judge:
         self._times: list[int] = []
         """When each sample was taken [ns, emulation time], oldest first."""
         self._places: list[dict[str, list[int]]] = []
-        device = type(dev.device())()
-        device.power_on(0)
-        self._power_on = [digest(part) for part in driver.parts(device.counts)]
 
     def places(self, line: dict[str, Any]) -> list[int] | None:
         """Of each part of a reading the time of the last sample that it equals; ``None`` if one equals none."""
@@ -247,11 +242,6 @@ class Judge:
     def _find(self, parts: list[str]) -> list[int] | None:
         found = [known.get(part) for known, part in zip(self._places, parts)]
         return [at[-1] for at in found if at] if found and all(found) else None
-
-    def _asleep(self, line: dict[str, Any]) -> bool:
-        """Whether each part is as at power-on, or of a sample."""
-        parts = zip(line["parts"], self._power_on, self._places)
-        return all(part == first or part in known for part, first, known in parts)
 
     def _catch_up(self) -> None:
         """Learn the samples that were taken since."""
@@ -308,9 +298,7 @@ class Judge:
                 continue
             places = self.places(line)
             if places is None:
-                asleep = label == "reset" and self._asleep(line)
-                result.power_on += asleep
-                result.wrong += not asleep
+                result.wrong += 1
                 continue
             result.older += last is not None and min(places) < min(last)
             result.again += places == last
@@ -320,5 +308,6 @@ class Judge:
         result.gap = max(result.gap, (now - last_right) / 1e9)
         if seen and not self.driver.asks:
             between = bisect_right(self._times, max(seen)) - bisect_left(self._times, min(seen))
-            result.lost = between - len(seen)
+            unsent = label == "reset"  # the sample of the restart itself, which no stream sends
+            result.lost = max(0, between - len(seen) - unsent)
         return result

@@ -130,7 +130,6 @@ def _row(label: str, outcome: Outcome, driver: Driver) -> list[str]:
     errors = ", ".join(
         [
             *(f"{count} {name}" for name, count in outcome.errors.items() if count),
-            *([f"{outcome.power_on} read as at power-on"] if outcome.power_on else []),
             *([f"{logged} checksums in its log"] if logged else []),
         ]
     )
