@@ -95,10 +95,9 @@ class Rfc2217Transport(TcpTransport):
         return self._port.setting
 
     def answer(self, data: bytes) -> None:
-        """Queue telnet bytes for the client."""
+        """Queue telnet bytes for the client: all that one look at it brings about leaves together."""
         if len(self._unsent) < _UNSENT_LIMIT:
             self._unsent += data
-            self._push()
 
     def _greet(self) -> list[Event]:
         self._port = _Port()
