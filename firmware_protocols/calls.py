@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import traceback
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -47,22 +47,33 @@ def outs(device: Device, method: str, *args: Any, port: str = "") -> list[Any]:
         one = isinstance(found, bytes | CanFrame | Sent)
         hint = "return [frame]" if one else "return a list of frames, or ()"
         raise misused(device, method, f"returned {type(found).__name__}: {hint}")
+    connectors = (device.connector(port),) if port else device.ports
+    can = isinstance(connectors[0], Can)
     for out in found:
-        if fault := _fault(device, out, port):
+        ordinary = _ordinary_can(out) if can else type(out) is bytes and out
+        if not ordinary and (fault := _fault(device, out, connectors)):
             raise misused(device, method, fault)
     return list(found)
 
 
-def _fault(device: Device, out: Any, port: str) -> str:
-    """Why it cannot be sent; empty: it can."""
+def _ordinary_can(out: Any) -> bool:
+    """A classic frame with a standard identifier: what nearly all are, decided at once."""
+    return type(out) is CanFrame and out.arbitration_id >> 11 == 0 and len(out.data) <= 8 and not out.is_fd
+
+
+def _fault(device: Device, out: Any, connectors: Sequence[Connector]) -> str:
+    """Why it cannot be sent on any of these connectors, unless it names another; empty: it can."""
     if isinstance(out, Convert):
         return "" if out.stream in device.periods else f"asked for stream {out.stream!r}; it has {list(device.periods)}"
     if isinstance(out, Restart):
         return ""
-    frame, port = (out.frame, out.port or port) if isinstance(out, Sent) else (out, port)
-    if port and port.partition("/")[0] not in (names := [each.name for each in device.ports]):
-        return f"sent to port {port!r}; it has {names}"
-    return _uncarried(frame, device.connector(port) if port else device.ports[0])
+    frame, port = (out.frame, out.port) if isinstance(out, Sent) else (out, "")
+    if port:
+        if port.partition("/")[0] not in (names := [each.name for each in device.ports]):
+            return f"sent to port {port!r}; it has {names}"
+        connectors = (device.connector(port),)
+    faults = [_uncarried(frame, connector) for connector in connectors]
+    return faults[0] if all(faults) else ""
 
 
 def _uncarried(frame: Any, connector: Connector) -> str:

@@ -5,17 +5,13 @@ The channel owns the sampling period of each stream: the user's wish, else what 
 
 from __future__ import annotations
 
-import inspect
-import traceback
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from firmware_protocols import CanFrame, Convert, Device, Reading, Restart, Sense, Sent
-from firmware_protocols.frames import text_of
+from firmware_protocols import Device, Reading, Sense, calls
 from tactemu.errors import DeviceError
 from tactemu.sampling import SampleClock
 from tactemu.statistics import ChannelStatistics
@@ -200,13 +196,10 @@ class Channel:
         Raises:
             DeviceError: the device raised, or returned no array.
         """
-        counts = self._run("feel", Reading(measured, stream), stamp_ns)
-        if not isinstance(counts, np.ndarray | Mapping):
-            raise DeviceError(
-                f"{self.device.name}.feel returned {type(counts).__name__}: "
-                "return the counts as an array, by sense if several"
-            )
-        return counts
+        try:
+            return calls.feel(self.device, Reading(measured, stream), stamp_ns)
+        except calls.AuthorError as error:
+            raise DeviceError(str(error)) from error
 
     def call(self, method: str, *args: Any) -> list[Any]:
         """Call ``stream``, ``receive``, ``lines``, ``boot`` or ``wake``; returns its outs, checked.
@@ -214,36 +207,8 @@ class Channel:
         Raises:
             DeviceError: the device raised or returned what cannot be sent; names method, input, file and line.
         """
-        outs = self._run(method, *args)
-        if not isinstance(outs, list | tuple):
-            one = isinstance(outs, bytes | CanFrame | Sent)
-            hint = "return [frame]" if one else "return a list of frames, or ()"
-            raise DeviceError(f"{self.device.name}.{method} returned {type(outs).__name__}: {hint}")
-        for out in outs:
-            self._check(method, out)
-        return list(outs)
-
-    def _check(self, method: str, out: Any) -> None:
-        if isinstance(out, Convert | Restart):
-            return
-        frame, port = (out.frame, out.port) if isinstance(out, Sent) else (out, "")
-        name = f"{self.device.name}.{method}"
-        if not isinstance(frame, bytes | CanFrame) or frame == b"":
-            raise DeviceError(f"{name} sent {frame!r}: expected bytes that are not empty, or a CanFrame")
-        if port and port.partition("/")[0] not in [each.name for each in self.device.ports]:
-            raise DeviceError(f"{name} sent to port {port!r}; it has {[each.name for each in self.device.ports]}")
-
-    def _run(self, method: str, *args: Any) -> Any:
+        port = args[2] if method == "receive" else args[3] if method == "lines" else ""
         try:
-            return getattr(self.device, method)(*args)
-        except Exception as error:
-            raise DeviceError(self._blame(method, args, error)) from error
-
-    def _blame(self, method: str, args: tuple, error: Exception) -> str:
-        """One sentence for the device's author: method, input, error, and the line in the device's own file."""
-        calls = traceback.extract_tb(error.__traceback__)
-        files = {inspect.getfile(cls) for cls in type(self.device).__mro__[:-3]}
-        own = next((call for call in reversed(calls) if call.filename in files), calls[-1])
-        heard = f" on {text_of(args[0])[:200]}" if method == "receive" else ""
-        where = f"{Path(own.filename).name}:{own.lineno}: {own.line}"
-        return f"{self.device.name}.{method}{heard} raised {type(error).__name__}: {error} at {where}"
+            return calls.outs(self.device, method, *args, port=port)
+        except calls.AuthorError as error:
+            raise DeviceError(str(error)) from error

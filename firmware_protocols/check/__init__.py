@@ -59,19 +59,17 @@ def check(target: str, options: Mapping[str, Any] | None = None, *, fuzz: int = 
 
 def _judged(subject: Subject, baseline: restarts.Baseline, fuzz: int) -> tuple[list[Fault], list[str], int]:
     found = _tried(subject, "declarations", lambda: declarations.faults(subject))
+    state = _tried(subject, "restart", lambda: restarts.faults(baseline))  # first: before others leave something behind
     wrong = _tried(subject, "converter", lambda: converter.faults(subject))
-    found += wrong
-    found += _tried(subject, "restart", lambda: restarts.faults(baseline))
-    elsewhere, faults = restarts.saved_elsewhere(subject)
-    found += faults
     judged, unpinned, count = examples.judged(subject)
-    found += judged
+    found += wrong + judged + state
+    # A device that already has faults is not saved: the report is there at once, and the rest may follow from them.
+    elsewhere, unsaved = (None, []) if found else restarts.saved_elsewhere(subject)
     found += _tried(subject, "commands", lambda: requests.faults(subject, fuzz))
     found += _tried(subject, "registers", lambda: memory.faults(subject))
-    if not any(fault.part == "converter" for fault in wrong) and not faults:
+    if not any(fault.part == "converter" for fault in wrong) and not baseline.why:
         found += _tried(subject, "order", lambda: order.faults(subject))
-    if elsewhere is not None:
-        found += _tried(subject, "restart", elsewhere.faults)
+    found += unsaved + (_tried(subject, "restart", elsewhere.faults) if elsewhere else [])
     return found, [*unpinned, *([] if judged else order.wordless(subject))], count
 
 

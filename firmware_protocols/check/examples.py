@@ -96,6 +96,14 @@ def examples_of(cls: type[Device]) -> Iterator[tuple[Path, Example]]:
             yield from ((path, example) for example in read(path) if example.device == cls.name)
 
 
+def examples_with(subject: Subject) -> list[Example]:
+    """Those with the options that are checked; none if a file cannot be read, which :func:`judged` says."""
+    try:
+        return [example for _, example in examples_of(subject.cls) if example.options == subject.options]
+    except (ValueError, KeyError, TypeError):
+        return []
+
+
 def replayed(subject: Subject, example: Example) -> tuple[list[Any], Device]:
     """What a fresh device sends in an example, and the device.
 

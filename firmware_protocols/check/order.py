@@ -7,13 +7,15 @@ the groups say whose. Sums and checksums move for both.
 
 from __future__ import annotations
 
+import re
+import struct
 from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from firmware_protocols.calls import AuthorError, place
-from firmware_protocols.check.examples import examples_of
+from firmware_protocols.check.examples import examples_with
 from firmware_protocols.check.facts import order, order_of, reordered, said, ways, words_of
 from firmware_protocols.check.host import Host, Subject
 from firmware_protocols.check.memory import memory_of
@@ -33,13 +35,15 @@ Look = tuple[tuple[Any, str], ...]
 
 def faults(subject: Subject) -> Iterator[Fault]:
     """Taxels that nothing shows, orders that differ from what is declared, declared orders without effect."""
-    n = len(subject.make().layout)
-    if n < 2:
+    if len(subject.make().layout) < 2:
         return
     try:
         sights = _sights(subject)
+        if not sights and subject.options and not subject.commands:
+            return  # the commands are documented for the device as it comes
         texts = list(_judged(subject, sights)) if sights else ["no request and no stream shows the touch"]
-        if sights and not texts and _without_effect(subject, sights):
+        shows_taxels = any((owners >= 0).any() for owners in sights.values())
+        if shows_taxels and not texts and _without_effect(subject, sights):
             texts = ["reversing layout.wire_order changes no byte: send layout.on_wire(values), or bind a table to it"]
     except AuthorError as error:
         yield Fault.of("order", error)
@@ -54,7 +58,6 @@ class _Watcher:
     def __init__(self, subject: Subject):
         self.host = Host(subject.make())
         self.state, self.t_ns = self.host.device.snapshot(), self.host.t_ns
-        self.memory = memory_of(self.host.device)
 
     def sight(self, look: Look, newtons: Any) -> np.ndarray:
         """The bits of all that is sent; pressed before the last request, as those before may set a zero."""
@@ -70,7 +73,17 @@ class _Watcher:
         sent = sent + host.convert()
         if not look and (memory := memory_of(host.device)) is not None:
             sent.append(memory.everything(host.t_ns))
-        return np.unpackbits(np.frombuffer(b"".join(payload(frame) for frame in sent), np.uint8))
+        return np.unpackbits(np.frombuffer(b"".join(_of_fixed_length(payload(frame)) for frame in sent), np.uint8))
+
+
+def _of_fixed_length(data: bytes) -> bytes:
+    """A frame as it is; of a line of text, each number in 8 bytes."""
+    if not data.isascii() or not data.decode("ascii").translate(_SPACES).isprintable():
+        return data
+    return re.sub(rb"[-+]?\d+(?:\.\d+)?", lambda found: struct.pack(">d", float(found[0])), data)
+
+
+_SPACES = str.maketrans("\r\n\t", "   ")
 
 
 def _looks(subject: Subject) -> list[Look]:
@@ -79,10 +92,9 @@ def _looks(subject: Subject) -> list[Look]:
     for command in subject.commands:
         requests = (*command.after, command.request)
         looks.append(tuple((request, command.port) for request in requests))
-    for _, example in examples_of(subject.cls):
-        if example.options == subject.options:
-            texts = [*example.after, *([example.request] if example.request is not None else [])]
-            looks.append(tuple((text, example.port) for text in texts))
+    for example in examples_with(subject):
+        texts = [*example.after, *([example.request] if example.request is not None else [])]
+        looks.append(tuple((text, example.port) for text in texts))
     return list(dict.fromkeys(looks))
 
 
@@ -90,14 +102,17 @@ def _sights(subject: Subject) -> dict[Look, np.ndarray]:
     """By look: for each bit of what is sent, the taxel that it belongs to, or -1."""
     watcher = _Watcher(subject)
     n = len(watcher.host.device.layout)
-    looks = [()] if watcher.memory is not None else _looks(subject)
-    telling = [look for look in looks if _moves(watcher, look)]
-    return {look: _owners(watcher, look, n) for look in telling}
+    sights: dict[Look, np.ndarray] = {}
+    for look in _looks(subject):
+        if _moves(watcher, look):
+            sights[look] = _owners(watcher, look, n)
+            if memory_of(watcher.host.device) is not None and len(_following(sights[look])) == n:
+                break  # all registers have been seen: commands that read some of them tell no more
+    return sights
 
 
 def _moves(watcher: _Watcher, look: Look) -> bool:
-    rest, pressed = (watcher.sight(look, newtons) for newtons in (0.0, AMOUNTS[0]))
-    return rest.size > 0 and rest.size == pressed.size and not np.array_equal(rest, pressed)
+    return not np.array_equal(watcher.sight(look, 0.0), watcher.sight(look, AMOUNTS[0]))
 
 
 def _codes(n: int) -> np.ndarray:
@@ -109,6 +124,7 @@ def _codes(n: int) -> np.ndarray:
 
 
 def _owners(watcher: _Watcher, look: Look, n: int) -> np.ndarray:
+    """Empty where frames change their length as taxels are pressed: nothing can be told then."""
     codes = _codes(n)
     rest = watcher.sight(look, 0.0)
     owner = np.full(rest.size, -1)
@@ -118,7 +134,7 @@ def _owners(watcher: _Watcher, look: Look, n: int) -> np.ndarray:
             for side, group in enumerate((~code, code)):
                 seen = watcher.sight(look, amount * group)
                 if seen.size != rest.size:
-                    return owner  # packets of open length: nothing can be told
+                    return owner[:0]
                 moved[side, k] = seen != rest
         own = (moved[0] ^ moved[1]).all(axis=0)
         bits = codes[: max(1, (n - 1).bit_length())]
@@ -132,8 +148,10 @@ def _owners(watcher: _Watcher, look: Look, n: int) -> np.ndarray:
 def _judged(subject: Subject, sights: dict[Look, np.ndarray]) -> Iterator[str]:
     layout = subject.make().layout
     n = len(layout)
-    shown = np.unique(np.concatenate(list(sights.values())))
-    if len(blind := np.setdiff1d(np.arange(n), shown)):
+    shown, open_length = np.unique(np.concatenate(list(sights.values()))), any(not len(o) for o in sights.values())
+    blind = np.setdiff1d(np.arange(n), shown)
+    # None at all: only sums are sent. With options: the examples are of the device as it comes.
+    if 0 < len(blind) < n and not open_length and not subject.options:
         few = ", ".join(map(str, blind[:5].tolist())) + (" …" if len(blind) > 5 else "")
         yield f"{len(blind)} of {n} taxels move no bit of their own in what any command or example sends: {few}"
         return
@@ -143,7 +161,7 @@ def _judged(subject: Subject, sights: dict[Look, np.ndarray]) -> Iterator[str]:
         if len(found) > 1 and not np.array_equal(found, declared):
             yield f"layout.wire_order says {_worded(layout, declared)}, {PRESSING} {_worded(layout, found)}"
             return
-        if len(found) == n:
+        if n > 1 and len(found) == n:
             yield from _against_words(subject, layout, found)
 
 

@@ -25,8 +25,8 @@ import numpy as np
 import pytest
 
 from firmware_protocols import Can, Convert, Device, Reading, Restart, Sent, Serial, Tcp
+from firmware_protocols.check.readings import reading_of
 from tests.drivers.can_link import open_can
-from tests.firmware.feeding import reading_of
 
 DRIVERS = Path(__file__).parent / "scripts"
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 import firmware_protocols as fp
-from firmware_protocols.devices.ability_hand import AbilityHand
-from tests.firmware.feeding import check_commands, frames, reading_of, sample, send, survive
-from tests.firmware.golden import golden_vectors, replay
+from firmware_protocols.check.readings import reading_of
+from tests.firmware.feeding import frames, sample, send
 
 
 def unstuff(frame: bytes) -> bytes:
@@ -47,19 +46,6 @@ def documented_force(count: int) -> float:
     if count == 0:
         return 0.0
     return 121591 / (33000 / (count * 3.3 / 4096) + 10000) + 0.878894
-
-
-@pytest.mark.parametrize("vector", golden_vectors("ability_hand"), ids=lambda v: v["name"])
-def test_golden(vector):
-    replay(vector, "ability_hand")
-
-
-def test_commands():
-    check_commands(AbilityHand, trailing=b"\x50\xa0")
-
-
-def test_survives_noise():
-    survive(AbilityHand())
 
 
 def test_force_formula_is_inverted():

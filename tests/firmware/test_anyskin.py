@@ -7,7 +7,6 @@ import pytest
 
 import firmware_protocols as fp
 from tests.firmware.feeding import sample, send
-from tests.firmware.golden import golden_vectors, replay
 
 
 def change(force, **options) -> np.ndarray:
@@ -17,11 +16,6 @@ def change(force, **options) -> np.ndarray:
     rest = device.counts
     sample(device, force=force)
     return (device.counts - rest)[:, 1:]
-
-
-@pytest.mark.parametrize("vector", golden_vectors("anyskin"), ids=lambda v: v["name"])
-def test_golden(vector):
-    replay(vector, "anyskin")
 
 
 def test_frame_is_twenty_floats_and_crlf():

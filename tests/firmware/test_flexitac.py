@@ -4,13 +4,8 @@ import numpy as np
 import pytest
 
 import firmware_protocols as fp
-from tests.firmware.feeding import reading_of, sample, send
-from tests.firmware.golden import golden_vectors, replay
-
-
-@pytest.mark.parametrize("vector", golden_vectors("flexitac"), ids=lambda v: v["name"])
-def test_golden(vector):
-    replay(vector, "flexitac")
+from firmware_protocols.check.readings import reading_of
+from tests.firmware.feeding import sample, send
 
 
 def test_frame_is_marker_and_row_major_bytes():

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import firmware_protocols as fp
+from firmware_protocols.check.readings import reading_of
 from firmware_protocols.devices.icub_triangles import FOREARM_RADIUS, PAD_PLACES, PITCH, SIDE, TAXELS
-from tests.firmware.feeding import check_commands, reading_of, sample, send
-from tests.firmware.golden import golden_vectors, replay
+from tests.firmware.feeding import sample, send
 
 START = "0700"
 
@@ -44,15 +44,6 @@ def decoded(frames) -> dict[str, np.ndarray]:
             assert frame.data[0] == 0xC0
             skin[name][7:] = list(frame.data[1:6])
     return skin
-
-
-@pytest.mark.parametrize("vector", golden_vectors("icub_skin"), ids=lambda v: v["name"])
-def test_golden(vector):
-    replay(vector, "icub_skin")
-
-
-def test_commands():
-    check_commands(lambda: fp.create("icub_skin", first_board=3))
 
 
 # -- set-up -----------------------------------------------------------------------------------------------------------

@@ -7,8 +7,8 @@ import pytest
 
 import firmware_protocols as fp
 from firmware_protocols import Rs485, Sent, Tcp
-from tests.firmware.feeding import check_commands, reading_of, sample, send, survive
-from tests.firmware.golden import golden_vectors, replay
+from firmware_protocols.check.readings import reading_of
+from tests.firmware.feeding import sample, send
 
 TABLE = {
     # from the drivers' map: first address of each matrix, rows, columns
@@ -45,20 +45,6 @@ def read(device, address, count, t_ns=0) -> list[int]:
 def write(device, address, *values, t_ns=0) -> bytes:
     pdu = struct.pack(f">BHHB{len(values)}h", 16, address, len(values), 2 * len(values), *values)
     return ask(device, pdu, t_ns)
-
-
-@pytest.mark.parametrize("vector", golden_vectors("inspire_rh56dftp"), ids=lambda v: v["name"])
-def test_golden(vector):
-    replay(vector, "inspire_rh56dftp")
-
-
-@pytest.mark.parametrize("first_byte", ["low", "high"])
-def test_commands(first_byte):
-    check_commands(lambda: fp.create("inspire_rh56dftp", first_byte=first_byte))
-
-
-def test_survives_noise(device):
-    survive(device, count=1000)
 
 
 def test_matrices_lie_where_the_drivers_look(device):

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import firmware_protocols as fp
-from tests.firmware.feeding import check_commands, sample, send
-from tests.firmware.golden import golden_vectors, replay
+from tests.firmware.feeding import sample, send
 
 L6, L10, O6 = "linker_hand_l6", "linker_hand_l10", "linker_hand_o6"
 HANDS = pytest.mark.parametrize(
@@ -21,17 +20,6 @@ def hand(name: str, **options) -> fp.Device:
 
 def ask(device: fp.Device, request: str) -> list[str]:
     return [str(answer) for answer in send(device, request)]
-
-
-@pytest.mark.parametrize("vector", golden_vectors("linker_hand"), ids=lambda v: v["name"])
-def test_golden(vector):
-    replay(vector, "linker_hand")
-
-
-@pytest.mark.parametrize("touch", ["matrix", "quantities"])
-@pytest.mark.parametrize("name", [L6, L10, O6])
-def test_commands(name, touch):
-    check_commands(lambda: fp.create(name, side="right", touch=touch))
 
 
 @HANDS

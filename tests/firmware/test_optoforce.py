@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import firmware_protocols as fp
-from tests.firmware.feeding import check_commands, sample, send, survive
-from tests.firmware.golden import golden_vectors, replay
+from tests.firmware.feeding import sample, send
 
 
 def configure(device, speed, cutoff, zero, t_ns=0):
@@ -22,20 +21,6 @@ def parse(packet: bytes):
     assert struct.unpack(">H", packet[-2:])[0] == sum(packet[:-2])
     counter, status = struct.unpack_from(">HH", packet, 4)
     return counter, status, list(struct.unpack(f">{(packet[3] - 4) // 2}h", packet[8:-2]))
-
-
-@pytest.mark.parametrize("vector", golden_vectors("optoforce"), ids=lambda v: v["name"])
-def test_golden(vector):
-    replay(vector, "optoforce")
-
-
-@pytest.mark.parametrize("axes", ["3", "4x3", "6"])
-def test_commands(axes):
-    check_commands(lambda: fp.create("optoforce", axes=axes), trailing=b"\xaa\x00")
-
-
-def test_survives_noise():
-    survive(fp.create("optoforce"))
 
 
 @pytest.mark.parametrize(("axes", "size", "values"), [("3", 16, 3), ("4x3", 34, 12), ("6", 22, 6)])

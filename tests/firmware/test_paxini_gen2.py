@@ -7,9 +7,7 @@ import pytest
 
 import firmware_protocols as fp
 from firmware_protocols import Sent
-from firmware_protocols.devices.paxini_gen2 import PaxiniGen2
-from tests.firmware.feeding import check_commands, sample, send, survive
-from tests.firmware.golden import golden_vectors, replay
+from tests.firmware.feeding import sample, send
 
 
 def ask(device, main, sub, data=b"", t_ns=0):
@@ -27,19 +25,6 @@ def read(device, start, count):
     error, data = ask(device, 0x70, 0xC006, where)
     assert error == 0 and data[0] == 0 and data[1:6] == where
     return data[6:]
-
-
-@pytest.mark.parametrize("vector", golden_vectors("paxini_gen2"), ids=lambda v: v["name"])
-def test_golden(vector):
-    replay(vector, "paxini_gen2")
-
-
-def test_commands():
-    check_commands(PaxiniGen2, trailing=b"\x55\xaa\x7b")
-
-
-def test_survives_noise():
-    survive(PaxiniGen2(), gap_ns=100_000_000)
 
 
 def test_the_360_bytes_that_the_driver_reads():

@@ -7,9 +7,7 @@ import pytest
 
 import firmware_protocols as fp
 from firmware_protocols.devices.paxini_modules import TAXELS
-from firmware_protocols.devices.paxini_px6ax import PaxiniPx6ax
-from tests.firmware.feeding import check_commands, sample, send, survive
-from tests.firmware.golden import golden_vectors, replay
+from tests.firmware.feeding import sample, send
 
 
 def ask(device, device_id, function, address, count, data=b"", t_ns=0):
@@ -19,19 +17,6 @@ def ask(device, device_id, function, address, count, data=b"", t_ns=0):
     assert len(reply) == 5 + struct.unpack_from("<H", reply, 2)[0]
     assert struct.unpack_from("<BBBIH", reply, 4) == (device_id, 0, function, address, count)
     return reply[13], reply[14:-1]
-
-
-@pytest.mark.parametrize("vector", golden_vectors("paxini_px6ax"), ids=lambda v: v["name"])
-def test_golden(vector):
-    replay(vector, "paxini_px6ax")
-
-
-def test_commands():
-    check_commands(PaxiniPx6ax, trailing=b"\x55\x00")
-
-
-def test_survives_noise():
-    survive(PaxiniPx6ax(), gap_ns=100_000_000)
 
 
 @pytest.mark.parametrize("model", TAXELS)

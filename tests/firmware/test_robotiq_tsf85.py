@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import firmware_protocols as fp
-from tests.firmware.feeding import check_commands, sample, send, survive
-from tests.firmware.golden import golden_vectors, replay
+from tests.firmware.feeding import sample, send
 
 
 def make(**options) -> fp.Device:
@@ -28,20 +27,6 @@ def parse(packet: bytes) -> dict[tuple[int, int], tuple]:
         at += 1 + struct.calcsize(formats[kind])
     assert at == len(packet)
     return found
-
-
-@pytest.mark.parametrize("options", [{}, {"packets": "per_finger"}, {"magnetometer": True}])
-def test_commands(options):
-    check_commands(lambda: make(**options), trailing=b"\x00\x55")
-
-
-@pytest.mark.parametrize("vector", golden_vectors("robotiq_tsf85"), ids=lambda v: v["name"])
-def test_golden(vector):
-    replay(vector, "robotiq_tsf85")
-
-
-def test_survives_noise():
-    survive(make())
 
 
 def test_fields():

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import firmware_protocols as fp
-from tests.firmware.feeding import check_commands, sample, send
-from tests.firmware.golden import golden_vectors, replay
+from tests.firmware.feeding import sample, send
 
 DBC = cantools.database.load_file(Path(__file__).parents[1] / "data" / "xela_uskin.dbc")
 
@@ -23,15 +22,6 @@ def _transmit(stop: int) -> fp.CanFrame:
     message = DBC.get_message_by_name("transmit")
     data = message.encode({"command": 7, "stop": stop})
     return fp.CanFrame(arbitration_id=message.frame_id, data=data)
-
-
-@pytest.mark.parametrize("vector", golden_vectors("xela_uskin"), ids=lambda v: v["name"])
-def test_golden(vector):
-    replay(vector, "xela_uskin")
-
-
-def test_commands():
-    check_commands(lambda: fp.create("xela_uskin", board=3))
 
 
 @pytest.mark.parametrize("ids", ["board", "grid"])

@@ -1,0 +1,42 @@
+"""``tactemu check``: a report, and its exit status."""
+
+import json
+
+import pytest
+
+from tests.cli.command import ROOT, tactemu
+from tests.firmware.page import write
+
+
+@pytest.fixture
+def palm(tmp_path):
+    return write(tmp_path) / "acme_palm.py"
+
+
+def test_a_fault_is_a_line_and_exits_with_1(palm):
+    palm.write_text(palm.read_text().replace("DATA_BYTES.get(command) != len(data)", "command not in DATA_BYTES"))
+    done = tactemu("check", f"{palm}:AcmePalm", "serial=X", "--fuzz", "20")
+    assert done.returncode == 1, done.stderr
+    first, fault = done.stdout.splitlines()[:2]
+    assert first.startswith("acme_palm: 1 fault, 1 worked example")
+    assert "receive on c10200c3 raised IndexError" in fault and "acme_palm.py:" in fault
+
+
+def test_json(palm):
+    done = tactemu("check", f"{palm}:AcmePalm", "--json", "--fuzz", "20")
+    report = json.loads(done.stdout)
+    assert done.returncode == 0 and report["ok"] and report["unpinned"] == [] and report["examples"] == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("anyskinn",), "did you mean 'anyskin'?"),
+        ((str(ROOT / "none.py") + ":Palm",), "no such device file"),
+        (("anyskin", "gain=1"), "unknown option 'gain'; did you mean 'gains'?"),
+        (("anyskin", "gain"), "expected NAME=VALUE"),
+    ],
+)
+def test_what_cannot_be_checked_exits_with_2(words, said):
+    done = tactemu("check", *words)
+    assert done.returncode == 2 and said in done.stderr, done.stderr

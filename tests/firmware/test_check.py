@@ -1,0 +1,187 @@
+"""What ``check`` finds: mistakes planted in the device of docs/adding-a-device.md, each named."""
+
+import json
+import re
+
+import pytest
+
+from firmware_protocols.check import check
+from firmware_protocols.check.facts import WAYS, order, ways
+from firmware_protocols.layouts import grid_layout
+from tests.firmware.page import pieces
+
+PALM = "acme_palm.py"
+GUARD, NO_GUARD = "DATA_BYTES.get(command) != len(data)", "command not in DATA_BYTES"
+RESERVED = "    0     00              reserved\n"
+PERIOD = "            self.period_ns = period_ms * 1_000_000\n"
+FORCE = 'self.layout.push(reading["force"])'
+BIND = "wire_order=self.layout.wire_order"
+ORDER = "wire_order=[p + 4 * r + c for p in (0, 12) for c in range(4) for r in range(3)]"
+STARTS = "        self.streaming = period_ms > 0\n"
+STARTED = "self.streaming, self.number = False, 0"
+
+PLANTS = {
+    # mistake: replacements in the palm, what the report says
+    "offset: a line lost": ([(RESERVED, "")], r"import: .*'touch' stands at 1, the fields before it end at 0"),
+    "offset: a byte nobody knew of": (
+        [(RESERVED, ""), ("    1     <u2 x taxels", "    0     <u2 x taxels")],
+        r"it fits with one byte more before reading\.touch",
+    ),
+    "endianness: an array": ([("<u2 x taxels", ">u2 x taxels")], r"it fits with reading\.touch as <u2 x taxels"),
+    "endianness: a number": ([("<u2 wrap", ">u2 wrap")], r"it fits with reading\.time as <u2 wrap"),
+    "wrap: a clock": ([("<u2 wrap ", "<u2 ")], r"range: .*reading: time: 70000.* does not fit 0\.\.65535.*say `wrap`"),
+    "wrap: a counter": (
+        [("u1 wrap ", "u1 "), ("self.number = (self.number + 1) & 0xFF", "self.number += 1")],
+        r"range: .*reading: number: 256.* does not fit 0\.\.255",
+    ),
+    "order: column by column": ([(BIND, ORDER)], r"order: .*'row by row', pressing one .* finds 'column by column'"),
+    "order: the pads exchanged": (
+        [('(("left", -0.02), ("right", 0.02))', '(("right", 0.02), ("left", -0.02))')],
+        r"it fits with taxels sent last patch first",
+    ),
+    "restart: state in the class": (
+        [
+            (STARTS, "        type(self).streaming = period_ms > 0\n"),
+            (STARTED, "self.number = 0"),
+            ('    judge = "none"\n', '    judge = "none"\n    streaming = False\n'),
+        ],
+        r"restart: after 'stream' and a restart AcmePalm\.streaming is True, False when new",
+    ),
+    "restart: state in the module": (
+        [
+            (STARTS, '        STATE["streaming"] = period_ms > 0\n'),
+            ("if self.streaming", 'if STATE["streaming"]'),
+            ("READ, STREAM, SERIAL =", 'STATE = {"streaming": False}\nREAD, STREAM, SERIAL ='),
+        ],
+        r"restart: after 'stream' and a restart .*STATE is .*True",
+    ),
+    "rate: forgotten": ([(PERIOD, "            pass\n")], r"it converts 100 times a second instead of 50"),
+    "rate: survives a restart": (
+        [(PERIOD, f"{PERIOD}            type(self).rate_hz = 1000 / period_ms\n")],
+        r"restart: .*the rate must not survive",
+    ),
+    "no data: an index": (
+        [(GUARD, NO_GUARD)],
+        r"'stream' with 0 bytes of data: acme_palm\.receive on c10200c3 raised IndexError.* acme_palm\.py:\d+: period",
+    ),
+    "no data: unpacked": (
+        [(GUARD, NO_GUARD), ("period_ms = data[0]", "(period_ms,) = data")],
+        r"'stream' with 0 bytes of data: .*raised ValueError: not enough values to unpack",
+    ),
+    "length: of the counts": ([(FORCE, f"{FORCE}[:23]")], r"returned 23 counts for the 24 points of 'force'"),
+    "length: of the table": ([(BIND, "wire_order=range(12)")], r"reading: touch: expected shape \(12,\), got \(24,\)"),
+    # beyond the sixteen
+    "wrap: by a cast": (
+        [(f"quantize({FORCE}, 1000.0, 0, 0xFFFF)", f"(1000 * {FORCE}).astype('i8').astype('u2')")],
+        r"converter: .*column 'touch': counts of taxel 0 rise and fall while the push only rises: they wrap",
+    ),
+    "order: rows and columns exchanged": (
+        [("grid_layout(3, 4,", "grid_layout(4, 3,")],
+        r"patch 'left' is 4 x 3, the example's picture 3 x 4",
+    ),
+    "order: declared without effect": (
+        [(BIND, "taxels=24")],
+        r"order: reversing layout\.wire_order changes no byte",
+    ),
+    "length: a byte that says so": ([("len(data)\n", "len(data) + 1\n")], r"packet\.size = len\(data\)$"),
+    "push: the wrong way": ([(FORCE, f"-{FORCE}")], r"counts do not rise under a push"),
+    "push: another rest": ([("1000.0, 0, 0xFFFF)", "1000.0, 0, 0xFFFF, rest=9)")], r"9 untouched, declared rest is 0"),
+    "span: declared too small": ([("high=0xFFFF", "high=1000")], r"counts 0 to 65535, declared are 0 to 1000"),
+    "frames: bare bytes": (
+        [("[self._reading()] if", "self._reading() if")],
+        r"stream returned bytes: return \[frame\]",
+    ),
+    "frames: empty": (
+        [("[self._reading()] if", 'b"" if'), ("else ()", 'else [b""]')],
+        r"expected bytes that are not em",
+    ),
+    "state: no plain data": (
+        [(STARTED, f"{STARTED}\n        self.act = lambda: 1")],
+        r"self\.act is a builtins\.function",
+    ),
+    "state: on the class": (
+        [('    judge = "none"\n', '    judge = "none"\n    heard = []\n')],
+        r"AcmePalm\.heard is a list",
+    ),
+    "pieces: one packet a chunk": (
+        [("for packet in self.packets.cut(data, t_ns)", "for packet in self.packets.cut(data, t_ns) if len(data) > 1")],
+        r"C10100C0 byte by byte is answered by silence",
+    ),
+    "answer: not as documented": (
+        [("C1 02 00 C3", "C1 02 00 C4")],
+        r"is answered by C10200C3, documented: C1 02 00 C4",
+    ),
+    "layout: two taxels at one place": ([("0.02))", "-0.02))")], r"taxels 0 and 12 lie at one place"),
+    "datasheet: a guess of evidence": ([('evidence = ("assumed",)', 'evidence = ("guessed",)')], r"evidence 'guessed'"),
+    "datasheet: no line to try": ([("Try it:", "Or:")], r"the docstring of acme_palm\.py lacks 'try it'"),
+    "datasheet: no columns": ([("    columns = (", "    old_columns = (")], r"columns: say what the counts mean"),
+    "datasheet: a name that is taken": ([('name = "acme_palm"', 'name = "anyskin"')], r"name 'anyskin' is taken by"),
+    "options: no annotation": (
+        [('serial: Annotated[str, Option("at most 252 characters of ASCII")] =', "serial=")],
+        r"option 'serial': annotate it",
+    ),
+    "contract: the first version": (
+        [("def feel(self, reading: Reading, t_ns: int)", "def digitize(self, reading)")],
+        "TypeError",
+    ),
+    "file: no Python": ([("class AcmePalm(Device):", "class AcmePalm(Device)")], r"import: .*\(acme_palm\.py:\d+\)"),
+}
+
+
+def planted(folder, replacements=()):
+    """The palm with some text replaced, and its example; as ``check`` names it."""
+    files = pieces()
+    for right, wrong in replacements:
+        assert right in files[PALM], right
+        files[PALM] = files[PALM].replace(right, wrong)
+    (folder / "golden").mkdir()
+    for name in (PALM, "golden/acme_palm.json"):
+        (folder / name).write_text(files[name])
+    return f"{folder / PALM}:AcmePalm"
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_a_planted_mistake_is_named(tmp_path, name):
+    replacements, said = PLANTS[name]
+    report = check(planted(tmp_path, replacements), fuzz=20)
+    assert not report.ok
+    assert any(re.search(said, str(fault)) for fault in report.faults), report.lines()
+
+
+def test_eight_mistakes_two_ways_each():
+    kinds = [name.partition(":")[0] for name in list(PLANTS)[:16]]
+    assert {kind: kinds.count(kind) for kind in kinds} == dict.fromkeys(
+        ("offset", "endianness", "wrap", "order", "restart", "rate", "no data", "length"), 2
+    )
+
+
+def test_without_an_example_every_fact_is_unpinned_and_none_a_fault(tmp_path):
+    target = planted(tmp_path)
+    (tmp_path / "golden" / "acme_palm.json").unlink()
+    report = check(target, fuzz=20)
+    assert report.ok and report.examples == 0
+    assert {"reading.time as >u2 wrap", "taxels sent last patch first", "one byte more before reading.number"} <= set(
+        report.unpinned
+    )
+
+
+def test_an_example_is_read_with_care(tmp_path):
+    target = planted(tmp_path)
+    path = tmp_path / "golden" / "acme_palm.json"
+    whole = json.loads(path.read_text())
+    whole["vectors"][0]["push"] = 1
+    path.write_text(json.dumps(whole))
+    (fault,) = check(target, fuzz=20).faults
+    assert "'push'" in fault.text and "pushes" in fault.text
+
+
+def test_the_same_report_again(tmp_path):
+    target = planted(tmp_path)
+    first, second = check(target, fuzz=100), check(target, fuzz=100)
+    assert first == second and json.loads(json.dumps(first.as_dict()))["ok"]
+
+
+def test_the_ways_are_different_orders():
+    layout = grid_layout(3, 4, 0.002)
+    for way in set(WAYS) - {"last patch first", "row by row"}:
+        assert ways(layout, order(layout, way)) == [way]
