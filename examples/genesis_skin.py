@@ -8,6 +8,8 @@ A ball drops on a pad that carries Genesis's KinematicTaxel at the places of Any
 
 from __future__ import annotations
 
+import threading
+
 import genesis as gs
 import numpy as np
 import serial
@@ -38,24 +40,38 @@ def built():
     return scene, sensor
 
 
-def readings_of(scene, sensor, dt: float = 0.002):
-    """Genesis up to a time, and what its sensor reads then: the force that the skin exerts, so its negative is ours."""
+class Running(threading.Thread):
+    """Genesis at its own pace, in a thread of its own: what its sensor has read last is what the skin feels.
 
-    def forces(t_s: float) -> np.ndarray:
-        while scene.t * dt < t_s:
-            scene.step()
-        return -sensor.read().force.cpu().numpy().reshape(-1, 3).astype(float)
+    Genesis gives the force that the skin exerts; a device measures its negative.
+    """
 
-    return forces
+    def __init__(self, scene, sensor):
+        super().__init__(daemon=True)
+        self.scene, self.sensor, self.stopped = scene, sensor, False
+        self.step()  # compiles Genesis's kernels, before a driver waits for the first frame
+
+    def step(self) -> None:
+        self.scene.step()
+        self.latest = -self.sensor.read().force.cpu().numpy().reshape(-1, 3).astype(float)
+
+    def run(self) -> None:
+        while not self.stopped:
+            self.step()
+
+    def __call__(self, t_s: float) -> np.ndarray:
+        return self.latest
 
 
 def main() -> None:
-    scene, sensor = built()
-    scene.step()  # compiles Genesis's kernels, before a driver waits for the first frame
-    with tt.serve("anyskin", source=readings_of(scene, sensor), rate_hz=50) as dev:
+    source = Running(*built())
+    source.start()
+    with tt.serve("anyskin", source=source, rate_hz=50) as dev:
         with serial.Serial(dev.port, 115_200, timeout=10) as port:
-            frames = [port.read(FRAME) for _ in range(50)]
+            frames = [port.read(FRAME) for _ in range(100)]
         pushes = [-float(np.asarray(sample.ideal)[:, 2].sum()) for sample in dev.truth.samples]
+    source.stopped = True
+    source.join()
     fields = np.array([np.frombuffer(frame[:80], "<f4").reshape(5, 4)[0, 3] for frame in frames])
     print(f"{len(frames)} frames; Bz of the middle chip from {fields.min():.0f} to {fields.max():.0f} µT")
     print(f"the skin was pushed with up to {max(pushes):.2f} N")

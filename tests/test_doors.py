@@ -104,7 +104,7 @@ def test_the_device_goes_with_the_last_bus():
     other.shutdown()
 
 
-def test_mistakes_are_told_in_the_librarys_own_words():
+def test_mistakes_are_said_in_the_words_of_the_library():
     port = Serial(None)
     for url, said in {
         "tactemu://anyskn": "anyskin",

@@ -69,3 +69,9 @@ def test_every_command_that_the_documentation_shows_exists():
 
 if __name__ == "__main__" and "--write" in sys.argv:
     README.write_text(TABLE.sub(lambda found: found[1] + table() + found[2], README.read_text()))
+
+
+def test_every_folder_is_on_the_map_for_contributors():
+    text = (README.parent / "CONTRIBUTING.md").read_text()
+    folders = [path.parent.name for path in (README.parent / "tactemu").glob("*/__init__.py")]
+    assert folders and [name for name in folders if f"`tactemu/{name}/`" not in text] == []

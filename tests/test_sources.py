@@ -11,6 +11,7 @@ from firmware_protocols import create
 from tactemu.assembly import Wishes, assemble
 from tactemu.clock import VirtualClock
 from tactemu.errors import SceneError, SourceError
+from tactemu.scene.engine import MujocoEngine
 from tactemu.scene.file import load, parse
 from tactemu.serving import serve
 
@@ -265,6 +266,20 @@ def test_mujoco_moves_the_bodies_of_a_scene_file(link, tmp_path):
     times = np.array([sample.t_ns for sample in samples]) * 1e-9
     assert np.all(felt[times < lands - 0.012] == 0)
     assert np.all(felt[-5:] > 0.1)
+
+
+def test_a_model_that_does_not_keep_up_runs_slower_and_says_so(tmp_path, caplog):
+    pytest.importorskip("mujoco", reason="pip install 'tactemu[mujoco]'")
+    (tmp_path / "ball.xml").write_text(MODEL)
+    scene = tt.Scene(dt=1e-3)
+    engine = MujocoEngine(scene, tmp_path / "ball.xml")
+    sim = scene.build()
+    for t_s, reached in ((0.01, 0.01), (5.0, 0.11), (5.01, 0.12), (9.0, 0.22), (0.0, 0.0), (0.02, 0.02)):
+        engine.pose(sim, t_s)
+        assert engine.data.time == pytest.approx(reached)
+    assert [record.getMessage() for record in caplog.records] == [
+        "engine: MuJoCo does not keep up with the clock; it runs slower from 5.000 s on"
+    ]
 
 
 def test_what_mujoco_does_not_have_is_told(tmp_path):

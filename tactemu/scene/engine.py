@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+import logging
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +17,12 @@ from tactemu.scene.mujoco_source import MujocoSource, load_mujoco
 if TYPE_CHECKING:
     from tactemu.physics.simulation import Simulation
     from tactemu.scene.scene import Scene
+
+
+_logger = logging.getLogger(__name__)
+
+CATCH_UP_STEPS = 50
+"""Steps of the model that one step of the scene waits for at most, unless two of its steps are more."""
 
 
 class MujocoEngine:
@@ -38,6 +46,8 @@ class MujocoEngine:
             raise SceneError(f"engine: {file}: {str(error).strip()}") from None
         self.data = mujoco.MjData(self.model)
         self.source = MujocoSource(scene, self.model)
+        self._left_out_s = 0.0
+        """How much later than the clock the model is."""
         scene.posers.append(self.pose)
 
     @property
@@ -63,11 +73,22 @@ class MujocoEngine:
         return tuple(body.index for body in self.source.geoms_of(carrier))
 
     def pose(self, simulation: Simulation, t_s: float) -> None:
-        """Run the model up to ``t_s``, from its start where that has passed, and pose its geoms as they are then."""
-        half = self.model.opt.timestep / 2
-        if t_s < self.data.time - half:
+        """Run the model up to ``t_s``, from its start where that has passed, and pose its geoms as they are then.
+
+        A loop that is late asks for much at once; what is more than :data:`CATCH_UP_STEPS` is left out, and the model
+        goes on from there later than the clock: else it would be later each time.
+        """
+        dt = self.model.opt.timestep
+        if t_s < self.data.time + self._left_out_s - dt / 2:
             self._mujoco.mj_resetData(self.model, self.data)
-        while self.data.time < t_s - half:
+            self._left_out_s = 0.0
+        steps = round((t_s - self._left_out_s - self.data.time) / dt)
+        most = max(CATCH_UP_STEPS, math.ceil(2 * simulation.dt / dt))
+        if steps > most:
+            if not self._left_out_s:
+                _logger.warning("engine: MuJoCo does not keep up with the clock; it runs slower from %.3f s on", t_s)
+            self._left_out_s += (steps - most) * dt
+        for _ in range(min(steps, most)):
             self._mujoco.mj_step(self.model, self.data)
         self.source.update(simulation, self.data)
 

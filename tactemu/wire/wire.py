@@ -166,6 +166,8 @@ class Wire:
             ValueError: it is not on.
         """
         for frame, source, direction in self._injector.remove(fault):
+            if self.carrier.ordered:  # a reading of a late loop, ready before now, does not overtake it
+                self._held_ns[direction] = max(self._held_ns[direction], self._now_ns)
             if direction == "to_driver":
                 self.line.put(frame, self._now_ns, source)
             else:

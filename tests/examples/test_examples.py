@@ -11,7 +11,7 @@ from tests.cli.command import ROOT, environment, plugin_options, tactemu
 EXPECTED = {
     "without_a_wire.py": ["relative poses", "depth [mm]"],
     "own_simulator.py": ["poses: 100 frames", "readings: 100 frames", "pushed with up to 1.00 N"],
-    "genesis_skin.py": ["50 frames", "the skin was pushed with up to"],
+    "genesis_skin.py": ["100 frames", "the skin was pushed with up to"],
     "mujoco_skin.py": ["t = 0.80 s, ball at x =", "force on the skin"],
     "two_drivers.py": ["read by the anyskin package", "read by the linkerbot SDK", "every one as it was sent"],
 }

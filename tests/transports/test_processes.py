@@ -149,7 +149,7 @@ def test_a_child_cannot_take_the_port_of_its_living_parent(tmp_path):
         assert serves(port)
 
 
-def test_a_port_that_a_child_makes_is_the_childs(tmp_path):
+def test_a_port_that_a_child_makes_belongs_to_the_child(tmp_path):
     """It goes with the child however that ends, and a name that was left is taken over."""
 
     def end_by_a_signal():

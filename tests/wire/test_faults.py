@@ -262,6 +262,21 @@ def test_what_a_fault_holds_back_is_never_lost_without_a_word(kind):
     assert wire.counters["sent"] == 1 and wire.counters["unheard"] == 1
 
 
+@pytest.mark.parametrize("kind", ["reorder", "merge"])
+def test_what_a_fault_held_back_is_not_overtaken_when_it_is_removed(kind):
+    """The loop is late: the next reading was ready before the fault was removed."""
+    wire = Wire(MemoryTransport(), USB)
+    wire.open()
+    wire.receive(0)
+    fault = wire.add_fault(kind)
+    wire.send([b"first"], 0, "pad")
+    wire.flush(30 * MS)
+    wire.remove_fault(fault)
+    wire.send([b"second"], 10 * MS, "pad")
+    wire.flush(31 * MS)
+    assert wire.transport.driver.read() == [b"first", b"second"]
+
+
 @pytest.mark.parametrize("kind", ["reorder", "drop"])
 def test_a_held_command_reaches_the_device_when_the_fault_is_removed(kind):
     wire = Wire(MemoryTransport(), USB)

@@ -48,7 +48,7 @@ KINDS: dict[str, Kind] = {
     "garbage": Kind("random bytes before the frame", _BYTES, ("bytes",)),
     "split": Kind("arrives in two pieces, the second later", _BYTES, ("by",)),
     "merge": Kind("arrives together with the next one", _BYTES),
-    "late": Kind("leaves later", options=("by",)),
+    "late": Kind("leaves later; on a byte stream, so does all that follows", options=("by",)),
     "stray": Kind("an earlier frame comes again, unasked"),
     "silence": Kind("nothing passes"),
     "latency": Kind(

@@ -33,6 +33,8 @@ SCRIPT = Path(__file__).with_name("endure.py")
 START_S = 30.0
 """For a driver to be imported, connect and read, on a busy machine."""
 WIRE_COUNTERS = ("sent", "received", "dropped_readings", "dropped_unread")
+HIT_S = 5.0
+"""How much longer than planned a fault of some of the frames may last until it has hit one, on a busy machine."""
 SETTLED = 10
 """Right readings in a row that say that a driver is well."""
 
@@ -157,6 +159,8 @@ class Ring:
         before, injected, own = dict(wire.counters), self.dev.truth.injected.total(), _latest_counters(process.lines)
         on_ns = _do(self.dev, lambda: _begin(self.dev, label, trial))
         time.sleep(trial.seconds)
+        if label != "none":
+            until(lambda: self.dev.truth.injected.total() > injected, HIT_S)
         off_ns = _do(self.dev, lambda: _end(self.dev, trial))
         well = self._recovers(off_ns)
         after = _latest_counters(process.lines)
