@@ -158,6 +158,8 @@ class Emulator:
         self._act(now)
         for wire in self.wires:
             self._listen(wire, now)
+            if not self.clock.virtual:  # an answer does not wait for the physics of a sample
+                wire.flush(self.clock.now_ns())
         for due, channel, stream in self._due():
             if due <= now:
                 self._sample(channel, stream, now)

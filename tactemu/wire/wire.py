@@ -356,7 +356,7 @@ class Wire:
             else:
                 at = self._after_held("from_driver", now_ns, held_ns)
                 took_ns = self.carrier.driver_ns(part, self.transport.setting)
-                self.inbound.put(part, at, DRIVER, turn=-1, took_ns=took_ns)
+                self.inbound.put(part, at, DRIVER, took_ns=took_ns)
 
     @property
     def _owner(self) -> str:
