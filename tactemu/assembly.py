@@ -228,6 +228,7 @@ def _periods(skin: Skin, device: Device, rate_hz: float | Mapping[str, float] | 
     if not isinstance(rate_hz, Mapping):
         if len({stream.senses for stream in device.streams.values()}) > 1:
             table = ", ".join(f"{name} = {rate_hz:g}" for name in device.periods)
-            raise DeviceError(f"{skin.title}: rate_hz: which stream? give a table, as {{ {table} }}")
+            words = " ".join(f"--rate {name}={rate_hz:g}" for name in device.periods)
+            raise DeviceError(f"{skin.title}: rate_hz: which stream? give a table, as {{ {table} }}, or {words}")
         rate_hz = dict.fromkeys(device.periods, rate_hz)
     return {stream: round(1e9 / rate) for stream, rate in rate_hz.items()}

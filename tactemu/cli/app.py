@@ -59,7 +59,14 @@ Ports = Annotated[
         "of several skins SKIN=PORT, repeatable.",
     ),
 ]
-Rate = Annotated[float | None, typer.Option("--rate", metavar="HZ", help="Sampling rate; default: the device's own.")]
+Rates = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--rate",
+        metavar="HZ",
+        help="Sampling rate; default: the device's own. Of a device with several streams --rate STREAM=HZ; repeatable.",
+    ),
+]
 
 
 def _seconds(text: str) -> float:
@@ -104,7 +111,7 @@ def run(
     target: Target,
     options: Options = None,
     port: Ports = None,
-    rate: Rate = None,
+    rate: Rates = None,
     seed: Seed = None,
     seconds: Seconds = None,
     device: Compute = None,
@@ -144,7 +151,7 @@ def run(
     from tactemu.cli.running import run_target
 
     run_target(
-        target, options=options or (), ports=tuple(port or ()), rate_hz=rate, seed=seed, seconds=seconds,
+        target, options=options or (), ports=tuple(port or ()), rates=tuple(rate or ()), seed=seed, seconds=seconds,
         compute=device, faults=tuple(fault or ()), truth=truth, keep=truth_keep,
         style="json" if json else "plain" if plain else "auto", virtual=virtual,
     )  # fmt: skip

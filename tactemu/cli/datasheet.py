@@ -18,6 +18,8 @@ from firmware_protocols import Column, Device
 from firmware_protocols.frames import frame_of
 from firmware_protocols.layouts import Layout, Patch
 from firmware_protocols.options import declared, from_words
+from firmware_protocols.registers import RegisterMap
+from firmware_protocols.tables import Frame
 from tactemu.cli.heatmap import flattened
 from tactemu.errors import DeviceError
 from tactemu.scene.building import make_device
@@ -127,7 +129,7 @@ def _row(name: str, device: Device) -> dict[str, Any]:
 
 def datasheet(name: str, device: Device) -> list[str]:
     """The lines of a datasheet."""
-    lines = [f"{name}: {device.title}", "", *frame_page(device), "", "Ports"]
+    lines = [f"{name}: {device.title}", "", *frame_page(device), *_tables(device), "", "Ports"]
     lines += [f"  {line}" for line in ports_of(device)]
     lines += ["", f"Streams: {rates_of(device)}", "Senses", *_senses(device)]
     if device.columns:
@@ -160,6 +162,13 @@ def _column(column: Column) -> str:
 def frame_page(device: Device) -> list[str]:
     """What the file of a device says of its frames, with the evidence for it."""
     return (inspect.getdoc(sys.modules[type(device).__module__]) or "").splitlines()
+
+
+def _tables(device: Device) -> list[str]:
+    """The frame and register tables that the file of the device declares, as it states them."""
+    module = sys.modules[type(device).__module__]
+    tables = [each for each in vars(module).values() if isinstance(each, Frame | RegisterMap)]
+    return [line for table in tables for line in ("", *str(table).splitlines())]
 
 
 def _options(device: Device) -> list[str]:

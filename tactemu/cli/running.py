@@ -29,7 +29,7 @@ def run_target(
     *,
     options: Sequence[str] = (),
     ports: Sequence[str],
-    rate_hz: float | None,
+    rates: Sequence[str],
     seed: int | None,
     seconds: float | None,
     compute: str | None,
@@ -50,7 +50,7 @@ def run_target(
 
     if virtual and seconds is None:
         raise SceneError("--virtual runs as fast as it can and would never end; say how long with --seconds")
-    wishes = Wishes(port=ports_of(ports), rate_hz=rate_hz, faults=faults, seed=seed, compute=compute)
+    wishes = Wishes(port=ports_of(ports), rate_hz=rate_of(rates), faults=faults, seed=seed, compute=compute)
     loaded = load(target, options_of(options))
     start_quietly()
     log = truth_of(loaded, truth, keep)
@@ -60,6 +60,24 @@ def run_target(
         run_emulator(emulator, seconds=seconds, style=style)
     finally:
         log.close()
+
+
+def rate_of(words: Sequence[str]) -> float | dict[str, float] | None:
+    """``["200"]`` as a number, ``["touch=200", "imu=1000"]`` as a table by stream.
+
+    Raises:
+        SceneError: a word that is no rate, or several of which one does not say of which stream it is.
+    """
+    rates: dict[str, float] = {}
+    for word in words:
+        stream, _, hz = word.rpartition("=")
+        try:
+            rates[stream] = float(hz)
+        except ValueError:
+            raise SceneError(f"--rate {word}: expected HZ, or STREAM=HZ") from None
+    if len(words) > 1 and "" in rates:
+        raise SceneError(f"--rate: of several rates each needs its stream, --rate STREAM={rates['']:g}")
+    return rates.get("", rates or None)
 
 
 def ports_of(words: Sequence[str]) -> str | dict[str, str] | None:

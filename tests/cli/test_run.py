@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 import serial
 
+from tactemu.cli.running import rate_of
+from tactemu.errors import SceneError
 from tests.cli.command import ROOT, here, start, tactemu
 
 
@@ -187,3 +189,17 @@ def test_a_reader_that_has_had_enough_ends_it_quietly(port):
     finally:
         process.kill()
     assert not os.path.lexists(port)
+
+
+@pytest.mark.parametrize(
+    ("words", "rate"),
+    [((), None), (("200",), 200.0), (("touch=200", "imu=1e3"), {"touch": 200.0, "imu": 1000.0})],
+)
+def test_rates_are_read_as_numbers_or_by_stream(words, rate):
+    assert rate_of(words) == rate
+
+
+@pytest.mark.parametrize("words", [("fast",), ("touch=",), ("100", "200"), ("touch=1", "2")])
+def test_what_is_no_rate_is_said(words):
+    with pytest.raises(SceneError, match="--rate"):
+        rate_of(words)
