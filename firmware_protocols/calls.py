@@ -80,7 +80,8 @@ def _uncarried(frame: Any, connector: Connector) -> str:
     """Why the line behind a connector cannot carry it; empty: it can."""
     if not isinstance(connector, Can):
         fits = isinstance(frame, bytes) and frame
-        return "" if fits else f"sent {frame!r}: expected bytes that are not empty"
+        said = str(frame) if isinstance(frame, CanFrame) else repr(frame)
+        return "" if fits else f"sent {said}: expected bytes that are not empty"
     if not isinstance(frame, CanFrame):
         return f"sent {frame!r}: expected a CanFrame"
     size, top = len(frame.data), 1 << 29 if frame.is_extended_id else 1 << 11

@@ -150,6 +150,10 @@ class Host:
         self.t_ns = end_ns
         return sent
 
+    def modem(self, dtr: bool, rts: bool, port: str) -> list[Any]:
+        """The frames that leave when modem lines move, or a port is opened or closed."""
+        return self._obeyed("lines", dtr, rts, self.t_ns, port)
+
     def ask(self, command: Command) -> list[Any]:
         """The frames that answer a documented command, late ones included."""
         self.prepare(command)
@@ -162,7 +166,7 @@ class Host:
             self.wait()
 
     def _obeyed(self, method: str, *args: Any) -> list[Any]:
-        port = args[2] if method == "receive" else ""
+        port = args[2] if method == "receive" else args[3] if method == "lines" else ""
         frames, restarted = [], False
         for out in calls.outs(self.device, method, *args, port=port):
             if isinstance(out, Restart):
@@ -180,6 +184,8 @@ def story(host: Host, subject: Subject, seed: int, rounds: int = 2) -> list[Any]
     """A life with pushes, requests and halves of requests, the same for the same seed; the frames sent."""
     rng, sent = random.Random(seed), []
     for _ in range(rounds):
+        for port in [each.name for each in host.device.ports]:
+            sent += host.modem(True, rng.random() < 0.5, port)
         for request, port in subject.asked():
             host.pushes = rng.uniform(0.0, 5.0)
             sent += [*host.convert(), *host.send(request, port), *host.wait(rng.randrange(1, STEP)), *host.convert()]

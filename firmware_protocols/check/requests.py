@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
-from firmware_protocols.calls import AuthorError
+import numpy as np
+
+from firmware_protocols.calls import AuthorError, place, run
 from firmware_protocols.check.host import SECOND, Host, Subject, carries_bytes, shown
 from firmware_protocols.check.nonsense import reframed
 from firmware_protocols.check.report import Fault
@@ -34,6 +36,29 @@ def faults(subject: Subject, fuzz: int) -> Iterator[Fault]:
         yield from _fuzzed(subject, fuzz)
     except AuthorError as error:
         yield Fault.of("commands", error, "spoiled requests: ")
+    try:
+        yield from _around(subject)
+    except AuthorError as error:
+        yield Fault.of("lines", error)
+
+
+def _around(subject: Subject) -> Iterator[Fault]:
+    """Modem lines in every state, and where the actuators are after each command."""
+    host = Host(subject.make(), PUSH)
+    for port in [each.name for each in host.device.ports]:
+        for dtr, rts in ((True, True), (False, True), (True, False), (False, False)):
+            host.modem(dtr, rts, port)
+            host.wait()
+    for request, port in [(None, ""), *subject.asked()]:
+        if request is not None:
+            host.send(request, port)
+            host.wait()
+        angles = run(host.device, "joints", host.t_ns)
+        if not isinstance(angles, Mapping) or not all(np.isfinite(float(each)) for each in angles.values()):
+            after = f" after {text_of(request)}" if request is not None else ""
+            text = f"joints are {angles!r}{after}: return a mapping of names to finite numbers [rad, m]"
+            yield Fault("joints", text, *place(subject.cls, "joints"))
+            return
 
 
 def _fault(command: Command, text: str) -> Fault:

@@ -132,7 +132,7 @@ class AbilityHand(Device):
     assumed = (
         "velocities in replies as the ICD says (3.4.3); the vendor's parsers divide all six by 4 x 32767 / 3000, which "
         "fits the fingers within 4 % and not the rotator",
-        "places of the six sites: 3 rows x 2 columns at 7 mm on each fingertip, all pads in one plane, normal +z",
+        "places of the six sites: 3 x 2, row by row at 7 mm on each fingertip, all pads in one plane, normal +z",
         "touch is converted 250 times a second; the ICD calls the constants of its force formula placeholders",
         "a control message without six targets moves nothing; a reset is not answered, Bluetooth commands are",
         "motors: one time constant of 0.1 s, 200 deg/s per A, 300 deg/s at full duty, stops at 0 and 100 deg",

@@ -4,7 +4,7 @@ Wire: classic CAN, 1 Mbit/s, one standard id per hand in both directions: 0x28 l
 an answer repeats id and command. ``f`` = 0 thumb .. 4 little finger.
 
     request          answer                                             about
-    B1+f C6          12 x [B1+f, row << 4, 6 x u8]                      12 x 6 matrix, raw 0..255, row 0 first
+    B1+f C6          12 x [B1+f, row << 4, 6 x u8]                      12 x 6 matrix, raw 0..255, row by row
     B1+f A4          10 x [B1+f, row << 4, 4 x u8]                      10 x 4 matrix (O6)
     B1+f             [B1+f, rows, columns]                              touch probe: two data bytes = matrix sensor
     B0               silence                                            sent before the probe

@@ -5,7 +5,7 @@ of the bytes before it. Host to device ``CONFIGURE``, answered by ``CONFIGURED``
 by ``SERIAL_NUMBER``; ``DATA`` unasked, its length 0A with 3 axes, 1C with 4 x 3, 10 with 6.
 
     speed   0 stops, 1, 3, 10, 33, 100: period [ms]
-    filter  0 none, 1..6: low-pass at 500, 150, 50, 15, 5, 1.5 Hz
+    cutoff  0 none, 1..6: low-pass at 500, 150, 50, 15, 5, 1.5 Hz
     zero    FF: what is felt now is zero, 00: no zero
 
 Status: bits 9..4 overload of Fx Fy Fz Tx Ty Tz, bit 3 more than one sensor, bits 2..0 the sensor.
@@ -54,7 +54,7 @@ CONFIGURE = Frame("""
     configure
     0     AA 00 32 03     head
     4     u1              speed
-    5     u1              filter
+    5     u1              cutoff
     6     u1              zero
     last  >sum16          sum
 """)
@@ -193,7 +193,8 @@ class OptoForce(Device):
     def _answer(self, packet: bytes) -> list[bytes]:
         if packet.startswith(SERIAL_REQUEST):
             return [] if isinstance(packet, Broken) else [SERIAL_NUMBER.pack(characters=self.serial_number)]
-        code = BAD_SUM if isinstance(packet, Broken) else self._configure(*packet[4:7])
+        wanted = CONFIGURE.unpack(packet)
+        code = BAD_SUM if wanted is None else self._configure(**wanted)
         return [CONFIGURED.pack(code=code)]
 
     def _configure(self, speed: int, cutoff: int, zero: int) -> int:

@@ -148,6 +148,57 @@ def test_a_planted_mistake_is_named(tmp_path, name):
     assert any(re.search(said, str(fault)) for fault in report.faults), report.lines()
 
 
+GRIP = {
+    "registers: another default": (
+        [("self.registers = Registers(MAP)", 'self.registers = Registers(MAP)\n        self.registers["goal"] = 5')],
+        r"registers: goal at 0: reads \[5\] after power-up, declared default 1000",
+    ),
+    "registers: a value that it takes and then dies of": (
+        [('self.registers["goal"] * METRES', '1 / self.registers["goal"]')],
+        r"raised ZeroDivisionError",
+    ),
+    "streams: a measurement of none": (
+        [('Convert("touch"', 'Convert("toch"')],
+        r"asked for stream 'toch'; it has \['touch'",
+    ),
+    "streams: counts of another sense": (
+        [('{"force": self.touch}', '{"pressure": self.touch}')],
+        r"counts of 'pressure'",
+    ),
+    "ports: one that it does not have": (
+        [
+            ("return [line + b", 'return [Sent(line, port="fingr"), line + b'),
+            ("    Sense,", "    Sense, Sent,"),
+        ],
+        r"sent to port 'fingr'; it has \['finger', 'motor'\]",
+    ),
+    "ports: a frame of another line": (
+        [
+            ("return [line + b", "return [CanFrame(arbitration_id=1), line + b"),
+            ("    Column,", "    CanFrame, Column,"),
+        ],
+        r"receive sent 001#: expected bytes",
+    ),
+    "joints: no number": (
+        [("float(self.motors", "float('nan') * float(self.motors")],
+        r"joints are .*nan.*finite numbers",
+    ),
+    "lines: a mistake on DTR": ([('port == "finger" and not dtr', "1 / dtr == 0")], r"lines raised ZeroDivisionError"),
+}
+
+
+@pytest.mark.parametrize("name", GRIP)
+def test_a_mistake_in_the_grip_is_named(tmp_path, name):
+    replacements, said = GRIP[name]
+    text = pieces()["acme_grip.py"]
+    for right, wrong in replacements:
+        assert right in text, right
+        text = text.replace(right, wrong)
+    (tmp_path / "acme_grip.py").write_text(text)
+    report = check(f"{tmp_path}/acme_grip.py:AcmeGrip", fuzz=20)
+    assert any(re.search(said, str(fault)) for fault in report.faults), report.lines()
+
+
 def test_eight_mistakes_two_ways_each():
     kinds = [name.partition(":")[0] for name in list(PLANTS)[:16]]
     assert {kind: kinds.count(kind) for kind in kinds} == dict.fromkeys(

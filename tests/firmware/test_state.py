@@ -1,11 +1,13 @@
 """A device's state as plain data: what may be kept, what comes back, what is refused by name."""
 
+from collections import deque
+
 import numpy as np
 import pytest
 
 import firmware_protocols as fp
 from firmware_protocols.framing import Packets
-from firmware_protocols.state import NotPlain
+from firmware_protocols.state import NotPlain, from_bytes, to_bytes
 from firmware_protocols.tables import Frame
 
 TABLE = Frame("""
@@ -58,3 +60,13 @@ def test_a_bound_table():
 def test_what_cannot_be_saved_is_refused_by_name(value):
     with pytest.raises(NotPlain, match=r"self\.kept"):
         Keeps(kept=value).snapshot()
+
+
+def test_bytes_hold_the_whole_state():
+    value = {"text": "é", "bytes": b"\x00\xff", "none": None, "huge": 1 << 80, 3: [1.5, float("inf")], "flags": (True,)}
+    device = Keeps(kept=[value, np.arange(6).reshape(2, 3), np.float32(1.5), deque([1], maxlen=2)])
+    other = Keeps(kept=None)
+    other.restore(from_bytes(to_bytes(device.snapshot())))
+    plain, array, number, recent = other.kept
+    assert plain == value and np.array_equal(array, device.kept[1]) and array.dtype == device.kept[1].dtype
+    assert number == 1.5 and type(number) is np.float32 and recent == device.kept[3] and recent.maxlen == 2
