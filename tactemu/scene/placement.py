@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tactemu.errors import SceneError
+from tactemu.options import numbers
 from tactemu.scene import rotation
 from tactemu.scene.motion import Pose
 from tactemu.scene.skins import SkinPart
@@ -50,7 +51,7 @@ class PlacedSensor:
         self._back = rotation.conjugate(self._to_link)
         self._turned = not np.array_equal(self._to_link, rotation.IDENTITY)
         course = sensor.model.temperature_course
-        self._course = None if course is None else np.asarray(course, float)
+        self._course = None if course is None else numbers(f"sensor {sensor.name!r}", "temperature_course", course)
         self._before: tuple[float, np.ndarray] | None = None
         """When a link that is posed by hand was last looked at [s], and its velocity then [m/s]."""
 

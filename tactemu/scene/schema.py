@@ -16,8 +16,10 @@ from pydantic import (
     BaseModel,
     BeforeValidator,
     ConfigDict,
+    Discriminator,
     Field,
     Strict,
+    Tag,
     ValidationError,
     create_model,
     model_validator,
@@ -216,6 +218,11 @@ Faults = Annotated[tuple[str, ...], BeforeValidator(one_or_more)]
 
 
 Rate = Annotated[Real, Field(ge=RATES_HZ[0], le=RATES_HZ[1])]
+Rates = Annotated[
+    Annotated[Rate, Tag("<number>")] | Annotated[dict[str, Rate], Tag("<table>")],
+    Discriminator(lambda value: "<table>" if isinstance(value, dict) else "<number>"),
+]
+"""Of a device, or of each of its streams."""
 
 
 class LinkTable(Table):
@@ -251,7 +258,7 @@ class Skin(Table):
         default=None, min_length=1, description="pty:PATH, can:INTERFACE:CHANNEL, tcp:HOST:PORT, memory: ..."
     )
     ports: dict[str, str] = Field(default={}, description="of a device with several connectors, by their names")
-    rate_hz: Rate | dict[str, Rate] | None = Field(
+    rate_hz: Rates | None = Field(
         default=None, description="default: the device's own; of a device with several streams by their names"
     )
     pacing: bool = Field(default=True, description="bytes and frames take their time on the line")
