@@ -34,6 +34,7 @@ def built():
         probe_local_pos=(chips + np.array([0, 0, TOP / 2 - 0.001])).tolist(),
         probe_radius=0.003,
         normal_stiffness=1000.0,
+        shear_scalar=0.0,
     )
     sensor = scene.add_sensor(taxels)
     scene.build()
@@ -43,7 +44,7 @@ def built():
 class Running(threading.Thread):
     """Genesis at its own pace, in a thread of its own: what its sensor has read last is what the skin feels.
 
-    Genesis gives the force that the skin exerts; a device measures its negative.
+    The normal part of its force acts on the skin, as devices measure it (its shear part, left out here, on the body).
     """
 
     def __init__(self, scene, sensor):
@@ -53,7 +54,7 @@ class Running(threading.Thread):
 
     def step(self) -> None:
         self.scene.step()
-        self.latest = -self.sensor.read().force.cpu().numpy().reshape(-1, 3).astype(float)
+        self.latest = self.sensor.read().force.cpu().numpy().reshape(-1, 3).astype(float)
 
     def run(self) -> None:
         while not self.stopped:
