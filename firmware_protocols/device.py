@@ -143,7 +143,7 @@ class Column:
 
     name: str
     axis: Axis = ""
-    """Of the taxel's own frame; "" for a magnitude."""
+    """Of the taxel's own frame; "" for a magnitude. A name tells columns apart, this does not."""
     unit: str = ""
     """SI unit; "" where no scale is published."""
     counts_per_unit: float | None = None
@@ -153,7 +153,7 @@ class Column:
     high: float
     """The greatest count that it can show."""
     rest: float = 0
-    """Untouched."""
+    """The count when nothing touches it, at 25 °C."""
     push: Literal[-1, 0, 1] = 0
     """Which way it goes as its taxel is pushed; 0: it need not move."""
     sense: str = ""

@@ -118,7 +118,7 @@ def _senses(device: Device) -> Iterator[str]:
             yield f"stream {name!r}: a period of {period} ns"
 
 
-def _twice(names: Sequence[str]) -> list[str]:
+def _twice(names: Sequence[Any]) -> list[Any]:
     return [name for name, count in Counter(names).items() if count > 1]
 
 
@@ -133,7 +133,8 @@ def _columns(device: Device) -> Iterator[str]:
             yield f"column {column.name!r}: no sense {column.sense!r}; there are {keys}"
         if column.counts_per_unit and not column.unit:
             yield f"column {column.name!r}: {column.counts_per_unit:g} counts per what? give its unit"
-    yield from (f"columns: two are called {name!r}" for name in _twice([f"{c.sense}{c.name}" for c in device.columns]))
+    for sense, name in _twice([(column.sense, column.name) for column in device.columns]):
+        yield f"columns: two{sense and f' of {sense}'} are called {name!r}; a name for each axis"
     for each in device.rollovers:
         if each.bits < 1 or (each.state and not hasattr(device, each.state)):
             yield f"rollover {each.name!r}: {each.bits} bits in self.{each.state}, which it does not have"

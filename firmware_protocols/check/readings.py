@@ -87,6 +87,6 @@ def _felt(sense: Sense, device: Device, forces: np.ndarray) -> np.ndarray:
 def _spread(sense: Sense, value: Any) -> np.ndarray:
     width, n = WIDTHS.get(sense.quantity), len(sense.at) if sense.at is not None else 0
     value = np.asarray(value)
-    value = value if value.dtype == bool else value.astype(float)
+    value = value if value.dtype == bool else value.astype(float) + 0.0  # no pressure is 0.0, not -0.0
     whole = np.array(np.broadcast_to(value, (n,) if width is None else (n, width)))
     return whole if sense.burst == 1 else np.repeat(whole[..., None], sense.burst, axis=-1)
