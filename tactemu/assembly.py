@@ -28,6 +28,7 @@ from tactemu.scene.schema import EventTable, Skin, World
 from tactemu.sensing import Senses, Untouched
 from tactemu.sources import given_by, without
 from tactemu.truth import Truth
+from tactemu.wire.carriers.carrier import Pacing
 from tactemu.wire.wire import Wire
 
 if TYPE_CHECKING:
@@ -196,7 +197,8 @@ def _wires(
         connector = next(plug.connector for plug in plugs if plug.address == address)
         here = [skin for skin in skins if skin.title in names]
         faults = [*(fault for skin in here for fault in skin.faults), *wishes.faults, *faults_of(events, names)]
-        pacing = all(skin.pacing for skin in here)
+        paced = {skin.pacing for skin in here}
+        pacing: Pacing = False if False in paced else "strict" if "strict" in paced else True
         transport = transports.create(address)
         wires[address] = Wire(transport, connector, pacing=pacing, faults=faults, seed=seed, truth=truth)
     return wires

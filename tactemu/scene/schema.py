@@ -261,7 +261,9 @@ class Skin(Table):
     rate_hz: Rates | None = Field(
         default=None, description="default: the device's own; of a device with several streams by their names"
     )
-    pacing: bool = Field(default=True, description="bytes and frames take their time on the line")
+    pacing: Literal[True, False, "strict"] = Field(
+        default=True, description="bytes and frames take their time on the line; strict: after a stall, too"
+    )
     clock: ClockTable = ClockTable()
     faults: Faults = Field(default=(), description="what goes wrong on the wire")
 

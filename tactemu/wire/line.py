@@ -22,6 +22,7 @@ class Line:
 
     def __init__(self, carrier: Carrier):
         self.carrier = carrier
+        self._catch_up_ns = 0 if carrier.pacing == "strict" else CATCH_UP_NS
         self.free_ns = 0
         """When the line is idle again."""
         self.busy_ns = 0
@@ -82,7 +83,7 @@ class Line:
         if self._sending is None or self._sending.end_ns > now_ns:
             return None
         sent, self._sending = self._sending, None
-        self.free_ns = max(self.free_ns, now_ns - CATCH_UP_NS)
+        self.free_ns = max(self.free_ns, now_ns - self._catch_up_ns)
         return sent
 
     def clear(self) -> list[Pending]:

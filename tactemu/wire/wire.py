@@ -18,7 +18,7 @@ from firmware_protocols.frames import payload
 from tactemu.transports.transport import DROPPED, Closed, Event, Received, Transport
 from tactemu.truth import Truth
 from tactemu.wire.carriers import carrier_of
-from tactemu.wire.carriers.carrier import DRIVER
+from tactemu.wire.carriers.carrier import DRIVER, Pacing
 from tactemu.wire.faults import Fault, Injector
 from tactemu.wire.line import Line
 from tactemu.wire.pending import Pending
@@ -49,7 +49,8 @@ class Wire:
     Args:
         transport: the port.
         connector: what the device has there: baud rate or bit rates.
-        pacing: whether frames take their time. Off, they leave at once.
+        pacing: whether frames take their time. Off, they leave at once; ``"strict"``: none follows another sooner than
+            the line could carry it, whatever held the caller up.
         faults: what goes wrong, as text or parsed (:mod:`tactemu.wire.faults`).
         seed: root seed of the faults' random streams.
         truth: where frames and faults are logged.
@@ -70,7 +71,7 @@ class Wire:
         transport: Transport,
         connector: Connector,
         *,
-        pacing: bool = True,
+        pacing: Pacing = True,
         faults: Iterable[Fault | str] = (),
         seed: int = 0,
         truth: Truth | None = None,

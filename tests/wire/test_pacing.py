@@ -50,6 +50,24 @@ def test_a_frame_is_there_when_its_last_bit_is():
     assert driver.read() == [FRAME]
 
 
+@pytest.mark.parametrize("pacing", [True, "strict"])
+def test_after_a_stall_a_strict_line_keeps_its_bit_time(pacing):
+    wire, driver = plugged(UART, pacing=pacing)
+    for k in range(3):
+        wire.send([b"%d" % k], k * 1_000_000)
+    late = 4_000_000
+    wire.flush(late)
+    if pacing is True:
+        assert driver.read() == [b"0", b"1", b"2"], "all that the line had time for"
+        return
+    byte = round(10e9 / 115_200)
+    assert driver.read() == [b"0"]
+    for k in (1, 2):
+        assert wire.next_due_ns() == late + k * byte
+        wire.flush(late + k * byte)
+        assert driver.read() == [b"%d" % k]
+
+
 @pytest.mark.parametrize(("spec", "bits"), [(UART, 10), (Serial(baud=115_200, parity="E", stopbits=2), 12)])
 def test_bits_per_byte(spec, bits):
     wire, _ = plugged(spec)

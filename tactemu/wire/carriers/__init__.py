@@ -9,7 +9,7 @@ import importlib
 
 from firmware_protocols import Can, Connector, Rs485, Serial, Tcp
 from tactemu.errors import DeviceError
-from tactemu.wire.carriers.carrier import Carrier
+from tactemu.wire.carriers.carrier import Carrier, Pacing
 
 CARRIERS: dict[type[Connector], str] = {
     # connector: "module:Class", imported only when a device has one
@@ -20,7 +20,7 @@ CARRIERS: dict[type[Connector], str] = {
 }
 
 
-def carrier_of(connector: Connector, *, pacing: bool = True) -> Carrier:
+def carrier_of(connector: Connector, *, pacing: Pacing = True) -> Carrier:
     """The line that a connector is plugged into.
 
     Raises:

@@ -7,7 +7,7 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 from firmware_protocols import CanFrame, Connector, Frame
 from tactemu.transports.transport import CanFilter
@@ -17,6 +17,10 @@ DRIVER = "(driver)"
 """The driver as a node of a shared line."""
 
 _fresh = itertools.count()
+
+
+Pacing = Literal[True, False, "strict"]
+"""Whether frames take their time on the line; ``strict``: also after a stall, for which nothing is made up."""
 
 
 class Carrier(ABC):
@@ -33,7 +37,7 @@ class Carrier(ABC):
     ordered: ClassVar[bool] = True
     """A byte stream: what a fault holds back holds up what follows."""
 
-    def __init__(self, connector: Any, *, pacing: bool = True):
+    def __init__(self, connector: Any, *, pacing: Pacing = True):
         self.connector = connector
         self.pacing = pacing
 

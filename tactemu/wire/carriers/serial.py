@@ -9,7 +9,7 @@ from typing import Any
 from firmware_protocols import Frame
 from firmware_protocols.frames import payload
 from tactemu.transports.transport import SerialSetting
-from tactemu.wire.carriers.carrier import Carrier
+from tactemu.wire.carriers.carrier import Carrier, Pacing
 from tactemu.wire.uart import misheard
 
 
@@ -19,9 +19,9 @@ class SerialCarrier(Carrier):
     kind = "serial"
     schemes = ("pty", "rfc2217", "tcp")
 
-    def __init__(self, connector: Any, *, pacing: bool = True):
+    def __init__(self, connector: Any, *, pacing: Pacing = True):
         super().__init__(connector, pacing=pacing)
-        timed = pacing and not connector.usb
+        timed = bool(pacing) and not connector.usb
         self._byte_ns = connector.bits_per_byte * 1e9 / connector.baud if timed else 0.0
 
     def duration_ns(self, frame: Frame) -> int:
