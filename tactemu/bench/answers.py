@@ -81,7 +81,7 @@ _READ_ONE = "55aa7b7b0e0070c0060500" + "7b0e040300" + "27" + "55aa7d7d"
 CASES = (
     Case("pty", "paxini_gen2", {"models": ("L5325",) * 3}, "pty:{folder}/port", _READ_ONE, 25),
     Case("tcp", "paxini_gen2", {"models": ("L5325",) * 3}, "tcp:127.0.0.1:0", _READ_ONE, 25),
-    Case("can", "linker_hand_l6", {}, "can:udp_multicast:239.74.163.78", "028#C201", 0),
+    Case("can", "linker_hand_l6", {}, "can:udp_multicast:239.74.163.78", "028#C2", 0),
 )
 
 
