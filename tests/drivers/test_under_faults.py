@@ -118,8 +118,11 @@ def test_modbus_masters_report_every_fault_and_no_wrong_register(fight, name):
 
 
 def test_modbus_tcp_hands_out_flipped_registers(fight):
-    """TCP framing has no CRC: a bit that changes behind TCP's own checksum reaches the user."""
-    for _, outcome in fight("plusml-rh56dftp", "flip", seconds=0.4, share="every 60"):
+    """TCP framing has no CRC: a bit that changes behind TCP's own checksum reaches the user.
+
+    A reading is three answers of which one is judged; 31 has no divisor in common with 3, so that each is hit in turn.
+    """
+    for _, outcome in fight("plusml-rh56dftp", "flip", seconds=0.8, share="every 31"):
         assert outcome.recovered is not None and outcome.restart_helps is None
         assert 0 < outcome.wrong <= outcome.injected
 

@@ -216,8 +216,10 @@ def test_a_port_in_use_is_not_taken_away(tmp_path):
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
 def test_a_signal_removes_the_link(tmp_path, number):
+    usual = "default_int_handler" if number == signal.SIGINT else "SIG_DFL"  # who runs the tests may have it ignored
     code = (
-        "import sys, time; from tactemu.transports import create;"
+        "import signal, sys, time; from tactemu.transports import create;"
+        f"signal.signal({number:d}, signal.{usual});"
         "create(sys.argv[1]).open(); print(flush=True); time.sleep(60)"
     )
     child = subprocess.Popen(
