@@ -78,7 +78,7 @@ class Wire:
         backlog_ns: int = 20_000_000,
     ):
         self.transport = transport
-        self.pacing = pacing
+        self.pacing: Pacing = pacing
         self.truth = truth or Truth()
         self.backlog_ns = backlog_ns
         self.counters: Counter[str] = Counter()

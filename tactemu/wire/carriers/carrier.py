@@ -39,7 +39,7 @@ class Carrier(ABC):
 
     def __init__(self, connector: Any, *, pacing: Pacing = True):
         self.connector = connector
-        self.pacing = pacing
+        self.pacing: Pacing = pacing
 
     # -- on the line -------------------------------------------------------------------------------------------------
 
