@@ -7,7 +7,6 @@ import time
 
 from tactemu.cli.datasheet import frame_page, ports_of, rates_of, taxel_map
 from tactemu.kernels import start_quietly
-from tactemu.physics.models import name_of
 from tactemu.scene import file
 
 MAX_MAP_LINES = 60
@@ -73,7 +72,7 @@ def _print_schedule(loaded: file.LoadedScene) -> None:
 def _print_skin(skin, device, sensor) -> None:
     print(f"Skin {skin.title!r}: {device.title}, {f'on {skin.link!r}' if skin.link else f'plays {skin.readings}'}")
     if sensor is not None:
-        print(f"  model     {name_of(type(sensor.model))}: the device senses {', '.join(s.key for s in device.sensed)}")
+        print(f"  model     {type(sensor.model).__name__}: the device senses {', '.join(s.key for s in device.sensed)}")
     print(f"  wire      {', '.join(ports_of(device))}")
     print(f"  rate      {rates_of(device, skin.rate_hz)}")
     for fault in skin.faults:

@@ -38,12 +38,6 @@ def load(name: str) -> type[SensorModel]:
         raise LookupError(f"no sensor model {name!r}: {error}") from error
 
 
-def name_of(model: type) -> str:
-    """What a scene calls it: its name in :data:`MODELS`, or ``"module:Class"``."""
-    path = f"{model.__module__}:{model.__qualname__}"
-    return next((name for name, listed in MODELS.items() if listed == path), path)
-
-
 def models_for(quantity: str) -> dict[str, type[SensorModel]]:
     """The models that give a quantity (see :data:`firmware_protocols.device.Quantity`), cheapest first."""
     loaded = {name: load(name) for name in MODELS}
