@@ -86,7 +86,7 @@ def test_icub_forearm_of_240_taxels_at_50_hz_on_one_bus():
         layout, samples = dev.device().layout, list(dev.truth.samples)
 
     rest = skins(at_rest.frames)
-    assert min(map(len, rest.values())) >= 60, "50 Hz for 3 s, in a guest on a machine that may be busy"
+    assert min(map(len, rest.values())) >= 60, "150 are nominal; a guest reaches 95 to 150"
     assert all(set(period) == {0, 1, 2} for periods in rest.values() for period in periods)
     values = [pads for periods in rest.values() for period in periods for pads in period.values()]
     assert (np.array(values) == 240).all()
