@@ -1,4 +1,4 @@
-"""linkerbot 0.5.4, unmodified, reads L6, O6, L25, as an L20 Lite the L10, and as an L25 L20 and G20, over python-can's ``udp_multicast``."""
+"""linkerbot 0.5.4, unmodified, over ``udp_multicast``: L6, O6, L25; as an L20 Lite the L10; as an L25 L20 and G20."""
 
 import numpy as np
 import pytest
