@@ -23,6 +23,7 @@ UNPINNED = json.loads((Path(__file__).parents[1] / "data" / "unpinned.json").rea
 """Declared facts that no worked example pins, by device: a number that may only fall."""
 VARIANTS = [
     ("ability_hand", {"stuffing": False}),
+    ("contactile_papillarray", {"sensors": 1, "end_offset": True}),
     ("flexitac", {"rows": 4, "cols": 2}),
     ("icub_skin", {"part": "triangle", "first_board": 3}),
     ("icub_skin", {"triangles_per_board": 16}),
