@@ -112,7 +112,7 @@ class ContactilePapillArray(Device):
         "langxin11/contactile_pts_lab@5bb5ea0 python_ws/pts_protocol.py",
         "m-rosette/contactile_gripper_ros2@146709d, the vendor's library (sense of offsets, entry of kind 0, commands)",
     )
-    judge = "none"
+    judge = "own second reader"
     assumed = (
         "pillars row by row from the sensor's upper left; axes of a sensor's own frame, a push positive in Fz and Dz",
         "the total is the sum over the pillars; torque r x F, with r from the middle of the sensor, F as it is sent",
