@@ -79,7 +79,7 @@ def test_without_torque_it_stays(arm):
     assert read(arm, 1, 56, t_ns=SECOND) == 2048
     write(arm, 1, 40, 1, t_ns=SECOND)
     write(arm, 1, 40, 0, t_ns=SECOND + SECOND // 10)
-    assert read(arm, 1, 56, t_ns=9 * SECOND) == round(2048 + 330)
+    assert read(arm, 1, 56, t_ns=9 * SECOND) == 2048 + 330
 
 
 def test_a_load_holds_it_and_a_load_that_lasts_is_an_overload(arm):
