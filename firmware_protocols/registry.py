@@ -16,6 +16,8 @@ _HERE = "firmware_protocols.devices"
 DEVICES: dict[str, str] = {
     # name: "module:Class", sorted
     "ability_hand": f"{_HERE}.ability_hand:AbilityHand",
+    "agibot_omnihand_o10": f"{_HERE}.agibot_omnihand:AgibotOmniHandO10",
+    "agibot_omnihand_pro": f"{_HERE}.agibot_omnihand:AgibotOmniHandPro",
     "anyskin": f"{_HERE}.anyskin:AnySkin",
     "contactile_papillarray": f"{_HERE}.contactile_papillarray:ContactilePapillArray",
     "feetech_sts3215": f"{_HERE}.feetech_sts3215:FeetechSts3215",

@@ -25,6 +25,7 @@ VARIANTS = [
     ("ability_hand", {"stuffing": False}),
     ("contactile_papillarray", {"sensors": 1, "end_offset": True}),
     ("feetech_sts3215", {"ids": (7, 1), "encoders": (100.0, 4000.0), "swing": 0.3}),
+    ("agibot_omnihand_pro", {"device": 127}),
     ("flexitac", {"rows": 4, "cols": 2}),
     ("icub_skin", {"part": "triangle", "first_board": 3}),
     ("icub_skin", {"triangles_per_board": 16}),
