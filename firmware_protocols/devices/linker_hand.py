@@ -70,6 +70,7 @@ class LinkerHand(Device[CanFrame]):
         "linkerbot 0.5.4 hand/l20lite (ten joints, like the L10)",
         "linker-bot/linkerhand-python-sdk@b371361 LinkerHand/core/can/linker_hand_{l10,o6}_can.py",
     )
+    kind = "hand"
     judge = "linkerbot 0.5.4"
     assumed = (
         f"{COUNTS_PER_NEWTON:.0f} counts/N of normal force per taxel (raw units, no scale published)",
