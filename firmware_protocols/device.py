@@ -55,8 +55,8 @@ Evidence = Literal["captured", "vendor document", "firmware", "driver", "assumed
 """Where a byte table comes from, best first."""
 
 Kind = Literal["hand", "fingertip", "glove", "force-torque sensor", "skin", ""]
-"""What is bought: a hand or a gripper; a fingertip or a pad; a glove; a force-torque sensor; a skin, or what joins many
-sensors to one line; or something else."""
+"""What is bought: a hand, a gripper or its servos; a fingertip or a pad; a glove; a force-torque sensor; a skin, or
+what joins many sensors to one line; or something else."""
 
 if TYPE_CHECKING:  # a device's frames are bytes unless it says Device[CanFrame]
     from typing_extensions import TypeVar

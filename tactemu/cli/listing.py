@@ -21,7 +21,7 @@ FILE = Path(__file__).with_name("devices.json")
 
 KINDS = {
     # firmware_protocols.device.Kind: the heading
-    "hand": "Hands and grippers",
+    "hand": "Hands, grippers and their servos",
     "fingertip": "Fingertips and pads",
     "glove": "Gloves",
     "force-torque sensor": "Force-torque sensors",

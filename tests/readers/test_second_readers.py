@@ -38,6 +38,10 @@ class Case:
     guarded: bool = True
     """A wrong byte shows: there is a checksum."""
 
+    def on(self, rig):
+        """The device on a rig."""
+        return rig(fp.create(self.device, **self.options), kind=self.kind, peak=self.peak)
+
     def __str__(self):
         return "-".join([self.device, *map(str, self.options.values())])
 
@@ -46,6 +50,11 @@ PADS = [pad for pad in range(12) if pad not in (6, 10)]
 """Of a triangle of the iCub; the two others are thermal."""
 
 CASES = [
+    Case(
+        "contactile_papillarray",
+        "contactile_papillarray.py",
+        compared=lambda readings: [[reading[: 2 * 9 * 6] for reading in readings]],
+    ),
     Case(
         "icub_skin",
         "icub_skin.py",
@@ -70,10 +79,11 @@ def read(reader, port, *arguments, count=200):
 
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_200_consecutive_readings(case):
-    with Rig(fp.create(case.device, **case.options), kind=case.kind, peak=case.peak) as rig:
+    with case.on(Rig) as rig:
         status, printed, complaint = read(case.reader, rig.port, *case.arguments)
     assert status == 0, complaint[-2000:]
-    readings = json.loads(printed)["readings"]
+    readings, lost = (json.loads(printed)[key] for key in ("readings", "lost"))
+    assert lost < len(readings) / 4, "a busy machine loses a few frames, not so many"
     for sequence in case.compared(readings):
         assert np.ptp(np.asarray(sequence, float), axis=0).max() > 0
         assert_consecutive(sequence, rig.truth, decode=lambda counts: case.shown(rig.device, counts))
@@ -103,7 +113,7 @@ def turned(frame):
 
 @pytest.mark.parametrize("case", [case for case in CASES if case.guarded], ids=str)
 def test_a_wrong_bit_is_one_sentence(case):
-    with Noisy(fp.create(case.device, **case.options), kind=case.kind, peak=case.peak) as rig:
+    with case.on(Noisy) as rig:
         status, printed, complaint = read(case.reader, rig.port, *case.arguments)
     assert status == 1 and not printed
     assert complaint.startswith(f"{case.reader}: ") and complaint.count("\n") == 1
