@@ -24,6 +24,7 @@ UNPINNED = json.loads((Path(__file__).parents[1] / "data" / "unpinned.json").rea
 VARIANTS = [
     ("ability_hand", {"stuffing": False}),
     ("flexitac", {"rows": 4, "cols": 2}),
+    ("flexitac", {"rows": 16}),
     ("icub_skin", {"part": "triangle", "first_board": 3}),
     ("icub_skin", {"triangles_per_board": 16}),
     ("inspire_rh56dftp", {"unit": 2, "first_byte": "high"}),
