@@ -17,7 +17,7 @@ def test_flexitac(rows):
     # Taxels stay below AA: the driver may not meet its marker inside an image (see the device's docstring).
     with Rig(fp.create("flexitac", rows=rows), peak=1.5) as rig:
         frames = run_driver("flexitac", "flexitac_read.py", rig.port, rows)
-    # It asks for 1024 bytes and takes one frame of 386 or 514 from them, so it falls behind and drops old bytes by itself.
+    # It asks for 1024 bytes and takes one frame from them, so it falls behind and drops old bytes by itself.
     assert_consecutive(frames, rig.truth)
 
 
