@@ -18,6 +18,7 @@ DEVICES: dict[str, str] = {
     "ability_hand": f"{_HERE}.ability_hand:AbilityHand",
     "anyskin": f"{_HERE}.anyskin:AnySkin",
     "flexitac": f"{_HERE}.flexitac:FlexiTac",
+    "fulai_glove": f"{_HERE}.fulai_glove:FulaiGlove",
     "icub_skin": f"{_HERE}.icub_skin:IcubSkin",
     "inspire_rh56dftp": f"{_HERE}.inspire_rh56dftp:InspireRh56dftp",
     "linker_hand_l10": f"{_HERE}.linker_hand:LinkerHandL10",

@@ -22,7 +22,7 @@ Old firmware does not answer the last one (``identity=false``): the driver is th
 finds the version by the length of three frames. No checksum, no error reply. Taring (30 frames) and newtons are the
 driver's. A taxel at 0 before one at 1022 or 4088 makes the tail inside a frame: the driver throws that frame away.
 
-Try it: ``tactemu run fulai_glove``, then ``Glove.configure(GloveConfig(device_id="G-001"))``, ``.open(port)``, ``.read``.
+Try it: ``tactemu run fulai_glove``, then ``tactile-stream PORT G-001 left``.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class FulaiGlove(Device):
     sources = ("fulai-tactile 1.0.5 decoder.py, identity.py, layout.py, transport.py (the vendor's own)",)
     judge = "fulai-tactile 1.0.5"
     assumed = (
-        "places: zones on a flat hand, 2 mm between the taxels of a finger, 4 mm elsewhere; row 0 towards the fingertips",
+        "zones on a flat hand, 2 mm between the taxels of a finger, 4 mm elsewhere; row 0 towards the fingertips",
         "a taxel conducts more the harder it is pushed: ADC = rest + (4095 - rest) F / (F + 1 N), rest 100",
         "100 frames a second; 80 of 3.2, as its frames take 12.3 ms",
         "commands to the stream are not answered; slots without a taxel read 0; HAND_DEFAULT is the hand itself",
@@ -146,7 +146,7 @@ class FulaiGlove(Device):
 
 def _zones(hardware: str) -> dict[str, Rows]:
     """Rows by the name of the zone, in the order of the wire."""
-    whole = {name: 10 if hardware == "3.2" else 5 for name in FINGERS}
+    whole = dict.fromkeys(FINGERS, 10 if hardware == "3.2" else 5)
     if hardware == "3.2":
         whole["thumb"] = 9
     fingers = {name: FINGER + ((0, 8),) * rows for name, rows in whole.items()}
