@@ -20,7 +20,7 @@ Text to the glove, lines ended by CR LF:
 
 Old firmware does not answer the last one (``identity=false``): the driver is then told hand and version by its user, or
 finds the version by the length of three frames. No checksum, no error reply. Taring (30 frames) and newtons are the
-driver's. A taxel at 0 before one at 1022 or 4088 makes the tail inside a frame: the driver throws that frame away.
+driver's. A 0 before a taxel at 1022 or 4088 makes the tail inside a frame: the driver throws that frame away.
 
 Try it: ``tactemu run fulai_glove``, then ``tactile-stream PORT G-001 left``.
 """
@@ -126,8 +126,8 @@ class FulaiGlove(Device):
         self.counters["requests"] += 1
         if line in (b"vofa on", b"vofa off"):
             self.streaming = line == b"vofa on"
-        elif line == b"bridge info get" and self.identity:
-            return [self.answer]
+        elif line == b"bridge info get":
+            return [self.answer] if self.identity else ()
         else:
             self.counters["unknown_command"] += 1
         return ()

@@ -15,10 +15,11 @@ pytestmark = [pytest.mark.driver, pytest.mark.timeout(90)]
 )
 def test_every_version(hardware, hand, identity):
     device = fp.create("fulai_glove", hardware=hardware, hand=hand, identity=identity)
-    with Rig(device) as rig:
+    # Taxels stay below 1022: behind a slot without a taxel that would look like the tail (see the device's docstring).
+    with Rig(device, peak=0.25) as rig:
         got = run_driver("fulai_tactile", "fulai_tactile_read.py", rig.port)
     assert got["identity"] == ([True, "1.0", hardware, hand.upper()] if identity else [False, "", "", "RIGHT"])
-    assert got["malformed"] == 0 and device.counters["unknown_command"] == (0 if identity else 1)
+    assert got["malformed"] == device.counters["unknown_command"] == 0
     slots = np.concatenate([zone[0] + np.arange(max(zone[3:]) + 1) for zone in got["cells"]])
     frames = np.array(got["frames"])
     assert_consecutive(frames[:, slots], rig.truth)
