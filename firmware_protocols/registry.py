@@ -17,6 +17,7 @@ DEVICES: dict[str, str] = {
     # name: "module:Class", sorted
     "ability_hand": f"{_HERE}.ability_hand:AbilityHand",
     "anyskin": f"{_HERE}.anyskin:AnySkin",
+    "digity_exohand": f"{_HERE}.digity_exohand:DigityExohand",
     "flexitac": f"{_HERE}.flexitac:FlexiTac",
     "fulai_glove": f"{_HERE}.fulai_glove:FulaiGlove",
     "icub_skin": f"{_HERE}.icub_skin:IcubSkin",
