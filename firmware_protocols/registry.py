@@ -18,6 +18,7 @@ DEVICES: dict[str, str] = {
     "ability_hand": f"{_HERE}.ability_hand:AbilityHand",
     "anyskin": f"{_HERE}.anyskin:AnySkin",
     "digity_exohand": f"{_HERE}.digity_exohand:DigityExohand",
+    "eflesh_binary": f"{_HERE}.eflesh_binary:EfleshBinary",
     "flexitac": f"{_HERE}.flexitac:FlexiTac",
     "fulai_glove": f"{_HERE}.fulai_glove:FulaiGlove",
     "icub_skin": f"{_HERE}.icub_skin:IcubSkin",

@@ -24,6 +24,7 @@ UNPINNED = json.loads((Path(__file__).parents[1] / "data" / "unpinned.json").rea
 VARIANTS = [
     ("ability_hand", {"stuffing": False}),
     ("digity_exohand", {"side": "left", "records": ("touch",)}),
+    ("eflesh_binary", {"missing": (2, 5)}),
     ("flexitac", {"rows": 4, "cols": 2}),
     ("flexitac", {"rows": 16}),
     ("fulai_glove", {"hardware": "3.2", "hand": "right", "identity": False}),
