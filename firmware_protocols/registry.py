@@ -17,8 +17,10 @@ DEVICES: dict[str, str] = {
     # name: "module:Class", sorted
     "ability_hand": f"{_HERE}.ability_hand:AbilityHand",
     "anyskin": f"{_HERE}.anyskin:AnySkin",
+    "contactile_papillarray": f"{_HERE}.contactile_papillarray:ContactilePapillArray",
     "digity_exohand": f"{_HERE}.digity_exohand:DigityExohand",
     "eflesh_binary": f"{_HERE}.eflesh_binary:EfleshBinary",
+    "feetech_sts3215": f"{_HERE}.feetech_sts3215:FeetechSts3215",
     "flexitac": f"{_HERE}.flexitac:FlexiTac",
     "fulai_glove": f"{_HERE}.fulai_glove:FulaiGlove",
     "icub_skin": f"{_HERE}.icub_skin:IcubSkin",

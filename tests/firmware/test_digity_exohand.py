@@ -7,13 +7,12 @@ import numpy as np
 import firmware_protocols as fp
 from tests.firmware.feeding import sample, send
 
-FINGER_2 = bytes.fromhex("01020001020700180001122301204E000000000000000000000000D204FF0F00000000")
+FINGER_2 = bytes.fromhex("01020001020700180001122301204E00000000000000000000D204FF0F00000000")
 
 
 def test_the_packet_of_the_protocol_page():
     """Touch 0 0 1234 4095 0 0 of the middle finger at 20 ms, sequence 7."""
     device = fp.create("digity_exohand", records=("touch",))
-    device.preset("sequence", 7)
     sample(device, t_ns=20_000_000)
     device.preset("sequence", 7)
     device.counts[12:18] = [0, 0, 1234, 4095, 0, 0]

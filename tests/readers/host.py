@@ -53,7 +53,8 @@ def skip_to(line, marker, limit):
     before = bytearray()
     while not before.endswith(marker):
         expect(len(before) < limit + len(marker), f"no {marker.hex(' ')} in {limit} bytes")
-        before += exactly(line, 1)
+        begun = next(n for n in range(len(marker) - 1, -1, -1) if before.endswith(marker[:n]))
+        before += exactly(line, len(marker) - begun)  # at least so many are missing
     return bytes(before[: -len(marker)])
 
 

@@ -35,8 +35,17 @@ class Case:
     """What the description has the driver give, of what the device felt."""
     compared: Callable = lambda readings: [readings]
     """Sequences of what was read, each of which goes through the truth by itself."""
+    rate_hz: float = 0.0
+    """Slower than the firmware at power-up, for readers that take every byte by itself."""
     guarded: bool = True
     """A wrong byte shows: there is a checksum."""
+
+    def on(self, rig):
+        """The device on a rig."""
+        device = fp.create(self.device, **self.options)
+        if self.rate_hz:
+            device.period_ns = round(1e9 / self.rate_hz)
+        return rig(device, kind=self.kind, peak=self.peak)
 
     def __str__(self):
         return "-".join([self.device, *map(str, self.options.values())])
@@ -47,6 +56,12 @@ PADS = [pad for pad in range(12) if pad not in (6, 10)]
 
 CASES = [
     Case("eflesh_binary", "eflesh_binary.py"),
+    Case(
+        "contactile_papillarray",
+        "contactile_papillarray.py",
+        compared=lambda readings: [[reading[: 2 * 9 * 6] for reading in readings]],
+        rate_hz=50.0,
+    ),
     Case(
         "icub_skin",
         "icub_skin.py",
@@ -71,7 +86,7 @@ def read(reader, port, *arguments, count=200):
 
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_200_consecutive_readings(case):
-    with Rig(fp.create(case.device, **case.options), kind=case.kind, peak=case.peak) as rig:
+    with case.on(Rig) as rig:
         status, printed, complaint = read(case.reader, rig.port, *case.arguments)
     assert status == 0, complaint[-2000:]
     readings = json.loads(printed)["readings"]
@@ -104,7 +119,7 @@ def turned(frame):
 
 @pytest.mark.parametrize("case", [case for case in CASES if case.guarded], ids=str)
 def test_a_wrong_bit_is_one_sentence(case):
-    with Noisy(fp.create(case.device, **case.options), kind=case.kind, peak=case.peak) as rig:
+    with case.on(Noisy) as rig:
         status, printed, complaint = read(case.reader, rig.port, *case.arguments)
     assert status == 1 and not printed
     assert complaint.startswith(f"{case.reader}: ") and complaint.count("\n") == 1
