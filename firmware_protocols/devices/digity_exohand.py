@@ -140,13 +140,12 @@ class DigityExohand(Device):
 
     def stream(self, t_ns: int, name: str) -> Outs:
         """A packet of each finger."""
+        self.sequence = self.sequence + 1 & 0xFFFF
         touch = self.layout.on_wire(self.counts).reshape(len(FINGERS), -1)
-        packets = [
+        return [
             PACKET.pack(side=self.side, board=k, sequence=self.sequence, payload=self._payload(k, touch[k]))
             for k in range(len(FINGERS))
         ]
-        self.sequence = self.sequence + 1 & 0xFFFF
-        return packets
 
     def _payload(self, finger: int, touch: np.ndarray) -> bytes:
         time, step = self.felt_ns // 1000, self.period_ns // 1000

@@ -14,7 +14,7 @@ def test_the_packet_of_the_protocol_page():
     """Touch 0 0 1234 4095 0 0 of the middle finger at 20 ms, sequence 7."""
     device = fp.create("digity_exohand", records=("touch",))
     sample(device, t_ns=20_000_000)
-    device.preset("sequence", 7)
+    device.preset("sequence", 6)
     device.counts[12:18] = [0, 0, 1234, 4095, 0, 0]
     assert device.stream(20_000_000, "")[2] == FINGER_2
 
