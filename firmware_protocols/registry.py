@@ -25,7 +25,10 @@ DEVICES: dict[str, str] = {
     "fulai_glove": f"{_HERE}.fulai_glove:FulaiGlove",
     "icub_skin": f"{_HERE}.icub_skin:IcubSkin",
     "inspire_rh56dftp": f"{_HERE}.inspire_rh56dftp:InspireRh56dftp",
+    "linker_hand_g20": f"{_HERE}.linker_hand:LinkerHandG20",
     "linker_hand_l10": f"{_HERE}.linker_hand:LinkerHandL10",
+    "linker_hand_l20": f"{_HERE}.linker_hand:LinkerHandL20",
+    "linker_hand_l25": f"{_HERE}.linker_hand:LinkerHandL25",
     "linker_hand_l6": f"{_HERE}.linker_hand:LinkerHandL6",
     "linker_hand_o6": f"{_HERE}.linker_hand:LinkerHandO6",
     "optoforce": f"{_HERE}.optoforce:OptoForce",
@@ -33,6 +36,7 @@ DEVICES: dict[str, str] = {
     "paxini_px6ax": f"{_HERE}.paxini_px6ax:PaxiniPx6ax",
     "robotiq_tsf85": f"{_HERE}.robotiq_tsf85:RobotiqTsf85",
     "vitac_3d": f"{_HERE}.flexitac:ViTac3d",
+    "weiss_dsacon32m": f"{_HERE}.weiss_dsacon32m:WeissDsacon32m",
     "xela_uskin": f"{_HERE}.xela_uskin:XelaUskin",
 }
 
