@@ -56,6 +56,7 @@ def by_finger(readings):
 
 
 CASES = [
+    Case("eflesh_binary", "eflesh_binary.py"),
     Case(
         "contactile_papillarray",
         "contactile_papillarray.py",
@@ -127,16 +128,16 @@ def test_200_consecutive_readings(case):
 
 
 class Noisy(Rig):
-    """From the 30th frame on, one bit in the middle of each is turned over."""
+    """Of every 40th frame one bit in the middle is turned over."""
 
     def __init__(self, *arguments, **named):
         super().__init__(*arguments, **named)
-        opened, sent = self._open, itertools.count()
+        opened, sent = self._open, itertools.count(1)
 
         def spoiled():
             port, link = opened()
             write = link.write
-            link.write = lambda frame: write(frame if next(sent) < 30 else turned(frame))
+            link.write = lambda frame: write(frame if next(sent) % 40 else turned(frame))
             return port, link
 
         self._open = spoiled
