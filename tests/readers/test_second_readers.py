@@ -98,6 +98,8 @@ CASES = [
     Case("paxini_gen2", "paxini_gen2.py", peak=20.0),
     Case("seed_fts3", "seed_fts3.py", guarded=False),
     Case("seed_fts3", "seed_fts3.py", arguments=("crlf",), guarded=False),
+    Case("singletact", "singletact.py", guarded=False),
+    Case("singletact", "singletact.py", options={"board": "arduino"}, guarded=False),
     Case("weiss_dsacon32m", "weiss_dsacon32m.py", peak=4.0),
     Case("weiss_dsacon32m", "weiss_dsacon32m.py", arguments=("plain",), peak=4.0),
     Case("xela_uskin", "xela_uskin.py", kind="can", guarded=False),
