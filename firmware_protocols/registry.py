@@ -8,9 +8,10 @@ import sys
 from difflib import get_close_matches
 from importlib.metadata import entry_points
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from firmware_protocols.device import Device
-from firmware_protocols.options import checked
+if TYPE_CHECKING:  # numpy is imported by those who ask for a device, not for its name
+    from firmware_protocols.device import Device
 
 _HERE = "firmware_protocols.devices"
 DEVICES: dict[str, str] = {
@@ -76,11 +77,15 @@ def create(name: str, **options) -> Device:
         LookupError: no such device.
         ValueError: an option that it does not have, or a value that it does not take.
     """
+    from firmware_protocols.options import checked
+
     device = load(name)
     return device(**checked(device, options))
 
 
 def _device(found: object, name: str) -> type[Device]:
+    from firmware_protocols.device import Device
+
     if isinstance(found, type) and hasattr(found, "digitize"):
         raise TypeError(
             f"{name} is written for the first version of the contract: rename digitize(reading) to feel(reading, t_ns) "
