@@ -36,6 +36,7 @@ DEVICES: dict[str, str] = {
     "paxini_gen2": f"{_HERE}.paxini_gen2:PaxiniGen2",
     "paxini_px6ax": f"{_HERE}.paxini_px6ax:PaxiniPx6ax",
     "robotiq_tsf85": f"{_HERE}.robotiq_tsf85:RobotiqTsf85",
+    "seed_fts3": f"{_HERE}.seed_fts3:SeedFts3",
     "vitac_3d": f"{_HERE}.flexitac:ViTac3d",
     "weiss_dsacon32m": f"{_HERE}.weiss_dsacon32m:WeissDsacon32m",
     "xela_uskin": f"{_HERE}.xela_uskin:XelaUskin",
