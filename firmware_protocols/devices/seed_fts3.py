@@ -49,6 +49,7 @@ class SeedFts3(Device):
     """Fingertips that stream lines of numbers."""
 
     name = "seed_fts3"
+    kind = "fingertip"
     title = "Seed Robotics FTS-3 fingertips"
     ports = (Serial(baud=1_000_000, usb=USB(0x0403, 0x6010, interface=1, node="ttyUSB")),)
     rate_hz = 1000 / SHORTEST_PERIOD_MS

@@ -43,7 +43,7 @@ class Case:
         return rig(fp.create(self.device, **self.options), kind=self.kind, peak=self.peak)
 
     def __str__(self):
-        return "-".join([self.device, *map(str, self.options.values())])
+        return "-".join([self.device, *map(str, (*self.options.values(), *self.arguments))])
 
 
 PADS = [pad for pad in range(12) if pad not in (6, 10)]
