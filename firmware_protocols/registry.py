@@ -28,6 +28,7 @@ DEVICES: dict[str, str] = {
     "paxini_gen2": f"{_HERE}.paxini_gen2:PaxiniGen2",
     "paxini_px6ax": f"{_HERE}.paxini_px6ax:PaxiniPx6ax",
     "robotiq_tsf85": f"{_HERE}.robotiq_tsf85:RobotiqTsf85",
+    "robotis_hx5": f"{_HERE}.robotis_hx5:RobotisHx5",
     "xela_uskin": f"{_HERE}.xela_uskin:XelaUskin",
 }
 
