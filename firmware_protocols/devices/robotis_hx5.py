@@ -94,6 +94,7 @@ class RobotisHx5(Device):
     """The hand as its controller shows it."""
 
     name = "robotis_hx5"
+    kind = "hand"
     title = "ROBOTIS HX5-D20 hand, five tips of 3x3"
     ports = (Rs485(baud=4_000_000),)
     rate_hz = 1000.0

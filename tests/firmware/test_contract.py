@@ -23,13 +23,20 @@ UNPINNED = json.loads((Path(__file__).parents[1] / "data" / "unpinned.json").rea
 """Declared facts that no worked example pins, by device: a number that may only fall."""
 VARIANTS = [
     ("ability_hand", {"stuffing": False}),
+    ("contactile_papillarray", {"sensors": 1, "end_offset": True}),
+    ("digity_exohand", {"side": "left", "records": ("touch",)}),
+    ("eflesh_binary", {"missing": (2, 5)}),
     ("feetech_sts3215", {"ids": (7, 1), "encoders": (100.0, 4000.0), "swing": 0.3}),
     ("flexitac", {"rows": 4, "cols": 2}),
+    ("flexitac", {"rows": 16}),
+    ("fulai_glove", {"hardware": "3.2", "hand": "right", "identity": False}),
     ("icub_skin", {"part": "triangle", "first_board": 3}),
     ("icub_skin", {"triangles_per_board": 16}),
     ("inspire_rh56dftp", {"unit": 2, "first_byte": "high"}),
     ("inspire_rh56dftp", {"line": "native"}),
+    ("linker_hand_g20", {"touch": "10x4", "side": "right"}),
     ("linker_hand_l10", {"touch": "quantities"}),
+    ("linker_hand_l25", {"touch": "quantities"}),
     ("linker_hand_l6", {"touch": "quantities", "side": "right"}),
     ("linker_hand_o6", {"side": "right"}),
     ("optoforce", {"axes": "4x3"}),
@@ -38,6 +45,7 @@ VARIANTS = [
     ("paxini_px6ax", {"models": ("S1813E", "M2020")}),
     ("robotiq_tsf85", {"packets": "per_finger", "magnetometer": True}),
     ("robotis_hx5", {"side": "left"}),
+    ("weiss_dsacon32m", {"mute_s": 8.0}),
     ("xela_uskin", {"ids": "grid", "board": 3}),
 ]
 
