@@ -225,7 +225,6 @@ class FeetechSts3215(Device):
     name = "feetech_sts3215"
     kind = "hand"
     title = "Feetech STS3215, six servos of an SO-101 arm"
-    kind = "hand"
     rate_hz = 100.0
     evidence = ("driver", "vendor document")
     sources = (

@@ -85,7 +85,7 @@ MAP = RegisterMap(
         for at, name in zip(range(TABLES, TABLES + len(FINGERS) * TABLE_BYTES, TABLE_BYTES), FINGERS)
     )
 )
-MODELS, IDS = {"right": 260, "left": 261}, {"right": 110, "left": 140}
+MODELS = {110: 260, 140: 261}
 SYNC, WRITE_DATA = MAP.by_name["sync"].address, MAP.by_name["write_data"]
 RAD_PER_COUNT, SPEED_PER_COUNT, MIDDLE = 0.001534, 0.02397, 2048
 
@@ -119,7 +119,7 @@ class RobotisHx5(Device):
     def __init__(
         self,
         *,
-        side: Literal["right", "left"] = "right",
+        id: Annotated[Literal[110, 140], Option("as delivered: 110 a right hand, 140 a left one")] = 110,
         counts_per_newton: Annotated[float, Option("raw counts along a cell's normal", unit="1/N")] = 50.0,
     ):
         self.counts_per_newton, self.tick = counts_per_newton, 0
@@ -127,8 +127,8 @@ class RobotisHx5(Device):
         self.layout = stack(
             *(place(grid_layout(3, 3, 0.004, name=name, link=name), base) for name, base in FINGERS.items())
         )
-        self.registers = Registers(MAP, kept={"id": IDS[side], **self.flash})
-        self.registers["model"] = MODELS[side]
+        self.registers = Registers(MAP, kept={"id": id, **self.flash})
+        self.registers["model"] = MODELS[id]
         n = 4 * len(FINGERS)
         self.motors = Motors([MIDDLE] * n, low=0, high=4095, time_constant_s=0.02, speed_limit=6 / RAD_PER_COUNT)
         self.counts = np.zeros(len(self.layout), np.int64)

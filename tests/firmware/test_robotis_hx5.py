@@ -60,7 +60,7 @@ def test_motors_go_while_enabled(hand):
 
 
 def test_a_left_hand_has_other_ids_and_what_is_kept_is_kept():
-    hand = fp.create("robotis_hx5", side="left")
+    hand = fp.create("robotis_hx5", id=140)
     assert read(hand, 0, 2, ident=140) == (261).to_bytes(2, "little")
     assert not send(hand, packet(110, 1)) and send(hand, packet(0xFE, 1))[0][4] == 140
     write(hand, 7, [99], ident=140)
