@@ -21,6 +21,7 @@ DEVICES: dict[str, str] = {
     "icub_skin": f"{_HERE}.icub_skin:IcubSkin",
     "inspire_rh56dftp": f"{_HERE}.inspire_rh56dftp:InspireRh56dftp",
     "linker_hand_l10": f"{_HERE}.linker_hand:LinkerHandL10",
+    "linker_hand_l10_rs485": f"{_HERE}.linker_hand_rs485:LinkerHandL10Rs485",
     "linker_hand_l6": f"{_HERE}.linker_hand:LinkerHandL6",
     "linker_hand_o6": f"{_HERE}.linker_hand:LinkerHandO6",
     "optoforce": f"{_HERE}.optoforce:OptoForce",

@@ -275,10 +275,10 @@ class InspireRh56dftp(Device):
         """Reads of touch and of what drivers use, orders, the three exceptions; to a hand as it comes."""
         if self.unit != 1:
             return ()
-        line = (_NATIVE, _OVER_NATIVE) if self.native else (_RTU, _OVER_RTU)
+        line = ("rtu", _NATIVE, _OVER_NATIVE) if self.native else ("rtu", _RTU, _OVER_RTU)
         return tuple(
             Command(name=name, request=request, reply=request if reply == "" else reply, origin=origin, port=port)
-            for port, origin, listed in (("rtu", *line), ("tcp", _TCP, _OVER_TCP))
+            for port, origin, listed in (line, ("tcp", _TCP, _OVER_TCP))
             for name, request, reply in listed
         )
 

@@ -119,7 +119,7 @@ class LinkerHand(Device[CanFrame]):
         self.side, self.has_matrix = side[0].upper(), touch == "matrix"
         letter = self.touch_letter if self.has_matrix else "A"
         self.serial_number = serial_number or f"LH{self.model}-03-001-{self.side}-{letter}-1-A"
-        self.layout = _fingertips(*self.size)
+        self.layout = fingertips(*self.size)
         self.joint_values = {code: values for code, (_, values) in self.joints_at_rest.items()}
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:
@@ -219,7 +219,7 @@ def _four_quantities(force: np.ndarray) -> np.ndarray:
     return np.stack([normal, tangential, direction, np.zeros(5, int)]).astype(np.uint8)
 
 
-def _fingertips(rows: int, columns: int) -> Layout:
+def fingertips(rows: int, columns: int) -> Layout:
     """Five flat pads, each on its finger's link, side by side along x, thumb at the smallest x, tips to +y."""
     places = [((i - 2) * FINGER_SPACING, 0.0, 0.0) for i in range(len(FINGERS))]
     return stack(*(grid_layout(rows, columns, PITCH, name=f, origin=p, link=f) for f, p in zip(FINGERS, places)))

@@ -29,6 +29,7 @@ VARIANTS = [
     ("inspire_rh56dftp", {"unit": 2, "first_byte": "high"}),
     ("inspire_rh56dftp", {"line": "native"}),
     ("linker_hand_l10", {"touch": "quantities"}),
+    ("linker_hand_l10_rs485", {"side": "right"}),
     ("linker_hand_l6", {"touch": "quantities", "side": "right"}),
     ("linker_hand_o6", {"side": "right"}),
     ("optoforce", {"axes": "4x3"}),
