@@ -67,7 +67,7 @@ class LinkerHandL10Rs485(Device):
         f"pitch {PITCH * 1e3} mm, fingertips side by side every {FINGER_SPACING * 1e3:.0f} mm, row 0 at the tip",
         "functions 03 and 04 show the same registers; those of no known meaning read 0",
         "no finger is shown until one is selected; then at once, and always what is felt now",
-        "joints answer what was last set, and have no faults; the version is that of the hand on CAN (64), without its last number",
+        "joints answer what was last set, and have no faults; the version is that on CAN (64), less its last number",
         "writes elsewhere: exception 2; numbers above 255, fingers above 5: exception 3; 100 Hz conversion",
     )
 
