@@ -22,14 +22,18 @@ DEVICES: dict[str, str] = {
     "flexitac": f"{_HERE}.flexitac:FlexiTac",
     "icub_skin": f"{_HERE}.icub_skin:IcubSkin",
     "inspire_rh56dftp": f"{_HERE}.inspire_rh56dftp:InspireRh56dftp",
+    "linker_hand_g20": f"{_HERE}.linker_hand:LinkerHandG20",
     "linker_hand_l10": f"{_HERE}.linker_hand:LinkerHandL10",
     "linker_hand_l10_rs485": f"{_HERE}.linker_hand_rs485:LinkerHandL10Rs485",
+    "linker_hand_l20": f"{_HERE}.linker_hand:LinkerHandL20",
+    "linker_hand_l25": f"{_HERE}.linker_hand:LinkerHandL25",
     "linker_hand_l6": f"{_HERE}.linker_hand:LinkerHandL6",
     "linker_hand_o6": f"{_HERE}.linker_hand:LinkerHandO6",
     "optoforce": f"{_HERE}.optoforce:OptoForce",
     "paxini_gen2": f"{_HERE}.paxini_gen2:PaxiniGen2",
     "paxini_px6ax": f"{_HERE}.paxini_px6ax:PaxiniPx6ax",
     "robotiq_tsf85": f"{_HERE}.robotiq_tsf85:RobotiqTsf85",
+    "weiss_dsacon32m": f"{_HERE}.weiss_dsacon32m:WeissDsacon32m",
     "xela_uskin": f"{_HERE}.xela_uskin:XelaUskin",
 }
 

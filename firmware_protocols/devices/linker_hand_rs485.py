@@ -28,7 +28,7 @@ import numpy as np
 
 from firmware_protocols import Column, Command, Counts, Device, Option, Outs, Reading, Rs485
 from firmware_protocols.adc import quantize
-from firmware_protocols.devices.linker_hand import COUNTS_PER_NEWTON, FINGER_SPACING, PITCH, fingertips
+from firmware_protocols.devices.linker_hand import COUNTS_PER_NEWTON, FINGER_SPACING, PITCH, pads
 from firmware_protocols.protocols.modbus import Banks, Rtu, silence_ns
 from firmware_protocols.registers import RegisterMap, Registers
 
@@ -61,7 +61,7 @@ class LinkerHandL10Rs485(Device):
         "linker-bot/linkerhand-python-sdk@b371361 LinkerHand/linker_hand_api.py l.22-24 (units)",
         "Modbus application protocol V1.1b3; Modbus over serial line V1.02",
     )
-    judge = "none of the hand; its registers are read by pymodbus 3.11 and modbus_tk 1.1.5"
+    judge = "pymodbus 3.11 and modbus_tk 1.1.5, which know no hand; own second reader"
     assumed = (
         f"{COUNTS_PER_NEWTON:.0f} counts/N of normal force per taxel (raw units, no scale published)",
         f"pitch {PITCH * 1e3} mm, fingertips side by side every {FINGER_SPACING * 1e3:.0f} mm, row 0 at the tip",
@@ -73,7 +73,7 @@ class LinkerHandL10Rs485(Device):
 
     def __init__(self, *, side: Annotated[Literal["left", "right"], Option("which hand; sets the unit")] = "left"):
         self.unit = 0x28 if side == "left" else 0x27
-        self.layout = fingertips(12, 6)
+        self.layout = pads(12, 6, palm=False)
         self.registers = Registers(MAP)
         self.registers["version"] = [10, 2, 1, ord(side[0].upper()), 0x12, 0x10]
         self.rtu = Rtu(counters=self.counters, gap_ns=silence_ns(BAUD))

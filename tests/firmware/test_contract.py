@@ -30,8 +30,10 @@ VARIANTS = [
     ("icub_skin", {"triangles_per_board": 16}),
     ("inspire_rh56dftp", {"unit": 2, "first_byte": "high"}),
     ("inspire_rh56dftp", {"line": "native"}),
+    ("linker_hand_g20", {"touch": "10x4", "side": "right"}),
     ("linker_hand_l10", {"touch": "quantities"}),
     ("linker_hand_l10_rs485", {"side": "right"}),
+    ("linker_hand_l25", {"touch": "quantities"}),
     ("linker_hand_l6", {"touch": "quantities", "side": "right"}),
     ("linker_hand_o6", {"side": "right"}),
     ("optoforce", {"axes": "4x3"}),
@@ -39,6 +41,7 @@ VARIANTS = [
     ("paxini_gen2", {"models": "S1610"}),
     ("paxini_px6ax", {"models": ("S1813E", "M2020")}),
     ("robotiq_tsf85", {"packets": "per_finger", "magnetometer": True}),
+    ("weiss_dsacon32m", {"mute_s": 8.0}),
     ("xela_uskin", {"ids": "grid", "board": 3}),
 ]
 
