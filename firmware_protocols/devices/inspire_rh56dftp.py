@@ -116,6 +116,7 @@ class InspireRh56dftp(Device):
 
     name = "inspire_rh56dftp"
     title = "Inspire RH56DFTP hand, tactile version"
+    kind = "hand"
     senses = ("force", Sense("temperature", at=points({"motors": (0.0, 0.0, 0.0)}, link="palm")))
     rate_hz = 50.0
     evidence = ("vendor document", "driver")

@@ -24,8 +24,12 @@ UNPINNED = json.loads((Path(__file__).parents[1] / "data" / "unpinned.json").rea
 VARIANTS = [
     ("ability_hand", {"stuffing": False}),
     ("contactile_papillarray", {"sensors": 1, "end_offset": True}),
+    ("digity_exohand", {"side": "left", "records": ("touch",)}),
+    ("eflesh_binary", {"missing": (2, 5)}),
     ("feetech_sts3215", {"ids": (7, 1), "encoders": (100.0, 4000.0), "swing": 0.3}),
     ("flexitac", {"rows": 4, "cols": 2}),
+    ("flexitac", {"rows": 16}),
+    ("fulai_glove", {"hardware": "3.2", "hand": "right", "identity": False}),
     ("icub_skin", {"part": "triangle", "first_board": 3}),
     ("icub_skin", {"triangles_per_board": 16}),
     ("inspire_rh56dftp", {"unit": 2, "first_byte": "high"}),
@@ -41,6 +45,8 @@ VARIANTS = [
     ("paxini_gen2", {"models": "S1610"}),
     ("paxini_px6ax", {"models": ("S1813E", "M2020")}),
     ("robotiq_tsf85", {"packets": "per_finger", "magnetometer": True}),
+    ("seed_fts3", {"sensors": ("none", "z", "none", "xyz", "xyz")}),
+    ("singletact", {"board": "arduino"}),
     ("weiss_dsacon32m", {"mute_s": 8.0}),
     ("xela_uskin", {"ids": "grid", "board": 3}),
 ]

@@ -43,7 +43,7 @@ class Case:
         return rig(fp.create(self.device, **self.options), kind=self.kind, peak=self.peak)
 
     def __str__(self):
-        return "-".join([self.device, *map(str, self.options.values())])
+        return "-".join([self.device, *map(str, (*self.options.values(), *self.arguments))])
 
 
 PADS = [pad for pad in range(12) if pad not in (6, 10)]
@@ -56,6 +56,7 @@ def by_finger(readings):
 
 
 CASES = [
+    Case("eflesh_binary", "eflesh_binary.py"),
     Case(
         "contactile_papillarray",
         "contactile_papillarray.py",
@@ -103,6 +104,10 @@ CASES = [
         compared=lambda readings: [[reading[72:144] for reading in readings]],
     ),
     Case("paxini_gen2", "paxini_gen2.py", peak=20.0),
+    Case("seed_fts3", "seed_fts3.py", guarded=False),
+    Case("seed_fts3", "seed_fts3.py", arguments=("crlf",), guarded=False),
+    Case("singletact", "singletact.py", guarded=False),
+    Case("singletact", "singletact.py", options={"board": "arduino"}, guarded=False),
     Case("weiss_dsacon32m", "weiss_dsacon32m.py", peak=4.0),
     Case("weiss_dsacon32m", "weiss_dsacon32m.py", arguments=("plain",), peak=4.0),
     Case("xela_uskin", "xela_uskin.py", kind="can", guarded=False),
@@ -135,16 +140,16 @@ def test_200_consecutive_readings(case):
 
 
 class Noisy(Rig):
-    """From the 30th frame on, one bit in the middle of each is turned over."""
+    """Of every 40th frame one bit in the middle is turned over."""
 
     def __init__(self, *arguments, **named):
         super().__init__(*arguments, **named)
-        opened, sent = self._open, itertools.count()
+        opened, sent = self._open, itertools.count(1)
 
         def spoiled():
             port, link = opened()
             write = link.write
-            link.write = lambda frame: write(frame if next(sent) < 30 else turned(frame))
+            link.write = lambda frame: write(frame if next(sent) % 40 else turned(frame))
             return port, link
 
         self._open = spoiled
