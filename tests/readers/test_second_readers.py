@@ -95,6 +95,14 @@ CASES = [
         )
         for model, size in (("l20", "6x12"), ("o6", "10x4"))
     ),
+    Case(
+        "linker_hand_l10_rs485",
+        "linkerhand_l10.py",
+        arguments=("left",),
+        peak=0.5,
+        shown=lambda device, counts: counts[device.layout.patches[1].taxels],
+        compared=lambda readings: [[reading[72:144] for reading in readings]],
+    ),
     Case("paxini_gen2", "paxini_gen2.py", peak=20.0),
     Case("seed_fts3", "seed_fts3.py", guarded=False),
     Case("seed_fts3", "seed_fts3.py", arguments=("crlf",), guarded=False),
