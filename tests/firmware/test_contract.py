@@ -44,6 +44,8 @@ VARIANTS = [
     ("paxini_gen2", {"models": "S1610"}),
     ("paxini_px6ax", {"models": ("S1813E", "M2020")}),
     ("robotiq_tsf85", {"packets": "per_finger", "magnetometer": True}),
+    ("seed_fts3", {"sensors": ("none", "z", "none", "xyz", "xyz")}),
+    ("singletact", {"board": "arduino"}),
     ("weiss_dsacon32m", {"mute_s": 8.0}),
     ("wiresens", {"rows": 3, "cols": 5, "values": 8, "sensor": -2}),
     ("xela_uskin", {"ids": "grid", "board": 3}),

@@ -45,7 +45,7 @@ class Case:
         return rig(fp.create(self.device, **self.options), kind=self.kind, peak=self.peak)
 
     def __str__(self):
-        return "-".join([self.device, *map(str, self.options.values())])
+        return "-".join([self.device, *map(str, (*self.options.values(), *self.arguments))])
 
 
 PADS = [pad for pad in range(12) if pad not in (6, 10)]
@@ -107,6 +107,10 @@ CASES = [
         count=1100,
     ),
     Case("paxini_gen2", "paxini_gen2.py", peak=20.0),
+    Case("seed_fts3", "seed_fts3.py", guarded=False),
+    Case("seed_fts3", "seed_fts3.py", arguments=("crlf",), guarded=False),
+    Case("singletact", "singletact.py", guarded=False),
+    Case("singletact", "singletact.py", options={"board": "arduino"}, guarded=False),
     Case("weiss_dsacon32m", "weiss_dsacon32m.py", peak=4.0),
     Case("weiss_dsacon32m", "weiss_dsacon32m.py", arguments=("plain",), peak=4.0),
     Case("wiresens", "wiresens.py", arguments=(64,), guarded=False),
