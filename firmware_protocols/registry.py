@@ -29,6 +29,7 @@ DEVICES: dict[str, str] = {
     "inspire_rh56dftp": f"{_HERE}.inspire_rh56dftp:InspireRh56dftp",
     "linker_hand_g20": f"{_HERE}.linker_hand:LinkerHandG20",
     "linker_hand_l10": f"{_HERE}.linker_hand:LinkerHandL10",
+    "linker_hand_l10_rs485": f"{_HERE}.linker_hand_rs485:LinkerHandL10Rs485",
     "linker_hand_l20": f"{_HERE}.linker_hand:LinkerHandL20",
     "linker_hand_l25": f"{_HERE}.linker_hand:LinkerHandL25",
     "linker_hand_l6": f"{_HERE}.linker_hand:LinkerHandL6",

@@ -36,6 +36,7 @@ class BielefeldGlove(Device):
     """Sixty-four channels, one packet each."""
 
     name = "bielefeld_glove"
+    kind = "glove"
     title = "Bielefeld tactile glove"
     ports = (Serial(baud=115200),)
     rate_hz = 30.0

@@ -43,6 +43,7 @@ class OsmoGlove(Device):
     """A magnetometer at each fingertip."""
 
     name = "osmo_glove"
+    kind = "glove"
     title = "OSMO tactile glove, five fingertips"
     ports = (Serial(baud=9600, usb=True),)
     rate_hz = 50.0

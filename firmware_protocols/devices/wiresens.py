@@ -34,6 +34,7 @@ class Wiresens(Device):
     """A matrix, sent in packets of equal length."""
 
     name = "wiresens"
+    kind = "fingertip"
     ports = (Serial(baud=250_000),)
     rate_hz = 30.0
     evidence = ("driver",)

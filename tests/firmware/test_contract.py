@@ -36,6 +36,7 @@ VARIANTS = [
     ("inspire_rh56dftp", {"line": "native"}),
     ("linker_hand_g20", {"touch": "10x4", "side": "right"}),
     ("linker_hand_l10", {"touch": "quantities"}),
+    ("linker_hand_l10_rs485", {"side": "right"}),
     ("linker_hand_l25", {"touch": "quantities"}),
     ("linker_hand_l6", {"touch": "quantities", "side": "right"}),
     ("linker_hand_o6", {"side": "right"}),

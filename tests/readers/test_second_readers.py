@@ -99,6 +99,14 @@ CASES = [
         for model, size in (("l20", "6x12"), ("o6", "10x4"))
     ),
     Case(
+        "linker_hand_l10_rs485",
+        "linkerhand_l10.py",
+        arguments=("left",),
+        peak=0.5,
+        shown=lambda device, counts: counts[device.layout.patches[1].taxels],
+        compared=lambda readings: [[reading[72:144] for reading in readings]],
+    ),
+    Case(
         "osmo_glove",
         "osmo_glove.py",
         shown=lambda device, counts: counts,
