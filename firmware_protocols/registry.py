@@ -39,6 +39,7 @@ DEVICES: dict[str, str] = {
     "paxini_gen2": f"{_HERE}.paxini_gen2:PaxiniGen2",
     "paxini_px6ax": f"{_HERE}.paxini_px6ax:PaxiniPx6ax",
     "robotiq_tsf85": f"{_HERE}.robotiq_tsf85:RobotiqTsf85",
+    "robotis_hx5": f"{_HERE}.robotis_hx5:RobotisHx5",
     "seed_fts3": f"{_HERE}.seed_fts3:SeedFts3",
     "singletact": f"{_HERE}.singletact:SingleTact",
     "vitac_3d": f"{_HERE}.flexitac:ViTac3d",
