@@ -49,6 +49,7 @@ VARIANTS = [
     ("seed_fts3", {"sensors": ("none", "z", "none", "xyz", "xyz")}),
     ("singletact", {"board": "arduino"}),
     ("weiss_dsacon32m", {"mute_s": 8.0}),
+    ("wiresens", {"rows": 3, "cols": 5, "values": 8, "sensor": -2}),
     ("xela_uskin", {"ids": "grid", "board": 3}),
 ]
 
