@@ -8,9 +8,10 @@ import sys
 from difflib import get_close_matches
 from importlib.metadata import entry_points
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from firmware_protocols.device import Device
-from firmware_protocols.options import checked
+if TYPE_CHECKING:  # numpy is imported by those who ask for a device, not for its name
+    from firmware_protocols.device import Device
 
 _HERE = "firmware_protocols.devices"
 DEVICES: dict[str, str] = {
@@ -19,21 +20,33 @@ DEVICES: dict[str, str] = {
     "agibot_omnihand_o10": f"{_HERE}.agibot_omnihand:AgibotOmniHandO10",
     "agibot_omnihand_pro": f"{_HERE}.agibot_omnihand:AgibotOmniHandPro",
     "anyskin": f"{_HERE}.anyskin:AnySkin",
+    "bielefeld_glove": f"{_HERE}.bielefeld_glove:BielefeldGlove",
     "contactile_papillarray": f"{_HERE}.contactile_papillarray:ContactilePapillArray",
+    "digity_exohand": f"{_HERE}.digity_exohand:DigityExohand",
+    "eflesh_binary": f"{_HERE}.eflesh_binary:EfleshBinary",
     "feetech_sts3215": f"{_HERE}.feetech_sts3215:FeetechSts3215",
     "flexitac": f"{_HERE}.flexitac:FlexiTac",
+    "fulai_glove": f"{_HERE}.fulai_glove:FulaiGlove",
     "icub_skin": f"{_HERE}.icub_skin:IcubSkin",
     "inspire_rh56dftp": f"{_HERE}.inspire_rh56dftp:InspireRh56dftp",
     "linker_hand_g20": f"{_HERE}.linker_hand:LinkerHandG20",
     "linker_hand_l10": f"{_HERE}.linker_hand:LinkerHandL10",
+    "linker_hand_l10_rs485": f"{_HERE}.linker_hand_rs485:LinkerHandL10Rs485",
     "linker_hand_l20": f"{_HERE}.linker_hand:LinkerHandL20",
     "linker_hand_l25": f"{_HERE}.linker_hand:LinkerHandL25",
     "linker_hand_l6": f"{_HERE}.linker_hand:LinkerHandL6",
     "linker_hand_o6": f"{_HERE}.linker_hand:LinkerHandO6",
     "optoforce": f"{_HERE}.optoforce:OptoForce",
+    "osmo_glove": f"{_HERE}.osmo_glove:OsmoGlove",
     "paxini_gen2": f"{_HERE}.paxini_gen2:PaxiniGen2",
     "paxini_px6ax": f"{_HERE}.paxini_px6ax:PaxiniPx6ax",
     "robotiq_tsf85": f"{_HERE}.robotiq_tsf85:RobotiqTsf85",
+    "robotis_hx5": f"{_HERE}.robotis_hx5:RobotisHx5",
+    "seed_fts3": f"{_HERE}.seed_fts3:SeedFts3",
+    "singletact": f"{_HERE}.singletact:SingleTact",
+    "vitac_3d": f"{_HERE}.flexitac:ViTac3d",
+    "weiss_dsacon32m": f"{_HERE}.weiss_dsacon32m:WeissDsacon32m",
+    "wiresens": f"{_HERE}.wiresens:Wiresens",
     "xela_uskin": f"{_HERE}.xela_uskin:XelaUskin",
 }
 
@@ -73,11 +86,15 @@ def create(name: str, **options) -> Device:
         LookupError: no such device.
         ValueError: an option that it does not have, or a value that it does not take.
     """
+    from firmware_protocols.options import checked
+
     device = load(name)
     return device(**checked(device, options))
 
 
 def _device(found: object, name: str) -> type[Device]:
+    from firmware_protocols.device import Device
+
     if isinstance(found, type) and hasattr(found, "digitize"):
         raise TypeError(
             f"{name} is written for the first version of the contract: rename digitize(reading) to feel(reading, t_ns) "

@@ -223,6 +223,7 @@ class FeetechSts3215(Device):
     """Servos on one line."""
 
     name = "feetech_sts3215"
+    kind = "hand"
     title = "Feetech STS3215, six servos of an SO-101 arm"
     rate_hz = 100.0
     evidence = ("driver", "vendor document")
