@@ -9,7 +9,7 @@
 from __future__ import annotations
 
 from firmware_protocols.commands import Command
-from firmware_protocols.connectors import USB, Can, Connector, Rs485, Serial, Tcp
+from firmware_protocols.connectors import USB, Can, Connector, Rs485, Serial, Tcp, Udp
 from firmware_protocols.device import (
     Column,
     Convert,
@@ -32,5 +32,5 @@ from firmware_protocols.registry import DEVICES, create, load, names
 __all__ = [
     "DEVICES", "USB", "Can", "CanFrame", "Column", "Command", "Connector", "Convert", "Counts", "Device", "Frame",
     "Layout", "Option", "Outs", "Patch", "Quantity", "Reading", "Restart", "Rollover", "Rs485", "Sense", "Sent",
-    "Serial", "Stream", "Tcp", "create", "grid_layout", "load", "names", "points",
+    "Serial", "Stream", "Tcp", "Udp", "create", "grid_layout", "load", "names", "points",
 ]  # fmt: skip
