@@ -18,6 +18,8 @@ DEVICES: dict[str, str] = {
     "ability_hand": f"{_HERE}.ability_hand:AbilityHand",
     "anyskin": f"{_HERE}.anyskin:AnySkin",
     "ati_net_ft": f"{_HERE}.ati_net_ft:AtiNetFt",
+    "contactile_papillarray": f"{_HERE}.contactile_papillarray:ContactilePapillArray",
+    "feetech_sts3215": f"{_HERE}.feetech_sts3215:FeetechSts3215",
     "flexitac": f"{_HERE}.flexitac:FlexiTac",
     "icub_skin": f"{_HERE}.icub_skin:IcubSkin",
     "inspire_rh56dftp": f"{_HERE}.inspire_rh56dftp:InspireRh56dftp",

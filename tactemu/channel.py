@@ -5,7 +5,7 @@ The channel owns the sampling period of each stream: the user's wish, else what 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -52,24 +52,28 @@ class Ticks:
     """Looks at the skin per conversion, evenly over its period."""
     seen: list[Seen] = field(default_factory=list)
     """What was seen so far of the next conversion."""
-
-    @property
-    def due_ns(self) -> int:
-        """When the skin is looked at next."""
-        due = self.sampling.due_ns(self.count)
-        if self.burst == 1:
-            return due
-        left = self.burst - 1 - len(self.seen)
-        return due - (due - self.sampling.due_ns(self.count - 1)) * left // self.burst
+    due_ns: int = 0
+    """When the skin is looked at next; the loop asks for it at every turn."""
 
     def start(self, now_ns: int, period_ns: int) -> None:
         """Count anew from now."""
         self.sampling = self.sampling.restarted(now_ns, period_ns)
-        self.running, self.count, self.seen = True, 1, []
+        self.running = True
+        self._await(1)
 
     def next(self, missed: int) -> None:
         """On to the conversion after the one due, and after those whose time has wholly passed."""
-        self.count, self.seen = self.count + 1 + missed, []
+        self._await(self.count + 1 + missed)
+
+    def saw(self, look: Seen) -> None:
+        """One look of several of the conversion that is due."""
+        self._await(self.count, [*self.seen, look])
+
+    def _await(self, count: int, seen: Sequence[Seen] = ()) -> None:
+        self.count, self.seen = count, list(seen)
+        self.due_ns = self.sampling.due_ns(count)
+        if left := self.burst - 1 - len(seen):
+            self.due_ns -= (self.due_ns - self.sampling.due_ns(count - 1)) * left // self.burst
 
 
 @dataclass
@@ -161,9 +165,13 @@ class Channel:
         for port, wire in self.wires.items():
             wire.attach(self.name, self.device.connector(port))
 
-    def due(self) -> list[tuple[int, str]]:
-        """When each stream that runs converts next, with its name."""
-        return [(ticks.due_ns, stream) for stream, ticks in self.ticks.items() if ticks.running]
+    def due(self, now_ns: int) -> list[tuple[int, str]]:
+        """Streams whose time has come, with that time."""
+        return [(each.due_ns, name) for name, each in self.ticks.items() if each.running and each.due_ns <= now_ns]
+
+    def next_due_ns(self) -> int | None:
+        """When the next of its streams converts."""
+        return min([ticks.due_ns for ticks in self.ticks.values() if ticks.running], default=None)
 
     # -- calls into the device -----------------------------------------------------------------------------------------
 

@@ -160,9 +160,8 @@ class Emulator:
             self._listen(wire, now)
             if not self.clock.virtual:  # an answer does not wait for the physics of a sample
                 wire.flush(self.clock.now_ns())
-        for due, channel, stream in self._due():
-            if due <= now:
-                self._sample(channel, stream, now)
+        for _, channel, stream in self._due(now):
+            self._sample(channel, stream, now)
         self._release(now)
         for wire in self.wires:
             wire.flush(self.clock.now_ns())
@@ -192,10 +191,15 @@ class Emulator:
             case SettingChanged() if event.setting.baud is not None:
                 self.truth.event(now, channel.name, f"baud {event.setting.baud}")
 
-    def _due(self) -> list[tuple[int, Channel, str]]:
-        """Streams by the time of their next sample, equal times in the order of the devices."""
-        due = [(t_ns, channel, stream) for channel in self.channels for t_ns, stream in channel.due()]
+    def _due(self, now: int) -> list[tuple[int, Channel, str]]:
+        """Streams whose next sample is due, by its time; equal times in the order of the devices."""
+        due = [(t_ns, channel, stream) for channel in self.channels for t_ns, stream in channel.due(now)]
         return sorted(due, key=lambda entry: entry[0])
+
+    def _deadlines(self, *others: int | None) -> list[int]:
+        """When streams sample next, and what else is given."""
+        samples = [channel.next_due_ns() for channel in self.channels]
+        return [t_ns for t_ns in (*samples, *others) if t_ns is not None]
 
     def _sample(self, channel: Channel, stream: str, now: int) -> None:
         """Simulation up to the sample's time, reading, device, and out after the sampling delay."""
@@ -209,7 +213,7 @@ class Emulator:
             return
         if len(ticks.seen) < ticks.burst - 1:
             self._advance(channel, stream, due)
-            ticks.seen.append(channel.look(stream, due))
+            ticks.saw(channel.look(stream, due))
             return
         stamp, release = ticks.sampling.stamp_ns(count), ticks.sampling.release_ns(count, due)
         number = self._convert(channel, stream, due, stamp)
@@ -241,11 +245,9 @@ class Emulator:
         call from another thread) meets a simulation that is less than a period ahead.
         """
         simulation = self.simulation
-        ends = [due for due, _, _ in self._due()]
-        if simulation is None or not ends:
+        if simulation is None or simulation.dt_ns <= 0 or not self._deadlines():
             return False
-        ends += [t_ns for t_ns in (self._agenda.next_ns, end_ns) if t_ns is not None]
-        if simulation.dt_ns <= 0 or min(ends) - simulation.time_ns < simulation.dt_ns:
+        if min(self._deadlines(self._agenda.next_ns, end_ns)) - simulation.time_ns < simulation.dt_ns:
             return False
         simulation.advance_to(simulation.time_ns + simulation.dt_ns)
         return True
@@ -367,9 +369,8 @@ class Emulator:
 
     def _wait(self, end_ns: int | None, *, busy: bool) -> None:
         """Until whatever comes next; when busy, no longer than a look at the ports."""
-        deadlines = [due for due, _, _ in self._due()]
-        deadlines += [due for wire in self.wires if (due := wire.next_due_ns()) is not None]
-        deadlines += [t_ns for t_ns in (self._agenda.next_ns, self._outbox.next_ns, end_ns) if t_ns is not None]
+        wires = [wire.next_due_ns() for wire in self.wires]
+        deadlines = self._deadlines(*wires, self._agenda.next_ns, self._outbox.next_ns, end_ns)
         filenos = [fileno for wire in self.wires for fileno in wire.filenos()]
         poll = any(not wire.filenos() for wire in self.wires)
         deadline = self.clock.now_ns() if busy else min(deadlines, default=None)

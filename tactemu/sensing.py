@@ -9,7 +9,7 @@ import numpy as np
 from firmware_protocols import Sense
 from firmware_protocols.device import CONTACT
 from firmware_protocols.layouts import Layout
-from tactemu.scene.placement import JoinedImperfections, Surroundings
+from tactemu.scene.placement import ROOM, JoinedImperfections
 
 if TYPE_CHECKING:
     from tactemu.imperfections import Imperfections
@@ -22,8 +22,8 @@ class Skin(Protocol):
         """The latest reading of environment 0, shape ``(n_taxels,)`` or ``(n_taxels, 3)``, SI, device's frame."""
         ...
 
-    def surroundings(self, t_ns: int, link: str = "") -> Surroundings:
-        """What is around one link of the device; "" the first."""
+    def around(self, name: str, t_ns: int, link: str = "") -> Any:
+        """``temperature``, ``acceleration`` or ``angular_velocity`` of one link of the device; "" the first."""
         ...
 
     @property
@@ -43,7 +43,7 @@ class Senses:
     def __init__(self, skin: Skin, layout: Layout):
         self.skin = skin
         self._layout = layout
-        self._around: tuple[int, dict[str, Surroundings]] = (-1, {})
+        self._around: tuple[int, dict[tuple[str, str], np.ndarray]] = (-1, {})
 
     @property
     def imperfections(self) -> Imperfections | JoinedImperfections | None:
@@ -64,21 +64,20 @@ class Senses:
             case "load":
                 return np.zeros(len(at))
             case quantity:
-                links = [patch.link for patch in at.patches]
-                values = {link: np.asarray(getattr(self._at(t_ns, link), quantity), float) for link in {*links}}
-                return np.concatenate([
-                    np.broadcast_to(values[link], (len(patch), *values[link].shape))
-                    for link, patch in zip(links, at.patches)
-                ])  # fmt: skip
+                if len(at.links) == 1:
+                    value = self._at(t_ns, quantity, at.links[0])
+                    return np.broadcast_to(value, (len(at), *value.shape))
+                values = [self._at(t_ns, quantity, patch.link) for patch in at.patches]
+                return np.repeat(values, [len(patch) for patch in at.patches], axis=0)
 
-    def _at(self, t_ns: int, link: str) -> Surroundings:
-        """What is around a link; looked at once for all the senses that are converted at a time."""
+    def _at(self, t_ns: int, quantity: str, link: str) -> np.ndarray:
+        """What is around a link; looked at once for all that is converted at a time."""
         if self._around[0] != t_ns:
             self._around = (t_ns, {})
         found = self._around[1]
-        if link not in found:
-            found[link] = self.skin.surroundings(t_ns, link)
-        return found[link]
+        if (quantity, link) not in found:
+            found[quantity, link] = np.asarray(self.skin.around(quantity, t_ns, link), float)
+        return found[quantity, link]
 
 
 class Untouched:
@@ -90,9 +89,9 @@ class Untouched:
         """Nothing, shape ``(0, 3)`` or ``(0,)``."""
         return np.zeros((0, 3) if name in ("force", "displacement") else 0)
 
-    def surroundings(self, t_ns: int, link: str = "") -> Surroundings:
+    def around(self, name: str, t_ns: int, link: str = "") -> Any:
         """A room, at rest."""
-        return Surroundings()
+        return ROOM[name]
 
 
 def resultant(positions: np.ndarray, forces: np.ndarray, about: np.ndarray) -> np.ndarray:

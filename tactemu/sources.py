@@ -29,7 +29,7 @@ from firmware_protocols.device import CONTACT
 from tactemu.errors import SceneError, SourceError
 from tactemu.scene import rotation
 from tactemu.scene.motion import Pose
-from tactemu.scene.placement import PlacedSensor, PlacedSkin, Surroundings
+from tactemu.scene.placement import ROOM, PlacedSensor, PlacedSkin
 from tactemu.scene.skins import SkinPart
 
 if TYPE_CHECKING:
@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from tactemu.scene.scene import Scene
 
 Function = Callable[[float], Any]
-AROUND = ("temperature", "acceleration", "angular_velocity")
 
 
 @dataclass
@@ -199,7 +198,7 @@ class OwnSkin:
     def __init__(self, name: str, device: Device):
         self.name, self._n, self._contact = name, len(device.layout), device.contact
         self._values: dict[str, np.ndarray] = {}
-        self._around = Surroundings()
+        self._around: dict[str, Any] = dict(ROOM)
 
     def put(self, given: Any, t_s: float) -> None:
         """Take what the function gave for ``t_s``.
@@ -208,17 +207,11 @@ class OwnSkin:
             SourceError: a quantity is missing or unknown, of another shape, or not finite.
         """
         table = given if isinstance(given, Mapping) else {self._contact[0]: given}
-        if not set(self._contact) <= set(table) or not set(table) <= {*CONTACT, *AROUND}:
-            expected = ", ".join((*self._contact, *(f"{name} (optional)" for name in AROUND)))
+        if not set(self._contact) <= set(table) or not set(table) <= {*CONTACT, *ROOM}:
+            expected = ", ".join((*self._contact, *(f"{name} (optional)" for name in ROOM)))
             raise SourceError(f"source at {t_s:g} s: skin {self.name!r}: expected {expected}; got {_seen(given)}")
         self._values = {name: self._checked(name, table[name], t_s) for name in self._contact}
-        around = {name: self._checked(name, table[name], t_s) for name in AROUND if name in table}
-        room = Surroundings()
-        self._around = Surroundings(
-            temperature=float(around.get("temperature", room.temperature)),
-            acceleration=_vector(around.get("acceleration", room.acceleration)),
-            angular_velocity=_vector(around.get("angular_velocity", room.angular_velocity)),
-        )
+        self._around = {name: self._checked(name, table[name], t_s) if name in table else ROOM[name] for name in ROOM}
 
     def _checked(self, name: str, value: Any, t_s: float) -> np.ndarray:
         shape = {"temperature": (), "acceleration": (3,), "angular_velocity": (3,)}.get(name, (self._n,))
@@ -239,14 +232,9 @@ class OwnSkin:
         """The latest reading, shape ``(n_taxels,)`` or ``(n_taxels, 3)``, SI, device's frame."""
         return self._values[name]
 
-    def surroundings(self, t_ns: int, link: str = "") -> Surroundings:
+    def around(self, name: str, t_ns: int, link: str = "") -> Any:
         """What is around the device: a room, and at rest, unless the function says otherwise."""
-        return self._around
-
-
-def _vector(values: Any) -> tuple[float, float, float]:
-    x, y, z = map(float, values)
-    return x, y, z
+        return self._around[name]
 
 
 class OwnReadings:

@@ -16,13 +16,13 @@ import numpy as np
 from firmware_protocols import registry
 from firmware_protocols.adc import LowPass
 from firmware_protocols.calls import place
+from firmware_protocols.check.converter import feels_touch
 from firmware_protocols.check.host import Subject
 from firmware_protocols.check.report import Fault
 from firmware_protocols.connectors import Can, Connector
 from firmware_protocols.device import Device, Evidence, Quantity
 from firmware_protocols.frames import CanFrame, frame_of
 from firmware_protocols.framing import Lines, Packets
-from firmware_protocols.layouts import Layout
 from firmware_protocols.motors import Motors
 from firmware_protocols.registers import Registers
 
@@ -38,7 +38,7 @@ def faults(subject: Subject) -> Iterator[Fault]:
     file, line = place(subject.cls)
     for text in (
         *_datasheet(subject, device), *_options(subject.cls), *_shared(subject.cls), *_ports(device),
-        *_senses(device), *_columns(device), *_commands(subject, device), *_layout(device.layout),
+        *_senses(device), *_columns(device), *_commands(subject, device), *_layout(device),
     ):  # fmt: skip
         yield Fault("declarations", text, file, line)
 
@@ -167,9 +167,11 @@ def _heard(name: str, request: Any, connector: Connector) -> Iterator[str]:
             yield f"command {name!r}: {request!r} is not among the identifiers that its port hears"
 
 
-def _layout(layout: Layout) -> Iterator[str]:
+def _layout(device: Device) -> Iterator[str]:
+    layout = device.layout
     if not len(layout):
-        yield "layout: no taxel"
+        if feels_touch(device):
+            yield "layout: no taxel"
         return
     if not np.isfinite(layout.positions).all():
         yield "layout: positions that are not finite"

@@ -1,10 +1,17 @@
-r"""Inspire RH56DFTP: a hand with 1062 tactile points in seventeen matrices, over Modbus RTU or Modbus TCP.
+r"""Inspire RH56DFTP: a hand with 1062 tactile points in seventeen matrices, over Modbus RTU, EB 90 or Modbus TCP.
 
-Wire: RS-485, 115200 8N1, Modbus RTU, answered to its own unit after 6 to 14 ms; or Modbus TCP on port 6000, where the
-unit selects nothing and comes back as it was sent. Functions 03, 06, 16.
+Wire: RS-485, 115200 8N1, answered to its own unit after 6 to 14 ms: Modbus RTU, or with the option ``line=native`` the
+vendor's own protocol. Or Modbus TCP on port 6000, where the unit selects nothing and comes back as it was sent. Modbus
+functions are 03, 06, 16. All ways lead to the same registers.
 
-Addresses count *bytes*, not registers: reading n registers at A gives bytes A .. A + 2 n - 1, and the register at A is
-byte A (low) and byte A + 1 (high). So two neighbouring matrices of 16-bit values are read by advancing 2 addresses per
+    native  read   EB 90 unit 04  11 address n    sum    ->  90 EB unit n+3 11 address data sum
+            write  EB 90 unit n+3 12 address data sum    ->  90 EB unit 04  12 address 01   sum
+
+Native numbers are low byte first, the address too; the sum is the low byte of that from the unit on, and at most 252
+bytes fit. What is refused gets no answer. A save (1005) is answered again a second later, with 00 where 01 was.
+
+Addresses count *bytes*: reading n Modbus registers at A gives bytes A .. A + 2 n - 1, and the register at A is byte A
+(low) and byte A + 1 (high). So two neighbouring matrices of 16-bit values are read by advancing 2 addresses per
 register. One driver asks for one register per address and gets, after the matrix, what lies behind it.
 
 Touch, int16 0..4096, row by row from the first:
@@ -18,9 +25,11 @@ Touch, int16 0..4096, row by row from the first:
 
 Six values are little, ring, middle, index, thumb bend, thumb turn. All other addresses below 6000 read zero (drivers
 ask for register 0 to see whether the hand is there). Published drivers disagree which of two actuators lies in the high
-byte of a register at 1606, 1612 and 1618: Unitree's takes the first, others the second (option ``first_byte``).
+byte of a register at 1606, 1612 and 1618: Unitree's takes the first, others the second (option ``first_byte``). The
+native protocol reads these as bytes, the first one first.
 
-Try it: ``tactemu run inspire_rh56dftp --port tcp:127.0.0.1:6000``, then ``RH56DFTP_TCP(host, 6000).get(...)``.
+Try it: ``tactemu run inspire_rh56dftp --port tcp:127.0.0.1:6000``, then ``RH56DFTP_TCP(host, 6000).get(...)``; or
+``tactemu run inspire_rh56dftp line=native``, then ``RH56Driver(port).connect()`` of pyrh56.
 """
 
 from __future__ import annotations
@@ -50,6 +59,7 @@ from firmware_protocols import (
 from firmware_protocols.adc import quantize
 from firmware_protocols.layouts import place, stack
 from firmware_protocols.motors import Motors
+from firmware_protocols.protocols.eb90 import Eb90
 from firmware_protocols.protocols.modbus import Banks, Mbap, Rtu, silence_ns
 from firmware_protocols.registers import RegisterMap, Registers
 
@@ -114,9 +124,13 @@ class InspireRh56dftp(Device):
         "NaCl-1374/inspire_hand_ws@fc75490 inspire_hand_defaut.py (tactile map)",
         "plusml-rh56dftp 0.1.7 Register/config/configFTP/ftp_registers.py (both maps)",
         "inspire-rh56dftp 0.1.0 client.py, registers.py (numbers high byte first on the wire; the batches of reads)",
+        "pyrh56 0.4.0 rh56_sdk/protocol.py, registers.py (native frames)",
         "Modbus application protocol V1.1b3; Modbus over serial line V1.02",
     )
-    judge = "plusml-rh56dftp 0.1.7 and inspire-rh56dftp 0.1.0 (TCP), pymodbus 3.11 and modbus_tk 1.1.5 (RTU)"
+    judge = (
+        "plusml-rh56dftp 0.1.7 and inspire-rh56dftp 0.1.0 (TCP), pymodbus 3.11 and modbus_tk 1.1.5 (RTU), "
+        "pyrh56 0.4.0 (native)"
+    )
     assumed = (
         "places of the points: all matrices in one plane, normal +z, 1.5 mm pitch on the fingers, 4 mm on the palm",
         "1000 counts/N, converted 50 times a second",
@@ -125,6 +139,7 @@ class InspireRh56dftp(Device):
         "force of a finger: the sum over its matrices; errors never",
         "unit and line speed change at the next power-up, if saved; 1002 takes 3 and 4 for 921600, as sources differ",
         "writes outside the table: exception 2; values out of range: exception 3; nothing answers above 5999",
+        "the line speaks one protocol, as delivered; a save takes 1 s natively only, and never fails",
     )
 
     def __init__(
@@ -135,18 +150,18 @@ class InspireRh56dftp(Device):
             Literal[115200, 57600, 19200, 921600], Option("as delivered; register 1002 tells and changes it")
         ] = 115200,
         counts_per_newton: Annotated[float, Option("tactile counts along a point's normal", unit="1/N")] = 1000.0,
+        line: Annotated[Literal["modbus", "native"], Option("what the RS-485 line speaks")] = "modbus",
         first_byte: Annotated[
             Literal["low", "high"], Option("where the first of two byte registers is in a Modbus register")
         ] = "low",
         answer_s: Annotated[
-            float, Option("from an RTU request to its answer; hands take 6 to 14 ms", unit="s", low=0.0)
+            float, Option("from a request on the line to its answer; hands take 6 to 14 ms", unit="s", low=0.0)
         ] = 0.006,
     ):
-        self.counts_per_newton, self.first_low, self.answer_ns = (
-            counts_per_newton,
-            first_byte == "low",
-            round(answer_s * 1e9),
-        )
+        self.counts_per_newton, self.answer_ns = counts_per_newton, round(answer_s * 1e9)
+        self.pairs_swapped = {"tcp": first_byte == "high", "rtu": first_byte == "high" and line == "modbus"}
+        """By port: whether the second of two byte registers comes first."""
+        self.swapped = False
         self.columns = (
             Column(name="touch", unit="N", counts_per_unit=counts_per_newton, low=0, high=FULL_SCALE, push=1),
         )
@@ -158,6 +173,7 @@ class InspireRh56dftp(Device):
         self.unit, speed = self.registers["unit"], BAUDS[self.registers["baud"]]
         self.ports = (Rs485(name="rtu", baud=speed), Tcp(name="tcp", port=6000, plugged=False))
         self.rtu = Rtu(counters=self.counters, gap_ns=silence_ns(speed))
+        self.native = Eb90(counters=self.counters) if line == "native" else None
         self.clients: dict[str, Mbap] = {}
         self.motors = Motors([OPEN] * 6, low=0.0, high=OPEN, time_constant_s=0.0, speed_limit=self._speeds())
         self.counts = np.zeros(len(self.layout), np.int64)
@@ -188,7 +204,11 @@ class InspireRh56dftp(Device):
         return ()
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
-        """Modbus requests in chunks of any size."""
+        """Requests in chunks of any size."""
+        self.swapped = self.pairs_swapped[port.partition("/")[0]]
+        if port == "rtu" and self.native:
+            replies = self.native.answers(data, t_ns, self.unit, self)
+            return [Sent(reply.frame, delay_ns=self.answer_ns + reply.delay_ns) for reply in replies]
         banks = Banks(holding=self, step=1, low_first=True, functions=FUNCTIONS)
         if port == "rtu":
             answers = self.rtu.answers(data, t_ns, {self.unit: banks})
@@ -214,7 +234,7 @@ class InspireRh56dftp(Device):
         registers["status"] = self._in_pairs(np.select([~moving, self.motors.goals < angles], [2, 1], 0))
 
     def _in_pairs(self, values: np.ndarray) -> np.ndarray:
-        return values if self.first_low else values.reshape(-1, 2)[:, ::-1].ravel()
+        return values.reshape(-1, 2)[:, ::-1].ravel() if self.swapped else values
 
     def write(self, address: int, data: bytes, t_ns: int) -> Sequence[str]:
         """Store, and do what was ordered."""
@@ -255,9 +275,10 @@ class InspireRh56dftp(Device):
         """Reads of touch and of what drivers use, orders, the three exceptions; to a hand as it comes."""
         if self.unit != 1:
             return ()
+        line = (_NATIVE, _OVER_NATIVE) if self.native else (_RTU, _OVER_RTU)
         return tuple(
-            Command(name=name, request=request, reply=reply or request, origin=origin, port=port)
-            for port, origin, listed in (("rtu", _RTU, _OVER_RTU), ("tcp", _TCP, _OVER_TCP))
+            Command(name=name, request=request, reply=request if reply == "" else reply, origin=origin, port=port)
+            for port, origin, listed in (("rtu", *line), ("tcp", _TCP, _OVER_TCP))
             for name, request, reply in listed
         )
 
@@ -288,6 +309,20 @@ _OVER_RTU = (
     ("write a reading: illegal address", "01 06 0B B8 00 01 CA 0B", "01 86 02 C3 A1"),
     ("read too much: illegal value", "01 03 0B B8 00 7E 47 EB", "01 83 03 01 31"),
     ("angle out of range: illegal value", "01 06 05 CE 03 E9 29 87", "01 86 03 02 61"),
+)
+_NATIVE = "vendor manual PRJ-02-TS-U-001 2.4; pyrh56 0.4.0 rh56_sdk/protocol.py"
+_OVER_NATIVE = (
+    ("unit", "EB 90 01 04 11 E8 03 01 02", "90 EB 01 04 11 E8 03 01 02"),
+    ("tip of the index finger", "EB 90 01 04 11 0E 10 12 46", "90 EB 01 15 11 0E 10 ..{18} .."),
+    ("palm", "EB 90 01 04 11 24 13 E0 2D", "90 EB 01 E3 11 24 13 ..{224} .."),
+    ("angles", "EB 90 01 04 11 0A 06 0C 32", "90 EB 01 0F 11 0A 06 ..{12} .."),
+    ("status", "EB 90 01 04 11 4C 06 06 6E", "90 EB 01 09 11 4C 06 ..{6} .."),
+    ("bend fingers", "EB 90 01 0F 12 CE 05 E8 03 20 03 58 02 90 01 C8 00 00 00 B6", "90 EB 01 04 12 CE 05 01 EB"),
+    ("clear errors", "EB 90 01 04 12 EC 03 01 07", "90 EB 01 04 12 EC 03 01 07"),
+    ("save", "EB 90 01 04 12 ED 03 01 08", ["90 EB 01 04 12 ED 03 01 08", "90 EB 01 04 12 ED 03 00 07"]),
+    ("unit 2", "EB 90 02 04 11 E8 03 01 03", []),
+    ("beyond the map", "EB 90 01 04 11 70 17 01 9E", []),
+    ("position out of range", "EB 90 01 05 12 C2 05 D1 07 B7", []),
 )
 _OVER_TCP = (
     ("angles, unit 0", "00 01 00 00 00 06 00 03 06 0A 00 06", "00 01 00 00 00 0F 00 03 0C ..{12}"),

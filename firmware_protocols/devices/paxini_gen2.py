@@ -81,7 +81,7 @@ class PaxiniGen2(Px6axDevice):
         "vendor PDF 'control box protocol V1.5 (simplified)' in Gabriel-Ning/paxini_driver@113ab44, with error codes",
         "Gabriel-Ning/paxini_driver@113ab44 paxini_driver.py l.94-96, 165",
     )
-    judge = "none on the package index"
+    judge = "own second reader"
     assumed = (
         "places of the taxels: even rows on a flat pad of the size in the model's name; 0.1 N per count as on GEN3",
         "L5325 has the 120 taxels that the driver reads; other models as on GEN3",

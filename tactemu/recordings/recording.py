@@ -19,7 +19,7 @@ import numpy as np
 from firmware_protocols import CanFrame, Frame
 from tactemu.errors import TactemuError
 from tactemu.frame_text import checked, parse
-from tactemu.scene.placement import Surroundings
+from tactemu.scene.placement import ROOM
 from tactemu.truth import Passage, PortEvent, entries, read_log
 from tactemu.truth.writer import SUFFIXES
 
@@ -212,9 +212,9 @@ class RecordedReadings:
         """Move to this time."""
         self._now = max(0, int(np.searchsorted(self.times_ns, t_ns, side="right")) - 1)
 
-    def surroundings(self, t_ns: int, link: str = "") -> Surroundings:
+    def around(self, name: str, t_ns: int, link: str = "") -> Any:
         """Not recorded: room temperature, at rest."""
-        return Surroundings()
+        return ROOM[name]
 
     def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
         """The recorded reading at the present time, whatever quantity it was; shape ``(n_taxels[, 3])``."""

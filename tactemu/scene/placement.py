@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,20 +20,9 @@ if TYPE_CHECKING:
 
 GRAVITY = (0.0, 0.0, 9.80665)
 """What an accelerometer at rest reads in the world's frame [m/s²]: up."""
-ROOM_TEMPERATURE = 25.0
+ROOM = {"temperature": 25.0, "acceleration": GRAVITY, "angular_velocity": (0.0, 0.0, 0.0)}
+"""What is around a device of which nothing is known: temperature [°C], proper acceleration [m/s²], turning [rad/s]."""
 _HALF_STEP_S = 1e-4
-
-
-@dataclass(frozen=True)
-class Surroundings:
-    """What a device's other sensors read, in the device's frame."""
-
-    temperature: float = ROOM_TEMPERATURE
-    """[°C]"""
-    acceleration: tuple[float, float, float] = GRAVITY
-    """Proper acceleration [m/s²]."""
-    angular_velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """[rad/s]"""
 
 
 class PlacedSensor:
@@ -81,28 +69,29 @@ class PlacedSensor:
         values = self.sensor.quantity(name, ground_truth)
         return rotation.rotate(self._back, values) if self._turned and values.ndim == 2 else values
 
-    def surroundings(self, t_ns: int) -> Surroundings:
-        """Temperature by the sensor's ``temperature_course``; acceleration and turning by how its link moves.
+    def around(self, name: str, t_ns: int) -> np.ndarray | float:
+        """What a chip beside its taxels feels, in the device's frame.
+
+        ``temperature`` by the sensor's course; ``acceleration`` and ``angular_velocity`` by how its link moves.
 
         The accelerometer sits at the link's origin. A link that is posed by hand turns as fast as
         :meth:`Simulation.set_pose` was told, and is accelerated by how the velocity told differs from that at the
         last look; who tells no velocities says that it rests.
         """
         t_s = t_ns * 1e-9
-        link = self.sensor.link
-        if link.motion is not None or link.fixed:
-            pose = link.pose(t_s)
-            before, after = (link.pose(max(0.0, t_s + dt)).linear_velocity for dt in (-_HALF_STEP_S, _HALF_STEP_S))
-            acceleration = (after - before) / (2 * _HALF_STEP_S)
-        else:
-            pose = self.sensor.link_pose()
-            acceleration = self._change(t_s, pose.linear_velocity)
+        if name == "temperature":
+            return ROOM[name] if self._course is None else float(np.interp(t_s, *self._course.T))
+        pose = self._link(t_s)
         to_device = rotation.conjugate(rotation.multiply(pose.quaternion, self._to_link))
-        return Surroundings(
-            temperature=self._temperature(t_s),
-            acceleration=tuple(rotation.rotate(to_device, acceleration + GRAVITY)),
-            angular_velocity=tuple(rotation.rotate(to_device, pose.angular_velocity)),
-        )
+        felt = self._acceleration(t_s) + GRAVITY if name == "acceleration" else pose.angular_velocity
+        return rotation.rotate(to_device, felt)
+
+    def _acceleration(self, t_s: float) -> np.ndarray:
+        link = self.sensor.link
+        if link.motion is None and not link.fixed:
+            return self._change(t_s, self.sensor.link_pose().linear_velocity)
+        before, after = (link.pose(max(0.0, t_s + dt)).linear_velocity for dt in (-_HALF_STEP_S, _HALF_STEP_S))
+        return (after - before) / (2 * _HALF_STEP_S)
 
     def _change(self, t_s: float, velocity: np.ndarray) -> np.ndarray:
         """Acceleration [m/s²] since the last look; none at the first, or when time starts anew."""
@@ -110,11 +99,6 @@ class PlacedSensor:
         if before is None or before[0] >= t_s:
             return np.zeros(3)
         return (velocity - before[1]) / (t_s - before[0])
-
-    def _temperature(self, t_s: float) -> float:
-        if self._course is None:
-            return ROOM_TEMPERATURE
-        return float(np.interp(t_s, self._course[:, 0], self._course[:, 1]))
 
 
 class PlacedSkin:
@@ -144,10 +128,10 @@ class PlacedSkin:
             return self.parts[0].quantity(name, ground_truth)
         return self._joined([part.quantity(name, ground_truth) for part in self.parts])
 
-    def surroundings(self, t_ns: int, link: str = "") -> Surroundings:
-        """What is around one link of the device; "" the first."""
+    def around(self, name: str, t_ns: int, link: str = "") -> np.ndarray | float:
+        """Temperature, acceleration or turning of one link of the device; "" the first."""
         part = next((part for part in self.parts if link in part.part.links), self.parts[0])
-        return part.surroundings(t_ns)
+        return part.around(name, t_ns)
 
     def positions(self, t_s: float) -> np.ndarray:
         """All taxels in the world at ``t_s`` [m], shape ``(n_taxels, 3)``."""

@@ -86,7 +86,7 @@ def test_icub_forearm_of_240_taxels_at_50_hz_on_one_bus():
         layout, samples = dev.device().layout, list(dev.truth.samples)
 
     rest = skins(at_rest.frames)
-    assert min(map(len, rest.values())) >= 60, "150 are nominal; a guest reaches 95 to 150"
+    assert min(map(len, rest.values())) >= 100, "50 Hz for 3 s, on a machine that may be busy"
     assert all(set(period) == {0, 1, 2} for periods in rest.values() for period in periods)
     values = [pads for periods in rest.values() for period in periods for pads in period.values()]
     assert (np.array(values) == 240).all()
@@ -115,7 +115,7 @@ def _load_agrees(text: str, frames) -> None:
     computed = sum(bits) / (frames[-1][0] - frames[0][0])
     reported = np.mean([b for _, b in seconds[1:]])  # the first second is not full
     assert reported == pytest.approx(computed, rel=0.2), "a busy machine's seconds are not all of one length"
-    assert 0.1 < computed / 1e6 < 0.30, "48 frames of 8 bytes, 50 times a second: 27 % if the machine keeps up"
+    assert 0.15 < computed / 1e6 < 0.30, "48 frames of 8 bytes, 50 times a second: 27 % if the machine keeps up"
 
 
 def test_uskin_is_seen_by_candump_python_can_and_cantools():

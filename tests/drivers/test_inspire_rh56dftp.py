@@ -1,4 +1,4 @@
-"""Four unmodified Modbus clients read the Inspire hand: over TCP, and as RTU on a bare pty."""
+"""Unmodified clients read the Inspire hand: Modbus over TCP and as RTU on a bare pty, and EB 90."""
 
 import pytest
 
@@ -62,3 +62,20 @@ def test_modbus_tk_rtu():
         got = run_driver("modbus_tk", "modbus_tk_read.py", rig.port)
     assert_consecutive(got["many"], rig.truth, decode=lambda counts: counts[INDEX_TOP])
     assert got["refused"] == 2
+
+
+def test_pyrh56_native(tmp_path):
+    """Byte registers come in order, whatever half of a Modbus register the first would be in."""
+    device = fp.create("inspire_rh56dftp", line="native", first_byte="high")
+    device.period_ns = 2_000_000
+    with Rig(device, peak=4.5) as rig:
+        got = run_driver("rh56_sdk", "pyrh56_read.py", rig.port, cwd=tmp_path)
+    assert_consecutive(got["many"], rig.truth, decode=lambda counts: counts[INDEX_TOP])
+    for address, values in got["once"]:
+        part = slice((address - 3000) // 2, (address - 3000) // 2 + len(values))
+        assert_consecutive([values], rig.truth, decode=lambda counts, part=part: counts[SENT][part], count=1)
+    assert len(got["once"]) == 17
+    assert got["angles"] == [0, 200, 400, 600, 800, 900] and got["positions"] == [2000, 1600, 1200, 800, 400, 200]
+    assert got["moving"] == [1] * 6 and got["status"] == [2] * 6
+    assert got["forces"][0] == 4000 and got["temperatures"] == [25] * 6 and got["errors"] == [0] * 6
+    assert device.counters["refused"] == 0

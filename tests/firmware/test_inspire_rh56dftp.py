@@ -223,3 +223,14 @@ def test_tcp_clients_do_not_mix_and_a_new_one_begins_anew(device):
     assert len(send(device, request[7:], port="tcp")) == 1
     device.lines(False, False, 0, "tcp/2")
     assert len(send(device, request, port="tcp/2")) == 1
+
+
+def test_native_and_tcp_show_one_state():
+    device = fp.create("inspire_rh56dftp", line="native", first_byte="high")
+    (reply,) = device.receive(bytes.fromhex("EB90010512CE05F401E0"), 0, "rtu")
+    assert reply == Sent(bytes.fromhex("90EB010412CE0501EB"), delay_ns=6_000_000)
+    assert read(device, 1546, 2, t_ns=300_000_000) == [500, 1000]
+    assert read(device, 1612, 3, t_ns=100_000_000) == [0x0102, 0x0202, 0x0202]
+    assert send(device, "EB900104114C06066E", 100_000_000, "rtu") == [bytes.fromhex("90EB0109114C0601020202020278")]
+    saved = device.receive(bytes.fromhex("EB90010412ED030108"), 0, "rtu")
+    assert [each.delay_ns for each in saved] == [6_000_000, 1_006_000_000]

@@ -27,6 +27,8 @@ def test_the_scene_of_every_device_presses_it(name):
     for body, motion in loaded.motions.items():
         moved = [np.abs(motion.pose(t).position).max() for t in np.arange(0.0, REST_S, 0.01)]
         assert max(moved) == 0.0, f"{body} moves before drivers have calibrated"
+    if not len(firmware_protocols.create(name).layout):
+        return  # motors: nothing to touch
     peaks = felt(loaded)
     rest = round(REST_S * 10)
     assert not peaks[:rest].any(), "not touched at the start"

@@ -1,0 +1,338 @@
+r"""Feetech STS3215 servos on one line: the six of an SO-101 arm, with what they feel of loads.
+
+Wire: one-wire TTL behind an adapter, half duplex, 1 000 000 8N1; packets as :mod:`firmware_protocols.protocols.feetech`
+says. Nobody speaks unasked. All numbers are little-endian; signs are sign and magnitude. A servo is a memory:
+
+    read position of 1   FF FF 01 04 02 38 02 BE                  FF FF 01 04 00 2A 08 C8     (2090)
+    sync read of six     FF FF FE 0A 82 38 02 01 02 03 04 05 06 26
+    sync write           FF FF FE 0A 83 2A 02 01 00 08 02 64 09 D0
+
+Registers below 40 survive power-off if they are written while ``lock`` is 0; with ``lock`` 1 they act, and are lost.
+4096 steps are a turn. What a servo calls its position is its encoder minus ``offset``, 0..4095 unless bit 4 of
+``phase`` is set. ``torque`` 0 lets the shaft go, 1 holds it, 2 damps, 128 makes where it is 2048. ``mode`` 0 goes to
+``goal`` within ``low`` and ``high``, 1 turns at ``goal_speed``, 2 with ``pwm``. In mode 0 ``goal_speed`` is the speed
+limit, 0 the greatest (50 x ``top_speed``) steps/s. The current (69) reads 0.
+
+``status`` is in every answer: bit 0 voltage, 2 temperature, 5 overload. The driver of LeRobot reads a copy of the goal
+at 71, the vendor's table has it at 67. LeRobot takes the line speeds 5, 6, 7 for 57600, 38400, 19200 as is done here;
+the vendor's table says 76800, 57600, 38400.
+
+Try it: ``tactemu run feetech_sts3215 --port pty:/tmp/arm``, then LeRobot's ``FeetechMotorsBus("/tmp/arm", ...)``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated
+
+import numpy as np
+
+from firmware_protocols import Column, Command, Counts, Device, Option, Outs, Reading, Rs485, Sense, Sent, points
+from firmware_protocols.adc import quantize
+from firmware_protocols.motors import Motors
+from firmware_protocols.protocols.feetech import ServoLine
+from firmware_protocols.registers import RegisterMap, Registers
+
+MAP = RegisterMap("""
+    0   u1            major           = 3  r               firmware; LeRobot wants that of all servos to agree
+    1   u1            minor           = 10  r
+    3   <u2           model           = 777  r
+    5   u1            id              0..253  = 1  flash
+    6   u1            baud            0..7  flash          0 1M, 1 500k, 2 250k, 3 128k, 4 115200; see above
+    7   u1            delay           flash                before an answer [2 us]
+    8   u1            answers         = 1  flash           0: to ping and read only
+    9   <u2           low             flash
+    11  <u2           high            = 4095  flash
+    13  u1            hottest         = 70  flash          [deg C]
+    14  u1            most_volts      = 140  flash         [0.1 V]
+    15  u1            least_volts     = 40  flash          [0.1 V]
+    16  <u2           most_torque     = 1000  flash        [0.1 %]
+    18  u1            phase           = 12  flash
+    19  u1            unload          = 44  flash          bits of status
+    20  u1            alarm           = 47  flash          bits of status
+    21  u1            p               = 32  flash
+    22  u1            d               = 32  flash
+    23  u1            i               flash
+    24  u1            start_force     = 16  flash
+    25  u1            integral_limit  flash
+    26  u1 x 2        dead_zones      = 1  flash
+    28  <u2           most_current    = 511  flash         [6.5 mA]
+    30  u1            resolution      = 1  flash
+    31  <u2 sign 11   offset          flash
+    33  u1            mode            flash
+    34  u1            safe_torque     = 20  flash          [%]
+    35  u1            overload_time   = 200  flash         [10 ms]
+    36  u1            overload        = 80  flash          [%]
+    37  u1            speed_p         = 10  flash
+    38  u1            current_time    = 200  flash         [10 ms]
+    39  u1            speed_i         = 10  flash
+    40  u1            torque
+    41  u1            acceleration                         [100 steps/s2]
+    42  <u2 sign 15   goal
+    44  <u2 sign 10   pwm                                  [0.1 %]
+    46  <u2 sign 15   goal_speed                           [steps/s]
+    48  <u2           torque_limit    = 1000               [0.1 %]
+    55  u1            lock            = 1
+    56  <u2 sign 15   position        r
+    58  <u2 sign 15   speed           r                    [steps/s]
+    60  <u2 sign 10   load            r                    [0.1 %]
+    62  u1            voltage         r                    [0.1 V]
+    63  u1            temperature     r                    [deg C]
+    64  u1            waiting         r                    1 between reg write and action
+    65  u1            status          r
+    66  u1            moving          r
+    67  <u2 sign 15   goal_copy       r
+    80  u1 x 4        factory         = 1, 1, 1, 0         moving threshold, DTs, speed unit, Hts
+    84  u1            top_speed       = 66                 [50 steps/s]
+    85  u1            most_acceleration  = 254
+    86  u1            factor          = 1
+""")
+BAUDS = (1_000_000, 500_000, 250_000, 128_000, 115_200, 57_600, 38_400, 19_200)
+TURN, MIDDLE, FAR, SEVERAL_TURNS, MAKE_MIDDLE = 4096, 2048, 2**40, 0x10, 128
+HOLDING, POSITION, SPEED, PWM = 1, 0, 1, 2
+VOLTAGE, HEAT, OVERLOAD = 1, 4, 32
+ORDERS = {"torque", "mode", "goal", "pwm", "goal_speed", "top_speed", "low", "high", "offset"}
+LIMB = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
+SWING_NS = 4_000_000_000
+
+
+class Servo:
+    """One servo: a memory that moves a shaft of the line, and tells where it is."""
+
+    def __init__(self, arm: FeetechSts3215, index: int, ident: int):
+        self.arm, self.index = arm, index
+        self.registers = Registers(MAP, kept={"id": ident, **arm.flash.get(str(index), {})})
+        self.registers["torque_limit"] = self.registers["most_torque"]
+        self.by_hand, self.released_ns = 0.0, 0
+        self.registers["goal"] = self.place(0)
+
+    @property
+    def id(self) -> int:
+        """0..253."""
+        return self.registers["id"]
+
+    @property
+    def delay_ns(self) -> int:
+        """Return delay."""
+        return 2000 * self.registers["delay"]
+
+    @property
+    def confirms(self) -> bool:
+        """Whether it answers writes, too."""
+        return self.registers["answers"] != 0
+
+    @property
+    def status(self) -> int:
+        """What is wrong with it."""
+        get, volts = self.registers.__getitem__, self.arm.volts
+        fine = get("least_volts") <= volts <= get("most_volts")
+        hot = self.arm.warmth[self.index] > get("hottest")
+        return VOLTAGE * (not fine) | HEAT * bool(hot) | OVERLOAD * bool(self.arm.overloaded[self.index])
+
+    # -- the shaft -------------------------------------------------------------------------------------------------
+
+    def place(self, t_ns: int) -> float:
+        """Its position [steps]."""
+        by_hand = self.by_hand + (self._swung(t_ns) if self.registers["torque"] == 0 else 0.0)
+        place = self.arm.motors.positions(t_ns)[self.index] + by_hand - self.registers["offset"]
+        return place if self.registers["phase"] & SEVERAL_TURNS else place % TURN
+
+    def _swung(self, t_ns: int) -> float:
+        """How far a hand has moved it since it was released [steps]."""
+        there, then = (
+            np.sin(2 * np.pi * (time_ns / SWING_NS - self.index / len(LIMB))) for time_ns in (t_ns, self.released_ns)
+        )
+        return float(self.arm.swing * (there - then))
+
+    def _present(self, name: str, t_ns: int) -> float:
+        """What a register that can only be read shows."""
+        match name:
+            case "position":
+                several = self.registers["phase"] & SEVERAL_TURNS
+                return round(self.place(t_ns)) if several else round(self.place(t_ns)) % TURN
+            case "speed":
+                return self.arm.motors.velocities(t_ns)[self.index]
+            case "moving":
+                return abs(self.arm.motors.velocities(t_ns)[self.index]) > 1.0
+            case "load":
+                return self.arm.counts[self.index]
+            case "voltage":
+                return self.arm.volts
+            case "temperature":
+                return self.arm.warmth[self.index]
+            case "waiting":
+                return self.id in self.arm.line.pending
+            case "status":
+                return self.status
+            case "goal_copy":
+                return self.registers["goal"]
+        return self.registers[name]
+
+    # -- the memory ------------------------------------------------------------------------------------------------
+
+    def read(self, address: int, n: int, t_ns: int) -> bytes:
+        """Memory as it is at ``t_ns``."""
+        for reg in MAP.touched(address, address + n):
+            if reg.access == "r":
+                self.registers[reg.name] = self._present(reg.name, t_ns)
+        return self.registers.read(address, n)
+
+    def write(self, address: int, data: bytes, t_ns: int) -> Sequence[str]:
+        """Store, keep what is unlocked, and go."""
+        place, held = self.place(t_ns), self.registers["torque"]
+        written = self.registers.write(address, data)
+        if held == 0 and "torque" in written:
+            self.by_hand, self.released_ns = self.by_hand + self._swung(t_ns), t_ns
+        elif "torque" in written:
+            self.released_ns = t_ns
+        if self.registers["torque"] == MAKE_MIDDLE:
+            self.registers["torque"] = 0
+            self.registers["offset"] = self.registers["offset"] + round(place) - MIDDLE
+            written.append("offset")
+        if self.registers["lock"] == 0:
+            kept = {name: self.registers.all(name) for name in written if MAP.by_name[name].flash}
+            self.arm.flash[str(self.index)] = self.arm.flash.get(str(self.index), {}) | kept
+        if "baud" in written:
+            self.arm.speak_at(self.registers["baud"])
+        if ORDERS.intersection(written):
+            self._go(t_ns)
+        return written
+
+    def _go(self, t_ns: int) -> None:
+        """Do what the registers say."""
+        get, motors = self.registers.__getitem__, self.arm.motors
+        top = 50 * get("top_speed")
+        limits = self.arm.limits.copy()
+        limits[self.index] = min(abs(get("goal_speed")) or top, top)
+        self.arm.limits = limits
+        motors.limit_speed(limits, t_ns)
+        order = np.full(len(limits), np.nan)
+        if get("torque") == HOLDING and get("mode") in (SPEED, PWM):
+            order[self.index] = get("goal_speed") if get("mode") == SPEED else get("pwm") / 1000 * top
+            motors.drive(order, t_ns)
+            return
+        here = motors.positions(t_ns)[self.index]
+        if get("torque") == HOLDING and get("mode") == POSITION:
+            goal = min(max(get("goal"), get("low")), get("high")) if get("low") < get("high") else get("goal")
+            here = here + goal - self.place(t_ns)
+        order[self.index] = here
+        motors.go(order, t_ns)
+
+
+class FeetechSts3215(Device):
+    """Servos on one line."""
+
+    name = "feetech_sts3215"
+    title = "Feetech STS3215, six servos of an SO-101 arm"
+    rate_hz = 100.0
+    evidence = ("driver", "vendor document")
+    sources = (
+        "lerobot 0.4.4 motors/feetech/tables.py, feetech.py; robots/so_follower/so_follower.py",
+        "feetech-servo-sdk 1.0.0 protocol_packet_handler.py, group_sync_read.py, group_sync_write.py",
+        "the vendor's memory table for STS servos, as public wikis copy it; huggingface/lerobot pull 3373",
+        "ftservo/ftservo-wiki@9522ce1 official-specs.json (speeds)",
+    )
+    judge = "feetech-servo-sdk 1.0.0"
+    assumed = (
+        "full torque 2.94 Nm; load is what the motor does against an outside load; converted 100 times a second",
+        "defaults that the vendor's table does not have: phase, unload, alarm, start_force, speed_p, speed_i, 80 to 86",
+        "a line that is still: 12.1 V, no current; gains, dead zones, acceleration and safe_torque change nothing",
+        "motors: at the speed limit, then a time constant of 20 ms; step mode and damped stand; pwm 1000 is top speed",
+        "torque on goes to the goal; the goal at power-up is where it is; no condition unloads a servo",
+        "overload: the load is above `overload` for `overload_time`; a status bit ends with its cause",
+        "all servos of a line speak at the speed that was last written to one of them, from then on",
+        "a hand swings released shafts in sines of 4 s, each a sixth of a period after the one before",
+        "a write with a byte that cannot be written stores nothing and is confirmed; what is not there reads 0",
+    )
+
+    def __init__(
+        self,
+        *,
+        ids: Annotated[tuple[int, ...], Option("as delivered; register 5 tells and changes it")] = (1, 2, 3, 4, 5, 6),
+        encoders: Annotated[
+            float | tuple[float, ...], Option("where the shafts are at power-up, before offsets", unit="steps")
+        ] = 2048.0,
+        swing: Annotated[
+            float, Option("how far a hand moves released shafts to and fro, as it does a leader's", unit="rad", low=0.0)
+        ] = 0.0,
+        full_torque: Annotated[float, Option("load that reads 1000", unit="Nm", low=0.01)] = 2.94,
+        volts: Annotated[float, Option("supply", unit="V", low=0.0, high=25.5)] = 12.1,
+    ):
+        n, self.swing, self.full_torque = len(ids), swing / (2 * np.pi) * TURN, full_torque
+        self.volts = round(10 * volts)
+        self.layout = points({})
+        self.names = [LIMB[ident - 1] if 1 <= ident <= len(LIMB) else f"servo {ident}" for ident in ids]
+        shafts = points(dict.fromkeys(self.names, (0.0, 0.0, 0.0)))
+        self.senses = (Sense("load", at=shafts), Sense("temperature", at=shafts))
+        scale = 1000 / full_torque
+        self.columns = (Column(name="load", sense="load", unit="Nm", counts_per_unit=scale, low=-1000, high=1000),)
+        self.motors = Motors(np.broadcast_to(encoders, n), low=-FAR, high=FAR, time_constant_s=0.02)
+        self.limits = np.full(n, 50.0 * MAP.by_name["top_speed"].default)  # type: ignore[operator]
+        self.motors.limit_speed(self.limits, 0)
+        self.counts, self.warmth = np.zeros(n, np.int64), np.full(n, 25)
+        self.since_ns, self.overloaded = np.zeros(n, np.int64), np.zeros(n, bool)
+        self.line = ServoLine(counters=self.counters)
+        self.servos = [Servo(self, index, ident) for index, ident in enumerate(ids)]
+        self.speak_at(self.servos[0].registers["baud"])
+
+    def speak_at(self, code: int) -> None:
+        """The line's speed from now on."""
+        self.ports = (Rs485(baud=BAUDS[code]),)
+
+    def feel(self, reading: Reading, t_ns: int) -> Counts:
+        """What each motor does against its load [0.1 % of its torque], shape ``(n_servos,)``."""
+        self.counts = quantize(-reading["load"], 1000 / self.full_torque, -1000, 1000)
+        self.warmth = quantize(reading["temperature"], 1.0, 0, 255)
+        get = [servo.registers.__getitem__ for servo in self.servos]
+        heavy = np.abs(self.counts) > [10 * each("overload") for each in get]
+        self.since_ns = np.where(heavy, self.since_ns, t_ns)
+        self.overloaded = heavy & (t_ns - self.since_ns >= [10_000_000 * each("overload_time") for each in get])
+        strengths = np.array([each("torque_limit") for each in get]) * self.full_torque / 1000
+        self.motors.load(reading["load"], strengths, t_ns)
+        return self.counts
+
+    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+        """Packets in chunks of any size."""
+        answers = self.line.answers(data, t_ns, self.servos)
+        return [Sent(answer.frame, delay_ns=answer.delay_ns, turn=answer.turn) for answer in answers]
+
+    def joints(self, t_ns: int) -> Mapping[str, float]:
+        """How far each shaft is from the middle of its turn [rad]."""
+        return {
+            name: float((servo.place(t_ns) - MIDDLE) * 2 * np.pi / TURN) for name, servo in zip(self.names, self.servos)
+        }
+
+    # -- datasheet -------------------------------------------------------------------------------------------------
+
+    @property
+    def commands(self) -> tuple[Command, ...]:
+        """Each instruction, to the arm as it comes."""
+        driver, table = "as lerobot 0.4.4 sends it", "vendor's memory table; sum by feetech-servo-sdk 1.0.0"
+        done = "FF FF 01 02 00 FC"
+        if self.options:
+            return ()
+        return (
+            Command(name="ping", request="FF FF 01 02 01 FB", reply=done, origin=driver),
+            Command(
+                name="ping all",
+                request="FF FF FE 02 01 FE",
+                reply=[f"FF FF {ident:02X} 02 00 {0xFD - ident:02X}" for ident in range(1, 7)],
+                about="one after another",
+                origin=driver,
+            ),
+            Command(name="model", request="FF FF 01 04 02 03 02 F3", reply="FF FF 01 04 00 09 03 EE", origin=driver),
+            Command(name="position", request="FF FF 01 04 02 38 02 BE", reply="FF FF 01 04 00 .. .. ..", origin=driver),
+            Command(name="torque on", request="FF FF 01 04 03 28 01 CE", reply=done, origin=driver),
+            Command(name="middle", request="FF FF 01 04 03 28 80 4F", reply=done, about="here is 2048", origin=table),
+            Command(name="offset", request="FF FF 02 05 03 1F 54 09 79", reply="FF FF 02 02 00 FB", origin=driver),
+            Command(name="reg write", request="FF FF 01 05 04 2A 00 08 C3", reply=done, origin=driver),
+            Command(name="action", request="FF FF FE 02 05 FA", about="what reg writes ordered", origin=driver),
+            Command(
+                name="positions",
+                request="FF FF FE 0A 82 38 02 01 02 03 04 05 06 26",
+                reply=[f"FF FF {ident:02X} 04 00 .. .. .." for ident in range(1, 7)],
+                origin=driver,
+            ),
+            Command(name="goals", request="FF FF FE 0A 83 2A 02 01 00 08 02 64 09 D0", origin=driver),
+            Command(name="500 kbaud", request="FF FF 01 04 03 06 01 F0", reply=done, origin=table),
+        )

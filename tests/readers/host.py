@@ -1,0 +1,82 @@
+"""What every reader of this folder needs: a port, bytes in time, rules that are kept, one line of JSON.
+
+The readers are written from descriptions of the wire, not from the device files, and import nothing of either package.
+``python NAME.py PORT COUNT [option ...]`` prints ``{"readings": [[...], ...]}``, or one sentence and exit status 1.
+"""
+
+import contextlib
+import itertools
+import json
+import sys
+import time
+from pathlib import Path
+
+import serial
+
+
+class Broken(Exception):
+    """The wire said something that the description does not."""
+
+
+def expect(kept, sentence):
+    if not kept:
+        raise Broken(sentence)
+
+
+def run(read):
+    """Print COUNT readings of the generator ``read(PORT, *options)``."""
+    port, count, *options = sys.argv[1:]
+    try:
+        with contextlib.closing(read(port, *options)) as readings:
+            taken = list(itertools.islice(readings, int(count)))
+    except Broken as rule:
+        sys.exit(f"{Path(sys.argv[0]).name}: {rule}")
+    print(json.dumps({"readings": taken}))
+
+
+def open_serial(port, baud, *, stale="dropped", seconds=2.0):
+    """8N1; what arrived before is dropped, as most drivers do, unless ``stale`` is "kept"."""
+    line = serial.Serial(port, baud, timeout=seconds)
+    if stale == "dropped":
+        line.reset_input_buffer()
+    return line
+
+
+def exactly(line, count):
+    data = line.read(count)
+    expect(len(data) == count, f"{count} bytes expected within {line.timeout} s, got {len(data)}: {data.hex(' ')}")
+    return data
+
+
+def skip_to(line, marker, limit):
+    """Read up to and with ``marker``; what came before it, at most ``limit`` bytes."""
+    before = bytearray()
+    while not before.endswith(marker):
+        expect(len(before) < limit + len(marker), f"no {marker.hex(' ')} in {limit} bytes")
+        begun = next(n for n in range(len(marker) - 1, -1, -1) if before.endswith(marker[:n]))
+        before += exactly(line, len(marker) - begun)  # at least so many are missing
+    return bytes(before[: -len(marker)])
+
+
+def open_can(channel):
+    """The bus ``channel`` of the interface that the environment variable CAN_INTERFACE names."""
+    import can
+
+    return can.Bus(channel=channel, fd=True)
+
+
+def send(bus, arbitration_id, data, *, extended=False, fd=False):
+    import can
+
+    bus.send(can.Message(arbitration_id=arbitration_id, data=data, is_extended_id=extended, is_fd=fd, check=True))
+
+
+def frame(bus, wanted, seconds=1.0):
+    """The next frame for which ``wanted`` is true; others are passed over, as a driver on a shared bus must."""
+    end = time.monotonic() + seconds
+    while (left := end - time.monotonic()) > 0:
+        message = bus.recv(left)
+        if message is not None and wanted(message):
+            expect(not message.is_error_frame, "an error frame")
+            return message
+    raise Broken(f"no frame that was waited for within {seconds} s")

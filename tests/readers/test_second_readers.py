@@ -1,0 +1,124 @@
+"""Readers of our own for devices that no package on the index reads, each in its own process against the bare device.
+
+Whoever wrote a reader knew the description of the wire and not the device file, so that a mistake would have to be made
+twice. What a reader found ambiguous stands in its docstring.
+"""
+
+import itertools
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import firmware_protocols as fp
+from tests.drivers.can_link import INTERFACE
+from tests.drivers.rig import Rig, assert_consecutive
+
+pytestmark = [pytest.mark.driver, pytest.mark.timeout(90)]
+
+
+@dataclass
+class Case:
+    device: str
+    reader: str
+    options: dict = field(default_factory=dict)
+    arguments: tuple = ()
+    kind: str = "serial"
+    peak: float = 3.0
+    shown: Callable = lambda device, counts: counts.ravel()
+    """What the description has the driver give, of what the device felt."""
+    compared: Callable = lambda readings: [readings]
+    """Sequences of what was read, each of which goes through the truth by itself."""
+    rate_hz: float = 0.0
+    """Slower than the firmware at power-up, for readers that take every byte by itself."""
+    guarded: bool = True
+    """A wrong byte shows: there is a checksum."""
+
+    def on(self, rig):
+        """The device on a rig."""
+        device = fp.create(self.device, **self.options)
+        if self.rate_hz:
+            device.period_ns = round(1e9 / self.rate_hz)
+        return rig(device, kind=self.kind, peak=self.peak)
+
+    def __str__(self):
+        return "-".join([self.device, *map(str, self.options.values())])
+
+
+PADS = [pad for pad in range(12) if pad not in (6, 10)]
+"""Of a triangle of the iCub; the two others are thermal."""
+
+CASES = [
+    Case(
+        "contactile_papillarray",
+        "contactile_papillarray.py",
+        compared=lambda readings: [[reading[: 2 * 9 * 6] for reading in readings]],
+        rate_hz=50.0,
+    ),
+    Case(
+        "icub_skin",
+        "icub_skin.py",
+        arguments=(1, 0, 2),
+        kind="can",
+        shown=lambda device, counts: counts[device.boards["board 1"].taxels],
+        compared=lambda readings: [[np.reshape(r, (3, 12))[:, PADS].ravel() for r in readings]],
+        guarded=False,
+    ),
+    Case("paxini_gen2", "paxini_gen2.py", peak=20.0),
+    Case("xela_uskin", "xela_uskin.py", kind="can", guarded=False),
+]
+
+
+def read(reader, port, *arguments, count=200):
+    """Exit status, what was printed, and what was complained of."""
+    command = [sys.executable, str(Path(__file__).with_name(reader)), port, str(count), *map(str, arguments)]
+    environment = {**os.environ, "CAN_INTERFACE": INTERFACE, "PYTHONPATH": ""}
+    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=60, env=environment)
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_200_consecutive_readings(case):
+    with case.on(Rig) as rig:
+        status, printed, complaint = read(case.reader, rig.port, *case.arguments)
+    assert status == 0, complaint[-2000:]
+    readings = json.loads(printed)["readings"]
+    for sequence in case.compared(readings):
+        assert np.ptp(np.asarray(sequence, float), axis=0).max() > 0
+        assert_consecutive(sequence, rig.truth, decode=lambda counts: case.shown(rig.device, counts))
+
+
+class Noisy(Rig):
+    """From the 30th frame on, one bit in the middle of each is turned over."""
+
+    def __init__(self, *arguments, **named):
+        super().__init__(*arguments, **named)
+        opened, sent = self._open, itertools.count()
+
+        def spoiled():
+            port, link = opened()
+            write = link.write
+            link.write = lambda frame: write(frame if next(sent) < 30 else turned(frame))
+            return port, link
+
+        self._open = spoiled
+
+
+def turned(frame):
+    data = bytearray(frame if isinstance(frame, bytes) else frame.data)
+    data[len(data) // 2] ^= 1
+    return bytes(data) if isinstance(frame, bytes) else replace(frame, data=bytes(data))
+
+
+@pytest.mark.parametrize("case", [case for case in CASES if case.guarded], ids=str)
+def test_a_wrong_bit_is_one_sentence(case):
+    with case.on(Noisy) as rig:
+        status, printed, complaint = read(case.reader, rig.port, *case.arguments)
+    assert status == 1 and not printed
+    assert complaint.startswith(f"{case.reader}: ") and complaint.count("\n") == 1
