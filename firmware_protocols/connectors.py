@@ -42,7 +42,13 @@ class Serial(Connector):
     parity: Literal["N", "E", "O"] = "N"
     stopbits: int = 1
     usb: bool | USB = False
-    """USB-CDC: the baud rate is a number that nobody uses; neither pacing nor mismatch applies."""
+    """USB-CDC: the baud rate is a number that nobody uses; neither pacing nor mismatch applies. A bridge (``ttyUSB``)
+    has a true UART behind it."""
+
+    @property
+    def is_cdc(self) -> bool:
+        """USB all the way."""
+        return bool(self.usb) and getattr(self.usb, "node", "") != "ttyUSB"
 
     @property
     def bits_per_byte(self) -> int:

@@ -89,6 +89,19 @@ def crc16_x25(data: bytes) -> int:
     return _crc("x-25")(data)
 
 
+@cache
+def _weiss_table() -> tuple[int, ...]:
+    return tuple(crc16_xmodem(bytes([byte])) for byte in range(256))
+
+
+def crc16_weiss(data: bytes) -> int:
+    """Weiss Robotics: the table of polynomial 1021, stepped as if it were reflected; start FFFF. In no catalogue."""
+    table, crc = _weiss_table(), 0xFFFF
+    for byte in data:
+        crc = crc >> 8 ^ table[(crc ^ byte) & 0xFF]
+    return crc
+
+
 def crc32(data: bytes) -> int:
     """CRC-32/ISO-HDLC: Ethernet, zlib."""
     return _crc("crc-32")(data)
@@ -112,6 +125,7 @@ SUMS: dict[str, Sum] = {
         function.__name__: Sum(function, 2)
         for function in (
             sum16, crc16_modbus, crc16_arc, crc16_umts, crc16_xmodem, crc16_ccitt_false, crc16_kermit, crc16_x25,
+            crc16_weiss,
         )
     },
     **{function.__name__: Sum(function, 4) for function in (crc32, crc32_mpeg)},

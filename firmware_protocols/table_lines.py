@@ -179,7 +179,7 @@ class Field:
                 f"{frame}: {self.name}: expected integers, got {values.dtype}: quantize in `feel`, with adc.quantize"
             )
         if self.policy == "clip":
-            values = np.minimum(np.maximum(values, self.limits[0]), self.limits[1])
+            values = np.asarray(np.minimum(np.maximum(values, self.limits[0]), self.limits[1]))  # not a native scalar
         elif self.policy == "strict" and not self._holds(values):
             raise OverflowError(
                 f"{frame}: {self.name}: {values.min()}..{values.max()} does not fit "

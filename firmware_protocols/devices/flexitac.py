@@ -1,6 +1,8 @@
-r"""FlexiTac: a piezoresistive matrix that an Arduino-class board scans, 12 x 32 taxels as a rule (from 3D-ViTac).
+r"""FlexiTac and 3D-ViTac: piezoresistive matrices that an Arduino-class board scans.
 
-Wire: UART at 2 000 000 8N1. Device to host only: there is no command; it streams from power-up. One frame per scan:
+Wire: UART at 2 000 000 8N1. Device to host only: there is no command; it streams from power-up.
+
+FlexiTac, 12 x 32 taxels as a rule. One frame per scan:
 
     offset  bytes        field
     0       2            AA 55
@@ -9,8 +11,11 @@ Wire: UART at 2 000 000 8N1. Device to host only: there is no command; it stream
 No length, no checksum, no escape: a driver that first finds AA 55 inside an image that stands still never recovers.
 Taxels below AA (a push of less than 1.7 N here) cannot do that. Zeroing is the driver's: the median of 30 frames.
 
+3D-ViTac, its forerunner, 16 x 16 taxels: a scan is text, 16 lines of 16 decimal numbers with a space between, row by
+row, each line ended by CR LF, and an empty line after them. A reader takes any line below ten characters for the end.
+
 Try it: ``tactemu run flexitac``, then ``FlexiTacSensor(port).read()``. The stock viewers want 16 x 32 taxels, as other
-boards are flashed: ``tactemu run flexitac rows=16``.
+boards are flashed: ``tactemu run flexitac rows=16``. The text: ``tactemu run vitac_3d``.
 """
 
 from __future__ import annotations
@@ -43,6 +48,8 @@ class FlexiTac(Device):
         "a taxel conducts more the harder it is pushed: ADC = rest + (1023 - rest) F / (F + 1 N), rest 80",
         "100 scans a second (the firmware scans as fast as it can)",
     )
+    shift = 2
+    """What the firmware drops of the ADC's bits."""
 
     def __init__(
         self,
@@ -55,15 +62,44 @@ class FlexiTac(Device):
         self.title = f"FlexiTac {rows} x {cols} tactile matrix"
         self.layout = grid_layout(rows, cols, PITCH, name="matrix")
         self.baseline, self.half_force = baseline, half_force
-        self.columns = (Column(name="touch", low=baseline >> 2, high=ADC_MAX >> 2, rest=baseline >> 2, push=1),)
+        low, high = baseline >> self.shift, ADC_MAX >> self.shift
+        self.columns = (Column(name="touch", low=low, high=high, rest=low, push=1),)
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:
-        """What the driver calls raw: 0..255, shape ``(rows * cols,)``."""
+        """What the driver calls raw: 0..255 (as text 0..1023), shape ``(rows * cols,)``."""
         push = np.maximum(self.layout.push(reading["force"]), 0.0)
         adc = self.baseline + (ADC_MAX - self.baseline) * push / (push + self.half_force)
-        self.counts = adc.astype(np.int64) >> 2
+        self.counts = adc.astype(np.int64) >> self.shift
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Outs:
         """One frame."""
         return [MARKER + self.layout.on_wire(self.counts).astype(np.uint8).tobytes()]
+
+
+class ViTac3d(FlexiTac):
+    """The same matrix as text."""
+
+    name = "vitac_3d"
+    evidence = ("firmware", "driver")
+    sources = (
+        "binghao-huang/3D-ViTac_Tactile_Hardware@e151ea6 arduino_code/MatrixArray.ino loop()",
+        "binghao-huang/3D-ViTac_Tactile_Hardware@e151ea6 python/multi_thread_contact.py",
+    )
+    judge = "none"
+    assumed = (*FlexiTac.assumed, "all ten bits of the ADC are sent; no space behind the last number of a line")
+    shift = 0
+
+    def __init__(
+        self,
+        *,
+        baseline: Annotated[int, Option("10-bit ADC value of an untouched taxel", low=0, high=ADC_MAX - 1)] = 80,
+        half_force: Annotated[float, Option("push half way from rest to full scale", unit="N", low=1e-6)] = 1.0,
+    ):
+        super().__init__(rows=16, cols=16, baseline=baseline, half_force=half_force)
+        self.title = "3D-ViTac 16 x 16 tactile matrix, text"
+
+    def stream(self, t_ns: int, name: str) -> Outs:
+        """One scan, as it is printed."""
+        rows = self.layout.on_wire(self.counts).reshape(16, 16).tolist()
+        return ["".join(" ".join(map(str, row)) + "\r\n" for row in [*rows, []]).encode("ascii")]

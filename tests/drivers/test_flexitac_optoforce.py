@@ -12,11 +12,12 @@ SCALE = np.array([1 / 7925 * 300, 1 / 8641 * 300, 1 / 6049 * 2000])
 """The driver's own constants, in its order of operations."""
 
 
-def test_flexitac():
+@pytest.mark.parametrize("rows", [12, 16])
+def test_flexitac(rows):
     # Taxels stay below AA: the driver may not meet its marker inside an image (see the device's docstring).
-    with Rig(fp.create("flexitac"), peak=1.5) as rig:
-        frames = run_driver("flexitac", "flexitac_read.py", rig.port)
-    # It asks for 1024 bytes and takes one frame of 386 from them, so it falls behind and drops old bytes by itself.
+    with Rig(fp.create("flexitac", rows=rows), peak=1.5) as rig:
+        frames = run_driver("flexitac", "flexitac_read.py", rig.port, rows)
+    # It asks for 1024 bytes and takes one frame from them, so it falls behind and drops old bytes by itself.
     assert_consecutive(frames, rig.truth)
 
 

@@ -1,4 +1,4 @@
-"""FlexiTac: frame, order, ADC."""
+"""FlexiTac and 3D-ViTac: frame, order, ADC."""
 
 import numpy as np
 import pytest
@@ -35,3 +35,13 @@ def test_other_sizes():
 def test_hears_nothing():
     device = fp.create("flexitac")
     assert send(device, b"\xaa\x55hello") == [] and device.counters["ignored"] == 1
+
+
+def test_the_forerunner_prints_ten_bits_row_by_row():
+    picture = np.zeros((16, 16))
+    picture[3, 7] = 1.0
+    (text,) = sample(fp.create("vitac_3d"), {"matrix": picture})
+    *rows, after, end = text.decode("ascii").split("\r\n")
+    assert (len(rows), after, end) == (16, "", "")
+    image = np.array([[int(number) for number in row.split(" ")] for row in rows])
+    assert image[3, 7] == int(80 + 943 / 2) and set(np.delete(image, 3 * 16 + 7)) == {80}

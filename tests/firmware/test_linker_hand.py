@@ -127,6 +127,37 @@ def test_a_serial_number_of_ones_own():
     assert b"".join(bytes.fromhex(a[8:]) for a in answers) == b"LHL10-07-123-L-F-2-B" + bytes(4)
 
 
+def test_joints_by_finger_are_set_and_their_faults_cleared():
+    device = hand("linker_hand_l25")
+    assert ask(device, "028#41") == ["028#41808080000080"] and ask(device, "028#64") == ["028#641E001E00001E"]
+    assert ask(device, "028#52102030405060") == [] and ask(device, "028#52") == ["028#52102030405060"]
+    assert ask(device, "028#5D010101010101") == [] and ask(device, "028#5D") == ["028#5D000000000000"]
+    device.counters.clear()
+    assert ask(device, "028#5D010101010102") == [] == ask(device, "028#61010101010101")
+    assert device.counters["unknown_command"] == 2
+
+
+def test_a_palm_answers_without_a_selector():
+    device = fp.create("linker_hand_g20")
+    sample(device, {"palm": np.arange(72).reshape(12, 6) / 500})
+    rows = [f"028#B6{row << 4:02X}" + bytes(range(6 * row, 6 * row + 6)).hex().upper() for row in range(12)]
+    assert ask(device, "028#B6") == rows and ask(device, "028#B6C6") == []
+    assert device.layout.patches[5].link == "palm"
+    assert ask(hand("linker_hand_g20", palm=False), "028#B6") == [] == ask(hand("linker_hand_l25"), "028#B6")
+    assert len(ask(hand(L6, palm=True), "028#B6")) == 12 and len(ask(hand(O6, palm=True), "028#B6")) == 10
+
+
+def test_another_matrix_has_its_selector_and_its_letter():
+    device = hand("linker_hand_l20", touch="10x4")
+    assert len(ask(device, "028#B1A4")) == 10 and ask(device, "028#B1C6") == []
+    assert bytes.fromhex(ask(device, "028#C0")[2][8:]) == b"-L-F-1"
+
+
+def test_quantities_of_the_newer_hands_have_other_commands():
+    device = hand("linker_hand_l20", touch="quantities")
+    assert ask(device, "028#90") == ["028#900000000000"] and ask(device, "028#20") == []
+
+
 @pytest.mark.parametrize(
     "options", [{"side": "up"}, {"touch": "capacitive"}, {"serial_number": "X" * 25}, {"serial_number": "Ł"}]
 )

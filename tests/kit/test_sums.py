@@ -27,6 +27,10 @@ def test_crcs_have_the_catalogue_s_check_values(name, value):
     assert value >> 8 * SUMS[name].size == 0
 
 
+def test_the_crc_of_no_catalogue():
+    assert SUMS["crc16_weiss"].function(CHECK) == 0x6EB4, "by tests/readers/weiss_dsacon32m.py"
+
+
 def test_plain_sums():
     data = bytes([0xF0, 0x20, 0x01])
     assert (sum8(data), inv8(data), lrc8(data), xor8(data), sum16(data)) == (0x11, 0xEE, 0xEF, 0xD1, 0x0111)

@@ -279,3 +279,12 @@ def test_a_frame_is_saved_as_its_text_and_bindings():
     assert copy.deepcopy(image) is image
     other = restored(saved(image))
     assert other.pack(touch=range(6)) == image.pack(touch=range(6))
+
+
+def test_a_field_that_clips_keeps_its_byte_order_beside_another():
+    frame = Frame("""
+        two
+        0   <u2         first
+        2   >u2 clip    second
+    """)
+    assert frame.pack(first=1, second=2) == b"\x01\x00\x00\x02" and frame.pack(first=1, second=-5)[2:] == b"\x00\x00"

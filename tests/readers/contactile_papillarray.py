@@ -5,14 +5,16 @@ m-rosette/contactile_gripper_ros2@146709d (the vendor's library).
 A reading is, for every sensor and pillar, Fx Fy Fz (N) and Dx Dy Dz (mm), then for every sensor Fx Fy Fz (N) and
 Tx Ty Tz (N mm), as float32.
 
+Options: packets per second.
 Not settled by the description: whether the table's end entry has an offset field (both are read); what ends a packet
 whose data hold AA BB CC DD (here: the first end mark with a right sum before it); the contents of block 7 (passed
-over); whether a lost packet shows in the counter (here a step other than 1 is an error).
+over).
 """
 
 import struct
+import time
 
-from host import exactly, expect, open_serial, run, skip_to
+from host import exactly, expect, follow, open_serial, run, skip_to
 
 START, END = bytes.fromhex("55667788"), bytes.fromhex("AABBCCDD")
 
@@ -59,8 +61,11 @@ def sensors(data, at, form, kind):
     return [v for sensor in listed(data, at) for v in record(data, sensor, form, kind)]
 
 
-def read(port):
+def read(port, rate="100"):
     line = open_serial(port, 115200)
+    line.write(f"f{rate}\n".encode())  # as the library does, which sends no NUL behind this one
+    time.sleep(0.1)
+    line.reset_input_buffer()
     skip_to(line, END + START, 4096)
     skip_to(line, END, 4096)  # the first packet may have begun anywhere
     before = None
@@ -69,7 +74,7 @@ def read(port):
         at = blocks(data)
         count, time_us = struct.unpack_from("<IQ", data, at[1])
         if before:
-            expect(count == (before[0] + 1) % 2**32, f"counter {count} after {before[0]}")
+            follow(count, before[0], 2**32)
             expect(time_us > before[1], f"time {time_us} us after {before[1]} us")
         before = count, time_us
         if 5 in at:

@@ -1,7 +1,8 @@
 """What every reader of this folder needs: a port, bytes in time, rules that are kept, one line of JSON.
 
 The readers are written from descriptions of the wire, not from the device files, and import nothing of either package.
-``python NAME.py PORT COUNT [option ...]`` prints ``{"readings": [[...], ...]}``, or one sentence and exit status 1.
+``python NAME.py PORT COUNT [option ...]`` prints ``{"readings": [[...], ...], "lost": 0}``, lost by the numbers of the
+frames, or one sentence and exit status 1.
 """
 
 import contextlib
@@ -23,6 +24,17 @@ def expect(kept, sentence):
         raise Broken(sentence)
 
 
+lost = 0
+
+
+def follow(number, before, full):
+    """``number`` comes after ``before``; a busy host may lose a few frames between, which are counted."""
+    global lost
+    missing = (number - before - 1) % full
+    expect(missing <= 20, f"frame {number} after {before}")
+    lost += missing
+
+
 def run(read):
     """Print COUNT readings of the generator ``read(PORT, *options)``."""
     port, count, *options = sys.argv[1:]
@@ -31,12 +43,28 @@ def run(read):
             taken = list(itertools.islice(readings, int(count)))
     except Broken as rule:
         sys.exit(f"{Path(sys.argv[0]).name}: {rule}")
-    print(json.dumps({"readings": taken}))
+    print(json.dumps({"readings": taken, "lost": lost}))
+
+
+class Line(serial.Serial):
+    """A serial port, 8N1, that takes whatever has come at once: a tty keeps no more than 4095 bytes."""
+
+    kept = b""
+
+    def read(self, size=1):
+        while len(self.kept) < size and (got := super().read(max(1, self.in_waiting))):
+            self.kept += got
+        data, self.kept = self.kept[:size], self.kept[size:]
+        return data
+
+    def reset_input_buffer(self):
+        super().reset_input_buffer()
+        self.kept = b""
 
 
 def open_serial(port, baud, *, stale="dropped", seconds=2.0):
-    """8N1; what arrived before is dropped, as most drivers do, unless ``stale`` is "kept"."""
-    line = serial.Serial(port, baud, timeout=seconds)
+    """What arrived before is dropped, as most drivers do, unless ``stale`` is "kept"."""
+    line = Line(port, baud, timeout=seconds)
     if stale == "dropped":
         line.reset_input_buffer()
     return line

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from firmware_protocols import Can, CanFrame, Sent, Serial
+from firmware_protocols import USB, Can, CanFrame, Sent, Serial
 from tactemu.transports.memory import WAITING_LIMIT, MemoryTransport
 from tactemu.transports.transport import CHUNK, DROPPED, RAISED, Closed, Opened, SerialSetting
 from tactemu.wire.can_bits import frame_ns
@@ -39,8 +39,9 @@ def run_until(wire, end_ns):
         now = max(now, due)
 
 
-def test_a_frame_is_there_when_its_last_bit_is():
-    wire, driver = plugged(UART)
+@pytest.mark.parametrize("usb", [False, USB(0x10C4, 0xEA60, node="ttyUSB")], ids=["uart", "bridge"])
+def test_a_frame_is_there_when_its_last_bit_is(usb):
+    wire, driver = plugged(Serial(baud=115_200, usb=usb))
     wire.send([FRAME], 1_000_000)
     wire.flush(1_000_000)
     assert wire.next_due_ns() == 1_000_000 + FRAME_NS

@@ -21,7 +21,7 @@ class SerialCarrier(Carrier):
 
     def __init__(self, connector: Any, *, pacing: Pacing = True):
         super().__init__(connector, pacing=pacing)
-        timed = bool(pacing) and not connector.usb
+        timed = bool(pacing) and not connector.is_cdc
         self._byte_ns = connector.bits_per_byte * 1e9 / connector.baud if timed else 0.0
 
     def duration_ns(self, frame: Frame) -> int:
@@ -35,7 +35,7 @@ class SerialCarrier(Carrier):
 
     def heard(self, frame: Frame, connector: Any, setting: Any, *, to_driver: bool) -> Frame:
         """Noise where the two ends are set differently; USB has no such trouble."""
-        if setting is None or connector.usb or not isinstance(frame, bytes):
+        if setting is None or connector.is_cdc or not isinstance(frame, bytes):
             return frame
         own = SerialSetting(connector.baud, connector.bytesize, connector.parity, connector.stopbits)
         return misheard(frame, own, setting) if to_driver else misheard(frame, setting, own)
@@ -43,7 +43,7 @@ class SerialCarrier(Carrier):
     def describe(self) -> str:
         """``serial 115200 8N1`` or ``USB serial 115200 8N1``."""
         c = self.connector
-        return f"{'USB serial' if c.usb else 'serial'} {c.baud} {c.bytesize}{c.parity}{c.stopbits}"
+        return f"{'USB serial' if c.is_cdc else 'serial'} {c.baud} {c.bytesize}{c.parity}{c.stopbits}"
 
     def usual_port(self, name: str) -> str:
         """A pseudo-terminal under a name in ``/tmp``."""

@@ -1,0 +1,157 @@
+r"""Digity exohand: a glove with a board for each finger that measures angles, motion and touch.
+
+Wire: 921600 8N1 through a USB-serial chip; the driver takes the first port of the vendor ids 1A86, 10C4, 0403 or 303A.
+Device to host only: there is no command. About 50 times a second each board sends one ``PACKET``: a number of records,
+one after the other. No checksum: a driver that begins within a packet may take an 01 02 in there for the next one.
+
+An id is the finger in the high nibble and a part of it in the low one. Fingers are 0 thumb to 4 little; a record of
+angles has five numbers on a finger. The boards of the arm (group 0, boards 1 to 4, with 3, 2, 2 and 3 angles) are not
+modelled. Touch is six raw counts of capacitance, 0 to 4095; acceleration and angular velocity are raw, too.
+
+Try it: ``tactemu run digity_exohand``, then ``for frame in GloveStream(port=...).connect(): ...``.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+
+from firmware_protocols import (
+    Column,
+    Counts,
+    Device,
+    Option,
+    Outs,
+    Reading,
+    Rollover,
+    Sense,
+    Serial,
+    grid_layout,
+    points,
+)
+from firmware_protocols.adc import quantize
+from firmware_protocols.device import Axis, Quantity
+from firmware_protocols.layouts import stack
+from firmware_protocols.tables import Frame
+
+PACKET = Frame("""
+    packet
+    0     01 02        start     data, version 2
+    2     u1           side      0 right, 1 left
+    3     01           group     hand
+    4     u1           board
+    5     <u2          sequence
+    7     <u2          length = len(payload)
+    9     bytes        payload   number of records, then records
+""")
+ANGLES = Frame("""
+    angles
+    0     10           type
+    1     u1           id
+    2     01           samples
+    3     <u8          time      [us]
+    11    <u2 clip     step      [us] between samples
+    13    <i2 x 5      angles    [0.01 deg]
+""")
+IMU = Frame("""
+    imu
+    0     11           type
+    1     u1           id
+    2     01           samples
+    3     <u8          time      [us]
+    11    <u2 clip     step      [us] between samples
+    13    00 x 4       unused
+    17    <i2 x 6      motion    acceleration x, y, z, angular velocity x, y, z
+""")
+TOUCH = Frame("""
+    touch, row by row
+    0     12           type
+    1     u1           id
+    2     01           samples
+    3     <u8          time      [us]
+    11    <u2 x 6      touch     0..4095
+""")
+FINGERS = ("thumb", "index", "middle", "ring", "little")
+PLACES = ((-0.06, 0.0, 0.0), (-0.033, 0.05, 0.0), (-0.011, 0.06, 0.0), (0.011, 0.055, 0.0), (0.033, 0.04, 0.0))
+"""Fingertips of a left hand seen from its palm, fingers up [m]."""
+PITCH = 0.006
+
+Record = Literal["angles", "imu", "touch"]
+PARTS: dict[Record, int] = {"angles": 1, "imu": 2, "touch": 3}
+AXES: tuple[Axis, ...] = ("x", "y", "z")
+MOTION: dict[Quantity, tuple[str, float]] = {
+    "acceleration": ("m/s^2", 16384 / 9.80665),
+    "angular_velocity": ("rad/s", 131 * 180 / np.pi),
+}
+"""Unit, and counts for one of it."""
+
+
+class DigityExohand(Device):
+    """Five boards that stream, one a finger."""
+
+    name = "digity_exohand"
+    ports = (Serial(baud=921_600),)
+    rate_hz = 50.0
+    rollovers = (Rollover(name="sequence", bits=16, state="sequence"),)
+    evidence = ("driver",)
+    sources = ("digity 0.2.5 _humi.py, _serial.py, README (the vendor's own)",)
+    judge = "digity 0.2.5"
+    assumed = (
+        "six channels of a finger as 3 rows of 2, 6 mm apart, row by row from the fingertip; a flat hand",
+        "400 counts/N, untouched 0; 131 counts per deg/s (16384 per g is in the driver's example); axes of the link",
+        "a packet: a record of each kind, with one sample; parts 1 angles, 2 motion, 3 touch; one sequence for all",
+        "angles stand still: nothing moves the wearer's fingers",
+    )
+
+    def __init__(
+        self,
+        *,
+        side: Annotated[Literal["right", "left"], Option("the hand that it fits")] = "right",
+        records: Annotated[tuple[Record, ...], Option("what a packet holds, in order")] = tuple(PARTS),
+        angles: Annotated[
+            tuple[float, float, float, float, float], Option("of every finger", unit="deg", low=-327, high=327)
+        ] = (0.0, 0.0, 0.0, 0.0, 0.0),
+        counts_per_newton: Annotated[float, Option("of touch", unit="1/N", low=1e-6)] = 400.0,
+    ):
+        self.title = f"Digity exohand, {side}"
+        tips = {name: (x if side == "left" else -x, y, z) for name, (x, y, z) in zip(FINGERS, PLACES)}
+        self.layout = stack(*(grid_layout(3, 2, PITCH, name=name, origin=at, link=name) for name, at in tips.items()))
+        boards = points({f"{name} board": at for name, at in tips.items()})
+        self.senses = ("force", *(Sense(each, at=boards) for each in MOTION))
+        self.columns = (
+            Column(name="touch", unit="N", counts_per_unit=counts_per_newton, low=0, high=4095, push=1),
+            *(
+                Column(name=axis, axis=axis, sense=sense, unit=unit, counts_per_unit=scale, low=-0x8000, high=0x7FFF)
+                for sense, (unit, scale) in MOTION.items()
+                for axis in AXES
+            ),
+        )
+        self.side, self.records, self.counts_per_newton = int(side == "left"), records, counts_per_newton
+        self.angles = quantize(angles, 100, -0x8000, 0x7FFF)
+        self.sequence = 0
+
+    def feel(self, reading: Reading, t_ns: int) -> Counts:
+        """By sense: touch 0..4095 of 30 channels, finger by finger; x, y, z of acceleration and angular velocity."""
+        self.counts = quantize(self.layout.push(reading["force"]), self.counts_per_newton, 0, 4095)
+        motion = {sense: quantize(reading[sense], scale, -0x8000, 0x7FFF) for sense, (_, scale) in MOTION.items()}
+        self.motion, self.felt_ns = np.concatenate(list(motion.values()), axis=1), t_ns
+        return {"force": self.counts, **motion}
+
+    def stream(self, t_ns: int, name: str) -> Outs:
+        """A packet of each finger."""
+        self.sequence = self.sequence + 1 & 0xFFFF
+        touch = self.layout.on_wire(self.counts).reshape(len(FINGERS), -1)
+        return [
+            PACKET.pack(side=self.side, board=k, sequence=self.sequence, payload=self._payload(k, touch[k]))
+            for k in range(len(FINGERS))
+        ]
+
+    def _payload(self, finger: int, touch: np.ndarray) -> bytes:
+        time, step = self.felt_ns // 1000, self.period_ns // 1000
+        made = {
+            "angles": lambda ident: ANGLES.pack(id=ident, time=time, step=step, angles=self.angles),
+            "imu": lambda ident: IMU.pack(id=ident, time=time, step=step, motion=self.motion[finger]),
+            "touch": lambda ident: TOUCH.pack(id=ident, time=time, touch=touch),
+        }
+        return bytes([len(self.records)]) + b"".join(made[kind](finger << 4 | PARTS[kind]) for kind in self.records)

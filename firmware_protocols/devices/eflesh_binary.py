@@ -1,0 +1,118 @@
+r"""eFlesh, the board with a binary stream: five MLX90393 on SPI below a printed magnetic skin, an ESP32.
+
+Wire: 921600 8N1 through a CP2102 bridge (10C4:EA60). Device to host only: there is no command. One ``FRAME`` per
+measurement, 184.6 a second. Opening the port restarts the board through DTR: it sends rubbish for seconds, and hosts
+wait 2.5 s.
+
+Sensors in wire order: 1 lower right, 2 lower left, 3 upper right, 4 upper left, 5 centre. The magnet over sensor 4 is
+built in upside down: its Bz is negative. Steps are 1.2 uT (x, y) and 1.9 uT (z), full scale 39.4 and 63.4 mT
+(RES_19). With RES_16 steps and full scale are an eighth, and what exceeds them wraps: a press jumps by 15.86 mT. A
+sensor that does not answer sends 0.0 three times.
+
+Other eFlesh boards speak the stream of ``anyskin``; this board's other firmware is text.
+
+Try it: ``tactemu run eflesh_binary``, then ``skin_reader(port, 921600, ...)`` of eflesh_calib/skin_stream.py.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+
+from firmware_protocols import (
+    USB,
+    Column,
+    Counts,
+    Device,
+    Layout,
+    Option,
+    Outs,
+    Patch,
+    Reading,
+    Restart,
+    Rollover,
+    Serial,
+)
+from firmware_protocols.device import Axis
+from firmware_protocols.magnetic import LinearMagnet
+from firmware_protocols.tables import Frame
+
+FRAME = Frame("""
+    frame
+    0     AA 55              start
+    2     u1                 sequence
+    3     <f4 x taxels x 3   field      Bx, By, Bz [uT]
+    last  xor8 from 2        check
+""")
+PLACES = ((1, -1), (-1, -1), (1, 1), (-1, 1), (0, 0))
+PITCH = 0.007
+REST_UT = (7800.0, 6200.0, 6000.0, -3700.0, 4400.0)
+"""Bz of the untouched skin."""
+STEP_UT = np.array([0.150, 0.150, 0.242])
+"""RES_16; RES_19 drops three bits."""
+AXES: tuple[Axis, ...] = ("x", "y", "z")
+
+
+class EfleshBinary(Device):
+    """Five three-axis magnetometers, one frame for all."""
+
+    name = "eflesh_binary"
+    title = "eFlesh, 5 magnetometers, binary stream"
+    ports = (Serial(baud=921_600, usb=USB(0x10C4, 0xEA60, node="ttyUSB")),)
+    rate_hz = 184.6
+    boot_s = 2.0
+    rollovers = (Rollover(name="sequence", bits=8, state="sequence"),)
+    evidence = ("firmware", "driver")
+    sources = (
+        "Jnkdog-debug/eflesh-touch@8bbca5c the .ino; docs/2026-08-20-hardware-layout.md",
+        "Jnkdog-debug/eflesh-touch@8bbca5c eflesh_calib/eflesh_calib/skin_stream.py",
+    )
+    judge = "own second reader"
+    assumed = (
+        "sensors at the corners of a square of 14 mm; axes of the link; Bx and By are 0 at rest",
+        "500 uT/N in the plane, 1000 uT/N along the normal: a push raises the field of a magnet, also of sensor 4's",
+        "silent for 2 s after power-up and after any change of the modem lines with DTR set (rubbish, on hardware)",
+    )
+
+    def __init__(
+        self,
+        *,
+        resolution: Annotated[Literal[16, 19], Option("RES of the chips; with 16 a press wraps around")] = 19,
+        missing: Annotated[tuple[int, ...], Option("sensors that do not answer", low=1, high=5)] = (),
+        gains: Annotated[
+            tuple[float, float, float],
+            Option("of the force along x, y and z of a sensor, z out of the skin", unit="uT/N"),
+        ] = (500.0, 500.0, -1000.0),
+    ):
+        self.layout = Layout(
+            positions=PITCH * np.array([(x, y, 0.0) for x, y in PLACES]),
+            normals=np.array([0.0, 0.0, 1.0]),
+            patches=(Patch(name="skin", start=0, rows=0, cols=5, pitch=PITCH),),
+        )
+        self.step, self.wraps = STEP_UT * 2.0 ** (resolution - 16), resolution == 16
+        self.columns = tuple(
+            Column(name=f"B{axis}", axis=axis, unit="uT", counts_per_unit=1.0, low=-0x8000 * step, high=0x7FFF * step)
+            for axis, step in zip(AXES, self.step.tolist())
+        )
+        rest = np.array([(0.0, 0.0, z) for z in REST_UT])
+        self.magnet = LinearMagnet(gain=np.sign(rest[:, 2:]) * gains, offset=rest)
+        self.answering = ~np.isin(np.arange(1, 6), missing)[:, None]
+        self.frame, self.sequence = FRAME.bind(wire_order=self.layout.wire_order), 0
+
+    def feel(self, reading: Reading, t_ns: int) -> Counts:
+        """Field [uT] as it is sent, float32 ``(5, 3)``: Bx, By, Bz."""
+        raw = np.rint(self.magnet(self.layout.to_taxel_frame(reading["force"])) / self.step)
+        raw = (raw + 0x8000) % 0x10000 - 0x8000 if self.wraps else np.clip(raw, -0x8000, 0x7FFF)
+        self.counts = np.where(self.answering, raw.astype(int) * self.step, 0.0).astype(np.float32)
+        return self.counts
+
+    def stream(self, t_ns: int, name: str) -> Outs:
+        """One frame."""
+        frame = self.frame.pack(sequence=self.sequence, field=self.counts)
+        self.sequence = self.sequence + 1 & 0xFF
+        return [frame]
+
+    def lines(self, dtr: bool, rts: bool, t_ns: int, port: str) -> Outs:
+        """DTR of an opened port restarts the board."""
+        return [Restart()] if dtr else ()

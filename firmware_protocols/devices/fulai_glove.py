@@ -1,0 +1,176 @@
+r"""Fulai tactile glove: eight zones of resistive taxels, three versions of the hardware, left and right.
+
+Wire: serial at 2 000 000 8N1, DTR set. It streams from power-up: float32 little-endian, ADC counts 0..4095, then the
+"JustFloat" tail, a float infinity (``FRAME``). The number of floats tells the version:
+
+    hardware  floats  thumb  each finger  palm  thenar  hypothenar
+    3.0       415     50     50           42    45      78
+    3.1       401     50     50           42    37      72
+    3.2       615     82+8   90           42    38+7    78        +8, +7: slots behind the zone that hold no taxel
+
+Zones follow in this order, each row by row from the fingertips, left to right; those of a left hand's palm, thenar and
+hypothenar right to left. Rows get narrower at the edges (``FINGER`` ...).
+
+Text to the glove, lines ended by CR LF:
+
+    line               answer
+    vofa off           - (stops the stream)
+    vofa on            - (goes on)
+    bridge info get    OK BRIDGE MODEL=FuLai_SensorGlove FW= HW= PROTOCOL= HAND= HAND_DEFAULT= HAND_SOURCE=
+
+Old firmware does not answer the last one (``identity=false``): the driver is then told hand and version by its user, or
+finds the version by the length of three frames. No checksum, no error reply. Taring (30 frames) and newtons are the
+driver's. A 0 before a taxel at 1022 or 4088 makes the tail inside a frame: the driver throws that frame away.
+
+Try it: ``tactemu run fulai_glove``, then ``tactile-stream PORT G-001 left``.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+
+from firmware_protocols import Column, Command, Counts, Device, Layout, Option, Outs, Patch, Reading, Serial
+from firmware_protocols.adc import quantize
+from firmware_protocols.framing import Lines
+from firmware_protocols.layouts import stack
+from firmware_protocols.tables import Frame
+
+FRAME = Frame("""
+    frame
+    0     <f4 x slots     adc    0..4095, zone after zone
+    ..    00 00 80 7F     tail   float infinity
+""")
+ADC_MAX = 4095
+
+Rows = tuple[tuple[int, int], ...]
+"""First column and number of taxels of each row, as a left hand's zone is seen from outside."""
+FINGER: Rows = ((2, 4), (1, 6))
+PALM: Rows = ((0, 14),) * 3
+THENAR: dict[str, Rows] = {
+    "3.0": ((0, 3), (0, 5), (0, 5), (0, 6), (0, 6), (0, 6), (1, 5), (2, 4), (2, 3), (3, 2)),
+    "3.1": ((0, 2), (0, 3), (0, 4), (0, 5), (0, 5), (0, 5), (0, 5), (1, 4), (1, 3), (2, 1)),
+    "3.2": ((0, 2), (0, 3), (0, 4), (0, 5), (0, 5), (0, 5), (0, 5), (1, 4), (1, 3), (2, 2)),
+}
+HYPOTHENAR_31: Rows = ((4, 6), (3, 7), (3, 7), (2, 7), (2, 7), (2, 7), (1, 8), (1, 7), (0, 8), (0, 8))
+HYPOTHENAR: Rows = ((3, 7), (3, 7), (2, 8), (2, 8), (2, 7), (1, 8), (1, 8), (0, 9), (0, 8), (0, 8))
+SPANS_32 = {"thumb": 90, "thenar": 45}
+"""Slots of zones that have more of them than taxels."""
+
+PLACES = {
+    "thumb": (-0.060, 0.040), "index": (-0.032, 0.090), "middle": (-0.010, 0.100), "ring": (0.012, 0.092),
+    "little": (0.034, 0.075), "palm": (0.0, 0.040), "thenar": (-0.022, 0.0), "hypothenar": (0.022, 0.0),
+}  # fmt: skip
+"""Middle of each zone of a left hand seen from its palm, fingers up [m]."""
+FINGERS = tuple(PLACES)[:5]
+FINE, COARSE = 0.002, 0.004
+
+
+class FulaiGlove(Device):
+    """A glove that streams floats, and says who it is."""
+
+    name = "fulai_glove"
+    ports = (Serial(baud=2_000_000),)
+    evidence = ("driver",)
+    sources = ("fulai-tactile 1.0.5 decoder.py, identity.py, layout.py, transport.py (the vendor's own)",)
+    judge = "fulai-tactile 1.0.5"
+    assumed = (
+        "zones on a flat hand, 2 mm between the taxels of a finger, 4 mm elsewhere; row 0 towards the fingertips",
+        "a taxel conducts more the harder it is pushed: ADC = rest + (4095 - rest) F / (F + 1 N), rest 100",
+        "100 frames a second; 80 of 3.2, as its frames take 12.3 ms",
+        "commands to the stream are not answered; slots without a taxel read 0; HAND_DEFAULT is the hand itself",
+    )
+
+    def __init__(
+        self,
+        *,
+        hardware: Annotated[Literal["3.0", "3.1", "3.2"], Option("version")] = "3.1",
+        hand: Annotated[Literal["left", "right"], Option("the hand that it fits")] = "left",
+        identity: Annotated[bool, Option("answers `bridge info get`; old firmware does not")] = True,
+        firmware: Annotated[str, Option("version that the identity tells, without spaces")] = "1.0",
+        baseline: Annotated[int, Option("ADC value of an untouched taxel", low=0, high=ADC_MAX - 1)] = 100,
+        half_force: Annotated[float, Option("push half way from rest to full scale", unit="N", low=1e-6)] = 1.0,
+    ):
+        self.title = f"Fulai tactile glove V{hardware}, {hand}"
+        self.rate_hz = 80.0 if hardware == "3.2" else 100.0
+        zones = _zones(hardware)
+        self.layout = stack(*(_zone(name, rows, hand) for name, rows in zones.items()))
+        self.slots, floats = _slots(zones, hardware)
+        self.frame, self.floats = FRAME.bind(slots=floats), np.zeros(floats, np.float32)
+        self.columns = (Column(name="adc", low=baseline, high=ADC_MAX, rest=baseline, push=1),)
+        self.baseline, self.half_force = baseline, half_force
+        self.answer = (
+            f"OK BRIDGE MODEL=FuLai_SensorGlove FW={firmware} HW={hardware} PROTOCOL=vofa-justfloat "
+            f"HAND={hand.upper()} HAND_DEFAULT={hand.upper()} HAND_SOURCE=strap\r\n"
+        ).encode("ascii")
+        self.identity, self.streaming = identity, True
+        self.lines_in = Lines(counters=self.counters)
+
+    def feel(self, reading: Reading, t_ns: int) -> Counts:
+        """ADC counts of each taxel, zone after zone."""
+        push = np.maximum(self.layout.push(reading["force"]), 0.0)
+        self.counts = quantize(push / (push + self.half_force), ADC_MAX - self.baseline, 0, ADC_MAX, self.baseline)
+        return self.counts
+
+    def stream(self, t_ns: int, name: str) -> Outs:
+        """One frame, unless it was stopped."""
+        self.floats[self.slots] = self.layout.on_wire(self.counts)
+        return [self.frame.pack(adc=self.floats)] if self.streaming else ()
+
+    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+        """Lines of text."""
+        return [answer for line in self.lines_in.cut(data) for answer in self._obey(line)]
+
+    def _obey(self, line: bytes) -> Outs:
+        self.counters["requests"] += 1
+        if line in (b"vofa on", b"vofa off"):
+            self.streaming = line == b"vofa on"
+        elif line == b"bridge info get":
+            return [self.answer] if self.identity else ()
+        else:
+            self.counters["unknown_command"] += 1
+        return ()
+
+    @property
+    def commands(self) -> tuple[Command, ...]:
+        """What the driver sends when it opens and closes."""
+        origin = "fulai-tactile 1.0.5 identity.py, session.py"
+        asked = self.answer.hex() if self.identity else None
+        return (
+            Command(name="stop", request=b"vofa off\r\n", origin=origin),
+            Command(name="identity", request=b"bridge info get\r\n", reply=asked, origin=origin),
+            Command(name="go on", request=b"vofa on\r\n", origin=origin),
+        )
+
+
+def _zones(hardware: str) -> dict[str, Rows]:
+    """Rows by the name of the zone, in the order of the wire."""
+    whole = dict.fromkeys(FINGERS, 10 if hardware == "3.2" else 5)
+    if hardware == "3.2":
+        whole["thumb"] = 9
+    fingers = {name: FINGER + ((0, 8),) * rows for name, rows in whole.items()}
+    hypothenar = HYPOTHENAR_31 if hardware == "3.1" else HYPOTHENAR
+    return {**fingers, "palm": PALM, "thenar": THENAR[hardware], "hypothenar": hypothenar}
+
+
+def _slots(zones: dict[str, Rows], hardware: str) -> tuple[np.ndarray, int]:
+    """Where each taxel's float stands in a frame, and how many floats that has."""
+    taxels = {name: sum(count for _, count in rows) for name, rows in zones.items()}
+    spans = taxels | SPANS_32 if hardware == "3.2" else taxels
+    starts = np.cumsum([0, *spans.values()])
+    return np.concatenate([start + np.arange(n) for start, n in zip(starts, taxels.values())]), int(starts[-1])
+
+
+def _zone(name: str, rows: Rows, hand: str) -> Layout:
+    """One zone, its taxels as they are numbered."""
+    finger, mirrored = name in FINGERS, -1 if hand == "right" else 1
+    cells = np.array(
+        [(col, row) for row, (first, n) in enumerate(rows) for col in range(first, first + n)[:: 1 if finger else -1]]
+    )
+    pitch = FINE if finger else COARSE
+    x, y = (pitch * (cells - cells.max(axis=0) / 2)).T
+    middle_x, middle_y = PLACES[name]
+    places = np.stack([mirrored * middle_x + (x if finger else mirrored * x), middle_y - y, 0 * x], axis=-1)
+    patch = Patch(name=name, start=0, rows=0, cols=len(places), pitch=pitch, link=name if finger else "palm")
+    return Layout(positions=places, normals=np.array([0.0, 0.0, 1.0]), patches=(patch,))
