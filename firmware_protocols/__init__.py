@@ -4,33 +4,74 @@
 >>> device = fp.create("anyskin")
 >>> counts = device.feel(fp.Reading({"force": ...}), t_ns=0)
 >>> device.stream(0, "")      # -> frames
+
+Names are imported on first use, so that asking for the names of devices does not wait for numpy.
 """
 
 from __future__ import annotations
 
-from firmware_protocols.commands import Command
-from firmware_protocols.connectors import USB, Can, Connector, Rs485, Serial, Tcp, Udp
-from firmware_protocols.device import (
-    Column,
-    Convert,
-    Counts,
-    Device,
-    Outs,
-    Quantity,
-    Reading,
-    Restart,
-    Rollover,
-    Sense,
-    Sent,
-    Stream,
-)
-from firmware_protocols.frames import CanFrame, Frame
-from firmware_protocols.layouts import Layout, Patch, grid_layout, points
-from firmware_protocols.options import Option
-from firmware_protocols.registry import DEVICES, create, load, names
+import importlib
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "DEVICES", "USB", "Can", "CanFrame", "Column", "Command", "Connector", "Convert", "Counts", "Device", "Frame",
-    "Layout", "Option", "Outs", "Patch", "Quantity", "Reading", "Restart", "Rollover", "Rs485", "Sense", "Sent",
-    "Serial", "Stream", "Tcp", "Udp", "create", "grid_layout", "load", "names", "points",
-]  # fmt: skip
+if TYPE_CHECKING:  # what an editor sees; the table below says the same to Python
+    from firmware_protocols.commands import Command as Command
+    from firmware_protocols.connectors import USB as USB
+    from firmware_protocols.connectors import Can as Can
+    from firmware_protocols.connectors import Connector as Connector
+    from firmware_protocols.connectors import Rs485 as Rs485
+    from firmware_protocols.connectors import Serial as Serial
+    from firmware_protocols.connectors import Tcp as Tcp
+    from firmware_protocols.connectors import Udp as Udp
+    from firmware_protocols.device import Column as Column
+    from firmware_protocols.device import Convert as Convert
+    from firmware_protocols.device import Counts as Counts
+    from firmware_protocols.device import Device as Device
+    from firmware_protocols.device import Outs as Outs
+    from firmware_protocols.device import Quantity as Quantity
+    from firmware_protocols.device import Reading as Reading
+    from firmware_protocols.device import Restart as Restart
+    from firmware_protocols.device import Rollover as Rollover
+    from firmware_protocols.device import Sense as Sense
+    from firmware_protocols.device import Sent as Sent
+    from firmware_protocols.device import Stream as Stream
+    from firmware_protocols.frames import CanFrame as CanFrame
+    from firmware_protocols.frames import Frame as Frame
+    from firmware_protocols.layouts import Layout as Layout
+    from firmware_protocols.layouts import Patch as Patch
+    from firmware_protocols.layouts import grid_layout as grid_layout
+    from firmware_protocols.layouts import points as points
+    from firmware_protocols.options import Option as Option
+    from firmware_protocols.registry import DEVICES as DEVICES
+    from firmware_protocols.registry import create as create
+    from firmware_protocols.registry import load as load
+    from firmware_protocols.registry import names as names
+
+_PUBLIC = {
+    # module: the public names that it defines
+    "commands": ("Command",),
+    "connectors": ("USB", "Can", "Connector", "Rs485", "Serial", "Tcp", "Udp"),
+    "device": (
+        "Column", "Convert", "Counts", "Device", "Outs", "Quantity", "Reading", "Restart", "Rollover", "Sense", "Sent",
+        "Stream",
+    ),
+    "frames": ("CanFrame", "Frame"),
+    "layouts": ("Layout", "Patch", "grid_layout", "points"),
+    "options": ("Option",),
+    "registry": ("DEVICES", "create", "load", "names"),
+}  # fmt: skip
+_MODULE_OF = {name: module for module, names in _PUBLIC.items() for name in names}
+
+__all__ = list(_MODULE_OF)  # pyright: ignore[reportUnsupportedDunderAll]
+
+
+if not TYPE_CHECKING:  # a checker takes a module with __getattr__ to have every name there is
+
+    def __getattr__(name: str):
+        if name not in _MODULE_OF:
+            raise AttributeError(f"module 'firmware_protocols' has no attribute {name!r}")
+        found = globals()[name] = getattr(importlib.import_module(f"firmware_protocols.{_MODULE_OF[name]}"), name)
+        return found
+
+
+def __dir__():
+    return __all__

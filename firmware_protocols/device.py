@@ -54,6 +54,10 @@ Axis = Literal["", "x", "y", "z"]
 Evidence = Literal["captured", "vendor document", "firmware", "driver", "assumed"]
 """Where a byte table comes from, best first."""
 
+Kind = Literal["hand", "fingertip", "glove", "force-torque sensor", "skin", ""]
+"""What is bought: a hand, a gripper or its servos; a fingertip or a pad; a glove; a force-torque sensor; a skin, or
+what joins many sensors to one line; or something else."""
+
 if TYPE_CHECKING:  # a device's frames are bytes unless it says Device[CanFrame]
     from typing_extensions import TypeVar
 
@@ -188,6 +192,8 @@ class Device(ABC, Generic[F]):
     """Registry name, lower case with underscores."""
     title: str
     """Vendor and model as people call it."""
+    kind: Kind = ""
+    """Where a list of devices has it."""
     ports: tuple[Connector, ...]
     """Its connectors, the usual one first. Live: a firmware that changes its baud rate replaces one."""
     senses: tuple[Quantity | Sense, ...] = ("force",)

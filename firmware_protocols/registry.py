@@ -8,9 +8,10 @@ import sys
 from difflib import get_close_matches
 from importlib.metadata import entry_points
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from firmware_protocols.device import Device
-from firmware_protocols.options import checked
+if TYPE_CHECKING:  # numpy is imported by those who ask for a device, not for its name
+    from firmware_protocols.device import Device
 
 _HERE = "firmware_protocols.devices"
 DEVICES: dict[str, str] = {
@@ -37,6 +38,7 @@ DEVICES: dict[str, str] = {
     "paxini_gen2": f"{_HERE}.paxini_gen2:PaxiniGen2",
     "paxini_px6ax": f"{_HERE}.paxini_px6ax:PaxiniPx6ax",
     "robotiq_tsf85": f"{_HERE}.robotiq_tsf85:RobotiqTsf85",
+    "seed_fts3": f"{_HERE}.seed_fts3:SeedFts3",
     "vitac_3d": f"{_HERE}.flexitac:ViTac3d",
     "weiss_dsacon32m": f"{_HERE}.weiss_dsacon32m:WeissDsacon32m",
     "xela_uskin": f"{_HERE}.xela_uskin:XelaUskin",
@@ -78,11 +80,15 @@ def create(name: str, **options) -> Device:
         LookupError: no such device.
         ValueError: an option that it does not have, or a value that it does not take.
     """
+    from firmware_protocols.options import checked
+
     device = load(name)
     return device(**checked(device, options))
 
 
 def _device(found: object, name: str) -> type[Device]:
+    from firmware_protocols.device import Device
+
     if isinstance(found, type) and hasattr(found, "digitize"):
         raise TypeError(
             f"{name} is written for the first version of the contract: rename digitize(reading) to feel(reading, t_ns) "

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
+import firmware_protocols as fp
 import tactemu
 
 ROOT = Path(__file__).parents[1]
@@ -29,13 +30,23 @@ def test_an_unknown_name_is_an_attribute_error():
         tactemu.Sphera  # noqa: B018
 
 
-def test_editors_and_python_are_told_the_same_names():
+LAZY = {
+    # package: each of its public names, and the module that defines it
+    "tactemu": tactemu._PUBLIC,
+    "firmware_protocols": {name: f"firmware_protocols.{module}" for name, module in fp._MODULE_OF.items()},
+}
+
+
+@pytest.mark.parametrize("package", LAZY)
+def test_editors_and_python_are_told_the_same_names(package):
     """``if TYPE_CHECKING:`` imports from the modules that the lazy table names."""
-    tree = ast.parse((ROOT / "tactemu/__init__.py").read_text())
+    tree = ast.parse((ROOT / package / "__init__.py").read_text())
     checked = next(node for node in tree.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING")
     imports = [(node.module, name) for node in checked.body if isinstance(node, ast.ImportFrom) for name in node.names]
     assert all(name.asname == name.name for _, name in imports), "only `X as X` is exported"
-    assert {name.name: module for module, name in imports} == tactemu._PUBLIC
+    assert {name.name: module for module, name in imports} == LAZY[package]
+    for name, module in LAZY[package].items():
+        assert getattr(importlib.import_module(package), name) is getattr(importlib.import_module(module), name)
 
 
 @pytest.mark.parametrize("package", ["tactemu", "firmware_protocols"])

@@ -1,35 +1,73 @@
-"""The README's table of devices is that of the registry, and its Python runs.
+"""What is written from the code is true: the README's table, and the files behind `tactemu devices` and `--help`.
 
-``python tests/test_readme.py --write`` writes the table.
+``python tests/test_readme.py --write`` writes all three.
 """
 
+import contextlib
+import io
+import json
+import os
 import re
 import sys
 from pathlib import Path
+from unittest import mock
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import firmware_protocols as fp
-from tactemu.cli.datasheet import ports_of
+from tactemu.cli import HELP, HELP_COLUMNS, listing
 
 README = Path(__file__).parents[1] / "README.md"
 TABLE = re.compile(r"(<!-- devices: [^\n]* -->\n).*?(<!-- end of devices -->)", re.DOTALL)
 
 
+def rows() -> list[dict]:
+    """Of every device of this package, made."""
+    return [listing.row_or_error(name) for name in sorted(fp.DEVICES)]
+
+
+def written() -> str:
+    """Rows as JSON, a line each."""
+    return "[\n" + ",\n".join(map(json.dumps, rows())) + "\n]\n"
+
+
+def help_text() -> str:
+    """As the parser makes it."""
+    from tactemu.cli.app import app
+
+    text = io.StringIO()
+    with contextlib.redirect_stdout(text), mock.patch.dict(os.environ, {"COLUMNS": str(HELP_COLUMNS)}):
+        with contextlib.suppress(SystemExit):
+            app(["--help"], prog_name="tactemu")
+    return text.getvalue()
+
+
 def table() -> str:
     """The devices as Markdown."""
-    rows = ["| name | sensor | ports | taxels | read by |", "| --- | --- | --- | --- | --- |"]
-    for name in fp.names():
-        device = fp.create(name)
-        ports = ", ".join(ports_of(device))
-        rows.append(f"| `{name}` | {device.title} | {ports} | {len(device.layout)} | {device.judge} |")
-    return "\n" + "\n".join(rows) + "\n\n"
+    lines = ["| name | sensor | ports | taxels | evidence | read by |", "| --- | --- | --- | --- | --- | --- |"]
+    for heading, found in listing.by_kind(rows()):
+        lines.append(f"| **{heading}** | | | | | |")
+        for row in found:
+            ports, evidence = ", ".join(row["ports"]), ", ".join(row["evidence"])
+            lines.append(
+                f"| `{row['name']}` | {row['title']} | {ports} | {row['taxels']} | {evidence} | {row['judge']} |"
+            )
+    return "\n" + "\n".join(lines) + "\n\n"
 
 
 def test_the_table_of_devices_is_that_of_the_registry():
     inside = TABLE.search(README.read_text())
     assert inside, "the README has lost the marks around its table"
     assert inside[0] == f"{inside[1]}{table()}{inside[2]}", "run: python tests/test_readme.py --write"
+
+
+def test_the_file_that_devices_are_listed_from_is_that_of_the_registry():
+    assert listing.FILE.read_text() == written(), "run: python tests/test_readme.py --write"
+    assert [row["name"] for row in rows() if not row["kind"]] == [], "these do not say their kind"
+
+
+def test_the_help_is_that_of_the_parser():
+    assert Path(HELP).read_text() == help_text(), "run: python tests/test_readme.py --write"
 
 
 def test_the_simulation_in_the_readme_runs():
@@ -68,6 +106,8 @@ def test_every_command_that_the_documentation_shows_exists():
 
 
 if __name__ == "__main__" and "--write" in sys.argv:
+    Path(HELP).write_text(help_text())
+    listing.FILE.write_text(written())
     README.write_text(TABLE.sub(lambda found: found[1] + table() + found[2], README.read_text()))
 
 

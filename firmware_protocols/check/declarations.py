@@ -20,7 +20,7 @@ from firmware_protocols.check.converter import feels_touch
 from firmware_protocols.check.host import Subject
 from firmware_protocols.check.report import Fault
 from firmware_protocols.connectors import Can, Connector
-from firmware_protocols.device import Device, Evidence, Quantity
+from firmware_protocols.device import Device, Evidence, Kind, Quantity
 from firmware_protocols.frames import CanFrame, frame_of
 from firmware_protocols.framing import Lines, Packets
 from firmware_protocols.motors import Motors
@@ -54,6 +54,8 @@ def _datasheet(subject: Subject, device: Device) -> Iterator[str]:
     for what in ("title", "judge"):
         if not str(getattr(device, what, "")).strip():
             yield f"{what} is empty"
+    if device.kind not in typing.get_args(Kind):
+        yield f"kind {device.kind!r}: expected one of {typing.get_args(Kind)}"
     for what in ("sources", "assumed", "evidence"):
         found = getattr(device, what, None)
         if not isinstance(found, tuple) or not all(isinstance(each, str) and each.strip() for each in found):

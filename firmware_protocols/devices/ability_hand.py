@@ -120,6 +120,7 @@ class AbilityHand(Device):
 
     name = "ability_hand"
     title = "PSYONIC Ability Hand"
+    kind = "hand"
     rate_hz = 250.0
     columns = (Column(name="touch", unit="N", low=0, high=4095, push=1),)
     evidence = ("vendor document", "driver")

@@ -58,6 +58,7 @@ class AnySkin(Device):
 
     name = "anyskin"
     title = "AnySkin, 5 magnetometers (ReSkin: same stream)"
+    kind = "fingertip"
     ports = (Serial(baud=115200, usb=True),)
     senses = ("force", "temperature")
     columns = (

@@ -81,6 +81,7 @@ TOOL = (0.0, 0.0, 0.05)
 class Rdt(Device):
     """What both have in common: start, stop and records."""
 
+    kind = "force-torque sensor"
     ports = (Udp(port=49152),)
     rollovers = (Rollover(name="sequence", bits=32, state="sequence"),)
     sample_hz: int

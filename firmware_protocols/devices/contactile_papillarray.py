@@ -97,6 +97,7 @@ class ContactilePapillArray(Device):
     """Sensors of 3 x 3 pillars behind a controller that streams."""
 
     name = "contactile_papillarray"
+    kind = "fingertip"
     ports = (Serial(baud=115200, usb=True),)
     rate_hz = 1000.0
     columns = tuple(

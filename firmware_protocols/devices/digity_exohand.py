@@ -91,6 +91,7 @@ class DigityExohand(Device):
     """Five boards that stream, one a finger."""
 
     name = "digity_exohand"
+    kind = "glove"
     ports = (Serial(baud=921_600),)
     rate_hz = 50.0
     rollovers = (Rollover(name="sequence", bits=16, state="sequence"),)

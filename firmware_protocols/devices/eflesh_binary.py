@@ -58,6 +58,7 @@ class EfleshBinary(Device):
     """Five three-axis magnetometers, one frame for all."""
 
     name = "eflesh_binary"
+    kind = "fingertip"
     title = "eFlesh, 5 magnetometers, binary stream"
     ports = (Serial(baud=921_600, usb=USB(0x10C4, 0xEA60, node="ttyUSB")),)
     rate_hz = 184.6

@@ -224,6 +224,7 @@ class FeetechSts3215(Device):
 
     name = "feetech_sts3215"
     title = "Feetech STS3215, six servos of an SO-101 arm"
+    kind = "hand"
     rate_hz = 100.0
     evidence = ("driver", "vendor document")
     sources = (

@@ -35,6 +35,7 @@ class FlexiTac(Device):
     """A grid of force-sensitive resistors, each read through a voltage divider."""
 
     name = "flexitac"
+    kind = "fingertip"
     ports = (Serial(baud=2_000_000),)
     evidence = ("firmware", "driver")
     sources = (

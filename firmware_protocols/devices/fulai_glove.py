@@ -71,6 +71,7 @@ class FulaiGlove(Device):
     """A glove that streams floats, and says who it is."""
 
     name = "fulai_glove"
+    kind = "glove"
     ports = (Serial(baud=2_000_000),)
     evidence = ("driver",)
     sources = ("fulai-tactile 1.0.5 decoder.py, identity.py, layout.py, transport.py (the vendor's own)",)

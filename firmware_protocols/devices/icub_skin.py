@@ -135,6 +135,7 @@ class IcubSkin(Device[CanFrame]):
     """Triangles of the iCub skin on one CAN bus: flat with normal +z, or around a cylinder about the link's z axis."""
 
     name = "icub_skin"
+    kind = "skin"
     senses = ("force", "temperature")
     columns = (Column(name="pad", low=0, high=255, rest=NO_LOAD, push=-1),)
     evidence = ("firmware", "driver")

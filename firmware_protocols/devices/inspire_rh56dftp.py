@@ -116,6 +116,7 @@ class InspireRh56dftp(Device):
 
     name = "inspire_rh56dftp"
     title = "Inspire RH56DFTP hand, tactile version"
+    kind = "hand"
     senses = ("force", Sense("temperature", at=points({"motors": (0.0, 0.0, 0.0)}, link="palm")))
     rate_hz = 50.0
     evidence = ("vendor document", "driver")
@@ -275,10 +276,10 @@ class InspireRh56dftp(Device):
         """Reads of touch and of what drivers use, orders, the three exceptions; to a hand as it comes."""
         if self.unit != 1:
             return ()
-        line = (_NATIVE, _OVER_NATIVE) if self.native else (_RTU, _OVER_RTU)
+        line = ("rtu", _NATIVE, _OVER_NATIVE) if self.native else ("rtu", _RTU, _OVER_RTU)
         return tuple(
             Command(name=name, request=request, reply=request if reply == "" else reply, origin=origin, port=port)
-            for port, origin, listed in (("rtu", *line), ("tcp", _TCP, _OVER_TCP))
+            for port, origin, listed in (line, ("tcp", _TCP, _OVER_TCP))
             for name, request, reply in listed
         )
 

@@ -76,6 +76,7 @@ class LinkerHand(Device[CanFrame]):
         "linkerbot 0.5.4 hand/l20lite (ten joints, like the L10), hand/l25 (joints by finger)",
         "linker-bot/linkerhand-python-sdk@b371361 LinkerHand/core/can/linker_hand_{l10,o6,l20,g20}_can.py",
     )
+    kind = "hand"
     judge = "linkerbot 0.5.4"
     assumed = (
         f"{COUNTS_PER_NEWTON:.0f} counts/N of normal force per taxel (raw units, no scale published)",

@@ -99,6 +99,7 @@ class OptoForce(Device):
     """Force sensors that stream unasked and obey a configuration packet."""
 
     name = "optoforce"
+    kind = "force-torque sensor"
     ports = (Serial(baud=1_000_000, usb=True),)
     rollovers = (Rollover(name="counter", bits=16, state="counter"),)
     evidence = ("driver",)

@@ -74,6 +74,7 @@ class PaxiniGen2(Px6axDevice):
 
     name = "paxini_gen2"
     title = "PaXini PX-6AX, GEN2 control box"
+    kind = "fingertip"
     ports = (Serial(baud=460800, usb=True),)
     taxel_counts = {**TAXELS, "L5325": 120}
     evidence = ("vendor document", "driver")

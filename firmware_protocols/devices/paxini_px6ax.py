@@ -69,6 +69,7 @@ class PaxiniPx6ax(Px6axDevice):
 
     name = "paxini_px6ax"
     title = "PaXini PX-6AX, GEN3 serial converter board"
+    kind = "fingertip"
     ports = (Serial(baud=921600),)
     rate_hz = 1000 / 12
     evidence = ("captured", "driver")

@@ -78,6 +78,7 @@ class RobotiqTsf85(Device):
 
     name = "robotiq_tsf85"
     title = "Robotiq TSF-85 tactile fingertips"
+    kind = "fingertip"
     ports = (Serial(baud=115200, usb=USB(0x16D0, 0x14CC)),)
     senses = ("force", *(Sense(each, at=CHIPS) for each in ("temperature", "acceleration", "angular_velocity")))
     evidence = ("driver",)

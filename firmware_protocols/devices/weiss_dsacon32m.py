@@ -128,6 +128,7 @@ class WeissDsacon32m(Device):
     """Two matrices in each of three fingers, asked for or pushed."""
 
     name = "weiss_dsacon32m"
+    kind = "fingertip"
     title = "Weiss DSACON32m, tactile matrices of the Schunk SDH-2"
     ports = (Serial(baud=115200),)
     rate_hz = 30.0

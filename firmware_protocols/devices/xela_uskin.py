@@ -50,6 +50,7 @@ class XelaUskin(Device[CanFrame]):
 
     name = "xela_uskin"
     title = "XELA uSkin 4x4"
+    kind = "fingertip"
     evidence = ("driver",)
     sources = (
         "o2as/ur-o2as@97adced xela_sensor.py l.37 (ids 'board')",

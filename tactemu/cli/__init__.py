@@ -1,9 +1,17 @@
-"""The command line. ``tactemu --help`` imports neither warp nor trimesh nor can: each command imports what it runs."""
+"""The command line. Each command imports what it runs, and ``tactemu --help`` is read from a file, without a parser.
+
+``python tests/test_readme.py --write`` writes the file, and a test holds it true.
+"""
 
 from __future__ import annotations
 
+import os
+import shutil
 import sys
 
+HELP = os.path.join(os.path.dirname(__file__), "help.txt")
+HELP_COLUMNS = 80
+"""From this width of the terminal on the help is as the file has it."""
 INTERRUPTED = 130
 """What a shell gives a command that Ctrl-C has ended: 128 + SIGINT."""
 
@@ -11,6 +19,10 @@ INTERRUPTED = 130
 def main() -> None:
     """Entry point of ``tactemu``. A mistake of the user's is one message on stderr and exit code 2."""
     try:
+        if sys.argv[1:] in (["--help"], ["-h"]) and shutil.get_terminal_size().columns >= HELP_COLUMNS:
+            with open(HELP, encoding="utf-8") as file:
+                print(file.read(), end="")
+            return
         from tactemu.cli.app import app
         from tactemu.errors import TactemuError
 

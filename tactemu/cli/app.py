@@ -32,9 +32,9 @@ A simulated tactile skin on the far end of the wire: real sensors' bytes and CAN
 
 def _targets(incomplete: str) -> list[str]:
     """What a shell offers for a target: devices, and scene files here."""
-    import firmware_protocols
+    from firmware_protocols import names
 
-    found = [*firmware_protocols.names(), *map(str, Path().glob("*.toml"))]
+    found = [*names(), *map(str, Path().glob("*.toml"))]
     return [each for each in found if each.startswith(incomplete)]
 
 
@@ -170,9 +170,14 @@ def devices(
       tactemu devices anyskin
       tactemu devices flexitac rows=16
     """
-    from tactemu.cli.datasheet import options_of, print_datasheet, print_table
+    if not name:
+        from tactemu.cli.listing import print_table
 
-    print_datasheet(name, options_of(options or ()), json=json) if name else print_table(json=json)
+        print_table(json=json)
+        return
+    from tactemu.cli.datasheet import options_of, print_datasheet
+
+    print_datasheet(name, options_of(options or ()), json=json)
 
 
 @app.command()

@@ -1,4 +1,4 @@
-"""``tactemu devices``: the table of devices, and the datasheet of one, printed from its declarations."""
+"""``tactemu devices NAME``: the datasheet of one device, printed from its declarations."""
 
 from __future__ import annotations
 
@@ -9,11 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from rich import box
-from rich.console import Console
-from rich.table import Table
 
-import firmware_protocols
 from firmware_protocols import Column, Device
 from firmware_protocols.frames import frame_of
 from firmware_protocols.layouts import Layout, Patch
@@ -29,34 +25,6 @@ MAX_LISTED = 100
 """Taxels that are listed one by one; of more than these, patches are."""
 MAX_PITCHES = 40
 """A picture of a free layout is no wider than this many taxels."""
-
-
-def print_table(*, json: bool = False) -> None:
-    """Name, ports, taxels, rate, evidence and judge of every device; one that cannot be made stands with its error."""
-    rows = [_row_or_error(name) for name in firmware_protocols.names()]
-    if json:
-        print(json_module.dumps(rows))
-        return
-    table = Table(box=box.SIMPLE_HEAD)
-    for title in ("name", "what", "ports", "taxels", "rate", "evidence", "read by"):
-        table.add_column(title, no_wrap=title == "name", justify="right" if title in ("taxels", "rate") else "left")
-    for row in rows:
-        if "error" in row:
-            table.add_row(row["name"], f"cannot be made: {row['error']}", style="red")
-            continue
-        table.add_row(
-            row["name"], row["title"], ", ".join(row["ports"]), str(row["taxels"]), row["rate"],
-            ", ".join(row["evidence"]), row["judge"],
-        )  # fmt: skip
-    Console(highlight=False, width=None if sys.stdout.isatty() else 160).print(table)
-
-
-def _row_or_error(name: str) -> dict[str, Any]:
-    """A device of somebody else's may fail in any way; the others are listed all the same."""
-    try:
-        return _row(name, make_device(name, {}))
-    except Exception as error:
-        return {"name": name, "error": f"{type(error).__name__}: {error}"}
 
 
 def ports_of(device: Device) -> list[str]:
@@ -99,7 +67,7 @@ def print_datasheet(name: str, options: Mapping[str, Any] | None = None, *, json
     device = make_device(name, dict(options or {}))
     if json:
         layout = device.layout
-        entry = _row(name, device) | {
+        entry = row_of(name, device) | {
             "positions_m": layout.positions.tolist(),
             "normals": layout.normals.tolist(),
             "wire_order": layout.wire_order.tolist(),
@@ -111,13 +79,19 @@ def print_datasheet(name: str, options: Mapping[str, Any] | None = None, *, json
     print("\n".join(datasheet(name, device)))
 
 
-def _row(name: str, device: Device) -> dict[str, Any]:
+def row_of(name: str, device: Device) -> dict[str, Any]:
+    """What a table of devices says of this one.
+
+    Raises:
+        DeviceError: its class does not say what it is.
+    """
     missing = [each for each in ("title", "evidence", "sources") if not hasattr(device, each)]
     if missing:
         raise DeviceError(f"its class does not say its {', '.join(missing)}")
     return {
         "name": name,
         "title": device.title,
+        "kind": device.kind,
         "ports": ports_of(device),
         "taxels": len(device.layout),
         "senses": [sense.key for sense in device.sensed],

@@ -1,5 +1,6 @@
 """The command line is light, and its help teaches."""
 
+import json
 import re
 import subprocess
 import sys
@@ -7,19 +8,25 @@ import sys
 import pytest
 
 import firmware_protocols
+from tactemu.cli import listing
 from tactemu.cli.app import app
 from tactemu.cli.datasheet import taxel_map
 from tests.cli.command import ROOT, environment, here
 
 COMMANDS = [command.name or command.callback.__name__ for command in app.registered_commands]
-HEAVY = ("warp", "trimesh", "can", "numpy")
+LIGHT = {
+    # what is asked most often: what of ours and others' it must not wait for
+    "--help": ("typer", "numpy", "warp", "trimesh", "can", "firmware_protocols"),
+    "devices": ("numpy", "warp", "trimesh", "can", "rich", "firmware_protocols.device"),
+}
 
 
-def test_help_imports_nothing_heavy():
+@pytest.mark.parametrize("word", LIGHT)
+def test_nothing_heavy_is_imported(word):
     code = (
-        "import sys; from tactemu.cli import main; sys.argv = ['tactemu', '--help']\n"
+        f"import sys; from tactemu.cli import main; sys.argv = ['tactemu', {word!r}]\n"
         "try: main()\nexcept SystemExit: pass\n"
-        f"print('HEAVY', [m for m in {HEAVY} if m in sys.modules])"
+        f"print('HEAVY', [m for m in {LIGHT[word]} if m in sys.modules])"
     )
     done = subprocess.run(
         [sys.executable, "-c", code],
@@ -31,8 +38,21 @@ def test_help_imports_nothing_heavy():
         check=True,
     )
     assert done.stdout.splitlines()[-1] == "HEAVY []"
-    for command in COMMANDS:
-        assert command in done.stdout
+    for each in COMMANDS if word == "--help" else firmware_protocols.DEVICES:
+        assert each in done.stdout
+
+
+def test_a_narrow_terminal_gets_narrow_help():
+    done = subprocess.run(
+        [sys.executable, "-m", "tactemu", "--help"],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        env=environment() | {"COLUMNS": "60"},
+        timeout=30,
+        check=True,
+    )
+    assert "  check     Judge a device by its declarations, its...\n" in done.stdout
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -47,6 +67,26 @@ def test_devices_lists_the_registry():
     assert done.returncode == 0
     for name in firmware_protocols.names():
         assert name in done.stdout
+
+
+def test_devices_are_listed_by_kind_however_many_and_however_wide(monkeypatch):
+    rows = [row | {"name": f"{row['name']}_{k}"} for k in range(5) for row in listing.rows()]
+    for width in (80, 160):
+        lines = listing.table(rows, width)
+        assert max(map(len, lines)) <= width
+        assert [line for line in lines if line in listing.KINDS.values()] == [
+            heading for kind, heading in listing.KINDS.items() if any(row["kind"] == kind for row in rows)
+        ]
+
+
+def test_devices_that_no_file_lists_are_imported(monkeypatch):
+    monkeypatch.setitem(firmware_protocols.DEVICES, "template", "firmware_protocols.template:VendorModel")
+    monkeypatch.setitem(firmware_protocols.DEVICES, "broken", "firmware_protocols.template:Nothing")
+    text = here("devices").stdout
+    assert "Template, a 4x4 pad" in text
+    assert "broken" in text and "cannot be made: AttributeError" in text
+    rows = {row["name"]: row for row in json.loads(here("devices", "--json").stdout)}
+    assert rows["template"]["taxels"] == 16 and set(rows["broken"]) == {"name", "error"}
 
 
 def test_a_datasheet_has_everything():

@@ -45,6 +45,7 @@ VARIANTS = [
     ("paxini_gen2", {"models": "S1610"}),
     ("paxini_px6ax", {"models": ("S1813E", "M2020")}),
     ("robotiq_tsf85", {"packets": "per_finger", "magnetometer": True}),
+    ("seed_fts3", {"sensors": ("none", "z", "none", "xyz", "xyz")}),
     ("weiss_dsacon32m", {"mute_s": 8.0}),
     ("xela_uskin", {"ids": "grid", "board": 3}),
 ]

@@ -1,0 +1,92 @@
+"""``tactemu devices``: every device in a table. Those of this package are read from a file, so that none is imported.
+
+``devices.json`` beside this module has their rows; ``python tests/test_readme.py --write`` writes it, a test holds it
+true. What it lacks is imported: devices of other packages, and one that was registered a minute ago.
+"""
+
+from __future__ import annotations
+
+import json as json_module
+import re
+import shutil
+import sys
+import textwrap
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from firmware_protocols.registry import DEVICES, names
+
+FILE = Path(__file__).with_name("devices.json")
+
+KINDS = {
+    # firmware_protocols.device.Kind: the heading
+    "hand": "Hands, grippers and their servos",
+    "fingertip": "Fingertips and pads",
+    "glove": "Gloves",
+    "force-torque sensor": "Force-torque sensors",
+    "skin": "Skins and gateways",
+    "": "Others",
+}
+PIPE_WIDTH = 160
+"""Of the table [characters] where the output is no terminal."""
+LEAST_WIDTH = 80
+
+
+def print_table(*, json: bool = False) -> None:
+    """Name, ports, taxels, rate, evidence and judge of every device; one that cannot be made stands with its error."""
+    if json:
+        print(json_module.dumps(rows()))
+        return
+    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else PIPE_WIDTH
+    print("\n".join(table(rows(), max(width, LEAST_WIDTH))))
+
+
+def rows() -> list[dict[str, Any]]:
+    """What is said of every device, as ``tactemu devices --json`` prints it; of a broken one name and error."""
+    written = {row["name"]: row for row in json_module.loads(FILE.read_text())}
+    return [written[name] if name in DEVICES and name in written else row_or_error(name) for name in names()]
+
+
+def row_or_error(name: str) -> dict[str, Any]:
+    """The row of a device, made. One of somebody else's may fail in any way; the others are listed all the same."""
+    try:
+        from tactemu.cli.datasheet import make_device, row_of
+
+        return row_of(name, make_device(name, {}))
+    except Exception as error:
+        return {"name": name, "error": f"{type(error).__name__}: {error}"}
+
+
+def by_kind(rows: Sequence[dict[str, Any]]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
+    """The headings that have rows, with these; broken devices are among the others."""
+    for kind, heading in KINDS.items():
+        if found := [row for row in rows if row.get("kind", "") == kind]:
+            yield heading, found
+
+
+def table(rows: Sequence[dict[str, Any]], width: int) -> list[str]:
+    """The lines of the table, at most ``width`` characters each unless words are longer."""
+    name_width = max(len(row["name"]) for row in rows)
+    shares = (0.28, 0.28, 0, 0, 0.18, 0.26)  # of what name, taxels and rate leave
+    rest = width - name_width - 6 - 12 - 2 * 6
+    widths = [name_width, *(int(rest * share) for share in shares[:2]), 6, 12, *(int(rest * s) for s in shares[4:])]
+    lines = list(_cells(("name", "what", "ports", "taxels", "rate", "evidence", "read by"), widths))
+    for heading, found in by_kind(rows):
+        lines += ["", heading]
+        for row in found:
+            if "error" in row:
+                lines.append(f"{row['name']:<{name_width}}  cannot be made: {row['error']}")
+                continue
+            rates = dict.fromkeys(re.findall(r"[\d.]+ Hz|when asked", row["rate"]))
+            texts = (row["name"], row["title"], ", ".join(row["ports"]), f"{row['taxels']:6d}", ", ".join(rates))
+            lines += _cells((*texts, ", ".join(row["evidence"]), row["judge"]), widths)
+    return lines
+
+
+def _cells(texts: Sequence[str], widths: Sequence[int]) -> Iterator[str]:
+    """One row: as many lines as its longest text needs."""
+    columns = [textwrap.wrap(text, width, break_on_hyphens=False) for text, width in zip(texts, widths, strict=True)]
+    for k in range(max(map(len, columns))):
+        parts = (column[k] if k < len(column) else "" for column in columns)
+        yield "  ".join(f"{part:<{width}}" for part, width in zip(parts, widths, strict=True)).rstrip()
