@@ -17,8 +17,11 @@ _HERE = "firmware_protocols.devices"
 DEVICES: dict[str, str] = {
     # name: "module:Class", sorted
     "ability_hand": f"{_HERE}.ability_hand:AbilityHand",
+    "agibot_omnihand_o10": f"{_HERE}.agibot_omnihand:AgibotOmniHandO10",
+    "agibot_omnihand_pro": f"{_HERE}.agibot_omnihand:AgibotOmniHandPro",
     "anyskin": f"{_HERE}.anyskin:AnySkin",
     "ati_net_ft": f"{_HERE}.ati_net_ft:AtiNetFt",
+    "bielefeld_glove": f"{_HERE}.bielefeld_glove:BielefeldGlove",
     "contactile_papillarray": f"{_HERE}.contactile_papillarray:ContactilePapillArray",
     "digity_exohand": f"{_HERE}.digity_exohand:DigityExohand",
     "eflesh_binary": f"{_HERE}.eflesh_binary:EfleshBinary",
@@ -36,6 +39,7 @@ DEVICES: dict[str, str] = {
     "linker_hand_o6": f"{_HERE}.linker_hand:LinkerHandO6",
     "onrobot_hex": f"{_HERE}.ati_net_ft:OnrobotHex",
     "optoforce": f"{_HERE}.optoforce:OptoForce",
+    "osmo_glove": f"{_HERE}.osmo_glove:OsmoGlove",
     "paxini_gen2": f"{_HERE}.paxini_gen2:PaxiniGen2",
     "paxini_px6ax": f"{_HERE}.paxini_px6ax:PaxiniPx6ax",
     "robotiq_tsf85": f"{_HERE}.robotiq_tsf85:RobotiqTsf85",
@@ -44,6 +48,7 @@ DEVICES: dict[str, str] = {
     "singletact": f"{_HERE}.singletact:SingleTact",
     "vitac_3d": f"{_HERE}.flexitac:ViTac3d",
     "weiss_dsacon32m": f"{_HERE}.weiss_dsacon32m:WeissDsacon32m",
+    "wiresens": f"{_HERE}.wiresens:Wiresens",
     "xela_uskin": f"{_HERE}.xela_uskin:XelaUskin",
 }
 
