@@ -29,10 +29,10 @@ print(json.dumps({
 """
 
 
-@pytest.mark.parametrize("requirement", ["pymodbus==2.5.3", "pymodbus==3.6.9"])
-def test_the_default_unit_is_answered(requirement):
+@pytest.mark.parametrize("environment", ["pymodbus_2_5", "pymodbus_3_6"])
+def test_the_default_unit_is_answered(environment):
     """By its registers; every row is what the hand last converted."""
-    python = python_with(requirement)
+    python = python_with(environment)
     with tt.serve("inspire_rh56dftp", "tcp:127.0.0.1:0", rate_hz=200) as dev:
         host, _, port = dev.port.removeprefix("socket://").rpartition(":")
         dev.press(depth=5e-4, taxel=20)
