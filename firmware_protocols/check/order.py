@@ -25,8 +25,8 @@ from firmware_protocols.layouts import Layout
 
 AMOUNTS = (2.7, 0.31)
 """Newtons."""
-PAIRS = 12
-"""At least so many, or a checksum may by chance look like a taxel."""
+SPARE_PAIRS = 12
+"""More than tell the taxels apart, or a bit of a checksum, the parity of many taxels, may by chance look like one."""
 PRESSING = "pressing one taxel at a time finds"
 
 Look = tuple[tuple[Any, str], ...]
@@ -119,7 +119,7 @@ def _codes(n: int) -> np.ndarray:
     """Which group of each pair a taxel is in; shape ``(n_pairs, n)``, bool, no two columns alike."""
     bits = max(1, (n - 1).bit_length())
     codes = (np.arange(n) >> np.arange(bits)[:, None] & 1).astype(bool)
-    more = np.random.default_rng(1).random((max(PAIRS - bits, 0), n)) < 0.5
+    more = np.random.default_rng(1).random((SPARE_PAIRS, n)) < 0.5
     return np.concatenate([codes, more])
 
 

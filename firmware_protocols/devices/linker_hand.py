@@ -137,7 +137,7 @@ class LinkerHand(Device[CanFrame]):
         rows, _, columns = (kind if self.has_matrix else self.matrix).partition("x")
         self.size = int(rows), int(columns)
         self.with_palm = self.has_matrix and (self.has_palm if palm is None else palm)
-        self.layout = _pads(*self.size, self.with_palm)
+        self.layout = pads(*self.size, self.with_palm)
         self.joint_values = {code: values for code, (_, values) in self.joints_at_rest.items()}
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:
@@ -248,7 +248,7 @@ def _four_quantities(force: np.ndarray) -> np.ndarray:
     return np.stack([normal, tangential, direction, np.zeros(5, int)]).astype(np.uint8)
 
 
-def _pads(rows: int, columns: int, palm: bool) -> Layout:
+def pads(rows: int, columns: int, palm: bool) -> Layout:
     """Flat pads on links of their names, fingertips side by side along x, thumb at the smallest x, tips to +y."""
     places = {finger: ((i - 2) * FINGER_SPACING, 0.0, 0.0) for i, finger in enumerate(FINGERS)}
     if palm:

@@ -85,13 +85,17 @@ class Rig:
         start = time.monotonic_ns()
         while not self._stop.is_set():
             running = [due for stream, due in self._due.items() if self.device.periods[stream]]
-            next_ns = min([*running, *(when for when, _ in self._pending)], default=start + 10**9)
+            alarm = [] if self.device.wake_ns is None else [self.device.wake_ns]
+            next_ns = min([*running, *alarm, *(when for when, _ in self._pending)], default=start + 10**9)
             wait = next_ns - (time.monotonic_ns() - start)
             ready, _, _ = select.select(self._link.filenos(), [], [], min(max(wait / 1e9, 0.0), 0.05))
             now = time.monotonic_ns() - start
             if ready:
                 for event in self._link.read():
                     self._hear(event, now)
+            if self.device.wake_ns is not None and now >= self.device.wake_ns:
+                self.device.wake_ns = None
+                self._queue(self.device.wake(now), now)
             for stream, period in self.device.periods.items():
                 if period and now >= self._due[stream]:
                     self._convert(stream, now)

@@ -36,6 +36,7 @@ VARIANTS = [
     ("inspire_rh56dftp", {"line": "native"}),
     ("linker_hand_g20", {"touch": "10x4", "side": "right"}),
     ("linker_hand_l10", {"touch": "quantities"}),
+    ("linker_hand_l10_rs485", {"side": "right"}),
     ("linker_hand_l25", {"touch": "quantities"}),
     ("linker_hand_l6", {"touch": "quantities", "side": "right"}),
     ("linker_hand_o6", {"side": "right"}),
@@ -44,6 +45,8 @@ VARIANTS = [
     ("paxini_gen2", {"models": "S1610"}),
     ("paxini_px6ax", {"models": ("S1813E", "M2020")}),
     ("robotiq_tsf85", {"packets": "per_finger", "magnetometer": True}),
+    ("seed_fts3", {"sensors": ("none", "z", "none", "xyz", "xyz")}),
+    ("singletact", {"board": "arduino"}),
     ("weiss_dsacon32m", {"mute_s": 8.0}),
     ("xela_uskin", {"ids": "grid", "board": 3}),
 ]

@@ -26,8 +26,8 @@ def test_the_chain_on_a_gpu_is_that_on_the_cpu(device, tmp_path):
     for compute in ("cpu", "cuda:0"):
         log = tmp_path / f"{compute.replace(':', '')}.jsonl"
         done = tactemu(
-            "run", device, "--port", "memory:", "--virtual", "--seconds", "1", "--device", compute, "--truth", str(log),
-            timeout=110,
+            "run", device, "--port", "memory:", "--virtual", "--seconds", "3.5", "--device", compute,
+            "--truth", str(log), timeout=110,
         )  # fmt: skip
         assert done.returncode == 0, done.stderr
         readings.append(felt(log))

@@ -5,6 +5,7 @@ The readers are written from descriptions of the wire, not from the device files
 frames, or one sentence and exit status 1.
 """
 
+import atexit
 import contextlib
 import itertools
 import json
@@ -90,7 +91,9 @@ def open_can(channel):
     """The bus ``channel`` of the interface that the environment variable CAN_INTERFACE names."""
     import can
 
-    return can.Bus(channel=channel, fd=True)
+    bus = can.Bus(channel=channel, fd=True)
+    atexit.register(bus.shutdown)
+    return bus
 
 
 def send(bus, arbitration_id, data, *, extended=False, fd=False):

@@ -45,7 +45,6 @@ def read(channel, board="1", first="0", last="15"):
                 found = {}
     finally:
         send(bus, 0x200 | number, b"\x07\x01")
-        bus.shutdown()
 
 
 if __name__ == "__main__":

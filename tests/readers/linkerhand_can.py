@@ -5,8 +5,8 @@ linker_hand_g20_can.py).
 A reading is every row of thumb to little, 0..255; of the palm, the bytes behind B6 as they came.
 
 Options: 6x12, 10x4 or palm; right or left.
-Not settled by the description: the layout of the palm's answer (the bytes of all frames until 30 ms of silence; the
-driver asks every 15 ms); the low nibble of the row byte (must be 0 here).
+Not settled by the description: the layout of the palm's answer (the bytes of all frames until a silence; the driver
+asks every 15 ms); the low nibble of the row byte (must be 0 here).
 """
 
 import time
@@ -28,24 +28,27 @@ def finger(bus, number, command, selector, rows, columns):
     return values
 
 
-def palm(bus, number):
-    """All frames of one answer; nothing tells how many there are."""
+def palm(bus, number, length):
+    """Bytes of one answer. Nothing tells how many there are: the first ends with a silence, others are as long."""
     send(bus, number, b"\xb6")
     values = []
-    while True:
+    while length is None or len(values) < length:
         try:
-            message = frame(bus, lambda m: m.arbitration_id == number and len(m.data) > 1 and m.data[0] == 0xB6, 0.03)
+            message = frame(bus, lambda m: m.arbitration_id == number and len(m.data) > 1 and m.data[0] == 0xB6, 0.5)
         except Broken:
-            expect(values, "no answer to B6")
-            return values
+            expect(values and length is None, f"{len(values)} bytes in answer to B6, the first time {length}")
+            break
         values += message.data[1:]
+    return values
 
 
 def read(channel, kind="6x12", side="right"):
     bus, number = open_can(channel), {"right": 0x27, "left": 0x28}[side]
+    length = None
     while True:
         if kind == "palm":
-            yield palm(bus, number)
+            yield (answer := palm(bus, number, length))
+            length = len(answer)
         else:
             yield [v for k in range(5) for v in finger(bus, number, 0xB1 + k, *KINDS[kind])]
 

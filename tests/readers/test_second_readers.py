@@ -43,7 +43,7 @@ class Case:
         return rig(fp.create(self.device, **self.options), kind=self.kind, peak=self.peak)
 
     def __str__(self):
-        return "-".join([self.device, *map(str, self.options.values())])
+        return "-".join([self.device, *map(str, (*self.options.values(), *self.arguments))])
 
 
 PADS = [pad for pad in range(12) if pad not in (6, 10)]
@@ -95,7 +95,19 @@ CASES = [
         )
         for model, size in (("l20", "6x12"), ("o6", "10x4"))
     ),
+    Case(
+        "linker_hand_l10_rs485",
+        "linkerhand_l10.py",
+        arguments=("left",),
+        peak=0.5,
+        shown=lambda device, counts: counts[device.layout.patches[1].taxels],
+        compared=lambda readings: [[reading[72:144] for reading in readings]],
+    ),
     Case("paxini_gen2", "paxini_gen2.py", peak=20.0),
+    Case("seed_fts3", "seed_fts3.py", guarded=False),
+    Case("seed_fts3", "seed_fts3.py", arguments=("crlf",), guarded=False),
+    Case("singletact", "singletact.py", guarded=False),
+    Case("singletact", "singletact.py", options={"board": "arduino"}, guarded=False),
     Case("weiss_dsacon32m", "weiss_dsacon32m.py", peak=4.0),
     Case("weiss_dsacon32m", "weiss_dsacon32m.py", arguments=("plain",), peak=4.0),
     Case("xela_uskin", "xela_uskin.py", kind="can", guarded=False),

@@ -33,7 +33,6 @@ def read(channel, kind="16"):
                 taxels = {}
     finally:
         send(bus, 0x201, b"\x07\x01")
-        bus.shutdown()
 
 
 if __name__ == "__main__":

@@ -1,0 +1,140 @@
+"""LinkerHand L10 on RS-485: fingertips of 12 x 6 taxels, one at a time, in Modbus registers.
+
+Wire: RS-485, 115200 8N1, Modbus RTU; unit 0x28 is a left hand, 0x27 a right one. Functions 03, 04, 06, 16; each number
+is a register's low byte, so 0..255:
+
+    register  numbers  access  about
+    0         10       rw      joint angles
+    10, 20    10, 10   rw      torques, speeds
+    40, 50    10, 10   r       temperatures, faults
+    70        1        rw      finger that is shown from 72 on: 1 thumb .. 5 little finger
+    72        10       r       not known; drivers drop them
+    82        72       r       matrix of that finger, raw, row by row
+    158       6        r       version
+
+A driver writes 70, waits 8 ms, reads the input registers 72..167 (function 04) and keeps 82..153.
+
+Evidence: the vendor's SDK reads and writes these; no manual was seen. The same hand on CAN is ``linker_hand_l10``.
+
+Try it: ``tactemu run linker_hand_l10_rs485``, then ``28 06 00 46 00 02 EE 27`` and ``28 04 00 48 00 60 77 CD``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Literal
+
+import numpy as np
+
+from firmware_protocols import Column, Command, Counts, Device, Option, Outs, Reading, Rs485
+from firmware_protocols.adc import quantize
+from firmware_protocols.devices.linker_hand import COUNTS_PER_NEWTON, FINGER_SPACING, PITCH, pads
+from firmware_protocols.protocols.modbus import Banks, Rtu, silence_ns
+from firmware_protocols.registers import RegisterMap, Registers
+
+MAP = RegisterMap(
+    """
+    0    >u2 x 10  angles        0..255  = 128
+    20   >u2 x 10  torques       0..255  = 255
+    40   >u2 x 10  speeds        0..255  = 255
+    80   >u2 x 10  temperatures  0..255  = 30  r
+    140  >u2       finger        0..5
+    164  >u2 x 72  matrix        0..255  r
+    316  >u2 x 6   version       0..255  r
+    """,
+    size=2 * 168,
+)
+"""By byte: two for each register."""
+BAUD = 115200
+
+
+class LinkerHandL10Rs485(Device):
+    """The L10 with an RS-485 plug."""
+
+    name = "linker_hand_l10_rs485"
+    title = "LinkerHand L10 on RS-485, 5 fingertips 12x6"
+    ports = (Rs485(baud=BAUD),)
+    columns = (Column(name="touch", low=0, high=255, push=1),)
+    evidence = ("driver",)
+    sources = (
+        "linker-bot/linkerhand-python-sdk@b371361 LinkerHand/core/rs485/linker_hand_l10_rs485.py l.110-170",
+        "linker-bot/linkerhand-python-sdk@b371361 LinkerHand/linker_hand_api.py l.22-24 (units)",
+        "Modbus application protocol V1.1b3; Modbus over serial line V1.02",
+    )
+    judge = "pymodbus 3.11 and modbus_tk 1.1.5, which know no hand; own second reader"
+    assumed = (
+        f"{COUNTS_PER_NEWTON:.0f} counts/N of normal force per taxel (raw units, no scale published)",
+        f"pitch {PITCH * 1e3} mm, fingertips side by side every {FINGER_SPACING * 1e3:.0f} mm, row 0 at the tip",
+        "functions 03 and 04 show the same registers; those of no known meaning read 0",
+        "no finger is shown until one is selected; then at once, and always what is felt now",
+        "joints answer what was last set, and have no faults; the version is that on CAN (64), less its last number",
+        "writes elsewhere: exception 2; numbers above 255, fingers above 5: exception 3; 100 Hz conversion",
+    )
+
+    def __init__(self, *, side: Annotated[Literal["left", "right"], Option("which hand; sets the unit")] = "left"):
+        self.unit = 0x28 if side == "left" else 0x27
+        self.layout = pads(12, 6, palm=False)
+        self.registers = Registers(MAP)
+        self.registers["version"] = [10, 2, 1, ord(side[0].upper()), 0x12, 0x10]
+        self.rtu = Rtu(counters=self.counters, gap_ns=silence_ns(BAUD))
+        self.counts = np.zeros(len(self.layout), np.uint8)
+
+    def feel(self, reading: Reading, t_ns: int) -> Counts:
+        """Raw counts 0..255 of the normal force of each taxel, uint8, shape ``(360,)``."""
+        push = self.layout.push(reading["force"])
+        self.counts = quantize(push, COUNTS_PER_NEWTON, 0, 255).astype(np.uint8)
+        return self.counts
+
+    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+        """Modbus requests in chunks of any size."""
+        return self.rtu.answers(data, t_ns, {self.unit: Banks(holding=self, inputs=self, functions=(3, 4, 6, 16))})
+
+    def read(self, address: int, n: int, t_ns: int) -> bytes:
+        """Registers, with the matrix of the finger that is shown."""
+        finger = self.registers["finger"]
+        patch = self.layout.patches[finger - 1]
+        self.registers["matrix"] = self.layout.on_wire(self.counts)[patch.taxels] if finger else 0
+        return self.registers.read(address, n)
+
+    def write(self, address: int, data: bytes, t_ns: int) -> Sequence[str]:
+        """Store; joints answer what was set."""
+        return self.registers.write(address, data)
+
+    @property
+    def commands(self) -> tuple[Command, ...]:
+        """Of a left hand."""
+        if self.unit != 0x28:
+            return ()
+        return tuple(
+            Command(name=name, request=f"28 {request}", reply=f"28 {reply or request}", after=after, origin=origin)
+            for name, request, reply, after, origin in _EXAMPLES
+        )
+
+
+_SDK = LinkerHandL10Rs485.sources[0]
+_STANDARD = "Modbus application protocol V1.1b3, 7"
+_SELECT = (
+    "06 00 46 00 01 AE 26",
+    "06 00 46 00 02 EE 27",
+    "06 00 46 00 03 2F E7",
+    "06 00 46 00 04 6E 25",
+    "06 00 46 00 05 AF E5",
+)
+_MATRIX, _SHOWN = "04 00 48 00 60 77 CD", "04 C0 ..{192} ..{2}"
+_EXAMPLES = (
+    # without the unit; a write of one register comes back as it was
+    *((f"select finger {k}", select, "", (), _SDK) for k, select in enumerate(_SELECT, 1)),
+    *((f"matrix of finger {k}", _MATRIX, _SHOWN, (f"28 {select}",), _SDK) for k, select in enumerate(_SELECT, 1)),
+    ("angles", "04 00 00 00 0A 77 F4", "04 14 ..{20} ..{2}", (), _SDK),
+    ("temperatures", "04 00 28 00 0A F7 FC", "04 14 ..{20} ..{2}", (), _SDK),
+    ("faults", "04 00 32 00 0A D6 3B", "04 14 ..{20} ..{2}", (), _SDK),
+    ("version", "04 00 9E 00 06 16 1F", "04 0C ..{12} ..{2}", (), _SDK),
+    ("set a torque", "06 00 0A 00 80 AF 91", "", (), _SDK),
+    ("set a speed", "06 00 14 00 40 CF C7", "", (), _SDK),
+    ("set two angles", "10 00 00 00 02 04 00 40 00 40 76 D7", "10 00 00 00 02 46 31", (), _SDK),
+    ("matrix as holding registers", "03 00 48 00 60 C2 0D", "03 C0 ..{192} ..{2}", (), _STANDARD),
+    ("write a matrix: illegal address", "06 00 48 00 01 CF E5", "86 02 12 69", (), _STANDARD),
+    ("finger 6: illegal value", "06 00 46 00 06 EF E4", "86 03 D3 A9", (), _STANDARD),
+    ("beyond the map: illegal address", "04 00 A8 00 01 B7 D3", "84 02 13 09", (), _STANDARD),
+    ("write a coil: illegal function", "05 00 00 00 00 CA 33", "85 01 52 98", (), _STANDARD),
+)

@@ -1,0 +1,160 @@
+"""Seed Robotics FTS-3: up to five fingertips that feel force along three axes, on one board.
+
+Wire: FTDI bridge (0403:6010, its second port), 1 000 000 8N1. Text; every line of the board ends with CR LF. It says
+unasked, at most each 20 ms,
+
+    @,sec,msec,x1,y1,z1,x2,y2,z2,x3,y3,z3,x4,y4,z4,x5,y5,z5,
+
+whole numbers, nothing between the commas of a sensor that is not there; one that feels only z leaves x and y empty.
+
+    command                      answer          about
+    enabletime, disabletime      #OK             with the two fields of time, or without
+    setepoch,SEC,MSEC            #OK             what the time is now
+    setperiod,MSEC               #OK             between lines
+    calibrate                    #OK             what is felt now is zero
+    getversion, softwareversion  #OK,VERSION
+    dumpsensors, dumponboard, resume  #OK
+
+A command ends with CR or LF, as the ROS node sends it, or with a silence: the vendor's tool sends no end, and waits
+0.3 s.
+
+Try it: ``tactemu run seed_fts3``, then read lines.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Literal
+
+import numpy as np
+
+from firmware_protocols import USB, Column, Command, Counts, Device, Option, Outs, Reading, Serial, points
+from firmware_protocols.adc import quantize
+
+SLOTS = 5
+BETWEEN_FINGERS = 0.02
+SHORTEST_PERIOD_MS = 20
+SILENCE_NS = 100_000_000
+LONGEST_COMMAND = 64
+SPAN = 0x7FFF
+
+OK = b"#OK\r\n"
+EPOCH, PERIOD = re.compile(rb"setepoch,(\d{1,10}),(\d{1,3})"), re.compile(rb"setperiod,(\d{1,5})")
+DUMPS = (b"dumpsensors", b"dumponboard", b"resume")
+
+Fitted = Literal["xyz", "z", "none"]
+
+
+class SeedFts3(Device):
+    """Fingertips that stream lines of numbers."""
+
+    name = "seed_fts3"
+    kind = "fingertip"
+    title = "Seed Robotics FTS-3 fingertips"
+    ports = (Serial(baud=1_000_000, usb=USB(0x0403, 0x6010, interface=1, node="ttyUSB")),)
+    rate_hz = 1000 / SHORTEST_PERIOD_MS
+    evidence = ("vendor document", "driver")
+    sources = (
+        "seedrobotics/SensorTools@a4b7613 README, SensorTool.py",
+        "seedrobotics/ros2_sensor_pkg@a920d6c script/read_publish_sensor_node.py l.48-52, 147-215",
+    )
+    judge = "own second reader"
+    assumed = (
+        "one number is 1 mN, -32767..32767; z counts a push as positive, x and y act on the skin",
+        "fingertips 20 mm apart; 20 ms between lines after power-up, and if less is asked for; time with it, from 0",
+        "100 ms of silence end a command; an unknown one gets no answer; behind #OK stands a version or nothing",
+        "what dumpsensors and dumponboard write is not described, so that they do nothing, and resume neither",
+    )
+
+    def __init__(
+        self,
+        *,
+        sensors: Annotated[
+            tuple[Fitted, Fitted, Fitted, Fitted, Fitted], Option("what is fitted: three axes, z alone, none")
+        ] = ("xyz", "xyz", "xyz", "xyz", "xyz"),
+        version: Annotated[str, Option("what the board calls its firmware")] = "1.0.0",
+        counts_per_newton: Annotated[float, Option("of all axes", unit="1/N", low=1e-6)] = 1000.0,
+    ):
+        self.sensors, self.version, self.counts_per_newton = sensors, version.encode("ascii"), counts_per_newton
+        fitted = [slot for slot, kind in enumerate(sensors) if kind != "none"]
+        if not fitted:
+            raise ValueError("seed_fts3: sensors: at least one is fitted")
+        self.layout = points({f"sensor {slot + 1}": (BETWEEN_FINGERS * slot, 0.0, 0.0) for slot in fitted})
+        self.columns = tuple(
+            Column(name=axis, axis=axis, unit="N", counts_per_unit=counts_per_newton, low=-SPAN, high=SPAN,
+                   push=1 if axis == "z" else 0)
+            for axis in ("x", "y", "z")
+        )  # fmt: skip
+        self.felt = self.zero = np.zeros((len(fitted), 3))
+        self.says_time, self.epoch_ms, self.heard = True, 0, b""
+
+    @property
+    def commands(self) -> tuple[Command, ...]:
+        """All of the vendor's tool, without an end, and one with the ROS node's."""
+        lines = (b"enabletime", b"disabletime", b"calibrate", b"setepoch,1700000000,250", b"setperiod,40", *DUMPS)
+        versions = (b"getversion", b"softwareversion")
+        tool, node = "SensorTools@a4b7613 SensorTool.py", "ros2_sensor_pkg@a920d6c read_publish_sensor_node.py"
+        version = f"23 4F 4B 2C {self.version.hex()} 0D 0A"
+        return (
+            *(Command(name=each.decode(), request=each.hex(), reply="23 4F 4B 0D 0A", origin=tool) for each in lines),
+            *(Command(name=each.decode(), request=each.hex(), reply=version, origin=tool) for each in versions),
+            Command(
+                name="setperiod,20, with CR LF",
+                request="73 65 74 70 65 72 69 6F 64 2C 32 30 0D 0A",
+                reply="23 4F 4B 0D 0A",
+                origin=node,
+            ),
+        )
+
+    def feel(self, reading: Reading, t_ns: int) -> Counts:
+        """x, y, z of each sensor that is fitted, shape ``(n, 3)``, a push positive; 0 where it has no such axis."""
+        self.felt = self.layout.to_taxel_frame(reading["force"]) * [1, 1, -1]
+        self.counts = quantize(self.felt - self.zero, self.counts_per_newton, -SPAN, SPAN)
+        self.counts[[kind == "z" for kind in self.sensors if kind != "none"], :2] = 0
+        return self.counts
+
+    def stream(self, t_ns: int, name: str) -> Outs:
+        """One line."""
+        fields = [str(number) for number in divmod(t_ns // 1_000_000 + self.epoch_ms, 1000)] if self.says_time else []
+        values = iter(self.layout.on_wire(self.counts).tolist())
+        for kind in self.sensors:
+            fields += _fields(kind, next(values) if kind != "none" else [])
+        return [f"@,{','.join(fields)},\r\n".encode("ascii")]
+
+    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+        """Commands in chunks of any size, with or without an end."""
+        *lines, self.heard = re.split(rb"[\r\n]", self.heard + data)
+        if len(self.heard) > LONGEST_COMMAND:
+            self.counters["bad_length"] += 1
+            self.heard = b""
+        self.wake_ns = t_ns + SILENCE_NS if self.heard else None
+        return [answer for line in lines if line for answer in self._obey(line, t_ns)]
+
+    def wake(self, t_ns: int) -> Outs:
+        """A silence ends a command."""
+        line, self.heard = self.heard, b""
+        return self._obey(line, t_ns)
+
+    def _obey(self, line: bytes, t_ns: int) -> list[bytes]:
+        self.counters["requests"] += 1
+        if line in (b"enabletime", b"disabletime"):
+            self.says_time = line == b"enabletime"
+        elif line == b"calibrate":
+            self.zero = self.felt
+        elif line in (b"getversion", b"softwareversion"):
+            return [b"#OK,%s\r\n" % self.version]
+        elif epoch := EPOCH.fullmatch(line):
+            self.epoch_ms = int(epoch[1]) * 1000 + int(epoch[2]) - t_ns // 1_000_000
+        elif period := PERIOD.fullmatch(line):
+            self.period_ns = max(int(period[1]), SHORTEST_PERIOD_MS) * 1_000_000
+        elif line not in DUMPS:
+            self.counters["unknown_command"] += 1
+            return []
+        return [OK]
+
+
+def _fields(kind: Fitted, values: list[int]) -> list[str]:
+    """The three fields of a sensor."""
+    if kind == "none":
+        return ["", "", ""]
+    return ["", "", str(values[2])] if kind == "z" else [str(value) for value in values]
