@@ -7,6 +7,7 @@ import pytest
 
 import tactemu as tt
 from tests.drivers.environments import python_with
+from tests.drivers.rig import EQUAL
 
 pytestmark = [pytest.mark.driver, pytest.mark.realtime, pytest.mark.timeout(180)]
 
@@ -29,6 +30,7 @@ print(json.dumps({
 """
 
 
+@pytest.mark.judge("inspire_rh56dftp", driver="pymodbus", environment="environment", carrier="TCP, Modbus")
 @pytest.mark.parametrize("environment", ["pymodbus_2_5", "pymodbus_3_6"])
 def test_the_default_unit_is_answered(environment):
     """By its registers; every row is what the hand last converted."""
@@ -45,3 +47,4 @@ def test_the_default_unit_is_answered(environment):
     assert got["bad"] == 0 and len(got["rows"]) == 200 and got["written"] and got["back"] == [300, 0xFFFF]
     assert any(any(row) for row in got["rows"]), "the press is seen"
     assert {tuple(row) for row in got["rows"]} <= truth
+    EQUAL.append(len(got["rows"]))
