@@ -3,10 +3,10 @@
     @pytest.mark.judge("ability_hand", driver="ability-hand", carrier="serial, PPP", every_run=True)
 
 ``driver`` is its distribution, in ``environment`` if it needs one of its own; devices, driver and environment may be
-names of the test's parameters.
+names of the test's parameters. ``script`` is what it runs, where a test file has judges of many devices.
 
-A run of all tests has the judges that stand for a carrier and framing (``every_run``), and those that a change concerns:
-the device's file has changed, or one beside it that it imports, or the test, or a script that it names. Changed is what
+A run of all tests has the judges that stand for a carrier and framing (``every_run``), and those a change concerns:
+the device's file has changed, or one beside it that it imports, or the test and scripts that it names. Changed is what
 differs from the commit where this branch left main; on main, from the commit before the last. Who names a file, a word
 (``-k``) or a mark (``-m``) gets all that is in it, and ``scripts/judges`` runs the rest.
 """
@@ -18,7 +18,7 @@ import importlib.metadata
 import json
 import re
 import subprocess
-from collections.abc import Sequence
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,8 @@ from tests.drivers.environments import locked
 
 ROOT = Path(__file__).parents[1]
 MAINS = ("origin/main", "main")
+MOST = 12
+"""Judges that stand for a carrier and framing."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,7 @@ class Judge:
     driver: str
     carrier: str
     environment: str = ""
+    script: str = ""
     every_run: bool = False
 
 
@@ -95,17 +98,20 @@ def files_of(device: str) -> frozenset[str]:
     return frozenset({path, *(f"{folder.replace('.', '/')}/{name}.py" for name in beside)})
 
 
-def concerns(changed: frozenset[str], devices: Sequence[str], test: Path) -> bool:
-    """Whether a change is one for the judge of ``devices`` in the file ``test``."""
-    files = {str(test.relative_to(ROOT))}.union(*map(files_of, devices))
-    scripts = {Path(path).name for path in changed if path.startswith(("tests/drivers/", "tests/readers/"))}
-    return bool(files & changed) or any(f'"{name}"' in test.read_text() for name in scripts)
+def concerns(changed: frozenset[str], judge: Judge, test: Path) -> bool:
+    """Whether a change is one for a judge in the file ``test``."""
+    ours = frozenset[str]().union(*map(files_of, judge.devices))
+    if judge.script:
+        return not changed.isdisjoint(ours | {str((test.parent / judge.script).relative_to(ROOT))})
+    scripts = {Path(path).name for path in changed if path.startswith("tests/drivers/")}
+    named = any(f'"{name}"' in test.read_text() for name in scripts)
+    return named or not changed.isdisjoint(ours | {str(test.relative_to(ROOT))})
 
 
 def is_run(judge: Judge, test: Path, wanted: str) -> bool:
     """``wanted`` is ``all``, ``changed``, or devices by name."""
     if wanted == "changed":
-        return judge.every_run or concerns(changed_files(), judge.devices, test)
+        return judge.every_run or concerns(changed_files(), judge, test)
     return wanted == "all" or not set(wanted.split(",")).isdisjoint(judge.devices)
 
 
@@ -120,10 +126,12 @@ def deselect(config: pytest.Config, items: list[pytest.Item]) -> None:
     if wanted == "changed" and (config.option.keyword or config.option.markexpr):
         return
     named = named_files(config) if wanted == "changed" else set()
+    judges = {item: judge for item in items if (judge := judge_of(item))}
+    standing = Counter(judge.carrier for judge in judges.values() if judge.every_run)
+    if len(standing) > MOST or set(standing.values()) > {1}:
+        raise pytest.UsageError(f"at every run one judge for each carrier, at most {MOST}: {dict(standing)}")
     left_out = [
-        item
-        for item in items
-        if (judge := judge_of(item)) and item.path not in named and not is_run(judge, item.path, wanted)
+        item for item, judge in judges.items() if item.path not in named and not is_run(judge, item.path, wanted)
     ]
     if left_out:
         items[:] = [item for item in items if item not in set(left_out)]
