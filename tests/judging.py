@@ -157,7 +157,8 @@ def version_of(driver: str, environment: str = "") -> str:
     if environment:
         return f"{driver} {locked(environment)[driver]}"
     try:
-        return f"{driver} {importlib.metadata.version(driver)}"
+        package = importlib.metadata.distribution(driver)
+        return f"{package.metadata['Name']} {package.version}"
     except importlib.metadata.PackageNotFoundError:
         return driver
 

@@ -14,10 +14,9 @@ PAGE = ROOT / "docs" / "judges.md"
 FOLDER = ROOT / "build" / "judges"
 HEAD = """# Who has read each device
 
-Written by `scripts/judges --all`, which runs every judge: an unmodified driver, or another program that is not ours, in a
-process of its own; or a second reader, written by somebody who knew the description of the wire and not the device
-file. *Readings* are those, one after the other, that equalled what was felt, of the test with the fewest; whole
-hundreds. "No mistake found" is all that a judge can say.
+Written by `scripts/judges --all`, which runs every judge: an unmodified driver, or another program that is not ours, in
+a process of its own; or a second reader, written by somebody who knew the description of the wire and not the device
+file. *Readings* are those, one after the other, that equalled what was felt: of the test with the fewest, in hundreds.
 
 """
 UNREAD = ("none", "own second reader")

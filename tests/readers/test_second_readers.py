@@ -131,7 +131,8 @@ CASES = [
 def judged(cases):
     """As parameters, each marked as the judge that it is."""
     for case in cases:
-        mark = pytest.mark.judge(case.device, driver="own second reader", carrier=case.kind, script=case.reader)
+        carrier = {"can": "CAN", "tcp": "TCP"}.get(case.kind, case.kind)
+        mark = pytest.mark.judge(case.device, driver="own second reader", carrier=carrier, script=case.reader)
         yield pytest.param(case, id=str(case), marks=mark)
 
 
