@@ -223,8 +223,8 @@ class FeetechSts3215(Device):
     """Servos on one line."""
 
     name = "feetech_sts3215"
-    title = "Feetech STS3215, six servos of an SO-101 arm"
     kind = "hand"
+    title = "Feetech STS3215, six servos of an SO-101 arm"
     rate_hz = 100.0
     evidence = ("driver", "vendor document")
     sources = (

@@ -37,6 +37,8 @@ class Case:
     """Sequences of what was read, each of which goes through the truth by itself."""
     guarded: bool = True
     """A wrong byte shows: there is a checksum."""
+    count: int = 200
+    """Readings asked for."""
 
     def on(self, rig):
         """The device on a rig."""
@@ -56,6 +58,7 @@ def by_finger(readings):
 
 
 CASES = [
+    Case("bielefeld_glove", "bielefeld_glove.py", guarded=False),
     Case("eflesh_binary", "eflesh_binary.py"),
     Case(
         "contactile_papillarray",
@@ -103,13 +106,24 @@ CASES = [
         shown=lambda device, counts: counts[device.layout.patches[1].taxels],
         compared=lambda readings: [[reading[72:144] for reading in readings]],
     ),
+    Case(
+        "osmo_glove",
+        "osmo_glove.py",
+        shown=lambda device, counts: counts,
+        compared=lambda readings: [[r[4:] for r in readings if r[1] == finger] for finger in range(1, 6)],
+        guarded=False,
+        count=1100,
+    ),
     Case("paxini_gen2", "paxini_gen2.py", peak=20.0),
     Case("seed_fts3", "seed_fts3.py", guarded=False),
     Case("seed_fts3", "seed_fts3.py", arguments=("crlf",), guarded=False),
     Case("singletact", "singletact.py", guarded=False),
     Case("singletact", "singletact.py", options={"board": "arduino"}, guarded=False),
+    Case("vitac_3d", "vitac_3d.py", guarded=False),
     Case("weiss_dsacon32m", "weiss_dsacon32m.py", peak=4.0),
     Case("weiss_dsacon32m", "weiss_dsacon32m.py", arguments=("plain",), peak=4.0),
+    Case("wiresens", "wiresens.py", arguments=(64,), guarded=False),
+    Case("wiresens", "wiresens.py", {"rows": 8, "cols": 15, "values": 120}, guarded=False),
     Case("xela_uskin", "xela_uskin.py", kind="can", guarded=False),
 ]
 
@@ -125,7 +139,7 @@ def read(reader, port, *arguments, count=200):
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_200_consecutive_readings(case):
     with case.on(Rig) as rig:
-        status, printed, complaint = read(case.reader, rig.port, *case.arguments)
+        status, printed, complaint = read(case.reader, rig.port, *case.arguments, count=case.count)
     assert status == 0, complaint[-2000:]
     readings, lost = (json.loads(printed)[key] for key in ("readings", "lost"))
     assert lost < len(readings) / 4, "a busy machine loses a few frames, not so many"
@@ -136,7 +150,8 @@ def test_200_consecutive_readings(case):
             shown = case.shown(rig.device, counts)
             return shown if np.ndim(shown) == 1 else shown[part]
 
-        assert_consecutive(sequence, rig.truth, decode=decode)
+        places = assert_consecutive(sequence, rig.truth, decode=decode)
+        assert len(set(places)) >= 50, "the same samples again and again"
 
 
 class Noisy(Rig):
