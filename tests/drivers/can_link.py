@@ -32,6 +32,7 @@ class CanLink:
                 is_extended_id=message.is_extended_id,
                 is_remote_frame=message.is_remote_frame,
                 is_fd=message.is_fd,
+                bitrate_switch=message.bitrate_switch,
             )
         ]
 
@@ -42,6 +43,7 @@ class CanLink:
                 data=frame.data,
                 is_extended_id=frame.is_extended_id,
                 is_fd=frame.is_fd,
+                bitrate_switch=frame.bitrate_switch,
                 check=True,
             )
         )

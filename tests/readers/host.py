@@ -36,12 +36,15 @@ def follow(number, before, full):
     lost += missing
 
 
-def run(read):
-    """Print COUNT readings of the generator ``read(PORT, *options)``."""
+def run(read, pause=0.0):
+    """Print COUNT readings of the generator ``read(PORT, *options)``, with a pause [s] where each is asked for."""
     port, count, *options = sys.argv[1:]
+    taken = []
     try:
         with contextlib.closing(read(port, *options)) as readings:
-            taken = list(itertools.islice(readings, int(count)))
+            for reading in itertools.islice(readings, int(count)):
+                taken.append(reading)
+                time.sleep(pause)
     except Broken as rule:
         sys.exit(f"{Path(sys.argv[0]).name}: {rule}")
     print(json.dumps({"readings": taken, "lost": lost}))
