@@ -37,6 +37,7 @@ COUNTS_PER_NEWTON, PRO_COUNTS_PER_NEWTON = 50.0, 1000.0
 class AgibotOmniHand(Device[CanFrame]):
     """Parts that answer one request each."""
 
+    kind = "hand"
     evidence = ("driver",)
     assumed = (
         "1 Mbit/s, 5 Mbit/s for data, number 1; of the parts: 1 the thumb; the O10's identifiers, as the Pro's",

@@ -23,6 +23,7 @@ UNPINNED = json.loads((Path(__file__).parents[1] / "data" / "unpinned.json").rea
 """Declared facts that no worked example pins, by device: a number that may only fall."""
 VARIANTS = [
     ("ability_hand", {"stuffing": False}),
+    ("ati_net_ft", {"tool": (0.01, -0.02, 0.1), "counts_per_torque": 2_000_000}),
     ("contactile_papillarray", {"sensors": 1, "end_offset": True}),
     ("digity_exohand", {"side": "left", "records": ("touch",)}),
     ("eflesh_binary", {"missing": (2, 5)}),
@@ -45,6 +46,7 @@ VARIANTS = [
     ("optoforce", {"axes": "6"}),
     ("paxini_gen2", {"models": "S1610"}),
     ("paxini_px6ax", {"models": ("S1813E", "M2020")}),
+    ("robotiq_ft300", {"streams": False}),
     ("robotiq_tsf85", {"packets": "per_finger", "magnetometer": True}),
     ("robotis_hx5", {"id": 140}),
     ("seed_fts3", {"sensors": ("none", "z", "none", "xyz", "xyz")}),
