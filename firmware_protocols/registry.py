@@ -42,6 +42,7 @@ DEVICES: dict[str, str] = {
     "osmo_glove": f"{_HERE}.osmo_glove:OsmoGlove",
     "paxini_gen2": f"{_HERE}.paxini_gen2:PaxiniGen2",
     "paxini_px6ax": f"{_HERE}.paxini_px6ax:PaxiniPx6ax",
+    "robotiq_ft300": f"{_HERE}.robotiq_ft300:RobotiqFt300",
     "robotiq_tsf85": f"{_HERE}.robotiq_tsf85:RobotiqTsf85",
     "robotis_hx5": f"{_HERE}.robotis_hx5:RobotisHx5",
     "seed_fts3": f"{_HERE}.seed_fts3:SeedFts3",
