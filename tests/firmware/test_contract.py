@@ -47,6 +47,7 @@ VARIANTS = [
     ("optoforce", {"axes": "6"}),
     ("paxini_gen2", {"models": "S1610"}),
     ("paxini_px6ax", {"models": ("S1813E", "M2020")}),
+    ("robotiq_ft300", {"streams": False}),
     ("robotiq_tsf85", {"packets": "per_finger", "magnetometer": True}),
     ("robotis_hx5", {"id": 140}),
     ("seed_fts3", {"sensors": ("none", "z", "none", "xyz", "xyz")}),
