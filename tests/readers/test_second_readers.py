@@ -57,7 +57,35 @@ def by_finger(readings):
     return np.reshape(readings, (len(readings), 5, -1)).swapaxes(0, 1)
 
 
+def omnihand_pro(device, counts):
+    """Online 1 and no proximity are the device's assumptions."""
+    return [[1, *finger[:, 0], *finger[0, 1:], 0, 0, 0, 0] for finger in counts.reshape(5, 9, 4)]
+
+
+def omnihand_o10(values):
+    """Sixteen values of each finger, 25 of palm and back."""
+    return np.split(values, [16, 32, 48, 64, 80, 105])
+
+
 CASES = [
+    Case(
+        "agibot_omnihand_o10",
+        "omnihand.py",
+        arguments=("o10",),
+        kind="can",
+        shown=lambda device, counts: omnihand_o10(counts),
+        compared=lambda readings: list(zip(*map(omnihand_o10, readings))),
+        guarded=False,
+    ),
+    Case(
+        "agibot_omnihand_pro",
+        "omnihand.py",
+        arguments=("pro",),
+        kind="can",
+        shown=omnihand_pro,
+        compared=by_finger,
+        guarded=False,
+    ),
     Case("bielefeld_glove", "bielefeld_glove.py", guarded=False),
     Case("eflesh_binary", "eflesh_binary.py"),
     Case(
@@ -103,8 +131,8 @@ CASES = [
         "linkerhand_l10.py",
         arguments=("left",),
         peak=0.5,
-        shown=lambda device, counts: counts[device.layout.patches[1].taxels],
-        compared=lambda readings: [[reading[72:144] for reading in readings]],
+        shown=lambda device, counts: counts.reshape(5, -1),
+        compared=by_finger,
     ),
     Case(
         "osmo_glove",
@@ -143,12 +171,13 @@ def test_200_consecutive_readings(case):
     assert status == 0, complaint[-2000:]
     readings, lost = (json.loads(printed)[key] for key in ("readings", "lost"))
     assert lost < len(readings) / 4, "a busy machine loses a few frames, not so many"
-    for part, sequence in enumerate(case.compared(readings)):
+    sequences = case.compared(readings)
+    for part, sequence in enumerate(sequences):
         assert np.ptp(np.asarray(sequence, float), axis=0).max() > 0
 
         def decode(counts, part=part):
             shown = case.shown(rig.device, counts)
-            return shown if np.ndim(shown) == 1 else shown[part]
+            return shown if len(sequences) == 1 else shown[part]
 
         places = assert_consecutive(sequence, rig.truth, decode=decode)
         assert len(set(places)) >= 50, "the same samples again and again"
