@@ -10,7 +10,11 @@ import tactemu
 from tests.drivers.can_link import INTERFACE
 from tests.drivers.rig import Rig, assert_consecutive, run_driver
 
-pytestmark = [pytest.mark.driver, pytest.mark.timeout(90)]
+pytestmark = [
+    pytest.mark.judge("agibot_omnihand_pro", driver="cantools", carrier="CAN-FD"),
+    pytest.mark.driver,
+    pytest.mark.timeout(90),
+]
 DBC = Path(__file__).parents[1] / "data" / "agibot_omnihand_pro.dbc"
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 CHANNELS = [f"channel_{k}" for k in range(9)]

@@ -48,6 +48,8 @@ class Case:
         return "-".join([self.device, *map(str, (*self.options.values(), *self.arguments))])
 
 
+CARRIERS = {"serial": "serial", "can": "CAN"}
+
 PADS = [pad for pad in range(12) if pad not in (6, 10)]
 """Of a triangle of the iCub; the two others are thermal."""
 
@@ -156,6 +158,14 @@ CASES = [
 ]
 
 
+def judged(cases):
+    """As parameters, each marked as the judge that it is."""
+    for case in cases:
+        carrier = {"can": "CAN", "tcp": "TCP"}.get(case.kind, case.kind)
+        mark = pytest.mark.judge(case.device, driver="own second reader", carrier=carrier, script=case.reader)
+        yield pytest.param(case, id=str(case), marks=mark)
+
+
 def read(reader, port, *arguments, count=200):
     """Exit status, what was printed, and what was complained of."""
     command = [sys.executable, str(Path(__file__).with_name(reader)), port, str(count), *map(str, arguments)]
@@ -164,7 +174,7 @@ def read(reader, port, *arguments, count=200):
     return done.returncode, done.stdout, done.stderr
 
 
-@pytest.mark.parametrize("case", CASES, ids=str)
+@pytest.mark.parametrize("case", [*judged(CASES)])
 def test_200_consecutive_readings(case):
     with case.on(Rig) as rig:
         status, printed, complaint = read(case.reader, rig.port, *case.arguments, count=case.count)
@@ -205,7 +215,7 @@ def turned(frame):
     return bytes(data) if isinstance(frame, bytes) else replace(frame, data=bytes(data))
 
 
-@pytest.mark.parametrize("case", [case for case in CASES if case.guarded], ids=str)
+@pytest.mark.parametrize("case", [*judged(case for case in CASES if case.guarded)])
 def test_a_wrong_bit_is_one_sentence(case):
     with case.on(Noisy) as rig:
         status, printed, complaint = read(case.reader, rig.port, *case.arguments)
