@@ -43,6 +43,7 @@ VARIANTS = [
     ("optoforce", {"axes": "4x3"}),
     ("optoforce", {"axes": "6"}),
     ("paxini_gen2", {"models": "S1610"}),
+    ("paxini_high_speed", {"models": ("M2020", "S1610"), "places": (3, 27)}),
     ("paxini_px6ax", {"models": ("S1813E", "M2020")}),
     ("robotiq_tsf85", {"packets": "per_finger", "magnetometer": True}),
     ("robotis_hx5", {"id": 140}),
