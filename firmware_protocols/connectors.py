@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,8 @@ class Connector:
     """Needed where a device has several."""
     plugged: bool = True
     """Whether it is in use unless the user says otherwise. The first connector always is."""
+    whole: ClassVar[bool] = False
+    """Frames arrive as they were sent, none in pieces: not a stream of bytes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,6 +70,7 @@ class Rs485(Serial):
 class Can(Connector):
     """A CAN bus; ``data_bitrate`` makes it CAN-FD with bit rate switching."""
 
+    whole = True
     bitrate: int = 1_000_000
     data_bitrate: int | None = None
     hears: tuple[tuple[int, int], ...] = ()
@@ -78,4 +81,12 @@ class Can(Connector):
 class Tcp(Connector):
     """A TCP server that speaks a framing of its own (Modbus TCP ...), not a raw serial stream."""
 
+    port: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Udp(Connector):
+    """A UDP port: each frame is one datagram. What the device sends goes to whoever spoke to it last."""
+
+    whole = True
     port: int

@@ -17,7 +17,11 @@ _HERE = "firmware_protocols.devices"
 DEVICES: dict[str, str] = {
     # name: "module:Class", sorted
     "ability_hand": f"{_HERE}.ability_hand:AbilityHand",
+    "agibot_omnihand_o10": f"{_HERE}.agibot_omnihand:AgibotOmniHandO10",
+    "agibot_omnihand_pro": f"{_HERE}.agibot_omnihand:AgibotOmniHandPro",
     "anyskin": f"{_HERE}.anyskin:AnySkin",
+    "ati_net_ft": f"{_HERE}.ati_net_ft:AtiNetFt",
+    "bielefeld_glove": f"{_HERE}.bielefeld_glove:BielefeldGlove",
     "contactile_papillarray": f"{_HERE}.contactile_papillarray:ContactilePapillArray",
     "digity_exohand": f"{_HERE}.digity_exohand:DigityExohand",
     "eflesh_binary": f"{_HERE}.eflesh_binary:EfleshBinary",
@@ -33,17 +37,21 @@ DEVICES: dict[str, str] = {
     "linker_hand_l25": f"{_HERE}.linker_hand:LinkerHandL25",
     "linker_hand_l6": f"{_HERE}.linker_hand:LinkerHandL6",
     "linker_hand_o6": f"{_HERE}.linker_hand:LinkerHandO6",
+    "onrobot_hex": f"{_HERE}.ati_net_ft:OnrobotHex",
     "optoforce": f"{_HERE}.optoforce:OptoForce",
     "orca_touch": f"{_HERE}.paxini_high_speed:OrcaTouch",
+    "osmo_glove": f"{_HERE}.osmo_glove:OsmoGlove",
     "paxini_gen2": f"{_HERE}.paxini_gen2:PaxiniGen2",
     "paxini_high_speed": f"{_HERE}.paxini_high_speed:PaxiniHighSpeed",
     "paxini_px6ax": f"{_HERE}.paxini_px6ax:PaxiniPx6ax",
+    "robotiq_ft300": f"{_HERE}.robotiq_ft300:RobotiqFt300",
     "robotiq_tsf85": f"{_HERE}.robotiq_tsf85:RobotiqTsf85",
     "robotis_hx5": f"{_HERE}.robotis_hx5:RobotisHx5",
     "seed_fts3": f"{_HERE}.seed_fts3:SeedFts3",
     "singletact": f"{_HERE}.singletact:SingleTact",
     "vitac_3d": f"{_HERE}.flexitac:ViTac3d",
     "weiss_dsacon32m": f"{_HERE}.weiss_dsacon32m:WeissDsacon32m",
+    "wiresens": f"{_HERE}.wiresens:Wiresens",
     "xela_uskin": f"{_HERE}.xela_uskin:XelaUskin",
 }
 

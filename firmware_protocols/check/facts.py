@@ -35,7 +35,7 @@ def changes(cls: type[Device]) -> Iterator[Change]:
     for frame in frames_of(cls):
         for text, lines in _of_table(frame):
             yield Change(text, _table_change(frame, lines))
-    for table in _held(cls, RegisterMap):
+    for table in held(cls, RegisterMap):
         for reg in table.rows:
             if reg.type[:1] in "<>" and not reg.type.endswith("1"):
                 other = (">" if reg.type[0] == "<" else "<") + reg.type[1:]
@@ -49,10 +49,11 @@ def changes(cls: type[Device]) -> Iterator[Change]:
 
 def frames_of(cls: type[Device]) -> list[Frame]:
     """The frame tables in the device's modules and classes."""
-    return _held(cls, Frame)
+    return held(cls, Frame)
 
 
-def _held(cls: type[Device], kind: type) -> list[Any]:
+def held(cls: type[Device], kind: type | tuple[type, ...]) -> list[Any]:
+    """The tables of a kind in the device's modules and classes, also in dicts and lists."""
     own = [each for each in cls.__mro__ if issubclass(each, Device) and each is not Device]
     places = [*(vars(sys.modules[each.__module__]) for each in own), *(vars(each) for each in own)]
     found: dict[int, Any] = {}
@@ -66,7 +67,7 @@ def words_of(cls: type[Device]) -> str:
     """What tables and docstrings say, in which the order of the taxels may stand in words."""
     parts = [frame.about for frame in frames_of(cls)]
     parts += [field.about for frame in frames_of(cls) for field in frame.fields]
-    parts += [reg.about for table in _held(cls, RegisterMap) for reg in table.rows]
+    parts += [reg.about for table in held(cls, RegisterMap) for reg in table.rows]
     own = [each for each in cls.__mro__ if issubclass(each, Device) and each is not Device]
     parts += [sys.modules[each.__module__].__doc__ or "" for each in own]
     parts += [text for each in own for text in (*getattr(each, "assumed", ()), each.__doc__ or "")]

@@ -12,7 +12,6 @@ from typing import Any
 from firmware_protocols import calls
 from firmware_protocols.check.readings import Pushes, reading_of
 from firmware_protocols.commands import Command
-from firmware_protocols.connectors import Can
 from firmware_protocols.device import Convert, Device, Restart, Sent
 from firmware_protocols.frames import frame_of, text_of
 from firmware_protocols.options import checked
@@ -202,7 +201,7 @@ def carries_bytes(subject: Subject, command: Command) -> bool:
     """Whether requests of a command come in chunks of any size."""
     device = subject.make()
     port = command.port or device.ports[0].name
-    return not isinstance(device.connector(port), Can)
+    return not device.connector(port).whole
 
 
 def shown(frames: Sequence[Any]) -> str:

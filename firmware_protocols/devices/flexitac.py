@@ -87,7 +87,7 @@ class ViTac3d(FlexiTac):
         "binghao-huang/3D-ViTac_Tactile_Hardware@e151ea6 arduino_code/MatrixArray.ino loop()",
         "binghao-huang/3D-ViTac_Tactile_Hardware@e151ea6 python/multi_thread_contact.py",
     )
-    judge = "none"
+    judge = "own second reader"
     assumed = (*FlexiTac.assumed, "all ten bits of the ADC are sent; no space behind the last number of a line")
     shift = 0
 

@@ -52,6 +52,7 @@ class LinkerHandL10Rs485(Device):
     """The L10 with an RS-485 plug."""
 
     name = "linker_hand_l10_rs485"
+    kind = "hand"
     title = "LinkerHand L10 on RS-485, 5 fingertips 12x6"
     ports = (Rs485(baud=BAUD),)
     columns = (Column(name="touch", low=0, high=255, push=1),)

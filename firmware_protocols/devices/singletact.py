@@ -73,6 +73,7 @@ class SingleTact(Device):
     """One pad, asked for what it feels."""
 
     name = "singletact"
+    kind = "fingertip"
     title = "SingleTact, one pad"
     ports = (Serial(baud=115200, usb=True),)
     columns = (Column(name="value", low=0, high=FULL, rest=REST, push=1),)

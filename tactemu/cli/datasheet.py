@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from firmware_protocols import Column, Device
+from firmware_protocols.check.facts import held
 from firmware_protocols.frames import frame_of
 from firmware_protocols.layouts import Layout, Patch
 from firmware_protocols.options import declared, from_words
@@ -139,10 +140,8 @@ def frame_page(device: Device) -> list[str]:
 
 
 def _tables(device: Device) -> list[str]:
-    """The frame and register tables that the file of the device declares, as it states them."""
-    module = sys.modules[type(device).__module__]
-    tables = [each for each in vars(module).values() if isinstance(each, Frame | RegisterMap)]
-    return [line for table in tables for line in ("", *str(table).splitlines())]
+    """The frame and register tables that the device declares, as it states them."""
+    return [line for table in held(type(device), (Frame, RegisterMap)) for line in ("", *str(table).splitlines())]
 
 
 def _options(device: Device) -> list[str]:

@@ -255,7 +255,9 @@ class Skin(Table):
         default=None, ge=-1, le=1, description="how far below the skin the probes' centres sit [m]"
     )
     port: str | None = Field(
-        default=None, min_length=1, description="pty:PATH, can:INTERFACE:CHANNEL, tcp:HOST:PORT, memory: ..."
+        default=None,
+        min_length=1,
+        description="pty:PATH, can:INTERFACE:CHANNEL, tcp:HOST:PORT, udp:HOST:PORT, memory: ...",
     )
     ports: dict[str, str] = Field(default={}, description="of a device with several connectors, by their names")
     rate_hz: Rates | None = Field(

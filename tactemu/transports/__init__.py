@@ -17,6 +17,7 @@ TRANSPORTS: dict[str, str] = {
     "pty": "tactemu.transports.pty:PtyTransport",
     "rfc2217": "tactemu.transports.rfc2217:Rfc2217Transport",
     "tcp": "tactemu.transports.tcp:TcpTransport",
+    "udp": "tactemu.transports.udp:UdpTransport",
 }
 
 __all__ = ["TRANSPORTS", "Transport", "create"]

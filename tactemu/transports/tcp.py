@@ -6,17 +6,14 @@ only; name an address (``tcp:0.0.0.0:5000``) to be reached from elsewhere. Port 
 
 from __future__ import annotations
 
-import ipaddress
-import logging
 import select
 import socket
 
 from firmware_protocols import Frame
 from tactemu.errors import TransportError
+from tactemu.transports import inet
 from tactemu.transports.forks import keep_from_children
 from tactemu.transports.transport import CHUNK, DROPPED, RAISED, REST, Closed, Event, Opened, Received, Transport
-
-_logger = logging.getLogger(__name__)
 
 _SEND_BUFFER = 16_384
 """What the kernel keeps for a client that does not read [byte]; about as much as a serial port does."""
@@ -34,7 +31,7 @@ class TcpTransport(Transport):
     """Scheme of the URL with which pyserial opens it."""
 
     def __init__(self, rest: str):
-        self.host, self.port = _parse(self.scheme, rest)
+        self.host, self.port = inet.parse(self.scheme, rest)
         self.address = self._url()
         self._server: socket.socket | None = None
         self._client: socket.socket | None = None
@@ -52,21 +49,17 @@ class TcpTransport(Transport):
         if self._server is not None:
             return
         try:
-            family, _, _, _, where = socket.getaddrinfo(self.host, self.port, type=socket.SOCK_STREAM)[0]
-            server = socket.create_server(where[:2], family=family, backlog=_BACKLOG)
+            family, where = inet.resolve(self.host, self.port, socket.SOCK_STREAM)
+            server = socket.create_server(where, family=family, backlog=_BACKLOG)
         except OSError as error:
-            raise TransportError(
-                f"cannot listen on {_join(self.host, self.port)}: {error.strerror}; "
-                f"choose another port ({self.scheme}:0 takes a free one)"
-            ) from None
+            raise inet.not_ours(self.scheme, self.host, self.port, error) from None
         server.setblocking(False)
         server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)  # clients inherit it
         self._server = server
         keep_from_children(self)
         self.port = server.getsockname()[1]
         self.address = self._url()
-        if not ipaddress.ip_address(where[0]).is_loopback:
-            _logger.warning("%s: whoever is on the network may connect and command the device", self.address)
+        inet.warn_of_others(self.address, where[0])
 
     def close(self) -> None:
         """Stop listening and drop the client."""
@@ -158,7 +151,7 @@ class TcpTransport(Transport):
         return self._client is not None
 
     def _url(self) -> str:
-        return f"{self.url}://{_join(self.host, self.port)}"
+        return f"{self.url}://{inet.join(self.host, self.port)}"
 
     # -- the protocol around the bytes: none ---------------------------------------------------------------------------
 
@@ -175,18 +168,6 @@ class TcpTransport(Transport):
 
     def _encode(self, frame: bytes) -> bytes:
         return frame
-
-
-def _parse(scheme: str, rest: str) -> tuple[str, int]:
-    host, _, port = rest.rpartition(":")
-    host = host.removeprefix("[").removesuffix("]") or "127.0.0.1"
-    if not port.isdecimal() or int(port) > 65_535:
-        raise TransportError(f"port '{scheme}:{rest}': expected {scheme}:PORT or {scheme}:HOST:PORT, PORT 0 to 65535")
-    return host, int(port)
-
-
-def _join(host: str, port: int) -> str:
-    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 def _has_gone(client: socket.socket) -> bool:

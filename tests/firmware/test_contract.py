@@ -23,10 +23,12 @@ UNPINNED = json.loads((Path(__file__).parents[1] / "data" / "unpinned.json").rea
 """Declared facts that no worked example pins, by device: a number that may only fall."""
 VARIANTS = [
     ("ability_hand", {"stuffing": False}),
+    ("ati_net_ft", {"tool": (0.01, -0.02, 0.1), "counts_per_torque": 2_000_000}),
     ("contactile_papillarray", {"sensors": 1, "end_offset": True}),
     ("digity_exohand", {"side": "left", "records": ("touch",)}),
     ("eflesh_binary", {"missing": (2, 5)}),
     ("feetech_sts3215", {"ids": (7, 1), "encoders": (100.0, 4000.0), "swing": 0.3}),
+    ("agibot_omnihand_pro", {"device": 127}),
     ("flexitac", {"rows": 4, "cols": 2}),
     ("flexitac", {"rows": 16}),
     ("fulai_glove", {"hardware": "3.2", "hand": "right", "identity": False}),
@@ -45,11 +47,13 @@ VARIANTS = [
     ("paxini_gen2", {"models": "S1610"}),
     ("paxini_high_speed", {"models": ("M2020", "S1610"), "places": (3, 27)}),
     ("paxini_px6ax", {"models": ("S1813E", "M2020")}),
+    ("robotiq_ft300", {"streams": False}),
     ("robotiq_tsf85", {"packets": "per_finger", "magnetometer": True}),
     ("robotis_hx5", {"id": 140}),
     ("seed_fts3", {"sensors": ("none", "z", "none", "xyz", "xyz")}),
     ("singletact", {"board": "arduino"}),
     ("weiss_dsacon32m", {"mute_s": 8.0}),
+    ("wiresens", {"rows": 3, "cols": 5, "values": 8, "sensor": -2}),
     ("xela_uskin", {"ids": "grid", "board": 3}),
 ]
 

@@ -25,4 +25,4 @@ def read(port, unit="1", baud="115200"):
 
 
 if __name__ == "__main__":
-    run(read)
+    run(read, pause=0.01)

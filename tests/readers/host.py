@@ -36,12 +36,15 @@ def follow(number, before, full):
     lost += missing
 
 
-def run(read):
-    """Print COUNT readings of the generator ``read(PORT, *options)``."""
+def run(read, pause=0.0):
+    """Print COUNT readings of the generator ``read(PORT, *options)``, with a pause [s] where each is asked for."""
     port, count, *options = sys.argv[1:]
+    taken = []
     try:
         with contextlib.closing(read(port, *options)) as readings:
-            taken = list(itertools.islice(readings, int(count)))
+            for reading in itertools.islice(readings, int(count)):
+                taken.append(reading)
+                time.sleep(pause)
     except Broken as rule:
         sys.exit(f"{Path(sys.argv[0]).name}: {rule}")
     print(json.dumps({"readings": taken, "lost": lost}))
@@ -96,10 +99,16 @@ def open_can(channel):
     return bus
 
 
+echoes = []
+"""What was sent on a bus that returns it: multicast does, SocketCAN does not."""
+
+
 def send(bus, arbitration_id, data, *, extended=False, fd=False):
     import can
 
     bus.send(can.Message(arbitration_id=arbitration_id, data=data, is_extended_id=extended, is_fd=fd, check=True))
+    if type(bus).__name__ == "UdpMulticastBus":
+        echoes.append((arbitration_id, bytes(data)))
 
 
 def frame(bus, wanted, seconds=1.0):
@@ -107,7 +116,9 @@ def frame(bus, wanted, seconds=1.0):
     end = time.monotonic() + seconds
     while (left := end - time.monotonic()) > 0:
         message = bus.recv(left)
-        if message is not None and wanted(message):
+        if message is not None and (echo := (message.arbitration_id, bytes(message.data))) in echoes:
+            echoes.remove(echo)
+        elif message is not None and wanted(message):
             expect(not message.is_error_frame, "an error frame")
             return message
     raise Broken(f"no frame that was waited for within {seconds} s")

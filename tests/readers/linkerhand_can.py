@@ -54,4 +54,4 @@ def read(channel, kind="6x12", side="right"):
 
 
 if __name__ == "__main__":
-    run(read)
+    run(read, pause=0.01)

@@ -27,4 +27,4 @@ def read(port, side="right"):
 
 
 if __name__ == "__main__":
-    run(read)
+    run(read, pause=0.01)

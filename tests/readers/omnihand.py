@@ -38,4 +38,4 @@ def read(channel, model="pro", device="1"):
 
 
 if __name__ == "__main__":
-    run(read)
+    run(read, pause=0.01)

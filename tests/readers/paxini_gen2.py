@@ -48,4 +48,4 @@ def read(port, mode="5", slot="0", taxels="120"):
 
 
 if __name__ == "__main__":
-    run(read)
+    run(read, pause=0.01)

@@ -56,4 +56,4 @@ def read(channel, side="left", master="1"):
 
 
 if __name__ == "__main__":
-    run(read)
+    run(read, pause=0.01)

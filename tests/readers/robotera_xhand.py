@@ -52,4 +52,4 @@ def read(port):
 
 
 if __name__ == "__main__":
-    run(read)
+    run(read, pause=0.01)

@@ -4,20 +4,24 @@ import numpy as np
 import pytest
 
 import firmware_protocols
+from firmware_protocols.device import CONTACT
 from tactemu.assembly import Wishes, assemble
 from tactemu.clock import VirtualClock
 from tactemu.errors import SceneError
 from tactemu.scene.default import REST_S, tables_for
 from tactemu.scene.file import DEFAULTS, check, load, load_device
 
+TOUCH = (*CONTACT, "wrench", "vibration")
+
 
 def felt(loaded) -> np.ndarray:
-    """Largest reading at each sample of the first four seconds."""
+    """Largest reading of touch at each sample of the first four seconds."""
     emulator = assemble(loaded, Wishes(port="memory:", rate_hz=10)).emulator
     emulator.clock = VirtualClock()
     with emulator:
         emulator.run(4)
-    return np.array([np.abs(sample.ideal).max() for sample in emulator.truth.samples])
+    senses = {sense.key: sense.quantity in TOUCH for sense in emulator.channels[0].device.sensed} | {"": True}
+    return np.array([np.abs(sample.ideal).max() for sample in emulator.truth.samples if senses[sample.sense]])
 
 
 @pytest.mark.parametrize("name", firmware_protocols.names())

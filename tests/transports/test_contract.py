@@ -95,10 +95,35 @@ class MemoryEnd:
         self.driver.close()
 
 
+class UdpEnd:
+    frame, request = FRAME, b"\x12\x34"
+
+    def __init__(self, port, url):
+        self.port, (host, number) = port, url.removeprefix("udp://").rsplit(":", 1)
+        self.where = host.strip("[]"), int(number)
+
+    def open(self, seen):
+        self.socket = socket.socket(socket.AF_INET6 if ":" in self.where[0] else socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.settimeout(2)
+        self.socket.connect(self.where)
+        self.socket.send(b"")
+
+    def write(self, data):
+        self.socket.send(data)
+
+    def read(self, frame):
+        return self.socket.recv(65_536)
+
+    def close(self):
+        self.socket.close()
+        assert self.port.write(self.frame), "what is sent to nobody comes back"
+
+
 DRIVERS = {
     "memory": [("memory:", MemoryEnd)],
     "pty": [("pty:", PySerialEnd), ("pty:{tmp}/tty", PySerialEnd)],
     "tcp": [("tcp:0", PySerialEnd), ("tcp:[::1]:0", PySerialEnd)],
+    "udp": [("udp:0", UdpEnd), ("udp:[::1]:0", UdpEnd)],
     "rfc2217": [("rfc2217:127.0.0.1:0", PySerialEnd)],
     "can": [("can:virtual:contract", CanEnd), ("can:udp_multicast:239.74.163.9", CanEnd)],
 }
@@ -190,6 +215,8 @@ def test_closing_is_safe_at_any_time(address, end, tmp_path):
         "tcp:",
         "tcp:host:",
         "tcp:1:99999",
+        "udp:1:99999",
+        "udp:no.such.host.invalid:1",
         "rfc2217:x",
         "tcp:no.such.host.invalid:1",
     ],
@@ -205,13 +232,15 @@ def test_a_missing_can_interface_names_the_fix(address):
         transports.create(address).open()
 
 
-def test_a_taken_tcp_port():
-    with transports.create("tcp:0") as first, pytest.raises(TransportError, match="in use"):
-        transports.create(f"tcp:{first.port}").open()
+@pytest.mark.parametrize("scheme", ["tcp", "udp"])
+def test_a_taken_port(scheme):
+    with transports.create(f"{scheme}:0") as first, pytest.raises(TransportError, match="in use"):
+        transports.create(f"{scheme}:{first.port}").open()
 
 
 @pytest.mark.parametrize(
-    ("address", "warns"), [("tcp:0", 0), ("tcp:[::1]:0", 0), ("tcp:0.0.0.0:0", 1), ("tcp:[::]:0", 1)]
+    ("address", "warns"),
+    [("tcp:0", 0), ("tcp:[::1]:0", 0), ("tcp:0.0.0.0:0", 1), ("tcp:[::]:0", 1), ("udp:0", 0), ("udp:0.0.0.0:0", 1)],
 )
 def test_a_port_that_others_reach_says_so_in_one_line(address, warns, caplog):
     with transports.create(address) as port:

@@ -45,6 +45,14 @@ print(flush=True)
 while True:
     client.sendall({data})
 """
+UDP = """
+url = urlsplit(port)
+client = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+client.connect((url.hostname, url.port))
+print(flush=True)
+while True:
+    client.send({data})
+"""
 CAN = """
 import can
 interface, _, channel = port.partition(":")
@@ -64,6 +72,8 @@ CASES = {
         "tcp:0",
         SOCKET.format(data=REGISTERS),
     ),
+    "datagrams": ("ati_net_ft", "udp:0", UDP.format(data='bytes.fromhex("1234 0002 00000000")')),
+    "long datagrams": ("ati_net_ft", "udp:0", UDP.format(data="noise[:60_000]")),
     "rfc2217, plain data": ("anyskin", "rfc2217:0", SOCKET.format(data='noise.replace(b"\\xff", b"")')),
     "rfc2217, telnet only": ("anyskin", "rfc2217:0", SOCKET.format(data='b"\\xff\\xfd\\x2c" * 20_000')),
     "rfc2217, an option without end": ("anyskin", "rfc2217:0", SOCKET.format(data='b"\\xff\\xfa" + b"a" * 65_536')),
@@ -144,6 +154,36 @@ def test_a_client_that_asks_and_does_not_read_fills_no_memory():
         for _ in range(100):
             port.poll()
         assert len(port._protocol.suboption or b"") <= 64
+
+
+@pytest.mark.parametrize(("size", "most"), [(0, 32), (8, 32), (100, 6), (60_000, 1)])
+def test_a_look_takes_few_datagrams_and_the_kernel_keeps_few(size, most):
+    with create("udp:0") as port, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+        client.connect(("127.0.0.1", port.port))
+        for _ in range(2000):
+            client.send(bytes(size))
+        looks = []
+        while select.select(port.filenos(), [], [], 0)[0]:
+            looks.append([event.data for event in port.poll() if isinstance(event, Received)])
+        assert all(len(look) <= most for look in looks) and len(looks) <= 2000
+        assert {len(data) for look in looks for data in look} <= {size}
+        assert sum(len(data) for look in looks for data in look) < 200_000, "the rest is lost, as in any full queue"
+
+
+def test_datagrams_of_two_peers_are_looked_at_in_turn_so_that_each_gets_its_answers():
+    with contextlib.ExitStack() as stack:
+        port = stack.enter_context(create("udp:0"))
+        clients = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in "ab"]
+        for client in clients:
+            client.settimeout(2)
+            client.connect(("127.0.0.1", port.port))
+        for k in range(6):
+            clients[k // 2 % 2].send(b"%d" % k)
+        for pair in (b"01", b"23", b"45"):
+            heard = [event.data for event in port.poll() if isinstance(event, Received)]
+            assert b"".join(heard) == pair
+            assert port.write(pair)
+        assert [clients[k].recv(9) for k in (0, 0, 1)] == [b"01", b"45", b"23"]
 
 
 class client_of:
@@ -232,7 +272,7 @@ def test_a_flood_takes_neither_memory_nor_samples_nor_signals(case, tmp_path):
         elapsed = after["t_s"] - before["t_s"]
         assert after["samples"] - before["samples"] >= 0.9 * 100 * elapsed
         assert grown < 20e6
-        if not port.startswith("can:"):
+        if not port.startswith(("can:", "udp:")):
             time.sleep(1)
             with serial.serial_for_url(run.port, baudrate=2_000_000, timeout=1) as driver:
                 if device != "inspire_rh56dftp":

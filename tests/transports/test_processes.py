@@ -19,7 +19,7 @@ from tactemu.transports import create
 from tactemu.transports.transport import Opened
 
 ROOT = Path(__file__).parents[2]
-ADDRESSES = ["pty:{tmp}/tty", "tcp:{tcp}", "rfc2217:{tcp}", "can:udp_multicast:239.74.163.31"]
+ADDRESSES = ["pty:{tmp}/tty", "tcp:{tcp}", "rfc2217:{tcp}", "udp:{tcp}", "can:udp_multicast:239.74.163.31"]
 pytestmark = pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
 
 
@@ -69,6 +69,10 @@ def serves(port):
         return port.listening and bool(port.filenos())
     if port.scheme == "pty":
         driver = serial.Serial(port.address)
+    elif port.scheme == "udp":
+        url = urlsplit(port.address)
+        driver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        driver.sendto(b"", (url.hostname, url.port))
     else:
         url = urlsplit(port.address)
         driver = socket.create_connection((url.hostname, url.port))

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from firmware_protocols import Can, CanFrame, Serial
+from firmware_protocols import Can, CanFrame, Serial, Udp
 from tactemu.errors import SceneError
 from tactemu.frame_text import text
 from tactemu.transports.memory import MemoryTransport
@@ -21,6 +21,7 @@ from tactemu.wire.wire import Heard, Wire
 
 USB = Serial(baud=115_200, usb=True)
 CAN = Can()
+UDP = Udp(port=1)
 MS = 1_000_000
 
 
@@ -104,6 +105,7 @@ def test_words(text, values):
         ("flip id=0x20000000", "whole number from 0"),
         ("flip prefix=5", "bytes in hex"),
         ("drop bits 3", "no such option; these have: flip"),
+        ("duplicate frames 3", "no such option; these have: reorder"),
         ("unplug 5%", "whole link"),
         ("unplug to_driver", "whole link"),
         ("latency every 3", "whole link"),
@@ -114,7 +116,9 @@ def test_wrong_words_name_the_right_ones(text, complaint):
         parse(text)
 
 
-@pytest.mark.parametrize(("text", "spec"), [("busoff at 1s", USB), ("garbage 1%", CAN), ("latency", CAN)])
+@pytest.mark.parametrize(
+    ("text", "spec"), [("busoff at 1s", USB), ("garbage 1%", CAN), ("latency", CAN), ("split", UDP)]
+)
 def test_a_wire_refuses_what_it_cannot_have(text, spec):
     with pytest.raises(SceneError, match="expected one of"):
         Wire(MemoryTransport(), spec, faults=[text])
@@ -127,7 +131,7 @@ SPOILERS = ["drop", "flip", "truncate", "length", "checksum", "duplicate", "garb
 
 @pytest.mark.parametrize(
     ("kind", "spec"),
-    [(kind, spec) for kind in SPOILERS for spec in (USB, CAN) if carrier_of(spec).kind in KINDS[kind].wires],
+    [(kind, spec) for kind in SPOILERS for spec in (USB, CAN, UDP) if carrier_of(spec).kind in KINDS[kind].wires],
     ids=str,
 )
 def test_a_fault_spoils_as_many_as_it_counts_and_leaves_the_others_alone(kind, spec):
@@ -176,6 +180,12 @@ def test_reorder_swaps_neighbours_and_merge_joins_them():
     assert b"".join(got) == b"".join(sent)[: len(b"".join(got))]
 
 
+def test_reorder_by_three_lets_three_others_pass():
+    sent, seen, injected = stream(UDP, ["reorder every 10 frames 3"], count=60)
+    assert [each for _, each in seen[:20]] == [*sent[:9], *sent[10:13], sent[9], *sent[13:19], sent[20]]
+    assert sorted(each for _, each in seen) == sent[:59] and injected["reorder"] == 5, "the last is still held"
+
+
 def test_late_comes_later_and_on_a_byte_stream_what_follows_waits_for_it():
     sent, seen, injected = stream(USB, ["late 10% by 3500us"])
     assert [each for _, each in seen] == sent[: len(seen)], "no line lets bytes overtake each other"
@@ -183,8 +193,9 @@ def test_late_comes_later_and_on_a_byte_stream_what_follows_waits_for_it():
     assert max(delays) == 3_500_000 and min(delays) == 0 and injected["late"] > 100
 
 
-def test_late_on_a_bus_lets_others_pass():
-    sent, seen, injected = stream(CAN, ["late 10% by 3500us"])
+@pytest.mark.parametrize("spec", [CAN, UDP])
+def test_late_on_a_bus_and_as_a_datagram_lets_others_pass(spec):
+    sent, seen, injected = stream(spec, ["late 10% by 3500us"])
     assert [each for _, each in seen] != sent[: len(seen)] and injected["late"] > 100
 
 

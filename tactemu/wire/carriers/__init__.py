@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import importlib
 
-from firmware_protocols import Can, Connector, Rs485, Serial, Tcp
+from firmware_protocols import Can, Connector, Rs485, Serial, Tcp, Udp
 from tactemu.errors import DeviceError
 from tactemu.wire.carriers.carrier import Carrier, Pacing
 
@@ -17,6 +17,7 @@ CARRIERS: dict[type[Connector], str] = {
     Rs485: "tactemu.wire.carriers.rs485:Rs485Carrier",
     Serial: "tactemu.wire.carriers.serial:SerialCarrier",
     Tcp: "tactemu.wire.carriers.tcp:TcpCarrier",
+    Udp: "tactemu.wire.carriers.udp:UdpCarrier",
 }
 
 

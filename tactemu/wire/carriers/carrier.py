@@ -27,7 +27,7 @@ class Carrier(ABC):
     """One kind of line, for one connector."""
 
     kind: ClassVar[str]
-    """The word by which faults know it: ``serial``, ``can``, ``tcp``."""
+    """The word by which faults know it: ``serial``, ``can``, ``tcp``, ``udp``."""
     schemes: ClassVar[tuple[str, ...]]
     """Transports that can stand for it beside ``memory:``, the usual one first."""
     shared: ClassVar[bool] = False

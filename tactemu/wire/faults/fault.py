@@ -3,7 +3,7 @@
 ::
 
     KIND [N% | every N] [id=0x201] [prefix=55aa] [to_driver | from_driver | both] [at T [for T] | from T] [to T]
-         [by T] [bits N | bytes N]
+         [by T] [bits N | bytes N | frames N]
 
 ``N%`` is the probability per frame (for ``load`` and ``babble`` the share of the bus), ``every N`` hits each N-th frame
 that the target matches, neither hits all of them. Times are emulation times: ``3s``, ``16ms``, ``200us``. A fault of
@@ -28,9 +28,9 @@ class Kind:
     """One kind of fault."""
 
     about: str
-    wires: tuple[str, ...] = ("serial", "can", "tcp")
+    wires: tuple[str, ...] = ("serial", "can", "tcp", "udp")
     options: tuple[str, ...] = ()
-    """Which of ``by``, ``bits``, ``bytes`` it takes."""
+    """Which of ``by``, ``bits``, ``bytes``, ``frames`` it takes."""
     whole_link: bool = False
     """It befalls the port or the bus, not single frames: it has a time and no target."""
 
@@ -44,7 +44,7 @@ KINDS: dict[str, Kind] = {
     "length": Kind("the frame is too long (a full CAN frame too short)", options=("bytes",)),
     "checksum": Kind("the last bytes are wrong", options=("bytes",)),
     "duplicate": Kind("sent twice"),
-    "reorder": Kind("sent after the next one"),
+    "reorder": Kind("sent after the next one", options=("frames",)),
     "garbage": Kind("random bytes before the frame", _BYTES, ("bytes",)),
     "split": Kind("arrives in two pieces, the second later", _BYTES, ("by",)),
     "merge": Kind("arrives together with the next one", _BYTES),
@@ -63,7 +63,7 @@ KINDS: dict[str, Kind] = {
 
 _DEFAULT_BY_NS = {"late": 10_000_000, "split": 1_000_000, "latency": 16_000_000}
 _UNITS = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
-_WORDS = ("N%", "every", "id=", "prefix=", *DIRECTIONS, "at", "from", "to", "for", "by", "bits", "bytes")
+_WORDS = ("N%", "every", "id=", "prefix=", *DIRECTIONS, "at", "from", "to", "for", "by", "bits", "bytes", "frames")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -82,7 +82,7 @@ class Fault:
     """Hits one frame and is over."""
     by_ns: int = 0
     amount: int | None = None
-    """Bits or bytes, where the kind takes them."""
+    """Bits, bytes or frames, where the kind takes them."""
     text: str = ""
 
     def __str__(self) -> str:
@@ -177,7 +177,7 @@ class _Words:
         elif word in ("at", "from", "to", "for", "by"):
             name = {"from": "start_ns", "to": "stop_ns", "by": "by_ns"}.get(word, word)
             self._set(word, name, self._duration(word, self._next(word)))
-        elif word in ("every", "bits", "bytes"):
+        elif word in ("every", "bits", "bytes", "frames"):
             value = self._integer(word, self._next(word), 65_536, least=1)
             self._set(word, "every" if word == "every" else "amount", value)
         elif self.kind == "latency" and word[:1].isdigit():
@@ -188,7 +188,7 @@ class _Words:
 
     def _check_allowed(self, word: str) -> None:
         kind = KINDS[self.kind]
-        if word in ("by", "bits", "bytes") and word not in kind.options:
+        if word in ("by", "bits", "bytes", "frames") and word not in kind.options:
             takes = ", ".join(name for name, each in KINDS.items() if word in each.options)
             raise self._wrong(word, f"{self.kind} has no such option; these have: {takes}")
         targets = word == "every" or word in DIRECTIONS or word.startswith(("prefix=", "id="))

@@ -45,7 +45,8 @@ class FrameFault:
         self.rng = rng
         self._spent = False
         self._matched = 0
-        self._held: dict[Key, Frame] = {}
+        self._held: dict[Key, tuple[Frame, int]] = {}
+        """With the number of frames that go before it."""
         self._earlier: dict[Key, deque[Frame]] = {}
 
     def apply(self, frame: Frame, key: Key, t_ns: int) -> tuple[Parts, bool]:
@@ -61,7 +62,7 @@ class FrameFault:
 
     def forget(self) -> list[Held]:
         """It is over, or the port was closed: what it holds back."""
-        held = [(frame, source, direction) for (source, direction), frame in self._held.items()]
+        held = [(frame, source, direction) for (source, direction), (frame, _) in self._held.items()]
         self._held.clear()
         self._earlier.clear()
         return held
@@ -84,15 +85,18 @@ class FrameFault:
         return True
 
     def _hold(self, frame: Frame, key: Key, hit: bool) -> tuple[Parts, bool]:
-        held = self._held.pop(key, None)
-        if held is not None and self.fault.kind == "reorder":
-            return [(frame, 0), (held, 0)], True
-        if held is not None:
-            return [(payload(held) + payload(frame), 0)], True
-        if hit:
-            self._held[key] = frame
+        held, left = self._held.pop(key, (None, 0))
+        if held is None and hit:
+            self._held[key] = frame, self.fault.amount or 1
             return [], False
-        return [(frame, 0)], False
+        if held is None:
+            return [(frame, 0)], False
+        if left > 1:
+            self._held[key] = held, left - 1
+            return [(frame, 0)], False
+        if self.fault.kind == "reorder":
+            return [(frame, 0), (held, 0)], True
+        return [(payload(held) + payload(frame), 0)], True
 
     def _stray(self, frame: Frame, key: Key, hit: bool) -> tuple[Parts, bool]:
         earlier = self._earlier.setdefault(key, deque(maxlen=_REMEMBERED))

@@ -1,0 +1,52 @@
+"""Addresses ``HOST:PORT`` of this machine's network ports."""
+
+from __future__ import annotations
+
+import ipaddress
+import logging
+import socket
+
+from tactemu.errors import TransportError
+
+_logger = logging.getLogger(__name__)
+
+
+def parse(scheme: str, rest: str) -> tuple[str, int]:
+    """Host and port of ``PORT`` or ``HOST:PORT``; without a host it is loopback.
+
+    Raises:
+        TransportError: it is neither.
+    """
+    host, _, port = rest.rpartition(":")
+    host = host.removeprefix("[").removesuffix("]") or "127.0.0.1"
+    if not port.isdecimal() or int(port) > 65_535:
+        raise TransportError(f"port '{scheme}:{rest}': expected {scheme}:PORT or {scheme}:HOST:PORT, PORT 0 to 65535")
+    return host, int(port)
+
+
+def join(host: str, port: int) -> str:
+    """``HOST:PORT``, an IPv6 address in brackets."""
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
+def resolve(host: str, port: int, kind: socket.SocketKind) -> tuple[socket.AddressFamily, tuple[str, int]]:
+    """Family and address to bind to.
+
+    Raises:
+        OSError: no such host.
+    """
+    family, _, _, _, where = socket.getaddrinfo(host, port, type=kind)[0]
+    return family, (str(where[0]), int(where[1]))
+
+
+def not_ours(scheme: str, host: str, port: int, error: OSError) -> TransportError:
+    """The error of a port that cannot be listened on."""
+    return TransportError(
+        f"cannot listen on {join(host, port)}: {error.strerror}; choose another port ({scheme}:0 takes a free one)"
+    )
+
+
+def warn_of_others(address: str, host: str) -> None:
+    """Say so where others than this machine reach a port."""
+    if not ipaddress.ip_address(host).is_loopback:
+        _logger.warning("%s: whoever is on the network may connect and command the device", address)

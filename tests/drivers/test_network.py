@@ -1,0 +1,90 @@
+"""Unmodified drivers of sensors on a network, below the whole of tactemu."""
+
+import http.client
+import os
+
+import numpy as np
+import pytest
+
+import tactemu
+from tests.drivers.rig import assert_consecutive, run_driver
+
+pytestmark = [pytest.mark.driver, pytest.mark.timeout(120)]
+
+
+def pushed(t_s):
+    """A force that names its time [N]."""
+    return np.array([[np.sin(40 * t_s), np.cos(30 * t_s), -5 - 4 * np.sin(7 * t_s)]])
+
+
+def port_of(served, name):
+    return int(served.ports[f"{served.emulator.channels[0].name}/{name}"].rpartition(":")[2])
+
+
+def ati(faults=(), **options):
+    ports = {"rdt": "udp:0", "http": "tcp:0"}
+    return tactemu.serve("ati_net_ft", ports, rate_hz=500, faults=faults, device_options=options, source=pushed)
+
+
+def pynetft(served, *, bias=False, count=300):
+    ports = port_of(served, "rdt"), port_of(served, "http")
+    return run_driver("pynetft", "pynetft_read.py", "127.0.0.1", *ports, int(bias), count)
+
+
+def truth_of(served):
+    return [sample.counts[0] for sample in served.truth.samples]
+
+
+def test_pynetft():
+    with ati(counts_per_torque=2_000_000, records_per_second=250) as dev:
+        got = pynetft(dev)
+        page = http.client.HTTPConnection("127.0.0.1", port_of(dev, "http"), timeout=5)
+        page.request("GET", "/netftapi2.xml?index=0")
+        assert b"<comrdtrate>250</comrdtrate>" in page.getresponse().read()
+        page.request("GET", "/other")
+        assert page.getresponse().status == 404
+        page.close()
+    assert_consecutive(got["raw"], truth_of(dev), count=300)
+    np.testing.assert_allclose(got["wrench"], np.array(got["raw"]) / np.repeat([1e6, 2e6], 3))
+    assert got["sequences"] == list(range(got["sequences"][0], got["sequences"][0] + 300))
+    steps = np.diff(got["samples"])
+    assert steps.min() == 14 and not (steps % 14).any(), "7000 a second; a loop that was held up sends fewer records"
+    assert got["status"] == [0]
+    assert got["units"] == ["N", "N-m"] and got["counts"] == [1e6, 2e6] and got["product"] == "Net F/T"
+    assert got["lost"] == got["duplicate"] == got["late"] == got["malformed"] == 0
+
+
+def test_pynetft_zeroes_and_is_numbered_anew():
+    with ati() as dev:
+        got = pynetft(dev, bias=True)
+    assert_consecutive(got["raw"], truth_of(dev), count=300)
+    assert got["lost"] == 0 and dev.device().bias.any()
+
+
+@pytest.mark.parametrize(
+    ("fault", "counter"),
+    [
+        ("drop every 20", "lost"),
+        ("duplicate every 20", "duplicate"),
+        ("truncate every 20", "malformed"),
+        ("reorder every 20 frames 3", "late"),
+        ("late every 20 by 9ms", "late"),
+    ],
+)
+def test_pynetft_counts_what_befell_the_datagrams(fault, counter):
+    with ati(faults=[fault]) as dev:
+        got = pynetft(dev)
+    injected = dev.truth.injected[fault.split()[0]]
+    assert injected - 3 <= got[counter] <= injected and injected >= 10, "those at the end it does not see"
+
+
+@pytest.mark.parametrize("name", ["ati_net_ft", "onrobot_hex"])
+def test_netft(name):
+    number = os.getpid()
+    host = f"127.74.{number >> 8 & 0xFF}.{number & 0xFF or 1}"  # the driver's port is fixed
+    with tactemu.serve(name, f"udp:{host}:49152", rate_hz=500, source=pushed) as dev:
+        got = run_driver("NetFT", "netft_read.py", host)
+        dev.wait(0.1)
+        assert not dev.device().left, "stopped"
+    assert_consecutive(got["single"], truth_of(dev))
+    assert_consecutive(got["streamed"], truth_of(dev))
