@@ -237,7 +237,8 @@ class OrcaTouch(PaxiniHighSpeed):
         "where the fingertips are on the hand: side by side, 25 mm apart; the resultant is the sum over the taxels",
         "the resultant's axes: the sensor frame's; Fz counts along -z of it",
         "hardware 1, firmware 1, board id 0; the commit in the version; capabilities: fingertip names",
-        "a zero is done at once and always well; errors as on PaXini's board; no joint encoders on this port",
+        "a zero is done at once and always well, and a restart forgets it, which a fingertip with power does not",
+        "errors and a restart as on PaXini's board; counters of errors are 0; no joint encoders on this port",
     )
     parts: ClassVar[Mapping[str, str]] = {
         "thumb": "DP18A", "index": "DP18B", "middle": "DP18B", "ring": "DP18B", "pinky": "DP18C",

@@ -87,8 +87,8 @@ def test_places_that_cannot_be(places):
 def test_orca_says_who_it_is_whatever_else_is_said():
     board = fp.create("orca_touch", side="left")
     assert send(board, b"\x00ORCA_") == []
-    assert send(board, b"ID?\nORCA_ID?\nORCA_IN") == [b"ORCA:SENSOR\n"] * 2
-    (info,) = send(board, b"FO?\n")
+    assert send(board, b"ID?\nORCA_ID?\nORCA_") == [b"ORCA:SENSOR\n"] * 2
+    (info,) = send(board, b"INFO?\n")
     assert info.startswith(b"ORCA:SENSOR;SIDE=L;") and info.endswith(b"\n")
     assert send(board, b"ORCA_XX?\n") == []
 
