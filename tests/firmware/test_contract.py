@@ -29,6 +29,7 @@ VARIANTS = [
     ("eflesh_binary", {"missing": (2, 5)}),
     ("feetech_sts3215", {"ids": (7, 1), "encoders": (100.0, 4000.0), "swing": 0.3}),
     ("agibot_omnihand_pro", {"device": 127}),
+    ("dexrobot_dexhand", {"side": "right"}),
     ("flexitac", {"rows": 4, "cols": 2}),
     ("flexitac", {"rows": 16}),
     ("fulai_glove", {"hardware": "3.2", "hand": "right", "identity": False}),
@@ -55,6 +56,7 @@ VARIANTS = [
     ("weiss_dsacon32m", {"mute_s": 8.0}),
     ("wiresens", {"rows": 3, "cols": 5, "values": 8, "sensor": -2}),
     ("xela_uskin", {"ids": "grid", "board": 3}),
+    ("xela_uskin", {"ids": "grid", "cols": 6}),
 ]
 
 
