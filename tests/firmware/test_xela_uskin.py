@@ -102,7 +102,9 @@ def test_forces_reach_their_axes_and_saturate():
     ]
 
 
-@pytest.mark.parametrize("options", [{"ids": "rows"}, {"cols": 5}, {"cols": 6}, {"board": 16}, {"board": 0}, {"gains": (1.0, 2.0)}])
+@pytest.mark.parametrize(
+    "options", [{"ids": "rows"}, {"cols": 5}, {"cols": 6}, {"board": 16}, {"board": 0}, {"gains": (1.0, 2.0)}]
+)
 def test_bad_options_are_refused(options):
     with pytest.raises(ValueError, match=next(iter(options))):
         fp.create("xela_uskin", **options)
