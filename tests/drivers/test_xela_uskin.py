@@ -10,15 +10,19 @@ from tests.drivers.can_link import INTERFACE
 from tests.drivers.rig import Rig, assert_consecutive, run_driver
 from tests.firmware.feeding import send
 
-pytestmark = [pytest.mark.driver, pytest.mark.timeout(90)]
+pytestmark = [
+    pytest.mark.driver,
+    pytest.mark.judge("xela_uskin", "xela_uskin_4x6", driver="cantools", carrier="CAN"),
+    pytest.mark.timeout(90),
+]
 DBC = Path(__file__).parents[1] / "data" / "xela_uskin.dbc"
 BOARD = [f"board_{taxel:02d}" for taxel in range(16)]
 GRID = [f"grid_{row}_{column}" for column in range(6) for row in range(4)]
 
 
-@pytest.mark.parametrize(("options", "messages"), [({}, BOARD), ({"ids": "grid", "cols": 6}, GRID)])
-def test_200_readings_of_every_taxel(options, messages):
-    device = fp.create("xela_uskin", **options)
+@pytest.mark.parametrize(("name", "messages"), [("xela_uskin", BOARD), ("xela_uskin_4x6", GRID)])
+def test_200_readings_of_every_taxel(name, messages):
+    device = fp.create(name)
     send(device, "201#0700")
     with Rig(device, kind="can") as rig:
         got = run_driver("cantools", "cantools_read.py", DBC, rig.port, INTERFACE, 200, 0, *messages, seconds=60)
