@@ -23,6 +23,7 @@ DEVICES: dict[str, str] = {
     "ati_net_ft": f"{_HERE}.ati_net_ft:AtiNetFt",
     "bielefeld_glove": f"{_HERE}.bielefeld_glove:BielefeldGlove",
     "contactile_papillarray": f"{_HERE}.contactile_papillarray:ContactilePapillArray",
+    "dexrobot_dexhand": f"{_HERE}.dexrobot_dexhand:DexrobotDexHand",
     "digity_exohand": f"{_HERE}.digity_exohand:DigityExohand",
     "eflesh_binary": f"{_HERE}.eflesh_binary:EfleshBinary",
     "feetech_sts3215": f"{_HERE}.feetech_sts3215:FeetechSts3215",

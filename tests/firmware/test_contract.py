@@ -29,6 +29,7 @@ VARIANTS = [
     ("eflesh_binary", {"missing": (2, 5)}),
     ("feetech_sts3215", {"ids": (7, 1), "encoders": (100.0, 4000.0), "swing": 0.3}),
     ("agibot_omnihand_pro", {"device": 127}),
+    ("dexrobot_dexhand", {"side": "right"}),
     ("flexitac", {"rows": 4, "cols": 2}),
     ("flexitac", {"rows": 16}),
     ("fulai_glove", {"hardware": "3.2", "hand": "right", "identity": False}),

@@ -48,8 +48,6 @@ class Case:
         return "-".join([self.device, *map(str, (*self.options.values(), *self.arguments))])
 
 
-CARRIERS = {"serial": "serial", "can": "CAN"}
-
 PADS = [pad for pad in range(12) if pad not in (6, 10)]
 """Of a triangle of the iCub; the two others are thermal."""
 
