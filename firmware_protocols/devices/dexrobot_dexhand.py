@@ -64,7 +64,7 @@ class DexrobotDexHand(Device[CanFrame]):
     )
     evidence = ("driver",)
     sources = ("DexRobot/pyzlg_dexhand@316575a dexhand_protocol/{__init__,messages,commands}.py",)
-    judge = "cantools, with a DBC of its frames"
+    judge = "cantools, with a DBC of its frames; own second reader"
     assumed = (
         "1 Mbit/s, 5 Mbit/s for data; boards 1..5 thumb to little finger; mode 1 at 100 Hz after power-up",
         "a set-up message begins with the command or with 03 and the command; the mode is the next byte",

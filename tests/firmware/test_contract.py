@@ -46,6 +46,7 @@ VARIANTS = [
     ("optoforce", {"axes": "4x3"}),
     ("optoforce", {"axes": "6"}),
     ("paxini_gen2", {"models": "S1610"}),
+    ("paxini_high_speed", {"models": ("M2020", "S1610"), "places": (3, 27)}),
     ("paxini_px6ax", {"models": ("S1813E", "M2020")}),
     ("robotiq_ft300", {"streams": False}),
     ("robotiq_tsf85", {"packets": "per_finger", "magnetometer": True}),
@@ -55,6 +56,7 @@ VARIANTS = [
     ("weiss_dsacon32m", {"mute_s": 8.0}),
     ("wiresens", {"rows": 3, "cols": 5, "values": 8, "sensor": -2}),
     ("xela_uskin", {"ids": "grid", "board": 3}),
+    ("xela_uskin_4x6", {"first_id": 0x740, "board": 3}),
 ]
 
 
