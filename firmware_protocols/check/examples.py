@@ -7,11 +7,12 @@
        "request": "C1 01 00 C0", "reply": ["C1 01 ..."]}]}
 
 A vector belongs to ``device``, or to the device that the file is named after. A frame is hex, or a CAN frame in candump
-notation. A fresh device with ``options`` is sent ``after`` on ``port``; its skin is pushed by ``newtons`` (one number
-or one per taxel) or by ``pushes`` (pictures of patches by name [N], as one looks at the skin; patches without one are
-not touched), or its converter reads ``counts`` (one per value, or ``"index"``: 0, 1, 2 ...). Then, at ``t_ns`` (1 s),
-it must answer ``request`` with exactly ``reply``, or its next conversion must send exactly ``stream`` (one conversion
-of each stream, in the order of ``Device.streams``), and convert ``rate_hz`` times a second, if that is given.
+notation. A fresh device with ``options`` is sent ``after`` on ``port``; its skin is pushed by ``newtons`` (one number,
+one per taxel, or x, y, z of the force on each taxel in the frame of its link) or by ``pushes`` (pictures of patches by
+name [N], as one looks at the skin; patches without one are not touched), or its converter reads ``counts`` (one per
+value of its first sense, or ``"index"``: 0, 1, 2 ...). Then, at ``t_ns`` (1 s), it must answer ``request`` with exactly
+``reply``, or its next conversion must send exactly ``stream`` (one conversion of each stream, in the order of
+``Device.streams``), and convert ``rate_hz`` times a second, if that is given.
 
 Other senses see the same pushes: ``pressure`` is the push over the area of the taxel (its patch's ``area``, else the
 pitch squared) [Pa], ``vibration`` all pushes over all areas [Pa]; what touch does not move is at rest, 25 °C and
@@ -34,7 +35,7 @@ from firmware_protocols.calls import AuthorError
 from firmware_protocols.check.facts import changes
 from firmware_protocols.check.host import SECOND, Host, Subject
 from firmware_protocols.check.report import Fault
-from firmware_protocols.device import Device
+from firmware_protocols.device import Counts, Device
 from firmware_protocols.frames import frame_of, payload, text_of
 
 TREE = Path(firmware_protocols.__file__).parents[1] / "tests" / "data" / "golden"
@@ -131,7 +132,8 @@ def replayed(subject: Subject, example: Example) -> tuple[list[Any], Device]:
     return (host.send(example.request, example.port) if example.request is not None else sent), host.device
 
 
-def _given(counts: Any, like: np.ndarray) -> np.ndarray:
+def _given(counts: Any, felt: Counts) -> np.ndarray:
+    like = np.asarray(next(iter(felt.values())) if isinstance(felt, Mapping) else felt)
     values = np.arange(like.size) if counts == "index" else np.array(counts)
     return values.reshape(like.shape).astype(like.dtype)
 

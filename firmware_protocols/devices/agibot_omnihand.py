@@ -94,6 +94,7 @@ class AgibotOmniHandO10(AgibotOmniHand):
     title = "AgiBot OmniHand 2025 (O10)"
     columns = (Column(name="channel", low=0, high=0xFF, push=1),)
     sources = ("AgibotTech/Omnihand-2025-SDK@bcbccf4",)
+    judge = "own second reader"
     parts = {**dict.fromkeys(FINGERS, 4), "palm": 5, "back": 5}
     answers = {
         4: Frame("""
@@ -125,7 +126,7 @@ class AgibotOmniHandPro(AgibotOmniHand):
         Column(name="angle", low=0, high=359),
     )
     sources = ("AgibotTech/OmniHand-Pro-2025@3c7048e src/proto.h, src/c_agibot_hand.cc l.430, l.1234",)
-    judge = "cantools, with a DBC of its frames"
+    judge = "cantools, with a DBC of its frames; own second reader"
     assumed = (
         *AgibotOmniHand.assumed,
         "forces are those on all channels of the finger, tangential in 0.1 N as normal; online 1, proximity 0",

@@ -18,6 +18,7 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_protocols import (
+    USB,
     Column,
     Counts,
     Device,
@@ -92,7 +93,7 @@ class DigityExohand(Device):
 
     name = "digity_exohand"
     kind = "glove"
-    ports = (Serial(baud=921_600),)
+    ports = (Serial(baud=921_600, usb=USB(0x10C4, 0xEA60, node="ttyUSB")),)
     rate_hz = 50.0
     rollovers = (Rollover(name="sequence", bits=16, state="sequence"),)
     evidence = ("driver",)
@@ -102,7 +103,7 @@ class DigityExohand(Device):
         "six channels of a finger as 3 rows of 2, 6 mm apart, row by row from the fingertip; a flat hand",
         "400 counts/N, untouched 0; 131 counts per deg/s (16384 per g is in the driver's example); axes of the link",
         "a packet: a record of each kind, with one sample; parts 1 angles, 2 motion, 3 touch; one sequence for all",
-        "angles stand still: nothing moves the wearer's fingers",
+        "angles stand still: nothing moves the wearer's fingers; of the four makes of USB chips a CP2102",
     )
 
     def __init__(

@@ -45,7 +45,7 @@ FRAME = Frame("""
 ADC_MAX = 4095
 
 Rows = tuple[tuple[int, int], ...]
-"""First column and number of taxels of each row, as a left hand's zone is seen from outside."""
+"""First column and number of taxels of each row, of a left hand seen from its palm, fingers up."""
 FINGER: Rows = ((2, 4), (1, 6))
 PALM: Rows = ((0, 14),) * 3
 THENAR: dict[str, Rows] = {

@@ -2,6 +2,7 @@
 
 import itertools
 import os
+from collections import deque
 
 from firmware_protocols import CanFrame
 
@@ -17,6 +18,8 @@ class CanLink:
 
         self.message = can.Message
         self.bus = can.Bus(interface=INTERFACE, channel=channel)
+        self.echoes: deque[CanFrame] = deque(maxlen=256)
+        """Frames of our own that multicast will return, in order."""
 
     def filenos(self):
         return [self.bus.fileno()]
@@ -25,18 +28,22 @@ class CanLink:
         message = self.bus.recv(0)
         if message is None:
             return []
-        return [
-            CanFrame(
-                arbitration_id=message.arbitration_id,
-                data=bytes(message.data),
-                is_extended_id=message.is_extended_id,
-                is_remote_frame=message.is_remote_frame,
-                is_fd=message.is_fd,
-                bitrate_switch=message.bitrate_switch,
-            )
-        ]
+        frame = CanFrame(
+            arbitration_id=message.arbitration_id,
+            data=bytes(message.data),
+            is_extended_id=message.is_extended_id,
+            is_remote_frame=message.is_remote_frame,
+            is_fd=message.is_fd,
+            bitrate_switch=message.bitrate_switch,
+        )
+        if frame not in self.echoes:
+            return [frame]
+        while self.echoes.popleft() != frame:
+            pass
+        return []
 
     def write(self, frame):
+        self.echoes.append(frame)
         self.bus.send(
             self.message(
                 arbitration_id=frame.arbitration_id,

@@ -6,9 +6,14 @@ import pytest
 import firmware_protocols as fp
 from tests.drivers.rig import Rig, assert_consecutive, run_driver
 
-pytestmark = [pytest.mark.driver, pytest.mark.timeout(90)]
+pytestmark = [
+    pytest.mark.judge("fulai_glove", driver="fulai-tactile", carrier="USB serial, lines"),
+    pytest.mark.driver,
+    pytest.mark.timeout(90),
+]
 
 
+@pytest.mark.realtime  # it waits 0.6 s for the identity
 @pytest.mark.parametrize(
     ("hardware", "hand", "identity"),
     [("3.0", "right", True), ("3.1", "left", True), ("3.2", "left", True), ("3.1", "right", False)],
@@ -39,3 +44,14 @@ def test_taxels_lie_where_the_driver_draws_them(hardware, hand):
         row, col = np.array([np.argwhere(cells == number)[0] for number in range(zone.count)]).T
         x, y, _ = layout.positions[patch.taxels].T / patch.pitch
         assert np.allclose(x - x.min(), col - col.min()) and np.allclose(y.max() - y, row), patch.name
+
+
+def test_a_tail_within_a_frame_costs_that_frame():
+    decoder = pytest.importorskip("fulai_tactile.decoder").Decoder()
+    device, whole = fp.create("fulai_glove", baseline=0), []
+    for k in range(10):
+        device.counts = np.zeros(len(device.layout), int)
+        device.counts[[6, 7]] = (0 if k == 5 else 1), 4088
+        decoder.append(device.stream(0, "")[0], lambda raw, timestamp: whole.append(raw))
+    assert decoder.stats.malformed_frames == 2, "two pieces"
+    assert decoder.stats.parsed_frames == 8, "all others but the first, by whose tail it begins"

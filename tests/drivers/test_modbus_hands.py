@@ -18,6 +18,7 @@ def ask(client: str, rig: Rig, unit: int, *steps, times: int = 1):
     return run_driver(client, script, rig.port, rig.device.ports[0].baud, unit, times, json.dumps(steps))
 
 
+@pytest.mark.judge("linker_hand_l10_rs485", driver="client", carrier="RS-485, Modbus")
 @clients
 @pytest.mark.parametrize(("side", "unit"), [("left", 0x28), ("right", 0x27)])
 def test_linker_hand_l10(client, side, unit):

@@ -99,10 +99,16 @@ def open_can(channel):
     return bus
 
 
+echoes = []
+"""What was sent on a bus that returns it: multicast does, SocketCAN does not."""
+
+
 def send(bus, arbitration_id, data, *, extended=False, fd=False):
     import can
 
     bus.send(can.Message(arbitration_id=arbitration_id, data=data, is_extended_id=extended, is_fd=fd, check=True))
+    if type(bus).__name__ == "UdpMulticastBus":
+        echoes.append((arbitration_id, bytes(data)))
 
 
 def frame(bus, wanted, seconds=1.0):
@@ -110,7 +116,9 @@ def frame(bus, wanted, seconds=1.0):
     end = time.monotonic() + seconds
     while (left := end - time.monotonic()) > 0:
         message = bus.recv(left)
-        if message is not None and wanted(message):
+        if message is not None and (echo := (message.arbitration_id, bytes(message.data))) in echoes:
+            echoes.remove(echo)
+        elif message is not None and wanted(message):
             expect(not message.is_error_frame, "an error frame")
             return message
     raise Broken(f"no frame that was waited for within {seconds} s")

@@ -57,8 +57,51 @@ def by_finger(readings):
     return np.reshape(readings, (len(readings), 5, -1)).swapaxes(0, 1)
 
 
+def omnihand_pro(device, counts):
+    """Online 1 and no proximity are the device's assumptions."""
+    return [[1, *finger[:, 0], *finger[0, 1:], 0, 0, 0, 0] for finger in counts.reshape(5, 9, 4)]
+
+
+def omnihand_o10(values):
+    """Sixteen values of each finger, 25 of palm and back."""
+    return np.split(values, [16, 32, 48, 64, 80, 105])
+
+
+def dexhand(device, counts):
+    """Of each fingertip."""
+    return np.column_stack([counts.item()["force"], counts.item()["temperature"]])
+
+
 CASES = [
+    Case(
+        "agibot_omnihand_o10",
+        "omnihand.py",
+        arguments=("o10",),
+        kind="can",
+        shown=lambda device, counts: omnihand_o10(counts),
+        compared=lambda readings: list(zip(*map(omnihand_o10, readings))),
+        guarded=False,
+    ),
+    Case(
+        "agibot_omnihand_pro",
+        "omnihand.py",
+        arguments=("pro",),
+        kind="can",
+        shown=omnihand_pro,
+        compared=by_finger,
+        guarded=False,
+    ),
     Case("bielefeld_glove", "bielefeld_glove.py", guarded=False),
+    Case(
+        "dexrobot_dexhand",
+        "dexhand021.py",
+        {"side": "right"},
+        kind="can",
+        shown=dexhand,
+        compared=lambda readings: [[np.take(r, (1, 3, 5, 7)) for r in readings if r[0] == b] for b in range(7, 12)],
+        guarded=False,
+        count=1100,
+    ),
     Case("eflesh_binary", "eflesh_binary.py"),
     Case(
         "contactile_papillarray",
@@ -103,8 +146,8 @@ CASES = [
         "linkerhand_l10.py",
         arguments=("left",),
         peak=0.5,
-        shown=lambda device, counts: counts[device.layout.patches[1].taxels],
-        compared=lambda readings: [[reading[72:144] for reading in readings]],
+        shown=lambda device, counts: counts.reshape(5, -1),
+        compared=by_finger,
     ),
     Case(
         "osmo_glove",
@@ -125,7 +168,16 @@ CASES = [
     Case("wiresens", "wiresens.py", arguments=(64,), guarded=False),
     Case("wiresens", "wiresens.py", {"rows": 8, "cols": 15, "values": 120}, guarded=False),
     Case("xela_uskin", "xela_uskin.py", kind="can", guarded=False),
+    Case("xela_uskin_4x6", "xela_uskin.py", arguments=("4x6",), kind="can", guarded=False),
 ]
+
+
+def judged(cases):
+    """As parameters, each marked as the judge that it is."""
+    for case in cases:
+        carrier = {"can": "CAN", "tcp": "TCP"}.get(case.kind, case.kind)
+        mark = pytest.mark.judge(case.device, driver="own second reader", carrier=carrier, script=case.reader)
+        yield pytest.param(case, id=str(case), marks=mark)
 
 
 def read(reader, port, *arguments, count=200):
@@ -136,19 +188,20 @@ def read(reader, port, *arguments, count=200):
     return done.returncode, done.stdout, done.stderr
 
 
-@pytest.mark.parametrize("case", CASES, ids=str)
+@pytest.mark.parametrize("case", [*judged(CASES)])
 def test_200_consecutive_readings(case):
     with case.on(Rig) as rig:
         status, printed, complaint = read(case.reader, rig.port, *case.arguments, count=case.count)
     assert status == 0, complaint[-2000:]
     readings, lost = (json.loads(printed)[key] for key in ("readings", "lost"))
     assert lost < len(readings) / 4, "a busy machine loses a few frames, not so many"
-    for part, sequence in enumerate(case.compared(readings)):
+    sequences = case.compared(readings)
+    for part, sequence in enumerate(sequences):
         assert np.ptp(np.asarray(sequence, float), axis=0).max() > 0
 
         def decode(counts, part=part):
             shown = case.shown(rig.device, counts)
-            return shown if np.ndim(shown) == 1 else shown[part]
+            return shown if len(sequences) == 1 else shown[part]
 
         places = assert_consecutive(sequence, rig.truth, decode=decode)
         assert len(set(places)) >= 50, "the same samples again and again"
@@ -176,7 +229,7 @@ def turned(frame):
     return bytes(data) if isinstance(frame, bytes) else replace(frame, data=bytes(data))
 
 
-@pytest.mark.parametrize("case", [case for case in CASES if case.guarded], ids=str)
+@pytest.mark.parametrize("case", [*judged(case for case in CASES if case.guarded)])
 def test_a_wrong_bit_is_one_sentence(case):
     with case.on(Noisy) as rig:
         status, printed, complaint = read(case.reader, rig.port, *case.arguments)
