@@ -195,14 +195,15 @@ def _open_tcp():
     return f"127.0.0.1:{link.server.getsockname()[1]}", link
 
 
-def run_driver(package: str, script: str, *arguments, cwd=None, seconds: float = 60.0):
+def run_driver(package: str, script: str, *arguments, cwd=None, seconds: float = 60.0, python: str = sys.executable):
     """Run ``tests/drivers/scripts/<script>`` in its own process; the JSON of its last line of output.
 
-    Skips where ``package`` is not installed.
+    Skips where ``package`` is not installed; ``python`` of an environment of its own has it.
     """
-    if importlib.util.find_spec(package) is None:  # not imported: drivers leave files and loggers behind
+    installed = python != sys.executable or importlib.util.find_spec(package)
+    if not installed:  # not imported: drivers leave files and loggers behind
         pytest.skip(f"{package} is not installed")
-    command = [sys.executable, str(DRIVERS / script), *map(str, arguments)]
+    command = [python, str(DRIVERS / script), *map(str, arguments)]
     done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=seconds, cwd=cwd)
     assert done.returncode == 0, done.stderr[-2000:]
     return json.loads(done.stdout.splitlines()[-1])
