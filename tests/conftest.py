@@ -2,6 +2,7 @@
 
 import json
 import os
+from pathlib import Path
 
 import pytest
 
@@ -17,16 +18,29 @@ if "CAN_CONFIG" not in os.environ or "PYTEST_XDIST_WORKER" in os.environ:
 # first import of numpy, and for the processes that tests start.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from tests import judging
+from tests.drivers import rig
+
 
 def pytest_addoption(parser):
     parser.addoption(
         "--realtime", choices=("all", "none", "only"), default="all",
         help="tests that keep real time: run them too (all), leave them out (none), or run nothing else (only)",
     )  # fmt: skip
+    parser.addoption(
+        "--judges", default="changed", help="drivers to run: changed (see tests/judging.py), all, or devices"
+    )
+    parser.addoption("--judges-to", type=Path, metavar="FILE", help="add a line of JSON for each judge")
+
+
+def pytest_configure(config):
+    if config.getoption("--judges-to"):
+        config.pluginmanager.register(judging.Verdicts(config.getoption("--judges-to")))
 
 
 def pytest_collection_modifyitems(config, items):
-    """Leave out what ``--realtime`` says, and skip what this machine or this run does not offer."""
+    """Leave out what ``--realtime`` and ``--judges`` say, and skip what this machine or this run does not offer."""
+    judging.deselect(config, items)
     wanted = config.getoption("--realtime")
     if wanted != "all":
         real = [item for item in items if item.get_closest_marker("realtime")]
@@ -41,3 +55,19 @@ def pytest_collection_modifyitems(config, items):
     for item in items:
         for mark in filter(item.get_closest_marker, reasons):
             item.add_marker(pytest.mark.skip(reason=reasons[mark]))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item, call):
+    report = yield
+    judge = judging.judge_of(item)
+    if call.when == "setup":
+        rig.EQUAL.clear()
+    if judge and (call.when == "call" or report.outcome != "passed"):
+        report.user_properties.append(("judge", judging.verdict(judge, report)))
+    return report
+
+
+def pytest_terminal_summary(terminalreporter, config):
+    if said := judging.rule(config):
+        terminalreporter.write_line(said)

@@ -7,7 +7,8 @@ wait 2.5 s.
 Sensors in wire order: 1 lower right, 2 lower left, 3 upper right, 4 upper left, 5 centre. The magnet over sensor 4 is
 built in upside down: its Bz is negative. Steps are 1.2 uT (x, y) and 1.9 uT (z), full scale 39.4 and 63.4 mT
 (RES_19). With RES_16 steps and full scale are an eighth, and what exceeds them wraps: a press jumps by 15.86 mT. A
-sensor that does not answer sends 0.0 three times.
+sensor that does not answer sends 0.0 three times. With an oversampling that takes longer than a period, two frames of
+three are all zero.
 
 Other eFlesh boards speak the stream of ``anyskin``; this board's other firmware is text.
 
@@ -74,6 +75,7 @@ class EfleshBinary(Device):
         "sensors at the corners of a square of 14 mm; axes of the link; Bx and By are 0 at rest",
         "500 uT/N in the plane, 1000 uT/N along the normal: a push raises the field of a magnet, also of sensor 4's",
         "silent for 2 s after power-up and after any change of the modem lines with DTR set (rubbish, on hardware)",
+        "with `zero_frames` every third conversion is whole",
     )
 
     def __init__(
@@ -81,6 +83,7 @@ class EfleshBinary(Device):
         *,
         resolution: Annotated[Literal[16, 19], Option("RES of the chips; with 16 a press wraps around")] = 19,
         missing: Annotated[tuple[int, ...], Option("sensors that do not answer", low=1, high=5)] = (),
+        zero_frames: Annotated[bool, Option("the oversampling is too slow: two frames of three are zero")] = False,
         gains: Annotated[
             tuple[float, float, float],
             Option("of the force along x, y and z of a sensor, z out of the skin", unit="uT/N"),
@@ -99,13 +102,16 @@ class EfleshBinary(Device):
         rest = np.array([(0.0, 0.0, z) for z in REST_UT])
         self.magnet = LinearMagnet(gain=np.sign(rest[:, 2:]) * gains, offset=rest)
         self.answering = ~np.isin(np.arange(1, 6), missing)[:, None]
+        self.zero_frames, self.conversions = zero_frames, 0
         self.frame, self.sequence = FRAME.bind(wire_order=self.layout.wire_order), 0
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:
         """Field [uT] as it is sent, float32 ``(5, 3)``: Bx, By, Bz."""
         raw = np.rint(self.magnet(self.layout.to_taxel_frame(reading["force"])) / self.step)
         raw = (raw + 0x8000) % 0x10000 - 0x8000 if self.wraps else np.clip(raw, -0x8000, 0x7FFF)
-        self.counts = np.where(self.answering, raw.astype(int) * self.step, 0.0).astype(np.float32)
+        ready = self.answering & (not self.zero_frames or self.conversions % 3 == 0)
+        self.conversions += 1
+        self.counts = np.where(ready, raw.astype(int) * self.step, 0.0).astype(np.float32)
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Outs:

@@ -127,6 +127,7 @@ class RoHand(Device):
 
     name = "rohand"
     title = "OYMotion ROHand"
+    kind = "hand"
     evidence = ("vendor document", "driver")
     sources = (
         "oymotion/roh_gen2_demos@026e86b common/roh_registers_v2.py, heat_map_dot.py l.8-14, "

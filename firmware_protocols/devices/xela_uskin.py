@@ -1,4 +1,4 @@
-"""XELA uSkin, 4 x 4 three-axis taxels: CAN, streams between a start and a stop command.
+"""XELA uSkin, 4 x 4 or 4 x 6 three-axis taxels: CAN, streams between a start and a stop command.
 
 Wire: classic CAN, 1 Mbit/s, standard ids.
 
@@ -10,7 +10,7 @@ Wire: classic CAN, 1 Mbit/s, standard ids.
 Ids of the taxels, two generations (option ``ids``):
 
     "board"   0x700 | board << 4 | taxel       taxel 0..15 row by row (0x710..0x71F for board 1)
-    "grid"    0x100 | row << 4 | column        sent column by column
+    "grid"    0x100 | row << 4 | column        sent column by column; ``cols=6`` is that generation's known product
 
 Values are raw magnetic counts, uncalibrated, about 18 000 to 30 000 at rest. A press raises Z: published readers
 subtract the rest and take what falls for no touch. Evidence: two published drivers, one for each generation; neither
@@ -38,7 +38,7 @@ TAXEL = Frame("""
     7    00         unused
 """)
 
-ROWS = COLS = 4
+ROWS = 4
 PITCH = 0.0047
 COUNT_UT = 0.1
 REST_FIELD_UT = (2400.0, 2400.0, 2100.0)
@@ -46,10 +46,9 @@ GAIN_UT_PER_N = (300.0, 300.0, -500.0)
 
 
 class XelaUskin(Device[CanFrame]):
-    """Sixteen three-axis taxels, one CAN frame each."""
+    """Three-axis taxels, one CAN frame each."""
 
     name = "xela_uskin"
-    title = "XELA uSkin 4x4"
     kind = "fingertip"
     evidence = ("driver",)
     sources = (
@@ -57,16 +56,17 @@ class XelaUskin(Device[CanFrame]):
         "ARQ-CRISP/uskin_can_drivers@081807b convertCanIDtoIndex (ids 'grid', 4x6 product)",
         "mcsix/xela_models@4cc8e17; xela_sensor_node.py (pitch)",
     )
-    judge = "cantools, with a DBC of its frames"
+    judge = "cantools, with a DBC of its frames; own second reader"
     assumed = (
         "0.1 uT per count, 300 uT/N in the plane, 500 uT/N along the normal, 24000/24000/21000 counts at rest",
-        "100 Hz; unused bytes 0; a 4x4 product with ids 'grid' (that generation's known product is 4x6)",
+        "100 Hz; unused bytes 0; a 4x4 product with ids 'grid' (that generation's known product has six columns)",
     )
 
     def __init__(
         self,
         *,
         ids: Annotated[Literal["board", "grid"], Option("id scheme of the product generation")] = "board",
+        cols: Annotated[Literal[4, 6], Option("taxels in a row; 6 only with ids grid")] = 4,
         board: Annotated[int, Option("number, as the switches of the board say", low=1, high=15)] = 1,
         gains: Annotated[
             tuple[float, float, float],
@@ -74,11 +74,14 @@ class XelaUskin(Device[CanFrame]):
         ] = GAIN_UT_PER_N,
     ):
         self.ports = (Can(hears=((0x200 | board, 0x7FF),)),)
-        row, col = np.divmod(np.arange(ROWS * COLS), COLS)
         by_grid = ids == "grid"
+        if cols != 4 and not by_grid:
+            raise ValueError("a board with ids 'board' has 4 columns, got cols=6: set ids='grid'")
+        self.title = f"XELA uSkin {ROWS}x{cols}"
+        row, col = np.divmod(np.arange(ROWS * cols), cols)
         order = np.lexsort((row, col)) if by_grid else None
-        self.layout = replace(grid_layout(ROWS, COLS, PITCH, name="uskin"), wire_order=order)  # type: ignore[arg-type]
-        taxel_ids = 0x100 | row << 4 | col if by_grid else 0x700 | board << 4 | row * COLS + col
+        self.layout = replace(grid_layout(ROWS, cols, PITCH, name="uskin"), wire_order=order)  # type: ignore[arg-type]
+        taxel_ids = 0x100 | row << 4 | col if by_grid else 0x700 | board << 4 | row * cols + col
         self.ids = self.layout.on_wire(taxel_ids).tolist()
         rest_x, rest_y, rest_z = (round(field / COUNT_UT) for field in REST_FIELD_UT)
         self.columns = (
@@ -90,12 +93,12 @@ class XelaUskin(Device[CanFrame]):
         self.command_id, self.streaming = 0x200 | board, False
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:
-        """Raw counts X, Y, Z of each taxel, 0..65535, shape ``(16, 3)``."""
+        """Raw counts X, Y, Z of each taxel, 0..65535, shape ``(n_taxels, 3)``."""
         self.counts = quantize(self.magnet(self.layout.to_taxel_frame(reading["force"])) / COUNT_UT)
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Outs[CanFrame]:
-        """Sixteen frames while started."""
+        """A frame of each taxel while started."""
         if not self.streaming:
             return ()
         taxels = zip(self.ids, self.layout.on_wire(self.counts))

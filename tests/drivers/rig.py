@@ -27,8 +27,11 @@ import pytest
 from firmware_protocols import Can, Convert, Device, Reading, Restart, Sent, Serial, Tcp
 from firmware_protocols.check.readings import reading_of
 from tests.drivers.can_link import open_can
+from tests.drivers.environments import python_with
 
 DRIVERS = Path(__file__).parent / "scripts"
+EQUAL: list[int] = []
+"""How many readings equalled the truth, in each comparison of the test that runs."""
 
 
 class Rig:
@@ -195,13 +198,14 @@ def _open_tcp():
     return f"127.0.0.1:{link.server.getsockname()[1]}", link
 
 
-def run_driver(package: str, script: str, *arguments, cwd=None, seconds: float = 60.0, python: str = sys.executable):
+def run_driver(package: str, script: str, *arguments, cwd=None, seconds: float = 60.0, environment=""):
     """Run ``tests/drivers/scripts/<script>`` in its own process; the JSON of its last line of output.
 
-    Skips where ``package`` is not installed; ``python`` of an environment of its own has it.
+    ``environment`` is one of :mod:`tests.drivers.environments`, default ours. Skips where ``package`` is not installed.
     """
-    installed = python != sys.executable or importlib.util.find_spec(package)
-    if not installed:  # not imported: drivers leave files and loggers behind
+    python = python_with(environment) if environment else sys.executable
+    # not imported: drivers leave files and loggers behind
+    if not environment and importlib.util.find_spec(package) is None:
         pytest.skip(f"{package} is not installed")
     command = [python, str(DRIVERS / script), *map(str, arguments)]
     done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=seconds, cwd=cwd)
@@ -225,4 +229,5 @@ def assert_consecutive(readings, truth, *, decode=lambda counts: counts, count=2
         assert later, f"reading {k} of {len(readings)} is older than the one before"
         places.append(later[0])
     assert len(places) >= count
+    EQUAL.append(len(places))
     return places

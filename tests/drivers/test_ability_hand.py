@@ -5,7 +5,11 @@ import pytest
 import firmware_protocols as fp
 from tests.drivers.rig import Rig, assert_consecutive, run_driver
 
-pytestmark = [pytest.mark.driver, pytest.mark.timeout(90)]
+pytestmark = [
+    pytest.mark.judge("ability_hand", driver="ability-hand", carrier="serial, PPP"),
+    pytest.mark.driver,
+    pytest.mark.timeout(90),
+]
 
 
 def documented_force(count: int) -> float:

@@ -10,14 +10,18 @@ import tactemu
 from tests.drivers.can_link import INTERFACE
 from tests.drivers.rig import Rig, assert_consecutive, run_driver
 
-pytestmark = [pytest.mark.driver, pytest.mark.timeout(90)]
+pytestmark = [
+    pytest.mark.judge("agibot_omnihand_pro", driver="cantools", carrier="CAN-FD"),
+    pytest.mark.driver,
+    pytest.mark.timeout(90),
+]
 DBC = Path(__file__).parents[1] / "data" / "agibot_omnihand_pro.dbc"
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 CHANNELS = [f"channel_{k}" for k in range(9)]
 
 
 def ask(channel, interface, count):
-    return run_driver("cantools", "cantools_ask.py", DBC, channel, interface, count, 64, *FINGERS, seconds=60)
+    return run_driver("cantools", "cantools_read.py", DBC, channel, interface, count, 64, *FINGERS, seconds=60)
 
 
 def test_200_readings_of_every_finger():

@@ -7,13 +7,17 @@ import pytest
 
 import firmware_protocols as fp
 import tactemu
-from tests.drivers.rig import Rig, assert_consecutive, run_driver
+from tests.drivers.rig import EQUAL, Rig, assert_consecutive, run_driver
 
 pytestmark = [pytest.mark.driver, pytest.mark.realtime, pytest.mark.timeout(90)]
 STALE = 50
 """Frames that the port may hold from before the driver was ready to read."""
 
 
+CARRIER = "USB serial, floats"
+
+
+@pytest.mark.judge("anyskin", driver="package", carrier=CARRIER)
 @pytest.mark.parametrize("package", ["anyskin", "reskin_sensor"])
 def test_200_consecutive_frames_float_for_float(package):
     device = fp.create("anyskin")
@@ -24,15 +28,15 @@ def test_200_consecutive_frames_float_for_float(package):
     assert np.all(np.diff(places) == 1), "frames are missing between the first and the last"
 
 
-@pytest.mark.parametrize("package", ["anyskin", "reskin_sensor"])
-def test_a_press_reaches_the_driver_as_it_was_felt(package):
+@pytest.mark.judge("anyskin", driver="anyskin", carrier=CARRIER, every_run=True)
+def test_a_press_reaches_the_driver_as_it_was_felt():
     """Simulation, device, wire and pty, with a press in the middle of what the driver reads."""
     with tactemu.serve("anyskin", rate_hz=200) as dev:
         done = threading.Event()
         presses = threading.Thread(target=_press_until, args=(dev, done))
         presses.start()
         try:
-            got = run_driver(package, "anyskin_read.py", package, dev.port, STALE + 200, seconds=30)
+            got = run_driver("anyskin", "anyskin_read.py", "anyskin", dev.port, STALE + 200, seconds=30)
         finally:
             done.set()
             presses.join()
@@ -40,6 +44,7 @@ def test_a_press_reaches_the_driver_as_it_was_felt(package):
     readings = np.array(got["readings"][STALE:])
     spelled = {counts.astype(float).tobytes() for counts in truth}
     assert len(readings) == 200 and all(reading.tobytes() in spelled for reading in readings)
+    EQUAL.append(len(readings))
     fields = readings.reshape(200, 5, 4)[:, :, 1:]
     assert np.ptp(fields[:, 0, 2]) > 20, "the chip in the middle feels the press"
 

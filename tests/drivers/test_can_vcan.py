@@ -15,6 +15,7 @@ import tactemu
 from firmware_protocols import CanFrame
 from firmware_protocols.devices.icub_triangles import TAXELS
 from tactemu.wire.can_bits import frame_bits
+from tests.drivers.rig import EQUAL
 
 pytestmark = [pytest.mark.vcan, pytest.mark.timeout(120)]
 DATA = Path(__file__).parents[1] / "data"
@@ -69,6 +70,7 @@ def skins(frames) -> dict[int, list[dict[int, np.ndarray]]]:
     return {board: periods[:-1] for board, periods in boards.items()}
 
 
+@pytest.mark.judge("icub_skin", driver="can-utils", carrier="CAN")
 def test_icub_forearm_of_240_taxels_at_50_hz_on_one_bus():
     with tactemu.serve(DATA / "scenes" / "icub_forearm_moving.toml", "can:socketcan:vcan0", steer=["ball"]) as dev:
         for message in ("4D0014F0", "50000202010022", "0700"):
@@ -118,6 +120,7 @@ def _load_agrees(text: str, frames) -> None:
     assert 0.15 < computed / 1e6 < 0.30, "48 frames of 8 bytes, 50 times a second: 27 % if the machine keeps up"
 
 
+@pytest.mark.judge("xela_uskin", driver="cantools", carrier="CAN")
 def test_uskin_is_seen_by_candump_python_can_and_cantools():
     dbc = cantools.database.load_file(DATA / "xela_uskin.dbc")
     with tactemu.serve("xela_uskin", "can:socketcan:vcan0") as dev, can.Bus("vcan0", "socketcan") as bus:
@@ -138,3 +141,4 @@ def test_uskin_is_seen_by_candump_python_can_and_cantools():
         assert [ident for ident, _ in batch] == list(range(0x710, 0x720))
         decoded = [dbc.decode_message(ident, data) for ident, data in batch]
         assert np.array([[d[a] for a in "XYZ"] for d in decoded], np.uint16).tobytes() in samples
+    EQUAL.append(len(seen) // 16)

@@ -6,7 +6,12 @@ import pytest
 import firmware_protocols as fp
 from tests.drivers.rig import Rig, assert_consecutive, run_driver
 
-pytestmark = [pytest.mark.driver, pytest.mark.realtime, pytest.mark.timeout(90)]
+pytestmark = [
+    pytest.mark.judge("digity_exohand", driver="digity", carrier="USB serial, packets"),
+    pytest.mark.driver,
+    pytest.mark.realtime,
+    pytest.mark.timeout(90),
+]
 
 ANGLES = (1.5, -20.25, 90.0, 0.01, -179.99)
 

@@ -13,6 +13,7 @@ from firmware_protocols.check.readings import reading_of
 from tests.drivers.rig import Rig, assert_consecutive, run_driver
 
 pytestmark = [pytest.mark.driver, pytest.mark.timeout(90)]
+JUDGE = {"driver": "feetech-servo-sdk", "carrier": "RS-485, Feetech"}
 
 
 class Loaded(Rig):
@@ -27,6 +28,7 @@ def as_sent(loads):
     return np.abs(loads) | (loads < 0) << 10
 
 
+@pytest.mark.judge("feetech_sts3215", **JUDGE, every_run=True)
 def test_200_readings_of_six_loads():
     device = fp.create("feetech_sts3215")
     device.period_ns = 3_000_000

@@ -12,6 +12,7 @@ SCALE = np.array([1 / 7925 * 300, 1 / 8641 * 300, 1 / 6049 * 2000])
 """The driver's own constants, in its order of operations."""
 
 
+@pytest.mark.judge("flexitac", driver="flexitac", carrier="serial, marker")
 @pytest.mark.parametrize("rows", [12, 16])
 def test_flexitac(rows):
     # Taxels stay below AA: the driver may not meet its marker inside an image (see the device's docstring).
@@ -21,6 +22,7 @@ def test_flexitac(rows):
     assert_consecutive(frames, rig.truth)
 
 
+@pytest.mark.judge("optoforce", driver="optoforce", carrier="USB serial, packets")
 @pytest.mark.parametrize(("axes", "kind"), [("3", "OptoForce16"), ("4x3", "OptoForce34"), ("6", "OptoForce22")])
 def test_optoforce(axes, kind):
     with Rig(fp.create("optoforce", axes=axes), peak=900.0) as rig:

@@ -1,17 +1,17 @@
 """ft300python 1.0.2, unmodified, reads the stream and the registers of an FT 300-S, with a pymodbus of its own time."""
 
-import json
-import subprocess
-
 import numpy as np
 import pytest
 
 import firmware_protocols as fp
 from firmware_protocols.check.readings import reading_of
-from tests.drivers.environments import python_with
-from tests.drivers.rig import DRIVERS, Rig, assert_consecutive
+from tests.drivers.rig import Rig, assert_consecutive, run_driver
 
-pytestmark = [pytest.mark.driver, pytest.mark.timeout(180)]
+pytestmark = [
+    pytest.mark.judge("robotiq_ft300", driver="ft300python", environment="ft300python", carrier="RS-485, Modbus"),
+    pytest.mark.driver,
+    pytest.mark.timeout(180),
+]
 
 SCALE = (100, 100, 100, 1000, 1000, 1000)
 """The driver's own constants."""
@@ -26,12 +26,8 @@ class Pulled(Rig):
 
 
 def test_200_frames_and_200_answers():
-    python = python_with("ft300python==1.0.2", "pymodbus==2.5.3", "six==1.17.0", "pyserial==3.5")
     with Pulled(fp.create("robotiq_ft300", serial_number="AB12CD34", year=2022)) as rig:
-        command = [python, DRIVERS / "ft300_read.py", rig.port, "200"]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=90, check=False)
-    assert done.returncode == 0, done.stderr[-2000:]
-    got = json.loads(done.stdout)
+        got = run_driver("ft300python", "ft300_read.py", rig.port, 200, seconds=90, environment="ft300python")
     assert got["about"] == [2022, [0x4142, 0x3132, 0x4344, 0x3334]]
     for name in ("streamed", "asked"):
         places = assert_consecutive(

@@ -6,7 +6,11 @@ import pytest
 import firmware_protocols as fp
 from tests.drivers.rig import Rig, assert_consecutive, run_driver
 
-pytestmark = [pytest.mark.driver, pytest.mark.timeout(90)]
+pytestmark = [
+    pytest.mark.judge("fulai_glove", driver="fulai-tactile", carrier="USB serial, lines"),
+    pytest.mark.driver,
+    pytest.mark.timeout(90),
+]
 
 
 @pytest.mark.realtime  # it waits 0.6 s for the identity

@@ -21,6 +21,7 @@ PALM = [950 + 14 * row + column for column in range(14) for row in range(7, -1, 
 SENT = [*range(950), *PALM]
 
 
+@pytest.mark.judge("inspire_rh56dftp", driver="plusml-rh56dftp", carrier="TCP, Modbus")
 def test_plusml_rh56dftp_over_tcp(tmp_path):
     with Rig(hand(), kind="tcp", peak=4.5) as rig:
         got = run_driver("RH56DFTP", "plusml_rh56dftp_read.py", rig.port, cwd=tmp_path)
@@ -38,6 +39,7 @@ def test_plusml_rh56dftp_over_tcp(tmp_path):
     assert got["others"]["FORCE_ACT(0)"] == 4000
 
 
+@pytest.mark.judge("inspire_rh56dftp", driver="inspire-rh56dftp", carrier="TCP, Modbus")
 @pytest.mark.parametrize("unit", [0, 255])
 def test_inspire_rh56dftp_over_tcp(unit):
     with Rig(hand(), kind="tcp", peak=4.5) as rig:
@@ -50,6 +52,7 @@ def test_inspire_rh56dftp_over_tcp(unit):
     assert got["moved"] and got["angles"] == [0, 200, 400, 600, 800, 1000]
 
 
+@pytest.mark.judge("inspire_rh56dftp", driver="pymodbus", carrier="RS-485, Modbus")
 def test_pymodbus_rtu():
     with Rig(hand(), peak=4.5) as rig:
         got = run_driver("pymodbus", "pymodbus_read.py", rig.port)
@@ -57,6 +60,7 @@ def test_pymodbus_rtu():
     assert got["refused"] == 1 and got["silent"]
 
 
+@pytest.mark.judge("inspire_rh56dftp", driver="modbus_tk", carrier="RS-485, Modbus")
 def test_modbus_tk_rtu():
     with Rig(hand(), peak=4.5) as rig:
         got = run_driver("modbus_tk", "modbus_tk_read.py", rig.port)
@@ -64,6 +68,7 @@ def test_modbus_tk_rtu():
     assert got["refused"] == 2
 
 
+@pytest.mark.judge("inspire_rh56dftp", driver="pyrh56", carrier="RS-485, EB 90", every_run=True)
 def test_pyrh56_native(tmp_path):
     """Byte registers come in order, whatever half of a Modbus register the first would be in."""
     device = fp.create("inspire_rh56dftp", line="native", first_byte="high")

@@ -11,15 +11,21 @@ from tests.drivers.rig import Rig, assert_consecutive, run_driver
 pytestmark = [pytest.mark.driver, pytest.mark.timeout(90)]
 
 
+def judge(name, *rest, **more):
+    """A case that judges the hand ``name``."""
+    mark = pytest.mark.judge(f"linker_hand_{name}", driver="linkerbot", carrier="CAN", **more)
+    return pytest.param(name, *rest, marks=mark)
+
+
 @pytest.mark.parametrize(
     ("name", "model", "side", "serial"),
     [
-        ("l6", "L6", "left", "LHL6-03-001-L-B-1-A"),
-        ("o6", "O6", "right", "LHO6-03-001-R-F-1-A"),
-        ("l10", "L20lite", "left", "LHL10-03-001-L-B-1-A"),
-        ("l25", "L25", "right", "LHL25-03-001-R-B-1-A"),
-        ("l20", "L25", "left", "LHL20-03-001-L-B-1-A"),
-        ("g20", "L25", "left", "LHG20-03-001-L-B-1-A"),
+        judge("l6", "L6", "left", "LHL6-03-001-L-B-1-A", every_run=True),
+        judge("o6", "O6", "right", "LHO6-03-001-R-F-1-A"),
+        judge("l10", "L20lite", "left", "LHL10-03-001-L-B-1-A"),
+        judge("l25", "L25", "right", "LHL25-03-001-R-B-1-A"),
+        judge("l20", "L25", "left", "LHL20-03-001-L-B-1-A"),
+        judge("g20", "L25", "left", "LHG20-03-001-L-B-1-A"),
     ],
 )
 def test_identity_and_200_readings_of_every_finger(name, model, side, serial):
@@ -41,15 +47,15 @@ def test_identity_and_200_readings_of_every_finger(name, model, side, serial):
 @pytest.mark.parametrize(
     "port", [None, pytest.param("can:socketcan:vcan0", marks=pytest.mark.vcan)], ids=["udp_multicast", "vcan"]
 )
-@pytest.mark.parametrize("model", ["L6", "O6"])
-def test_a_press_reaches_the_driver_as_it_was_felt(model, port):
+@pytest.mark.parametrize("name", [judge("l6"), judge("o6")])
+def test_a_press_reaches_the_driver_as_it_was_felt(name, port):
     """Simulation, device, wire and bus; the middle finger is pressed."""
-    with tactemu.serve(f"linker_hand_{model.lower()}", port) as dev:
+    with tactemu.serve(f"linker_hand_{name}", port) as dev:
         dev.wait(0.05)
         dev.press(depth=5e-4, speed=0.1)
         bus = dev.can
         got = run_driver(
-            "linkerbot", "linkerbot_read.py", model, "left", bus["channel"], bus["interface"], 50, seconds=60
+            "linkerbot", "linkerbot_read.py", name.upper(), "left", bus["channel"], bus["interface"], 50, seconds=60
         )
         truth = {sample.counts.tobytes() for sample in dev.truth.samples}
     readings = np.array(got["readings"], np.uint8)

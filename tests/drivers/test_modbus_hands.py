@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import firmware_protocols as fp
-from tests.drivers.environments import python_with
 from tests.drivers.rig import Rig, assert_consecutive, run_driver
 
 pytestmark = [pytest.mark.driver, pytest.mark.timeout(90)]
@@ -25,6 +24,7 @@ def ask(client: str, rig: Rig, unit: int, *steps, times: int = 1):
     return run_driver(client, script, rig.port, rig.device.ports[0].baud, unit, times, json.dumps(steps))
 
 
+@pytest.mark.judge("linker_hand_l10_rs485", driver="client", carrier="RS-485, Modbus")
 @clients
 @pytest.mark.parametrize(("side", "unit"), [("left", 0x28), ("right", 0x27)])
 def test_linker_hand_l10(client, side, unit):
@@ -48,6 +48,7 @@ def test_linker_hand_l10(client, side, unit):
 PARTS = [(2000, 18), (2100, 30), (2200, 30), (2300, 30), (2400, 16), (2500, 28)]
 
 
+@pytest.mark.judge("rohand", driver="client", carrier="RS-485, Modbus")
 @clients
 def test_rohand_dots(client):
     def dots(registers):
@@ -65,6 +66,7 @@ def test_rohand_dots(client):
     assert refused == [[4, [3], 2]]
 
 
+@pytest.mark.judge("rohand", driver="client", carrier="RS-485, Modbus")
 @clients
 def test_rohand_three_axis_points(client):
     def points(registers):
@@ -75,11 +77,11 @@ def test_rohand_three_axis_points(client):
     assert_consecutive([points(reads[0]) for reads in many], rig.truth, decode=lambda counts: counts[3:5].ravel())
 
 
+@pytest.mark.judge("rohand", driver="unienv-rohand", environment="rohand", carrier="RS-485, Modbus")
 def test_unienv_rohand():
     """It reads six forces where there are five: the last is the first one's speed."""
-    python = python_with("unienv-rohand==0.0.1a2", "pymodbus==3.9.2")
     with Rig(fast("rohand", touch="finger"), peak=3.0) as rig:
-        got = run_driver("unienv_rohand", "unienv_rohand_read.py", rig.port, python=python)
+        got = run_driver("unienv_rohand", "unienv_rohand_read.py", rig.port, environment="rohand")
     assert_consecutive([forces[:5] for forces in got["many"]], rig.truth)
     assert all(forces[5] == 65535 for forces in got["many"])
     assert np.allclose(got["opened"], [36.7, 178.37, 176.06, 176.56, 174.86, 0], atol=0.01)

@@ -7,6 +7,7 @@ import pytest
 
 import tactemu as tt
 from tests.drivers.environments import python_with
+from tests.drivers.rig import EQUAL
 
 pytestmark = [pytest.mark.driver, pytest.mark.realtime, pytest.mark.timeout(180)]
 
@@ -29,10 +30,11 @@ print(json.dumps({
 """
 
 
-@pytest.mark.parametrize("requirement", ["pymodbus==2.5.3", "pymodbus==3.6.9"])
-def test_the_default_unit_is_answered(requirement):
+@pytest.mark.judge("inspire_rh56dftp", driver="pymodbus", environment="environment", carrier="TCP, Modbus")
+@pytest.mark.parametrize("environment", ["pymodbus_2_5", "pymodbus_3_6"])
+def test_the_default_unit_is_answered(environment):
     """By its registers; every row is what the hand last converted."""
-    python = python_with(requirement)
+    python = python_with(environment)
     with tt.serve("inspire_rh56dftp", "tcp:127.0.0.1:0", rate_hz=200) as dev:
         host, _, port = dev.port.removeprefix("socket://").rpartition(":")
         dev.press(depth=5e-4, taxel=20)
@@ -45,3 +47,4 @@ def test_the_default_unit_is_answered(requirement):
     assert got["bad"] == 0 and len(got["rows"]) == 200 and got["written"] and got["back"] == [300, 0xFFFF]
     assert any(any(row) for row in got["rows"]), "the press is seen"
     assert {tuple(row) for row in got["rows"]} <= truth
+    EQUAL.append(len(got["rows"]))

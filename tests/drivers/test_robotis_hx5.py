@@ -5,7 +5,11 @@ import pytest
 import firmware_protocols as fp
 from tests.drivers.rig import Rig, assert_consecutive, run_driver
 
-pytestmark = [pytest.mark.driver, pytest.mark.timeout(90)]
+pytestmark = [
+    pytest.mark.judge("robotis_hx5", driver="dynamixel-sdk", carrier="RS-485, Dynamixel", every_run=True),
+    pytest.mark.driver,
+    pytest.mark.timeout(90),
+]
 
 
 def test_200_readings():

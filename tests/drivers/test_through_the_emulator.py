@@ -59,18 +59,21 @@ def counts_of(served):
     return [sample.counts for sample in served.truth.samples]
 
 
+@pytest.mark.judge("robotiq_tsf85", driver="pyrobotiqtactile", carrier="USB serial, packets")
 def test_pyrobotiqtactile(serve):
     with serve("robotiq_tsf85") as dev:
         got = run_driver("pyrobotiqtactile", "pyrobotiqtactile_read.py", dev.port, 10, "sync")
     assert_consecutive([reading["pressure"] for reading in got["readings"]], counts_of(dev))
 
 
+@pytest.mark.judge("ability_hand", driver="ability-hand", carrier="serial, PPP", every_run=True)
 def test_ability_hand(serve, tmp_path):
     with serve("ability_hand", rate_hz=250, noise=1.0) as dev:
         got = run_driver("ah_wrapper", "ability_hand_read.py", dev.port, 0, cwd=tmp_path)
     assert_consecutive(got["fsr"], counts_of(dev), decode=lambda counts: [TOUCH_FORCE[c] for c in counts])
 
 
+@pytest.mark.judge("inspire_rh56dftp", driver="plusml-rh56dftp", carrier="TCP, Modbus", every_run=True)
 def test_plusml_rh56dftp(serve, tmp_path):
     with serve("inspire_rh56dftp", "tcp:127.0.0.1:0", noise=0.5) as dev:
         address = "{}:{}".format(*dev.host_port)
@@ -79,20 +82,45 @@ def test_plusml_rh56dftp(serve, tmp_path):
     assert_consecutive(readings, counts_of(dev), decode=lambda counts: counts[INDEX_TOP])
 
 
-@pytest.mark.parametrize(("package", "where"), [("pymodbus", PALM), ("modbus_tk", INDEX_TOP)])
+RTU = "RS-485, Modbus"
+
+
+@pytest.mark.parametrize(
+    ("package", "where"),
+    [
+        pytest.param(
+            "pymodbus",
+            PALM,
+            marks=pytest.mark.judge("inspire_rh56dftp", driver="pymodbus", carrier=RTU, every_run=True),
+        ),
+        pytest.param(
+            "modbus_tk", INDEX_TOP, marks=pytest.mark.judge("inspire_rh56dftp", driver="modbus_tk", carrier=RTU)
+        ),
+    ],
+)
 def test_modbus_rtu(serve, package, where):
     with serve("inspire_rh56dftp", noise=0.5) as dev:
         got = run_driver(package, f"{package}_read.py", dev.port)
     assert_consecutive(got["many"], counts_of(dev), decode=lambda counts: counts[where])
 
 
+@pytest.mark.judge("flexitac", driver="flexitac", carrier="serial, marker", every_run=True)
 def test_flexitac(serve):
     with serve("flexitac", noise=0.1) as dev:
         frames = run_driver("flexitac", "flexitac_read.py", dev.port)
     assert_consecutive(frames, counts_of(dev))
 
 
-@pytest.mark.parametrize(("axes", "kind"), [("3", "OptoForce16"), ("4x3", "OptoForce34")])
+OPTOFORCE = {"driver": "optoforce", "carrier": "USB serial, packets"}
+
+
+@pytest.mark.parametrize(
+    ("axes", "kind"),
+    [
+        pytest.param("3", "OptoForce16", marks=pytest.mark.judge("optoforce", **OPTOFORCE, every_run=True)),
+        pytest.param("4x3", "OptoForce34", marks=pytest.mark.judge("optoforce", **OPTOFORCE)),
+    ],
+)
 def test_optoforce(serve, axes, kind):
     with serve("optoforce", noise=20.0, device_options=f'axes = "{axes}"') as dev:
         packets = run_driver("optoforce", "optoforce_read.py", dev.port, kind)

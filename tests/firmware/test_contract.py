@@ -29,6 +29,7 @@ VARIANTS = [
     ("eflesh_binary", {"missing": (2, 5)}),
     ("feetech_sts3215", {"ids": (7, 1), "encoders": (100.0, 4000.0), "swing": 0.3}),
     ("agibot_omnihand_pro", {"device": 127}),
+    ("dexrobot_dexhand", {"side": "right"}),
     ("flexitac", {"rows": 4, "cols": 2}),
     ("flexitac", {"rows": 16}),
     ("fulai_glove", {"hardware": "3.2", "hand": "right", "identity": False}),
@@ -45,6 +46,7 @@ VARIANTS = [
     ("optoforce", {"axes": "4x3"}),
     ("optoforce", {"axes": "6"}),
     ("paxini_gen2", {"models": "S1610"}),
+    ("paxini_high_speed", {"models": ("M2020", "S1610"), "places": (3, 27)}),
     ("paxini_px6ax", {"models": ("S1813E", "M2020")}),
     ("robotiq_ft300", {"streams": False}),
     ("robotiq_tsf85", {"packets": "per_finger", "magnetometer": True}),
@@ -56,6 +58,7 @@ VARIANTS = [
     ("weiss_dsacon32m", {"mute_s": 8.0}),
     ("wiresens", {"rows": 3, "cols": 5, "values": 8, "sensor": -2}),
     ("xela_uskin", {"ids": "grid", "board": 3}),
+    ("xela_uskin", {"ids": "grid", "cols": 6}),
 ]
 
 

@@ -46,6 +46,13 @@ def test_a_sensor_that_does_not_answer_sends_zeros():
         assert (frame[3 + 12 * sensor :][:12] == bytes(12)) == (sensor in (1, 3))
 
 
+def test_an_oversampling_that_is_too_slow_gives_two_zero_frames_of_three():
+    device = fp.create("eflesh_binary", zero_frames=True)
+    frames = [sample(device)[0] for _ in range(6)]
+    assert [not any(frame[3:63]) for frame in frames] == [False, True, True] * 2
+    assert [frame[2] for frame in frames] == list(range(6))
+
+
 def test_opening_the_port_restarts_the_board():
     device = fp.create("eflesh_binary")
     assert device.lines(True, True, 0, "") == [Restart()] and not device.lines(False, False, 0, "")

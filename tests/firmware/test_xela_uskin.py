@@ -42,6 +42,11 @@ def test_grid_generation_is_sent_column_by_column():
     assert frames[-1].arbitration_id == 0x133
 
 
+def test_the_frame_that_ends_a_scan_of_six_columns():
+    frames = sample(started(ids="grid", cols=6))
+    assert len(frames) == 24 and frames[-1].arbitration_id == 0x135
+
+
 def test_a_press_raises_z_alone_and_rest_lies_where_the_drivers_expect_it():
     device = started()
     sample(device)
@@ -97,7 +102,9 @@ def test_forces_reach_their_axes_and_saturate():
     ]
 
 
-@pytest.mark.parametrize("options", [{"ids": "rows"}, {"board": 16}, {"board": 0}, {"gains": (1.0, 2.0)}])
+@pytest.mark.parametrize(
+    "options", [{"ids": "rows"}, {"cols": 5}, {"cols": 6}, {"board": 16}, {"board": 0}, {"gains": (1.0, 2.0)}]
+)
 def test_bad_options_are_refused(options):
     with pytest.raises(ValueError, match=next(iter(options))):
         fp.create("xela_uskin", **options)

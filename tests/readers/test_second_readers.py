@@ -67,6 +67,11 @@ def omnihand_o10(values):
     return np.split(values, [16, 32, 48, 64, 80, 105])
 
 
+def dexhand(device, counts):
+    """Of each fingertip."""
+    return np.column_stack([counts.item()["force"], counts.item()["temperature"]])
+
+
 CASES = [
     Case(
         "agibot_omnihand_o10",
@@ -87,6 +92,16 @@ CASES = [
         guarded=False,
     ),
     Case("bielefeld_glove", "bielefeld_glove.py", guarded=False),
+    Case(
+        "dexrobot_dexhand",
+        "dexhand021.py",
+        {"side": "right"},
+        kind="can",
+        shown=dexhand,
+        compared=lambda readings: [[np.take(r, (1, 3, 5, 7)) for r in readings if r[0] == b] for b in range(7, 12)],
+        guarded=False,
+        count=1100,
+    ),
     Case("eflesh_binary", "eflesh_binary.py"),
     Case(
         "contactile_papillarray",
@@ -164,7 +179,16 @@ CASES = [
     Case("wiresens", "wiresens.py", arguments=(64,), guarded=False),
     Case("wiresens", "wiresens.py", {"rows": 8, "cols": 15, "values": 120}, guarded=False),
     Case("xela_uskin", "xela_uskin.py", kind="can", guarded=False),
+    Case("xela_uskin", "xela_uskin.py", {"ids": "grid", "cols": 6}, ("4x6",), kind="can", guarded=False),
 ]
+
+
+def judged(cases):
+    """As parameters, each marked as the judge that it is."""
+    for case in cases:
+        carrier = {"can": "CAN", "tcp": "TCP"}.get(case.kind, case.kind)
+        mark = pytest.mark.judge(case.device, driver="own second reader", carrier=carrier, script=case.reader)
+        yield pytest.param(case, id=str(case), marks=mark)
 
 
 def read(reader, port, *arguments, count=200):
@@ -175,7 +199,7 @@ def read(reader, port, *arguments, count=200):
     return done.returncode, done.stdout, done.stderr
 
 
-@pytest.mark.parametrize("case", CASES, ids=str)
+@pytest.mark.parametrize("case", [*judged(CASES)])
 def test_200_consecutive_readings(case):
     with case.on(Rig) as rig:
         status, printed, complaint = read(case.reader, rig.port, *case.arguments, count=case.count)
@@ -216,7 +240,7 @@ def turned(frame):
     return bytes(data) if isinstance(frame, bytes) else replace(frame, data=bytes(data))
 
 
-@pytest.mark.parametrize("case", [case for case in CASES if case.guarded], ids=str)
+@pytest.mark.parametrize("case", [*judged(case for case in CASES if case.guarded)])
 def test_a_wrong_bit_is_one_sentence(case):
     with case.on(Noisy) as rig:
         status, printed, complaint = read(case.reader, rig.port, *case.arguments)

@@ -1,0 +1,94 @@
+"""``scripts/judges``: run judges, and say of every device who has read it. ``--all`` writes docs/judges.md."""
+
+import argparse
+import json
+import shutil
+import subprocess
+import sys
+from collections import defaultdict
+
+import firmware_protocols as fp
+from tests.judging import ROOT
+
+PAGE = ROOT / "docs" / "judges.md"
+FOLDER = ROOT / "build" / "judges"
+HEAD = """# Who has read each device
+
+Written by `scripts/judges --all`, which runs every judge: an unmodified driver, or another program that is not ours, in
+a process of its own; or a second reader, written by somebody who knew the description of the wire and not the device
+file. *Readings* are those, one after the other, that equalled what was felt: of the test with the fewest, in hundreds.
+
+"""
+UNREAD = ("none", "own second reader")
+"""How the ``judge`` of a device begins that no driver reads."""
+
+Verdict = dict[str, str | int | list[str]]
+
+
+def run(names: list[str]) -> tuple[list[Verdict], int]:
+    """What the judges found, and pytest's status."""
+    shutil.rmtree(FOLDER, ignore_errors=True)
+    FOLDER.mkdir(parents=True)
+    file = FOLDER / "verdicts.jsonl"
+    pytest = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "--judges", ",".join(names) or "all"]
+    pytest += ["--judges-to", str(file), "tests/drivers", "tests/readers", "-m"]
+    can = [str(ROOT / "scripts" / "vcan-run"), "-o", str(FOLDER), "--"]
+    parts = [[*pytest, "judge and not vcan"], [*can, *pytest, "judge and vcan"]]
+    statuses = [subprocess.run(part, check=False, cwd=ROOT).returncode for part in parts]
+    verdicts = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+    return verdicts, max(status for status in statuses if status != 5)  # 5: it has no test of these devices
+
+
+def rows(verdicts: list[Verdict], names: list[str]) -> list[tuple[str, str, str, str, str]]:
+    """Device, driver, carrier, readings, result: a line for each driver and carrier, and for each device without."""
+    found = defaultdict(list)
+    for verdict in verdicts:
+        for device in verdict["devices"]:
+            found[device, verdict["driver"], verdict["carrier"]].append(verdict)
+    lines = []
+    for name in names:
+        of_it = sorted(key for key in found if key[0] == name)
+        for key in of_it:
+            outcomes = [verdict["outcome"] for verdict in found[key]]
+            fewest = min((v["readings"] for v in found[key] if v["readings"]), default=0)
+            lines.append((*key, readings(fewest), result(outcomes)))
+        judge = fp.create(name).judge
+        if not of_it:
+            lines.append((name, judge, "", "", "not read" if judge.startswith(UNREAD) else "NO TEST"))
+    return lines
+
+
+def readings(count: int) -> str:
+    """Whole hundreds, so that they are the same from run to run."""
+    return str(count if count < 100 else count // 100 * 100) if count else ""
+
+
+def result(outcomes: list[str]) -> str:
+    """Of all tests of one driver and carrier."""
+    if bad := outcomes.count("failed"):
+        return f"FAILED {bad} of {len(outcomes)}"
+    return "NOT RUN" if "passed" not in outcomes else "equal"
+
+
+def main() -> int:
+    """The command."""
+    parser = argparse.ArgumentParser(prog="scripts/judges", description=__doc__)
+    parser.add_argument("device", nargs="*", help="only the judges of these devices")
+    parser.add_argument("--all", action="store_true", help="every judge of every device, and write docs/judges.md")
+    given = parser.parse_args()
+    if bool(given.device) == given.all:
+        parser.error("name devices, or --all")
+    if unknown := set(given.device) - set(fp.DEVICES):
+        parser.error(f"no such device: {', '.join(sorted(unknown))}")
+    verdicts, status = run(given.device)
+    lines = rows(verdicts, sorted(given.device or fp.DEVICES))
+    table = ["| device | read by | carrier | readings | result |", "| --- | --- | --- | --- | --- |"]
+    table += [f"| `{name}` | {' | '.join(rest)} |" for name, *rest in lines]
+    print("\n".join(table))
+    if given.all:
+        PAGE.write_text(HEAD + "\n".join(table) + "\n")
+    return 1 if status or any(line[-1].isupper() or line[-1].startswith("FAILED") for line in lines) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
