@@ -22,6 +22,7 @@ DEVICES: dict[str, str] = {
     "anyskin": f"{_HERE}.anyskin:AnySkin",
     "ati_net_ft": f"{_HERE}.ati_net_ft:AtiNetFt",
     "bielefeld_glove": f"{_HERE}.bielefeld_glove:BielefeldGlove",
+    "bota_sensone": f"{_HERE}.bota_sensone:BotaSensone",
     "contactile_papillarray": f"{_HERE}.contactile_papillarray:ContactilePapillArray",
     "digity_exohand": f"{_HERE}.digity_exohand:DigityExohand",
     "eflesh_binary": f"{_HERE}.eflesh_binary:EfleshBinary",
