@@ -24,6 +24,7 @@ DEVICES: dict[str, str] = {
     "bielefeld_glove": f"{_HERE}.bielefeld_glove:BielefeldGlove",
     "bota_sensone": f"{_HERE}.bota_sensone:BotaSensone",
     "contactile_papillarray": f"{_HERE}.contactile_papillarray:ContactilePapillArray",
+    "dexrobot_dexhand": f"{_HERE}.dexrobot_dexhand:DexrobotDexHand",
     "digity_exohand": f"{_HERE}.digity_exohand:DigityExohand",
     "eflesh_binary": f"{_HERE}.eflesh_binary:EfleshBinary",
     "feetech_sts3215": f"{_HERE}.feetech_sts3215:FeetechSts3215",
@@ -40,8 +41,10 @@ DEVICES: dict[str, str] = {
     "linker_hand_o6": f"{_HERE}.linker_hand:LinkerHandO6",
     "onrobot_hex": f"{_HERE}.ati_net_ft:OnrobotHex",
     "optoforce": f"{_HERE}.optoforce:OptoForce",
+    "orca_touch": f"{_HERE}.paxini_high_speed:OrcaTouch",
     "osmo_glove": f"{_HERE}.osmo_glove:OsmoGlove",
     "paxini_gen2": f"{_HERE}.paxini_gen2:PaxiniGen2",
+    "paxini_high_speed": f"{_HERE}.paxini_high_speed:PaxiniHighSpeed",
     "paxini_px6ax": f"{_HERE}.paxini_px6ax:PaxiniPx6ax",
     "robotiq_ft300": f"{_HERE}.robotiq_ft300:RobotiqFt300",
     "robotiq_tsf85": f"{_HERE}.robotiq_tsf85:RobotiqTsf85",
@@ -52,6 +55,7 @@ DEVICES: dict[str, str] = {
     "weiss_dsacon32m": f"{_HERE}.weiss_dsacon32m:WeissDsacon32m",
     "wiresens": f"{_HERE}.wiresens:Wiresens",
     "xela_uskin": f"{_HERE}.xela_uskin:XelaUskin",
+    "xela_uskin_4x6": f"{_HERE}.xela_uskin:XelaUskin4x6",
 }
 
 ENTRY_POINT_GROUP = "tactemu.devices"

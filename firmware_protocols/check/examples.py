@@ -7,12 +7,12 @@
        "request": "C1 01 00 C0", "reply": ["C1 01 ..."]}]}
 
 A vector belongs to ``device``, or to the device that the file is named after. A frame is hex, or a CAN frame in candump
-notation. A fresh device with ``options`` is sent ``after`` on ``port``; its skin is pushed by ``newtons`` (one number
-or one per taxel) or by ``pushes`` (pictures of patches by name [N], as one looks at the skin; patches without one are
-not touched), or its converter reads ``counts`` (one per value of its first sense, or ``"index"``: 0, 1, 2 ...). Then,
-at ``t_ns`` (1 s), it must answer ``request`` with exactly ``reply``, or its next conversion must send exactly
-``stream`` (one conversion of each stream, in the order of ``Device.streams``), and convert ``rate_hz`` times a second,
-if that is given.
+notation. A fresh device with ``options`` is sent ``after`` on ``port``; its skin is pushed by ``newtons`` (one number,
+one per taxel, or x, y, z of the force on each taxel in the frame of its link) or by ``pushes`` (pictures of patches by
+name [N], as one looks at the skin; patches without one are not touched), or its converter reads ``counts`` (one per
+value of its first sense, or ``"index"``: 0, 1, 2 ...). Then, at ``t_ns`` (1 s), it must answer ``request`` with exactly
+``reply``, or its next conversion must send exactly ``stream`` (one conversion of each stream, in the order of
+``Device.streams``), and convert ``rate_hz`` times a second, if that is given.
 
 Other senses see the same pushes: ``pressure`` is the push over the area of the taxel (its patch's ``area``, else the
 pitch squared) [Pa], ``vibration`` all pushes over all areas [Pa]; what touch does not move is at rest, 25 °C and

@@ -101,18 +101,22 @@ def _of_table(frame: Frame) -> Iterator[tuple[str, list[Field]]]:
                 put(replace(field, text="00", name="more", formula="", about=""), field),
             )
         if field.kind == "sum":
-            yield from _of_sum(place, field, len(frame.head), put)
+            yield from _of_sum(place, field, frame.head, put)
         if k + 1 < len(fields) and _plain(field) and _plain(fields[k + 1]):
             names = f"{field.name} and {fields[k + 1].name} of {frame.name}"
             yield f"{names} exchanged", [*fields[:k], fields[k + 1], field, *fields[k + 2 :]]
 
 
-def _of_sum(place: str, field: Field, head: int, put: Callable[..., list[Field]]) -> Iterator[tuple[str, list[Field]]]:
+def _of_sum(
+    place: str, field: Field, head: bytes, put: Callable[..., list[Field]]
+) -> Iterator[tuple[str, list[Field]]]:
     kind = field.text.split()[0]
     if kind == "xor8" or field.sum is None:
         starts = set()  # constant bytes that cancel, or are 0, would hide it
     else:
-        starts = {0, 1, 2, head} - {field.start}
+        starts = {0, 1, 2, len(head)} - {field.start}
+        if kind in ("sum8", "inv8", "lrc8") and not sum(head) & 0xFF and not field.start:
+            starts -= {len(head)}  # a head that adds up to nothing does not show
     for start in sorted(starts):
         yield f"{place} from byte {start}", put(replace(field, text=f"{kind} from {start}"))
 

@@ -100,6 +100,7 @@ class Host:
 
     def __init__(self, device: Device, pushes: Pushes = 0.0, t_ns: int = 0):
         self.device, self.pushes, self.t_ns = device, pushes, t_ns
+        self.restarts = 0
         self.boot()
 
     def boot(self) -> list[Any]:
@@ -111,6 +112,7 @@ class Host:
 
     def restart(self) -> list[Any]:
         """Power off and on."""
+        self.restarts += 1
         try:
             self.device.power_cycle()
         except Exception as error:

@@ -17,15 +17,23 @@ WIDTHS = {"force": 3, "displacement": 3, "acceleration": 3, "angular_velocity": 
 METRES_PER_NEWTON = 1e-4
 
 Pushes = ArrayLike | Mapping[str, Sequence]
-"""One number for all taxels, one each, or pictures of patches by name [N]."""
+"""One number for all taxels, one each, pictures of patches by name [N]; or x, y, z of the force on each taxel, in the
+frame of its link [N]."""
 
 
-def pushes_of(device: Device, pushes: Pushes) -> np.ndarray:
-    """Pushes per taxel [N]; patches without a picture are not touched.
+def forces_of(device: Device, pushes: Pushes) -> np.ndarray:
+    """The force on each taxel [N], shape ``(n_taxels, 3)``; patches without a picture are not touched.
 
     Raises:
         ValueError: a picture of another shape than its patch, or of no patch.
     """
+    layout = device.layout
+    if not isinstance(pushes, Mapping) and np.ndim(pushes) == 2:
+        return np.array(np.broadcast_to(np.asarray(pushes, float), layout.positions.shape))
+    return -_pushes_of(device, pushes)[:, None] * layout.normals
+
+
+def _pushes_of(device: Device, pushes: Pushes) -> np.ndarray:
     if not isinstance(pushes, Mapping):
         return np.array(np.broadcast_to(np.asarray(pushes, float), len(device.layout)))
     newtons, patches = np.zeros(len(device.layout)), {patch.name: patch for patch in device.layout.patches}
@@ -50,8 +58,7 @@ def reading_of(device: Device, pushes: Pushes = 0.0, stream: str = "", **values:
     Raises:
         ValueError: pushes that do not fit the layout, or values of a sense that the stream does not have.
     """
-    layout = device.layout
-    forces = np.array(-pushes_of(device, pushes)[:, None] * layout.normals)
+    forces = forces_of(device, pushes)
     forces = np.broadcast_to(np.asarray(values.pop("force", forces), float), forces.shape)
     seen = {}
     for sense in device.senses_of(stream):

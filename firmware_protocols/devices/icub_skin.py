@@ -145,7 +145,7 @@ class IcubSkin(Device[CanFrame]):
         "icub-main@24c1a00 canBusSkin/CanBusSkin.cpp l.615-640, skinLib/SkinDiagnostics.h",
         "icub-main app/skinGui conf (triangle_10pad)",
     )
-    judge = "candump, canbusload (can-utils)"
+    judge = "candump, canbusload (can-utils); own second reader"
     assumed = (
         f"{RAW_PER_NEWTON:.0f} raw counts/N and {RAW_PER_DEG:.0f} per deg C, every pad alike; a pad is out of range at "
         "the ends of a 16-bit converter",

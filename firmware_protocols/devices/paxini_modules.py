@@ -49,14 +49,16 @@ class Px6axDevice(Device):
     taxel_counts: ClassVar[Mapping[str, int]] = TAXELS
     packets: Packets
 
-    def _power_up(self, models: Model | Sequence[Model], places: Sequence[int] | None) -> None:
+    def _power_up(
+        self, models: str | Sequence[str], places: Sequence[int] | None, layout: Layout | None = None
+    ) -> None:
         self.models = (models,) if isinstance(models, str) else tuple(models)
         if places is not None and len(set(places)) != len(self.models):
             raise ValueError(f"{self.name}: {len(self.models)} modules need as many different numbers, got {places}")
         if places is None and len(self.models) > 1:
             places = range(len(self.models))
         self.places = None if places is None else tuple(places)
-        self.layout = _side_by_side(self.models, self.taxel_counts)
+        self.layout = layout or _side_by_side(self.models, self.taxel_counts)
         n = len(self.layout)
         self.counts = np.zeros((n, 3), np.int64)
         self.felt, self.zero = np.zeros((n, 3)), np.zeros((n, 3))

@@ -21,7 +21,7 @@ CHANNELS = [f"channel_{k}" for k in range(9)]
 
 
 def ask(channel, interface, count):
-    return run_driver("cantools", "cantools_ask.py", DBC, channel, interface, count, 64, *FINGERS, seconds=60)
+    return run_driver("cantools", "cantools_read.py", DBC, channel, interface, count, 64, *FINGERS, seconds=60)
 
 
 def test_200_readings_of_every_finger():

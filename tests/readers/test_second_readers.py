@@ -67,6 +67,11 @@ def omnihand_o10(values):
     return np.split(values, [16, 32, 48, 64, 80, 105])
 
 
+def dexhand(device, counts):
+    """Of each fingertip."""
+    return np.column_stack([counts.item()["force"], counts.item()["temperature"]])
+
+
 CASES = [
     Case(
         "agibot_omnihand_o10",
@@ -87,6 +92,16 @@ CASES = [
         guarded=False,
     ),
     Case("bielefeld_glove", "bielefeld_glove.py", guarded=False),
+    Case(
+        "dexrobot_dexhand",
+        "dexhand021.py",
+        {"side": "right"},
+        kind="can",
+        shown=dexhand,
+        compared=lambda readings: [[np.take(r, (1, 3, 5, 7)) for r in readings if r[0] == b] for b in range(7, 12)],
+        guarded=False,
+        count=1100,
+    ),
     Case("eflesh_binary", "eflesh_binary.py"),
     Case(
         "contactile_papillarray",
@@ -153,6 +168,7 @@ CASES = [
     Case("wiresens", "wiresens.py", arguments=(64,), guarded=False),
     Case("wiresens", "wiresens.py", {"rows": 8, "cols": 15, "values": 120}, guarded=False),
     Case("xela_uskin", "xela_uskin.py", kind="can", guarded=False),
+    Case("xela_uskin_4x6", "xela_uskin.py", arguments=("4x6",), kind="can", guarded=False),
 ]
 
 

@@ -1,0 +1,323 @@
+r"""PaXini PX-6AX behind the high-speed board with 28 places, and ORCA Touch, whose connector board speaks the same.
+
+Wire: 921600 8N1. Registers are read and written; while register 17 is 1 the board also pushes what it measures.
+
+    register        content
+    0000            version, 16 characters
+    0010            a bit for each module that is there: 8 x byte + bit; proximal, middle, tip, nail of thumb, index,
+                    middle, ring, little (0..19), palm (20..27)
+    0016            what is pushed: bit 0 resultants, bit 1 taxels
+    0017            1: push
+    0022            1 restarts the board, 50 ms after the answer
+    0030 + 2 m      taxels of module m, two bytes
+    0500 + 6 m      resultant: Fx, 0, Fy, 0, Fz, 0; FF instead of 0 after a byte above 7F
+    1000 + 200 m    taxels: Fx int8, Fy int8, Fz uint8 each; those of the palm from 3800 + 100 p
+
+0.1 N per count. A push has, of each module in ascending order, the resultant and then the taxels. All other registers
+read zero; writes there are confirmed, without effect. Function 17 on register 2 makes what is felt now zero.
+
+ORCA's board has more: its version is ``ORCA1.0-`` and a commit; 6100 reads ``OX`` and what it can do; 6200 + 20 x slot
+names the fingertip; 6400 counts requests since power-up; 6110 takes 04 5A 52 and a mask of fingertips to zero,
+6120 tells how that went. To text it says who it is:
+
+    ORCA_ID?        ORCA:SENSOR
+    ORCA_INFO?      ORCA:SENSOR;SIDE=R;HW=1;FW=1;SN=...;BID=...
+
+Try it: ``tactemu run paxini_high_speed``, then ``HighSpeedHandBoard(port)`` of ``paxini_sdk``; ``tactemu run
+orca_touch``, then ``TactileClient(HandSerialLink(port, baudrate=921600))`` of ``orca_core``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+
+from firmware_protocols import Command, Option, Outs, Restart, Serial
+from firmware_protocols.devices.orca_tips import tip
+from firmware_protocols.devices.paxini_modules import HIGH, LOW, Model, Px6axDevice
+from firmware_protocols.framing import MORE, SOUND, Broken, Packets
+from firmware_protocols.layouts import place, stack
+from firmware_protocols.sums import lrc8
+from firmware_protocols.tables import Frame
+
+REQUEST = Frame("""
+    request
+    0     55 AA       head
+    2     u1          reserved              00; not looked at
+    3     u1          function              03 read, 10 write, 17 calibrate
+    4     <u2         register
+    6     <u2         count                 bytes
+    8     bytes       data                  writes
+    last  lrc8        check
+""")
+REPLY = Frame("""
+    reply
+    0     AA 55       head
+    2     00          reserved
+    3     u1          function              the request's; or 80 and an error
+    4     <u2         register
+    6     <u2         count = len(data)
+    8     bytes       data                  what is read; of a write or a calibration 00: done
+    last  lrc8        check
+""")
+PUSH = Frame("""
+    push
+    0     AA 56       head
+    2     00          reserved
+    3     <u2         count = len(data) + 1
+    5     00          error
+    6     bytes       data                  module by module
+    last  lrc8        check
+""")
+READ, WRITE, CALIBRATE = 0x03, 0x10, 0x17
+SHORTEST, MOST_READ, MOST_WRITTEN, GAP_NS = 9, 512, 64, 50_000_000
+ERROR, BAD_LENGTH, BAD_FUNCTION, DONE = 0x80, 1, 3, b"\0"
+VERSION, FITTED, CONTENT, PUSHES, RESET, COUNTS, RESULTANTS = 0x0000, 0x0010, 0x0016, 0x0017, 0x0022, 0x0030, 0x0500
+EXTENSION, ORDER, STATUS, NAMES, STATISTICS = 0x6100, 0x6110, 0x6120, 0x6200, 0x6400
+ZERO_ORDER, ZEROED, FINISHED = b"\x04ZR", 3, 2
+SLOTS, PALM = 28, 20
+TIPS = (2, 6, 10, 14, 18)
+QUERY = re.compile(rb"ORCA_(ID|INFO)\?\n")
+
+
+class PaxiniHighSpeed(Px6axDevice):
+    """Modules behind the high-speed board."""
+
+    name = "paxini_high_speed"
+    kind = "hand"
+    title = "PaXini PX-6AX, high-speed board"
+    ports = (Serial(baud=921_600),)
+    rate_hz = 90.0
+    boot_s = 0.02
+    evidence = ("driver",)
+    sources = (
+        "paxini-sdk 0.1.0 boards/high_speed.py, protocol.py, registers.py",
+        "lerobot-robot-so101-paxini 0.1.0 and lerobot-camera-paxini 0.1.0 (requests, 91 pushes a second)",
+        "orca-core 0.12.0 hardware/sensing/constants.py, tactile_protocol.py (taxel registers)",
+    )
+    judge = "paxini-sdk 0.1.0"
+    assumed = (
+        "places of the taxels: even rows on a flat pad of the size in the model's name, modules side by side",
+        "Fx, Fy along the pad's x, y; the resultant is the sum over the pad",
+        "pushes 90 times a second; the version text; it answers again 70 ms after the reply to a restart",
+        "errors: function 3, length 1; a bad sum is not answered; a half request is forgotten after 50 ms",
+        "taxels in rows as they lie on the pad",
+    )
+
+    def __init__(
+        self,
+        *,
+        models: Annotated[Model | tuple[Model, ...], Option("one model name, or several")] = ("S1813E",) * 5,
+        places: Annotated[tuple[int, ...], Option("module number of each, ascending")] = TIPS,
+        version: Annotated[str, Option("at most 16 characters of ASCII")] = "PX-HS V1.0",
+    ):
+        self._power_up(models, places)
+        self._power_up_board(version)
+
+    def _power_up_board(self, version: str) -> None:
+        if self.places is None or list(self.places) != sorted(set(self.places)) or self.places[-1] >= SLOTS:
+            raise ValueError(f"{self.name}: places must ascend within 0..{SLOTS - 1}, got {self.places}")
+        self.version = version.encode("ascii")[:16]
+        self.packets = Packets(REQUEST.head, _size, _check, counters=self.counters, gap_ns=GAP_NS, broken=True)
+        self.content, self.pushes = 3, False
+
+    # -- registers -------------------------------------------------------------------------------------------------
+
+    def _blocks(self) -> Iterator[tuple[int, bytes]]:
+        """What is not zero: first register and content."""
+        places = self.places or ()
+        fitted = sum(1 << module for module in places)
+        yield VERSION, self.version
+        yield FITTED, fitted.to_bytes(4, "little")
+        yield CONTENT, bytes([self.content, self.pushes])
+        for index, module in enumerate(places):
+            taxels = self._taxels(index)
+            yield COUNTS + 2 * module, (len(taxels) // 3).to_bytes(2, "little")
+            yield RESULTANTS + 6 * module, self._resultant(index)
+            yield (0x1000 + 0x200 * module if module < PALM else 0x3800 + 0x100 * (module - PALM)), taxels
+
+    def _resultant(self, index: int) -> bytes:
+        """Six bytes of a module."""
+        sums = np.clip(self.felt_sums[index] - self.zero_sums[index], LOW, HIGH).astype(np.int64)
+        return (sums & 0xFF | np.where(sums & 0x80, 0xFF00, 0)).astype("<u2").tobytes()
+
+    def _taxels(self, index: int) -> bytes:
+        """Three bytes of each taxel of a module."""
+        sent = self.layout.on_wire(self.counts)[self.layout.patches[index].taxels]
+        return (sent & 0xFF).astype(np.uint8).tobytes()
+
+    def _write(self, register: int, data: bytes) -> Outs:
+        """What a write does, besides its answer."""
+        for at, value in enumerate(data, register):
+            if at == CONTENT:
+                self.content = value & 3
+            elif at == PUSHES:
+                self.pushes = value == 1
+            elif at == RESET and value == 1:
+                return [Restart(delay_ns=50_000_000)]
+        return ()
+
+    # -- what the runner asks --------------------------------------------------------------------------------------
+
+    def stream(self, t_ns: int, name: str) -> Outs:
+        """A push, while it is on."""
+        if not self.pushes:
+            return ()
+        parts = (
+            (self._resultant(index) if self.content & 1 else b"") + (self._taxels(index) if self.content & 2 else b"")
+            for index in range(len(self.models))
+        )
+        return [PUSH.pack(data=b"".join(parts))]
+
+    def _refuse(self, packet: Broken) -> Outs:
+        return ()
+
+    def _answer(self, packet: bytes) -> Outs:
+        request = REQUEST.unpack(packet)
+        assert request is not None, "the cutter has checked it"
+        function, register, count, data = (request[name] for name in ("function", "register", "count", "data"))
+
+        def reply(content: bytes, code: int = function) -> bytes:
+            return REPLY.pack(function=code, register=register, data=content)
+
+        if function == READ and 0 < count <= MOST_READ:
+            memory = bytearray(count)
+            for start, content in self._blocks():
+                first, end = max(start, register), min(start + len(content), register + count)
+                if first < end:
+                    memory[first - register : end - register] = content[first - start : end - start]
+            return [reply(bytes(memory))]
+        if function == WRITE and data:
+            return [reply(DONE), *self._write(register, data)]
+        if function == CALIBRATE and register == 2:
+            for module in range(len(self.models)):
+                self.set_zero(module)
+            return [reply(DONE)]
+        self.counters["refused"] += 1
+        return [reply(b"", ERROR | (BAD_LENGTH if function in (READ, WRITE) else BAD_FUNCTION))]
+
+    @property
+    def commands(self) -> tuple[Command, ...]:
+        """Each request that hosts send, to a board with five tips."""
+        if self.options:
+            return ()
+        done = "AA 55 00 10 17 00 01 00 00 D9"
+        return tuple(
+            Command(name=name, request=request, reply=reply, origin="frames of paxini-sdk 0.1.0")
+            for name, request, reply in (
+                ("fitted modules", "55 AA 00 03 10 00 04 00 EA", "AA 55 00 03 10 00 04 00 44 44 04 00 5E"),
+                ("taxels of each", "55 AA 00 03 30 00 38 00 96", "AA 55 00 03 30 00 38 00 ..{56} .."),
+                ("resultant of module 2", "55 AA 00 03 0C 05 06 00 E7", "AA 55 00 03 0C 05 06 00 ..{6} .."),
+                ("taxels of module 18", "55 AA 00 03 00 34 5D 00 6D", "AA 55 00 03 00 34 5D 00 ..{93} .."),
+                ("resultants only", "55 AA 00 10 16 00 01 00 01 D9", "AA 55 00 10 16 00 01 00 00 DA"),
+                ("push", "55 AA 00 10 17 00 01 00 01 D8", done),
+                ("push no more", "55 AA 00 10 17 00 01 00 00 D9", done),
+                ("calibrate", "55 AA 00 17 02 00 01 00 01 E6", "AA 55 00 17 02 00 01 00 00 E7"),
+                ("restart", "55 AA 00 10 22 00 01 00 01 CD", "AA 55 00 10 22 00 01 00 00 CE"),
+            )
+        )
+
+
+class OrcaTouch(PaxiniHighSpeed):
+    """The five fingertips of an ORCA Touch hand behind ORCA's connector board."""
+
+    name = "orca_touch"
+    title = "ORCA Touch, five fingertips"
+    rate_hz = 50.0
+    evidence = ("driver",)
+    sources = (
+        "orca-core 0.12.0 hardware/tactile_client.py, sensing/constants.py, tactile_protocol.py, serial_discovery.py",
+        "orca-core 0.12.0 sensing/models/touch-sensor-{thumb,finger,pinky}/config.yaml (taxels)",
+    )
+    judge = "orca-core 0.12.0"
+    assumed = (
+        "where the fingertips are on the hand: side by side, 25 mm apart; the resultant is the sum over the taxels",
+        "the resultant's axes: the sensor frame's; Fz counts along -z of it",
+        "hardware 1, firmware 1, board id 0; the commit in the version; capabilities: fingertip names",
+        "a zero is done at once and always well, and a restart forgets it, which a fingertip with power does not",
+        "errors and a restart as on PaXini's board; counters of errors are 0; no joint encoders on this port",
+    )
+    parts: ClassVar[Mapping[str, str]] = {
+        "thumb": "DP18A", "index": "DP18B", "middle": "DP18B", "ring": "DP18B", "pinky": "DP18C",
+    }  # fmt: skip
+
+    def __init__(
+        self,
+        *,
+        side: Literal["right", "left"] = "right",
+        serial: Annotated[str, Option("of the hand, ASCII")] = "ORCA-0001",
+    ):
+        tips = [
+            place(tip(part, name=name, link=name), (0.025 * k, 0.0, 0.0))
+            for k, (name, part) in enumerate(self.parts.items())
+        ]
+        self._power_up(tuple(self.parts.values()), TIPS, stack(*tips))
+        self._power_up_board("ORCA1.0-0abc")
+        self.words: dict[bytes, str] = {b"ID": "", b"INFO": f";SIDE={side[0].upper()};HW=1;FW=1;SN={serial};BID=0"}
+        self.heard, self.zeros, self.requests = b"", 0, 0
+
+    def _blocks(self) -> Iterator[tuple[int, bytes]]:
+        yield from super()._blocks()
+        yield EXTENSION, b"OX\0\2"
+        if self.zeros:
+            yield STATUS, bytes([FINISHED, ZEROED, self.zeros])
+        for slot, part in enumerate(self.parts.values()):
+            yield NAMES + 0x20 * slot, f"PXSR-CMD{part}".encode("ascii")
+        yield STATISTICS, (self.requests & 0xFFFFFFFF).to_bytes(4, "little")
+
+    def _answer(self, packet: bytes) -> Outs:
+        self.requests += 1
+        return super()._answer(packet)
+
+    def _write(self, register: int, data: bytes) -> Outs:
+        if register == ORDER and len(data) == 4 and data.startswith(ZERO_ORDER):
+            self.zeros = self.zeros % 0xFF + 1
+            for slot in range(len(self.models)):
+                if data[3] >> slot & 1:
+                    self.set_zero(slot)
+        return super()._write(register, data)
+
+    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+        """Requests in chunks of any size, and lines that ask who it is."""
+        outs, heard, end = [], self.heard + data, 0
+        for found in QUERY.finditer(heard):
+            outs.append(f"ORCA:SENSOR{self.words[found[1]]}\n".encode("ascii"))
+            end = found.end()
+        self.heard = heard[end:][-10:]
+        return [*outs, *super().receive(data, t_ns, port)]
+
+    @property
+    def commands(self) -> tuple[Command, ...]:
+        """What is ORCA's own, of a hand as it comes."""
+        if self.options:
+            return ()
+        return tuple(
+            Command(name=name, request=request, reply=reply, origin="frames of orca-core 0.12.0", after=after)
+            for name, request, reply, after in (
+                ("who", "4F 52 43 41 5F 49 44 3F 0A", "4F 52 43 41 3A 53 45 4E 53 4F 52 0A", ()),
+                ("who, in full", "4F 52 43 41 5F 49 4E 46 4F 3F 0A", "4F 52 43 41 3A 53 45 4E 53 4F 52 3B * 0A", ()),
+                ("fitted tips", "55 AA 00 03 10 00 04 00 EA", "AA 55 00 03 10 00 04 00 44 44 04 00 5E", ()),
+                ("extension", "55 AA 00 03 00 61 04 00 99", "AA 55 00 03 00 61 04 00 4F 58 00 02 F0", ()),
+                ("name of the thumb", "55 AA 00 03 00 62 20 00 7C", "AA 55 00 03 00 62 20 00 50 58 53 52 * ..", ()),
+                ("zero of all", ZERO, "AA 55 00 10 10 61 01 00 00 7F", ()),
+                ("how that went", "55 AA 00 03 20 61 10 00 6D", "AA 55 00 03 20 61 10 00 02 03 01 *", (ZERO,)),
+                ("push", "55 AA 00 10 17 00 01 00 01 D8", "AA 55 00 10 17 00 01 00 00 D9", ()),
+            )
+        )
+
+
+ZERO = "55 AA 00 10 10 61 04 00 04 5A 52 1F AD"
+
+
+def _size(data: bytes) -> int | str:
+    if len(data) < 8:
+        return MORE
+    count = 0 if data[3] == READ else int.from_bytes(data[6:8], "little")
+    return SHORTEST + count if count <= MOST_WRITTEN else "bad_length"
+
+
+def _check(packet: bytes) -> str:
+    return "bad_checksum" if lrc8(packet) else SOUND
