@@ -1,18 +1,15 @@
 """PaXini's high-speed board and ORCA Touch on a bare pty: paxini-sdk 0.1.0 and orca-core 0.12.0, unmodified."""
 
-import json
-import subprocess
-
 import numpy as np
 import pytest
 
 import firmware_protocols as fp
-from tests.drivers.environments import python_with
-from tests.drivers.rig import DRIVERS, Rig, assert_consecutive, run_driver
+from tests.drivers.rig import Rig, assert_consecutive, run_driver
 
 pytestmark = [pytest.mark.driver, pytest.mark.timeout(180)]
 
 
+@pytest.mark.judge("paxini_high_speed", driver="paxini-sdk", carrier="serial")
 def test_paxini_sdk_reads_200_pushes():
     device = fp.create("paxini_high_speed", models=("S2015", "S1813E"), places=(10, 18))
     with Rig(device, peak=2.0) as rig:
@@ -27,14 +24,11 @@ def test_paxini_sdk_reads_200_pushes():
     assert device.zero.any() and not device.pushes and device.counters["refused"] == 0
 
 
+@pytest.mark.judge("orca_touch", driver="orca-core", carrier="serial", environment="orca-core")
 def test_orca_core_reads_200_pushes():
-    python = python_with("--no-deps", "orca-core==0.12.0", "numpy==2.2.6", "pyyaml==6.0.3", "pyserial==3.5")
     device = fp.create("orca_touch", side="left", serial="OH-7")
     with Rig(device, peak=2.0) as rig:
-        command = [python, str(DRIVERS / "orca_touch_read.py"), rig.port]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-        assert done.returncode == 0, done.stderr[-2000:]
-        got = json.loads(done.stdout.splitlines()[-1])
+        got = run_driver("orca_core", "orca_touch_read.py", rig.port, seconds=120, environment="orca-core")
     assert_consecutive(got["many"], rig.truth)
     assert got["info"] == ["sensor", "left", "OH-7"] and "1.0" in got["version"]
     assert got["taxels"] == {"thumb": 51, "index": 87, "middle": 87, "ring": 87, "pinky": 51}
