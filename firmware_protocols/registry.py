@@ -55,6 +55,7 @@ DEVICES: dict[str, str] = {
     "weiss_dsacon32m": f"{_HERE}.weiss_dsacon32m:WeissDsacon32m",
     "wiresens": f"{_HERE}.wiresens:Wiresens",
     "xela_uskin": f"{_HERE}.xela_uskin:XelaUskin",
+    "xela_uskin_4x6": f"{_HERE}.xela_uskin:XelaUskin4x6",
 }
 
 ENTRY_POINT_GROUP = "tactemu.devices"

@@ -7,14 +7,17 @@ Wire: classic CAN, 1 Mbit/s, standard ids.
     0x200|board   07 01             to board    stop; bytes behind these two are ignored
     (below)       ``TAXEL``         to host     one frame per taxel and sample
 
-Ids of the taxels, two generations (option ``ids``):
+Ids of the taxels, two generations (option ``ids``; the 4 x 6 has the second):
 
     "board"   0x700 | board << 4 | taxel       taxel 0..15 row by row (0x710..0x71F for board 1)
-    "grid"    0x100 | row << 4 | column        sent column by column; ``cols=6`` is that generation's known product
+    "grid"    0x100 + row << 4 + column        sent column by column; of a 4 x 6, 0x135 ends a sample
+
+A third reader knows taxels 0x741, 0x750, 0x754 and 0x775, which fits a 4 x 6 with ``first_id=1856`` (0x740).
 
 Values are raw magnetic counts, uncalibrated, about 18 000 to 30 000 at rest. A press raises Z: published readers
-subtract the rest and take what falls for no touch. Evidence: two published drivers, one for each generation; neither
-firmware nor manual was seen.
+subtract the rest and take what falls for no touch. One of them takes exactly sixteen frames for a sample, whatever they
+are, and fails at ids from 0x720 on. Evidence: two published drivers, one for each generation; neither firmware nor
+manual was seen.
 
 Try it: ``tactemu run xela_uskin --port can:socketcan:vcan0``, then ``cansend vcan0 201#0700; candump vcan0``.
 """
@@ -38,7 +41,6 @@ TAXEL = Frame("""
     7    00         unused
 """)
 
-ROWS = 4
 PITCH = 0.0047
 COUNT_UT = 0.1
 REST_FIELD_UT = (2400.0, 2400.0, 2100.0)
@@ -46,10 +48,12 @@ GAIN_UT_PER_N = (300.0, 300.0, -500.0)
 
 
 class XelaUskin(Device[CanFrame]):
-    """Three-axis taxels, one CAN frame each."""
+    """Sixteen three-axis taxels, one CAN frame each."""
 
     name = "xela_uskin"
+    title = "XELA uSkin 4x4"
     kind = "fingertip"
+    rows, cols = 4, 4
     evidence = ("driver",)
     sources = (
         "o2as/ur-o2as@97adced xela_sensor.py l.37 (ids 'board')",
@@ -59,14 +63,13 @@ class XelaUskin(Device[CanFrame]):
     judge = "cantools, with a DBC of its frames; own second reader"
     assumed = (
         "0.1 uT per count, 300 uT/N in the plane, 500 uT/N along the normal, 24000/24000/21000 counts at rest",
-        "100 Hz; unused bytes 0; a 4x4 product with ids 'grid' (that generation's known product has six columns)",
+        "100 Hz; unused bytes 0; a 4x4 product with ids 'grid' (that generation's known product is 4x6)",
     )
 
     def __init__(
         self,
         *,
         ids: Annotated[Literal["board", "grid"], Option("id scheme of the product generation")] = "board",
-        cols: Annotated[Literal[4, 6], Option("taxels in a row; 6 only with ids grid")] = 4,
         board: Annotated[int, Option("number, as the switches of the board say", low=1, high=15)] = 1,
         gains: Annotated[
             tuple[float, float, float],
@@ -74,14 +77,11 @@ class XelaUskin(Device[CanFrame]):
         ] = GAIN_UT_PER_N,
     ):
         self.ports = (Can(hears=((0x200 | board, 0x7FF),)),)
+        row, col = np.divmod(np.arange(self.rows * self.cols), self.cols)
         by_grid = ids == "grid"
-        if cols != 4 and not by_grid:
-            raise ValueError("a board with ids 'board' has 4 columns, got cols=6: set ids='grid'")
-        self.title = f"XELA uSkin {ROWS}x{cols}"
-        row, col = np.divmod(np.arange(ROWS * cols), cols)
         order = np.lexsort((row, col)) if by_grid else None
-        self.layout = replace(grid_layout(ROWS, cols, PITCH, name="uskin"), wire_order=order)  # type: ignore[arg-type]
-        taxel_ids = 0x100 | row << 4 | col if by_grid else 0x700 | board << 4 | row * cols + col
+        self.layout = replace(grid_layout(self.rows, self.cols, PITCH, name="uskin"), wire_order=order)  # type: ignore[arg-type]
+        taxel_ids = 0x100 | row << 4 | col if by_grid else 0x700 | board << 4 | row * self.cols + col
         self.ids = self.layout.on_wire(taxel_ids).tolist()
         rest_x, rest_y, rest_z = (round(field / COUNT_UT) for field in REST_FIELD_UT)
         self.columns = (
@@ -98,7 +98,7 @@ class XelaUskin(Device[CanFrame]):
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Outs[CanFrame]:
-        """A frame of each taxel while started."""
+        """A frame for each taxel while started."""
         if not self.streaming:
             return ()
         taxels = zip(self.ids, self.layout.on_wire(self.counts))
@@ -123,3 +123,25 @@ class XelaUskin(Device[CanFrame]):
             Command(name="start", request=f"{to}#0700", about="streams until stopped", origin=origin),
             Command(name="stop", request=f"{to}#0701", origin=origin),
         )
+
+
+class XelaUskin4x6(XelaUskin):
+    """Twenty-four taxels of the later generation."""
+
+    name = "xela_uskin_4x6"
+    title = "XELA uSkin 4x6"
+    rows, cols = 4, 6
+    assumed = (XelaUskin.assumed[0], "100 Hz; unused bytes 0; the pitch of the 4x4", "start and stop as the 4x4")
+
+    def __init__(
+        self,
+        *,
+        board: Annotated[int, Option("number, as the switches of the board say", low=1, high=15)] = 1,
+        first_id: Annotated[int, Option("identifier of row 0, column 0", low=0, high=0x7FF - 0x35)] = 0x100,
+        gains: Annotated[
+            tuple[float, float, float],
+            Option("of the force along x, y and z of a taxel, z out of the skin", unit="uT/N"),
+        ] = GAIN_UT_PER_N,
+    ):
+        super().__init__(ids="grid", board=board, gains=gains)
+        self.ids = [first_id - 0x100 + ident for ident in self.ids]

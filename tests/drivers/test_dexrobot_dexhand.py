@@ -9,7 +9,11 @@ import firmware_protocols as fp
 from tests.drivers.can_link import INTERFACE
 from tests.drivers.rig import Rig, assert_consecutive, run_driver
 
-pytestmark = [pytest.mark.driver, pytest.mark.timeout(90)]
+pytestmark = [
+    pytest.mark.driver,
+    pytest.mark.judge("dexrobot_dexhand", driver="cantools", carrier="CAN-FD"),
+    pytest.mark.timeout(90),
+]
 DBC = Path(__file__).parents[1] / "data" / "dexrobot_dexhand.dbc"
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 

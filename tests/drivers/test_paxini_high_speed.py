@@ -9,7 +9,7 @@ from tests.drivers.rig import Rig, assert_consecutive, run_driver
 pytestmark = [pytest.mark.driver, pytest.mark.timeout(180)]
 
 
-@pytest.mark.judge("paxini_high_speed", driver="paxini-sdk", carrier="serial")
+@pytest.mark.judge("paxini_high_speed", driver="paxini-sdk", carrier="serial, packets")
 def test_paxini_sdk_reads_200_pushes():
     device = fp.create("paxini_high_speed", models=("S2015", "S1813E"), places=(10, 18))
     with Rig(device, peak=2.0) as rig:
@@ -24,11 +24,11 @@ def test_paxini_sdk_reads_200_pushes():
     assert device.zero.any() and not device.pushes and device.counters["refused"] == 0
 
 
-@pytest.mark.judge("orca_touch", driver="orca-core", carrier="serial", environment="orca-core")
+@pytest.mark.judge("orca_touch", driver="orca-core", environment="orca_core", carrier="serial, packets")
 def test_orca_core_reads_200_pushes():
     device = fp.create("orca_touch", side="left", serial="OH-7")
     with Rig(device, peak=2.0) as rig:
-        got = run_driver("orca_core", "orca_touch_read.py", rig.port, seconds=120, environment="orca-core")
+        got = run_driver("orca_core", "orca_touch_read.py", rig.port, seconds=120, environment="orca_core")
     assert_consecutive(got["many"], rig.truth)
     assert got["info"] == ["sensor", "left", "OH-7"] and "1.0" in got["version"]
     assert got["taxels"] == {"thumb": 51, "index": 87, "middle": 87, "ring": 87, "pinky": 51}

@@ -56,7 +56,7 @@ VARIANTS = [
     ("weiss_dsacon32m", {"mute_s": 8.0}),
     ("wiresens", {"rows": 3, "cols": 5, "values": 8, "sensor": -2}),
     ("xela_uskin", {"ids": "grid", "board": 3}),
-    ("xela_uskin", {"ids": "grid", "cols": 6}),
+    ("xela_uskin_4x6", {"first_id": 0x740, "board": 3}),
 ]
 
 

@@ -174,7 +174,7 @@ CASES = [
     Case("wiresens", "wiresens.py", arguments=(64,), guarded=False),
     Case("wiresens", "wiresens.py", {"rows": 8, "cols": 15, "values": 120}, guarded=False),
     Case("xela_uskin", "xela_uskin.py", kind="can", guarded=False),
-    Case("xela_uskin", "xela_uskin.py", {"ids": "grid", "cols": 6}, ("4x6",), kind="can", guarded=False),
+    Case("xela_uskin_4x6", "xela_uskin.py", arguments=("4x6",), kind="can", guarded=False),
 ]
 
 
