@@ -54,6 +54,7 @@ DEVICES: dict[str, str] = {
     "vitac_3d": f"{_HERE}.flexitac:ViTac3d",
     "weiss_dsacon32m": f"{_HERE}.weiss_dsacon32m:WeissDsacon32m",
     "wiresens": f"{_HERE}.wiresens:Wiresens",
+    "xela_server": f"{_HERE}.xela_server:XelaServer",
     "xela_uskin": f"{_HERE}.xela_uskin:XelaUskin",
     "xela_uskin_4x6": f"{_HERE}.xela_uskin:XelaUskin4x6",
 }

@@ -27,6 +27,8 @@ INBOUND_AHEAD_NS = 50_000_000
 """A driver that is further ahead of its line than this is not read on: its own end holds it up, as a port's does."""
 INBOUND_LIMIT_NS = 1_000_000_000
 """Of what a driver leaves behind when it goes, bytes that are further ahead of its line than this are lost."""
+CLOSING = 1011
+"""Code of a connection that a fault closes: something went wrong inside."""
 MAX_BYTES_A_TURN = 16_384
 """Of what arrives in one turn of the loop: a flood is worked off in pieces, and the loop goes on meanwhile."""
 
@@ -226,6 +228,9 @@ class Wire:
         if (chip := self._injector.chip) is not None:
             while packet := chip.take(now_ns):
                 self.transport.write(packet)
+        if (closing := self._injector.closing) is not None:
+            self._injector.closing = None
+            self.transport.hang_up(closing.amount or CLOSING)
         return written
 
     def _add_traffic(self, now_ns: int) -> None:
@@ -337,6 +342,7 @@ class Wire:
             self.transport.close()
         elif before is not None and before.kind == "unplug":
             self.transport.open()
+        self.transport.hold(fault is not None and fault.kind == "halfopen")
 
     def _forget(self, now_ns: int, why: str) -> None:
         """Nothing is kept for whoever comes next."""

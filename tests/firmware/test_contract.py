@@ -55,6 +55,7 @@ VARIANTS = [
     ("singletact", {"board": "arduino"}),
     ("weiss_dsacon32m", {"mute_s": 8.0}),
     ("wiresens", {"rows": 3, "cols": 5, "values": 8, "sensor": -2}),
+    ("xela_server", {"models": ("uSPa22", "uSPa11"), "calibrated": True}),
     ("xela_uskin", {"ids": "grid", "board": 3}),
     ("xela_uskin_4x6", {"first_id": 0x740, "board": 3}),
 ]
