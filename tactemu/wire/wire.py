@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from firmware_protocols import Connector, Frame, Sent
 from firmware_protocols.frames import payload
@@ -191,8 +190,8 @@ class Wire:
 
         ``sample`` is the number of the sample that they carry.
         """
-        parts: list[Sent[Any]] = [each if isinstance(each, Sent) else Sent(each) for each in frames]
-        whole = [part.frame for part in parts]
+        parts = [(each.frame, each.delay_ns, each.turn) if isinstance(each, Sent) else (each, 0, 0) for each in frames]
+        whole = [frame for frame, _, _ in parts]
         self._source = source
         if not self.transport.listening:
             self._lose(whole, now_ns, source, "unheard", "nobody listens", sample)
@@ -203,11 +202,11 @@ class Wire:
             self._lose(whole, now_ns, source, "dropped_frames", "line full", sample)
         else:
             least = self.carrier.turnaround_ns()
-            for part in parts:
-                ready_ns = now_ns + max(part.delay_ns, least)
-                for frame, held_ns in self._injector.spoil(part.frame, now_ns, source, "to_driver"):
+            for frame, delay_ns, turn in parts:
+                ready_ns = now_ns + max(delay_ns, least)
+                for spoilt, held_ns in self._injector.spoil(frame, now_ns, source, "to_driver"):
                     at = self._after_held("to_driver", ready_ns, held_ns)
-                    self.line.put(frame, at, source, turn=part.turn, sample=sample)
+                    self.line.put(spoilt, at, source, turn=turn, sample=sample)
 
     def _after_held(self, direction: str, ready_ns: int, held_ns: int) -> int:
         """When a frame leaves that a fault holds back by ``held_ns``; on a byte stream, what follows waits for it."""
@@ -397,7 +396,8 @@ class Wire:
         """A frame as heard at the other end, whose settings may differ."""
         connector = self.connectors.get(source, self.carrier.connector)
         result = self.carrier.heard(frame, connector, self.transport.setting, to_driver=to_driver)
-        self.counters["misheard"] += result != frame
+        if result is not frame:
+            self.counters["misheard"] += result != frame
         return result
 
 

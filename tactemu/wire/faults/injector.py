@@ -204,6 +204,8 @@ class Injector:
 
     def next_ns(self, now_ns: int) -> int | None:
         """When something of the link happens by itself, after ``now_ns``."""
+        if not (self.traffic or self.chip or self._outages):
+            return None
         times = [each.next_ns() for each in self.traffic]
         if self.chip:
             times.append(self.chip.next_ns())
