@@ -49,6 +49,7 @@ DEVICES: dict[str, str] = {
     "robotiq_ft300": f"{_HERE}.robotiq_ft300:RobotiqFt300",
     "robotiq_tsf85": f"{_HERE}.robotiq_tsf85:RobotiqTsf85",
     "robotis_hx5": f"{_HERE}.robotis_hx5:RobotisHx5",
+    "rohand": f"{_HERE}.rohand:RoHand",
     "seed_fts3": f"{_HERE}.seed_fts3:SeedFts3",
     "singletact": f"{_HERE}.singletact:SingleTact",
     "vitac_3d": f"{_HERE}.flexitac:ViTac3d",

@@ -51,6 +51,8 @@ VARIANTS = [
     ("robotiq_ft300", {"streams": False}),
     ("robotiq_tsf85", {"packets": "per_finger", "magnetometer": True}),
     ("robotis_hx5", {"id": 140}),
+    ("rohand", {"touch": "three_axis"}),
+    ("rohand", {"touch": "finger", "unit": 3}),
     ("seed_fts3", {"sensors": ("none", "z", "none", "xyz", "xyz")}),
     ("singletact", {"board": "arduino"}),
     ("weiss_dsacon32m", {"mute_s": 8.0}),
