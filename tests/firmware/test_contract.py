@@ -23,13 +23,13 @@ UNPINNED = json.loads((Path(__file__).parents[1] / "data" / "unpinned.json").rea
 """Declared facts that no worked example pins, by device: a number that may only fall."""
 VARIANTS = [
     ("ability_hand", {"stuffing": False}),
+    ("agibot_omnihand_pro", {"device": 127}),
     ("ati_net_ft", {"tool": (0.01, -0.02, 0.1), "counts_per_torque": 2_000_000}),
     ("contactile_papillarray", {"sensors": 1, "end_offset": True}),
+    ("dexrobot_dexhand", {"side": "right"}),
     ("digity_exohand", {"side": "left", "records": ("touch",)}),
     ("eflesh_binary", {"missing": (2, 5)}),
     ("feetech_sts3215", {"ids": (7, 1), "encoders": (100.0, 4000.0), "swing": 0.3}),
-    ("agibot_omnihand_pro", {"device": 127}),
-    ("dexrobot_dexhand", {"side": "right"}),
     ("flexitac", {"rows": 4, "cols": 2}),
     ("flexitac", {"rows": 16}),
     ("fulai_glove", {"hardware": "3.2", "hand": "right", "identity": False}),
