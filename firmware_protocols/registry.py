@@ -30,6 +30,7 @@ DEVICES: dict[str, str] = {
     "feetech_sts3215": f"{_HERE}.feetech_sts3215:FeetechSts3215",
     "flexitac": f"{_HERE}.flexitac:FlexiTac",
     "fulai_glove": f"{_HERE}.fulai_glove:FulaiGlove",
+    "ghand5": f"{_HERE}.ghand5:GHand5",
     "icub_skin": f"{_HERE}.icub_skin:IcubSkin",
     "inspire_rh56dftp": f"{_HERE}.inspire_rh56dftp:InspireRh56dftp",
     "linker_hand_g20": f"{_HERE}.linker_hand:LinkerHandG20",
