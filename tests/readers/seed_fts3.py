@@ -6,7 +6,7 @@ A reading is x1, y1, z1, ... x5, y5, z5, in counts; an empty field is null.
 
 Options: the end of a command, "none" as SensorTool sends it or "crlf" as the ROS node does.
 Not settled by the description: which commands a host must send (here enabletime, then setperiod, 0.3 s apart); the
-unit; whether the time may stand still between lines (here it may, but not go back); what follows #OK.
+unit; whether the time may stand still between lines (here it may); what follows #OK.
 """
 
 import time
