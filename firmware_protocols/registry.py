@@ -26,6 +26,7 @@ DEVICES: dict[str, str] = {
     "contactile_papillarray": f"{_HERE}.contactile_papillarray:ContactilePapillArray",
     "dexrobot_dexhand": f"{_HERE}.dexrobot_dexhand:DexrobotDexHand",
     "digity_exohand": f"{_HERE}.digity_exohand:DigityExohand",
+    "dynpick": f"{_HERE}.dynpick:DynPick",
     "eflesh_binary": f"{_HERE}.eflesh_binary:EfleshBinary",
     "feetech_sts3215": f"{_HERE}.feetech_sts3215:FeetechSts3215",
     "flexitac": f"{_HERE}.flexitac:FlexiTac",
