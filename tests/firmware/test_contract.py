@@ -56,6 +56,7 @@ VARIANTS = [
     ("rohand", {"touch": "finger", "unit": 3}),
     ("seed_fts3", {"sensors": ("none", "z", "none", "xyz", "xyz")}),
     ("singletact", {"board": "arduino"}),
+    ("sun_fingertip", {"baud": 1_000_000}),
     ("weiss_dsacon32m", {"mute_s": 8.0}),
     ("wiresens", {"rows": 3, "cols": 5, "values": 8, "sensor": -2}),
     ("xela_server", {"models": ("uSPa22", "uSPa11"), "calibrated": True}),
