@@ -30,6 +30,8 @@ VARIANTS = [
     ("feetech_sts3215", {"ids": (7, 1), "encoders": (100.0, 4000.0), "swing": 0.3}),
     ("agibot_omnihand_pro", {"device": 127}),
     ("dexrobot_dexhand", {"side": "right"}),
+    ("brainco_revo3", {"touch": "matrix"}),
+    ("brainco_revo3", {"touch": "matrix", "packing": "single"}),
     ("flexitac", {"rows": 4, "cols": 2}),
     ("flexitac", {"rows": 16}),
     ("fulai_glove", {"hardware": "3.2", "hand": "right", "identity": False}),
