@@ -67,6 +67,12 @@ def omnihand_o10(values):
     return np.split(values, [16, 32, 48, 64, 80, 105])
 
 
+def rohand(device, counts):
+    """Of each part; the palm has dots always."""
+    *fingers, palm = (counts[patch.taxels] for patch in device.layout.patches)
+    return [*(finger.ravel() for finger in fingers), palm.reshape(len(palm), -1)[:, 0]]
+
+
 def dexhand(device, counts):
     """Of each fingertip."""
     return np.column_stack([counts.item()["force"], counts.item()["temperature"]])
@@ -101,6 +107,11 @@ CASES = [
         compared=lambda readings: [[np.take(r, (1, 3, 5, 7)) for r in readings if r[0] == b] for b in range(7, 12)],
         guarded=False,
         count=1100,
+    ),
+    Case(
+        "bota_sensone",
+        "bota_sensone.py",
+        shown=lambda device, counts: [*counts.item()["wrench"][0], *counts.item()["temperature"]],
     ),
     Case("eflesh_binary", "eflesh_binary.py"),
     Case(
@@ -170,10 +181,10 @@ CASES = [
             "rohand.py",
             {"touch": touch},
             peak=5.0,
-            shown=lambda device, counts: counts[device.layout.patches[2].taxels].ravel(),
-            compared=lambda readings, part=part: [[reading[part] for reading in readings]],
+            shown=rohand,
+            compared=lambda readings, ends=ends: list(zip(*(np.split(reading, ends) for reading in readings))),
         )
-        for touch, part in (("dots", slice(96, 156)), ("three_axis", slice(9, 15)))
+        for touch, ends in (("dots", [36, 96, 156, 216, 248]), ("three_axis", [3, 9, 15, 21, 24]))
     ),
     Case("seed_fts3", "seed_fts3.py", guarded=False),
     Case("seed_fts3", "seed_fts3.py", arguments=("crlf",), guarded=False),
