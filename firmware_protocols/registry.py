@@ -30,6 +30,7 @@ DEVICES: dict[str, str] = {
     "feetech_sts3215": f"{_HERE}.feetech_sts3215:FeetechSts3215",
     "flexitac": f"{_HERE}.flexitac:FlexiTac",
     "fulai_glove": f"{_HERE}.fulai_glove:FulaiGlove",
+    "ghand5": f"{_HERE}.ghand5:GHand5",
     "icub_skin": f"{_HERE}.icub_skin:IcubSkin",
     "inspire_rh56dftp": f"{_HERE}.inspire_rh56dftp:InspireRh56dftp",
     "linker_hand_g20": f"{_HERE}.linker_hand:LinkerHandG20",
@@ -109,7 +110,8 @@ def _device(found: object, name: str) -> type[Device]:
     if isinstance(found, type) and hasattr(found, "digitize"):
         raise TypeError(
             f"{name} is written for the first version of the contract: rename digitize(reading) to feel(reading, t_ns) "
-            "and return the counts, wires to ports, put power_on into __init__, and see docs/adding-a-device.md (installed: tactemu/docs)"
+            "and return the counts, wires to ports, put power_on into __init__, and see docs/adding-a-device.md "
+            "(installed: tactemu/docs)"
         )
     if not (isinstance(found, type) and issubclass(found, Device)):
         raise TypeError(f"{name} is not a subclass of firmware_protocols.Device")
