@@ -120,6 +120,13 @@ CASES = [
         compared=lambda readings: [[reading[: 2 * 9 * 6] for reading in readings]],
     ),
     Case(
+        "ghand5",
+        "ghand5.py",
+        shown=lambda device, counts: [counts[patch.taxels].ravel() for patch in device.layout.patches],
+        # The resultants are summed before they are rounded: the taxels are compared.
+        compared=lambda readings: list(zip(*(np.split(r[15:], [114, 207, 300, 393]) for r in readings))),
+    ),
+    Case(
         "icub_skin",
         "icub_skin.py",
         arguments=(1, 0, 2),
