@@ -60,7 +60,7 @@ class GHand5(Device):
     )  # fmt: skip
     evidence = ("driver",)
     sources = ("gli-sdk/GHand-Python-SDK@3ebbadf (the vendor's own)",)
-    judge = "pymodbus 3.11 and modbus_tk 1.1.5, which know no hand"
+    judge = "pymodbus 3.11 and modbus_tk 1.1.5, which know no hand; own second reader"
     assumed = (
         "places of the taxels: even rows on a pad of 12 x 18 mm, fingertips 25 mm apart",
         "taxels in 0.1 N as the resultants, which are the sum of what the taxels feel; a push is positive",
