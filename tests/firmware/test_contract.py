@@ -48,6 +48,7 @@ VARIANTS = [
     ("linker_hand_l25", {"touch": "quantities"}),
     ("linker_hand_l6", {"touch": "quantities", "side": "right"}),
     ("linker_hand_o6", {"side": "right"}),
+    ("nibotics_prvs01", {"channels": 19}),
     ("optoforce", {"axes": "4x3"}),
     ("optoforce", {"axes": "6"}),
     ("paxini_gen2", {"models": "S1610"}),
