@@ -42,7 +42,7 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_protocols import Column, Command, Counts, Device, Option, Outs, Reading, Restart, Serial, grid_layout
-from firmware_protocols.adc import quantize
+from firmware_protocols.adc import pack_12_bits, quantize
 from firmware_protocols.framing import Ppp, ppp
 from firmware_protocols.layouts import place, stack
 from firmware_protocols.motors import Motors
@@ -262,10 +262,13 @@ class AbilityHand(Device):
     def _reply(self, t_ns: int) -> bytes:
         """The reply that the last format asks for."""
         variant, speeds = self.format & 0x0F, self.motors.velocities(t_ns)
-        positions = _int16(self.motors.positions(t_ns), POSITION_COUNTS)
         velocities = _int16(speeds, VELOCITY_COUNTS)
-        currents = _int16(speeds, CURRENT_COUNTS) if self.currents is None else self.currents
-        joints = np.stack([positions, velocities if variant == 1 else currents], axis=-1)
+        joints = np.empty((len(speeds), 2), np.int64)
+        joints[:, 0] = _int16(self.motors.positions(t_ns), POSITION_COUNTS)
+        if variant == 1:
+            joints[:, 1] = velocities
+        else:
+            joints[:, 1] = _int16(speeds, CURRENT_COUNTS) if self.currents is None else self.currents
         if variant == 2:
             return JOINT_REPLY.pack(header=self.format, joints=joints, velocities=velocities)
         touch = pack_12_bits(self.layout.on_wire(self.counts))
@@ -277,13 +280,6 @@ def touch_counts(force: np.ndarray) -> np.ndarray:
     felt = np.maximum(force - 0.878894, 1e-9)
     volts = 33000.0 / np.maximum(121591.0 / felt - 10000.0, 1e-3)
     return np.where(force > 0.878894, quantize(volts, 4096 / 3.3, 0, 4095), 0)
-
-
-def pack_12_bits(values: np.ndarray) -> bytes:
-    """Pairs of 12-bit values in three bytes, low byte first."""
-    even, odd = values[0::2], values[1::2]
-    packed = np.stack([even & 0xFF, even >> 8 | (odd & 0x0F) << 4, odd >> 4], axis=-1)
-    return packed.astype(np.uint8).tobytes()
 
 
 def _int16(values: np.ndarray, counts_per_unit: float | np.ndarray) -> np.ndarray:
