@@ -80,28 +80,34 @@ class Board:
     """What is sent of it, uint8, since the first conversion."""
 
     def __post_init__(self):
-        self.raw = np.full((len(self.flags), PADS), REST)
+        n = len(self.flags)
+        self.raw = np.full((n, PADS), REST)
         self.offset = self.raw.copy()
-        self.shift = np.full((len(self.flags), 1), SHIFT)
-        self.enabled = np.ones(len(self.flags), bool)
+        self.shift = np.full((n, 1), SHIFT)
+        self.enabled = np.ones(n, bool)
+        self.flagged = np.array(self.flags)[:, None] != 0
+        self.pad_of = (PADS * np.arange(n)[:, None] + np.array(TAXELS)).ravel()
+        self.taxel_of = np.full((n, PADS), n * len(TAXELS))
+        self.taxel_of.ravel()[self.pad_of] = np.arange(n * len(TAXELS))
 
     def convert(self, push: np.ndarray, temperature: np.ndarray) -> np.ndarray:
         """What every pad reads, uint8, shape ``(n_triangles, 12)``; of pushes [N] and temperatures [deg C] by taxel."""
-        warmth = temperature.reshape(-1, len(TAXELS)).mean(axis=1, keepdims=True) - 25.0
-        raw = np.repeat(REST + RAW_PER_DEG * warmth, PADS, axis=1)
-        raw[:, TAXELS] += RAW_PER_NEWTON * np.maximum(push.reshape(-1, len(TAXELS)), 0.0)
-        self.raw = quantize(raw, high=RAW_MAX)
+        warmth = np.add.reduce(temperature.reshape(-1, len(TAXELS)), 1, keepdims=True) / len(TAXELS) - 25.0
+        pushed = np.append(RAW_PER_NEWTON * np.maximum(push, 0.0), 0.0)  # what a thermal pad feels
+        self.raw = quantize(REST + RAW_PER_DEG * warmth + pushed[self.taxel_of], high=RAW_MAX)
         change = self.raw - self.offset
         if self.kind == COMPENSATED:
-            change = change - change[:, THERMAL].sum(axis=1, keepdims=True) // len(THERMAL)
-        values = np.clip(self.no_load - (change >> self.shift), 0, 255)
-        self.pads = np.where(np.array(self.flags)[:, None] == 0, values, self.no_load).astype(np.uint8)
+            first, second = THERMAL
+            change -= (change[:, first] + change[:, second])[:, None] // 2
+        values = np.minimum(np.maximum(self.no_load - (change >> self.shift), 0), 255)
+        self.pads = np.where(self.flagged, self.no_load, values).astype(np.uint8)
         return self.pads
 
     def frames(self) -> list[CanFrame]:
         """Head and tail of every enabled triangle."""
         frames = []
-        at_the_end = (((self.raw <= 0) | (self.raw >= RAW_MAX)) @ (1 << np.arange(PADS))).tolist()
+        out = (self.raw <= 0) | (self.raw >= RAW_MAX)
+        at_the_end = (out @ (1 << np.arange(PADS))).tolist() if out.any() else [0] * len(out)
         for triangle in np.flatnonzero(self.enabled).tolist():
             ident, pads, mask = 0x400 | self.address << 4 | triangle, self.pads[triangle], at_the_end[triangle]
             ending = (mask & 0xF) << 4 | self.flags[triangle]
@@ -186,10 +192,10 @@ class IcubSkin(Device[CanFrame]):
     def feel(self, reading: Reading, t_ns: int) -> Counts:
         """What each taxel reads, uint8, shape ``(n_taxels,)``: no load minus what presses; other boards as before."""
         board = self.boards[reading.stream]
-        push = -(reading["force"][board.taxels] * board.normals).sum(-1)
+        push = -np.add.reduce(reading["force"][board.taxels] * board.normals, -1)
         pads = board.convert(push, reading["temperature"][board.taxels])
         self.counts = self.counts.copy()
-        self.counts[board.taxels] = pads[:, TAXELS].ravel()
+        self.counts[board.taxels] = pads.ravel()[board.pad_of]
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Outs[CanFrame]:
