@@ -35,6 +35,8 @@ VARIANTS = [
     ("fulai_glove", {"hardware": "3.2", "hand": "right", "identity": False}),
     ("icub_skin", {"part": "triangle", "first_board": 3}),
     ("icub_skin", {"triangles_per_board": 16}),
+    ("icub_skin", {"part": "hand"}),
+    ("icub_skin", {"part": "torso", "firmware": "old"}),
     ("inspire_rh56dftp", {"unit": 2, "first_byte": "high"}),
     ("inspire_rh56dftp", {"line": "native"}),
     ("linker_hand_g20", {"touch": "10x4", "side": "right"}),
