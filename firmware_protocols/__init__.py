@@ -22,6 +22,7 @@ if TYPE_CHECKING:  # what an editor sees; the table below says the same to Pytho
     from firmware_protocols.connectors import Serial as Serial
     from firmware_protocols.connectors import Tcp as Tcp
     from firmware_protocols.connectors import Udp as Udp
+    from firmware_protocols.connectors import WebSocket as WebSocket
     from firmware_protocols.device import Column as Column
     from firmware_protocols.device import Convert as Convert
     from firmware_protocols.device import Counts as Counts
@@ -49,7 +50,7 @@ if TYPE_CHECKING:  # what an editor sees; the table below says the same to Pytho
 _PUBLIC = {
     # module: the public names that it defines
     "commands": ("Command",),
-    "connectors": ("USB", "Can", "Connector", "Rs485", "Serial", "Tcp", "Udp"),
+    "connectors": ("USB", "Can", "Connector", "Rs485", "Serial", "Tcp", "Udp", "WebSocket"),
     "device": (
         "Column", "Convert", "Counts", "Device", "Outs", "Quantity", "Reading", "Restart", "Rollover", "Sense", "Sent",
         "Stream",

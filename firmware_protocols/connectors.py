@@ -90,3 +90,11 @@ class Udp(Connector):
 
     whole = True
     port: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class WebSocket(Connector):
+    """A WebSocket server: each frame is one text message, in UTF-8."""
+
+    whole = True
+    port: int

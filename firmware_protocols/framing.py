@@ -175,6 +175,15 @@ class Lines:
             self._counters["bad_length"] += len(lines) - len(fitting)
         return fitting
 
+    @property
+    def begun(self) -> bool:
+        """Whether a piece has begun that has not ended."""
+        return bool(self._buffer)
+
+    def end(self) -> list[bytes]:
+        """The piece that has begun, where a silence ends it."""
+        return self.cut(self._ends[:1])
+
 
 class Ppp(Lines):
     """Frames between flags 7E, with 7D before an escaped byte, as in HDLC-like framing (RFC 1662)."""

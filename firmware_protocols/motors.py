@@ -119,10 +119,13 @@ class Motors:
     def _follow(self, t_ns: int) -> tuple[np.ndarray, np.ndarray]:
         seconds = max(t_ns - self._since_ns, 0) * 1e-9
         driven = ~np.isnan(self._driven)
-        positions, speeds = self._approach(seconds)
-        if driven.any():
-            turning, turning_speeds = self._turn(np.where(driven, self._driven, 0.0), seconds)
-            positions, speeds = np.where(driven, turning, positions), np.where(driven, turning_speeds, speeds)
+        if driven.all():
+            positions, speeds = self._turn(self._driven, seconds)
+        else:
+            positions, speeds = self._approach(seconds)
+            if driven.any():
+                turning, turning_speeds = self._turn(np.where(driven, self._driven, 0.0), seconds)
+                positions, speeds = np.where(driven, turning, positions), np.where(driven, turning_speeds, speeds)
         return np.where(self.stalled, self._start, positions), np.where(self.stalled, 0.0, speeds)
 
     def _approach(self, seconds: float) -> tuple[np.ndarray, np.ndarray]:
@@ -147,5 +150,5 @@ class Motors:
         left = np.exp(-seconds / tau) if tau > 0 else 0.0
         missing = self._start_speed - driven
         moved = self._start + driven * seconds + missing * tau * (1 - left)
-        positions = np.clip(moved, self.low, self.high)
+        positions = np.minimum(np.maximum(moved, self.low), self.high)
         return positions, np.where(positions == moved, driven + missing * left, 0.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -110,7 +111,7 @@ class Field:
             return len(self.const)
         if self.is_open or any(isinstance(count, str) for count in self.shape):
             return None
-        return int(np.prod(self.shape, dtype=int)) * self.dtype.itemsize
+        return math.prod(self.shape) * self.dtype.itemsize
 
     @property
     def byte_order_name(self) -> Literal["little", "big"]:

@@ -262,10 +262,13 @@ class AbilityHand(Device):
     def _reply(self, t_ns: int) -> bytes:
         """The reply that the last format asks for."""
         variant, speeds = self.format & 0x0F, self.motors.velocities(t_ns)
-        positions = _int16(self.motors.positions(t_ns), POSITION_COUNTS)
         velocities = _int16(speeds, VELOCITY_COUNTS)
-        currents = _int16(speeds, CURRENT_COUNTS) if self.currents is None else self.currents
-        joints = np.stack([positions, velocities if variant == 1 else currents], axis=-1)
+        joints = np.empty((len(speeds), 2), np.int64)
+        joints[:, 0] = _int16(self.motors.positions(t_ns), POSITION_COUNTS)
+        if variant == 1:
+            joints[:, 1] = velocities
+        else:
+            joints[:, 1] = _int16(speeds, CURRENT_COUNTS) if self.currents is None else self.currents
         if variant == 2:
             return JOINT_REPLY.pack(header=self.format, joints=joints, velocities=velocities)
         touch = pack_12_bits(self.layout.on_wire(self.counts))
@@ -282,8 +285,9 @@ def touch_counts(force: np.ndarray) -> np.ndarray:
 def pack_12_bits(values: np.ndarray) -> bytes:
     """Pairs of 12-bit values in three bytes, low byte first."""
     even, odd = values[0::2], values[1::2]
-    packed = np.stack([even & 0xFF, even >> 8 | (odd & 0x0F) << 4, odd >> 4], axis=-1)
-    return packed.astype(np.uint8).tobytes()
+    packed = np.empty((len(even), 3), np.uint8)
+    packed[:, 0], packed[:, 1], packed[:, 2] = even & 0xFF, even >> 8 | (odd & 0x0F) << 4, odd >> 4
+    return packed.tobytes()
 
 
 def _int16(values: np.ndarray, counts_per_unit: float | np.ndarray) -> np.ndarray:

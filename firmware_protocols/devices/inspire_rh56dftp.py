@@ -28,6 +28,10 @@ ask for register 0 to see whether the hand is there). Published drivers disagree
 byte of a register at 1606, 1612 and 1618: Unitree's takes the first, others the second (option ``first_byte``). The
 native protocol reads these as bytes, the first one first.
 
+Firmwares differ, says a driver that works around them: over TCP the transaction comes back one too high (option
+``id_error``), and a connection that is opened within 300 ms of the last one's end is of no use (``reconnect_s``). A
+hand whose answers nobody reads stops; the fault ``hang`` does that at a time of one's choice.
+
 Try it: ``tactemu run inspire_rh56dftp --port tcp:127.0.0.1:6000``, then ``RH56DFTP_TCP(host, 6000).get(...)``; or
 ``tactemu run inspire_rh56dftp line=native``, then ``RH56Driver(port).connect()`` of pyrh56.
 """
@@ -158,8 +162,14 @@ class InspireRh56dftp(Device):
         answer_s: Annotated[
             float, Option("from a request on the line to its answer; hands take 6 to 14 ms", unit="s", low=0.0)
         ] = 0.006,
+        id_error: Annotated[int, Option("added to the transaction of TCP answers", low=0, high=1)] = 0,
+        reconnect_s: Annotated[
+            float, Option("a TCP connection opened so soon after the last one's end is not heard", unit="s", low=0.0)
+        ] = 0.0,
     ):
         self.counts_per_newton, self.answer_ns = counts_per_newton, round(answer_s * 1e9)
+        self.id_error, self.reconnect_ns = id_error, round(reconnect_s * 1e9)
+        self.closed_ns, self.unheard = -self.reconnect_ns, set[str]()
         self.pairs_swapped = {"tcp": first_byte == "high", "rtu": first_byte == "high" and line == "modbus"}
         """By port: whether the second of two byte registers comes first."""
         self.swapped = False
@@ -200,12 +210,20 @@ class InspireRh56dftp(Device):
     # -- requests --------------------------------------------------------------------------------------------------
 
     def lines(self, dtr: bool, rts: bool, t_ns: int, port: str) -> Outs:
-        """A new connection starts with a new request."""
+        """A new connection starts with a new request, or is not heard."""
         self.clients.pop(port, None)
+        self.unheard.discard(port)
+        if not dtr:
+            self.closed_ns = t_ns
+        elif port.startswith("tcp") and t_ns - self.closed_ns < self.reconnect_ns:
+            self.unheard.add(port)
         return ()
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
         """Requests in chunks of any size."""
+        if port in self.unheard:
+            self.counters["unheard"] += 1
+            return ()
         self.swapped = self.pairs_swapped[port.partition("/")[0]]
         if port == "rtu" and self.native:
             replies = self.native.answers(data, t_ns, self.unit, self)
@@ -214,7 +232,7 @@ class InspireRh56dftp(Device):
         if port == "rtu":
             answers = self.rtu.answers(data, t_ns, {self.unit: banks})
             return [Sent(answer, delay_ns=self.answer_ns) for answer in answers]
-        client = self.clients.setdefault(port, Mbap(counters=self.counters))
+        client = self.clients.setdefault(port, Mbap(counters=self.counters, id_error=self.id_error))
         return client.answers(data, t_ns, banks)
 
     def read(self, address: int, n: int, t_ns: int) -> bytes:

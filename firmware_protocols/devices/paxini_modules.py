@@ -63,6 +63,8 @@ class Px6axDevice(Device):
         self.counts = np.zeros((n, 3), np.int64)
         self.felt, self.zero = np.zeros((n, 3)), np.zeros((n, 3))
         self.felt_sums, self.zero_sums = np.zeros((len(self.models), 3)), np.zeros((len(self.models), 3))
+        order = self.layout.wire_order
+        self.sent = [order[np.isin(order, np.arange(n)[patch.taxels])] for patch in self.layout.patches]
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:
         """Fx, Fy, Fz of every taxel in counts of 0.1 N, zero applied, shape ``(n_taxels, 3)``."""
@@ -73,7 +75,7 @@ class Px6axDevice(Device):
         return self.counts
 
     def _zeroed(self) -> np.ndarray:
-        return np.clip(self.felt - self.zero, LOW, HIGH).astype(np.int64)
+        return _saturated(self.felt - self.zero)
 
     def set_zero(self, module: int) -> None:
         """What this module feels now is zero from now on."""
@@ -90,10 +92,8 @@ class Px6axDevice(Device):
 
     def memory(self, module: int, address: int, count: int) -> bytes | None:
         """``count`` bytes of region 7B, or ``None`` outside of it."""
-        resultant = np.clip(self.felt_sums[module] - self.zero_sums[module], LOW, HIGH).astype(np.int64)
-        taxels = np.arange(len(self.layout))[self.layout.patches[module].taxels]
-        sent = self.layout.wire_order[np.isin(self.layout.wire_order, taxels)]
-        content = _to_bytes(resultant).ljust(TAXEL_DATA - RESULTANT, b"\0") + _to_bytes(self.counts[sent])
+        resultant = _saturated(self.felt_sums[module] - self.zero_sums[module])
+        content = _to_bytes(resultant).ljust(TAXEL_DATA - RESULTANT, b"\0") + _to_bytes(self.counts[self.sent[module]])
         start = address - RESULTANT
         return content[start : start + count] if 0 <= start and start + count <= len(content) else None
 
@@ -112,6 +112,10 @@ class Px6axDevice(Device):
     @abstractmethod
     def _answer(self, packet: bytes) -> Outs:
         """The answer to a sound one."""
+
+
+def _saturated(counts: np.ndarray) -> np.ndarray:
+    return np.minimum(np.maximum(counts, LOW), HIGH).astype(np.int64)
 
 
 def _to_bytes(counts: np.ndarray) -> bytes:

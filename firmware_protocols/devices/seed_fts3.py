@@ -30,12 +30,12 @@ import numpy as np
 
 from firmware_protocols import USB, Column, Command, Counts, Device, Option, Outs, Reading, Serial, points
 from firmware_protocols.adc import quantize
+from firmware_protocols.framing import Lines
 
 SLOTS = 5
 BETWEEN_FINGERS = 0.02
 SHORTEST_PERIOD_MS = 20
 SILENCE_NS = 100_000_000
-LONGEST_COMMAND = 64
 SPAN = 0x7FFF
 
 OK = b"#OK\r\n"
@@ -86,7 +86,8 @@ class SeedFts3(Device):
             for axis in ("x", "y", "z")
         )  # fmt: skip
         self.felt = self.zero = np.zeros((len(fitted), 3))
-        self.says_time, self.epoch_ms, self.heard = True, 0, b""
+        self.lines_in = Lines(counters=self.counters, longest=64)
+        self.says_time, self.epoch_ms = True, 0
 
     @property
     def commands(self) -> tuple[Command, ...]:
@@ -123,17 +124,13 @@ class SeedFts3(Device):
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
         """Commands in chunks of any size, with or without an end."""
-        *lines, self.heard = re.split(rb"[\r\n]", self.heard + data)
-        if len(self.heard) > LONGEST_COMMAND:
-            self.counters["bad_length"] += 1
-            self.heard = b""
-        self.wake_ns = t_ns + SILENCE_NS if self.heard else None
-        return [answer for line in lines if line for answer in self._obey(line, t_ns)]
+        lines = self.lines_in.cut(data)
+        self.wake_ns = t_ns + SILENCE_NS if self.lines_in.begun else None
+        return [answer for line in lines for answer in self._obey(line, t_ns)]
 
     def wake(self, t_ns: int) -> Outs:
         """A silence ends a command."""
-        line, self.heard = self.heard, b""
-        return self._obey(line, t_ns)
+        return [answer for line in self.lines_in.end() for answer in self._obey(line, t_ns)]
 
     def _obey(self, line: bytes, t_ns: int) -> list[bytes]:
         self.counters["requests"] += 1

@@ -292,10 +292,12 @@ class Mbap:
 
     Args:
         counters: the device's; gets ``requests``, ``refused``, ``other_unit``, ``broken_frames``.
+        id_error: added to the transaction that comes back, a mistake of some firmwares.
     """
 
-    def __init__(self, *, counters: Counter[str]):
+    def __init__(self, *, counters: Counter[str], id_error: int = 0):
         self._counters = counters
+        self._id_error = id_error
         self._buffer = b""
 
     def reset(self) -> None:
@@ -316,7 +318,7 @@ class Mbap:
             if banks is None:
                 self._counters["other_unit"] += 1
             elif (reply := _execute(pdu, banks, t_ns, self._counters)) is not None:
-                messages.append(mbap(unit, reply, transaction=transaction))
+                messages.append(mbap(unit, reply, transaction=transaction + self._id_error & 0xFFFF))
         return messages
 
     def _take(self) -> tuple[int, int, bytes] | None:

@@ -72,7 +72,9 @@ def _print_schedule(loaded: file.LoadedScene) -> None:
 def _print_skin(skin, device, sensor) -> None:
     print(f"Skin {skin.title!r}: {device.title}, {f'on {skin.link!r}' if skin.link else f'plays {skin.readings}'}")
     if sensor is not None:
-        print(f"  model     {type(sensor.model).__name__}: the device senses {', '.join(s.key for s in device.sensed)}")
+        from tactemu.scene.building import model_name
+
+        print(f"  model     {model_name(skin, device)}: the device senses {', '.join(s.key for s in device.sensed)}")
     print(f"  wire      {', '.join(ports_of(device))}")
     print(f"  rate      {rates_of(device, skin.rate_hz)}")
     for fault in skin.faults:

@@ -117,6 +117,11 @@ def _shape(body: BodyTable, folder: Path) -> Shape | None:
         raise SceneError(f"body {body.name!r}: {error}") from None
 
 
+def model_name(skin: Skin, device: Device) -> str:
+    """The sensor model of a skin as a scene file names it: the one asked for, else the cheapest that will do."""
+    return skin.model_ or cheapest(device.contact[0])
+
+
 def sensor_model(
     skin: Skin,
     device: Device,
@@ -135,7 +140,7 @@ def sensor_model(
     """
     from tactemu.physics.sensor import SensorModel
 
-    name = skin.model_ or cheapest(device.contact[0])
+    name = model_name(skin, device)
     try:
         model = load(name)
     except LookupError as error:

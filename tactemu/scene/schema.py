@@ -257,7 +257,7 @@ class Skin(Table):
     port: str | None = Field(
         default=None,
         min_length=1,
-        description="pty:PATH, can:INTERFACE:CHANNEL, tcp:HOST:PORT, udp:HOST:PORT, memory: ...",
+        description="pty:PATH, can:INTERFACE:CHANNEL, tcp:HOST:PORT, udp:HOST:PORT, ws:HOST:PORT, memory: ...",
     )
     ports: dict[str, str] = Field(default={}, description="of a device with several connectors, by their names")
     rate_hz: Rates | None = Field(

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import importlib
 
-from tactemu.errors import TransportError
+from tactemu.errors import TransportError, TransportUnavailable
 from tactemu.transports.transport import Transport
 
 TRANSPORTS: dict[str, str] = {
@@ -18,7 +18,11 @@ TRANSPORTS: dict[str, str] = {
     "rfc2217": "tactemu.transports.rfc2217:Rfc2217Transport",
     "tcp": "tactemu.transports.tcp:TcpTransport",
     "udp": "tactemu.transports.udp:UdpTransport",
+    "ws": "tactemu.transports.ws:WebSocketTransport",
 }
+
+EXTRAS = {"ws": "websocket"}
+"""What to install for schemes that need a library which tactemu does without."""
 
 __all__ = ["TRANSPORTS", "Transport", "create"]
 
@@ -28,6 +32,7 @@ def create(port: str) -> Transport:
 
     Raises:
         TransportError: unknown scheme, or an address that cannot be parsed.
+        TransportUnavailable: its library is not installed.
     """
     scheme, _, rest = port.partition(":")
     if scheme not in TRANSPORTS:
@@ -35,4 +40,12 @@ def create(port: str) -> Transport:
             f"port {port!r}: unknown scheme {scheme!r}; expected one of {', '.join(sorted(TRANSPORTS))}"
         )
     module, _, attribute = TRANSPORTS[scheme].partition(":")
-    return getattr(importlib.import_module(module), attribute)(rest)
+    try:
+        transport = getattr(importlib.import_module(module), attribute)
+    except ModuleNotFoundError as error:
+        if scheme not in EXTRAS:
+            raise
+        raise TransportUnavailable(
+            f"port {port!r} needs {error.name}: pip install 'tactemu[{EXTRAS[scheme]}]'"
+        ) from error
+    return transport(rest)

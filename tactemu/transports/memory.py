@@ -113,6 +113,11 @@ class MemoryTransport(Transport):
             events.append(sent.popleft())
         return events
 
+    def hang_up(self, code: int) -> None:
+        """The driver's end finds itself closed."""
+        if self.driver.is_open:
+            self.driver.close()
+
     def write(self, frame: Frame) -> bool:
         """Hand the frame to the driver's end."""
         if not self.listening or len(self.driver.unread) >= UNREAD_LIMIT:

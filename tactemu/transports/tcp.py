@@ -6,6 +6,7 @@ only; name an address (``tcp:0.0.0.0:5000``) to be reached from elsewhere. Port 
 
 from __future__ import annotations
 
+import contextlib
 import select
 import socket
 
@@ -37,6 +38,7 @@ class TcpTransport(Transport):
         self._client: socket.socket | None = None
         self._unsent = b""
         """What the kernel did not take yet of a frame (or of the protocol around it): it goes first."""
+        self._held = False
 
     # -- life ------------------------------------------------------------------------------------------------------
 
@@ -70,6 +72,8 @@ class TcpTransport(Transport):
 
     def filenos(self, reading: bool = True) -> list[int]:
         """The server's socket and the client's."""
+        if self._held:
+            return []
         return [each.fileno() for each in (self._server, self._client if reading else None) if each is not None]
 
     # -- events ------------------------------------------------------------------------------------------------------
@@ -77,6 +81,8 @@ class TcpTransport(Transport):
     def poll(self, reading: bool = True) -> list[Event]:
         """Clients that come and go, and their bytes."""
         events: list[Event] = []
+        if self._held:
+            return events
         if self._client is not None:
             events += self._read(self._client, reading)
         for _ in range(_BACKLOG):
@@ -109,7 +115,7 @@ class TcpTransport(Transport):
         while room > 0 and (chunk := _received(client)):
             events += self._decode(chunk)
             room -= len(chunk)
-        if gone and (room > 0 or not reading):
+        if gone and self._client is client and (room > 0 or not reading):
             self._drop_client()
             events += [Closed(), *self._farewell()]
         self._push()
@@ -120,13 +126,23 @@ class TcpTransport(Transport):
             self._client.close()
         self._client, self._unsent = None, b""
 
+    def hang_up(self, code: int) -> None:
+        """Close the connection; the next look finds the client gone."""
+        if self._client is not None:
+            with contextlib.suppress(OSError):  # gone by itself
+                self._client.shutdown(socket.SHUT_RDWR)
+
+    def hold(self, held: bool) -> None:
+        """Neither read nor notice anything while held."""
+        self._held = held
+
     # -- bytes out ---------------------------------------------------------------------------------------------------
 
     def write(self, frame: Frame) -> bool:
         """Send one frame; ``False`` when nobody is connected or the client does not read."""
         if not isinstance(frame, bytes):
             raise TransportError(f"a TCP connection cannot carry the CAN frame {frame}")
-        if self._client is None or not self._push():
+        if not self.listening or not self._push():
             return False
         self._unsent = self._encode(frame)
         before = len(self._unsent)

@@ -62,6 +62,10 @@ class LinesChanged:
     rts: bool
 
 
+class Part(bytes):
+    """The beginning of a frame; what is written next goes on with it. To a stream of bytes it is like any other."""
+
+
 Event = Opened | Closed | Received | SettingChanged | LinesChanged
 
 RAISED, DROPPED = LinesChanged(True, True), LinesChanged(False, False)
@@ -129,6 +133,16 @@ class Transport(ABC):
     def write(self, frame: Frame) -> bool:
         """Write one frame whole, or not at all (``False``: nobody listens or reads). Never blocks."""
 
+    def hang_up(self, code: int) -> None:
+        """Close the connection, where there is one; the driver may open it again.
+
+        Args:
+            code: the reason, where the protocol has one (WebSocket: 1000 to 4999).
+        """
+
+    def hold(self, held: bool) -> None:
+        """While held the connection stays, but nothing is read, answered, or noticed of it."""
+
     @property
     @abstractmethod
     def listening(self) -> bool:
@@ -159,6 +173,7 @@ __all__ = [
     "Frame",
     "LinesChanged",
     "Opened",
+    "Part",
     "Received",
     "SerialSetting",
     "SettingChanged",

@@ -98,16 +98,18 @@ class Line:
 
     def _start(self, now_ns: int) -> None:
         """Let the frames that are ready when the line falls idle compete, if that moment has come."""
-        heads = {name: lane[0] for name, lane in self._lanes.items() if lane}
-        if not heads:
+        waiting = [(name, lane) for name, lane in self._lanes.items() if lane]
+        if not waiting:
             return
-        start = max(self.free_ns, min(head.ready_ns for head in heads.values()))
+        start = max(self.free_ns, min([lane[0].ready_ns for _, lane in waiting]))
         if start > now_ns:
             return
-        ready = {name: head for name, head in heads.items() if head.ready_ns <= start}
-        winner = min(ready, key=lambda name: self.carrier.rank(ready[name])) if len(ready) > 1 else next(iter(ready))
-        pending = heapq.heappop(self._lanes[winner])
-        self._waiting_ns[winner] -= pending.duration_ns
+        if len(waiting) > 1:
+            waiting = [entry for entry in waiting if entry[1][0].ready_ns <= start]
+            waiting.sort(key=lambda entry: self.carrier.rank(entry[1][0]))
+        name, lane = waiting[0]
+        pending = heapq.heappop(lane)
+        self._waiting_ns[name] -= pending.duration_ns
         pending.end_ns = self.free_ns = start + pending.duration_ns
         self.busy_ns += pending.duration_ns
         self._sending = pending

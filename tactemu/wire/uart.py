@@ -29,9 +29,9 @@ def misheard(data: bytes, sent: SerialSetting, heard: SerialSetting) -> bytes:
 
     What one end does not say is as at the other: a pseudo terminal, for one, does not tell the driver's byte size.
     """
-    here, there = _filled(sent, heard), _filled(heard, sent)
-    if here[:3] == there[:3]:  # a receiver looks at the first stop bit only
+    if agree(sent, heard):
         return data
+    here, there = _filled(sent, heard), _filled(heard, sent)
     samples = _samples(here, there)
     start_at, bits_at, stop_at = samples[0], samples[1 : 1 + there.bytesize], samples[-1]
     levels = _levels(here)
@@ -51,6 +51,11 @@ def misheard(data: bytes, sent: SerialSetting, heard: SerialSetting) -> bytes:
         idle = line.find(b"\x01", edge + stop_at)  # where the stop bit was, or should have been, the line is high again
         edge = line.find(b"\x01\x00", idle) + 1
     return bytes(out)
+
+
+def agree(one: SerialSetting, other: SerialSetting) -> bool:
+    """Whether two ends hear each other well; a receiver looks at the first stop bit only."""
+    return _filled(one, other)[:3] == _filled(other, one)[:3]
 
 
 def _filled(own: SerialSetting, other: SerialSetting) -> _Setting:

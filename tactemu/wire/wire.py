@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from firmware_protocols import Connector, Frame, Sent
 from firmware_protocols.frames import payload
@@ -27,6 +26,8 @@ INBOUND_AHEAD_NS = 50_000_000
 """A driver that is further ahead of its line than this is not read on: its own end holds it up, as a port's does."""
 INBOUND_LIMIT_NS = 1_000_000_000
 """Of what a driver leaves behind when it goes, bytes that are further ahead of its line than this are lost."""
+CLOSING = 1011
+"""Code of a connection that a fault closes: something went wrong inside."""
 MAX_BYTES_A_TURN = 16_384
 """Of what arrives in one turn of the loop: a flood is worked off in pieces, and the loop goes on meanwhile."""
 
@@ -189,8 +190,8 @@ class Wire:
 
         ``sample`` is the number of the sample that they carry.
         """
-        parts: list[Sent[Any]] = [each if isinstance(each, Sent) else Sent(each) for each in frames]
-        whole = [part.frame for part in parts]
+        parts = [(each.frame, each.delay_ns, each.turn) if isinstance(each, Sent) else (each, 0, 0) for each in frames]
+        whole = [frame for frame, _, _ in parts]
         self._source = source
         if not self.transport.listening:
             self._lose(whole, now_ns, source, "unheard", "nobody listens", sample)
@@ -201,11 +202,11 @@ class Wire:
             self._lose(whole, now_ns, source, "dropped_frames", "line full", sample)
         else:
             least = self.carrier.turnaround_ns()
-            for part in parts:
-                ready_ns = now_ns + max(part.delay_ns, least)
-                for frame, held_ns in self._injector.spoil(part.frame, now_ns, source, "to_driver"):
+            for frame, delay_ns, turn in parts:
+                ready_ns = now_ns + max(delay_ns, least)
+                for spoilt, held_ns in self._injector.spoil(frame, now_ns, source, "to_driver"):
                     at = self._after_held("to_driver", ready_ns, held_ns)
-                    self.line.put(frame, at, source, turn=part.turn, sample=sample)
+                    self.line.put(spoilt, at, source, turn=turn, sample=sample)
 
     def _after_held(self, direction: str, ready_ns: int, held_ns: int) -> int:
         """When a frame leaves that a fault holds back by ``held_ns``; on a byte stream, what follows waits for it."""
@@ -226,6 +227,9 @@ class Wire:
         if (chip := self._injector.chip) is not None:
             while packet := chip.take(now_ns):
                 self.transport.write(packet)
+        if (closing := self._injector.closing) is not None:
+            self._injector.closing = None
+            self.transport.hang_up(closing.amount or CLOSING)
         return written
 
     def _add_traffic(self, now_ns: int) -> None:
@@ -337,6 +341,7 @@ class Wire:
             self.transport.close()
         elif before is not None and before.kind == "unplug":
             self.transport.open()
+        self.transport.hold(fault is not None and fault.kind == "halfopen")
 
     def _forget(self, now_ns: int, why: str) -> None:
         """Nothing is kept for whoever comes next."""
@@ -391,7 +396,8 @@ class Wire:
         """A frame as heard at the other end, whose settings may differ."""
         connector = self.connectors.get(source, self.carrier.connector)
         result = self.carrier.heard(frame, connector, self.transport.setting, to_driver=to_driver)
-        self.counters["misheard"] += result != frame
+        if result is not frame:
+            self.counters["misheard"] += result != frame
         return result
 
 

@@ -2,6 +2,8 @@
 
 import http.client
 import os
+import threading
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -75,7 +77,8 @@ def test_pynetft_counts_what_befell_the_datagrams(fault, counter):
     with ati(faults=[fault]) as dev:
         got = pynetft(dev)
     injected = dev.truth.injected[fault.split()[0]]
-    assert injected - 3 <= got[counter] <= injected and injected >= 10, "those at the end it does not see"
+    least = injected // 2 if fault.startswith("late") else injected - 3  # a loop that is held up lets nobody overtake
+    assert least <= got[counter] <= injected and injected >= 10, "those at the end it does not see"
 
 
 @pytest.mark.parametrize("name", ["ati_net_ft", "onrobot_hex"])
@@ -88,3 +91,68 @@ def test_netft(name):
         assert not dev.device().left, "stopped"
     assert_consecutive(got["single"], truth_of(dev))
     assert_consecutive(got["streamed"], truth_of(dev))
+
+
+def xela(faults=(), **options):
+    options = {"models": ("uSPa46", "uSPa22"), "calibrated": True, **options}
+    return tactemu.serve("xela_server", "ws:0", rate_hz=200, faults=faults, device_options=options, source=spread)
+
+
+def spread(t_s):
+    """A force on each of 28 taxels that names the time [N]."""
+    phase = 20 * t_s + np.arange(28)
+    return np.stack([np.sin(phase), np.cos(phase), -1 - np.sin(3 * phase)], -1)
+
+
+def websocket_client(served, count):
+    return run_driver("websocket", "websocket_client_read.py", served.port, count)
+
+
+def counts_in(message):
+    """Of all sensors, as XELA's node for ROS reads them: keys that are numbers, hexadecimal X,Y,Z."""
+    positions = sorted((key for key in message if key.isdigit()), key=int)
+    assert [message[key]["sensor"] for key in positions] == positions and message["sensors"] == len(positions)
+    return np.concatenate([
+        np.reshape([int(text, 16) for text in message[key]["data"].split(",")], (message[key]["taxels"], 3))
+        for key in positions
+    ])  # fmt: skip
+
+
+def test_websocket_client():
+    with xela() as dev:
+        ((messages, end),) = websocket_client(dev, 300)
+        truth = [sample.counts for sample in dev.truth.samples]
+        ideal = {sample.counts.tobytes(): sample.measured for sample in dev.truth.samples}
+    assert end == "enough" and messages[0] == {"message": "Welcome"}
+    readings = [counts_in(message) for message in messages[1:]]
+    assert_consecutive(readings, truth)
+    numbers = [message["message"] for message in messages[1:]]
+    assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+    for message, counts in zip(messages[1:], readings):
+        newtons = np.reshape(message["1"]["calibrated"] + message["2"]["calibrated"], (28, 3))
+        np.testing.assert_allclose(newtons, ideal[counts.astype(np.int64).tobytes()], atol=1e-4)
+
+
+def test_websocket_client_under_faults():
+    with xela(faults=["split every 10 by 3ms", "close every 100 code 1012"]) as dev:
+        runs = websocket_client(dev, 350)
+        injected = Counter(dev.truth.injected)
+        truth = [sample.counts for sample in dev.truth.samples]
+    ends = [end for _, end in runs]
+    assert ends[:-1] == [1012] * injected["close"] and ends[-1] == "enough" and len(ends) >= 3
+    assert all(messages[0] == {"message": "Welcome"} for messages, _ in runs), "it came again"
+    assert injected["split"] >= 25
+    assert_consecutive([counts_in(each) for messages, _ in runs for each in messages[1:]], truth)
+
+
+@pytest.mark.parametrize(("fault", "end"), [("close every 50 code 1006", "lost"), ("halfopen for 60s", "silent")])
+def test_websocket_client_whose_server_goes_without_a_word(fault, end):
+    with xela() as dev:
+        found = []
+        reader = threading.Thread(target=lambda: found.append(websocket_client(dev, 100_000)))
+        reader.start()
+        dev.wait_for_driver()
+        dev.wait(0.3)
+        dev.happen(fault=fault)
+        reader.join()
+    assert found[0][0][1] == end

@@ -234,3 +234,16 @@ def test_native_and_tcp_show_one_state():
     assert send(device, "EB900104114C06066E", 100_000_000, "rtu") == [bytes.fromhex("90EB0109114C0601020202020278")]
     saved = device.receive(bytes.fromhex("EB90010412ED030108"), 0, "rtu")
     assert [each.delay_ns for each in saved] == [6_000_000, 1_006_000_000]
+
+
+def test_firmware_mistakes_over_tcp():
+    device = fp.create("inspire_rh56dftp", id_error=1, reconnect_s=0.3)
+    request = "ffff 0000 0006 01 03 03e8 0001".replace(" ", "")
+    device.lines(True, True, 0, "tcp")
+    assert send(device, request, 0, "tcp") == [bytes.fromhex("000000000005010302") + b"\x00\x01"]
+    device.lines(False, False, 10**9, "tcp")
+    device.lines(True, True, 10**9 + 299_000_000, "tcp")
+    assert send(device, request, 10**9 + 400_000_000, "tcp") == [] and device.counters["unheard"] == 1
+    device.lines(False, False, 2 * 10**9, "tcp")
+    device.lines(True, True, 2 * 10**9 + 300_000_000, "tcp")
+    assert len(send(device, request, 3 * 10**9, "tcp")) == 1

@@ -188,6 +188,12 @@ def test_lines_end_with_any_of_their_ends():
     assert lines.cut(b"ree\r") == [b"three"]
 
 
+def test_a_silence_may_end_a_line():
+    lines = Lines(counters=Counter())
+    assert lines.cut(b"one\ntw") == [b"one"] and lines.begun
+    assert lines.end() == [b"tw"] and not lines.begun and lines.end() == []
+
+
 def test_a_line_without_end_is_bounded_and_counted_once():
     counters = Counter()
     lines = Lines(counters=counters, longest=10)

@@ -332,7 +332,7 @@ def bent(radius, shared_normal=False):
 @pytest.mark.parametrize("radius", [1.0, 0.1, 0.03, 0.01])
 def test_a_bent_skin_is_refused_and_not_cut_into_strips(radius, shared_normal):
     positions, normals = bent(radius, shared_normal)
-    with pytest.raises(SceneError, match=r"bent surface.*bend radius of (39|4\d) m on|needs taxels on a flat"):
+    with pytest.raises(SceneError, match=r"bent surface.*bend radius of \d+ m on"):
         scene_with(tt.Sphere(radius=5e-3), positions=positions, probe_local_normal=normals)
 
 

@@ -6,7 +6,7 @@ A reading is x1, y1, z1, ... x5, y5, z5, in counts; an empty field is null.
 
 Options: the end of a command, "none" as SensorTool sends it or "crlf" as the ROS node does.
 Not settled by the description: which commands a host must send (here enabletime, then setperiod, 0.3 s apart); the
-unit; whether the time may stand still between lines (here it must grow); what follows #OK.
+unit; whether the time may stand still between lines (here it may); what follows #OK.
 """
 
 import time
@@ -43,7 +43,8 @@ def read(port, ending="none"):
         expect(len(fields) == 1 + 2 + 15 + 1, f"{len(fields)} fields, expected 19: {fields}")
         seconds, milliseconds = int(fields[1]), int(fields[2])
         expect(
-            0 <= milliseconds < 1000 and seconds * 1000 + milliseconds > before, f"time {fields[1:3]} after {before} ms"
+            0 <= milliseconds < 1000 and seconds * 1000 + milliseconds >= before,
+            f"time {fields[1:3]} after {before} ms",
         )
         before = seconds * 1000 + milliseconds
         yield [int(field) if field else None for field in fields[3:18]]

@@ -177,6 +177,23 @@ CASES = [
         count=1100,
     ),
     Case("paxini_gen2", "paxini_gen2.py", peak=20.0),
+    Case(
+        "robotera_xhand",
+        "robotera_xhand.py",
+        # The force of a tip is summed before it is rounded: its points are compared.
+        compared=lambda readings: [[np.reshape(reading, (5, 363))[:, 3:].ravel() for reading in readings]],
+    ),
+    *(
+        Case(
+            "rohand",
+            "rohand.py",
+            {"touch": touch},
+            peak=5.0,
+            shown=lambda device, counts: counts[device.layout.patches[2].taxels].ravel(),
+            compared=lambda readings, part=part: [[reading[part] for reading in readings]],
+        )
+        for touch, part in (("dots", slice(96, 156)), ("three_axis", slice(9, 15)))
+    ),
     Case("seed_fts3", "seed_fts3.py", guarded=False),
     Case("seed_fts3", "seed_fts3.py", arguments=("crlf",), guarded=False),
     Case("singletact", "singletact.py", guarded=False),

@@ -7,6 +7,7 @@ import time
 import can
 import pytest
 import serial
+import websocket
 
 from firmware_protocols import CanFrame
 from tactemu import transports
@@ -95,6 +96,28 @@ class MemoryEnd:
         self.driver.close()
 
 
+class WebSocketEnd:
+    """The driver's end is websocket-client, unmodified."""
+
+    frame, request = '{"force": "µN"}'.encode(), b"?"
+
+    def __init__(self, port, url):
+        self.port, self.url = port, url
+
+    def open(self, seen):
+        with pumping(self.port, seen):
+            self.client = websocket.create_connection(self.url, timeout=2)
+
+    def write(self, data):
+        self.client.send(data.decode())
+
+    def read(self, frame):
+        return self.client.recv().encode()
+
+    def close(self):
+        self.client.send_close()
+
+
 class UdpEnd:
     frame, request = FRAME, b"\x12\x34"
 
@@ -123,6 +146,7 @@ DRIVERS = {
     "memory": [("memory:", MemoryEnd)],
     "pty": [("pty:", PySerialEnd), ("pty:{tmp}/tty", PySerialEnd)],
     "tcp": [("tcp:0", PySerialEnd), ("tcp:[::1]:0", PySerialEnd)],
+    "ws": [("ws:0", WebSocketEnd), ("ws:[::1]:0", WebSocketEnd)],
     "udp": [("udp:0", UdpEnd), ("udp:[::1]:0", UdpEnd)],
     "rfc2217": [("rfc2217:127.0.0.1:0", PySerialEnd)],
     "can": [("can:virtual:contract", CanEnd), ("can:udp_multicast:239.74.163.9", CanEnd)],
@@ -216,6 +240,7 @@ def test_closing_is_safe_at_any_time(address, end, tmp_path):
         "tcp:host:",
         "tcp:1:99999",
         "udp:1:99999",
+        "ws:x",
         "udp:no.such.host.invalid:1",
         "rfc2217:x",
         "tcp:no.such.host.invalid:1",
@@ -232,7 +257,7 @@ def test_a_missing_can_interface_names_the_fix(address):
         transports.create(address).open()
 
 
-@pytest.mark.parametrize("scheme", ["tcp", "udp"])
+@pytest.mark.parametrize("scheme", ["tcp", "udp", "ws"])
 def test_a_taken_port(scheme):
     with transports.create(f"{scheme}:0") as first, pytest.raises(TransportError, match="in use"):
         transports.create(f"{scheme}:{first.port}").open()

@@ -19,6 +19,7 @@ from urllib.parse import urlsplit
 
 import pytest
 import serial
+import websocket
 
 from tactemu.transports import create
 from tactemu.transports.transport import CHUNK, Closed, Opened, Received
@@ -154,6 +155,79 @@ def test_a_client_that_asks_and_does_not_read_fills_no_memory():
         for _ in range(100):
             port.poll()
         assert len(port._protocol.suboption or b"") <= 64
+
+
+class pumped:
+    """A WebSocket client, of the judge's library, at a port that looks often."""
+
+    def __init__(self, port):
+        self.port, self.events, self.done = port, [], threading.Event()
+        self.thread = threading.Thread(target=self._look)
+
+    def _look(self):
+        while not self.done.is_set():
+            self.events += self.port.poll()
+            time.sleep(0.001)
+
+    def heard(self):
+        time.sleep(0.1)
+        return [event.data for event in self.events if isinstance(event, Received)]
+
+    def __enter__(self):
+        self.thread.start()
+        self.client = websocket.create_connection(self.port.address, timeout=2)
+        return self
+
+    def __exit__(self, *_):
+        self.done.set()
+        self.thread.join()
+        self.client.shutdown()
+
+
+def test_messages_in_fragments_of_a_client_are_put_together_and_long_ones_refused():
+    with create("ws:0") as port, pumped(port) as end:
+        for data, opcode, fin in (("a", 1, 0), ("b", 0, 0), ("c", 0, 1)):
+            end.client.send_frame(websocket.ABNF.create_frame(data, opcode, fin))
+        end.client.send_binary(b"\x00")
+        end.client.ping("x")
+        assert end.heard() == [b"abc", b"\x00"]
+        assert end.client.recv_data(control_frame=True) == (websocket.ABNF.OPCODE_PONG, b"x")
+        for k in range(9):
+            end.client.send_frame(websocket.ABNF.create_frame("a" * 2000, 0 if k else 1, 0))
+        last = end.client.recv_frame()
+        assert (last.opcode, last.data[:2]) == (websocket.ABNF.OPCODE_CLOSE, (1009).to_bytes(2, "big")), "too big"
+
+
+@pytest.mark.parametrize(
+    ("sent", "answer"),
+    [
+        (b"GET / HTTP/1.1\r\nHost: a\r\n\r\n", b"HTTP/1.1 426 "),
+        (b"\x00\xff\r\n\r\n", b""),
+        (b"GET / HTTP/1.1\r\n" + b"a: b\r\n" * 10_000, b"HTTP/1.1 431 "),
+        (b"a" * 100_000, b""),
+    ],
+)
+def test_who_shakes_no_hands_is_dropped_and_the_next_is_served(sent, answer):
+    with create("ws:0") as port:
+        with socket.create_connection(("127.0.0.1", port.port), timeout=2) as client, contextlib.suppress(OSError):
+            seen = threading.Thread(target=lambda: [(port.poll(), time.sleep(0.001)) for _ in range(300)])
+            seen.start()
+            client.sendall(sent)
+            assert client.recv(100).startswith(answer)
+        seen.join()
+        assert not port.listening and not port.write(b"frame")
+        with pumped(port):
+            assert port.listening
+
+
+def test_pings_without_end_fill_no_memory():
+    with create("ws:0") as port, pumped(port) as end:
+        ping = websocket.ABNF.create_frame(b"p" * 100, websocket.ABNF.OPCODE_PING).format()
+        end.client.sock.settimeout(0.5)
+        with contextlib.suppress(OSError):
+            for _ in range(20_000):
+                end.client.sock.sendall(ping)
+        assert len(port._unsent) < 70_000 and len(port._protocol.reader.buffer) < 70_000
 
 
 @pytest.mark.parametrize(("size", "most"), [(0, 32), (8, 32), (100, 6), (60_000, 1)])

@@ -19,7 +19,7 @@ from tactemu.transports import create
 from tactemu.transports.transport import Opened
 
 ROOT = Path(__file__).parents[2]
-ADDRESSES = ["pty:{tmp}/tty", "tcp:{tcp}", "rfc2217:{tcp}", "udp:{tcp}", "can:udp_multicast:239.74.163.31"]
+ADDRESSES = ["pty:{tmp}/tty", "tcp:{tcp}", "rfc2217:{tcp}", "udp:{tcp}", "ws:{tcp}", "can:udp_multicast:239.74.163.31"]
 pytestmark = pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from firmware_protocols import Can, CanFrame, Serial, Udp
+from firmware_protocols import Can, CanFrame, Serial, Tcp, Udp
 from tactemu.errors import SceneError
 from tactemu.frame_text import text
 from tactemu.transports.memory import MemoryTransport
@@ -104,6 +104,8 @@ def test_words(text, values):
         ("drop every 0", "whole number from 1"),
         ("flip id=0x20000000", "whole number from 0"),
         ("flip prefix=5", "bytes in hex"),
+        ("close code 7", "whole number from 1000"),
+        ("halfopen 3%", "whole link"),
         ("drop bits 3", "no such option; these have: flip"),
         ("duplicate frames 3", "no such option; these have: reorder"),
         ("unplug 5%", "whole link"),
@@ -117,7 +119,8 @@ def test_wrong_words_name_the_right_ones(text, complaint):
 
 
 @pytest.mark.parametrize(
-    ("text", "spec"), [("busoff at 1s", USB), ("garbage 1%", CAN), ("latency", CAN), ("split", UDP)]
+    ("text", "spec"),
+    [("busoff at 1s", USB), ("garbage 1%", CAN), ("latency", CAN), ("split", UDP), ("close", USB), ("halfopen", UDP)],
 )
 def test_a_wire_refuses_what_it_cannot_have(text, spec):
     with pytest.raises(SceneError, match="expected one of"):
@@ -251,6 +254,21 @@ def test_faults_can_be_switched_while_running():
     wire.send([b"kept"], 2)
     wire.flush(3)
     assert wire.transport.driver.read() == [b"kept"] and wire.faults == []
+
+
+def test_a_connection_that_is_closed_in_place_of_a_frame_can_be_opened_again():
+    wire = Wire(MemoryTransport(), Tcp(port=1), faults=["close every 3"])
+    wire.open()
+    wire.receive(0)
+    got = []
+    for k in range(9):
+        wire.send([b"%d" % k], k * MS, "pad")
+        wire.flush(k * MS)
+        got += wire.transport.driver.read()
+        if not wire.transport.driver.is_open:
+            wire.transport.driver.open()
+            assert wire.receive(k * MS) == [Closed(), DROPPED, Opened(), RAISED]
+    assert b"".join(got) == b"013467" and wire.counters["close"] == 3
 
 
 @pytest.mark.parametrize("kind", ["reorder", "merge"])
@@ -431,7 +449,7 @@ def test_any_frame_can_be_spoiled(data, kind, amount, seed):
         if wire not in KINDS[kind].wires:
             continue
         for each, delay in SPOIL[kind](spoiled, fault, np.random.default_rng(seed)) or []:
-            assert delay in (0, 5) and type(each) is type(spoiled)
+            assert delay in (0, 5) and isinstance(each, type(spoiled))
             if isinstance(each, CanFrame):
                 assert len(each.data) <= 8
 

@@ -115,14 +115,17 @@ def _refuse_strips(probes: Probes, pads: list[np.ndarray], grids: list[LayerGrid
             level = np.abs(way @ grid.normal).max() <= _TOLERANCE * pitch
             if level or distance.min() > _NEIGHBOURS * pitch:
                 continue
-            positions = probes.positions[probes.active]
-            extent = float(np.linalg.norm(np.ptp(positions, axis=0)))
-            flat_from = extent / _TOLERANCE * max(0.5, extent / (8 * min(grid.pitch)))
-            raise SceneError(
-                f"{sensor}: the taxels lie on a bent surface; ElasticLayerTaxel solves flat pads, and strips of a bent "
-                f"one would not feel each other. From a bend radius of {flat_from:.2g} m on these count as flat. Use "
-                "ElastomerTaxel, or lay the taxels out flat"
-            )
+            raise _bent(probes, min(grid.pitch), sensor)
+
+
+def _bent(probes: Probes, pitch: float, sensor: str) -> SceneError:
+    extent = float(np.linalg.norm(np.ptp(probes.positions[probes.active], axis=0)))
+    flat_from = extent / _TOLERANCE * max(0.5, extent / (8 * pitch))
+    return SceneError(
+        f"{sensor}: the taxels lie on a bent surface; ElasticLayerTaxel solves flat pads, and strips of a bent "
+        f"one would not feel each other. From a bend radius of {flat_from:.2g} m on these count as flat. Use "
+        "ElastomerTaxel, or lay the taxels out flat"
+    )
 
 
 def _pads(probes: Probes, active: np.ndarray, closeness: float) -> list[np.ndarray]:
@@ -174,10 +177,12 @@ def _grid_of(probes: Probes, members: np.ndarray, split: int, sensor: str) -> La
     off = np.abs(centred @ normal).max() / min(du, dv)
     uneven = max(np.abs(along - np.rint(along)).max(), np.abs(down - np.rint(down)).max())
     holes = rows * columns - len(positions)
-    if max(off, uneven) > _TOLERANCE or holes > 2 * len(positions):
+    if off > _TOLERANCE:
+        raise _bent(probes, min(du, dv), sensor)
+    if uneven > _TOLERANCE or holes > 2 * len(positions):
         raise SceneError(
             f"{sensor}: ElasticLayerTaxel needs taxels on a flat rectangular grid; these are off one by "
-            f"{max(off, uneven):.2g} pitches and leave {holes} of its places empty. Use ElastomerTaxel, or give "
+            f"{uneven:.2g} pitches and leave {holes} of its places empty. Use ElastomerTaxel, or give "
             "probe_local_pos as a regular grid"
         )
     cell = (np.rint(down - down.min()) * columns + np.rint(along - along.min())).astype(int)

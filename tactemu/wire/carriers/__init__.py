@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import importlib
 
-from firmware_protocols import Can, Connector, Rs485, Serial, Tcp, Udp
+from firmware_protocols import Can, Connector, Rs485, Serial, Tcp, Udp, WebSocket
 from tactemu.errors import DeviceError
 from tactemu.wire.carriers.carrier import Carrier, Pacing
 
@@ -18,6 +18,7 @@ CARRIERS: dict[type[Connector], str] = {
     Serial: "tactemu.wire.carriers.serial:SerialCarrier",
     Tcp: "tactemu.wire.carriers.tcp:TcpCarrier",
     Udp: "tactemu.wire.carriers.udp:UdpCarrier",
+    WebSocket: "tactemu.wire.carriers.websocket:WebSocketCarrier",
 }
 
 

@@ -10,7 +10,7 @@ from firmware_protocols import Frame
 from firmware_protocols.frames import payload
 from tactemu.transports.transport import SerialSetting
 from tactemu.wire.carriers.carrier import Carrier, Pacing
-from tactemu.wire.uart import misheard
+from tactemu.wire.uart import agree, misheard
 
 
 class SerialCarrier(Carrier):
@@ -22,6 +22,8 @@ class SerialCarrier(Carrier):
     def __init__(self, connector: Any, *, pacing: Pacing = True):
         super().__init__(connector, pacing=pacing)
         timed = bool(pacing) and not connector.is_cdc
+        self._agreed: tuple[Any, SerialSetting] | None = None
+        """A connector and a setting of the port of which it is known that they hear each other well."""
         self._byte_ns = connector.bits_per_byte * 1e9 / connector.baud if timed else 0.0
 
     def duration_ns(self, frame: Frame) -> int:
@@ -35,9 +37,14 @@ class SerialCarrier(Carrier):
 
     def heard(self, frame: Frame, connector: Any, setting: Any, *, to_driver: bool) -> Frame:
         """Noise where the two ends are set differently; USB has no such trouble."""
-        if setting is None or connector.is_cdc or not isinstance(frame, bytes):
+        if setting is None or (connector, setting) == self._agreed:
+            return frame
+        if connector.is_cdc or not isinstance(frame, bytes):
             return frame
         own = SerialSetting(connector.baud, connector.bytesize, connector.parity, connector.stopbits)
+        if agree(own, setting):
+            self._agreed = connector, setting
+            return frame
         return misheard(frame, own, setting) if to_driver else misheard(frame, setting, own)
 
     def describe(self) -> str:

@@ -3,7 +3,7 @@
 ::
 
     KIND [N% | every N] [id=0x201] [prefix=55aa] [to_driver | from_driver | both] [at T [for T] | from T] [to T]
-         [by T] [bits N | bytes N | frames N]
+         [by T] [bits N | bytes N | frames N | code N]
 
 ``N%`` is the probability per frame (for ``load`` and ``babble`` the share of the bus), ``every N`` hits each N-th frame
 that the target matches, neither hits all of them. Times are emulation times: ``3s``, ``16ms``, ``200us``. A fault of
@@ -28,15 +28,16 @@ class Kind:
     """One kind of fault."""
 
     about: str
-    wires: tuple[str, ...] = ("serial", "can", "tcp", "udp")
+    wires: tuple[str, ...] = ("serial", "can", "tcp", "udp", "websocket")
     options: tuple[str, ...] = ()
-    """Which of ``by``, ``bits``, ``bytes``, ``frames`` it takes."""
+    """Which of :data:`_AMOUNTS` and ``by`` it takes."""
     whole_link: bool = False
     """It befalls the port or the bus, not single frames: it has a time and no target."""
 
 
 _BYTES = ("serial", "tcp")
 _CAN = ("can",)
+_CONNECTED = ("tcp", "websocket")
 KINDS: dict[str, Kind] = {
     "drop": Kind("the frame is lost"),
     "flip": Kind("bits of the data change", options=("bits",)),
@@ -46,7 +47,7 @@ KINDS: dict[str, Kind] = {
     "duplicate": Kind("sent twice"),
     "reorder": Kind("sent after the next one", options=("frames",)),
     "garbage": Kind("random bytes before the frame", _BYTES, ("bytes",)),
-    "split": Kind("arrives in two pieces, the second later", _BYTES, ("by",)),
+    "split": Kind("arrives in two pieces, the second later", (*_BYTES, "websocket"), ("by",)),
     "merge": Kind("arrives together with the next one", _BYTES),
     "late": Kind("leaves later; on a byte stream, so does all that follows", options=("by",)),
     "stray": Kind("an earlier frame comes again, unasked"),
@@ -54,6 +55,8 @@ KINDS: dict[str, Kind] = {
     "latency": Kind(
         "a USB-serial chip hands over 62 bytes, or what it has when its timer fires", ("serial",), ("by",), True
     ),
+    "close": Kind("the connection is closed in its place, and may be opened again", _CONNECTED, ("code",)),
+    "halfopen": Kind("the connection stays, but nobody is at the other end", _CONNECTED, whole_link=True),
     "unplug": Kind("the port goes away, and comes back", whole_link=True),
     "error": Kind("an error frame breaks the frame, which is sent again", _CAN),
     "busoff": Kind("the node leaves the bus, and recovers", _CAN, whole_link=True),
@@ -63,7 +66,24 @@ KINDS: dict[str, Kind] = {
 
 _DEFAULT_BY_NS = {"late": 10_000_000, "split": 1_000_000, "latency": 16_000_000}
 _UNITS = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
-_WORDS = ("N%", "every", "id=", "prefix=", *DIRECTIONS, "at", "from", "to", "for", "by", "bits", "bytes", "frames")
+_WORDS = (
+    "N%",
+    "every",
+    "id=",
+    "prefix=",
+    *DIRECTIONS,
+    "at",
+    "from",
+    "to",
+    "for",
+    "by",
+    "bits",
+    "bytes",
+    "frames",
+    "code",
+)
+_AMOUNTS = {"bits": (1, 65_536), "bytes": (1, 65_536), "frames": (1, 65_536), "code": (1000, 4999)}
+"""Words with a number, and its bounds."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -82,7 +102,7 @@ class Fault:
     """Hits one frame and is over."""
     by_ns: int = 0
     amount: int | None = None
-    """Bits, bytes or frames, where the kind takes them."""
+    """Bits, bytes or frames, or the code, where the kind takes them."""
     text: str = ""
 
     def __str__(self) -> str:
@@ -177,9 +197,11 @@ class _Words:
         elif word in ("at", "from", "to", "for", "by"):
             name = {"from": "start_ns", "to": "stop_ns", "by": "by_ns"}.get(word, word)
             self._set(word, name, self._duration(word, self._next(word)))
-        elif word in ("every", "bits", "bytes", "frames"):
-            value = self._integer(word, self._next(word), 65_536, least=1)
-            self._set(word, "every" if word == "every" else "amount", value)
+        elif word == "every":
+            self._set(word, word, self._integer(word, self._next(word), 65_536, least=1))
+        elif word in _AMOUNTS:
+            least, most = _AMOUNTS[word]
+            self._set(word, "amount", self._integer(word, self._next(word), most, least=least))
         elif self.kind == "latency" and word[:1].isdigit():
             self._set(word, "by_ns", self._duration(word, word))
         else:
@@ -188,7 +210,7 @@ class _Words:
 
     def _check_allowed(self, word: str) -> None:
         kind = KINDS[self.kind]
-        if word in ("by", "bits", "bytes", "frames") and word not in kind.options:
+        if word in ("by", *_AMOUNTS) and word not in kind.options:
             takes = ", ".join(name for name, each in KINDS.items() if word in each.options)
             raise self._wrong(word, f"{self.kind} has no such option; these have: {takes}")
         targets = word == "every" or word in DIRECTIONS or word.startswith(("prefix=", "id="))

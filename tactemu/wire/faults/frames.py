@@ -13,6 +13,7 @@ import numpy as np
 
 from firmware_protocols import CanFrame, Frame
 from firmware_protocols.frames import payload, with_payload
+from tactemu.transports.transport import Part
 from tactemu.wire.faults.fault import Fault
 
 Parts = list[tuple[Frame, int]]
@@ -80,7 +81,7 @@ def split(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
     if len(data) < 2:
         return None
     cut = int(rng.integers(1, len(data)))
-    return [(data[:cut], 0), (data[cut:], fault.by_ns)]
+    return [(Part(data[:cut]), 0), (data[cut:], fault.by_ns)]
 
 
 def late(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
@@ -96,6 +97,7 @@ def error(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
 SPOIL: dict[str, Spoil] = {
     "drop": drop,
     "silence": drop,
+    "close": drop,
     "flip": flip,
     "truncate": truncate,
     "length": length,

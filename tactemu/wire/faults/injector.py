@@ -126,6 +126,8 @@ class Injector:
         self.faults: list[Fault] = []
         self.traffic: list[Traffic] = []
         self.chip: LatencyChip | None = None
+        self.closing: Fault | None = None
+        """The connection is to be closed when what waits has gone."""
         self._frames: list[FrameFault] = []
         self._outages: list[Fault] = []
         self._copies: Counter[str] = Counter()
@@ -140,7 +142,7 @@ class Injector:
         self._copies[name] += 1
         rng = generator(self.seed, name if self._copies[name] == 1 else f"{name}/{self._copies[name]}")
         self.faults.append(fault)
-        if fault.kind in ("unplug", "busoff"):
+        if fault.kind in ("unplug", "busoff", "halfopen"):
             self._outages.append(fault)
         elif fault.kind == "latency":
             self.chip = LatencyChip(fault)
@@ -182,6 +184,8 @@ class Injector:
                 after, injected = active.apply(before, (source, direction), t_ns)
                 spoiled += [(each, held_ns + more_ns) for each, more_ns in after]
                 if injected:
+                    if active.fault.kind == "close":
+                        self.closing = active.fault
                     detail = f"{active.fault} [{direction}]"
                     became = [each for each, _ in after]
                     self.note(t_ns, source, active.fault.kind, detail, before=before, after=became)
@@ -200,6 +204,8 @@ class Injector:
 
     def next_ns(self, now_ns: int) -> int | None:
         """When something of the link happens by itself, after ``now_ns``."""
+        if not (self.traffic or self.chip or self._outages):
+            return None
         times = [each.next_ns() for each in self.traffic]
         if self.chip:
             times.append(self.chip.next_ns())

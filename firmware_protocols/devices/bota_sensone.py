@@ -1,0 +1,192 @@
+"""Bota SensONE (generation 0), a force-torque sensor: text commands, then binary frames.
+
+Wire: 460800 8N1. Opening the port restarts the sensor, which then says App Init. Commands end with CR or LF, as the
+vendor's library sends them, or with a silence; each is answered r,0,X,0, where X is its first letter.
+
+    command                  about
+    C                        configure: ends the stream; the others are taken only then
+    c,0,1,0,4                communication
+    f,SINC,0,0,1             filter: 51200 / SINC frames per second, SINC 64 to 2048
+    b,FX,FY,FZ,TX,TY,TZ      offset [N, Nm]
+    s                        sent after these by the library
+    R                        run: ``FRAME`` s
+
+Status bits as the library names them: 1 throttled, 2 overrange, 4 invalid, 8 raw. It asks p? for model, serial number
+and firmware, unless ``skip_metadata_reading`` is set; the answer is not known, so that there is none here.
+
+Try it: ``tactemu run bota_sensone``, then the library's Bota_Binary_gen0 with ``skip_metadata_reading``.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated
+
+import numpy as np
+
+from firmware_protocols import (
+    Column,
+    Command,
+    Counts,
+    Device,
+    Option,
+    Outs,
+    Reading,
+    Restart,
+    Rollover,
+    Sense,
+    Serial,
+    points,
+)
+from firmware_protocols.device import Axis
+from firmware_protocols.framing import Lines
+from firmware_protocols.tables import Frame
+
+FRAME = Frame("""
+    frame
+    0     AA                    head
+    1     <u2                   status
+    3     <f4 x 6               wrench       Fx Fy Fz [N], Mx My Mz [Nm]
+    27    <u4 wrap              time         [us]
+    31    <f4                   temperature  [deg C]
+    last  <crc16_x25 from 1     crc
+""")
+OVERRANGE = 2
+GREETING = b"App Init\r\n"
+SILENCE_NS = 20_000_000
+FILTER_HZ, SINC = 51200, range(64, 2049)
+NUMBER = rb"(-?\d{1,9}(?:\.\d{1,9})?)"
+COMMANDS = re.compile(rb"[Rs]|c(?:,\d){4}|f,(?P<sinc>\d{1,5})(?:,\d){3}|b" + rb"".join([b"," + NUMBER] * 6))
+ORIGIN = points({"origin": (0.0, 0.0, 0.0)})
+AXES: tuple[Axis, ...] = ("x", "y", "z")
+
+
+class BotaSensone(Device):
+    """Force, torque and temperature of a sensor between flange and tool."""
+
+    name = "bota_sensone"
+    kind = "force-torque sensor"
+    title = "Bota SensONE force-torque sensor, serial"
+    ports = (Serial(baud=460800),)
+    senses = (Sense("wrench", at=ORIGIN), Sense("temperature", at=ORIGIN))
+    rollovers = (Rollover(name="time", bits=32, step=1_000_000, clock=True),)
+    boot_s = 0.1
+    evidence = ("driver",)
+    sources = (
+        "tud-phi/bota_ft_sensors@4b98f94 senseone.py, after the vendor's example",
+        "bota-driver 1.1.16 (the vendor's library), as it speaks: LF, filter, offset, status bits, restart",
+    )
+    judge = "bota-driver 1.1.16"
+    assumed = (
+        "the tool is touched 50 mm above the sensor's origin; z points out of the tool side, forces act on the tool",
+        "saturation and overrange where the options say; other status bits stay 0; the offset is added",
+        "512 after power-up, that is 100 frames a second; answers end with CR LF; 20 ms of silence end a command",
+        "no answer to commands that are unknown, beyond their limits, or not taken; s and c change nothing",
+        "offset and filter are forgotten by a restart, which takes 0.1 s",
+    )
+
+    def __init__(
+        self,
+        *,
+        tool: Annotated[
+            tuple[float, float, float], Option("where the tool is touched, from the sensor's origin", unit="m")
+        ] = (0.0, 0.0, 0.05),
+        force_range: Annotated[float, Option("along each axis", unit="N", low=1e-3)] = 500.0,
+        torque_range: Annotated[float, Option("about each axis", unit="Nm", low=1e-3)] = 15.0,
+    ):
+        self.layout = points({"tool": tool})
+        self.range = np.array([force_range] * 3 + [torque_range] * 3)
+        self.columns = (
+            *(
+                Column(name=f"{letter}{axis}", axis=axis, unit=unit, counts_per_unit=1.0, low=-most, high=most)
+                for letter, unit, most in (("F", "N", force_range), ("M", "Nm", torque_range))
+                for axis in AXES
+            ),
+            Column(name="T", sense="temperature", unit="degC", counts_per_unit=1.0, low=-1e6, high=1e6, rest=25.0),
+        )
+        self.lines_in = Lines(counters=self.counters, longest=96)
+        self.offset = np.zeros(6)
+        self.configuring = self.running = False
+
+    @property
+    def commands(self) -> tuple[Command, ...]:
+        """What hosts send, after the C that they begin with."""
+        library, example = "bota-driver 1.1.16, as it speaks", "bota_ft_sensors@4b98f94 senseone.py"
+        configured = (
+            ("communication", b"c,0,1,0,4\n", "63", library),
+            ("512 samples to a frame", b"f,512,0,0,1\n", "66", library),
+            ("64 samples to a frame", b"f,64,0,0,1\r\n", "66", library),
+            ("offset", b"b,1.500000,-2.250000,0.000000,0.000000,0.000000,0.125000\n", "62", library),
+            ("what follows a configuration", b"s\n", "73", library),
+            ("run", b"R\n", "52", library),
+            ("run, without an end", b"R", "52", example),
+        )
+        return (
+            Command(name="configure", request="43 0A", reply="72 2C 30 2C 43 2C 30 0D 0A", origin=library),
+            Command(name="configure, without an end", request="43", reply="72 2C 30 2C 43 2C 30 0D 0A", origin=example),
+            *(
+                Command(
+                    name=name,
+                    request=line.hex(" "),
+                    reply=f"72 2C 30 2C {letter} 2C 30 0D 0A",
+                    after=("43 0A",),
+                    origin=origin,
+                )
+                for name, line, letter, origin in configured
+            ),
+        )
+
+    def feel(self, reading: Reading, t_ns: int) -> Counts:
+        """By sense, as sent, float32: Fx Fy Fz [N] Mx My Mz [Nm] ``(1, 6)``, and temperature [deg C] ``(1,)``."""
+        wrench = reading["wrench"] + self.offset
+        self.status = OVERRANGE if (np.abs(wrench) > self.range).any() else 0
+        self.wrench = np.clip(wrench, -self.range, self.range).astype(np.float32)
+        self.temperature = reading["temperature"].astype(np.float32)
+        return {"wrench": self.wrench, "temperature": self.temperature}
+
+    def stream(self, t_ns: int, name: str) -> Outs:
+        """A frame, while it runs."""
+        if not self.running:
+            return ()
+        time, temperature = t_ns // 1000, self.temperature[0]
+        return [FRAME.pack(status=self.status, wrench=self.wrench[0], time=time, temperature=temperature)]
+
+    def boot(self, t_ns: int) -> Outs:
+        """What it says when it has come up."""
+        return [GREETING]
+
+    def lines(self, dtr: bool, rts: bool, t_ns: int, port: str) -> Outs:
+        """A port that is opened restarts the sensor."""
+        return [Restart()] if dtr else ()
+
+    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+        """Commands in chunks of any size, with or without an end."""
+        lines = self.lines_in.cut(data)
+        self.wake_ns = t_ns + SILENCE_NS if self.lines_in.begun else None
+        return [answer for line in lines for answer in self._obey(line)]
+
+    def wake(self, t_ns: int) -> Outs:
+        """A silence ends a command."""
+        return [answer for line in self.lines_in.end() for answer in self._obey(line)]
+
+    def _obey(self, line: bytes) -> list[bytes]:
+        self.counters["requests"] += 1
+        if line == b"C":
+            self.configuring, self.running = True, False
+        elif not self.configuring or not self._configured(line):
+            self.counters["refused"] += 1
+            return []
+        return [b"r,0,%c,0\r\n" % line[0]]
+
+    def _configured(self, line: bytes) -> bool:
+        """Whether a command but C was one."""
+        command = COMMANDS.fullmatch(line)
+        if command is None or (command["sinc"] and int(command["sinc"]) not in SINC):
+            return False
+        if command["sinc"]:
+            self.period_ns = round(int(command["sinc"]) * 1e9 / FILTER_HZ)
+        elif line[:1] == b"b":
+            self.offset = np.array([float(number) for number in line.split(b",")[1:]])
+        elif line == b"R":
+            self.configuring, self.running = False, True
+        return True
