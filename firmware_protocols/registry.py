@@ -23,6 +23,7 @@ DEVICES: dict[str, str] = {
     "ati_net_ft": f"{_HERE}.ati_net_ft:AtiNetFt",
     "bielefeld_glove": f"{_HERE}.bielefeld_glove:BielefeldGlove",
     "bota_sensone": f"{_HERE}.bota_sensone:BotaSensone",
+    "brainco_revo3": f"{_HERE}.brainco_revo3:BraincoRevo3",
     "contactile_papillarray": f"{_HERE}.contactile_papillarray:ContactilePapillArray",
     "dexrobot_dexhand": f"{_HERE}.dexrobot_dexhand:DexrobotDexHand",
     "digity_exohand": f"{_HERE}.digity_exohand:DigityExohand",
@@ -30,6 +31,7 @@ DEVICES: dict[str, str] = {
     "feetech_sts3215": f"{_HERE}.feetech_sts3215:FeetechSts3215",
     "flexitac": f"{_HERE}.flexitac:FlexiTac",
     "fulai_glove": f"{_HERE}.fulai_glove:FulaiGlove",
+    "ghand5": f"{_HERE}.ghand5:GHand5",
     "icub_skin": f"{_HERE}.icub_skin:IcubSkin",
     "inspire_rh56dftp": f"{_HERE}.inspire_rh56dftp:InspireRh56dftp",
     "linker_hand_g20": f"{_HERE}.linker_hand:LinkerHandG20",
@@ -109,7 +111,8 @@ def _device(found: object, name: str) -> type[Device]:
     if isinstance(found, type) and hasattr(found, "digitize"):
         raise TypeError(
             f"{name} is written for the first version of the contract: rename digitize(reading) to feel(reading, t_ns) "
-            "and return the counts, wires to ports, put power_on into __init__, and see docs/adding-a-device.md"
+            "and return the counts, wires to ports, put power_on into __init__, and see docs/adding-a-device.md "
+            "(installed: tactemu/docs)"
         )
     if not (isinstance(found, type) and issubclass(found, Device)):
         raise TypeError(f"{name} is not a subclass of firmware_protocols.Device")
