@@ -52,7 +52,7 @@ VARIANTS = [
     ("linker_hand_o6", {"side": "right"}),
     ("nibotics_prvs01", {"channels": 19}),
     ("optoforce", {"axes": "4x3"}),
-    ("optoforce", {"axes": "6"}),
+    ("optoforce", {"axes": "6", "counter": "samples"}),
     ("paxini_gen2", {"models": "S1610"}),
     ("paxini_high_speed", {"models": ("M2020", "S1610"), "places": (3, 27)}),
     ("paxini_px6ax", {"models": ("S1813E", "M2020")}),
