@@ -60,6 +60,7 @@ DEVICES: dict[str, str] = {
     "sun_fingertip": f"{_HERE}.sun_fingertip:SunFingertip",
     "vitac_3d": f"{_HERE}.flexitac:ViTac3d",
     "weiss_dsacon32m": f"{_HERE}.weiss_dsacon32m:WeissDsacon32m",
+    "weiss_wts": f"{_HERE}.weiss_wts:WeissWts",
     "wiresens": f"{_HERE}.wiresens:Wiresens",
     "xela_server": f"{_HERE}.xela_server:XelaServer",
     "xela_uskin": f"{_HERE}.xela_uskin:XelaUskin",
