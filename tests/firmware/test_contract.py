@@ -64,6 +64,7 @@ VARIANTS = [
     ("weiss_dsacon32m", {"mute_s": 8.0}),
     ("wiresens", {"rows": 3, "cols": 5, "values": 8, "sensor": -2}),
     ("xela_server", {"models": ("uSPa22", "uSPa11"), "calibrated": True}),
+    ("synria_60", {"unit": 5}),
     ("xela_uskin", {"ids": "grid", "board": 3}),
     ("xela_uskin_4x6", {"first_id": 0x740, "board": 3}),
 ]
