@@ -57,6 +57,7 @@ DEVICES: dict[str, str] = {
     "rohand": f"{_HERE}.rohand:RoHand",
     "seed_fts3": f"{_HERE}.seed_fts3:SeedFts3",
     "singletact": f"{_HERE}.singletact:SingleTact",
+    "synria_60": f"{_HERE}.synria_60:Synria60",
     "sun_fingertip": f"{_HERE}.sun_fingertip:SunFingertip",
     "vitac_3d": f"{_HERE}.flexitac:ViTac3d",
     "weiss_dsacon32m": f"{_HERE}.weiss_dsacon32m:WeissDsacon32m",

@@ -40,6 +40,8 @@ VARIANTS = [
     ("ghand5", {"side": "left"}),
     ("icub_skin", {"part": "triangle", "first_board": 3}),
     ("icub_skin", {"triangles_per_board": 16}),
+    ("icub_skin", {"part": "hand"}),
+    ("icub_skin", {"part": "torso", "firmware": "old"}),
     ("inspire_rh56dftp", {"unit": 2, "first_byte": "high"}),
     ("inspire_rh56dftp", {"line": "native"}),
     ("linker_hand_g20", {"touch": "10x4", "side": "right"}),
@@ -66,6 +68,7 @@ VARIANTS = [
     ("weiss_wts", {"values": "sixteenths"}),
     ("wiresens", {"rows": 3, "cols": 5, "values": 8, "sensor": -2}),
     ("xela_server", {"models": ("uSPa22", "uSPa11"), "calibrated": True}),
+    ("synria_60", {"unit": 5}),
     ("xela_uskin", {"ids": "grid", "board": 3}),
     ("xela_uskin_4x6", {"first_id": 0x740, "board": 3}),
 ]
