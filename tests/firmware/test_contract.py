@@ -65,8 +65,10 @@ VARIANTS = [
     ("singletact", {"board": "arduino"}),
     ("sun_fingertip", {"baud": 1_000_000}),
     ("weiss_dsacon32m", {"mute_s": 8.0}),
+    ("weiss_wts", {"values": "sixteenths"}),
     ("wiresens", {"rows": 3, "cols": 5, "values": 8, "sensor": -2}),
     ("xela_server", {"models": ("uSPa22", "uSPa11"), "calibrated": True}),
+    ("synria_60", {"unit": 5}),
     ("xela_uskin", {"ids": "grid", "board": 3}),
     ("xela_uskin_4x6", {"first_id": 0x740, "board": 3}),
 ]
