@@ -25,6 +25,7 @@ DEVICES: dict[str, str] = {
     "bota_sensone": f"{_HERE}.bota_sensone:BotaSensone",
     "brainco_revo3": f"{_HERE}.brainco_revo3:BraincoRevo3",
     "contactile_papillarray": f"{_HERE}.contactile_papillarray:ContactilePapillArray",
+    "cyskin_cpm_finger": f"{_HERE}.cyskin_cpm_finger:CyskinCpmFinger",
     "dexrobot_dexhand": f"{_HERE}.dexrobot_dexhand:DexrobotDexHand",
     "digity_exohand": f"{_HERE}.digity_exohand:DigityExohand",
     "dynpick": f"{_HERE}.dynpick:DynPick",
