@@ -53,6 +53,7 @@ DEVICES: dict[str, str] = {
     "rohand": f"{_HERE}.rohand:RoHand",
     "seed_fts3": f"{_HERE}.seed_fts3:SeedFts3",
     "singletact": f"{_HERE}.singletact:SingleTact",
+    "unitree_dex3": f"{_HERE}.unitree_dex3:UnitreeDex3",
     "vitac_3d": f"{_HERE}.flexitac:ViTac3d",
     "weiss_dsacon32m": f"{_HERE}.weiss_dsacon32m:WeissDsacon32m",
     "wiresens": f"{_HERE}.wiresens:Wiresens",
