@@ -23,13 +23,16 @@ DEVICES: dict[str, str] = {
     "ati_net_ft": f"{_HERE}.ati_net_ft:AtiNetFt",
     "bielefeld_glove": f"{_HERE}.bielefeld_glove:BielefeldGlove",
     "bota_sensone": f"{_HERE}.bota_sensone:BotaSensone",
+    "brainco_revo3": f"{_HERE}.brainco_revo3:BraincoRevo3",
     "contactile_papillarray": f"{_HERE}.contactile_papillarray:ContactilePapillArray",
     "dexrobot_dexhand": f"{_HERE}.dexrobot_dexhand:DexrobotDexHand",
     "digity_exohand": f"{_HERE}.digity_exohand:DigityExohand",
+    "dynpick": f"{_HERE}.dynpick:DynPick",
     "eflesh_binary": f"{_HERE}.eflesh_binary:EfleshBinary",
     "feetech_sts3215": f"{_HERE}.feetech_sts3215:FeetechSts3215",
     "flexitac": f"{_HERE}.flexitac:FlexiTac",
     "fulai_glove": f"{_HERE}.fulai_glove:FulaiGlove",
+    "ghand5": f"{_HERE}.ghand5:GHand5",
     "icub_skin": f"{_HERE}.icub_skin:IcubSkin",
     "inspire_rh56dftp": f"{_HERE}.inspire_rh56dftp:InspireRh56dftp",
     "linker_hand_g20": f"{_HERE}.linker_hand:LinkerHandG20",
@@ -39,6 +42,7 @@ DEVICES: dict[str, str] = {
     "linker_hand_l25": f"{_HERE}.linker_hand:LinkerHandL25",
     "linker_hand_l6": f"{_HERE}.linker_hand:LinkerHandL6",
     "linker_hand_o6": f"{_HERE}.linker_hand:LinkerHandO6",
+    "nibotics_prvs01": f"{_HERE}.nibotics_prvs01:NiboticsPrvs01",
     "onrobot_hex": f"{_HERE}.ati_net_ft:OnrobotHex",
     "optoforce": f"{_HERE}.optoforce:OptoForce",
     "orca_touch": f"{_HERE}.paxini_high_speed:OrcaTouch",
@@ -53,6 +57,8 @@ DEVICES: dict[str, str] = {
     "rohand": f"{_HERE}.rohand:RoHand",
     "seed_fts3": f"{_HERE}.seed_fts3:SeedFts3",
     "singletact": f"{_HERE}.singletact:SingleTact",
+    "sun_fingertip": f"{_HERE}.sun_fingertip:SunFingertip",
+    "synria_60": f"{_HERE}.synria_60:Synria60",
     "unitree_dex3": f"{_HERE}.unitree_dex3:UnitreeDex3",
     "vitac_3d": f"{_HERE}.flexitac:ViTac3d",
     "weiss_dsacon32m": f"{_HERE}.weiss_dsacon32m:WeissDsacon32m",
@@ -110,7 +116,8 @@ def _device(found: object, name: str) -> type[Device]:
     if isinstance(found, type) and hasattr(found, "digitize"):
         raise TypeError(
             f"{name} is written for the first version of the contract: rename digitize(reading) to feel(reading, t_ns) "
-            "and return the counts, wires to ports, put power_on into __init__, and see docs/adding-a-device.md"
+            "and return the counts, wires to ports, put power_on into __init__, and see docs/adding-a-device.md "
+            "(installed: tactemu/docs)"
         )
     if not (isinstance(found, type) and issubclass(found, Device)):
         raise TypeError(f"{name} is not a subclass of firmware_protocols.Device")

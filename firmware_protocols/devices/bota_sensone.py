@@ -76,7 +76,7 @@ class BotaSensone(Device):
         "tud-phi/bota_ft_sensors@4b98f94 senseone.py, after the vendor's example",
         "bota-driver 1.1.16 (the vendor's library), as it speaks: LF, filter, offset, status bits, restart",
     )
-    judge = "bota-driver 1.1.16"
+    judge = "bota-driver 1.1.16; own second reader"
     assumed = (
         "the tool is touched 50 mm above the sensor's origin; z points out of the tool side, forces act on the tool",
         "saturation and overrange where the options say; other status bits stay 0; the offset is added",

@@ -202,7 +202,7 @@ class CanTransport(Transport):
             return (
                 f"make it: sudo modprobe vcan && sudo ip link add dev {name} type vcan && "
                 f"sudo ip link set {name} mtu 72 up; "
-                "where the kernel has no CAN use can:udp_multicast:239.74.163.2 or scripts/vcan-run"
+                "where the kernel has no CAN use can:udp_multicast:239.74.163.2"
             )
         if self.interface == "udp_multicast":
             return "install msgpack, and use a multicast address such as 239.74.163.2 on a machine with a network route"

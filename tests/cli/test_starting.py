@@ -65,10 +65,11 @@ def test_examples_are_copied_once(tmp_path, capsys):
         starting.copy_examples(tmp_path / "a" / "b")
 
 
-def test_the_wheel_holds_the_scenes_and_the_examples(tmp_path):
+def test_the_wheel_holds_scenes_examples_and_pages(tmp_path):
     pytest.importorskip("hatchling", reason="the wheel is built with hatchling")
     build = "from hatchling.builders.wheel import WheelBuilder as W; print(*W('.').build(directory={!r}))"
     subprocess.run([sys.executable, "-c", build.format(str(tmp_path))], cwd=ROOT, check=True, capture_output=True)
     (wheel,) = tmp_path.glob("*.whl")
     names = set(zipfile.ZipFile(wheel).namelist())
     assert {"tactemu/scene/start.toml", "tactemu/scene/defaults/anyskin.toml", "tactemu/examples/hand.toml"} <= names
+    assert "tactemu/docs/adding-a-device.md" in names, "errors name it"

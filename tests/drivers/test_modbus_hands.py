@@ -88,3 +88,24 @@ def test_unienv_rohand():
     assert np.allclose(got["closed"], [2.26, 100.22, 97.81, 101.38, 98.84, 89.98], atol=0.01)
     assert np.allclose(np.rad2deg(got["seen"]["joint_angles"]), [20, 150, 140, 130, 120, 45], atol=0.01)
     assert got["moving"] == [1] * 6 and got["seen"]["joint_currents"] == [0] * 6
+
+
+GHAND = [(0x1090, 57), (0x10C9, 47), (0x10F8, 47), (0x1127, 47), (0x1156, 47)]
+
+
+@pytest.mark.judge("ghand5", driver="client", carrier="serial, Modbus")
+@clients
+def test_ghand5(client):
+    def taxels(finger, registers):
+        axes = np.array([divmod(register, 256) for register in registers], np.uint8).ravel()[: 3 * finger]
+        return np.stack([axes[0::3].view(np.int8), axes[1::3].view(np.int8), axes[2::3]], axis=-1, dtype=int)
+
+    with Rig(fast("ghand5"), peak=20.0) as rig:
+        many = ask(client, rig, 0x31, ["inputs", *GHAND[1]], times=200)
+        (once,) = ask(client, rig, 0x31, ["inputs", 0x1080, 16], *(["inputs", *part] for part in GHAND))
+    patches = [patch.taxels for patch in rig.device.layout.patches]
+    assert_consecutive([taxels(31, reads[0]) for reads in many], rig.truth, decode=lambda counts: counts[patches[1]])
+    assert once[0][0] == 0x1F00 and once[0][3::3] == [0xFF00] * 5
+    for registers, part in zip(once[1:], patches, strict=True):
+        read = taxels(part.stop - part.start, registers)
+        assert_consecutive([read], rig.truth, decode=lambda counts, part=part: counts[part], count=1)

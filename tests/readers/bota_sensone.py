@@ -4,12 +4,15 @@ Source: tud-phi/bota_ft_sensors@4b98f94 (senseone.py).
 A reading is Fx Fy Fz (N), Mx My Mz (N m) and the temperature (deg C), as float32.
 
 Not settled by the description: ends of lines (commands are sent without, bytes between an answer and the next mark are
-passed over); the X of the answer r,0,X,0 (taken as the command's letter); the bits of the status word (must be 0 here).
+passed over); whether a sensor says App Init when the port is opened (what came before is lost, so that after 1 s it is
+taken as said); the X of the answer r,0,X,0 (taken as the command's letter); the bits of the status word (must
+be 0 here).
 """
 
+import contextlib
 import struct
 
-from host import exactly, expect, open_serial, run, skip_to
+from host import Broken, exactly, expect, open_serial, run, skip_to
 
 
 def crc16(data):
@@ -23,8 +26,9 @@ def crc16(data):
 
 
 def read(port):
-    line = open_serial(port, 460800, stale="kept")
-    skip_to(line, b"App Init", 1 << 20)
+    line = open_serial(port, 460800, seconds=1.0)
+    with contextlib.suppress(Broken):
+        skip_to(line, b"App Init", 1 << 16)
     for command in (b"C", b"c,0,1,0,4", b"f,512,0,0,1", b"R"):
         line.write(command)
         skip_to(line, b"r,0,%c,0" % command[0], 1 << 16)

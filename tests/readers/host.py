@@ -66,11 +66,10 @@ class Line(serial.Serial):
         self.kept = b""
 
 
-def open_serial(port, baud, *, stale="dropped", seconds=2.0):
-    """What arrived before is dropped, as most drivers do, unless ``stale`` is "kept"."""
+def open_serial(port, baud, *, seconds=2.0):
+    """What arrived before is dropped; reads give up after ``seconds``."""
     line = Line(port, baud, timeout=seconds)
-    if stale == "dropped":
-        line.reset_input_buffer()
+    line.reset_input_buffer()
     return line
 
 

@@ -67,6 +67,12 @@ def omnihand_o10(values):
     return np.split(values, [16, 32, 48, 64, 80, 105])
 
 
+def rohand(device, counts):
+    """Of each part; the palm has dots always."""
+    *fingers, palm = (counts[patch.taxels] for patch in device.layout.patches)
+    return [*(finger.ravel() for finger in fingers), palm.reshape(len(palm), -1)[:, 0]]
+
+
 def dexhand(device, counts):
     """Of each fingertip."""
     return np.column_stack([counts.item()["force"], counts.item()["temperature"]])
@@ -102,11 +108,23 @@ CASES = [
         guarded=False,
         count=1100,
     ),
+    Case(
+        "bota_sensone",
+        "bota_sensone.py",
+        shown=lambda device, counts: [*counts.item()["wrench"][0], *counts.item()["temperature"]],
+    ),
     Case("eflesh_binary", "eflesh_binary.py"),
     Case(
         "contactile_papillarray",
         "contactile_papillarray.py",
         compared=lambda readings: [[reading[: 2 * 9 * 6] for reading in readings]],
+    ),
+    Case(
+        "ghand5",
+        "ghand5.py",
+        shown=lambda device, counts: [counts[patch.taxels].ravel() for patch in device.layout.patches],
+        # The resultants are summed before they are rounded: the taxels are compared.
+        compared=lambda readings: list(zip(*(np.split(r[15:], [114, 207, 300, 393]) for r in readings))),
     ),
     Case(
         "icub_skin",
@@ -115,6 +133,25 @@ CASES = [
         kind="can",
         shown=lambda device, counts: counts[device.boards["board 1"].taxels],
         compared=lambda readings: [[np.reshape(r, (3, 12))[:, PADS].ravel() for r in readings]],
+        guarded=False,
+    ),
+    Case(
+        "icub_skin",
+        "icub_skin.py",
+        {"part": "torso"},
+        arguments=(3, 0, 11),
+        kind="can",
+        shown=lambda device, counts: counts[device.boards["board 3"].taxels],
+        compared=lambda readings: [[np.reshape(r, (12, 12))[:, PADS].ravel() for r in readings]],
+        guarded=False,
+    ),
+    Case(
+        "icub_skin",
+        "icub_skin.py",
+        {"part": "hand"},
+        arguments=(1, 0, 4),
+        kind="can",
+        shown=lambda device, counts: counts[:60],
         guarded=False,
     ),
     Case(
@@ -170,10 +207,10 @@ CASES = [
             "rohand.py",
             {"touch": touch},
             peak=5.0,
-            shown=lambda device, counts: counts[device.layout.patches[2].taxels].ravel(),
-            compared=lambda readings, part=part: [[reading[part] for reading in readings]],
+            shown=rohand,
+            compared=lambda readings, ends=ends: list(zip(*(np.split(reading, ends) for reading in readings))),
         )
-        for touch, part in (("dots", slice(96, 156)), ("three_axis", slice(9, 15)))
+        for touch, ends in (("dots", [36, 96, 156, 216, 248]), ("three_axis", [3, 9, 15, 21, 24]))
     ),
     Case("seed_fts3", "seed_fts3.py", guarded=False),
     Case("seed_fts3", "seed_fts3.py", arguments=("crlf",), guarded=False),

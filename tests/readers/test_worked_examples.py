@@ -50,6 +50,11 @@ def test_rohand(module):
     assert module("rohand").swapped(registers) == [1234, 56, 90, None, None, None]
 
 
+def test_ghand5(module):
+    for request in ("31 04 10 80 00 10 F1 1E", "31 04 10 90 00 39 31 05"):
+        assert module("modbus").crc16(HEX(request)[:-2]) == HEX(request)[-2:]
+
+
 def test_paxini_gen2(module):
     paxini = module("paxini_gen2")
     line = Line("55 AA 7B 7B 0E 00 70 C0 06 00 0C 00 00 7B 0E 04 06 00 FF 02 32 00 00 03 E7 55 AA 7D 7D")

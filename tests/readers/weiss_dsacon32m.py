@@ -86,7 +86,7 @@ def read(port, coding="rle", rate="30"):
         kind, payload = message(line)
         expect(kind == 0, f"a message {kind:02X} among frames")
         time_ms, flags = struct.unpack_from("<IB", payload)
-        expect(time_ms > before, f"time {time_ms} ms after {before} ms")
+        expect(time_ms >= before, f"time {time_ms} ms after {before} ms")
         expect(flags & 1 == coded, f"flags {flags:02X}, asked for {coding}")
         before = time_ms
         yield texels(payload[5:], count, coded)
