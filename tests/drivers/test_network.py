@@ -37,7 +37,7 @@ def truth_of(served):
     return [sample.counts[0] for sample in served.truth.samples]
 
 
-@pytest.mark.judge("ati_net_ft", driver="pynetft", carrier="UDP, RDT; HTTP", every_run=True)
+@pytest.mark.judge("ati_net_ft", driver="pynetft", carrier="UDP", every_run=True)
 def test_pynetft():
     with ati(counts_per_torque=2_000_000, records_per_second=250) as dev:
         got = pynetft(dev)
@@ -57,7 +57,7 @@ def test_pynetft():
     assert got["lost"] == got["duplicate"] == got["late"] == got["malformed"] == 0
 
 
-@pytest.mark.judge("ati_net_ft", driver="pynetft", carrier="UDP, RDT; HTTP")
+@pytest.mark.judge("ati_net_ft", driver="pynetft", carrier="UDP")
 def test_pynetft_zeroes_and_is_numbered_anew():
     with ati() as dev:
         got = pynetft(dev, bias=True)
@@ -65,7 +65,6 @@ def test_pynetft_zeroes_and_is_numbered_anew():
     assert got["lost"] == 0 and dev.device().bias.any()
 
 
-@pytest.mark.judge("ati_net_ft", driver="pynetft", carrier="UDP, RDT; HTTP")
 @pytest.mark.parametrize(
     ("fault", "counter"),
     [
@@ -84,7 +83,7 @@ def test_pynetft_counts_what_befell_the_datagrams(fault, counter):
     assert least <= got[counter] <= injected and injected >= 10, "those at the end it does not see"
 
 
-@pytest.mark.judge("name", driver="NetFT", carrier="UDP, RDT")
+@pytest.mark.judge("name", driver="NetFT", carrier="UDP")
 @pytest.mark.parametrize("name", ["ati_net_ft", "onrobot_hex"])
 def test_netft(name):
     number = os.getpid()
@@ -122,7 +121,7 @@ def counts_in(message):
     ])  # fmt: skip
 
 
-@pytest.mark.judge("xela_server", driver="websocket-client", carrier="WebSocket, JSON", every_run=True)
+@pytest.mark.judge("xela_server", driver="websocket-client", carrier="WebSocket", every_run=True)
 def test_websocket_client():
     with xela() as dev:
         ((messages, end),) = websocket_client(dev, 300)
@@ -138,7 +137,6 @@ def test_websocket_client():
         np.testing.assert_allclose(newtons, ideal[counts.astype(np.int64).tobytes()], atol=1e-4)
 
 
-@pytest.mark.judge("xela_server", driver="websocket-client", carrier="WebSocket, JSON")
 def test_websocket_client_under_faults():
     with xela(faults=["split every 10 by 3ms", "close every 100 code 1012"]) as dev:
         runs = websocket_client(dev, 350)
@@ -151,7 +149,6 @@ def test_websocket_client_under_faults():
     assert_consecutive([counts_in(each) for messages, _ in runs for each in messages[1:]], truth)
 
 
-@pytest.mark.judge("xela_server", driver="websocket-client", carrier="WebSocket, JSON")
 @pytest.mark.parametrize(("fault", "end"), [("close every 50 code 1006", "lost"), ("halfopen for 60s", "silent")])
 def test_websocket_client_whose_server_goes_without_a_word(fault, end):
     with xela() as dev:

@@ -10,7 +10,7 @@ pytest.importorskip("cyclonedds", reason="DDS needs it: pip install 'tactemu[dds
 pytestmark = [pytest.mark.driver, pytest.mark.timeout(180)]
 
 LIVE = [pad * 12 + slot for pad in range(9) for slot in ((3, 6, 8) if pad in (1, 3, 5) else (0, 2, 9, 11))]
-JUDGE = {"driver": "unitree-sdk2py-dimos", "environment": "unitree_sdk2py", "carrier": "DDS, CDR"}
+JUDGE = {"driver": "unitree-sdk2py-dimos", "environment": "unitree_sdk2py", "carrier": "DDS"}
 
 
 def spread(t_s):
