@@ -1,6 +1,7 @@
 """What every registered device owes: one test over the registry. A new device is tested by its registration alone."""
 
 import json
+import time
 from pathlib import Path
 
 import numpy as np
@@ -52,7 +53,7 @@ VARIANTS = [
     ("linker_hand_o6", {"side": "right"}),
     ("nibotics_prvs01", {"channels": 19}),
     ("optoforce", {"axes": "4x3"}),
-    ("optoforce", {"axes": "6"}),
+    ("optoforce", {"axes": "6", "counter": "samples"}),
     ("paxini_gen2", {"models": "S1610"}),
     ("paxini_high_speed", {"models": ("M2020", "S1610"), "places": (3, 27)}),
     ("paxini_px6ax", {"models": ("S1813E", "M2020")}),
@@ -65,7 +66,9 @@ VARIANTS = [
     ("singletact", {"board": "arduino"}),
     ("sun_fingertip", {"baud": 1_000_000}),
     ("weiss_dsacon32m", {"mute_s": 8.0}),
+    ("weiss_wts", {"values": "sixteenths"}),
     ("wiresens", {"rows": 3, "cols": 5, "values": 8, "sensor": -2}),
+    ("unitree_dex3", {"side": "right", "cells": (0, 1, 5), "odd_cells": (11,)}),
     ("xela_server", {"models": ("uSPa22", "uSPa11"), "calibrated": True}),
     ("synria_60", {"unit": 5}),
     ("xela_uskin", {"ids": "grid", "board": 3}),
@@ -80,6 +83,16 @@ def test_no_fault_and_no_more_facts_unpinned_than_before(name):
     assert len(report.unpinned) == UNPINNED[name], "\n".join(
         [f"{len(report.unpinned)} instead of {UNPINNED[name]}: fewer? lower tests/data/unpinned.json", *report.unpinned]
     )
+
+
+def test_all_devices_are_made_in_a_moment():
+    """Each is made again at every restart, and all of them for the README's table."""
+    fp.create(fp.names()[0])
+    for name in fp.names():
+        fp.load(name)
+        begun = time.process_time()
+        fp.create(name)
+        assert time.process_time() - begun < 0.1, name
 
 
 @pytest.mark.parametrize(("name", "options"), VARIANTS, ids=str)
