@@ -23,6 +23,8 @@ DEVICES: dict[str, str] = {
     "ati_net_ft": f"{_HERE}.ati_net_ft:AtiNetFt",
     "bielefeld_glove": f"{_HERE}.bielefeld_glove:BielefeldGlove",
     "bota_sensone": f"{_HERE}.bota_sensone:BotaSensone",
+    "brainco_revo2": f"{_HERE}.brainco_revo2:BraincoRevo2",
+    "brainco_revo2_canfd": f"{_HERE}.brainco_revo2:BraincoRevo2CanFd",
     "brainco_revo3": f"{_HERE}.brainco_revo3:BraincoRevo3",
     "contactile_papillarray": f"{_HERE}.contactile_papillarray:ContactilePapillArray",
     "dexrobot_dexhand": f"{_HERE}.dexrobot_dexhand:DexrobotDexHand",

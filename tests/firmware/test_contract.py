@@ -31,6 +31,8 @@ VARIANTS = [
     ("eflesh_binary", {"missing": (2, 5)}),
     ("feetech_sts3215", {"ids": (7, 1), "encoders": (100.0, 4000.0), "swing": 0.3}),
     ("agibot_omnihand_pro", {"device": 127}),
+    ("brainco_revo2", {"touch": "pressure"}),
+    ("brainco_revo2_canfd", {"side": "right", "touch": "pressure"}),
     ("brainco_revo3", {"touch": "matrix", "packing": "single"}),
     ("brainco_revo3", {"touch": "matrix"}),
     ("dexrobot_dexhand", {"side": "right"}),
