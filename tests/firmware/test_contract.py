@@ -1,6 +1,7 @@
 """What every registered device owes: one test over the registry. A new device is tested by its registration alone."""
 
 import json
+import time
 from pathlib import Path
 
 import numpy as np
@@ -81,6 +82,16 @@ def test_no_fault_and_no_more_facts_unpinned_than_before(name):
     assert len(report.unpinned) == UNPINNED[name], "\n".join(
         [f"{len(report.unpinned)} instead of {UNPINNED[name]}: fewer? lower tests/data/unpinned.json", *report.unpinned]
     )
+
+
+def test_all_devices_are_made_in_a_moment():
+    """Each is made again at every restart, and all of them for the README's table."""
+    fp.create(fp.names()[0])
+    for name in fp.names():
+        fp.load(name)
+        begun = time.process_time()
+        fp.create(name)
+        assert time.process_time() - begun < 0.1, name
 
 
 @pytest.mark.parametrize(("name", "options"), VARIANTS, ids=str)
