@@ -68,6 +68,7 @@ VARIANTS = [
     ("weiss_dsacon32m", {"mute_s": 8.0}),
     ("weiss_wts", {"values": "sixteenths"}),
     ("wiresens", {"rows": 3, "cols": 5, "values": 8, "sensor": -2}),
+    ("unitree_dex3", {"side": "right", "cells": (0, 1, 5), "odd_cells": (11,)}),
     ("xela_server", {"models": ("uSPa22", "uSPa11"), "calibrated": True}),
     ("synria_60", {"unit": 5}),
     ("xela_uskin", {"ids": "grid", "board": 3}),
