@@ -1,6 +1,7 @@
 """What every registered device owes: one test over the registry. A new device is tested by its registration alone."""
 
 import json
+import time
 from pathlib import Path
 
 import numpy as np
@@ -24,8 +25,12 @@ UNPINNED = json.loads((Path(__file__).parents[1] / "data" / "unpinned.json").rea
 VARIANTS = [
     ("ability_hand", {"stuffing": False}),
     ("agibot_omnihand_pro", {"device": 127}),
+    ("agibot_omnihand_pro", {"device": 127}),
     ("ati_net_ft", {"tool": (0.01, -0.02, 0.1), "counts_per_torque": 2_000_000}),
+    ("brainco_revo3", {"touch": "matrix", "packing": "single"}),
+    ("brainco_revo3", {"touch": "matrix"}),
     ("contactile_papillarray", {"sensors": 1, "end_offset": True}),
+    ("dexrobot_dexhand", {"side": "right"}),
     ("dexrobot_dexhand", {"side": "right"}),
     ("digity_exohand", {"side": "left", "records": ("touch",)}),
     ("eflesh_binary", {"missing": (2, 5)}),
@@ -42,6 +47,8 @@ VARIANTS = [
     ("ghand5", {"side": "left"}),
     ("icub_skin", {"part": "triangle", "first_board": 3}),
     ("icub_skin", {"triangles_per_board": 16}),
+    ("icub_skin", {"part": "hand"}),
+    ("icub_skin", {"part": "torso", "firmware": "old"}),
     ("inspire_rh56dftp", {"unit": 2, "first_byte": "high"}),
     ("inspire_rh56dftp", {"line": "native"}),
     ("linker_hand_g20", {"touch": "10x4", "side": "right"}),
@@ -50,8 +57,9 @@ VARIANTS = [
     ("linker_hand_l25", {"touch": "quantities"}),
     ("linker_hand_l6", {"touch": "quantities", "side": "right"}),
     ("linker_hand_o6", {"side": "right"}),
+    ("nibotics_prvs01", {"channels": 19}),
     ("optoforce", {"axes": "4x3"}),
-    ("optoforce", {"axes": "6"}),
+    ("optoforce", {"axes": "6", "counter": "samples"}),
     ("paxini_gen2", {"models": "S1610"}),
     ("paxini_high_speed", {"models": ("M2020", "S1610"), "places": (3, 27)}),
     ("paxini_px6ax", {"models": ("S1813E", "M2020")}),
@@ -62,9 +70,13 @@ VARIANTS = [
     ("rohand", {"touch": "finger", "unit": 3}),
     ("seed_fts3", {"sensors": ("none", "z", "none", "xyz", "xyz")}),
     ("singletact", {"board": "arduino"}),
+    ("sun_fingertip", {"baud": 1_000_000}),
     ("weiss_dsacon32m", {"mute_s": 8.0}),
+    ("weiss_wts", {"values": "sixteenths"}),
     ("wiresens", {"rows": 3, "cols": 5, "values": 8, "sensor": -2}),
+    ("unitree_dex3", {"side": "right", "cells": (0, 1, 5), "odd_cells": (11,)}),
     ("xela_server", {"models": ("uSPa22", "uSPa11"), "calibrated": True}),
+    ("synria_60", {"unit": 5}),
     ("xela_uskin", {"ids": "grid", "board": 3}),
     ("xela_uskin_4x6", {"first_id": 0x740, "board": 3}),
 ]
@@ -77,6 +89,16 @@ def test_no_fault_and_no_more_facts_unpinned_than_before(name):
     assert len(report.unpinned) == UNPINNED[name], "\n".join(
         [f"{len(report.unpinned)} instead of {UNPINNED[name]}: fewer? lower tests/data/unpinned.json", *report.unpinned]
     )
+
+
+def test_all_devices_are_made_in_a_moment():
+    """Each is made again at every restart, and all of them for the README's table."""
+    fp.create(fp.names()[0])
+    for name in fp.names():
+        fp.load(name)
+        begun = time.process_time()
+        fp.create(name)
+        assert time.process_time() - begun < 0.1, name
 
 
 @pytest.mark.parametrize(("name", "options"), VARIANTS, ids=str)
