@@ -27,6 +27,7 @@ VARIANTS = [
     ("agibot_omnihand_pro", {"device": 127}),
     ("agibot_omnihand_pro", {"device": 127}),
     ("ati_net_ft", {"tool": (0.01, -0.02, 0.1), "counts_per_torque": 2_000_000}),
+    ("ati_netcanoem", {"base": 0x100, "order": "012345"}),
     ("brainco_revo3", {"touch": "matrix", "packing": "single"}),
     ("brainco_revo3", {"touch": "matrix"}),
     ("contactile_papillarray", {"sensors": 1, "end_offset": True}),
