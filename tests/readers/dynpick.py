@@ -3,8 +3,8 @@
 Source: tork-a/dynpick_driver@d5ea649.
 A reading is Fx Fy Fz Mx My Mz in counts; 8192 is zero.
 
-Not settled by the description: the order of the six numbers (taken as that); upper or lower case of the digits (both are
-read); how the tick counts (one digit; not looked at); the answer to "p", which has the scale (not asked).
+Not settled by the description: the order of the six numbers (taken as that); upper or lower case of the digits (both
+are read); how the tick counts (one digit; not looked at); the answer to "p", which has the scale (not asked).
 """
 
 import string
