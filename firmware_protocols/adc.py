@@ -26,6 +26,14 @@ def int16(values: ArrayLike, order: str = ">") -> bytes:
     return np.asarray(quantize(values, 1.0, -0x8000, 0x7FFF), f"{order}i2").tobytes()
 
 
+def pack_12_bits(values: np.ndarray) -> bytes:
+    """Integers 0..4095 as a stream of 12 bits each, low bits first: two in three bytes, a last one alone in two."""
+    pairs = np.append(values, np.zeros(len(values) % 2, np.int64))
+    even, odd = pairs[0::2], pairs[1::2]
+    packed = np.stack([even & 0xFF, even >> 8 | (odd & 0x0F) << 4, odd >> 4], axis=-1)
+    return packed.astype(np.uint8).tobytes()[: (12 * len(values) + 7) // 8]
+
+
 class LowPass:
     """A first-order low-pass, exact for steps of any length.
 

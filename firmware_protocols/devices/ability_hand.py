@@ -42,7 +42,7 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_protocols import Column, Command, Counts, Device, Option, Outs, Reading, Restart, Serial, grid_layout
-from firmware_protocols.adc import quantize
+from firmware_protocols.adc import pack_12_bits, quantize
 from firmware_protocols.framing import Ppp, ppp
 from firmware_protocols.layouts import place, stack
 from firmware_protocols.motors import Motors
@@ -280,14 +280,6 @@ def touch_counts(force: np.ndarray) -> np.ndarray:
     felt = np.maximum(force - 0.878894, 1e-9)
     volts = 33000.0 / np.maximum(121591.0 / felt - 10000.0, 1e-3)
     return np.where(force > 0.878894, quantize(volts, 4096 / 3.3, 0, 4095), 0)
-
-
-def pack_12_bits(values: np.ndarray) -> bytes:
-    """Pairs of 12-bit values in three bytes, low byte first."""
-    even, odd = values[0::2], values[1::2]
-    packed = np.empty((len(even), 3), np.uint8)
-    packed[:, 0], packed[:, 1], packed[:, 2] = even & 0xFF, even >> 8 | (odd & 0x0F) << 4, odd >> 4
-    return packed.tobytes()
 
 
 def _int16(values: np.ndarray, counts_per_unit: float | np.ndarray) -> np.ndarray:

@@ -1,0 +1,271 @@
+"""BrainCo Revo3 Touch: a hand with eleven tactile modules, over Modbus RTU.
+
+Wire: RS-485, 5 Mbit/s (or 1, 2, 3) 8N1, Modbus RTU, unit 7E; functions 03, 04, 06, 16. Modules are the palm, then tip
+and pad of thumb, index, middle, ring and little finger. There are two kinds of sensors, told by register 135:
+
+    about                       1: piezoresistive array          2: high-density matrix
+    module on or off            4000..4010                       5900..5910
+    zero, all or one            4011, 4012..4022: 1              5214, 5215..5225: 1, and 2 takes it back
+    zeroed                      -                                5226, 5227..5237: 1
+    values, all or one          4024: 0 ADC, 1 raw, 2 [mN]       5202, 5203..5213: 0 ADC, 1 [10 mN]
+    what is shown               4023: 0 points, 1 forces         -
+    points of each module       4037..4047                       5191..5201
+    restart, all or one         -                                5179, 5180..5190: 1
+    forces [mN]                 4100..4141: 42 regions           -
+    points                      16 bits each                     8 bits each
+
+    first register of points, and how many
+    1: 4200 36   4250 31  4290 57   4350 21  4400 52   4460 21  4500 52   4560 21  4600 52   4660 21  4700 52
+    2: 5240 60   5340 60  5380 60   5440 60  5480 60   5540 60  5580 60   5640 60  5680 60   5740 60  5780 60
+
+The vendor's SDK reads two points of a matrix in one register, the first one in its high byte: 30 registers a module.
+The vendor's document has 60 registers a module, at 5240, 5300, 5360, 5420 ... (option ``packing=single``). Points are
+taken to follow row by row.
+
+Identity: 101 line speed [Mbit/s], 108 unit, 135 kind of touch; 240..260 and 270..290 the joints' limits [0.01 deg];
+3030, 3040, 3050 firmware, hardware and serial number, 20 characters each, two in a register. The serial number of a
+left Ultra Touch begins BCUTL4.
+
+Try it: ``tactemu run brainco_revo3``, then
+``await bc_revo3_sdk.Manager().connect_auto(port=..., protocol=ProtocolType.Modbus, slave_id=0x7E)``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Literal
+
+import numpy as np
+
+from firmware_protocols import Column, Command, Counts, Device, Layout, Option, Outs, Reading, Rs485, grid_layout
+from firmware_protocols.adc import quantize
+from firmware_protocols.layouts import filled, place, stack
+from firmware_protocols.protocols.modbus import Banks, Rtu, silence_ns
+from firmware_protocols.registers import RegisterMap, Registers
+
+MAP = RegisterMap(
+    """
+    202    >u2         baud        1..5  = 5  r
+    216    >u2         unit        1..247  = 126  r
+    270    >u2         kind        r
+    540    >i2 x 21    highest     = 9000  r
+    6060   u1 x 20     firmware    r
+    6080   u1 x 20     hardware    r
+    6100   u1 x 20     serial      r
+    8000   >u2 x 11    array_on    0..1  = 1
+    8022   >u2 x 12    array_zero  0..1
+    8046   >u2         shown       0..1
+    8048   >u2         array_mode  0..2
+    8050   >u2 x 12    factory     0..3
+    8074   >u2 x 11    array_size  r
+    8200   >u2 x 42    forces      r
+    8400   >u2 x 36    array_0     r
+    8500   >u2 x 31    array_1     r
+    8580   >u2 x 57    array_2     r
+    8700   >u2 x 21    array_3     r
+    8800   >u2 x 52    array_4     r
+    8920   >u2 x 21    array_5     r
+    9000   >u2 x 52    array_6     r
+    9120   >u2 x 21    array_7     r
+    9200   >u2 x 52    array_8     r
+    9320   >u2 x 21    array_9     r
+    9400   >u2 x 52    array_10    r
+    10358  >u2 x 12    restart     0..1
+    10382  >u2 x 11    matrix_size  r
+    10404  >u2 x 12    matrix_mode  0..1
+    10428  >u2 x 12    matrix_zero  0..2
+    10452  >u2 x 12    zeroed       r
+    10480  u1 x 1320   matrix       r
+    11800  >u2 x 11    matrix_on    0..1  = 1
+    """
+)
+"""By byte: two for each register. Twelve are all modules and each."""
+MATRIX = MAP.by_name["matrix"].address
+ARRAY_POINTS, MATRIX_POINTS = (36, 31, 57, 21, 52, 21, 52, 21, 52, 21, 52), (60,) * 11
+REGIONS = (1, 3, 6, 3, 5, 3, 5, 3, 5, 3, 5)
+"""Forces of each module."""
+PAIRS = (5240, 5340, 5380, 5440, 5480, 5540, 5580, 5640, 5680, 5740, 5780)
+MODULES = (
+    "palm",
+    *(f"{finger} {part}" for finger in ("thumb", "index", "middle", "ring", "little") for part in ("tip", "pad")),
+)
+ARRAY_SCALES, MATRIX_SCALES, MILLINEWTONS = np.array([200.0, 200.0, 1000.0]), np.array([50.0, 100.0]), 1000.0
+"""Counts/N by mode."""
+ZERO, UNDO = 1, 2
+
+
+class BraincoRevo3(Device):
+    """The hand's touch. Its joints do not move."""
+
+    name = "brainco_revo3"
+    title = "BrainCo Revo3 Touch hand"
+    kind = "hand"
+    evidence = ("vendor document", "driver")
+    sources = (
+        "BrainCoTech/brainco-revo3-sdk@7ba96eb docs/device/REVO3_TOUCH_API.md (registers of touch)",
+        "bc-revo3-sdk 2.3.2: what it reads and writes (identity, points per module, regions, packing)",
+    )
+    judge = "bc-revo3-sdk 2.3.2"
+    assumed = (
+        "places of the points: row by row, flat, normal +z, 2 mm pitch on fingers, 4 mm on the palm; matrices 10 x 6",
+        "a point is 200 counts/N (ADC, raw) or [mN] of an array, 0..4095; 50 counts/N (ADC) or [10 mN] of a matrix",
+        "the regions of a module are equal runs of its points; both forces and points can be read whatever 4023 says",
+        "functions 03 and 04 show the same registers; all others (joints, modules' serial numbers) read 0",
+        "a zero holds until the next restart; 4025..4036 have no effect; modules that are off read 0",
+        "joints' limits 0 and 90 deg; firmware and hardware as text; it answers at once; 100 Hz conversion",
+    )
+
+    def __init__(
+        self,
+        *,
+        touch: Annotated[Literal["array", "matrix"], Option("kind of sensors")] = "array",
+        packing: Annotated[
+            Literal["pairs", "single"], Option("points of a matrix in a register: as the SDK, or the document has it")
+        ] = "pairs",
+        serial: Annotated[str, Option("20 characters of ASCII; the SDK takes the model from it")] = "BCUTL40000000000",
+        baud: Annotated[Literal[1000000, 2000000, 3000000, 5000000], Option("line speed")] = 5000000,
+    ):
+        self.touch, self.packing, self.array = touch, packing, touch == "array"
+        self.ports = (Rs485(baud=baud),)
+        self.columns = (Column(name="touch", low=0, high=4095 if self.array else 255, push=1),)
+        self.layout = _hand(touch)
+        self.modules = np.repeat(np.arange(11), ARRAY_POINTS if self.array else MATRIX_POINTS)
+        """Of each point."""
+        self.registers = registers = Registers(MAP)
+        registers["kind"], registers["baud"] = 1 if self.array else 2, baud // 1_000_000
+        registers["array_size" if self.array else "matrix_size"] = ARRAY_POINTS if self.array else MATRIX_POINTS
+        for name, text in (("firmware", "0.1.2"), ("hardware", "V1.0"), ("serial", serial)):
+            registers[name] = list(text.encode("ascii")[:20].ljust(20, b"\0"))
+        self.unit = registers["unit"]
+        self.rtu = Rtu(counters=self.counters, gap_ns=silence_ns(baud))
+        self.felt = self.zero = np.zeros(len(self.layout))
+        self.counts = np.zeros(len(self.layout), int)
+
+    def feel(self, reading: Reading, t_ns: int) -> Counts:
+        """Points, 0..4095 of an array, 0..255 of a matrix, in the unit that their module is set to."""
+        self.felt = self.layout.push(reading["force"])
+        pushes = (self.felt - self.zero) * np.array(self.registers.all(f"{self.touch}_on"))[self.modules]
+        if self.array:
+            self.counts = quantize(pushes, ARRAY_SCALES[self.registers["array_mode"]], 0, 4095)
+            runs = [run.sum() for k, n in enumerate(REGIONS) for run in np.array_split(pushes[self.modules == k], n)]
+            self.registers["forces"] = np.array(runs) * MILLINEWTONS
+        else:
+            modes = np.array(self.registers.all("matrix_mode"))[1:]
+            self.counts = quantize(pushes, MATRIX_SCALES[modes][self.modules], 0, 255)
+        return self.counts
+
+    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+        """Modbus requests in chunks of any size."""
+        banks = Banks(holding=self, inputs=self, functions=(3, 4, 6, 16))
+        return self.rtu.answers(data, t_ns, {self.unit: banks})
+
+    def read(self, address: int, n: int, t_ns: int) -> bytes:
+        """Registers, with the points of the last conversion."""
+        wire, area = self.layout.on_wire(self.counts), np.zeros(1320, int)
+        for k, patch in enumerate(self.layout.patches):
+            points = wire[patch.taxels]
+            if self.array:
+                self.registers[f"array_{k}"] = points
+            elif self.packing == "single":
+                area[120 * k + 1 : 120 * k + 120 : 2] = points
+            else:
+                area[2 * PAIRS[k] - MATRIX :][:60] = points
+        self.registers["matrix"] = area
+        return self.registers.read(address, n)
+
+    def write(self, address: int, data: bytes, t_ns: int) -> Sequence[str]:
+        """Store, and do what was ordered."""
+        written = self.registers.write(address, data)
+        if self.array:
+            self._zero(self.registers.all("array_zero"))
+        else:
+            self._zero(self.registers.all("matrix_zero"))
+            self._zero([UNDO * order for order in self.registers.all("restart")])
+            if address <= MAP.by_name["matrix_mode"].address < address + len(data):
+                self.registers["matrix_mode"] = self.registers["matrix_mode"]  # the first is for all
+        self.registers.reset("array_zero", "matrix_zero", "restart")
+        return written
+
+    def _zero(self, orders: list[int]) -> None:
+        """Take the zero of all modules (the first order) and of each, or take it back."""
+        zeroed = np.array(self.registers.all("zeroed"))
+        for order, which in zip(orders, (slice(None), *range(11))):
+            if order:
+                points = np.isin(self.modules, np.arange(11)[which])
+                self.zero = np.where(points, self.felt if order == ZERO else 0.0, self.zero)
+                zeroed[1:][which] = order == ZERO
+        zeroed[0] = zeroed[1:].all()
+        self.registers["zeroed"] = zeroed
+
+    @property
+    def commands(self) -> tuple[Command, ...]:
+        """Of a hand with arrays, as it comes."""
+        if not self.array:
+            return ()
+        return tuple(
+            Command(name=name, request=f"7E {request}", reply=f"7E {reply or request}", origin=origin)
+            for name, request, reply, origin in _EXAMPLES
+        )
+
+
+def _hand(touch: str) -> Layout:
+    """Modules in wire order, each on its link; x across the hand, y along the fingers, z out of it."""
+    places = {"palm": (0.0, 0.0), "thumb": (0.06, 0.0), "index": (0.033, 0.06), "middle": (0.011, 0.07)}
+    places |= {"ring": (-0.011, 0.065), "little": (-0.033, 0.055)}
+    pads = []
+    for name, n in zip(MODULES, ARRAY_POINTS if touch == "array" else MATRIX_POINTS):
+        link, _, part = name.partition(" ")
+        pitch = 0.002 if part else 0.004
+        if touch == "matrix" or n == 36:
+            pad = grid_layout(n // 6, 6, pitch, name=name, link=link)
+        else:
+            pad = filled(n, 6 * pitch, n / 6 * pitch, name=name, link=link)
+        x, y = places[link]
+        pads.append(place(pad, (x, y + (0.025 if part == "tip" else 0.0), 0.0)))
+    return stack(*pads)
+
+
+_DOCUMENT, _SDK = BraincoRevo3.sources
+_STANDARD = "Modbus application protocol V1.1b3, 7"
+_EXAMPLES = (
+    # name, request, answer, without the unit; CRC by pymodbus; a write of one register comes back as it was
+    ("unit", "03 00 6C 00 01 4F D8", "03 02 00 7E 2D AE", _SDK),
+    ("serial number", "04 0B EA 00 0A 58 12", "04 14 ..{20} ..{2}", _SDK),
+    ("kind of touch", "03 00 87 00 01 3F EC", "03 02 00 01 6C 4E", _SDK),
+    ("hardware", "04 0B E0 00 0A 78 10", "04 14 ..{20} ..{2}", _SDK),
+    ("line speed", "03 00 65 00 01 9F DA", "03 02 00 05 6D 8D", _SDK),
+    ("lower limits", "03 00 F0 00 15 8F F9", "03 2A ..{42} ..{2}", _SDK),
+    ("upper limits", "03 01 0E 00 15 EF F5", "03 2A ..{42} ..{2}", _SDK),
+    ("firmware", "04 0B D6 00 0A 98 1E", "04 14 ..{20} ..{2}", _SDK),
+    ("points of each module", "03 0F C5 00 0B 1C EB", "03 16 ..{22} ..{2}", _SDK),
+    ("palm", "04 10 68 00 24 7E C2", "04 48 ..{72} ..{2}", _DOCUMENT),
+    ("thumb tip", "04 10 9A 00 1F 9E E2", "04 3E ..{62} ..{2}", _DOCUMENT),
+    ("thumb pad", "04 10 C2 00 39 9E EB", "04 72 ..{114} ..{2}", _DOCUMENT),
+    ("index tip", "04 10 FE 00 15 5F 3A", "04 2A ..{42} ..{2}", _DOCUMENT),
+    ("index pad", "04 11 30 00 34 FF 21", "04 68 ..{104} ..{2}", _DOCUMENT),
+    ("middle tip", "04 11 6C 00 15 FF 2B", "04 2A ..{42} ..{2}", _DOCUMENT),
+    ("middle pad", "04 11 94 00 34 BE C2", "04 68 ..{104} ..{2}", _DOCUMENT),
+    ("ring tip", "04 11 D0 00 15 3E CF", "04 2A ..{42} ..{2}", _DOCUMENT),
+    ("ring pad", "04 11 F8 00 34 7E DF", "04 68 ..{104} ..{2}", _DOCUMENT),
+    ("little tip", "04 12 34 00 15 7E BC", "04 2A ..{42} ..{2}", _DOCUMENT),
+    ("little pad", "04 12 5C 00 34 3F 78", "04 68 ..{104} ..{2}", _DOCUMENT),
+    ("modules that are on", "03 0F A0 00 0B 0C F4", "03 16 ..{22} ..{2}", _SDK),
+    ("forces of regions", "04 10 04 00 2A 3F 1B", "04 54 ..{84} ..{2}", _SDK),
+    ("what is shown", "03 0F B7 00 01 3C F7", "03 02 00 00 AD 8E", _SDK),
+    ("show forces", "06 0F B7 00 01 F0 F7", "", _SDK),
+    ("values [mN]", "06 0F B8 00 02 80 F5", "", _SDK),
+    ("zero all", "06 0F AB 00 01 31 31", "", _SDK),
+    ("zero the index finger's tip", "06 0F AF 00 01 70 F0", "", _SDK),
+    ("palm off", "06 0F A0 00 00 81 33", "", _SDK),
+    (
+        "all modules on",
+        "10 0F A0 00 0B 16 00 01 00 01 00 01 00 01 00 01 00 01 00 01 00 01 00 01 00 01 00 01 AA 7B",
+        "10 0F A0 00 0B 89 37",
+        _SDK,
+    ),
+    ("factory's zero of the palm", "06 0F BA 00 03 E0 F5", "", _DOCUMENT),
+    ("beyond the map: illegal address", "03 23 28 00 01 04 49", "83 02 F1 29", _STANDARD),
+    ("write a point: illegal address", "06 10 68 00 01 C6 D9", "86 02 F2 79", _STANDARD),
+    ("mode 3: illegal value", "06 0F B8 00 03 41 35", "86 03 33 B9", _STANDARD),
+    ("read coils: illegal function", "01 00 00 00 01 F6 05", "81 01 B0 48", _STANDARD),
+)

@@ -1,0 +1,177 @@
+r"""Nibotics NI-PRVS01: seven motors; pressure and warmth at nineteen places, sound and motion.
+
+Wire: USB-CDC, opened at 115200. The hand sends, unasked, two messages after each conversion; the host sends orders,
+which are not answered. A message with a bad check is dropped.
+
+    1    hand    14 microphones of 12 bits, in 12 and 9 bytes
+    2    hand    pressures and temperatures by channel, seven positions of 12 bits in 11 bytes, speeds, motion
+    3    host    seven positions 0..4095, then seven speeds 0..100: little, ring, middle, index, three axes of the thumb
+
+Channels: little 0..2, ring 4..6, middle 8..10, index 12..14, thumb 16..18, palm 20..23, row by row, a finger's first at
+its top; 3, 7, 11, 15 and 19 are not in use. An older firmware has 19 channels, the same without the palm; a host tells
+them apart by the length. The one driver does not show the palm's.
+
+Try it: ``tactemu run nibotics_prvs01``, then ``NI_PRVS01(port)`` of ``nibotics``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Literal
+
+import numpy as np
+
+from firmware_protocols import (
+    Column,
+    Command,
+    Counts,
+    Device,
+    Option,
+    Outs,
+    Reading,
+    Sense,
+    Serial,
+    grid_layout,
+    points,
+)
+from firmware_protocols.adc import pack_12_bits, quantize
+from firmware_protocols.framing import MORE, NO_PACKET, SOUND, Packets
+from firmware_protocols.layouts import place, stack
+from firmware_protocols.motors import Motors
+from firmware_protocols.sums import crc8
+from firmware_protocols.tables import Frame
+
+MESSAGE = Frame("""
+    message, either direction
+    0     AA 01          head
+    2     <u2            length = len(data)
+    4     u1             length_check    crc8 of the length
+    5     <u2            kind
+    7     bytes          data
+    last  crc8 from 5    check
+""")
+GENERAL = Frame("""
+    general, the data of message 2; by channel
+    0     <f4 x channels    pressures
+    ..    <f4 x channels    temperatures    [deg C]
+    ..    bytes x 11        positions       12 bits each, low bits first
+    ..    u1 x 7            speeds
+    ..    <i2 x 2 x 3       motion          acceleration and rotation: x, y, z
+""")
+ORDER = Frame("""
+    order, the data of message 3
+    0     <u2 x 7           positions
+    14    u1 x 7            speeds
+""")
+MICROPHONES, GENERAL_KIND, ORDER_KIND = 1, 2, 3
+FINGERS = {
+    # name: centre in the palm's frame [m]
+    "little": (-0.033, 0.08, 0.0), "ring": (-0.011, 0.095, 0.0), "middle": (0.011, 0.1, 0.0),
+    "index": (0.033, 0.09, 0.0), "thumb": (0.06, 0.03, 0.0),
+}  # fmt: skip
+ACTUATORS = ("pinky", "ring", "middle", "index", "thumb_radial_extension", "thumb_flexion", "thumb_grasp")
+PALM_CHANNELS = range(20, 24)
+HEARD = np.full(14, 2048)
+COUNTS_PER_SPEED = 41.0
+PER_G, PER_DEGREE = 4096 / 9.80665, 32.8
+
+
+class NiboticsPrvs01(Device):
+    """The hand as it streams."""
+
+    name = "nibotics_prvs01"
+    kind = "hand"
+    title = "Nibotics NI-PRVS01 hand"
+    ports = (Serial(baud=115200, usb=True),)
+    rate_hz = 100.0
+    evidence = ("driver",)
+    sources = ("nibotics-hand 0.1.0 protocol.py, definitions.py, hand.py",)
+    judge = "nibotics-hand 0.1.0"
+    assumed = (
+        "pressures in Pa of what pushes, 0 at rest (no unit is stated); channels that are not in use read 0",
+        "places: three in a row at 15 mm on each finger, 2 x 2 at 25 mm on the palm, in one plane, normal +z",
+        "a place stands for the square of its pitch; both messages 100 times a second; microphones read 2048",
+        "4096 counts/g, 32.8 counts/(deg/s), in the palm's axes",
+        "speed n is 41 n counts/s; a speed reads as ordered while its motor moves, else 0; speeds above 100 are 100",
+    )
+
+    def __init__(
+        self,
+        *,
+        channels: Annotated[Literal[24, 19], Option("of its firmware; 19 is older and has no palm")] = 24,
+        counts_per_pascal: Annotated[float, Option("pressure as it is sent", unit="1/Pa")] = 1.0,
+    ):
+        self.counts_per_pascal = counts_per_pascal
+        pads = [place(grid_layout(3, 1, 0.015, name=name, link=name), base) for name, base in FINGERS.items()]
+        palm = [grid_layout(2, 2, 0.025, name="palm", link="palm")] if channels == 24 else []
+        self.layout = stack(*pads, *palm)
+        self.channels = np.array([4 * k + j for k in range(5) for j in range(3)] + [*PALM_CHANNELS] * bool(palm))
+        board = points({"board": (0.0, 0.0, -0.01)}, link="palm" if palm else "")
+        self.senses = (
+            "pressure", "temperature", Sense("acceleration", at=board), Sense("angular_velocity", at=board),
+        )  # fmt: skip
+        self.columns = (Column(name="pressure", unit="Pa", counts_per_unit=counts_per_pascal, low=0, high=1e9, push=1),)
+        self.general = GENERAL.bind(channels=channels)
+        self.packets = Packets(b"\xaa\x01", _size, _check, counters=self.counters)
+        self.pressures, self.temperatures = np.zeros(channels, np.float32), np.zeros(channels, np.float32)
+        self.motion = np.zeros((2, 3), np.int64)
+        self.motors = Motors(np.zeros(7), low=0, high=4095, time_constant_s=0.0, speed_limit=100 * COUNTS_PER_SPEED)
+        self.speeds = np.full(7, 100)
+
+    def feel(self, reading: Reading, t_ns: int) -> Counts:
+        """Pressures as float32, shape ``(19,)``, or 15 without a palm."""
+        felt = np.clip(reading["pressure"] * self.counts_per_pascal, 0.0, 1e9).astype(np.float32)
+        self.pressures[self.channels] = self.layout.on_wire(felt)
+        self.temperatures[self.channels] = self.layout.on_wire(reading["temperature"])
+        motion = np.stack([reading["acceleration"][0] * PER_G, np.rad2deg(reading["angular_velocity"][0]) * PER_DEGREE])
+        self.motion = quantize(motion, 1.0, -0x8000, 0x7FFF)
+        return felt
+
+    def stream(self, t_ns: int, name: str) -> Outs:
+        """Both messages."""
+        positions = np.rint(self.motors.positions(t_ns)).astype(np.int64)
+        data = self.general.pack(
+            pressures=self.pressures,
+            temperatures=self.temperatures,
+            positions=pack_12_bits(positions),
+            speeds=np.where(self.motors.moving(t_ns), self.speeds, 0),
+            motion=self.motion,
+        )
+        return [message(GENERAL_KIND, data), message(MICROPHONES, pack_12_bits(HEARD[:8]) + pack_12_bits(HEARD[8:]))]
+
+    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+        """Orders in chunks of any size."""
+        for packet in self.packets.cut(data, t_ns):
+            order = ORDER.unpack(packet[7:-1]) if int.from_bytes(packet[5:7], "little") == ORDER_KIND else None
+            if order is None:
+                self.counters["unknown_command"] += 1
+                continue
+            self.speeds = np.minimum(order["speeds"], 100)
+            self.motors.limit_speed(self.speeds * COUNTS_PER_SPEED, t_ns)
+            self.motors.go(order["positions"], t_ns)
+        return ()
+
+    def joints(self, t_ns: int) -> Mapping[str, float]:
+        """How far each motor is closed [rad], a quarter turn in all."""
+        return dict(zip(ACTUATORS, (self.motors.positions(t_ns) / 4095 * np.pi / 2).tolist()))
+
+    @property
+    def commands(self) -> tuple[Command, ...]:
+        """The order, which is not answered."""
+        order = "AA 01 15 00 16 03 00 00 00 00 00 00 00 D2 04 00 00 00 00 00 00 64 64 64 4D 64 64 64 15"
+        return (Command(name="index to 1234 at 77", request=order, origin="frame of nibotics-hand 0.1.0"),)
+
+
+def message(kind: int, data: bytes) -> bytes:
+    """A message, either direction."""
+    return MESSAGE.pack(length_check=crc8(len(data).to_bytes(2, "little")), kind=kind, data=data)
+
+
+def _size(data: bytes) -> int | str:
+    if len(data) < 5:
+        return MORE
+    return 8 + int.from_bytes(data[2:4], "little") if crc8(data[2:4]) == data[4] else NO_PACKET
+
+
+def _check(packet: bytes) -> str:
+    return "bad_checksum" if crc8(packet[5:]) else SOUND
