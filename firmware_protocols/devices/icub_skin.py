@@ -1,7 +1,8 @@
 """iCub skin (iCub, iCub3, ergoCub; boards MTB and MTB4): capacitive triangles on CAN, values that fall when pressed.
 
 Wire: classic CAN, 1 Mbit/s, standard ids ``class << 8 | source << 4 | x``. Several boards share the bus; a board
-carries up to 16 triangles of 12 pads (10 taxels, thermal pads 6 and 10: ``icub_triangles.py``).
+carries up to 16 triangles of 12 pads (10 taxels, thermal pads 6 and 10: ``icub_triangles.py``). On the board of a hand
+triangles 0 to 4 are the fingertips, whose 12 pads all feel, and 8 to 11 the palm.
 
 Host to board b (1..14), id 0x200 | b, never answered, bytes behind these ignored:
 
@@ -12,7 +13,8 @@ Host to board b (1..14), id 0x200 | b, never answered, bytes behind these ignore
     07 00, 07 01                             start, stop
     4C, 4E                                   obsolete set-up; 4C starts at once, every 40 ms, all triangles
 
-Board to host, two frames of the same id per enabled triangle and period: ``HEAD`` and ``TAIL``.
+Board to host, two frames of the same id per enabled triangle and period: ``HEAD`` and ``TAIL``. Old firmware (option
+``firmware``) knows the obsolete set-up alone, and sends under class 3 in place of 4.
 
 Flags: 1 the chip does not acknowledge, 2 triangle not connected. A pad reads
 ``noload - ((raw - offset - drift) >> shift)``, clamped to 0..255; ``drift`` is what the thermal pads say (type 0 only).
@@ -32,9 +34,21 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from firmware_protocols import Can, CanFrame, Column, Command, Counts, Device, Option, Outs, Reading, Stream
+from firmware_protocols import Can, CanFrame, Column, Command, Counts, Device, Layout, Option, Outs, Reading, Stream
 from firmware_protocols.adc import quantize
-from firmware_protocols.devices.icub_triangles import PADS, TAXELS, THERMAL, Place, flat, forearm_places, wrapped
+from firmware_protocols.devices.icub_triangles import (
+    PADS,
+    PALM,
+    SHEETS,
+    TAXELS,
+    THERMAL,
+    Place,
+    fingertip,
+    flat,
+    places_of,
+    wrapped,
+)
+from firmware_protocols.layouts import place, stack
 from firmware_protocols.tables import Frame
 
 HEAD = Frame("""
@@ -51,7 +65,12 @@ TAIL = Frame("""
 """)
 TRIANGLES = 16
 NO_ACK, NOT_CONNECTED = 1, 2
-COMPENSATED = 0
+COMPENSATED, OF_A_HAND = 0, 1
+NEW, OLD = 4, 3
+"""Classes of identifiers."""
+FINGERS = ("index", "middle", "ring", "little", "thumb")
+HAND = (0, 1, 2, 3, 4, 8, 9, 10, 11)
+"""Numbers of a hand's fingertips and palm triangles."""
 MS = 1_000_000
 
 REST, RAW_MAX = 0x6000, 0xFFFF
@@ -68,8 +87,14 @@ class Board:
     """In the layout, in the order of the pads, triangle by triangle."""
     normals: np.ndarray
     """Of these taxels."""
+    numbers: list[int]
+    """Of its triangles."""
+    feeling: list[tuple[int, ...]]
+    """Pads of each triangle that are taxels."""
     flags: list[int]
     """Of each triangle."""
+    family: int = NEW
+    """Class of its identifiers."""
     kind: int = COMPENSATED
     no_load: int = NO_LOAD
     period_ns: int = 50 * MS
@@ -86,13 +111,15 @@ class Board:
         self.shift = np.full((n, 1), SHIFT)
         self.enabled = np.ones(n, bool)
         self.flagged = np.array(self.flags)[:, None] != 0
-        self.pad_of = (PADS * np.arange(n)[:, None] + np.array(TAXELS)).ravel()
-        self.taxel_of = np.full((n, PADS), n * len(TAXELS))
-        self.taxel_of.ravel()[self.pad_of] = np.arange(n * len(TAXELS))
+        self.pad_of = np.concatenate([PADS * k + np.array(pads) for k, pads in enumerate(self.feeling)])
+        self.taxel_of = np.full((n, PADS), len(self.pad_of))
+        self.taxel_of.ravel()[self.pad_of] = np.arange(len(self.pad_of))
+        sizes = np.array([len(pads) for pads in self.feeling])
+        self.sizes, self.starts = sizes[:, None], np.cumsum(sizes) - sizes
 
     def convert(self, push: np.ndarray, temperature: np.ndarray) -> np.ndarray:
         """What every pad reads, uint8, shape ``(n_triangles, 12)``; of pushes [N] and temperatures [deg C] by taxel."""
-        warmth = np.add.reduce(temperature.reshape(-1, len(TAXELS)), 1, keepdims=True) / len(TAXELS) - 25.0
+        warmth = np.add.reduceat(temperature, self.starts)[:, None] / self.sizes - 25.0
         pushed = np.append(RAW_PER_NEWTON * np.maximum(push, 0.0), 0.0)  # what a thermal pad feels
         self.raw = quantize(REST + RAW_PER_DEG * warmth + pushed[self.taxel_of], high=RAW_MAX)
         change = self.raw - self.offset
@@ -108,9 +135,9 @@ class Board:
         frames = []
         out = (self.raw <= 0) | (self.raw >= RAW_MAX)
         at_the_end = (out @ (1 << np.arange(PADS))).tolist() if out.any() else [0] * len(out)
-        for triangle in np.flatnonzero(self.enabled).tolist():
-            ident, pads, mask = 0x400 | self.address << 4 | triangle, self.pads[triangle], at_the_end[triangle]
-            ending = (mask & 0xF) << 4 | self.flags[triangle]
+        for k in np.flatnonzero(self.enabled).tolist():
+            ident, pads, mask = self.family << 8 | self.address << 4 | self.numbers[k], self.pads[k], at_the_end[k]
+            ending = (mask & 0xF) << 4 | self.flags[k]
             tail = TAIL.pack(pads=pads[7:], out_of_range=mask >> 4, ending=ending)
             frames += [CanFrame(arbitration_id=ident, data=data) for data in (HEAD.pack(pads=pads[:7]), tail)]
         return frames
@@ -120,11 +147,12 @@ class Board:
         match tuple(data):
             case [0x07, (0 | 1) as stop, *_]:
                 self.transmitting = not stop
-            case [0x4D, kind, period, no_load, *_]:
+            case [0x4D, kind, period, no_load, *_] if self.family == NEW:
                 self.kind, self.period_ns, self.no_load = kind, max(period, 1) * MS, no_load
                 self.enabled[:] = False
-            case [0x50, first, last, shift, enable, _, _, *_] if first <= last < TRIANGLES:
-                self.transmitting, which = False, slice(first, last + 1)
+            case [0x50, first, last, shift, enable, _, _, *_] if self.family == NEW and first <= last < TRIANGLES:
+                self.transmitting = False
+                which = [k for k, number in enumerate(self.numbers) if first <= number <= last]
                 self.enabled[which], self.shift[which] = bool(enable & 1), min(shift, 15)
                 self.offset[which] = self.raw[which]
             case [0x4C, *_]:
@@ -156,6 +184,10 @@ class IcubSkin(Device[CanFrame]):
         f"{RAW_PER_NEWTON:.0f} raw counts/N and {RAW_PER_DEG:.0f} per deg C, every pad alike; a pad is out of range at "
         "the ends of a 16-bit converter",
         "forearm: a cylinder of 40 mm radius, 3 strips of 8 triangles, 3 triangles a board (a robot's is a free form)",
+        "upper arm: 45 mm radius, 5 strips of 7; torso: flat, 4 strips of 11; 16 triangles a board",
+        "hand: index, middle, ring, little, thumb, each 4 x 3 pads row by row at 4 mm around 7 mm; palm triangles in a "
+        "row, ten taxels each (a hand V2.1 has 104 in all); numbers 0 to 4 and 8 to 11; type 1 after power-up",
+        "old firmware: the frames of the new one, 40 ms",
         "pad coordinates of the triangle as its drawing tool places them; edge 30 mm",
         "types other than 0 do not compensate; the cdc offset shifts nothing that calibration does not take away",
         "slots without a triangle are not sent; a triangle with a flag is sent at no load; 4E does nothing",
@@ -164,27 +196,47 @@ class IcubSkin(Device[CanFrame]):
     def __init__(
         self,
         *,
-        part: Annotated[Literal["forearm", "triangle"], Option("24 triangles, or one")] = "forearm",
-        triangles_per_board: Annotated[int, Option("in order", low=1, high=TRIANGLES)] = 3,
+        part: Annotated[
+            Literal["forearm", "upper_arm", "torso", "hand", "triangle"],
+            Option("24, 35 or 44 triangles; five fingertips and a palm of four; or one triangle"),
+        ] = "forearm",
+        firmware: Annotated[Literal["new", "old"], Option("old: the set-up 4C and 4E, identifiers of class 3")] = "new",
+        triangles_per_board: Annotated[
+            int | None, Option("in order; default: 3 on a forearm, else 16", low=1, high=TRIANGLES)
+        ] = None,
         first_board: Annotated[int, Option("address of the first board; the others follow", low=1, high=14)] = 1,
         no_ack: Annotated[tuple[str, ...], Option("triangles whose chip does not answer, as board.triangle")] = (),
         not_connected: Annotated[tuple[str, ...], Option("triangles that are unplugged")] = (),
     ):
-        places = forearm_places() if part == "forearm" else [Place(0.0, 0.0, False)]
-        slots = [(first_board + k // triangles_per_board, k % triangles_per_board) for k in range(len(places))]
+        numbers = HAND if part == "hand" else range(TRIANGLES)
+        n = len(HAND) if part == "hand" else len(places_of(SHEETS[part])) if part in SHEETS else 1
+        per_board = triangles_per_board or (3 if part == "forearm" else TRIANGLES)
+        slots = [(first_board + k // per_board, numbers[k % per_board]) for k in range(n)]
         names = [f"{board}.{triangle}" for board, triangle in slots]
         if (last := slots[-1][0]) > 14:
             raise ValueError(f"boards have addresses 1..14, got {first_board}..{last}: put more triangles on each")
         if unknown := [name for name in (*no_ack, *not_connected) if name not in names]:
             raise ValueError(f"no triangle {unknown[0]!r}; there are {names[0]} to {names[-1]} (board.triangle)")
-        self.title = "iCub skin, forearm of 24 triangles" if part == "forearm" else "iCub skin, one triangle"
-        self.layout = wrapped(places, names) if part == "forearm" else flat(places, names)
+        self.layout = _layout(part, names)
+        self.title = f"iCub skin, {part.replace('_', ' ')} of {n} triangles"
+        if part in ("hand", "triangle"):
+            self.title = "iCub skin, five fingertips and palm" if part == "hand" else "iCub skin, one triangle"
+        feeling = [tuple(range(PADS)) if part == "hand" and k < len(FINGERS) else TAXELS for k in range(n)]
         flags = [NO_ACK * (name in no_ack) | NOT_CONNECTED * (name in not_connected) for name in names]
+        order = np.split(self.layout.wire_order, np.cumsum([len(pads) for pads in feeling])[:-1])
         self.boards: dict[str, Board] = {}
-        for start in range(0, len(places), triangles_per_board):
-            address, own = slots[start][0], flags[start : start + triangles_per_board]
-            taxels = self.layout.wire_order[start * len(TAXELS) :][: len(own) * len(TAXELS)]
-            self.boards[f"board {address}"] = Board(address, taxels, self.layout.normals[taxels], own)
+        for start in range(0, n, per_board):
+            own, taxels = slice(start, start + per_board), np.concatenate(order[start : start + per_board])
+            self.boards[f"board {slots[start][0]}"] = Board(
+                slots[start][0],
+                taxels,
+                self.layout.normals[taxels],
+                [number for _, number in slots[own]],
+                feeling[own],
+                flags[own],
+                OLD if firmware == "old" else NEW,
+                OF_A_HAND if part == "hand" else COMPENSATED,
+            )
         self.ports = (Can(hears=tuple((0x200 | board.address, 0x7FF) for board in self.boards.values())),)
         self.streams = {name: Stream(1e9 / board.period_ns) for name, board in self.boards.items()}
         self.counts = np.full(len(self.layout), NO_LOAD, np.uint8)
@@ -218,9 +270,10 @@ class IcubSkin(Device[CanFrame]):
     @property
     def commands(self) -> tuple[Command, ...]:
         """The set-up in the order of the robot's driver, for the first board; the others take the same. All silent."""
-        to = f"{0x200 | next(iter(self.boards.values())).address:03X}#"
+        board = next(iter(self.boards.values()))
+        to, known = f"{0x200 | board.address:03X}#", _SET_UP if board.family == NEW else _SET_UP[2:]
         return tuple(
-            Command(name=name, request=to + data, about=about, origin=origin) for name, data, about, origin in _SET_UP
+            Command(name=name, request=to + data, about=about, origin=origin) for name, data, about, origin in known
         )
 
 
@@ -233,3 +286,14 @@ _SET_UP = (
     ("old board set-up", "4C 00 00 00", "obsolete; starts at once", _MESSAGES),
     ("old triangle set-up", "4E 00 00 00", "obsolete", _MESSAGES),
 )
+
+
+def _layout(part: str, names: list[str]) -> Layout:
+    """Where the triangles of a part are; patches named ``names``."""
+    if part == "hand":
+        tips = [fingertip(name, finger, (2 - k) * 0.02) for k, (name, finger) in enumerate(zip(names, FINGERS))]
+        return stack(*tips, place(flat(places_of(PALM), names[len(tips) :], "palm"), (0.0, -0.08, 0.0)))
+    if part == "triangle":
+        return flat([Place(0.0, 0.0, False)], names)
+    sheet = SHEETS[part]
+    return wrapped(places_of(sheet), names, sheet.radius) if sheet.radius else flat(places_of(sheet), names)

@@ -1,4 +1,4 @@
-"""Geometry of the iCub skin: the triangle of ten taxels and two thermal pads, and a forearm tiled with them.
+"""Geometry of the iCub skin: the triangle of ten taxels and two thermal pads, surfaces tiled with it, a fingertip.
 
 A triangle is a flexible board of 12 pads: ten taxels on a triangular lattice of pitch 6.533 mm (rows of 4, 3, 2, 1) and
 two thermal pads, 6 and 10, in the gaps. Pads are numbered as they are sent; x, y in mm from the triangle's centroid:
@@ -10,7 +10,8 @@ two thermal pads, 6 and 10, in the gaps. Pads are numbered as they are sent; x, 
                 6                               6   (-6.510, -3.750)  thermal
             5      4       2       1            5   (-9.800, -5.658)      4 (-3.267, -5.658)    2, 1 to +x
 
-Triangles join side to side, every other one upside down, and bend with the surface that carries them.
+Triangles join side to side, every other one upside down, and bend with the surface that carries them. The twelve pads
+of a fingertip all feel.
 """
 
 from __future__ import annotations
@@ -40,7 +41,20 @@ SIDE = 0.030
 HEIGHT = SIDE * np.sqrt(3) / 2
 
 FOREARM_RADIUS = 0.040
-FOREARM_STRIPS, FOREARM_PER_STRIP = 3, 8
+TIP_PITCH, TIP_RADIUS = 0.004, 0.007
+
+
+class Sheet(NamedTuple):
+    """Strips of triangles, around a cylinder or flat."""
+
+    strips: int
+    per_strip: int
+    radius: float = 0.0
+    """[m]; 0: flat."""
+
+
+SHEETS = {"forearm": Sheet(3, 8, FOREARM_RADIUS), "upper_arm": Sheet(5, 7, 0.045), "torso": Sheet(4, 11)}
+PALM = Sheet(1, 4)
 
 
 class Place(NamedTuple):
@@ -51,15 +65,17 @@ class Place(NamedTuple):
     upside_down: bool
 
 
-def flat(places: list[Place], names: list[str]) -> Layout:
+def flat(places: list[Place], names: list[str], link: str = "") -> Layout:
     """Triangles on the plane z = 0, normal +z; patches named ``names``."""
     uw = _unrolled(places)
     return Layout(
-        positions=np.column_stack([uw, np.zeros(len(uw))]), normals=np.array([0.0, 0.0, 1.0]), patches=_patches(names)
+        positions=np.column_stack([uw, np.zeros(len(uw))]),
+        normals=np.array([0.0, 0.0, 1.0]),
+        patches=_patches(names, link),
     )
 
 
-def wrapped(places: list[Place], names: list[str], radius: float = FOREARM_RADIUS) -> Layout:
+def wrapped(places: list[Place], names: list[str], radius: float) -> Layout:
     """Triangles around a cylinder about the link's z axis, ``u`` = 0 at +x, ``w`` along z; normals point outwards."""
     u, w = _unrolled(places).T
     cos, sin, zero = np.cos(u / radius), np.sin(u / radius), np.zeros_like(u)
@@ -71,16 +87,31 @@ def wrapped(places: list[Place], names: list[str], radius: float = FOREARM_RADIU
     )
 
 
-def forearm_places() -> list[Place]:
-    """Three strips of eight around the arm, 24 triangles: 240 taxels over about 150 degrees and 78 mm."""
+def places_of(sheet: Sheet) -> list[Place]:
+    """Strip by strip; of a forearm 24 triangles, 240 taxels over about 150 degrees and 78 mm."""
     places = []
-    for strip in range(FOREARM_STRIPS):
-        base = (strip - FOREARM_STRIPS / 2) * HEIGHT
-        for k in range(FOREARM_PER_STRIP):
+    for strip in range(sheet.strips):
+        base = (strip - sheet.strips / 2) * HEIGHT
+        for k in range(sheet.per_strip):
             upside_down = (k + strip) % 2 == 1
-            u = (k - (FOREARM_PER_STRIP - 1) / 2) * SIDE / 2
+            u = (k - (sheet.per_strip - 1) / 2) * SIDE / 2
             places.append(Place(u, base + HEIGHT * (2 / 3 if upside_down else 1 / 3), upside_down))
     return places
+
+
+def fingertip(name: str, link: str, x: float) -> Layout:
+    """Twelve pads, 4 x 3 row by row, the tip to +y, bent across around the finger's axis; centred at ``x`` [m]."""
+    rows, cols = 4, 3
+    y, angle = np.meshgrid(
+        ((rows - 1) / 2 - np.arange(rows)) * TIP_PITCH, (np.arange(cols) - 1) * TIP_PITCH / TIP_RADIUS, indexing="ij"
+    )
+    sin, cos, zero = np.sin(angle).ravel(), np.cos(angle).ravel(), np.zeros(rows * cols)
+    return Layout(
+        positions=np.column_stack([x + TIP_RADIUS * sin, y.ravel(), TIP_RADIUS * (cos - 1)]),
+        normals=np.column_stack([sin, zero, cos]),
+        x_axes=np.column_stack([cos, zero, -sin]),
+        patches=(Patch(name=name, start=0, rows=rows, cols=cols, pitch=TIP_PITCH, link=link),),
+    )
 
 
 def _unrolled(places: list[Place]) -> np.ndarray:
@@ -89,8 +120,9 @@ def _unrolled(places: list[Place]) -> np.ndarray:
     return np.concatenate([(-taxels if p.upside_down else taxels) + (p.u, p.w) for p in places])
 
 
-def _patches(names: list[str]) -> tuple[Patch, ...]:
+def _patches(names: list[str], link: str = "") -> tuple[Patch, ...]:
     n = len(TAXELS)
     return tuple(
-        Patch(name=name, start=k * n, rows=0, cols=n, pitch=PITCH, area=PITCH * _ROW) for k, name in enumerate(names)
+        Patch(name=name, start=k * n, rows=0, cols=n, pitch=PITCH, area=PITCH * _ROW, link=link)
+        for k, name in enumerate(names)
     )

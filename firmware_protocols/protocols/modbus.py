@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from collections.abc import Container, Mapping
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass
 
 from firmware_protocols.registers import Memory, Refused, Why
@@ -44,6 +44,8 @@ class Banks:
     """Whether numbers lie in memory low byte first. On the wire the high byte is first."""
     functions: Container[int] | None = None
     """Those that the firmware knows; default: all that its tables allow."""
+    own: Callable[[bytes], bytes | None] | None = None
+    """The answer to functions of its own, as PDUs; ``None``: not one of them. May raise :class:`Refused`."""
 
 
 def silence_ns(baud: int) -> int:
@@ -68,6 +70,8 @@ def mbap(unit: int, pdu: bytes, *, transaction: int = 1) -> bytes:
 def answer(pdu: bytes, banks: Banks, t_ns: int) -> bytes:
     """The PDU that answers a request; an exception if the memory or its form refuses it."""
     try:
+        if banks.own is not None and (reply := banks.own(pdu)) is not None:
+            return reply
         act, whole = _FUNCTIONS.get(pdu[0], (None, None))
         if act is None or whole is None or not (banks.functions is None or pdu[0] in banks.functions):
             raise Refused("function")
@@ -214,11 +218,13 @@ class Rtu:
     Args:
         counters: the device's; gets ``requests``, ``refused``, ``other_unit``, ``bad_checksum``, ``broken_frames``.
         gap_ns: the silence, see :func:`silence_ns`.
+        sizes: bytes of requests with a function of the firmware's own, by function, unit and CRC included.
     """
 
-    def __init__(self, *, counters: Counter[str], gap_ns: int = 1_750_000):
+    def __init__(self, *, counters: Counter[str], gap_ns: int = 1_750_000, sizes: Mapping[int, int] | None = None):
         self.gap_ns = gap_ns
         self._counters = counters
+        self._sizes = dict(sizes or {})
         self._buffer = b""
         self._heard_ns = 0
 
@@ -254,7 +260,7 @@ class Rtu:
     def _size(self, units: Container[int]) -> int:
         """Bytes of the sound frame that begins the buffer, 0 while there is none."""
         buffer = self._buffer
-        size = _rtu_size(buffer)
+        size = (self._sizes.get(buffer[1], 0) if len(buffer) > 1 else 0) or _rtu_size(buffer)
         waiting = len(buffer) < size <= LONGEST_RTU
         if len(buffer) < 4 or (waiting and (buffer[0] == BROADCAST or buffer[0] in units)):
             return 0

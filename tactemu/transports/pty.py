@@ -65,6 +65,8 @@ class PtyTransport(Transport):
         self._poll = select.poll()
         self._heard = self._leaving = False
         """Whether a driver has the port open; whether it has closed it and left bytes that are still being read."""
+        self._told = b""
+        """The driver's settings as the kernel last told them."""
         self._setting: SerialSetting | None = None
         self._lines: deque[LinesChanged] = deque()
         self._rest = b""
@@ -100,7 +102,8 @@ class PtyTransport(Transport):
         os.close(slave)
         os.set_blocking(self._master, False)
         self._poll.register(self._master, select.POLLIN)
-        self._setting = self._read_setting()
+        self._told = self._tell()
+        self._setting = _setting_of(self._told)
         self._openings = Openings(self._name)
 
     def close(self) -> None:
@@ -241,19 +244,25 @@ class PtyTransport(Transport):
         return self._setting
 
     def _changed_setting(self) -> list[Event]:
-        setting = self._read_setting()
+        told = self._tell()
+        if told == self._told:
+            return []
+        self._told, setting = told, _setting_of(told)
         if setting == self._setting or setting.baud is None:  # speed 0 hangs up, which a pseudo terminal cannot
             return []
         self._setting = setting
         return [SettingChanged(setting)]
 
-    def _read_setting(self) -> SerialSetting:
+    def _tell(self) -> bytes:
         """Asked of our side, the kernel gives the other side's settings; ``TCGETS2`` knows custom rates too."""
-        settings = fcntl.ioctl(self._master, _TCGETS2, bytes(_TERMIOS2.size))
-        _, _, control, *_, baud = _TERMIOS2.unpack(settings)
-        odd = bool(control & termios.PARODD)
-        parity = ("S", "M")[odd] if control & _CMSPAR else (None, "O")[odd]
-        return SerialSetting(baud=baud or None, parity=parity, stopbits=2 if control & termios.CSTOPB else 1)
+        return fcntl.ioctl(self._master, _TCGETS2, bytes(_TERMIOS2.size))
+
+
+def _setting_of(told: bytes) -> SerialSetting:
+    _, _, control, *_, baud = _TERMIOS2.unpack(told)
+    odd = bool(control & termios.PARODD)
+    parity = ("S", "M")[odd] if control & _CMSPAR else (None, "O")[odd]
+    return SerialSetting(baud=baud or None, parity=parity, stopbits=2 if control & termios.CSTOPB else 1)
 
 
 def _leave_to_change(slave: int) -> None:

@@ -233,3 +233,41 @@ def test_one_flat_triangle():
 def test_bad_options_are_refused(options, match):
     with pytest.raises(ValueError, match=match):
         fp.create("icub_skin", **options)
+
+
+# -- other parts and old firmware -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("part", "taxels", "boards"), [("upper_arm", 350, 3), ("torso", 440, 3), ("hand", 100, 1), ("triangle", 10, 1)]
+)
+def test_taxels_of_the_parts_and_their_boards(part, taxels, boards):
+    device = fp.create("icub_skin", part=part)
+    assert len(device.layout) == taxels and len(device.boards) == boards
+    distances = cdist(device.layout.positions, device.layout.positions)
+    assert distances[~np.eye(taxels, dtype=bool)].min() > 0.0035
+
+
+def test_all_pads_of_a_fingertip_feel_and_a_palm_has_numbers_8_to_11():
+    device = fp.create("icub_skin", part="hand", first_board=5)
+    tell(device, 5, "4D0114F0", "50000F02010022", START)
+    skin = decoded(sample(device, {"5.4": np.full((4, 3), 0.1), "5.11": np.full(10, 0.2)}))
+    assert list(skin) == [f"5.{number}" for number in (0, 1, 2, 3, 4, 8, 9, 10, 11)]
+    assert set(skin["5.4"]) == {225} and set(skin["5.11"]) == {210, 240} and set(skin["5.3"]) == {240}
+    assert [patch.link for patch in device.layout.patches] == [*"index middle ring little thumb".split(), *["palm"] * 4]
+
+
+def test_a_set_up_names_triangles_by_their_numbers():
+    device = fp.create("icub_skin", part="hand")
+    tell(device, 1, "4D0114F0", "50040802010022", START)
+    assert list(decoded(sample(device))) == ["1.4", "1.8"]
+
+
+def test_old_firmware_sends_under_class_3_and_knows_no_new_set_up():
+    device = fp.create("icub_skin", firmware="old")
+    tell(device, 3, "4E000000", "4C000000")
+    assert [f"{f.arbitration_id:03X}" for f in sample(device)] == ["330", "330", "331", "331", "332", "332"]
+    tell(device, 3, "4D0014F0", "50000202010022")
+    assert device.counters["unknown_command"] == 2 and len(sample(device)) == 6
+    tell(device, 3, "0701")
+    assert sample(device) == []

@@ -1,6 +1,10 @@
 """OptoForce: packets, configuration, filter, zero, status."""
 
+import itertools
+import json
+import re
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,6 +35,34 @@ def test_packets(axes, size, values):
     assert len(packet) == size and len(got) == values and counter == 1 and status == 0
     assert got[2] == round(100 * 6049 / 2000)
     assert parse(sample(device, 100.0, 10**7)[0])[0] == 2
+
+
+def captured() -> list[bytes]:
+    """The whole packets of a real 6-axis sensor."""
+    text = (Path(__file__).parents[1] / "data" / "captures" / "optoforce_6d.json").read_text()
+    found = re.findall(rb"(?s)(?=(\xaa\x07\x08\x10.{18}))", bytes.fromhex(json.loads(text)["hex"]))
+    return [packet for packet in found if struct.unpack(">H", packet[-2:])[0] == sum(packet[:-2])]
+
+
+def test_a_real_sensors_packets_are_sent_byte_by_byte():
+    packets = captured()
+    assert len(packets) == 8
+    device = fp.create("optoforce", axes="6", counter="samples")
+    for packet in packets:
+        counter, status, values = parse(packet)
+        sample(device)
+        device.preset("counter", counter - 10)
+        device.counts, device.status = np.array([values]), status
+        assert device.stream(0, "") == [packet]
+
+
+def test_the_real_counter_is_of_milliseconds():
+    counters = [parse(packet)[0] for packet in captured()]
+    assert {(b - a) % 10 for a, b in itertools.pairwise(counters)} == {0}
+    device = fp.create("optoforce", axes="6", counter="samples")
+    assert [parse(sample(device)[0])[0] for _ in range(3)] == [10, 20, 30]
+    configure(device, 33, 0, 0)
+    assert parse(sample(device)[0])[0] == 63
 
 
 def test_axes_and_torque():

@@ -1,0 +1,158 @@
+r"""Synria (Xuanya) pressure module: sixty points behind a Modbus unit that has two functions of its own.
+
+Wire: RS-485, 4 000 000 8N1, Modbus RTU, unit 1 as delivered. Functions 03 and 06 as in the standard, high byte first.
+
+    41 index     text: 1 model, 2 protocol, 3 its version, 4 firmware; comes back as index, length, text
+    42           all values: number of bytes and values, low byte first, row by row
+
+Exceptions are 1 (function), 2 (address, and what can only be read or written), 3 (value). A broadcast is obeyed and not
+answered. Values are of the ADC, or mN, as ``kind`` says; an ADC value below ``mask`` reads 0. Writing 1 to ``zero``
+makes what is felt now zero, 2 takes that back. Its driver also subtracts on its own side what it reads 0.1 s later.
+
+Try it: ``tactemu run synria_60``, then ``TactilePressureSDK(port)`` of ``tactile_sdk``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated
+
+import numpy as np
+
+from firmware_protocols import Column, Command, Counts, Device, Option, Outs, Reading, Rs485, grid_layout
+from firmware_protocols.adc import quantize
+from firmware_protocols.protocols.modbus import Banks, Rtu
+from firmware_protocols.registers import Refused, RegisterMap, Registers
+from firmware_protocols.tables import Frame
+
+MAP = RegisterMap(
+    """
+    2    >u2       unit          1..247  = 1  flash     at once
+    22   >u2       push          0..1  flash
+    24   >u2       push_hz       50..200  = 100  flash
+    26   >u2       kind          0..1  flash            0 ADC, 1 mN
+    28   >u2       mask          flash
+    30   >u2       points        = 60  r
+    32   >u2       area          = 250  flash           of a point [0.1 mm2]
+    34   >u2       auto_zero     0..1  w  flash         at power-up
+    36   >u2       zero          0..2                   1 now, 2 as delivered
+    200  >u2       fit           1..11  = 1             calibration: its point
+    202  u1 x 2    fit_adc       r
+    204  u1 x 2    fit_force                            [mN]
+    206  u1 x 2    fit_at                               taxel
+    208  >u2       fit_mode      100..101  = 101        one taxel, all
+    210  u1 x 2    fit_take      w
+    224  u1 x 2    fit_clear     w
+    """,
+    gaps=False,
+)
+VALUES = Frame("""
+    values, the data of function 42; row by row
+    0     <u2            size = len(values)
+    2     bytes          values
+""")
+READ_TEXT, READ_ALL = 0x41, 0x42
+SIZES = {READ_TEXT: 5, READ_ALL: 4}
+ADC, ADC_MAX = 0, 4095
+
+
+class Synria60(Device):
+    """One module."""
+
+    name = "synria_60"
+    kind = "skin"
+    title = "Synria pressure module, 60 points"
+    ports = (Rs485(baud=4_000_000),)
+    rate_hz = 200.0
+    columns = (Column(name="pressure", low=0, high=0xFFFF, push=1),)
+    evidence = ("driver",)
+    sources = ("tactile-pressure-sdk 2.0.0 tactile_sdk/protocol/constants.py, modbus_rtu.py, api/ (the vendor's own)",)
+    judge = "tactile-pressure-sdk 2.0.0"
+    assumed = (
+        "6 x 10 points at 5 mm (25 mm2 each is what register 16 says), normal +z, row by row; 200 conversions a second",
+        "ADC values of 12 bits, 100 counts/N; mN are exact and end at 65535; defaults of all registers but 15 and 16",
+        "what is written is kept without power, the zero is not; texts as the driver's documentation has them",
+        "values that are pushed (register 11) have a form that nobody describes: they are not sent",
+        "calibration is stored, without effect",
+    )
+
+    def __init__(
+        self,
+        *,
+        unit: Annotated[int, Option("as delivered; register 1 tells and changes it", low=1, high=247)] = 1,
+        counts_per_newton: Annotated[float, Option("of the ADC", unit="1/N")] = 100.0,
+        model: Annotated[str, Option("ASCII")] = "ST-00-01",
+        firmware: Annotated[str, Option("version, ASCII")] = "v1.0.1",
+    ):
+        self.counts_per_newton = counts_per_newton
+        self.texts = [text.encode("ascii") for text in (model, "YF-e0-000001", "v1.2", firmware)]
+        self.layout = grid_layout(6, 10, 0.005, name="module")
+        self.registers = Registers(MAP, kept={"unit": unit, **self.flash})
+        self.rtu = Rtu(counters=self.counters, sizes=SIZES)
+        self.push = self.zero = np.zeros(len(self.layout))
+        self.counts, self.settled = np.zeros(len(self.layout), np.int64), False
+
+    def feel(self, reading: Reading, t_ns: int) -> Counts:
+        """ADC values 0..4095 or mN 0..65535, as ``kind`` says, shape ``(60,)``."""
+        self.push = self.layout.push(reading["force"])
+        if not self.settled and self.registers["auto_zero"]:
+            self.zero = self.push
+        self.settled = True
+        return self._convert()
+
+    def _convert(self) -> np.ndarray:
+        adc = self.registers["kind"] == ADC
+        scale, most = (self.counts_per_newton, ADC_MAX) if adc else (1000.0, 0xFFFF)
+        counts = quantize(self.push - self.zero, scale, 0, most)
+        self.counts = np.where(counts < self.registers["mask"], 0, counts) if adc else counts
+        return self.counts
+
+    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+        """Modbus requests in chunks of any size."""
+        banks = Banks(holding=self, functions=(3, 6), own=self._own)
+        return self.rtu.answers(data, t_ns, {self.registers["unit"]: banks})
+
+    def _own(self, pdu: bytes) -> bytes | None:
+        """The answer to functions 41 and 42."""
+        if pdu[0] == READ_ALL and len(pdu) == 1:
+            return pdu + VALUES.pack(values=self.layout.on_wire(self.counts).astype("<u2").tobytes())
+        if pdu[0] == READ_TEXT and len(pdu) == 2:
+            if not 1 <= pdu[1] <= len(self.texts):
+                raise Refused("value")
+            text = self.texts[pdu[1] - 1]
+            return pdu + bytes([len(text)]) + text
+        return None
+
+    def read(self, address: int, n: int, t_ns: int) -> bytes:
+        """Memory."""
+        return self.registers.read(address, n)
+
+    def write(self, address: int, data: bytes, t_ns: int) -> Sequence[str]:
+        """Store, keep, and set a zero."""
+        written = self.registers.write(address, data)
+        self.flash.update({name: self.registers.all(name) for name in written if MAP.by_name[name].flash})
+        if "zero" in written and self.registers["zero"]:
+            self.zero = self.push if self.registers["zero"] == 1 else np.zeros_like(self.push)
+        self._convert()
+        return written
+
+    @property
+    def commands(self) -> tuple[Command, ...]:
+        """Requests to unit 1."""
+        if self.registers["unit"] != 1:
+            return ()
+        origin = "tactile-pressure-sdk 2.0.0; CRC by its calculate_crc16()"
+        return tuple(Command(name=name, request=request, reply=reply, origin=origin) for name, request, reply in _ASKED)
+
+
+_ASKED = (
+    # name, request, reply
+    ("all values", "01 42 80 11", "01 42 78 00 ..{120} ..{2}"),
+    ("model", "01 41 01 D1 90", "01 41 01 ..{9} ..{2}"),
+    ("no such text", "01 41 05 D0 53", "01 C1 03 31 91"),
+    ("points", "01 03 00 0F 00 01 B4 09", "01 03 02 00 3C B8 55"),
+    ("zero", "01 06 00 12 00 01 E8 0F", "01 06 00 12 00 01 E8 0F"),
+    ("read what can only be written", "01 03 00 11 00 01 D4 0F", "01 83 02 C0 F1"),
+    ("a kind that is not", "01 06 00 0D 00 02 99 C8", "01 86 03 02 61"),
+    ("write several: no such function", "01 10 00 0D 00 01 02 00 01 66 8D", "01 90 01 8D C0"),
+)
