@@ -241,6 +241,17 @@ CASES = [
     Case("vitac_3d", "vitac_3d.py", guarded=False),
     Case("weiss_dsacon32m", "weiss_dsacon32m.py", peak=4.0),
     Case("weiss_dsacon32m", "weiss_dsacon32m.py", arguments=("plain",), peak=4.0),
+    *(
+        Case(
+            "weiss_wts",
+            "weiss_wts.py",
+            {"values": taken},
+            (how, taken),
+            peak=4.0,
+            shown=lambda device, counts: counts.item()["force"],
+        )
+        for how, taken in (("periodic", "low_first"), ("single", "low_first"), ("single", "sixteenths"))
+    ),
     Case("wiresens", "wiresens.py", arguments=(64,), guarded=False),
     Case("wiresens", "wiresens.py", {"rows": 8, "cols": 15, "values": 120}, guarded=False),
     Case("xela_uskin", "xela_uskin.py", kind="can", guarded=False),

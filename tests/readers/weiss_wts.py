@@ -1,12 +1,13 @@
 """Weiss WTS.
 
 Sources: ksatyaki/wts_driver@82c46ac (src/wts_driver.cpp), CNCR-NTU/wts-ft@bbb00b0 (crc16.py).
-A reading is every cell, as the first of the two takes it: 16 bits, low byte first.
+A reading is every cell.
 
-Options: frames asked for one by one (single) or sent every 20 ms (periodic).
-Not settled by the description: the byte order of the values (wts-ft takes it the other way round and divides by 16);
-what stands before them (as in the frame of the DSACON32m: time and flags, here behind the status, too, where a frame is
-asked for); the CRC's polynomial (that of the DSACON32m); flags of the start command (0 here); the baud rate.
+Options: frames sent every 20 ms (periodic) or asked for one by one (single); values with the low byte first as
+wts_driver takes them (low_first), or with the high byte first and divided by 16 as wts-ft does (sixteenths).
+Not settled by the description: which of the two drivers is right; what stands before the values (as in the frame of the
+DSACON32m: time and flags, here behind the status, too, where a frame is asked for); the CRC's polynomial (that of the
+DSACON32m); flags of the start command (0 here); the baud rate.
 """
 
 import struct
@@ -36,7 +37,7 @@ def ask(line, kind, payload=b""):
     return answer[2:]
 
 
-def read(port, how="periodic"):
+def read(port, how="periodic", taken="low_first"):
     line = open_serial(port, 115200)
     columns, rows, _, _, most = struct.unpack("<5H", ask(line, 0x30))
     if how == "periodic":
@@ -48,7 +49,10 @@ def read(port, how="periodic"):
         time_ms = struct.unpack_from("<I", frame)[0]
         expect(time_ms >= before, f"time {time_ms} ms after {before} ms")
         before = time_ms
-        values = list(struct.unpack_from(f"<{columns * rows}H", frame, 5))
+        if taken == "sixteenths":
+            values = [value // 16 for value in struct.unpack_from(f">{columns * rows}H", frame, 5)]
+        else:
+            values = list(struct.unpack_from(f"<{columns * rows}H", frame, 5))
         expect(max(values) <= most, f"a value of {max(values)}, full scale is {most}")
         yield values
 
