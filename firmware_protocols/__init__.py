@@ -18,9 +18,11 @@ if TYPE_CHECKING:  # what an editor sees; the table below says the same to Pytho
     from firmware_protocols.connectors import USB as USB
     from firmware_protocols.connectors import Can as Can
     from firmware_protocols.connectors import Connector as Connector
+    from firmware_protocols.connectors import Dds as Dds
     from firmware_protocols.connectors import Rs485 as Rs485
     from firmware_protocols.connectors import Serial as Serial
     from firmware_protocols.connectors import Tcp as Tcp
+    from firmware_protocols.connectors import Topic as Topic
     from firmware_protocols.connectors import Udp as Udp
     from firmware_protocols.connectors import WebSocket as WebSocket
     from firmware_protocols.device import Column as Column
@@ -50,7 +52,7 @@ if TYPE_CHECKING:  # what an editor sees; the table below says the same to Pytho
 _PUBLIC = {
     # module: the public names that it defines
     "commands": ("Command",),
-    "connectors": ("USB", "Can", "Connector", "Rs485", "Serial", "Tcp", "Udp", "WebSocket"),
+    "connectors": ("USB", "Can", "Connector", "Dds", "Rs485", "Serial", "Tcp", "Topic", "Udp", "WebSocket"),
     "device": (
         "Column", "Convert", "Counts", "Device", "Outs", "Quantity", "Reading", "Restart", "Rollover", "Sense", "Sent",
         "Stream",

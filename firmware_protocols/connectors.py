@@ -98,3 +98,25 @@ class WebSocket(Connector):
 
     whole = True
     port: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Topic:
+    """A topic of DDS: its name, and the name of its type in the IDL."""
+
+    name: str
+    type: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dds(Connector):
+    """A writer and a reader in a DDS domain: each frame is a sample, in CDR, little-endian, from its first member on.
+
+    ``idl`` has their types, as :mod:`firmware_protocols.idl` reads them.
+    """
+
+    whole = True
+    writes: Topic
+    reads: Topic | None = None
+    idl: str
+    domain: int = 0

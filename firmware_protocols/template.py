@@ -39,7 +39,9 @@ class VendorModel(Device):
     name = "template"  # yours: the name in the registry, lower case with underscores
     title = "Template, a 4x4 pad"
     kind = "fingertip"  # or hand, glove, force-torque sensor, skin: where a list of devices has it
-    ports = (Serial(baud=115200, usb=True),)  # or Rs485, Can, Tcp, Udp, WebSocket; give each a name if it has several
+    ports = (
+        Serial(baud=115200, usb=True),
+    )  # or Rs485, Can, Tcp, Udp, WebSocket, Dds; give each a name if it has several
     senses = ("force",)  # what the transducers see: force, pressure, depth, displacement, touch, temperature ...
     rate_hz = 100.0
     columns = (Column(name="push", unit="N", counts_per_unit=1000.0, low=0, high=0xFFFF, push=1),)

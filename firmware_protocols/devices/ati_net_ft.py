@@ -206,7 +206,7 @@ class OnrobotHex(Rdt):
     sample_hz = 1000
     evidence = ("driver", "assumed")
     sources = ("jsbyysheng/onrobot_hex_ft_sensor@8223adc example/highspeed_udp.c",)
-    judge = "pynetft 2.1.3 and NetFT 2.0.1, made for ATI's"
+    judge = "NetFT 2.0.1, which is made for ATI's"
     assumed = (
         "the tool is touched 50 mm above the sensor's origin; z points out of the tool side",
         "records are numbered from 1 after each start; 1000 samples a second",

@@ -8,13 +8,13 @@ vendor's library sends them, or with a silence; each is answered r,0,X,0, where 
     c,0,1,0,4                communication
     f,SINC,0,0,1             filter: 51200 / SINC frames per second, SINC 64 to 2048
     b,FX,FY,FZ,TX,TY,TZ      offset [N, Nm]
+    p?                       first a line p,0,SERIAL,0,0,MODEL
     s                        sent after these by the library
     R                        run: ``FRAME`` s
 
-Status bits as the library names them: 1 throttled, 2 overrange, 4 invalid, 8 raw. It asks p? for model, serial number
-and firmware, unless ``skip_metadata_reading`` is set; the answer is not known, so that there is none here.
+Status bits as the library names them: 1 throttled, 2 overrange, 4 invalid, 8 raw.
 
-Try it: ``tactemu run bota_sensone``, then the library's Bota_Binary_gen0 with ``skip_metadata_reading``.
+Try it: ``tactemu run bota_sensone``, then a ``BotaDriver`` with Bota_Binary_gen0, BFT-SENS-SER-M8 and SN000001.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ GREETING = b"App Init\r\n"
 SILENCE_NS = 20_000_000
 FILTER_HZ, SINC = 51200, range(64, 2049)
 NUMBER = rb"(-?\d{1,9}(?:\.\d{1,9})?)"
-COMMANDS = re.compile(rb"[Rs]|c(?:,\d){4}|f,(?P<sinc>\d{1,5})(?:,\d){3}|b" + rb"".join([b"," + NUMBER] * 6))
+COMMANDS = re.compile(rb"[Rs]|p\?|c(?:,\d){4}|f,(?P<sinc>\d{1,5})(?:,\d){3}|b" + rb"".join([b"," + NUMBER] * 6))
 ORIGIN = points({"origin": (0.0, 0.0, 0.0)})
 AXES: tuple[Axis, ...] = ("x", "y", "z")
 
@@ -74,7 +74,7 @@ class BotaSensone(Device):
     evidence = ("driver",)
     sources = (
         "tud-phi/bota_ft_sensors@4b98f94 senseone.py, after the vendor's example",
-        "bota-driver 1.1.16 (the vendor's library), as it speaks: LF, filter, offset, status bits, restart",
+        "bota-driver 1.1.16 (the vendor's library), as it speaks: LF, filter, offset, p?, status bits, restart",
     )
     judge = "bota-driver 1.1.16; own second reader"
     assumed = (
@@ -82,6 +82,7 @@ class BotaSensone(Device):
         "saturation and overrange where the options say; other status bits stay 0; the offset is added",
         "512 after power-up, that is 100 frames a second; answers end with CR LF; 20 ms of silence end a command",
         "no answer to commands that are unknown, beyond their limits, or not taken; s and c change nothing",
+        "in the answer to p? the library takes serial number and model from where they are; the zeros are not known",
         "offset and filter are forgotten by a restart, which takes 0.1 s",
     )
 
@@ -93,6 +94,8 @@ class BotaSensone(Device):
         ] = (0.0, 0.0, 0.05),
         force_range: Annotated[float, Option("along each axis", unit="N", low=1e-3)] = 500.0,
         torque_range: Annotated[float, Option("about each axis", unit="Nm", low=1e-3)] = 15.0,
+        serial_number: Annotated[int, Option("SN000001 is 1", low=0, high=999_999)] = 1,
+        model: Annotated[str, Option("as the vendor calls it, ASCII")] = "BFT-SENS-SER-M8",
     ):
         self.layout = points({"tool": tool})
         self.range = np.array([force_range] * 3 + [torque_range] * 3)
@@ -106,6 +109,7 @@ class BotaSensone(Device):
         )
         self.lines_in = Lines(counters=self.counters, longest=96)
         self.offset = np.zeros(6)
+        self.identity = f"p,0,{serial_number},0,0,{model}\r\n".encode("ascii")
         self.configuring = self.running = False
 
     @property
@@ -124,6 +128,13 @@ class BotaSensone(Device):
         return (
             Command(name="configure", request="43 0A", reply="72 2C 30 2C 43 2C 30 0D 0A", origin=library),
             Command(name="configure, without an end", request="43", reply="72 2C 30 2C 43 2C 30 0D 0A", origin=example),
+            Command(
+                name="serial number and model",
+                request="70 3F 0A",
+                reply="70 2C 30 2C *",
+                after=("43 0A",),
+                origin=library,
+            ),
             *(
                 Command(
                     name=name,
@@ -176,7 +187,7 @@ class BotaSensone(Device):
         elif not self.configuring or not self._configured(line):
             self.counters["refused"] += 1
             return []
-        return [b"r,0,%c,0\r\n" % line[0]]
+        return [self.identity * (line == b"p?") + b"r,0,%c,0\r\n" % line[0]]
 
     def _configured(self, line: bytes) -> bool:
         """Whether a command but C was one."""

@@ -233,7 +233,7 @@ class FeetechSts3215(Device):
         "the vendor's memory table for STS servos, as public wikis copy it; huggingface/lerobot pull 3373",
         "ftservo/ftservo-wiki@9522ce1 official-specs.json (speeds)",
     )
-    judge = "feetech-servo-sdk 1.0.0"
+    judge = "feetech-servo-sdk 1.0.0, lerobot 0.4.4 (its motor bus)"
     assumed = (
         "full torque 2.94 Nm; load is what the motor does against an outside load; converted 100 times a second",
         "defaults that the vendor's table does not have: phase, unload, alarm, start_force, speed_p, speed_i, 80 to 86",

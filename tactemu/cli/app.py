@@ -55,7 +55,7 @@ Ports = Annotated[
     typer.Option(
         "--port",
         metavar="PORT",
-        help="pty:PATH, can:INTERFACE:CHANNEL, HOST:PORT behind tcp:, rfc2217:, udp: or ws:, or memory:; "
+        help="pty:PATH, can:INTERFACE:CHANNEL, HOST:PORT behind tcp:, rfc2217:, udp: or ws:, dds:DOMAIN or memory:; "
         "of several skins SKIN=PORT, repeatable.",
     ),
 ]

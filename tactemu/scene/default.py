@@ -9,7 +9,7 @@ import numpy as np
 from firmware_protocols import Device, Layout
 
 REST_S = 2.0
-"""How long nothing touches a skin at first: drivers that calibrate when they open take that for the reading at rest."""
+"""How long nothing touches a skin that has booted: drivers that calibrate when they open take that for rest."""
 PERIOD_S = 2.0
 """Length of one press of the default scene."""
 
@@ -17,11 +17,11 @@ PERIOD_S = 2.0
 def tables_for(name: str, device: type[Device], **device_options) -> dict[str, Any]:
     """The tables of a default scene for ``device``, made from its layout; ``name`` is what a scene file calls it."""
     data = {"scene": {}, "body": [_pad()], "skin": [{"device": name, "link": "pad", "device_options": device_options}]}
-    layout = device(**device_options).layout
-    presses = len(layout.patches)
+    made = device(**device_options)
+    layout, presses = made.layout, len(made.layout.patches)
     for number, patch in enumerate(layout.patches):
         ball = _ball(f"ball {patch.name}" if presses > 1 else "ball", layout, patch.taxels, patch.pitch)
-        ball["motion"]["delay"] = REST_S + 0.25 * number
+        ball["motion"]["delay"] = made.boot_s + REST_S + 0.25 * number
         data["body"].append(ball)
     return data
 

@@ -13,6 +13,7 @@ from tactemu.transports.transport import Transport
 TRANSPORTS: dict[str, str] = {
     # scheme: "module:Class", imported only when asked for; Class(rest_of_the_address)
     "can": "tactemu.transports.can:CanTransport",
+    "dds": "tactemu.transports.dds:DdsTransport",
     "memory": "tactemu.transports.memory:MemoryTransport",
     "pty": "tactemu.transports.pty:PtyTransport",
     "rfc2217": "tactemu.transports.rfc2217:Rfc2217Transport",
@@ -21,7 +22,7 @@ TRANSPORTS: dict[str, str] = {
     "ws": "tactemu.transports.ws:WebSocketTransport",
 }
 
-EXTRAS = {"ws": "websocket"}
+EXTRAS = {"dds": "dds", "ws": "websocket"}
 """What to install for schemes that need a library which tactemu does without."""
 
 __all__ = ["TRANSPORTS", "Transport", "create"]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from firmware_protocols import CanFrame, Frame
+from firmware_protocols import CanFrame, Connector, Frame
 
 CHUNK = 512
 """Bytes of a driver that one :meth:`Transport.poll` takes at most: as many requests as can be answered in some
@@ -107,6 +107,9 @@ class Transport(ABC):
 
         Call before :meth:`open`.
         """
+
+    def fit(self, connector: Connector) -> None:
+        """What the device has there, for ports that must say so: topics and their types. Call before :meth:`open`."""
 
     @abstractmethod
     def close(self) -> None:

@@ -109,6 +109,7 @@ class Wire:
         Raises:
             TransportError: it cannot be made.
         """
+        self.transport.fit(self.carrier.connector)
         self.transport.hear_only(self.carrier.filters(self.connectors.values()))
         self.transport.open()
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import firmware_protocols as fp
+import tactemu
 from firmware_protocols.check.readings import reading_of
 from tests.drivers.rig import Rig, assert_consecutive, run_driver
 
@@ -36,3 +37,18 @@ def test_200_frames_and_200_answers():
         assert name == "asked" or np.diff(places).max() == 1, "no frame is lost"
     assert_consecutive(got["accelerations"], rig.truth, decode=lambda counts: counts.item()["acceleration"][0] / 1000)
     assert not rig.device.streaming and rig.device.counters["requests"] == 1 + 1 + 200 + 200 + 2
+
+
+@pytest.mark.realtime
+def test_a_press_reaches_the_driver_at_19200_baud():
+    """Simulation, device and a line on which bytes take their time."""
+    with tactemu.serve("robotiq_ft300") as dev:
+        dev.press(depth=5e-4)
+        got = run_driver("ft300python", "ft300_read.py", dev.port, 50, seconds=60, environment="ft300python")
+        truth = {
+            tuple(n / c for n, c in zip(sample.counts[0].tolist(), SCALE))
+            for sample in dev.truth.samples
+            if sample.sense == "wrench"
+        }
+    readings = {tuple(reading) for name in ("streamed", "asked") for reading in got[name]}
+    assert readings <= truth and min(reading[2] for reading in readings) < -0.1, "the push is felt"

@@ -7,7 +7,7 @@ import firmware_protocols as fp
 from tests.drivers.rig import Rig, assert_consecutive, run_driver
 
 pytestmark = [
-    pytest.mark.judge("fulai_glove", driver="fulai-tactile", carrier="USB serial, lines"),
+    pytest.mark.judge("fulai_glove", driver="fulai-tactile", carrier="USB serial, marker"),
     pytest.mark.driver,
     pytest.mark.timeout(90),
 ]

@@ -37,6 +37,7 @@ def truth_of(served):
     return [sample.counts[0] for sample in served.truth.samples]
 
 
+@pytest.mark.judge("ati_net_ft", driver="pynetft", carrier="UDP", every_run=True)
 def test_pynetft():
     with ati(counts_per_torque=2_000_000, records_per_second=250) as dev:
         got = pynetft(dev)
@@ -56,6 +57,7 @@ def test_pynetft():
     assert got["lost"] == got["duplicate"] == got["late"] == got["malformed"] == 0
 
 
+@pytest.mark.judge("ati_net_ft", driver="pynetft", carrier="UDP")
 def test_pynetft_zeroes_and_is_numbered_anew():
     with ati() as dev:
         got = pynetft(dev, bias=True)
@@ -81,6 +83,7 @@ def test_pynetft_counts_what_befell_the_datagrams(fault, counter):
     assert least <= got[counter] <= injected and injected >= 10, "those at the end it does not see"
 
 
+@pytest.mark.judge("name", driver="NetFT", carrier="UDP")
 @pytest.mark.parametrize("name", ["ati_net_ft", "onrobot_hex"])
 def test_netft(name):
     number = os.getpid()
@@ -118,6 +121,7 @@ def counts_in(message):
     ])  # fmt: skip
 
 
+@pytest.mark.judge("xela_server", driver="websocket-client", carrier="WebSocket", every_run=True)
 def test_websocket_client():
     with xela() as dev:
         ((messages, end),) = websocket_client(dev, 300)

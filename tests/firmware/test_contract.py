@@ -1,6 +1,7 @@
 """What every registered device owes: one test over the registry. A new device is tested by its registration alone."""
 
 import json
+import time
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +35,12 @@ VARIANTS = [
     ("digity_exohand", {"side": "left", "records": ("touch",)}),
     ("eflesh_binary", {"missing": (2, 5)}),
     ("feetech_sts3215", {"ids": (7, 1), "encoders": (100.0, 4000.0), "swing": 0.3}),
+    ("agibot_omnihand_pro", {"device": 127}),
+    ("brainco_revo2", {"touch": "pressure"}),
+    ("brainco_revo2_canfd", {"side": "right", "touch": "pressure"}),
+    ("brainco_revo3", {"touch": "matrix", "packing": "single"}),
+    ("brainco_revo3", {"touch": "matrix"}),
+    ("dexrobot_dexhand", {"side": "right"}),
     ("flexitac", {"rows": 4, "cols": 2}),
     ("flexitac", {"rows": 16}),
     ("fulai_glove", {"hardware": "3.2", "hand": "right", "identity": False}),
@@ -67,6 +74,7 @@ VARIANTS = [
     ("weiss_dsacon32m", {"mute_s": 8.0}),
     ("weiss_wts", {"values": "sixteenths"}),
     ("wiresens", {"rows": 3, "cols": 5, "values": 8, "sensor": -2}),
+    ("unitree_dex3", {"side": "right", "cells": (0, 1, 5), "odd_cells": (11,)}),
     ("xela_server", {"models": ("uSPa22", "uSPa11"), "calibrated": True}),
     ("synria_60", {"unit": 5}),
     ("xela_uskin", {"ids": "grid", "board": 3}),
@@ -81,6 +89,16 @@ def test_no_fault_and_no_more_facts_unpinned_than_before(name):
     assert len(report.unpinned) == UNPINNED[name], "\n".join(
         [f"{len(report.unpinned)} instead of {UNPINNED[name]}: fewer? lower tests/data/unpinned.json", *report.unpinned]
     )
+
+
+def test_all_devices_are_made_in_a_moment():
+    """Each is made again at every restart, and all of them for the README's table."""
+    fp.create(fp.names()[0])
+    for name in fp.names():
+        fp.load(name)
+        begun = time.process_time()
+        fp.create(name)
+        assert time.process_time() - begun < 0.1, name
 
 
 @pytest.mark.parametrize(("name", "options"), VARIANTS, ids=str)

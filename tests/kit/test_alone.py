@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-KIT = ("adc", "dbc", "framing", "motors", "registers", "sums", "tables")
+KIT = ("adc", "dbc", "framing", "idl", "motors", "registers", "sums", "tables")
 PROTOCOLS = ("eb90", "feetech", "http", "modbus")
 FORBIDDEN = ("tactemu", "pymodbus", "scservo_sdk", "cantools", "warp", "trimesh", "can", "serial")
 

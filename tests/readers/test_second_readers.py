@@ -113,6 +113,12 @@ CASES = [
     ),
     Case("bielefeld_glove", "bielefeld_glove.py", guarded=False),
     Case(
+        "brainco_revo2_canfd",
+        "revo2_canfd.py",
+        kind="can",
+        shown=lambda device, counts: np.concatenate([counts[:, :3].ravel(), counts[:, 3], np.zeros(5)]),
+    ),
+    Case(
         "dexrobot_dexhand",
         "dexhand021.py",
         {"side": "right"},

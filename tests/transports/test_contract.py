@@ -2,14 +2,16 @@
 
 import select
 import socket
+import struct
 import time
+from dataclasses import dataclass
 
 import can
 import pytest
 import serial
 import websocket
 
-from firmware_protocols import CanFrame
+from firmware_protocols import CanFrame, Dds, Topic
 from tactemu import transports
 from tactemu.errors import TransportError
 from tactemu.transports.transport import (
@@ -142,11 +144,60 @@ class UdpEnd:
         assert self.port.write(self.frame), "what is sent to nobody comes back"
 
 
+class DdsEnd:
+    """The driver's end is Cyclone DDS with types of its own."""
+
+    frame, request = b"\x01\x00\x00\x00\x00\x00\x80\x3f", b"\x02\x00\x00\x00\x00\x00\x80\x3f"
+    topics = Dds(
+        writes=Topic(name="rt/there", type="test::Note_"),
+        reads=Topic(name="rt/back", type="test::Note_"),
+        idl="struct test::Note_ { uint32 number; float value; };",
+    )
+
+    def __init__(self, port, url):
+        self.domain = int(url.partition("/")[0].rpartition(":")[2])
+        self.topic = url.partition("/")[2] or "rt/there"
+
+    def open(self, seen):
+        from cyclonedds import domain, idl, pub, sub, topic
+        from cyclonedds.idl import annotations, types
+
+        @dataclass
+        @annotations.final
+        @annotations.autoid("sequential")
+        class Note(idl.IdlStruct, typename="test.Note_"):
+            number: types.uint32
+            value: types.float32
+
+        participant = domain.DomainParticipant(self.domain)
+        self.note = Note
+        self.reader = sub.DataReader(participant, topic.Topic(participant, self.topic, Note))
+        self.writer = pub.DataWriter(participant, topic.Topic(participant, "rt/back", Note))
+
+    def write(self, data):
+        self.writer.write(self.note(int.from_bytes(data[:4], "little"), 1.0))
+
+    def read(self, frame):
+        (sample,) = self.reader.take(9)
+        return struct.pack("<If", sample.number, sample.value)
+
+    def close(self):
+        del self.reader, self.writer
+
+
+def create(address):
+    """A port; what it carries is said to one that must know."""
+    port = transports.create(address)
+    port.fit(DdsEnd.topics)
+    return port
+
+
 DRIVERS = {
     "memory": [("memory:", MemoryEnd)],
     "pty": [("pty:", PySerialEnd), ("pty:{tmp}/tty", PySerialEnd)],
     "tcp": [("tcp:0", PySerialEnd), ("tcp:[::1]:0", PySerialEnd)],
     "ws": [("ws:0", WebSocketEnd), ("ws:[::1]:0", WebSocketEnd)],
+    "dds": [("dds:71", DdsEnd), ("dds:lo:72/rt/elsewhere", DdsEnd)],
     "udp": [("udp:0", UdpEnd), ("udp:[::1]:0", UdpEnd)],
     "rfc2217": [("rfc2217:127.0.0.1:0", PySerialEnd)],
     "can": [("can:virtual:contract", CanEnd), ("can:udp_multicast:239.74.163.9", CanEnd)],
@@ -191,7 +242,7 @@ def test_every_scheme_has_a_driver():
 
 @pytest.mark.parametrize(("address", "end"), CASES)
 def test_a_driver_comes_talks_and_goes_twice(address, end, tmp_path):
-    with transports.create(address.format(tmp=tmp_path)) as port:
+    with create(address.format(tmp=tmp_path)) as port:
         driver = end(port, port.address)
         bus = isinstance(driver, CanEnd)
         for _ in range(1 if bus else 2):
@@ -217,7 +268,7 @@ def test_a_driver_comes_talks_and_goes_twice(address, end, tmp_path):
 
 @pytest.mark.parametrize(("address", "end"), CASES)
 def test_closing_is_safe_at_any_time(address, end, tmp_path):
-    port = transports.create(address.format(tmp=tmp_path))
+    port = create(address.format(tmp=tmp_path))
     port.close()
     assert port.poll() == [] and not port.listening
     for _ in range(3):
@@ -241,6 +292,9 @@ def test_closing_is_safe_at_any_time(address, end, tmp_path):
         "tcp:1:99999",
         "udp:1:99999",
         "ws:x",
+        "dds:",
+        "dds:300",
+        "dds:lo",
         "udp:no.such.host.invalid:1",
         "rfc2217:x",
         "tcp:no.such.host.invalid:1",

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import importlib
 
-from firmware_protocols import Can, Connector, Rs485, Serial, Tcp, Udp, WebSocket
+from firmware_protocols import Can, Connector, Dds, Rs485, Serial, Tcp, Udp, WebSocket
 from tactemu.errors import DeviceError
 from tactemu.wire.carriers.carrier import Carrier, Pacing
 
 CARRIERS: dict[type[Connector], str] = {
     # connector: "module:Class", imported only when a device has one
     Can: "tactemu.wire.carriers.can:CanCarrier",
+    Dds: "tactemu.wire.carriers.dds:DdsCarrier",
     Rs485: "tactemu.wire.carriers.rs485:Rs485Carrier",
     Serial: "tactemu.wire.carriers.serial:SerialCarrier",
     Tcp: "tactemu.wire.carriers.tcp:TcpCarrier",

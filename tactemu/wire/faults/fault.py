@@ -28,7 +28,7 @@ class Kind:
     """One kind of fault."""
 
     about: str
-    wires: tuple[str, ...] = ("serial", "can", "tcp", "udp", "websocket")
+    wires: tuple[str, ...] = ("serial", "can", "tcp", "udp", "websocket", "dds")
     options: tuple[str, ...] = ()
     """Which of :data:`_AMOUNTS` and ``by`` it takes."""
     whole_link: bool = False

@@ -7,7 +7,7 @@ import bota_driver
 
 port, count, sinc_length = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
 config = bota_driver.BotaDriverConfig()
-config.product_name, config.serial_number = "BFT-SENS-SER-M8", "SN000001"
+config.product_name, config.serial_number = "BFT-SENS-SER-M8", "SN000123"
 config.communication_interface_name = "Bota_Binary_gen0"
 line = bota_driver.BotaBinaryCommunicationInterfaceConfig()
 line.com_port = port
@@ -16,9 +16,6 @@ operation, offset = bota_driver.Gen0SensorOperationConfig(), bota_driver.WrenchO
 offset.fx, offset.tz = 1.5, -0.25
 operation.sinc_length, operation.wrench_offset = sinc_length, offset
 config.gen0_sensor_operation_params = operation
-options = bota_driver.DriverOperationConfig()
-options.skip_metadata_reading = True
-config.driver_operation_params = options
 
 driver = bota_driver.BotaDriver(config)
 assert driver.configure() and driver.activate()

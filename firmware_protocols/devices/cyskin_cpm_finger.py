@@ -1,0 +1,78 @@
+"""CPM-Finger, of the CySkin family: sixteen capacitive taxels and a proximity electrode, free running on CAN.
+
+Wire: classic CAN, 1 Mbit/s, standard ids. Nobody asks; a scan of five frames comes every 28.08 ms.
+
+    id                    data           about
+    405, 407, 409, 40B    ``FOUR``       taxels 11 15 14 12, 9 13 8 10, 6 7 4 5, 2 0 3 1
+    601                   ``NEAR``       proximity
+
+Counts rise under a push; readers take a first scan as zero.
+
+Evidence: a published reader, and recordings of a fingertip that slides over fabric: a scan every 28.08 ms (26 to 30),
+means of 60 to 239 counts above zero under one grip, the second proximity always FFFF.
+
+Try it: ``tactemu run cyskin_cpm_finger --port can:socketcan:vcan0``, then ``candump vcan0``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Annotated
+
+import numpy as np
+
+from firmware_protocols import Can, CanFrame, Column, Counts, Device, Option, Outs, Reading
+from firmware_protocols.adc import quantize
+from firmware_protocols.layouts import filled
+from firmware_protocols.tables import Frame
+
+FOUR = Frame("""
+    four taxels
+    0     <u2 x 4     touch
+""")
+NEAR = Frame("""
+    proximity
+    0     00 00       proximity     u16
+    2     FF FF       second        not connected
+""")
+IDS, NEAR_ID = (0x405, 0x407, 0x409, 0x40B), 0x601
+ORDER = (11, 15, 14, 12, 9, 13, 8, 10, 6, 7, 4, 5, 2, 0, 3, 1)
+WIDTH, LENGTH = 0.012, 0.024
+COUNTS_PER_NEWTON, REST = 200.0, 10_000
+
+
+class CyskinCpmFinger(Device[CanFrame]):
+    """A fingertip that speaks unasked."""
+
+    name = "cyskin_cpm_finger"
+    kind = "fingertip"
+    title = "CySkin CPM-Finger, 16 taxels"
+    ports = (Can(),)
+    rate_hz = 1 / 0.02808
+    evidence = ("driver",)
+    sources = (
+        "wngfra/can2wifi2ros@b429108 (the reader on an Arduino)",
+        "wngfra/FabricSlide@eceb771 data (recordings: scan period, range)",
+    )
+    judge = "cantools, with a DBC of its frames"
+    assumed = (
+        f"{COUNTS_PER_NEWTON:.0f} counts/N of normal force, {REST} counts untouched; proximity 0",
+        f"taxels spread evenly over {WIDTH * 1e3:.0f} x {LENGTH * 1e3:.0f} mm; the table names the taxel at each place",
+        "what the host sends is ignored",
+    )
+
+    def __init__(self, *, rest: Annotated[int, Option("counts untouched", low=0, high=0xFFFF)] = REST):
+        self.columns = (Column(name="touch", low=0, high=0xFFFF, rest=rest, push=1),)
+        self.layout = replace(filled(len(ORDER), WIDTH, LENGTH, name="finger"), wire_order=np.array(ORDER))
+        self.rest = rest
+
+    def feel(self, reading: Reading, t_ns: int) -> Counts:
+        """Raw counts of the normal force of each taxel, 0..65535, shape ``(16,)``."""
+        self.counts = quantize(self.layout.push(reading["force"]), COUNTS_PER_NEWTON, rest=self.rest)
+        return self.counts
+
+    def stream(self, t_ns: int, name: str) -> Outs[CanFrame]:
+        """A scan."""
+        taxels = zip(IDS, self.layout.on_wire(self.counts).reshape(len(IDS), -1))
+        frames = [CanFrame(arbitration_id=ident, data=FOUR.pack(touch=touch)) for ident, touch in taxels]
+        return [*frames, CanFrame(arbitration_id=NEAR_ID, data=NEAR.pack())]

@@ -1,0 +1,191 @@
+"""Unitree Dex3-1: the three-fingered hand of the G1, with nine pressure pads, over DDS.
+
+Wire: DDS, domain 0, default QoS; one topic each way, with the types of ``IDL`` in CDR. The robot turns the hand's own
+RS-485 line into them.
+
+    topic                     type         about
+    rt/dex3/left/state        HandState_   state, unasked
+    rt/lf/dex3/left/state     HandState_   a slower copy, port "lf", which some programs read instead
+    rt/dex3/left/cmd          HandCmd_     orders; never answered
+
+``left`` or ``right``. Mode byte of an order: bits 3..0 the motor, 6..4 status (1: on), 7 timeout (1: stop). A motor
+that is on goes to ``q`` [rad], any other stays.
+
+A pad has twelve slots of float32: 30000 where there is no cell, about 100000 at rest, more when it is pressed (users
+take 150000 and more for pressed). Nine pads of twelve, of which a hand has 33 cells: one user's notes have slots 0, 2,
+9 and 11 of the pads 0, 2, 4, 6, 7, 8 and slots 3, 6, 8 of the pads 1, 3, 5 (options ``cells``, ``odd_cells``).
+
+The SDK's default sample has seven pads, hands send nine. Its reader waits for ever on a silent topic.
+
+Try it: ``tactemu run unitree_dex3``, then ``ChannelFactoryInitialize(0, "lo")`` and a ``ChannelSubscriber`` of
+``rt/dex3/left/state``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Literal
+
+import numpy as np
+
+from firmware_protocols import (
+    Column,
+    Command,
+    Counts,
+    Dds,
+    Device,
+    Layout,
+    Option,
+    Outs,
+    Patch,
+    Reading,
+    Sent,
+    Topic,
+)
+from firmware_protocols.idl import layout
+from firmware_protocols.motors import Motors
+
+IDL = """
+module unitree_hg { module msg { module dds_ {
+    struct MotorState_ {
+        uint8 mode; float q; float dq; float ddq; float tau_est; int16 temperature[2]; float vol; uint32 sensor[2];
+        uint32 motorstate; uint32 reserve[4];
+    };
+    struct PressSensorState_ { float pressure[12]; float temperature[12]; uint32 lost; uint32 reserve; };
+    struct IMUState_ {
+        float quaternion[4]; float gyroscope[3]; float accelerometer[3]; float rpy[3]; int16 temperature;
+    };
+    struct HandState_ {
+        sequence<MotorState_> motor_state; sequence<PressSensorState_> press_sensor_state; IMUState_ imu_state;
+        float power_v; float power_a; float system_v; float device_v; uint32 error[2]; uint32 reserve[2];
+    };
+    struct MotorCmd_ { uint8 mode; float q; float dq; float tau; float kp; float kd; uint32 reserve; };
+    struct HandCmd_ { sequence<MotorCmd_> motor_cmd; uint32 reserve[4]; };
+}; }; };
+"""
+MODULE = "unitree_hg::msg::dds_"
+MOTORS, PADS, SLOTS = 7, 9, 12
+STATE = layout(IDL, "HandState_", motor_state=MOTORS, press_sensor_state=PADS)
+COMMAND = layout(IDL, "HandCmd_", motor_cmd=MOTORS)
+NO_CELL, REST, FULL = 30_000.0, 100_000.0, 400_000.0
+ODD_PADS = (1, 3, 5)
+STATUS, ON, TIMEOUT = 0x70, 0x10, 0x80
+LIMIT_RAD, ROOM = 1.75, 25
+SLOWER = 25
+"""State messages for one of the slower copy."""
+COLS, PITCH, PAD_PITCH = 3, 0.005, 0.025
+Cells = tuple[int, ...]
+
+
+class UnitreeDex3(Device):
+    """The hand as DDS shows it."""
+
+    name = "unitree_dex3"
+    title = "Unitree Dex3-1 hand"
+    kind = "hand"
+    rate_hz = 250.0
+    columns = (Column(name="pressure", low=REST, high=FULL, rest=REST, push=1),)
+    evidence = ("driver", "vendor document")
+    sources = (
+        "unitree-sdk2py-dimos 1.0.3 idl/unitree_hg (types), core/channel.py; unitree_sdk2_python@37116c5",
+        "unitree_sdk2@21d0a3b example/g1/dex3/g1_dex3_example.cpp l.53-57, 118-121 (mode byte, nine pads)",
+        "vendor page 'Dexterous Hand' (six places of 3 x 4, 33 cells)",
+    )
+    judge = "unitree-sdk2py-dimos 1.0.3 with cyclonedds 11.0.1"
+    assumed = (
+        "which slots have a cell (one user's notes; options)",
+        "places: pads side by side, 25 mm apart, each of 4 rows of 3 slots, 5 mm apart",
+        "10000 per N from 100000 at rest, up to 400000; 250 states a second, every 25th also as the slower copy",
+        "motors: one time constant of 0.1 s, stops at 1.75 rad either way; a motor's state has the mode of its order",
+        "no volts, amperes, torques; all temperatures 25; the IMU is level and tells nothing; nothing lost, no errors",
+        "orders for another number of motors than 7 are ignored, as are dq, tau, kp and kd",
+    )
+
+    def __init__(
+        self,
+        *,
+        side: Annotated[Literal["left", "right"], Option("which hand")] = "left",
+        cells: Annotated[Cells, Option("slots 0 to 11 that have a cell, pads 0, 2, 4, 6, 7, 8")] = (0, 2, 9, 11),
+        odd_cells: Annotated[Cells, Option("slots 0 to 11 that have a cell, pads 1, 3, 5")] = (3, 6, 8),
+        counts_per_newton: Annotated[float, Option("of a cell", unit="1/N", low=1e-6)] = 10_000.0,
+    ):
+        state, command = f"{MODULE}::HandState_", f"{MODULE}::HandCmd_"
+        order = Topic(name=f"rt/dex3/{side}/cmd", type=command)
+        self.ports = (
+            Dds(name="hand", writes=Topic(name=f"rt/dex3/{side}/state", type=state), reads=order, idl=IDL),
+            Dds(name="lf", writes=Topic(name=f"rt/lf/dex3/{side}/state", type=state), idl=IDL, plugged=False),
+        )
+        live = [sorted({k % SLOTS for k in (odd_cells if pad in ODD_PADS else cells)}) for pad in range(PADS)]
+        self.layout = _pads(live)
+        self.slots = [pad * SLOTS + slot for pad, slots in enumerate(live) for slot in slots]
+        self.counts_per_newton = counts_per_newton
+        self.motors = Motors(np.zeros(MOTORS), low=-LIMIT_RAD, high=LIMIT_RAD, time_constant_s=0.1)
+        self.modes = list(range(MOTORS))
+        self.sent = 0
+
+    @property
+    def commands(self) -> tuple[Command, ...]:
+        """Orders, as the vendor's example makes them; none is answered."""
+        origin = "g1_dex3_example.cpp l.53-57, 118-121; HandCmd_ as cyclonedds 11.0.1 serialises it"
+        on, stop = (
+            "07 00 00 00" + "".join(f"{mode | k:02X} 00 00 00 00 00 00 3F" + "00" * 20 for k in range(7)) + "00" * 16
+            for mode in (0x10, 0x90)
+        )
+        return (
+            Command(name="all to 0.5 rad", request=on, origin=origin),
+            Command(name="all stop", request=stop, origin=origin),
+        )
+
+    def feel(self, reading: Reading, t_ns: int) -> Counts:
+        """The float32 of each cell, shape ``(33,)``."""
+        pressed = REST + self.counts_per_newton * self.layout.push(reading["force"])
+        self.counts = np.clip(pressed, REST, FULL).astype(np.float32)
+        return self.counts
+
+    def stream(self, t_ns: int, name: str) -> Outs:
+        """A state, now and then also to the slower topic."""
+        self.sent += 1
+        state = self._state(t_ns)
+        return [state, Sent(state, port="lf")] if self.sent % SLOWER == 0 else [state]
+
+    def _state(self, t_ns: int) -> bytes:
+        state = np.zeros((), STATE)
+        state["n_motor_state"], state["n_press_sensor_state"] = MOTORS, PADS
+        motors, pads = state["motor_state"], state["press_sensor_state"]
+        motors["mode"], motors["q"], motors["dq"] = (
+            self.modes,
+            self.motors.positions(t_ns),
+            self.motors.velocities(t_ns),
+        )
+        motors["temperature"] = pads["temperature"] = state["imu_state"]["temperature"] = ROOM
+        pressure = np.full(PADS * SLOTS, NO_CELL)
+        pressure[self.slots] = self.layout.on_wire(self.counts)
+        pads["pressure"] = pressure.reshape(PADS, SLOTS)
+        state["imu_state"]["quaternion"] = (1, 0, 0, 0)
+        return state.tobytes()
+
+    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+        """Orders, one for each motor."""
+        if len(data) != COMMAND.itemsize or (order := np.frombuffer(data, COMMAND)[0])["n_motor_cmd"] != MOTORS:
+            self.counters["bad_request"] += 1
+            return ()
+        self.counters["requests"] += 1
+        mode = order["motor_cmd"]["mode"]
+        moves = mode & (STATUS | TIMEOUT) == ON
+        self.motors.go(np.where(moves, order["motor_cmd"]["q"], self.motors.positions(t_ns)), t_ns)
+        self.modes = mode.tolist()
+        return ()
+
+    def joints(self, t_ns: int) -> Mapping[str, float]:
+        """Angles of the seven motors [rad], by their numbers."""
+        return {f"motor {k}": angle for k, angle in enumerate(self.motors.positions(t_ns).tolist())}
+
+
+def _pads(live: list[list[int]]) -> Layout:
+    positions, patches = [], []
+    for pad, slots in enumerate(live):
+        rows, cols = np.divmod(slots, COLS)
+        x = (pad - (PADS - 1) / 2) * PAD_PITCH + (cols - 1) * PITCH
+        positions.append(np.stack([x, (1.5 - rows) * PITCH, 0 * x], -1))
+        patches.append(Patch(name=f"pad {pad}", start=sum(map(len, live[:pad])), rows=0, cols=len(slots), pitch=PITCH))
+    return Layout(positions=np.concatenate(positions), normals=np.array([0.0, 0.0, 1.0]), patches=tuple(patches))

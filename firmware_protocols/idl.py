@@ -1,0 +1,98 @@
+"""Types of DDS by their IDL: one text says what is on the wire, and what two participants compare when they meet.
+
+What is read of the language: ``module`` and ``struct``; ``float``, ``int8`` to ``uint32``; other structs declared
+before, by their whole name or within their module; arrays ``T name[n]`` and sequences ``sequence<T> name``. Types are
+``@final``, members numbered in order, and none is larger than four bytes, so that CDR of version 1 and 2 are the same.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+NUMBERS = {
+    "float": "<f4", "int8": "i1", "uint8": "u1", "int16": "<i2", "uint16": "<u2", "int32": "<i4", "uint32": "<u4",
+}  # fmt: skip
+_TOKEN = re.compile(r"[\w:]+|[{}<>;\[\]]")
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """One member of a struct."""
+
+    name: str
+    type: str
+    """A number, or the whole name of a struct."""
+    sequence: bool = False
+    count: int = 0
+    """Of an array; 0: it is none."""
+
+
+def structs(text: str) -> dict[str, tuple[Member, ...]]:
+    """The members of each struct, by its whole name, ``module::Name``.
+
+    Raises:
+        ValueError: a type that is not declared before.
+    """
+    found: dict[str, tuple[Member, ...]] = {}
+    words, scope = _TOKEN.findall(text)[::-1], []
+    while words:
+        word = words.pop()
+        if word == "module":
+            scope.append(words.pop())
+            words.pop()
+        elif word == "struct":
+            name = "::".join([*scope, words.pop()])
+            words.pop()
+            found[name] = tuple(_members(words, "::".join(scope), found))
+        elif word == "}" and scope:
+            scope.pop()
+    return found
+
+
+def _members(words: list[str], module: str, known: dict[str, tuple[Member, ...]]):
+    while (word := words.pop()) != "}":
+        if word == ";":
+            continue
+        if sequence := word == "sequence":
+            words.pop()
+            word = words.pop()
+            words.pop()
+        kind = next((each for each in (word, f"{module}::{word}") if each in NUMBERS or each in known), None)
+        name, count = words.pop(), 0
+        if kind is None:
+            raise ValueError(f"IDL: {word} {name}: no such type before it")
+        if words[-1] == "[":
+            words.pop()
+            count = int(words.pop())
+            words.pop()
+        yield Member(name, kind, sequence, count)
+
+
+def layout(text: str, name: str, **lengths: int) -> np.dtype:
+    """How a sample lies in CDR, little-endian; a sequence ``s`` is a count ``n_s``, and as many elements.
+
+    Args:
+        text: IDL.
+        name: of the struct, without its modules.
+        lengths: of each sequence in it.
+
+    Raises:
+        KeyError: no such struct, or a sequence without a length.
+    """
+    known = structs(text)
+    whole = {each.rpartition("::")[2]: each for each in known}
+    return _layout(known, whole[name], lengths)
+
+
+def _layout(known: dict[str, tuple[Member, ...]], name: str, lengths: dict[str, int]) -> np.dtype:
+    fields = []
+    for member in known[name]:
+        kind = np.dtype(NUMBERS[member.type]) if member.type in NUMBERS else _layout(known, member.type, lengths)
+        if member.sequence:
+            fields += [(f"n_{member.name}", "<u4"), (member.name, kind, (lengths[member.name],))]
+        else:
+            fields.append((member.name, kind, (member.count,)) if member.count else (member.name, kind))
+    return np.dtype(fields, align=True)
