@@ -25,6 +25,8 @@ DEVICES: dict[str, str] = {
     "barrett_bh8": f"{_HERE}.barrett_bh8:BarrettBh8",
     "bielefeld_glove": f"{_HERE}.bielefeld_glove:BielefeldGlove",
     "bota_sensone": f"{_HERE}.bota_sensone:BotaSensone",
+    "brainco_revo2": f"{_HERE}.brainco_revo2:BraincoRevo2",
+    "brainco_revo2_canfd": f"{_HERE}.brainco_revo2:BraincoRevo2CanFd",
     "brainco_revo3": f"{_HERE}.brainco_revo3:BraincoRevo3",
     "contactile_papillarray": f"{_HERE}.contactile_papillarray:ContactilePapillArray",
     "cyskin_cpm_finger": f"{_HERE}.cyskin_cpm_finger:CyskinCpmFinger",

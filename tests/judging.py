@@ -166,6 +166,7 @@ def version_of(driver: str, environment: str = "") -> str:
 def verdict(judge: Judge, report: pytest.TestReport) -> dict[str, Any]:
     """Of one test, for the table."""
     return {
+        "test": report.nodeid,
         "devices": judge.devices,
         "driver": version_of(judge.driver, judge.environment),
         "carrier": judge.carrier,

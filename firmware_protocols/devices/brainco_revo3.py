@@ -263,7 +263,7 @@ _EXAMPLES = (
         "10 0F A0 00 0B 89 37",
         _SDK,
     ),
-    ("factory's zero of the palm", "06 0F BA 00 03 E0 F5", "", _DOCUMENT),
+    ("factory's zero of all modules", "06 0F B9 00 03 10 F5", "", _DOCUMENT),
     ("beyond the map: illegal address", "03 23 28 00 01 04 49", "83 02 F1 29", _STANDARD),
     ("write a point: illegal address", "06 10 68 00 01 C6 D9", "86 02 F2 79", _STANDARD),
     ("mode 3: illegal value", "06 0F B8 00 03 41 35", "86 03 33 B9", _STANDARD),

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import firmware_protocols as fp
+from tests.drivers.can_link import INTERFACE
 from tests.drivers.rig import Rig, assert_consecutive, run_driver
 
 pytestmark = [pytest.mark.driver, pytest.mark.timeout(120)]
@@ -31,3 +32,32 @@ def test_revo3(touch):
         assert np.min(got["regions"][1]) > 1000 and got["regions"][2] == [0] * 6
     else:
         assert got["tared"] == [f"TouchTareStatus.{status}" for status in ("Tared", "NotTared", "NotTared")]
+
+
+@pytest.mark.judge("device", driver="bc-stark-sdk", environment="brainco", carrier="carrier")
+@pytest.mark.parametrize(("kind", "side"), [("capacitive", "left"), ("pressure", "right")])
+@pytest.mark.parametrize(
+    ("device", "carrier"), [("brainco_revo2", "RS-485, Modbus"), ("brainco_revo2_canfd", "CAN-FD, Modbus")]
+)
+def test_revo2(device, carrier, kind, side):
+    hand = fp.create(device, touch=kind, side=side, single_proximity="little")
+    hand.period_ns = 2_000_000
+    on_can = device.endswith("canfd")
+    with Rig(hand, kind="can" if on_can else "serial", peak=2.0) as rig:
+        interface = INTERFACE if on_can else "serial"
+        arguments = (rig.port, interface, kind, hand.unit)
+        got = run_driver("bc_stark_sdk", "brainco_revo2_read.py", *arguments, environment="brainco")
+    assert got["serial"] == ("BCXTL2313J2500008" if side == "left" else "BCXTR2313J2500008")
+    assert got["firmware"] == "1.0.5" and got["enabled"] == (0x1F if kind == "capacitive" else 0x3F)
+    if kind == "capacitive":
+        assert got["type"] == "StarkHardwareType.Revo2Touch" and got["states"] == ["Normal"] * 5
+        # Over CAN the SDK asks twice, for 29 registers and for the last one, which is a state.
+        assert_consecutive(got["many"], rig.truth)
+        for k, finger in enumerate(got["single"]):
+            assert_consecutive([finger], rig.truth, decode=lambda counts, k=k: counts[k], count=1)
+    else:
+        assert got["type"] == "StarkHardwareType.Revo2TouchPressure" and got["force"] == "ModulusTouchDataType.Force"
+        parts = [slice(0, 91)] if not on_can else [slice(k, min(k + 29, 91)) for k in range(0, 91, 29)]
+        for part in parts:
+            assert_consecutive([r[part] for r in got["many"]], rig.truth, decode=lambda counts, part=part: counts[part])
+        assert min(got["sums"]) > 500

@@ -1,0 +1,79 @@
+"""BrainCo Revo2 Touch: fingertips and pads, zeros, and Modbus inside CAN-FD frames."""
+
+import struct
+
+import numpy as np
+import pytest
+
+import firmware_protocols as fp
+from firmware_protocols import CanFrame
+from firmware_protocols.protocols.modbus import rtu
+from tests.firmware.feeding import sample, send
+
+
+def ask(device, pdu: bytes) -> bytes:
+    (reply,) = send(device, rtu(device.unit, pdu))
+    return reply[1:-2]
+
+
+def read(device, address, count) -> list[int]:
+    return list(struct.unpack(f">{count}H", ask(device, struct.pack(">BHH", 4, address, count))[2:]))
+
+
+def write(device, address, *values) -> bytes:
+    return ask(device, struct.pack(f">BHHB{len(values)}H", 16, address, len(values), 2 * len(values), *values))
+
+
+def test_a_finger_feels_shear_and_nearness():
+    device = fp.create("brainco_revo2")
+    forces = np.zeros((5, 3))
+    forces[2] = (0.0, 0.3, -0.4)
+    device.feel(fp.Reading({"force": forces}), 0)
+    assert device.counts[2].tolist() == [40, 30, 90, 4000]
+    assert read(device, 4200 + 6, 3) == [40, 30, 90] and read(device, 4215 + 4, 2) == [0, 4000]
+    assert read(device, 4250 + 12, 6) == [40, 30, 90, 0, 4000, 0]
+
+
+@pytest.mark.parametrize("order", [4005, 4010])
+def test_a_zero_of_some_fingers(order):
+    device = fp.create("brainco_revo2")
+    sample(device, 1.0)
+    write(device, order, 1, 0, 0, 0, 1)
+    sample(device, 1.5)
+    assert device.counts[:, 0].tolist() == [50, 150, 150, 150, 50] and read(device, order, 5) == [0] * 5
+    write(device, 4000, 1, 0, 1, 1, 1)
+    sample(device, 1.5)
+    assert device.counts[:, 0].tolist() == [50, 0, 150, 150, 50]
+
+
+def test_pads_and_their_units():
+    device = fp.create("brainco_revo2", touch="pressure", side="right")
+    write(device, 6310, 0, 0, 0, 0, 0, 1)
+    sample(device, 0.5)
+    assert read(device, 6010, 3) == [100] * 3 and read(device, 6001, 6) == [900] * 5 + [4600]
+    write(device, 6310, 0, 0, 0, 0, 0, 1)
+    write(device, 6000, 2)
+    sample(device, 0.6)
+    assert read(device, 6054, 2) == [600, 100]
+
+
+@pytest.mark.parametrize(
+    ("frame", "counter"),
+    [
+        ("007F0108##17E030385000 19E68".replace(" ", ""), "ignored"),
+        ("007E0108#7E03038500019E68", "ignored"),
+        ("007E0108##17E03038500019E69", "bad_checksum"),
+        ("007E0107##17E03038500019E68", "bad_checksum"),
+        ("007E0130##17E03038500019E68", "bad_checksum"),
+        ("007E0100##1", "bad_checksum"),
+    ],
+)
+def test_frames_that_are_not_answered(frame, counter):
+    device = fp.create("brainco_revo2_canfd")
+    assert send(device, frame) == [] and device.counters[counter] == 1
+
+
+def test_an_answer_goes_to_the_host_that_asked():
+    (reply,) = send(fp.create("brainco_revo2_canfd"), "007E0808##17E03038500019E68")
+    assert isinstance(reply, CanFrame) and reply.is_fd and reply.bitrate_switch
+    assert reply.arbitration_id == 0x7E0807 and reply.data[:5] == bytes.fromhex("7E03020002")
