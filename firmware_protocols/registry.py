@@ -21,6 +21,7 @@ DEVICES: dict[str, str] = {
     "agibot_omnihand_pro": f"{_HERE}.agibot_omnihand:AgibotOmniHandPro",
     "anyskin": f"{_HERE}.anyskin:AnySkin",
     "ati_net_ft": f"{_HERE}.ati_net_ft:AtiNetFt",
+    "ati_netcanoem": f"{_HERE}.ati_netcanoem:AtiNetcanoem",
     "barrett_bh8": f"{_HERE}.barrett_bh8:BarrettBh8",
     "bielefeld_glove": f"{_HERE}.bielefeld_glove:BielefeldGlove",
     "bota_sensone": f"{_HERE}.bota_sensone:BotaSensone",

@@ -228,7 +228,9 @@ class BraincoRevo2CanFd(Revo2):
             reply = bytes([adu[1] | 0x80, 3])
         frame = rtu(self.unit, reply)
         sent = CanFrame(arbitration_id=ident & ~0xFF | len(frame), is_extended_id=True, is_fd=True, bitrate_switch=True)
-        return [with_payload(sent, frame)]
+        padded = with_payload(sent, frame)
+        assert isinstance(padded, CanFrame)
+        return [padded]
 
     @property
     def commands(self) -> tuple[Command, ...]:
