@@ -207,6 +207,7 @@ class BraincoRevo2CanFd(Revo2):
 
     name = "brainco_revo2_canfd"
     title = "BrainCo Revo2 Touch hand on CAN-FD"
+    judge = f"{Revo2.judge}; own second reader"
 
     def _plug(self) -> None:
         self.ports = (Can(data_bitrate=5_000_000, hears=((self.unit << 16, 0x1FFF0000),)),)

@@ -111,6 +111,15 @@ CASES = [
         compared=by_finger,
         guarded=False,
     ),
+    Case(
+        "barrett_bh8",
+        "barrett_bh8.py",
+        kind="can",
+        shown=lambda device, counts: counts.reshape(4, 24) / 256,
+        compared=lambda readings: [[r[1:] for r in readings if r[0] == puck] for puck in range(11, 15)],
+        guarded=False,
+        count=840,
+    ),
     Case("bielefeld_glove", "bielefeld_glove.py", guarded=False),
     Case(
         "brainco_revo2_canfd",
@@ -118,6 +127,13 @@ CASES = [
         kind="can",
         shown=lambda device, counts: np.concatenate([counts[:, :3].ravel(), counts[:, 3], np.zeros(5)]),
     ),
+    Case(
+        "brainco_revo2_canfd",
+        "revo2_canfd.py",
+        kind="can",
+        shown=lambda device, counts: [*counts[:, :3].ravel(), *counts[:, 3], 0, 0, 0, 0, 0],
+    ),
+    Case("cyskin_cpm_finger", "cyskin_cpm_finger.py", kind="can", guarded=False),
     Case(
         "dexrobot_dexhand",
         "dexhand021.py",
