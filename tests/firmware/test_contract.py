@@ -25,6 +25,7 @@ UNPINNED = json.loads((Path(__file__).parents[1] / "data" / "unpinned.json").rea
 VARIANTS = [
     ("ability_hand", {"stuffing": False}),
     ("agibot_omnihand_pro", {"device": 127}),
+    ("allegro_v5_sense", {"invalid": (0, 15)}),
     ("ati_net_ft", {"tool": (0.01, -0.02, 0.1), "counts_per_torque": 2_000_000}),
     ("ati_netcanoem", {"base": 0x100, "order": "012345"}),
     ("brainco_revo2", {"touch": "pressure"}),
@@ -33,6 +34,7 @@ VARIANTS = [
     ("brainco_revo3", {"touch": "matrix"}),
     ("contactile_papillarray", {"sensors": 1, "end_offset": True}),
     ("dexrobot_dexhand", {"side": "right"}),
+    ("dfrobot_tactile", {"model": "6x6"}),
     ("digity_exohand", {"side": "left", "records": ("touch",)}),
     ("eflesh_binary", {"missing": (2, 5)}),
     ("feetech_sts3215", {"ids": (7, 1), "encoders": (100.0, 4000.0), "swing": 0.3}),

@@ -144,6 +144,8 @@ CASES = [
         guarded=False,
         count=1100,
     ),
+    Case("dfrobot_tactile", "dfrobot_tactile.py"),
+    Case("dfrobot_tactile", "dfrobot_tactile.py", {"model": "6x6"}, peak=9.0),
     Case(
         "bota_sensone",
         "bota_sensone.py",
