@@ -112,6 +112,14 @@ CASES = [
         guarded=False,
     ),
     Case(
+        "allegro_v5_sense",
+        "allegro_v5.py",
+        {"invalid": (3,)},
+        kind="can",
+        shown=lambda device, counts: counts << 2,
+        guarded=False,
+    ),
+    Case(
         "barrett_bh8",
         "barrett_bh8.py",
         kind="can",
