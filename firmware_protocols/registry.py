@@ -32,6 +32,7 @@ DEVICES: dict[str, str] = {
     "contactile_papillarray": f"{_HERE}.contactile_papillarray:ContactilePapillArray",
     "cyskin_cpm_finger": f"{_HERE}.cyskin_cpm_finger:CyskinCpmFinger",
     "dexrobot_dexhand": f"{_HERE}.dexrobot_dexhand:DexrobotDexHand",
+    "dfrobot_tactile": f"{_HERE}.dfrobot_tactile:DfrobotTactile",
     "digity_exohand": f"{_HERE}.digity_exohand:DigityExohand",
     "dynpick": f"{_HERE}.dynpick:DynPick",
     "eflesh_binary": f"{_HERE}.eflesh_binary:EfleshBinary",

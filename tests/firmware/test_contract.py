@@ -34,6 +34,7 @@ VARIANTS = [
     ("brainco_revo3", {"touch": "matrix"}),
     ("contactile_papillarray", {"sensors": 1, "end_offset": True}),
     ("dexrobot_dexhand", {"side": "right"}),
+    ("dfrobot_tactile", {"model": "6x6"}),
     ("digity_exohand", {"side": "left", "records": ("touch",)}),
     ("eflesh_binary", {"missing": (2, 5)}),
     ("feetech_sts3215", {"ids": (7, 1), "encoders": (100.0, 4000.0), "swing": 0.3}),

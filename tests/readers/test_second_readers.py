@@ -112,6 +112,14 @@ CASES = [
         guarded=False,
     ),
     Case(
+        "allegro_v5_sense",
+        "allegro_v5.py",
+        {"invalid": (3,)},
+        kind="can",
+        shown=lambda device, counts: counts << 2,
+        guarded=False,
+    ),
+    Case(
         "barrett_bh8",
         "barrett_bh8.py",
         kind="can",
@@ -144,6 +152,8 @@ CASES = [
         guarded=False,
         count=1100,
     ),
+    Case("dfrobot_tactile", "dfrobot_tactile.py"),
+    Case("dfrobot_tactile", "dfrobot_tactile.py", {"model": "6x6"}, peak=9.0),
     Case(
         "bota_sensone",
         "bota_sensone.py",
