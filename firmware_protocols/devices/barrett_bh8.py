@@ -47,7 +47,7 @@ class BarrettBh8(Device[CanFrame]):
     columns = (Column(name="cell", low=0, high=0xFFF, push=1),)
     evidence = ("driver",)
     sources = ("libbarrett@109faf6 tactile_puck.cpp, puck.h", "Robotnik pyHand@4993a1f")
-    judge = "cantools, with a DBC of its frames"
+    judge = "cantools, with a DBC of its frames; own second reader"
     assumed = (
         "set messages: EA 00, then the value; a set without four bytes of value is not known; every other gets silence",
         "the unit of a value, taken as newtons on a cell; 100 conversions a second; tare is forgotten at power-off",

@@ -207,6 +207,7 @@ class BraincoRevo2CanFd(Revo2):
 
     name = "brainco_revo2_canfd"
     title = "BrainCo Revo2 Touch hand on CAN-FD"
+    judge = f"{Revo2.judge}; own second reader"
 
     def _plug(self) -> None:
         self.ports = (Can(data_bitrate=5_000_000, hears=((self.unit << 16, 0x1FFF0000),)),)
@@ -227,7 +228,9 @@ class BraincoRevo2CanFd(Revo2):
             reply = bytes([adu[1] | 0x80, 3])
         frame = rtu(self.unit, reply)
         sent = CanFrame(arbitration_id=ident & ~0xFF | len(frame), is_extended_id=True, is_fd=True, bitrate_switch=True)
-        return [with_payload(sent, frame)]
+        padded = with_payload(sent, frame)
+        assert isinstance(padded, CanFrame)
+        return [padded]
 
     @property
     def commands(self) -> tuple[Command, ...]:

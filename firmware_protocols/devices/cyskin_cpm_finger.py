@@ -54,7 +54,7 @@ class CyskinCpmFinger(Device[CanFrame]):
         "wngfra/can2wifi2ros@b429108 (the reader on an Arduino)",
         "wngfra/FabricSlide@eceb771 data (recordings: scan period, range)",
     )
-    judge = "cantools, with a DBC of its frames"
+    judge = "cantools, with a DBC of its frames; own second reader"
     assumed = (
         f"{COUNTS_PER_NEWTON:.0f} counts/N of normal force, {REST} counts untouched; proximity 0",
         f"taxels spread evenly over {WIDTH * 1e3:.0f} x {LENGTH * 1e3:.0f} mm; the table names the taxel at each place",

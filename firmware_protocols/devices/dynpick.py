@@ -35,7 +35,7 @@ class DynPick(Device):
     rate_hz = 500.0
     evidence = ("driver",)
     sources = ("tork-a/dynpick_driver@d5ea649",)
-    judge = "none"
+    judge = "own second reader"
     assumed = (
         "the tool is touched 50 mm above the sensor's origin; z points out of the tool side, forces act on the tool",
         "50 counts/N and 1500 counts/Nm, as numbers with three decimals and commas between them in the answer to p",

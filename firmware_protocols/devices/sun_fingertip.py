@@ -31,7 +31,7 @@ class SunFingertip(Device):
     title = "SUN fingertip, 5x5"
     evidence = ("driver",)
     sources = ("marcocostanzo/tactile_sensor_ros@149032e",)
-    judge = "none"
+    judge = "own second reader"
     assumed = (
         "row by row from the upper left, pitch 3.5 mm",
         "600 counts above 0 untouched, 400 counts/N along each taxel's normal",

@@ -90,7 +90,7 @@ class WeissWts(Device):
         "ksatyaki/wts_driver@82c46ac src/wts_driver.cpp (ids, CRC, values with the low byte first)",
         "CNCR-NTU/wts-ft@bbb00b0 crc16.py, wts_ft_interface.py (values of 16ths, high byte first)",
     )
-    judge = "none"
+    judge = "own second reader"
     assumed = (
         "14 rows of 6 texels of 3.4 mm, row by row from the upper left; 115200 baud; MATRIX is of 16-bit numbers",
         "1000 counts/N, full scale 4095; the frame as a DSACON32m's, not run-length coded, whatever the flags",

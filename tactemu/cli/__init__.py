@@ -1,6 +1,6 @@
-"""The command line. Each command imports what it runs, and ``tactemu --help`` is read from a file, without a parser.
+"""The command line. Each command imports what it runs; the help and the list of devices do without the parser.
 
-``python tests/test_readme.py --write`` writes the file, and a test holds it true.
+``python tests/test_readme.py --write`` writes the files that they are read from, and a test holds these true.
 """
 
 from __future__ import annotations
@@ -19,9 +19,7 @@ INTERRUPTED = 130
 def main() -> None:
     """Entry point of ``tactemu``. A mistake of the user's is one message on stderr and exit code 2."""
     try:
-        if sys.argv[1:] in (["--help"], ["-h"]) and shutil.get_terminal_size().columns >= HELP_COLUMNS:
-            with open(HELP, encoding="utf-8") as file:
-                print(file.read(), end="")
+        if _answered(sys.argv[1:]):
             return
         from tactemu.cli.app import app
         from tactemu.errors import TactemuError
@@ -33,3 +31,17 @@ def main() -> None:
             sys.exit(2)
     except KeyboardInterrupt:  # while things are imported, or compiled; a loop that runs takes it as its end
         sys.exit(INTERRUPTED)
+
+
+def _answered(words: list[str]) -> bool:
+    """What is asked most often, and takes less time than the parser takes to be imported."""
+    if words in (["--help"], ["-h"]) and shutil.get_terminal_size().columns >= HELP_COLUMNS:
+        with open(HELP, encoding="utf-8") as file:
+            print(file.read(), end="")
+        return True
+    if words in (["devices"], ["devices", "--json"]):
+        from tactemu.cli.listing import print_table
+
+        print_table(json="--json" in words)
+        return True
+    return False

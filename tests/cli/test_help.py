@@ -17,7 +17,7 @@ COMMANDS = [command.name or command.callback.__name__ for command in app.registe
 LIGHT = {
     # what is asked most often: what of ours and others' it must not wait for
     "--help": ("typer", "numpy", "warp", "trimesh", "can", "firmware_protocols"),
-    "devices": ("numpy", "warp", "trimesh", "can", "rich", "firmware_protocols.device"),
+    "devices": ("typer", "numpy", "warp", "trimesh", "can", "rich", "firmware_protocols.device"),
 }
 
 
@@ -150,5 +150,5 @@ class InterruptsImports:
 def test_an_early_interrupt_is_no_traceback(monkeypatch):
     monkeypatch.delitem(sys.modules, "tactemu.cli.app")
     monkeypatch.setattr(sys, "meta_path", [InterruptsImports(), *sys.meta_path])
-    done = here("devices")
+    done = here("faults")
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")

@@ -1,4 +1,4 @@
-"""Two unmodified Modbus clients read hands whose own drivers are on no index, register by register as those do."""
+"""Two unmodified Modbus clients read sensors whose own drivers are on no index, register by register as those do."""
 
 import json
 
@@ -109,3 +109,16 @@ def test_ghand5(client):
     for registers, part in zip(once[1:], patches, strict=True):
         read = taxels(part.stop - part.start, registers)
         assert_consecutive([read], rig.truth, decode=lambda counts, part=part: counts[part], count=1)
+
+
+@pytest.mark.judge("dfrobot_tactile", driver="client", carrier="RS-485, Modbus")
+@clients
+@pytest.mark.parametrize(("model", "shape"), [("4x8", (4, 8)), ("6x6", (6, 6))])
+def test_dfrobot_tactile(client, model, shape):
+    count = shape[0] * shape[1]
+    with Rig(fast("dfrobot_tactile", model=model), peak=9.0) as rig:
+        many = ask(client, rig, 1, ["inputs", 7, count], times=200)
+        once = ask(client, rig, 1, ["inputs", 1, 1], ["inputs", 43, 1], ["write_one", 6, 0xFF0F], ["inputs", 7, count])
+    turned = [np.reshape(reads[0], shape)[::-1].ravel() for reads in many]
+    assert_consecutive(turned, rig.truth)
+    assert once[0][:2] == [[0x3343], [int(model == "6x6")]]

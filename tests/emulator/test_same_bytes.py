@@ -2,6 +2,7 @@
 
 import functools
 import hashlib
+from pathlib import Path
 
 import pytest
 
@@ -21,6 +22,7 @@ STARTS = {
     "icub_skin": ["start"],
 }
 """Commands that make a device stream; others are asked for every documented answer once."""
+CONVERTS_WHEN_ASKED = f"{Path(__file__).parents[1] / 'devices' / 'on_request.py'}:OnRequest"
 
 
 def tables(name: str) -> dict:
@@ -28,7 +30,7 @@ def tables(name: str) -> dict:
     data = file.default_scene(name).tables.model_dump(by_alias=True, exclude_none=True)
     (skin,) = data["skin"]
     data["scene"] |= {} if name in SECONDS else {"dt": STEP_S}
-    skin |= {"name": name, "options": skin["options"] | {"noise": 1e-3}}
+    skin |= {"name": name.rpartition(":")[2], "options": skin["options"] | {"noise": 1e-3}}
     return data
 
 
@@ -74,6 +76,14 @@ def test_same_seed_same_bytes_alone_and_among_others(name):
     assert count > 0, "nothing was sent"
     other = tables("anyskin" if name != "anyskin" else "xela_uskin")
     assert digest(beside(data, other), name) == (alone, count)
+
+
+def test_same_seed_same_bytes_of_a_device_that_converts_when_asked():
+    """Whoever else samples brings the simulation no further than the moment at which it is asked."""
+    data = tables(CONVERTS_WHEN_ASKED)
+    alone, count = digest(data, "OnRequest")
+    assert count == 20
+    assert digest(beside(data, tables("anyskin")), "OnRequest") == (alone, count)
 
 
 def test_same_seed_same_bytes_run_after_run():

@@ -17,10 +17,24 @@ import numpy as np
 import pytest
 
 import firmware_protocols as fp
+from firmware_protocols.check.readings import reading_of
 from tests.drivers.can_link import INTERFACE
 from tests.drivers.rig import Rig, assert_consecutive
 
 pytestmark = [pytest.mark.driver, pytest.mark.timeout(90)]
+
+
+class Pulled(Rig):
+    """Every sample another force on every taxel, along all axes, and where a wrench is felt another wrench."""
+
+    def reading(self, stream):
+        device, normals = self.device, self.device.layout.normals
+        pushes = self._random.uniform(0.0, self.peak, len(normals))
+        pulls = self._random.uniform(-self.peak / 2, self.peak / 2, normals.shape)
+        pulls -= (pulls * normals).sum(1, keepdims=True) * normals
+        felt = {"force": pulls - pushes[:, None] * normals, "wrench": self._random.uniform(-9.0, 9.0, 6)}
+        keys = {sense.quantity: sense.key for sense in device.senses_of(stream)}
+        return reading_of(device, pushes, stream, **{keys[name]: felt[name] for name in felt if name in keys})
 
 
 @dataclass
@@ -97,6 +111,23 @@ CASES = [
         compared=by_finger,
         guarded=False,
     ),
+    Case(
+        "allegro_v5_sense",
+        "allegro_v5.py",
+        {"invalid": (3,)},
+        kind="can",
+        shown=lambda device, counts: counts << 2,
+        guarded=False,
+    ),
+    Case(
+        "barrett_bh8",
+        "barrett_bh8.py",
+        kind="can",
+        shown=lambda device, counts: counts.reshape(4, 24) / 256,
+        compared=lambda readings: [[r[1:] for r in readings if r[0] == puck] for puck in range(11, 15)],
+        guarded=False,
+        count=840,
+    ),
     Case("bielefeld_glove", "bielefeld_glove.py", guarded=False),
     Case(
         "brainco_revo2_canfd",
@@ -104,6 +135,13 @@ CASES = [
         kind="can",
         shown=lambda device, counts: np.concatenate([counts[:, :3].ravel(), counts[:, 3], np.zeros(5)]),
     ),
+    Case(
+        "brainco_revo2_canfd",
+        "revo2_canfd.py",
+        kind="can",
+        shown=lambda device, counts: [*counts[:, :3].ravel(), *counts[:, 3], 0, 0, 0, 0, 0],
+    ),
+    Case("cyskin_cpm_finger", "cyskin_cpm_finger.py", kind="can", guarded=False),
     Case(
         "dexrobot_dexhand",
         "dexhand021.py",
@@ -114,11 +152,14 @@ CASES = [
         guarded=False,
         count=1100,
     ),
+    Case("dfrobot_tactile", "dfrobot_tactile.py"),
+    Case("dfrobot_tactile", "dfrobot_tactile.py", {"model": "6x6"}, peak=9.0),
     Case(
         "bota_sensone",
         "bota_sensone.py",
         shown=lambda device, counts: [*counts.item()["wrench"][0], *counts.item()["temperature"]],
     ),
+    Case("dynpick", "dynpick.py", guarded=False),
     Case("eflesh_binary", "eflesh_binary.py"),
     Case(
         "contactile_papillarray",
@@ -222,9 +263,27 @@ CASES = [
     Case("seed_fts3", "seed_fts3.py", arguments=("crlf",), guarded=False),
     Case("singletact", "singletact.py", guarded=False),
     Case("singletact", "singletact.py", options={"board": "arduino"}, guarded=False),
+    Case(
+        "sun_fingertip",
+        "sun_fingertip.py",
+        {"baud": 1_000_000},
+        shown=lambda device, counts: counts * 3.3 / 4096,
+        guarded=False,
+    ),
     Case("vitac_3d", "vitac_3d.py", guarded=False),
     Case("weiss_dsacon32m", "weiss_dsacon32m.py", peak=4.0),
     Case("weiss_dsacon32m", "weiss_dsacon32m.py", arguments=("plain",), peak=4.0),
+    *(
+        Case(
+            "weiss_wts",
+            "weiss_wts.py",
+            {"values": taken},
+            (how, taken),
+            peak=4.0,
+            shown=lambda device, counts: counts.item()["force"],
+        )
+        for how, taken in (("periodic", "low_first"), ("single", "low_first"), ("single", "sixteenths"))
+    ),
     Case("wiresens", "wiresens.py", arguments=(64,), guarded=False),
     Case("wiresens", "wiresens.py", {"rows": 8, "cols": 15, "values": 120}, guarded=False),
     Case("xela_uskin", "xela_uskin.py", kind="can", guarded=False),
@@ -250,24 +309,24 @@ def read(reader, port, *arguments, count=200):
 
 @pytest.mark.parametrize("case", [*judged(CASES)])
 def test_200_consecutive_readings(case):
-    with case.on(Rig) as rig:
+    with case.on(Pulled) as rig:
         status, printed, complaint = read(case.reader, rig.port, *case.arguments, count=case.count)
     assert status == 0, complaint[-2000:]
     readings, lost = (json.loads(printed)[key] for key in ("readings", "lost"))
     assert lost < len(readings) / 4, "a busy machine loses a few frames, not so many"
     sequences = case.compared(readings)
     for part, sequence in enumerate(sequences):
-        assert np.ptp(np.asarray(sequence, float), axis=0).max() > 0
+        assert (np.ptp(np.asarray(sequence, float), axis=0) > 0).mean() > 0.7, "numbers that never change"
 
         def decode(counts, part=part):
             shown = case.shown(rig.device, counts)
             return shown if len(sequences) == 1 else shown[part]
 
         places = assert_consecutive(sequence, rig.truth, decode=decode)
-        assert len(set(places)) >= 50, "the same samples again and again"
+        assert len(set(places)) >= 30, "the same samples again and again"
 
 
-class Noisy(Rig):
+class Noisy(Pulled):
     """Of every 40th frame one bit in the middle is turned over."""
 
     def __init__(self, *arguments, **named):

@@ -1,0 +1,75 @@
+"""NETCANOEM: captured frames are sent byte by byte, gauges times matrix are force and torque again."""
+
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import firmware_protocols as fp
+from firmware_protocols.frames import CanFrame
+from tests.firmware.feeding import sample, send
+
+NAME = "ati_netcanoem"
+CAPTURE = json.loads((Path(__file__).parents[1] / "data" / "captures" / "ati_netcanoem.json").read_text())["frames"]
+"""Two readings, each a question and two answers with others in between, and a row of the matrix."""
+
+
+def gauges_of(first: str, second: str) -> list[int]:
+    """By number, as they stand in two captured frames."""
+    at = [*struct.unpack(">3h", CanFrame.parse(first).data[2:]), *struct.unpack(">3h", CanFrame.parse(second).data)]
+    return [at[place] for place in (0, 3, 1, 4, 2, 5)]
+
+
+@pytest.mark.parametrize(("first", "second"), [(6, 9), (10, 11)])
+def test_a_captured_reading_is_sent_byte_by_byte(first, second):
+    frames = CAPTURE[first], CAPTURE[second]
+    device = fp.create(NAME)
+    sample(device)
+    device.counts = np.array([gauges_of(*frames)])
+    assert [str(frame) for frame in send(device, "7F0#")] == list(frames)
+
+
+def test_a_captured_row_has_the_form_of_ours():
+    device = fp.create(NAME)
+    sample(device)
+    row = np.concatenate([np.frombuffer(CanFrame.parse(text).data, ">f4") for text in CAPTURE[:3]])
+    assert row.round(2).tolist() == pytest.approx([0.75, -27.35, 1.94, -25.62, 1.25, -27.65])
+    device.matrix = np.tile(row, (6, 1))
+    assert [str(frame) for frame in send(device, "7F2#00")] == CAPTURE[:3]
+
+
+@pytest.mark.parametrize(("options", "places"), [({}, "024135"), ({"order": "012345", "base": 0x100}, "012345")])
+def test_gauges_times_matrix_are_force_and_torque(options, places):
+    device = fp.create(NAME, **options)
+    base = options.get("base", 0x7F0)
+    wrench = [3.0, -4.0, -20.0, 0.2, -0.1, 0.5]
+    sample(device, wrench=wrench)
+    first, second = send(device, f"{base:03X}#")
+    at = [*struct.unpack(">3h", first.data[2:]), *struct.unpack(">3h", second.data)]
+    gauges = np.array([at[places.index(str(gauge))] for gauge in range(6)])
+    rows = [b"".join(frame.data for frame in send(device, f"{base + 2:03X}#{k:02X}")) for k in range(6)]
+    matrix = np.array([np.frombuffer(row, ">f4") for row in rows])
+    assert matrix @ gauges == pytest.approx(wrench, abs=0.02)
+
+
+def test_gauges_saturate():
+    device = fp.create(NAME)
+    sample(device, wrench=[1e9] * 6)
+    assert np.abs(device.counts).max() <= 0x8000
+
+
+@pytest.mark.parametrize("request_", ["7F0#00", "7F2#", "7F2#06", "7F2#0000"])
+def test_what_is_no_question_gets_silence(request_):
+    device = fp.create(NAME)
+    sample(device)
+    assert send(device, request_) == [] and device.counters["unknown_command"] == 1
+
+
+def test_motor_drives_on_the_bus_are_not_for_it():
+    device = fp.create(NAME)
+    sample(device)
+    for text in ("702#00", "000#8200", "701#00", "7F1#04FAFA930143"):
+        assert send(device, text) == []
+    assert device.counters["ignored"] == 4

@@ -1,0 +1,27 @@
+"""Wacoh DynPick force-torque sensor.
+
+Source: tork-a/dynpick_driver@d5ea649.
+A reading is Fx Fy Fz Mx My Mz in counts; 8192 is zero.
+
+Not settled by the description: the order of the six numbers (taken as that); upper or lower case of the digits (both
+are read); how the tick counts (one digit; not looked at); the answer to "p", which has the scale (not asked).
+"""
+
+import string
+
+from host import exactly, expect, open_serial, run
+
+
+def read(port):
+    line = open_serial(port, 921600)
+    while True:
+        line.write(b"R")
+        answer = exactly(line, 27)
+        expect(answer[25:] == b"\r\n", f"an answer does not end in CR LF: {answer!r}")
+        text = answer[:25].decode("ascii", "replace")
+        expect(text[0] in string.digits and set(text) <= set(string.hexdigits), f"no digits: {text!r}")
+        yield [int(text[at : at + 4], 16) for at in range(1, 25, 4)]
+
+
+if __name__ == "__main__":
+    run(read, pause=0.01)
