@@ -18,7 +18,6 @@ import importlib.metadata
 import json
 import re
 import subprocess
-from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,8 +30,6 @@ from tests.drivers.environments import locked
 
 ROOT = Path(__file__).parents[1]
 MAINS = ("origin/main", "main")
-MOST = 12
-"""Judges that stand for a carrier and framing."""
 
 
 @dataclass(frozen=True)
@@ -127,9 +124,6 @@ def deselect(config: pytest.Config, items: list[pytest.Item]) -> None:
         return
     named = named_files(config) if wanted == "changed" else set()
     judges = {item: judge for item in items if (judge := judge_of(item))}
-    standing = Counter(judge.carrier for judge in judges.values() if judge.every_run)
-    if len(standing) > MOST or set(standing.values()) > {1}:
-        raise pytest.UsageError(f"at every run one judge for each carrier, at most {MOST}: {dict(standing)}")
     left_out = [
         item for item, judge in judges.items() if item.path not in named and not is_run(judge, item.path, wanted)
     ]

@@ -57,7 +57,7 @@ class AllegroV5Sense(Device[CanFrame]):
     ports = (Can(),)
     evidence = ("driver",)
     sources = ("Wonikrobotics-git/allegro_hand_ros2_V5_Sense@db81588 AllegroHandDrv.cpp l.417, candef.h",)
-    judge = "cantools, with a DBC of its frames"
+    judge = "cantools, with a DBC of its frames; own second reader"
     assumed = (
         f"{COUNTS_PER_NEWTON:.0f} counts/N; sent 100 times a second from power-up on; 1 Mbit/s",
         "which finger has which tip; the channels between lie on the finger whose tip follows",
