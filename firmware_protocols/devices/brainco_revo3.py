@@ -84,6 +84,8 @@ MATRIX = MAP.by_name["matrix"].address
 ARRAY_POINTS, MATRIX_POINTS = (36, 31, 57, 21, 52, 21, 52, 21, 52, 21, 52), (60,) * 11
 REGIONS = (1, 3, 6, 3, 5, 3, 5, 3, 5, 3, 5)
 """Forces of each module."""
+_POINTS = np.split(np.arange(sum(ARRAY_POINTS)), np.cumsum(ARRAY_POINTS)[:-1])
+REGION_STARTS = [run[0] for points, n in zip(_POINTS, REGIONS) for run in np.array_split(points, n)]
 PAIRS = (5240, 5340, 5380, 5440, 5480, 5540, 5580, 5640, 5680, 5740, 5780)
 MODULES = (
     "palm",
@@ -147,8 +149,7 @@ class BraincoRevo3(Device):
         pushes = (self.felt - self.zero) * np.array(self.registers.all(f"{self.touch}_on"))[self.modules]
         if self.array:
             self.counts = quantize(pushes, ARRAY_SCALES[self.registers["array_mode"]], 0, 4095)
-            runs = [run.sum() for k, n in enumerate(REGIONS) for run in np.array_split(pushes[self.modules == k], n)]
-            self.registers["forces"] = np.array(runs) * MILLINEWTONS
+            self.registers["forces"] = np.add.reduceat(pushes, REGION_STARTS) * MILLINEWTONS
         else:
             modes = np.array(self.registers.all("matrix_mode"))[1:]
             self.counts = quantize(pushes, MATRIX_SCALES[modes][self.modules], 0, 255)
@@ -161,6 +162,8 @@ class BraincoRevo3(Device):
 
     def read(self, address: int, n: int, t_ns: int) -> bytes:
         """Registers, with the points of the last conversion."""
+        if address + n <= MAP.by_name["array_0"].address:
+            return self.registers.read(address, n)
         wire, area = self.layout.on_wire(self.counts), np.zeros(1320, int)
         for k, patch in enumerate(self.layout.patches):
             points = wire[patch.taxels]

@@ -239,6 +239,7 @@ class FeetechSts3215(Device):
         "defaults that the vendor's table does not have: phase, unload, alarm, start_force, speed_p, speed_i, 80 to 86",
         "a line that is still: 12.1 V, no current; gains, dead zones, acceleration and safe_torque change nothing",
         "motors: at the speed limit, then a time constant of 20 ms; step mode and damped stand; pwm 1000 is top speed",
+        "of `phase` only bit 4 counts: speeds are steps/s, speed 0 the greatest; no fault of encoder or current",
         "torque on goes to the goal; the goal at power-up is where it is; no condition unloads a servo",
         "overload: the load is above `overload` for `overload_time`; a status bit ends with its cause",
         "all servos of a line speak at the speed that was last written to one of them, from then on",

@@ -213,7 +213,7 @@ class RoHand(Device):
         wire = self.layout.on_wire(self.counts)
         if self.touch == "finger":
             self.registers["force"] = wire
-        else:
+        elif address + n > MAP.by_name["thumb"].address:
             for patch in self.layout.patches:
                 self._show(patch.name, wire[patch.taxels])
         return self.registers.read(address, n)

@@ -109,8 +109,10 @@ class Synria60(Device):
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
         """Modbus requests in chunks of any size."""
-        banks = Banks(holding=self, functions=(3, 6), own=self._own)
-        return self.rtu.answers(data, t_ns, {self.registers["unit"]: banks})
+        banks, answers = Banks(holding=self, functions=(3, 6), own=self._own), []
+        for at in range(len(data)):  # byte by byte: a new unit is that of the next request, even in the same chunk
+            answers += self.rtu.answers(data[at : at + 1], t_ns, {self.registers["unit"]: banks})
+        return answers
 
     def _own(self, pdu: bytes) -> bytes | None:
         """The answer to functions 41 and 42."""

@@ -17,6 +17,8 @@ TRANSPORTS: dict[str, str] = {
     "memory": "tactemu.transports.memory:MemoryTransport",
     "pty": "tactemu.transports.pty:PtyTransport",
     "rfc2217": "tactemu.transports.rfc2217:Rfc2217Transport",
+    "slcan": "tactemu.transports.slcan:SlcanTransport",
+    "socketcand": "tactemu.transports.socketcand:SocketcandTransport",
     "tcp": "tactemu.transports.tcp:TcpTransport",
     "udp": "tactemu.transports.udp:UdpTransport",
     "ws": "tactemu.transports.ws:WebSocketTransport",

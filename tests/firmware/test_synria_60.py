@@ -54,6 +54,11 @@ def test_a_broadcast_is_obeyed_and_not_answered(module):
     assert len(values(module, unit=9)) == 60
 
 
+def test_a_new_unit_answers_a_request_in_the_same_chunk(module):
+    (reply,) = send(module, rtu(0, b"\x06\x00\x01\x00\x07") + rtu(7, b"\x03\x00\x01\x00\x01"))
+    assert reply == rtu(7, b"\x03\x02\x00\x07")
+
+
 @pytest.mark.parametrize(
     ("pdu", "error"),
     [("41 00", 3), ("41 05", 3), ("43", 1), ("04 00 0F 00 01", 1), ("03 00 02 00 01", 2), ("06 00 0F 00 01", 2),

@@ -78,6 +78,27 @@ class CanEnd:
         self.bus.shutdown()
 
 
+class SlcanEnd(CanEnd):
+    """python-can's, unmodified."""
+
+    def __init__(self, port, url):
+        self.port, self.url = port, url
+
+    def open(self, seen):
+        with pumping(self.port, seen):
+            self.bus = can.Bus(interface="slcan", channel=self.url, bitrate=1_000_000, sleep_after_open=0.1)
+
+    def close(self):
+        self.bus.shutdown()
+
+
+class SocketcandEnd(SlcanEnd):
+    def open(self, seen):
+        host, _, port = self.url.removeprefix("socketcand://").rpartition(":")
+        with pumping(self.port, seen):
+            self.bus = can.Bus(interface="socketcand", host=host, port=int(port), channel="can0")
+
+
 class MemoryEnd:
     frame, request = FRAME, b"?"
 
@@ -199,6 +220,8 @@ DRIVERS = {
     "ws": [("ws:0", WebSocketEnd), ("ws:[::1]:0", WebSocketEnd)],
     "dds": [("dds:71", DdsEnd), ("dds:lo:72/rt/elsewhere", DdsEnd)],
     "udp": [("udp:0", UdpEnd), ("udp:[::1]:0", UdpEnd)],
+    "slcan": [("slcan:{tmp}/can", SlcanEnd)],
+    "socketcand": [("socketcand:0", SocketcandEnd)],
     "rfc2217": [("rfc2217:127.0.0.1:0", PySerialEnd)],
     "can": [("can:virtual:contract", CanEnd), ("can:udp_multicast:239.74.163.9", CanEnd)],
 }
@@ -244,16 +267,18 @@ def test_every_scheme_has_a_driver():
 def test_a_driver_comes_talks_and_goes_twice(address, end, tmp_path):
     with create(address.format(tmp=tmp_path)) as port:
         driver = end(port, port.address)
-        bus = isinstance(driver, CanEnd)
+        bus, adapter = type(driver) is CanEnd, isinstance(driver, CanEnd)
         for _ in range(1 if bus else 2):
             assert port.listening == bus
             if not bus:
                 assert not port.write(driver.frame), "nobody listens"
             seen = []
             driver.open(seen)
-            if not bus:
+            if not adapter:
                 look(port, seen, LinesChanged)
                 assert seen[0] == Opened() and [e for e in seen if isinstance(e, LinesChanged)][-1] == RAISED
+            while adapter and not bus and not port.listening:
+                port.poll()
             assert port.listening
             assert port.write(driver.frame)
             assert driver.read(driver.frame) == driver.frame
@@ -262,8 +287,9 @@ def test_a_driver_comes_talks_and_goes_twice(address, end, tmp_path):
             assert [event.data for event in seen if isinstance(event, Received)] == [driver.request]
             assert port.poll() == [], "own frames do not come back"
             driver.close()
-            if not bus:
+            if not adapter:
                 assert look(port, [], Closed)[-2:] == [Closed(), DROPPED]
+            look(port, [], Closed, seconds=0.1)
 
 
 @pytest.mark.parametrize(("address", "end"), CASES)

@@ -47,6 +47,7 @@ while True:
     client.sendall({data})
 """
 UDP = """
+from urllib.parse import urlsplit
 url = urlsplit(port)
 client = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 client.connect((url.hostname, url.port))

@@ -20,7 +20,7 @@ class CanCarrier(Carrier):
     """Every node offers its own frames in order; the driver is one of the nodes."""
 
     kind = "can"
-    schemes = ("can",)
+    schemes = ("can", "slcan", "socketcand")
     shared = True
     one_line = True
     ordered = False

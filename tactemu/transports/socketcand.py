@@ -1,0 +1,101 @@
+"""``socketcand:HOST:PORT``: a CAN bus behind a daemon on the network, as ``socketcand`` serves one, in raw mode.
+
+A driver opens it as ``can.Bus(interface="socketcand", host=HOST, port=PORT, channel="can0")``; any name of a channel
+will do. One client at a time, on loopback unless an address is named, as for ``tcp:``. Classic CAN only.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+
+from firmware_protocols import CanFrame, Frame
+from tactemu.errors import TransportError
+from tactemu.transports.tcp import TcpTransport
+from tactemu.transports.transport import Event, Received
+
+_MESSAGE = re.compile(rb"<\s*([^<>]*?)\s*>")
+_LONGEST = 200
+"""Of a message [byte]; the rest of a longer one is forgotten."""
+_UNSENT_LIMIT = 65_536
+"""Answers that wait for a client that does not read [byte]; those beyond are lost."""
+
+
+class SocketcandTransport(TcpTransport):
+    """The daemon. On the bus while a client is in raw mode."""
+
+    scheme = url = "socketcand"
+
+    def __init__(self, rest: str):
+        super().__init__(rest)
+        self._half = b""
+        self._opened = self._raw = False
+
+    @property
+    def listening(self) -> bool:
+        """Whether a client is in raw mode."""
+        return super().listening and self._raw
+
+    def write(self, frame: Frame) -> bool:
+        """Send one frame; ``False`` for kinds that the protocol has no word for, too."""
+        if not isinstance(frame, CanFrame):
+            raise TransportError(f"a CAN bus cannot carry {len(frame)} bytes of a serial stream")
+        if frame.is_fd or frame.is_remote_frame or frame.is_error_frame:
+            return False
+        ident = f"{frame.arbitration_id:08X}" if frame.is_extended_id else f"{frame.arbitration_id:03X}"
+        return super().write(f"< frame {ident} {time.time():.6f} {frame.data.hex().upper()} >".encode("ascii"))
+
+    def poll(self, reading: bool = True) -> list[Event]:
+        """The client's frames. A bus has no open and close: who is not there hears nothing."""
+        return [event for event in super().poll(reading) if isinstance(event, Received)]
+
+    def _greet(self) -> list[Event]:
+        self._half, self._opened, self._raw = b"", False, False
+        self._say(b"hi")
+        return []
+
+    def _farewell(self) -> list[Event]:
+        return []
+
+    def _decode(self, chunk: bytes) -> list[Event]:
+        events: list[Event] = []
+        heard, end = self._half + chunk, 0
+        for message in _MESSAGE.finditer(heard):
+            end = message.end()
+            events += self._obey(message[1].split())
+        self._half = heard[end:][-_LONGEST:]
+        return events
+
+    def _obey(self, words: list[bytes]) -> list[Event]:
+        match words:
+            case [b"open", _] if not self._opened:
+                self._opened = True
+                self._say(b"ok")
+            case [b"rawmode"] if self._opened:
+                self._raw = True
+                self._say(b"ok")
+            case [b"echo"]:
+                self._say(b"echo")
+            case [b"send", ident, length, *data] if self._raw:
+                frame = frame_of(ident, length, data)
+                if frame is None:
+                    self._say(b"error invalid frame")
+                return [] if frame is None else [Received(frame)]
+            case _:
+                self._say(b"error unknown command")
+        return []
+
+    def _say(self, words: bytes) -> None:
+        if len(self._unsent) < _UNSENT_LIMIT:
+            self._unsent += b"< " + words + b" >"
+
+
+def frame_of(ident: bytes, length: bytes, data: list[bytes]) -> CanFrame | None:
+    """The frame of ``< send 123 2 11 22 >``; an identifier of more than three digits is extended."""
+    extended = len(ident) > 3
+    try:
+        number, values = int(ident, 16), bytes(int(each, 16) for each in data)
+        fits = int(length, 16) == len(values) <= 8 and 0 <= number < 1 << (29 if extended else 11)
+    except ValueError:
+        return None
+    return CanFrame(arbitration_id=number, data=values, is_extended_id=extended) if fits else None
