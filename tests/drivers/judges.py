@@ -64,7 +64,7 @@ def rows(verdicts: list[Verdict], names: list[str]) -> list[tuple[str, str, str,
         for key in of_it:
             outcomes = [verdict["outcome"] for verdict in found[key]]
             fewest = min((v["readings"] for v in found[key] if v["readings"]), default=0)
-            lines.append((*key, readings(fewest), result(outcomes)))
+            lines.append((*key, readings(fewest), result(outcomes, fewest)))
         judge = fp.create(name).judge
         if not of_it:
             lines.append((name, judge, "", "", "not read" if judge.startswith(UNREAD) else "NO TEST"))
@@ -76,11 +76,13 @@ def readings(count: int) -> str:
     return str(count if count < 100 else count // 100 * 100) if count else ""
 
 
-def result(outcomes: list[str]) -> str:
+def result(outcomes: list[str], fewest: int) -> str:
     """Of all tests of one driver and carrier."""
     if bad := outcomes.count("failed"):
         return f"FAILED {bad} of {len(outcomes)}"
-    return "NOT RUN" if "passed" not in outcomes else "equal"
+    if "passed" not in outcomes:
+        return "NOT RUN"
+    return "equal" if fewest else "passed, not counted"
 
 
 def main() -> int:
