@@ -112,6 +112,7 @@ PLANTS = {
         r"is answered by C10200C3, documented: C1 02 00 C4",
     ),
     "layout: two taxels at one place": ([("0.02))", "-0.02))")], r"taxels 0 and 12 lie at one place"),
+    "datasheet: of no kind that lists have": ([('kind = "fingertip"', 'kind = "pad"')], r"kind 'pad': expected one of"),
     "datasheet: a guess of evidence": ([('evidence = ("assumed",)', 'evidence = ("guessed",)')], r"evidence 'guessed'"),
     "datasheet: no line to try": ([("Try it:", "Or:")], r"the docstring of acme_palm\.py lacks 'try it'"),
     "datasheet: no columns": ([("    columns = (", "    old_columns = (")], r"columns: say what the counts mean"),
