@@ -96,6 +96,19 @@ class Line:
         self._sending = None
         return lost
 
+    def withdraw(self, source: str) -> list[Pending]:
+        """Take back what a source has queued or on the line, and return it in its order."""
+        withdrawn = []
+        if self._sending is not None and self._sending.source == source:
+            withdrawn, self._sending = [self._sending], None
+        for name, lane in self._lanes.items():
+            own = sorted(pending for pending in lane if pending.source == source)
+            lane[:] = [pending for pending in lane if pending.source != source]
+            heapq.heapify(lane)
+            self._waiting_ns[name] -= sum(pending.duration_ns for pending in own)
+            withdrawn += own
+        return withdrawn
+
     def _start(self, now_ns: int) -> None:
         """Let the frames that are ready when the line falls idle compete, if that moment has come."""
         waiting = [(name, lane) for name, lane in self._lanes.items() if lane]

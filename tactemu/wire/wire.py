@@ -318,8 +318,8 @@ class Wire:
 
     def _hear_all(self, events: list[Event | Heard]) -> None:
         """The port closes: what the driver has sent arrives at once."""
-        if self.inbound is not self.line:
-            for pending in self.inbound.clear():
+        if self.carrier.ordered:  # on a bus what has not left its node never does
+            for pending in self.inbound.withdraw(DRIVER):
                 self._arrived.append((self._now_ns, Heard(pending.frame)))
         self._deliver(None, events)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from firmware_protocols import USB, Can, CanFrame, Sent, Serial
+from firmware_protocols import USB, Can, CanFrame, Rs485, Sent, Serial
 from tactemu.transports.memory import WAITING_LIMIT, MemoryTransport
 from tactemu.transports.transport import CHUNK, DROPPED, RAISED, Closed, Opened, SerialSetting
 from tactemu.wire.can_bits import frame_ns
@@ -142,6 +142,19 @@ def test_requests_take_their_time_too():
     driver.write(b"bye")
     driver.close()
     assert wire.receive(10**9) == [Heard(b"bye"), Closed(), DROPPED]
+
+
+def test_on_a_half_duplex_line_too_the_last_words_of_a_driver_are_heard():
+    wire, driver = plugged(Rs485(baud=115_200))
+    wire.send([FRAME], 0)
+    driver.write(b"first")
+    assert wire.receive(0) == []
+    driver.write(b"bye")
+    driver.close()
+    heard = wire.receive(1000)
+    assert [event.data for event in heard if isinstance(event, Heard)] == [b"first", b"bye"]
+    assert heard[-2:] == [Closed(), DROPPED] and wire.next_due_ns() is None
+    assert wire.counters["unheard"] == 1, "what the device was about to say"
 
 
 def test_nobody_listens():
