@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -54,14 +54,14 @@ class Truth:
     # -- what is kept --------------------------------------------------------------------------------------------------
 
     @property
-    def samples(self) -> deque[Sample]:
-        """The latest samples, oldest first."""
-        return self._memory.samples
+    def samples(self) -> list[Sample]:
+        """The latest samples, oldest first; a list of one's own, which no running emulator changes."""
+        return list(self._memory.samples)
 
     @property
-    def frames(self) -> deque[tuple[int, str, Frame]]:
-        """``(t_ns, device, frame)`` of the latest frames that left for the driver, oldest first."""
-        return self._memory.frames
+    def frames(self) -> list[tuple[int, str, Frame]]:
+        """``(t_ns, device, frame)`` of the latest frames that left for the driver, oldest first; likewise."""
+        return list(self._memory.frames)
 
     @property
     def forgotten(self) -> int:

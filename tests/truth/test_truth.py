@@ -21,6 +21,16 @@ def test_samples_are_copies():
     assert not log.samples[0].counts.any()
 
 
+def test_what_is_kept_may_be_gone_through_while_the_emulator_runs():
+    log = Truth()
+    log.sample(0, "a", ZEROS, ZEROS, ZEROS)
+    log.wrote(0, "a", b"?")
+    for sample, (_, device, frame) in zip(log.samples, log.frames):
+        log.sample(sample.t_ns + 1, "a", ZEROS, ZEROS, ZEROS)
+        log.wrote(1, device, frame)
+    assert len(log.samples) == len(log.frames) == 2
+
+
 def test_arrays_with_gaps_and_without_taxels_are_kept():
     log = Truth()
     grid = np.arange(24.0).reshape(4, 6)
