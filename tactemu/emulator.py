@@ -242,12 +242,14 @@ class Emulator:
         """While nothing is due, one simulation step towards the next sample, which then finds its state ready.
 
         Never past an action that is scheduled. What comes from outside meanwhile (a command that changes the period, a
-        call from another thread) meets a simulation that is less than a period ahead. Virtual time has no meanwhile.
+        call from another thread) meets a simulation that is less than a period ahead; in virtual time, where it is
+        known when it will have come, one that is not ahead.
         """
         simulation = self.simulation
-        if simulation is None or self.clock.virtual or simulation.dt_ns <= 0 or not self._deadlines():
+        if simulation is None or simulation.dt_ns <= 0 or not self._deadlines():
             return False
-        if min(self._deadlines(self._agenda.next_ns, end_ns)) - simulation.time_ns < simulation.dt_ns:
+        comes = [wire.next_due_ns() for wire in self.wires] if self.clock.virtual else []
+        if min(self._deadlines(self._agenda.next_ns, end_ns, *comes)) - simulation.time_ns < simulation.dt_ns:
             return False
         simulation.advance_to(simulation.time_ns + simulation.dt_ns)
         return True
