@@ -50,6 +50,7 @@ ARROWS = {
         *LEAVES, "assembly", "clock", "emulator", "errand", "kernels", "physics", "scenario", "scene", "transports",
         "truth",
     ),
+    "exec": (*LEAVES, "emulator", "serving", "transports", "wire"),
     "pytest_plugin": ("serving",),
     "doors": (*LEAVES, "serving"),
     "tactemu": ("errors", "physics", "scene", "serving", "truth"),  # the public names, imported on first use
