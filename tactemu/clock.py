@@ -9,6 +9,8 @@ from typing import Protocol
 
 POLL_NS = 1_000_000
 """How often a port without a file descriptor is looked at."""
+_LOOK_S = 0.1
+"""How long a wait for nothing in particular takes at most."""
 
 
 class Clock(Protocol):
@@ -19,6 +21,15 @@ class Clock(Protocol):
     @property
     def origin_ns(self) -> int | None:
         """The machine's monotonic clock when this one showed 0; ``None`` where time is virtual."""
+        ...
+
+    @property
+    def end_ns(self) -> int | None:
+        """Where time stops until somebody lets it go on; ``None``: nowhere."""
+        ...
+
+    def stands(self) -> bool:
+        """Whether it has stopped there."""
         ...
 
     def start(self) -> None:
@@ -41,6 +52,7 @@ class RealClock:
     """The machine's monotonic clock."""
 
     virtual = False
+    end_ns = None
 
     def __init__(self):
         self.origin_ns = time.monotonic_ns()
@@ -49,6 +61,10 @@ class RealClock:
         """Count from now."""
         self.origin_ns = time.monotonic_ns()
 
+    def stands(self) -> bool:
+        """Never."""
+        return False
+
     def now_ns(self) -> int:
         """Nanoseconds since the clock was made, or started."""
         return time.monotonic_ns() - self.origin_ns
@@ -56,7 +72,7 @@ class RealClock:
     def wait(self, deadline_ns: int | None, filenos: Sequence[int], *, poll: bool = False) -> None:
         """Sleep in ``select``, whose timeout has microsecond steps (``epoll`` would round to milliseconds)."""
         now = self.now_ns()
-        until = now + 100_000_000 if deadline_ns is None else deadline_ns
+        until = now + round(_LOOK_S * 1e9) if deadline_ns is None else deadline_ns
         if poll:
             until = min(until, now + POLL_NS)
         if until > now:
@@ -68,12 +84,17 @@ class VirtualClock:
 
     virtual = True
     origin_ns = None
+    end_ns: int | None = None
 
     def __init__(self, start_ns: int = 0):
         self._now = start_ns
 
     def start(self) -> None:
         """It stands where it was set."""
+
+    def stands(self) -> bool:
+        """Never."""
+        return False
 
     def now_ns(self) -> int:
         """The deadline that was waited for last."""
@@ -83,3 +104,29 @@ class VirtualClock:
         """Jump to the deadline."""
         if deadline_ns is not None:
             self._now = max(self._now, deadline_ns)
+
+
+class LockstepClock(VirtualClock):
+    """A virtual clock that goes as far as it is let, and there waits for whoever lets it go on.
+
+    Call :meth:`go_on` in the loop's thread.
+    """
+
+    end_ns: int = 0
+
+    def stands(self) -> bool:
+        """Whether it has come as far as it was let."""
+        return self._now >= self.end_ns
+
+    def go_on(self, until_ns: int) -> None:
+        """Let time pass until ``until_ns``; it is never turned back."""
+        self.end_ns = max(self.end_ns, until_ns)
+
+    def wait(self, deadline_ns: int | None, filenos: Sequence[int], *, poll: bool = False) -> None:
+        """Jump to the deadline, no farther than time was let; there wait for a file descriptor."""
+        if deadline_ns is not None and deadline_ns <= self._now:
+            return
+        if not self.stands():
+            super().wait(self.end_ns if deadline_ns is None else min(deadline_ns, self.end_ns), filenos)
+            return
+        select.select(filenos, (), (), POLL_NS / 1e9 if poll else _LOOK_S)

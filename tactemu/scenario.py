@@ -107,7 +107,7 @@ def _schedule_one(emulator: Emulator, channel: Channel, event: EventTable, origi
         raise SceneError(f"scenario at {event.at:g} s: hang: say until when with `until`")
 
     def note(what: str, detail: str) -> None:
-        emulator.truth.inject(emulator.clock.now_ns(), channel.name, what, detail)
+        emulator.truth.inject(emulator.now_ns, channel.name, what, detail)
 
     def begin() -> None:
         if event.dead:
