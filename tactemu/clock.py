@@ -84,10 +84,14 @@ class VirtualClock:
 
     virtual = True
     origin_ns = None
-    end_ns: int | None = None
 
     def __init__(self, start_ns: int = 0):
         self._now = start_ns
+
+    @property
+    def end_ns(self) -> int | None:
+        """None: it goes on for ever."""
+        return None
 
     def start(self) -> None:
         """It stands where it was set."""
@@ -112,21 +116,32 @@ class LockstepClock(VirtualClock):
     Call :meth:`go_on` in the loop's thread.
     """
 
-    end_ns: int = 0
+    def __init__(self, start_ns: int = 0):
+        super().__init__(start_ns)
+        self._end = start_ns
+        self._stands = False
+
+    @property
+    def end_ns(self) -> int:
+        """As far as it was let."""
+        return self._end
 
     def stands(self) -> bool:
-        """Whether it has come as far as it was let."""
-        return self._now >= self.end_ns
+        """Whether it has come there, and all that was due has been done."""
+        return self._stands
 
     def go_on(self, until_ns: int) -> None:
         """Let time pass until ``until_ns``; it is never turned back."""
-        self.end_ns = max(self.end_ns, until_ns)
+        self._end = max(self._end, until_ns)
+        self._stands = self._stands and self._now >= self._end
 
     def wait(self, deadline_ns: int | None, filenos: Sequence[int], *, poll: bool = False) -> None:
         """Jump to the deadline, no farther than time was let; there wait for a file descriptor."""
         if deadline_ns is not None and deadline_ns <= self._now:
             return
-        if not self.stands():
-            super().wait(self.end_ns if deadline_ns is None else min(deadline_ns, self.end_ns), filenos)
+        if self._now < self._end:
+            super().wait(self._end if deadline_ns is None else min(deadline_ns, self._end), filenos)
             return
-        select.select(filenos, (), (), POLL_NS / 1e9 if poll else _LOOK_S)
+        if self._stands:
+            select.select(filenos, (), (), POLL_NS / 1e9 if poll else _LOOK_S)
+        self._stands = True
