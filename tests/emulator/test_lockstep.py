@@ -1,5 +1,6 @@
-"""Time that advances only when it is told to: the same bytes as where it runs by itself, and answers while it stands."""
+"""Time that advances only when it is told to: the bytes of time that runs by itself, and answers while it stands."""
 
+import functools
 
 import pytest
 
@@ -25,12 +26,12 @@ def go_on(emulator, until_ns: int) -> None:
         emulator.step()
 
 
-def asked(emulator, driver) -> None:
+def ask(emulator, write) -> None:
     """Every documented request at a virtual time of its own; of a bus that is switched on and off, the former."""
     commands = [command for command in emulator.channels[0].device.commands if command.name != "stop"]
     for k, command in enumerate(commands):
         for j, request in enumerate((*command.after, command.request)):
-            emulator.at(round((20.3 + 7.1 * k + 1.7 * j) * MS), lambda r=frame_of(request): driver.write(r))
+            emulator.at(round((20.3 + 7.1 * k + 1.7 * j) * MS), functools.partial(write, frame_of(request)))
 
 
 # a stream, a bus, one that is polled on a shared line, one that is polled and streams
@@ -40,7 +41,7 @@ def test_a_thousand_steps_give_the_bytes_of_virtual_time(device):
     for clock in (VirtualClock(), LockstepClock()):
         emulator, truth = emulator_of(device, clock)
         with emulator:
-            asked(emulator, emulator.wires[0].transport.driver)
+            ask(emulator, emulator.channels[0].wire.transport.driver.write)  # pyright: ignore
             if isinstance(clock, LockstepClock):
                 for k in range(1000):
                     go_on(emulator, (k + 1) * MS)
