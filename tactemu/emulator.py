@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from firmware_protocols import Convert, Counts, Restart
-from tactemu.agenda import Agenda
+from tactemu.agenda import Action, Agenda, Guest
 from tactemu.calls import Calls
 from tactemu.channel import Channel, Source
 from tactemu.clock import Clock, RealClock
@@ -85,8 +85,10 @@ class Emulator:
         """Time of the turn: what happens in it happens then."""
         self.look_ahead_ns: int | None = None
         """In real time the simulation is at most so far ahead (or a step, if that is longer); ``None``: any way."""
-        self._agenda = Agenda()
-        self._outbox = Agenda()
+        self._channels = {channel.name: channel for channel in self.channels}
+        self._agenda: Agenda[Action | Guest] = Agenda()
+        self._outbox: Agenda[Action] = Agenda()
+        """Samples until their release times."""
         self._calls = Calls()
 
     # -- life ------------------------------------------------------------------------------------------------------
@@ -130,7 +132,7 @@ class Emulator:
         channel.halt()
         booted = channel.silent_until_ns = now + round(channel.device.boot_s * 1e9)
         if booted > now:
-            self._later(channel, booted, lambda: self._boot(channel, booted))
+            self._later(channel, booted, "boot", booted)
         else:
             self._boot(channel, now)
 
@@ -166,7 +168,7 @@ class Emulator:
         """One turn: commands in, samples taken, frames out, calls, then wait for whatever comes next."""
         now = self.now_ns = self.clock.now_ns()
         for action in self._agenda.due(now):
-            action()
+            self._do(action)
         for wire in self.wires:
             self._listen(wire, now)
             if not self.clock.virtual:  # an answer does not wait for the physics of a sample
@@ -304,10 +306,9 @@ class Emulator:
         for out in channel.call(method, *args):
             match out:
                 case Restart(delay_ns):
-                    self._later(channel, now + delay_ns, lambda: self._power_on(channel))
+                    self._later(channel, now + delay_ns, "power on")
                 case Convert(stream, delay_ns):
-                    at = now + delay_ns
-                    self._later(channel, at, lambda stream=stream, at=at: self._convert_once(channel, stream, at))
+                    self._later(channel, now + delay_ns, "convert", stream, now + delay_ns)
                 case _:
                     to = getattr(out, "port", "") or port or next(iter(channel.wires))
                     frames.setdefault(to.partition("/")[0], []).append(out)
@@ -317,19 +318,18 @@ class Emulator:
             elif release_ns is None:
                 channel.wires[to].send(together, now, source=channel.name, sample=sample)
             else:
-                self._post(channel, to, together, release_ns, sample)
+                self._outbox.put(release_ns, Action("send", channel.name, (to, together, release_ns, sample)))
         channel.follow(now)
         if channel.device.wake_ns != channel.alarm_ns:
             self._set_alarm(channel, now)
 
-    def _post(self, channel: Channel, port: str, frames: list[Any], release_ns: int, sample: int | None) -> None:
-        """Keep a sample's frames until their release time."""
-        wire, name = channel.wires[port], channel.name
-        self._outbox.put(release_ns, lambda: wire.send(frames, release_ns, source=name, sample=sample))
-
     def _release(self, now: int) -> None:
-        for send in self._outbox.due(now):
-            send()
+        """Let samples go whose release time has come."""
+        for action in self._outbox.due(now):
+            self._do(action)
+
+    def _send(self, channel: Channel, port: str, frames: list[Any], release_ns: int, sample: int | None) -> None:
+        channel.wires[port].send(frames, release_ns, source=channel.name, sample=sample)
 
     def _convert_once(self, channel: Channel, stream: str, t_ns: int) -> None:
         """A conversion out of its period."""
@@ -337,32 +337,29 @@ class Emulator:
         number = self._convert(channel, stream, t_ns, local)
         self._call(channel, t_ns, "stream", local, stream, sample=number)
 
-    def _later(self, channel: Channel, t_ns: int, action: Callable[[], None]) -> None:
+    def _later(self, channel: Channel, t_ns: int, name: str, *args: Any) -> None:
         """Unless the device has restarted by then."""
-        life = channel.lives
-        self._agenda.put(t_ns, lambda: action() if channel.lives == life else None)
+        self._agenda.put(t_ns, Action(name, channel.name, args, channel.lives))
 
     def _set_alarm(self, channel: Channel, now: int) -> None:
         """The device's alarm clock was set, to a time of its own clock, or switched off."""
         wake_ns = channel.alarm_ns = channel.device.wake_ns
-        if wake_ns is None:
-            return
+        if wake_ns is not None:
+            self._later(channel, max(now, channel.sampling.world_ns(wake_ns)), "wake", wake_ns)
 
-        def wake() -> None:
-            if channel.alarm_ns == wake_ns:
-                channel.device.wake_ns = channel.alarm_ns = None
-                at = self.clock.now_ns()
-                self._call(channel, at, "wake", channel.local_ns(at))
-
-        self._later(channel, max(now, channel.sampling.world_ns(wake_ns)), wake)
+    def _wake(self, channel: Channel, wake_ns: int) -> None:
+        """The time has come that the alarm clock was set to, unless it was set to another since."""
+        if channel.alarm_ns == wake_ns:
+            channel.device.wake_ns = channel.alarm_ns = None
+            self._call(channel, self.now_ns, "wake", channel.local_ns(self.now_ns))
 
     # -- what others ask of the loop -----------------------------------------------------------------------------------
 
-    def call(self, action: Callable[[], None], at_ns: int = 0) -> None:
+    def call(self, action: Guest, at_ns: int = 0) -> None:
         """Have ``action`` run by the loop at the end of a turn, not before ``at_ns``. Safe from any thread."""
         self._calls.put(action, at_ns)
 
-    def at(self, t_ns: int, action: Callable[[], None]) -> None:
+    def at(self, t_ns: int, action: Action | Guest) -> None:
         """Have ``action`` run by the loop at an emulation time, before what is sampled then. Call from the loop's
         thread, or before it runs."""
         self._agenda.put(t_ns, action)
@@ -370,17 +367,48 @@ class Emulator:
     def hang(self, until_ns: int, name: str | None = None) -> None:
         """Let the device ``name`` (default: every one) neither sample nor hear until ``until_ns``, then go on."""
         for channel in self._named(name):
-            channel.silent_until_ns = max(channel.silent_until_ns, until_ns)
-            self.truth.inject(self.now_ns, channel.name, "hang", f"until {until_ns} ns")
+            self._hang(channel, until_ns)
 
     def reset(self, name: str | None = None) -> None:
         """Let the device ``name`` (default: every one) restart as after power-up, boot time included."""
         for channel in self._named(name):
-            self.truth.inject(self.now_ns, channel.name, "reset")
-            self._power_on(channel)
+            self._reset(channel)
 
     def _named(self, name: str | None) -> list[Channel]:
         return [channel for channel in self.channels if name in (None, channel.name)]
+
+    def _do(self, action: Action | Guest) -> None:
+        if not isinstance(action, Action):
+            action()
+            return
+        channel = self._channels[action.channel]
+        if action.life is None or action.life == channel.lives:
+            ACTIONS[action.name](self, channel, *action.args)
+
+    # -- what befalls a device -----------------------------------------------------------------------------------------
+
+    def _hang(self, channel: Channel, until_ns: int) -> None:
+        channel.silent_until_ns = max(channel.silent_until_ns, until_ns)
+        self._inject(channel, "hang", f"until {until_ns} ns")
+
+    def _reset(self, channel: Channel) -> None:
+        self._inject(channel, "reset")
+        self._power_on(channel)
+
+    def _set(self, channel: Channel, option: str, value: Any) -> None:
+        channel.imperfections.set(option, value)
+        self._inject(channel, "set", f"{option} = {value}")
+
+    def _kill(self, channel: Channel, taxels: Sequence[int], value: float | None) -> None:
+        channel.imperfections.set_dead(list(taxels), True, value)
+        self._inject(channel, "dead", " ".join(map(str, taxels)))
+
+    def _revive(self, channel: Channel, taxels: Sequence[int]) -> None:
+        channel.imperfections.set_dead(list(taxels), False)
+        self._inject(channel, "revived", " ".join(map(str, taxels)))
+
+    def _inject(self, channel: Channel, what: str, detail: str = "") -> None:
+        self.truth.inject(self.now_ns, channel.name, what, detail)
 
     def _wait(self, end_ns: int | None, look_ns: int | None) -> None:
         """Until whatever comes next, or until it is time to look ahead again."""
@@ -398,6 +426,21 @@ def _by_sense(counts: Counts, measured: Mapping[str, Any]) -> Sequence[tuple[str
     if isinstance(counts, Mapping):
         return [(key, values, key) for key, values in counts.items() if key in measured]
     return [(next(iter(measured)), counts, "")]
+
+
+ACTIONS: dict[str, Callable[..., None]] = {
+    "boot": Emulator._boot,
+    "convert": Emulator._convert_once,
+    "hang": Emulator._hang,
+    "kill": Emulator._kill,
+    "power on": Emulator._power_on,
+    "reset": Emulator._reset,
+    "revive": Emulator._revive,
+    "send": Emulator._send,
+    "set": Emulator._set,
+    "wake": Emulator._wake,
+}
+"""What the loop does with a device when its time has come, by the name in an :class:`~tactemu.agenda.Action`."""
 
 
 __all__ = ["Channel", "Emulator", "Simulated", "Source"]

@@ -37,7 +37,7 @@ ARROWS = {
     "channel": (*LEAVES, "imperfections", "sampling", "scene", "statistics", "wire"),
     "emulator": (*LEAVES, "agenda", "calls", "channel", "clock", "plan", "transports", "truth", "wire"),
     "recordings": (*LEAVES, "clock", "frame_text", "scene", "transports", "truth", "wire"),
-    "scenario": (*LEAVES, "channel", "emulator", "imperfections", "scene", "wire"),
+    "scenario": (*LEAVES, "agenda", "channel", "emulator", "imperfections", "scene", "wire"),
     "sensing": (*LEAVES, "imperfections", "scene"),
     "plugging": (*LEAVES, "scene", "transports", "wire"),
     "sources": (*LEAVES, "physics", "scene"),
