@@ -37,6 +37,7 @@ ARROWS = {
     "channel": (*LEAVES, "imperfections", "sampling", "scene", "statistics", "wire"),
     "emulator": (*LEAVES, "agenda", "calls", "channel", "clock", "plan", "transports", "truth", "wire"),
     "recordings": (*LEAVES, "clock", "frame_text", "scene", "transports", "truth", "wire"),
+    "conversions": (*LEAVES, "frame_text", "recordings", "scene", "truth"),
     "scenario": (*LEAVES, "agenda", "channel", "emulator", "imperfections", "scene", "wire"),
     "sensing": (*LEAVES, "imperfections", "scene"),
     "plugging": (*LEAVES, "scene", "transports", "wire"),
@@ -60,7 +61,7 @@ ARROWS = {
         "transports", "truth", "tune", "wire",
     ),
     "cli": (
-        *LEAVES, "assembly", "bench", "channel", "clock", "collector", "emulator", "frame_text", "kernels",
+        *LEAVES, "assembly", "bench", "channel", "clock", "collector", "conversions", "emulator", "frame_text", "kernels",
         "recordings", "scenario", "scene", "statistics", "tactemu", "transports", "truth", "tune", "wire",
     ),
     "__main__": ("cli",),

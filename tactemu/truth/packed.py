@@ -7,6 +7,7 @@ and a file that was cut off reads up to its last whole chunk.
 
 from __future__ import annotations
 
+import json
 import mmap
 import os
 import struct
@@ -14,7 +15,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import IO, Any
 
-from tactemu.truth.entries import End, Entry, Header, Sample, Sink, checked_header
+from tactemu.truth.entries import BodyPose, End, Entry, Header, Sample, Sink, checked_header
 from tactemu.truth.messages import Decoder, Message, message_of, metadata_of
 
 _CHUNK_BYTES = 1 << 18
@@ -41,13 +42,14 @@ class PackedWriter:
         """Write the head of the file."""
         self._writer.start(library="tactemu")
         origin = {} if header.origin_ns is None else {"origin_ns": str(header.origin_ns)}
-        self._writer.add_metadata(_HEAD, {"version": str(header.version)} | origin)
+        scene = {} if header.scene is None else {"scene": json.dumps(header.scene, separators=(",", ":"))}
+        self._writer.add_metadata(_HEAD, {"version": str(header.version)} | origin | scene)
 
     def add(self, entry: Entry) -> Iterator[None]:
         """Write an entry; yields now and then, so that a large one can be written in slices of time."""
         kind, message, fixed, variable = message_of(entry)
         yield
-        key: tuple = (entry.device, kind)
+        key: tuple = (entry.body if isinstance(entry, BodyPose) else entry.device, kind)
         if isinstance(entry, Sample):
             key += (entry.sense, message.name, entry.ideal.shape, entry.counts.shape)
         channel = self._channels.get(key)
@@ -64,7 +66,7 @@ class PackedWriter:
         if message.name not in self._schemas:
             definition = message.definition.encode()
             self._schemas[message.name] = self._writer.register_schema(message.name, "ros2msg", definition)
-        topic = "/".join(("", *(metadata[name] for name in ("device", "kind", "sense") if name in metadata)))
+        topic = "/".join(("", *(metadata[name] for name in ("device", "body", "kind", "sense") if name in metadata)))
         return self._writer.register_channel(topic, "cdr", self._schemas[message.name], metadata)
 
     def flush(self) -> None:
@@ -148,4 +150,8 @@ def _unpacked(chunk: Any) -> list:
 
 def _header(metadata: dict[str, str]) -> Header:
     origin = metadata.get("origin_ns")
-    return checked_header(int(metadata.get("version", "0")), None if origin is None else int(origin))
+    return checked_header(
+        int(metadata.get("version", "0")),
+        None if origin is None else int(origin),
+        json.loads(metadata.get("scene", "null")),
+    )
