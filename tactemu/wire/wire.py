@@ -9,7 +9,7 @@ does the device.
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from firmware_protocols import Connector, Frame, Sent
@@ -92,6 +92,10 @@ class Wire:
         """What each device on the wire has there, by the device's name."""
         self.name = ""
         """Who is on it, for the truth log of what arrives and of what befalls the wire; default: who sent last."""
+        self.stands: Callable[[], bool] = bool
+        """Whether time stands: then what the driver says is heard at once, and answers leave at once."""
+        self._asked = False
+        """The driver has said something while time stands."""
         self._source = ""
         self._arrived: deque[tuple[int, Heard]] = deque()
         self._held_ns = {"to_driver": 0, "from_driver": 0}
@@ -210,7 +214,9 @@ class Wire:
         else:
             least = self.carrier.turnaround_ns()
             for each in frames:
-                frame, delay_ns, turn = (each.frame, each.delay_ns, each.turn) if isinstance(each, Sent) else (each, 0, 0)
+                frame, delay_ns, turn = (
+                    (each.frame, each.delay_ns, each.turn) if isinstance(each, Sent) else (each, 0, 0)
+                )
                 ready_ns = now_ns + max(delay_ns, least)
                 for spoilt, held_ns in self._injector.spoil(frame, now_ns, source, "to_driver"):
                     at = self._after_held("to_driver", ready_ns, held_ns)
@@ -229,7 +235,8 @@ class Wire:
         """Write every frame whose last bit has gone; returns how many were written."""
         self._now_ns = self._flushed_ns = now_ns
         self._add_traffic(now_ns)
-        written = 0
+        written = self._settle(self.line, now_ns) if self._asked else 0
+        self._asked = False
         while (pending := self.line.take(now_ns)) is not None:
             written += self._pass_on(pending, now_ns)
         if (chip := self._injector.chip) is not None:
@@ -262,7 +269,7 @@ class Wire:
                 self._arrived.append((pending.end_ns, Heard(pending.frame)))
                 if self.carrier.echoes():
                     self.transport.write(pending.frame)
-            return False
+            return 0
         if len(self.connectors) > 1 and pending.source in self.connectors:
             self._arrived.append((pending.end_ns, Heard(pending.frame, pending.source)))
         return self._write(pending, now_ns)
@@ -287,7 +294,7 @@ class Wire:
         return sent
 
     def _write(self, pending: Pending, now_ns: int) -> bool:
-        frame, source = pending.frame, pending.source
+        frame, source = pending.head, pending.source
         heard = self._through(frame, source, to_driver=True)
         if isinstance(heard, bytes) and not heard:  # nothing that looks like a byte came out of the noise
             return False
@@ -330,7 +337,7 @@ class Wire:
         for event in self.transport.poll(self._reading):
             if isinstance(event, Received):
                 if self._down is None:
-                    self._arrive(event.data, now_ns)
+                    self._take(event.data, now_ns)
                 continue
             if isinstance(event, Closed):
                 self._hear_all(events)
@@ -344,11 +351,25 @@ class Wire:
         self._deliver(now_ns, events)
         return events
 
+    def _take(self, data: Frame, now_ns: int) -> None:
+        """The driver has sent something; while time stands it is there at once, and so is what was on the line."""
+        if not self.stands():
+            self._arrive(data, now_ns)
+            return
+        self._asked = True
+        self._settle(self.line, now_ns)
+        self._arrive(data, now_ns)
+        self._settle(self.inbound, now_ns)
+
+    def _settle(self, line: Line, now_ns: int) -> int:
+        """What is on a line has arrived; returns how many frames the driver took."""
+        return sum(self._pass_on(pending, now_ns) for pending in line.settle(now_ns))
+
     def _hear_all(self, events: list[Event | Heard]) -> None:
         """The port closes: what the driver has sent arrives at once."""
         if self.carrier.ordered:  # on a bus what has not left its node never does
             for pending in self.inbound.withdraw(DRIVER):
-                self._arrived.append((self._now_ns, Heard(pending.frame)))
+                self._arrived.append((self._now_ns, Heard(pending.head)))
         self._deliver(None, events)
 
     def _follow_outages(self, fault: Fault | None, now_ns: int, events: list[Event | Heard]) -> None:
