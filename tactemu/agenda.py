@@ -1,26 +1,46 @@
-"""What is to be done when: actions in the order of their times, equal times in the order in which they were put."""
+"""What is to be done when: in the order of the times, equal times in the order in which it was put.
+
+What the loop plans for itself is plain data, an :class:`Action`, so that a run can be saved with what it has before it.
+What its callers ask for is any function of theirs, and theirs to ask for again.
+"""
 
 from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Iterator
+from typing import Any, Generic, NamedTuple, TypeVar
 
-Action = Callable[[], None]
+
+class Action(NamedTuple):
+    """Something that the loop does with one device."""
+
+    name: str
+    """Of what the loop can do: :data:`tactemu.emulator.ACTIONS`."""
+    channel: str
+    """Name of the device's channel."""
+    args: tuple[Any, ...] = ()
+    life: int | None = None
+    """Not to be done if the device has powered up since; ``None``: whatever became of it."""
 
 
-class Agenda:
-    """A queue of actions by time [ns]."""
+Guest = Callable[[], None]
+"""What a caller has the loop do."""
+Entry = TypeVar("Entry", Action, Guest, Action | Guest)
+
+
+class Agenda(Generic[Entry]):
+    """A queue of what is to be done by time [ns]."""
 
     def __init__(self):
-        self._entries: list[tuple[int, int, Action]] = []
+        self._entries: list[tuple[int, int, Entry]] = []
         self._number = 0
 
-    def put(self, t_ns: int, action: Action) -> None:
+    def put(self, t_ns: int, action: Entry) -> None:
         """Have ``action`` done at ``t_ns``."""
         self._number += 1
         heapq.heappush(self._entries, (t_ns, self._number, action))
 
-    def due(self, now_ns: int) -> Iterator[Action]:
+    def due(self, now_ns: int) -> Iterator[Entry]:
         """Take out what is due by now, those put meanwhile included."""
         while self._entries and self._entries[0][0] <= now_ns:
             yield heapq.heappop(self._entries)[2]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from firmware_protocols import Device, Reading, Sense, calls
-from tactemu.errors import DeviceError
+from tactemu.errors import DeviceError, SceneError
 from tactemu.sampling import SampleClock
 from tactemu.statistics import ChannelStatistics
 from tactemu.wire.wire import Wire
@@ -119,6 +119,19 @@ class Channel:
     def wire(self) -> Wire:
         """The wire of its first port that is plugged in."""
         return next(iter(self.wires.values()))
+
+    @property
+    def imperfections(self) -> Imperfections | JoinedImperfections:
+        """What spoils its readings.
+
+        Raises:
+            SceneError: they are a recording, which has no imperfections of ours.
+        """
+        if self.source.imperfections is None:
+            raise SceneError(
+                f"skin {self.name!r}: its readings are not simulated; only faults, hang and reset befall it"
+            )
+        return self.source.imperfections
 
     # -- time ----------------------------------------------------------------------------------------------------------
 

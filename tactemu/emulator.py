@@ -7,20 +7,21 @@
                                                                   └────── commands ◀─────┘
 
 One thread and one clock. :meth:`Emulator.step` is the picture: what the driver sent goes to the devices, every stream
-of a device whose time has come takes a sample of the simulation, and what the wires have due is written. Deadlines are
-absolute integer nanoseconds; nothing here knows which device, sensor model or transport it runs.
+of a device whose time has come takes a sample of the simulation, what the wires have due is written, and then others
+may have something done. Deadlines are absolute integer nanoseconds; nothing here knows which device, sensor model or
+transport it runs.
 """
 
 from __future__ import annotations
 
-import queue
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from firmware_protocols import Convert, Counts, Restart
-from tactemu.agenda import Agenda
+from tactemu.agenda import Action, Agenda, Guest
+from tactemu.calls import Calls
 from tactemu.channel import Channel, Source
 from tactemu.clock import Clock, RealClock
 from tactemu.transports.transport import Closed, Event, LinesChanged, Opened, SettingChanged
@@ -80,9 +81,15 @@ class Emulator:
         self.clock: Clock = clock or RealClock()
         self.truth = truth or Truth()
         self.running = False
-        self._agenda = Agenda()
-        self._outbox = Agenda()
-        self._calls: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self.now_ns = 0
+        """Time of the turn: what happens in it happens then."""
+        self.look_ahead_ns: int | None = None
+        """In real time the simulation is at most so far ahead (or a step, if that is longer); ``None``: any way."""
+        self._channels = {channel.name: channel for channel in self.channels}
+        self._agenda: Agenda[Action | Guest] = Agenda()
+        self._outbox: Agenda[Action] = Agenda()
+        """Samples until their release times."""
+        self._calls = Calls()
 
     # -- life ------------------------------------------------------------------------------------------------------
 
@@ -97,8 +104,11 @@ class Emulator:
             for channel in self.channels:
                 channel.plug()
             for wire in self.wires:
+                wire.stands = self.clock.stands
                 wire.open()
+            self._calls.open()
             self.clock.start()
+            self.now_ns = self.clock.now_ns()
             self.truth.begin(self.clock.origin_ns, patient=self.clock.virtual)
             for channel in self.channels:
                 self._power_on(channel)
@@ -110,18 +120,19 @@ class Emulator:
         """Remove every port. Safe to call twice."""
         for wire in self.wires:
             wire.close()
+        self._calls.close()
         self.truth.close()
 
     def _power_on(self, channel: Channel) -> None:
         """The device loses its memory and boots; until then it neither samples nor hears."""
-        now = self.clock.now_ns()
+        now = self.now_ns
         if channel.lives:
             channel.device.power_cycle()
         channel.lives += 1
         channel.halt()
         booted = channel.silent_until_ns = now + round(channel.device.boot_s * 1e9)
         if booted > now:
-            self._later(channel, booted, lambda: self._boot(channel, booted))
+            self._later(channel, booted, "boot", booted)
         else:
             self._boot(channel, now)
 
@@ -142,6 +153,7 @@ class Emulator:
     def stop(self) -> None:
         """Leave :meth:`run` after the current turn. May be called from a signal handler or another thread."""
         self.running = False
+        self.call(lambda: None)
 
     def __enter__(self):
         self.open()
@@ -153,9 +165,10 @@ class Emulator:
     # -- the picture ------------------------------------------------------------------------------------------------
 
     def step(self, end_ns: int | None = None) -> None:
-        """One turn: commands in, samples taken, frames out, then wait for whatever comes next."""
-        now = self.clock.now_ns()
-        self._act(now)
+        """One turn: commands in, samples taken, frames out, calls, then wait for whatever comes next."""
+        now = self.now_ns = self.clock.now_ns()
+        for action in self._agenda.due(now):
+            self._do(action)
         for wire in self.wires:
             self._listen(wire, now)
             if not self.clock.virtual:  # an answer does not wait for the physics of a sample
@@ -165,7 +178,8 @@ class Emulator:
         self._release(now)
         for wire in self.wires:
             wire.flush(self.clock.now_ns())
-        self._wait(end_ns, busy=self._look_ahead(end_ns))
+        self._calls.run(now)
+        self._wait(end_ns, self._look_ahead(end_ns))
 
     def _listen(self, wire: Wire, now: int) -> None:
         """Commands and port events, from the wire to every device on it."""
@@ -238,21 +252,27 @@ class Emulator:
         stretched = self.simulation.advance_to(t_ns, self.catch_up_steps if behind else None)
         channel.statistics.stretched += stretched
 
-    def _look_ahead(self, end_ns: int | None) -> bool:
+    def _look_ahead(self, end_ns: int | None) -> int | None:
         """While nothing is due, one simulation step towards the next sample, which then finds its state ready.
 
         Never past an action that is scheduled. What comes from outside meanwhile (a command that changes the period, a
         call from another thread) meets a simulation that is less than a period ahead; in virtual time, where it is
-        known when it will have come, one that is not ahead.
+        known when it will have come, one that is not ahead. Returns when to try the next one.
         """
-        simulation = self.simulation
+        simulation, clock = self.simulation, self.clock
         if simulation is None or simulation.dt_ns <= 0 or not self._deadlines():
-            return False
-        comes = [wire.next_due_ns() for wire in self.wires] if self.clock.virtual else []
-        if min(self._deadlines(self._agenda.next_ns, end_ns, *comes)) - simulation.time_ns < simulation.dt_ns:
-            return False
-        simulation.advance_to(simulation.time_ns + simulation.dt_ns)
-        return True
+            return None
+        comes = [wire.next_due_ns() for wire in self.wires] if clock.virtual else []
+        until = min(self._deadlines(self._agenda.next_ns, self._calls.next_ns, clock.end_ns, end_ns, *comes))
+        t_ns = simulation.time_ns + simulation.dt_ns
+        if t_ns > until:
+            return None
+        if self.look_ahead_ns is not None and not clock.virtual:
+            begin = t_ns - max(self.look_ahead_ns, simulation.dt_ns)
+            if begin > clock.now_ns():
+                return begin
+        simulation.advance_to(t_ns)
+        return clock.now_ns()
 
     def _count(self, channel: Channel, stream: str, count: int, due: int) -> None:
         """Statistics, and on to the next sample: those whose time has wholly passed are missed, never made up."""
@@ -286,10 +306,9 @@ class Emulator:
         for out in channel.call(method, *args):
             match out:
                 case Restart(delay_ns):
-                    self._later(channel, now + delay_ns, lambda: self._power_on(channel))
+                    self._later(channel, now + delay_ns, "power on")
                 case Convert(stream, delay_ns):
-                    at = now + delay_ns
-                    self._later(channel, at, lambda stream=stream, at=at: self._convert_once(channel, stream, at))
+                    self._later(channel, now + delay_ns, "convert", stream, now + delay_ns)
                 case _:
                     to = getattr(out, "port", "") or port or next(iter(channel.wires))
                     frames.setdefault(to.partition("/")[0], []).append(out)
@@ -299,19 +318,18 @@ class Emulator:
             elif release_ns is None:
                 channel.wires[to].send(together, now, source=channel.name, sample=sample)
             else:
-                self._post(channel, to, together, release_ns, sample)
+                self._outbox.put(release_ns, Action("send", channel.name, (to, together, release_ns, sample)))
         channel.follow(now)
         if channel.device.wake_ns != channel.alarm_ns:
             self._set_alarm(channel, now)
 
-    def _post(self, channel: Channel, port: str, frames: list[Any], release_ns: int, sample: int | None) -> None:
-        """Keep a sample's frames until their release time."""
-        wire, name = channel.wires[port], channel.name
-        self._outbox.put(release_ns, lambda: wire.send(frames, release_ns, source=name, sample=sample))
-
     def _release(self, now: int) -> None:
-        for send in self._outbox.due(now):
-            send()
+        """Let samples go whose release time has come."""
+        for action in self._outbox.due(now):
+            self._do(action)
+
+    def _send(self, channel: Channel, port: str, frames: list[Any], release_ns: int, sample: int | None) -> None:
+        channel.wires[port].send(frames, release_ns, source=channel.name, sample=sample)
 
     def _convert_once(self, channel: Channel, stream: str, t_ns: int) -> None:
         """A conversion out of its period."""
@@ -319,64 +337,88 @@ class Emulator:
         number = self._convert(channel, stream, t_ns, local)
         self._call(channel, t_ns, "stream", local, stream, sample=number)
 
-    def _later(self, channel: Channel, t_ns: int, action: Callable[[], None]) -> None:
+    def _later(self, channel: Channel, t_ns: int, name: str, *args: Any) -> None:
         """Unless the device has restarted by then."""
-        life = channel.lives
-        self._agenda.put(t_ns, lambda: action() if channel.lives == life else None)
+        self._agenda.put(t_ns, Action(name, channel.name, args, channel.lives))
 
     def _set_alarm(self, channel: Channel, now: int) -> None:
         """The device's alarm clock was set, to a time of its own clock, or switched off."""
         wake_ns = channel.alarm_ns = channel.device.wake_ns
-        if wake_ns is None:
-            return
+        if wake_ns is not None:
+            self._later(channel, max(now, channel.sampling.world_ns(wake_ns)), "wake", wake_ns)
 
-        def wake() -> None:
-            if channel.alarm_ns == wake_ns:
-                channel.device.wake_ns = channel.alarm_ns = None
-                at = self.clock.now_ns()
-                self._call(channel, at, "wake", channel.local_ns(at))
-
-        self._later(channel, max(now, channel.sampling.world_ns(wake_ns)), wake)
+    def _wake(self, channel: Channel, wake_ns: int) -> None:
+        """The time has come that the alarm clock was set to, unless it was set to another since."""
+        if channel.alarm_ns == wake_ns:
+            channel.device.wake_ns = channel.alarm_ns = None
+            self._call(channel, self.now_ns, "wake", channel.local_ns(self.now_ns))
 
     # -- what others ask of the loop -----------------------------------------------------------------------------------
 
-    def call(self, action: Callable[[], None]) -> None:
-        """Have ``action`` run by the loop, between two turns. Safe from any thread."""
-        self._calls.put(action)
+    def call(self, action: Guest, at_ns: int = 0) -> None:
+        """Have ``action`` run by the loop at the end of a turn, not before ``at_ns``. Safe from any thread."""
+        self._calls.put(action, at_ns)
 
-    def at(self, t_ns: int, action: Callable[[], None]) -> None:
-        """Have ``action`` run by the loop at an emulation time. Call from the loop's thread, or before it runs."""
+    def at(self, t_ns: int, action: Action | Guest) -> None:
+        """Have ``action`` run by the loop at an emulation time, before what is sampled then. Call from the loop's
+        thread, or before it runs."""
         self._agenda.put(t_ns, action)
 
     def hang(self, until_ns: int, name: str | None = None) -> None:
         """Let the device ``name`` (default: every one) neither sample nor hear until ``until_ns``, then go on."""
         for channel in self._named(name):
-            channel.silent_until_ns = max(channel.silent_until_ns, until_ns)
-            self.truth.inject(self.clock.now_ns(), channel.name, "hang", f"until {until_ns} ns")
+            self._hang(channel, until_ns)
 
     def reset(self, name: str | None = None) -> None:
         """Let the device ``name`` (default: every one) restart as after power-up, boot time included."""
         for channel in self._named(name):
-            self.truth.inject(self.clock.now_ns(), channel.name, "reset")
-            self._power_on(channel)
+            self._reset(channel)
 
     def _named(self, name: str | None) -> list[Channel]:
         return [channel for channel in self.channels if name in (None, channel.name)]
 
-    def _act(self, now: int) -> None:
-        for action in self._agenda.due(now):
+    def _do(self, action: Action | Guest) -> None:
+        if not isinstance(action, Action):
             action()
-        while not self._calls.empty():
-            self._calls.get()()
+            return
+        channel = self._channels[action.channel]
+        if action.life is None or action.life == channel.lives:
+            ACTIONS[action.name](self, channel, *action.args)
 
-    def _wait(self, end_ns: int | None, *, busy: bool) -> None:
-        """Until whatever comes next; when busy, no longer than a look at the ports."""
+    # -- what befalls a device -----------------------------------------------------------------------------------------
+
+    def _hang(self, channel: Channel, until_ns: int) -> None:
+        channel.silent_until_ns = max(channel.silent_until_ns, until_ns)
+        self._inject(channel, "hang", f"until {until_ns} ns")
+
+    def _reset(self, channel: Channel) -> None:
+        self._inject(channel, "reset")
+        self._power_on(channel)
+
+    def _set(self, channel: Channel, option: str, value: Any) -> None:
+        channel.imperfections.set(option, value)
+        self._inject(channel, "set", f"{option} = {value}")
+
+    def _kill(self, channel: Channel, taxels: Sequence[int], value: float | None) -> None:
+        channel.imperfections.set_dead(list(taxels), True, value)
+        self._inject(channel, "dead", " ".join(map(str, taxels)))
+
+    def _revive(self, channel: Channel, taxels: Sequence[int]) -> None:
+        channel.imperfections.set_dead(list(taxels), False)
+        self._inject(channel, "revived", " ".join(map(str, taxels)))
+
+    def _inject(self, channel: Channel, what: str, detail: str = "") -> None:
+        self.truth.inject(self.now_ns, channel.name, what, detail)
+
+    def _wait(self, end_ns: int | None, look_ns: int | None) -> None:
+        """Until whatever comes next, or until it is time to look ahead again."""
         wires = [wire.next_due_ns() for wire in self.wires]
-        deadlines = self._deadlines(*wires, self._agenda.next_ns, self._outbox.next_ns, end_ns)
-        filenos = [fileno for wire in self.wires for fileno in wire.filenos()]
+        deadlines = self._deadlines(
+            *wires, self._agenda.next_ns, self._outbox.next_ns, self._calls.next_ns, look_ns, end_ns
+        )
+        filenos = [fileno for wire in self.wires for fileno in wire.filenos()] + self._calls.filenos
         poll = any(not wire.filenos() for wire in self.wires)
-        deadline = self.clock.now_ns() if busy else min(deadlines, default=None)
-        self.clock.wait(deadline, filenos, poll=poll)
+        self.clock.wait(min(deadlines, default=None), filenos, poll=poll)
 
 
 def _by_sense(counts: Counts, measured: Mapping[str, Any]) -> Sequence[tuple[str, np.ndarray, str]]:
@@ -384,6 +426,21 @@ def _by_sense(counts: Counts, measured: Mapping[str, Any]) -> Sequence[tuple[str
     if isinstance(counts, Mapping):
         return [(key, values, key) for key, values in counts.items() if key in measured]
     return [(next(iter(measured)), counts, "")]
+
+
+ACTIONS: dict[str, Callable[..., None]] = {
+    "boot": Emulator._boot,
+    "convert": Emulator._convert_once,
+    "hang": Emulator._hang,
+    "kill": Emulator._kill,
+    "power on": Emulator._power_on,
+    "reset": Emulator._reset,
+    "revive": Emulator._revive,
+    "send": Emulator._send,
+    "set": Emulator._set,
+    "wake": Emulator._wake,
+}
+"""What the loop does with a device when its time has come, by the name in an :class:`~tactemu.agenda.Action`."""
 
 
 __all__ = ["Channel", "Emulator", "Simulated", "Source"]

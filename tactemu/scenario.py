@@ -10,14 +10,13 @@ Faults of bytes are handed to the wire with their times; what befalls values and
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import get_args
+from typing import Any, get_args
 
+from tactemu.agenda import Action
 from tactemu.channel import Channel
 from tactemu.emulator import Emulator
 from tactemu.errors import SceneError, nearest
-from tactemu.imperfections import Imperfections
 from tactemu.imperfections.options import Law
-from tactemu.scene.placement import JoinedImperfections
 from tactemu.scene.schema import EventTable
 from tactemu.wire.faults.fault import Fault, parse
 
@@ -102,49 +101,21 @@ def _schedule_one(emulator: Emulator, channel: Channel, event: EventTable, origi
             f"scenario at {event.at:g} s: dead: expected taxels 0..{last} of {channel.name!r}, got {event.dead}"
         )
     for option, value in event.set.items():
-        imperfections_of(channel).set(option, value, ())  # in no environment: whether it fits is known now
+        channel.imperfections.set(option, value, ())  # in no environment: whether it fits is known now
     if event.hang and stop is None:
         raise SceneError(f"scenario at {event.at:g} s: hang: say until when with `until`")
 
-    def note(what: str, detail: str) -> None:
-        emulator.truth.inject(emulator.clock.now_ns(), channel.name, what, detail)
+    def plan(t_ns: int | None, name: str, *args: Any) -> None:
+        if t_ns is not None:
+            emulator.at(t_ns, Action(name, channel.name, args))
 
-    def begin() -> None:
-        if event.dead:
-            imperfections_of(channel).set_dead(list(event.dead), True, event.value)
-            note("dead", " ".join(map(str, event.dead)))
-        for option, value in event.set.items():
-            imperfections_of(channel).set(option, value)
-            note("set", f"{option} = {value}")
-        if event.hang and stop is not None:
-            emulator.hang(stop, channel.name)
-        if event.reset:
-            emulator.reset(channel.name)
-
-    def end() -> None:
-        spoil = imperfections_of(channel)
-        if event.dead:
-            spoil.set_dead(list(event.dead), False)
-            note("revived", " ".join(map(str, event.dead)))
-        for option in event.set:
-            before = getattr(spoil.options, option)
-            spoil.set(option, before)
-            note("set", f"{option} = {before}")
-
-    if event.dead or event.set or event.hang or event.reset:
-        emulator.at(start, begin)
-    if stop is not None and (event.dead or event.set):
-        emulator.at(stop, end)
-
-
-def imperfections_of(channel: Channel) -> Imperfections | JoinedImperfections:
-    """What spoils the readings of a channel.
-
-    Raises:
-        SceneError: its readings are a recording, which has no imperfections of ours.
-    """
-    if channel.source.imperfections is None:
-        raise SceneError(
-            f"skin {channel.name!r}: its readings are not simulated; only faults, hang and reset befall it"
-        )
-    return channel.source.imperfections
+    if event.dead:
+        plan(start, "kill", event.dead, event.value)
+        plan(stop, "revive", event.dead)
+    for option, value in event.set.items():
+        plan(start, "set", option, value)
+        plan(stop, "set", option, getattr(channel.imperfections.options, option))
+    if event.hang:
+        plan(start, "hang", stop)
+    if event.reset:
+        plan(start, "reset")
