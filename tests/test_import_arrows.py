@@ -61,8 +61,8 @@ ARROWS = {
         "transports", "truth", "tune", "wire",
     ),
     "cli": (
-        *LEAVES, "assembly", "bench", "channel", "clock", "collector", "conversions", "emulator", "frame_text", "kernels",
-        "recordings", "scenario", "scene", "statistics", "tactemu", "transports", "truth", "tune", "wire",
+        *LEAVES, "assembly", "bench", "channel", "clock", "collector", "conversions", "emulator", "frame_text",
+        "kernels", "recordings", "scenario", "scene", "statistics", "tactemu", "transports", "truth", "tune", "wire",
     ),
     "__main__": ("cli",),
 }  # fmt: skip
@@ -74,6 +74,7 @@ FACADES = {
     "scene/file.py": ("physics",),  # the table of the models' names
     "scene/bodies.py": ("physics",),  # what a shape is
     "scene/schema.py": ("physics",),  # the keys of each shape
+    "scene/description.py": ("physics",),  # a built scene
     "scene/placement.py": ("physics", "imperfections"),  # a built sensor on its link
     "scene/mujoco_source.py": ("physics",),  # poses a built scene
     "scene/engine.py": ("physics",),  # likewise, at each of its steps

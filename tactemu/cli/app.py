@@ -269,7 +269,7 @@ def truth(
         typer.Option(
             "--to",
             metavar="FORMAT",
-            help="Convert: foxglove.mcap, ros2.mcap, rrd, parquet, csv; CAN frames: log, asc, blf; the log's own: mcap, "
+            help="Convert: foxglove.mcap, ros2.mcap, rrd, parquet, csv; CAN frames: log, asc, blf; its own: mcap, "
             "jsonl. Or a file's name that ends in one.",
         ),
     ] = None,

@@ -12,7 +12,7 @@ from typing import Protocol
 from tactemu.errors import TactemuError, nearest
 from tactemu.recordings.export import FORMATS as SUFFIXES
 from tactemu.recordings.export import export
-from tactemu.truth.entries import End, Entry, Header, Sample, is_of
+from tactemu.truth.entries import BodyPose, End, Entry, Header, Sample, is_of
 from tactemu.truth.reading import records
 
 CONVERTERS = {
@@ -131,7 +131,7 @@ def _written(converter: Converter, found: Iterator[Header | Entry]) -> int:
                 begun = True
             if not isinstance(record, Header):
                 converter.add(record)
-                count += 1
+                count += not isinstance(record, BodyPose)
     finally:
         converter.finish()
     return count

@@ -8,8 +8,8 @@
 ``/SKIN/log``                       ``Log``: frames both ways and events; what was dropped and injected as warnings
 ==================================  ========================================================================
 
-A skin on several bodies has ``/SKIN/PART/taxels`` for each; a named sense stands behind the skin's name. Times are those
-of the log.
+A skin on several bodies has ``/SKIN/PART/taxels`` for each; a named sense stands behind the skin's name. Times are
+those of the log.
 """
 
 from __future__ import annotations
@@ -50,10 +50,8 @@ class FoxgloveFile:
         self._described = Described(Header())
 
     def begin(self, header: Header) -> None:
-        """The bodies, and where they start."""
+        """The bodies' shapes."""
         self._described = Described(header)
-        for body in self._described.bodies:
-            self._pose(0, body.name, body.position, body.quaternion)
         entities = [_entity(body) for body in self._described.bodies]
         if entities:
             update = messages.SceneUpdate(entities=entities)
@@ -67,7 +65,9 @@ class FoxgloveFile:
             self._pose(max(entry.t_ns, 0), entry.body, entry.position, entry.quaternion)
         else:
             level = messages.LogLevel.Warning if warns(entry) else messages.LogLevel.Info
-            message = messages.Log(timestamp=_stamp(entry.t_ns), level=level, message=words_of(entry), name=entry.device)
+            message = messages.Log(
+                timestamp=_stamp(entry.t_ns), level=level, message=words_of(entry), name=entry.device
+            )
             self._channel(channels.LogChannel, f"/{entry.device}/log").log(message, log_time=max(entry.t_ns, 0))
 
     def finish(self) -> None:
@@ -105,7 +105,7 @@ class _Cloud:
 
     def __init__(self, sample: Sample, table: TaxelTable, patches: Any, channel: Any):
         self._table, part = table, table.part
-        topic = "/".join(filter(None, ("", part.name or sample.device, sample.sense)))
+        topic = "/" + "/".join(filter(None, (part.name or sample.device, sample.sense)))
         self._cloud = channel(channels.PointCloudChannel, f"{topic}/taxels")
         self._fields = [
             messages.PackedElementField(name=name, offset=offset, type=_TYPES[dtype.str])
@@ -160,7 +160,7 @@ def _entity(body: Body) -> messages.SceneEntity:
     return messages.SceneEntity(frame_id=body.name, id=body.name, frame_locked=True, **_primitives(body))
 
 
-def _primitives(body: Body) -> Mapping[str, list]:
+def _primitives(body: Body) -> Mapping[str, Any]:
     outline = body.outline
     still = messages.Pose(position=_vector((0, 0, 0)), orientation=_quaternion((1, 0, 0, 0)))
     if "faces" in outline:
@@ -185,7 +185,9 @@ def _primitives(body: Body) -> Mapping[str, list]:
     }
     if body.shape == "capsule":
         half = outline["length"] / 2
-        ends = [messages.Pose(position=_vector((0, 0, z)), orientation=_quaternion((1, 0, 0, 0))) for z in (-half, half)]
+        ends = [
+            messages.Pose(position=_vector((0, 0, z)), orientation=_quaternion((1, 0, 0, 0))) for z in (-half, half)
+        ]
         found["spheres"] = [messages.SpherePrimitive(pose=end, size=ball, color=_GREY) for end in ends]
     return found
 

@@ -1,4 +1,4 @@
-"""``.parquet``: samples for data frames, a file for each sense of each skin, arrays of fixed size in their own types."""
+"""``.parquet``: samples for data frames, a file for each sense of each skin, arrays in their own types."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tactemu.errors import TactemuError
 from tactemu.truth.entries import Entry, Header, Sample
 from tactemu.truth.memory import size_of_sample
 
-_WAITING_BYTES = 32_000_000
+_WAITING_BYTES = 8_000_000
 """Of samples that become a row group, all files together."""
 _ARRAYS = ("ideal", "measured", "counts")
 
@@ -23,8 +23,8 @@ _ARRAYS = ("ideal", "measured", "counts")
 class ParquetFiles:
     """``truth.parquet`` where a log has one sense of one skin, ``truth.thumb.force.parquet`` ... where it has several.
 
-    Columns are ``t_ns``, ``sample``, ``ideal``, ``measured``, ``counts``; the shape of an array is in the metadata of its
-    field, and what the log says of the skin in those of the file.
+    Columns are ``t_ns``, ``sample``, ``ideal``, ``measured``, ``counts``; the shape of an array is in the metadata of
+    its field, and what the log says of the skin in those of the file.
     """
 
     def __init__(self, target: Path):
@@ -77,7 +77,7 @@ class _File:
             fields.append(pa.field(name, kind, metadata={"shape": " ".join(map(str, values.shape))}))
         about = {"device": first.device, "sense": first.sense, "skin": json.dumps(skin)}
         self._schema = pa.schema(fields, metadata={f"tactemu.{key}": value for key, value in about.items()})
-        self._writer = pq.ParquetWriter(path, self._schema)
+        self._writer = pq.ParquetWriter(path, self._schema, use_dictionary=False)
 
     def add(self, sample: Sample) -> None:
         for name in _ARRAYS:

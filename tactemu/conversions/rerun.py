@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +33,7 @@ from tactemu.truth.memory import size_of
 TIMELINE = "time"
 _NOTHING, _MOST, _NAN = np.array([0.18, 0.24, 0.36]), np.array([1.0, 0.55, 0.1]), np.array([0.9, 0.0, 0.9])
 """Colours of a taxel that feels nothing, of the one that has felt most so far, and of one that reads NaN."""
-_TOGETHER_BYTES, _TOGETHER_S = 4_000_000, 0.1
+_TOGETHER_BYTES, _TOGETHER_S = 1_000_000, 0.1
 """Entries are sent when they are so much, or when the oldest has waited so long."""
 _ARROW_M = 0.01
 """Of the largest force so far."""
@@ -70,15 +70,12 @@ class RerunFile:
             self._stream.connect_grpc(url)
 
     def begin(self, header: Header) -> None:
-        """The bodies and their shapes, and where they start."""
+        """The bodies' shapes."""
         self._described = Described(header)
         self._stream.log("bodies", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         for body in self._described.bodies:
-            self._stream.set_time(TIMELINE, duration=0.0)
-            path = _path("bodies", body.name)
-            self._stream.log(path, _transform(body.position, body.quaternion))
             for name, shape in _shapes(body):
-                self._stream.log(f"{path}/{name}", shape, static=True)
+                self._stream.log(f"{_path('bodies', body.name)}/{name}", shape, static=True)
 
     def add(self, entry: Entry) -> None:
         """Keep it until there is enough to send."""
@@ -93,6 +90,7 @@ class RerunFile:
         self._waiting += size_of(entry)
         if self._waiting > _TOGETHER_BYTES:
             self.flush()
+            self._stream.flush()
 
     def due(self) -> bool:
         """Whether something has waited long enough."""
@@ -176,9 +174,15 @@ class _Skin:
         for part in parts:
             path = self._place(part)
             stream.log(path, _transform(part.position, part.quaternion), static=True)
-            stream.log(f"{path}/taxels", rr.Points3D.from_fields(positions=part.positions, radii=_radius(part)), static=True)
+            stream.log(
+                f"{path}/taxels", rr.Points3D.from_fields(positions=part.positions, radii=_radius(part)), static=True
+            )
             if self._vectors:
-                stream.log(f"{path}/forces", rr.Arrows3D.from_fields(origins=part.positions, radii=_radius(part) / 4), static=True)
+                stream.log(
+                    f"{path}/forces",
+                    rr.Arrows3D.from_fields(origins=part.positions, radii=_radius(part) / 4),
+                    static=True,
+                )
             for name, shape in _debug_shapes(part):
                 stream.log(f"{path}/{name}", shape, static=True)
 
@@ -298,7 +302,9 @@ def _debug_shapes(part: Part) -> list[tuple[str, Any]]:
     if part.draw is None:
         return []
     positions, radii = np.array(part.draw["probes"]).reshape(-1, 3), np.array(part.draw["radii"])
-    found = [("probes", rr.Points3D.from_fields(positions=positions, radii=part.draw["center_radius"]))]
+    found: list[tuple[str, Any]] = [
+        ("probes", rr.Points3D.from_fields(positions=positions, radii=part.draw["center_radius"]))
+    ]
     if part.draw["opacity"]:
         balls = rr.Ellipsoids3D.from_fields(
             centers=positions, half_sizes=np.repeat(radii[:, None], 3, axis=1), fill_mode="solid"

@@ -50,12 +50,11 @@ class Ros2File:
         self._described = Described(Header())
 
     def begin(self, header: Header) -> None:
-        """The bodies, and where they start."""
+        """The bodies' shapes."""
         self._described = Described(header)
         bodies = self._described.bodies
         if not bodies:
             return
-        self._transform("/tf", 0, [(WORLD, body.name, body.position, body.quaternion) for body in bodies])
         markers = [marker for k, body in enumerate(bodies) for marker in self._markers(k, body)]
         self._write("/bodies", "visualization_msgs/msg/MarkerArray", 0, self._new("MarkerArray", markers=markers))
 

@@ -45,7 +45,7 @@ class Body:
     position: Sequence[float]
     quaternion: Sequence[float]
     points: Mapping[str, Any] | None = None
-    """``positions`` that a sensor has sampled on it, in its frame [m], ``color`` and ``radius``; ``None``: not drawn."""
+    """``positions`` that a sensor has sampled on it, in its frame [m], ``color``, ``radius``; ``None``: not drawn."""
 
 
 class Described:
@@ -90,16 +90,16 @@ class Described:
 
 def _body(given: Mapping[str, Any]) -> Body:
     names = ("name", "shape", "outline", "position", "quaternion")
-    return Body(*(given[name] for name in names), given.get("points"))
+    return Body(**{name: given[name] for name in names}, points=given.get("points"))
 
 
 def _part(given: Mapping[str, Any]) -> Part:
-    arrays = [np.array(given[name], float) for name in ("position", "quaternion")]
-    points = [np.array(given[name], float).reshape(-1, 3) for name in ("positions", "normals")]
+    pose = {name: np.array(given[name], float) for name in ("position", "quaternion")}
+    points = {name: np.array(given[name], float).reshape(-1, 3) for name in ("positions", "normals")}
     taxels = np.array(given["taxels"], int)
-    if len(points[0]) != len(taxels):
-        raise ValueError(f"{given['name']}: {len(points[0])} positions of {len(taxels)} taxels")
-    return Part(given["name"], given["body"], *arrays, taxels, *points, given.get("draw"))
+    if len(points["positions"]) != len(taxels):
+        raise ValueError(f"{given['name']}: {len(points['positions'])} positions of {len(taxels)} taxels")
+    return Part(given["name"], given["body"], **pose, taxels=taxels, **points, draw=given.get("draw"))
 
 
 def _lone(name: str, skin: Mapping[str, Any]) -> list[Part]:
@@ -142,8 +142,8 @@ class TaxelTable:
     @property
     def fields(self) -> list[tuple[str, int, np.dtype]]:
         """Name, offset and type of each number of a row."""
-        described = self.dtype.fields or {}
-        return [(name, described[name][1], described[name][0]) for name in self.dtype.names or ()]
+        described: dict[str, Any] = dict(self.dtype.fields or {})
+        return [(name, each[1], each[0]) for name, each in described.items()]
 
     def rows(self, sample: Sample) -> np.ndarray:
         """The table of a sample; the next call overwrites it."""

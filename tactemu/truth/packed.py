@@ -21,6 +21,8 @@ from tactemu.truth.messages import Decoder, Message, message_of, metadata_of
 _CHUNK_BYTES = 1 << 18
 """Before compression. Small, since a chunk is put together without a break."""
 _LARGEST_CHUNK = 1 << 28
+_KEPT_BYTES = 1 << 24
+"""Of the file, while it is read."""
 _HEAD, _END = "tactemu", "tactemu end"
 """Names of our metadata records."""
 
@@ -101,7 +103,7 @@ def _entries(content: mmap.mmap) -> Iterator[Header | Entry | End]:
 
     decoders: dict[int, Decoder] = {}
     definitions: dict[int, str] = {}
-    known = False
+    known, read = False, 0
     try:  # a stream of a memory map reads no more than there is, whatever length a record claims
         for record in StreamReader(content, emit_chunks=True, record_size_limit=None).records:  # type: ignore[arg-type]
             if isinstance(record, Metadata) and record.name == _HEAD:
@@ -110,6 +112,7 @@ def _entries(content: mmap.mmap) -> Iterator[Header | Entry | End]:
             elif isinstance(record, Metadata) and record.name == _END:
                 yield End(int(record.metadata["lost"]))
             elif isinstance(record, Chunk) and known:
+                read = _forgotten(content, read)
                 for each in _unpacked(record):
                     if isinstance(each, Schema):
                         definitions[each.id] = str(each.data, "utf-8")
@@ -125,6 +128,15 @@ def _entries(content: mmap.mmap) -> Iterator[Header | Entry | End]:
         return  # cut off
     if not known:
         raise ValueError("an MCAP file, but no truth log of tactemu")
+
+
+def _forgotten(content: mmap.mmap, before: int) -> int:
+    """Let go of the pages that have been read since ``before``, so that memory does not grow with the file."""
+    read = content.tell() // mmap.PAGESIZE * mmap.PAGESIZE
+    if read - before < _KEPT_BYTES:
+        return before
+    content.madvise(mmap.MADV_DONTNEED, before, read - before)
+    return read
 
 
 def _unpacked(chunk: Any) -> list:

@@ -239,7 +239,8 @@ class Truth:
             return
         poses = self.surroundings.poses()
         known = self._poses.shape == poses.shape
-        for b in np.flatnonzero((poses != self._poses).any(axis=1)) if known else range(len(poses)):
+        moved = np.flatnonzero((poses != self._poses).any(axis=1)) if known else np.arange(len(poses))
+        for b in moved.tolist():
             x, y, z, *quaternion = poses[b].tolist()
             self._log(BodyPose(t_ns, self.surroundings.names[b], (x, y, z), tuple(quaternion)))
         self._poses = poses

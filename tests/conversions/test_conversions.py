@@ -1,8 +1,6 @@
 """A truth log converted: programs of others open the files and find the values of the truth, bit for bit."""
 
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -15,7 +13,8 @@ from tactemu.errors import TactemuError
 from tactemu.frame_text import text
 from tactemu.scene.file import parse
 from tactemu.truth import Truth
-from tests.cli.command import environment, tactemu
+from tests.cli.command import tactemu
+from tests.truth.telling import tell
 
 SCENE = """
 [[body]]
@@ -47,7 +46,7 @@ link = "pad"
 position = [0, 0, 0.005]
 quaternion = [0.70710678, 0, 0, 0.70710678]
 model = "proximity_taxel"
-options = { probe_radius = 0.004, n_sample_points = 40, noise = 0.01, draw_debug = true }
+options = { probe_radius = 0.004, n_sample_points = 40, track_link_idx = "finger", noise = 0.01, draw_debug = true }
 port = "memory:a"
 faults = ["drop 20%"]
 
@@ -93,7 +92,7 @@ def clouds_equal(found, skin, columns):
         assert rows.dtype.names[3:] == columns
 
 
-MATRIX = ("ideal_x", "ideal_y", "ideal_z", "measured_x", "measured_y", "measured_z", "counts")
+MATRIX = ("ideal_x", "ideal_y", "ideal_z", "measured_x", "measured_y", "measured_z", "counts_touch")
 
 
 def test_foxglove_schemas(log, truth):
@@ -106,7 +105,9 @@ def test_foxglove_schemas(log, truth):
     assert path.name == "truth.foxglove.mcap"
     topics: dict[str, dict] = {}
     with path.open("rb") as file:
-        for schema, channel, message, decoded in make_reader(file, [DecoderFactory()]).iter_decoded_messages():
+        for schema, channel, message, decoded in make_reader(
+            file, decoder_factories=[DecoderFactory()]
+        ).iter_decoded_messages():
             topics.setdefault(channel.topic, {}).setdefault(message.log_time, []).append((schema.name, decoded))
 
     def rows(decoded, stride):
@@ -126,8 +127,8 @@ def test_foxglove_schemas(log, truth):
     cell = np.array([1.5 * grid.cell_size.x, 2.5 * grid.cell_size.y, 0])  # column 1, row 2
     at = np.array(rows(one, one.point_stride)[["x", "y", "z"]][2 * 4 + 1].tolist())
     turn = tt.scene.rotation.rotate
-    there = turn((q.w, q.x, q.y, q.z), cell) + (p.x, p.y, p.z)
-    assert there == pytest.approx(turn((0.70710678, 0, 0, 0.70710678), at) + (0, 0, 0.005), abs=1e-6)
+    there = turn((q.w, q.x, q.y, q.z), cell) + np.array([p.x, p.y, p.z])
+    assert there == pytest.approx(turn((0.70710678, 0, 0, 0.70710678), at) + np.array([0, 0, 0.005]), abs=1e-6)
 
     moves = [
         (t, transform)
@@ -137,7 +138,7 @@ def test_foxglove_schemas(log, truth):
         if transform.child_frame_id == "finger"
     ]
     finger = truth.bodies["finger"]
-    assert [(t, m.translation.z) for t, m in moves[1:]] == list(zip(finger.t_ns.tolist(), finger.position[:, 2]))
+    assert [(t, m.translation.z) for t, m in moves] == list(zip(finger.t_ns.tolist(), finger.position[:, 2]))
     assert {e.id: len(e.cubes) + len(e.spheres) + len(e.cylinders) for e in topics["/bodies"][0][0][1].entities} == {
         "finger": 3, "pad": 1, "table top": 1,
     }  # fmt: skip
@@ -157,7 +158,7 @@ def test_messages_of_ros(log, truth, tmp_path):
     types = {1: "i1", 2: "u1", 3: "<i2", 4: "<u2", 5: "<i4", 6: "<u4", 7: "<f4", 8: "<f8"}
     topics: dict[str, list] = {}
     with path.open("rb") as file:
-        reader = make_reader(file, [DecoderFactory()])
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
         assert reader.get_header().profile == "ros2"
         for schema, channel, message, decoded in reader.iter_decoded_messages(log_time_order=False):
             topics.setdefault(channel.topic, []).append((message.log_time, schema.name, decoded))
@@ -170,7 +171,7 @@ def test_messages_of_ros(log, truth, tmp_path):
     assert "/tip/temperature/taxels" in topics and "/tip/wrench/taxels" in topics
     finger = truth.bodies["finger"]
     moves = [(t, tf) for t, _, m in topics["/tf"] for tf in m.transforms if tf.child_frame_id == "finger"]
-    assert [(t, m.transform.translation.z) for t, m in moves[1:]] == list(zip(finger.t_ns.tolist(), finger.position[:, 2]))
+    assert [(t, m.transform.translation.z) for t, m in moves] == list(zip(finger.t_ns.tolist(), finger.position[:, 2]))
     (static,) = [m.transforms[0] for _, _, m in topics["/tf_static"] if m.transforms[0].header.frame_id == "pad"]
     assert static.child_frame_id == topics["/matrix/taxels"][0][2].header.frame_id
     sent = [frame for frame in truth["matrix"].frames if frame.kind == "tx"]
@@ -196,9 +197,11 @@ def test_a_recording_of_rerun(log, truth):
     def column(entity, ending):
         batches = [batch for batch in found[entity] if any(name.endswith(ending) for name in batch.schema.names)]
         (name,) = {name for batch in batches for name in batch.schema.names if name.endswith(ending)}
-        times = [batch.column("time").cast("int64").to_pylist() if "time" in batch.schema.names else [] for batch in batches]
+        times = [
+            batch.column("time").cast("int64").to_pylist() if "time" in batch.schema.names else [] for batch in batches
+        ]
         values = [batch.column(name).to_pylist() for batch in batches]
-        return sum(times, []), sum(values, [])
+        return [t for each in times for t in each], [value for each in values for value in each]
 
     skin = truth["matrix"]
     for name in ("ideal", "measured", "counts"):
@@ -208,8 +211,8 @@ def test_a_recording_of_rerun(log, truth):
     assert "/values/tip/wrench/measured" in found
     times, moved = column("/bodies/finger", "translation")
     finger = truth.bodies["finger"]
-    assert times[1:] == finger.t_ns.tolist()
-    assert np.array_equal(np.array(moved)[1:, 0], finger.position.astype(np.float32))
+    assert times == finger.t_ns.tolist()
+    assert np.array_equal(np.array(moved)[:, 0], finger.position.astype(np.float32))
     texts = column("/wire/matrix", "TextLog:text")[1]
     assert sum(words[0].startswith("inject drop") for words in texts) == len(skin.injects)
     # Probes change their colour where they are touched, from Genesis's blue to its red.
@@ -245,8 +248,6 @@ def test_data_frames(log, truth):
 
 def test_a_log_that_says_nothing_of_its_scene(tmp_path):
     """As logs did before version 2, and as recordings do."""
-    from tests.truth.telling import tell
-
     told = Truth(tmp_path / "t.mcap")
     tell(told)
     told.close()
@@ -261,42 +262,17 @@ def test_a_log_that_says_nothing_of_its_scene(tmp_path):
         ("foxglove", {}, "did you mean 'foxglove.mcap'"),
         ("x.txt", {}, "expected one of foxglove.mcap, ros2.mcap, rrd, parquet, csv"),
         ("none/x.rrd", {}, "cannot write it: No such file"),
-        ("rrd", {"skin": "ring"}, None),
-        ("parquet", {"skin": "ring", "sense": "heat"}, None),
+        ("rrd", {"skin": "ring"}, "nothing of 'ring'"),
+        ("parquet", {"skin": "ring", "sense": "heat"}, "nothing of 'ring' and 'heat'"),
     ],
 )
 def test_mistakes(log, tmp_path, to, options, complaint):
     before = sorted(log.parent.iterdir())
-    if complaint:
-        with pytest.raises(TactemuError, match=complaint):
-            convert(log, to if "/" not in to else str(tmp_path / to), **options)
+    with pytest.raises(TactemuError, match=complaint):
+        convert(log, to if "/" not in to else str(tmp_path / to), **options)
     assert sorted(log.parent.iterdir()) == before
 
 
 def test_the_command(log, tmp_path):
-    done = tactemu("truth", str(log), "--to", str(tmp_path / "thumb.csv"), "--skin", "matrix")
-    assert done.returncode == 0 and "thumb.csv" in done.stdout, done.stderr
     done = tactemu("truth", str(log), "--to", str(tmp_path / "x.rrd"))
     assert done.returncode == 0 and (tmp_path / "x.rrd").is_file() and "rows written to" in done.stdout, done.stderr
-
-
-MEMORY = """
-import resource, sys
-from tactemu.conversions import convert
-convert(sys.argv[1], sys.argv[2], skin="a")
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
-"""
-
-
-@pytest.mark.parametrize("kind", ["foxglove.mcap", "ros2.mcap", "rrd", "parquet"])
-def test_memory_does_not_grow_with_the_log(tmp_path, kind):
-    """``python -m tests.conversions.large`` does the same with a log of 5 GB."""
-    from tests.conversions.large import write
-
-    peaks = []
-    for megabytes in (4, 40):
-        write(tmp_path / f"{megabytes}.mcap", megabytes * 10**6)
-        command = [sys.executable, "-c", MEMORY, str(tmp_path / f"{megabytes}.mcap"), kind]
-        done = subprocess.run(command, capture_output=True, text=True, env=environment(), check=True)
-        peaks.append(int(done.stdout) // 1000)
-    assert peaks[1] - peaks[0] < 60, peaks
