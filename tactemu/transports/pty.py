@@ -101,6 +101,9 @@ class PtyTransport(Transport):
         except OSError as error:
             raise TransportUnavailable(f"no pseudo terminal to be had: {error.strerror}; mount /dev/pts") from None
         tty.setraw(slave)
+        settings = termios.tcgetattr(slave)
+        settings[2] |= termios.HUPCL  # as a port has it: the lines drop when it is closed
+        termios.tcsetattr(slave, termios.TCSANOW, settings)
         self._name = os.ttyname(slave)
         os.close(slave)
         os.set_blocking(self._master, False)
