@@ -52,7 +52,7 @@ ARROWS = {
         "truth",
     ),
     "exec": (*LEAVES, "serving", "transports", "wire"),
-    "pytest_plugin": ("serving",),
+    "pytest_plugin": ("cli", "exec", "serving"),
     "doors": (*LEAVES, "serving"),
     "tactemu": ("errors", "exec", "physics", "scene", "serving", "truth"),  # the public names, imported on first use
     "bench": (
