@@ -142,7 +142,7 @@ class TaxelTable:
     @property
     def fields(self) -> list[tuple[str, int, np.dtype]]:
         """Name, offset and type of each number of a row."""
-        described: dict[str, Any] = dict(self.dtype.fields or {})
+        described: Any = self.dtype.fields
         return [(name, each[1], each[0]) for name, each in described.items()]
 
     def rows(self, sample: Sample) -> np.ndarray:
