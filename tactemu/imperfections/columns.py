@@ -73,7 +73,7 @@ class Table:
         if wide and row.size == 1:
             row = np.repeat(row, info.n_columns)
         self.option, self._info = option, info
-        self.array = wp.array(np.tile(row, (context.n_envs, 1)), dtype=context.real, device=context.device)
+        self.array = context.array(np.tile(row, (context.n_envs, 1)), context.real)
 
     def set(self, value, envs_idx: Sequence[int] | None = None) -> None:
         """Gives the environments named a new value; a leading axis of their number gives each its own.

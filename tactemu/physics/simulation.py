@@ -88,10 +88,8 @@ class Simulation:
             n_envs=self.n_envs,
             real=REAL[dtype],
             seed=int(seed),
-            dt=wp.full(1, dt, dtype=wp.float64, device=self.device),
-            step=wp.zeros(1, dtype=wp.int64, device=self.device),
-            time_ns=wp.zeros(1, dtype=wp.int64, device=self.device),
         )
+        self.context.dt.fill_(dt)
         self.outdated = ""
         """Why it must not be stepped any more: its scene has changed, or was built again."""
         self._dt_ns = -1
