@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 
 class Action(NamedTuple):
@@ -25,23 +25,24 @@ class Action(NamedTuple):
 
 Guest = Callable[[], None]
 """What a caller has the loop do."""
+Entry = TypeVar("Entry", Action, Guest, Action | Guest)
 
 
-class Agenda:
+class Agenda(Generic[Entry]):
     """A queue of what is to be done by time [ns]."""
 
     def __init__(self):
-        self._entries: list[tuple[int, int, Action | Guest]] = []
+        self._entries: list[tuple[int, int, Entry]] = []
         self._number = 0
 
-    def put(self, t_ns: int, action: Action | Guest) -> None:
+    def put(self, t_ns: int, action: Entry) -> None:
         """Have ``action`` done at ``t_ns``."""
         self._number += 1
         heapq.heappush(self._entries, (t_ns, self._number, action))
 
-    def due(self, now_ns: Callable[[], int]) -> Iterator[Action | Guest]:
+    def due(self, now_ns: int) -> Iterator[Entry]:
         """Take out what is due by now, those put meanwhile included."""
-        while self._entries and self._entries[0][0] <= now_ns():
+        while self._entries and self._entries[0][0] <= now_ns:
             yield heapq.heappop(self._entries)[2]
 
     @property

@@ -9,6 +9,8 @@ from typing import Protocol
 
 POLL_NS = 1_000_000
 """How often a port without a file descriptor is looked at."""
+_LOOK_S = 0.1
+"""How long a wait for nothing in particular takes at most."""
 
 
 class Clock(Protocol):
@@ -19,6 +21,15 @@ class Clock(Protocol):
     @property
     def origin_ns(self) -> int | None:
         """The machine's monotonic clock when this one showed 0; ``None`` where time is virtual."""
+        ...
+
+    @property
+    def end_ns(self) -> int | None:
+        """Where time stops until somebody lets it go on; ``None``: nowhere."""
+        ...
+
+    def stands(self) -> bool:
+        """Whether it has stopped there."""
         ...
 
     def start(self) -> None:
@@ -41,6 +52,7 @@ class RealClock:
     """The machine's monotonic clock."""
 
     virtual = False
+    end_ns = None
 
     def __init__(self):
         self.origin_ns = time.monotonic_ns()
@@ -49,6 +61,10 @@ class RealClock:
         """Count from now."""
         self.origin_ns = time.monotonic_ns()
 
+    def stands(self) -> bool:
+        """Never."""
+        return False
+
     def now_ns(self) -> int:
         """Nanoseconds since the clock was made, or started."""
         return time.monotonic_ns() - self.origin_ns
@@ -56,7 +72,7 @@ class RealClock:
     def wait(self, deadline_ns: int | None, filenos: Sequence[int], *, poll: bool = False) -> None:
         """Sleep in ``select``, whose timeout has microsecond steps (``epoll`` would round to milliseconds)."""
         now = self.now_ns()
-        until = now + 100_000_000 if deadline_ns is None else deadline_ns
+        until = now + round(_LOOK_S * 1e9) if deadline_ns is None else deadline_ns
         if poll:
             until = min(until, now + POLL_NS)
         if until > now:
@@ -72,8 +88,17 @@ class VirtualClock:
     def __init__(self, start_ns: int = 0):
         self._now = start_ns
 
+    @property
+    def end_ns(self) -> int | None:
+        """None: it goes on for ever."""
+        return None
+
     def start(self) -> None:
         """It stands where it was set."""
+
+    def stands(self) -> bool:
+        """Never."""
+        return False
 
     def now_ns(self) -> int:
         """The deadline that was waited for last."""
@@ -83,3 +108,40 @@ class VirtualClock:
         """Jump to the deadline."""
         if deadline_ns is not None:
             self._now = max(self._now, deadline_ns)
+
+
+class LockstepClock(VirtualClock):
+    """A virtual clock that goes as far as it is let, and there waits for whoever lets it go on.
+
+    Call :meth:`go_on` in the loop's thread.
+    """
+
+    def __init__(self, start_ns: int = 0):
+        super().__init__(start_ns)
+        self._end = start_ns
+        self._stands = False
+
+    @property
+    def end_ns(self) -> int:
+        """As far as it was let."""
+        return self._end
+
+    def stands(self) -> bool:
+        """Whether it has come there, and all that was due has been done."""
+        return self._stands
+
+    def go_on(self, until_ns: int) -> None:
+        """Let time pass until ``until_ns``; it is never turned back."""
+        self._end = max(self._end, until_ns)
+        self._stands = self._stands and self._now >= self._end
+
+    def wait(self, deadline_ns: int | None, filenos: Sequence[int], *, poll: bool = False) -> None:
+        """Jump to the deadline, no farther than time was let; there wait for a file descriptor."""
+        if deadline_ns is not None and deadline_ns <= self._now:
+            return
+        if self._now < self._end:
+            super().wait(self._end if deadline_ns is None else min(deadline_ns, self._end), filenos)
+            return
+        if self._stands:
+            select.select(filenos, (), (), POLL_NS / 1e9 if poll else _LOOK_S)
+        self._stands = True

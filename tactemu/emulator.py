@@ -7,13 +7,13 @@
                                                                   └────── commands ◀─────┘
 
 One thread and one clock. :meth:`Emulator.step` is the picture: what the driver sent goes to the devices, every stream
-of a device whose time has come takes a sample of the simulation, and what the wires have due is written. Deadlines are
-absolute integer nanoseconds; nothing here knows which device, sensor model or transport it runs.
+of a device whose time has come takes a sample of the simulation, what the wires have due is written, and then others
+may have something done. Deadlines are absolute integer nanoseconds; nothing here knows which device, sensor model or
+transport it runs.
 """
 
 from __future__ import annotations
 
-import queue
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -21,6 +21,7 @@ import numpy as np
 
 from firmware_protocols import Convert, Counts, Restart
 from tactemu.agenda import Action, Agenda, Guest
+from tactemu.calls import Calls
 from tactemu.channel import Channel, Source
 from tactemu.clock import Clock, RealClock
 from tactemu.transports.transport import Closed, Event, LinesChanged, Opened, SettingChanged
@@ -80,11 +81,15 @@ class Emulator:
         self.clock: Clock = clock or RealClock()
         self.truth = truth or Truth()
         self.running = False
+        self.now_ns = 0
+        """Time of the turn: what happens in it happens then."""
+        self.look_ahead_ns: int | None = None
+        """In real time the simulation is at most so far ahead (or a step, if that is longer); ``None``: any way."""
         self._channels = {channel.name: channel for channel in self.channels}
-        self._agenda = Agenda()
-        self._outbox = Agenda()
+        self._agenda: Agenda[Action | Guest] = Agenda()
+        self._outbox: Agenda[Action] = Agenda()
         """Samples until their release times."""
-        self._calls: queue.SimpleQueue[Guest] = queue.SimpleQueue()
+        self._calls = Calls()
 
     # -- life ------------------------------------------------------------------------------------------------------
 
@@ -99,8 +104,11 @@ class Emulator:
             for channel in self.channels:
                 channel.plug()
             for wire in self.wires:
+                wire.stands = self.clock.stands
                 wire.open()
+            self._calls.open()
             self.clock.start()
+            self.now_ns = self.clock.now_ns()
             self.truth.begin(self.clock.origin_ns, patient=self.clock.virtual)
             for channel in self.channels:
                 self._power_on(channel)
@@ -112,11 +120,12 @@ class Emulator:
         """Remove every port. Safe to call twice."""
         for wire in self.wires:
             wire.close()
+        self._calls.close()
         self.truth.close()
 
     def _power_on(self, channel: Channel) -> None:
         """The device loses its memory and boots; until then it neither samples nor hears."""
-        now = self.clock.now_ns()
+        now = self.now_ns
         if channel.lives:
             channel.device.power_cycle()
         channel.lives += 1
@@ -144,6 +153,7 @@ class Emulator:
     def stop(self) -> None:
         """Leave :meth:`run` after the current turn. May be called from a signal handler or another thread."""
         self.running = False
+        self.call(lambda: None)
 
     def __enter__(self):
         self.open()
@@ -155,9 +165,10 @@ class Emulator:
     # -- the picture ------------------------------------------------------------------------------------------------
 
     def step(self, end_ns: int | None = None) -> None:
-        """One turn: commands in, samples taken, frames out, then wait for whatever comes next."""
-        self._act()
-        now = self.clock.now_ns()
+        """One turn: commands in, samples taken, frames out, calls, then wait for whatever comes next."""
+        now = self.now_ns = self.clock.now_ns()
+        for action in self._agenda.due(now):
+            self._do(action)
         for wire in self.wires:
             self._listen(wire, now)
             if not self.clock.virtual:  # an answer does not wait for the physics of a sample
@@ -167,7 +178,8 @@ class Emulator:
         self._release(now)
         for wire in self.wires:
             wire.flush(self.clock.now_ns())
-        self._wait(end_ns, busy=self._look_ahead(end_ns))
+        self._calls.run(now)
+        self._wait(end_ns, self._look_ahead(end_ns))
 
     def _listen(self, wire: Wire, now: int) -> None:
         """Commands and port events, from the wire to every device on it."""
@@ -240,21 +252,27 @@ class Emulator:
         stretched = self.simulation.advance_to(t_ns, self.catch_up_steps if behind else None)
         channel.statistics.stretched += stretched
 
-    def _look_ahead(self, end_ns: int | None) -> bool:
+    def _look_ahead(self, end_ns: int | None) -> int | None:
         """While nothing is due, one simulation step towards the next sample, which then finds its state ready.
 
         Never past an action that is scheduled. What comes from outside meanwhile (a command that changes the period, a
         call from another thread) meets a simulation that is less than a period ahead; in virtual time, where it is
-        known when it will have come, one that is not ahead.
+        known when it will have come, one that is not ahead. Returns when to try the next one.
         """
-        simulation = self.simulation
+        simulation, clock = self.simulation, self.clock
         if simulation is None or simulation.dt_ns <= 0 or not self._deadlines():
-            return False
-        comes = [wire.next_due_ns() for wire in self.wires] if self.clock.virtual else []
-        if min(self._deadlines(self._agenda.next_ns, end_ns, *comes)) - simulation.time_ns < simulation.dt_ns:
-            return False
-        simulation.advance_to(simulation.time_ns + simulation.dt_ns)
-        return True
+            return None
+        comes = [wire.next_due_ns() for wire in self.wires] if clock.virtual else []
+        until = min(self._deadlines(self._agenda.next_ns, self._calls.next_ns, clock.end_ns, end_ns, *comes))
+        t_ns = simulation.time_ns + simulation.dt_ns
+        if t_ns > until:
+            return None
+        if self.look_ahead_ns is not None and not clock.virtual:
+            begin = t_ns - max(self.look_ahead_ns, simulation.dt_ns)
+            if begin > clock.now_ns():
+                return begin
+        simulation.advance_to(t_ns)
+        return clock.now_ns()
 
     def _count(self, channel: Channel, stream: str, count: int, due: int) -> None:
         """Statistics, and on to the next sample: those whose time has wholly passed are missed, never made up."""
@@ -307,7 +325,7 @@ class Emulator:
 
     def _release(self, now: int) -> None:
         """Let samples go whose release time has come."""
-        for action in self._outbox.due(lambda: now):
+        for action in self._outbox.due(now):
             self._do(action)
 
     def _send(self, channel: Channel, port: str, frames: list[Any], release_ns: int, sample: int | None) -> None:
@@ -333,17 +351,17 @@ class Emulator:
         """The time has come that the alarm clock was set to, unless it was set to another since."""
         if channel.alarm_ns == wake_ns:
             channel.device.wake_ns = channel.alarm_ns = None
-            now = self.clock.now_ns()
-            self._call(channel, now, "wake", channel.local_ns(now))
+            self._call(channel, self.now_ns, "wake", channel.local_ns(self.now_ns))
 
     # -- what others ask of the loop -----------------------------------------------------------------------------------
 
-    def call(self, action: Guest) -> None:
-        """Have ``action`` run by the loop, between two turns. Safe from any thread."""
-        self._calls.put(action)
+    def call(self, action: Guest, at_ns: int = 0) -> None:
+        """Have ``action`` run by the loop at the end of a turn, not before ``at_ns``. Safe from any thread."""
+        self._calls.put(action, at_ns)
 
     def at(self, t_ns: int, action: Action | Guest) -> None:
-        """Have ``action`` run by the loop at an emulation time. Call from the loop's thread, or before it runs."""
+        """Have ``action`` run by the loop at an emulation time, before what is sampled then. Call from the loop's
+        thread, or before it runs."""
         self._agenda.put(t_ns, action)
 
     def hang(self, until_ns: int, name: str | None = None) -> None:
@@ -358,12 +376,6 @@ class Emulator:
 
     def _named(self, name: str | None) -> list[Channel]:
         return [channel for channel in self.channels if name in (None, channel.name)]
-
-    def _act(self) -> None:
-        for action in self._agenda.due(self.clock.now_ns):
-            self._do(action)
-        while not self._calls.empty():
-            self._calls.get()()
 
     def _do(self, action: Action | Guest) -> None:
         if not isinstance(action, Action):
@@ -396,16 +408,17 @@ class Emulator:
         self._inject(channel, "revived", " ".join(map(str, taxels)))
 
     def _inject(self, channel: Channel, what: str, detail: str = "") -> None:
-        self.truth.inject(self.clock.now_ns(), channel.name, what, detail)
+        self.truth.inject(self.now_ns, channel.name, what, detail)
 
-    def _wait(self, end_ns: int | None, *, busy: bool) -> None:
-        """Until whatever comes next; when busy, no longer than a look at the ports."""
+    def _wait(self, end_ns: int | None, look_ns: int | None) -> None:
+        """Until whatever comes next, or until it is time to look ahead again."""
         wires = [wire.next_due_ns() for wire in self.wires]
-        deadlines = self._deadlines(*wires, self._agenda.next_ns, self._outbox.next_ns, end_ns)
-        filenos = [fileno for wire in self.wires for fileno in wire.filenos()]
+        deadlines = self._deadlines(
+            *wires, self._agenda.next_ns, self._outbox.next_ns, self._calls.next_ns, look_ns, end_ns
+        )
+        filenos = [fileno for wire in self.wires for fileno in wire.filenos()] + self._calls.filenos
         poll = any(not wire.filenos() for wire in self.wires)
-        deadline = self.clock.now_ns() if busy else min(deadlines, default=None)
-        self.clock.wait(deadline, filenos, poll=poll)
+        self.clock.wait(min(deadlines, default=None), filenos, poll=poll)
 
 
 def _by_sense(counts: Counts, measured: Mapping[str, Any]) -> Sequence[tuple[str, np.ndarray, str]]:

@@ -26,8 +26,8 @@ class Errand:
 
     def _run(self) -> None:
         try:
-            t_ns = round(self._begin(self._emulator.clock.now_ns() / 1e9) * 1e9)
-            self._emulator.at(t_ns, lambda: self._arrive(t_ns))
+            t_ns = round(self._begin(self._emulator.now_ns / 1e9) * 1e9)
+            self._emulator.call(lambda: self._arrive(t_ns), t_ns)
         except Exception as error:  # a mistake of the caller's: for whoever waits to raise
             self.failed = error
             self.done.set()
@@ -35,10 +35,10 @@ class Errand:
     def _arrive(self, t_ns: int) -> None:
         """A loop that is late takes its samples after its actions, and the scene that a sample sees may be a step
         older than the sample: look again until one has seen ``t_ns``."""
-        now = self._emulator.clock.now_ns()
+        now = self._emulator.now_ns
         seen = t_ns + self._step_ns
         late = any(c.statistics.last_ns < seen and c.silent_until_ns <= now for c in self._emulator.channels)
         if self._sampled and late:
-            self._emulator.at(now + 1_000_000, lambda: self._arrive(t_ns))
+            self._emulator.call(lambda: self._arrive(t_ns), now + 1_000_000)
         else:
             self.done.set()

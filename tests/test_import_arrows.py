@@ -33,8 +33,9 @@ ARROWS = {
     "physics": (*LEAVES, "plan", "imperfections", "scene"),
     "wire": (*LEAVES, "frame_text", "truth", "transports"),
     "agenda": (),
+    "calls": ("agenda",),
     "channel": (*LEAVES, "imperfections", "sampling", "scene", "statistics", "wire"),
-    "emulator": (*LEAVES, "agenda", "channel", "clock", "plan", "transports", "truth", "wire"),
+    "emulator": (*LEAVES, "agenda", "calls", "channel", "clock", "plan", "transports", "truth", "wire"),
     "recordings": (*LEAVES, "clock", "frame_text", "scene", "transports", "truth", "wire"),
     "scenario": (*LEAVES, "agenda", "channel", "emulator", "imperfections", "scene", "wire"),
     "sensing": (*LEAVES, "imperfections", "scene"),
@@ -50,6 +51,7 @@ ARROWS = {
         *LEAVES, "assembly", "clock", "emulator", "errand", "kernels", "physics", "scenario", "scene", "transports",
         "truth",
     ),
+    "exec": (*LEAVES, "emulator", "serving", "transports", "wire"),
     "pytest_plugin": ("serving",),
     "doors": (*LEAVES, "serving"),
     "tactemu": ("errors", "physics", "scene", "serving", "truth"),  # the public names, imported on first use

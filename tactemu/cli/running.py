@@ -153,9 +153,9 @@ def _report_regularly(emulator: Emulator, say: Say) -> None:
         now = emulator.clock.now_ns()
         for channel in emulator.channels:
             say("running", t_s=round(now / 1e9, 3), **entry_of(emulator, channel))
-        emulator.at(now + REPORT_PERIOD_NS, report)
+        emulator.call(report, now + REPORT_PERIOD_NS)
 
-    emulator.at(emulator.clock.now_ns() + REPORT_PERIOD_NS, report)
+    emulator.call(report, emulator.clock.now_ns() + REPORT_PERIOD_NS)
 
 
 def _view(emulator: Emulator, console: Console):

@@ -86,6 +86,16 @@ class Line:
         self.free_ns = max(self.free_ns, now_ns - self._catch_up_ns)
         return sent
 
+    def settle(self, now_ns: int) -> list[Pending]:
+        """All that is queued or on the line, in the order in which it would leave; to the line no time has passed."""
+        settled = []
+        while (due_ns := self.next_ns()) is not None:
+            if (pending := self.take(due_ns)) is not None:
+                pending.end_ns = now_ns
+                settled.append(pending)
+        self.free_ns = min(self.free_ns, now_ns)
+        return settled
+
     def clear(self) -> list[Pending]:
         """Forget all that has not left, and return it."""
         lost = [pending for lane in self._lanes.values() for pending in lane]

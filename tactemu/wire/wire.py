@@ -9,7 +9,7 @@ does the device.
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from firmware_protocols import Connector, Frame, Sent
@@ -91,6 +91,10 @@ class Wire:
         """What each device on the wire has there, by the device's name."""
         self.name = ""
         """Who is on it, for the truth log of what arrives and of what befalls the wire; default: who sent last."""
+        self.stands: Callable[[], bool] = bool
+        """Whether time stands: then what the driver says is heard at once, and answers leave at once."""
+        self._asked = False
+        """The driver has said something while time stands."""
         self._source = ""
         self._arrived: deque[tuple[int, Heard]] = deque()
         self._held_ns = {"to_driver": 0, "from_driver": 0}
@@ -222,7 +226,8 @@ class Wire:
         """Write every frame whose last bit has gone; returns how many were written."""
         self._now_ns = self._flushed_ns = now_ns
         self._add_traffic(now_ns)
-        written = 0
+        written = self._settle(self.line, now_ns) if self._asked else 0
+        self._asked = False
         while (pending := self.line.take(now_ns)) is not None:
             written += self._pass_on(pending, now_ns)
         if (chip := self._injector.chip) is not None:
@@ -302,7 +307,7 @@ class Wire:
         for event in self.transport.poll(self._reading):
             if isinstance(event, Received):
                 if self._down is None:
-                    self._arrive(event.data, now_ns)
+                    self._take(event.data, now_ns)
                 continue
             if isinstance(event, Closed):
                 self._hear_all(events)
@@ -315,6 +320,20 @@ class Wire:
             self._pass_on(pending, now_ns)
         self._deliver(now_ns, events)
         return events
+
+    def _take(self, data: Frame, now_ns: int) -> None:
+        """The driver has sent something; while time stands it is there at once, and so is what was on the line."""
+        if not self.stands():
+            self._arrive(data, now_ns)
+            return
+        self._asked = True
+        self._settle(self.line, now_ns)
+        self._arrive(data, now_ns)
+        self._settle(self.inbound, now_ns)
+
+    def _settle(self, line: Line, now_ns: int) -> int:
+        """What is on a line has arrived; returns how many frames the driver took."""
+        return sum(self._pass_on(pending, now_ns) for pending in line.settle(now_ns))
 
     def _hear_all(self, events: list[Event | Heard]) -> None:
         """The port closes: what the driver has sent arrives at once."""

@@ -1,0 +1,53 @@
+"""Time that advances only when it is told to: the bytes of time that runs by itself, and answers while it stands."""
+
+import functools
+
+import pytest
+
+from firmware_protocols.frames import frame_of
+from tactemu.assembly import Wishes, assemble
+from tactemu.clock import LockstepClock, VirtualClock
+from tactemu.scene import file
+from tactemu.truth import Truth
+
+MS = 1_000_000
+
+
+def emulator_of(device: str, clock, **options):
+    truth = Truth()
+    made = assemble(file.load(device, options), Wishes(port="memory:", seed=3), clock=clock, truth=truth).emulator
+    return made, truth
+
+
+def go_on(emulator, until_ns: int) -> None:
+    """What a controller in the same thread does: let time pass, and turn until it stands again."""
+    emulator.clock.go_on(until_ns)
+    while not emulator.clock.stands():
+        emulator.step()
+
+
+def ask(emulator, write) -> None:
+    """Every documented request at a virtual time of its own; of a bus that is switched on and off, the former."""
+    commands = [command for command in emulator.channels[0].device.commands if command.name != "stop"]
+    for k, command in enumerate(commands):
+        for j, request in enumerate((*command.after, command.request)):
+            emulator.at(round((20.3 + 7.1 * k + 1.7 * j) * MS), functools.partial(write, frame_of(request)))
+
+
+# a stream, a bus, one that is polled on a shared line, one that is polled and streams
+@pytest.mark.parametrize("device", ["anyskin", "xela_uskin", "brainco_revo2", "paxini_gen2"])
+def test_a_thousand_steps_give_the_bytes_of_virtual_time(device):
+    logs = []
+    for clock in (VirtualClock(), LockstepClock()):
+        emulator, truth = emulator_of(device, clock)
+        with emulator:
+            ask(emulator, emulator.channels[0].wire.transport.driver.write)  # pyright: ignore
+            if isinstance(clock, LockstepClock):
+                for k in range(1000):
+                    go_on(emulator, (k + 1) * MS)
+            else:
+                emulator.run(1.0)
+                emulator.step()
+        logs.append((truth.frames, [(s.t_ns, s.counts.tobytes()) for s in truth.samples]))
+    assert logs[0] == logs[1]
+    assert logs[0][0], "nothing was sent"
