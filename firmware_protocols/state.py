@@ -208,11 +208,15 @@ class Writer:
 
 def _attributes(value: Any) -> dict[str, Any]:
     """What an object is made of; its class may say what suffices to make it again (``__getstate__``, as for pickle)."""
-    if hasattr(value, "__setstate__"):
+    if _says_itself(type(value)):
         return value.__getstate__()
     slots = [name for cls in type(value).__mro__ for name in getattr(cls, "__slots__", ())]
     names = [*(name for name in slots if hasattr(value, name)), *getattr(value, "__dict__", {})]
     return {name: getattr(value, name) for name in names}
+
+
+def _says_itself(cls: type) -> bool:
+    return hasattr(cls, "__setstate__") and not is_dataclass(cls)  # frozen ones with slots have it of themselves
 
 
 def _factory(value: defaultdict, where: str) -> str:
@@ -269,7 +273,7 @@ class Reader:
             return self._object(value)
         if kind in ("dict", "Counter", "defaultdict"):
             made = self.keep(value, _empty_dict(kind, value))
-            made.update((self._read(k), self._read(v)) for k, v in value["items"])
+            made.update({self._read(k): self._read(v) for k, v in value["items"]})
             return made
         if kind in ("list", "deque", "set"):
             empty = {"list": [], "deque": deque(maxlen=value.get("maxlen")), "set": set()}[kind]
@@ -288,11 +292,11 @@ class Reader:
         cls = self._class(value["class"], object)
         made = self.keep(value, object.__new__(cls))
         state = {name: self._read(each) for name, each in value["state"].items()}
-        if hasattr(made, "__setstate__"):
+        if _says_itself(cls):
             made.__setstate__(state)
             return made
         if is_dataclass(cls) and (missing := {each.name for each in fields(cls)} - state.keys()):
-            raise ValueError(f"a {cls.__name__} without {', '.join(sorted(missing))}")
+            raise ValueError(f"a {value['class']} without {', '.join(sorted(missing))}")
         for name, each in state.items():
             object.__setattr__(made, name, each)
         return made

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import warp as wp
 
 from tactemu.errors import SceneError
 from tactemu.imperfections.info import ReadingInfo

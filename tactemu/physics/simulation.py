@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any, ClassVar
 
 import numpy as np
 import warp as wp
@@ -24,6 +25,9 @@ from tactemu.scene.motion import Pose
 
 MOST_THREADS = 2**31
 """Warp counts threads and the places of an array's axis in 31 bits."""
+
+_COUNTS = ("time_ns", "step_count", "_dt_ns", "_checked_step")
+"""What is saved beside the arrays."""
 
 REAL = {"float32": wp.float32, "float64": wp.float64}
 
@@ -57,6 +61,8 @@ class Simulation:
 
     It is of the bodies and sensors, and steps by the ``dt``, that the scene has when it is built.
     """
+
+    not_state: ClassVar[tuple[str, ...]] = ()
 
     def __init__(
         self,
@@ -315,6 +321,46 @@ class Simulation:
         """On a GPU poses are judged here, since a step does not wait for the device."""
         if self._bad_view is None and self.step_count:
             self.check_poses()
+
+    # -- saving -----------------------------------------------------------------------------------------------------
+
+    def more_parts(self) -> dict[str, Any]:
+        """What moves the bodies, and may have a state of its own."""
+        posers = {f"posers[{k}]": getattr(pose, "__self__", None) for k, pose in enumerate(self.posers)}
+        return {f"motion of {body.name}": body.motion for body in self._moving} | posers
+
+    def state(self) -> dict[str, Any]:
+        """All that lasts from step to step, arrays copied to the host."""
+        self.world.upload()
+        counts = {name: getattr(self, name) for name in _COUNTS}
+        return counts | {"memory": [array.numpy().copy() for array in self.context.memory]}
+
+    def prepared(self, state: dict[str, Any]) -> Callable[[], None]:
+        """What takes on a state, of this or another process, once it is called.
+
+        Raises:
+            ValueError: it is not one of such a simulation.
+        """
+        counts = {name: int(state[name]) for name in _COUNTS}
+        arrays, given = self.context.memory, state["memory"]
+        if len(given) != len(arrays):
+            raise ValueError(f"expected {len(arrays)} arrays, got {len(given)}")
+        for k, (array, values) in enumerate(zip(arrays, given)):
+            here = array.numpy()
+            if (values.shape, values.dtype) != (here.shape, here.dtype):
+                there = f"{values.shape} {values.dtype}"
+                raise ValueError(f"array {k}: expected {here.shape} {here.dtype}, got {there}")
+
+        def take() -> None:
+            vars(self).update(counts)
+            for array, values in zip(arrays, given):
+                if self.device.is_cpu:
+                    array.numpy()[...] = values
+                else:
+                    array.assign(values)
+            self.world.resumed()
+
+        return take
 
     def reset(self, envs: Sequence[int] | np.ndarray | None = None) -> None:
         """Clear all state, put bodies back where they started, and let readings be 0 until the next step.

@@ -7,7 +7,7 @@ lead to parts are how it is built. What else they hold must be plain data or obj
 
 A part may say otherwise, by methods:
 
-* ``parts()``: further parts, by name, that no attribute leads to;
+* ``more_parts()``: further parts, by name, that no attribute leads to;
 * ``state()``, and ``prepared(state)``, which checks, changes nothing and returns what does: in place of attributes;
 * ``resumed()``: called when all parts have their state.
 """
@@ -47,7 +47,7 @@ def parts_of(root: Any) -> dict[str, Any]:
             seen.add(id(value))
             found[name] = value
             if not isinstance(value, Device):
-                more = value.parts() if hasattr(value, "parts") else {}
+                more = value.more_parts() if hasattr(value, "more_parts") else {}
                 for key, each in (_attributes(value) | more).items():
                     look(each, f"{name}.{key}".lstrip("."))
 

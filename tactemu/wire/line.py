@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import heapq
 from collections import defaultdict
+from typing import ClassVar
 
 from firmware_protocols import Frame
 from tactemu.wire.carriers.carrier import Carrier
@@ -19,6 +20,8 @@ CATCH_UP_NS = 5_000_000
 
 class Line:
     """The queue in front of a line and the line itself: of one direction, or of all nodes where there is one line."""
+
+    not_state: ClassVar[tuple[str, ...]] = ("_catch_up_ns",)
 
     def __init__(self, carrier: Carrier):
         self.carrier = carrier
