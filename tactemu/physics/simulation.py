@@ -59,7 +59,8 @@ def _reading_info(sensor: Sensor) -> ReadingInfo:
 class Simulation:
     """What :meth:`tactemu.Scene.build` returns. Time is counted in integer nanoseconds and steps in int64.
 
-    It is of the bodies and sensors, and steps by the ``dt``, that the scene has when it is built.
+    It is of the bodies and sensors, and steps by the ``dt``, that the scene has when it is built. With ``like``, one of
+    the same scene and the same options, it shares what never changes.
     """
 
     not_state: ClassVar[tuple[str, ...]] = ()
@@ -75,6 +76,7 @@ class Simulation:
         seed: int,
         dtype: str,
         posers: Sequence[Callable[[Simulation, float], None]] = (),
+        like: Simulation | None = None,
     ):
         if n_envs is not None and (isinstance(n_envs, bool) or int(n_envs) != n_envs or n_envs < 1):
             raise SceneError(f"build: n_envs must be None or a whole number >= 1, got {n_envs!r}")
@@ -94,6 +96,7 @@ class Simulation:
             n_envs=self.n_envs,
             real=REAL[dtype],
             seed=int(seed),
+            constants={} if like is None else like.context.constants,
         )
         self.context.dt.fill_(dt)
         self.outdated = ""
@@ -119,8 +122,9 @@ class Simulation:
         self.plan = Plan(device=self.device)
         if self.sensors:
             self.plan.stages.append(self._poses.stage())
-        self._shapes = ShapeTables(self.bodies, self.context)
-        self._clouds: dict[tuple[int, int], PointCloud] = {}
+        constants = self.context.constants
+        self._shapes: ShapeTables = constants.setdefault(ShapeTables, ShapeTables(self.bodies, self.context))
+        self._clouds: dict[tuple[int, int], PointCloud] = constants.setdefault(PointCloud, {})
         self._arrays: list[wp.array] = []
         attachments = [self._compile_sensor(sensor) for sensor in self.sensors]
         self._bad_view = self._poses.bad.numpy() if self.device.is_cpu else None
@@ -321,6 +325,20 @@ class Simulation:
         """On a GPU poses are judged here, since a step does not wait for the device."""
         if self._bad_view is None and self.step_count:
             self.check_poses()
+
+    def another(self) -> Simulation:
+        """One of the same bodies, with handles of its own on the same sensors, at its start."""
+        return Simulation(
+            self.bodies,
+            [Sensor(sensor.name, sensor.model, sensor.link) for sensor in self.sensors],
+            dt=self.dt,
+            n_envs=self.n_envs if self.batched else None,
+            device=self.device,
+            seed=self.context.seed,
+            dtype=self.context.real.__name__,
+            posers=self.posers,
+            like=self,
+        )
 
     # -- saving -----------------------------------------------------------------------------------------------------
 

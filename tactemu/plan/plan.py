@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from statistics import median
-from typing import Literal
+from typing import Any, Literal
 
 import warp as wp
 
@@ -30,6 +30,8 @@ class Context:
     """Root seed; a stage derives its own stream from it and its name (:mod:`tactemu.random_streams`)."""
     memory: list[wp.array] = field(default_factory=list)
     """All that lasts from step to step, in the order in which it was made: what is saved of a simulation."""
+    constants: dict[Any, Any] = field(default_factory=dict)
+    """What takes long to make and never changes, by what it is made from: forks of a simulation share it."""
     dt: wp.array = field(init=False)
     """Length of the step being taken [s], float64, shape ``(1,)``: read on the device, so that a graph sees changes."""
     step: wp.array = field(init=False)

@@ -7,17 +7,14 @@ import hashlib
 import inspect
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from tactemu.saving import parts, state_file
 
-if TYPE_CHECKING:
-    from tactemu.emulator import Emulator
 
-
-def take(emulator: Emulator) -> dict[str, Any]:
+def take(emulator: Any) -> dict[str, Any]:
     """The whole state as plain data.
 
     Raises:
@@ -27,7 +24,7 @@ def take(emulator: Emulator) -> dict[str, Any]:
     return {"header": state_file.header(_made_of(emulator), emulator.clock.now_ns()), "parts": state}
 
 
-def save(emulator: Emulator, path: str | Path) -> int:
+def save(emulator: Any, path: str | Path) -> int:
     """The state as a file; returns its size [byte].
 
     Raises:
@@ -37,7 +34,7 @@ def save(emulator: Emulator, path: str | Path) -> int:
     return state_file.write(path, state["header"], state["parts"])
 
 
-def restore(emulator: Emulator, state: Mapping[str, Any] | str | Path) -> None:
+def restore(emulator: Any, state: Mapping[str, Any] | str | Path) -> None:
     """Let the emulator go on from a state.
 
     Raises:
@@ -68,7 +65,7 @@ def _memory(there: Mapping[str, Any]) -> list[Any]:
 # -- what it is of -----------------------------------------------------------------------------------------------------
 
 
-def _made_of(emulator: Emulator) -> dict[str, Any]:
+def _made_of(emulator: Any) -> dict[str, Any]:
     """What a state must have been saved of, to be restored here: tables of texts and numbers, by names for messages."""
     devices = {channel.name: _device(channel.device) for channel in emulator.channels}
     found: dict[str, Any] = {"device": devices, **emulator.made_of}

@@ -227,15 +227,7 @@ class CompiledLayer:
         self.rubs = model.friction > 0
         nu, young = float(model.poisson_ratio), float(model.young_modulus)
         self.material = LayerMaterial(young / (2 * (1 + nu)), nu, float(model.thickness))
-        self.tables = LayerTables(
-            self.material,
-            self.grid.shape,
-            self.grid.cell,
-            tangential=self.rubs or model.displacement,
-            real=self.real,
-            lanes=self.lanes,
-            device=self.device,
-        )
+        self.tables = self._tables(tangential=self.rubs or model.displacement)
         self._allocate()
         coarser = "lower `oversampling`"
         solver = "lower `iterations` or `oversampling`, or raise `tolerance`"
@@ -249,6 +241,22 @@ class CompiledLayer:
             self._add(self._surface, "surface", why, f"set `displacement = false`, or {coarser}")
         self._add(self._read, "taxels", f"{self.grid.split}x{self.grid.split} cells per taxel", coarser)
         self.stages[1].reset = self._reset
+
+    def _tables(self, *, tangential: bool) -> LayerTables:
+        """The layer's compliances; layers that are alike share them."""
+        constants, cells = self.site.context.constants, self.grid.shape
+        key = (LayerTables, self.material, cells, self.grid.cell, tangential)
+        if key not in constants:
+            constants[key] = LayerTables(
+                self.material,
+                cells,
+                self.grid.cell,
+                tangential=tangential,
+                real=self.real,
+                lanes=self.lanes,
+                device=self.device,
+            )
+        return constants[key]
 
     # -- arrays -----------------------------------------------------------------------------------------------------
 
