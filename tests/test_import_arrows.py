@@ -53,7 +53,7 @@ ARROWS = {
         "truth",
     ),
     "exec": (*LEAVES, "emulator", "serving", "transports", "wire"),
-    "pytest_plugin": ("serving",),
+    "pytest_plugin": ("cli", "serving"),
     "doors": (*LEAVES, "serving"),
     "tactemu": ("errors", "physics", "scene", "serving", "truth"),  # the public names, imported on first use
     "bench": (

@@ -290,6 +290,19 @@ def truth(
 
 
 @app.command()
+def licences(json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False) -> None:
+    """List tactemu and what is installed because of it: package, version, licence, needed by.
+
+    \b
+      tactemu licences
+      tactemu licences --json
+    """
+    from tactemu.cli.licences import print_licences
+
+    print_licences(json=json)
+
+
+@app.command()
 def faults() -> None:
     """List what can go wrong on a wire, with the words for `run --fault` and for scene files.
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from firmware_protocols import CanFrame, Connector, Frame
+from firmware_protocols.can_frames import CanFrames
 
 CHUNK = 512
 """Bytes of a driver that one :meth:`Transport.poll` takes at most: as many requests as can be answered in some
@@ -135,6 +136,13 @@ class Transport(ABC):
     @abstractmethod
     def write(self, frame: Frame) -> bool:
         """Write one frame whole, or not at all (``False``: nobody listens or reads). Never blocks."""
+
+    def write_all(self, frames: CanFrames) -> int:
+        """Write CAN frames one after another, until one is not taken; returns how many were."""
+        for count, frame in enumerate(frames):
+            if not self.write(frame):
+                return count
+        return len(frames)
 
     def hang_up(self, code: int) -> None:
         """Close the connection, where there is one; the driver may open it again.
