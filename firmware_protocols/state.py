@@ -295,7 +295,7 @@ class Reader:
         if _says_itself(cls):
             made.__setstate__(state)
             return made
-        if is_dataclass(cls) and (missing := {each.name for each in fields(cls)} - state.keys()):
+        if is_dataclass(cls) and (missing := {each.name for each in fields(cls) if each.init} - state.keys()):
             raise ValueError(f"a {value['class']} without {', '.join(sorted(missing))}")
         for name, each in state.items():
             object.__setattr__(made, name, each)

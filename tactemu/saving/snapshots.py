@@ -20,8 +20,9 @@ def take(emulator: Any) -> dict[str, Any]:
     Raises:
         StateError: some part of it cannot be saved.
     """
-    state = parts.state_of(parts.parts_of(emulator))
-    return {"header": state_file.header(_made_of(emulator), emulator.clock.now_ns()), "parts": state}
+    there = parts.parts_of(emulator)
+    state = parts.state_of(there)
+    return {"header": state_file.header(_made_of(emulator, there), emulator.clock.now_ns()), "parts": state}
 
 
 def save(emulator: Any, path: str | Path) -> int:
@@ -40,7 +41,8 @@ def restore(emulator: Any, state: Mapping[str, Any] | str | Path) -> None:
     Raises:
         StateError: it is not one of such an emulator; says what differs. Nothing has changed.
     """
-    made_of, there = _made_of(emulator), parts.parts_of(emulator)
+    there = parts.parts_of(emulator)
+    made_of = _made_of(emulator, there)
     if isinstance(state, Mapping):
         header, tree = state["header"], state["parts"]
         state_file.check_header(header, made_of, "the state")
@@ -65,11 +67,11 @@ def _memory(there: Mapping[str, Any]) -> list[Any]:
 # -- what it is of -----------------------------------------------------------------------------------------------------
 
 
-def _made_of(emulator: Any) -> dict[str, Any]:
+def _made_of(emulator: Any, there: Mapping[str, Any]) -> dict[str, Any]:
     """What a state must have been saved of, to be restored here: tables of texts and numbers, by names for messages."""
     devices = {channel.name: _device(channel.device) for channel in emulator.channels}
     found: dict[str, Any] = {"device": devices, **emulator.made_of}
-    simulation = _simulation(parts.parts_of(emulator))
+    simulation = _simulation(there)
     if simulation is not None:
         context = simulation.context
         found["simulation"] = {

@@ -6,6 +6,7 @@ and a file that is much bigger than a state of this run can be is refused before
 
 from __future__ import annotations
 
+import functools
 import io
 import json
 import math
@@ -28,13 +29,18 @@ _MOST_TEXT = 16 << 20
 """Bytes of JSON. A hand of a thousand taxels has half a megabyte."""
 _SLACK = 64 << 20
 """Bytes that devices, queues and the like may have beside the simulation."""
-_KINDS = "biufc"
-"""Of numbers that an array may hold."""
+_KINDS = "biufcV"
+"""Of numbers, and records of them, that an array may hold."""
 
 
 def header(made_of: Mapping[str, Any], t_ns: int) -> dict[str, Any]:
     """What stands before a state: by whom it was written, of what scene, at which time."""
-    return {"format": FORMAT, "tactemu": metadata.version("tactemu"), "t_ns": t_ns, "made_of": flat(made_of)}
+    return {"format": FORMAT, "tactemu": _version(), "t_ns": t_ns, "made_of": flat(made_of)}
+
+
+@functools.cache
+def _version() -> str:
+    return metadata.version("tactemu")
 
 
 def check_header(found: Any, made_of: Mapping[str, Any], where: str) -> None:

@@ -386,10 +386,9 @@ class Wire:
         known = self._comes_back and (isinstance(event, Opened) or event == self._lines)
         match event:
             case Opened() | Closed():
-                self._held_open = isinstance(event, Opened)
+                self._held_open, self._comes_back = isinstance(event, Opened), known
             case LinesChanged():
-                self._lines = event
-        self._comes_back = known
+                self._lines, self._comes_back = event, False
         return not known
 
     def _take(self, data: Frame, now_ns: int) -> None:
@@ -421,7 +420,7 @@ class Wire:
         """
         if fault is self._down:
             return
-        self._down = fault
+        self._down, self._comes_back = fault, False
         if fault is not None:
             self._note(now_ns, self._owner, fault.kind, str(fault))
             self._hear_all(events)
