@@ -26,7 +26,7 @@ from tactemu.agenda import Action, Agenda, Guest
 from tactemu.calls import Calls
 from tactemu.channel import Channel, Looks, Source
 from tactemu.clock import Clock, RealClock
-from tactemu.transports.transport import Closed, Event, LinesChanged, Opened, SettingChanged
+from tactemu.transports.transport import Closed, Event, LinesChanged, Noted, Opened, SettingChanged
 from tactemu.truth import Truth
 from tactemu.wire.wire import Heard, Wire
 
@@ -218,6 +218,8 @@ class Emulator:
                 self.truth.event(now, channel.name, "opened" if isinstance(event, Opened) else "closed")
             case SettingChanged() if event.setting.baud is not None:
                 self.truth.event(now, channel.name, f"baud {event.setting.baud}")
+            case Noted(what):
+                self.truth.event(now, channel.name, what)
 
     def _due(self, now: int) -> list[tuple[int, Channel, str]]:
         """Streams whose next sample is due, by its time; equal times in the order of the devices."""

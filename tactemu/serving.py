@@ -203,6 +203,11 @@ class Served:
         return self._assembled.emulator
 
     @property
+    def running(self) -> bool:
+        """Whether it has been started, and neither been stopped nor failed."""
+        return self._thread is not None and self._thread.is_alive()
+
+    @property
     def truth(self) -> Truth:
         """What was felt, sent and injected."""
         return self.emulator.truth
@@ -420,6 +425,15 @@ class Served:
     def _go(self, name: str, legs: Callable[[Pose, float], list[Leg]], wait: bool) -> None:
         motion = self._steered[name]
         self._until(lambda now_s: motion.follow(now_s, legs(motion.world(now_s), now_s)), wait=wait, sampled=True)
+
+    def in_loop(self, action: Callable[[], object]) -> None:
+        """Have the loop call ``action`` between two of its turns; returns when it has, and raises what it raised."""
+
+        def begin(now_s: float) -> float:
+            action()
+            return now_s
+
+        self._until(begin)
 
     def _until(self, begin: Callable[[float], float], *, wait: bool = True, sampled: bool = False) -> None:
         """Have the loop call ``begin(now_s)``, and wait until the time [s] that it returns (see :class:`Errand`)."""

@@ -52,17 +52,17 @@ ARROWS = {
         *LEAVES, "assembly", "clock", "emulator", "errand", "kernels", "physics", "scenario", "scene", "transports",
         "truth",
     ),
-    "exec": (*LEAVES, "emulator", "serving", "transports", "wire"),
-    "pytest_plugin": ("cli", "serving"),
+    "exec": (*LEAVES, "serving", "transports", "wire"),
+    "pytest_plugin": ("cli", "exec", "serving"),
     "doors": (*LEAVES, "serving"),
-    "tactemu": ("errors", "physics", "scene", "serving", "truth"),  # the public names, imported on first use
+    "tactemu": ("errors", "exec", "physics", "scene", "serving", "truth"),  # the public names, imported on first use
     "bench": (
         *LEAVES, "assembly", "clock", "collector", "emulator", "physics", "plan", "scene", "statistics", "tactemu",
         "transports", "truth", "tune", "wire",
     ),
     "cli": (
-        *LEAVES, "assembly", "bench", "channel", "clock", "collector", "emulator", "frame_text", "kernels",
-        "recordings", "scenario", "scene", "statistics", "tactemu", "transports", "truth", "tune", "wire",
+        *LEAVES, "assembly", "bench", "channel", "clock", "collector", "emulator", "exec", "frame_text", "kernels",
+        "recordings", "scenario", "scene", "serving", "statistics", "tactemu", "transports", "truth", "tune", "wire",
     ),
     "__main__": ("cli",),
 }  # fmt: skip

@@ -11,6 +11,8 @@ import sys
 
 from tactemu.exec import system
 
+PRELOAD = "/dev/.tactemu/preload.so"
+"""In the view: a path without spaces that everybody may read."""
 FAILED, NOT_EXECUTABLE, NOT_FOUND = 125, 126, 127
 
 
@@ -26,6 +28,10 @@ def main(keeper: int, command: list[str]) -> None:
         os.chdir(folder)
     except OSError as error:
         _end(FAILED, f"tactemu: cannot enter the view: {error}")
+    if os.path.exists(PRELOAD):
+        others = os.environ.get("LD_PRELOAD")
+        os.environ["LD_PRELOAD"] = f"{PRELOAD}:{others}" if others else PRELOAD
+    os.environ["SYSTEMD_DEVICE_VERIFY_SYSFS"] = "0"  # else libudev refuses folders that are not the kernel's own
     for number in (signal.SIGPIPE, signal.SIGXFSZ):  # which Python ignores, and a program would go on ignoring
         signal.signal(number, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_SETMASK, [])

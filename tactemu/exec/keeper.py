@@ -13,18 +13,23 @@ import contextlib
 import json
 import os
 import select
+import shutil
 import signal
 import socket
 from typing import Any
 
 from tactemu.exec import system
+from tactemu.exec.enter import PRELOAD
 from tactemu.exec.view import View
 
 _LONGEST = 65_536
 
 
-def main(descriptor: int, emulator: int) -> None:
-    """Serve the emulator with process id ``emulator`` at the other end of the socket ``descriptor``."""
+def main(descriptor: int, emulator: int, preload: str) -> None:
+    """Serve the emulator with process id ``emulator`` at the other end of the socket ``descriptor``.
+
+    ``preload`` is the path of the preload library, or empty.
+    """
     for number in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)  # it ends with the emulator, and not before
     wire = socket.socket(fileno=descriptor)
@@ -32,6 +37,8 @@ def main(descriptor: int, emulator: int) -> None:
     try:
         enter_namespaces()
         view = View()
+        if preload:
+            shutil.copyfile(preload, PRELOAD)
     except OSError as error:
         _say(wire, {"error": f"{error.filename}: {error.strerror}", "number": error.errno})
         return

@@ -1,7 +1,7 @@
 """The view's ``/dev``, ``/sys`` and ``/run/udev``: what the machine has, and room for what is emulated.
 
 A folder that shall have more is covered by one in memory, in which everything of the machine's folder is mounted or
-linked again. The machine's own USB serial ports are left out: a driver under test finds no real hardware to move.
+linked again. The machine's own serial ports are left out: a driver under test finds no real hardware to move.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from tactemu.exec.usb import BUS, Plugged
 
 ROOM = Path("/dev/.tactemu")
 """Where emulator and preload library meet; nobody else looks there."""
-_REAL_PORTS = re.compile(r"(ttyUSB|ttyACM)\d+|serial")
+_REAL_PORTS = re.compile(r"(ttyUSB|ttyACM|ttyXRUSB|ttyS|ttyAMA|ttyAP|rfcomm)\d+|serial")
 
 
 class View:

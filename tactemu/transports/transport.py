@@ -63,11 +63,18 @@ class LinesChanged:
     rts: bool
 
 
+@dataclass(frozen=True, slots=True)
+class Noted:
+    """Something that befell the port and that no device sees; it goes into the truth log."""
+
+    what: str
+
+
 class Part(bytes):
     """The beginning of a frame; what is written next goes on with it. To a stream of bytes it is like any other."""
 
 
-Event = Opened | Closed | Received | SettingChanged | LinesChanged
+Event = Opened | Closed | Received | SettingChanged | LinesChanged | Noted
 
 RAISED, DROPPED = LinesChanged(True, True), LinesChanged(False, False)
 """What the kernel does to the modem lines of a port when it is opened, and when it is closed."""
@@ -183,6 +190,7 @@ __all__ = [
     "Event",
     "Frame",
     "LinesChanged",
+    "Noted",
     "Opened",
     "Part",
     "Received",
