@@ -1,5 +1,7 @@
 """Saved when it is hardest: amid a frame, a fault, an outage, a boot; and what a port of another process changes."""
 
+import functools
+
 import pytest
 
 from firmware_protocols.frames import frame_of
@@ -27,12 +29,16 @@ def scene(*names: str, port: str | None = None, **skin) -> dict:
 def build(data: dict, writes=()):
     emulator = story.build(data)
     for t_s, frame in writes:
-        emulator.at(round(t_s * 1e9), lambda frame=frame: driver_of(emulator).write(frame_of(frame)))
+        emulator.at(round(t_s * 1e9), functools.partial(say, emulator, frame_of(frame)))
     return emulator
 
 
 def driver_of(emulator) -> DriverEnd:
     return emulator.wires[0].transport.driver
+
+
+def say(emulator, frame) -> None:
+    driver_of(emulator).write(frame)
 
 
 def check(data: dict, saves_s, writes=(), seconds: float = SECONDS) -> list:
