@@ -173,10 +173,10 @@ def assemble(
         own = {name: copy(motion) if isinstance(motion, Steered) else motion for name, motion in whole.motions.items()}
         skins = tuple(skin.model_copy(update={"port": None, "ports": {}}) for skin in whole.tables.skin)
         tables = whole.tables.model_copy(update={"skin": skins})
-        users = simulation is not None and given.simulation is simulation
+        own_source = source if simulation is None or simulation is not given.simulation else simulation.another()
         return assemble(
             replace(whole, motions=own, tables=tables), replace(wishes, port=port, fresh_ports=True),
-            clock=clock, truth=truth, source=simulation.another() if users else source, like=simulation,
+            clock=clock, truth=truth, source=own_source, like=simulation,
         )  # fmt: skip
 
     return Assembled(emulator, simulation, scene, loaded, placed, frozenset(given.posed), again)
