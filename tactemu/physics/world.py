@@ -161,6 +161,11 @@ class World:
         values = self.download() if self._device_newer else self._values
         return values[:, 0, :7].copy()
 
+    def resumed(self) -> None:
+        """The device's array was restored: what the host has is outdated."""
+        self._dirty.clear()
+        self._device_newer = set() if self._shared else set(range(self.n_bodies))
+
     def reset(self, envs) -> None:
         """Put all bodies back where they started."""
         where = self.env_indices(envs)

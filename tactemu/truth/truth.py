@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -48,6 +48,8 @@ class Truth:
         TactemuError: a size that is none, a suffix that is no format, or a file that must not be overwritten.
         OSError: the file cannot be written.
     """
+
+    not_state: ClassVar[tuple[str, ...]] = ("_memory", "_writer", "origin_ns")
 
     def __init__(
         self, path: str | Path | None = None, *, keep: str | int | None = None, reads: Iterable[str | Path] = ()
@@ -217,6 +219,10 @@ class Truth:
             self._writer.patient = patient
             if not self._writer.begun:
                 self._writer.begin(self._header())
+
+    def resumed(self) -> None:
+        """A state was restored: what memory keeps is of what came after it, counters go on from it."""
+        self._memory.forget()
 
     def close(self) -> None:
         """Finish the file. Safe to call twice."""
