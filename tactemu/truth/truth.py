@@ -49,7 +49,7 @@ class Truth:
         OSError: the file cannot be written.
     """
 
-    not_state: ClassVar[tuple[str, ...]] = ("_memory", "_writer", "origin_ns")
+    not_state: ClassVar[tuple[str, ...]] = ("_memory", "_writer", "origin_ns", "surroundings", "_poses")
 
     def __init__(
         self, path: str | Path | None = None, *, keep: str | int | None = None, reads: Iterable[str | Path] = ()
