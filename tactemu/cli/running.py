@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 from rich.console import Console
@@ -18,6 +18,7 @@ from tactemu.emulator import Emulator
 from tactemu.errors import SceneError, TransportError
 from tactemu.kernels import start_quietly
 from tactemu.statistics import Lateness
+from tactemu.truth import Truth
 
 _OWNER = re.compile(r"[^:=]+=")
 """In front of a port: a skin's name, or its connector's."""
@@ -38,8 +39,9 @@ def run_target(
     keep: str | None,
     style: str,
     virtual: bool,
+    rerun: str | bool = False,
 ) -> None:
-    """Run a device or a scene; ``style`` is auto, plain or json.
+    """Run a device or a scene; ``style`` is auto, plain or json, ``rerun`` whether or where it is shown.
 
     Raises:
         TactemuError: the request cannot be met; nothing is left behind.
@@ -57,9 +59,16 @@ def run_target(
     try:
         clock = VirtualClock() if virtual else RealClock()
         emulator = assemble(loaded, wishes, clock=clock, truth=log).emulator
-        run_emulator(emulator, seconds=seconds, style=style)
+        with _shown(log, rerun) if rerun else nullcontext():
+            run_emulator(emulator, seconds=seconds, style=style)
     finally:
         log.close()
+
+
+def _shown(log: Truth, where: str | bool) -> AbstractContextManager[None]:
+    from tactemu.conversions.live import shown
+
+    return shown(log, where if isinstance(where, str) else None)
 
 
 def rate_of(words: Sequence[str]) -> float | dict[str, float] | None:
