@@ -31,7 +31,8 @@ ARROWS = {
     "transports": (*LEAVES, "frame_text"),
     "imperfections": (*LEAVES, "plan"),
     "physics": (*LEAVES, "plan", "imperfections", "scene"),
-    "wire": (*LEAVES, "frame_text", "truth", "transports"),
+    "units": (),
+    "wire": (*LEAVES, "frame_text", "truth", "transports", "units"),
     "agenda": (),
     "calls": ("agenda",),
     "channel": (*LEAVES, "imperfections", "sampling", "scene", "statistics", "wire"),
@@ -46,20 +47,20 @@ ARROWS = {
         "sensing", "sources", "transports", "truth", "wire",
     ),
     "tune": (*LEAVES, "assembly", "channel", "clock", "emulator", "physics", "plan", "scene"),
-    "errand": ("emulator",),
-    "serving": (
-        *LEAVES, "assembly", "clock", "emulator", "errand", "kernels", "physics", "scenario", "scene", "transports",
-        "truth",
+    "control": (
+        *LEAVES, "assembly", "calls", "channel", "clock", "emulator", "scenario", "scene", "transports", "truth",
+        "units", "wire",
     ),
+    "serving": (*LEAVES, "assembly", "clock", "control", "kernels", "physics", "scene", "truth"),
     "pytest_plugin": ("serving",),
     "doors": (*LEAVES, "serving"),
-    "tactemu": ("errors", "physics", "scene", "serving", "truth"),  # the public names, imported on first use
+    "tactemu": ("control", "errors", "physics", "scene", "serving", "truth"),  # the public names, imported on first use
     "bench": (
         *LEAVES, "assembly", "clock", "collector", "emulator", "physics", "plan", "scene", "statistics", "tactemu",
         "transports", "truth", "tune", "wire",
     ),
     "cli": (
-        *LEAVES, "assembly", "bench", "channel", "clock", "collector", "emulator", "frame_text", "kernels",
+        *LEAVES, "assembly", "bench", "channel", "clock", "collector", "control", "emulator", "frame_text", "kernels",
         "recordings", "scenario", "scene", "statistics", "tactemu", "transports", "truth", "tune", "wire",
     ),
     "__main__": ("cli",),

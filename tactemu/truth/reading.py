@@ -90,6 +90,8 @@ class Log(Mapping[str, SkinLog]):
     """The machine's monotonic clock (``time.monotonic_ns()``) at ``t_ns = 0``; ``None`` where time was virtual."""
     lost: int = 0
     """Entries that could not be written."""
+    commands: tuple[PortEvent, ...] = ()
+    """What was done to the emulator while it ran."""
 
     def __getitem__(self, device: str) -> SkinLog:
         """The part of one skin.
@@ -115,16 +117,18 @@ def read_log(path: str | Path) -> Log:
         TactemuError: no such file, or no log; the message says where it is wrong.
     """
     found: dict[str, dict[type, list]] = {}
-    origin_ns, lost = None, 0
+    origin_ns, lost, commands = None, 0, []
     for entry in records(path):
         if isinstance(entry, Header):
             origin_ns = entry.origin_ns
         elif isinstance(entry, End):
             lost = entry.lost
+        elif isinstance(entry, PortEvent) and entry.is_command:
+            commands.append(entry)
         else:
             kinds = found.setdefault(entry.device, {Sample: [], Passage: [], Injection: [], PortEvent: []})
             kinds[type(entry)].append(entry)
-    return Log({device: _skin(kinds) for device, kinds in found.items()}, origin_ns, lost)
+    return Log({device: _skin(kinds) for device, kinds in found.items()}, origin_ns, lost, tuple(commands))
 
 
 def _skin(entries_by_kind: dict[type, list]) -> SkinLog:
