@@ -108,7 +108,7 @@ class Emulator:
                 wire.open()
             self._calls.open()
             self.clock.start()
-            self.now_ns = self.clock.now_ns()
+            self.now_ns = self.clock.now_ns() if self.clock.virtual else 0  # the same moments, whatever the clock
             self.truth.begin(self.clock.origin_ns, patient=self.clock.virtual)
             for channel in self.channels:
                 self._power_on(channel)

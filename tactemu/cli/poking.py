@@ -5,11 +5,11 @@ from __future__ import annotations
 import inspect
 import json as json_module
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Annotated, Any, NoReturn
 
 import typer
 
-from tactemu.cli.signals import ended_by_signals
 from tactemu.control.client import connect
 from tactemu.control.kinds import Kind
 from tactemu.control.place import running
@@ -51,7 +51,9 @@ def main(words: Sequence[str]) -> None:
     )  # fmt: skip
     app.callback()(_list)
     for verb in VERBS.values():
-        app.command(verb.name, help=_help(verb), context_settings={"ignore_unknown_options": True})(_command(verb))
+        negative = any(argument.kind.words > 1 for argument in verb.arguments.values())  # -1mm is no option
+        settings = {"ignore_unknown_options": negative}
+        app.command(verb.name, help=_help(verb), context_settings=settings)(_command(verb))
     app.command("watch", help="Print states as lines of JSON until Ctrl-C.\n\n\b\n  tactemu poke watch --rate 30")(
         _watch
     )
@@ -211,6 +213,6 @@ def _watch(
     \b
       tactemu poke watch --rate 30
     """
-    with connect(name) as emulator, ended_by_signals(emulator.close):
+    with suppress(KeyboardInterrupt), connect(name) as emulator:
         for state in emulator.watch(rate):
             print(json_module.dumps(state), flush=True)
