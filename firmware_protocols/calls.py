@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from firmware_protocols.can_frames import CanFrames
 from firmware_protocols.connectors import Can, Connector
 from firmware_protocols.device import Convert, Device, Reading, Restart, Sent
 from firmware_protocols.frames import FD_LENGTHS, CanFrame, text_of
@@ -36,13 +37,17 @@ def feel(device: Device, reading: Reading, t_ns: int) -> Any:
     return counts
 
 
-def outs(device: Device, method: str, *args: Any, port: str = "") -> list[Any]:
+def outs(device: Device, method: str, *args: Any, port: str = "") -> Sequence[Any]:
     """What ``stream``, ``receive``, ``lines``, ``boot`` or ``wake`` returns; ``port``: where its cause came from.
 
     Raises:
         AuthorError: the device raised, or returned what cannot be sent.
     """
     found = run(device, method, *args)
+    if isinstance(found, CanFrames):
+        if isinstance(device.connector(port) if port else device.ports[0], Can):
+            return found
+        found = list(found)
     if not isinstance(found, list | tuple):
         one = isinstance(found, bytes | CanFrame | Sent)
         hint = "return [frame]" if one else "return a list of frames, or ()"

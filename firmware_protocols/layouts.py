@@ -84,7 +84,7 @@ class Layout:
     def __len__(self) -> int:
         return len(self.positions)
 
-    @property
+    @cached_property
     def links(self) -> tuple[str, ...]:
         """Names of the links that carry patches."""
         return tuple(dict.fromkeys(patch.link for patch in self.patches))

@@ -231,6 +231,21 @@ class Frame:
         data = frames.tobytes()
         return [data[start : start + self.size] for start in range(0, n * self.size, self.size)]
 
+    def place(self, name: str) -> slice:
+        """Where a field lies in the frame.
+
+        Raises:
+            KeyError: there is none of this name, or what is before it has no fixed size.
+        """
+        at = 0
+        for field in self.fields:
+            if field.name == name and field.size is not None:
+                return slice(at, at + field.size)
+            if field.size is None:
+                break
+            at += field.size
+        raise KeyError(f"{self.name}: no field {name!r} at a fixed place")
+
     def __str__(self) -> str:
         """The table as a datasheet prints it, with bound counts and offsets in place."""
         rows, at = [], 0

@@ -21,6 +21,8 @@ if TYPE_CHECKING:  # what an editor sees; the table below says the same to Pytho
     from tactemu.errors import TactemuError as TactemuError
     from tactemu.errors import TransportError as TransportError
     from tactemu.errors import TransportUnavailable as TransportUnavailable
+    from tactemu.exec.environment import ExecEnvironment as ExecEnvironment
+    from tactemu.exec.environment import exec_environment as exec_environment
     from tactemu.physics.elastomer.elastomer_taxel import ElastomerTaxel as ElastomerTaxel
     from tactemu.physics.layer.elastic_layer_taxel import ElasticLayerTaxel as ElasticLayerTaxel
     from tactemu.physics.points.proximity_taxel import ProximityTaxel as ProximityTaxel
@@ -77,6 +79,8 @@ _PUBLIC = {
     "Pose": "tactemu.scene.motion",
     "Event": "tactemu.scene.schema",
     "serve": "tactemu.serving",
+    "exec_environment": "tactemu.exec.environment",
+    "ExecEnvironment": "tactemu.exec.environment",
     "Served": "tactemu.serving",
     "connect": "tactemu.control.client",
     "Connection": "tactemu.control.client",

@@ -37,6 +37,8 @@ class Source(Protocol):
 
 Seen = tuple[dict[str, np.ndarray], dict[str, np.ndarray]]
 """What the senses of a stream see, ideal and measured, by key."""
+Looks = dict[tuple, Seen]
+"""By device, time and keys."""
 
 
 @dataclass
@@ -188,11 +190,20 @@ class Channel:
 
     # -- calls into the device -----------------------------------------------------------------------------------------
 
-    def look(self, stream: str, t_ns: int) -> Seen:
-        """What the senses of one stream see at ``t_ns``, to which the simulation has been brought."""
+    def look(self, stream: str, t_ns: int, looks: Looks | None = None) -> Seen:
+        """What the senses of one stream see at ``t_ns``, to which the simulation has been brought.
+
+        ``looks`` are those taken since anything changed: boards that sample together share one.
+        """
         senses, source = self.device.senses_of(stream), self.source
+        key = (self.name, t_ns, *[sense.key for sense in senses])
+        if looks is not None and key in looks:
+            return looks[key]
         ideal = {sense.key: source.sense(sense, t_ns, True) for sense in senses}
-        return ideal, {sense.key: source.sense(sense, t_ns) for sense in senses}
+        seen = ideal, {sense.key: source.sense(sense, t_ns) for sense in senses}
+        if looks is not None:
+            looks[key] = seen
+        return seen
 
     def whole(self, stream: str, last: Seen) -> Seen:
         """A conversion that ends with the look ``last``: senses with a burst have a last axis of all looks."""
@@ -222,7 +233,7 @@ class Channel:
         except calls.AuthorError as error:
             raise DeviceError(str(error)) from error
 
-    def call(self, method: str, *args: Any) -> list[Any]:
+    def call(self, method: str, *args: Any) -> Sequence[Any]:
         """Call ``stream``, ``receive``, ``lines``, ``boot`` or ``wake``; returns its outs, checked.
 
         Raises:

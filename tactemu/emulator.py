@@ -20,11 +20,12 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from firmware_protocols import Convert, Counts, Restart
+from firmware_protocols.can_frames import CanFrames
 from tactemu.agenda import Action, Agenda, Guest
 from tactemu.calls import Calls
-from tactemu.channel import Channel, Source
+from tactemu.channel import Channel, Looks, Source
 from tactemu.clock import Clock, RealClock
-from tactemu.transports.transport import Closed, Event, LinesChanged, Opened, SettingChanged
+from tactemu.transports.transport import Closed, Event, LinesChanged, Noted, Opened, SettingChanged
 from tactemu.truth import Truth
 from tactemu.wire.wire import Heard, Wire
 
@@ -172,8 +173,9 @@ class Emulator:
             self._listen(wire, now)
             if not self.clock.virtual:  # an answer does not wait for the physics of a sample
                 wire.flush(self.clock.now_ns())
+        looks: Looks = {}
         for _, channel, stream in self._due(now):
-            self._sample(channel, stream, now)
+            self._sample(channel, stream, now, looks)
         self._release(now)
         for wire in self.wires:
             wire.flush(self.clock.now_ns())
@@ -203,6 +205,8 @@ class Emulator:
                 self.truth.event(now, channel.name, "opened" if isinstance(event, Opened) else "closed")
             case SettingChanged() if event.setting.baud is not None:
                 self.truth.event(now, channel.name, f"baud {event.setting.baud}")
+            case Noted(what):
+                self.truth.event(now, channel.name, what)
 
     def _due(self, now: int) -> list[tuple[int, Channel, str]]:
         """Streams whose next sample is due, by its time; equal times in the order of the devices."""
@@ -214,7 +218,7 @@ class Emulator:
         samples = [channel.next_due_ns() for channel in self.channels]
         return [t_ns for t_ns in (*samples, *others) if t_ns is not None]
 
-    def _sample(self, channel: Channel, stream: str, now: int) -> None:
+    def _sample(self, channel: Channel, stream: str, now: int, looks: Looks) -> None:
         """Simulation up to the sample's time, reading, device, and out after the sampling delay."""
         ticks = channel.ticks[stream]
         if not ticks.running:
@@ -226,18 +230,18 @@ class Emulator:
             return
         if len(ticks.seen) < ticks.burst - 1:
             self._advance(channel, stream, due)
-            ticks.saw(channel.look(stream, due))
+            ticks.saw(channel.look(stream, due, looks))
             return
         stamp, release = ticks.sampling.stamp_ns(count), ticks.sampling.release_ns(count, due)
-        number = self._convert(channel, stream, due, stamp)
+        number = self._convert(channel, stream, due, stamp, looks)
         self._call(channel, now, "stream", stamp, stream, release_ns=release, sample=number)
         self._count(channel, stream, count, due)
 
-    def _convert(self, channel: Channel, stream: str, t_ns: int, stamp_ns: int) -> int:
+    def _convert(self, channel: Channel, stream: str, t_ns: int, stamp_ns: int, looks: Looks | None = None) -> int:
         """One conversion at ``t_ns``, logged; returns its number."""
         number, channel.samples = channel.samples, channel.samples + 1
         self._advance(channel, stream, t_ns)
-        ideal, measured = channel.whole(stream, channel.look(stream, t_ns))
+        ideal, measured = channel.whole(stream, channel.look(stream, t_ns, looks))
         counts = channel.feel(stream, measured, stamp_ns)
         for key, values, sense in _by_sense(counts, measured):
             self.truth.sample(t_ns, channel.name, ideal[key], measured[key], values, number=number, sense=sense)
@@ -301,8 +305,11 @@ class Emulator:
         Frames of one call to one port stay together: a line takes them all, or none. Answers leave now, readings at
         ``release_ns``.
         """
-        frames: dict[str, list[Any]] = {}
-        for out in channel.call(method, *args):
+        frames: dict[str, Sequence[Any]] = {}
+        outs = channel.call(method, *args)
+        if isinstance(outs, CanFrames):
+            frames[port or next(iter(channel.wires))], outs = outs, ()
+        for out in outs:
             match out:
                 case Restart(delay_ns):
                     self._later(channel, now + delay_ns, "power on")
@@ -310,7 +317,7 @@ class Emulator:
                     self._later(channel, now + delay_ns, "convert", stream, now + delay_ns)
                 case _:
                     to = getattr(out, "port", "") or port or next(iter(channel.wires))
-                    frames.setdefault(to.partition("/")[0], []).append(out)
+                    frames.setdefault(to.partition("/")[0], []).append(out)  # type: ignore[attr-defined]
         for to, together in frames.items():
             if to not in channel.wires:
                 channel.device.counters["unplugged"] += len(together)
@@ -327,7 +334,7 @@ class Emulator:
         for action in self._outbox.due(now):
             self._do(action)
 
-    def _send(self, channel: Channel, port: str, frames: list[Any], release_ns: int, sample: int | None) -> None:
+    def _send(self, channel: Channel, port: str, frames: Sequence[Any], release_ns: int, sample: int | None) -> None:
         channel.wires[port].send(frames, release_ns, source=channel.name, sample=sample)
 
     def _convert_once(self, channel: Channel, stream: str, t_ns: int) -> None:

@@ -8,13 +8,17 @@
             dev.press(depth=1e-3, seconds=2)
             assert driver.bad_frames == dev.truth.injected["flip"]
 
-``--tactemu-seed N`` is the seed of devices whose test names none. ``--tactemu-truth-dir DIR`` keeps the truth logs of
-tests that fail, and the report of such a test names them. Both may stand in pytest's ini file, as ``tactemu_seed`` and
-``tactemu_truth_dir``.
+``--tactemu-seed N`` is the seed of devices whose test names none. ``--tactemu-truth-dir DIR`` keeps of each test that
+fails a truth log and a picture for every device; its report names them, and the last lines of the run the folder. Both
+may stand in pytest's ini file, as ``tactemu_seed`` and ``tactemu_truth_dir``.
+
+Tests that use the fixture have the marker ``tactemu`` (``pytest -m tactemu``). Where it is written by hand, its
+arguments are those of the devices of this test, class or module: ``@pytest.mark.tactemu(rate_hz=200)``.
 """
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,9 +29,11 @@ import pytest
 if TYPE_CHECKING:
     from tactemu.serving import Served
 
-_LOGS = pytest.StashKey[list[Path]]()
-"""Truth logs of a test that are ours to remove."""
+_LOGGED = pytest.StashKey[list[tuple["Served", Path]]]()
+"""Devices of a test with truth logs that are ours to remove; a picture has the log's name and another suffix."""
 _FAILED = pytest.StashKey[bool]()
+_KEPT = "tactemu kept"
+"""Property of a report: files were kept. So the process that prints hears of it, too, where others run the tests."""
 
 
 class TactileDevice(Protocol):
@@ -44,35 +50,56 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     seed = "seed of tactile devices whose test names none"
     group.addoption("--tactemu-seed", metavar="N", default=None, help=seed)
     parser.addini("tactemu_seed", help=seed)
-    folder = "folder where the truth logs of tests that fail are kept"
+    folder = "folder where truth logs and pictures of tests that fail are kept"
     group.addoption("--tactemu-truth-dir", metavar="DIR", default=None, help=folder)
     parser.addini("tactemu_truth_dir", help=folder)
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Refuse a seed that is none before any test runs."""
+    """Declare the marker, and refuse a seed that is none before any test runs."""
+    config.addinivalue_line(
+        "markers",
+        "tactemu(**options): tests that use tactile_device have it; options are those of their devices, as for serve()",
+    )
     _seed(config)
+
+
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """Mark a test that uses the fixture, and refuse a marker that says nothing by name."""
+    for mark in item.iter_markers("tactemu"):
+        if mark.args:
+            raise pytest.UsageError(f"{item.nodeid}: pytest.mark.tactemu takes options by name, such as rate_hz=200")
+    if "tactile_device" in getattr(item, "fixturenames", ()):
+        item.add_marker("tactemu")
 
 
 @pytest.fixture
 def tactile_device(request: pytest.FixtureRequest) -> Iterator[TactileDevice]:
     """Start devices: ``tactile_device(name_or_scene, **options)`` is :func:`tactemu.serve`, already running.
 
-    Whatever a test leaves running is stopped after it, and an error in the background fails the test.
+    Options that the test does not name are those of its markers. Whatever a test leaves running is stopped after it,
+    and an error in the background fails the test.
     """
+    item = request.node
     started: list[Served] = []
-    logs = request.node.stash.setdefault(_LOGS, [])
+    logged = item.stash.setdefault(_LOGGED, [])
+    marked: dict[str, Any] = {}
+    for mark in item.iter_markers("tactemu"):  # the closest comes first
+        marked = mark.kwargs | marked
 
     def start(target: str | Path, port: str | None = None, **options: Any) -> Served:
         from tactemu.serving import serve
 
+        options = marked | ({} if port is None else {"port": port}) | options
         if "seed" not in options and (seed := _seed(request.config)) is not None:
             options["seed"] = seed
-        if "truth" not in options and (folder := _setting(request.config, "tactemu_truth_dir")):
-            options["truth"] = _log(Path(folder), request.node.nodeid, len(logs) + 1)
-            logs.append(options["truth"])
-        device = serve(target, port, **options).start()
+        folder = None if "truth" in options else _setting(request.config, "tactemu_truth_dir")
+        if folder:
+            options["truth"] = _log(Path(folder), item.nodeid, len(logged) + 1)
+        device = serve(target, **options).start()
         started.append(device)
+        if folder:
+            logged.append((device, options["truth"]))
         return device
 
     yield start
@@ -80,24 +107,48 @@ def tactile_device(request: pytest.FixtureRequest) -> Iterator[TactileDevice]:
         for device in reversed(started):
             device.stop()
     except BaseException:
-        request.node.stash[_FAILED] = True
+        item.stash[_FAILED] = True
         raise
     finally:
-        if not request.node.stash.get(_FAILED, False):
-            for log in logs:
+        if not item.stash.get(_FAILED, False):
+            for _, log in logged:
                 log.unlink(missing_ok=True)
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Iterator[Any]:
-    """Note that a test has failed, and name its truth logs in the report."""
+    """Of a test that has failed, draw its devices as they are, and name what is kept in the report."""
     report = yield
     if report.failed:
         item.stash[_FAILED] = True
-        kept = [str(log) for log in item.stash.get(_LOGS, []) if log.exists()]
+        kept = [line for device, log in item.stash.get(_LOGGED, []) for line in (str(log), _draw(device, log))]
         if kept:
-            report.sections.append(("truth logs of tactile devices", "\n".join(kept)))
+            report.sections.append(("truth and pictures of tactile devices", "\n".join(kept)))
+            report.user_properties.append((_KEPT, True))
     return report
+
+
+def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
+    """Name the folder, if there is something in it."""
+    reports = [*terminalreporter.getreports("failed"), *terminalreporter.getreports("error")]
+    tests = {report.nodeid for report in reports if (_KEPT, True) in map(tuple, report.user_properties)}
+    if tests:
+        folder = Path(_setting(config, "tactemu_truth_dir") or "").absolute()
+        some = "a test that failed" if len(tests) == 1 else f"{len(tests)} tests that failed"
+        terminalreporter.write_line(f"tactemu: truth and pictures of {some}: {folder}")
+
+
+def _draw(device: Served, log: Path) -> str:
+    """Draw a picture beside a device's log. Its name, or why there is none: the report stays that of the test."""
+    from tactemu.cli.picture import save_picture
+
+    picture = log.with_suffix(".svg")
+    try:
+        if not picture.exists():
+            save_picture(device.emulator, picture)
+    except Exception as error:
+        return f"{picture}: not drawn: {error!r}"
+    return str(picture)
 
 
 def _setting(config: pytest.Config, name: str) -> str | None:
@@ -115,6 +166,11 @@ def _seed(config: pytest.Config) -> int | None:
 
 
 def _log(folder: Path, nodeid: str, number: int) -> Path:
-    """A file for the ``number``-th device of a test, in a folder that is there."""
+    """A file for the ``number``-th device of a test, in a folder that is there; without a picture of an earlier run."""
     folder.mkdir(parents=True, exist_ok=True)
-    return folder.absolute() / f"{re.sub(r'[^A-Za-z0-9.]+', '-', nodeid)[-150:].strip('-')}-{number}.mcap"
+    name = re.sub(r"[^A-Za-z0-9.]+", "-", nodeid)[-150:].strip("-")
+    if "[" in nodeid:  # parameters may differ in what a file's name cannot have
+        name += f"-{hashlib.sha256(nodeid.encode()).hexdigest()[:8]}"
+    log = folder.absolute() / f"{name}-{number}.mcap"
+    log.with_suffix(".svg").unlink(missing_ok=True)
+    return log

@@ -25,7 +25,7 @@ from tactemu.assembly import Assembled, Wishes, assemble, truth_of
 from tactemu.clock import LockstepClock, RealClock
 from tactemu.control.again import play_again
 from tactemu.control.control import Control
-from tactemu.control.errand import Errand
+from tactemu.control.errand import Errand, Outcome
 from tactemu.control.place import Place
 from tactemu.control.server import Server
 from tactemu.control.verbs import Verbs
@@ -215,6 +215,11 @@ class Served(Verbs):
         return self._assembled.emulator
 
     @property
+    def running(self) -> bool:
+        """Whether it has been started, and neither been stopped nor failed."""
+        return self._thread is not None and self._thread.is_alive()
+
+    @property
     def truth(self) -> Truth:
         """What was felt, sent and injected."""
         return self.emulator.truth
@@ -295,17 +300,29 @@ class Served(Verbs):
             self._check_alive()
             time.sleep(0.01)
 
+    def in_loop(self, action: Callable[[], object]) -> None:
+        """Have the loop call ``action`` between two of its turns; returns when it has, and raises what it raised."""
+
+        def begin() -> Outcome:
+            action()
+            return Outcome()
+
+        self._wait_for(Errand(self.emulator, begin))
+
     def _do(self, verb: str, arguments: dict[str, Any]) -> Any:
         """Have the loop do a command, and wait until it is done."""
         errand = self.control.submit(verb, arguments)
         if not arguments.get("wait", True):
             self._unwatched = [e for e in (*self._unwatched, errand) if e.failed or not e.done.is_set()]
             return None
+        return self._wait_for(errand)
+
+    def _wait_for(self, errand: Errand) -> Any:
         while not errand.done.wait(0.05):
             self._check_alive()
         return errand.result()
 
     def _check_alive(self) -> None:
-        if self._thread is None or not self._thread.is_alive():
+        if not self.running:
             self._raise()
             raise TactemuError("the emulator has stopped")

@@ -52,16 +52,20 @@ ARROWS = {
         "units", "wire",
     ),
     "serving": (*LEAVES, "assembly", "clock", "control", "kernels", "physics", "scene", "truth"),
-    "pytest_plugin": ("serving",),
+    "exec": (*LEAVES, "serving", "transports", "wire"),
+    "pytest_plugin": ("cli", "exec", "serving"),
     "doors": (*LEAVES, "serving"),
-    "tactemu": ("control", "errors", "physics", "scene", "serving", "truth"),  # the public names, imported on first use
+    "tactemu": (  # the public names, imported on first use
+        "control", "errors", "exec", "physics", "scene", "serving", "truth",
+    ),
     "bench": (
         *LEAVES, "assembly", "clock", "collector", "emulator", "physics", "plan", "scene", "statistics", "tactemu",
         "transports", "truth", "tune", "wire",
     ),
     "cli": (
-        *LEAVES, "assembly", "bench", "channel", "clock", "collector", "control", "emulator", "frame_text", "kernels",
-        "recordings", "scenario", "scene", "statistics", "tactemu", "transports", "truth", "tune", "wire",
+        *LEAVES, "assembly", "bench", "channel", "clock", "collector", "control", "emulator", "exec", "frame_text",
+        "kernels", "recordings", "scenario", "scene", "serving", "statistics", "tactemu", "transports", "truth", "tune",
+        "wire",
     ),
     "__main__": ("cli",),
 }  # fmt: skip

@@ -1,7 +1,9 @@
 """The pytest plugin, in a pytest of its own."""
 
+import re
 import subprocess
 import sys
+from xml.etree import ElementTree
 
 from tactemu.truth import read_log
 from tests.cli.command import environment, plugin_options
@@ -71,17 +73,65 @@ def test_bad_in_the_background(tactile_device):
 def test_the_truth_of_tests_that_fail_is_kept_and_named_and_the_seed_is_the_one_given(tmp_path):
     (tmp_path / "test_it.py").write_text(FAILING)
     (tmp_path / "pytest.ini").write_text("[pytest]\ntactemu_truth_dir = kept\n")
-    done = run_pytest(tmp_path, "--tactemu-seed", "23")
+    done = run_pytest(tmp_path, "--tactemu-seed", "23", "-n", "2")
     assert "2 passed" in done.stdout and "1 failed" in done.stdout and "1 error" in done.stdout, done.stdout
     kept = sorted((tmp_path / "kept").iterdir())
     assert [path.name for path in kept] == [
         "test-it.py-test-bad-1.mcap",
+        "test-it.py-test-bad-1.svg",
         "test-it.py-test-bad-in-the-background-1.mcap",
+        "test-it.py-test-bad-in-the-background-1.svg",
     ]
-    assert str(kept[0]) in done.stdout
+    for path in kept:
+        assert str(path) in done.stdout
+    assert f"tactemu: truth and pictures of 2 tests that failed: {tmp_path / 'kept'}" in done.stdout
     assert "anyskin" in read_log(kept[0])
+    assert "@font-face" not in kept[1].read_text(), "it asks no host for anything"
+    picture = " ".join(ElementTree.parse(kept[1]).getroot().itertext())
+    assert re.search(r"anyskin.*peak.[\d.]+.N", picture.replace("\xa0", " "), re.DOTALL), "what was felt"
 
 
 def test_a_seed_that_is_none_is_refused_before_any_test_runs(tmp_path):
     done = run_pytest(tmp_path, "--tactemu-seed", "x")
     assert done.returncode == 4 and "--tactemu-seed: expected a whole number, got 'x'" in done.stderr
+
+
+MARKED = """
+import pytest
+
+pytestmark = pytest.mark.tactemu(rate_hz=50, seed=1)
+
+class TestBoth:
+    pytestmark = pytest.mark.tactemu(seed=2)
+
+    def test_the_closest_marker_wins(self, tactile_device):
+        device = tactile_device("anyskin")
+        assert device.simulation.context.seed == 2
+        device.wait(0.2)
+        assert 8 <= len(device.truth.samples) <= 13
+
+    @pytest.mark.timeout(2)
+    @pytest.mark.parametrize("name", ["a_b", "a-b"])
+    def test_hangs(self, tactile_device, name):
+        tactile_device("anyskin").wait(100)
+
+def test_without():
+    pass
+"""
+
+
+def test_markers_give_options_and_choose_tests_and_a_time_limit_ends_one_that_waits(tmp_path):
+    (tmp_path / "test_it.py").write_text(MARKED)
+    done = run_pytest(tmp_path, "--strict-markers", "-m", "tactemu", "-k", "not without", "--tactemu-truth-dir=kept")
+    assert "2 failed, 1 passed" in done.stdout, done.stdout
+    assert done.stdout.count("Timeout") >= 2
+    assert len(list((tmp_path / "kept").glob("*hangs*.mcap"))) == 2, "names that differ in a sign only"
+    assert "pytest.mark.tactemu" in run_pytest(tmp_path, "--markers").stdout
+
+
+def test_only_tests_with_a_device_are_chosen_by_the_marker(tmp_path):
+    (tmp_path / "test_it.py").write_text("def test_one(tactile_device): pass\ndef test_two(): pass\n")
+    assert "1/2 tests collected" in run_pytest(tmp_path, "--strict-markers", "-m", "tactemu", "--collect-only").stdout
+    (tmp_path / "test_it.py").write_text("import pytest\n@pytest.mark.tactemu(7)\ndef test_one(): pass\n")
+    done = run_pytest(tmp_path)
+    assert done.returncode == 4 and "takes options by name, such as rate_hz=200" in done.stdout + done.stderr

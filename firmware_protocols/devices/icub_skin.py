@@ -30,12 +30,14 @@ Try it: ``tactemu run icub_skin --port can:socketcan:vcan0``, then for each boar
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Annotated, Literal
 
 import numpy as np
 
 from firmware_protocols import Can, CanFrame, Column, Command, Counts, Device, Layout, Option, Outs, Reading, Stream
 from firmware_protocols.adc import quantize
+from firmware_protocols.can_frames import CanFrames
 from firmware_protocols.devices.icub_triangles import (
     PADS,
     PALM,
@@ -63,6 +65,8 @@ TAIL = Frame("""
     6    u1        out_of_range    pads 11 to 4, a bit each
     7    u1        ending          out of range, pads 3 to 0; four bits of flags
 """)
+HEAD_PADS, TAIL_PADS = HEAD.place("pads"), TAIL.place("pads")
+OUT_OF_RANGE, ENDING = TAIL.place("out_of_range"), TAIL.place("ending")
 TRIANGLES = 16
 NO_ACK, NOT_CONNECTED = 1, 2
 COMPENSATED, OF_A_HAND = 0, 1
@@ -73,9 +77,19 @@ HAND = (0, 1, 2, 3, 4, 8, 9, 10, 11)
 """Numbers of a hand's fingertips and palm triangles."""
 MS = 1_000_000
 
+_MASK = 1 << np.arange(PADS)
 REST, RAW_MAX = 0x6000, 0xFFFF
 RAW_PER_NEWTON, RAW_PER_DEG = 600.0, 20.0
 NO_LOAD, SHIFT = 240, 2
+
+
+@lru_cache(256)
+def _blank(ident: int, enabled: bytes, numbers: bytes) -> tuple[CanFrames, np.ndarray]:
+    """The frames of the triangles that are enabled, and their data, shape ``(n, 2, 8)``, before anything is felt."""
+    which = np.frombuffer(numbers, int)[np.frombuffer(enabled, bool)]
+    head, tail = HEAD.pack(pads=[0] * 7), TAIL.pack(pads=[0] * 5, out_of_range=0, ending=0)
+    data = np.frombuffer((head + tail) * len(which), np.uint8).reshape(-1, 2, 8)
+    return CanFrames.of(np.repeat(ident | which, 2), data.reshape(-1, 8)), data
 
 
 @dataclass(eq=False)
@@ -87,11 +101,11 @@ class Board:
     """In the layout, in the order of the pads, triangle by triangle."""
     normals: np.ndarray
     """Of these taxels."""
-    numbers: list[int]
+    numbers: np.ndarray
     """Of its triangles."""
     feeling: list[tuple[int, ...]]
     """Pads of each triangle that are taxels."""
-    flags: list[int]
+    flags: np.ndarray
     """Of each triangle."""
     family: int = NEW
     """Class of its identifiers."""
@@ -110,7 +124,7 @@ class Board:
         self.offset = self.raw.copy()
         self.shift = np.full((n, 1), SHIFT)
         self.enabled = np.ones(n, bool)
-        self.flagged = np.array(self.flags)[:, None] != 0
+        self.flagged = self.flags[:, None] != 0
         self.pad_of = np.concatenate([PADS * k + np.array(pads) for k, pads in enumerate(self.feeling)])
         self.taxel_of = np.full((n, PADS), len(self.pad_of))
         self.taxel_of.ravel()[self.pad_of] = np.arange(len(self.pad_of))
@@ -130,17 +144,18 @@ class Board:
         self.pads = np.where(self.flagged, self.no_load, values).astype(np.uint8)
         return self.pads
 
-    def frames(self) -> list[CanFrame]:
+    def frames(self) -> CanFrames:
         """Head and tail of every enabled triangle."""
-        frames = []
+        which, pads = self.enabled, self.pads
+        blank, bare = _blank(self.family << 8 | self.address << 4, which.tobytes(), self.numbers.tobytes())
+        data = bare.copy()
+        data[:, 0, HEAD_PADS] = pads[which, :7]
+        data[:, 1, TAIL_PADS] = pads[which, 7:]
         out = (self.raw <= 0) | (self.raw >= RAW_MAX)
-        at_the_end = (out @ (1 << np.arange(PADS))).tolist() if out.any() else [0] * len(out)
-        for k in np.flatnonzero(self.enabled).tolist():
-            ident, pads, mask = self.family << 8 | self.address << 4 | self.numbers[k], self.pads[k], at_the_end[k]
-            ending = (mask & 0xF) << 4 | self.flags[k]
-            tail = TAIL.pack(pads=pads[7:], out_of_range=mask >> 4, ending=ending)
-            frames += [CanFrame(arbitration_id=ident, data=data) for data in (HEAD.pack(pads=pads[:7]), tail)]
-        return frames
+        mask = out[which] @ _MASK if out.any() else 0
+        data[:, 1, OUT_OF_RANGE] = np.expand_dims(mask >> 4, -1)
+        data[:, 1, ENDING] = np.expand_dims((mask & 0xF) << 4 | self.flags[which], -1)
+        return blank.with_data(data.reshape(-1, 8))
 
     def obey(self, data: bytes) -> bool:
         """Obey one message; ``False``: it is none that the board knows."""
@@ -152,7 +167,7 @@ class Board:
                 self.enabled[:] = False
             case [0x50, first, last, shift, enable, _, _, *_] if self.family == NEW and first <= last < TRIANGLES:
                 self.transmitting = False
-                which = [k for k, number in enumerate(self.numbers) if first <= number <= last]
+                which = (first <= self.numbers) & (self.numbers <= last)
                 self.enabled[which], self.shift[which] = bool(enable & 1), min(shift, 15)
                 self.offset[which] = self.raw[which]
             case [0x4C, *_]:
@@ -204,12 +219,16 @@ class IcubSkin(Device[CanFrame]):
         triangles_per_board: Annotated[
             int | None, Option("in order; default: 3 on a forearm, else 16", low=1, high=TRIANGLES)
         ] = None,
+        triangles: Annotated[int | None, Option("fitted of the part, from the first; default: all", low=1)] = None,
         first_board: Annotated[int, Option("address of the first board; the others follow", low=1, high=14)] = 1,
         no_ack: Annotated[tuple[str, ...], Option("triangles whose chip does not answer, as board.triangle")] = (),
         not_connected: Annotated[tuple[str, ...], Option("triangles that are unplugged")] = (),
     ):
         numbers = HAND if part == "hand" else range(TRIANGLES)
-        n = len(HAND) if part == "hand" else len(places_of(SHEETS[part])) if part in SHEETS else 1
+        whole = len(HAND) if part == "hand" else len(places_of(SHEETS[part])) if part in SHEETS else 1
+        n = triangles or whole
+        if n > whole or (n < whole and part not in SHEETS):
+            raise ValueError(f"triangles: a {part} has {whole}, got {n}")
         per_board = triangles_per_board or (3 if part == "forearm" else TRIANGLES)
         slots = [(first_board + k // per_board, numbers[k % per_board]) for k in range(n)]
         names = [f"{board}.{triangle}" for board, triangle in slots]
@@ -231,9 +250,9 @@ class IcubSkin(Device[CanFrame]):
                 slots[start][0],
                 taxels,
                 self.layout.normals[taxels],
-                [number for _, number in slots[own]],
+                np.array([number for _, number in slots[own]]),
                 feeling[own],
-                flags[own],
+                np.array(flags[own]),
                 OLD if firmware == "old" else NEW,
                 OF_A_HAND if part == "hand" else COMPENSATED,
             )
@@ -296,4 +315,5 @@ def _layout(part: str, names: list[str]) -> Layout:
     if part == "triangle":
         return flat([Place(0.0, 0.0, False)], names)
     sheet = SHEETS[part]
-    return wrapped(places_of(sheet), names, sheet.radius) if sheet.radius else flat(places_of(sheet), names)
+    places = places_of(sheet)[: len(names)]
+    return wrapped(places, names, sheet.radius) if sheet.radius else flat(places, names)

@@ -25,12 +25,19 @@ def main() -> None:
         from tactemu.errors import TactemuError
 
         try:
-            app(prog_name="tactemu")
+            words, command = _split(sys.argv[1:])
+            app(words, prog_name="tactemu", obj=command)
         except TactemuError as error:
             print(f"tactemu: {error}", file=sys.stderr)
             sys.exit(2)
     except KeyboardInterrupt:  # while things are imported, or compiled; a loop that runs takes it as its end
         sys.exit(INTERRUPTED)
+
+
+def _split(words: list[str]) -> tuple[list[str], list[str]]:
+    """What is for the parser, and the command that ``tactemu exec`` shall run."""
+    at = words.index("--") if words[:1] == ["exec"] and "--" in words else len(words)
+    return words[:at], words[at + 1 :]
 
 
 def _answered(words: list[str]) -> bool:

@@ -18,6 +18,7 @@ A simulated tactile skin on the far end of the wire: real sensors' bytes and CAN
 \b
   tactemu devices                      what can be emulated
   tactemu run anyskin                  a port, a press, a picture
+  tactemu exec anyskin -- ./driver     the driver finds it as /dev/ttyACM0
   tactemu explain anyskin              frames, taxels, and what is simulated and why
   tactemu new hand.toml                a scene file to start from
   tactemu poke press --depth 1mm       what runs already is pressed, moved, broken
@@ -89,6 +90,19 @@ Faults = Annotated[
     typer.Option("--fault", metavar="FAULT", help="What goes wrong on the wire; repeatable. See `tactemu faults`."),
 ]
 
+TruthFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--truth", metavar="FILE", help="Write what was felt, sent and injected: .mcap, or .jsonl for JSON lines."
+    ),
+]
+TruthKeep = Annotated[
+    str | None,
+    typer.Option(
+        "--truth-keep", metavar="SIZE", help="Memory for samples and frames; default: the scene's, else 256MB."
+    ),
+]
+
 app.add_typer(bench, name="bench")
 
 
@@ -117,14 +131,8 @@ def run(
     seconds: Seconds = None,
     device: Compute = None,
     fault: Faults = None,
-    truth: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Write what was felt, sent and injected: .mcap, or .jsonl for JSON lines."),
-    ] = None,
-    truth_keep: Annotated[
-        str | None,
-        typer.Option(metavar="SIZE", help="Memory for samples and frames; default: the scene's, else 256MB."),
-    ] = None,
+    truth: TruthFile = None,
+    truth_keep: TruthKeep = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON lines instead of the picture.")] = False,
     plain: Annotated[
         bool, typer.Option("--plain", help="Log lines instead of the picture, on a terminal too.")
@@ -188,6 +196,59 @@ def poke(context: typer.Context) -> None:
     from tactemu.cli.poking import main
 
     main(context.args)
+
+
+@app.command("exec")
+def execute(
+    context: typer.Context,
+    target: Target,
+    options: Options = None,
+    node: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--node",
+            metavar="NODE",
+            help="Name of the port, such as ttyUSB0; default: as the kernel would name it. Of several skins SKIN=NODE, "
+            "repeatable.",
+        ),
+    ] = None,
+    rate: Rates = None,
+    seed: Seed = None,
+    device: Compute = None,
+    fault: Faults = None,
+    truth: TruthFile = None,
+    truth_keep: TruthKeep = None,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Do not say which port is whose.")] = False,
+) -> None:
+    """Run a driver that finds the device as hardware: /dev/ttyUSB0, its USB ids, modem lines, unplugging.
+
+    \b
+      tactemu exec robotiq_tsf85 -- python quick_start.py
+      tactemu exec hand.toml --node ttyUSB0 -- ./reader
+      tactemu exec anyskin --fault 'unplug at 3s for 1s' -- python -m serial.tools.list_ports -v
+      tactemu exec hand.toml --node thumb=ttyUSB0 --node palm=ttyACM0 -- bash
+
+    The program, and what it starts, runs in a private view of this machine; the network stays. Terminal, standard
+    streams and signals are its own. When it ends, the emulator does.
+    Exit code: that of the program, 128 + n after signal n; 125 when something of tactemu's fails, 126 when the program
+    cannot be executed, 127 when there is none of that name. See docs/exec.md.
+    """
+    from tactemu.cli.forwarding import forwarded_signals
+    from tactemu.errors import TactemuError
+
+    with forwarded_signals() as signals:
+        from tactemu.cli.executing import run_command
+
+        try:
+            status = run_command(
+                target, context.obj or (), options=options or (), nodes=tuple(node or ()), rates=tuple(rate or ()),
+                seed=seed, compute=device, faults=tuple(fault or ()), truth=truth, keep=truth_keep, quiet=quiet,
+                signals=signals,
+            )  # fmt: skip
+        except TactemuError as error:
+            typer.echo(f"tactemu: {error}", err=True)
+            status = 125
+    raise typer.Exit(status)
 
 
 @app.command()
@@ -320,6 +381,19 @@ def truth(
         print_summary(file, json=json)
     else:
         export_log(file, export, skin=skin, sense=sense)
+
+
+@app.command()
+def licences(json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False) -> None:
+    """List tactemu and what is installed because of it: package, version, licence, needed by.
+
+    \b
+      tactemu licences
+      tactemu licences --json
+    """
+    from tactemu.cli.licences import print_licences
+
+    print_licences(json=json)
 
 
 @app.command()

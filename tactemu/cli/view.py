@@ -71,11 +71,14 @@ class LiveView:
 
     def picture(self) -> RenderableType:
         """Everything on one screen: a panel per device."""
+        return Group(*self.panels(), Text("Ctrl-C ends", style="dim"))
+
+    def panels(self) -> list[Panel]:
+        """A panel per device; together they fill the screen but for a line."""
         width, height = self._live.console.size
         channels = self._emulator.channels
         room = (height - 2) // len(channels)  # the last line of a terminal stays free for its cursor
-        panels = [self._panel(channel, width, room) for channel in channels]
-        return Group(*panels, Text("Ctrl-C ends", style="dim"))
+        return [self._panel(channel, width, room) for channel in channels]
 
     def _panel(self, channel: Channel, width: int, height: int) -> Panel:
         """One device in ``width`` by ``height`` characters: what is said comes first, the pictures get the rest."""

@@ -47,7 +47,7 @@ from tactemu.transports.transport import (
 
 _TCGETS2 = 0x802C542A
 _TERMIOS2 = struct.Struct("4I20s2I")
-_CMSPAR = 0o10000000000
+CMSPAR = 0o10000000000
 """With ``PARODD``: mark parity, without: space. Python has no name for it."""
 
 
@@ -65,10 +65,13 @@ class PtyTransport(Transport):
         self._poll = select.poll()
         self._heard = self._leaving = False
         """Whether a driver has the port open; whether it has closed it and left bytes that are still being read."""
+        self._raised = False
+        """Whether the lines are up; ``stty -hupcl`` leaves them so when the port is closed, and no board restarts."""
         self._told = b""
         """The driver's settings as the kernel last told them."""
         self._setting: SerialSetting | None = None
-        self._lines: deque[LinesChanged] = deque()
+        self._beside: deque[Event] = deque()
+        """What a driver does beside sending bytes, where the kernel does not tell: its modem lines."""
         self._rest = b""
         """The end of a frame that the kernel took only in part: it goes first, so that frames stay whole."""
 
@@ -98,12 +101,15 @@ class PtyTransport(Transport):
         except OSError as error:
             raise TransportUnavailable(f"no pseudo terminal to be had: {error.strerror}; mount /dev/pts") from None
         tty.setraw(slave)
+        settings = termios.tcgetattr(slave)
+        settings[2] |= termios.HUPCL  # as a port has it: the lines drop when it is closed
+        termios.tcsetattr(slave, termios.TCSANOW, settings)
         self._name = os.ttyname(slave)
         os.close(slave)
         os.set_blocking(self._master, False)
         self._poll.register(self._master, select.POLLIN)
         self._told = self._tell()
-        self._setting = _setting_of(self._told)
+        self._setting = self._setting_in(self._told)
         self._openings = Openings(self._name)
 
     def close(self) -> None:
@@ -117,7 +123,7 @@ class PtyTransport(Transport):
         if self._openings:  # last: the kernel takes its time for it, some milliseconds
             self._openings.close()
             self._openings = None
-        self._heard, self._leaving, self._rest = False, False, b""
+        self._heard, self._leaving, self._raised, self._rest = False, False, False, b""
 
     # -- events ------------------------------------------------------------------------------------------------------
 
@@ -139,13 +145,14 @@ class PtyTransport(Transport):
         gone = self._hung_up()
         if not self._heard and (not gone or "o" in seen):
             self._heard = True
-            events += [Opened(), RAISED]
+            events += [Opened()] if self._raised else [Opened(), RAISED]
+            self._raised = True
         if self._heard:
             self._finish()
-            events += self._changed_setting()
-            while self._lines:
-                events.append(self._lines.popleft())
             chunks, all_read = self._read(CHUNK if reading else REST if gone else 0)
+            events += self._changed_setting()  # after the bytes: what was set before they were sent holds for them
+            while self._beside:
+                events.append(self._beside.popleft())
             events += map(Received, chunks)
             self._leaving = gone
             if gone and (all_read or not reading):
@@ -170,9 +177,10 @@ class PtyTransport(Transport):
 
     def _closed(self) -> list[Event]:
         self._heard, self._leaving, self._rest = False, False, b""
-        self._lines.clear()
+        self._beside.clear()
         self._throw_away_unread()
-        return [Closed(), DROPPED]
+        self._raised = not _TERMIOS2.unpack_from(self._told)[2] & termios.HUPCL
+        return [Closed()] if self._raised else [Closed(), DROPPED]
 
     def _throw_away_unread(self) -> None:
         """A port with nobody on it keeps no bytes. Only the other side can flush them."""
@@ -204,7 +212,7 @@ class PtyTransport(Transport):
 
     def set_lines(self, dtr: bool, rts: bool) -> None:
         """What a driver in this process sets its modem lines to. Safe from any thread."""
-        self._lines.append(LinesChanged(dtr, rts))
+        self._beside.append(LinesChanged(dtr, rts))
 
     # -- bytes out ---------------------------------------------------------------------------------------------------
 
@@ -247,7 +255,7 @@ class PtyTransport(Transport):
         told = self._tell()
         if told == self._told:
             return []
-        self._told, setting = told, _setting_of(told)
+        self._told, setting = told, self._setting_in(told)
         if setting == self._setting or setting.baud is None:  # speed 0 hangs up, which a pseudo terminal cannot
             return []
         self._setting = setting
@@ -257,12 +265,11 @@ class PtyTransport(Transport):
         """Asked of our side, the kernel gives the other side's settings; ``TCGETS2`` knows custom rates too."""
         return fcntl.ioctl(self._master, _TCGETS2, bytes(_TERMIOS2.size))
 
-
-def _setting_of(told: bytes) -> SerialSetting:
-    _, _, control, *_, baud = _TERMIOS2.unpack(told)
-    odd = bool(control & termios.PARODD)
-    parity = ("S", "M")[odd] if control & _CMSPAR else (None, "O")[odd]
-    return SerialSetting(baud=baud or None, parity=parity, stopbits=2 if control & termios.CSTOPB else 1)
+    def _setting_in(self, told: bytes) -> SerialSetting:
+        _, _, control, *_, baud = _TERMIOS2.unpack_from(told)
+        odd = bool(control & termios.PARODD)
+        parity = ("S", "M")[odd] if control & CMSPAR else (None, "O")[odd]
+        return SerialSetting(baud=baud or None, parity=parity, stopbits=2 if control & termios.CSTOPB else 1)
 
 
 def _leave_to_change(slave: int) -> None:

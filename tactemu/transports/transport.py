@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from firmware_protocols import CanFrame, Connector, Frame
+from firmware_protocols.can_frames import CanFrames
 
 CHUNK = 512
 """Bytes of a driver that one :meth:`Transport.poll` takes at most: as many requests as can be answered in some
@@ -62,11 +63,18 @@ class LinesChanged:
     rts: bool
 
 
+@dataclass(frozen=True, slots=True)
+class Noted:
+    """Something that befell the port and that no device sees; it goes into the truth log."""
+
+    what: str
+
+
 class Part(bytes):
     """The beginning of a frame; what is written next goes on with it. To a stream of bytes it is like any other."""
 
 
-Event = Opened | Closed | Received | SettingChanged | LinesChanged
+Event = Opened | Closed | Received | SettingChanged | LinesChanged | Noted
 
 RAISED, DROPPED = LinesChanged(True, True), LinesChanged(False, False)
 """What the kernel does to the modem lines of a port when it is opened, and when it is closed."""
@@ -136,6 +144,13 @@ class Transport(ABC):
     def write(self, frame: Frame) -> bool:
         """Write one frame whole, or not at all (``False``: nobody listens or reads). Never blocks."""
 
+    def write_all(self, frames: CanFrames) -> int:
+        """Write CAN frames one after another, until one is not taken; returns how many were."""
+        for count, frame in enumerate(frames):
+            if not self.write(frame):
+                return count
+        return len(frames)
+
     def hang_up(self, code: int) -> None:
         """Close the connection, where there is one; the driver may open it again.
 
@@ -175,6 +190,7 @@ __all__ = [
     "Event",
     "Frame",
     "LinesChanged",
+    "Noted",
     "Opened",
     "Part",
     "Received",

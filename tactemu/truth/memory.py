@@ -8,6 +8,7 @@ import weakref
 from collections import deque
 
 from firmware_protocols import CanFrame, Frame
+from firmware_protocols.can_frames import CanFrames
 from tactemu.errors import TactemuError
 from tactemu.truth.entries import Entry, Injection, Passage, Sample
 
@@ -66,7 +67,7 @@ class Memory:
     def __init__(self, keep: str | int | None = None):
         self.budget = _PROCESS if keep is None else Budget(parse_size(keep))
         self.samples: deque[Sample] = deque()
-        self.frames: deque[tuple[int, str, Frame]] = deque()
+        self.frames: deque[tuple[int, str, Frame | CanFrames]] = deque()
         self.bytes = 0
         self.forgotten = 0
         with self.budget.lock:
@@ -76,8 +77,8 @@ class Memory:
         """Keep a sample."""
         self._add(self.samples, sample, size_of_sample(sample))
 
-    def add_frame(self, t_ns: int, device: str, frame: Frame) -> None:
-        """Keep a frame."""
+    def add_frame(self, t_ns: int, device: str, frame: Frame | CanFrames) -> None:
+        """Keep a frame, or several that left at a time."""
         self._add(self.frames, (t_ns, device, frame), size_of_frame(frame))
 
     def _add(self, entries: deque, entry: object, size: int) -> None:
@@ -90,11 +91,12 @@ class Memory:
         """Let the oldest entry go; the bytes that it had. The caller holds the budget's lock."""
         samples, frames = self.samples, self.frames
         if samples and (not frames or samples[0].t_ns <= frames[0][0]):
-            size = size_of_sample(samples.popleft())
+            size, count = size_of_sample(samples.popleft()), 1
         else:
-            size = size_of_frame(frames.popleft()[2])
+            oldest = frames.popleft()[2]
+            size, count = size_of_frame(oldest), len(oldest) if isinstance(oldest, CanFrames) else 1
         self.bytes -= size
-        self.forgotten += 1
+        self.forgotten += count
         return size
 
 
@@ -113,8 +115,10 @@ def size_of(entry: Entry) -> int:
     return _OBJECTS_OF_FRAME + sum(map(len, texts))
 
 
-def size_of_frame(frame: Frame) -> int:
-    """Bytes of a frame in memory, roughly."""
+def size_of_frame(frame: Frame | CanFrames) -> int:
+    """Bytes of a frame, or of several, in memory, roughly."""
+    if isinstance(frame, CanFrames):
+        return _OBJECTS_OF_FRAME + frame.array.nbytes
     return _OBJECTS_OF_FRAME + len(frame.data if isinstance(frame, CanFrame) else frame)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from firmware_protocols import Frame
+from firmware_protocols.can_frames import CanFrames
 from tactemu.frame_text import text
 from tactemu.truth.entries import Entry, Header, Injection, Passage, PortEvent, Sample
 from tactemu.truth.memory import Memory, size_of
@@ -40,7 +41,7 @@ class Truth:
             check_overwriting(Path(path), map(Path, reads))
         self._writer = LogWriter(path) if path is not None else None
         self._latest: dict[str, dict[str, Sample]] = {}
-        self._latest_frames: dict[str, Frame] = {}
+        self._latest_frames: dict[str, Frame | CanFrames] = {}
         self._numbers: dict[str, int] = {}
         self.injected: Counter[str] = Counter()
         """Injected faults by name."""
@@ -61,7 +62,10 @@ class Truth:
     @property
     def frames(self) -> list[tuple[int, str, Frame]]:
         """``(t_ns, device, frame)`` of the latest frames that left for the driver, oldest first; likewise."""
-        return list(self._memory.frames)
+        found: list[tuple[int, str, Frame]] = []
+        for t_ns, device, frame in list(self._memory.frames):
+            found += [(t_ns, device, each) for each in (frame if isinstance(frame, CanFrames) else [frame])]
+        return found
 
     @property
     def forgotten(self) -> int:
@@ -80,7 +84,8 @@ class Truth:
 
     def latest_frame(self, device: str) -> Frame | None:
         """The latest frame of one device that left for the driver."""
-        return self._latest_frames.get(device)
+        latest = self._latest_frames.get(device)
+        return latest[-1] if isinstance(latest, CanFrames) else latest
 
     def injected_at(self, device: str) -> Counter[str]:
         """Faults by name that befell one skin, or the bus that it is on."""
@@ -132,6 +137,15 @@ class Truth:
         self._memory.add_frame(t_ns, device, frame)
         if self._writer:
             self._log(Passage(t_ns, device, "tx", frame, sample))
+
+    def wrote_all(self, t_ns: int, device: str, frames: CanFrames, sample: int | None = None) -> None:
+        """Several frames of one sample left at a time."""
+        self.counts["tx"] += len(frames)
+        self._latest_frames[device] = frames
+        self._memory.add_frame(t_ns, device, frames)
+        if self._writer:
+            for frame in frames:
+                self._log(Passage(t_ns, device, "tx", frame, sample))
 
     def received(self, t_ns: int, device: str, frame: Frame) -> None:
         """Something arrived from the driver."""

@@ -14,7 +14,7 @@ from functools import cache
 
 from firmware_protocols import CanFrame
 
-_TRAILER = 1 + 2 + 7 + 3
+TRAILER = 1 + 2 + 7 + 3
 """CRC delimiter, ACK slot and delimiter, end of frame, intermission: never stuffed."""
 _FD_HEAD_STD, _FD_HEAD_EXT = 17, 36
 """Bits from the start of a CAN-FD frame to its bit-rate-switch bit, which is the last at the arbitration rate."""
@@ -38,7 +38,7 @@ def frame_bits(frame: CanFrame) -> tuple[int, int]:
     length += 8 * len(data)
     body = head << 8 * len(data) | int.from_bytes(data, "big")
     stuffed = body << 15 | _crc15(body, length)
-    return length + 15 + _stuff_bits(stuffed, length + 15) + _TRAILER, 0
+    return length + 15 + _stuff_bits(stuffed, length + 15) + TRAILER, 0
 
 
 def frame_ns(frame: CanFrame, bitrate: int, data_bitrate: int | None = None) -> int:
@@ -83,7 +83,7 @@ def _fd_bits(frame: CanFrame) -> tuple[int, int]:
     in_head = _stuff_bits(head, head_length)
     crc = 4 + 17 + 6 if size <= 16 else 4 + 21 + 7  # stuff count, CRC, fixed stuff bits
     fast = 5 + 8 * size + (stuff - in_head) + crc
-    slow = head_length + in_head + _TRAILER
+    slow = head_length + in_head + TRAILER
     return (slow, fast) if brs else (slow + fast, 0)
 
 
@@ -100,14 +100,14 @@ def _crc15_table() -> list[int]:
     return table
 
 
-_CRC15 = _crc15_table()
+CRC15 = _crc15_table()
 
 
 def _crc15(bits: int, length: int) -> int:
     """CRC over the lowest ``length`` bits. Zeros put in front to fill a byte do not change a CRC that starts at 0."""
     crc = 0
     for byte in bits.to_bytes((length + 7) // 8, "big"):
-        crc = ((crc << 8) & 0x7FFF) ^ _CRC15[((crc >> 7) ^ byte) & 0xFF]
+        crc = ((crc << 8) & 0x7FFF) ^ CRC15[((crc >> 7) ^ byte) & 0xFF]
     return crc
 
 
@@ -130,7 +130,7 @@ def _step(state: int, byte: int) -> tuple[int, int, bool]:
 
 
 _STEP = [[_step(state, byte) for byte in range(256)] for state in range(8)]
-_RECESSIVE = 4
+RECESSIVE = 4
 """State of an idle bus: the start bit (0) begins a run of its own."""
 
 
@@ -138,7 +138,7 @@ def _stuff_bits(bits: int, length: int, *, at_end: bool = True) -> int:
     """Stuff bits of a stream that starts with the start-of-frame bit; ``at_end``: also after its last bit."""
     pad = -length % 8  # alternating bits that end recessive make no stuff bit
     padded = (0x55 & (1 << pad) - 1) << length | bits
-    count, state, last = 0, _RECESSIVE if pad % 2 == 0 else _RECESSIVE - 4, False
+    count, state, last = 0, RECESSIVE if pad % 2 == 0 else RECESSIVE - 4, False
     for byte in padded.to_bytes((length + pad) // 8, "big"):
         made, state, last = _STEP[state][byte]
         count += made

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from firmware_protocols import Frame
+from firmware_protocols.can_frames import CanFrames
 
 
 @dataclass(order=True, slots=True)
@@ -13,7 +15,8 @@ class Pending:
 
     order: tuple[int, int]
     number: int
-    frame: Frame = field(compare=False)
+    frame: Frame | CanFrames = field(compare=False)
+    """Or a run of frames that follow one another."""
     source: str = field(compare=False)
     ready_ns: int = field(compare=False)
     """When it may leave."""
@@ -22,3 +25,17 @@ class Pending:
     """When its last bit has gone; set when it wins the line."""
     sample: int | None = field(compare=False, default=None)
     """Number of the sample that it carries."""
+    ends: list[int] | None = field(compare=False, default=None)
+    """Of a run: when each would have gone had the first started at 0 [ns]."""
+    gone: int = field(compare=False, default=0)
+    """Of a run: how many have left."""
+
+    @property
+    def frames(self) -> Sequence[Frame]:
+        """What has not left."""
+        return self.frame[self.gone :] if isinstance(self.frame, CanFrames) else [self.frame]
+
+    @property
+    def head(self) -> Frame:
+        """The frame that is next."""
+        return self.frame[self.gone] if isinstance(self.frame, CanFrames) else self.frame

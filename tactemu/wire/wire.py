@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from firmware_protocols import Connector, Frame, Sent
+from firmware_protocols.can_frames import CanFrames
 from firmware_protocols.frames import payload
 from tactemu.transports.transport import DROPPED, Closed, Event, Received, Transport
 from tactemu.truth import Truth
@@ -195,8 +196,11 @@ class Wire:
 
         ``sample`` is the number of the sample that they carry.
         """
-        parts = [(each.frame, each.delay_ns, each.turn) if isinstance(each, Sent) else (each, 0, 0) for each in frames]
-        whole = [frame for frame, _, _ in parts]
+        if isinstance(frames, CanFrames):
+            whole = frames
+        else:
+            frames = list(frames)
+            whole = [each.frame if isinstance(each, Sent) else each for each in frames]
         self._source = source
         if not self.transport.listening:
             self._lose(whole, now_ns, source, "unheard", "nobody listens", sample)
@@ -205,9 +209,14 @@ class Wire:
         elif self.line.backlog_ns(source, min(now_ns, self._flushed_ns)) > self.backlog_ns:
             self.counters["dropped_readings"] += 1
             self._lose(whole, now_ns, source, "dropped_frames", "line full", sample)
+        elif isinstance(frames, CanFrames) and not self._injector.spoils:
+            self.line.put_run(frames, now_ns, source, sample=sample)
         else:
             least = self.carrier.turnaround_ns()
-            for frame, delay_ns, turn in parts:
+            for each in frames:
+                frame, delay_ns, turn = (
+                    (each.frame, each.delay_ns, each.turn) if isinstance(each, Sent) else (each, 0, 0)
+                )
                 ready_ns = now_ns + max(delay_ns, least)
                 for spoilt, held_ns in self._injector.spoil(frame, now_ns, source, "to_driver"):
                     at = self._after_held("to_driver", ready_ns, held_ns)
@@ -251,20 +260,41 @@ class Wire:
             if missed := node.take_missed():
                 self.counters[f"{node.fault.kind}_missed"] += missed
 
-    def _pass_on(self, pending: Pending, now_ns: int) -> bool:
-        """What has left the line goes to whom it is for; returns whether that is the driver, and it took it."""
+    def _pass_on(self, pending: Pending, now_ns: int) -> int:
+        """What has left the line goes to whom it is for; returns how many frames the driver took."""
+        if isinstance(pending.frame, CanFrames):
+            return self._pass_run_on(pending, pending.frame, now_ns)
         if pending.source == DRIVER:
             if self.carrier.carries(pending.frame) and not getattr(pending.frame, "is_error_frame", False):
                 self._arrived.append((pending.end_ns, Heard(pending.frame)))
                 if self.carrier.echoes():
                     self.transport.write(pending.frame)
-            return False
+            return 0
         if len(self.connectors) > 1 and pending.source in self.connectors:
             self._arrived.append((pending.end_ns, Heard(pending.frame, pending.source)))
         return self._write(pending, now_ns)
 
+    def _pass_run_on(self, pending: Pending, frames: CanFrames, now_ns: int) -> int:
+        """Frames of one device that left the line one after another."""
+        source = pending.source
+        peers = [connector for name, connector in self.connectors.items() if name != source]
+        if peers and source in self.connectors:
+            for frame in frames:
+                if any(self.carrier.hears(connector, frame, of_peer=True) for connector in peers):
+                    self._arrived.append((pending.end_ns, Heard(frame, source)))
+        sent = self.transport.write_all(frames)
+        if sent < len(frames):
+            why = ("dropped_unread", "not read") if self.transport.listening else ("unheard", "nobody listens")
+            self._lose(frames[sent:], now_ns, source, *why, pending.sample)
+            frames = frames[:sent]
+        if frames:
+            self.counters["sent"] += sent
+            self.counters["sent_bytes"] += int(frames.array["len"].sum())
+            self.truth.wrote_all(now_ns, source, frames, pending.sample)
+        return sent
+
     def _write(self, pending: Pending, now_ns: int) -> bool:
-        frame, source = pending.frame, pending.source
+        frame, source = pending.head, pending.source
         heard = self._through(frame, source, to_driver=True)
         if isinstance(heard, bytes) and not heard:  # nothing that looks like a byte came out of the noise
             return False
@@ -339,7 +369,7 @@ class Wire:
         """The port closes: what the driver has sent arrives at once."""
         if self.carrier.ordered:  # on a bus what has not left its node never does
             for pending in self.inbound.withdraw(DRIVER):
-                self._arrived.append((self._now_ns, Heard(pending.frame)))
+                self._arrived.append((self._now_ns, Heard(pending.head)))
         self._deliver(None, events)
 
     def _follow_outages(self, fault: Fault | None, now_ns: int, events: list[Event | Heard]) -> None:
@@ -368,7 +398,7 @@ class Wire:
         self.inbound.free_ns = now_ns
         for lost in self.line.clear():
             if lost.source != DRIVER:
-                self._lose([lost.frame], now_ns, lost.source, "unheard", why, lost.sample)
+                self._lose(lost.frames, now_ns, lost.source, "unheard", why, lost.sample)
         held = [frame for frame, _, way in self._injector.forget() if way == "to_driver"]
         self._lose(held, now_ns, self._owner, "unheard", why)
 

@@ -112,7 +112,12 @@ def test_a_log_tells_what_was_done(tmp_path):
 
 @pytest.mark.parametrize(
     "what",
-    ["command {", "command 3", 'command {"verb": "stats", "args": {}}', 'command {"verb": "press", "args": {"depth": "x"}}'],
+    [
+        "command {",
+        "command 3",
+        'command {"verb": "stats", "args": {}}',
+        'command {"verb": "press", "args": {"depth": "x"}}',
+    ],
 )
 def test_a_log_with_a_strange_command_is_refused(tmp_path, what):
     truth = Truth(tmp_path / "log.jsonl")

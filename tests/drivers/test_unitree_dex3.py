@@ -50,10 +50,10 @@ def test_the_slower_copy():
     with tactemu.serve("unitree_dex3", {"lf": "dds:207"}, source=spread) as dev:
         domain = dev.emulator.wires[1].transport.domain
         assert domain == 207 != dev.emulator.wires[0].transport.domain
-        arguments = domain, "rt/lf/dex3/left/state", 20, 30
+        arguments = domain, "rt/lf/dex3/left/state", 200, 30
         got = run_driver("unitree_sdk2py", "unitree_sdk2py_read.py", *arguments, environment="unitree_sdk2py")
-    assert len(got["q"]) == 20
-    assert_consecutive(np.reshape(got["pressure"], (-1, 108))[:, LIVE], truth_of(dev), count=20)
+    assert len(got["q"]) == 200
+    assert_consecutive(np.reshape(got["pressure"], (-1, 108))[:, LIVE], truth_of(dev), count=200)
 
 
 @pytest.mark.judge("unitree_dex3", **JUDGE)

@@ -7,8 +7,10 @@ from collections.abc import Iterable
 from typing import Any
 
 from firmware_protocols import CanFrame, Frame
+from firmware_protocols.can_frames import CanFrames
 from tactemu.transports.transport import CanFilter
 from tactemu.wire.can_bits import frame_ns, priority
+from tactemu.wire.can_runs import run_ns
 from tactemu.wire.carriers.carrier import Carrier
 from tactemu.wire.pending import Pending
 
@@ -29,6 +31,10 @@ class CanCarrier(Carrier):
         """Exact, intermission included."""
         return self.traffic_ns(frame) if self.pacing and isinstance(frame, CanFrame) else 0
 
+    def run_ns(self, frames: CanFrames) -> list[int]:
+        """Exact, intermission included."""
+        return run_ns(frames, self.connector.bitrate).tolist() if self.pacing else [0] * len(frames)
+
     def traffic_ns(self, frame: CanFrame) -> int:
         """Exact, intermission included."""
         return frame_ns(frame, self.connector.bitrate, self.connector.data_bitrate)
@@ -39,7 +45,8 @@ class CanCarrier(Carrier):
 
     def rank(self, pending: Pending) -> tuple:
         """By identifier."""
-        identifier = priority(pending.frame) if isinstance(pending.frame, CanFrame) else ()
+        frame = pending.head
+        identifier = priority(frame) if isinstance(frame, CanFrame) else ()
         return (*identifier, pending.ready_ns, pending.number)
 
     def hears(self, connector: Any, frame: Frame, *, of_peer: bool) -> bool:

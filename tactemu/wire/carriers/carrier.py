@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Any, ClassVar, Literal
 
 from firmware_protocols import CanFrame, Connector, Frame
+from firmware_protocols.can_frames import CanFrames
 from tactemu.transports.transport import CanFilter
 from tactemu.wire.pending import Pending
 
@@ -46,6 +47,10 @@ class Carrier(ABC):
     @abstractmethod
     def duration_ns(self, frame: Frame) -> int:
         """How long the line is busy with a frame [ns]."""
+
+    def run_ns(self, frames: CanFrames) -> list[int]:
+        """How long it is busy with each of many frames [ns]."""
+        return [self.duration_ns(frame) for frame in frames]
 
     def driver_ns(self, frame: Frame, setting: Any) -> int:
         """How long the driver's end takes to send a frame, at the setting of its port [ns]."""

@@ -165,6 +165,11 @@ class Injector:
         self._frames = [each for each in self._frames if each.fault is not fault]
         return [held for each in over for held in each.forget()]
 
+    @property
+    def spoils(self) -> bool:
+        """Whether any fault is of single frames."""
+        return bool(self._frames)
+
     def unmount_chip(self) -> bytes:
         """Take the USB-serial chip out; what it held."""
         chip, self.chip = self.chip, None

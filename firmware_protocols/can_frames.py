@@ -1,0 +1,70 @@
+"""Many CAN frames at once, as Linux lays them out: for devices that send dozens a sample, encoded by NumPy."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, overload
+
+import numpy as np
+
+from firmware_protocols.frames import CanFrame
+
+CAN_FRAME = np.dtype([("can_id", "=u4"), ("len", "u1"), ("pad", "V3"), ("data", "u1", (8,))])
+"""``struct can_frame`` of Linux: 16 bytes."""
+
+
+class CanFrames(Sequence[CanFrame]):
+    """Classic data frames with standard identifiers, in the order in which they leave.
+
+    To whoever takes them one by one they are :class:`CanFrame`; what carries them may keep them together.
+
+    Args:
+        array: frames as :data:`CAN_FRAME`, shape ``(n,)``; it is not copied and must not change any more.
+    """
+
+    __slots__ = ("array",)
+
+    def __init__(self, array: np.ndarray):
+        self.array = array
+
+    @staticmethod
+    def of(idents: Any, data: np.ndarray) -> CanFrames:
+        """Frames with these identifiers, shape ``(n,)``, and data bytes, uint8 ``(n, size)``.
+
+        Raises:
+            ValueError: an identifier of more than 11 bits, or more than 8 bytes.
+        """
+        array = np.zeros(len(data), CAN_FRAME)
+        if np.any((np.asarray(idents) < 0) | (np.asarray(idents) >= 1 << 11)) or data.shape[1] > 8:
+            raise ValueError(f"expected identifiers below 0x800 and at most 8 bytes, got {idents} and {data.shape[1]}")
+        array["can_id"] = idents
+        array["len"] = size = data.shape[1]
+        array["data"][:, :size] = data
+        return CanFrames(array)
+
+    def with_data(self, data: np.ndarray) -> CanFrames:
+        """The same frames with other data bytes, uint8 ``(n, 8)``."""
+        array = self.array.copy()
+        array["data"] = data
+        return CanFrames(array)
+
+    @overload
+    def __getitem__(self, index: int) -> CanFrame: ...
+    @overload
+    def __getitem__(self, index: slice) -> CanFrames: ...
+    def __getitem__(self, index: int | slice) -> CanFrame | CanFrames:
+        if isinstance(index, slice):
+            return CanFrames(self.array[index])
+        one = self.array[index]
+        return CanFrame(arbitration_id=int(one["can_id"]), data=one["data"].tobytes()[: one["len"]])
+
+    def __len__(self) -> int:
+        return len(self.array)
+
+    def __eq__(self, other: object) -> bool:
+        return list(self) == list(other) if isinstance(other, Sequence) else NotImplemented
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        return f"CanFrames({', '.join(map(str, self))})"

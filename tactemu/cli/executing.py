@@ -1,0 +1,121 @@
+"""``tactemu exec``: a driver in a view of the machine in which the emulated sensors are hardware."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from tactemu.cli.datasheet import options_of
+from tactemu.cli.forwarding import Forwarding
+from tactemu.cli.running import rate_of
+from tactemu.errors import TactemuError, TransportError
+from tactemu.exec.enter import FAILED, NOT_EXECUTABLE, NOT_FOUND
+from tactemu.exec.environment import ExecEnvironment, exec_environment
+from tactemu.exec.reach import out_of_reach
+from tactemu.serving import Served, serve
+
+_LOOK_S = 0.1
+"""How often the emulator is looked after while the driver runs."""
+
+
+def run_command(
+    target: str,
+    command: Sequence[str],
+    *,
+    options: Sequence[str] = (),
+    nodes: Sequence[str] = (),
+    rates: Sequence[str] = (),
+    seed: int | None = None,
+    compute: str | None = None,
+    faults: Sequence[str] = (),
+    truth: Path | None = None,
+    keep: str | None = None,
+    quiet: bool = False,
+    signals: Forwarding,
+) -> int:
+    """Run ``command`` with ``target`` plugged in; returns the exit status, 128 + n after signal n.
+
+    Raises:
+        TactemuError: own failures.
+    """
+    if not command:
+        raise TactemuError(f"which program? name it after --, as in `tactemu exec {target} -- python driver.py`")
+    if status := _unfit(command[0]):
+        return status
+    dev = serve(
+        target, rate_hz=rate_of(rates), faults=tuple(faults), seed=seed, compute=compute, truth=truth, keep=keep,
+        device_options=options_of(options), by_hand=False,
+    )  # fmt: skip
+    env = exec_environment(dev, nodes=nodes_of(nodes))
+    with env:
+        if not quiet:
+            _announce(env, command[0])
+        signals.program = driver = env.popen(command)
+        failure = _watch(driver, dev, env)
+    status = driver.returncode
+    if failure is not None:
+        _say(str(failure))
+        return FAILED
+    return status if status >= 0 else 128 - status
+
+
+def _watch(driver: subprocess.Popen[bytes], dev: Served, env: ExecEnvironment) -> BaseException | None:
+    """Until the driver has ended. An emulator that fails meanwhile is unplugged; returns what went wrong in it."""
+    failure = None
+    while True:
+        try:
+            driver.wait(_LOOK_S)
+            return failure
+        except subprocess.TimeoutExpired:
+            if failure is None and not dev.running:
+                try:
+                    env.stop()
+                except Exception as error:
+                    failure = error
+                failure = failure or TactemuError("the emulator has stopped")
+
+
+def _unfit(program: str) -> int:
+    """Exit status for a program that cannot be started, before anything is built; 0 where there is nothing to say."""
+    if shutil.which(program):
+        return 0
+    if os.sep in program and Path(program).exists():
+        _say(f"{program}: not executable")
+        return NOT_EXECUTABLE
+    _say(f"{program}: not found")
+    return NOT_FOUND
+
+
+def _announce(env: ExecEnvironment, program: str) -> None:
+    for title, node in env.nodes.items():
+        _say(f"{title} is {node}")
+    missed = "modem lines, break, parity, low latency and udev's events"
+    if env.missing:
+        _say(f"{env.missing}. Names, sysfs, reading and writing work; nobody answers {missed}")
+    elif why := out_of_reach(program):
+        _say(f"{why}: it finds the ports, reads and writes; what it does not get are {missed}")
+
+
+def _say(text: str) -> None:
+    print(f"tactemu: {text}", file=sys.stderr, flush=True)
+
+
+def nodes_of(words: Sequence[str]) -> str | dict[str, str]:
+    """``["ttyUSB0"]`` as it is, ``["thumb=ttyUSB0", "palm=ttyUSB1"]`` by skin or ``SKIN/CONNECTOR``.
+
+    Raises:
+        TransportError: several nodes of which one does not say whose it is.
+    """
+    if len(words) == 1 and "=" not in words[0]:
+        return words[0]
+    nodes = {}
+    for word in words:
+        owner, given, node = word.partition("=")
+        if not given:
+            raise TransportError(f"--node {word}: of several nodes each needs its skin, --node SKIN={word}")
+        nodes[owner] = node
+    return nodes

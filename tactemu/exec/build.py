@@ -1,0 +1,89 @@
+"""The preload library: the one that came with the wheel, else one that a compiler here makes once."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+
+SOURCES = Path(__file__).parent / "preload"
+BUILT = "preload.so"
+"""Name of the library, in a wheel beside its sources."""
+FLAGS = ("-std=gnu11", "-O2", "-fPIC", "-shared", "-Wall", "-Wextra", "-Wl,-z,relro,-z,now", "-s")
+_COMPILERS = ("cc", "gcc", "clang")
+
+
+class NoLibrary(Exception):
+    """There is no preload library and none can be made; the text says why, and what helps."""
+
+
+def library() -> Path:
+    """The library, made if need be.
+
+    Raises:
+        NoLibrary: it is not there and cannot be made.
+    """
+    if (SOURCES / BUILT).exists():
+        return SOURCES / BUILT
+    made = _cache() / f"{_digest()}.so"
+    if not made.exists():
+        compile_to(made, compiler())
+    return made
+
+
+def compiler() -> list[str]:
+    """A C compiler: ``$CC``, one of the usual names, or the one of the package ``ziglang``.
+
+    Raises:
+        NoLibrary: there is none.
+    """
+    if named := os.environ.get("CC"):
+        return named.split()
+    for name in _COMPILERS:
+        if found := shutil.which(name):
+            return [found]
+    if find_spec("ziglang"):
+        return [sys.executable, "-m", "ziglang", "cc"]
+    raise NoLibrary(
+        "this installation has no preload library, and there is no C compiler to make it; `pip install ziglang` "
+        "brings one, and the wheels for x86_64 and aarch64 have the library in them"
+    )
+
+
+def compile_to(target: Path, command: Sequence[str]) -> None:
+    """Compile the library; it appears in one step.
+
+    Raises:
+        NoLibrary: the compiler fails, or the folder cannot be written.
+    """
+    sources = sorted(str(path) for path in SOURCES.glob("*.c"))
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=target.parent) as folder:
+            made = Path(folder) / target.name
+            done = subprocess.run(
+                [*command, *FLAGS, "-o", str(made), *sources, "-ldl"], capture_output=True, text=True, check=False
+            )
+            if done.returncode:
+                raise NoLibrary(f"{command[0]} cannot make the preload library: {done.stderr.strip()[-500:]}")
+            made.replace(target)
+    except OSError as error:
+        raise NoLibrary(f"the preload library cannot be made in {target.parent}: {error.strerror}") from None
+
+
+def _cache() -> Path:
+    folder = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
+    return Path(folder) / "tactemu" / "exec"
+
+
+def _digest() -> str:
+    """Of the sources, so that each version has its own."""
+    texts = [path.read_bytes() for path in sorted(SOURCES.glob("*.[ch]"))]
+    return hashlib.sha256(b"".join([platform.machine().encode(), *texts])).hexdigest()[:16]

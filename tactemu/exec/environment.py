@@ -1,0 +1,199 @@
+"""Emulators in a view of the machine, and commands that run in it.
+
+::
+
+    with tactemu.serve("robotiq_tsf85") as dev, tactemu.exec_environment(dev) as env:
+        subprocess.run(env.command(["python", "quick_start.py"]), check=True)
+        env.run(["./reader", "--port", env.nodes["robotiq_tsf85"]])
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import subprocess
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, replace
+from typing import Any
+
+from firmware_protocols import USB, Device, Serial
+from tactemu.errors import TransportError
+from tactemu.exec.build import NoLibrary, library
+from tactemu.exec.keeping import Keeper
+from tactemu.exec.port import Node, UsbPort
+from tactemu.serving import Served
+from tactemu.transports import Transport
+from tactemu.wire.wire import Wire
+
+_NODE = re.compile(r"(?:/dev/)?(ttyUSB|ttyACM)(\d{1,3})")
+_ADAPTER = USB(0x0403, 0x6001, manufacturer="FTDI", product="FT232R USB UART", node="ttyUSB")
+"""What a board with a plain UART is plugged into."""
+_BOARD = USB(0x1209, 0x0001, manufacturer="tactemu", node="ttyACM")
+"""A board with USB whose ids are not declared: pid.codes' number for tests."""
+
+
+def exec_environment(*devices: Served, nodes: str | Mapping[str, str] = "") -> ExecEnvironment:
+    """A view of this machine in which the serial ports of ``devices`` are USB devices; use it in a ``with`` statement.
+
+    Devices that are not running are started, and stopped at the end; those that are get their former ports back.
+
+    Args:
+        devices: what :func:`tactemu.serve` returns.
+        nodes: ``ttyUSB0`` for the only port, or nodes by skin or ``SKIN/CONNECTOR``; default: as the kernel would name
+            them, ``ttyACM0`` or ``ttyUSB0`` upwards.
+
+    Raises:
+        TactemuError: this machine allows no such view (the message says why, and what helps); no such skin or node.
+    """
+    return ExecEnvironment(devices, nodes)
+
+
+class ExecEnvironment:
+    """What :func:`exec_environment` returns."""
+
+    def __init__(self, devices: Sequence[Served], nodes: str | Mapping[str, str] = ""):
+        self._devices = devices
+        self._wishes = _parsed({"": nodes} if isinstance(nodes, str) and nodes else dict(nodes or {}))
+        self._keeper: Keeper | None = None
+        self._undo = ExitStack()
+        self._sockets: dict[tuple[Any, ...], int] = {}
+        """Number of the socket that each USB device is in."""
+        self._ports: dict[str, UsbPort] = {}
+        self.missing = ""
+        """Why there is no preload library; empty when there is one."""
+
+    # -- life ----------------------------------------------------------------------------------------------------------
+
+    def start(self) -> ExecEnvironment:
+        """Make the view and plug everything in.
+
+        Raises:
+            TactemuError: it cannot be made; nothing is left behind.
+        """
+        with ExitStack() as undo:
+            try:
+                preload = str(library())
+            except NoLibrary as error:
+                preload, self.missing = "", str(error)
+            self._keeper = Keeper(preload)
+            undo.callback(self._keeper.close)
+            keep = [dev for dev in self._devices if dev.running]
+            for dev in self._devices:
+                if dev not in keep:
+                    undo.enter_context(dev)
+            self._keeper.wait()
+            for dev in self._devices:
+                self._plug_in(dev, undo if dev in keep else None)
+            if self._wishes:
+                known = ", ".join(self._ports) or "none"
+                raise TransportError(f"no such serial port: {', '.join(self._wishes)} (there are: {known})")
+            self._undo = undo.pop_all()
+        return self
+
+    def stop(self) -> None:
+        """Unplug everything; what still runs in the view finds its ports gone. Safe to call twice."""
+        self._undo.close()
+
+    def __enter__(self) -> ExecEnvironment:
+        return self.start()
+
+    def __exit__(self, *_) -> None:
+        self.stop()
+
+    # -- what runs in it -----------------------------------------------------------------------------------------------
+
+    @property
+    def nodes(self) -> dict[str, str]:
+        """Path of each port in the view, by skin, or by ``SKIN/CONNECTOR``."""
+        return {title: port.address for title, port in self._ports.items()}
+
+    def command(self, command: Sequence[str | os.PathLike[str]]) -> list[str]:
+        """A command line that runs ``command`` in the view, whoever starts it: ``subprocess``, a shell, a launcher.
+
+        What it starts in turn is in the view too. Its exit status is that of ``command``; 125: the view has gone, 126:
+        not executable, 127: not found.
+        """
+        assert self._keeper is not None, "use it in a with statement"
+        return self._keeper.enter([os.fspath(word) for word in command])
+
+    def popen(self, command: Sequence[str | os.PathLike[str]], **options: Any) -> subprocess.Popen[Any]:
+        """Start ``command`` in the view; ``options`` are those of :class:`subprocess.Popen`."""
+        return subprocess.Popen(self.command(command), **options)
+
+    def run(self, command: Sequence[str | os.PathLike[str]], **options: Any) -> subprocess.CompletedProcess[Any]:
+        """Run ``command`` in the view; ``options`` are those of :func:`subprocess.run`."""
+        return subprocess.run(self.command(command), check=options.pop("check", False), **options)
+
+    # -- what is plugged in --------------------------------------------------------------------------------------------
+
+    def _plug_in(self, dev: Served, undo: ExitStack | None) -> None:
+        """Every serial port of a device; with ``undo``, its former ports come back."""
+        for channel in dev.emulator.channels:
+            for name, wire in channel.wires.items():
+                connector = channel.device.connector(name)
+                if not isinstance(connector, Serial) or isinstance(wire.transport, UsbPort):
+                    continue
+                title = f"{channel.name}/{name}" if len(channel.wires) > 1 else channel.name
+                port = self._ports[title] = self._port(title, channel.device, connector)
+                before = wire.transport
+                dev.in_loop(lambda wire=wire, port=port: _change(wire, port))
+                if undo is not None:
+                    undo.callback(_take_out, dev, wire, before)
+
+    def _port(self, title: str, device: Device, connector: Serial) -> UsbPort:
+        assert self._keeper is not None
+        usb, number = _declared(connector, device, title), None
+        for owner in ("", title, title.partition("/")[0]):
+            if owner in self._wishes:
+                usb["node"], number = self._wishes.pop(owner)
+                break
+        board = (id(device), usb["vid"], usb["pid"], usb["serial"])
+        socket = self._sockets.setdefault(board, len(self._sockets) + 1)
+        return UsbPort(Node(self._keeper.ask, usb, number=number, plug=socket))
+
+
+def _change(wire: Wire, port: Transport) -> None:
+    """Another port at the end of a wire; if it cannot be opened, the former one."""
+    before = wire.transport
+    before.close()
+    port.fit(wire.carrier.connector)
+    try:
+        port.open()
+    except BaseException:
+        before.open()
+        raise
+    wire.transport = port
+
+
+def _take_out(dev: Served, wire: Wire, before: Transport) -> None:
+    if dev.running:
+        dev.in_loop(lambda: _change(wire, before))
+
+
+def _declared(connector: Serial, device: Device, title: str) -> dict[str, Any]:
+    """What the USB device says of itself. One that declares no serial number has the same at each run."""
+    usb = connector.usb
+    if usb is True:
+        usb = replace(_BOARD, product=device.title)
+    elif usb is False:
+        usb = _ADAPTER
+    told = asdict(usb)
+    told["serial"] = told["serial"] or hashlib.sha256(title.encode()).hexdigest()[:8].upper()
+    return told
+
+
+def _parsed(nodes: Mapping[str, str]) -> dict[str, tuple[str, int]]:
+    """``ttyUSB0`` as kind and number.
+
+    Raises:
+        TransportError: it is no name of a USB serial port.
+    """
+    found = {}
+    for owner, node in nodes.items():
+        match = _NODE.fullmatch(node)
+        if not match:
+            raise TransportError(f"node {node!r}: expected ttyUSB or ttyACM and a number, such as ttyUSB0")
+        found[owner] = (match[1], int(match[2]))
+    return found

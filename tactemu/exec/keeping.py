@@ -1,0 +1,144 @@
+"""The emulator's side of the keeper: starts it, asks it, and says in words why there can be none."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import json
+import os
+import socket
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+from tactemu.errors import TactemuError
+
+ROOT = str(Path(__file__).parents[2])
+_START = "import sys; sys.path.insert(0, sys.argv[1]); from tactemu.exec.{0} import main; "
+_PATIENCE_S = 20.0
+"""For an answer: longer than a loaded machine needs for a few system calls."""
+_LONGEST = 65_536
+
+
+def python(module: str, call: str, *words: str) -> list[str]:
+    """A command that runs ``main`` of a module of this package, in a Python that imports nothing else."""
+    return [sys.executable, "-I", "-S", "-c", _START.format(module) + call, ROOT, *words]
+
+
+class Keeper:
+    """A running keeper. Use from any thread.
+
+    Args:
+        preload: path of the preload library; empty: there is none.
+
+    Raises:
+        TactemuError: this machine lets nobody, or not this user, have namespaces.
+    """
+
+    def __init__(self, preload: str = ""):
+        if not sys.platform.startswith("linux"):
+            raise TactemuError(
+                f"a view of the machine needs Linux, this is {sys.platform}; a port of `tactemu run` works"
+            )
+        self._lock = threading.Lock()
+        self._wire, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._wire.settimeout(_PATIENCE_S)
+        words = (str(theirs.fileno()), str(os.getpid()), preload)
+        with theirs:
+            self._process = subprocess.Popen(
+                python("keeper", "main(int(sys.argv[2]), int(sys.argv[3]), sys.argv[4])", *words),
+                stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, pass_fds=[theirs.fileno()], start_new_session=True,
+            )  # fmt: skip
+        self.pid = self._process.pid
+        self._ready = False
+
+    def wait(self) -> None:
+        """Until the view is there; it is made while the emulator is.
+
+        Raises:
+            TactemuError: it cannot be.
+        """
+        if self._ready:
+            return
+        answer, _ = self._receive()
+        if "error" in answer:
+            self.close()
+            raise TactemuError(_explained(answer["error"], answer["number"]))
+        self._ready = True
+
+    def ask(self, do: str, **given: Any) -> tuple[dict[str, Any], list[int]]:
+        """Ask the keeper to do something; its answer, and descriptors that belong to it.
+
+        Raises:
+            TactemuError: it cannot, or has gone.
+        """
+        with self._lock:
+            self.wait()
+            try:
+                self._wire.send(json.dumps({"do": do, **given}).encode())
+            except OSError:
+                raise TactemuError("the keeper of the view has gone; was it killed?") from None
+            answer, descriptors = self._receive()
+        if "error" in answer:
+            raise TactemuError(f"the view: {answer['error']}")
+        return answer, descriptors
+
+    def _receive(self) -> tuple[dict[str, Any], list[int]]:
+        try:
+            data, descriptors, _, _ = socket.recv_fds(self._wire, _LONGEST, 4)
+        except OSError:
+            data, descriptors = b"", []
+        if not data:
+            raise TactemuError("the keeper of the view has gone; was it killed?")
+        return json.loads(data), descriptors
+
+    def enter(self, command: list[str]) -> list[str]:
+        """A command that is ``command`` in the view."""
+        return python("enter", "main(int(sys.argv[2]), sys.argv[3:])", str(self.pid), *command)
+
+    def close(self) -> None:
+        """Let it unplug everything and end. Safe to call twice."""
+        with contextlib.suppress(OSError):
+            self._wire.shutdown(socket.SHUT_RDWR)  # children that this process has forked have it open too
+        self._wire.close()
+        self._process.wait()
+
+
+def _explained(what: str, number: int) -> str:
+    """Why there is no view, and the command that helps."""
+    if number not in (errno.EPERM, errno.EACCES, errno.ENOSPC, errno.EUSERS):
+        return f"cannot make a view of the machine: {what}"
+    for name, forbids, who in _SWITCHES:
+        if _read(f"/proc/sys/{name}") == forbids:
+            setting = f"{name.replace('/', '.')}={_ALLOW[forbids]}"
+            return (
+                f"cannot make a view of the machine: {who} forbids user namespaces here ({what}). Allow them with "
+                f"`sudo sysctl -w {setting}`, or run as root: `sudo -E env PATH=$PATH tactemu exec ...`"
+            )
+    if any(map(os.path.exists, ("/.dockerenv", "/run/.containerenv"))):
+        return (
+            f"cannot make a view of the machine: this container may not ({what}). Start it with `--cap-add SYS_ADMIN "
+            "--security-opt seccomp=unconfined --security-opt apparmor=unconfined`"
+        )
+    return (
+        f"cannot make a view of the machine: the kernel allows neither mounts nor user namespaces ({what}). Run as "
+        "root: `sudo -E env PATH=$PATH tactemu exec ...`; in a container it needs the capability SYS_ADMIN"
+    )
+
+
+_ALLOW = {"1": "0", "0": "1"}
+_SWITCHES = (
+    # in /proc/sys, the value that forbids, and whose it is
+    ("kernel/apparmor_restrict_unprivileged_userns", "1", "AppArmor"),
+    ("kernel/unprivileged_userns_clone", "0", "the kernel's setting"),
+    ("user/max_user_namespaces", "0", "the kernel's setting"),
+)
+
+
+def _read(path: str) -> str:
+    try:
+        return Path(path).read_text(encoding="ascii").strip()
+    except OSError:
+        return ""

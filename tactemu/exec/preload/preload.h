@@ -1,0 +1,48 @@
+/* What the files of the library share. A subject is a file: tty.c, udev.c, can.c. main.c has every function of libc that
+ * is taken over, once, and asks the subjects in turn.
+ *
+ * Nothing is kept per descriptor: whose a descriptor is, is asked of the kernel each time. So dup, fork, exec, threads and
+ * descriptors that are passed through sockets need no care, and there is nothing to lock. Only system calls are made.
+ */
+#ifndef TACTEMU_PRELOAD_H
+#define TACTEMU_PRELOAD_H
+
+#ifndef _GNU_SOURCE
+#define _GNU_SOURCE
+#endif
+#include <dlfcn.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <sys/socket.h>
+#include <sys/types.h>
+#include <termios.h>
+
+#define ROOM "/dev/.tactemu" /* of the view: where the emulator and this library meet */
+
+/* The function of libc behind ours; looked up once, a race of two threads finds the same. */
+#define REAL(name)                                                    \
+    ({                                                                \
+        static __typeof__(&name) found;                               \
+        __typeof__(&name) real = __atomic_load_n(&found, __ATOMIC_RELAXED); \
+        if (!real) {                                                  \
+            real = (__typeof__(&name))dlsym(RTLD_NEXT, #name);        \
+            __atomic_store_n(&found, real, __ATOMIC_RELAXED);         \
+        }                                                             \
+        real;                                                         \
+    })
+
+/* tty.c: a pseudo terminal of the emulator's answers as a USB serial port. */
+int tty_ioctl(int fd, unsigned long request, void *argument);
+int tty_setattr(int fd, int actions, const struct termios *settings);
+int tty_getattr(int fd, struct termios *settings);
+int tty_sendbreak(int fd, int duration);
+
+/* udev.c: a socket for the kernel's and udev's events hears those of the view. */
+int udev_socket(int type);
+bool udev_is(int fd);
+int udev_bind(int fd, const struct sockaddr *address, socklen_t length);
+int udev_getsockname(int fd, struct sockaddr *address, socklen_t *length);
+int udev_setsockopt(int fd, int level, int option, const void *value, socklen_t length);
+ssize_t udev_recvmsg(int fd, struct msghdr *message, int flags);
+
+#endif

@@ -1,0 +1,55 @@
+"""System calls that Python has no name for, and the numbers that they take."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+
+CLONE_NEWNS, CLONE_NEWUSER, CLONE_NEWNET = 0x20000, 0x1000_0000, 0x4000_0000
+MS_NOSUID, MS_BIND, MS_REC, MS_SLAVE = 2, 4096, 16384, 1 << 19
+MNT_DETACH = 2
+
+_libc = ctypes.CDLL(None, use_errno=True)
+
+
+def _check(result: int, what: str) -> None:
+    if result:
+        number = ctypes.get_errno()
+        raise OSError(number, os.strerror(number), what)
+
+
+def unshare(flags: int) -> None:
+    """Leave namespaces for new ones.
+
+    Raises:
+        OSError: the kernel does not allow it.
+    """
+    _check(_libc.unshare(flags), "unshare")
+
+
+def setns(namespace: int, kind: int) -> None:
+    """Join the namespace behind a descriptor.
+
+    Raises:
+        OSError: it belongs to somebody else.
+    """
+    _check(_libc.setns(namespace, kind), "setns")
+
+
+def mount(source: str, target: str, kind: str = "", flags: int = 0, options: str = "") -> None:
+    """Mount a file system, or with ``MS_BIND`` a file or folder.
+
+    Raises:
+        OSError: the kernel does not allow it.
+    """
+    words = [text.encode() or None for text in (source, target, kind)]
+    _check(_libc.mount(*words, ctypes.c_ulong(flags), options.encode() or None), target)
+
+
+def unmount(target: str) -> None:
+    """Take a mount away, also one that is in use.
+
+    Raises:
+        OSError: nothing is mounted there.
+    """
+    _check(_libc.umount2(target.encode(), MNT_DETACH), target)

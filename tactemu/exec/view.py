@@ -1,0 +1,255 @@
+"""The view's ``/dev``, ``/sys`` and ``/run/udev``: what the machine has, and room for what is emulated.
+
+A folder that shall have more is covered by one in memory, in which everything of the machine's folder is mounted or
+linked again. The machine's own serial ports are left out: a driver under test finds no real hardware to move.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import stat
+from pathlib import Path
+
+from tactemu.exec import page, system
+from tactemu.exec.uevents import Events
+from tactemu.exec.usb import BUS, Plugged
+
+ROOM = Path("/dev/.tactemu")
+"""Where emulator and preload library meet; nobody else looks there."""
+_REAL_PORTS = re.compile(r"(ttyUSB|ttyACM|ttyXRUSB|ttyS|ttyAMA|ttyAP|rfcomm)\d+|serial")
+
+
+class View:
+    """Builds the view in the namespaces that this process is in, and changes it."""
+
+    def __init__(self):
+        self._cover_dev()
+        self._cover_sys()
+        self._cover_udev()
+        self.events = Events(ROOM / "events")
+        self._plugged: dict[str, Plugged] = {}
+        """By node."""
+        self._left: dict[str, tuple[int, int]] = {}
+        """Pseudo terminals behind nodes that have gone, whom somebody may still have open: its device and number."""
+
+    # -- making room ---------------------------------------------------------------------------------------------------
+
+    def _cover_dev(self) -> None:
+        _cover("/dev", without=_REAL_PORTS)
+        ROOM.mkdir(mode=0o755)
+        (ROOM / "ports").mkdir()
+
+    def _cover_sys(self) -> None:
+        _cover("/sys/devices")
+        _cover("/sys/class/tty", without=_REAL_PORTS)
+        _cover("/sys/dev/char")
+        _cover("/sys/bus")
+        for folder in ("usb/devices", "usb/drivers", "usb-serial/devices", "usb-serial/drivers"):
+            _cover(f"/sys/bus/{folder}", without=_REAL_PORTS)
+        taken = [int(name[3:]) for name in os.listdir("/sys/bus/usb/devices") if re.fullmatch(r"usb\d+", name)]
+        self._bus = max(taken, default=0) + 1
+
+    def _cover_udev(self) -> None:
+        if not os.path.isdir("/run/udev"):
+            _cover("/run")
+            os.mkdir("/run/udev")
+        _cover("/run/udev")
+        behind = ROOM / "udev-data"
+        behind.mkdir()
+        if os.path.isdir("/run/udev/data"):
+            system.mount("/run/udev/data", str(behind), flags=system.MS_BIND | system.MS_REC)
+        _put_memory_over("/run/udev/data")
+        for name in os.listdir(behind):  # too many to mount each
+            os.symlink(behind / name, f"/run/udev/data/{name}")
+        Path("/run/udev/control").touch()  # libudev takes it as a sign that udev is there
+
+    # -- plug and unplug -----------------------------------------------------------------------------------------------
+
+    def plug(self, usb: dict, pty: str, *, number: int | None, plug: int) -> tuple[str, list[int]]:
+        """A device is plugged in: node, sysfs, udev's data and links, and then the events.
+
+        Args:
+            usb: vid, pid, manufacturer, product, serial, interface, node (``ttyACM``, ``ttyUSB``).
+            pty: path of the pseudo terminal.
+            number: of the node; ``None``: the lowest that is free, as the kernel does it.
+            plug: which socket the device is in.
+
+        Returns:
+            The node's name, and descriptors of the port's page and pipe.
+        """
+        kind = usb["node"]
+        number = self._free(kind) if number is None else number
+        node = f"{kind}{number}"
+        if node in self._plugged:
+            raise ValueError(f"/dev/{node} is there already")
+        self._left.pop(node, None)
+        device = Plugged(**{**usb, "node": node}, pty=_number(pty), bus=self._bus, plug=plug)
+        shared = self._open_room(device.pty, number)
+        _mount_file(pty, f"/dev/{node}")
+        old = {path for other in self._plugged.values() for path in (*other.kernel_properties(), *other.links())}
+        self._write(device, old)
+        self._plugged[node] = device
+        self._tell("add", device, old)
+        return node, shared
+
+    def replace(self, node: str, pty: str) -> list[int]:
+        """Another pseudo terminal behind a node, which its driver does not notice."""
+        before = self._plugged.pop(node)
+        self._erase(before, keep=set())
+        system.unmount(f"/dev/{node}")
+        device = Plugged(**{**vars(before), "pty": _number(pty)})
+        shared = self._open_room(device.pty, int(re.sub(r"\D", "", node)))
+        system.mount(pty, f"/dev/{node}", flags=system.MS_BIND)
+        self._write(device, set())
+        self._plugged[node] = device
+        return shared
+
+    def unplug(self, node: str) -> None:
+        """The device is pulled out. The pseudo terminal is hung up already."""
+        device = self._plugged.pop(node)
+        keep = {path for other in self._plugged.values() for path in (*other.kernel_properties(), *other.links())}
+        self._left[node] = (os.stat(f"/dev/{node}").st_dev, os.makedev(*device.pty))
+        system.unmount(f"/dev/{node}")
+        os.unlink(f"/dev/{node}")
+        self._erase(device, keep)
+        self._tell("remove", device, keep)
+        self.events.tidy()
+
+    def unplug_all(self) -> None:
+        """The emulator has gone."""
+        for node in list(self._plugged):
+            self.unplug(node)
+
+    def _free(self, kind: str) -> int:
+        """The lowest number that no port has, and no port that was unplugged and is still open."""
+        held = None
+        number = 0
+        while True:
+            node = f"{kind}{number}"
+            if node in self._left:
+                held = _held() if held is None else held
+                if self._left[node] not in held:
+                    del self._left[node]
+            if node not in self._plugged and node not in self._left:
+                return number
+            number += 1
+
+    def _open_room(self, pty: tuple[int, int], number: int) -> list[int]:
+        """The page and the pipe of a port, as descriptors."""
+        name = ROOM / "ports" / f"{pty[0]}:{pty[1]}"
+        shared, pipe = name.with_suffix(".page"), name.with_suffix(".told")
+        shared.write_bytes(page.fresh(number))
+        os.mkfifo(pipe)
+        for path in (shared, pipe):
+            path.chmod(0o666)  # whoever may open the port
+        return [os.open(shared, os.O_RDWR), os.open(pipe, os.O_RDWR | os.O_NONBLOCK)]
+
+    def _write(self, device: Plugged, old: set[str]) -> None:
+        for path, text in device.files().items():
+            if os.path.dirname(path) not in old or path.startswith(device.function):
+                os.makedirs(os.path.dirname(path), exist_ok=True)
+                Path(path).write_text(text)
+        for path, target in device.links().items():
+            os.makedirs(os.path.dirname(path), exist_ok=True)
+            _link(path, target)
+            if target.startswith("/sys/bus"):
+                os.makedirs(target, exist_ok=True)
+        for name, text in device.udev_data().items():
+            path = Path("/run/udev/data", name)
+            path.unlink(missing_ok=True)
+            path.write_text(text)
+        for link in device.node_links():
+            os.makedirs(os.path.dirname(f"/dev/{link}"), exist_ok=True)
+            _link(f"/dev/{link}", f"/dev/{device.node}")
+
+    def _erase(self, device: Plugged, keep: set[str]) -> None:
+        """Everything of a port; of its device too, unless another port of it stays."""
+        name = ROOM / "ports" / f"{device.pty[0]}:{device.pty[1]}"
+        paths = [name.with_suffix(".page"), name.with_suffix(".told")]
+        paths += [path for path in device.links() if path not in keep]
+        if device.device not in keep:
+            paths += [f"/run/udev/data/{each}" for each in device.udev_data()]
+        else:
+            paths += [f"/run/udev/data/c{device.pty[0]}:{device.pty[1]}"]
+        paths += [f"/dev/{link}" for link in device.node_links()]
+        for path in map(Path, paths):
+            path.unlink(missing_ok=True)
+        _remove_tree(device.function if device.device in keep else device.device)
+        for folder in ("/dev/serial/by-id", "/dev/serial/by-path", "/dev/serial"):
+            with contextlib.suppress(OSError):  # others have links there
+                os.rmdir(folder)
+
+    def _tell(self, action: str, device: Plugged, others: set[str]) -> None:
+        told, added = device.kernel_properties(), device.udev_properties()
+        folders = [folder for folder in told if folder not in others]
+        for folder in folders if action == "add" else reversed(folders):
+            self.events.send(action, folder.removeprefix("/sys"), told[folder], added[folder])
+
+
+def _cover(path: str, without: re.Pattern[str] | None = None) -> None:
+    """Put a folder in memory over one of the machine's, with all that was there; one that is not there is made."""
+    behind = os.open(path, os.O_PATH) if os.path.isdir(path) else -1
+    _put_memory_over(path)
+    if behind < 0:
+        return
+    for entry in os.listdir(f"/proc/self/fd/{behind}"):
+        source, target = f"/proc/self/fd/{behind}/{entry}", f"{path}/{entry}"
+        if without and without.fullmatch(entry):
+            continue
+        mode = os.lstat(source).st_mode
+        if stat.S_ISLNK(mode):
+            os.symlink(os.readlink(source), target)
+        elif stat.S_ISDIR(mode):
+            os.mkdir(target)
+            system.mount(source, target, flags=system.MS_BIND | system.MS_REC)
+        else:
+            _mount_file(source, target)
+    os.close(behind)
+
+
+def _put_memory_over(path: str) -> None:
+    os.makedirs(path, exist_ok=True)
+    system.mount("tmpfs", path, "tmpfs", system.MS_NOSUID, "mode=755")
+
+
+def _mount_file(source: str, target: str) -> None:
+    os.close(os.open(target, os.O_CREAT | os.O_WRONLY, 0o600))
+    system.mount(source, target, flags=system.MS_BIND)
+
+
+def _link(path: str, target: str) -> None:
+    with contextlib.suppress(FileNotFoundError):
+        os.unlink(path)
+    os.symlink(os.path.relpath(target, os.path.dirname(path)), path)
+
+
+def _number(pty: str) -> tuple[int, int]:
+    rdev = os.stat(pty).st_rdev
+    return os.major(rdev), os.minor(rdev)
+
+
+def _remove_tree(folder: str) -> None:
+    for here, folders, files in os.walk(folder, topdown=False):
+        for name in files + [each for each in folders if os.path.islink(f"{here}/{each}")]:
+            os.unlink(f"{here}/{name}")
+        os.rmdir(here)
+
+
+def _held() -> set[tuple[int, int]]:
+    """Every device that a process of the view has open, by file system and number."""
+    ours = os.stat("/proc/self/ns/mnt").st_ino
+    found = set()
+    for pid in filter(str.isdigit, os.listdir("/proc")):
+        with contextlib.suppress(OSError):  # gone meanwhile, or somebody else's
+            if os.stat(f"/proc/{pid}/ns/mnt").st_ino != ours:
+                continue
+            for fd in os.listdir(f"/proc/{pid}/fd"):
+                with contextlib.suppress(OSError):
+                    seen = os.stat(f"/proc/{pid}/fd/{fd}")
+                    found.add((seen.st_dev, seen.st_rdev))
+    return found
+
+
+__all__ = ["BUS", "ROOM", "View"]
