@@ -54,8 +54,8 @@ class Connection(Verbs):
         if self.about.get("protocol") != PROTOCOL:
             self.close()
             raise TransportError(
-                f"{path}: tactemu {self.about.get('tactemu')} speaks version {self.about.get('protocol')} there, this "
-                f"one version {PROTOCOL}; use the same version on both ends"
+                f"{path}: the emulator speaks version {self.about.get('protocol')} of the protocol, this program version "
+                f"{PROTOCOL}; use the same tactemu at both ends"
             )
 
     def close(self) -> None:

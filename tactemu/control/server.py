@@ -22,7 +22,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-import tactemu
 from tactemu.control.errand import Errand
 from tactemu.control.place import PROTOCOL, Place, uid_of_peer
 from tactemu.control.state import row_of
@@ -201,7 +200,7 @@ class Server:
             self._refuse(client, f"{MOST_CLIENTS} clients are connected already")
         else:
             self.counters["accepted"] += 1
-            hello = {"tactemu": tactemu.__version__, "protocol": PROTOCOL, "pid": os.getpid(), "name": self.place.name}
+            hello = {"protocol": PROTOCOL, "pid": os.getpid(), "name": self.place.name}
             self._put(client, hello | self.driven.hello())
 
     def _refuse(self, client: _Client, why: str) -> None:

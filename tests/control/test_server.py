@@ -166,7 +166,7 @@ def test_there_is_room_for_sixteen(dev, runtime_folder):
     finally:
         for client in clients:
             client.close()
-    wait_until(lambda: "tactemu" in Raw(runtime_folder).hello)
+    wait_until(lambda: "protocol" in Raw(runtime_folder).hello)
 
 
 def test_those_who_left_while_something_was_under_way_make_room(dev, runtime_folder):
