@@ -54,7 +54,7 @@ class Connection(Verbs):
         if self.about.get("protocol") != PROTOCOL:
             self.close()
             raise TransportError(
-                f"{path}: the emulator speaks version {self.about.get('protocol')} of the protocol, this program version "
+                f"{path}: the emulator speaks version {self.about.get('protocol')} of the protocol, we version "
                 f"{PROTOCOL}; use the same tactemu at both ends"
             )
 

@@ -117,7 +117,7 @@ def test_states_come_at_the_rate_that_is_wished_and_none_is_old(dev, runtime_fol
         (b'{"id": [1], "verb": "stats"}', "id: expected a whole number or a short text"),
         (b'{"id": 1, "protocol": 2, "verb": "stats"}', "protocol: this emulator speaks version 1, got 2"),
         (b'{"verb": "watch", "args": {"rate": 1e9}}', "watch: rate must be"),
-        (b'{"verb": "happen", "args": {"falt": "drop"}}', "did you mean 'fault'?"),
+        (b'{"verb": "happen", "args": {"fault_": "drop"}}', "did you mean 'fault'?"),
         (b'{"verb": "step"}', "step: time runs by itself"),
         (b'{"verb": "_do"}', "verb: there is no '_do'"),
     ],
