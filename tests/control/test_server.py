@@ -90,7 +90,7 @@ def test_what_a_test_may_do_another_process_may(dev):
 def test_states_come_at_the_rate_that_is_wished_and_none_is_old(dev, runtime_folder):
     with tt.connect() as skin:
         times = [state["t_s"] for _, state in zip(range(10), skin.watch(rate=50))]
-        assert times[-1] - times[0] == pytest.approx(9 / 50, abs=0.1)
+        assert times == sorted(set(times)) and times[-1] - times[0] > 8 / 50
         assert skin.stats()["skins"], "the connection goes on"
     with Raw(runtime_folder) as raw:
         raw.ask("watch", rate=100)
