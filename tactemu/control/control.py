@@ -44,10 +44,6 @@ class Control:
         self.clients: Counter[str] = Counter()
         """What a server counts of those who connect to it."""
         self._scene, self._skins = assembled.scene, assembled.skins
-        self._back: dict[str, np.ndarray] = {}
-        """Where pressed bodies are lifted to."""
-        self._hand = ""
-        """The body that was moved last."""
 
     # -- from any thread -------------------------------------------------------------------------------------------
 
@@ -137,13 +133,14 @@ class Control:
             down = legs[-1].position
             legs += [Leg(seconds, down), Leg(float(np.linalg.norm(back - down)) / speed, back)]
         outcome = self._go(name, legs, wait)
-        self._back[name] = back
+        self.steered[name].back = back
         return outcome
 
     def _release(self, speed: float, body: str | None = None, wait: bool = True) -> Outcome:
         name = self._body(body)
         here = self.steered[name].world(self._now_s)
-        back = self._back.get(name, here.position)
+        lifted = self.steered[name].back
+        back = here.position if lifted is None else lifted
         return self._go(name, [Leg(float(np.linalg.norm(back - here.position)) / speed, back)], wait)
 
     def _move(
@@ -163,7 +160,6 @@ class Control:
     def _pose(self, body: str, **pose: list[float]) -> None:
         if body in self.steered:
             self.steered[body].put(self._now_s, **pose)
-            self._hand = body
         elif self.simulation is None:
             raise TactemuError("nothing is simulated: there are no bodies")
         else:
@@ -175,7 +171,6 @@ class Control:
 
     def _go(self, name: str, legs: Sequence[Leg], wait: bool) -> Outcome:
         end_s = self.steered[name].follow(self._now_s, legs)
-        self._hand = name
         return Outcome(round(end_s * 1e9), sampled=True) if wait and not self._lockstep else Outcome()
 
     def _body(self, name: str | None) -> str:
@@ -184,7 +179,7 @@ class Control:
         if name is not None and name not in self.steered:
             raise TactemuError(f"body {name!r} cannot be steered; these can: {', '.join(self.steered)}")
         in_hand = [each for each, motion in self.steered.items() if motion.taken] or list(self.steered)
-        return name or self._hand or in_hand[0]
+        return name or max(in_hand, key=lambda each: self.steered[each].moved_s)
 
     def _taxels(self, channel: Channel) -> PlacedSkin:
         if channel.name not in self._skins:

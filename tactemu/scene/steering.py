@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from tactemu.errors import SceneError
 from tactemu.scene import rotation
 from tactemu.scene.bodies import Body
 from tactemu.scene.file import LoadedScene
-from tactemu.scene.motion import Hold, Joint, Keyframes, Motion, Pose
+from tactemu.scene.motion import Hold, Joint, Keyframes, Motion, Placed, Pose
 from tactemu.scene.placement import PlacedSkin
 
 
@@ -26,18 +27,6 @@ class Leg:
     """World; ``None``: do not turn."""
 
 
-@dataclass(frozen=True)
-class Placed(Motion):
-    """Stays where it was put."""
-
-    kind = "placed"
-    at: Pose
-
-    def pose(self, t_s: float) -> Pose:
-        """There, at every time; velocities as they were told."""
-        return self.at
-
-
 class Steered(Motion):
     """Goes its own way until it is taken: by a way to :meth:`follow`, at whose end it holds, or by a place.
 
@@ -50,22 +39,35 @@ class Steered(Motion):
     """
 
     kind = "steered"
+    not_state: ClassVar[tuple[str, ...]] = ("_home", "_own", "_held")
 
     def __init__(self, position: Sequence[float], quaternion: Sequence[float], own: Motion | None = None):
         self._home = Pose(np.array(position, np.float64), rotation.normalised(quaternion))
-        self.own = own or Hold()
-        self.way: Motion = self.own
-        """What it follows now."""
-        self.taken = self._held = own is None
+        self._own: Motion = own or Hold()
+        self._held = own is None
+        self.way: Motion | None = None
+        """What it follows instead of its own motion."""
+        self.moved_s = -1.0
+        """When it was told to move last [s]."""
+        self.back: np.ndarray | None = None
+        """Where it is lifted to when it has pressed, world [m]."""
+
+    def more_parts(self) -> dict[str, Motion]:
+        """Its own motion, which may have a state."""
+        return {"own": self._own}
+
+    @property
+    def taken(self) -> bool:
         """Whether it is in somebody's hand, and not on its own way."""
+        return self._held or self.way is not None
 
     def pose(self, t_s: float) -> Pose:
         """Displacement from where the body was placed."""
-        return self.way.pose(t_s)
+        return (self.way or self._own).pose(t_s)
 
     def world(self, t_s: float) -> Pose:
         """Pose in the world."""
-        return self._home.displaced(self.way.pose(t_s))
+        return self._home.displaced(self.pose(t_s))
 
     def follow(self, start_s: float, legs: Sequence[Leg]) -> float:
         """Go along ``legs`` from wherever the body is at ``start_s`` [s]; returns when it will be there [s].
@@ -79,7 +81,8 @@ class Steered(Motion):
             times.append(times[-1] + max(leg.seconds, 1e-6))
             positions.append(np.asarray(leg.position, np.float64) - self._home.position)
             turns.append(turns[-1] if leg.quaternion is None else self._turn(leg.quaternion))
-        self._take(Keyframes(times=tuple(times), positions=tuple(positions), quaternions=tuple(turns)))  # type: ignore[arg-type]
+        self.way = Keyframes(times=tuple(times), positions=tuple(positions), quaternions=tuple(turns))  # type: ignore[arg-type]
+        self.moved_s = start_s
         return times[-1]
 
     def put(self, t_s: float, position=None, quaternion=None, linear_velocity=None, angular_velocity=None) -> None:
@@ -88,14 +91,11 @@ class Steered(Motion):
         place = here.position if position is None else np.asarray(position, np.float64) - self._home.position
         turn = here.quaternion if quaternion is None else self._turn(quaternion)
         speeds = (np.zeros(3) if given is None else np.array(given) for given in (linear_velocity, angular_velocity))
-        self._take(Placed(Pose(place, turn, *speeds)))
+        self.way, self.moved_s = Placed(Pose(place, turn, *speeds)), t_s
 
     def give_back(self) -> None:
         """Go on with its own motion, as if it had never been taken; without one, be where it was placed."""
-        self.way, self.taken = self.own, self._held
-
-    def _take(self, way: Motion) -> None:
-        self.way, self.taken = way, True
+        self.way, self.back = None, None
 
     def _turn(self, quaternion: Sequence[float] | np.ndarray) -> np.ndarray:
         """The displacement that gives it this orientation in the world."""
