@@ -39,6 +39,7 @@ ARROWS = {
     "channel": (*LEAVES, "imperfections", "sampling", "scene", "statistics", "wire"),
     "emulator": (*LEAVES, "agenda", "calls", "channel", "clock", "plan", "saving", "transports", "truth", "wire"),
     "recordings": (*LEAVES, "clock", "frame_text", "scene", "transports", "truth", "wire"),
+    "conversions": (*LEAVES, "frame_text", "recordings", "scene", "truth"),
     "scenario": (*LEAVES, "agenda", "channel", "emulator", "imperfections", "scene", "wire"),
     "sensing": (*LEAVES, "imperfections", "scene"),
     "plugging": (*LEAVES, "scene", "transports", "wire"),
@@ -64,7 +65,8 @@ ARROWS = {
         "transports", "truth", "tune", "wire",
     ),
     "cli": (
-        *LEAVES, "assembly", "bench", "channel", "clock", "collector", "control", "emulator", "exec", "frame_text",
+        *LEAVES, "assembly", "bench", "channel", "clock", "collector", "control", "conversions", "emulator", "exec",
+        "frame_text",
         "kernels", "recordings", "scenario", "scene", "serving", "statistics", "tactemu", "transports", "truth", "tune",
         "wire",
     ),
@@ -78,6 +80,7 @@ FACADES = {
     "scene/file.py": ("physics",),  # the table of the models' names
     "scene/bodies.py": ("physics",),  # what a shape is
     "scene/schema.py": ("physics",),  # the keys of each shape
+    "scene/description.py": ("physics",),  # a built scene
     "scene/placement.py": ("physics", "imperfections"),  # a built sensor on its link
     "scene/mujoco_source.py": ("physics",),  # poses a built scene
     "scene/engine.py": ("physics",),  # likewise, at each of its steps

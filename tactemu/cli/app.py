@@ -358,29 +358,36 @@ def examples(
 def truth(
     file: Annotated[Path, typer.Argument(help="Written by `tactemu run --truth FILE`.")],
     json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,
-    export: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Write samples (.csv), CAN frames (.log, .asc, .blf) or all (.mcap, .jsonl)"),
+    to: Annotated[
+        str | None,
+        typer.Option(
+            "--to",
+            metavar="FORMAT",
+            help="Convert: foxglove.mcap, ros2.mcap, rrd, parquet, csv; CAN frames: log, asc, blf; its own: mcap, "
+            "jsonl. Or a file's name that ends in one.",
+        ),
     ] = None,
-    skin: Annotated[str | None, typer.Option(metavar="NAME", help="Whose, for --export.")] = None,
-    sense: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Which of its senses, for --export FILE.csv.")
-    ] = None,
+    export: Annotated[Path | None, typer.Option(metavar="FILE", hidden=True, help="As --to FILE.")] = None,
+    skin: Annotated[str | None, typer.Option(metavar="NAME", help="Whose, for --to.")] = None,
+    sense: Annotated[str | None, typer.Option(metavar="NAME", help="Which of its senses, for --to.")] = None,
 ) -> None:
-    """Summarise a truth log: samples, frames, drops and injected faults of each device.
+    """Summarise a truth log, or convert it for other tools.
 
     \b
       tactemu run anyskin --seconds 10 --fault 'flip 5%' --truth truth.mcap
       tactemu truth truth.mcap
-      tactemu truth truth.mcap --export thumb.csv --skin thumb
-      tactemu truth truth.mcap --export bus.log
-    """
-    from tactemu.cli.truths import export_log, print_summary
+      tactemu truth truth.mcap --to foxglove.mcap
+      tactemu truth truth.mcap --to thumb.csv --skin thumb
+      tactemu truth truth.mcap --to bus.log
 
-    if export is None:
+    Samples, frames, drops and injected faults of each device; --to writes a file beside the log, or the one named.
+    """
+    from tactemu.cli.truths import convert_log, print_summary
+
+    if to is None and export is None:
         print_summary(file, json=json)
     else:
-        export_log(file, export, skin=skin, sense=sense)
+        convert_log(file, to or str(export), skin=skin, sense=sense)
 
 
 @app.command()

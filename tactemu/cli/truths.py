@@ -1,4 +1,4 @@
-"""``tactemu truth FILE``: what a truth log holds, device by device; and its exports."""
+"""``tactemu truth FILE``: what a truth log holds, device by device; and its conversions."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tactemu.truth import COMMAND, Entry, Injection, Passage, PortEvent, Sample, entries
+from tactemu.truth import COMMAND, BodyPose, Entry, Injection, Passage, PortEvent, Sample, entries
 
 
 def summarise(path: str | Path) -> dict[str, dict[str, Any]]:
@@ -25,7 +25,7 @@ def summarise(path: str | Path) -> dict[str, dict[str, Any]]:
     for entry in entries(path):
         if isinstance(entry, PortEvent) and entry.is_command:
             commands[verb_of(entry)] += 1
-        else:
+        elif not isinstance(entry, BodyPose):
             found.setdefault(entry.device, _Tally()).add(entry)
     summary: dict[str, dict[str, Any]] = {device: tally.summary() for device, tally in found.items()}
     return summary | ({"": {"commands": dict(commands)}} if commands else {})
@@ -112,12 +112,14 @@ def _printable(text: str) -> str:
     return text if text.isprintable() else ascii(text)
 
 
-def export_log(path: Path, target: Path, *, skin: str | None, sense: str | None) -> None:
+def convert_log(path: Path, to: str, *, skin: str | None, sense: str | None) -> None:
     """Write what a log holds to a file of another format.
 
     Raises:
         TactemuError: no log, nothing of the kind in it, or a file that cannot be written.
     """
-    from tactemu.recordings.export import export
+    from tactemu.cli.progress import show_count
+    from tactemu.conversions import convert
 
-    print(f"{export(path, target, skin=skin, sense=sense)} rows written to {target}")
+    count, files = convert(path, to, skin=skin, sense=sense, watch=show_count)
+    print(f"{count} rows written to {', '.join(map(str, files))}")
