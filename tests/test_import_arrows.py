@@ -32,7 +32,8 @@ ARROWS = {
     "transports": (*LEAVES, "frame_text"),
     "imperfections": (*LEAVES, "plan"),
     "physics": (*LEAVES, "plan", "imperfections", "scene"),
-    "wire": (*LEAVES, "frame_text", "truth", "transports"),
+    "units": (),
+    "wire": (*LEAVES, "frame_text", "truth", "transports", "units"),
     "agenda": (),
     "calls": ("agenda",),
     "channel": (*LEAVES, "imperfections", "sampling", "scene", "statistics", "wire"),
@@ -48,21 +49,24 @@ ARROWS = {
         "sensing", "sources", "transports", "truth", "wire",
     ),
     "tune": (*LEAVES, "assembly", "channel", "clock", "emulator", "physics", "plan", "scene"),
-    "errand": ("emulator",),
-    "serving": (
-        *LEAVES, "assembly", "clock", "emulator", "errand", "kernels", "physics", "scenario", "scene", "transports",
-        "truth",
+    "control": (
+        *LEAVES, "assembly", "calls", "channel", "clock", "emulator", "scenario", "scene", "transports", "truth",
+        "units", "wire",
     ),
+    "serving": (*LEAVES, "assembly", "clock", "control", "kernels", "physics", "scene", "truth"),
     "exec": (*LEAVES, "serving", "transports", "wire"),
     "pytest_plugin": ("cli", "exec", "serving"),
     "doors": (*LEAVES, "serving"),
-    "tactemu": ("errors", "exec", "physics", "scene", "serving", "truth"),  # the public names, imported on first use
+    "tactemu": (  # the public names, imported on first use
+        "control", "errors", "exec", "physics", "scene", "serving", "truth",
+    ),
     "bench": (
         *LEAVES, "assembly", "clock", "collector", "emulator", "physics", "plan", "scene", "statistics", "tactemu",
         "transports", "truth", "tune", "wire",
     ),
     "cli": (
-        *LEAVES, "assembly", "bench", "channel", "clock", "collector", "conversions", "emulator", "exec", "frame_text",
+        *LEAVES, "assembly", "bench", "channel", "clock", "collector", "control", "conversions", "emulator", "exec",
+        "frame_text",
         "kernels", "recordings", "scenario", "scene", "serving", "statistics", "tactemu", "transports", "truth", "tune",
         "wire",
     ),

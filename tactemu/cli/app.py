@@ -21,6 +21,7 @@ A simulated tactile skin on the far end of the wire: real sensors' bytes and CAN
   tactemu exec anyskin -- ./driver     the driver finds it as /dev/ttyACM0
   tactemu explain anyskin              frames, taxels, and what is simulated and why
   tactemu new hand.toml                a scene file to start from
+  tactemu poke press --depth 1mm       what runs already is pressed, moved, broken
   tactemu tune hand.toml --rate 500    the most accurate setting that keeps a rate here
   tactemu check my_sensor.py:MySensor  what is wrong with a device of your own
 """,
@@ -141,9 +142,26 @@ def run(
     plain: Annotated[
         bool, typer.Option("--plain", help="Log lines instead of the picture, on a terminal too.")
     ] = False,
-    virtual: Annotated[
-        bool, typer.Option("--virtual", help="As fast as it can, on a virtual clock; needs --seconds.")
-    ] = False,
+    clock: Annotated[
+        str,
+        typer.Option(
+            metavar="CLOCK",
+            help="real; virtual: as fast as it can, needs --seconds; lockstep: time advances only by `poke step`.",
+        ),
+    ] = "real",
+    virtual: Annotated[bool, typer.Option("--virtual", hidden=True)] = False,
+    name: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="For `tactemu poke --name`; default: the target's."),
+    ] = None,
+    adjustable: Annotated[
+        list[str] | None,
+        typer.Option(metavar="OPTION", help="An imperfection that `poke set` shall switch on, or `dead`; repeatable."),
+    ] = None,
+    again: Annotated[
+        Path | None,
+        typer.Option(metavar="LOG", help="Do again what was done live in the run of this truth log."),
+    ] = None,
 ) -> None:
     """Put a device on a port and run it until Ctrl-C.
 
@@ -155,19 +173,34 @@ def run(
       tactemu run linker_hand_l6 --port can:socketcan:vcan0
       tactemu run hand.toml --fault 'unplug at 3s for 0.5s' --truth truth.mcap
       tactemu run my_sensor.py:MySensor --port tcp:127.0.0.1:5000
-      tactemu run anyskin --port memory: --virtual --seconds 10 --json
+      tactemu run anyskin --port memory: --clock virtual --seconds 10 --json
+      tactemu run hand.toml --name hand --adjustable noise      # and then `tactemu poke --help`
 
     One line says where the port is; then a live picture, or log lines when the output is no terminal.
     Exit code 0 after Ctrl-C, SIGTERM or --seconds; 130 after Ctrl-C before the port is there; 2 when something in the
     request is wrong.
     """
     from tactemu.cli.running import run_target
+    from tactemu.errors import SceneError
 
+    if virtual:
+        raise SceneError("--virtual is now --clock virtual")
     run_target(
         target, options=options or (), ports=tuple(port or ()), rates=tuple(rate or ()), seed=seed, seconds=seconds,
         compute=device, faults=tuple(fault or ()), truth=truth, keep=truth_keep,
-        style="json" if json else "plain" if plain else "auto", virtual=virtual, rerun=rerun_to or rerun,
+        style="json" if json else "plain" if plain else "auto", clock=clock, name=name,
+        adjustable=tuple(adjustable or ()), again=again, rerun=rerun_to or rerun,
     )  # fmt: skip
+
+
+@app.command(
+    context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []},
+)
+def poke(context: typer.Context) -> None:
+    """Do something to a running emulator: press, move, break, look."""
+    from tactemu.cli.poking import main
+
+    main(context.args)
 
 
 @app.command("exec")

@@ -9,20 +9,34 @@ from typing import Any
 
 import numpy as np
 
-from tactemu.truth import BodyPose, Entry, Injection, Passage, PortEvent, Sample, entries
+from tactemu.truth import COMMAND, BodyPose, Entry, Injection, Passage, PortEvent, Sample, entries
 
 
 def summarise(path: str | Path) -> dict[str, dict[str, Any]]:
-    """Per device: samples, rate, frames both ways, drops by reason, faults by name, events, largest reading.
+    """Per device: samples, rate, frames both ways, drops by reason, faults by name, events, largest reading. Under ""
+    what was done to the emulator live, if anything was.
+
 
     Raises:
         TactemuError: the file cannot be read, or is no truth log.
     """
     found: dict[str, _Tally] = {}
+    commands: Counter[str] = Counter()
     for entry in entries(path):
-        if not isinstance(entry, BodyPose):
+        if isinstance(entry, PortEvent) and entry.is_command:
+            commands[verb_of(entry)] += 1
+        elif not isinstance(entry, BodyPose):
             found.setdefault(entry.device, _Tally()).add(entry)
-    return {device: tally.summary() for device, tally in found.items()}
+    summary: dict[str, dict[str, Any]] = {device: tally.summary() for device, tally in found.items()}
+    return summary | ({"": {"commands": dict(commands)}} if commands else {})
+
+
+def verb_of(command: PortEvent) -> str:
+    """Of a command in a log."""
+    try:
+        return str(json_module.loads(command.what.removeprefix(COMMAND))["verb"])
+    except (ValueError, TypeError, KeyError, RecursionError):
+        return "unreadable"
 
 
 class _Tally:
@@ -84,7 +98,7 @@ def print_summary(path: Path, *, json: bool = False) -> None:
         print(json_module.dumps(summary))
         return
     for device, entry in summary.items():
-        print(_printable(device))
+        print(_printable(device) or "live")
         for name, value in entry.items():
             if isinstance(value, dict):
                 value = ", ".join(f"{_printable(what)} {count}" for what, count in sorted(value.items())) or "none"

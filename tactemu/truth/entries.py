@@ -19,6 +19,9 @@ VERSION = 2
 LARGEST_TIME = 2**63 - 1
 """Times are integers of 64 bits [ns]."""
 
+COMMAND = "command "
+"""What the text of an event begins with that is a command; the rest of it is JSON."""
+
 Direction = Literal["tx", "rx", "drop"]
 
 
@@ -67,11 +70,16 @@ class Injection(NamedTuple):
 
 
 class PortEvent(NamedTuple):
-    """``opened``, ``closed``, ``baud 9600`` ..."""
+    """``opened``, ``closed``, ``baud 9600`` ...; of no device: ``command`` and what was done to it live, in JSON."""
 
     t_ns: int
     device: str
     what: str
+
+    @property
+    def is_command(self) -> bool:
+        """Whether it is something that was done to the emulator while it ran."""
+        return not self.device and self.what.startswith(COMMAND)
 
 
 class BodyPose(NamedTuple):

@@ -59,7 +59,7 @@ class LinesWriter:
         self._put(head[:-1])
         for name in arrays:
             self._put(f',"{name}":')
-            for part in _array(row[name]):
+            for part in array_text(row[name]):
                 self._put(part)
                 yield
         self._put("}\n")
@@ -107,7 +107,7 @@ def row_of(entry: Entry) -> dict[str, Any]:
     return row | {"kind": "event", "what": entry.what}
 
 
-def _array(values: np.ndarray) -> Iterator[str]:
+def array_text(values: np.ndarray) -> Iterator[str]:
     """An array as JSON, in pieces."""
     if values.ndim == 0:
         yield json.dumps(_plain(values.reshape(1))[0])

@@ -106,6 +106,8 @@ class Log(Mapping[str, SkinLog]):
     """Those of the scene, by name."""
     scene: Mapping[str, Any] | None = None
     """What is where: bodies with their shapes, skins with their taxels (``docs/truth-log.md``)."""
+    commands: tuple[PortEvent, ...] = ()
+    """What was done to the emulator while it ran."""
 
     def __getitem__(self, device: str) -> SkinLog:
         """The part of one skin.
@@ -133,6 +135,7 @@ def read_log(path: str | Path) -> Log:
     found: dict[str, dict[type, list]] = {}
     header, lost = Header(), 0
     poses: dict[str, list[BodyPose]] = {}
+    commands: list[PortEvent] = []
     for entry in records(path):
         if isinstance(entry, Header):
             header = entry
@@ -140,12 +143,14 @@ def read_log(path: str | Path) -> Log:
             lost = entry.lost
         elif isinstance(entry, BodyPose):
             poses.setdefault(entry.body, []).append(entry)
+        elif isinstance(entry, PortEvent) and entry.is_command:
+            commands.append(entry)
         else:
             kinds = found.setdefault(entry.device, {Sample: [], Passage: [], Injection: [], PortEvent: []})
             kinds[type(entry)].append(entry)
     skins = {device: _skin(kinds) for device, kinds in found.items()}
     bodies = {body: _poses(those) for body, those in poses.items()}
-    return Log(skins, header.origin_ns, lost, bodies, header.scene)
+    return Log(skins, header.origin_ns, lost, bodies, header.scene, tuple(commands))
 
 
 def _poses(poses: list[BodyPose]) -> Poses:
