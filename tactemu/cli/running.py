@@ -6,6 +6,7 @@ import re
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -78,7 +79,7 @@ def run_target(
         if again is not None:
             play_again(control, again)
         with _shown(log, rerun) if rerun else nullcontext():
-            listen = lambda: _listen(control, name, target)  # noqa: E731
+            listen = partial(_listen, control, name, target)
             run_emulator(control.emulator, seconds=seconds, style=style, listen=listen)
     finally:
         log.close()

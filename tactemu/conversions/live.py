@@ -11,6 +11,7 @@ import contextlib
 import errno
 import importlib.util
 import os
+import select
 import subprocess
 import sys
 import tempfile
@@ -20,8 +21,8 @@ from pathlib import Path
 
 from tactemu.conversions.converting import EXTRA
 from tactemu.errors import TactemuError
+from tactemu.truth import packed
 from tactemu.truth.entries import End, Header
-from tactemu.truth.reading import records
 from tactemu.truth.truth import Truth
 
 _START_S, _END_S = 60.0, 60.0
@@ -47,8 +48,11 @@ def shown(truth: Truth, url: str | None = None) -> Iterator[None]:
         command = [sys.executable, "-m", "tactemu.conversions.live", str(pipe), *([url] if url else [])]
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True)
         try:
-            _await_reader(pipe, process)
-            truth.write_also(pipe, flush_s=0.1)
+            held = _reached(pipe, process)
+            try:
+                truth.write_also(pipe, flush_s=0.1)
+            finally:
+                os.close(held)
             yield
         finally:
             truth.close()
@@ -59,13 +63,12 @@ def shown(truth: Truth, url: str | None = None) -> Iterator[None]:
                 process.wait()
 
 
-def _await_reader(pipe: Path, process: subprocess.Popen) -> None:
-    """Wait until the process has opened its end: who opens the other one before would wait for ever."""
+def _reached(pipe: Path, process: subprocess.Popen) -> int:
+    """The pipe opened, once the process has opened its end: who opens this one before would wait for ever."""
     end = time.monotonic() + _START_S
     while process.poll() is None and time.monotonic() < end:
         try:
-            os.close(os.open(pipe, os.O_WRONLY | os.O_NONBLOCK))
-            return
+            return os.open(pipe, os.O_WRONLY | os.O_NONBLOCK)
         except OSError as error:
             if error.errno != errno.ENXIO:
                 raise
@@ -76,16 +79,19 @@ def _await_reader(pipe: Path, process: subprocess.Popen) -> None:
 def main() -> int:
     """Send on what comes through the pipe, until it ends."""
     pipe, url = Path(sys.argv[1]), sys.argv[2] if len(sys.argv) > 2 else None
-    own = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)  # from here on the emulator may write
+    content = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)  # from here on the emulator may write
+    os.set_blocking(content, True)
     from tactemu.conversions.rerun import RerunFile
 
     viewer = RerunFile(None)
     viewer.connect(url)
+    begun = select.poll()
+    begun.register(content, select.POLLIN)
+    begun.poll()  # a pipe that nobody has opened yet for writing is at its end
     try:
-        for record in records(pipe):
+        for record in packed.read(os.fdopen(content, "rb")):
             if isinstance(record, Header):
                 viewer.begin(record)
-                os.close(own)
             elif not isinstance(record, End):
                 viewer.add(record)
                 if viewer.due():

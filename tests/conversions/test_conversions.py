@@ -1,12 +1,12 @@
 """A truth log converted: programs of others open the files and find the values of the truth, bit for bit."""
 
 import contextlib
+import importlib.util
 import json
-import signal
 import socket
 import subprocess
-import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -291,20 +291,21 @@ def test_a_run_is_shown_as_it_goes_on(tmp_path):
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]
     saved, log = tmp_path / "seen.rrd", tmp_path / "truth.mcap"
-    command = [sys.executable, "-m", "rerun", "--save", str(saved), "--port", str(port), "--bind", "127.0.0.1"]
+    program = Path(importlib.util.find_spec("rerun_cli").origin).with_name("rerun")
+    command = [program, "--save", str(saved), "--port", str(port), "--bind", "127.0.0.1"]
     said = tmp_path / "said.txt"
     with said.open("wb") as out:
         viewer = subprocess.Popen(command, env=environment(), stdout=out, stderr=out)
     try:
         in_time(lambda: "Listening for" in said.read_text())
-        run = ("run", "flexitac", "rows=3", "cols=4", "--port", "memory:", "--virtual", "--seconds", "3")
+        run = ("run", "flexitac", "rows=3", "cols=4", "--port", "memory:", "--clock", "virtual", "--seconds", "3")
         done = tactemu(*run, "--truth", str(log), "--rerun-to", f"rerun+http://127.0.0.1:{port}/proxy")
         assert done.returncode == 0, done.stderr
         truth = tt.read_log(log)["flexitac"]
         seen = in_time(lambda: curves(saved, "/values/flexitac/measured", len(truth.t_ns)))
     finally:
-        viewer.send_signal(signal.SIGINT)
-        viewer.wait(20)
+        viewer.kill()
+        viewer.wait()
     assert sorted(seen) == truth.t_ns.tolist() and np.abs(truth.measured).max() > 0
     assert np.array_equal([seen[t] for t in truth.t_ns.tolist()], truth.measured.reshape(len(seen), -1).astype(float))
 
