@@ -36,25 +36,22 @@ def of_virtual_time(tmp_path_factory):
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize(("port", "steps"), [("pty", 1000), ("tcp", 200)])
-def test_a_thousand_steps_by_a_client_give_the_bytes_of_virtual_time(tmp_path, of_virtual_time, port, steps):
+def test_a_thousand_steps_by_a_client_give_the_bytes_of_virtual_time(tmp_path, of_virtual_time):
     """In a process of its own, which is stopped for a while as by a debugger; a driver reads all along."""
     log = tmp_path / "log.mcap"
-    address = f"pty:{tmp_path / 'port'}" if port == "pty" else "tcp:127.0.0.1:0"
-    options = ("--clock", "lockstep", "--seed", "7", "--truth", str(log), "--name", f"held-{port}")
-    run = start("run", "anyskin", "--port", address, "--json", *options)
+    options = ("--clock", "lockstep", "--seed", "7", "--truth", str(log), "--name", "held")
+    run = start("run", "anyskin", "--port", f"pty:{tmp_path / 'port'}", "--json", *options)
     assert run.stdout and run.stderr
     try:
         run.stdout.readline()
-        with tt.connect(f"held-{port}") as held:
-            url = held.state()["skins"]["anyskin"]["ports"][""]
-            with serial.serial_for_url(url, 115_200, timeout=5) as driver:
+        with tt.connect("held") as held:
+            with serial.Serial(held.state()["skins"]["anyskin"]["ports"][""], 115_200, timeout=5) as driver:
                 time.sleep(0.2)  # until the open port has been noticed
                 assert held.state()["t_s"] == 0.0, "time stands"
                 read = b""
-                for k in range(steps):
+                for k in range(1000):
                     assert held.step() == pytest.approx((k + 1) * 1e-3)
-                    if k == steps // 2:
+                    if k == 500:
                         os.kill(run.pid, signal.SIGSTOP)
                         time.sleep(PAUSE_S)
                         os.kill(run.pid, signal.SIGCONT)
@@ -64,9 +61,21 @@ def test_a_thousand_steps_by_a_client_give_the_bytes_of_virtual_time(tmp_path, o
         assert run.wait(20) == 0, run.stderr.read()
     finally:
         run.kill()
-    assert sent(log) == [entry for entry in of_virtual_time if entry[0] <= steps * 1_000_000]
+    assert sent(log) == of_virtual_time
     assert read in b"".join(frame for _, frame in of_virtual_time)
-    assert len(read) == (steps // 10 - 1) * FRAME
+    assert len(read) == 99 * FRAME
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("port", ["tcp:0", "rfc2217:0", "pty:"])
+def test_a_driver_reads_what_a_step_has_sent(of_virtual_time, port):
+    with tt.serve("anyskin", port, clock="lockstep", seed=7) as dev:
+        with serial.serial_for_url(dev.port, 115_200, timeout=5) as driver:
+            dev.wait_for_driver()
+            for k in range(5):
+                dev.step(seconds=0.02)
+                expected = [frame for t_ns, frame in of_virtual_time if k * 20e6 < t_ns <= (k + 1) * 20e6]
+                assert driver.read(sum(map(len, expected))) == b"".join(expected)
 
 
 def asked(pause_s: float) -> list:
