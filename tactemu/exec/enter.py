@@ -11,7 +11,7 @@ import sys
 
 from tactemu.exec import system
 
-PRELOAD = "/dev/.tactemu/preload.so"
+PRELOAD = "/run/udev/.tactemu/preload.so"
 """In the view: a path without spaces that everybody may read."""
 FAILED, NOT_EXECUTABLE, NOT_FOUND = 125, 126, 127
 

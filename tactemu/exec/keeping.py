@@ -13,13 +13,15 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from tactemu.errors import TactemuError
+from tactemu.errors import TactemuError, TransportUnavailable
 
 ROOT = str(Path(__file__).parents[2])
 _START = "import sys; sys.path.insert(0, sys.argv[1]); from tactemu.exec.{0} import main; "
 _PATIENCE_S = 20.0
 """For an answer: longer than a loaded machine needs for a few system calls."""
 _LONGEST = 65_536
+_FORBIDDEN = (errno.EPERM, errno.EACCES, errno.ENOSPC, errno.EUSERS)
+"""Errors of a kernel that lets nobody, or not this user, have namespaces."""
 
 
 def python(module: str, call: str, *words: str) -> list[str]:
@@ -34,7 +36,7 @@ class Keeper:
         preload: path of the preload library; empty: there is none.
 
     Raises:
-        TactemuError: this machine lets nobody, or not this user, have namespaces.
+        TransportUnavailable: this is no Linux.
     """
 
     def __init__(self, preload: str = ""):
@@ -58,14 +60,17 @@ class Keeper:
         """Until the view is there; it is made while the emulator is.
 
         Raises:
-            TactemuError: it cannot be.
+            TransportUnavailable: the kernel lets nobody, or not this user, have one; the message says what helps.
+            TactemuError: it cannot be made.
         """
         if self._ready:
             return
         answer, _ = self._receive()
         if "error" in answer:
             self.close()
-            raise TactemuError(_explained(answer["error"], answer["number"]))
+            if answer["number"] in _FORBIDDEN:
+                raise TransportUnavailable(_explained(answer["error"]))
+            raise TactemuError(f"cannot make a view of the machine: {answer['error']}")
         self._ready = True
 
     def ask(self, do: str, **given: Any) -> tuple[dict[str, Any], list[int]]:
@@ -106,10 +111,8 @@ class Keeper:
         self._process.wait()
 
 
-def _explained(what: str, number: int) -> str:
-    """Why there is no view, and the command that helps."""
-    if number not in (errno.EPERM, errno.EACCES, errno.ENOSPC, errno.EUSERS):
-        return f"cannot make a view of the machine: {what}"
+def _explained(what: str) -> str:
+    """Why nobody may have a view here, and the command that helps."""
     for name, forbids, who in _SWITCHES:
         if _read(f"/proc/sys/{name}") == forbids:
             setting = f"{name.replace('/', '.')}={_ALLOW[forbids]}"
