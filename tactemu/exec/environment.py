@@ -114,6 +114,12 @@ class ExecEnvironment:
         """Path of each port in the view, by skin, or by ``SKIN/CONNECTOR``."""
         return {title: port.address for title, port in self._ports.items()}
 
+    @property
+    def keeper(self) -> int:
+        """Process id of the view's keeper; its namespaces are the view."""
+        assert self._keeper is not None, "use it in a with statement"
+        return self._keeper.pid
+
     def command(self, command: Sequence[str | os.PathLike[str]]) -> list[str]:
         """A command line that runs ``command`` in the view, whoever starts it: ``subprocess``, a shell, a launcher.
 
