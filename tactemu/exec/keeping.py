@@ -14,19 +14,19 @@ from pathlib import Path
 from typing import Any
 
 from tactemu.errors import TactemuError, TransportUnavailable
+from tactemu.exec import enter
 
-ROOT = str(Path(__file__).parents[2])
-_START = "import sys; sys.path.insert(0, sys.argv[1]); from tactemu.exec.{0} import main; "
+_PYTHON = (sys.executable, "-I", "-S")
+"""Without site-packages: what runs in the view's own processes needs nothing of them."""
+_START = (
+    "import sys; sys.path.insert(0, sys.argv[1]); from tactemu.exec.keeper import main\n"
+    "main(int(sys.argv[2]), int(sys.argv[3]), sys.argv[4])"
+)
 _PATIENCE_S = 20.0
 """For an answer: longer than a loaded machine needs for a few system calls."""
 _LONGEST = 65_536
 _FORBIDDEN = (errno.EPERM, errno.EACCES, errno.ENOSPC, errno.EUSERS)
 """Errors of a kernel that lets nobody, or not this user, have namespaces."""
-
-
-def python(module: str, call: str, *words: str) -> list[str]:
-    """A command that runs ``main`` of a module of this package, in a Python that imports nothing else."""
-    return [sys.executable, "-I", "-S", "-c", _START.format(module) + call, ROOT, *words]
 
 
 class Keeper:
@@ -50,7 +50,7 @@ class Keeper:
         words = (str(theirs.fileno()), str(os.getpid()), preload)
         with theirs:
             self._process = subprocess.Popen(
-                python("keeper", "main(int(sys.argv[2]), int(sys.argv[3]), sys.argv[4])", *words),
+                [*_PYTHON, "-c", _START, str(Path(__file__).parents[2]), *words],
                 stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, pass_fds=[theirs.fileno()], start_new_session=True,
             )  # fmt: skip
         self.pid = self._process.pid
@@ -101,7 +101,7 @@ class Keeper:
 
     def enter(self, command: list[str]) -> list[str]:
         """A command that is ``command`` in the view."""
-        return python("enter", "main(int(sys.argv[2]), sys.argv[3:])", str(self.pid), *command)
+        return [*_PYTHON, enter.__file__, str(self.pid), *command]
 
     def close(self) -> None:
         """Let it unplug everything and end. Safe to call twice."""

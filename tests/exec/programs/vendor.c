@@ -25,6 +25,7 @@ static void *wait_for_unplug(void *result) {
 }
 
 int main(int count, char **words) {
+    (void)words;
     fd = open("/dev/ttyUSB0", O_RDWR | O_NOCTTY);
     if (fd < 0) return perror("/dev/ttyUSB0"), 1;
     printf("opened %x\n", lines());
