@@ -15,7 +15,8 @@ transport it runs.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -62,7 +63,12 @@ class Emulator:
         clock: real time by default; a :class:`~tactemu.clock.VirtualClock` runs as fast as it can.
         truth: where samples, frames and faults are logged.
         catch_up_steps: a loop that is late by a period takes at most so many simulation steps for one sample.
+        made_of: what it was assembled from, as plain data: a state of another is refused by what differs.
     """
+
+    not_state: ClassVar[tuple[str, ...]] = (
+        "catch_up_steps", "clock", "look_ahead_ns", "made_of", "running", "_calls", "_channels", "_resumed",
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -72,7 +78,9 @@ class Emulator:
         clock: Clock | None = None,
         truth: Truth | None = None,
         catch_up_steps: int = 50,
+        made_of: Mapping[str, Any] | None = None,
     ):
+        self.made_of = made_of or {}
         self.catch_up_steps = catch_up_steps
         self.simulation = simulation
         self.channels = list(channels)
@@ -87,10 +95,12 @@ class Emulator:
         self.look_ahead_ns: int | None = None
         """In real time the simulation is at most so far ahead (or a step, if that is longer); ``None``: any way."""
         self._channels = {channel.name: channel for channel in self.channels}
-        self._agenda: Agenda[Action | Guest] = Agenda()
-        self._outbox: Agenda[Action] = Agenda()
+        self._agenda: Agenda[Action | Guest] = Agenda(self._knows)
+        self._outbox: Agenda[Action] = Agenda(self._knows)
         """Samples until their release times."""
         self._calls = Calls()
+        self._resumed = False
+        """Whether it goes on from a state, rather than from power-up."""
 
     # -- life ------------------------------------------------------------------------------------------------------
 
@@ -109,9 +119,12 @@ class Emulator:
                 wire.open()
             self._calls.open()
             self.clock.start()
-            self.now_ns = self.clock.now_ns()
+            if self._resumed:
+                self.clock.set_ns(self.now_ns)
+            else:  # the same moments, whatever the clock
+                self.now_ns = self.clock.now_ns() if self.clock.virtual else 0
             self.truth.begin(self.clock.origin_ns, patient=self.clock.virtual)
-            for channel in self.channels:
+            for channel in () if self._resumed else self.channels:
                 self._power_on(channel)
         except BaseException:
             self.close()
@@ -168,8 +181,7 @@ class Emulator:
     def step(self, end_ns: int | None = None) -> None:
         """One turn: commands in, samples taken, frames out, calls, then wait for whatever comes next."""
         now = self.now_ns = self.clock.now_ns()
-        for action in self._agenda.due(now):
-            self._do(action)
+        self.act()
         for wire in self.wires:
             self._listen(wire, now)
             if not self.clock.virtual:  # an answer does not wait for the physics of a sample
@@ -371,6 +383,11 @@ class Emulator:
         thread, or before it runs."""
         self._agenda.put(t_ns, action)
 
+    def act(self) -> None:
+        """Do what is planned until now."""
+        for action in self._agenda.due(self.now_ns):
+            self._do(action)
+
     def hang(self, until_ns: int, name: str | None = None) -> None:
         """Let the device ``name`` (default: every one) neither sample nor hear until ``until_ns``, then go on."""
         for channel in self._named(name):
@@ -392,6 +409,44 @@ class Emulator:
         if action.life is None or action.life == channel.lives:
             ACTIONS[action.name](self, channel, *action.args)
 
+    def _knows(self, action: Action) -> bool:
+        return isinstance(action, Action) and action.name in ACTIONS and action.channel in self._channels
+
+    # -- saving --------------------------------------------------------------------------------------------------------
+
+    def snapshot(self) -> dict[str, Any]:
+        """The whole state as plain data, for :meth:`restore`. Call between two turns: from :meth:`call`, or while it
+        does not run.
+
+        Raises:
+            StateError: some part of it cannot be saved.
+        """
+        from tactemu.saving import snapshots
+
+        return snapshots.take(self)
+
+    def restore(self, state: Mapping[str, Any] | str | Path) -> None:
+        """Go on from a state, or from a file of one, as often as you like. Call between two turns, or before it opens:
+        then nothing powers up.
+
+        Raises:
+            StateError: it is not one of such an emulator; says what differs. Nothing has changed.
+        """
+        from tactemu.saving import snapshots
+
+        snapshots.restore(self, state)
+        self._resumed = True
+
+    def save(self, path: str | Path) -> int:
+        """Write the state to a file; returns its size [byte]. Call as :meth:`snapshot`.
+
+        Raises:
+            StateError: some part of it cannot be saved, or the file cannot be written.
+        """
+        from tactemu.saving import snapshots
+
+        return snapshots.save(self, path)
+
     # -- what befalls a device -----------------------------------------------------------------------------------------
 
     def _hang(self, channel: Channel, until_ns: int) -> None:
@@ -402,9 +457,10 @@ class Emulator:
         self._inject(channel, "reset")
         self._power_on(channel)
 
-    def _set(self, channel: Channel, option: str, value: Any) -> None:
-        channel.imperfections.set(option, value)
-        self._inject(channel, "set", f"{option} = {value}")
+    def _set(self, channel: Channel, option: str, value: Any, taxels: Sequence[int] | None = None) -> None:
+        channel.imperfections.set(option, value, None, taxels)
+        of = "" if taxels is None else f" of {' '.join(map(str, taxels))}"
+        self._inject(channel, "set", f"{option} = {value}{of}")
 
     def _kill(self, channel: Channel, taxels: Sequence[int], value: float | None) -> None:
         channel.imperfections.set_dead(list(taxels), True, value)
@@ -417,12 +473,18 @@ class Emulator:
     def _inject(self, channel: Channel, what: str, detail: str = "") -> None:
         self.truth.inject(self.now_ns, channel.name, what, detail)
 
+    def _plans(self) -> list[int | None]:
+        """When something is due, samples aside."""
+        return [*(wire.next_due_ns() for wire in self.wires), self._agenda.next_ns, self._outbox.next_ns]
+
+    @property
+    def settled(self) -> bool:
+        """Whether everything that is due in this turn has been done."""
+        return min(self._deadlines(*self._plans()), default=self.now_ns + 1) > self.now_ns
+
     def _wait(self, end_ns: int | None, look_ns: int | None) -> None:
         """Until whatever comes next, or until it is time to look ahead again."""
-        wires = [wire.next_due_ns() for wire in self.wires]
-        deadlines = self._deadlines(
-            *wires, self._agenda.next_ns, self._outbox.next_ns, self._calls.next_ns, look_ns, end_ns
-        )
+        deadlines = self._deadlines(*self._plans(), self._calls.next_ns, look_ns, end_ns)
         filenos = [fileno for wire in self.wires for fileno in wire.filenos()] + self._calls.filenos
         poll = any(not wire.filenos() for wire in self.wires)
         self.clock.wait(min(deadlines, default=None), filenos, poll=poll)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -15,11 +16,29 @@ class Lateness:
         self.count = 0
         self.max_ns = 0
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the room that is not used yet."""
+        kept = self._values[: min(self.count, len(self._values))]
+        return {"values": kept, "count": self.count, "max_ns": self.max_ns}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """As made, and then told so many values."""
+        self.__init__()
+        kept = state["values"]
+        self._values[: len(kept)] = kept
+        self.count, self.max_ns = state["count"], state["max_ns"]
+
     def add(self, late_ns: int) -> None:
         """Note one deadline met ``late_ns`` after its time."""
         self._values[self.count % len(self._values)] = late_ns
         self.count += 1
         self.max_ns = max(self.max_ns, late_ns)
+
+    def copy(self) -> Lateness:
+        """As it is now."""
+        twin = Lateness(0)
+        twin._values, twin.count, twin.max_ns = self._values.copy(), self.count, self.max_ns
+        return twin
 
     def percentile_ns(self, q: float) -> float:
         """The q-th percentile [ns]; 0 before the first deadline."""
@@ -68,6 +87,11 @@ class ChannelStatistics:
         if stream not in self.streams:
             self.streams[stream] = StreamStatistics(due_ns)
         self.streams[stream].add(due_ns)
+
+    def copy(self) -> ChannelStatistics:
+        """As they are now."""
+        streams = {name: replace(each) for name, each in self.streams.items()}
+        return replace(self, streams=streams, lateness=self.lateness.copy())
 
     @property
     def last_ns(self) -> int:
