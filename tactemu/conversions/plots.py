@@ -224,7 +224,7 @@ def _page(series: Series, title: str) -> bytes:
             axes.set_title(name)
             figure.patch.set_alpha(0)
             axes.patch.set_alpha(0)
-            text = _saved(figure, "svg").decode()
+            text = re.sub(r"<metadata>.*?</metadata>", "", _saved(figure, "svg").decode(), flags=re.DOTALL)
         text = re.sub(r'(id="|href="#|url\(#)', rf"\1p{k}-", text[text.index("<svg") :])
         figures.append(f"<figure>{text.replace(_TEXT, 'currentColor')}</figure>")
     span = (series.t_ns[-1] - series.t_ns[0]) / 1e9
