@@ -69,6 +69,14 @@ def test_a_call_that_waits_ends_when_the_port_goes(exec_environment, compiled):
     assert others == ["waited 5", "write -1 5", "lines -5", f"poll {EVERYTHING:x}"]
 
 
+def test_a_forked_child_of_the_test_unplugs_nothing(exec_environment):
+    env = exec_environment("flexitac")
+    if (child := os.fork()) == 0:
+        os._exit(0)
+    os.waitpid(child, 0)
+    assert env.run(["test", "-c", "/dev/ttyUSB0"]).returncode == 0
+
+
 @pytest.mark.parametrize("cycles", [25])
 def test_many_times_leave_nothing(exec_environment, cycles):
     """`tactemu bench exec` does 1000."""
