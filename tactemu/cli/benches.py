@@ -19,7 +19,9 @@ Measure speed on this machine. Figures are medians; compare those of one run.
   tactemu bench layer      the elastic layer: grids, contact areas, batches
   tactemu bench trade      error against truth and cost of every level of fidelity
   tactemu bench soak       half an hour at 1 kHz and 5 % faults: what grows, what is lost
+  tactemu bench control    live commands: how soon they are felt, what they cost
   tactemu bench wire       cost of a frame between device and port
+  tactemu bench exec       cost of a driver's view of the machine, and 1000 times unplugged
 """,
 )
 
@@ -76,6 +78,17 @@ def soak(
 
 
 @bench.command()
+def control(
+    seconds: Annotated[float, typer.Option(metavar="S", min=1.0, help="Length of each of two runs.")] = 60.0,
+    out: Out = None,
+) -> None:
+    """10,000 commands a minute to one of two skins at 1 kHz: lateness, effect, the other skin's bytes."""
+    from tactemu.bench.control import run
+
+    save(run(typer.echo, seconds=seconds), out)
+
+
+@bench.command()
 def wire(
     repeats: Annotated[int, typer.Option(metavar="N", min=1, help="Runs of each stage.")] = 7, out: Out = None
 ) -> None:
@@ -83,6 +96,19 @@ def wire(
     from tactemu.bench.wire import run
 
     save(run(typer.echo, repeats=repeats), out)
+
+
+@bench.command("exec")
+def execute(
+    cycles: Annotated[int, typer.Option(metavar="N", min=1, help="How often the device is unplugged.")] = 1000,
+    out: Out = None,
+) -> None:
+    """What a program that `tactemu exec` starts pays: its start, a read, a write; and what unplugging leaves."""
+    from tactemu.bench.exec import run
+    from tactemu.kernels import start_quietly
+
+    start_quietly()
+    save(run(typer.echo, cycles=cycles), out)
 
 
 @bench.command()

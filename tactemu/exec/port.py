@@ -35,8 +35,11 @@ class Node:
     """
 
     def __init__(self, ask: Ask, usb: Mapping[str, Any], *, number: int | None, plug: int):
-        self._ask, self._usb, self._number, self._plug = ask, dict(usb), number, plug
+        self._ask, self._usb, self._plug = ask, dict(usb), plug
+        self.number = number
         self.path = Path()
+        self._maker = 0
+        """Process that plugged it in; what a forked child closes stays plugged in."""
         self._page: mmap.mmap | None = None
         self._pipe = -1
 
@@ -50,8 +53,8 @@ class Node:
             _, shared = self._ask("replace", node=self.path.name, pty=pty)
             self._leave()
         else:
-            answer, shared = self._ask("plug", usb=self._usb, pty=pty, number=self._number, plug=self._plug)
-            self.path = Path("/dev", answer["node"])
+            answer, shared = self._ask("plug", usb=self._usb, pty=pty, number=self.number, plug=self._plug)
+            self.path, self._maker = Path("/dev", answer["node"]), os.getpid()
         memory, self._pipe = shared
         self._page = mmap.mmap(memory, page.PAGE.size)
         os.close(memory)
@@ -60,7 +63,8 @@ class Node:
         """Pull the device out. Safe to call twice."""
         if self._page is not None:
             self._leave()
-            self._ask("unplug", node=self.path.name)
+            if self._maker == os.getpid():
+                self._ask("unplug", node=self.path.name)
 
     def _leave(self) -> None:
         assert self._page is not None
@@ -102,6 +106,11 @@ class UsbPort(PtyTransport):
         self._control = 0
         """The control flags that the driver has asked for, with those that a pseudo terminal does not keep."""
         self._breaks_heard = False
+
+    @property
+    def number(self) -> int | None:
+        """Of the node, if it always has the same."""
+        return self._node.number
 
     def fit(self, connector: Connector) -> None:
         """A break is a byte of zeros to a UART; USB has a request for it, which firmware ignores."""
