@@ -119,7 +119,7 @@ def size_of(entry: Entry) -> int:
         return size_of_sample(entry)
     if isinstance(entry, Passage):
         return size_of_frame(entry.frame)
-    texts = (entry.detail, entry.before, *entry.after) if isinstance(entry, Injection) else ()
+    texts = (entry.detail, entry.before, *entry.after) if isinstance(entry, Injection) else (str(entry.what),)
     return _OBJECTS_OF_FRAME + sum(map(len, texts))
 
 
