@@ -16,7 +16,6 @@ from tactemu.assembly import Assembled, Wishes, assemble
 from tactemu.bench import physics
 from tactemu.bench.timing import Report
 from tactemu.clock import VirtualClock
-from tactemu.kernels import start_quietly
 from tactemu.physics.simulation import Simulation
 from tactemu.scene import file
 from tactemu.truth import Truth
@@ -58,7 +57,6 @@ HEAD = f"{'':<28} {'taxels':>6} {'state':>11} {'save':>10} {'restore':>10} {'bui
 
 def run(say: Report, *, repeats: int = 10, forks: int = 100, only: str = "") -> list[dict[str, Any]]:
     """Measure every device and model whose name contains ``only``; returns the figures."""
-    start_quietly()
     measures = {name: partial(of_device, name, repeats, forks) for name in DEVICES}
     measures |= {name: partial(of_model, name, repeats, forks) for name in physics.sensors()}
     say(HEAD)

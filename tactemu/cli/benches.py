@@ -95,7 +95,9 @@ def state(
 ) -> None:
     """What a saved state takes of disk and time, and a fork of memory, for some devices and every sensor model."""
     from tactemu.bench.state import run
+    from tactemu.kernels import start_quietly
 
+    start_quietly()
     save(run(typer.echo, repeats=repeats, forks=forks, only=only), out)
 
 

@@ -6,6 +6,7 @@ import re
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -47,6 +48,9 @@ def run_target(
     name: str | None = None,
     adjustable: tuple[str, ...] = (),
     again: Path | None = None,
+    restore: Path | None = None,
+    save: Path | None = None,
+    save_at: float | None = None,
 ) -> None:
     """Run a device or a scene; ``style`` is auto, plain or json.
 
@@ -65,6 +69,8 @@ def run_target(
         raise SceneError(f"--clock {clock}: expected {', '.join(clocks)}{nearest(clock, clocks)}")
     if clock == "virtual" and seconds is None:
         raise SceneError("--clock virtual runs as fast as it can and would never end; say how long with --seconds")
+    if save_at is not None and save is None:
+        raise SceneError("--save-at says when: say with --save where to")
     wishes = Wishes(
         port=ports_of(ports), rate_hz=rate_of(rates), faults=faults, seed=seed, compute=compute, adjustable=adjustable
     )
@@ -73,9 +79,16 @@ def run_target(
     log = truth_of(loaded, truth, keep)
     try:
         control = Control(assemble(loaded, wishes, clock=clocks[clock](), truth=log))
+        if restore is not None:
+            control.emulator.restore(restore)
         if again is not None:
             play_again(control, again)
-        run_emulator(control.emulator, seconds=seconds, style=style, listen=lambda: _listen(control, name, target))
+        if save is not None and save_at is not None:
+            control.emulator.call(partial(control.emulator.save, save), round(save_at * 1e9))
+        run_emulator(
+            control.emulator, seconds=seconds, style=style, listen=lambda: _listen(control, name, target),
+            save=save if save_at is None else None,
+        )  # fmt: skip
     finally:
         log.close()
 
@@ -138,6 +151,7 @@ def run_emulator(
     seconds: float | None,
     style: str,
     listen: Callable[[], AbstractContextManager] = nullcontext,
+    save: Path | None = None,
 ) -> None:
     """Run an assembled emulator with a picture, log lines or JSON lines, until it is told to stop."""
     console = Console(highlight=False)
@@ -155,6 +169,8 @@ def run_emulator(
             _report_regularly(emulator, say)
         with listen(), view:
             emulator.run(seconds)
+        if save is not None:
+            emulator.save(save)
         summaries = [statistics_of(emulator, channel) for channel in emulator.channels]
     for entry in summaries:
         say("summary", **entry)
