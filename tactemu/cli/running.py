@@ -22,6 +22,7 @@ from tactemu.emulator import Emulator
 from tactemu.errors import SceneError, TransportError, nearest
 from tactemu.kernels import start_quietly
 from tactemu.statistics import Lateness
+from tactemu.truth import Truth
 
 if TYPE_CHECKING:
     from tactemu.control.control import Control
@@ -48,11 +49,12 @@ def run_target(
     name: str | None = None,
     adjustable: tuple[str, ...] = (),
     again: Path | None = None,
+    rerun: str | bool = False,
     restore: Path | None = None,
     save: Path | None = None,
     save_at: float | None = None,
 ) -> None:
-    """Run a device or a scene; ``style`` is auto, plain or json.
+    """Run a device or a scene; ``style`` is auto, plain or json, ``rerun`` whether or where it is shown.
 
     Raises:
         TactemuError: the request cannot be met; nothing is left behind.
@@ -85,12 +87,18 @@ def run_target(
             play_again(control, again)
         if save is not None and save_at is not None:
             control.emulator.call(partial(control.emulator.save, save), round(save_at * 1e9))
-        run_emulator(
-            control.emulator, seconds=seconds, style=style, listen=lambda: _listen(control, name, target),
-            save=save if save_at is None else None,
-        )  # fmt: skip
+        at_end = save if save_at is None else None
+        with _shown(log, rerun) if rerun else nullcontext():
+            listen = partial(_listen, control, name, target)
+            run_emulator(control.emulator, seconds=seconds, style=style, listen=listen, save=at_end)
     finally:
         log.close()
+
+
+def _shown(log: Truth, where: str | bool) -> AbstractContextManager[None]:
+    from tactemu.conversions.live import shown
+
+    return shown(log, where if isinstance(where, str) else None)
 
 
 def rate_of(words: Sequence[str]) -> float | dict[str, float] | None:

@@ -13,7 +13,7 @@ import hashlib
 import os
 import re
 import subprocess
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, replace
 from typing import Any
@@ -54,7 +54,8 @@ class ExecEnvironment:
     """What :func:`exec_environment` returns."""
 
     def __init__(self, devices: Sequence[Served], nodes: str | Mapping[str, str] = ""):
-        self._devices = devices
+        self.devices = tuple(devices)
+        """Those that are plugged in, to press and to spoil."""
         self._wishes = _parsed({"": nodes} if isinstance(nodes, str) and nodes else dict(nodes or {}))
         self._keeper: Keeper | None = None
         self._undo = ExitStack()
@@ -79,16 +80,20 @@ class ExecEnvironment:
                 preload, self.missing = "", str(error)
             self._keeper = Keeper(preload)
             undo.callback(self._keeper.close)
-            keep = [dev for dev in self._devices if dev.running]
-            for dev in self._devices:
+            keep = [dev for dev in self.devices if dev.running]
+            for dev in self.devices:
                 if dev not in keep:
                     undo.enter_context(dev)
             self._keeper.wait()
-            for dev in self._devices:
-                self._plug_in(dev, undo if dev in keep else None)
+            plugs = [plug for dev in self.devices for plug in self._plugs_of(dev)]
             if self._wishes:
                 known = ", ".join(self._ports) or "none"
                 raise TransportError(f"no such serial port: {', '.join(self._wishes)} (there are: {known})")
+            for dev, wire, port in sorted(plugs, key=lambda plug: plug[2].number is None):  # the rest take what is left
+                before = wire.transport
+                dev.in_loop(lambda wire=wire, port=port: _change(wire, port))
+                if dev in keep:
+                    undo.callback(_take_out, dev, wire, before)
             self._undo = undo.pop_all()
         return self
 
@@ -109,6 +114,12 @@ class ExecEnvironment:
         """Path of each port in the view, by skin, or by ``SKIN/CONNECTOR``."""
         return {title: port.address for title, port in self._ports.items()}
 
+    @property
+    def keeper(self) -> int:
+        """Process id of the view's keeper; its namespaces are the view."""
+        assert self._keeper is not None, "use it in a with statement"
+        return self._keeper.pid
+
     def command(self, command: Sequence[str | os.PathLike[str]]) -> list[str]:
         """A command line that runs ``command`` in the view, whoever starts it: ``subprocess``, a shell, a launcher.
 
@@ -128,19 +139,17 @@ class ExecEnvironment:
 
     # -- what is plugged in --------------------------------------------------------------------------------------------
 
-    def _plug_in(self, dev: Served, undo: ExitStack | None) -> None:
-        """Every serial port of a device; with ``undo``, its former ports come back."""
+    def _plugs_of(self, dev: Served) -> Iterator[tuple[Served, Wire, UsbPort]]:
+        """Every serial port of a device, and what is to be at the end of its wire."""
+        wires = set()
         for channel in dev.emulator.channels:
             for name, wire in channel.wires.items():
                 connector = channel.device.connector(name)
-                if not isinstance(connector, Serial) or isinstance(wire.transport, UsbPort):
-                    continue
-                title = f"{channel.name}/{name}" if len(channel.wires) > 1 else channel.name
-                port = self._ports[title] = self._port(title, channel.device, connector)
-                before = wire.transport
-                dev.in_loop(lambda wire=wire, port=port: _change(wire, port))
-                if undo is not None:
-                    undo.callback(_take_out, dev, wire, before)
+                if isinstance(connector, Serial) and wire not in wires:
+                    wires.add(wire)
+                    title = f"{channel.name}/{name}" if len(channel.wires) > 1 else channel.name
+                    port = self._ports[title] = self._port(title, channel.device, connector)
+                    yield dev, wire, port
 
     def _port(self, title: str, device: Device, connector: Serial) -> UsbPort:
         assert self._keeper is not None

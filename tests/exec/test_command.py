@@ -1,0 +1,189 @@
+"""``tactemu exec``: exit status, signals, streams and terminal of the driver are those of the command."""
+
+import contextlib
+import os
+import pty
+import shutil
+import signal
+import struct
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tactemu.cli import executing
+from tactemu.exec import reach
+from tests.cli.command import environment, here, start, tactemu
+
+RUN = ("exec", "-q", "flexitac", "--")
+
+
+def test_what_cannot_be_done_is_said_before_anything_is_built(tmp_path):
+    script = tmp_path / "plain.txt"
+    script.write_text("no program")
+    for status, words, text in (
+        (125, ("exec", "flexitac"), "name it after --"),
+        (125, ("exec", "flexitak", "--", "true"), "did you mean 'flexitac'?"),
+        (125, ("exec", "flexitac", "--node", "COM3", "--", "true"), "expected ttyUSB or ttyACM and a number"),
+        (126, ("exec", "flexitac", "--", str(script)), "not executable"),
+        (127, ("exec", "flexitac", "--", "no-such-program"), "not found"),
+    ):
+        done = here(*words)
+        assert (done.returncode, done.stdout) == (status, "") and text in done.stderr
+
+
+def test_streams_status_and_preloaded_libraries_pass_through_and_children_are_in_the_view(compiled):
+    script = f"cat; echo said >&2; echo $LD_PRELOAD; (sh -c '{compiled('vendor')}'); exit 7"
+    done = subprocess.run(
+        [sys.executable, "-m", "tactemu", *RUN, "sh", "-c", script], input="heard\n", capture_output=True, text=True,
+        env=environment() | {"LD_PRELOAD": "libdl.so.2"}, timeout=60, check=False,
+    )  # fmt: skip
+    heard, preload, opened, *_ = done.stdout.splitlines()
+    assert (done.returncode, heard, opened, done.stderr) == (7, "heard", "opened 166", "said\n")
+    assert preload.endswith("/preload.so:libdl.so.2")
+
+
+@pytest.mark.realtime
+def test_a_signal_goes_to_the_driver_and_its_end_is_ours():
+    script = (
+        "import os, signal, sys, time\n"
+        "signal.signal(signal.SIGTERM, lambda *_: print('TERM', flush=True))\n"
+        "print('up', flush=True); signal.pause(); signal.pause()"
+    )
+    with start(*RUN, sys.executable, "-c", script) as run:
+        assert run.stdout and run.stderr and run.stdout.readline() == "up\n"
+        run.send_signal(signal.SIGTERM)
+        assert run.stdout.readline() == "TERM\n", "it may go on"
+        run.send_signal(signal.SIGHUP)
+        begin = time.monotonic()
+        assert run.wait(5) == 128 + signal.SIGHUP
+        assert time.monotonic() - begin < 1.0
+
+
+def test_the_drivers_terminal_is_ours_and_ctrl_c_comes_once():
+    script = (
+        "import os, signal, sys\n"
+        "signal.signal(signal.SIGINT, lambda *_: os.write(1, b'INT'))\n"
+        "print(os.isatty(0), os.tcgetpgrp(0) == os.getpgrp(), os.ttyname(0) == os.ttyname(1), flush=True)\n"
+        "signal.pause(); print(input(), flush=True)"
+    )
+    pid, terminal = pty.fork()
+    if pid == 0:
+        os.execve(sys.executable, [sys.executable, "-m", "tactemu", *RUN, sys.executable, "-c", script], environment())
+
+    def read(until: bytes) -> bytes:
+        seen = b""
+        while until not in seen:
+            seen += os.read(terminal, 1024)
+        return seen
+
+    assert b"True True True" in read(b"\n")
+    os.write(terminal, b"\x03")
+    assert read(b"INT").count(b"INT") == 1
+    os.write(terminal, b"words\n")
+    rest = b""
+    with contextlib.suppress(OSError):  # of Linux, at the end of a terminal
+        while chunk := os.read(terminal, 1024):
+            rest += chunk
+    os.close(terminal)
+    assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 0
+    assert b"words" in rest and b"INT" not in rest and b"Traceback" not in rest
+
+
+PLAIN = """
+import subprocess, sys
+from tactemu.exec.build import library
+from tactemu.exec.keeping import Keeper
+from tactemu.exec.port import Node, UsbPort
+
+usb = {"vid": 0x0403, "pid": 0x6001, "manufacturer": "", "product": "", "serial": "7", "interface": 0, "node": "ttyUSB"}
+keeper = Keeper(str(library()))
+port = UsbPort(Node(keeper.ask, usb, number=None, plug=1))
+port.open()
+words = ["sh", "-c", "id -u; ./vendor; readlink /dev/serial/by-id/*; grep CapEff /proc/self/status"]
+with subprocess.Popen(keeper.enter(words)) as driver:
+    while driver.poll() is None:
+        port.poll()
+port.close()
+keeper.close()
+"""
+
+
+def test_a_plain_user_gets_all_of_it(compiled, tmp_path_factory):
+    if os.getuid():
+        pytest.skip("this user is one: the other tests show it")
+    python = shutil.which("python3", path="/usr/bin:/bin")
+    if python is None:
+        pytest.skip("no Python that another user may run")
+    home = tmp_path_factory.mktemp("home")
+    for folder in (home, *home.parents[:2]):
+        folder.chmod(0o755)
+    shutil.copy(compiled("vendor"), home / "vendor")
+    os.chown(home, 1234, 1234)
+    done = subprocess.run(
+        [python, "-c", PLAIN], cwd=home, user=1234, group=1234, extra_groups=[], capture_output=True, text=True,
+        env={"HOME": str(home), "PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "PATH": "/usr/bin:/bin"},
+        timeout=60, check=False,
+    )  # fmt: skip
+    if "ImportError" in done.stderr or "ModuleNotFoundError" in done.stderr:
+        pytest.skip(f"{python} cannot import what we need: {done.stderr.strip().splitlines()[-1]}")
+    lines = done.stdout.splitlines()
+    assert lines[:2] == ["1234", "opened 166"], done.stderr
+    assert lines[-3:] == ["8N 0", "../../ttyUSB0", f"CapEff:\t{0:016x}"], "itself, without powers"
+
+
+def test_programs_out_of_reach_are_named(compiled, tmp_path):
+    static = compiled("hello", "-static")
+    privileged = tmp_path / "privileged"
+    shutil.copy(compiled("hello"), privileged)
+    privileged.chmod(0o4755)
+    script = tmp_path / "script"
+    script.write_text(f"#!/usr/bin/env -S {static} -x\n")
+    script.chmod(0o755)
+    go = tmp_path / "go"
+    go.write_bytes(renamed_section(compiled("hello"), b".comment\0", b".go.buildinfo\0"))
+    go.chmod(0o755)
+    for path, words in (
+        (static, "statically linked"),
+        (privileged, "set-uid"),
+        (script, "statically linked"),
+        (go, "Go"),
+    ):
+        assert words in reach.out_of_reach(str(path))
+    assert not reach.out_of_reach(compiled("hello")) and not reach.out_of_reach(sys.executable)
+    done = tactemu("exec", "flexitac", "--", static)
+    assert done.stdout == "hello\n"
+    assert "hello-static is statically linked: it finds the ports, reads and writes" in done.stderr
+
+
+def renamed_section(program, old, new):
+    """A program with a section of another name: the table of names is moved to the end, with the new one."""
+    data = bytearray(Path(program).read_bytes())
+    (sections,) = struct.unpack_from("<Q", data, 40)
+    size, _, names = struct.unpack_from("<3H", data, 58)
+    at = sections + names * size
+    offset, length = struct.unpack_from("<2Q", data, at + 24)
+    table = bytes(data[offset : offset + length])
+    headers = range(sections, len(data) - size + 1, size)
+    entry = next(where for where in headers if table[struct.unpack_from("<I", data, where)[0] :].startswith(old))
+    struct.pack_into("<I", data, entry, len(table))
+    struct.pack_into("<2Q", data, at + 24, len(data), len(table) + len(new))
+    return bytes(data) + table + new
+
+
+def test_without_library_and_compiler_names_and_bytes_still_work(monkeypatch, capsys, tmp_path, exec_environment):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("CC", "/no/such/compiler")
+    env = exec_environment("flexitac")
+    executing._announce(env, "true")
+    said = capsys.readouterr().err
+    assert "preload library cannot be made" in said and "nobody answers modem lines" in said
+    script = (
+        "import serial; from serial.tools import list_ports\n"
+        "(found,) = list_ports.comports()\n"
+        "print(found.hwid, len(serial.Serial(found.device, 2_000_000, timeout=5).read(64)))"
+    )
+    done = env.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=30)
+    assert "VID:PID=0403:6001" in done.stdout and done.stdout.endswith(" 64\n"), done.stderr
