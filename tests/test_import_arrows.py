@@ -61,7 +61,8 @@ ARROWS = {
         "control", "errors", "exec", "physics", "scene", "serving", "truth",
     ),
     "bench": (
-        *LEAVES, "assembly", "clock", "collector", "emulator", "exec", "physics", "plan", "scene", "statistics",
+        *LEAVES, "assembly", "clock", "collector", "control", "emulator", "exec", "physics", "plan", "scene",
+        "statistics",
         "tactemu", "transports", "truth", "tune", "wire",
     ),
     "cli": (

@@ -103,6 +103,11 @@ TruthKeep = Annotated[
     ),
 ]
 
+RunName = Annotated[
+    str | None,
+    typer.Option("--name", metavar="NAME", help="For `tactemu poke --name`; default: the target's."),
+]
+
 app.add_typer(bench, name="bench")
 
 
@@ -150,10 +155,7 @@ def run(
         ),
     ] = "real",
     virtual: Annotated[bool, typer.Option("--virtual", hidden=True)] = False,
-    name: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="For `tactemu poke --name`; default: the target's."),
-    ] = None,
+    name: RunName = None,
     adjustable: Annotated[
         list[str] | None,
         typer.Option(metavar="OPTION", help="An imperfection that `poke set` shall switch on, or `dead`; repeatable."),
@@ -232,6 +234,7 @@ def execute(
     fault: Faults = None,
     truth: TruthFile = None,
     truth_keep: TruthKeep = None,
+    name: RunName = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Do not say which port is whose.")] = False,
 ) -> None:
     """Run a driver that finds the device as hardware: /dev/ttyUSB0, its USB ids, modem lines, unplugging.
@@ -239,7 +242,7 @@ def execute(
     \b
       tactemu exec robotiq_tsf85 -- python quick_start.py
       tactemu exec hand.toml --node ttyUSB0 -- ./reader
-      tactemu exec anyskin --fault 'unplug at 3s for 1s' -- python -m serial.tools.list_ports -v
+      tactemu exec anyskin --fault 'unplug at 3s for 1s' -- ./reader     # or `tactemu poke unplug` from elsewhere
       tactemu exec hand.toml --node thumb=ttyUSB0 --node palm=ttyACM0 -- bash
 
     The program, and what it starts, runs in a private view of this machine; the network stays. Terminal, standard
@@ -257,7 +260,7 @@ def execute(
             status = run_command(
                 target, context.obj or (), options=options or (), nodes=tuple(node or ()), rates=tuple(rate or ()),
                 seed=seed, compute=device, faults=tuple(fault or ()), truth=truth, keep=truth_keep, quiet=quiet,
-                signals=signals,
+                name=name, signals=signals,
             )  # fmt: skip
         except TactemuError as error:
             typer.echo(f"tactemu: {error}", err=True)

@@ -89,7 +89,7 @@ def run_target(
             control.emulator.call(partial(control.emulator.save, save), round(save_at * 1e9))
         at_end = save if save_at is None else None
         with _shown(log, rerun) if rerun else nullcontext():
-            listen = partial(_listen, control, name, target)
+            listen = partial(listening, control, name, target)
             run_emulator(control.emulator, seconds=seconds, style=style, listen=listen, save=at_end)
     finally:
         log.close()
@@ -138,7 +138,7 @@ def ports_of(words: Sequence[str]) -> str | dict[str, str] | None:
     return ports or None
 
 
-def _listen(control: Control, name: str | None, target: str) -> AbstractContextManager:
+def listening(control: Control, name: str | None, target: str) -> AbstractContextManager:
     """The socket for ``tactemu poke``; where there can be none, that is said, unless its name was asked for."""
     from tactemu.control.place import Place
     from tactemu.control.server import Server
@@ -167,7 +167,7 @@ def run_emulator(
     say = say_json if style == "json" else say_in_words(console)
     view = _view(emulator, console) if live else nullcontext()
     _warm_up(console)
-    with ended_by_signals(emulator.stop), no_full_collections(), emulator:
+    with ended_by_signals(emulator.stop), no_full_collections(), listen(), emulator:
         for channel in emulator.channels:
             say(
                 "ready", skin=channel.name, device=channel.device.name, port=_addresses(channel),
@@ -175,7 +175,7 @@ def run_emulator(
             )  # fmt: skip
         if not live and not emulator.clock.virtual:
             _report_regularly(emulator, say)
-        with listen(), view:
+        with view:
             emulator.run(seconds)
         if save is not None:
             emulator.save(save)
