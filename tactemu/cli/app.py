@@ -421,6 +421,28 @@ def licences(json: Annotated[bool, typer.Option("--json", help="Machine-readable
 
 
 @app.command()
+def plot(
+    file: Annotated[Path, typer.Argument(help="A truth log.")],
+    to: Annotated[
+        Path | None,
+        typer.Option("--to", metavar="FILE", help="What to write: .png, .svg or .html; default: beside it."),
+    ] = None,
+    skin: Annotated[str | None, typer.Option(metavar="NAME", help="Which skin; default: the first.")] = None,
+    sense: Annotated[str | None, typer.Option(metavar="NAME", help="Which of its senses; default: the first.")] = None,
+) -> None:
+    """Draw a truth log: curves, contact patch, hysteresis, time to the wire, spectrum.
+
+    \b
+      tactemu run anyskin --clock virtual --port memory: --seconds 10 --truth truth.mcap
+      tactemu plot truth.mcap
+      tactemu plot truth.mcap --to thumb.png --skin thumb
+    """
+    from tactemu.cli.truths import plot_log
+
+    plot_log(file, to or file.with_suffix(".html"), skin=skin, sense=sense)
+
+
+@app.command()
 def faults() -> None:
     """List what can go wrong on a wire, with the words for `run --fault` and for scene files.
 
