@@ -40,7 +40,7 @@ def main(descriptor: int, emulator: int, preload: str) -> None:
         if preload:
             shutil.copyfile(preload, PRELOAD)
     except OSError as error:
-        _say(wire, {"error": f"{error.filename}: {error.strerror}", "number": error.errno})
+        _say(wire, {"error": f"{error.filename or 'user namespace'}: {error.strerror}", "number": error.errno})
         return
     _say(wire, {})
     while message := _next(wire, lives):
