@@ -5,8 +5,10 @@ from __future__ import annotations
 import atexit
 import os
 import shutil
+import stat
 import sys
 import tempfile
+from pathlib import Path
 
 
 def start_quietly() -> None:
@@ -23,23 +25,19 @@ def start_quietly() -> None:
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(nowhere, 2)
-        lost = _start(warp)
+        said = _start(warp)
     finally:
         os.dup2(kept, 2)
         os.close(kept)
         os.close(nowhere)
-    if lost:
-        sys.stderr.write(
-            f"tactemu: {lost} cannot be written, so kernels are compiled anew in each run; "
-            "WARP_CACHE_PATH names a folder that keeps them\n"
-        )
+    sys.stderr.write(said)
 
 
 def _start(warp) -> str:
-    """Initialise Warp; where it cannot keep its kernels (a container without a home), a folder of this run does.
+    """Initialise Warp; where it cannot keep its kernels (a home that is read-only, or none), a temporary folder does.
 
     Returns:
-        The folder that cannot be written; empty where all is well.
+        What is to be said of that; empty where all is well, or was said when the folder was made.
     """
     try:
         warp.init()
@@ -48,7 +46,24 @@ def _start(warp) -> str:
     except OSError:
         pass
     lost = warp.config.kernel_cache_dir
-    warp.config.kernel_cache_dir = tempfile.mkdtemp(prefix="tactemu-kernels-")
-    atexit.register(shutil.rmtree, warp.config.kernel_cache_dir, ignore_errors=True)
+    warp.config.kernel_cache_dir, note = _temporary_folder()
     warp.init()
-    return str(lost)
+    return note and f"tactemu: {lost} cannot be written, so {note}; WARP_CACHE_PATH names another folder\n"
+
+
+def _temporary_folder() -> tuple[str, str]:
+    """A folder for all runs of this user, and what to say when it is new. Nobody else can have put code into it.
+
+    Where its name is taken by somebody else, or open to others, it is one of this run alone.
+    """
+    folder = Path(tempfile.gettempdir()) / f"tactemu-kernels-{os.getuid()}"
+    try:
+        folder.mkdir(mode=0o700)
+        return str(folder), f"kernels are kept in {folder}"
+    except FileExistsError:
+        found = folder.lstat()
+        if stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077:
+            return str(folder), ""
+    own = tempfile.mkdtemp(prefix="tactemu-kernels-")
+    atexit.register(shutil.rmtree, own, ignore_errors=True)
+    return own, f"and {folder} is not ours alone, kernels are compiled anew in each run"

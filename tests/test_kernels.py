@@ -5,25 +5,51 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from tests.cli.command import environment
 
 ASK = "from tactemu.kernels import start_quietly; start_quietly(); import warp, os; d = warp.config.kernel_cache_dir; "
 
 
-def test_without_a_home_kernels_go_to_a_folder_of_the_run(tmp_path):
+@pytest.fixture
+def ask(tmp_path):
+    """The folder of a run without a home, whether it can be written, and what was said."""
     (tmp_path / "file").write_text("no folder can be made below a file")
     nowhere = str(tmp_path / "file" / "home")
     env = {**environment(), "HOME": nowhere, "XDG_CACHE_HOME": nowhere, "TMPDIR": str(tmp_path)}
     env.pop("WARP_CACHE_PATH", None)
-    done = subprocess.run(
-        [sys.executable, "-c", f"{ASK} print(d, os.access(d, os.W_OK))"],
-        env=env,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    folder, writable = done.stdout.split()
-    assert writable == "True" and tmp_path in Path(folder).parents
-    assert done.stderr.startswith(f"tactemu: {nowhere}{os.sep}warp") and "WARP_CACHE_PATH names a folder" in done.stderr
-    assert done.stderr.count("\n") == 1
-    assert [path.name for path in tmp_path.iterdir()] == ["file"], "it is removed in the end"
+
+    def run() -> tuple[str, str]:
+        done = subprocess.run(
+            [sys.executable, "-c", f"{ASK} print(d, os.access(d, os.W_OK))"], env=env, capture_output=True, text=True,
+            check=True,
+        )  # fmt: skip
+        folder, writable = done.stdout.split()
+        assert writable == "True" and done.stderr.count("\n") <= 1
+        assert not done.stderr or done.stderr.startswith(f"tactemu: {nowhere}{os.sep}warp")
+        return folder, done.stderr
+
+    return run
+
+
+def test_without_a_home_kernels_are_kept_in_a_folder_of_the_user_alone(ask, tmp_path):
+    folder = tmp_path / f"tactemu-kernels-{os.getuid()}"
+    found, said = ask()
+    assert folder in Path(found).parents and f"kernels are kept in {folder}" in said and "WARP_CACHE_PATH" in said
+    assert folder.stat().st_mode & 0o777 == 0o700
+    assert ask() == (found, ""), "the next run has them, and says nothing"
+
+
+@pytest.mark.parametrize("whose", ["open to others", "a link"])
+def test_a_folder_that_others_may_write_is_not_trusted(ask, tmp_path, whose):
+    folder = tmp_path / f"tactemu-kernels-{os.getuid()}"
+    if whose == "a link":
+        (tmp_path / "elsewhere").mkdir(mode=0o700)
+        folder.symlink_to(tmp_path / "elsewhere")
+    else:
+        folder.mkdir()
+        folder.chmod(0o777)
+    found, said = ask()
+    assert folder not in (Path(found), *Path(found).parents) and "compiled anew in each run" in said
+    assert not os.path.exists(found), "it is removed in the end"

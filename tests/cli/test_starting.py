@@ -1,9 +1,5 @@
 """Something to start from: a new scene runs, and the examples come along."""
 
-import subprocess
-import sys
-import zipfile
-
 import pytest
 
 from tactemu.cli import starting
@@ -63,13 +59,3 @@ def test_examples_are_copied_once(tmp_path, capsys):
     assert "hand.toml" in copied and len(copied) >= 5
     with pytest.raises(TactemuError, match="is there already"):
         starting.copy_examples(tmp_path / "a" / "b")
-
-
-def test_the_wheel_holds_scenes_examples_and_pages(tmp_path):
-    pytest.importorskip("hatchling", reason="the wheel is built with hatchling")
-    build = "from hatchling.builders.wheel import WheelBuilder as W; print(*W('.').build(directory={!r}))"
-    subprocess.run([sys.executable, "-c", build.format(str(tmp_path))], cwd=ROOT, check=True, capture_output=True)
-    (wheel,) = tmp_path.glob("*.whl")
-    names = set(zipfile.ZipFile(wheel).namelist())
-    assert {"tactemu/scene/start.toml", "tactemu/scene/defaults/anyskin.toml", "tactemu/examples/hand.toml"} <= names
-    assert "tactemu/docs/adding-a-device.md" in names, "errors name it"
