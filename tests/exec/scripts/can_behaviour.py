@@ -394,13 +394,15 @@ def many_at_once():
         return made, buffers, names, vectors
 
     with node() as writer, node() as reader:
-        made, *kept = messages(5, [frame(k) if k != 3 else frame(k, bytes(8), length=9) for k in range(5)])
+        made, *_kept = messages(5, [frame(k) if k != 3 else frame(k, bytes(8), length=9) for k in range(5)])
         for each in made:
             each.name, each.name_length = None, 0
         sent = [libc.sendmmsg(writer.fileno(), made, 5, 0), made[0].length]
-        made, buffers, names, *kept = messages(6, [bytes(16)] * 6)
+        made, buffers, names, *_kept = messages(6, [bytes(16)] * 6)
         got = libc.recvmmsg(reader.fileno(), made, 6, 0, None)
-        told = [[made[k].length, buffers[k].raw[0], made[k].name_length, names[k].raw[0], made[k].flags] for k in range(got)]
+        told = [
+            [made[k].length, buffers[k].raw[0], made[k].name_length, names[k].raw[0], made[k].flags] for k in range(got)
+        ]
         again = libc.recvmmsg(reader.fileno(), made, 6, 0, None), errno.errorcode[ctypes.get_errno()]
         return [sent, got, told, again]
 
