@@ -13,7 +13,8 @@ import io
 import json
 import sys
 from collections import Counter, defaultdict, deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import fields, is_dataclass
 from types import FunctionType
 from typing import Any
 
@@ -35,7 +36,7 @@ def save(device: Any) -> dict[str, Any]:
     Raises:
         NotPlain: an attribute holds what cannot be saved; names it.
     """
-    writer = _Writer(device)
+    writer = Writer(lambda module: _belongs(module, device), _known(device))
     state = {name: value for name, value in vars(device).items() if name not in _NOT_STATE}
     return {name: writer.write(value, name) for name, value in state.items()}
 
@@ -44,19 +45,35 @@ def load(device: Any, state: dict[str, Any]) -> None:
     """Give a device, made with the same options, a state that :func:`save` returned, of this or another process.
 
     Raises:
+        ValueError: the state is not one of this device, which then stays as it is.
+    """
+    take(device, read(device, state))
+
+
+def read(device: Any, state: dict[str, Any]) -> dict[str, Any]:
+    """The attributes in a state that :func:`save` returned, for :func:`take`.
+
+    Raises:
         ValueError: the state is not one of this device.
     """
-    reader = _Reader(device)
-    values = {name: reader.read(value) for name, value in state.items()}
+    reader = Reader(lambda module: _belongs(module, device), _known(device), _own_modules(device))
+    return {name: reader.read(value) for name, value in state.items() if name not in _NOT_STATE}
+
+
+def take(device: Any, attributes: dict[str, Any]) -> None:
+    """Go on with these attributes."""
     kept = {name: value for name, value in vars(device).items() if name in _NOT_STATE}
     vars(device).clear()
-    vars(device).update(kept | values)
+    vars(device).update(kept | attributes)
+
+
+def _known(device: Any) -> dict[str, Any]:
+    return {"self": device, "layout": getattr(device, "layout", None)}
 
 
 def to_bytes(state: dict[str, Any]) -> bytes:
     """What :func:`save` returned as the bytes of an ``.npz`` file: the arrays, and the rest as JSON."""
-    arrays: dict[str, np.ndarray] = {}
-    text = json.dumps(_without_arrays(state, arrays))
+    text, arrays = to_text(state)
     file = io.BytesIO()
     np.savez(file, tree=np.frombuffer(text.encode(), np.uint8), **arrays)  # type: ignore[arg-type]
     return file.getvalue()
@@ -69,7 +86,28 @@ def from_bytes(data: bytes) -> dict[str, Any]:
         ValueError: it is no such file.
     """
     with np.load(io.BytesIO(data), allow_pickle=False) as file:
-        return _with_arrays(json.loads(file["tree"].tobytes()), file)
+        return from_text(file["tree"].tobytes(), file)
+
+
+def to_text(state: dict[str, Any]) -> tuple[str, dict[str, np.ndarray]]:
+    """What :func:`save` returned as JSON, and its arrays by the names that they have there."""
+    arrays: dict[str, np.ndarray] = {}
+    return json.dumps(_without_arrays(state, arrays)), arrays
+
+
+def from_text(text: str | bytes, arrays: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """What :func:`to_text` wrote.
+
+    Raises:
+        ValueError: it is no such text.
+    """
+    try:
+        state = _with_arrays(json.loads(text), arrays)
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
+        raise ValueError(f"not the text of a state: {type(error).__name__} {error}") from None
+    if not isinstance(state, dict):
+        raise ValueError(f"not the text of a state: a {type(state).__name__}")
+    return state
 
 
 def _without_arrays(value: Any, arrays: dict[str, np.ndarray]) -> Any:
@@ -100,35 +138,47 @@ def _belongs(module: str, device: Any) -> bool:
     return module.partition(".")[0] == "firmware_protocols" or module in _own_modules(device)
 
 
-class _Writer:
-    def __init__(self, device: Any):
-        self.device = device
-        self.seen: dict[int, int] = {}
-        self.held: list[Any] = []
+class Writer:
+    """Writes objects as plain data. What several share is written once.
+
+    Args:
+        belongs: whether objects of the classes of a module, and its functions, may be written.
+        known: objects that whoever reads has, too, by the names under which they are referred to.
+    """
+
+    def __init__(self, belongs: Callable[[str], bool], known: Mapping[str, Any]):
+        self.belongs = belongs
+        self._known = {id(value): name for name, value in known.items()}
+        self._seen: dict[int, int] = {}
+        self._held: list[Any] = []
         """Keeps what was seen alive, so that no id is used twice."""
 
     def write(self, value: Any, where: str) -> Any:
+        """A value as plain data.
+
+        Raises:
+            NotPlain: it holds what cannot be saved; names ``where``.
+        """
         if type(value) in _PLAIN:
             return value
         if isinstance(value, np.generic):
             return {"~": "number", "value": np.array(value)}
-        if value is self.device:
-            return {"~": "self"}
-        if value is getattr(self.device, "layout", None):
-            return {"~": "layout"}
-        if (
-            isinstance(value, FunctionType)
-            and "<" not in value.__qualname__
-            and _belongs(value.__module__, self.device)
-        ):
+        if id(value) in self._known:
+            return {"~": "known", "as": self._known[id(value)]}
+        if isinstance(value, FunctionType) and "<" not in value.__qualname__ and self.belongs(value.__module__):
             return {"~": "named", "as": f"{value.__module__}:{value.__qualname__}"}
-        if id(value) in self.seen:
-            return {"~": "same", "as": self.seen[id(value)]}
-        number = self.seen[id(value)] = len(self.seen)
-        self.held.append(value)
-        return {"n": number, **self._compound(value, where)}
+        if id(value) in self._seen:
+            return {"~": "same", "as": self._seen[id(value)]}
+        number = self._seen[id(value)] = len(self._seen)
+        self._held.append(value)
+        return {"n": number, **self.compound(value, where)}
 
-    def _compound(self, value: Any, where: str) -> dict[str, Any]:
+    def compound(self, value: Any, where: str) -> dict[str, Any]:
+        """What consists of parts, without its number.
+
+        Raises:
+            NotPlain: it is nothing that can be saved.
+        """
         kind = type(value)
         if kind is bytearray:
             return {"~": "bytearray", "value": bytes(value)}
@@ -142,9 +192,14 @@ class _Writer:
             pairs = [[self.write(k, f"{where} key"), self.write(v, f"{where}[{k!r}]")] for k, v in value.items()]
             more = {"factory": _factory(value, where)} if kind is defaultdict else {}
             return {"~": kind.__name__, "items": pairs, **more}
-        if _belongs(kind.__module__, self.device) and not callable(getattr(kind, "__next__", None)):
+        if self.belongs(kind.__module__) and not callable(getattr(kind, "__next__", None)):
+            name = f"{kind.__module__}:{kind.__qualname__}"
+            if isinstance(value, tuple):  # a named one
+                return {"~": "record", "class": name, "items": [self.write(v, f"{where}[]") for v in value]}
+            if isinstance(value, bytes):
+                return {"~": "marked", "class": name, "value": bytes(value)}
             state = {name: self.write(each, f"{where}.{name}") for name, each in _attributes(value).items()}
-            return {"~": "object", "class": f"{kind.__module__}:{kind.__qualname__}", "state": state}
+            return {"~": "object", "class": name, "state": state}
         raise NotPlain(
             f"self.{where} is a {kind.__module__}.{kind.__qualname__}: a device's state is numbers, text, bytes, "
             "arrays, lists, dicts and objects of the kit, so that it can be saved"
@@ -153,11 +208,15 @@ class _Writer:
 
 def _attributes(value: Any) -> dict[str, Any]:
     """What an object is made of; its class may say what suffices to make it again (``__getstate__``, as for pickle)."""
-    if hasattr(value, "__setstate__"):
+    if _says_itself(type(value)):
         return value.__getstate__()
     slots = [name for cls in type(value).__mro__ for name in getattr(cls, "__slots__", ())]
     names = [*(name for name in slots if hasattr(value, name)), *getattr(value, "__dict__", {})]
     return {name: getattr(value, name) for name in names}
+
+
+def _says_itself(cls: type) -> bool:
+    return hasattr(cls, "__setstate__") and not is_dataclass(cls)  # frozen ones with slots have it of themselves
 
 
 def _factory(value: defaultdict, where: str) -> str:
@@ -166,66 +225,103 @@ def _factory(value: defaultdict, where: str) -> str:
     return value.default_factory.__name__
 
 
-class _Reader:
-    def __init__(self, device: Any):
-        self.device = device
-        self.made: dict[int, Any] = {}
+class Reader:
+    """Makes what a :class:`Writer` wrote. It makes objects of the classes that belong, and of no others.
+
+    Args:
+        belongs, known: as the writer's.
+        modules: by name, those that cannot be imported by it.
+    """
+
+    def __init__(
+        self, belongs: Callable[[str], bool], known: Mapping[str, Any], modules: Mapping[str, Any] | None = None
+    ):
+        self.belongs, self._known, self._modules = belongs, known, modules or {}
+        self._made: dict[int, Any] = {}
 
     def read(self, value: Any) -> Any:
+        """A value.
+
+        Raises:
+            ValueError: it is nothing that was written.
+        """
+        try:
+            return self._read(value)
+        except (LookupError, TypeError, AttributeError, ImportError, RecursionError, OverflowError) as error:
+            raise ValueError(f"not a state: {type(error).__name__} {error}") from None
+
+    def _read(self, value: Any) -> Any:
         if not isinstance(value, dict):
             return value
         kind = value["~"]
         if kind == "same":
-            return self.made[value["as"]]
-        if kind in ("self", "layout"):
-            return self.device if kind == "self" else self.device.layout
+            return self._made[value["as"]]
+        if kind == "known":
+            return self._known[value["as"]]
         if kind == "number":
             return value["value"][()]
         if kind == "named":
-            return self._named(value["as"])
-        made = self._make(kind, value)
-        return made
+            return self._named(value["as"], FunctionType)
+        return self.make(kind, value)
 
-    def _make(self, kind: str, value: dict[str, Any]) -> Any:
+    def make(self, kind: str, value: dict[str, Any]) -> Any:
+        """What consists of parts."""
         if kind in ("bytearray", "array"):
             made = bytearray(value["value"]) if kind == "bytearray" else value["value"].copy()
-            return self._keep(value, made)
+            return self.keep(value, made)
         if kind == "object":
             return self._object(value)
         if kind in ("dict", "Counter", "defaultdict"):
-            made = self._keep(value, _empty_dict(kind, value))
-            made.update((self.read(k), self.read(v)) for k, v in value["items"])
+            made = self.keep(value, _empty_dict(kind, value))
+            made.update({self._read(k): self._read(v) for k, v in value["items"]})
             return made
         if kind in ("list", "deque", "set"):
             empty = {"list": [], "deque": deque(maxlen=value.get("maxlen")), "set": set()}[kind]
-            made = self._keep(value, empty)
+            made = self.keep(value, empty)
             for item in value["items"]:
-                (made.add if isinstance(made, set) else made.append)(self.read(item))
+                (made.add if isinstance(made, set) else made.append)(self._read(item))
             return made
-        items = [self.read(item) for item in value["items"]]
-        return self._keep(value, tuple(items) if kind == "tuple" else frozenset(items))
+        if kind == "marked":
+            return self.keep(value, self._class(value["class"], bytes)(value["value"]))
+        items = [self._read(item) for item in value["items"]]
+        if kind == "record":
+            return self.keep(value, self._class(value["class"], tuple)(*items))
+        return self.keep(value, {"tuple": tuple, "frozenset": frozenset}[kind](items))
 
     def _object(self, value: dict[str, Any]) -> Any:
-        made = self._keep(value, object.__new__(self._named(value["class"])))
-        state = {name: self.read(each) for name, each in value["state"].items()}
-        if hasattr(made, "__setstate__"):
+        cls = self._class(value["class"], object)
+        made = self.keep(value, object.__new__(cls))
+        state = {name: self._read(each) for name, each in value["state"].items()}
+        if _says_itself(cls):
             made.__setstate__(state)
-        else:
-            for name, each in state.items():
-                object.__setattr__(made, name, each)
+            return made
+        if is_dataclass(cls) and (missing := {each.name for each in fields(cls) if each.init} - state.keys()):
+            raise ValueError(f"a {value['class']} without {', '.join(sorted(missing))}")
+        for name, each in state.items():
+            object.__setattr__(made, name, each)
         return made
 
-    def _named(self, name: str) -> Any:
-        module, _, qualname = name.partition(":")
-        if not _belongs(module, self.device):
-            raise ValueError(f"a state of {type(self.device).__name__} holds no {name}")
-        found: Any = _own_modules(self.device).get(module) or importlib.import_module(module)
-        for part in qualname.split("."):
-            found = getattr(found, part)
+    def _class(self, name: str, kind: type) -> Any:
+        found = self._named(name, type)
+        if not issubclass(found, kind):
+            raise ValueError(f"{name} is no {kind.__name__}")
         return found
 
-    def _keep(self, value: dict[str, Any], made: Any) -> Any:
-        self.made[value["n"]] = made
+    def _named(self, name: str, kind: type) -> Any:
+        """A function or class by its name, if it is one of a module that belongs, and not merely used there."""
+        module, _, qualname = name.partition(":")
+        if not self.belongs(module):
+            raise ValueError(f"a state holds no {name}")
+        found: Any = self._modules.get(module) or importlib.import_module(module)
+        for part in qualname.split("."):
+            found = getattr(found, part)
+        if not isinstance(found, kind) or (found.__module__, found.__qualname__) != (module, qualname):
+            raise ValueError(f"a state holds no {name}")
+        return found
+
+    def keep(self, value: dict[str, Any], made: Any) -> Any:
+        """Remember what was made, for those who share it."""
+        self._made[value["n"]] = made
         return made
 
 

@@ -16,6 +16,7 @@ if TYPE_CHECKING:  # what an editor sees; the table below says the same to Pytho
     from tactemu.errors import MeshError as MeshError
     from tactemu.errors import PoseError as PoseError
     from tactemu.errors import SceneError as SceneError
+    from tactemu.errors import StateError as StateError
     from tactemu.errors import TactemuError as TactemuError
     from tactemu.errors import TransportError as TransportError
     from tactemu.errors import TransportUnavailable as TransportUnavailable
@@ -85,6 +86,7 @@ _PUBLIC = {
     "read_log": "tactemu.truth",
     "TactemuError": "tactemu.errors",
     "SceneError": "tactemu.errors",
+    "StateError": "tactemu.errors",
     "MeshError": "tactemu.errors",
     "PoseError": "tactemu.errors",
     "DeviceError": "tactemu.errors",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Iterator
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 
 class Action(NamedTuple):
@@ -29,9 +29,16 @@ Entry = TypeVar("Entry", Action, Guest, Action | Guest)
 
 
 class Agenda(Generic[Entry]):
-    """A queue of what is to be done by time [ns]."""
+    """A queue of what is to be done by time [ns].
 
-    def __init__(self):
+    Args:
+        knows: whether an action of a saved state can be done.
+    """
+
+    not_state: ClassVar[tuple[str, ...]] = ()
+
+    def __init__(self, knows: Callable[[Action], bool] = lambda action: False):
+        self._knows = knows
         self._entries: list[tuple[int, int, Entry]] = []
         self._number = 0
 
@@ -44,6 +51,25 @@ class Agenda(Generic[Entry]):
         """Take out what is due by now, those put meanwhile included."""
         while self._entries and self._entries[0][0] <= now_ns:
             yield heapq.heappop(self._entries)[2]
+
+    def state(self) -> dict[str, Any]:
+        """What the loop plans for itself; what callers have asked for is not saved with it."""
+        return {"entries": [e for e in self._entries if isinstance(e[2], Action)], "number": self._number}
+
+    def prepared(self, state: dict[str, Any]) -> Callable[[], None]:
+        """What callers have asked for here stays.
+
+        Raises:
+            ValueError: something that the loop cannot do.
+        """
+        for t_ns, number, action in state["entries"]:
+            if type(t_ns) is not int or type(number) is not int or not self._knows(action):
+                raise ValueError(f"cannot do {action!r:.60} at {t_ns!r:.20}")
+        guests = [entry for entry in self._entries if not isinstance(entry[2], Action)]
+        entries = [*state["entries"], *guests]
+        heapq.heapify(entries)
+        attributes = {"_entries": entries, "_number": max(self._number, int(state["number"]))}
+        return lambda: vars(self).update(attributes)
 
     @property
     def next_ns(self) -> int | None:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from firmware_protocols import Device
 from tactemu import transports
 from tactemu.channel import Channel, Source
-from tactemu.clock import Clock
+from tactemu.clock import Clock, VirtualClock
 from tactemu.emulator import Emulator
 from tactemu.errors import DeviceError, SceneError, TactemuError
 from tactemu.options import number
@@ -25,6 +26,7 @@ from tactemu.scene.limits import RATES_HZ
 from tactemu.scene.motion import Joint
 from tactemu.scene.placement import PlacedSkin
 from tactemu.scene.schema import EventTable, Skin, World
+from tactemu.scene.steering import Steered
 from tactemu.sensing import Senses, Untouched
 from tactemu.sources import given_by, without
 from tactemu.truth import Truth
@@ -83,6 +85,42 @@ class Assembled:
     """Those that are on bodies, by name."""
     posed: frozenset[str]
     """Bodies that a source of the user's poses."""
+    again: Callable[..., Assembled] = field(repr=False)
+    """Assembles another of the same, with a port, a clock and a truth of its own."""
+
+    @property
+    def steered(self) -> dict[str, Steered]:
+        """Motions of the bodies that are moved by hand, by their names."""
+        motions = {body.name: body.motion for body in self.scene.bodies} if self.simulation is not None else {}
+        return {name: motion for name, motion in motions.items() if isinstance(motion, Steered)}
+
+    def fork(
+        self,
+        *,
+        port: str | Mapping[str, str] | None = "memory:",
+        clock: Clock | None = None,
+        truth: Truth | None = None,
+        state: Mapping[str, Any] | None = None,
+    ) -> Assembled:
+        """Another emulator that goes on from where this one is, once it is opened, and shares nothing with it but what
+        never changes. Call between two turns, as :meth:`Emulator.snapshot`, or give the state.
+
+        A source of the user's own is asked by the fork, too: one that is a function of time alone gives it the same.
+
+        Args:
+            port: where it leads; ``None``: fresh ports of the usual kind.
+            clock: default: a virtual one.
+            truth: default: in memory.
+            state: a snapshot, of this emulator or one like it; default: as it is now.
+
+        Raises:
+            StateError: a part cannot be saved.
+            TactemuError: a port cannot be had.
+        """
+        state = self.emulator.snapshot() if state is None else state
+        other = self.again(port=port, clock=clock or VirtualClock(), truth=truth)
+        other.emulator.restore(state)
+        return other
 
 
 def assemble(
@@ -92,19 +130,21 @@ def assemble(
     clock: Clock | None = None,
     truth: Truth | None = None,
     source: Any = None,
+    like: Simulation | None = None,
 ) -> Assembled:
     """Build everything that a scene file asks for; kernels are compiled here, ports opened only by the emulator.
 
-    ``source`` is a simulator of the user's own (:mod:`tactemu.sources`).
+    ``source`` is a simulator of the user's own (:mod:`tactemu.sources`), ``like`` a simulation of the same scene and
+    wishes, which shares what never changes.
 
     Raises:
         TactemuError: something in the scene or the wishes cannot be had.
     """
     wishes = wishes or Wishes()
-    world = loaded.tables.scene
+    whole, world = loaded, loaded.tables.scene
     seed = world.seed if wishes.seed is None else wishes.seed
     devices = make_devices(loaded)
-    given = given_by(source, loaded, devices, lambda scene: _built(scene, wishes, world, seed))
+    given = given_by(source, loaded, devices, lambda scene: _built(scene, wishes, world, seed, like))
     loaded = without(loaded, given)
     events = (*loaded.tables.scenario, *wishes.scenario)
     plugs = plugs_of(loaded.tables.skin, devices, wishes.port, fresh=wishes.fresh_ports)
@@ -114,7 +154,7 @@ def assemble(
     channels: dict[str, Channel] = {}
     scene, placed = build_scene(_driven(loaded, devices, channels), devices, laws)
     played = _recordings(loaded, devices)
-    simulation = _built(scene, wishes, world, seed) if placed else given.simulation
+    simulation = _built(scene, wishes, world, seed, like) if placed else given.simulation
     if given.poses and simulation is not None:
         given.poses.attach(simulation)
     placed |= given.sensors
@@ -126,16 +166,36 @@ def assemble(
         channels[skin.title] = _channel(skin, device, Senses(felt, device.layout), own, wishes, seed)
     followed = [*played.values(), *([given.readings] if given.readings else [])]
     advanced = Playback(simulation, followed) if followed else simulation
-    emulator = Emulator(advanced, channels.values(), clock=clock, truth=truth)
+    emulator = Emulator(advanced, channels.values(), clock=clock, truth=truth, made_of=_made_of(whole, wishes))
     schedule(emulator, events)
-    return Assembled(emulator, simulation, scene, loaded, placed, frozenset(given.posed))
+
+    def again(*, port: str | Mapping[str, str] | None, clock: Clock | None, truth: Truth | None) -> Assembled:
+        own = {name: copy(motion) if isinstance(motion, Steered) else motion for name, motion in whole.motions.items()}
+        skins = tuple(skin.model_copy(update={"port": None, "ports": {}}) for skin in whole.tables.skin)
+        tables = whole.tables.model_copy(update={"skin": skins})
+        own_source = source if simulation is None or simulation is not given.simulation else simulation.another()
+        return assemble(
+            replace(whole, motions=own, tables=tables), replace(wishes, port=port, fresh_ports=True),
+            clock=clock, truth=truth, source=own_source, like=simulation,
+        )  # fmt: skip
+
+    return Assembled(emulator, simulation, scene, loaded, placed, frozenset(given.posed), again)
 
 
-def _built(scene: Scene, wishes: Wishes, world: World, seed: int) -> Simulation:
-    simulation = scene.build(device=wishes.compute or world.device, seed=seed, dtype=world.dtype)
-    simulation.step()  # loads the kernels, so that the first frame is not late
-    simulation.reset()
+def _built(scene: Scene, wishes: Wishes, world: World, seed: int, like: Simulation | None) -> Simulation:
+    simulation = scene.build(device=wishes.compute or world.device, seed=seed, dtype=world.dtype, like=like)
+    if like is None:
+        simulation.step()  # loads the kernels, so that the first frame is not late
+        simulation.reset()
     return simulation
+
+
+def _made_of(loaded: LoadedScene, wishes: Wishes) -> dict[str, Any]:
+    """What a run is of, but for its ports, and for what it keeps in memory: by this a saved state knows its own."""
+    tables = loaded.tables.model_dump(by_alias=True, exclude={"truth": True, "skin": {"__all__": {"port", "ports"}}})
+    wished = {name: getattr(wishes, name) for name in ("rate_hz", "faults", "seed", "adjustable")}
+    events = [event.model_dump(exclude_defaults=True) for event in wishes.scenario]
+    return {**tables, "asked for": wished | {"scenario": events}}
 
 
 def truth_of(loaded: LoadedScene, path: str | Path | None = None, keep: str | int | None = None) -> Truth:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -85,6 +85,8 @@ class Channel:
     Raises:
         DeviceError: a wish for a stream that the device does not have, or for one of several without its name.
     """
+
+    not_state: ClassVar[tuple[str, ...]] = ("name", "wishes", "_ports")
 
     name: str
     device: Device
@@ -179,6 +181,10 @@ class Channel:
         self._ports = self.device.ports
         for port, wire in self.wires.items():
             wire.attach(self.name, self.device.connector(port))
+
+    def resumed(self) -> None:
+        """A state was restored: its wires have the settings that they had then."""
+        self._ports = self.device.ports
 
     def due(self, now_ns: int) -> list[tuple[int, str]]:
         """Streams whose time has come, with that time."""

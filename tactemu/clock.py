@@ -36,6 +36,10 @@ class Clock(Protocol):
         """The emulator opens: time begins."""
         ...
 
+    def set_ns(self, t_ns: int) -> None:
+        """Go on from this time: a saved run does."""
+        ...
+
     def now_ns(self) -> int:
         """Nanoseconds since the start."""
         ...
@@ -60,6 +64,10 @@ class RealClock:
     def start(self) -> None:
         """Count from now."""
         self.origin_ns = time.monotonic_ns()
+
+    def set_ns(self, t_ns: int) -> None:
+        """Go on from this time."""
+        self.origin_ns = time.monotonic_ns() - t_ns
 
     def stands(self) -> bool:
         """Never."""
@@ -96,6 +104,10 @@ class VirtualClock:
     def start(self) -> None:
         """It stands where it was set."""
 
+    def set_ns(self, t_ns: int) -> None:
+        """Go on from this time."""
+        self._now = t_ns
+
     def stands(self) -> bool:
         """Never."""
         return False
@@ -120,6 +132,11 @@ class LockstepClock(VirtualClock):
         super().__init__(start_ns)
         self._end = start_ns
         self._stands = False
+
+    def set_ns(self, t_ns: int) -> None:
+        """Stand at this time."""
+        super().set_ns(t_ns)
+        self._end, self._stands = t_ns, False
 
     @property
     def end_ns(self) -> int:

@@ -15,7 +15,8 @@ transport it runs.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -62,7 +63,12 @@ class Emulator:
         clock: real time by default; a :class:`~tactemu.clock.VirtualClock` runs as fast as it can.
         truth: where samples, frames and faults are logged.
         catch_up_steps: a loop that is late by a period takes at most so many simulation steps for one sample.
+        made_of: what it was assembled from, as plain data: a state of another is refused by what differs.
     """
+
+    not_state: ClassVar[tuple[str, ...]] = (
+        "catch_up_steps", "clock", "look_ahead_ns", "made_of", "running", "_calls", "_channels", "_resumed",
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -72,7 +78,9 @@ class Emulator:
         clock: Clock | None = None,
         truth: Truth | None = None,
         catch_up_steps: int = 50,
+        made_of: Mapping[str, Any] | None = None,
     ):
+        self.made_of = made_of or {}
         self.catch_up_steps = catch_up_steps
         self.simulation = simulation
         self.channels = list(channels)
@@ -87,10 +95,12 @@ class Emulator:
         self.look_ahead_ns: int | None = None
         """In real time the simulation is at most so far ahead (or a step, if that is longer); ``None``: any way."""
         self._channels = {channel.name: channel for channel in self.channels}
-        self._agenda: Agenda[Action | Guest] = Agenda()
-        self._outbox: Agenda[Action] = Agenda()
+        self._agenda: Agenda[Action | Guest] = Agenda(self._knows)
+        self._outbox: Agenda[Action] = Agenda(self._knows)
         """Samples until their release times."""
         self._calls = Calls()
+        self._resumed = False
+        """Whether it goes on from a state, rather than from power-up."""
 
     # -- life ------------------------------------------------------------------------------------------------------
 
@@ -109,9 +119,11 @@ class Emulator:
                 wire.open()
             self._calls.open()
             self.clock.start()
+            if self._resumed:
+                self.clock.set_ns(self.now_ns)
             self.now_ns = self.clock.now_ns()
             self.truth.begin(self.clock.origin_ns, patient=self.clock.virtual)
-            for channel in self.channels:
+            for channel in () if self._resumed else self.channels:
                 self._power_on(channel)
         except BaseException:
             self.close()
@@ -391,6 +403,44 @@ class Emulator:
         channel = self._channels[action.channel]
         if action.life is None or action.life == channel.lives:
             ACTIONS[action.name](self, channel, *action.args)
+
+    def _knows(self, action: Action) -> bool:
+        return isinstance(action, Action) and action.name in ACTIONS and action.channel in self._channels
+
+    # -- saving --------------------------------------------------------------------------------------------------------
+
+    def snapshot(self) -> dict[str, Any]:
+        """The whole state as plain data, for :meth:`restore`. Call between two turns: from :meth:`call`, or while it
+        does not run.
+
+        Raises:
+            StateError: some part of it cannot be saved.
+        """
+        from tactemu.saving import snapshots
+
+        return snapshots.take(self)
+
+    def restore(self, state: Mapping[str, Any] | str | Path) -> None:
+        """Go on from a state, or from a file of one, as often as you like. Call between two turns, or before it opens:
+        then nothing powers up.
+
+        Raises:
+            StateError: it is not one of such an emulator; says what differs. Nothing has changed.
+        """
+        from tactemu.saving import snapshots
+
+        snapshots.restore(self, state)
+        self._resumed = True
+
+    def save(self, path: str | Path) -> int:
+        """Write the state to a file; returns its size [byte]. Call as :meth:`snapshot`.
+
+        Raises:
+            StateError: some part of it cannot be saved, or the file cannot be written.
+        """
+        from tactemu.saving import snapshots
+
+        return snapshots.save(self, path)
 
     # -- what befalls a device -----------------------------------------------------------------------------------------
 

@@ -44,6 +44,10 @@ class DeviceError(TactemuError):
     """An unknown device, or one that does not fit its wire or its skin."""
 
 
+class StateError(TactemuError):
+    """A state cannot be saved, or is not one of this run, or no state at all."""
+
+
 class TransportError(TactemuError):
     """A port cannot be made or was lost."""
 

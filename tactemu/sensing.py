@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -39,6 +39,8 @@ class Senses:
         skin: what is felt, taxels in the order of ``layout``.
         layout: where the taxels are.
     """
+
+    not_state: ClassVar[tuple[str, ...]] = ("_layout",)
 
     def __init__(self, skin: Skin, layout: Layout):
         self.skin = skin
@@ -83,6 +85,7 @@ class Senses:
 class Untouched:
     """The skin of a device without taxels."""
 
+    not_state: ClassVar[tuple[str, ...]] = ()
     imperfections = None
 
     def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,18 @@ class Lateness:
         self._values = np.zeros(keep, np.int64)
         self.count = 0
         self.max_ns = 0
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the room that is not used yet."""
+        kept = self._values[: min(self.count, len(self._values))]
+        return {"values": kept, "count": self.count, "max_ns": self.max_ns}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """As made, and then told so many values."""
+        self.__init__()
+        kept = state["values"]
+        self._values[: len(kept)] = kept
+        self.count, self.max_ns = state["count"], state["max_ns"]
 
     def add(self, late_ns: int) -> None:
         """Note one deadline met ``late_ns`` after its time."""

@@ -85,7 +85,7 @@ def compile_coefficients(
     walk, noise, temperature = "random_walk" in laws, "noise_density" in laws, "temperature" in laws
     if not (material or walk or noise or temperature):
         return None, []
-    out = wp.zeros(COUNT, dtype=wp.float64, device=context.device)
+    out = context.zeros(COUNT, wp.float64)
     unloading = options.hysteresis_tau_unloading
     taus = wp.vec4d(
         options.hysteresis_tau,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import warp as wp
 
 from tactemu.errors import SceneError
 from tactemu.imperfections.info import ReadingInfo
@@ -73,7 +72,7 @@ class Table:
         if wide and row.size == 1:
             row = np.repeat(row, info.n_columns)
         self.option, self._info = option, info
-        self.array = wp.array(np.tile(row, (context.n_envs, 1)), dtype=context.real, device=context.device)
+        self.array = context.array(np.tile(row, (context.n_envs, 1)), context.real)
 
     def set(self, value, envs_idx: Sequence[int] | None = None) -> None:
         """Gives the environments named a new value; a leading axis of their number gives each its own.

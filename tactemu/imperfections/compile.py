@@ -305,7 +305,7 @@ class Imperfections(Adjustments):
         return stream_key(self.context.seed, f"{self.info.name}/{stage}")
 
     def _zeros(self, shape, dtype) -> wp.array:
-        return wp.zeros(shape, dtype=dtype, device=self.context.device)
+        return self.context.zeros(shape, dtype)
 
     def _launch(self, kernel, dim, inputs: list) -> None:
         wp.launch(kernel, dim=dim, inputs=inputs, device=self.context.device)

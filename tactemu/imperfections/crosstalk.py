@@ -160,7 +160,7 @@ def compile_crosstalk(
         return x, []
     real, device = context.real, context.device
     kept = kept_at_home(kernel, info.layout, info.filler) if options.crosstalk_conserving else np.zeros((1, 1))
-    out = wp.zeros(x.shape, dtype=real, device=device)
+    out = context.zeros(x.shape, real)
     on_device = [wp.array(a, dtype=real, device=device) for a in (kernel, kept)]
     filler = wp.array(info.filler.astype(np.uint8), dtype=wp.uint8, device=device)
     launches = []

@@ -21,7 +21,7 @@ class DeadTaxels:
     def __init__(self, options: ImperfectionOptions, info: ReadingInfo, context: Context, resets: wp.array):
         self._info, self._context, self._resets = info, context, resets
         self._options = options
-        self.stuck = wp.full((context.n_envs, info.n_columns), ALIVE, dtype=context.real, device=context.device)
+        self.stuck = context.full((context.n_envs, info.n_columns), ALIVE, context.real)
         """Readings of dead columns, shape ``(n_envs, n_columns)``; infinite where alive."""
         self.redraw(wp.full(context.n_envs, True, dtype=wp.bool, device=context.device))
 

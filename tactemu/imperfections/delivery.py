@@ -29,8 +29,8 @@ class Delay:
         jitter = max(options.jitter, dt) if "jitter" in options.adjustable else options.jitter
         self._depth = ring_depth(options.delay + jitter, context, f"sensor {info.name!r}: delay + jitter")
         self._longest_s = max(options.delay + jitter, (self._depth - 2) * dt)
-        self._lags = np.tile(np.rint(np.array([options.delay, options.jitter]) * 1e9), (context.n_envs, 1))
-        self._array = wp.array(self._lags.astype(np.int64), dtype=wp.int64, device=context.device)
+        lags = np.rint(np.array([options.delay, options.jitter]) * 1e9).astype(np.int64)
+        self._lags = context.array(np.tile(lags, (context.n_envs, 1)), wp.int64)
 
     def compile(self, measured: wp.array) -> tuple[wp.array, list[Stage]]:
         """The delivered readings, in the shape and type of ``measured``, and the stages that fill them."""
@@ -38,19 +38,19 @@ class Delay:
         flat = (context.n_envs, info.n_columns)
         ring = Ring(self._depth, info.n_columns, measured.dtype, context)
         linear = options.delay_interpolation == "linear" and measured.dtype is not wp.bool
-        newest = wp.zeros(context.n_envs, dtype=wp.int64, device=context.device)
-        chosen = wp.zeros(context.n_envs, dtype=wp.vec3i, device=context.device)
-        share = wp.zeros(context.n_envs, dtype=wp.float64, device=context.device)
+        newest = context.zeros(context.n_envs, wp.int64)
+        chosen = context.zeros(context.n_envs, wp.vec3i)
+        share = context.zeros(context.n_envs, wp.float64)
         key = stream_key(context.seed, f"{info.name}/jitter")
         nearest = options.delay_interpolation == "nearest"
         select = record(
             select_kernel(self.jitters, nearest, linear, options.jitter_reorder),
             context.n_envs,
-            [context.step, context.time_ns, context.dt, key, self._resets, self._array, ring.birth],
+            [context.step, context.time_ns, context.dt, key, self._resets, self._lags, ring.birth],
             [ring.times, newest, chosen, share],
             context.device,
         )
-        out = wp.zeros(measured.shape, dtype=measured.dtype, device=context.device)
+        out = context.zeros(measured.shape, measured.dtype)
         deliver = record(
             deliver_kernel(measured.dtype, linear),
             (context.n_envs, -(-info.n_columns // 4)),
@@ -93,8 +93,9 @@ class Delay:
                 f"sensor {self._info.name!r}: jitter must be in 0..{room:g} s, the room made when the scene was built;"
                 f" got {value!r}. Build with a larger jitter and set it to less"
             )
-        self._lags[envs, 1] = np.broadcast_to(np.rint(jitter * 1e9), envs.shape)
-        self._array.assign(self._lags.astype(np.int64))
+        lags = self._lags.numpy()
+        lags[envs, 1] = np.broadcast_to(np.rint(jitter * 1e9), envs.shape)
+        self._lags.assign(lags)
 
 
 def compile_history(
@@ -104,7 +105,7 @@ def compile_history(
     if length <= 0:
         return reading, []
     columns = info.n_columns
-    out = wp.zeros((context.n_envs, length, *reading.shape[1:]), dtype=reading.dtype, device=context.device)
+    out = context.zeros((context.n_envs, length, *reading.shape[1:]), reading.dtype)
     launch = record(
         remember_kernel(reading.dtype),
         (context.n_envs, columns),

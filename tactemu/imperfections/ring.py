@@ -89,10 +89,9 @@ class Ring:
     """Times and values of the last readings of every environment."""
 
     def __init__(self, depth: int, n_columns: int, dtype: type, context: Context):
-        device = context.device
-        self.times = wp.zeros(depth, dtype=wp.int64, device=device)
-        self.values = wp.zeros((depth, context.n_envs, n_columns), dtype=dtype, device=device)
-        self.birth = wp.full(context.n_envs, FRESH, dtype=wp.int64, device=device)
+        self.times = context.zeros(depth, wp.int64)
+        self.values = context.zeros((depth, context.n_envs, n_columns), dtype)
+        self.birth = context.full(context.n_envs, FRESH, wp.int64)
         """Number of the step after which each environment was reset, or :data:`FRESH`."""
 
     def reset(self, mask: wp.array) -> None:

@@ -102,7 +102,7 @@ def compile_scan(
     ages = np.rint(options.scan_time * 1e9 * (1.0 - (order + 1.0) / n_slots)).astype(np.int64)
     depth = ring_depth(float(ages.max(initial=0)) * 1e-9, context, f"sensor {info.name!r}: scan_time")
     ring = Ring(depth, info.n_columns, context.real, context)
-    out = wp.zeros(x.shape, dtype=context.real, device=context.device)
+    out = context.zeros(x.shape, context.real)
     launch = record(
         _kernel(context.real),
         (context.n_envs, info.n_taxels),

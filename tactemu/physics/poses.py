@@ -119,17 +119,17 @@ class RelativePoses:
         self._reasons = twist_reasons
         self._context = context
         self.links = list(links)
-        self.world = wp.zeros((n_bodies, n_envs, POSE_WIDTH), dtype=wp.float64, device=device)
+        self.world = context.zeros((n_bodies, n_envs, POSE_WIDTH), wp.float64)
         shape = (len(links), n_envs, n_bodies)
         vec3 = wp.types.vector(3, real)
-        self.dt_ns = wp.zeros(1, dtype=wp.int64, device=device)
+        self.dt_ns = context.zeros(1, wp.int64)
         self._links = wp.array(links, dtype=wp.int32, device=device)
-        self._pose = wp.zeros(shape, dtype=wp.types.transformation(real), device=device)
+        self._pose = context.zeros(shape, wp.types.transformation(real))
         twist_shape = shape if self.with_twist else (0, 0, 0)
-        self._velocity = wp.zeros(twist_shape, dtype=vec3, device=device)
-        self._spin = wp.zeros(twist_shape, dtype=vec3, device=device)
-        self._link_spin = wp.zeros(twist_shape[:2], dtype=vec3, device=device)
-        self.bad = wp.zeros(shape, dtype=wp.uint8, device=device)
+        self._velocity = context.zeros(twist_shape, vec3)
+        self._spin = context.zeros(twist_shape, vec3)
+        self._link_spin = context.zeros(twist_shape[:2], vec3)
+        self.bad = context.zeros(shape, wp.uint8)
 
     def view(self, link: int) -> LinkView:
         """What the link sees."""

@@ -102,7 +102,7 @@ class Site:
     def zeros(self, channels: int | None = None) -> wp.array:
         """A new array ``(n_envs, n_taxels, channels)`` of the context's type."""
         shape = (self.context.n_envs, self.probes.n, channels or self.n_channels)
-        return wp.zeros(shape, dtype=self.context.real, device=self.context.device)
+        return self.context.zeros(shape, self.context.real)
 
     @property
     def along_normal(self) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any, ClassVar
 
 import numpy as np
 import warp as wp
@@ -24,6 +25,9 @@ from tactemu.scene.motion import Pose
 
 MOST_THREADS = 2**31
 """Warp counts threads and the places of an array's axis in 31 bits."""
+
+_COUNTS = ("time_ns", "step_count", "_dt_ns", "_checked_step")
+"""What is saved beside the arrays."""
 
 REAL = {"float32": wp.float32, "float64": wp.float64}
 
@@ -55,8 +59,11 @@ def _reading_info(sensor: Sensor) -> ReadingInfo:
 class Simulation:
     """What :meth:`tactemu.Scene.build` returns. Time is counted in integer nanoseconds and steps in int64.
 
-    It is of the bodies and sensors, and steps by the ``dt``, that the scene has when it is built.
+    It is of the bodies and sensors, and steps by the ``dt``, that the scene has when it is built. With ``like``, one of
+    the same scene and the same options, it shares what never changes.
     """
+
+    not_state: ClassVar[tuple[str, ...]] = ()
 
     def __init__(
         self,
@@ -69,6 +76,7 @@ class Simulation:
         seed: int,
         dtype: str,
         posers: Sequence[Callable[[Simulation, float], None]] = (),
+        like: Simulation | None = None,
     ):
         if n_envs is not None and (isinstance(n_envs, bool) or int(n_envs) != n_envs or n_envs < 1):
             raise SceneError(f"build: n_envs must be None or a whole number >= 1, got {n_envs!r}")
@@ -88,10 +96,9 @@ class Simulation:
             n_envs=self.n_envs,
             real=REAL[dtype],
             seed=int(seed),
-            dt=wp.full(1, dt, dtype=wp.float64, device=self.device),
-            step=wp.zeros(1, dtype=wp.int64, device=self.device),
-            time_ns=wp.zeros(1, dtype=wp.int64, device=self.device),
+            constants={} if like is None else like.context.constants,
         )
+        self.context.dt.fill_(dt)
         self.outdated = ""
         """Why it must not be stepped any more: its scene has changed, or was built again."""
         self._dt_ns = -1
@@ -115,8 +122,9 @@ class Simulation:
         self.plan = Plan(device=self.device)
         if self.sensors:
             self.plan.stages.append(self._poses.stage())
-        self._shapes = ShapeTables(self.bodies, self.context)
-        self._clouds: dict[tuple[int, int], PointCloud] = {}
+        constants = self.context.constants
+        self._shapes: ShapeTables = constants.setdefault(ShapeTables, ShapeTables(self.bodies, self.context))
+        self._clouds: dict[tuple[int, int], PointCloud] = constants.setdefault(PointCloud, {})
         self._arrays: list[wp.array] = []
         attachments = [self._compile_sensor(sensor) for sensor in self.sensors]
         self._bad_view = self._poses.bad.numpy() if self.device.is_cpu else None
@@ -317,6 +325,60 @@ class Simulation:
         """On a GPU poses are judged here, since a step does not wait for the device."""
         if self._bad_view is None and self.step_count:
             self.check_poses()
+
+    def another(self) -> Simulation:
+        """One of the same bodies, with handles of its own on the same sensors, at its start."""
+        return Simulation(
+            self.bodies,
+            [Sensor(sensor.name, sensor.model, sensor.link) for sensor in self.sensors],
+            dt=self.dt,
+            n_envs=self.n_envs if self.batched else None,
+            device=self.device,
+            seed=self.context.seed,
+            dtype=self.context.real.__name__,
+            posers=self.posers,
+            like=self,
+        )
+
+    # -- saving -----------------------------------------------------------------------------------------------------
+
+    def more_parts(self) -> dict[str, Any]:
+        """What moves the bodies, and may have a state of its own."""
+        posers = {f"posers[{k}]": getattr(pose, "__self__", None) for k, pose in enumerate(self.posers)}
+        return {f"motion of {body.name}": body.motion for body in self._moving} | posers
+
+    def state(self) -> dict[str, Any]:
+        """All that lasts from step to step, arrays copied to the host."""
+        self.world.upload()
+        counts = {name: getattr(self, name) for name in _COUNTS}
+        return counts | {"memory": [array.numpy().copy() for array in self.context.memory]}
+
+    def prepared(self, state: dict[str, Any]) -> Callable[[], None]:
+        """What takes on a state, of this or another process, once it is called.
+
+        Raises:
+            ValueError: it is not one of such a simulation.
+        """
+        counts = {name: int(state[name]) for name in _COUNTS}
+        arrays, given = self.context.memory, state["memory"]
+        if len(given) != len(arrays):
+            raise ValueError(f"expected {len(arrays)} arrays, got {len(given)}")
+        for k, (array, values) in enumerate(zip(arrays, given)):
+            here = array.numpy()
+            if (values.shape, values.dtype) != (here.shape, here.dtype):
+                there = f"{values.shape} {values.dtype}"
+                raise ValueError(f"array {k}: expected {here.shape} {here.dtype}, got {there}")
+
+        def take() -> None:
+            vars(self).update(counts)
+            for array, values in zip(arrays, given):
+                if self.device.is_cpu:
+                    array.numpy()[...] = values
+                else:
+                    array.assign(values)
+            self.world.resumed()
+
+        return take
 
     def reset(self, envs: Sequence[int] | np.ndarray | None = None) -> None:
         """Clear all state, put bodies back where they started, and let readings be 0 until the next step.

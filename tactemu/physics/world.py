@@ -156,6 +156,11 @@ class World:
         position, quaternion, velocity, turning = (row[part] for part in PARTS.values())
         return Pose(position, quaternion / np.linalg.norm(quaternion), velocity, turning)
 
+    def resumed(self) -> None:
+        """The device's array was restored: what the host has is outdated."""
+        self._dirty.clear()
+        self._device_newer = set() if self._shared else set(range(self.n_bodies))
+
     def reset(self, envs) -> None:
         """Put all bodies back where they started."""
         where = self.env_indices(envs)

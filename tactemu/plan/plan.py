@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from statistics import median
-from typing import Literal
+from typing import Any, Literal
 
 import warp as wp
 
@@ -28,12 +28,39 @@ class Context:
     """``wp.float32``, or ``wp.float64`` in the float64 mode. Kernels are built for it by cached factories."""
     seed: int
     """Root seed; a stage derives its own stream from it and its name (:mod:`tactemu.random_streams`)."""
-    dt: wp.array
+    memory: list[wp.array] = field(default_factory=list)
+    """All that lasts from step to step, in the order in which it was made: what is saved of a simulation."""
+    constants: dict[Any, Any] = field(default_factory=dict)
+    """What takes long to make and never changes, by what it is made from: forks of a simulation share it."""
+    dt: wp.array = field(init=False)
     """Length of the step being taken [s], float64, shape ``(1,)``: read on the device, so that a graph sees changes."""
-    step: wp.array
+    step: wp.array = field(init=False)
     """Number of the step being taken, from 1, int64, shape ``(1,)``."""
-    time_ns: wp.array
+    time_ns: wp.array = field(init=False)
     """Simulated time at the end of the step being taken [ns], int64, shape ``(1,)``."""
+
+    def __post_init__(self):
+        for name, dtype in (("dt", wp.float64), ("step", wp.int64), ("time_ns", wp.int64)):
+            object.__setattr__(self, name, self.zeros(1, dtype))
+
+    # What a stage writes, and what may be set while it runs, is made here; scratch, which a step fills before it reads
+    # it, and what never changes are arrays like any other.
+
+    def zeros(self, shape, dtype) -> wp.array:
+        """A new array of zeros that is part of the state."""
+        return self._kept(wp.zeros(shape, dtype=dtype, device=self.device))
+
+    def full(self, shape, value, dtype) -> wp.array:
+        """A new array of one value that is part of the state."""
+        return self._kept(wp.full(shape, dtype(value), dtype=dtype, device=self.device))
+
+    def array(self, values, dtype) -> wp.array:
+        """A new array of these values that is part of the state."""
+        return self._kept(wp.array(values, dtype=dtype, device=self.device))
+
+    def _kept(self, array: wp.array) -> wp.array:
+        self.memory.append(array)
+        return array
 
 
 @dataclass(kw_only=True)

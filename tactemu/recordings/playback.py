@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from firmware_protocols import Device
 from tactemu.errors import SceneError
@@ -32,6 +32,8 @@ def recorded(path: Path, of: str | None, skin: str, device: Device) -> RecordedR
 
 class Playback:
     """What the loop advances where some skins play recordings: them, and the simulation of the others, if any."""
+
+    not_state: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, simulation: Any, recordings: Sequence[RecordedReadings]):
         self.simulation, self.recordings = simulation, recordings

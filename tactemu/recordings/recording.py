@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -188,6 +188,8 @@ class RecordedReadings:
     Raises:
         TactemuError: the file is no truth log, or has no samples of this device.
     """
+
+    not_state: ClassVar[tuple[str, ...]] = ("times_ns", "_measured", "_ideal")
 
     imperfections = None
     """They are in the recording, or in the sensor that it was made of."""

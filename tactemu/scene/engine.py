@@ -7,8 +7,11 @@ from __future__ import annotations
 
 import logging
 import math
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
 
 from tactemu.errors import SceneError
 from tactemu.scene.bodies import Body
@@ -37,6 +40,8 @@ class MujocoEngine:
     Raises:
         SceneError: MuJoCo is not installed, or cannot read the file.
     """
+
+    not_state: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, scene: Scene, file: Path):
         mujoco = self._mujoco = load_mujoco()
@@ -91,6 +96,30 @@ class MujocoEngine:
         for _ in range(min(steps, most)):
             self._mujoco.mj_step(self.model, self.data)
         self.source.update(simulation, self.data)
+
+    def state(self) -> dict[str, Any]:
+        """MuJoCo's own, as far as integration depends on it."""
+        spec = self._mujoco.mjtState.mjSTATE_INTEGRATION
+        values = np.empty(self._mujoco.mj_stateSize(self.model, spec))
+        self._mujoco.mj_getState(self.model, self.data, values, spec)
+        return {"left_out_s": self._left_out_s, "values": values}
+
+    def prepared(self, state: dict[str, Any]) -> Callable[[], None]:
+        """What takes on a state once it is called.
+
+        Raises:
+            ValueError: it is not one of this model.
+        """
+        spec, values, left_out_s = self._mujoco.mjtState.mjSTATE_INTEGRATION, state["values"], state["left_out_s"]
+        size = self._mujoco.mj_stateSize(self.model, spec)
+        if values.shape != (size,) or values.dtype != np.float64:
+            raise ValueError(f"expected {size} numbers of MuJoCo, got {values.shape} {values.dtype}")
+
+        def take() -> None:
+            self._mujoco.mj_setState(self.model, self.data, values, spec)
+            self._left_out_s = float(left_out_s)
+
+        return take
 
     def _has(self, kind: str, name: str) -> bool:
         return self._mujoco.mj_name2id(self.model, getattr(self._mujoco.mjtObj, f"mjOBJ_{kind}"), name) >= 0

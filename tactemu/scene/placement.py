@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -32,6 +32,8 @@ class PlacedSensor:
         sensor: as :meth:`tactemu.Scene.add_sensor` returns it.
         part: the taxels that it has, and where they are.
     """
+
+    not_state: ClassVar[tuple[str, ...]] = ("sensor", "part", "_to_link", "_back", "_turned", "_course")
 
     def __init__(self, sensor: Sensor, part: SkinPart):
         self.sensor, self.part = sensor, part
@@ -103,6 +105,8 @@ class PlacedSensor:
 
 class PlacedSkin:
     """A device's skin on one body or several: what its taxels read, and where they are, in the device's order."""
+
+    not_state: ClassVar[tuple[str, ...]] = ("n_taxels",)
 
     def __init__(self, parts: Sequence[PlacedSensor], n_taxels: int):
         self.parts = list(parts)

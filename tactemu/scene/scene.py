@@ -124,6 +124,7 @@ class Scene:
         device: str | None = "cpu",
         seed: int = 0,
         dtype: Dtype = "float32",
+        like: Simulation | None = None,
     ) -> Simulation:
         """Compile the scene for ``n_envs`` environments; ``None``: one, and readings have no environment axis.
 
@@ -132,6 +133,7 @@ class Scene:
             device: a Warp device, ``cpu`` or ``cuda:0``; ``None``: Warp's current one.
             seed: root of all random streams.
             dtype: numbers of the kernels. In ``float64`` only mesh queries stay single precision.
+            like: a simulation of an equal scene with the same options, which shares what never changes.
 
         Raises:
             SceneError: an option of a sensor is wrong, a mesh cannot be used, or the device does not exist.
@@ -140,7 +142,7 @@ class Scene:
 
         simulation = Simulation(
             self.bodies, self.sensors, dt=self.dt, n_envs=n_envs, device=device, seed=seed, dtype=dtype,
-            posers=self.posers,
+            posers=self.posers, like=like,
         )  # fmt: skip
         self._outdate("the scene was built again, and its sensors read the new simulation")
         self._built = simulation

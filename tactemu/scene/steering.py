@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -35,6 +36,7 @@ class Steered(Motion):
     """
 
     kind = "steered"
+    not_state: ClassVar[tuple[str, ...]] = ("_home",)
 
     def __init__(self, position: Sequence[float], quaternion: Sequence[float]):
         self._home = Pose(np.array(position, np.float64), rotation.normalised(quaternion))

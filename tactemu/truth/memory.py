@@ -87,6 +87,14 @@ class Memory:
             self.bytes += size
             self.budget.spend(size)
 
+    def forget(self) -> None:
+        """Let all entries go."""
+        with self.budget.lock:
+            self.budget.spent -= self.bytes
+            self.bytes = 0
+            self.samples.clear()
+            self.frames.clear()
+
     def forget_oldest(self) -> int:
         """Let the oldest entry go; the bytes that it had. The caller holds the budget's lock."""
         samples, frames = self.samples, self.frames

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -32,6 +33,8 @@ class Truth:
         TactemuError: a size that is none, a suffix that is no format, or a file that must not be overwritten.
         OSError: the file cannot be written.
     """
+
+    not_state: ClassVar[tuple[str, ...]] = ("_memory", "_writer", "origin_ns")
 
     def __init__(
         self, path: str | Path | None = None, *, keep: str | int | None = None, reads: Iterable[str | Path] = ()
@@ -196,6 +199,10 @@ class Truth:
             self._writer.patient = patient
             if not self._writer.begun:
                 self._writer.begin(Header(origin_ns))
+
+    def resumed(self) -> None:
+        """A state was restored: what memory keeps is of what came after it, counters go on from it."""
+        self._memory.forget()
 
     def close(self) -> None:
         """Finish the file. Safe to call twice."""

@@ -10,6 +10,7 @@ import heapq
 from bisect import bisect_right
 from collections import defaultdict
 from itertools import accumulate
+from typing import ClassVar
 
 from firmware_protocols import Frame
 from firmware_protocols.can_frames import CanFrames
@@ -22,6 +23,8 @@ CATCH_UP_NS = 5_000_000
 
 class Line:
     """The queue in front of a line and the line itself: of one direction, or of all nodes where there is one line."""
+
+    not_state: ClassVar[tuple[str, ...]] = ("_catch_up_ns",)
 
     def __init__(self, carrier: Carrier):
         self.carrier = carrier

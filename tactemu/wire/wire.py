@@ -11,11 +11,12 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 from firmware_protocols import Connector, Frame, Sent
 from firmware_protocols.can_frames import CanFrames
 from firmware_protocols.frames import payload
-from tactemu.transports.transport import DROPPED, Closed, Event, Received, Transport
+from tactemu.transports.transport import DROPPED, Closed, Event, LinesChanged, Opened, Received, Transport
 from tactemu.truth import Truth
 from tactemu.wire.carriers import carrier_of
 from tactemu.wire.carriers.carrier import DRIVER, Pacing
@@ -68,6 +69,10 @@ class Wire:
     late loop left out: the share that was asked for is not reached), and injected faults by their kind.
     """
 
+    not_state: ClassVar[tuple[str, ...]] = (
+        "transport", "pacing", "backlog_ns", "stands", "name", "_asked", "_opened", "_plugged", "_comes_back",
+    )  # fmt: skip
+
     def __init__(
         self,
         transport: Transport,
@@ -104,6 +109,14 @@ class Wire:
         self._flushed_ns = 0
         """Until when the line has had its chance: what waits since is late by its caller, not by the line."""
         self._down: Fault | None = None
+        self._lines: LinesChanged | None = None
+        """How the devices were told last that the modem lines are."""
+        self._held_open = False
+        """Whether they know of a driver that has the port open."""
+        self._opened = self._plugged = False
+        """Whether the port is to be there, and whether it is."""
+        self._comes_back = False
+        """A driver had the port open when the state was saved: to the devices, the first who opens it has had it."""
         self._injector = Injector(faults, self.carrier, seed, self._note)
 
     # -- life --------------------------------------------------------------------------------------------------------
@@ -116,10 +129,26 @@ class Wire:
         """
         self.transport.fit(self.carrier.connector)
         self.transport.hear_only(self.carrier.filters(self.connectors.values()))
-        self.transport.open()
+        self._opened = True
+        self._plug()
+
+    def _plug(self) -> None:
+        """Let the port be there, unless a fault has it away."""
+        plugged = self._opened and (self._down is None or self._down.kind != "unplug")
+        if plugged != self._plugged:
+            (self.transport.open if plugged else self.transport.close)()
+            self._plugged = plugged
+        self.transport.hold(self._down is not None and self._down.kind == "halfopen")
+
+    def resumed(self) -> None:
+        """A state was restored: the port is as it was, but for who has it open."""
+        if self._opened:
+            self._plug()
+        self._comes_back = self._held_open and not self._plugged and (self._down is None or self._down.kind != "unplug")
 
     def close(self) -> None:
         """Remove the port. Safe to call twice."""
+        self._opened = self._plugged = False
         self.transport.close()
         self.line.clear()
         self.inbound.clear()
@@ -342,7 +371,8 @@ class Wire:
             if isinstance(event, Closed):
                 self._hear_all(events)
                 self._forget(now_ns, "closed")
-            events.append(event)
+            if self._is_news(event):
+                events.append(event)
         if self.inbound is not self.line:
             while (pending := self.inbound.take(now_ns)) is not None:
                 self._pass_on(pending, now_ns)
@@ -350,6 +380,16 @@ class Wire:
             self._pass_on(pending, now_ns)
         self._deliver(now_ns, events)
         return events
+
+    def _is_news(self, event: Event) -> bool:
+        """Whether the devices do not know it; they do not notice that a restored run has another port."""
+        known = self._comes_back and (isinstance(event, Opened) or event == self._lines)
+        match event:
+            case Opened() | Closed():
+                self._held_open, self._comes_back = isinstance(event, Opened), known
+            case LinesChanged():
+                self._lines, self._comes_back = event, False
+        return not known
 
     def _take(self, data: Frame, now_ns: int) -> None:
         """The driver has sent something; while time stands it is there at once, and so is what was on the line."""
@@ -380,7 +420,7 @@ class Wire:
         """
         if fault is self._down:
             return
-        before, self._down = self._down, fault
+        self._down, self._comes_back = fault, False
         if fault is not None:
             self._note(now_ns, self._owner, fault.kind, str(fault))
             self._hear_all(events)
@@ -388,10 +428,8 @@ class Wire:
         if fault is not None and fault.kind == "unplug":
             if self.transport.listening and not self.carrier.one_line:  # a bus has no open and close
                 events += (Closed(), DROPPED)
-            self.transport.close()
-        elif before is not None and before.kind == "unplug":
-            self.transport.open()
-        self.transport.hold(fault is not None and fault.kind == "halfopen")
+                self._held_open, self._lines = False, DROPPED
+        self._plug()
 
     def _forget(self, now_ns: int, why: str) -> None:
         """Nothing is kept for whoever comes next."""

@@ -36,16 +36,10 @@ class Rig:
     def __init__(self, options, about=None, *, n_envs=1, real=wp.float64, dt=1e-3, seed=0, step=0, device="cpu"):
         self.info = about or info()
         self.device, self.dt_ns = wp.get_device(device), round(dt * 1e9)
-        one = {"device": self.device}
-        self.context = Context(
-            device=self.device,
-            n_envs=n_envs,
-            real=real,
-            seed=seed,
-            dt=wp.array([dt], dtype=wp.float64, **one),
-            step=wp.array([step], dtype=wp.int64, **one),
-            time_ns=wp.array([step * self.dt_ns], dtype=wp.int64, **one),
-        )
+        self.context = Context(device=self.device, n_envs=n_envs, real=real, seed=seed)
+        self.context.dt.fill_(dt)
+        self.context.step.fill_(step)
+        self.context.time_ns.fill_(step * self.dt_ns)
         self.number, self.now = step, step * self.dt_ns
         self.raw = wp.zeros((n_envs, self.info.n_taxels, self.info.n_channels), dtype=real, device=self.device)
         self.chain = Imperfections(options, self.info, self.context)

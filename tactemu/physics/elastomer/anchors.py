@@ -154,16 +154,16 @@ def shear_anchors(
     vec3 = wp.types.vector(3, real)
     n_clusters = len(clusters.ball)
     places = (n_envs, n_clusters * CLUSTER)
-    n_pulling = wp.zeros((n_envs, n_clusters), dtype=wp.int32, device=device)
+    n_pulling = context.zeros((n_envs, n_clusters), wp.int32)
     groups, list_clusters = active_groups(context, n_pulling)
     anchors = Anchors(
-        is_latched=wp.zeros(places, dtype=wp.uint8, device=device),
-        anchor=wp.zeros(places, dtype=vec3, device=device),
-        n_latched=wp.zeros((n_envs, n_clusters), dtype=wp.int32, device=device),
+        is_latched=context.zeros(places, wp.uint8),
+        anchor=context.zeros(places, vec3),
+        n_latched=context.zeros((n_envs, n_clusters), wp.int32),
         n_pulling=n_pulling,
         groups=groups,
-        place=wp.zeros(places, dtype=vec3, device=device),
-        pull=wp.zeros(places, dtype=vec3, device=device),
+        place=context.zeros(places, vec3),
+        pull=context.zeros(places, vec3),
     )
     slope = max((kind.steepest for kind in table.kinds), default=1.0)
     follow_points, release_all = _kernels(real, table.functions, slope, area_weighted)

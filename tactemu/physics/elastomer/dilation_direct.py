@@ -162,8 +162,8 @@ def direct_dilation(
     n_chunks = -(-n // CHUNK)
     reach = float(np.linalg.norm(np.ptp(host_positions, axis=0))) + 1e-9
     weight = radial_weight(options, free_spacing(host_positions), reach)
-    n_pressed = wp.zeros((n_envs, n_chunks), dtype=wp.int32, device=device)
-    pressed = wp.zeros((n_envs, n_chunks * CHUNK), dtype=wp.int32, device=device)
+    n_pressed = context.zeros((n_envs, n_chunks), wp.int32)
+    pressed = context.zeros((n_envs, n_chunks * CHUNK), wp.int32)
     table = wp.array(np.zeros(0) if weight.table is None else weight.table, dtype=real, device=device)
     list_pressed, sum_pressed = _kernels(real, not device.is_cpu)
     groups, list_chunks = active_groups(context, n_pressed)

@@ -187,7 +187,7 @@ def grid_dilation(
     col_terms = wp.array(stack(col_u, col_v, col_n), dtype=real, device=device)
     n_all, n_blocks = 2 * n_terms + 1, -(-grid.rows // WIDTH)
     as_grid = (context.n_envs, grid.rows, grid.cols)
-    partial = wp.zeros((context.n_envs, n_all, n_blocks, grid.cols), dtype=block, device=device)
+    partial = context.zeros((context.n_envs, n_all, n_blocks, grid.cols), block)
     sum_rows, sum_columns = _kernels(real)
     first = record(
         sum_rows,

@@ -245,11 +245,11 @@ def tabulated_shear_motion(drag: Drag, grid: Grid) -> Callable[[], None]:
     """Record the sum for a grid, with the exponentials in tables: for few environments, where memory is cheap."""
     context, anchors = drag.context, drag.anchors
     real, device, n_envs = context.real, context.device, context.n_envs
-    vec3 = wp.types.vector(3, real)
+    vec2, vec3 = (wp.types.vector(n, real) for n in (2, 3))
     n_slots, n_blocks = anchors.place.shape[1], -(-grid.cols // WIDTH)
-    in_plane = wp.zeros((n_envs, n_slots), dtype=wp.types.vector(2, real), device=device)
-    by_row = wp.zeros((n_envs, n_slots, grid.rows), dtype=real, device=device)
-    by_col = wp.zeros((n_envs, n_slots, n_blocks), dtype=wp.types.vector(WIDTH, real), device=device)
+    in_plane = context.zeros((n_envs, n_slots), vec2)
+    by_row = context.zeros((n_envs, n_slots, grid.rows), real)
+    by_col = context.zeros((n_envs, n_slots, n_blocks), wp.types.vector(WIDTH, real))
     tabulate, add_shear = _grid_kernels(real, drag.add)
     axes = [vec3(*grid.u), vec3(*grid.v)]
     inputs = [anchors.n_pulling, anchors.place, anchors.pull, vec3(*grid.corner), *axes, grid.du, grid.dv]

@@ -111,7 +111,7 @@ class ElastomerTaxel(SensorModel):
     def compile(self, site: Site) -> Compiled:
         """Depth, dilation, anchors, shear: only those that are switched on."""
         context = site.context
-        motion = wp.zeros((context.n_envs, site.probes.n), dtype=site.vec3, device=context.device)
+        motion = context.zeros((context.n_envs, site.probes.n), site.vec3)
         stages: list[Stage] = []
         if site.probes.n and site.target_bodies:
             parts = _Parts(self, site, motion)

@@ -227,15 +227,7 @@ class CompiledLayer:
         self.rubs = model.friction > 0
         nu, young = float(model.poisson_ratio), float(model.young_modulus)
         self.material = LayerMaterial(young / (2 * (1 + nu)), nu, float(model.thickness))
-        self.tables = LayerTables(
-            self.material,
-            self.grid.shape,
-            self.grid.cell,
-            tangential=self.rubs or model.displacement,
-            real=self.real,
-            lanes=self.lanes,
-            device=self.device,
-        )
+        self.tables = self._tables(tangential=self.rubs or model.displacement)
         self._allocate()
         coarser = "lower `oversampling`"
         solver = "lower `iterations` or `oversampling`, or raise `tolerance`"
@@ -250,14 +242,30 @@ class CompiledLayer:
         self._add(self._read, "taxels", f"{self.grid.split}x{self.grid.split} cells per taxel", coarser)
         self.stages[1].reset = self._reset
 
+    def _tables(self, *, tangential: bool) -> LayerTables:
+        """The layer's compliances; layers that are alike share them."""
+        constants, cells = self.site.context.constants, self.grid.shape
+        key = (LayerTables, self.material, cells, self.grid.cell, tangential)
+        if key not in constants:
+            constants[key] = LayerTables(
+                self.material,
+                cells,
+                self.grid.cell,
+                tangential=tangential,
+                real=self.real,
+                lanes=self.lanes,
+                device=self.device,
+            )
+        return constants[key]
+
     # -- arrays -----------------------------------------------------------------------------------------------------
 
     def _cells(self, dtype, used: bool = True) -> wp.array:
         shape = (self.n_envs, *self.grid.shape) if used else (0, 0, 0)
-        return wp.zeros(shape, dtype=dtype, device=self.device)
+        return self.site.context.zeros(shape, dtype)
 
     def _per_env(self, dtype) -> wp.array:
-        return wp.zeros(self.n_envs, dtype=dtype, device=self.device)
+        return self.site.context.zeros(self.n_envs, dtype)
 
     def _allocate(self) -> None:
         real, vec2 = self.real, wp.types.vector(2, self.real)
@@ -266,8 +274,8 @@ class CompiledLayer:
         struct = windows_type(real, self.lanes)()
         self.windows = Windows(struct, NORMAL_WINDOWS, self.n_slots, self.grid.shape, real, self.lanes, self.device)
         self.pressure = self._cells(real)
-        self.overlap = wp.full(self.pressure.shape, real(NO_SURFACE), dtype=real, device=self.device)
-        self.solved = wp.full(self.pressure.shape, real(math.nan), dtype=real, device=self.device)
+        self.overlap = self.site.context.full(self.pressure.shape, NO_SURFACE, real)
+        self.solved = self.site.context.full(self.pressure.shape, math.nan, real)
         self.near, self.active = self._per_env(wp.vec4i), self._per_env(wp.vec4i)
         self.body, self.slide = self._cells(wp.int32, self.rubs), self._cells(vec2, self.rubs)
         self.box, self.area, self.dirty = (self._per_env(wp.vec4i) for _ in range(3))
@@ -339,7 +347,7 @@ class CompiledLayer:
         self.covered = wp.array(grid.covered(), dtype=wp.bool, device=self.device)
         self.reach = self._reach(horizon)
         pose = site.view.pose
-        self.last_pose = wp.zeros(pose.shape if self.rubs else (0, 0), dtype=pose.dtype, device=self.device)
+        self.last_pose = site.context.zeros(pose.shape if self.rubs else (0, 0), pose.dtype)
         axes = [vec3(*grid.u), vec3(*grid.v), vec3(*grid.normal)]
         cell = wp.types.vector(2, real)(*grid.cell)
         inputs = [

@@ -71,8 +71,8 @@ def near_clusters(site: Site, clouds, reach: float | None) -> tuple[NearClusters
     context, positions = site.context, site.probes.positions
     n_envs, device, vec3 = context.n_envs, context.device, site.vec3
     near = NearClusters(
-        clusters=wp.zeros((n_envs, len(clouds.ball)), dtype=wp.int32, device=device),
-        start=wp.zeros((n_envs, len(clouds.bodies) + 1), dtype=wp.int32, device=device),
+        clusters=context.zeros((n_envs, len(clouds.ball)), wp.int32),
+        start=context.zeros((n_envs, len(clouds.bodies) + 1), wp.int32),
     )
     limits = [vec3(*positions.min(axis=0)), vec3(*positions.max(axis=0))]
     limits.append(FAR_AWAY if reach is None else np.nextafter(reach * (1 + 1e-5), np.inf))

@@ -107,6 +107,6 @@ class ProximitySums:
         site, near = self._site, self._near
         context = site.context
         shape = (context.n_envs, len(self._clouds.bodies), site.probes.n)
-        sums = wp.zeros(shape, dtype=wp.types.vector(4, context.real), device=context.device)
+        sums = context.zeros(shape, wp.types.vector(4, context.real))
         inputs = [self._clouds, near.clusters, near.start, site.view.pose, self._order, site.positions, radius]
         return sums, record(_kernel(context.real, context.device.is_cpu), shape, inputs, [sums], context.device)

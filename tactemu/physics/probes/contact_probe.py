@@ -43,7 +43,7 @@ def schmitt_kernel(real):
 
 def compile_latch(depth: wp.array, enter: float, leave: float, name: str, context: Context):
     """The array of bits behind ``depth``, and its stage."""
-    bits = wp.zeros(depth.shape, dtype=context.real, device=context.device)
+    bits = context.zeros(depth.shape, context.real)
     kernel = schmitt_kernel(context.real)
     launch = record(kernel, depth.shape[:2], [depth, enter, leave], [bits], context.device)
     return bits, [Stage(name=name, reason="ContactProbe compares depth with its thresholds", launch=launch)]

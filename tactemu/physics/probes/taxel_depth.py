@@ -93,9 +93,9 @@ def taxel_depth(site: Site, exponent: float) -> tuple[TaxelDepth, Callable[[], N
     """Allocate the arrays and record the query. ``exponent`` > 0."""
     context = site.context
     real, device, shape = context.real, context.device, (context.n_envs, site.probes.n)
-    depth = wp.zeros(shape, dtype=real, device=device)
-    power = depth if exponent == 1.0 else wp.zeros(shape, dtype=real, device=device)
-    box = wp.zeros((context.n_envs, 4), dtype=wp.int32, device=device)
+    depth = context.zeros(shape, real)
+    power = depth if exponent == 1.0 else context.zeros(shape, real)
+    box = context.zeros((context.n_envs, 4), wp.int32)
     clear = record(_clear_kernel(), context.n_envs, [], [box], device)
     boxes = _box_type(real)()
     boxes.exponent, boxes.cols, boxes.power, boxes.box = exponent, site.probes.layout[-1], power, box

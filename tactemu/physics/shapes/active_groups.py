@@ -48,7 +48,7 @@ def _list_kernel():
 def active_groups(context: Context, counts: wp.array) -> tuple[ActiveGroups, Callable[[], None]]:
     """Allocate the lists and record their update from ``counts``, int32, shape ``(n_envs, n_groups)``."""
     groups = ActiveGroups(
-        n_active=wp.zeros(counts.shape[0], dtype=wp.int32, device=context.device),
-        active=wp.zeros(counts.shape, dtype=wp.int32, device=context.device),
+        n_active=context.zeros(counts.shape[0], wp.int32),
+        active=context.zeros(counts.shape, wp.int32),
     )
     return groups, record(_list_kernel(), counts.shape[0], [counts], [groups.n_active, groups.active], context.device)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Iterable, Sequence
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -121,6 +121,8 @@ class Injector:
         SceneError: a fault that cannot be parsed, or that this wire cannot have.
     """
 
+    not_state: ClassVar[tuple[str, ...]] = ("seed", "note")
+
     def __init__(self, faults: Iterable[Fault | str], carrier: Carrier, seed: int, note: Note):
         self.carrier, self.seed, self.note = carrier, seed, note
         self.faults: list[Fault] = []
@@ -158,7 +160,7 @@ class Injector:
         Raises:
             ValueError: it is not on.
         """
-        self.faults.remove(fault)
+        fault = self.faults.pop(self.faults.index(fault))  # one that is equal: a restored state has its own
         self.traffic = [each for each in self.traffic if each.fault is not fault]
         self._outages = [each for each in self._outages if each is not fault]
         over = [each for each in self._frames if each.fault is fault]
