@@ -24,7 +24,7 @@ import numpy as np
 
 from firmware_protocols import Device
 from tactemu.assembly import Assembled, Wishes, assemble, truth_of
-from tactemu.emulator import Channel
+from tactemu.emulator import Channel, Emulator
 from tactemu.errand import Errand
 from tactemu.errors import TactemuError
 from tactemu.kernels import start_quietly
@@ -121,6 +121,8 @@ class Served:
         by_hand: bool,
         source: Any,
     ):
+        self.before_opening: Callable[[Emulator], object] = lambda emulator: None
+        """Called when everything is made and no port is open yet."""
         self._source = source
         self._target, self._device_options, self._wishes, self._steer_names = target, device_options, wishes, steer
         self._by_hand = by_hand and not target.endswith(".toml")
@@ -155,6 +157,7 @@ class Served:
             self._assembled = assemble(loaded, self._wishes, truth=truth, source=self._source)
             for name in self._assembled.posed:
                 self._steered.pop(name, None)
+            self.before_opening(self.emulator)
             self.emulator.open()
         except BaseException:
             truth.close()

@@ -52,13 +52,13 @@ ARROWS = {
         *LEAVES, "assembly", "clock", "emulator", "errand", "kernels", "physics", "scenario", "scene", "transports",
         "truth",
     ),
-    "exec": (*LEAVES, "serving", "transports", "wire"),
+    "exec": (*LEAVES, "emulator", "serving", "transports", "wire"),
     "pytest_plugin": ("cli", "exec", "serving"),
     "doors": (*LEAVES, "serving"),
     "tactemu": ("errors", "exec", "physics", "scene", "serving", "truth"),  # the public names, imported on first use
     "bench": (
-        *LEAVES, "assembly", "clock", "collector", "emulator", "physics", "plan", "scene", "statistics", "tactemu",
-        "transports", "truth", "tune", "wire",
+        *LEAVES, "assembly", "clock", "collector", "emulator", "exec", "physics", "plan", "scene", "serving",
+        "statistics", "tactemu", "transports", "truth", "tune", "wire",
     ),
     "cli": (
         *LEAVES, "assembly", "bench", "channel", "clock", "collector", "emulator", "exec", "frame_text", "kernels",

@@ -20,6 +20,7 @@ Measure speed on this machine. Figures are medians; compare those of one run.
   tactemu bench trade      error against truth and cost of every level of fidelity
   tactemu bench soak       half an hour at 1 kHz and 5 % faults: what grows, what is lost
   tactemu bench wire       cost of a frame between device and port
+  tactemu bench bus        a whole robot's skin on CAN: how many boards are in time
 """,
 )
 
@@ -83,6 +84,23 @@ def wire(
     from tactemu.bench.wire import run
 
     save(run(typer.echo, repeats=repeats), out)
+
+
+@bench.command()
+def bus(
+    boards: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="This many; default: more and more, until frames are late.")
+    ] = None,
+    seconds: Annotated[float, typer.Option(metavar="S", min=1, help="Length of each run.")] = 10.0,
+    way: Annotated[str, typer.Option(metavar="WAY", help="native or preload; default: as it can be.")] = "",
+    out: Out = None,
+) -> None:
+    """iCub boards of 70 taxels at 50 Hz, six on a bus: each frame read by another process, and how late."""
+    from tactemu.bench.bus import run
+    from tactemu.kernels import start_quietly
+
+    start_quietly()
+    save(run(typer.echo, boards=boards, seconds=seconds, way=way), out)
 
 
 @bench.command()

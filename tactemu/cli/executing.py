@@ -35,6 +35,7 @@ def run_command(
     truth: Path | None = None,
     keep: str | None = None,
     quiet: bool = False,
+    way: str = "",
     signals: Forwarding,
 ) -> int:
     """Run ``command`` with ``target`` plugged in; returns the exit status, 128 + n after signal n.
@@ -50,7 +51,7 @@ def run_command(
         target, rate_hz=rate_of(rates), faults=tuple(faults), seed=seed, compute=compute, truth=truth, keep=keep,
         device_options=options_of(options), by_hand=False,
     )  # fmt: skip
-    env = exec_environment(dev, nodes=nodes_of(nodes))
+    env = exec_environment(dev, nodes=nodes_of(nodes), way=way)
     with env:
         if not quiet:
             _announce(env, command[0])
@@ -93,6 +94,8 @@ def _unfit(program: str) -> int:
 def _announce(env: ExecEnvironment, program: str) -> None:
     for title, node in env.nodes.items():
         _say(f"{title} is {node}")
+    if env.network:
+        _say(env.network)
     missed = "modem lines, break, parity, low latency and udev's events"
     if env.missing:
         _say(f"{env.missing}. Names, sysfs, reading and writing work; nobody answers {missed}")

@@ -18,49 +18,58 @@ from contextlib import ExitStack
 from dataclasses import asdict, replace
 from typing import Any
 
-from firmware_protocols import USB, Device, Serial
+from firmware_protocols import USB, Can, Device, Serial
+from tactemu.emulator import Emulator
 from tactemu.errors import TransportError
 from tactemu.exec.build import NoLibrary, library
+from tactemu.exec.bus import WAYS, BusPort
 from tactemu.exec.keeping import Keeper
 from tactemu.exec.port import Node, UsbPort
 from tactemu.serving import Served
 from tactemu.transports import Transport
+from tactemu.transports.socketcan import SocketCanTransport
 from tactemu.wire.wire import Wire
 
-_NODE = re.compile(r"(?:/dev/)?(ttyUSB|ttyACM)(\d{1,3})")
+_NODE = re.compile(r"(?:/dev/)?(ttyUSB|ttyACM|can)(\d{1,3})")
 _ADAPTER = USB(0x0403, 0x6001, manufacturer="FTDI", product="FT232R USB UART", node="ttyUSB")
 """What a board with a plain UART is plugged into."""
 _BOARD = USB(0x1209, 0x0001, manufacturer="tactemu", node="ttyACM")
 """A board with USB whose ids are not declared: pid.codes' number for tests."""
 
 
-def exec_environment(*devices: Served, nodes: str | Mapping[str, str] = "") -> ExecEnvironment:
-    """A view of this machine in which the serial ports of ``devices`` are USB devices; use it in a ``with`` statement.
+def exec_environment(*devices: Served, nodes: str | Mapping[str, str] = "", way: str = "") -> ExecEnvironment:
+    """A view of this machine in which the ports of ``devices`` are USB serial ports and CAN interfaces.
 
     Devices that are not running are started, and stopped at the end; those that are get their former ports back.
 
     Args:
         devices: what :func:`tactemu.serve` returns.
         nodes: ``ttyUSB0`` for the only port, or nodes by skin or ``SKIN/CONNECTOR``; default: as the kernel would name
-            them, ``ttyACM0`` or ``ttyUSB0`` upwards.
+            them, ``ttyACM0`` or ``ttyUSB0`` upwards; ``can0`` upwards.
+        way: how CAN buses are made, ``native`` (vcan) or ``preload``; default: whichever this kernel offers.
 
     Raises:
         TactemuError: this machine allows no such view (the message says why, and what helps); no such skin or node.
     """
-    return ExecEnvironment(devices, nodes)
+    return ExecEnvironment(devices, nodes, way)
 
 
 class ExecEnvironment:
     """What :func:`exec_environment` returns."""
 
-    def __init__(self, devices: Sequence[Served], nodes: str | Mapping[str, str] = ""):
+    def __init__(self, devices: Sequence[Served], nodes: str | Mapping[str, str] = "", way: str = ""):
         self._devices = devices
         self._wishes = _parsed({"": nodes} if isinstance(nodes, str) and nodes else dict(nodes or {}))
         self._keeper: Keeper | None = None
         self._undo = ExitStack()
         self._sockets: dict[tuple[Any, ...], int] = {}
         """Number of the socket that each USB device is in."""
-        self._ports: dict[str, UsbPort] = {}
+        self._ports: dict[str, UsbPort | BusPort] = {}
+        self._buses: set[str] = set()
+        """Names of the CAN interfaces."""
+        if way not in ("", *WAYS):
+            raise TransportError(f"way {way!r}: expected {' or '.join(WAYS)}")
+        self._way = way
         self.missing = ""
         """Why there is no preload library; empty when there is one."""
 
@@ -82,13 +91,14 @@ class ExecEnvironment:
             keep = [dev for dev in self._devices if dev.running]
             for dev in self._devices:
                 if dev not in keep:
+                    dev.before_opening = self._put_on_buses
                     undo.enter_context(dev)
             self._keeper.wait()
             for dev in self._devices:
                 self._plug_in(dev, undo if dev in keep else None)
             if self._wishes:
                 known = ", ".join(self._ports) or "none"
-                raise TransportError(f"no such serial port: {', '.join(self._wishes)} (there are: {known})")
+                raise TransportError(f"no such port: {', '.join(self._wishes)} (there are: {known})")
             self._undo = undo.pop_all()
         return self
 
@@ -107,7 +117,9 @@ class ExecEnvironment:
     @property
     def nodes(self) -> dict[str, str]:
         """Path of each port in the view, by skin, or by ``SKIN/CONNECTOR``."""
-        return {title: port.address for title, port in self._ports.items()}
+        return {
+            title: port.channel if isinstance(port, BusPort) else port.address for title, port in self._ports.items()
+        }
 
     def command(self, command: Sequence[str | os.PathLike[str]]) -> list[str]:
         """A command line that runs ``command`` in the view, whoever starts it: ``subprocess``, a shell, a launcher.
@@ -133,14 +145,52 @@ class ExecEnvironment:
         for channel in dev.emulator.channels:
             for name, wire in channel.wires.items():
                 connector = channel.device.connector(name)
-                if not isinstance(connector, Serial) or isinstance(wire.transport, UsbPort):
-                    continue
                 title = f"{channel.name}/{name}" if len(channel.wires) > 1 else channel.name
-                port = self._ports[title] = self._port(title, channel.device, connector)
+                if isinstance(connector, Can):
+                    if isinstance(wire.transport, BusPort):
+                        self._ports[title] = wire.transport
+                        continue
+                    port = self._ports[title] = self._bus(title, wire)
+                elif not isinstance(connector, Serial) or isinstance(wire.transport, UsbPort):
+                    continue
+                else:
+                    port = self._ports[title] = self._port(title, channel.device, connector)
                 before = wire.transport
                 dev.in_loop(lambda wire=wire, port=port: _change(wire, port))
                 if undo is not None:
                     undo.callback(_take_out, dev, wire, before)
+
+    def _put_on_buses(self, emulator: Emulator) -> None:
+        """The CAN buses of an emulator that is about to start: what they are called here, they are in the view."""
+        for channel in emulator.channels:
+            for name, wire in channel.wires.items():
+                if isinstance(channel.device.connector(name), Can) and not isinstance(wire.transport, BusPort):
+                    title = f"{channel.name}/{name}" if len(channel.wires) > 1 else channel.name
+                    wire.transport = self._bus(title, wire)
+
+    def _bus(self, title: str, wire: Wire) -> BusPort:
+        """The interface asked for, else of the name that the scene has for it, else the lowest that is free."""
+        assert self._keeper is not None
+        taken = {port.channel for port in self._ports.values() if isinstance(port, BusPort)} | self._buses
+        number = next(number for number in range(len(taken) + 1) if f"can{number}" not in taken)
+        name = f"can{number}"
+        if isinstance(wire.transport, SocketCanTransport):
+            name = wire.transport.channel
+        for owner in ("", title, title.partition("/")[0]):
+            if owner in self._wishes and self._wishes[owner][0] == "can":
+                name = f"can{self._wishes.pop(owner)[1]}"
+                break
+        self._buses.add(name)
+        return BusPort(self._keeper.ask, name, self._way)
+
+    @property
+    def network(self) -> str:
+        """How the view's CAN buses are made, and what else is in its network; empty where it is the machine's."""
+        ways = {port.channel: port.way for port in self._ports.values() if isinstance(port, BusPort)}
+        if not ways:
+            return ""
+        made = WAYS[next(iter(ways.values()))].format(names=", ".join(ways))
+        return f"{made}. The view has a network of its own: loopback and these buses"
 
     def _port(self, title: str, device: Device, connector: Serial) -> UsbPort:
         assert self._keeper is not None

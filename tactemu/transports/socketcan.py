@@ -65,7 +65,7 @@ class SocketCanTransport(Transport):
         """
         if self._in is not None:
             return
-        if is_down(self.channel):
+        if self._is_down():
             raise TransportUnavailable(f"cannot open can:{self.address}: the interface is down; {self._fix()}")
         try:
             self._in, self._out = self._join()
@@ -123,6 +123,9 @@ class SocketCanTransport(Transport):
             each.passes(frame.arbitration_id, frame.is_extended_id) for each in self._filters
         )
 
+    def _is_down(self) -> bool:
+        return is_down(self.channel)
+
     def _index_now(self) -> int:
         return _index_of(self.channel)
 
@@ -136,7 +139,7 @@ class SocketCanTransport(Transport):
         return True
 
     def _come_back(self) -> bool:
-        if not self._index_now() or is_down(self.channel):
+        if not self._index_now() or self._is_down():
             return False
         with contextlib.suppress(TransportError):  # gone again
             self.open()

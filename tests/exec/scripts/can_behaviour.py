@@ -183,7 +183,8 @@ def fd_frames():
     for of_writer in (0, 1):
         with node(FD=of_writer) as writer, node(FD=1) as both, node() as classic:
             found[f"fd {of_writer}"] = [
-                tried(writer.send, fd_frame(0x1)), tried(writer.send, frame(0x2)), tried(writer.send, fd_frame(0x3, flags=1)),
+                tried(writer.send, fd_frame(0x1)), tried(writer.send, frame(0x2)),
+                tried(writer.send, fd_frame(0x3, flags=1)),
                 tried(writer.send, fd_frame(0x4, bytes(64))), tried(writer.send, fd_frame(0x5, length=65)),
                 heard(both), heard(classic),
             ]  # fmt: skip
@@ -219,7 +220,8 @@ def bad_frames():
         return [
             tried(one.send, frame(1, bytes(8), length=9)), tried(one.send, frame(1, bytes(8), length=8)),
             tried(one.send, b""), tried(one.send, bytes(15)), tried(one.send, bytes(17)), tried(one.send, bytes(72)),
-            tried(one.send, bytes(100)), tried(os.write, one.fileno(), frame(2)), tried(os.write, one.fileno(), bytes(3)),
+            tried(one.send, bytes(100)), tried(os.write, one.fileno(), frame(2)),
+            tried(os.write, one.fileno(), bytes(3)),
         ]  # fmt: skip
 
 
@@ -238,7 +240,7 @@ def addresses():
         found["bound to any"] = [one.getsockname(), tried(one.send, frame(1))]
         other.send(frame(0x8))
         select.select([one], [], [], 1)
-        found["hears from"] = [part for part in one.recvfrom(16)[1]]
+        found["hears from"] = list(one.recvfrom(16)[1])
     found["to nowhere"] = tried(one.sendto, frame(1), ("",))
     one.bind((NAME,))
     found["bound"] = [one.getsockname(), tried(one.bind, (NAME,)), tried(one.send, frame(1))]
