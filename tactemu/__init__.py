@@ -12,6 +12,8 @@ from tactemu.physics.models import MODELS
 from tactemu.physics.shapes.registry import SHAPES
 
 if TYPE_CHECKING:  # what an editor sees; the table below says the same to Python
+    from tactemu.control.client import Connection as Connection
+    from tactemu.control.client import connect as connect
     from tactemu.errors import DeviceError as DeviceError
     from tactemu.errors import MeshError as MeshError
     from tactemu.errors import PoseError as PoseError
@@ -81,6 +83,8 @@ _PUBLIC = {
     "exec_environment": "tactemu.exec.environment",
     "ExecEnvironment": "tactemu.exec.environment",
     "Served": "tactemu.serving",
+    "connect": "tactemu.control.client",
+    "Connection": "tactemu.control.client",
     "Truth": "tactemu.truth",
     "Log": "tactemu.truth",
     "read_log": "tactemu.truth",

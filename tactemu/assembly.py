@@ -21,6 +21,7 @@ from tactemu.recordings.recording import RecordedReadings
 from tactemu.sampling import SampleClock
 from tactemu.scenario import faults_of, laws_needed, schedule
 from tactemu.scene.building import build_scene, make_devices
+from tactemu.scene.description import Surroundings
 from tactemu.scene.file import LoadedScene
 from tactemu.scene.limits import RATES_HZ
 from tactemu.scene.motion import Joint
@@ -166,6 +167,7 @@ def assemble(
         channels[skin.title] = _channel(skin, device, Senses(felt, device.layout), own, wishes, seed)
     followed = [*played.values(), *([given.readings] if given.readings else [])]
     advanced = Playback(simulation, followed) if followed else simulation
+    truth.surroundings = Surroundings(simulation, devices, placed)
     emulator = Emulator(advanced, channels.values(), clock=clock, truth=truth, made_of=_made_of(whole, wishes))
     schedule(emulator, events)
 

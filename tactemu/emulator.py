@@ -121,7 +121,8 @@ class Emulator:
             self.clock.start()
             if self._resumed:
                 self.clock.set_ns(self.now_ns)
-            self.now_ns = self.clock.now_ns()
+            else:  # the same moments, whatever the clock
+                self.now_ns = self.clock.now_ns() if self.clock.virtual else 0
             self.truth.begin(self.clock.origin_ns, patient=self.clock.virtual)
             for channel in () if self._resumed else self.channels:
                 self._power_on(channel)
@@ -180,8 +181,7 @@ class Emulator:
     def step(self, end_ns: int | None = None) -> None:
         """One turn: commands in, samples taken, frames out, calls, then wait for whatever comes next."""
         now = self.now_ns = self.clock.now_ns()
-        for action in self._agenda.due(now):
-            self._do(action)
+        self.act()
         for wire in self.wires:
             self._listen(wire, now)
             if not self.clock.virtual:  # an answer does not wait for the physics of a sample
@@ -383,6 +383,11 @@ class Emulator:
         thread, or before it runs."""
         self._agenda.put(t_ns, action)
 
+    def act(self) -> None:
+        """Do what is planned until now."""
+        for action in self._agenda.due(self.now_ns):
+            self._do(action)
+
     def hang(self, until_ns: int, name: str | None = None) -> None:
         """Let the device ``name`` (default: every one) neither sample nor hear until ``until_ns``, then go on."""
         for channel in self._named(name):
@@ -452,9 +457,10 @@ class Emulator:
         self._inject(channel, "reset")
         self._power_on(channel)
 
-    def _set(self, channel: Channel, option: str, value: Any) -> None:
-        channel.imperfections.set(option, value)
-        self._inject(channel, "set", f"{option} = {value}")
+    def _set(self, channel: Channel, option: str, value: Any, taxels: Sequence[int] | None = None) -> None:
+        channel.imperfections.set(option, value, None, taxels)
+        of = "" if taxels is None else f" of {' '.join(map(str, taxels))}"
+        self._inject(channel, "set", f"{option} = {value}{of}")
 
     def _kill(self, channel: Channel, taxels: Sequence[int], value: float | None) -> None:
         channel.imperfections.set_dead(list(taxels), True, value)
@@ -467,12 +473,18 @@ class Emulator:
     def _inject(self, channel: Channel, what: str, detail: str = "") -> None:
         self.truth.inject(self.now_ns, channel.name, what, detail)
 
+    def _plans(self) -> list[int | None]:
+        """When something is due, samples aside."""
+        return [*(wire.next_due_ns() for wire in self.wires), self._agenda.next_ns, self._outbox.next_ns]
+
+    @property
+    def settled(self) -> bool:
+        """Whether everything that is due in this turn has been done."""
+        return min(self._deadlines(*self._plans()), default=self.now_ns + 1) > self.now_ns
+
     def _wait(self, end_ns: int | None, look_ns: int | None) -> None:
         """Until whatever comes next, or until it is time to look ahead again."""
-        wires = [wire.next_due_ns() for wire in self.wires]
-        deadlines = self._deadlines(
-            *wires, self._agenda.next_ns, self._outbox.next_ns, self._calls.next_ns, look_ns, end_ns
-        )
+        deadlines = self._deadlines(*self._plans(), self._calls.next_ns, look_ns, end_ns)
         filenos = [fileno for wire in self.wires for fileno in wire.filenos()] + self._calls.filenos
         poll = any(not wire.filenos() for wire in self.wires)
         self.clock.wait(min(deadlines, default=None), filenos, poll=poll)

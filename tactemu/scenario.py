@@ -12,6 +12,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any, get_args
 
+import numpy as np
+
 from tactemu.agenda import Action
 from tactemu.channel import Channel
 from tactemu.emulator import Emulator
@@ -74,10 +76,11 @@ def schedule(emulator: Emulator, events: Iterable[EventTable], *, now_s: float =
     Raises:
         SceneError: an event that this scene cannot have.
     """
-    for event in events:
-        for channel in emulator.channels:
-            if concerns(event, channel.name):
-                _schedule_one(emulator, channel, event, round(now_s * 1e9))
+    concerned = [(channel, event) for event in events for channel in emulator.channels if concerns(event, channel.name)]
+    for channel, event in concerned:
+        _check(channel, event)
+    for channel, event in concerned:
+        _plan(emulator, channel, event, round(now_s * 1e9))
 
 
 def befall(emulator: Emulator, event: EventTable, now_s: float) -> None:
@@ -92,18 +95,25 @@ def befall(emulator: Emulator, event: EventTable, now_s: float) -> None:
             wire.add_fault(timed_fault(event, now_s))
 
 
-def _schedule_one(emulator: Emulator, channel: Channel, event: EventTable, origin_ns: int) -> None:
+def _check(channel: Channel, event: EventTable) -> None:
+    """Raise where this device cannot have the event."""
+    for name, taxels in (("dead", event.dead), ("taxels", event.taxels or ())):
+        if taxels and not 0 <= min(taxels) <= max(taxels) < len(channel.device.layout):
+            last = len(channel.device.layout) - 1
+            raise SceneError(
+                f"scenario at {event.at:g} s: {name}: expected taxels 0..{last} of {channel.name!r}, got {taxels}"
+            )
+    if event.dead:
+        channel.imperfections.set_dead([], True, event.value)
+    for option, value in event.set.items():
+        channel.imperfections.set(option, value, (), event.taxels)  # in no environment: whether it fits is known now
+    if event.hang and event.until is None:
+        raise SceneError(f"scenario at {event.at:g} s: hang: say until when with `until`")
+
+
+def _plan(emulator: Emulator, channel: Channel, event: EventTable, origin_ns: int) -> None:
     start = origin_ns + round(event.at * 1e9)
     stop = None if event.until is None else origin_ns + round(event.until * 1e9)
-    if event.dead and not 0 <= min(event.dead) <= max(event.dead) < len(channel.device.layout):
-        last = len(channel.device.layout) - 1
-        raise SceneError(
-            f"scenario at {event.at:g} s: dead: expected taxels 0..{last} of {channel.name!r}, got {event.dead}"
-        )
-    for option, value in event.set.items():
-        channel.imperfections.set(option, value, ())  # in no environment: whether it fits is known now
-    if event.hang and stop is None:
-        raise SceneError(f"scenario at {event.at:g} s: hang: say until when with `until`")
 
     def plan(t_ns: int | None, name: str, *args: Any) -> None:
         if t_ns is not None:
@@ -113,9 +123,16 @@ def _schedule_one(emulator: Emulator, channel: Channel, event: EventTable, origi
         plan(start, "kill", event.dead, event.value)
         plan(stop, "revive", event.dead)
     for option, value in event.set.items():
-        plan(start, "set", option, value)
-        plan(stop, "set", option, getattr(channel.imperfections.options, option))
+        plan(start, "set", option, value, event.taxels)
+        plan(stop, "set", option, _built(channel, option, event.taxels), event.taxels)
     if event.hang:
         plan(start, "hang", stop)
     if event.reset:
         plan(start, "reset")
+
+
+def _built(channel: Channel, option: str, taxels: Sequence[int] | None) -> Any:
+    """The value that an option was built with; of some taxels, where it was one for each."""
+    value = getattr(channel.imperfections.options, option)
+    each = taxels is not None and np.ndim(value) and len(value) == len(channel.device.layout)
+    return np.asarray(value)[list(taxels or ())].tolist() if each else value

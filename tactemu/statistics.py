@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,12 @@ class Lateness:
         self._values[self.count % len(self._values)] = late_ns
         self.count += 1
         self.max_ns = max(self.max_ns, late_ns)
+
+    def copy(self) -> Lateness:
+        """As it is now."""
+        twin = Lateness(0)
+        twin._values, twin.count, twin.max_ns = self._values.copy(), self.count, self.max_ns
+        return twin
 
     def percentile_ns(self, q: float) -> float:
         """The q-th percentile [ns]; 0 before the first deadline."""
@@ -81,6 +87,11 @@ class ChannelStatistics:
         if stream not in self.streams:
             self.streams[stream] = StreamStatistics(due_ns)
         self.streams[stream].add(due_ns)
+
+    def copy(self) -> ChannelStatistics:
+        """As they are now."""
+        streams = {name: replace(each) for name, each in self.streams.items()}
+        return replace(self, streams=streams, lateness=self.lateness.copy())
 
     @property
     def last_ns(self) -> int:

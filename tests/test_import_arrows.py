@@ -32,12 +32,14 @@ ARROWS = {
     "transports": (*LEAVES, "frame_text"),
     "imperfections": (*LEAVES, "plan"),
     "physics": (*LEAVES, "plan", "imperfections", "scene"),
-    "wire": (*LEAVES, "frame_text", "truth", "transports"),
+    "units": (),
+    "wire": (*LEAVES, "frame_text", "truth", "transports", "units"),
     "agenda": (),
     "calls": ("agenda",),
     "channel": (*LEAVES, "imperfections", "sampling", "scene", "statistics", "wire"),
     "emulator": (*LEAVES, "agenda", "calls", "channel", "clock", "plan", "saving", "transports", "truth", "wire"),
     "recordings": (*LEAVES, "clock", "frame_text", "scene", "transports", "truth", "wire"),
+    "conversions": (*LEAVES, "frame_text", "recordings", "scene", "truth"),
     "scenario": (*LEAVES, "agenda", "channel", "emulator", "imperfections", "scene", "wire"),
     "sensing": (*LEAVES, "imperfections", "scene"),
     "plugging": (*LEAVES, "scene", "transports", "wire"),
@@ -47,22 +49,26 @@ ARROWS = {
         "sensing", "sources", "transports", "truth", "wire",
     ),
     "tune": (*LEAVES, "assembly", "channel", "clock", "emulator", "physics", "plan", "scene"),
-    "errand": ("emulator",),
-    "serving": (
-        *LEAVES, "assembly", "clock", "emulator", "errand", "kernels", "physics", "scenario", "scene", "transports",
-        "truth",
+    "control": (
+        *LEAVES, "assembly", "calls", "channel", "clock", "emulator", "scenario", "scene", "transports", "truth",
+        "units", "wire",
     ),
-    "exec": (*LEAVES, "emulator", "serving", "transports", "wire"),
+    "serving": (*LEAVES, "assembly", "clock", "control", "kernels", "physics", "scene", "truth"),
+    "exec": (*LEAVES, "serving", "transports", "wire"),
     "pytest_plugin": ("cli", "exec", "serving"),
     "doors": (*LEAVES, "serving"),
-    "tactemu": ("errors", "exec", "physics", "scene", "serving", "truth"),  # the public names, imported on first use
+    "tactemu": (  # the public names, imported on first use
+        "control", "errors", "exec", "physics", "scene", "serving", "truth",
+    ),
     "bench": (
         *LEAVES, "assembly", "clock", "collector", "emulator", "exec", "physics", "plan", "scene", "serving",
         "statistics", "tactemu", "transports", "truth", "tune", "wire",
     ),
     "cli": (
-        *LEAVES, "assembly", "bench", "channel", "clock", "collector", "emulator", "exec", "frame_text", "kernels",
-        "recordings", "scenario", "scene", "serving", "statistics", "tactemu", "transports", "truth", "tune", "wire",
+        *LEAVES, "assembly", "bench", "channel", "clock", "collector", "control", "conversions", "emulator", "exec",
+        "frame_text",
+        "kernels", "recordings", "scenario", "scene", "serving", "statistics", "tactemu", "transports", "truth", "tune",
+        "wire",
     ),
     "__main__": ("cli",),
 }  # fmt: skip
@@ -74,6 +80,7 @@ FACADES = {
     "scene/file.py": ("physics",),  # the table of the models' names
     "scene/bodies.py": ("physics",),  # what a shape is
     "scene/schema.py": ("physics",),  # the keys of each shape
+    "scene/description.py": ("physics",),  # a built scene
     "scene/placement.py": ("physics", "imperfections"),  # a built sensor on its link
     "scene/mujoco_source.py": ("physics",),  # poses a built scene
     "scene/engine.py": ("physics",),  # likewise, at each of its steps

@@ -15,6 +15,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from tactemu.bench.trade.settings import ladder
 from tactemu.imperfections import ImperfectionOptions
+from tactemu.physics.drawing import DrawOptions
 from tactemu.physics.models import MODELS, cheapest, load
 from tactemu.physics.sensor_model import SensorModel
 
@@ -36,6 +37,10 @@ ALL_MODELS = "## Options of every model"
 IMPERFECTIONS = """## Imperfections
 
 Options of every model too, off by default; [imperfections](imperfections.md) says how they act.
+"""
+DRAWING = """## Drawing
+
+Options of every model too, those of Genesis: what viewers draw of a sensor. They change no reading.
 """
 
 
@@ -145,7 +150,8 @@ def page() -> str:
         overview.append(row(link, str(cls.level), ", ".join(cls.layouts), cls.unit))
     shared = f"{ALL_MODELS}\n\n{options_table(SensorModel)}\n"
     spoiled = f"{IMPERFECTIONS}\n{options_table(ImperfectionOptions)}\n"
-    return "\n".join([HEAD, "\n".join(overview) + "\n", *(section(name) for name in MODELS), shared, spoiled])
+    drawn = f"{DRAWING}\n{options_table(DrawOptions)}\n"
+    return "\n".join([HEAD, "\n".join(overview) + "\n", *(section(name) for name in MODELS), shared, spoiled, drawn])
 
 
 def test_the_page_is_what_the_models_say():

@@ -196,15 +196,28 @@ def test_a_mistake_that_nobody_waits_for_is_raised_at_the_end():
         device.stop()
 
 
-def test_a_scene_file_keeps_its_motions_unless_steered(tmp_path):
+def test_a_body_of_a_scene_file_goes_its_own_way_until_it_is_taken_and_after_it_is_given_back(tmp_path):
     path = tmp_path / "scene.toml"
-    path.write_text(SCENE)
+    path.write_text(SCENE.replace("hold", "slide").replace('"slide"', '"slide", distance = 0.01, speed = 0.001'))
+    with serve(path, steer="ball") as device:
+        device.wait(0.05)
+        assert device.state()["bodies"]["ball"] == {
+            "position": [0, 0, 0.05], "quaternion": [1, 0, 0, 0], "movable": True, "in_hand": True
+        }  # fmt: skip
     with serve(path) as device:
-        with pytest.raises(TactemuError, match="no body can be steered"):
-            device.press(1e-3)
-    with serve(path, steer=["ball"]) as device:
+        device.wait(0.05)
+        moving = device.state()["bodies"]["ball"]
+        assert moving["position"][0] > 0 and not moving["in_hand"]
         device.press(1e-3)
-        assert device.sample().ideal.any()
+        felt = device.sample()
+        assert felt is not None and felt.ideal.any()
+        assert device.state()["bodies"]["ball"]["in_hand"]
+        device.give_back("ball")
+        device.wait(0.02)
+        now = device.state()
+        np.testing.assert_allclose(now["bodies"]["ball"]["position"], (now["t_s"] * 1e-3, 0, 0.05), atol=1e-5)
+        felt = device.sample()
+        assert felt is not None and not felt.ideal.any()
     with pytest.raises(SceneError, match="steer: no body 'pad' that could move"):
         serve(path, steer=["pad"]).start()
 

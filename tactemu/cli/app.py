@@ -21,6 +21,7 @@ A simulated tactile skin on the far end of the wire: real sensors' bytes and CAN
   tactemu exec anyskin -- ./driver     the driver finds it as /dev/ttyACM0
   tactemu explain anyskin              frames, taxels, and what is simulated and why
   tactemu new hand.toml                a scene file to start from
+  tactemu poke press --depth 1mm       what runs already is pressed, moved, broken
   tactemu tune hand.toml --rate 500    the most accurate setting that keeps a rate here
   tactemu check my_sensor.py:MySensor  what is wrong with a device of your own
 """,
@@ -136,9 +137,26 @@ def run(
     plain: Annotated[
         bool, typer.Option("--plain", help="Log lines instead of the picture, on a terminal too.")
     ] = False,
-    virtual: Annotated[
-        bool, typer.Option("--virtual", help="As fast as it can, on a virtual clock; needs --seconds.")
-    ] = False,
+    clock: Annotated[
+        str,
+        typer.Option(
+            metavar="CLOCK",
+            help="real; virtual: as fast as it can, needs --seconds; lockstep: time advances only by `poke step`.",
+        ),
+    ] = "real",
+    virtual: Annotated[bool, typer.Option("--virtual", hidden=True)] = False,
+    name: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="For `tactemu poke --name`; default: the target's."),
+    ] = None,
+    adjustable: Annotated[
+        list[str] | None,
+        typer.Option(metavar="OPTION", help="An imperfection that `poke set` shall switch on, or `dead`; repeatable."),
+    ] = None,
+    again: Annotated[
+        Path | None,
+        typer.Option(metavar="LOG", help="Do again what was done live in the run of this truth log."),
+    ] = None,
 ) -> None:
     """Put a device on a port and run it until Ctrl-C.
 
@@ -150,19 +168,34 @@ def run(
       tactemu run linker_hand_l6 --port can:socketcan:vcan0
       tactemu run hand.toml --fault 'unplug at 3s for 0.5s' --truth truth.mcap
       tactemu run my_sensor.py:MySensor --port tcp:127.0.0.1:5000
-      tactemu run anyskin --port memory: --virtual --seconds 10 --json
+      tactemu run anyskin --port memory: --clock virtual --seconds 10 --json
+      tactemu run hand.toml --name hand --adjustable noise      # and then `tactemu poke --help`
 
     One line says where the port is; then a live picture, or log lines when the output is no terminal.
     Exit code 0 after Ctrl-C, SIGTERM or --seconds; 130 after Ctrl-C before the port is there; 2 when something in the
     request is wrong.
     """
     from tactemu.cli.running import run_target
+    from tactemu.errors import SceneError
 
+    if virtual:
+        raise SceneError("--virtual is now --clock virtual")
     run_target(
         target, options=options or (), ports=tuple(port or ()), rates=tuple(rate or ()), seed=seed, seconds=seconds,
         compute=device, faults=tuple(fault or ()), truth=truth, keep=truth_keep,
-        style="json" if json else "plain" if plain else "auto", virtual=virtual,
+        style="json" if json else "plain" if plain else "auto", clock=clock, name=name,
+        adjustable=tuple(adjustable or ()), again=again,
     )  # fmt: skip
+
+
+@app.command(
+    context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []},
+)
+def poke(context: typer.Context) -> None:
+    """Do something to a running emulator: press, move, break, look."""
+    from tactemu.cli.poking import main
+
+    main(context.args)
 
 
 @app.command("exec")
@@ -358,29 +391,36 @@ def examples(
 def truth(
     file: Annotated[Path, typer.Argument(help="Written by `tactemu run --truth FILE`.")],
     json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,
-    export: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Write samples (.csv), CAN frames (.log, .asc, .blf) or all (.mcap, .jsonl)"),
+    to: Annotated[
+        str | None,
+        typer.Option(
+            "--to",
+            metavar="FORMAT",
+            help="Convert: foxglove.mcap, ros2.mcap, rrd, parquet, csv; CAN frames: log, asc, blf; its own: mcap, "
+            "jsonl. Or a file's name that ends in one.",
+        ),
     ] = None,
-    skin: Annotated[str | None, typer.Option(metavar="NAME", help="Whose, for --export.")] = None,
-    sense: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Which of its senses, for --export FILE.csv.")
-    ] = None,
+    export: Annotated[Path | None, typer.Option(metavar="FILE", hidden=True, help="As --to FILE.")] = None,
+    skin: Annotated[str | None, typer.Option(metavar="NAME", help="Whose, for --to.")] = None,
+    sense: Annotated[str | None, typer.Option(metavar="NAME", help="Which of its senses, for --to.")] = None,
 ) -> None:
-    """Summarise a truth log: samples, frames, drops and injected faults of each device.
+    """Summarise a truth log, or convert it for other tools.
 
     \b
       tactemu run anyskin --seconds 10 --fault 'flip 5%' --truth truth.mcap
       tactemu truth truth.mcap
-      tactemu truth truth.mcap --export thumb.csv --skin thumb
-      tactemu truth truth.mcap --export bus.log
-    """
-    from tactemu.cli.truths import export_log, print_summary
+      tactemu truth truth.mcap --to foxglove.mcap
+      tactemu truth truth.mcap --to thumb.csv --skin thumb
+      tactemu truth truth.mcap --to bus.log
 
-    if export is None:
+    Samples, frames, drops and injected faults of each device; --to writes a file beside the log, or the one named.
+    """
+    from tactemu.cli.truths import convert_log, print_summary
+
+    if to is None and export is None:
         print_summary(file, json=json)
     else:
-        export_log(file, export, skin=skin, sense=sense)
+        convert_log(file, to or str(export), skin=skin, sense=sense)
 
 
 @app.command()

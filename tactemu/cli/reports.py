@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections import Counter
 from collections.abc import Callable
 from statistics import median
 from typing import Any
@@ -22,17 +21,6 @@ MISSED_SHARE = 0.01
 """Of its samples that a device may miss before the report says what to do."""
 BUSY_SHARE = 0.5
 """Of the time between samples: from here on the simulation is called the reason."""
-
-
-def entry_of(emulator: Emulator, channel: Channel) -> dict[str, Any]:
-    """What one device did: statistics, what became of its frames and of the driver's, and what was injected."""
-    return {
-        "skin": channel.name,
-        **channel.statistics.as_dict(),
-        "wire": dict(sorted(sum((wire.counters for wire in channel.wires.values()), Counter()).items())),
-        "device": dict(sorted(channel.device.counters.items())),
-        "injected": dict(sorted(emulator.truth.injected_at(channel.name).items())),
-    }
 
 
 def say_json(event: str, **entry: Any) -> None:

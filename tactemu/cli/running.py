@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from contextlib import nullcontext
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, closing, nullcontext
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 
 from tactemu.channel import Channel
 from tactemu.cli.datasheet import options_of
-from tactemu.cli.reports import Say, advice, entry_of, say_in_words, say_json
+from tactemu.cli.reports import Say, advice, say_in_words, say_json
 from tactemu.cli.signals import ended_by_signals
 from tactemu.collector import no_full_collections
+from tactemu.control.state import statistics_of
 from tactemu.emulator import Emulator
-from tactemu.errors import SceneError, TransportError
+from tactemu.errors import SceneError, TransportError, nearest
 from tactemu.kernels import start_quietly
 from tactemu.statistics import Lateness
+
+if TYPE_CHECKING:
+    from tactemu.control.control import Control
 
 _OWNER = re.compile(r"[^:=]+=")
 """In front of a port: a skin's name, or its connector's."""
@@ -37,7 +43,10 @@ def run_target(
     truth: Path | None,
     keep: str | None,
     style: str,
-    virtual: bool,
+    clock: str = "real",
+    name: str | None = None,
+    adjustable: tuple[str, ...] = (),
+    again: Path | None = None,
 ) -> None:
     """Run a device or a scene; ``style`` is auto, plain or json.
 
@@ -45,19 +54,28 @@ def run_target(
         TactemuError: the request cannot be met; nothing is left behind.
     """
     from tactemu.assembly import Wishes, assemble, truth_of
-    from tactemu.clock import RealClock, VirtualClock
+    from tactemu.clock import LockstepClock, RealClock, VirtualClock
+    from tactemu.control.again import play_again
+    from tactemu.control.control import Control
     from tactemu.scene.file import load
+    from tactemu.scene.steering import steered
 
-    if virtual and seconds is None:
-        raise SceneError("--virtual runs as fast as it can and would never end; say how long with --seconds")
-    wishes = Wishes(port=ports_of(ports), rate_hz=rate_of(rates), faults=faults, seed=seed, compute=compute)
-    loaded = load(target, options_of(options))
+    clocks = {"real": RealClock, "virtual": VirtualClock, "lockstep": LockstepClock}
+    if clock not in clocks:
+        raise SceneError(f"--clock {clock}: expected {', '.join(clocks)}{nearest(clock, clocks)}")
+    if clock == "virtual" and seconds is None:
+        raise SceneError("--clock virtual runs as fast as it can and would never end; say how long with --seconds")
+    wishes = Wishes(
+        port=ports_of(ports), rate_hz=rate_of(rates), faults=faults, seed=seed, compute=compute, adjustable=adjustable
+    )
+    loaded = steered(load(target, options_of(options)))
     start_quietly()
     log = truth_of(loaded, truth, keep)
     try:
-        clock = VirtualClock() if virtual else RealClock()
-        emulator = assemble(loaded, wishes, clock=clock, truth=log).emulator
-        run_emulator(emulator, seconds=seconds, style=style)
+        control = Control(assemble(loaded, wishes, clock=clocks[clock](), truth=log))
+        if again is not None:
+            play_again(control, again)
+        run_emulator(control.emulator, seconds=seconds, style=style, listen=lambda: _listen(control, name, target))
     finally:
         log.close()
 
@@ -99,7 +117,28 @@ def ports_of(words: Sequence[str]) -> str | dict[str, str] | None:
     return ports or None
 
 
-def run_emulator(emulator: Emulator, *, seconds: float | None, style: str) -> None:
+def _listen(control: Control, name: str | None, target: str) -> AbstractContextManager:
+    """The socket for ``tactemu poke``; where there can be none, that is said, unless its name was asked for."""
+    from tactemu.control.place import Place
+    from tactemu.control.server import Server
+
+    place = Place(name or Path(target.rpartition(":")[2]).stem, target, exactly=name is not None)
+    try:
+        return closing(Server(place, control, gentle=not control.emulator.clock.virtual))
+    except TransportError as error:
+        if name is not None:
+            raise
+        print(f"tactemu: `tactemu poke` will not find this run: {error}", file=sys.stderr)
+        return nullcontext()
+
+
+def run_emulator(
+    emulator: Emulator,
+    *,
+    seconds: float | None,
+    style: str,
+    listen: Callable[[], AbstractContextManager] = nullcontext,
+) -> None:
     """Run an assembled emulator with a picture, log lines or JSON lines, until it is told to stop."""
     console = Console(highlight=False)
     live = style == "auto" and console.is_terminal and not console.is_dumb_terminal
@@ -114,9 +153,9 @@ def run_emulator(emulator: Emulator, *, seconds: float | None, style: str) -> No
             )  # fmt: skip
         if not live and not emulator.clock.virtual:
             _report_regularly(emulator, say)
-        with view:
+        with listen(), view:
             emulator.run(seconds)
-        summaries = [entry_of(emulator, channel) for channel in emulator.channels]
+        summaries = [statistics_of(emulator, channel) for channel in emulator.channels]
     for entry in summaries:
         say("summary", **entry)
     for channel in emulator.channels:
@@ -152,7 +191,7 @@ def _report_regularly(emulator: Emulator, say: Say) -> None:
     def report() -> None:
         now = emulator.clock.now_ns()
         for channel in emulator.channels:
-            say("running", t_s=round(now / 1e9, 3), **entry_of(emulator, channel))
+            say("running", t_s=round(now / 1e9, 3), **statistics_of(emulator, channel))
         emulator.call(report, now + REPORT_PERIOD_NS)
 
     emulator.call(report, emulator.clock.now_ns() + REPORT_PERIOD_NS)

@@ -1,4 +1,4 @@
-"""``tactemu truth FILE``: what a truth log holds, device by device; and its exports."""
+"""``tactemu truth FILE``: what a truth log holds, device by device; and its conversions."""
 
 from __future__ import annotations
 
@@ -9,19 +9,34 @@ from typing import Any
 
 import numpy as np
 
-from tactemu.truth import Entry, Injection, Passage, PortEvent, Sample, entries
+from tactemu.truth import COMMAND, BodyPose, Entry, Injection, Passage, PortEvent, Sample, entries
 
 
 def summarise(path: str | Path) -> dict[str, dict[str, Any]]:
-    """Per device: samples, rate, frames both ways, drops by reason, faults by name, events, largest reading.
+    """Per device: samples, rate, frames both ways, drops by reason, faults by name, events, largest reading. Under ""
+    what was done to the emulator live, if anything was.
+
 
     Raises:
         TactemuError: the file cannot be read, or is no truth log.
     """
     found: dict[str, _Tally] = {}
+    commands: Counter[str] = Counter()
     for entry in entries(path):
-        found.setdefault(entry.device, _Tally()).add(entry)
-    return {device: tally.summary() for device, tally in found.items()}
+        if isinstance(entry, PortEvent) and entry.is_command:
+            commands[verb_of(entry)] += 1
+        elif not isinstance(entry, BodyPose):
+            found.setdefault(entry.device, _Tally()).add(entry)
+    summary: dict[str, dict[str, Any]] = {device: tally.summary() for device, tally in found.items()}
+    return summary | ({"": {"commands": dict(commands)}} if commands else {})
+
+
+def verb_of(command: PortEvent) -> str:
+    """Of a command in a log."""
+    try:
+        return str(json_module.loads(command.what.removeprefix(COMMAND))["verb"])
+    except (ValueError, TypeError, KeyError, RecursionError):
+        return "unreadable"
 
 
 class _Tally:
@@ -83,7 +98,7 @@ def print_summary(path: Path, *, json: bool = False) -> None:
         print(json_module.dumps(summary))
         return
     for device, entry in summary.items():
-        print(_printable(device))
+        print(_printable(device) or "live")
         for name, value in entry.items():
             if isinstance(value, dict):
                 value = ", ".join(f"{_printable(what)} {count}" for what, count in sorted(value.items())) or "none"
@@ -97,12 +112,14 @@ def _printable(text: str) -> str:
     return text if text.isprintable() else ascii(text)
 
 
-def export_log(path: Path, target: Path, *, skin: str | None, sense: str | None) -> None:
+def convert_log(path: Path, to: str, *, skin: str | None, sense: str | None) -> None:
     """Write what a log holds to a file of another format.
 
     Raises:
         TactemuError: no log, nothing of the kind in it, or a file that cannot be written.
     """
-    from tactemu.recordings.export import export
+    from tactemu.cli.progress import show_count
+    from tactemu.conversions import convert
 
-    print(f"{export(path, target, skin=skin, sense=sense)} rows written to {target}")
+    count, files = convert(path, to, skin=skin, sense=sense, watch=show_count)
+    print(f"{count} rows written to {', '.join(map(str, files))}")

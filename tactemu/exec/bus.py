@@ -29,6 +29,8 @@ class BusPort(SocketCanTransport):
         self._ask, self._wanted = ask, way
         self.way = ""
         """How it was made."""
+        self.number = 0
+        """Its name is settled: it need not wait for others."""
 
     def _join(self) -> tuple[socket.socket, socket.socket]:
         answer, descriptors = self._ask("bus", name=self.channel, way=self._wanted)

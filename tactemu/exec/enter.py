@@ -1,20 +1,18 @@
 """Into the view, and on as the driver: joins the keeper's namespaces and becomes the command.
 
-Exit status 125: the view is not there; 126: the command cannot be executed; 127: there is none of that name.
+Run as a script, with the keeper's process id and the command. It imports nothing of ours and little else: a driver's
+start waits for it. Exit status 125: the view is not there; 126: the command cannot be executed; 127: there is none of
+that name.
 """
-
-from __future__ import annotations
 
 import ctypes
 import os
 import signal
 import sys
 
-from tactemu.exec import system
-
-PRELOAD = "/dev/.tactemu/preload.so"
+PRELOAD = "/run/udev/.tactemu/preload.so"
 """In the view: a path without spaces that everybody may read."""
-CAN = "/dev/.tactemu/can"
+CAN = "/run/udev/.tactemu/can"
 """There where CAN is by the preload library."""
 FAILED, NOT_EXECUTABLE, NOT_FOUND = 125, 126, 127
 
@@ -23,11 +21,8 @@ def main(keeper: int, command: list[str]) -> None:
     """Become ``command`` in the namespaces of the process ``keeper``."""
     folder = os.getcwd()
     try:
-        for kind, flag in (("user", system.CLONE_NEWUSER), ("mnt", system.CLONE_NEWNS), ("net", system.CLONE_NEWNET)):
-            if os.stat(f"/proc/{keeper}/ns/{kind}").st_ino != os.stat(f"/proc/self/ns/{kind}").st_ino:
-                joined = os.open(f"/proc/{keeper}/ns/{kind}", os.O_RDONLY)
-                system.setns(joined, flag)
-                os.close(joined)
+        for kind in ("user", "mnt", "net"):
+            _join(f"/proc/{keeper}/ns/{kind}", f"/proc/self/ns/{kind}")
         os.chdir(folder)
     except OSError as error:
         _end(FAILED, f"tactemu: cannot enter the view: {error}")
@@ -58,7 +53,20 @@ def _keep_packet_sockets() -> None:
         raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()), "CAP_NET_RAW")
 
 
+def _join(theirs: str, ours: str) -> None:
+    if os.stat(theirs).st_ino == os.stat(ours).st_ino:
+        return
+    namespace = os.open(theirs, os.O_RDONLY)
+    if ctypes.CDLL(None, use_errno=True).setns(namespace, 0):
+        raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()), theirs)
+    os.close(namespace)
+
+
 def _end(status: int, text: str) -> None:
     sys.stderr.write(f"{text}\n")
     sys.stderr.flush()
     os._exit(status)
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), sys.argv[2:])

@@ -13,13 +13,12 @@ import hashlib
 import os
 import re
 import subprocess
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, replace
 from typing import Any
 
 from firmware_protocols import USB, Can, Device, Serial
-from tactemu.emulator import Emulator
 from tactemu.errors import TransportError
 from tactemu.exec.build import NoLibrary, library
 from tactemu.exec.bus import WAYS, BusPort
@@ -58,7 +57,8 @@ class ExecEnvironment:
     """What :func:`exec_environment` returns."""
 
     def __init__(self, devices: Sequence[Served], nodes: str | Mapping[str, str] = "", way: str = ""):
-        self._devices = devices
+        self.devices = tuple(devices)
+        """Those that are plugged in, to press and to spoil."""
         self._wishes = _parsed({"": nodes} if isinstance(nodes, str) and nodes else dict(nodes or {}))
         self._keeper: Keeper | None = None
         self._undo = ExitStack()
@@ -88,17 +88,21 @@ class ExecEnvironment:
                 preload, self.missing = "", str(error)
             self._keeper = Keeper(preload)
             undo.callback(self._keeper.close)
-            keep = [dev for dev in self._devices if dev.running]
-            for dev in self._devices:
+            keep = [dev for dev in self.devices if dev.running]
+            for dev in self.devices:
                 if dev not in keep:
                     dev.before_opening = self._put_on_buses
                     undo.enter_context(dev)
             self._keeper.wait()
-            for dev in self._devices:
-                self._plug_in(dev, undo if dev in keep else None)
+            plugs = [plug for dev in self.devices for plug in self._plugs_of(dev)]
             if self._wishes:
                 known = ", ".join(self._ports) or "none"
                 raise TransportError(f"no such port: {', '.join(self._wishes)} (there are: {known})")
+            for dev, wire, port in sorted(plugs, key=lambda plug: plug[2].number is None):  # the rest take what is left
+                before = wire.transport
+                dev.in_loop(lambda wire=wire, port=port: _change(wire, port))
+                if dev in keep:
+                    undo.callback(_take_out, dev, wire, before)
             self._undo = undo.pop_all()
         return self
 
@@ -121,6 +125,12 @@ class ExecEnvironment:
             title: port.channel if isinstance(port, BusPort) else port.address for title, port in self._ports.items()
         }
 
+    @property
+    def keeper(self) -> int:
+        """Process id of the view's keeper; its namespaces are the view."""
+        assert self._keeper is not None, "use it in a with statement"
+        return self._keeper.pid
+
     def command(self, command: Sequence[str | os.PathLike[str]]) -> list[str]:
         """A command line that runs ``command`` in the view, whoever starts it: ``subprocess``, a shell, a launcher.
 
@@ -140,27 +150,23 @@ class ExecEnvironment:
 
     # -- what is plugged in --------------------------------------------------------------------------------------------
 
-    def _plug_in(self, dev: Served, undo: ExitStack | None) -> None:
-        """Every serial port of a device; with ``undo``, its former ports come back."""
+    def _plugs_of(self, dev: Served) -> Iterator[tuple[Served, Wire, UsbPort | BusPort]]:
+        """Every serial port and CAN bus of a device, and what is to be at the end of its wire."""
+        wires = set()
         for channel in dev.emulator.channels:
             for name, wire in channel.wires.items():
                 connector = channel.device.connector(name)
                 title = f"{channel.name}/{name}" if len(channel.wires) > 1 else channel.name
-                if isinstance(connector, Can):
-                    if isinstance(wire.transport, BusPort):
-                        self._ports[title] = wire.transport
-                        continue
-                    port = self._ports[title] = self._bus(title, wire)
-                elif not isinstance(connector, Serial) or isinstance(wire.transport, UsbPort):
-                    continue
-                else:
-                    port = self._ports[title] = self._port(title, channel.device, connector)
-                before = wire.transport
-                dev.in_loop(lambda wire=wire, port=port: _change(wire, port))
-                if undo is not None:
-                    undo.callback(_take_out, dev, wire, before)
+                if isinstance(connector, Can) and isinstance(wire.transport, BusPort):  # it has been put there already
+                    self._ports[title] = wire.transport
+                elif isinstance(connector, Can | Serial) and wire not in wires:
+                    wires.add(wire)
+                    serial = isinstance(connector, Serial)
+                    port = self._port(title, channel.device, connector) if serial else self._bus(title, wire)
+                    self._ports[title] = port
+                    yield dev, wire, port
 
-    def _put_on_buses(self, emulator: Emulator) -> None:
+    def _put_on_buses(self, emulator: Any) -> None:
         """The CAN buses of an emulator that is about to start: what they are called here, they are in the view."""
         for channel in emulator.channels:
             for name, wire in channel.wires.items():

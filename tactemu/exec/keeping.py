@@ -13,18 +13,20 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from tactemu.errors import TactemuError
+from tactemu.errors import TactemuError, TransportUnavailable
+from tactemu.exec import enter
 
-ROOT = str(Path(__file__).parents[2])
-_START = "import sys; sys.path.insert(0, sys.argv[1]); from tactemu.exec.{0} import main; "
+_PYTHON = (sys.executable, "-I", "-S")
+"""Without site-packages: what runs in the view's own processes needs nothing of them."""
+_START = (
+    "import sys; sys.path.insert(0, sys.argv[1]); from tactemu.exec.keeper import main\n"
+    "main(int(sys.argv[2]), int(sys.argv[3]), sys.argv[4])"
+)
 _PATIENCE_S = 20.0
 """For an answer: longer than a loaded machine needs for a few system calls."""
 _LONGEST = 65_536
-
-
-def python(module: str, call: str, *words: str) -> list[str]:
-    """A command that runs ``main`` of a module of this package, in a Python that imports nothing else."""
-    return [sys.executable, "-I", "-S", "-c", _START.format(module) + call, ROOT, *words]
+_FORBIDDEN = (errno.EPERM, errno.EACCES, errno.ENOSPC, errno.EUSERS)
+"""Errors of a kernel that lets nobody, or not this user, have namespaces."""
 
 
 class Keeper:
@@ -34,7 +36,7 @@ class Keeper:
         preload: path of the preload library; empty: there is none.
 
     Raises:
-        TactemuError: this machine lets nobody, or not this user, have namespaces.
+        TransportUnavailable: this is no Linux.
     """
 
     def __init__(self, preload: str = ""):
@@ -48,7 +50,7 @@ class Keeper:
         words = (str(theirs.fileno()), str(os.getpid()), preload)
         with theirs:
             self._process = subprocess.Popen(
-                python("keeper", "main(int(sys.argv[2]), int(sys.argv[3]), sys.argv[4])", *words),
+                [*_PYTHON, "-c", _START, str(Path(__file__).parents[2]), *words],
                 stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, pass_fds=[theirs.fileno()], start_new_session=True,
             )  # fmt: skip
         self.pid = self._process.pid
@@ -58,14 +60,17 @@ class Keeper:
         """Until the view is there; it is made while the emulator is.
 
         Raises:
-            TactemuError: it cannot be.
+            TransportUnavailable: the kernel lets nobody, or not this user, have one; the message says what helps.
+            TactemuError: it cannot be made.
         """
         if self._ready:
             return
         answer, _ = self._receive()
         if "error" in answer:
             self.close()
-            raise TactemuError(_explained(answer["error"], answer["number"]))
+            if answer["number"] in _FORBIDDEN:
+                raise TransportUnavailable(_explained(answer["error"]))
+            raise TactemuError(f"cannot make a view of the machine: {answer['error']}")
         self._ready = True
 
     def ask(self, do: str, **given: Any) -> tuple[dict[str, Any], list[int]]:
@@ -96,7 +101,7 @@ class Keeper:
 
     def enter(self, command: list[str]) -> list[str]:
         """A command that is ``command`` in the view."""
-        return python("enter", "main(int(sys.argv[2]), sys.argv[3:])", str(self.pid), *command)
+        return [*_PYTHON, enter.__file__, str(self.pid), *command]
 
     def close(self) -> None:
         """Let it unplug everything and end. Safe to call twice."""
@@ -106,10 +111,8 @@ class Keeper:
         self._process.wait()
 
 
-def _explained(what: str, number: int) -> str:
-    """Why there is no view, and the command that helps."""
-    if number not in (errno.EPERM, errno.EACCES, errno.ENOSPC, errno.EUSERS):
-        return f"cannot make a view of the machine: {what}"
+def _explained(what: str) -> str:
+    """Why nobody may have a view here, and the command that helps."""
     for name, forbids, who in _SWITCHES:
         if _read(f"/proc/sys/{name}") == forbids:
             setting = f"{name.replace('/', '.')}={_ALLOW[forbids]}"

@@ -35,7 +35,8 @@ class Node:
     """
 
     def __init__(self, ask: Ask, usb: Mapping[str, Any], *, number: int | None, plug: int):
-        self._ask, self._usb, self._number, self._plug = ask, dict(usb), number, plug
+        self._ask, self._usb, self._plug = ask, dict(usb), plug
+        self.number = number
         self.path = Path()
         self._page: mmap.mmap | None = None
         self._pipe = -1
@@ -50,7 +51,7 @@ class Node:
             _, shared = self._ask("replace", node=self.path.name, pty=pty)
             self._leave()
         else:
-            answer, shared = self._ask("plug", usb=self._usb, pty=pty, number=self._number, plug=self._plug)
+            answer, shared = self._ask("plug", usb=self._usb, pty=pty, number=self.number, plug=self._plug)
             self.path = Path("/dev", answer["node"])
         memory, self._pipe = shared
         self._page = mmap.mmap(memory, page.PAGE.size)
@@ -102,6 +103,11 @@ class UsbPort(PtyTransport):
         self._control = 0
         """The control flags that the driver has asked for, with those that a pseudo terminal does not keep."""
         self._breaks_heard = False
+
+    @property
+    def number(self) -> int | None:
+        """Of the node, if it always has the same."""
+        return self._node.number
 
     def fit(self, connector: Connector) -> None:
         """A break is a byte of zeros to a UART; USB has a request for it, which firmware ignores."""

@@ -36,15 +36,6 @@ def unshare(flags: int) -> None:
     _check(_libc.unshare(flags), "unshare")
 
 
-def setns(namespace: int, kind: int) -> None:
-    """Join the namespace behind a descriptor.
-
-    Raises:
-        OSError: it belongs to somebody else.
-    """
-    _check(_libc.setns(namespace, kind), "setns")
-
-
 def mount(source: str, target: str, kind: str = "", flags: int = 0, options: str = "") -> None:
     """Mount a file system, or with ``MS_BIND`` a file or folder.
 

@@ -16,7 +16,7 @@ from tactemu.exec import page, system
 from tactemu.exec.uevents import Events
 from tactemu.exec.usb import BUS, Plugged
 
-ROOM = Path("/dev/.tactemu")
+ROOM = Path("/run/udev/.tactemu")
 """Where emulator and preload library meet; nobody else looks there."""
 _REAL_PORTS = re.compile(r"(ttyUSB|ttyACM|ttyXRUSB|ttyS|ttyAMA|ttyAP|rfcomm)\d+|serial")
 
@@ -25,9 +25,9 @@ class View:
     """Builds the view in the namespaces that this process is in, and changes it."""
 
     def __init__(self):
+        self._cover_udev()
         self._cover_dev()
         self._cover_sys()
-        self._cover_udev()
         self.events = Events(ROOM / "events")
         self._plugged: dict[str, Plugged] = {}
         """By node."""
@@ -36,10 +36,31 @@ class View:
 
     # -- making room ---------------------------------------------------------------------------------------------------
 
-    def _cover_dev(self) -> None:
-        _cover("/dev", without=_REAL_PORTS)
-        ROOM.mkdir(mode=0o755)
+    def _cover_udev(self) -> None:
+        if not os.path.isdir("/run/udev"):
+            _cover("/run")
+            os.mkdir("/run/udev")
+        _cover("/run/udev")
+        ROOM.mkdir()
         (ROOM / "ports").mkdir()
+        behind = ROOM / "udev-data"
+        behind.mkdir()
+        if os.path.isdir("/run/udev/data"):
+            system.mount("/run/udev/data", str(behind), flags=system.MS_BIND | system.MS_REC)
+        _put_memory_over("/run/udev/data")
+        for name in os.listdir(behind):  # too many to mount each
+            os.symlink(behind / name, f"/run/udev/data/{name}")
+        Path("/run/udev/control").touch()  # libudev takes it as a sign that udev is there
+
+    def _cover_dev(self) -> None:
+        machine = ROOM / "dev"
+        machine.mkdir()
+        system.mount("/dev", str(machine), flags=system.MS_BIND | system.MS_REC)
+        _cover("/dev", without=_REAL_PORTS)
+        if not os.path.islink("/dev/ptmx"):  # it works only in a folder that has the machine's `pts` beside it
+            system.unmount("/dev/ptmx")
+            os.unlink("/dev/ptmx")
+            os.symlink(machine / "ptmx", "/dev/ptmx")
 
     def _cover_sys(self) -> None:
         _cover("/sys/devices")
@@ -50,20 +71,6 @@ class View:
             _cover(f"/sys/bus/{folder}", without=_REAL_PORTS)
         taken = [int(name[3:]) for name in os.listdir("/sys/bus/usb/devices") if re.fullmatch(r"usb\d+", name)]
         self._bus = max(taken, default=0) + 1
-
-    def _cover_udev(self) -> None:
-        if not os.path.isdir("/run/udev"):
-            _cover("/run")
-            os.mkdir("/run/udev")
-        _cover("/run/udev")
-        behind = ROOM / "udev-data"
-        behind.mkdir()
-        if os.path.isdir("/run/udev/data"):
-            system.mount("/run/udev/data", str(behind), flags=system.MS_BIND | system.MS_REC)
-        _put_memory_over("/run/udev/data")
-        for name in os.listdir(behind):  # too many to mount each
-            os.symlink(behind / name, f"/run/udev/data/{name}")
-        Path("/run/udev/control").touch()  # libudev takes it as a sign that udev is there
 
     # -- plug and unplug -----------------------------------------------------------------------------------------------
 

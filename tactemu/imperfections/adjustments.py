@@ -14,8 +14,9 @@ class Adjustments(ABC):
     """
 
     @abstractmethod
-    def set(self, option: str, value, envs_idx=None) -> None:
-        """Change an option by its name: ``noise_density``, ``temperature_offset``, ``saturation_range`` ..."""
+    def set(self, option: str, value, envs_idx=None, taxels=None) -> None:
+        """Change an option by its name: ``noise_density``, ``temperature_offset``, ``saturation_range`` ...; of some
+        taxels only, to one number or one for each of them, where the option has a number per column."""
 
     @abstractmethod
     def set_dead(self, taxels, dead: bool = True, value: float | None = None, envs_idx=None) -> None:

@@ -74,13 +74,20 @@ class Table:
         self.option, self._info = option, info
         self.array = context.array(np.tile(row, (context.n_envs, 1)), context.real)
 
-    def set(self, value, envs_idx: Sequence[int] | None = None) -> None:
+    def set(self, value, envs_idx: Sequence[int] | None = None, taxels: Sequence[int] | None = None) -> None:
         """Gives the environments named a new value; a leading axis of their number gives each its own.
+
+        Args:
+            value: the new value.
+            envs_idx: environments; ``None``: all.
+            taxels: those that it is of, one number for all of them or one for each; ``None``: it is of all taxels.
 
         Raises:
             SceneError: a value that does not fit, or is negative where the option has no sign.
         """
         envs = environments(envs_idx, self.array.shape[0])
+        if taxels is not None:
+            value = self._whole(value, envs, np.asarray(taxels, np.int64))
         rows = self._rows(value, len(envs))
         if self.option not in SIGNED and (rows < 0.0).any():
             raise SceneError(f"sensor {self._info.name!r}: {self.option} must be zero or positive, got {value!r}")
@@ -92,6 +99,22 @@ class Table:
         now = self.array.numpy()
         now[envs] = rows
         self.array.assign(now)
+
+    def _whole(self, value, envs: np.ndarray, taxels: np.ndarray) -> np.ndarray:
+        """The values of all columns, shape ``(n_envs named, n_taxels, n_channels)``, with new ones for some taxels."""
+        info = self._info
+        given = numbers(f"sensor {info.name!r}", self.option, value)
+        if given.shape not in ((), (1,), taxels.shape):
+            raise SceneError(
+                f"sensor {info.name!r}: {self.option}: expected one number, or one for each of {len(taxels)} taxels, "
+                f"got shape {given.shape}"
+            )
+        now = self.array.numpy()[envs if len(envs) else [0]]
+        whole = (
+            np.broadcast_to(now, (len(now), info.n_columns)).reshape(len(now), info.n_taxels, info.n_channels).copy()
+        )
+        whole[:, taxels] = given.reshape(-1, 1)
+        return whole if len(envs) else whole[0]
 
     def _rows(self, value, n: int) -> np.ndarray:
         try:
@@ -111,15 +134,15 @@ class Range:
         self._info, self._option = info, option
         self.low, self.high = (Table(bound, info, option, context) for bound in self._bounds(value))
 
-    def set(self, value, envs_idx: Sequence[int] | None = None) -> None:
+    def set(self, value, envs_idx: Sequence[int] | None = None, taxels: Sequence[int] | None = None) -> None:
         """Gives the environments named new bounds, for all of them or (each bound an array) one each.
 
         Raises:
             SceneError: they are no range.
         """
         low, high = self._bounds(value)
-        self.low.set(low, envs_idx)
-        self.high.set(high, envs_idx)
+        self.low.set(low, envs_idx, taxels)
+        self.high.set(high, envs_idx, taxels)
 
     def _bounds(self, value) -> tuple:
         where = f"sensor {self._info.name!r}"

@@ -48,8 +48,8 @@ def nothing() -> None:
 class Adjustable(Protocol):
     """What an option becomes that can change while running: a :class:`Table`, a :class:`Range`, a :class:`Delay`."""
 
-    def set(self, value, envs_idx=None) -> None:
-        """Change it in the environments named."""
+    def set(self, value, envs_idx=None, taxels=None) -> None:
+        """Change it in the environments named, of the taxels named."""
         ...
 
 
@@ -71,11 +71,11 @@ class Imperfections(Adjustments):
 
     # -- changing them
 
-    def set(self, option: str, value, envs_idx=None) -> None:
+    def set(self, option: str, value, envs_idx=None, taxels=None) -> None:
         """Change an option by its name (see :class:`Adjustments`)."""
         if option not in self._built:
             raise self._off(option)
-        self._built[option].set(value, envs_idx)
+        self._built[option].set(value, envs_idx, taxels)
 
     def set_dead(self, taxels, dead: bool = True, value: float | None = None, envs_idx=None) -> None:
         """Kill taxels, or revive them; without a value they are stuck at their last reading."""

@@ -75,12 +75,14 @@ class Delay:
         """Does it draw a further delay?"""
         return self._options.jitter > 0.0 or "jitter" in self._options.adjustable
 
-    def set(self, value, envs_idx=None) -> None:
+    def set(self, value, envs_idx=None, taxels=None) -> None:
         """Changes the jitter [s] of the environments named, one number or one each.
 
         Raises:
-            SceneError: negative, or more than there is room for.
+            SceneError: negative, or more than there is room for; of some taxels only.
         """
+        if taxels is not None:
+            raise SceneError(f"sensor {self._info.name!r}: jitter is of the whole sensor, not of single taxels")
         envs = environments(envs_idx, self._context.n_envs)
         jitter = numbers(f"sensor {self._info.name!r}", "jitter", value)
         if jitter.shape not in ((), (1,), envs.shape):

@@ -87,9 +87,9 @@ class Sensor(Adjustments):
             raise self._unread()
         return array
 
-    def set(self, option: str, value, envs_idx=None) -> None:
+    def set(self, option: str, value, envs_idx=None, taxels=None) -> None:
         """Change an imperfection by its option's name (see :class:`~tactemu.imperfections.Adjustments`)."""
-        self._spoil.set(option, value, envs_idx)
+        self._spoil.set(option, value, envs_idx, taxels)
 
     def set_dead(self, taxels, dead: bool = True, value: float | None = None, envs_idx=None) -> None:
         """Kill taxels, or revive them; without a value they are stuck at their last reading."""

@@ -51,6 +51,7 @@ import warp as wp
 
 from tactemu.imperfections import ImperfectionOptions
 from tactemu.imperfections.info import Channels
+from tactemu.physics.drawing import DrawOptions
 from tactemu.physics.points.point_cloud import PointCloud
 from tactemu.physics.poses import LinkView
 from tactemu.physics.probes.probes import Probes, make_probes
@@ -140,7 +141,7 @@ class Trial:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SensorModel(ImperfectionOptions, ABC):
+class SensorModel(ImperfectionOptions, DrawOptions, ABC):
     """Options that all tactile sensors share. Positions, normals and readings are in the frame of the link.
 
     They stay as they are: ``dataclasses.replace(model, stiffness=2.0)`` makes another model, and imperfections change

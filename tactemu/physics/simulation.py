@@ -12,6 +12,7 @@ import warp as wp
 
 from tactemu.errors import PoseError, SceneError
 from tactemu.imperfections import Imperfections, ReadingInfo
+from tactemu.physics.drawing import check_drawing
 from tactemu.physics.points.point_cloud import PointCloud
 from tactemu.physics.poses import RelativePoses
 from tactemu.physics.sensor import Sensor, bodies_felt, check_query
@@ -138,6 +139,7 @@ class Simulation:
                 f"one launch takes {MOST_THREADS - 1} taxels: build fewer environments at a time"
             )
         check_query(sensor)
+        check_drawing(f"sensor {sensor.name!r}", sensor.model)
         sensor.model.validate(sensor.probes)
 
     def _site(self, sensor: Sensor, gain, radius) -> Site:
@@ -179,6 +181,11 @@ class Simulation:
         self.plan.stages += spoil.compile_resets() + gain_stages + radius_stages + compiled.stages + truth_stages
         self.plan.stages += value_stages + finish_stages + delivery_stages + history_stages
         return partial(sensor.attach, self, spoil, remembered, measured, compiled.present)
+
+    @property
+    def clouds(self) -> list[PointCloud]:
+        """Points that were sampled on bodies."""
+        return list(self._clouds.values())
 
     @property
     def uses_velocity(self) -> bool:

@@ -156,6 +156,11 @@ class World:
         position, quaternion, velocity, turning = (row[part] for part in PARTS.values())
         return Pose(position, quaternion / np.linalg.norm(quaternion), velocity, turning)
 
+    def poses(self) -> np.ndarray:
+        """Position and quaternion of each body in environment 0, as last set, shape ``(n_bodies, 7)``."""
+        values = self.download() if self._device_newer else self._values
+        return values[:, 0, :7].copy()
+
     def resumed(self) -> None:
         """The device's array was restored: what the host has is outdated."""
         self._dirty.clear()

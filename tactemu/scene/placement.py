@@ -175,11 +175,24 @@ class JoinedImperfections:
         """Of its first part; all were built with the same."""
         return self._parts[0][0].options
 
-    def set(self, option: str, value: Any, envs_idx: Sequence[int] | None = None) -> None:
-        """Change one option of all its parts; a value per taxel goes to each part in its order."""
-        for spoil, taxels in self._parts:
-            each = np.ndim(value) and len(value) == sum(len(own) for _, own in self._parts)
-            spoil.set(option, np.asarray(value)[taxels] if each else value, envs_idx)
+    def set(
+        self, option: str, value: Any, envs_idx: Sequence[int] | None = None, taxels: Sequence[int] | None = None
+    ) -> None:
+        """Change one option of all its parts, or of some taxels; a value per taxel goes to each part in its order."""
+        if taxels is not None:
+            self._set_some(option, value, envs_idx, np.asarray(taxels))
+            return
+        for spoil, own in self._parts:
+            each = np.ndim(value) and len(value) == sum(len(taxels) for _, taxels in self._parts)
+            spoil.set(option, np.asarray(value)[own] if each else value, envs_idx)
+
+    def _set_some(self, option: str, value: Any, envs_idx: Sequence[int] | None, taxels: np.ndarray) -> None:
+        for spoil, own in self._parts:
+            here = [(where[0], k) for k, taxel in enumerate(taxels) if len(where := np.flatnonzero(own == taxel))]
+            if here:
+                places, which = zip(*here)
+                each = np.asarray(value)[list(which)] if np.ndim(value) and len(value) == len(taxels) else value
+                spoil.set(option, each, envs_idx, places)
 
     def set_dead(self, taxels: Sequence[int], dead: bool = True, value: float | None = None) -> None:
         """Let taxels die, or revive them."""

@@ -283,6 +283,9 @@ class EventTable(Table):
     skin: str | None = Field(default=None, description="default: every skin")
     fault: str | None = Field(default=None, description="on the wire, as in `faults`")
     set: dict[str, Any] = Field(default={}, description="sensor options that change (noise, bias, probe_gain ...)")
+    taxels: tuple[Annotated[int, Strict()], ...] | None = Field(
+        default=None, description="those whose options `set` changes; default: all"
+    )
     dead: tuple[Annotated[int, Strict()], ...] = Field(default=(), description="taxels that die")
     value: Real | None = Field(default=None, description="what dead taxels read; default: their last reading")
     hang: bool = Field(default=False, description="the device neither samples nor answers until `until`")

@@ -9,12 +9,10 @@ from typing import ClassVar
 import numpy as np
 
 from tactemu.errors import SceneError
-from tactemu.options import number, numbers
 from tactemu.scene import rotation
 from tactemu.scene.bodies import Body
 from tactemu.scene.file import LoadedScene
-from tactemu.scene.limits import METRES, MOST_DEPTH_M, MOST_S, SPEEDS
-from tactemu.scene.motion import Hold, Keyframes, Motion, Pose
+from tactemu.scene.motion import Hold, Joint, Keyframes, Motion, Placed, Pose
 from tactemu.scene.placement import PlacedSkin
 
 
@@ -30,39 +28,78 @@ class Leg:
 
 
 class Steered(Motion):
-    """Holds still until it is told to :meth:`follow` a way, and holds at its end.
+    """Goes its own way until it is taken: by a way to :meth:`follow`, at whose end it holds, or by a place.
 
     Change it in the thread that steps the simulation.
+
+    Args:
+        position: where the body was placed, world [m].
+        quaternion: how.
+        own: its motion until it is taken, and after it was given back; ``None``: it holds still.
     """
 
     kind = "steered"
-    not_state: ClassVar[tuple[str, ...]] = ("_home",)
+    not_state: ClassVar[tuple[str, ...]] = ("_home", "_own", "_held")
 
-    def __init__(self, position: Sequence[float], quaternion: Sequence[float]):
+    def __init__(self, position: Sequence[float], quaternion: Sequence[float], own: Motion | None = None):
         self._home = Pose(np.array(position, np.float64), rotation.normalised(quaternion))
-        self._way: Motion = Hold()
+        self._own: Motion = own or Hold()
+        self._held = own is None
+        self.way: Motion | None = None
+        """What it follows instead of its own motion."""
+        self.moved_s = -1.0
+        """When it was told to move last [s]."""
+        self.back: np.ndarray | None = None
+        """Where it is lifted to when it has pressed, world [m]."""
+
+    def more_parts(self) -> dict[str, Motion]:
+        """Its own motion, which may have a state."""
+        return {"own": self._own}
+
+    @property
+    def taken(self) -> bool:
+        """Whether it is in somebody's hand, and not on its own way."""
+        return self._held or self.way is not None
 
     def pose(self, t_s: float) -> Pose:
         """Displacement from where the body was placed."""
-        return self._way.pose(t_s)
+        return (self.way or self._own).pose(t_s)
 
     def world(self, t_s: float) -> Pose:
         """Pose in the world."""
-        return self._home.displaced(self._way.pose(t_s))
+        return self._home.displaced(self.pose(t_s))
 
     def follow(self, start_s: float, legs: Sequence[Leg]) -> float:
-        """Go along ``legs`` from wherever the body is at ``start_s`` [s]; returns when it will be there [s]."""
+        """Go along ``legs`` from wherever the body is at ``start_s`` [s]; returns when it will be there [s].
+
+        Raises:
+            SceneError: a leg that takes longer, or leads farther, than a motion may.
+        """
         here = self.pose(start_s)
         times, positions, turns = [start_s], [here.position], [here.quaternion]
         for leg in legs:
             times.append(times[-1] + max(leg.seconds, 1e-6))
             positions.append(np.asarray(leg.position, np.float64) - self._home.position)
-            turn = turns[-1]
-            if leg.quaternion is not None:
-                turn = rotation.multiply(rotation.normalised(leg.quaternion), rotation.conjugate(self._home.quaternion))
-            turns.append(turn)
-        self._way = Keyframes(times=tuple(times), positions=tuple(positions), quaternions=tuple(turns))  # type: ignore[arg-type]
+            turns.append(turns[-1] if leg.quaternion is None else self._turn(leg.quaternion))
+        self.way = Keyframes(times=tuple(times), positions=tuple(positions), quaternions=tuple(turns))  # type: ignore[arg-type]
+        self.moved_s = start_s
         return times[-1]
+
+    def put(self, t_s: float, position=None, quaternion=None, linear_velocity=None, angular_velocity=None) -> None:
+        """Be at a place in the world from ``t_s`` [s] on; what is not given stays as it is then, but at rest."""
+        here = self.pose(t_s)
+        place = here.position if position is None else np.asarray(position, np.float64) - self._home.position
+        turn = here.quaternion if quaternion is None else self._turn(quaternion)
+        speeds = (np.zeros(3) if given is None else np.array(given) for given in (linear_velocity, angular_velocity))
+        self.way, self.moved_s = Placed(Pose(place, turn, *speeds)), t_s
+
+    def give_back(self) -> None:
+        """Go on with its own motion, as if it had never been taken; without one, be where it was placed."""
+        self.way, self.back = None, None
+
+    def _turn(self, quaternion: Sequence[float] | np.ndarray) -> np.ndarray:
+        """The displacement that gives it this orientation in the world."""
+        return rotation.multiply(rotation.normalised(quaternion), rotation.conjugate(self._home.quaternion))
 
 
 def reach(body: Body, quaternion: np.ndarray, direction: np.ndarray) -> float:
@@ -105,13 +142,15 @@ def pressing_way(
     return legs or [Leg(0.0, down)], over
 
 
-def steered(loaded: LoadedScene, names: Sequence[str], *, by_hand: bool) -> tuple[LoadedScene, dict[str, Steered]]:
-    """The scene with a motion that can be steered for every body that is moved by hand, and these motions.
+def steered(loaded: LoadedScene, names: Sequence[str] = (), *, by_hand: bool = False) -> LoadedScene:
+    """The scene with a motion that can be steered for every body that may be moved by hand.
+
+    A body that carries a skin, or follows a joint of a device, is one of them only if it is named.
 
     Args:
         loaded: as it was read.
-        names: of bodies that are, whatever motion they have.
-        by_hand: all others are too that carry no skin; else only those without a motion.
+        names: of bodies that hold still from the start instead of going their own way.
+        by_hand: all do; else those without a motion.
 
     Raises:
         SceneError: no such body, or a fixed one.
@@ -122,12 +161,13 @@ def steered(loaded: LoadedScene, names: Sequence[str], *, by_hand: bool) -> tupl
     for name in names:
         if name not in bodies:
             raise SceneError(f"steer: no body {name!r} that could move (there are: {', '.join(bodies) or 'none'})")
-    found = {
-        name: Steered(body.position, body.quaternion)
-        for name, body in bodies.items()
-        if name in names or (name not in links and (by_hand or name not in loaded.motions))
-    }
-    return replace(loaded, motions={**loaded.motions, **found}), found
+    found: dict[str, Motion] = {}
+    for name, body in bodies.items():
+        own = loaded.motions.get(name)
+        if name in names or (name not in links and not isinstance(own, Joint)):
+            held = by_hand or name in names
+            found[name] = Steered(body.position, body.quaternion, None if held else own)
+    return replace(loaded, motions={**loaded.motions, **found})
 
 
 def nearest_body(motions: Mapping[str, Steered], taxels: PlacedSkin, taxel: int | None, t_s: float) -> str:
@@ -142,22 +182,3 @@ def nearest_body(motions: Mapping[str, Steered], taxels: PlacedSkin, taxel: int 
         return float(np.linalg.norm(here - taxels.positions(t_s)[taxels.chosen(taxel, here, t_s)]))
 
     return min(motions, key=distance)
-
-
-def check_depth(what: str, depth: float) -> None:
-    """Refuse a depth [m] to press that no skin has: millimetres given as metres."""
-    number(what, "depth", depth, at_least=-MOST_DEPTH_M, at_most=MOST_DEPTH_M, unit=METRES)
-
-
-def check_pace(what: str, seconds: float, speed: float) -> None:
-    """Refuse a time [s] or a speed [m/s] that is none."""
-    number(what, "seconds", seconds, at_least=0, at_most=MOST_S, unit="s")
-    number(what, "speed", speed, at_least=SPEEDS[0], at_most=SPEEDS[1], unit="m/s")
-
-
-def check_place(what: str, **given: Sequence[float] | None) -> None:
-    """Refuse positions that are not three numbers, and quaternions that are not four; ``None`` passes."""
-    for name, place in given.items():
-        width = 4 if name == "quaternion" else 3
-        if place is not None and numbers(what, name, place).shape != (width,):
-            raise SceneError(f"{what}: {name} must be {width} numbers, got {place!r}")

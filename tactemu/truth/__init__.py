@@ -5,16 +5,19 @@ suffix: ``.mcap``, robotics' own container, or ``.jsonl``, a JSON object a line 
 the same two.
 """
 
-from tactemu.truth.entries import Entry, Injection, Passage, PortEvent, Sample
-from tactemu.truth.reading import Log, Samples, SkinLog, entries, read, read_log
+from tactemu.truth.entries import COMMAND, BodyPose, Entry, Injection, Passage, PortEvent, Sample
+from tactemu.truth.reading import Log, Poses, Samples, SkinLog, entries, read, read_log
 from tactemu.truth.truth import Truth
 
 __all__ = [
+    "COMMAND",
+    "BodyPose",
     "Entry",
     "Injection",
     "Log",
     "Passage",
     "PortEvent",
+    "Poses",
     "Sample",
     "Samples",
     "SkinLog",

@@ -6,6 +6,7 @@ that several skins share, or befalls it, has all their names (``left+right``).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, Protocol
 
@@ -13,10 +14,13 @@ import numpy as np
 
 from firmware_protocols import Frame
 
-VERSION = 1
+VERSION = 2
 """Of the log's format, in both encodings."""
 LARGEST_TIME = 2**63 - 1
 """Times are integers of 64 bits [ns]."""
+
+COMMAND = "command "
+"""What the text of an event begins with that is a command; the rest of it is JSON."""
 
 Direction = Literal["tx", "rx", "drop"]
 
@@ -66,11 +70,27 @@ class Injection(NamedTuple):
 
 
 class PortEvent(NamedTuple):
-    """``opened``, ``closed``, ``baud 9600`` ..."""
+    """``opened``, ``closed``, ``baud 9600`` ...; of no device: ``command`` and what was done to it live, in JSON."""
 
     t_ns: int
     device: str
     what: str
+
+    @property
+    def is_command(self) -> bool:
+        """Whether it is something that was done to the emulator while it ran."""
+        return not self.device and self.what.startswith(COMMAND)
+
+
+class BodyPose(NamedTuple):
+    """Where a body of the scene was when a sample was taken; told when it has changed."""
+
+    t_ns: int
+    body: str
+    position: tuple[float, float, float]
+    """Of its origin, in the world [m]."""
+    quaternion: tuple[float, float, float, float]
+    """(w, x, y, z)."""
 
 
 class Header(NamedTuple):
@@ -79,6 +99,8 @@ class Header(NamedTuple):
     origin_ns: int | None = None
     """The machine's monotonic clock at ``t_ns = 0``; ``None``: time was virtual, or nobody said."""
     version: int = VERSION
+    scene: Mapping[str, Any] | None = None
+    """What is where, as plain data (``docs/truth-log.md``); ``None``: nobody said."""
 
 
 class End(NamedTuple):
@@ -87,12 +109,12 @@ class End(NamedTuple):
     lost: int
 
 
-Entry = Sample | Passage | Injection | PortEvent
+Entry = Sample | Passage | Injection | PortEvent | BodyPose
 
 
 def is_of(entry: Entry, skin: str | None) -> bool:
-    """Whether an entry is of this skin, or of the bus that it is on; ``None``: of any."""
-    return skin is None or skin == entry.device or skin in entry.device.split("+")
+    """Whether an entry is of this skin, or of the bus that it is on; ``None``: of any. Bodies are everybody's."""
+    return skin is None or isinstance(entry, BodyPose) or skin == entry.device or skin in entry.device.split("+")
 
 
 class Sink(Protocol):
@@ -111,7 +133,7 @@ class Sink(Protocol):
         ...
 
 
-def checked_header(version: Any, origin_ns: Any) -> Header:
+def checked_header(version: Any, origin_ns: Any, scene: Any = None) -> Header:
     """The head of a log, if this program can read what follows.
 
     Raises:
@@ -123,7 +145,9 @@ def checked_header(version: Any, origin_ns: Any) -> Header:
         raise ValueError(f"the log has version {version}, this tactemu reads up to {VERSION}: update it")
     if origin_ns is not None and not (_is_integer(origin_ns) and abs(origin_ns) <= LARGEST_TIME):
         raise ValueError(f"origin_ns: expected an integer of 64 bits, got {origin_ns!r:.60}")
-    return Header(origin_ns, version)
+    if not isinstance(scene, dict | None):
+        raise ValueError(f"scene: expected an object, got {scene!r:.60}")
+    return Header(origin_ns, version, scene)
 
 
 def _is_integer(value: Any) -> bool:

@@ -14,6 +14,7 @@ import numpy as np
 from tactemu import frame_text
 from tactemu.truth.entries import (
     LARGEST_TIME,
+    BodyPose,
     End,
     Entry,
     Header,
@@ -47,7 +48,8 @@ class LinesWriter:
 
     def begin(self, header: Header) -> None:
         """Write the first line."""
-        self._line({"kind": "log", "version": header.version, "origin_ns": header.origin_ns})
+        scene = {} if header.scene is None else {"scene": header.scene}
+        self._line({"kind": "log", "version": header.version, "origin_ns": header.origin_ns} | scene)
 
     def add(self, entry: Entry) -> Iterator[None]:
         """Write an entry; yields now and then, so that a large one can be written in slices of time."""
@@ -57,7 +59,7 @@ class LinesWriter:
         self._put(head[:-1])
         for name in arrays:
             self._put(f',"{name}":')
-            for part in _array(row[name]):
+            for part in array_text(row[name]):
                 self._put(part)
                 yield
         self._put("}\n")
@@ -86,6 +88,11 @@ class LinesWriter:
 
 def row_of(entry: Entry) -> dict[str, Any]:
     """An entry as the object of its line; arrays stay arrays, frames are text, what is not known is left out."""
+    if isinstance(entry, BodyPose):
+        return {
+            "t_ns": entry.t_ns, "body": entry.body, "kind": "pose",
+            "position": list(entry.position), "quaternion": list(entry.quaternion),
+        }  # fmt: skip
     row: dict[str, Any] = {"t_ns": entry.t_ns, "device": entry.device}
     if isinstance(entry, Sample):
         row |= {"kind": "sample", "sample": entry.number} | ({"sense": entry.sense} if entry.sense else {})
@@ -100,7 +107,7 @@ def row_of(entry: Entry) -> dict[str, Any]:
     return row | {"kind": "event", "what": entry.what}
 
 
-def _array(values: np.ndarray) -> Iterator[str]:
+def array_text(values: np.ndarray) -> Iterator[str]:
     """An array as JSON, in pieces."""
     if values.ndim == 0:
         yield json.dumps(_plain(values.reshape(1))[0])
@@ -153,10 +160,15 @@ def _entry(row: Any, *, first: bool) -> Header | Entry | End:
         raise ValueError(f"expected an object, got {_short(row)}")
     kind = row.get("kind")
     if kind == "log" and first:
-        return checked_header(row.get("version"), row.get("origin_ns"))
+        return checked_header(row.get("version"), row.get("origin_ns"), row.get("scene"))
     if kind == "end":
         return End(_number(row, "lost"))
     t_ns, device = _number(row, "t_ns"), _text(row, "device", "")
+    if kind == "pose":
+        position, quaternion = (tuple(_numbers(row, name).tolist()) for name in ("position", "quaternion"))
+        if (len(position), len(quaternion)) != (3, 4):
+            raise ValueError(f"pose: expected 3 and 4 numbers, got {len(position)} and {len(quaternion)}")
+        return BodyPose(t_ns, _text(row, "body"), position, quaternion)
     if kind == "sample":
         ideal, measured, counts = (_numbers(row, name) for name in ("ideal", "measured", "counts"))
         number, sense = _number(row, "sample", 0), _text(row, "sense", "")
@@ -174,7 +186,7 @@ def _entry(row: Any, *, first: bool) -> Header | Entry | End:
         )
     if kind == "event":
         return PortEvent(t_ns, device, _text(row, "what"))
-    raise ValueError(f"kind: expected sample, tx, rx, drop, inject or event, got {_short(kind)}")
+    raise ValueError(f"kind: expected sample, tx, rx, drop, inject, event or pose, got {_short(kind)}")
 
 
 def _number(row: dict[str, Any], name: str, default: int | None = None) -> int:

@@ -10,7 +10,7 @@ from collections import deque
 from firmware_protocols import CanFrame, Frame
 from firmware_protocols.can_frames import CanFrames
 from tactemu.errors import TactemuError
-from tactemu.truth.entries import Entry, Injection, Passage, Sample
+from tactemu.truth.entries import Entry, Injection, Passage, PortEvent, Sample
 
 DEFAULT_KEEP = "256MB"
 """What all runs of a process that are not told otherwise keep together."""
@@ -120,6 +120,8 @@ def size_of(entry: Entry) -> int:
     if isinstance(entry, Passage):
         return size_of_frame(entry.frame)
     texts = (entry.detail, entry.before, *entry.after) if isinstance(entry, Injection) else ()
+    if isinstance(entry, PortEvent) and entry.is_command:
+        texts = (entry.what,)
     return _OBJECTS_OF_FRAME + sum(map(len, texts))
 
 

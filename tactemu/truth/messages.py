@@ -16,7 +16,7 @@ import numpy as np
 
 from firmware_protocols import CanFrame, Frame
 from tactemu.frame_text import checked, on_the_bus
-from tactemu.truth.entries import Entry, Injection, Passage, PortEvent, Sample
+from tactemu.truth.entries import BodyPose, Entry, Injection, Passage, PortEvent, Sample
 
 _LITTLE_ENDIAN_CDR = b"\x00\x01\x00\x00"
 _ROS_TYPES = {
@@ -24,7 +24,7 @@ _ROS_TYPES = {
     "u1": "uint8", "u2": "uint16", "u4": "uint32", "u8": "uint64", "f4": "float32", "f8": "float64",
 }  # fmt: skip
 _DTYPES = {f"{name}[]": np.dtype(f"<{code}") for code, name in _ROS_TYPES.items()}
-_STRUCT_TYPES = {"q": "int64", "I": "uint32", "?": "bool"}
+_STRUCT_TYPES = {"q": "int64", "d": "float64", "I": "uint32", "?": "bool"}
 _LENGTH = struct.Struct("<I")
 
 
@@ -135,7 +135,13 @@ INJECTION = Message(
     (("what", "string"), ("detail", "string"), ("before", "string"), ("after", "string[]")),
 )
 EVENT = Message("tactemu/msg/Event", "An event of the port; version 1.", (("t_ns", "q"),), (("what", "string"),))
-_KINDS = {"tx": FRAME, "rx": FRAME, "drop": FRAME, "inject": INJECTION, "event": EVENT}
+POSE = Message(
+    "tactemu/msg/BodyPose",
+    "Where a body of the scene is in the world [m], quaternion w x y z; version 1.",
+    (("t_ns", "q"), *((name, "d") for name in ("x", "y", "z", "qw", "qx", "qy", "qz"))),
+    (),
+)
+_KINDS = {"pose": POSE, "tx": FRAME, "rx": FRAME, "drop": FRAME, "inject": INJECTION, "event": EVENT}
 
 
 def sample_message(*types: str) -> Message:
@@ -168,6 +174,8 @@ def message_of(entry: Entry) -> tuple[str, Message, tuple, Sequence]:
         return entry.kind, FRAME, (entry.t_ns, number, *fixed), (entry.why, np.frombuffer(data, np.uint8))
     if isinstance(entry, Injection):
         return "inject", INJECTION, (entry.t_ns,), (entry.what, entry.detail, entry.before, entry.after)
+    if isinstance(entry, BodyPose):
+        return "pose", POSE, (entry.t_ns, *entry.position, *entry.quaternion), ()
     return "event", EVENT, (entry.t_ns,), (entry.what,)
 
 
@@ -180,10 +188,10 @@ def _portable(values: np.ndarray) -> np.ndarray:
 
 
 class Decoder:
-    """Makes entries of the messages of one kind from one device.
+    """Makes entries of the messages of one kind from one device, or of one body.
 
     Args:
-        metadata: of the channel: ``device``, ``kind`` and, for samples, the arrays' shapes.
+        metadata: of the channel: ``device`` or ``body``, ``kind`` and, for samples, the arrays' shapes.
         definition: of the messages.
 
     Raises:
@@ -191,7 +199,8 @@ class Decoder:
     """
 
     def __init__(self, metadata: dict[str, str], definition: str):
-        self.device, self.kind, self.sense = metadata["device"], metadata["kind"], metadata.get("sense", "")
+        self.kind, self.sense = metadata["kind"], metadata.get("sense", "")
+        self.device = metadata["body" if self.kind == "pose" else "device"]
         self.shapes: list[tuple[int, ...]] = []
         if self.kind == "sample":
             fields = [line.split() for line in definition.splitlines() if not line.startswith("#")]
@@ -212,6 +221,8 @@ class Decoder:
         if self.kind == "sample":
             ideal, measured, counts = (values.reshape(shape) for values, shape in zip(variable, self.shapes))
             return Sample(fixed[0], self.device, ideal, measured, counts, fixed[1], self.sense)
+        if self.kind == "pose":
+            return BodyPose(fixed[0], self.device, fixed[1:4], fixed[4:8])
         if self.kind == "inject":
             return Injection(fixed[0], self.device, *variable)
         if self.kind == "event":
@@ -226,6 +237,8 @@ class Decoder:
 
 def metadata_of(entry: Entry, kind: str) -> dict[str, str]:
     """What a channel says of its messages: whose they are, and the shapes of a sample's arrays."""
+    if isinstance(entry, BodyPose):
+        return {"body": entry.body, "kind": kind}
     metadata = {"device": entry.device, "kind": kind}
     if isinstance(entry, Sample):
         shapes = {"ideal": entry.ideal.shape, "measured": entry.measured.shape, "counts": entry.counts.shape}

@@ -7,6 +7,7 @@ and a file that was cut off reads up to its last whole chunk.
 
 from __future__ import annotations
 
+import json
 import mmap
 import os
 import struct
@@ -14,12 +15,14 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import IO, Any
 
-from tactemu.truth.entries import End, Entry, Header, Sample, Sink, checked_header
+from tactemu.truth.entries import BodyPose, End, Entry, Header, Sample, Sink, checked_header
 from tactemu.truth.messages import Decoder, Message, message_of, metadata_of
 
 _CHUNK_BYTES = 1 << 18
 """Before compression. Small, since a chunk is put together without a break."""
 _LARGEST_CHUNK = 1 << 28
+_KEPT_BYTES = 1 << 24
+"""Of the file, while it is read."""
 _HEAD, _END = "tactemu", "tactemu end"
 """Names of our metadata records."""
 
@@ -41,13 +44,14 @@ class PackedWriter:
         """Write the head of the file."""
         self._writer.start(library="tactemu")
         origin = {} if header.origin_ns is None else {"origin_ns": str(header.origin_ns)}
-        self._writer.add_metadata(_HEAD, {"version": str(header.version)} | origin)
+        scene = {} if header.scene is None else {"scene": json.dumps(header.scene, separators=(",", ":"))}
+        self._writer.add_metadata(_HEAD, {"version": str(header.version)} | origin | scene)
 
     def add(self, entry: Entry) -> Iterator[None]:
         """Write an entry; yields now and then, so that a large one can be written in slices of time."""
         kind, message, fixed, variable = message_of(entry)
         yield
-        key: tuple = (entry.device, kind)
+        key: tuple = (entry.body if isinstance(entry, BodyPose) else entry.device, kind)
         if isinstance(entry, Sample):
             key += (entry.sense, message.name, entry.ideal.shape, entry.counts.shape)
         channel = self._channels.get(key)
@@ -64,7 +68,7 @@ class PackedWriter:
         if message.name not in self._schemas:
             definition = message.definition.encode()
             self._schemas[message.name] = self._writer.register_schema(message.name, "ros2msg", definition)
-        topic = "/".join(("", *(metadata[name] for name in ("device", "kind", "sense") if name in metadata)))
+        topic = "/".join(("", *(metadata[name] for name in ("device", "body", "kind", "sense") if name in metadata)))
         return self._writer.register_channel(topic, "cdr", self._schemas[message.name], metadata)
 
     def flush(self) -> None:
@@ -99,7 +103,7 @@ def _entries(content: mmap.mmap) -> Iterator[Header | Entry | End]:
 
     decoders: dict[int, Decoder] = {}
     definitions: dict[int, str] = {}
-    known = False
+    known, read = False, 0
     try:  # a stream of a memory map reads no more than there is, whatever length a record claims
         for record in StreamReader(content, emit_chunks=True, record_size_limit=None).records:  # type: ignore[arg-type]
             if isinstance(record, Metadata) and record.name == _HEAD:
@@ -108,6 +112,7 @@ def _entries(content: mmap.mmap) -> Iterator[Header | Entry | End]:
             elif isinstance(record, Metadata) and record.name == _END:
                 yield End(int(record.metadata["lost"]))
             elif isinstance(record, Chunk) and known:
+                read = _forgotten(content, read)
                 for each in _unpacked(record):
                     if isinstance(each, Schema):
                         definitions[each.id] = str(each.data, "utf-8")
@@ -123,6 +128,15 @@ def _entries(content: mmap.mmap) -> Iterator[Header | Entry | End]:
         return  # cut off
     if not known:
         raise ValueError("an MCAP file, but no truth log of tactemu")
+
+
+def _forgotten(content: mmap.mmap, before: int) -> int:
+    """Let go of the pages that have been read since ``before``, so that memory does not grow with the file."""
+    read = content.tell() // mmap.PAGESIZE * mmap.PAGESIZE
+    if read - before < _KEPT_BYTES:
+        return before
+    content.madvise(mmap.MADV_DONTNEED, before, read - before)
+    return read
 
 
 def _unpacked(chunk: Any) -> list:
@@ -148,4 +162,8 @@ def _unpacked(chunk: Any) -> list:
 
 def _header(metadata: dict[str, str]) -> Header:
     origin = metadata.get("origin_ns")
-    return checked_header(int(metadata.get("version", "0")), None if origin is None else int(origin))
+    return checked_header(
+        int(metadata.get("version", "0")),
+        None if origin is None else int(origin),
+        json.loads(metadata.get("scene", "null")),
+    )

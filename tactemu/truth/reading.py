@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +11,12 @@ import numpy as np
 
 from tactemu.errors import TactemuError
 from tactemu.truth import lines, packed
-from tactemu.truth.entries import End, Entry, Header, Injection, Passage, PortEvent, Sample
+from tactemu.truth.entries import BodyPose, End, Entry, Header, Injection, Passage, PortEvent, Sample
 from tactemu.truth.writer import check_suffix
 
 
 def records(path: str | Path) -> Iterator[Header | Entry | End]:
-    """The entries of a log, with what stands before and behind them.
+    """The entries of a log, with what stands before and behind them. Memory does not grow with the log.
 
     Raises:
         TactemuError: as :func:`entries`.
@@ -82,6 +82,18 @@ class SkinLog(Samples):
 
 
 @dataclass(frozen=True)
+class Poses:
+    """Where a body was, whenever it had moved since the sample before."""
+
+    t_ns: np.ndarray
+    """[ns], shape ``(n,)``."""
+    position: np.ndarray
+    """Of its origin, in the world [m], shape ``(n, 3)``."""
+    quaternion: np.ndarray
+    """(w, x, y, z), shape ``(n, 4)``."""
+
+
+@dataclass(frozen=True)
 class Log(Mapping[str, SkinLog]):
     """A whole log: ``log["thumb"].measured``."""
 
@@ -90,6 +102,12 @@ class Log(Mapping[str, SkinLog]):
     """The machine's monotonic clock (``time.monotonic_ns()``) at ``t_ns = 0``; ``None`` where time was virtual."""
     lost: int = 0
     """Entries that could not be written."""
+    bodies: dict[str, Poses] = field(default_factory=dict)
+    """Those of the scene, by name."""
+    scene: Mapping[str, Any] | None = None
+    """What is where: bodies with their shapes, skins with their taxels (``docs/truth-log.md``)."""
+    commands: tuple[PortEvent, ...] = ()
+    """What was done to the emulator while it ran."""
 
     def __getitem__(self, device: str) -> SkinLog:
         """The part of one skin.
@@ -115,16 +133,32 @@ def read_log(path: str | Path) -> Log:
         TactemuError: no such file, or no log; the message says where it is wrong.
     """
     found: dict[str, dict[type, list]] = {}
-    origin_ns, lost = None, 0
+    header, lost = Header(), 0
+    poses: dict[str, list[BodyPose]] = {}
+    commands: list[PortEvent] = []
     for entry in records(path):
         if isinstance(entry, Header):
-            origin_ns = entry.origin_ns
+            header = entry
         elif isinstance(entry, End):
             lost = entry.lost
+        elif isinstance(entry, BodyPose):
+            poses.setdefault(entry.body, []).append(entry)
+        elif isinstance(entry, PortEvent) and entry.is_command:
+            commands.append(entry)
         else:
             kinds = found.setdefault(entry.device, {Sample: [], Passage: [], Injection: [], PortEvent: []})
             kinds[type(entry)].append(entry)
-    return Log({device: _skin(kinds) for device, kinds in found.items()}, origin_ns, lost)
+    skins = {device: _skin(kinds) for device, kinds in found.items()}
+    bodies = {body: _poses(those) for body, those in poses.items()}
+    return Log(skins, header.origin_ns, lost, bodies, header.scene, tuple(commands))
+
+
+def _poses(poses: list[BodyPose]) -> Poses:
+    return Poses(
+        np.array([each.t_ns for each in poses], np.int64),
+        np.array([each.position for each in poses], np.float64),
+        np.array([each.quaternion for each in poses], np.float64),
+    )
 
 
 def _skin(entries_by_kind: dict[type, list]) -> SkinLog:

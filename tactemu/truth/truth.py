@@ -3,18 +3,33 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
 from firmware_protocols import Frame
 from firmware_protocols.can_frames import CanFrames
 from tactemu.frame_text import text
-from tactemu.truth.entries import Entry, Header, Injection, Passage, PortEvent, Sample
+from tactemu.truth.entries import BodyPose, Entry, Header, Injection, Passage, PortEvent, Sample
 from tactemu.truth.memory import Memory, size_of
 from tactemu.truth.writer import LogWriter, check_overwriting
+
+
+class Surroundings(Protocol):
+    """What is around the skins: the bodies of a scene."""
+
+    names: Sequence[str]
+    """Of the bodies."""
+
+    def poses(self) -> np.ndarray:
+        """Where they are now: position [m] and quaternion (w, x, y, z), shape ``(n_bodies, 7)``."""
+        ...
+
+    def description(self) -> Mapping[str, Any]:
+        """What is where, as plain data."""
+        ...
 
 
 class Truth:
@@ -34,7 +49,7 @@ class Truth:
         OSError: the file cannot be written.
     """
 
-    not_state: ClassVar[tuple[str, ...]] = ("_memory", "_writer", "origin_ns")
+    not_state: ClassVar[tuple[str, ...]] = ("_memory", "_writer", "origin_ns", "surroundings", "_poses")
 
     def __init__(
         self, path: str | Path | None = None, *, keep: str | int | None = None, reads: Iterable[str | Path] = ()
@@ -54,6 +69,10 @@ class Truth:
         """Entries by kind."""
         self.origin_ns: int | None = None
         """The machine's monotonic clock at ``t_ns = 0``, where the run follows it; set it before the first entry."""
+        self.surroundings: Surroundings | None = None
+        """Described in the file, with the poses of bodies that move; set it before the first entry."""
+        self._poses = np.zeros((0, 7))
+        """As last written."""
 
     # -- what is kept --------------------------------------------------------------------------------------------------
 
@@ -131,6 +150,7 @@ class Truth:
         self._memory.add_sample(entry)
         if self._writer:
             self._log(entry)
+            self._log_poses(t_ns)
         return number
 
     def wrote(self, t_ns: int, device: str, frame: Frame, sample: int | None = None) -> None:
@@ -198,7 +218,7 @@ class Truth:
         if self._writer:
             self._writer.patient = patient
             if not self._writer.begun:
-                self._writer.begin(Header(origin_ns))
+                self._writer.begin(self._header())
 
     def resumed(self) -> None:
         """A state was restored: what memory keeps is of what came after it, counters go on from it."""
@@ -212,8 +232,24 @@ class Truth:
     def _log(self, entry: Entry) -> None:
         assert self._writer is not None
         if not self._writer.begun:
-            self._writer.begin(Header(self.origin_ns))
+            self._writer.begin(self._header())
         self._writer.put(entry, size_of(entry))
+
+    def _header(self) -> Header:
+        around = self.surroundings
+        return Header(self.origin_ns, scene=None if around is None else around.description())
+
+    def _log_poses(self, t_ns: int) -> None:
+        """Those that have changed since the last sample."""
+        if self.surroundings is None:
+            return
+        poses = self.surroundings.poses()
+        known = self._poses.shape == poses.shape
+        moved = np.flatnonzero((poses != self._poses).any(axis=1)) if known else np.arange(len(poses))
+        for b in moved.tolist():
+            x, y, z, *quaternion = poses[b].tolist()
+            self._log(BodyPose(t_ns, self.surroundings.names[b], (x, y, z), tuple(quaternion)))
+        self._poses = poses
 
 
 def _copied(*arrays: np.ndarray) -> list[np.ndarray]:

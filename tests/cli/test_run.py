@@ -65,7 +65,18 @@ def test_the_virtual_clock_is_fast_and_repeats_itself(tmp_path):
     begun = os.times().children_user
     for log in logs:
         done = tactemu(
-            "run", "anyskin", "--port", "memory:", "--virtual", "--seconds", "10", "--seed", "5", "--truth", str(log)
+            "run",
+            "anyskin",
+            "--port",
+            "memory:",
+            "--clock",
+            "virtual",
+            "--seconds",
+            "10",
+            "--seed",
+            "5",
+            "--truth",
+            str(log),
         )
         assert done.returncode == 0, done.stderr
     assert os.times().children_user - begun < 20, "20 s of emulation, on however busy a machine"
@@ -112,7 +123,7 @@ WRONG = {
     "two ports for one skin": (["two.toml", "--port", "other=memory:a", "--port", "other=pty:x"], "has a port already"),
     "port of a skin that is not there": (["two.toml", "--port", "toe=memory:"], "no such port: toe"),
     "one port for two skins": (["two.toml", "--port", "pty:both"], "cannot share pty:both"),
-    "virtual without an end": (["anyskin", "--virtual"], "--seconds"),
+    "virtual without an end": (["anyskin", "--clock=virtual"], "--seconds"),
     "truth file": (["anyskin", "--truth", "/nonexistent/t.jsonl"], "cannot write the truth log"),
     "NaN in a motion": (["nan.toml"], "finite"),
     "device file without a class": (["empty.py"], "named with its class: empty.py:CLASS"),
@@ -157,7 +168,7 @@ def left(folder: Path) -> list[Path]:
 def test_a_mistake_is_a_message_and_leaves_nothing(name, folder):
     arguments, says = WRONG[name]
     before = left(folder)
-    done = here("run", *arguments, *(["--json"] if "--virtual" in arguments else ["--seconds", "1"]), cwd=folder)
+    done = here("run", *arguments, *(["--json"] if "--clock=virtual" in arguments else ["--seconds", "1"]), cwd=folder)
     assert done.returncode == 2, done.stdout + done.stderr
     assert done.stderr.startswith("tactemu: ")
     assert says in done.stderr
@@ -167,7 +178,7 @@ def test_a_mistake_is_a_message_and_leaves_nothing(name, folder):
 
 def test_each_skin_has_its_own_port(tmp_path):
     ports = ["--port", "palm=memory:one", "--port", "fingertip=memory:two"]
-    done = here("run", str(ROOT / "examples" / "hand.toml"), *ports, "--virtual", "--seconds", "0.1", "--json")
+    done = here("run", str(ROOT / "examples" / "hand.toml"), *ports, "--clock=virtual", "--seconds", "0.1", "--json")
     assert done.returncode == 0, done.stderr
     ready = [json.loads(line) for line in done.stdout.splitlines() if '"ready"' in line]
     assert {entry["skin"]: entry["port"] for entry in ready} == {"palm": "memory:one", "fingertip": "memory:two"}

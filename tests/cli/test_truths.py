@@ -53,7 +53,7 @@ def test_what_is_no_log_is_refused(tmp_path, content):
 
 def test_a_run_on_a_full_disk_goes_on_and_says_so(tmp_path):
     (tmp_path / "t.mcap").symlink_to("/dev/full")
-    run = ("run", "anyskin", "--port", "memory:", "--virtual", "--seconds", "0.5", "--json")
+    run = ("run", "anyskin", "--port", "memory:", "--clock=virtual", "--seconds", "0.5", "--json")
     done = tactemu(*run, "--truth", str(tmp_path / "t.mcap"), "--truth-keep", "1MB")
     assert done.returncode == 0
     assert "t.mcap: cannot write the log: No space left on device; the run goes on" in done.stderr

@@ -23,7 +23,7 @@ def recording(tmp_path_factory):
     folder = tmp_path_factory.mktemp("recording")
     scene, log = folder / "scene.toml", folder / "anyskin.jsonl"
     scene.write_text(SCENE.format(device="anyskin", rate_hz=50, noise=0.1, device_options=""))
-    options = ("--port", "memory:", "--virtual", "--seconds", str(SECONDS), "--truth", str(log))
+    options = ("--port", "memory:", "--clock=virtual", "--seconds", str(SECONDS), "--truth", str(log))
     done = tactemu("run", str(scene), *options)
     assert done.returncode == 0, done.stderr
     return log

@@ -7,8 +7,8 @@ import pytest
 
 import tactemu as tt
 from tactemu.assembly import Wishes, assemble, truth_of
-from tactemu.cli.reports import entry_of
 from tactemu.clock import VirtualClock
+from tactemu.control.state import statistics_of
 from tactemu.scene.file import parse
 
 SKIN = """
@@ -36,7 +36,7 @@ def run(path=None):
 def test_faults_are_counted_under_the_skin_that_they_befell():
     """Two skins, one of which loses every other frame."""
     emulator = run()
-    left, right = (entry_of(emulator, channel) for channel in emulator.channels)
+    left, right = (statistics_of(emulator, channel) for channel in emulator.channels)
     assert left["injected"] == {"drop": left["samples"] // 2} and right["injected"] == {}
     assert emulator.truth.injected == left["injected"], "the truth's own counter is of the whole run"
 

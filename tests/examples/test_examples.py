@@ -63,7 +63,7 @@ RIG = ROOT / "examples" / "so101.toml"
 @pytest.mark.parametrize("path", sorted({*(ROOT / "examples").glob("*.toml")} - {RIG}), ids=lambda path: path.name)
 def test_a_scene_runs_and_its_schedule_happens(path, tmp_path):
     log = tmp_path / "truth.jsonl"
-    done = tactemu("run", str(path), "--port", "memory:", "--virtual", "--seconds", "8", "--truth", str(log))
+    done = tactemu("run", str(path), "--port", "memory:", "--clock=virtual", "--seconds", "8", "--truth", str(log))
     assert done.returncode == 0, done.stderr
     skins = summarise(log)
     assert all(skin["largest_ideal"] > 0 for skin in skins.values()), "everything is touched"
@@ -74,7 +74,7 @@ def test_the_rig_of_an_arm_runs(tmp_path):
     """Two arms have no taxels; of the fingertips both are touched, and the leader's joints swing."""
     log = tmp_path / "truth.jsonl"
     ports = [word for skin in ("leader", "follower", "fingertips") for word in ("--port", f"{skin}=memory:{skin}")]
-    done = tactemu("run", str(RIG), *ports, "--virtual", "--seconds", "4", "--truth", str(log))
+    done = tactemu("run", str(RIG), *ports, "--clock=virtual", "--seconds", "4", "--truth", str(log))
     assert done.returncode == 0, done.stderr
     skins = summarise(log)
     assert set(skins) == {"leader", "follower", "fingertips"} and skins["fingertips"]["largest_ideal"] > 0

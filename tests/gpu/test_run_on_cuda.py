@@ -26,7 +26,7 @@ def test_the_chain_on_a_gpu_is_that_on_the_cpu(device, tmp_path):
     for compute in ("cpu", "cuda:0"):
         log = tmp_path / f"{compute.replace(':', '')}.jsonl"
         done = tactemu(
-            "run", device, "--port", "memory:", "--virtual", "--seconds", "3.5", "--device", compute,
+            "run", device, "--port", "memory:", "--clock=virtual", "--seconds", "3.5", "--device", compute,
             "--truth", str(log), timeout=110,
         )  # fmt: skip
         assert done.returncode == 0, done.stderr

@@ -46,7 +46,9 @@ def test_its_own_test_and_those_of_all_models_pass(tree):
 
 
 def test_a_scene_file_runs_with_it(tree):
-    out = run(tree, "-m", "tactemu", "run", "pins.toml", "--port", "memory:", "--virtual", "--seconds", "1", "--json")
+    out = run(
+        tree, "-m", "tactemu", "run", "pins.toml", "--port", "memory:", "--clock=virtual", "--seconds", "1", "--json"
+    )
     assert '"event": "summary"' in out
 
 

@@ -26,7 +26,9 @@ def test_a_hostile_scene_is_one_sentence(path, monkeypatch, capsys):
     says = path.read_text().partition("\n")[0].removeprefix("# says: ")
     port = [] if path.stem.startswith("port_") else ["--port", "memory:"]
     monkeypatch.chdir(FOLDER)
-    monkeypatch.setattr(sys, "argv", ["tactemu", "run", path.name, *port, "--virtual", "--seconds", "0.01", "--json"])
+    monkeypatch.setattr(
+        sys, "argv", ["tactemu", "run", path.name, *port, "--clock=virtual", "--seconds", "0.01", "--json"]
+    )
     with pytest.raises(SystemExit) as ended:
         main()
     said = capsys.readouterr()

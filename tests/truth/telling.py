@@ -25,3 +25,21 @@ def tell(truth: Truth) -> None:
     truth.inject(27, "thumb", "set", "noise", before="0", after=("0.1",))
     truth.dropped(28, "thumb", b"\x00", "line full")
     truth.event(29, "thumb", "opened")
+
+
+class Around:
+    """A body that is elsewhere each time that somebody looks."""
+
+    names = ("ball",)
+
+    def __init__(self):
+        self.looks = 0
+
+    def poses(self) -> np.ndarray:
+        """One step further."""
+        self.looks += self.looks < 2
+        return np.array([[0.1 * self.looks, np.pi, -1, 1, 0, 0, 0]])
+
+    def description(self) -> dict:
+        """As a scene says it."""
+        return {"bodies": [{"name": "ball"}], "skins": {}}

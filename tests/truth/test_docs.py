@@ -6,9 +6,9 @@ from pathlib import Path
 import tactemu as tt
 from tactemu.recordings.export import export
 from tactemu.truth.memory import DEFAULT_KEEP, parse_size
-from tactemu.truth.messages import EVENT, FRAME, INJECTION
+from tactemu.truth.messages import EVENT, FRAME, INJECTION, POSE
 from tactemu.truth.writer import WAITING_BYTES
-from tests.truth.telling import tell
+from tests.truth.telling import Around, tell
 
 PAGE = (Path(__file__).parents[2] / "docs" / "truth-log.md").read_text()
 
@@ -29,6 +29,7 @@ def test_the_lines_are_those_that_are_written(tmp_path):
 def test_the_example_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     log = tt.Truth("truth.mcap")
+    log.surroundings = Around()
     tell(log)
     log.close()
     names: dict = {}
@@ -37,7 +38,7 @@ def test_the_example_runs(tmp_path, monkeypatch):
 
 
 def test_the_messages_have_the_fields_that_it_names():
-    for message in (FRAME, INJECTION, EVENT):
+    for message in (FRAME, INJECTION, EVENT, POSE):
         (line,) = re.findall(rf"`{message.name}`: (.*?)(?:\n- |\n\n)", PAGE, re.DOTALL)
         named = [words.split()[-1] for words in re.findall(r"`([^`]+)`", line)]
         assert [name for name, _ in (*message.fixed, *message.variable)] == named

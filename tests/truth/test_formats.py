@@ -11,7 +11,7 @@ from tactemu.errors import TactemuError
 from tactemu.truth import Injection, Passage, PortEvent, Truth, entries, read
 from tactemu.truth.entries import Header
 from tactemu.truth.writer import LogWriter
-from tests.truth.telling import CAN, COUNTS, IDEAL, tell
+from tests.truth.telling import CAN, COUNTS, IDEAL, Around, tell
 
 SUFFIXES = [".mcap", ".jsonl"]
 
@@ -70,6 +70,22 @@ def test_read_log_stacks_the_samples_bit_for_bit(path):
         log["ring"]
 
 
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_bodies_and_what_is_where(tmp_path, suffix):
+    log = Truth(tmp_path / f"t{suffix}")
+    log.surroundings = Around()
+    tell(log)
+    log.close()
+    back = tt.read_log(tmp_path / f"t{suffix}")
+    assert back.scene == {"bodies": [{"name": "ball"}], "skins": {}} and list(back) == ["thumb", "index", "thumb+index"]
+    ball = back.bodies["ball"]
+    assert ball.t_ns.tolist() == [0, 10], "it rests from then on"
+    assert (
+        ball.position.tolist() == [[0.1, np.pi, -1], [0.2, np.pi, -1]]
+        and ball.quaternion.tolist() == [[1, 0, 0, 0]] * 2
+    )
+
+
 def test_numbers_keep_their_types_in_mcap(tmp_path):
     log = Truth(tmp_path / "t.mcap")
     types = [np.float32, np.float64, np.int8, np.int16, np.int32, np.int64, np.uint8, np.uint16, np.uint32, np.uint64]
@@ -123,7 +139,7 @@ def test_lines_are_as_documented(tmp_path):
     log.wrote(11, "a", b"\x01", sample=0)
     log.close()
     assert (tmp_path / "t.jsonl").read_text().splitlines() == [
-        '{"kind":"log","version":1,"origin_ns":7}',
+        '{"kind":"log","version":2,"origin_ns":7}',
         '{"t_ns":10,"device":"a","kind":"sample","sample":0,"ideal":[[0.1,0.0,1.0]],"measured":[[0.1,0.0,1e-09]],"counts":[5]}',
         '{"t_ns":11,"device":"a","kind":"tx","data":"01","sample":0}',
     ]
@@ -139,9 +155,9 @@ def test_lines_of_before_there_was_a_version(tmp_path):
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_a_later_version_is_refused_with_what_to_do(tmp_path, suffix):
     log = LogWriter(tmp_path / f"t{suffix}")
-    log.begin(Header(version=2))
+    log.begin(Header(version=3))
     log.close()
-    with pytest.raises(TactemuError, match="the log has version 2, this tactemu reads up to 1: update it"):
+    with pytest.raises(TactemuError, match="the log has version 3, this tactemu reads up to 2: update it"):
         tt.read_log(tmp_path / f"t{suffix}")
 
 

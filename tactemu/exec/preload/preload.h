@@ -18,7 +18,7 @@
 #include <time.h>
 #include <termios.h>
 
-#define ROOM "/dev/.tactemu" /* of the view: where the emulator and this library meet */
+#define ROOM "/run/udev/.tactemu" /* of the view: where the emulator and this library meet */
 
 /* The function of libc behind ours; looked up once, a race of two threads finds the same. */
 #define REAL(name)                                                    \

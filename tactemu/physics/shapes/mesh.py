@@ -13,13 +13,15 @@ import numpy as np
 
 from tactemu.errors import SceneError
 from tactemu.physics.shapes.rays import bound_function
-from tactemu.physics.shapes.shape import FAR, Kind, Length, Row, Shape, table_type
+from tactemu.physics.shapes.shape import FAR, Kind, Length, Row, Shape, box_outline, table_type
 from tactemu.physics.shapes.surface import sample_triangles
 from tactemu.physics.shapes.triangles import Triangles, load_mesh
 from tactemu.physics.shapes.voxel_grid import VoxelGrid
 
 MOST_CROSSINGS = 16
 """Surfaces behind the skin that a line may cross."""
+MOST_DRAWN = 20_000
+"""Triangles of a mesh that viewers get; of a larger one they get the box around it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,6 +58,13 @@ class Mesh(Shape):
     def sample(self, name: str, count: int, rng: np.random.Generator) -> tuple[np.ndarray, float]:
         triangles = self._triangles(name)
         return sample_triangles(triangles.vertices, triangles.faces, count, rng)
+
+    def outline(self, name: str) -> dict[str, Any]:
+        triangles = self._triangles(name)
+        vertices, faces = triangles.vertices, triangles.faces
+        if len(faces) > MOST_DRAWN:
+            return box_outline(vertices.min(0), vertices.max(0))
+        return {"vertices": np.round(vertices, 7).tolist(), "faces": faces.tolist()}
 
     @classmethod
     def from_file(  # pyright: ignore[reportIncompatibleMethodOverride]

@@ -12,7 +12,9 @@ within the functions that build kernels, so that describing a scene does not loa
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
 # pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
 
+import dataclasses
 import functools
+import itertools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -108,6 +110,10 @@ class Shape(ABC):
         kind = type(self).__name__
         raise SceneError(f"body {name!r}: a {kind} has no surface to sample points on; give them (points=...)")
 
+    def outline(self, name: str) -> dict[str, Any]:
+        """What a viewer needs to draw it, as plain data: the options, or ``vertices`` and ``faces``."""
+        return {key: np.asarray(value).tolist() for key, value in dataclasses.asdict(self).items()}
+
     @classmethod
     def from_file(cls, folder: Path, **keys) -> Self:
         """From the keys of a ``[[body]]`` table; an override's keyword arguments are its keys.
@@ -135,6 +141,14 @@ def check_lengths(shape: Shape, **lengths: float) -> None:
     for name, value in lengths.items():
         if not (math.isfinite(value) and value > 0):
             raise SceneError(f"{type(shape).__name__}: {name} must be a finite length > 0 m, got {value!r}")
+
+
+def box_outline(low: np.ndarray, high: np.ndarray) -> dict[str, Any]:
+    """Vertices and faces of a box along the axes, for :meth:`Shape.outline`; corners ``(3,)`` [m]."""
+    corners = list(itertools.product(*zip(low.tolist(), high.tolist())))  # corner k: bits of k say x, y, z high
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [[(a, b, c), (a, c, d)] for a, b, c, d in sides]
+    return {"vertices": [list(each) for each in corners], "faces": [list(each) for pair in faces for each in pair]}
 
 
 @functools.cache

@@ -12,13 +12,13 @@ import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
 from tactemu.errors import SceneError
 from tactemu.physics.shapes.rays import traced_ray
-from tactemu.physics.shapes.shape import FAR, Kind, Row, Shape, table_type
+from tactemu.physics.shapes.shape import FAR, Kind, Row, Shape, box_outline, table_type
 
 MOST_NODES = 1 << 28
 """Of one grid: 1 GiB in float32."""
@@ -68,6 +68,12 @@ class VoxelGrid(Shape):
             raise SceneError(f"body {name!r}: no node of its grid is inside; cannot tell how far it reaches")
         nodes = np.asarray(self.origin, float) + inside * np.broadcast_to(np.asarray(self.cell, float), 3)
         return float((nodes @ direction - values[values <= 0]).max())
+
+    def outline(self, name: str) -> dict[str, Any]:
+        """The box around the nodes inside."""
+        nodes = np.argwhere(np.asarray(self.values) <= 0) if (np.asarray(self.values) <= 0).any() else np.zeros((1, 3))
+        low, cell = np.asarray(self.origin, float), np.broadcast_to(np.asarray(self.cell, float), 3)
+        return box_outline(low + nodes.min(0) * cell, low + nodes.max(0) * cell)
 
     @classmethod
     def from_file(  # pyright: ignore[reportIncompatibleMethodOverride]

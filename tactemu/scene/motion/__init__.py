@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from tactemu.scene.motion.combined import Sequence, Together
 from tactemu.scene.motion.driven import Joint
-from tactemu.scene.motion.free import FromFunction, Keyframes
+from tactemu.scene.motion.free import FromFunction, Keyframes, Placed
 from tactemu.scene.motion.pose import Motion, Pose
 from tactemu.scene.motion.strokes import Hold, Press, Roll, Slide, Spin
 
@@ -24,6 +24,6 @@ MOTIONS: dict[str, type[Motion]] = {
 """What ``kind`` in a scene file may say."""
 
 __all__ = [
-    "MOTIONS", "FromFunction", "Hold", "Joint", "Keyframes", "Motion", "Pose", "Press", "Roll", "Sequence", "Slide",
-    "Spin", "Together",
+    "MOTIONS", "FromFunction", "Hold", "Joint", "Keyframes", "Motion", "Placed", "Pose", "Press", "Roll", "Sequence",
+    "Slide", "Spin", "Together",
 ]  # fmt: skip

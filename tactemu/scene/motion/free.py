@@ -79,6 +79,18 @@ class Keyframes(Motion):
         )
 
 
+@dataclass(frozen=True)
+class Placed(Motion):
+    """Stays where it was put."""
+
+    kind = "placed"
+    at: Pose
+
+    def pose(self, t_s: float) -> Pose:
+        """There, at every time; velocities as they were told."""
+        return self.at
+
+
 @dataclass(frozen=True, kw_only=True)
 class FromFunction(Motion):
     """A displacement computed by a Python function: ``function(t_s)`` returns a position [m], a pair (position,

@@ -18,6 +18,7 @@ from difflib import get_close_matches
 from typing import Any, Literal
 
 from tactemu.errors import SceneError
+from tactemu.units import scaled
 
 Direction = Literal["to_driver", "from_driver", "both"]
 DIRECTIONS: tuple[Direction, ...] = ("to_driver", "from_driver", "both")
@@ -65,6 +66,7 @@ KINDS: dict[str, Kind] = {
 }
 
 _DEFAULT_BY_NS = {"late": 10_000_000, "split": 1_000_000, "latency": 16_000_000}
+_LONGEST_NS = 10**18
 _UNITS = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 _WORDS = (
     "N%",
@@ -231,10 +233,10 @@ class _Words:
         return self.words.pop(0)
 
     def _duration(self, word: str, value: str) -> int:
-        match = re.fullmatch(r"(\d+\.?\d*|\.\d+)(s|ms|us|ns)", value)
-        if not match:
+        time_ns = scaled(value, _UNITS)
+        if time_ns is None or not 0 <= time_ns <= _LONGEST_NS:
             raise self._wrong(word, f"expected a time such as 3s, 16ms or 200us, got {value!r}")
-        return round(float(match[1]) * _UNITS[match[2]])
+        return round(time_ns)
 
     def _percent(self, word: str, digits: str) -> float:
         try:

@@ -1,0 +1,168 @@
+"""What a view of the machine costs, and whether it leaves anything: `tactemu bench exec`.
+
+The driver's side is measured in programs that run in the view and outside it, in turn; a figure is the median.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import tactemu
+from tactemu.bench.timing import Report
+from tactemu.exec.environment import ExecEnvironment
+from tactemu.kernels import start_quietly
+
+DEVICE = "flexitac"
+"""Streams without being asked, and without pause."""
+_STARTS = 15
+_CALLS = 20_000
+
+_CALLER = f"""
+import os, pty, sys, time, tty, termios
+from statistics import median
+near, far = pty.openpty() if sys.argv[1] == 'own' else (None, os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY))
+if near is None:
+    near = far
+tty.setraw(far)
+def per_call(call, batches=40, size={_CALLS // 40}):
+    times = []
+    for _ in range(batches):
+        begin = time.perf_counter_ns()
+        for _ in range(size):
+            call()
+        times.append((time.perf_counter_ns() - begin) / size / 1e3)
+    return median(times)
+"""
+_OWN_PORT = (
+    _CALLER
+    + """
+os.set_blocking(far, False); os.set_blocking(near, False)
+def write():
+    os.write(far, b'x')
+def drain():
+    try: os.read(near, 4095)
+    except BlockingIOError: pass
+def read():
+    try: os.read(far, 64)
+    except BlockingIOError: pass
+def both():
+    write(); drain()
+print(per_call(both), per_call(read), per_call(lambda: termios.tcgetattr(far)))
+"""
+)
+_READER = """
+import os, sys, time
+before, seen = None, 0
+while True:
+    nodes = sorted(name for name in os.listdir('/dev') if name.startswith('ttyUSB'))
+    try:
+        port = os.open(f'/dev/{nodes[0]}', os.O_RDWR | os.O_NOCTTY) if nodes else -1
+    except OSError:
+        port = -1
+    if port < 0:
+        time.sleep(0.001)
+        continue
+    print(nodes[0], flush=True)
+    try:
+        while os.read(port, 4096): pass
+    except OSError: pass
+    os.close(port)
+    print('gone', flush=True)
+"""
+
+
+def run(report: Report, *, cycles: int = 1000) -> dict[str, Any]:
+    """Start of a driver, a read and a write, and ``cycles`` times unplugged and plugged in again."""
+    start_quietly()
+    with tactemu.serve(DEVICE) as dev, tactemu.exec_environment(dev) as env:
+        figures = {"start": starts(env), "call": calls(env), "replug": replug(env, cycles)}
+    start, call, plugs = figures["start"], figures["call"], figures["replug"]
+    report(f"start of a program        {start['outside_ms']:7.1f} ms, in the view {start['inside_ms']:.1f} ms")
+    for name, (outside, inside) in call.items():
+        report(f"{name:<25} {outside:7.2f} µs, in the view {inside:.2f} µs")
+    report(
+        f"{plugs['cycles']} times unplugged        {plugs['seconds']:7.1f} s, seen {plugs['seen by the driver']} times"
+    )
+    report(f"left over                 {plugs['left'] or 'nothing'}")
+    return figures
+
+
+def starts(env: ExecEnvironment) -> dict[str, float]:
+    """From the call to the first byte of a program, outside the view and in it [ms]."""
+    times: dict[str, list[float]] = {"outside_ms": [], "inside_ms": []}
+    for _ in range(_STARTS):
+        for name, command in (("outside_ms", ["/bin/echo"]), ("inside_ms", env.command(["/bin/echo"]))):
+            begin = time.perf_counter()
+            subprocess.run(command, stdout=subprocess.DEVNULL, check=True)
+            times[name].append((time.perf_counter() - begin) * 1e3)
+    return {name: median(each) for name, each in times.items()}
+
+
+def calls(env: ExecEnvironment) -> dict[str, tuple[float, float]]:
+    """A write and a read of a pseudo terminal, and a call that is taken over, outside the view and in it [µs]."""
+    command = [sys.executable, "-c", _OWN_PORT, "own"]
+    pairs = [
+        [
+            list(map(float, subprocess.run(each, capture_output=True, text=True, check=True).stdout.split()))
+            for each in both
+        ]
+        for both in [(command, env.command(command))] * 5
+    ]
+    names = ("write of a byte", "read of nothing", "tcgetattr")
+    return {
+        name: (median(pair[0][k] for pair in pairs), median(pair[1][k] for pair in pairs))
+        for k, name in enumerate(names)
+    }
+
+
+def replug(env: ExecEnvironment, cycles: int) -> dict[str, Any]:
+    """Unplug and plug in again while a driver reads; what is left of it afterwards."""
+    dev = env.devices[0]
+    (wire,) = dev.emulator.wires
+    with env.popen([sys.executable, "-c", _READER], stdout=subprocess.PIPE, text=True) as driver:
+        assert driver.stdout
+        node = driver.stdout.readline()
+        dev.wait(0.05)
+        keeper = env.keeper
+        before, begin, seen = _held(keeper, driver.pid), time.perf_counter(), 0
+        for _ in range(cycles):
+            dev.in_loop(wire.transport.close)
+            seen += driver.stdout.readline() == "gone\n"
+            dev.in_loop(wire.transport.open)
+            node = driver.stdout.readline()
+        seconds = time.perf_counter() - begin
+        dev.wait(0.05)
+        after = _held(keeper, driver.pid)
+        driver.kill()
+    assert node.startswith("ttyUSB")
+    left = {what: after[what] - before[what] for what in before if after[what] > before[what]}
+    return {"cycles": cycles, "seen by the driver": seen, "seconds": seconds, "left": left}
+
+
+def _held(keeper: int, driver: int) -> dict[str, int]:
+    """What emulator, keeper and driver hold: descriptors, threads, mounts, nodes and files of the view."""
+    counts = {}
+    for name, pid in (("emulator", os.getpid()), ("keeper", keeper), ("driver", driver)):
+        counts[f"descriptors of the {name}"] = len(os.listdir(f"/proc/{pid}/fd"))
+        counts[f"threads of the {name}"] = len(os.listdir(f"/proc/{pid}/task"))
+    root = Path(f"/proc/{keeper}/root")
+    counts["mounts"] = len(Path(f"/proc/{keeper}/mounts").read_text().splitlines())
+    counts["mounts of the machine"] = len(Path("/proc/self/mounts").read_text().splitlines())
+    counts["namespaces"] = len({os.readlink(path) for path in Path("/proc").glob("[0-9]*/ns/mnt") if _readable(path)})
+    for folder in ("dev", "sys/devices/tactemu", "run/udev/.tactemu/ports", "run/udev/.tactemu/events", "sys/dev/char"):
+        counts[f"files in /{folder}"] = sum(len(names) for _, *each in os.walk(root / folder) for names in each)
+    counts["pseudo terminals"] = len(os.listdir("/dev/pts"))
+    return counts
+
+
+def _readable(link: Path) -> bool:
+    try:
+        return bool(os.readlink(link))
+    except OSError:  # gone meanwhile, or somebody else's
+        return False

@@ -1,0 +1,68 @@
+"""What was done to an emulator while it ran, read from its truth log and done again at the same times."""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from tactemu.control.control import Control
+from tactemu.control.verbs import VERBS
+from tactemu.errors import SceneError, TactemuError, shown
+from tactemu.truth import COMMAND, PortEvent, entries
+
+
+class Command(NamedTuple):
+    """One command of a log."""
+
+    t_ns: int
+    """When it was done."""
+    verb: str
+    args: dict[str, Any]
+    by: str = ""
+    """Who had it done; "" the program itself."""
+
+
+def commands_of(path: str | Path) -> list[Command]:
+    """The commands in a truth log, in their order.
+
+    Raises:
+        TactemuError: no such file, no log, or a command that this version does not have.
+    """
+    found = []
+    for entry in entries(path):
+        if isinstance(entry, PortEvent) and entry.is_command:
+            try:
+                found.append(_command(entry))
+            except SceneError as error:
+                raise TactemuError(f"{path}: command at {entry.t_ns / 1e9:g} s: {error}") from None
+    return found
+
+
+def _command(entry: PortEvent) -> Command:
+    try:
+        said = json.loads(entry.what.removeprefix(COMMAND))
+    except (ValueError, RecursionError):
+        said = None
+    said = said if isinstance(said, dict) else {}
+    verb, args = said.get("verb"), said.get("args")
+    if not isinstance(verb, str) or verb not in VERBS or not VERBS[verb].changes or not isinstance(args, dict):
+        raise SceneError(f"expected a verb and its arguments, got {shown(entry.what)}")
+    return Command(entry.t_ns, verb, VERBS[verb].checked(args), str(said.get("by", "")))
+
+
+def play_again(control: Control, path: str | Path) -> int:
+    """Have the loop do what a log says was done, at the same times; returns how many commands. Call before it runs.
+
+    Raises:
+        TactemuError: as :func:`commands_of`.
+    """
+    commands = commands_of(path)
+    for command in commands:
+        control.emulator.call(partial(_do, control, command), command.t_ns)
+    return len(commands)
+
+
+def _do(control: Control, command: Command) -> None:
+    control.do(command.verb, command.args, command.by)

@@ -1,0 +1,270 @@
+"""What may be done to a running emulator, carried out in its loop: one way for tests, people, pages and programs.
+
+A command acts after what is sampled at its time. It is logged with that time; :mod:`tactemu.control.again` does it
+again.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from tactemu.assembly import Assembled
+from tactemu.channel import Channel
+from tactemu.clock import LockstepClock
+from tactemu.control import state
+from tactemu.control.errand import Errand, Outcome
+from tactemu.control.verbs import VERBS
+from tactemu.emulator import Emulator
+from tactemu.errors import SceneError, TactemuError
+from tactemu.scenario import befall
+from tactemu.scene.placement import PlacedSkin
+from tactemu.scene.schema import Event
+from tactemu.scene.steering import Leg, Steered, nearest_body, pressing_way
+from tactemu.transports.pty import PtyTransport
+from tactemu.truth import COMMAND
+
+LOOK_AHEAD_NS = 2_000_000
+"""How far the simulation may be ahead of real time while somebody may have something done."""
+
+
+class Control:
+    """Does what :class:`~tactemu.control.verbs.Verbs` declares."""
+
+    def __init__(self, assembled: Assembled):
+        self.emulator: Emulator = assembled.emulator
+        self.simulation = assembled.simulation
+        bodies = [] if self.simulation is None else self.simulation.bodies
+        self.steered = {body.name: body.motion for body in bodies if isinstance(body.motion, Steered)}
+        """The motions of the bodies that may be moved, by name."""
+        self.clients: Counter[str] = Counter()
+        """What a server counts of those who connect to it."""
+        self._scene, self._skins = assembled.scene, assembled.skins
+
+    # -- from any thread -------------------------------------------------------------------------------------------
+
+    def submit(
+        self, verb: str, arguments: Mapping[str, Any], by: str = "", tell: Callable[[Errand], None] | None = None
+    ) -> Errand:
+        """Have a command done, whose arguments are checked already."""
+        self.emulator.look_ahead_ns = LOOK_AHEAD_NS
+        changes = VERBS[verb].changes
+        return Errand(self.emulator, lambda: self.do(verb, arguments, by), changes=changes, tell=tell)
+
+    def hello(self) -> dict[str, Any]:
+        """Who this is, to whoever connects."""
+        clock = self.emulator.clock
+        return {
+            "clock": "lockstep" if self._lockstep else "virtual" if clock.virtual else "real",
+            "skins": {channel.name: channel.device.name for channel in self.emulator.channels},
+            "bodies": list(self.steered),
+        }
+
+    # -- in the loop -----------------------------------------------------------------------------------------------
+
+    def do(self, verb: str, arguments: Mapping[str, Any], by: str = "") -> Outcome:
+        """Begin a command.
+
+        Raises:
+            TactemuError: it cannot be done; nothing has changed.
+        """
+        changes = VERBS[verb].changes
+        if changes and self.simulation is not None:
+            self.simulation.advance_to(self.emulator.now_ns, self._most_steps)
+        outcome = getattr(self, f"_{verb}")(**arguments)
+        if changes:
+            text = json.dumps({"verb": verb, "args": dict(arguments), "by": by})
+            self.emulator.truth.event(self.emulator.now_ns, "", COMMAND + text)
+        return outcome or Outcome()
+
+    @property
+    def _most_steps(self) -> int | None:
+        return None if self.emulator.clock.virtual else self.emulator.catch_up_steps
+
+    @property
+    def _now_s(self) -> float:
+        return self.emulator.now_ns / 1e9
+
+    def channel(self, skin: str | None) -> Channel:
+        """The channel of a skin; ``None``: of the only one.
+
+        Raises:
+            TactemuError: there is none, or several.
+        """
+        channels = {channel.name: channel for channel in self.emulator.channels}
+        if skin is None and len(channels) == 1:
+            return next(iter(channels.values()))
+        if skin not in channels:
+            raise TactemuError(f"which skin? there are: {', '.join(channels)}")
+        return channels[skin]
+
+    def _wires(self, skin: str | None) -> list:
+        channels = self.emulator.channels if skin is None else [self.channel(skin)]
+        return list(dict.fromkeys(wire for channel in channels for wire in channel.wires.values()))
+
+    # -- bodies
+
+    def _press(
+        self,
+        depth: float,
+        speed: float,
+        seconds: float | None = None,
+        taxel: int | None = None,
+        body: str | None = None,
+        skin: str | None = None,
+        wait: bool = True,
+    ) -> Outcome:
+        channel = self.channel(skin)
+        taxels = self._taxels(channel)
+        in_hand = {name: motion for name, motion in self.steered.items() if motion.taken} or self.steered
+        choose = body is None and self.steered
+        name = nearest_body(in_hand, taxels, taxel, self._now_s) if choose else self._body(body)
+        here = self.steered[name].world(self._now_s)
+        k = taxels.chosen(taxel, here.position, self._now_s)
+        target, normal = taxels.positions(self._now_s)[k], taxels.normals(self._now_s)[k]
+        gap = float(channel.device.layout.pitches[k])
+        shape = self._scene.body(name)
+        legs, back = pressing_way(shape, here, target, normal, depth=depth, clearance=gap, speed=speed)
+        if seconds is not None:
+            down = legs[-1].position
+            legs += [Leg(seconds, down), Leg(float(np.linalg.norm(back - down)) / speed, back)]
+        outcome = self._go(name, legs, wait)
+        self.steered[name].back = back
+        return outcome
+
+    def _release(self, speed: float, body: str | None = None, wait: bool = True) -> Outcome:
+        name = self._body(body)
+        here = self.steered[name].world(self._now_s)
+        lifted = self.steered[name].back
+        back = here.position if lifted is None else lifted
+        return self._go(name, [Leg(float(np.linalg.norm(back - here.position)) / speed, back)], wait)
+
+    def _move(
+        self,
+        seconds: float,
+        position: Sequence[float] | None = None,
+        quaternion: Sequence[float] | None = None,
+        by: Sequence[float] = (0.0, 0.0, 0.0),
+        body: str | None = None,
+        wait: bool = True,
+    ) -> Outcome:
+        name = self._body(body)
+        here = self.steered[name].world(self._now_s)
+        goal = (here.position if position is None else np.asarray(position, float)) + np.asarray(by, float)
+        return self._go(name, [Leg(seconds, goal, None if quaternion is None else np.asarray(quaternion, float))], wait)
+
+    def _pose(self, body: str, **pose: list[float]) -> None:
+        if body in self.steered:
+            self.steered[body].put(self._now_s, **pose)
+        elif self.simulation is None:
+            raise TactemuError("nothing is simulated: there are no bodies")
+        else:
+            self.simulation.set_pose(body, **pose)
+
+    def _give_back(self, body: str | None = None) -> None:
+        for name in self.steered if body is None else [self._body(body)]:
+            self.steered[name].give_back()
+
+    def _go(self, name: str, legs: Sequence[Leg], wait: bool) -> Outcome:
+        end_s = self.steered[name].follow(self._now_s, legs)
+        return Outcome(round(end_s * 1e9), sampled=True) if wait and not self._lockstep else Outcome()
+
+    def _body(self, name: str | None) -> str:
+        if not self.steered:
+            raise TactemuError("no body can be moved: none that is not fixed, carries no skin and follows no joint")
+        if name is not None and name not in self.steered:
+            raise TactemuError(f"body {name!r} cannot be steered; these can: {', '.join(self.steered)}")
+        in_hand = [each for each, motion in self.steered.items() if motion.taken] or list(self.steered)
+        return name or max(in_hand, key=lambda each: self.steered[each].moved_s)
+
+    def _taxels(self, channel: Channel) -> PlacedSkin:
+        if channel.name not in self._skins:
+            raise TactemuError(f"skin {channel.name!r} plays recorded readings; nothing can be pressed into it")
+        return self._skins[channel.name]
+
+    # -- what goes wrong
+
+    def _happen(self, **event: Any) -> None:
+        if (skin := event.get("skin")) is not None:
+            self.channel(skin)
+        befall(self.emulator, Event(**event), self._now_s)
+        self.emulator.act()
+
+    def _fault(self, fault: str, skin: str | None = None) -> None:
+        self._happen(fault=fault, skin=skin)
+
+    def _unplug(self, seconds: float | None = None, skin: str | None = None) -> None:
+        self._happen(fault="unplug", until=seconds, skin=skin)
+
+    def _mend(self, fault: str | None = None, skin: str | None = None) -> None:
+        found = [
+            (wire, each) for wire in self._wires(skin) for each in wire.faults
+            if fault is None or fault == each.kind or str(each).startswith(fault)
+        ]  # fmt: skip
+        if fault is not None and not found:
+            on = ", ".join(sorted({str(each) for wire in self._wires(skin) for each in wire.faults}))
+            raise SceneError(f"mend: no fault {fault!r} is on; there are: {on or 'none'}")
+        for wire, each in found:
+            wire.remove_fault(each)
+
+    def _set(self, options: Mapping[str, Any], **when: Any) -> None:
+        self._happen(set=dict(options), until=when.pop("seconds", None), **when)
+
+    def _dead(self, taxels: Sequence[int], **when: Any) -> None:
+        self._happen(dead=tuple(taxels), until=when.pop("seconds", None), **when)
+
+    def _hang(self, seconds: float, skin: str | None = None) -> None:
+        self._happen(hang=True, until=seconds, skin=skin)
+
+    def _reset(self, skin: str | None = None) -> None:
+        self._happen(reset=True, skin=skin)
+
+    def _lines(self, dtr: bool, rts: bool, skin: str | None = None) -> None:
+        transport = self.channel(skin).wire.transport
+        if not isinstance(transport, PtyTransport):
+            raise TactemuError(f"the port {transport.address} is no pseudo terminal; only those want their lines moved")
+        transport.set_lines(dtr, rts)
+
+    # -- time
+
+    @property
+    def _lockstep(self) -> bool:
+        return isinstance(self.emulator.clock, LockstepClock)
+
+    def _wait(self, seconds: float) -> Outcome:
+        return Outcome(self.emulator.now_ns + round(seconds * 1e9))
+
+    def _step(self, n: int | None = None, seconds: float | None = None, until: float | None = None) -> Outcome:
+        clock = self.emulator.clock
+        if not isinstance(clock, LockstepClock):
+            raise TactemuError("step: time runs by itself; start it with --clock lockstep, serve(clock='lockstep')")
+        if sum(given is not None for given in (n, seconds, until)) > 1:
+            raise SceneError("step: give one of n, seconds and until")
+        now = self.emulator.now_ns
+        if until is not None and round(until * 1e9) < now:
+            raise SceneError(f"step: it is {now / 1e9:g} s already, and time is not turned back to {until:g} s")
+        if seconds is None:
+            dt_ns = self.simulation.dt_ns if self.simulation is not None else 1_000_000
+            end = now + (1 if n is None else n) * dt_ns
+        else:
+            end = now + round(seconds * 1e9)
+        clock.go_on(end if until is None else round(until * 1e9))
+        return Outcome(clock.end_ns, clock.end_ns / 1e9, settled=True)
+
+    # -- looks
+
+    def _sample(self, skin: str | None = None) -> Outcome:
+        return Outcome(result=self.emulator.truth.latest(self.channel(skin).name))
+
+    def _stats(self) -> Outcome:
+        looks = {channel.name: state.look_at(self.emulator, channel) for channel in self.emulator.channels}
+        return Outcome(
+            result=lambda: {"skins": {name: look() for name, look in looks.items()}, "clients": dict(self.clients)}
+        )
+
+    def _state(self) -> Outcome:
+        return Outcome(result=state.state_of(self))

@@ -1,0 +1,379 @@
+"""The socket on which a running emulator listens for commands: a thread of its own, so that the loop waits for nobody.
+
+Lines of JSON both ways (``docs/live-control.md``). The server says first who it is; then every request is answered
+once, under the number that it had. Everything is bounded: clients, the length of a line, requests under way, what waits
+for a client that does not read (it is dropped), and the share of the time that clients can make this thread busy.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import queue
+import select
+import socket
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from typing import Any, Protocol
+
+import numpy as np
+
+from tactemu.control.errand import Errand
+from tactemu.control.place import PROTOCOL, Place, uid_of_peer
+from tactemu.control.state import row_of
+from tactemu.control.verbs import VERBS
+from tactemu.errors import TactemuError, nearest, shown
+from tactemu.options import number
+from tactemu.truth import Sample
+from tactemu.truth.lines import array_text
+
+MOST_CLIENTS = 16
+LONGEST_LINE = 65_536
+"""Bytes of a request."""
+MOST_AT_ONCE = 64
+"""Requests of one client that are not answered yet."""
+MOST_UNREAD = 4_000_000
+"""Bytes that may wait for a client, beside the answer that comes last."""
+PATIENCE_S = 5.0
+"""How long a client may take no byte of what waits for it."""
+RATES_HZ = (0.01, 120.0)
+"""Of states that a client watches."""
+_READ_AT_ONCE = 4096
+_REST = 3.0
+"""In real time this thread rests so many times as long as it was busy: whatever clients do, the loop has the most of
+the interpreter."""
+
+
+class Driven(Protocol):
+    """What a server hands commands to."""
+
+    clients: Counter[str]
+
+    def submit(self, verb: str, arguments: Mapping[str, Any], by: str, tell: Callable[[Errand], None]) -> Errand:
+        """Have a command done; ``tell`` is called when it is."""
+        ...
+
+    def hello(self) -> dict[str, Any]:
+        """What a client is told first."""
+        ...
+
+
+class _Client:
+    """One connection."""
+
+    def __init__(self, connection: socket.socket, number: int):
+        self.connection, self.number = connection, number
+        self.name = f"client {number}"
+        self.heard = bytearray()
+        self.unread: deque[memoryview] = deque()
+        self.waiting = 0
+        """Bytes in it."""
+        self.taken_s = time.monotonic()
+        """When it took something last, or nothing waited for it."""
+        self.under_way = 0
+        """Requests that are not answered."""
+        self.watch: Any = None
+        """Number of the request for states, in a tuple; ``None``: none are wished."""
+        self.period_s = self.next_s = 0.0
+        self.state_asked = False
+        self.says_no_more = False
+        """It is closed when it has its answers and has read them."""
+
+    @property
+    def has_line(self) -> bool:
+        return b"\n" in self.heard
+
+    @property
+    def finished(self) -> bool:
+        return self.says_no_more and not (self.under_way or self.unread or self.has_line)
+
+    @property
+    def gone(self) -> bool:
+        """Whether nobody is at the other end any more, not even to read."""
+        look = select.poll()
+        look.register(self.connection, 0)
+        return bool(look.poll(0))
+
+
+class Server:
+    """Listens until it is closed.
+
+    Args:
+        place: the name under which it is found.
+        driven: carries the commands out. Its ``clients`` counts: ``accepted``, ``refused`` clients, ``commands``,
+            ``errors`` in requests, ``dropped`` clients that did not read.
+        gentle: time is real: leave the interpreter to the loop.
+
+    Raises:
+        TactemuError: the name is taken, or no socket can be made.
+    """
+
+    def __init__(self, place: Place, driven: Driven, *, gentle: bool):
+        self.place, self.driven, self._gentle = place, driven, gentle
+        self.counters = driven.clients
+        self._clients: dict[int, _Client] = {}
+        self._number = 0
+        self._done: queue.SimpleQueue[tuple[_Client, Any, Errand]] = queue.SimpleQueue()
+        self._closing = False
+        self._listener = place.take()
+        self._bell = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
+        self._thread = threading.Thread(target=self._work, name="tactemu-control", daemon=True)
+        self._maker = os.getpid()
+        self._thread.start()
+
+    def close(self) -> None:
+        """Close every connection and give the name up. Call when the loop has ended; safe twice, and in a fork."""
+        if self._closing or self._maker != os.getpid():
+            return
+        self._closing = True
+        os.eventfd_write(self._bell, 1)
+        self._thread.join()
+        self.place.leave()
+        os.close(self._bell)
+
+    def _tell(self, client: _Client, ident: Any, errand: Errand) -> None:
+        """A command is done; called in the loop."""
+        self._done.put((client, ident, errand))
+        os.eventfd_write(self._bell, 1)
+
+    # -- the thread --------------------------------------------------------------------------------------------------
+
+    def _work(self) -> None:
+        try:
+            while not self._closing:
+                self._turn()
+        finally:
+            for client in list(self._clients.values()):
+                self._drop(client)
+            self._listener.close()
+
+    def _turn(self) -> None:
+        clients = list(self._clients.values())
+        readers = [each.connection for each in clients if not each.says_no_more and not each.has_line]
+        writers = [each.connection for each in clients if each.unread]
+        ready, free, _ = select.select([self._listener, self._bell, *readers], writers, (), self._patience_s())
+        begun = time.perf_counter()
+        with contextlib.suppress(BlockingIOError):
+            os.eventfd_read(self._bell)
+        while not self._done.empty():
+            self._answer(*self._done.get())
+        for client in clients:
+            if client.connection in free:
+                self._send(client)
+            if client.connection in ready:
+                self._read(client)
+            if client.has_line:
+                self._hear_line(client)
+        if self._listener in ready:
+            self._accept()
+        for client in list(self._clients.values()):
+            self._look_after(client)
+        if self._gentle:
+            time.sleep(_REST * (time.perf_counter() - begun))
+
+    def _patience_s(self) -> float | None:
+        """How long nothing needs to be done."""
+        clients, now = self._clients.values(), time.monotonic()
+        if any(client.has_line for client in clients):
+            return 0.0
+        times = [client.next_s - now for client in clients if client.watch and not client.state_asked]
+        times += [client.taken_s + PATIENCE_S - now for client in clients if client.unread]
+        return max(0.0, min(times)) if times else None
+
+    def _accept(self) -> None:
+        try:
+            connection, _ = self._listener.accept()
+        except OSError:
+            return
+        connection.setblocking(False)
+        for each in [each for each in self._clients.values() if each.says_no_more and each.gone]:
+            self._drop(each)
+        self._number += 1
+        client = self._clients[self._number] = _Client(connection, self._number)
+        if uid_of_peer(connection) != os.getuid():
+            self._refuse(client, "this emulator is another user's")
+        elif len(self._clients) > MOST_CLIENTS:
+            self._refuse(client, f"{MOST_CLIENTS} clients are connected already")
+        else:
+            self.counters["accepted"] += 1
+            hello = {"protocol": PROTOCOL, "pid": os.getpid(), "name": self.place.name}
+            self._put(client, hello | self.driven.hello())
+
+    def _refuse(self, client: _Client, why: str) -> None:
+        """Say why, and hear no more of it."""
+        self.counters["refused"] += 1
+        self._put(client, {"ok": False, "error": why})
+        client.heard.clear()
+        client.says_no_more = True
+
+    def _drop(self, client: _Client) -> None:
+        if self._clients.pop(client.number, None) is not None:
+            client.connection.close()
+        client.unread.clear()
+        client.heard.clear()
+
+    def _look_after(self, client: _Client) -> None:
+        """Ask for a state if one is wished; let go of a client that is done, or does not read."""
+        now = time.monotonic()
+        if client.finished:
+            self._drop(client)
+        elif client.unread and now - client.taken_s > PATIENCE_S:
+            self.counters["dropped"] += 1
+            self._drop(client)
+        elif client.watch and not client.state_asked and now >= client.next_s and not client.unread:
+            client.next_s = max(client.next_s + client.period_s, now)
+            client.state_asked = True
+            self.driven.submit("state", {}, client.name, partial(self._tell, client, client.watch))
+
+    # -- requests ----------------------------------------------------------------------------------------------------
+
+    def _read(self, client: _Client) -> None:
+        try:
+            data = client.connection.recv(_READ_AT_ONCE)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        client.says_no_more = not data
+        client.heard += data
+        if not client.has_line and len(client.heard) >= LONGEST_LINE:
+            self._refuse(client, f"a line is longer than {LONGEST_LINE} bytes")
+
+    def _hear_line(self, client: _Client) -> None:
+        line, _, rest = client.heard.partition(b"\n")
+        client.heard = rest
+        ident = None
+        try:
+            said = _parsed(bytes(line))
+            ident = _number_of(said)
+            if said.get("protocol", PROTOCOL) != PROTOCOL:
+                raise TactemuError(f"protocol: this emulator speaks version {PROTOCOL}, got {shown(said['protocol'])}")
+            self._begin(client, ident, said.get("verb"), said.get("args", {}))
+        except TactemuError as error:
+            self.counters["errors"] += 1
+            self._put(client, {"id": ident, "ok": False, "error": str(error)})
+
+    def _begin(self, client: _Client, ident: Any, verb: Any, args: Any) -> None:
+        """Have a request done."""
+        if not isinstance(args, dict):
+            raise TactemuError(f"args: expected a table, got {shown(args)}")
+        if verb in ("watch", "unwatch"):
+            self._watch(client, ident, args if verb == "watch" else None)
+            return
+        if not isinstance(verb, str) or verb not in VERBS:
+            hint = nearest(verb, VERBS) or f"; there are: {', '.join(VERBS)}, watch, unwatch"
+            raise TactemuError(f"verb: there is no {shown(verb)}{hint}")
+        if client.under_way >= MOST_AT_ONCE:
+            raise TactemuError(f"{MOST_AT_ONCE} of your requests are under way; wait for an answer")
+        arguments = VERBS[verb].checked(args)
+        client.under_way += 1
+        self.counters["commands"] += 1
+        self.driven.submit(verb, arguments, client.name, partial(self._tell, client, ident))
+
+    def _watch(self, client: _Client, ident: Any, args: dict[str, Any] | None) -> None:
+        client.watch = None
+        if args is not None:
+            if unknown := [name for name in args if name != "rate"]:
+                raise TactemuError(f"watch: no argument {unknown[0]!r}; it has: rate")
+            rate = number("watch", "rate", args.get("rate", 10.0), at_least=RATES_HZ[0], at_most=RATES_HZ[1], unit="Hz")
+            client.watch, client.period_s, client.next_s = (ident,), 1.0 / rate, time.monotonic()
+        self._put(client, {"id": ident, "ok": True})
+
+    # -- answers -----------------------------------------------------------------------------------------------------
+
+    def _answer(self, client: _Client, ident: Any, errand: Errand) -> None:
+        """What a command gave goes to who asked; a state that is watched, unless the one before it is not read yet."""
+        if client.number not in self._clients:
+            return
+        try:
+            answer = {"ok": True, "t_s": errand.t_ns / 1e9, "result": errand.result()}
+        except TactemuError as error:
+            self.counters["errors"] += 1
+            answer = {"ok": False, "error": str(error)}
+        except Exception as error:  # of a device or a source of the user's own
+            answer = {"ok": False, "error": f"{type(error).__name__}: {error}"}
+        if not isinstance(ident, tuple):
+            client.under_way -= 1
+            self._put(client, {"id": ident, **answer})
+            return
+        client.state_asked = False
+        if client.watch == ident and not client.unread:
+            self._put(client, {"watch": ident[0], **answer})
+
+    def _put(self, client: _Client, message: dict[str, Any]) -> None:
+        if client.waiting > MOST_UNREAD:
+            self.counters["dropped"] += 1
+            self._drop(client)
+            return
+        if not client.unread:
+            client.taken_s = time.monotonic()
+        line = "".join(_pieces(message)).encode() + b"\n"
+        client.unread.append(memoryview(line))
+        client.waiting += len(line)
+        self._send(client)
+
+    def _send(self, client: _Client) -> None:
+        """As much as it takes now."""
+        try:
+            while client.unread:
+                sent = client.connection.send(client.unread[0])
+                client.waiting -= sent
+                client.taken_s = time.monotonic()
+                client.unread[0] = client.unread[0][sent:]
+                if not client.unread[0]:
+                    client.unread.popleft()
+        except BlockingIOError:
+            pass
+        except OSError:
+            self._drop(client)
+
+
+def _parsed(line: bytes) -> dict[str, Any]:
+    """The object on a line.
+
+    Raises:
+        TactemuError: there is none.
+    """
+    try:
+        said = json.loads(line, parse_constant=_refused)
+    except (ValueError, RecursionError):
+        said = line
+    if not isinstance(said, dict):
+        raise TactemuError(f"expected a JSON object on a line, got {shown(said)}")
+    return said
+
+
+def _refused(constant: str) -> None:
+    raise ValueError(f"{constant} is no JSON")
+
+
+def _number_of(said: dict[str, Any]) -> Any:
+    """The number of a request.
+
+    Raises:
+        TactemuError: it is none that could be given back.
+    """
+    ident = said.get("id")
+    if isinstance(ident, float | bool | list | dict) or len(str(ident)) > 100:
+        raise TactemuError(f"id: expected a whole number or a short text, got {shown(ident)}")
+    return ident
+
+
+def _pieces(value: Any) -> Iterator[str]:
+    """A message in JSON; between the pieces of a large array the loop may have the interpreter."""
+    value = row_of(value) if isinstance(value, Sample) else value
+    if isinstance(value, np.ndarray):
+        for piece in array_text(value):
+            yield piece
+            time.sleep(0)
+    elif isinstance(value, dict):
+        for k, (name, each) in enumerate(value.items()):
+            yield f"{',' if k else '{'}{json.dumps(name)}:"
+            yield from _pieces(each)
+        yield "}" if value else "{}"
+    else:
+        yield json.dumps(value)

@@ -1,0 +1,70 @@
+"""How an emulator stands, as plain data: what it has done, and what it looks like."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from tactemu.channel import Channel
+from tactemu.emulator import Emulator
+from tactemu.truth import Sample
+
+if TYPE_CHECKING:
+    from tactemu.control.control import Control
+
+
+def statistics_of(emulator: Emulator, channel: Channel) -> dict[str, Any]:
+    """What one device did: statistics, what became of its frames and of the driver's, and what was injected."""
+    return look_at(emulator, channel)()
+
+
+def look_at(emulator: Emulator, channel: Channel) -> Callable[[], dict[str, Any]]:
+    """What gives :func:`statistics_of` as it is now, and may be called in another thread than the loop's."""
+    statistics = channel.statistics.copy()
+    counts = {
+        "wire": sum((wire.counters for wire in channel.wires.values()), Counter()),
+        "device": Counter(channel.device.counters),
+        "injected": emulator.truth.injected_at(channel.name),
+    }
+    return lambda: {
+        "skin": channel.name,
+        **statistics.as_dict(),
+        **{name: dict(sorted(each.items())) for name, each in counts.items()},
+    }
+
+
+def state_of(control: Control) -> dict[str, Any]:
+    """Time [s], bodies with their world poses, skins with their ports and latest samples. Call in the loop."""
+    emulator, simulation = control.emulator, control.simulation
+    bodies = {}
+    for body in [] if simulation is None else simulation.bodies:
+        assert simulation is not None
+        pose = simulation.pose(body)
+        motion = control.steered.get(body.name)
+        bodies[body.name] = {
+            "position": pose.position.tolist(),
+            "quaternion": pose.quaternion.tolist(),
+            "movable": motion is not None,
+            "in_hand": motion is not None and motion.taken,
+        }
+    return {
+        "t_s": emulator.now_ns / 1e9,
+        "bodies": bodies,
+        "skins": {
+            channel.name: {
+                "device": channel.device.name,
+                "ports": {port: wire.transport.address for port, wire in channel.wires.items()},
+                "sample": emulator.truth.latest(channel.name),
+            }
+            for channel in emulator.channels
+        },
+    }
+
+
+def row_of(sample: Sample) -> dict[str, Any]:
+    """A sample as the object of a line; arrays stay arrays."""
+    return {
+        "t_ns": sample.t_ns, "device": sample.device, "number": sample.number, "sense": sample.sense,
+        "ideal": sample.ideal, "measured": sample.measured, "counts": sample.counts,
+    }  # fmt: skip

@@ -1,0 +1,17 @@
+"""Numbers with a unit behind them, as people write them: ``3s``, ``16ms``, ``1.5mm``."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+TIMES_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+LENGTHS_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
+SPEEDS_M_S = {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3}
+_NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)([a-z/%]*)", re.ASCII)
+
+
+def scaled(text: str, units: Mapping[str, float]) -> float | None:
+    """The number times what its unit stands for; ``None``: it is no number, or has none of these units."""
+    match = _NUMBER.fullmatch(text) if len(text) < 100 else None
+    return float(match[1]) * units[match[2]] if match and match[2] in units else None

@@ -1,0 +1,6 @@
+/* The smallest program. */
+#include <stdio.h>
+
+int main(void) {
+    return puts("hello") < 0;
+}
