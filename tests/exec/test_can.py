@@ -89,6 +89,7 @@ def test_can_utils_see_every_frame_that_left_and_can_play_them(hand, tmp_path):
     sent = [str(frame) for _, _, frame in skin.truth.frames]
     assert len(seen) > 100 and seen == sent[-len(seen) :]
     assert "can0 201#0700" in log.read_text(), "what others of the host say is heard too"
+    log.write_text("".join(line for line in log.read_text().splitlines(keepends=True) if " 201#" not in line))
     again = hand.popen(["candump", "-L", "-n", str(len(seen)), "can0,710:7F0"], stdout=subprocess.PIPE, text=True)
     time.sleep(0.3)
     hand.run(["canplayer", "-I", str(log)], check=True)
