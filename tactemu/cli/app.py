@@ -226,6 +226,15 @@ def execute(
             help="How CAN buses are made: native (vcan), or preload, where the kernel has none; default: as it can be.",
         ),
     ] = "",
+    expose: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--expose",
+            metavar="tcp:PORT",
+            help="With a CAN bus: a port that leads from the view to the machine's server there, or else from the "
+            "machine to the view's; repeatable.",
+        ),
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Do not say which port is whose.")] = False,
 ) -> None:
     """Run a driver that finds the device as hardware: /dev/ttyUSB0, its USB ids, modem lines, unplugging; can0.
@@ -238,8 +247,8 @@ def execute(
       tactemu exec linker_hand_l6 -- candump can0
 
     The program, and what it starts, runs in a private view of this machine; the network stays, but where there is a
-    CAN bus, which takes a network of its own: loopback and the buses. Terminal, standard
-    streams and signals are its own. When it ends, the emulator does.
+    CAN bus, which takes a network of its own: loopback, the buses, and what --expose carries through. Terminal,
+    standard streams and signals are its own. When it ends, the emulator does.
     Exit code: that of the program, 128 + n after signal n; 125 when something of tactemu's fails, 126 when the program
     cannot be executed, 127 when there is none of that name. See docs/exec.md.
     """
@@ -253,7 +262,7 @@ def execute(
             status = run_command(
                 target, context.obj or (), options=options or (), nodes=tuple(node or ()), rates=tuple(rate or ()),
                 seed=seed, compute=device, faults=tuple(fault or ()), truth=truth, keep=truth_keep, quiet=quiet,
-                way=way, signals=signals,
+                way=way, expose=tuple(expose or ()), signals=signals,
             )  # fmt: skip
         except TactemuError as error:
             typer.echo(f"tactemu: {error}", err=True)

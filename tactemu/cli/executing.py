@@ -36,6 +36,7 @@ def run_command(
     keep: str | None = None,
     quiet: bool = False,
     way: str = "",
+    expose: Sequence[str] = (),
     signals: Forwarding,
 ) -> int:
     """Run ``command`` with ``target`` plugged in; returns the exit status, 128 + n after signal n.
@@ -51,7 +52,7 @@ def run_command(
         target, rate_hz=rate_of(rates), faults=tuple(faults), seed=seed, compute=compute, truth=truth, keep=keep,
         device_options=options_of(options), by_hand=False,
     )  # fmt: skip
-    env = exec_environment(dev, nodes=nodes_of(nodes), way=way)
+    env = exec_environment(dev, nodes=nodes_of(nodes), way=way, expose=expose)
     with env:
         if not quiet:
             _announce(env, command[0])

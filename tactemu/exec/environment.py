@@ -22,6 +22,7 @@ from firmware_protocols import USB, Can, Device, Serial
 from tactemu.errors import TransportError
 from tactemu.exec.build import NoLibrary, library
 from tactemu.exec.bus import WAYS, BusPort
+from tactemu.exec.expose import Exposed, parsed
 from tactemu.exec.keeping import Keeper
 from tactemu.exec.port import Node, UsbPort
 from tactemu.serving import Served
@@ -36,7 +37,9 @@ _BOARD = USB(0x1209, 0x0001, manufacturer="tactemu", node="ttyACM")
 """A board with USB whose ids are not declared: pid.codes' number for tests."""
 
 
-def exec_environment(*devices: Served, nodes: str | Mapping[str, str] = "", way: str = "") -> ExecEnvironment:
+def exec_environment(
+    *devices: Served, nodes: str | Mapping[str, str] = "", way: str = "", expose: Sequence[str] = ()
+) -> ExecEnvironment:
     """A view of this machine in which the ports of ``devices`` are USB serial ports and CAN interfaces.
 
     Devices that are not running are started, and stopped at the end; those that are get their former ports back.
@@ -45,21 +48,28 @@ def exec_environment(*devices: Served, nodes: str | Mapping[str, str] = "", way:
         devices: what :func:`tactemu.serve` returns.
         nodes: ``ttyUSB0`` for the only port, or nodes by skin or ``SKIN/CONNECTOR``; default: as the kernel would name
             them, ``ttyACM0`` or ``ttyUSB0`` upwards; ``can0`` upwards.
+        expose: ``tcp:PORT``, ports that are carried between the machine's network and that of a view with CAN buses.
         way: how CAN buses are made, ``native`` (vcan) or ``preload``; default: whichever this kernel offers.
 
     Raises:
         TactemuError: this machine allows no such view (the message says why, and what helps); no such skin or node.
     """
-    return ExecEnvironment(devices, nodes, way)
+    return ExecEnvironment(devices, nodes, way, expose)
 
 
 class ExecEnvironment:
     """What :func:`exec_environment` returns."""
 
-    def __init__(self, devices: Sequence[Served], nodes: str | Mapping[str, str] = "", way: str = ""):
+    def __init__(
+        self,
+        devices: Sequence[Served],
+        nodes: str | Mapping[str, str] = "",
+        way: str = "",
+        expose: Sequence[str] = (),
+    ):
         self.devices = tuple(devices)
         """Those that are plugged in, to press and to spoil."""
-        self._wishes = _parsed({"": nodes} if isinstance(nodes, str) and nodes else dict(nodes or {}))
+        self._wishes = _nodes_in({"": nodes} if isinstance(nodes, str) and nodes else dict(nodes or {}))
         self._keeper: Keeper | None = None
         self._undo = ExitStack()
         self._sockets: dict[tuple[Any, ...], int] = {}
@@ -70,6 +80,8 @@ class ExecEnvironment:
         if way not in ("", *WAYS):
             raise TransportError(f"way {way!r}: expected {' or '.join(WAYS)}")
         self._way = way
+        self._expose = [parsed(text) for text in expose]
+        self._exposed: list[Exposed] = []
         self.missing = ""
         """Why there is no preload library; empty when there is one."""
 
@@ -103,6 +115,13 @@ class ExecEnvironment:
                 dev.in_loop(lambda wire=wire, port=port: _change(wire, port))
                 if dev in keep:
                     undo.callback(_take_out, dev, wire, before)
+            if self._expose and not self.network:
+                raise TransportError(
+                    "--expose: without a CAN bus the view has the machine's network, with all its ports"
+                )
+            for port in self._expose:
+                self._exposed.append(Exposed(self._keeper.ask, port))
+                undo.callback(self._exposed[-1].close)
             self._undo = undo.pop_all()
         return self
 
@@ -196,7 +215,8 @@ class ExecEnvironment:
         if not ways:
             return ""
         made = WAYS[next(iter(ways.values()))].format(names=", ".join(ways))
-        return f"{made}. The view has a network of its own: loopback and these buses"
+        through = "".join(f"; {each}" for each in self._exposed) or ", no port of the machine"
+        return f"{made}. The view has a network of its own: loopback and these buses{through}"
 
     def _port(self, title: str, device: Device, connector: Serial) -> UsbPort:
         assert self._keeper is not None
@@ -240,7 +260,7 @@ def _declared(connector: Serial, device: Device, title: str) -> dict[str, Any]:
     return told
 
 
-def _parsed(nodes: Mapping[str, str]) -> dict[str, tuple[str, int]]:
+def _nodes_in(nodes: Mapping[str, str]) -> dict[str, tuple[str, int]]:
     """``ttyUSB0`` as kind and number.
 
     Raises:

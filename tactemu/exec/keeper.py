@@ -91,6 +91,10 @@ def _do(view: View, network: Network, do: str, **given: Any) -> tuple[dict[str, 
         case "no bus":
             network.unplug(**given)
             return {}, []
+        case "socket":
+            return {}, network.socket()
+        case "listen":
+            return {}, network.listen(**given)
     raise ValueError(f"nobody knows how to {do}")
 
 

@@ -73,6 +73,18 @@ class Network:
         if os.path.isdir(f"/sys/class/net/{name}"):
             os.rmdir(f"/sys/class/net/{name}")
 
+    def socket(self) -> list[int]:
+        """The descriptor of a TCP socket of this network, to connect to somebody in the view."""
+        return [socket.socket().detach()]
+
+    def listen(self, port: int) -> list[int]:
+        """The descriptor of a TCP socket that listens on this network's loopback.
+
+        Raises:
+            OSError: somebody does already.
+        """
+        return [socket.create_server(("127.0.0.1", port)).detach()]
+
     def unplug_all(self) -> None:
         """The emulator has gone."""
         for name in list(self._buses):

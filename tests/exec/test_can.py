@@ -4,6 +4,7 @@ import json
 import os
 import re
 import shutil
+import socket
 import subprocess
 import sys
 import time
@@ -160,6 +161,53 @@ def test_an_adapter_that_is_unplugged_goes_and_comes_back(hand):
     out, _ = driver.communicate(timeout=10)
     assert re.fullmatch(r"(ENODEV|ENETDOWN) \{'ENODEV'\} 0x710\n", out)
     start(hand, "201#0701")
+
+
+SERVER = """
+import socket, sys
+with socket.create_server(("127.0.0.1", int(sys.argv[1]))) as server:
+    print("serving", flush=True)
+    client, _ = server.accept()
+    client.sendall(client.recv(100).upper())
+"""
+
+
+def free_port():
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        return taken.getsockname()[1]
+
+
+def asked(port):
+    with socket.create_connection(("127.0.0.1", port), timeout=5) as client:
+        client.sendall(b"hello")
+        client.shutdown(socket.SHUT_WR)
+        return client.recv(100)
+
+
+ASK = """
+import socket, sys
+server = socket.create_connection(("127.0.0.1", int(sys.argv[1])))
+server.sendall(b"hi")
+print(server.recv(9))
+"""
+
+
+def test_ports_lead_out_of_the_view_and_into_it():
+    ours, theirs = free_port(), free_port()
+    with socket.create_server(("127.0.0.1", ours)) as here:
+        with exec_environment(tt.serve("xela_uskin"), expose=[f"tcp:{ours}", f"tcp:{theirs}"]) as env:
+            assert f"tcp:{ours} is the machine's" in env.network and f"tcp:{theirs} is the view's" in env.network
+            here.accept()[0].close()  # the look whether anybody serves
+            inside = env.popen([sys.executable, "-c", ASK, str(ours)], stdout=subprocess.PIPE, text=True)
+            client, _ = here.accept()
+            assert client.recv(9) == b"hi"
+            client.sendall(b"out")
+            client.close()
+            assert inside.communicate(timeout=10)[0] == "b'out'\n"
+            server = env.popen([sys.executable, "-c", SERVER, str(theirs)], stdout=subprocess.PIPE, text=True)
+            assert server.stdout.readline() == "serving\n"
+            assert asked(theirs) == b"HELLO"
+            server.communicate(timeout=10)
 
 
 def test_a_way_that_is_not_there_is_said():
