@@ -16,7 +16,6 @@ from typing import Any
 import tactemu
 from tactemu.bench.timing import Report
 from tactemu.exec.environment import ExecEnvironment
-from tactemu.kernels import start_quietly
 
 DEVICE = "flexitac"
 """Streams without being asked, and without pause."""
@@ -79,7 +78,6 @@ while True:
 
 def run(report: Report, *, cycles: int = 1000) -> dict[str, Any]:
     """Start of a driver, a read and a write, and ``cycles`` times unplugged and plugged in again."""
-    start_quietly()
     with tactemu.serve(DEVICE) as dev, tactemu.exec_environment(dev) as env:
         figures = {"start": starts(env), "call": calls(env), "replug": replug(env, cycles)}
     figures["frame"] = frames()

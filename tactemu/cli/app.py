@@ -133,6 +133,11 @@ def run(
     fault: Faults = None,
     truth: TruthFile = None,
     truth_keep: TruthKeep = None,
+    rerun: Annotated[bool, typer.Option("--rerun", help="Show it in Rerun's viewer, too.")] = False,
+    rerun_to: Annotated[
+        str | None,
+        typer.Option(metavar="URL", help="The same in one that listens: rerun+http://127.0.0.1:9876/proxy."),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON lines instead of the picture.")] = False,
     plain: Annotated[
         bool, typer.Option("--plain", help="Log lines instead of the picture, on a terminal too.")
@@ -184,7 +189,7 @@ def run(
         target, options=options or (), ports=tuple(port or ()), rates=tuple(rate or ()), seed=seed, seconds=seconds,
         compute=device, faults=tuple(fault or ()), truth=truth, keep=truth_keep,
         style="json" if json else "plain" if plain else "auto", clock=clock, name=name,
-        adjustable=tuple(adjustable or ()), again=again,
+        adjustable=tuple(adjustable or ()), again=again, rerun=rerun_to or rerun,
     )  # fmt: skip
 
 

@@ -20,6 +20,7 @@ Measure speed on this machine. Figures are medians; compare those of one run.
   tactemu bench trade      error against truth and cost of every level of fidelity
   tactemu bench soak       half an hour at 1 kHz and 5 % faults: what grows, what is lost
   tactemu bench wire       cost of a frame between device and port
+  tactemu bench exec       cost of a driver's view of the machine, and 1000 times unplugged
   tactemu bench bus        a whole robot's skin on CAN: how many boards are in time
 """,
 )
@@ -84,6 +85,19 @@ def wire(
     from tactemu.bench.wire import run
 
     save(run(typer.echo, repeats=repeats), out)
+
+
+@bench.command("exec")
+def execute(
+    cycles: Annotated[int, typer.Option(metavar="N", min=1, help="How often the device is unplugged.")] = 1000,
+    out: Out = None,
+) -> None:
+    """What a program that `tactemu exec` starts pays: its start, a read, a write; and what unplugging leaves."""
+    from tactemu.bench.exec import run
+    from tactemu.kernels import start_quietly
+
+    start_quietly()
+    save(run(typer.echo, cycles=cycles), out)
 
 
 @bench.command()

@@ -6,6 +6,7 @@ import re
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,6 +22,7 @@ from tactemu.emulator import Emulator
 from tactemu.errors import SceneError, TransportError, nearest
 from tactemu.kernels import start_quietly
 from tactemu.statistics import Lateness
+from tactemu.truth import Truth
 
 if TYPE_CHECKING:
     from tactemu.control.control import Control
@@ -47,8 +49,9 @@ def run_target(
     name: str | None = None,
     adjustable: tuple[str, ...] = (),
     again: Path | None = None,
+    rerun: str | bool = False,
 ) -> None:
-    """Run a device or a scene; ``style`` is auto, plain or json.
+    """Run a device or a scene; ``style`` is auto, plain or json, ``rerun`` whether or where it is shown.
 
     Raises:
         TactemuError: the request cannot be met; nothing is left behind.
@@ -75,9 +78,17 @@ def run_target(
         control = Control(assemble(loaded, wishes, clock=clocks[clock](), truth=log))
         if again is not None:
             play_again(control, again)
-        run_emulator(control.emulator, seconds=seconds, style=style, listen=lambda: _listen(control, name, target))
+        with _shown(log, rerun) if rerun else nullcontext():
+            listen = partial(_listen, control, name, target)
+            run_emulator(control.emulator, seconds=seconds, style=style, listen=listen)
     finally:
         log.close()
+
+
+def _shown(log: Truth, where: str | bool) -> AbstractContextManager[None]:
+    from tactemu.conversions.live import shown
+
+    return shown(log, where if isinstance(where, str) else None)
 
 
 def rate_of(words: Sequence[str]) -> float | dict[str, float] | None:

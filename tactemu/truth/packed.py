@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import mmap
 import os
+import stat
 import struct
 from collections.abc import Iterator
 from dataclasses import replace
@@ -89,13 +90,17 @@ def read(file: IO[bytes]) -> Iterator[Header | Entry | End]:
     Raises:
         ValueError: it is no truth log, or damaged before its end.
     """
-    if not os.fstat(file.fileno()).st_size:
+    status = os.fstat(file.fileno())
+    if stat.S_ISFIFO(status.st_mode):
+        yield from _entries(file)
+        return
+    if not status.st_size:
         raise ValueError("the file is empty")
     with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         yield from _entries(content)
 
 
-def _entries(content: mmap.mmap) -> Iterator[Header | Entry | End]:
+def _entries(content: mmap.mmap | IO[bytes]) -> Iterator[Header | Entry | End]:
     from mcap.exceptions import McapError
     from mcap.records import Channel, Chunk, Metadata, Schema
     from mcap.records import Message as Record
@@ -112,7 +117,7 @@ def _entries(content: mmap.mmap) -> Iterator[Header | Entry | End]:
             elif isinstance(record, Metadata) and record.name == _END:
                 yield End(int(record.metadata["lost"]))
             elif isinstance(record, Chunk) and known:
-                read = _forgotten(content, read)
+                read = _forgotten(content, read) if isinstance(content, mmap.mmap) else 0
                 for each in _unpacked(record):
                     if isinstance(each, Schema):
                         definitions[each.id] = str(each.data, "utf-8")

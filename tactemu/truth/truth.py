@@ -49,7 +49,7 @@ class Truth:
         OSError: the file cannot be written.
     """
 
-    not_state: ClassVar[tuple[str, ...]] = ("_memory", "_writer", "origin_ns", "surroundings", "_poses")
+    not_state: ClassVar[tuple[str, ...]] = ("_memory", "_writers", "origin_ns", "surroundings", "_poses")
 
     def __init__(
         self, path: str | Path | None = None, *, keep: str | int | None = None, reads: Iterable[str | Path] = ()
@@ -57,7 +57,7 @@ class Truth:
         self._memory = Memory(keep)
         if path is not None:
             check_overwriting(Path(path), map(Path, reads))
-        self._writer = LogWriter(path) if path is not None else None
+        self._writers = [LogWriter(path)] if path is not None else []
         self._latest: dict[str, dict[str, Sample]] = {}
         self._latest_frames: dict[str, Frame | CanFrames] = {}
         self._numbers: dict[str, int] = {}
@@ -97,7 +97,7 @@ class Truth:
     @property
     def lost(self) -> int:
         """Entries that the file lacks: the disk was full, or too slow."""
-        return self._writer.lost if self._writer else 0
+        return self._writers[0].lost if self._writers else 0
 
     def latest(self, device: str, sense: str | None = None) -> Sample | None:
         """The latest sample of one device; of several senses, that of the one named, or of the one that came first."""
@@ -148,7 +148,7 @@ class Truth:
         entry = Sample(t_ns, device, ideal, measured, counts, number, sense)
         self._latest.setdefault(device, {})[sense] = entry
         self._memory.add_sample(entry)
-        if self._writer:
+        if self._writers:
             self._log(entry)
             self._log_poses(t_ns)
         return number
@@ -158,7 +158,7 @@ class Truth:
         self.counts["tx"] += 1
         self._latest_frames[device] = frame
         self._memory.add_frame(t_ns, device, frame)
-        if self._writer:
+        if self._writers:
             self._log(Passage(t_ns, device, "tx", frame, sample))
 
     def wrote_all(self, t_ns: int, device: str, frames: CanFrames, sample: int | None = None) -> None:
@@ -166,20 +166,20 @@ class Truth:
         self.counts["tx"] += len(frames)
         self._latest_frames[device] = frames
         self._memory.add_frame(t_ns, device, frames)
-        if self._writer:
+        if self._writers:
             for frame in frames:
                 self._log(Passage(t_ns, device, "tx", frame, sample))
 
     def received(self, t_ns: int, device: str, frame: Frame) -> None:
         """Something arrived from the driver."""
         self.counts["rx"] += 1
-        if self._writer:
+        if self._writers:
             self._log(Passage(t_ns, device, "rx", frame))
 
     def dropped(self, t_ns: int, device: str, frame: Frame, why: str, sample: int | None = None) -> None:
         """A frame never left."""
         self.counts["drop"] += 1
-        if self._writer:
+        if self._writers:
             self._log(Passage(t_ns, device, "drop", frame, sample, why))
 
     def inject(
@@ -196,13 +196,13 @@ class Truth:
         self.injected[what] += 1
         self.injected_by_device.setdefault(device, Counter())[what] += 1
         self.counts["inject"] += 1
-        if self._writer:
+        if self._writers:
             self._log(Injection(t_ns, device, what, detail, _as_text(before), tuple(map(_as_text, after))))
 
     def event(self, t_ns: int, device: str, what: str) -> None:
         """The port was opened or closed, the baud rate changed ..."""
         self.counts["event"] += 1
-        if self._writer:
+        if self._writers:
             self._log(PortEvent(t_ns, device, what))
 
     # -- life ----------------------------------------------------------------------------------------------------------
@@ -215,10 +215,19 @@ class Truth:
             patient: rather wait for the disk than lose an entry: where time is virtual.
         """
         self.origin_ns = origin_ns
-        if self._writer:
-            self._writer.patient = patient
-            if not self._writer.begun:
-                self._writer.begin(self._header())
+        for writer in self._writers:
+            writer.patient = patient
+            if not writer.begun:
+                writer.begin(self._header())
+
+    def write_also(self, path: str | Path, *, flush_s: float | None = None) -> None:
+        """Write everything to one more file, before the first entry; what it lacks every ``flush_s`` [s] at most.
+
+        Raises:
+            TactemuError: a suffix that is no format.
+            OSError: the file cannot be written.
+        """
+        self._writers.append(LogWriter(path, flush_s=flush_s))
 
     def resumed(self) -> None:
         """A state was restored: what memory keeps is of what came after it, counters go on from it."""
@@ -226,14 +235,15 @@ class Truth:
 
     def close(self) -> None:
         """Finish the file. Safe to call twice."""
-        if self._writer:
-            self._writer.close()
+        for writer in self._writers:
+            writer.close()
 
     def _log(self, entry: Entry) -> None:
-        assert self._writer is not None
-        if not self._writer.begun:
-            self._writer.begin(self._header())
-        self._writer.put(entry, size_of(entry))
+        size = size_of(entry)
+        for writer in self._writers:
+            if not writer.begun:
+                writer.begin(self._header())
+            writer.put(entry, size)
 
     def _header(self) -> Header:
         around = self.surroundings

@@ -27,10 +27,10 @@ SUFFIXES = (".mcap", ".jsonl")
 """Formats of a log, by the suffix of its file."""
 WAITING_BYTES = 64_000_000
 """What may wait for the disk."""
-_LOOK_S = 0.02
-"""How often the thread looks for entries."""
 _FLUSH_S = 2.0
 """How much time a log may lack when its process is killed."""
+_LOOK_S = 0.02
+"""How often the thread looks for entries."""
 _SLICE_S, _REST_S, _HURRIED_REST_S = 5e-5, 5e-4, 5e-5
 _HURRY_BYTES = 4_000_000
 """From here on the thread rests less. Before, a turn of the loop meets one slice of its work at most."""
@@ -56,14 +56,18 @@ class LogWriter:
     Args:
         path: the file; its suffix decides the format. What is there is overwritten.
         report: told once when nothing can be written any more, and once when entries are lost to a slow disk.
+        flush_s: how much time a log may lack when its process is killed [s]; default: 2.
 
     Raises:
         TactemuError: another suffix.
         OSError: it cannot be written.
     """
 
-    def __init__(self, path: str | Path, *, report: Callable[[str], None] = _logger.error):
+    def __init__(
+        self, path: str | Path, *, report: Callable[[str], None] = _logger.error, flush_s: float | None = None
+    ):
         self.path, self._report = Path(path), report
+        self._flush_s = _FLUSH_S if flush_s is None else flush_s
         check_suffix(self.path)
         self.error: Exception | None = None
         """Why nothing is written any more."""
@@ -139,7 +143,7 @@ class LogWriter:
         flushed = time.monotonic()
         while not self._closing.wait(_LOOK_S):
             self._attempt(self._write_waiting)
-            if self._unsaved and time.monotonic() - flushed > _FLUSH_S:
+            if self._unsaved and time.monotonic() - flushed > self._flush_s:
                 self._attempt(self._save)
                 flushed = time.monotonic()
         self._attempt(self._write_waiting)

@@ -1,6 +1,12 @@
 """A truth log converted: programs of others open the files and find the values of the truth, bit for bit."""
 
+import contextlib
+import importlib.util
 import json
+import socket
+import subprocess
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +19,7 @@ from tactemu.errors import TactemuError
 from tactemu.frame_text import text
 from tactemu.scene.file import parse
 from tactemu.truth import Truth
-from tests.cli.command import tactemu
+from tests.cli.command import environment, tactemu
 from tests.truth.telling import tell
 
 SCENE = """
@@ -276,3 +282,50 @@ def test_mistakes(log, tmp_path, to, options, complaint):
 def test_the_command(log, tmp_path):
     done = tactemu("truth", str(log), "--to", str(tmp_path / "x.rrd"))
     assert done.returncode == 0 and (tmp_path / "x.rrd").is_file() and "rows written to" in done.stdout, done.stderr
+
+
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")
+def test_a_run_is_shown_as_it_goes_on(tmp_path):
+    """Judge: the ``rerun`` program, which receives the stream and keeps it."""
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+    saved, log = tmp_path / "seen.rrd", tmp_path / "truth.mcap"
+    program = Path(importlib.util.find_spec("rerun_cli").origin).with_name("rerun")
+    command = [program, "--save", str(saved), "--port", str(port), "--bind", "127.0.0.1"]
+    said = tmp_path / "said.txt"
+    with said.open("wb") as out:
+        viewer = subprocess.Popen(command, env=environment(), stdout=out, stderr=out)
+    try:
+        in_time(lambda: "Listening for" in said.read_text())
+        run = ("run", "flexitac", "rows=3", "cols=4", "--port", "memory:", "--clock", "virtual", "--seconds", "3")
+        done = tactemu(*run, "--truth", str(log), "--rerun-to", f"rerun+http://127.0.0.1:{port}/proxy")
+        assert done.returncode == 0, done.stderr
+        truth = tt.read_log(log)["flexitac"]
+        seen = in_time(lambda: curves(saved, "/values/flexitac/measured", len(truth.t_ns)))
+    finally:
+        viewer.kill()
+        viewer.wait()
+    assert sorted(seen) == truth.t_ns.tolist() and np.abs(truth.measured).max() > 0
+    assert np.array_equal([seen[t] for t in truth.t_ns.tolist()], truth.measured.reshape(len(seen), -1).astype(float))
+
+
+def curves(path, entity, count):
+    """Values by time, when there are so many."""
+    from rerun.chunk import RrdReader
+
+    batches = [chunk.to_record_batch() for chunk in RrdReader(path).stream() if chunk.entity_path == entity]
+    times = [t for batch in batches for t in batch.column("time").cast("int64").to_pylist()]
+    values = [value for batch in batches for value in batch.column("Scalars:scalars").to_pylist()]
+    return dict(zip(times, values)) if len(times) == count else None
+
+
+def in_time(attempt):
+    """Try until it says something, and does not fail."""
+    end = time.monotonic() + 30
+    while True:
+        with contextlib.suppress(OSError, RuntimeError, ValueError):
+            if found := attempt():
+                return found
+        assert time.monotonic() < end
+        time.sleep(0.1)

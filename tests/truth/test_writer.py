@@ -70,7 +70,7 @@ def test_a_slow_disk_loses_entries_which_the_log_counts(tmp_path, monkeypatch, c
     log = Truth(tmp_path / "t.mcap")
     told(log, 100)
     Slow.gate.set()
-    while log._writer.waiting:
+    while log._writers[0].waiting:
         time.sleep(0.01)
     told(log, 3, start=100)
     log.close()

@@ -1,0 +1,62 @@
+"""A build hook: wheels for one kind of machine, with the preload library of ``tactemu exec`` in them.
+
+``TACTEMU_WHEEL=x86_64`` or ``aarch64`` says which; any machine can make both, for the compiler is that of the package
+``ziglang``, with the C library of manylinux2014. Without it the wheel is for every machine and has no library: it is
+made where it is used, if there is a compiler.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+VARIABLE = "TACTEMU_WHEEL"
+MACHINES = ("x86_64", "aarch64")
+GLIBC = (2, 17)
+"""Of manylinux2014."""
+
+
+class PreloadLibrary(BuildHookInterface):
+    """Compiles the library into the wheel, and gives the wheel its tag."""
+
+    PLUGIN_NAME = "custom"
+
+    def dependencies(self) -> list[str]:
+        """The compiler, for whom it is needed."""
+        return ["ziglang>=0.13"] if _machine() else []
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Before the wheel is written."""
+        machine = _machine()
+        if not machine or version == "editable":
+            return
+        build = _build(Path(self.root) / "tactemu" / "exec" / "build.py")
+        made = Path(self.root) / "build" / "preload" / machine / build.BUILT
+        target = f"{machine}-linux-gnu.{'.'.join(map(str, GLIBC))}"
+        build.compile_to(made, [sys.executable, "-m", "ziglang", "cc", "-target", target])
+        build_data["force_include"][str(made)] = f"tactemu/exec/preload/{build.BUILT}"
+        build_data["pure_python"] = False
+        build_data["tag"] = f"py3-none-manylinux_{'_'.join(map(str, GLIBC))}_{machine}"
+
+
+def _machine() -> str:
+    """What the wheel is for; empty: every machine."""
+    named = os.environ.get(VARIABLE, "")
+    if named and named not in MACHINES:
+        raise ValueError(f"{VARIABLE}={named}: expected {' or '.join(MACHINES)}, or nothing")
+    return named
+
+
+def _build(path: Path) -> ModuleType:
+    """The module that compiles the library; it needs nothing of the package, which is not installed."""
+    spec = importlib.util.spec_from_file_location("preload_build", path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
