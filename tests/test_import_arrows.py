@@ -61,7 +61,7 @@ ARROWS = {
         "control", "errors", "exec", "physics", "scene", "serving", "truth",
     ),
     "bench": (
-        *LEAVES, "assembly", "clock", "collector", "emulator", "exec", "kernels", "physics", "plan", "scene",
+        *LEAVES, "assembly", "clock", "collector", "emulator", "exec", "physics", "plan", "scene",
         "serving", "statistics", "tactemu", "transports", "truth", "tune", "wire",
     ),
     "cli": (
