@@ -52,6 +52,8 @@ def pytest_collection_modifyitems(config, items):
         reasons["vcan"] = "real Linux CAN: scripts/vcan-run -- python -m pytest -m vcan"
     if "idle" not in config.option.markexpr:
         reasons["idle"] = "an idle machine: python -m pytest -m idle"
+    if "nightly" not in config.option.markexpr:
+        reasons["nightly"] = "it takes minutes: python -m pytest -m nightly"
     for item in items:
         for mark in filter(item.get_closest_marker, reasons):
             item.add_marker(pytest.mark.skip(reason=reasons[mark]))

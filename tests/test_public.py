@@ -68,6 +68,12 @@ def test_the_version_is_told_in_one_place():
     assert not re.search(r"^version\s*=", (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
 
 
+def test_the_changelog_begins_with_this_version():
+    headings = re.findall(r"(?m)^## (.*)$", (ROOT / "CHANGELOG.md").read_text())
+    assert re.fullmatch(re.escape(tactemu.__version__) + r" \((unreleased|20\d\d-\d\d-\d\d)\)", headings[0])
+    assert not [line for line in headings[1:] if "unreleased" in line]
+
+
 def test_no_public_object_speaks_pydantics_words():
     public = [getattr(tactemu, name) for name in tactemu.__all__]
     tables = [thing for thing in public if isinstance(thing, type) and issubclass(thing, BaseModel)]

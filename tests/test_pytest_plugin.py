@@ -107,8 +107,7 @@ class TestBoth:
     def test_the_closest_marker_wins(self, tactile_device):
         device = tactile_device("anyskin")
         assert device.simulation.context.seed == 2
-        device.wait(0.2)
-        assert 8 <= len(device.truth.samples) <= 13
+        assert device.emulator.channels[0].rates_hz() == {"": 50.0}
 
     @pytest.mark.timeout(2)
     @pytest.mark.parametrize("name", ["a_b", "a-b"])

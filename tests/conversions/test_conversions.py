@@ -298,11 +298,11 @@ def test_a_run_is_shown_as_it_goes_on(tmp_path):
         viewer = subprocess.Popen(command, env=environment(), stdout=out, stderr=out)
     try:
         in_time(lambda: "Listening for" in said.read_text())
-        run = ("run", "flexitac", "rows=3", "cols=4", "--port", "memory:", "--clock", "virtual", "--seconds", "3")
+        run = ("run", "anyskin", "--port", "memory:", "--clock", "virtual", "--seconds", "3")
         done = tactemu(*run, "--truth", str(log), "--rerun-to", f"rerun+http://127.0.0.1:{port}/proxy")
         assert done.returncode == 0, done.stderr
-        truth = tt.read_log(log)["flexitac"]
-        seen = in_time(lambda: curves(saved, "/values/flexitac/measured", len(truth.t_ns)))
+        truth = tt.read_log(log)["anyskin"]
+        seen = in_time(lambda: curves(saved, "/values/anyskin/measured", len(truth.t_ns)))
     finally:
         viewer.kill()
         viewer.wait()
