@@ -228,7 +228,8 @@ def execute(
         typer.Option(
             "--way",
             metavar="WAY",
-            help="How CAN buses are made: native (vcan), or preload, where the kernel has none; default: as it can be.",
+            help="How CAN buses are made: native (vcan); preload, where the kernel has none; guest, in a kernel of "
+            "their own; default: native or preload, as it can be.",
         ),
     ] = "",
     expose: Annotated[

@@ -44,6 +44,8 @@ def run_command(
     Raises:
         TactemuError: own failures.
     """
+    if way == "guest":
+        _go_into_guest()
     if not command:
         raise TactemuError(f"which program? name it after --, as in `tactemu exec {target} -- python driver.py`")
     if status := _unfit(command[0]):
@@ -63,6 +65,22 @@ def run_command(
         _say(str(failure))
         return FAILED
     return status if status >= 0 else 128 - status
+
+
+def _go_into_guest() -> None:
+    """Start again in a kernel that has CAN, emulator and driver; does not return.
+
+    Raises:
+        TactemuError: there is no way in.
+    """
+    runner = Path(__file__).parents[2] / "scripts" / "vcan-run"
+    if not runner.exists():
+        raise TactemuError(
+            "--way guest needs scripts/vcan-run, which a checkout of tactemu has; the package has it not"
+        )
+    at = next(k for k, word in enumerate(sys.argv) if word in ("--way", "--way=guest"))
+    rest = [*sys.argv[1:at], "--way", "native", *sys.argv[at + (1 if sys.argv[at] == "--way=guest" else 2) :]]
+    os.execv(runner, [str(runner), "-u", "--", sys.executable, "-m", "tactemu", *rest])
 
 
 def _watch(driver: subprocess.Popen[bytes], dev: Served, env: ExecEnvironment) -> BaseException | None:
