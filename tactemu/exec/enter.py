@@ -21,8 +21,13 @@ def main(keeper: int, command: list[str]) -> None:
     """Become ``command`` in the namespaces of the process ``keeper``."""
     folder = os.getcwd()
     try:
+        root = os.open(f"/proc/{keeper}/root", os.O_PATH)
         for kind in ("user", "mnt", "net"):
             _join(f"/proc/{keeper}/ns/{kind}", f"/proc/self/ns/{kind}")
+        if not os.path.samestat(os.stat(root), os.stat("/")):  # all of this is run in a chroot
+            os.fchdir(root)
+            os.chroot(".")
+        os.close(root)
         os.chdir(folder)
     except OSError as error:
         _end(FAILED, f"tactemu: cannot enter the view: {error}")
