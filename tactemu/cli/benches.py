@@ -19,6 +19,7 @@ Measure speed on this machine. Figures are medians; compare those of one run.
   tactemu bench layer      the elastic layer: grids, contact areas, batches
   tactemu bench trade      error against truth and cost of every level of fidelity
   tactemu bench soak       half an hour at 1 kHz and 5 % faults: what grows, what is lost
+  tactemu bench control    live commands: how soon they are felt, what they cost
   tactemu bench wire       cost of a frame between device and port
   tactemu bench exec       cost of a driver's view of the machine, and 1000 times unplugged
   tactemu bench bus        a whole robot's skin on CAN: how many boards are in time
@@ -75,6 +76,17 @@ def soak(
 
     start_quietly()
     save(run(typer.echo, minutes=minutes, interval_s=interval), out)
+
+
+@bench.command()
+def control(
+    seconds: Annotated[float, typer.Option(metavar="S", min=1.0, help="Length of each of two runs.")] = 60.0,
+    out: Out = None,
+) -> None:
+    """10,000 commands a minute to one of two skins at 1 kHz: lateness, effect, the other skin's bytes."""
+    from tactemu.bench.control import run
+
+    save(run(typer.echo, seconds=seconds), out)
 
 
 @bench.command()

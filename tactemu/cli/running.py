@@ -156,7 +156,7 @@ def run_emulator(
     say = say_json if style == "json" else say_in_words(console)
     view = _view(emulator, console) if live else nullcontext()
     _warm_up(console)
-    with ended_by_signals(emulator.stop), no_full_collections(), emulator:
+    with ended_by_signals(emulator.stop), no_full_collections(), listen(), emulator:
         for channel in emulator.channels:
             say(
                 "ready", skin=channel.name, device=channel.device.name, port=_addresses(channel),
@@ -164,7 +164,7 @@ def run_emulator(
             )  # fmt: skip
         if not live and not emulator.clock.virtual:
             _report_regularly(emulator, say)
-        with listen(), view:
+        with view:
             emulator.run(seconds)
         summaries = [statistics_of(emulator, channel) for channel in emulator.channels]
     for entry in summaries:

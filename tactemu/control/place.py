@@ -68,7 +68,7 @@ def folder(*, make: bool = False) -> Path:
     runtime = os.environ.get("XDG_RUNTIME_DIR")
     path = Path(runtime) / "tactemu" if runtime else Path(tempfile.gettempdir()) / f"tactemu-{os.getuid()}"
     try:
-        if make:
+        if make and not path.is_symlink() and not path.exists():
             path.mkdir(mode=0o700, exist_ok=True)
         found = path.lstat()
     except FileNotFoundError:
