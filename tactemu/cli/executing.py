@@ -11,7 +11,7 @@ from pathlib import Path
 
 from tactemu.cli.datasheet import options_of
 from tactemu.cli.forwarding import Forwarding
-from tactemu.cli.running import rate_of
+from tactemu.cli.running import listening, rate_of
 from tactemu.errors import TactemuError, TransportError
 from tactemu.exec.enter import FAILED, NOT_EXECUTABLE, NOT_FOUND
 from tactemu.exec.environment import ExecEnvironment, exec_environment
@@ -37,6 +37,7 @@ def run_command(
     quiet: bool = False,
     way: str = "",
     expose: Sequence[str] = (),
+    name: str | None = None,
     signals: Forwarding,
 ) -> int:
     """Run ``command`` with ``target`` plugged in; returns the exit status, 128 + n after signal n.
@@ -55,7 +56,7 @@ def run_command(
         device_options=options_of(options), by_hand=False,
     )  # fmt: skip
     env = exec_environment(dev, nodes=nodes_of(nodes), way=way, expose=expose)
-    with env:
+    with env, listening(dev.control, name, target):
         if not quiet:
             _announce(env, command[0])
         signals.program = driver = env.popen(command)

@@ -79,7 +79,7 @@ def run_target(
         if again is not None:
             play_again(control, again)
         with _shown(log, rerun) if rerun else nullcontext():
-            listen = partial(_listen, control, name, target)
+            listen = partial(listening, control, name, target)
             run_emulator(control.emulator, seconds=seconds, style=style, listen=listen)
     finally:
         log.close()
@@ -128,7 +128,7 @@ def ports_of(words: Sequence[str]) -> str | dict[str, str] | None:
     return ports or None
 
 
-def _listen(control: Control, name: str | None, target: str) -> AbstractContextManager:
+def listening(control: Control, name: str | None, target: str) -> AbstractContextManager:
     """The socket for ``tactemu poke``; where there can be none, that is said, unless its name was asked for."""
     from tactemu.control.place import Place
     from tactemu.control.server import Server
