@@ -50,8 +50,8 @@ ARROWS = {
     ),
     "tune": (*LEAVES, "assembly", "channel", "clock", "emulator", "physics", "plan", "scene"),
     "control": (
-        *LEAVES, "assembly", "calls", "channel", "clock", "emulator", "scenario", "scene", "transports", "truth",
-        "units", "wire",
+        *LEAVES, "assembly", "calls", "channel", "clock", "emulator", "saving", "scenario", "scene", "transports",
+        "truth", "units", "wire",
     ),
     "serving": (*LEAVES, "assembly", "clock", "control", "kernels", "physics", "scene", "truth"),
     "exec": (*LEAVES, "serving", "transports", "wire"),

@@ -164,6 +164,13 @@ def run(
         Path | None,
         typer.Option(metavar="LOG", help="Do again what was done live in the run of this truth log."),
     ] = None,
+    restore: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Go on from a state that was saved of such a run.")
+    ] = None,
+    save: Annotated[Path | None, typer.Option(metavar="FILE", help="Save the whole state at the end.")] = None,
+    save_at: Annotated[
+        float | None, typer.Option(metavar="S", parser=_seconds, help="When to save it instead [s], once.")
+    ] = None,
 ) -> None:
     """Put a device on a port and run it until Ctrl-C.
 
@@ -177,6 +184,7 @@ def run(
       tactemu run my_sensor.py:MySensor --port tcp:127.0.0.1:5000
       tactemu run anyskin --port memory: --clock virtual --seconds 10 --json
       tactemu run hand.toml --name hand --adjustable noise      # and then `tactemu poke --help`
+      tactemu run hand.toml --save pressed.npz --seconds 3      # and then --restore pressed.npz
 
     One line says where the port is; then a live picture, or log lines when the output is no terminal.
     Exit code 0 after Ctrl-C, SIGTERM or --seconds; 130 after Ctrl-C before the port is there; 2 when something in the
@@ -191,7 +199,8 @@ def run(
         target, options=options or (), ports=tuple(port or ()), rates=tuple(rate or ()), seed=seed, seconds=seconds,
         compute=device, faults=tuple(fault or ()), truth=truth, keep=truth_keep,
         style="json" if json else "plain" if plain else "auto", clock=clock, name=name,
-        adjustable=tuple(adjustable or ()), again=again, rerun=rerun_to or rerun,
+        adjustable=tuple(adjustable or ()), again=again, rerun=rerun_to or rerun, restore=restore, save=save,
+        save_at=save_at,
     )  # fmt: skip
 
 
