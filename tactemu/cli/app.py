@@ -103,6 +103,10 @@ TruthKeep = Annotated[
     ),
 ]
 
+PokeName = Annotated[
+    str | None, typer.Option("--name", metavar="NAME", help="For `tactemu poke --name`; default: what is run.")
+]
+
 app.add_typer(bench, name="bench")
 
 
@@ -150,10 +154,7 @@ def run(
         ),
     ] = "real",
     virtual: Annotated[bool, typer.Option("--virtual", hidden=True)] = False,
-    name: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="For `tactemu poke --name`; default: the target's."),
-    ] = None,
+    name: PokeName = None,
     adjustable: Annotated[
         list[str] | None,
         typer.Option(metavar="OPTION", help="An imperfection that `poke set` shall switch on, or `dead`; repeatable."),
@@ -458,6 +459,7 @@ def replay(
     loop: Annotated[bool, typer.Option("--loop", help="Start again at the end.")] = False,
     fault: Faults = None,
     seconds: Seconds = None,
+    name: PokeName = None,
 ) -> None:
     """Play a recording to a driver. A serial one starts when the driver opens the port.
 
@@ -468,7 +470,10 @@ def replay(
     """
     from tactemu.cli.recordings import replay_file
 
-    replay_file(file, port, skin=skin, speed=speed, step=step, loop=loop, faults=tuple(fault or ()), seconds=seconds)
+    replay_file(
+        file, port, skin=skin, speed=speed, step=step, loop=loop, faults=tuple(fault or ()), seconds=seconds,
+        name=name,
+    )  # fmt: skip
 
 
 @app.command()
