@@ -6,6 +6,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from html import escape
 
 import numpy as np
 
@@ -134,6 +135,33 @@ class Layout:
     def push(self, forces: np.ndarray) -> np.ndarray:
         """How hard each taxel is pushed into the skin [N], shape ``(n_taxels,)``, by forces on the skin ``(n, 3)``."""
         return -(np.asarray(forces) * self.normals).sum(-1)
+
+    def _repr_html_(self) -> str:
+        """For a notebook: its picture."""
+        return self.picture()
+
+    def picture(self, width_px: int = 480) -> str:
+        """The taxels as SVG, seen along the axis in which they spread least, each with its number, patch and place."""
+        if not len(self):
+            return "<p>no taxels</p>"
+        across = np.sort(np.argsort(-np.ptp(self.positions, axis=0), kind="stable")[:2])
+        places = self.positions[:, across] * 1e3  # mm
+        radius = min(self.pitches) * 1e3 * 0.38
+        low, high = places.min(0) - 2 * radius, places.max(0) + 2 * radius
+        size = high - low
+        dots = []
+        for k, patch in enumerate(self.patches):
+            colour = f"hsl({137.5 * k % 360:.0f} 45% 50%)"
+            for taxel in range(patch.start, patch.start + len(patch)):
+                x, y = places[taxel, 0] - low[0], high[1] - places[taxel, 1]
+                where = " ".join(f"{value * 1e3:.1f}" for value in self.positions[taxel])
+                title = f"<title>taxel {taxel}, {escape(patch.name)}: {where} mm</title>"
+                dots.append(f'<circle cx="{x:.2f}" cy="{y:.2f}" r="{radius:.2f}" fill="{colour}">{title}</circle>')
+        height = min(width_px * size[1] / size[0], 2 * width_px)
+        return (
+            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {size[0]:.2f} {size[1]:.2f}" role="img" '
+            f'style="width:100%;max-width:{width_px}px;max-height:{height:.0f}px">{"".join(dots)}</svg>'
+        )
 
 
 def _default_x_axes(normals: np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -116,3 +117,8 @@ class ChannelStatistics:
             "lateness_p99_us": round(self.lateness.percentile_ns(99) / 1e3, 1),
             "lateness_max_us": round(self.lateness.max_ns / 1e3, 1),
         }
+
+    def _repr_html_(self) -> str:
+        """For a notebook."""
+        rows = "".join(f"<tr><td>{escape(name)}</td><td>{value:g}</td></tr>" for name, value in self.as_dict().items())
+        return f"<table>{rows}</table>"

@@ -115,3 +115,18 @@ def test_every_folder_is_on_the_map_for_contributors():
     text = (README.parent / "CONTRIBUTING.md").read_text()
     folders = [path.parent.name for path in (README.parent / "tactemu").glob("*/__init__.py")]
     assert folders and [name for name in folders if f"`tactemu/{name}/`" not in text] == []
+
+
+def test_plans_layouts_and_statistics_are_shown_in_notebooks():
+    import xml.etree.ElementTree as xml
+
+    from tactemu.plan.plan import Plan, Stage
+    from tactemu.statistics import ChannelStatistics
+
+    for name in ("anyskin", "inspire_rh56dftp", "feetech_sts3215"):
+        layout = fp.load(name)().layout
+        picture = xml.fromstring(layout._repr_html_())
+        assert len(picture.findall("{http://www.w3.org/2000/svg}circle")) == len(layout)
+    plan = Plan([Stage(name="depth", reason="<b> asks for it", launch=lambda: None, cost_us=1.25)])
+    assert "<td>depth</td><td>1.2</td><td>&lt;b&gt; asks for it</td>" in plan._repr_html_()
+    assert "<td>samples</td><td>0</td>" in ChannelStatistics()._repr_html_()

@@ -103,8 +103,9 @@ TruthKeep = Annotated[
     ),
 ]
 
-PokeName = Annotated[
-    str | None, typer.Option("--name", metavar="NAME", help="For `tactemu poke --name`; default: what is run.")
+RunName = Annotated[
+    str | None,
+    typer.Option("--name", metavar="NAME", help="For `tactemu poke --name`; default: the target's."),
 ]
 
 app.add_typer(bench, name="bench")
@@ -154,7 +155,7 @@ def run(
         ),
     ] = "real",
     virtual: Annotated[bool, typer.Option("--virtual", hidden=True)] = False,
-    name: PokeName = None,
+    name: RunName = None,
     adjustable: Annotated[
         list[str] | None,
         typer.Option(metavar="OPTION", help="An imperfection that `poke set` shall switch on, or `dead`; repeatable."),
@@ -224,6 +225,7 @@ def execute(
     fault: Faults = None,
     truth: TruthFile = None,
     truth_keep: TruthKeep = None,
+    name: RunName = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Do not say which port is whose.")] = False,
 ) -> None:
     """Run a driver that finds the device as hardware: /dev/ttyUSB0, its USB ids, modem lines, unplugging.
@@ -231,7 +233,7 @@ def execute(
     \b
       tactemu exec robotiq_tsf85 -- python quick_start.py
       tactemu exec hand.toml --node ttyUSB0 -- ./reader
-      tactemu exec anyskin --fault 'unplug at 3s for 1s' -- python -m serial.tools.list_ports -v
+      tactemu exec anyskin --fault 'unplug at 3s for 1s' -- ./reader     # or `tactemu poke unplug` from elsewhere
       tactemu exec hand.toml --node thumb=ttyUSB0 --node palm=ttyACM0 -- bash
 
     The program, and what it starts, runs in a private view of this machine; the network stays. Terminal, standard
@@ -249,7 +251,7 @@ def execute(
             status = run_command(
                 target, context.obj or (), options=options or (), nodes=tuple(node or ()), rates=tuple(rate or ()),
                 seed=seed, compute=device, faults=tuple(fault or ()), truth=truth, keep=truth_keep, quiet=quiet,
-                signals=signals,
+                name=name, signals=signals,
             )  # fmt: skip
         except TactemuError as error:
             typer.echo(f"tactemu: {error}", err=True)
@@ -410,6 +412,28 @@ def licences(json: Annotated[bool, typer.Option("--json", help="Machine-readable
 
 
 @app.command()
+def plot(
+    file: Annotated[Path, typer.Argument(help="A truth log.")],
+    to: Annotated[
+        Path | None,
+        typer.Option("--to", metavar="FILE", help="What to write: .png, .svg or .html; default: beside it."),
+    ] = None,
+    skin: Annotated[str | None, typer.Option(metavar="NAME", help="Which skin; default: the first.")] = None,
+    sense: Annotated[str | None, typer.Option(metavar="NAME", help="Which of its senses; default: the first.")] = None,
+) -> None:
+    """Draw a truth log: curves, contact patch, hysteresis, time to the wire, spectrum.
+
+    \b
+      tactemu run anyskin --clock virtual --port memory: --seconds 10 --truth truth.mcap
+      tactemu plot truth.mcap
+      tactemu plot truth.mcap --to thumb.png --skin thumb
+    """
+    from tactemu.cli.truths import plot_log
+
+    plot_log(file, to or file.with_suffix(".html"), skin=skin, sense=sense)
+
+
+@app.command()
 def faults() -> None:
     """List what can go wrong on a wire, with the words for `run --fault` and for scene files.
 
@@ -459,7 +483,7 @@ def replay(
     loop: Annotated[bool, typer.Option("--loop", help="Start again at the end.")] = False,
     fault: Faults = None,
     seconds: Seconds = None,
-    name: PokeName = None,
+    name: RunName = None,
 ) -> None:
     """Play a recording to a driver. A serial one starts when the driver opens the port.
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from tactemu.cli.datasheet import options_of
 from tactemu.cli.forwarding import Forwarding
+from tactemu.cli.listening import listening
 from tactemu.cli.running import rate_of
 from tactemu.errors import TactemuError, TransportError
 from tactemu.exec.enter import FAILED, NOT_EXECUTABLE, NOT_FOUND
@@ -35,6 +36,7 @@ def run_command(
     truth: Path | None = None,
     keep: str | None = None,
     quiet: bool = False,
+    name: str | None = None,
     signals: Forwarding,
 ) -> int:
     """Run ``command`` with ``target`` plugged in; returns the exit status, 128 + n after signal n.
@@ -51,7 +53,7 @@ def run_command(
         device_options=options_of(options), by_hand=False,
     )  # fmt: skip
     env = exec_environment(dev, nodes=nodes_of(nodes))
-    with env:
+    with env, listening(dev.control, name, target):
         if not quiet:
             _announce(env, command[0])
         signals.program = driver = env.popen(command)

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 _TAKEN = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGUSR1, signal.SIGUSR2)
-_LOOK_S = 0.2
+_LOOK_S = 0.05
 _FROM_THE_KERNEL = 0x80
 """Origin of a signal that a terminal sends: to all who run on it, the program too."""
 

@@ -11,7 +11,7 @@ from tactemu.control.server import Driven, Server
 from tactemu.errors import TransportError
 
 
-def listening(driven: Driven, name: str | None, target: str, *, gentle: bool) -> AbstractContextManager:
+def listening(driven: Driven, name: str | None, target: str, *, gentle: bool = True) -> AbstractContextManager:
     """Listen under a name, or the target's; where there can be no socket, that is said, unless its name was asked for.
 
     Raises:

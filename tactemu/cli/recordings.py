@@ -82,7 +82,7 @@ def replay_file(
     player = Replay(recording, wire, clock=RealClock(), speed=speed, loop=loop)
     wire.open()
     try:
-        poked = nullcontext() if step else listening(ReplayControl(player), name, str(file), gentle=True)
+        poked = nullcontext() if step else listening(ReplayControl(player), name, str(file))
         with ended_by_signals(player.stop) as interrupted, poked:
             print(f"{len(player.entries)} frames ready on {wire.transport.address}", flush=True)
             _play_stepwise(player, interrupted) if step else player.run(seconds)

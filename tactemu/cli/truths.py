@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from tactemu.errors import TactemuError
 from tactemu.truth import COMMAND, BodyPose, Entry, Injection, Passage, PortEvent, Sample, entries
 
 
@@ -123,3 +124,18 @@ def convert_log(path: Path, to: str, *, skin: str | None, sense: str | None) -> 
 
     count, files = convert(path, to, skin=skin, sense=sense, watch=show_count)
     print(f"{count} rows written to {', '.join(map(str, files))}")
+
+
+def plot_log(path: Path, target: Path, *, skin: str | None, sense: str | None) -> None:
+    """Draw one skin of a log.
+
+    Raises:
+        TactemuError: matplotlib is missing, no log, nothing of the kind in it, or a file that cannot be written.
+    """
+    try:
+        from tactemu.conversions.plots import plot
+    except ModuleNotFoundError as error:
+        raise TactemuError(f"plot needs the package {error.name}: pip install 'tactemu[plots]'") from None
+
+    plot(path, target, skin=skin, sense=sense)
+    print(f"drawn to {target}")

@@ -38,6 +38,8 @@ class Node:
         self._ask, self._usb, self._plug = ask, dict(usb), plug
         self.number = number
         self.path = Path()
+        self._maker = 0
+        """Process that plugged it in; what a forked child closes stays plugged in."""
         self._page: mmap.mmap | None = None
         self._pipe = -1
 
@@ -52,7 +54,7 @@ class Node:
             self._leave()
         else:
             answer, shared = self._ask("plug", usb=self._usb, pty=pty, number=self.number, plug=self._plug)
-            self.path = Path("/dev", answer["node"])
+            self.path, self._maker = Path("/dev", answer["node"]), os.getpid()
         memory, self._pipe = shared
         self._page = mmap.mmap(memory, page.PAGE.size)
         os.close(memory)
@@ -61,7 +63,8 @@ class Node:
         """Pull the device out. Safe to call twice."""
         if self._page is not None:
             self._leave()
-            self._ask("unplug", node=self.path.name)
+            if self._maker == os.getpid():
+                self._ask("unplug", node=self.path.name)
 
     def _leave(self) -> None:
         assert self._page is not None

@@ -95,28 +95,29 @@ class View:
         device = Plugged(**{**usb, "node": node}, pty=_number(pty), bus=self._bus, plug=plug)
         shared = self._open_room(device.pty, number)
         _mount_file(pty, f"/dev/{node}")
-        old = {path for other in self._plugged.values() for path in (*other.kernel_properties(), *other.links())}
-        self._write(device, old)
+        others = self._others()
+        self._write(device, others)
         self._plugged[node] = device
-        self._tell("add", device, old)
+        self._tell("add", device, others)
         return node, shared
 
     def replace(self, node: str, pty: str) -> list[int]:
         """Another pseudo terminal behind a node, which its driver does not notice."""
         before = self._plugged.pop(node)
-        self._erase(before, keep=set())
+        others = self._others()
+        self._erase(before, keep=others)
         system.unmount(f"/dev/{node}")
         device = Plugged(**{**vars(before), "pty": _number(pty)})
         shared = self._open_room(device.pty, int(re.sub(r"\D", "", node)))
         system.mount(pty, f"/dev/{node}", flags=system.MS_BIND)
-        self._write(device, set())
+        self._write(device, others)
         self._plugged[node] = device
         return shared
 
     def unplug(self, node: str) -> None:
         """The device is pulled out. The pseudo terminal is hung up already."""
         device = self._plugged.pop(node)
-        keep = {path for other in self._plugged.values() for path in (*other.kernel_properties(), *other.links())}
+        keep = self._others()
         self._left[node] = (os.stat(f"/dev/{node}").st_dev, os.makedev(*device.pty))
         system.unmount(f"/dev/{node}")
         os.unlink(f"/dev/{node}")
@@ -128,6 +129,10 @@ class View:
         """The emulator has gone."""
         for node in list(self._plugged):
             self.unplug(node)
+
+    def _others(self) -> set[str]:
+        """Folders and links of what is plugged in: of one board with several ports some are shared."""
+        return {path for each in self._plugged.values() for path in (*each.kernel_properties(), *each.links())}
 
     def _free(self, kind: str) -> int:
         """The lowest number that no port has, and no port that was unplugged and is still open."""
@@ -153,9 +158,9 @@ class View:
             path.chmod(0o666)  # whoever may open the port
         return [os.open(shared, os.O_RDWR), os.open(pipe, os.O_RDWR | os.O_NONBLOCK)]
 
-    def _write(self, device: Plugged, old: set[str]) -> None:
+    def _write(self, device: Plugged, others: set[str]) -> None:
         for path, text in device.files().items():
-            if os.path.dirname(path) not in old or path.startswith(device.function):
+            if os.path.dirname(path) not in others:
                 os.makedirs(os.path.dirname(path), exist_ok=True)
                 Path(path).write_text(text)
         for path, target in device.links().items():

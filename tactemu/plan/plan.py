@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from html import escape
 from statistics import median
 from typing import Any, Literal
 
@@ -143,6 +144,15 @@ class Plan:
             rows.append((stage.name, cost, stage.reason))
         widths = [max(len(row[column]) for row in rows) for column in (0, 1)]
         return "\n".join(f"{name:<{widths[0]}}  {cost:>{widths[1]}}  {why}".rstrip() for name, cost, why in rows)
+
+    def _repr_html_(self) -> str:
+        """The same for a notebook."""
+        rows = "".join(
+            f"<tr><td>{escape(stage.name)}</td><td>{'' if stage.cost_us is None else f'{stage.cost_us:.1f}'}</td>"
+            f"<td>{escape(stage.reason)}</td></tr>"
+            for stage in self.stages
+        )
+        return f"<table><tr><th>stage</th><th>µs</th><th>why</th></tr>{rows}</table>"
 
 
 def record(kernel, dim, inputs: list, outputs: list, device) -> Callable[[], None]:

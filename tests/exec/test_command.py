@@ -102,7 +102,12 @@ usb = {"vid": 0x0403, "pid": 0x6001, "manufacturer": "", "product": "", "serial"
 keeper = Keeper(str(library()))
 port = UsbPort(Node(keeper.ask, usb, number=None, plug=1))
 port.open()
-words = ["sh", "-c", "id -u; ./vendor; readlink /dev/serial/by-id/*; grep CapEff /proc/self/status"]
+exclusive = (
+    "import fcntl, os, termios, time; open = lambda: os.open('/dev/ttyUSB0', os.O_RDWR | os.O_NOCTTY); fd = open();"
+    "fcntl.ioctl(fd, termios.TIOCEXCL); os.close(fd); time.sleep(0.3); open(); print('again')"
+)
+words = ["sh", "-c", "id -u; ./vendor; readlink /dev/serial/by-id/*; grep CapEff /proc/self/status; "
+         f'python3 -c "{exclusive}"; ls /dev/ttyUSB* /run/udev/data/c136:*']
 with subprocess.Popen(keeper.enter(words)) as driver:
     while driver.poll() is None:
         port.poll()
@@ -131,7 +136,8 @@ def test_a_plain_user_gets_all_of_it(compiled, tmp_path_factory):
         pytest.skip(f"{python} cannot import what we need: {done.stderr.strip().splitlines()[-1]}")
     lines = done.stdout.splitlines()
     assert lines[:2] == ["1234", "opened 166"], done.stderr
-    assert lines[-3:] == ["8N 0", "../../ttyUSB0", f"CapEff:\t{0:016x}"], "itself, without powers"
+    assert lines[-6:-2] == ["8N 0", "../../ttyUSB0", f"CapEff:\t{0:016x}", "again"], "itself, without powers"
+    assert lines[-2] == "/dev/ttyUSB0" and lines[-1].startswith("/run/udev/data/c136:"), "one terminal, the second"
 
 
 def test_programs_out_of_reach_are_named(compiled, tmp_path):
