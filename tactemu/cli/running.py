@@ -49,6 +49,9 @@ def run_target(
     adjustable: tuple[str, ...] = (),
     again: Path | None = None,
     rerun: str | bool = False,
+    restore: Path | None = None,
+    save: Path | None = None,
+    save_at: float | None = None,
 ) -> None:
     """Run a device or a scene; ``style`` is auto, plain or json, ``rerun`` whether or where it is shown.
 
@@ -68,6 +71,8 @@ def run_target(
         raise SceneError(f"--clock {clock}: expected {', '.join(clocks)}{nearest(clock, clocks)}")
     if clock == "virtual" and seconds is None:
         raise SceneError("--clock virtual runs as fast as it can and would never end; say how long with --seconds")
+    if save_at is not None and save is None:
+        raise SceneError("--save-at says when: say with --save where to")
     wishes = Wishes(
         port=ports_of(ports), rate_hz=rate_of(rates), faults=faults, seed=seed, compute=compute, adjustable=adjustable
     )
@@ -76,11 +81,16 @@ def run_target(
     log = truth_of(loaded, truth, keep)
     try:
         control = Control(assemble(loaded, wishes, clock=clocks[clock](), truth=log))
+        if restore is not None:
+            control.emulator.restore(restore)
         if again is not None:
             play_again(control, again)
+        if save is not None and save_at is not None:
+            control.emulator.call(partial(control.emulator.save, save), round(save_at * 1e9))
+        at_end = save if save_at is None else None
         with _shown(log, rerun) if rerun else nullcontext():
             listen = partial(listening, control, name, target, gentle=clock == "real")
-            run_emulator(control.emulator, seconds=seconds, style=style, listen=listen)
+            run_emulator(control.emulator, seconds=seconds, style=style, listen=listen, save=at_end)
     finally:
         log.close()
 
@@ -134,6 +144,7 @@ def run_emulator(
     seconds: float | None,
     style: str,
     listen: Callable[[], AbstractContextManager] = nullcontext,
+    save: Path | None = None,
 ) -> None:
     """Run an assembled emulator with a picture, log lines or JSON lines, until it is told to stop."""
     console = Console(highlight=False)
@@ -151,6 +162,8 @@ def run_emulator(
             _report_regularly(emulator, say)
         with view:
             emulator.run(seconds)
+        if save is not None:
+            emulator.save(save)
         summaries = [statistics_of(emulator, channel) for channel in emulator.channels]
     for entry in summaries:
         say("summary", **entry)

@@ -21,6 +21,7 @@ from tactemu.control.errand import Errand, Outcome
 from tactemu.control.verbs import VERBS
 from tactemu.emulator import Emulator
 from tactemu.errors import SceneError, TactemuError
+from tactemu.saving import snapshots
 from tactemu.scenario import befall
 from tactemu.scene.placement import PlacedSkin
 from tactemu.scene.schema import Event
@@ -262,6 +263,16 @@ class Control:
             end = now + round(seconds * 1e9)
         clock.go_on(end if until is None else round(until * 1e9))
         return Outcome(clock.end_ns, clock.end_ns / 1e9, settled=True)
+
+    # -- saving
+
+    def _save(self, file: str) -> Outcome:
+        state = self.emulator.snapshot()
+        return Outcome(result=lambda: snapshots.write(file, state))
+
+    def _restore(self, file: str) -> None:
+        self.emulator.restore(file)
+        self.emulator.truth.event(self.emulator.now_ns, "", f"restored {file}")
 
     # -- looks
 
