@@ -126,6 +126,8 @@ class Served(Verbs):
         name: str | None,
         again: str | Path | None,
     ):
+        self.before_opening: Callable[[Any], object] = lambda emulator: None
+        """Called when everything is made and no port is open yet."""
         self._source = source
         self._target, self._device_options, self._wishes, self._steer_names = target, device_options, wishes, steer
         self._by_hand = by_hand and not target.endswith(".toml")
@@ -167,6 +169,7 @@ class Served(Verbs):
             self._control = Control(self._assembled)
             if self._again is not None:
                 play_again(self._control, self._again)
+            self.before_opening(self.emulator)
             self.emulator.open()
             if self._name is not None:
                 place = Place(self._name, self._target, exactly=True)

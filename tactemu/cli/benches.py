@@ -23,6 +23,7 @@ Measure speed on this machine. Figures are medians; compare those of one run.
   tactemu bench control    live commands: how soon they are felt, what they cost
   tactemu bench wire       cost of a frame between device and port
   tactemu bench exec       cost of a driver's view of the machine, and 1000 times unplugged
+  tactemu bench bus        a whole robot's skin on CAN: how many boards are in time
 """,
 )
 
@@ -110,6 +111,23 @@ def execute(
 
     start_quietly()
     save(run(typer.echo, cycles=cycles), out)
+
+
+@bench.command()
+def bus(
+    boards: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="This many; default: more and more, until frames are late.")
+    ] = None,
+    seconds: Annotated[float, typer.Option(metavar="S", min=1, help="Length of each run.")] = 10.0,
+    way: Annotated[str, typer.Option(metavar="WAY", help="native or preload; default: as it can be.")] = "",
+    out: Out = None,
+) -> None:
+    """iCub boards of 70 taxels at 50 Hz, six on a bus: each frame read by another process, and how late."""
+    from tactemu.bench.bus import run
+    from tactemu.kernels import start_quietly
+
+    start_quietly()
+    save(run(typer.echo, boards=boards, seconds=seconds, way=way), out)
 
 
 @bench.command()
