@@ -23,7 +23,7 @@ class Action(NamedTuple):
     """Not to be done if the device has powered up since; ``None``: whatever became of it."""
 
 
-Guest = Callable[[], None]
+Guest = Callable[[], object]
 """What a caller has the loop do."""
 Entry = TypeVar("Entry", Action, Guest, Action | Guest)
 

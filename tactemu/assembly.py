@@ -89,12 +89,6 @@ class Assembled:
     again: Callable[..., Assembled] = field(repr=False)
     """Assembles another of the same, with a port, a clock and a truth of its own."""
 
-    @property
-    def steered(self) -> dict[str, Steered]:
-        """Motions of the bodies that are moved by hand, by their names."""
-        motions = {body.name: body.motion for body in self.scene.bodies} if self.simulation is not None else {}
-        return {name: motion for name, motion in motions.items() if isinstance(motion, Steered)}
-
     def fork(
         self,
         *,

@@ -445,7 +445,7 @@ class Emulator:
         """
         from tactemu.saving import snapshots
 
-        return snapshots.save(self, path)
+        return snapshots.write(path, self.snapshot())
 
     # -- what befalls a device -----------------------------------------------------------------------------------------
 

@@ -16,6 +16,7 @@ import os
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
@@ -125,6 +126,8 @@ class Served(Verbs):
         name: str | None,
         again: str | Path | None,
     ):
+        self.before_opening: Callable[[Any], object] = lambda emulator: None
+        """Called when everything is made and no port is open yet."""
         self._source = source
         self._target, self._device_options, self._wishes, self._steer_names = target, device_options, wishes, steer
         self._by_hand = by_hand and not target.endswith(".toml")
@@ -139,6 +142,8 @@ class Served(Verbs):
         self._control: Control | None = None
         self._unwatched: list[Errand] = []
         """Those that nobody waited for; :meth:`stop` raises what went wrong in them."""
+        self._forked: tuple[Assembled, dict[str, Any]] | None = None
+        """What it is a fork of, and its state then."""
 
     # -- life ------------------------------------------------------------------------------------------------------
 
@@ -152,14 +157,19 @@ class Served(Verbs):
             return self
         start_quietly()
         loaded = file.load(self._target, self._device_options)
-        loaded = steered(loaded, self._steer_names, by_hand=self._by_hand)
         truth = truth_of(loaded, self._truth_path, self._keep)
         try:
             clock = CLOCKS[self._clock]()
-            self._assembled = assemble(loaded, self._wishes, clock=clock, truth=truth, source=self._source)
+            if self._forked is not None:
+                whole, state = self._forked
+                self._assembled = whole.fork(port=self._wishes.port, clock=clock, truth=truth, state=state)
+            else:
+                loaded = steered(loaded, self._steer_names, by_hand=self._by_hand)
+                self._assembled = assemble(loaded, self._wishes, clock=clock, truth=truth, source=self._source)
             self._control = Control(self._assembled)
             if self._again is not None:
                 play_again(self._control, self._again)
+            self.before_opening(self.emulator)
             self.emulator.open()
             if self._name is not None:
                 place = Place(self._name, self._target, exactly=True)
@@ -299,6 +309,37 @@ class Served(Verbs):
                 raise TimeoutError(f"no driver came to {wire.transport.address} within {seconds} s")
             self._check_alive()
             time.sleep(0.01)
+
+    def fork(
+        self,
+        port: str | Mapping[str, str] | None = None,
+        *,
+        truth: str | Path | None = None,
+        clock: str | None = None,
+        name: str | None = None,
+    ) -> Served:
+        """Another that goes on from where this one is now, once it is started: use it in a ``with`` statement.
+
+        They share what never changes; what happens to one, the other does not feel.
+
+        Args:
+            port: as for :func:`serve`; default: a fresh one.
+            truth: file for its own truth log.
+            clock: as for :func:`serve`; default: as this one's.
+            name: for ``tactemu poke``.
+
+        Raises:
+            StateError: some part of it cannot be saved.
+        """
+        states: list[dict[str, Any]] = []
+        self.in_loop(lambda: states.append(self.emulator.snapshot()))
+        other = Served(
+            self._target, replace(self._wishes, port=port), self._steer_names, truth, self._keep, self._device_options,
+            by_hand=self._by_hand, source=self._source, clock=clock or self._clock, name=name, again=None,
+        )  # fmt: skip
+        assert self._assembled is not None
+        other._forked = self._assembled, states[0]
+        return other
 
     def in_loop(self, action: Callable[[], object]) -> None:
         """Have the loop call ``action`` between two of its turns; returns when it has, and raises what it raised."""

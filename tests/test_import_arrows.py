@@ -38,7 +38,7 @@ ARROWS = {
     "calls": ("agenda",),
     "channel": (*LEAVES, "imperfections", "sampling", "scene", "statistics", "wire"),
     "emulator": (*LEAVES, "agenda", "calls", "channel", "clock", "plan", "saving", "transports", "truth", "wire"),
-    "recordings": (*LEAVES, "clock", "frame_text", "scene", "transports", "truth", "wire"),
+    "recordings": (*LEAVES, "agenda", "calls", "clock", "frame_text", "scene", "transports", "truth", "wire"),
     "conversions": (*LEAVES, "frame_text", "recordings", "scene", "truth"),
     "scenario": (*LEAVES, "agenda", "channel", "emulator", "imperfections", "scene", "wire"),
     "sensing": (*LEAVES, "imperfections", "scene"),
@@ -50,8 +50,9 @@ ARROWS = {
     ),
     "tune": (*LEAVES, "assembly", "channel", "clock", "emulator", "physics", "plan", "scene"),
     "control": (
-        *LEAVES, "assembly", "calls", "channel", "clock", "emulator", "scenario", "scene", "transports", "truth",
-        "units", "wire",
+        *LEAVES, "assembly", "calls", "channel", "clock", "emulator", "recordings", "saving", "scenario", "scene",
+        "transports",
+        "truth", "units", "wire",
     ),
     "serving": (*LEAVES, "assembly", "clock", "control", "kernels", "physics", "scene", "truth"),
     "exec": (*LEAVES, "serving", "transports", "wire"),
@@ -61,9 +62,8 @@ ARROWS = {
         "control", "errors", "exec", "physics", "scene", "serving", "truth",
     ),
     "bench": (
-        *LEAVES, "assembly", "clock", "collector", "control", "emulator", "exec", "physics", "plan", "scene",
-        "statistics",
-        "tactemu", "transports", "truth", "tune", "wire",
+        *LEAVES, "assembly", "clock", "collector", "control", "emulator", "exec", "physics", "plan", "scene", "serving",
+        "statistics", "tactemu", "transports", "truth", "tune", "wire",
     ),
     "cli": (
         *LEAVES, "assembly", "bench", "channel", "clock", "collector", "control", "conversions", "emulator", "exec",

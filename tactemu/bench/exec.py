@@ -9,6 +9,7 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -80,10 +81,13 @@ def run(report: Report, *, cycles: int = 1000) -> dict[str, Any]:
     """Start of a driver, a read and a write, and ``cycles`` times unplugged and plugged in again."""
     with tactemu.serve(DEVICE) as dev, tactemu.exec_environment(dev) as env:
         figures = {"start": starts(env), "call": calls(env), "replug": replug(env, cycles)}
+    figures["frame"] = frames()
     start, call, plugs = figures["start"], figures["call"], figures["replug"]
     report(f"start of a program        {start['outside_ms']:7.1f} ms, in the view {start['inside_ms']:.1f} ms")
     for name, (outside, inside) in call.items():
         report(f"{name:<25} {outside:7.2f} µs, in the view {inside:.2f} µs")
+    for name, (packet, can) in figures["frame"].items():
+        report(f"{name:<25} {packet:7.2f} µs as a packet, in the view {can:.2f} µs")
     report(
         f"{plugs['cycles']} times unplugged        {plugs['seconds']:7.1f} s, seen {plugs['seen by the driver']} times"
     )
@@ -119,6 +123,46 @@ def calls(env: ExecEnvironment) -> dict[str, tuple[float, float]]:
     }
 
 
+_FRAMES = """
+import socket, sys, time
+from statistics import median
+if sys.argv[1] == 'can':
+    ends = [socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) for _ in range(2)]
+    for each in ends: each.bind(('can0',))
+else:
+    ends = [socket.socket(socket.AF_PACKET, socket.SOCK_RAW, 0) for _ in range(2)]
+    ends[0].bind(('can0', 0x000c)); ends[1].bind(('can0', 3))
+frame, times = bytes.fromhex('23010000080000000102030405060708'), []
+for _ in range(60):
+    sent, begin = 0, time.perf_counter_ns()
+    for _ in range(200):
+        ends[0].send(frame)
+    sent = time.perf_counter_ns()
+    for _ in range(200):
+        ends[1].recv(16)
+    times.append(((sent - begin) / 200e3, (time.perf_counter_ns() - sent) / 200e3))
+print(*map(median, zip(*times)))
+"""
+
+
+def frames() -> dict[str, tuple[float, float]]:
+    """A CAN frame between two sockets of a program, plain packet sockets and CAN sockets in the view [µs]."""
+    with tactemu.serve("xela_uskin") as dev, tactemu.exec_environment(dev) as env:
+        program = [sys.executable, "-c", _FRAMES]
+        commands = [["env", "-u", "LD_PRELOAD", *program, "packet"], [*program, "can"]]
+        runs = [
+            [
+                list(map(float, env.run(each, capture_output=True, text=True, check=True).stdout.split()))
+                for each in commands
+            ]
+            for _ in range(5)
+        ]
+    return {
+        name: (median(run[0][k] for run in runs), median(run[1][k] for run in runs))
+        for k, name in enumerate(("sending a CAN frame", "reading a CAN frame"))
+    }
+
+
 def replug(env: ExecEnvironment, cycles: int) -> dict[str, Any]:
     """Unplug and plug in again while a driver reads; what is left of it afterwards."""
     dev = env.devices[0]
@@ -151,16 +195,23 @@ def _held(keeper: int, driver: int) -> dict[str, int]:
         counts[f"threads of the {name}"] = len(os.listdir(f"/proc/{pid}/task"))
     root = Path(f"/proc/{keeper}/root")
     counts["mounts"] = len(Path(f"/proc/{keeper}/mounts").read_text().splitlines())
-    counts["mounts of the machine"] = len(Path("/proc/self/mounts").read_text().splitlines())
-    counts["namespaces"] = len({os.readlink(path) for path in Path("/proc").glob("[0-9]*/ns/mnt") if _readable(path)})
+    namespace = os.readlink(f"/proc/{keeper}/ns/mnt")
+    counts["processes in the view"] = sum(_link(path) == namespace for path in Path("/proc").glob("[0-9]*/ns/mnt"))
     for folder in ("dev", "sys/devices/tactemu", "run/udev/.tactemu/ports", "run/udev/.tactemu/events", "sys/dev/char"):
-        counts[f"files in /{folder}"] = sum(len(names) for _, *each in os.walk(root / folder) for names in each)
-    counts["pseudo terminals"] = len(os.listdir("/dev/pts"))
+        counts[f"files in /{folder}"] = sum(1 for _ in _files(root / folder))
     return counts
 
 
-def _readable(link: Path) -> bool:
+def _files(folder: Path) -> Iterator[str]:
+    for here, folders, names in os.walk(folder):
+        if here.endswith("/dev"):  # others open terminals meanwhile
+            folders.remove("pts")
+        yield from folders
+        yield from names
+
+
+def _link(path: Path) -> str:
     try:
-        return bool(os.readlink(link))
+        return os.readlink(path)
     except OSError:  # gone meanwhile, or somebody else's
-        return False
+        return ""

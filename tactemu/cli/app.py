@@ -71,7 +71,7 @@ Rates = Annotated[
 ]
 
 
-def _seconds(text: str) -> float:
+def _seconds(text: str, option: str = "--seconds") -> float:
     from tactemu.options import number
     from tactemu.scene.limits import MOST_S
 
@@ -79,7 +79,11 @@ def _seconds(text: str) -> float:
         given: float | str = float(text)
     except ValueError:
         given = text
-    return number("command line", "--seconds", given, at_least=0, at_most=MOST_S, unit="s")
+    return number("command line", option, given, at_least=0, at_most=MOST_S, unit="s")
+
+
+def _save_at(text: str) -> float:
+    return _seconds(text, "--save-at")
 
 
 Seconds = Annotated[float | None, typer.Option("--seconds", metavar="S", parser=_seconds, help="Stop after this long.")]
@@ -164,6 +168,13 @@ def run(
         Path | None,
         typer.Option(metavar="LOG", help="Do again what was done live in the run of this truth log."),
     ] = None,
+    restore: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Go on from a state that was saved of such a run.")
+    ] = None,
+    save: Annotated[Path | None, typer.Option(metavar="FILE", help="Save the whole state at the end.")] = None,
+    save_at: Annotated[
+        float | None, typer.Option(metavar="S", parser=_save_at, help="When to save it instead [s], once.")
+    ] = None,
 ) -> None:
     """Put a device on a port and run it until Ctrl-C.
 
@@ -177,6 +188,7 @@ def run(
       tactemu run my_sensor.py:MySensor --port tcp:127.0.0.1:5000
       tactemu run anyskin --port memory: --clock virtual --seconds 10 --json
       tactemu run hand.toml --name hand --adjustable noise      # and then `tactemu poke --help`
+      tactemu run hand.toml --save pressed.npz --seconds 3      # and then --restore pressed.npz
 
     One line says where the port is; then a live picture, or log lines when the output is no terminal.
     Exit code 0 after Ctrl-C, SIGTERM or --seconds; 130 after Ctrl-C before the port is there; 2 when something in the
@@ -191,7 +203,8 @@ def run(
         target, options=options or (), ports=tuple(port or ()), rates=tuple(rate or ()), seed=seed, seconds=seconds,
         compute=device, faults=tuple(fault or ()), truth=truth, keep=truth_keep,
         style="json" if json else "plain" if plain else "auto", clock=clock, name=name,
-        adjustable=tuple(adjustable or ()), again=again, rerun=rerun_to or rerun,
+        adjustable=tuple(adjustable or ()), again=again, rerun=rerun_to or rerun, restore=restore, save=save,
+        save_at=save_at,
     )  # fmt: skip
 
 
@@ -225,19 +238,39 @@ def execute(
     fault: Faults = None,
     truth: TruthFile = None,
     truth_keep: TruthKeep = None,
+    way: Annotated[
+        str,
+        typer.Option(
+            "--way",
+            metavar="WAY",
+            help="How CAN buses are made: native (vcan); preload, where the kernel has none; guest, in a kernel of "
+            "their own; default: native or preload, as it can be.",
+        ),
+    ] = "",
+    expose: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--expose",
+            metavar="tcp:PORT",
+            help="With a CAN bus: a port that leads from the view to the machine's server there, or else from the "
+            "machine to the view's; repeatable.",
+        ),
+    ] = None,
     name: RunName = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Do not say which port is whose.")] = False,
 ) -> None:
-    """Run a driver that finds the device as hardware: /dev/ttyUSB0, its USB ids, modem lines, unplugging.
+    """Run a driver that finds the device as hardware: /dev/ttyUSB0, its USB ids, modem lines, unplugging; can0.
 
     \b
       tactemu exec robotiq_tsf85 -- python quick_start.py
       tactemu exec hand.toml --node ttyUSB0 -- ./reader
       tactemu exec anyskin --fault 'unplug at 3s for 1s' -- ./reader     # or `tactemu poke unplug` from elsewhere
       tactemu exec hand.toml --node thumb=ttyUSB0 --node palm=ttyACM0 -- bash
+      tactemu exec linker_hand_l6 -- candump can0
 
-    The program, and what it starts, runs in a private view of this machine; the network stays. Terminal, standard
-    streams and signals are its own. When it ends, the emulator does.
+    The program, and what it starts, runs in a private view of this machine; the network stays, but where there is a
+    CAN bus, which takes a network of its own: loopback, the buses, and what --expose carries through. Terminal,
+    standard streams and signals are its own. When it ends, the emulator does.
     Exit code: that of the program, 128 + n after signal n; 125 when something of tactemu's fails, 126 when the program
     cannot be executed, 127 when there is none of that name. See docs/exec.md.
     """
@@ -251,7 +284,7 @@ def execute(
             status = run_command(
                 target, context.obj or (), options=options or (), nodes=tuple(node or ()), rates=tuple(rate or ()),
                 seed=seed, compute=device, faults=tuple(fault or ()), truth=truth, keep=truth_keep, quiet=quiet,
-                name=name, signals=signals,
+                way=way, expose=tuple(expose or ()), name=name, signals=signals,
             )  # fmt: skip
         except TactemuError as error:
             typer.echo(f"tactemu: {error}", err=True)
@@ -302,6 +335,29 @@ def check(
     from tactemu.cli.checking import check_device
 
     if not check_device(target, options or (), fuzz=fuzz, json=json).ok:
+        raise typer.Exit(1)
+
+
+@app.command("check-host")
+def check_host(
+    wanted: Annotated[
+        list[str] | None, typer.Argument(metavar="[WHAT]...", help="What the exit code is about, such as can.")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,
+) -> None:
+    """Say what this machine can do: ports, namespaces, CAN, GPU, how late the loop is; and what helps.
+
+    \b
+      tactemu check-host
+      tactemu check-host can || sudo modprobe vcan
+      tactemu check-host --json
+
+    Everything is tried, which takes some seconds. Exit code 0 when what is named is there (default: all but vcan, the
+    guest and a GPU), 1 when it is not, 2 when there is nothing of that name.
+    """
+    from tactemu.cli.hosting import check_host
+
+    if not check_host(wanted or (), json=json):
         raise typer.Exit(1)
 
 
@@ -483,6 +539,7 @@ def replay(
     loop: Annotated[bool, typer.Option("--loop", help="Start again at the end.")] = False,
     fault: Faults = None,
     seconds: Seconds = None,
+    name: RunName = None,
 ) -> None:
     """Play a recording to a driver. A serial one starts when the driver opens the port.
 
@@ -493,7 +550,10 @@ def replay(
     """
     from tactemu.cli.recordings import replay_file
 
-    replay_file(file, port, skin=skin, speed=speed, step=step, loop=loop, faults=tuple(fault or ()), seconds=seconds)
+    replay_file(
+        file, port, skin=skin, speed=speed, step=step, loop=loop, faults=tuple(fault or ()), seconds=seconds,
+        name=name,
+    )  # fmt: skip
 
 
 @app.command()

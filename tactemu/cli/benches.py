@@ -18,10 +18,12 @@ Measure speed on this machine. Figures are medians; compare those of one run.
   tactemu bench physics    cost of a step, of a read and of a start, per sensor
   tactemu bench layer      the elastic layer: grids, contact areas, batches
   tactemu bench trade      error against truth and cost of every level of fidelity
+  tactemu bench state      size and time of a saved state, and of a fork
   tactemu bench soak       half an hour at 1 kHz and 5 % faults: what grows, what is lost
   tactemu bench control    live commands: how soon they are felt, what they cost
   tactemu bench wire       cost of a frame between device and port
   tactemu bench exec       cost of a driver's view of the machine, and 1000 times unplugged
+  tactemu bench bus        a whole robot's skin on CAN: how many boards are in time
 """,
 )
 
@@ -109,6 +111,38 @@ def execute(
 
     start_quietly()
     save(run(typer.echo, cycles=cycles), out)
+
+
+@bench.command()
+def bus(
+    boards: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="This many; default: more and more, until frames are late.")
+    ] = None,
+    seconds: Annotated[float, typer.Option(metavar="S", min=1, help="Length of each run.")] = 10.0,
+    way: Annotated[str, typer.Option(metavar="WAY", help="native or preload; default: as it can be.")] = "",
+    out: Out = None,
+) -> None:
+    """iCub boards of 70 taxels at 50 Hz, six on a bus: each frame read by another process, and how late."""
+    from tactemu.bench.bus import run
+    from tactemu.kernels import start_quietly
+
+    start_quietly()
+    save(run(typer.echo, boards=boards, seconds=seconds, way=way), out)
+
+
+@bench.command()
+def state(
+    repeats: Annotated[int, typer.Option(metavar="N", min=1, help="Of each measurement.")] = 10,
+    forks: Annotated[int, typer.Option(metavar="N", min=1, help="Forks that are alive at once.")] = 100,
+    only: Annotated[str, typer.Option(metavar="TEXT", help="Only devices and models whose name contains this.")] = "",
+    out: Out = None,
+) -> None:
+    """What a saved state takes of disk and time, and a fork of memory, for some devices and every sensor model."""
+    from tactemu.bench.state import run
+    from tactemu.kernels import start_quietly
+
+    start_quietly()
+    save(run(typer.echo, repeats=repeats, forks=forks, only=only), out)
 
 
 @bench.command()

@@ -11,7 +11,8 @@ from pathlib import Path
 
 from tactemu.cli.datasheet import options_of
 from tactemu.cli.forwarding import Forwarding
-from tactemu.cli.running import listening, rate_of
+from tactemu.cli.listening import listening
+from tactemu.cli.running import rate_of
 from tactemu.errors import TactemuError, TransportError
 from tactemu.exec.enter import FAILED, NOT_EXECUTABLE, NOT_FOUND
 from tactemu.exec.environment import ExecEnvironment, exec_environment
@@ -35,6 +36,8 @@ def run_command(
     truth: Path | None = None,
     keep: str | None = None,
     quiet: bool = False,
+    way: str = "",
+    expose: Sequence[str] = (),
     name: str | None = None,
     signals: Forwarding,
 ) -> int:
@@ -43,6 +46,8 @@ def run_command(
     Raises:
         TactemuError: own failures.
     """
+    if way == "guest":
+        _go_into_guest()
     if not command:
         raise TactemuError(f"which program? name it after --, as in `tactemu exec {target} -- python driver.py`")
     if status := _unfit(command[0]):
@@ -51,7 +56,7 @@ def run_command(
         target, rate_hz=rate_of(rates), faults=tuple(faults), seed=seed, compute=compute, truth=truth, keep=keep,
         device_options=options_of(options), by_hand=False,
     )  # fmt: skip
-    env = exec_environment(dev, nodes=nodes_of(nodes))
+    env = exec_environment(dev, nodes=nodes_of(nodes), way=way, expose=expose)
     with env, listening(dev.control, name, target):
         if not quiet:
             _announce(env, command[0])
@@ -62,6 +67,24 @@ def run_command(
         _say(str(failure))
         return FAILED
     return status if status >= 0 else 128 - status
+
+
+_RUNNERS = tuple(Path(__file__).parents[up] / "scripts" / "vcan-run" for up in (1, 2))
+"""What brings up a kernel with CAN: in the installed package, and in a source tree."""
+
+
+def _go_into_guest() -> None:
+    """Start again in a kernel that has CAN, emulator and driver; does not return.
+
+    Raises:
+        TactemuError: there is no way in.
+    """
+    runner = next((path for path in _RUNNERS if path.exists()), None)
+    if runner is None:
+        raise TactemuError(f"--way guest needs a program that this installation has lost: {_RUNNERS[0]}")
+    at = next(k for k, word in enumerate(sys.argv) if word in ("--way", "--way=guest"))
+    rest = [*sys.argv[1:at], "--way", "native", *sys.argv[at + (1 if sys.argv[at] == "--way=guest" else 2) :]]
+    os.execvp("bash", ["bash", str(runner), "-u", "--", sys.executable, "-m", "tactemu", *rest])
 
 
 def _watch(driver: subprocess.Popen[bytes], dev: Served, env: ExecEnvironment) -> BaseException | None:
@@ -94,6 +117,8 @@ def _unfit(program: str) -> int:
 def _announce(env: ExecEnvironment, program: str) -> None:
     for title, node in env.nodes.items():
         _say(f"{title} is {node}")
+    if env.network:
+        _say(env.network)
     missed = "modem lines, break, parity, low latency and udev's events"
     if env.missing:
         _say(f"{env.missing}. Names, sysfs, reading and writing work; nobody answers {missed}")

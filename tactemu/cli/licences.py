@@ -14,6 +14,9 @@ _EXTRA = re.compile(r"""extra\s*==\s*['"]([^'"]+)['"]""")
 _LONGEST = 60
 """Characters of a licence's name; a field that holds a whole text is cut to its first line."""
 
+_FOR_DEVELOPERS = ("dev", "docs", "drivers")
+"""Extras for work on tactemu, of which no user has anything."""
+
 
 class Row(NamedTuple):
     """One package."""
@@ -47,7 +50,7 @@ def rows(root: str = "tactemu") -> list[Row]:
         own = distribution(root)
     except PackageNotFoundError:
         raise TactemuError(f"{root} is not installed, only on the path: pip install it, then ask again") from None
-    extras = [name for name in own.metadata.get_all("Provides-Extra") or () if name not in ("dev", "drivers")]
+    extras = [name for name in own.metadata.get_all("Provides-Extra") or () if name not in _FOR_DEVELOPERS]
     waiting = [(root, frozenset[str](), ""), *((root, frozenset({name}), f"{root}[{name}]") for name in extras)]
     found: dict[str, Row] = {}
     looked_at: set[tuple[str, frozenset[str]]] = set()

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, closing, nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,7 +24,7 @@ from tactemu.statistics import Lateness
 from tactemu.truth import Truth
 
 if TYPE_CHECKING:
-    from tactemu.control.control import Control
+    pass
 
 _OWNER = re.compile(r"[^:=]+=")
 """In front of a port: a skin's name, or its connector's."""
@@ -50,6 +49,9 @@ def run_target(
     adjustable: tuple[str, ...] = (),
     again: Path | None = None,
     rerun: str | bool = False,
+    restore: Path | None = None,
+    save: Path | None = None,
+    save_at: float | None = None,
 ) -> None:
     """Run a device or a scene; ``style`` is auto, plain or json, ``rerun`` whether or where it is shown.
 
@@ -57,6 +59,7 @@ def run_target(
         TactemuError: the request cannot be met; nothing is left behind.
     """
     from tactemu.assembly import Wishes, assemble, truth_of
+    from tactemu.cli.listening import listening
     from tactemu.clock import LockstepClock, RealClock, VirtualClock
     from tactemu.control.again import play_again
     from tactemu.control.control import Control
@@ -68,6 +71,8 @@ def run_target(
         raise SceneError(f"--clock {clock}: expected {', '.join(clocks)}{nearest(clock, clocks)}")
     if clock == "virtual" and seconds is None:
         raise SceneError("--clock virtual runs as fast as it can and would never end; say how long with --seconds")
+    if save_at is not None and save is None:
+        raise SceneError("--save-at says when: say with --save where to")
     wishes = Wishes(
         port=ports_of(ports), rate_hz=rate_of(rates), faults=faults, seed=seed, compute=compute, adjustable=adjustable
     )
@@ -76,11 +81,16 @@ def run_target(
     log = truth_of(loaded, truth, keep)
     try:
         control = Control(assemble(loaded, wishes, clock=clocks[clock](), truth=log))
+        if restore is not None:
+            control.emulator.restore(restore)
         if again is not None:
             play_again(control, again)
+        if save is not None and save_at is not None:
+            control.emulator.call(partial(control.emulator.save, save), round(save_at * 1e9))
+        at_end = save if save_at is None else None
         with _shown(log, rerun) if rerun else nullcontext():
-            listen = partial(listening, control, name, target)
-            run_emulator(control.emulator, seconds=seconds, style=style, listen=listen)
+            listen = partial(listening, control, name, target, gentle=clock == "real")
+            run_emulator(control.emulator, seconds=seconds, style=style, listen=listen, save=at_end)
     finally:
         log.close()
 
@@ -128,27 +138,13 @@ def ports_of(words: Sequence[str]) -> str | dict[str, str] | None:
     return ports or None
 
 
-def listening(control: Control, name: str | None, target: str) -> AbstractContextManager:
-    """The socket for ``tactemu poke``; where there can be none, that is said, unless its name was asked for."""
-    from tactemu.control.place import Place
-    from tactemu.control.server import Server
-
-    place = Place(name or Path(target.rpartition(":")[2]).stem, target, exactly=name is not None)
-    try:
-        return closing(Server(place, control, gentle=not control.emulator.clock.virtual))
-    except TransportError as error:
-        if name is not None:
-            raise
-        print(f"tactemu: `tactemu poke` will not find this run: {error}", file=sys.stderr)
-        return nullcontext()
-
-
 def run_emulator(
     emulator: Emulator,
     *,
     seconds: float | None,
     style: str,
     listen: Callable[[], AbstractContextManager] = nullcontext,
+    save: Path | None = None,
 ) -> None:
     """Run an assembled emulator with a picture, log lines or JSON lines, until it is told to stop."""
     console = Console(highlight=False)
@@ -166,6 +162,8 @@ def run_emulator(
             _report_regularly(emulator, say)
         with view:
             emulator.run(seconds)
+        if save is not None:
+            emulator.save(save)
         summaries = [statistics_of(emulator, channel) for channel in emulator.channels]
     for entry in summaries:
         say("summary", **entry)

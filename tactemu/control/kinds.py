@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -59,6 +60,12 @@ def _text(verb: str, name: str, value: Any) -> str:
     if not isinstance(value, str) or not value or not value.isprintable() or len(value) > 1000:
         raise SceneError(f"{verb}: {name} must be a text, got {shown(value)}")
     return value
+
+
+def _file(verb: str, name: str, value: Any) -> str:
+    """From where whoever says it is, and not from where the emulator is."""
+    value = _text(verb, name, os.fspath(value) if isinstance(value, os.PathLike) else value)
+    return os.path.abspath(os.path.expanduser(value))
 
 
 def _truth(verb: str, name: str, value: Any) -> bool:
@@ -150,6 +157,7 @@ Number = Annotated[float, _number({}, "NUMBER", "")]
 Whole = Annotated[int, Kind("N", _whole, _integer, "whole number")]
 Text = Annotated[str, Kind("TEXT", _text)]
 Name = Annotated[str, Kind("NAME", _text)]
+File = Annotated[str | os.PathLike, Kind("FILE", _file)]
 Flag = Annotated[bool, Kind("yes|no", _truth, _flag, "true or false")]
 Position = Annotated[Any, Kind("X Y Z", _vector(3, FARTHEST_M), _of_vector(LENGTHS_M), "3 numbers [m]", 3)]  # type: ignore[arg-type]
 Velocity = Annotated[Any, Kind("X Y Z", _vector(3, 1e3), _of_vector(SPEEDS_M_S), "3 numbers [m/s]", 3)]  # type: ignore[arg-type]

@@ -18,6 +18,7 @@ from functools import cached_property, wraps
 from typing import Any, TypeVar
 
 from tactemu.control.kinds import (
+    File,
     Flag,
     Kind,
     Metres,
@@ -367,6 +368,26 @@ class Verbs(ABC):
             n: so many steps of the simulation; default: one
             seconds: or so long
             until: or until this time
+        """
+        ...
+
+    # -- saving ----------------------------------------------------------------------------------------------------
+
+    @verb("file", changes=False)
+    def save(self, file: File) -> int:
+        """Save the whole state, to go on from it later; gives the size of the file [byte].
+
+        Args:
+            file: what to write
+        """
+        ...
+
+    @verb("file", changes=False)
+    def restore(self, file: File) -> None:
+        """Go on from a saved state of such a run: the time is again what it was then.
+
+        Args:
+            file: what `save` wrote
         """
         ...
 

@@ -12,6 +12,8 @@ import sys
 
 PRELOAD = "/run/udev/.tactemu/preload.so"
 """In the view: a path without spaces that everybody may read."""
+CAN = "/run/udev/.tactemu/can"
+"""There where CAN is by the preload library."""
 FAILED, NOT_EXECUTABLE, NOT_FOUND = 125, 126, 127
 
 
@@ -19,11 +21,18 @@ def main(keeper: int, command: list[str]) -> None:
     """Become ``command`` in the namespaces of the process ``keeper``."""
     folder = os.getcwd()
     try:
+        root = os.open(f"/proc/{keeper}/root", os.O_PATH)
         for kind in ("user", "mnt", "net"):
             _join(f"/proc/{keeper}/ns/{kind}", f"/proc/self/ns/{kind}")
+        if not os.path.samestat(os.stat(root), os.stat("/")):  # all of this is run in a chroot
+            os.fchdir(root)
+            os.chroot(".")
+        os.close(root)
         os.chdir(folder)
     except OSError as error:
         _end(FAILED, f"tactemu: cannot enter the view: {error}")
+    if os.path.exists(CAN) and os.getuid():
+        _keep_packet_sockets()
     if os.path.exists(PRELOAD):
         others = os.environ.get("LD_PRELOAD")
         os.environ["LD_PRELOAD"] = f"{PRELOAD}:{others}" if others else PRELOAD
@@ -37,6 +46,16 @@ def main(keeper: int, command: list[str]) -> None:
         _end(NOT_FOUND, f"tactemu: {command[0]}: not found")
     except OSError as error:
         _end(NOT_EXECUTABLE, f"tactemu: {command[0]}: {error.strerror}")
+
+
+def _keep_packet_sockets() -> None:
+    """CAN without the kernel's takes packet sockets, for which who is not root needs a capability in the view."""
+    libc, raw = ctypes.CDLL(None, use_errno=True), 13  # CAP_NET_RAW
+    header, sets = (ctypes.c_uint32 * 2)(0x20080522, 0), (ctypes.c_uint32 * 6)()
+    libc.capget(header, sets)
+    sets[2] |= 1 << raw  # inheritable, which it must be to be ambient
+    if libc.capset(header, sets) or libc.prctl(47, 2, raw, 0, 0):
+        raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()), "CAP_NET_RAW")
 
 
 def _join(theirs: str, ours: str) -> None:

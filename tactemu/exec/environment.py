@@ -18,50 +18,70 @@ from contextlib import ExitStack
 from dataclasses import asdict, replace
 from typing import Any
 
-from firmware_protocols import USB, Device, Serial
+from firmware_protocols import USB, Can, Device, Serial
 from tactemu.errors import TransportError
 from tactemu.exec.build import NoLibrary, library
+from tactemu.exec.bus import WAYS, BusPort
+from tactemu.exec.expose import Exposed, parsed
 from tactemu.exec.keeping import Keeper
 from tactemu.exec.port import Node, UsbPort
 from tactemu.serving import Served
 from tactemu.transports import Transport
+from tactemu.transports.socketcan import SocketCanTransport
 from tactemu.wire.wire import Wire
 
-_NODE = re.compile(r"(?:/dev/)?(ttyUSB|ttyACM)(\d{1,3})")
+_NODE = re.compile(r"(?:/dev/)?(ttyUSB|ttyACM|can)(\d{1,3})")
 _ADAPTER = USB(0x0403, 0x6001, manufacturer="FTDI", product="FT232R USB UART", node="ttyUSB")
 """What a board with a plain UART is plugged into."""
 _BOARD = USB(0x1209, 0x0001, manufacturer="tactemu", node="ttyACM")
 """A board with USB whose ids are not declared: pid.codes' number for tests."""
 
 
-def exec_environment(*devices: Served, nodes: str | Mapping[str, str] = "") -> ExecEnvironment:
-    """A view of this machine in which the serial ports of ``devices`` are USB devices; use it in a ``with`` statement.
+def exec_environment(
+    *devices: Served, nodes: str | Mapping[str, str] = "", way: str = "", expose: Sequence[str] = ()
+) -> ExecEnvironment:
+    """A view of this machine in which the ports of ``devices`` are USB serial ports and CAN interfaces.
 
     Devices that are not running are started, and stopped at the end; those that are get their former ports back.
 
     Args:
         devices: what :func:`tactemu.serve` returns.
         nodes: ``ttyUSB0`` for the only port, or nodes by skin or ``SKIN/CONNECTOR``; default: as the kernel would name
-            them, ``ttyACM0`` or ``ttyUSB0`` upwards.
+            them, ``ttyACM0`` or ``ttyUSB0`` upwards; ``can0`` upwards.
+        expose: ``tcp:PORT``, ports that are carried between the machine's network and that of a view with CAN buses.
+        way: how CAN buses are made, ``native`` (vcan) or ``preload``; default: whichever this kernel offers.
 
     Raises:
         TactemuError: this machine allows no such view (the message says why, and what helps); no such skin or node.
     """
-    return ExecEnvironment(devices, nodes)
+    return ExecEnvironment(devices, nodes, way, expose)
 
 
 class ExecEnvironment:
     """What :func:`exec_environment` returns."""
 
-    def __init__(self, devices: Sequence[Served], nodes: str | Mapping[str, str] = ""):
+    def __init__(
+        self,
+        devices: Sequence[Served],
+        nodes: str | Mapping[str, str] = "",
+        way: str = "",
+        expose: Sequence[str] = (),
+    ):
         self.devices = tuple(devices)
         """Those that are plugged in, to press and to spoil."""
-        self._wishes = _parsed({"": nodes} if isinstance(nodes, str) and nodes else dict(nodes or {}))
+        self._wishes = _nodes_in({"": nodes} if isinstance(nodes, str) and nodes else dict(nodes or {}))
         self._keeper: Keeper | None = None
         self._undo = ExitStack()
         self._sockets: dict[tuple[Any, ...], int] = {}
         """Number of the socket that each USB device is in."""
-        self._ports: dict[str, UsbPort] = {}
+        self._ports: dict[str, UsbPort | BusPort] = {}
+        self._buses: set[str] = set()
+        """Names of the CAN interfaces."""
+        if way not in ("", *WAYS):
+            raise TransportError(f"way {way!r}: expected {' or '.join(WAYS)}")
+        self._way = way
+        self._expose = [parsed(text) for text in expose]
+        self._exposed: list[Exposed] = []
         self.missing = ""
         """Why there is no preload library; empty when there is one."""
 
@@ -83,17 +103,25 @@ class ExecEnvironment:
             keep = [dev for dev in self.devices if dev.running]
             for dev in self.devices:
                 if dev not in keep:
+                    dev.before_opening = self._put_on_buses
                     undo.enter_context(dev)
             self._keeper.wait()
             plugs = [plug for dev in self.devices for plug in self._plugs_of(dev)]
             if self._wishes:
                 known = ", ".join(self._ports) or "none"
-                raise TransportError(f"no such serial port: {', '.join(self._wishes)} (there are: {known})")
+                raise TransportError(f"no such port: {', '.join(self._wishes)} (there are: {known})")
             for dev, wire, port in sorted(plugs, key=lambda plug: plug[2].number is None):  # the rest take what is left
                 before = wire.transport
                 dev.in_loop(lambda wire=wire, port=port: _change(wire, port))
                 if dev in keep:
                     undo.callback(_take_out, dev, wire, before)
+            if self._expose and not self.network:
+                raise TransportError(
+                    "--expose: without a CAN bus the view has the machine's network, with all its ports"
+                )
+            for port in self._expose:
+                self._exposed.append(Exposed(self._keeper.ask, port))
+                undo.callback(self._exposed[-1].close)
             self._undo = undo.pop_all()
         return self
 
@@ -112,7 +140,9 @@ class ExecEnvironment:
     @property
     def nodes(self) -> dict[str, str]:
         """Path of each port in the view, by skin, or by ``SKIN/CONNECTOR``."""
-        return {title: port.address for title, port in self._ports.items()}
+        return {
+            title: port.channel if isinstance(port, BusPort) else port.address for title, port in self._ports.items()
+        }
 
     @property
     def keeper(self) -> int:
@@ -139,17 +169,54 @@ class ExecEnvironment:
 
     # -- what is plugged in --------------------------------------------------------------------------------------------
 
-    def _plugs_of(self, dev: Served) -> Iterator[tuple[Served, Wire, UsbPort]]:
-        """Every serial port of a device, and what is to be at the end of its wire."""
+    def _plugs_of(self, dev: Served) -> Iterator[tuple[Served, Wire, UsbPort | BusPort]]:
+        """Every serial port and CAN bus of a device, and what is to be at the end of its wire."""
         wires = set()
         for channel in dev.emulator.channels:
             for name, wire in channel.wires.items():
                 connector = channel.device.connector(name)
-                if isinstance(connector, Serial) and wire not in wires:
+                title = f"{channel.name}/{name}" if len(channel.wires) > 1 else channel.name
+                if isinstance(connector, Can) and isinstance(wire.transport, BusPort):  # it has been put there already
+                    self._ports[title] = wire.transport
+                elif isinstance(connector, Can | Serial) and wire not in wires:
                     wires.add(wire)
-                    title = f"{channel.name}/{name}" if len(channel.wires) > 1 else channel.name
-                    port = self._ports[title] = self._port(title, channel.device, connector)
+                    serial = isinstance(connector, Serial)
+                    port = self._port(title, channel.device, connector) if serial else self._bus(title, wire)
+                    self._ports[title] = port
                     yield dev, wire, port
+
+    def _put_on_buses(self, emulator: Any) -> None:
+        """The CAN buses of an emulator that is about to start: what they are called here, they are in the view."""
+        for channel in emulator.channels:
+            for name, wire in channel.wires.items():
+                if isinstance(channel.device.connector(name), Can) and not isinstance(wire.transport, BusPort):
+                    title = f"{channel.name}/{name}" if len(channel.wires) > 1 else channel.name
+                    wire.transport = self._bus(title, wire)
+
+    def _bus(self, title: str, wire: Wire) -> BusPort:
+        """The interface asked for, else of the name that the scene has for it, else the lowest that is free."""
+        assert self._keeper is not None
+        taken = {port.channel for port in self._ports.values() if isinstance(port, BusPort)} | self._buses
+        number = next(number for number in range(len(taken) + 1) if f"can{number}" not in taken)
+        name = f"can{number}"
+        if isinstance(wire.transport, SocketCanTransport):
+            name = wire.transport.channel
+        for owner in ("", title, title.partition("/")[0]):
+            if owner in self._wishes and self._wishes[owner][0] == "can":
+                name = f"can{self._wishes.pop(owner)[1]}"
+                break
+        self._buses.add(name)
+        return BusPort(self._keeper.ask, name, self._way)
+
+    @property
+    def network(self) -> str:
+        """How the view's CAN buses are made, and what else is in its network; empty where it is the machine's."""
+        ways = {port.channel: port.way for port in self._ports.values() if isinstance(port, BusPort)}
+        if not ways:
+            return ""
+        made = WAYS[next(iter(ways.values()))].format(names=", ".join(ways))
+        through = "".join(f"; {each}" for each in self._exposed) or ", no port of the machine"
+        return f"{made}. The view has a network of its own: loopback and these buses{through}"
 
     def _port(self, title: str, device: Device, connector: Serial) -> UsbPort:
         assert self._keeper is not None
@@ -193,7 +260,7 @@ def _declared(connector: Serial, device: Device, title: str) -> dict[str, Any]:
     return told
 
 
-def _parsed(nodes: Mapping[str, str]) -> dict[str, tuple[str, int]]:
+def _nodes_in(nodes: Mapping[str, str]) -> dict[str, tuple[str, int]]:
     """``ttyUSB0`` as kind and number.
 
     Raises:

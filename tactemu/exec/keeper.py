@@ -20,7 +20,8 @@ from typing import Any
 
 from tactemu.exec import system
 from tactemu.exec.enter import PRELOAD
-from tactemu.exec.view import View
+from tactemu.exec.network import Network
+from tactemu.exec.view import ROOM, View
 
 _LONGEST = 65_536
 
@@ -40,18 +41,20 @@ def main(descriptor: int, emulator: int, preload: str) -> None:
         if preload:
             shutil.copyfile(preload, PRELOAD)
     except OSError as error:
-        _say(wire, {"error": f"{error.filename}: {error.strerror}", "number": error.errno})
+        _say(wire, {"error": f"{error.filename or 'user namespace'}: {error.strerror}", "number": error.errno})
         return
+    network = Network(ROOM)
     _say(wire, {})
     while message := _next(wire, lives):
         answer, descriptors = {}, []
         try:
-            answer, descriptors = _do(view, **message)
+            answer, descriptors = _do(view, network, **message)
         except (OSError, ValueError) as error:
             answer = {"error": str(error)}
         _say(wire, answer, descriptors)
         for each in descriptors:
             os.close(each)
+    network.unplug_all()
     view.unplug_all()
 
 
@@ -72,7 +75,7 @@ def enter_namespaces() -> None:
     system.mount("", "/", flags=system.MS_REC | system.MS_SLAVE)  # ours stay here, the machine's still come in
 
 
-def _do(view: View, do: str, **given: Any) -> tuple[dict[str, Any], list[int]]:
+def _do(view: View, network: Network, do: str, **given: Any) -> tuple[dict[str, Any], list[int]]:
     match do:
         case "plug":
             node, descriptors = view.plug(**given)
@@ -82,6 +85,16 @@ def _do(view: View, do: str, **given: Any) -> tuple[dict[str, Any], list[int]]:
         case "unplug":
             view.unplug(**given)
             return {}, []
+        case "bus":
+            way, descriptors = network.plug(**given)
+            return {"way": way}, descriptors
+        case "no bus":
+            network.unplug(**given)
+            return {}, []
+        case "socket":
+            return {}, network.socket()
+        case "listen":
+            return {}, network.listen(**given)
     raise ValueError(f"nobody knows how to {do}")
 
 

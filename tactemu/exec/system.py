@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
+from collections.abc import Iterator
 
 CLONE_NEWNS, CLONE_NEWUSER, CLONE_NEWNET = 0x20000, 0x1000_0000, 0x4000_0000
 MS_NOSUID, MS_BIND, MS_REC, MS_SLAVE = 2, 4096, 16384, 1 << 19
@@ -16,6 +18,13 @@ def _check(result: int, what: str) -> None:
     if result:
         number = ctypes.get_errno()
         raise OSError(number, os.strerror(number), what)
+
+
+@contextlib.contextmanager
+def buffer(data: bytes) -> Iterator[int]:
+    """Where data lie in memory, for as long as the block runs."""
+    held = ctypes.create_string_buffer(data, len(data))
+    yield ctypes.addressof(held)
 
 
 def unshare(flags: int) -> None:

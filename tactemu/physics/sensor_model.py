@@ -33,6 +33,9 @@ One line in :mod:`tactemu.physics.models` makes it known to scene files, to ``ta
   where no imperfection asks for them. If both are ``None`` the measured branch starts as the truth: return the same
   array for both, it is never written to.
 
+* ``site.zeros()``, and ``zeros``, ``full`` and ``array`` of ``site.context``: arrays that last from step to step. They
+  are what is saved of a simulation; scratch and what never changes need not be made by them.
+
 A kernel comes from a cached factory per float type, with ``@wp.kernel(module="unique", enable_backward=False)``, in a
 file *without* ``from __future__ import annotations``. A NaN pose must come out as NaN, not as 'no contact':
 ``wp.max(0, NaN)`` is 0.

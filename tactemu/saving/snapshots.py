@@ -25,13 +25,12 @@ def take(emulator: Any) -> dict[str, Any]:
     return {"header": state_file.header(_made_of(emulator, there), emulator.clock.now_ns()), "parts": state}
 
 
-def save(emulator: Any, path: str | Path) -> int:
-    """The state as a file; returns its size [byte].
+def write(path: str | Path, state: Mapping[str, Any]) -> int:
+    """A state as a file; returns its size [byte].
 
     Raises:
-        StateError: some part of it cannot be saved, or the file cannot be written.
+        StateError: the file cannot be written.
     """
-    state = take(emulator)
     return state_file.write(path, state["header"], state["parts"])
 
 

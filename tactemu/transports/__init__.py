@@ -24,6 +24,8 @@ TRANSPORTS: dict[str, str] = {
     "ws": "tactemu.transports.ws:WebSocketTransport",
 }
 
+OF_INTERFACES = {"can:socketcan": "tactemu.transports.socketcan:SocketCanTransport"}
+"""Those that a scheme has beside its usual one."""
 EXTRAS = {"dds": "dds", "ws": "websocket"}
 """What to install for schemes that need a library which tactemu does without."""
 
@@ -42,7 +44,7 @@ def create(port: str) -> Transport:
         raise TransportError(
             f"port {port!r}: unknown scheme {scheme!r}; expected one of {', '.join(sorted(TRANSPORTS))}"
         )
-    module, _, attribute = TRANSPORTS[scheme].partition(":")
+    module, _, attribute = OF_INTERFACES.get(port[: port.find(":", len(scheme) + 1)], TRANSPORTS[scheme]).partition(":")
     try:
         transport = getattr(importlib.import_module(module), attribute)
     except ModuleNotFoundError as error:

@@ -1,7 +1,7 @@
 """``can:INTERFACE:CHANNEL``: any interface of python-can, CAN and CAN-FD.
 
-``can:socketcan:vcan0`` is Linux CAN, ``can:udp_multicast:239.74.163.2`` needs no CAN in the kernel,
-``can:virtual:NAME`` stays inside this process.
+``can:udp_multicast:239.74.163.2`` needs no CAN in the kernel, ``can:virtual:NAME`` stays inside this process;
+``can:socketcan:vcan0`` is Linux CAN, which needs no python-can: :mod:`tactemu.transports.socketcan`.
 
 Multicast stays on this machine, since whoever hears it may also command the device. To reach others, say so the way
 python-can is told such things: ``CAN_CONFIG='{"hop_limit": 1}'``, for the driver's process too.
@@ -13,7 +13,6 @@ import contextlib
 import logging
 import os
 import socket
-import struct
 import time
 from collections import deque
 from collections.abc import Sequence
@@ -23,24 +22,20 @@ import can
 
 from firmware_protocols import CanFrame, Frame
 from tactemu.errors import TransportError, TransportUnavailable
-from tactemu.frame_text import PROTOCOL_ERROR
 from tactemu.transports.can_messages import frame_of, message_of
 from tactemu.transports.forks import keep_from_children
-from tactemu.transports.transport import CanFilter, Closed, Event, Opened, Received, Transport
+from tactemu.transports.transport import CanFilter, Event, Received, Transport
 
 _logger = logging.getLogger(__name__)
 
 _AT_ONCE_S = 0.001
 """For how long one look takes frames [s], so that a flood of them leaves time for the rest."""
-_LONGEST_NAME = 15
-"""Of a network interface on Linux [bytes]."""
 _ECHOES = 256
 """Own frames that are waited for on an interface that returns them."""
-_CAN_FRAME, _CANFD_FRAME = struct.Struct("=IB3x8s"), struct.Struct("=IBB2x64s")
 
 
 class CanTransport(Transport):
-    """A node of a CAN bus. Always listening, but while its network interface is away: a bus has no open and close."""
+    """A node of a CAN bus. Always listening: a bus has no open and close."""
 
     scheme = "can"
 
@@ -51,16 +46,11 @@ class CanTransport(Transport):
         self.address = rest
         self._bus: can.BusABC | None = None
         self._fileno = -1
-        self._socket: socket.socket | None = None
-        """Linux CAN: frames are sent without python-can, which would ask before each whether it may."""
         self._echoes: deque[CanFrame] | None = deque(maxlen=_ECHOES) if self.interface == "udp_multicast" else None
         self._filters: tuple[CanFilter, ...] = ()
-        self._index = 0
-        """Linux's number of the network interface: one that is made again under its name has another."""
-        self._away = False
 
     def hear_only(self, filters: Sequence[CanFilter]) -> None:
-        """Let frames with other identifiers cost little: on Linux CAN the kernel drops them, else they are not decoded.
+        """Let frames with other identifiers cost little: they are not decoded.
 
         They are then not on the bus that the wire models either: frames of ours do not wait for them. Call before
         :meth:`open`; empty, as at first: hear all.
@@ -75,8 +65,6 @@ class CanTransport(Transport):
         """
         if self._bus is not None:
             return
-        if self.interface == "socketcan" and _is_down(self.channel):
-            raise TransportUnavailable(f"cannot open can:{self.address}: the interface is down; {self._fix()}")
         try:
             self._bus = can.Bus(interface=self.interface, channel=self.channel, **self._options())
         except (can.CanError, OSError, ImportError, ValueError, NotImplementedError) as error:
@@ -86,13 +74,6 @@ class CanTransport(Transport):
             self._fileno = self._bus.fileno()
         except NotImplementedError:
             self._fileno = -1
-        if self.interface == "socketcan":
-            self._socket = self._bus.socket  # type: ignore[attr-defined]
-            self._index = _index_of(self.channel)
-            if self._filters:
-                self._bus.set_filters(
-                    [{"can_id": f.ident, "can_mask": f.mask, "extended": f.extended} for f in self._filters]
-                )
         if self.interface == "udp_multicast":
             _hear_own_group_only(self._fileno)
 
@@ -100,25 +81,20 @@ class CanTransport(Transport):
         """Leave the bus."""
         if self._bus is not None:
             self._bus.shutdown()
-            self._bus, self._fileno, self._socket = None, -1, None
-        self._away = False
+            self._bus, self._fileno = None, -1
 
     def filenos(self, reading: bool = True) -> list[int]:
         """The bus's socket, where it has one."""
         return [self._fileno] if self._fileno >= 0 and reading else []
 
     def poll(self, reading: bool = True) -> list[Event]:
-        """Frames of the other nodes, and whether the network interface went away or came back."""
+        """Frames of the other nodes."""
         events: list[Event] = []
-        if self._away and self._come_back():
-            events.append(Opened())
         end = time.monotonic() + _AT_ONCE_S
         while reading and self._bus is not None:
             try:
                 message = self._bus.recv(0)
-            except can.CanError:  # a network interface that is down comes up again as it was
-                if self._has_gone():
-                    events.append(Closed())
+            except can.CanError:  # an adapter that is away for a while comes back as it was
                 break
             if message is None:
                 break
@@ -135,35 +111,14 @@ class CanTransport(Transport):
             each.passes(message.arbitration_id, message.is_extended_id) for each in self._filters
         )
 
-    def _has_gone(self) -> bool:
-        """Whether the network interface was taken away: its socket is good for nothing any more."""
-        if self.interface != "socketcan" or _index_of(self.channel) == self._index:
-            return False
-        _logger.warning("can:%s: the interface is gone; waiting for it to come back", self.address)
-        self.close()
-        self._away = True
-        return True
-
-    def _come_back(self) -> bool:
-        if not _index_of(self.channel) or _is_down(self.channel):
-            return False
-        with contextlib.suppress(TransportError):  # gone again
-            self.open()
-            self._away = False
-            _logger.warning("can:%s: the interface is back", self.address)
-        return not self._away
-
     def write(self, frame: Frame) -> bool:
-        """Send one frame; ``False`` when the interface is down or its queue is full."""
+        """Send one frame; ``False`` when the adapter does not take it."""
         if not isinstance(frame, CanFrame):
             raise TransportError(f"a CAN bus cannot carry {len(frame)} bytes of a serial stream")
         if self._bus is None:
             return False
         try:
-            if self._socket is not None:
-                self._socket.send(_packed(frame), socket.MSG_DONTWAIT)
-            else:
-                self._bus.send(message_of(frame), timeout=None if self.interface == "virtual" else 0)
+            self._bus.send(message_of(frame), timeout=None if self.interface == "virtual" else 0)
         except (can.CanError, OSError):
             return False
         if self._echoes is not None and not frame.is_error_frame:
@@ -185,7 +140,7 @@ class CanTransport(Transport):
 
     def _options(self) -> dict[str, Any]:
         """What python-can is asked for beside interface and channel."""
-        options: dict[str, Any] = {"fd": True} if self.interface in ("socketcan", "udp_multicast") else {}
+        options: dict[str, Any] = {"fd": True} if self.interface == "udp_multicast" else {}
         if self.interface == "udp_multicast":
             options["hop_limit"] = int(can.util.load_config(config={"interface": self.interface}).get("hop_limit", 0))
             if options["hop_limit"] > 0:
@@ -193,17 +148,6 @@ class CanTransport(Transport):
         return options
 
     def _fix(self) -> str:
-        if self.interface == "socketcan":
-            name = self.channel
-            if os.path.exists(f"/sys/class/net/{name}"):
-                return f"bring it up: sudo ip link set {name} up"
-            if len(name.encode()) > _LONGEST_NAME:
-                return f"the kernel knows no interface whose name is longer than {_LONGEST_NAME} bytes; shorten it"
-            return (
-                f"make it: sudo modprobe vcan && sudo ip link add dev {name} type vcan && "
-                f"sudo ip link set {name} mtu 72 up; "
-                "where the kernel has no CAN use can:udp_multicast:239.74.163.2"
-            )
         if self.interface == "udp_multicast":
             return "install msgpack, and use a multicast address such as 239.74.163.2 on a machine with a network route"
         return f"python-can knows {', '.join(sorted(can.interfaces.VALID_INTERFACES))}"
@@ -214,31 +158,3 @@ def _hear_own_group_only(fileno: int) -> None:
     option = {socket.AF_INET: (socket.IPPROTO_IP, 49), socket.AF_INET6: (socket.IPPROTO_IPV6, 29)}
     with contextlib.suppress(OSError), socket.socket(fileno=os.dup(fileno)) as copy:
         copy.setsockopt(*option[copy.family], 0)  # IP_MULTICAST_ALL, IPV6_MULTICAST_ALL: Python has no names for them
-
-
-def _index_of(name: str) -> int:
-    """Linux's number of a network interface; 0: there is none of that name."""
-    try:
-        return socket.if_nametoindex(name)
-    except OSError:
-        return 0
-
-
-def _is_down(name: str) -> bool:
-    """Whether there is such a network interface, and it is down. (A virtual one that is up says ``unknown``.)"""
-    try:
-        with open(f"/sys/class/net/{name}/operstate", encoding="ascii") as state:
-            return state.read().strip() == "down"
-    except OSError:
-        return False
-
-
-def _packed(frame: CanFrame) -> bytes:
-    """``struct can_frame`` or ``struct canfd_frame`` of the kernel."""
-    identifier = PROTOCOL_ERROR if frame.is_error_frame else frame.arbitration_id
-    identifier |= frame.is_extended_id << 31 | frame.is_remote_frame << 30 | frame.is_error_frame << 29
-    if frame.is_fd:
-        return _CANFD_FRAME.pack(identifier, len(frame.data), frame.bitrate_switch, frame.data)
-    if frame.is_error_frame:
-        return _CAN_FRAME.pack(identifier, 8, bytes(8))
-    return _CAN_FRAME.pack(identifier, len(frame.data), frame.data)

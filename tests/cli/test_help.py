@@ -52,7 +52,7 @@ def test_a_narrow_terminal_gets_narrow_help():
         timeout=30,
         check=True,
     )
-    assert "  check     Judge a device by its declarations, its...\n" in done.stdout
+    assert "  check       Judge a device by its declarations," in done.stdout
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -1,5 +1,6 @@
 """A CAN port that leaves nobody outside in, drops what is of no concern, and outlives its network interface."""
 
+import errno
 import json
 import os
 import socket
@@ -10,8 +11,7 @@ import can
 import pytest
 
 from firmware_protocols import CanFrame
-from tactemu.transports import can as can_transport
-from tactemu.transports import create
+from tactemu.transports import create, socketcan
 from tactemu.transports.transport import CanFilter, Closed, Opened, Received
 
 GROUP = "239.74.77.9"
@@ -68,63 +68,58 @@ class Interface:
     """Linux CAN as a program sees it when the adapter is pulled and plugged in again."""
 
     def __init__(self):
-        self.index, self.filters, self.sent = 7, [], []
-        self.ends = []
+        self.index, self.filters, self.ends = 7, [], []
 
-    def bus(self, **options):
+    def joined(self, name, filters):
         if not self.index:
             raise OSError("No such device")
-        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self.ends.append((ours, theirs))
-        return FakeBus(self, self.index, ours)
-
-
-class FakeBus:
-    def __init__(self, interface, index, end):
-        self.interface, self.index, self.socket = interface, index, end
-
-    def fileno(self):
-        return self.socket.fileno()
-
-    def set_filters(self, filters):
-        self.interface.filters.append(filters)
-
-    def recv(self, timeout):
-        if self.index != self.interface.index:
-            raise can.CanOperationError("No such device")
-        return None
-
-    def shutdown(self):
-        self.socket.close()
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        ours.setblocking(False)
+        self.filters.append(filters)
+        self.ends.append(theirs)
+        return ours
 
 
 @pytest.fixture
 def interface(monkeypatch):
     made = Interface()
-    monkeypatch.setattr(can_transport.can, "Bus", made.bus)
-    monkeypatch.setattr(can_transport, "_index_of", lambda name: made.index)
-    monkeypatch.setattr(can_transport, "_is_down", lambda name: False)
+    monkeypatch.setattr(socketcan, "joined", made.joined)
+    monkeypatch.setattr(socketcan, "_index_of", lambda name: made.index)
+    monkeypatch.setattr(socketcan, "is_down", lambda name: False)
     yield made
-    for ends in made.ends:
-        for end in ends:
-            end.close()
+    for end in made.ends:
+        end.close()
 
 
-def test_an_interface_that_goes_and_comes_back_is_opened_again(interface, caplog):
+def failing(port, monkeypatch, number):
+    """The kernel says so to whoever reads from the port next."""
+
+    class Failing:
+        def recv(self, size):
+            monkeypatch.setattr(port, "_in", before)
+            raise OSError(number, os.strerror(number))
+
+    before = port._in
+    monkeypatch.setattr(port, "_in", Failing())
+
+
+def test_an_interface_that_goes_and_comes_back_is_opened_again(interface, caplog, monkeypatch):
     frame = CanFrame(arbitration_id=0x28, data=b"\x01")
     port = create("can:socketcan:can9")
     port.hear_only([CanFilter(0x28)])
     with port:
         assert port.write(frame) and port.poll() == []
         interface.index = 0
+        failing(port, monkeypatch, errno.ENODEV)
         assert port.poll() == [Closed()] and port.poll() == []
         assert not port.listening and not port.filenos() and not port.write(frame)
         interface.index = 8
         assert port.poll() == [Opened()] and port.poll() == []
         assert port.listening and port.filenos() and port.write(frame)
         interface.index = 9  # gone and made again between two looks
+        failing(port, monkeypatch, errno.ENODEV)
         assert port.poll() == [Closed()] and port.poll() == [Opened()]
-    assert interface.filters == [[{"can_id": 0x28, "can_mask": 0x1FFF_FFFF, "extended": False}]] * 3
+    assert interface.filters == [(CanFilter(0x28),)] * 3
     assert [record.getMessage() for record in caplog.records] == [
         "can:socketcan:can9: the interface is gone; waiting for it to come back",
         "can:socketcan:can9: the interface is back",
@@ -132,9 +127,6 @@ def test_an_interface_that_goes_and_comes_back_is_opened_again(interface, caplog
 
 
 def test_an_interface_that_is_only_down_keeps_its_socket(interface, monkeypatch):
-    def down(bus, timeout):
-        raise can.CanOperationError("Network is down")
-
     with create("can:socketcan:can9") as port:
-        monkeypatch.setattr(FakeBus, "recv", down)
+        failing(port, monkeypatch, errno.ENETDOWN)
         assert port.poll() == [] and port.listening

@@ -1,5 +1,6 @@
 """On real Linux CAN, the kernel and can-utils judge: what arrives, in which order, and how busy the bus is."""
 
+import os
 import re
 import select
 import subprocess
@@ -19,6 +20,8 @@ from tactemu.wire.line import CATCH_UP_NS
 from tactemu.wire.wire import Wire
 
 pytestmark = pytest.mark.vcan
+ETHERNET = os.environ.get("VCAN_GUEST") == "preload"
+"""Its CAN interfaces are ends of veth pairs, of which the preload library makes CAN."""
 
 FRAMES = [
     CanFrame(arbitration_id=0x123, data=b"\x01\x02"),
@@ -152,7 +155,7 @@ def test_an_fd_frame_on_a_classic_interface_is_dropped_not_fatal(port):
         assert port.poll() == []
         with pytest.raises(TransportError, match="ip link set vcan0 up"):
             create("can:socketcan:vcan0").open()
-        subprocess.run(["ip", "link", "set", "vcan0", "mtu", "16"], check=True)
+        subprocess.run(["ip", "link", "set", "vcan0", "mtu", "68" if ETHERNET else "16"], check=True)
         subprocess.run(["ip", "link", "set", "vcan0", "up"], check=True)
         assert port.write(FRAMES[0]) and not port.write(FRAMES[3])
     finally:
@@ -164,14 +167,20 @@ def test_an_interface_that_is_deleted_and_made_again():
     def link(*words):
         subprocess.run(["ip", "link", *words], check=True)
 
-    link("add", "dev", "vcan7", "type", "vcan")
-    link("set", "vcan7", "up")
+    def make():
+        if ETHERNET:
+            link("add", "vcan7", "type", "veth", "peer", "name", "far.vcan7")
+            link("set", "far.vcan7", "up")
+        else:
+            link("add", "dev", "vcan7", "type", "vcan")
+        link("set", "vcan7", "mtu", "72", "up")
+
+    make()
     try:
         with create("can:socketcan:vcan7") as port:
             link("del", "vcan7")
             assert poll_until(port, Closed()) and not port.write(FRAMES[0])
-            link("add", "dev", "vcan7", "type", "vcan")
-            link("set", "vcan7", "up")
+            make()
             assert poll_until(port, Opened())
             with can.Bus(interface="socketcan", channel="vcan7") as driver:
                 assert port.write(FRAMES[0])

@@ -15,6 +15,7 @@
 #include <stddef.h>
 #include <sys/socket.h>
 #include <sys/types.h>
+#include <time.h>
 #include <termios.h>
 
 #define ROOM "/run/udev/.tactemu" /* of the view: where the emulator and this library meet */
@@ -44,5 +45,21 @@ int udev_bind(int fd, const struct sockaddr *address, socklen_t length);
 int udev_getsockname(int fd, struct sockaddr *address, socklen_t *length);
 int udev_setsockopt(int fd, int level, int option, const void *value, socklen_t length);
 ssize_t udev_recvmsg(int fd, struct msghdr *message, int flags);
+
+/* can.c: CAN_RAW on an Ethernet interface. Of the state of a socket: 0 if it is none of these. */
+int can_state(int fd);
+int can_socket(int type, int protocol);
+int can_bind(int fd, const struct sockaddr *address, socklen_t length);
+int can_getsockname(int fd, struct sockaddr *address, socklen_t *length);
+int can_setsockopt(int fd, int level, int option, const void *value, socklen_t length);
+int can_getsockopt(int fd, int level, int option, void *value, socklen_t *length);
+int can_ioctl(int fd, unsigned long request, void *argument);
+ssize_t can_send(int fd, int state, const void *data, size_t size, int flags);
+ssize_t can_sendmsg(int fd, int state, const struct msghdr *message, int flags);
+int can_sendmmsg(int fd, int state, struct mmsghdr *messages, unsigned count, int flags);
+ssize_t can_recvmsg(int fd, struct msghdr *message, int flags);
+int can_recvmmsg(int fd, struct mmsghdr *messages, unsigned count, int flags, struct timespec *timeout);
+ssize_t can_recvfrom(int fd, void *data, size_t size, int flags, struct sockaddr *address, socklen_t *length);
+ssize_t can_failed(int fd);
 
 #endif

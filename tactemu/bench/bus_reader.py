@@ -1,0 +1,168 @@
+"""The reader of `tactemu bench bus`: starts every board, takes every frame, says how late they were."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import socket
+import sys
+import time
+import zlib
+from typing import Any
+
+import numpy as np
+
+from firmware_protocols.can_frames import CAN_FRAME, CanFrames
+from tactemu.wire.can_runs import run_ns
+
+BUFFER = 4 << 20
+"""Receive buffer asked for, of each bus [bytes]; the kernel gives no more than net.core.rmem_max."""
+_SET_UP = ("4D0014F000000000", "50000F0201002200", "07000000")
+_STOP = "07010000"
+_AT_ONCE = 64
+_SO_TIMESTAMPNS, _SO_RXQ_OVFL = 35, 40
+_MESSAGE = np.dtype(
+    [
+        ("name", "u8"), ("name_length", "u8"), ("vector", "u8"), ("count", "u8"), ("control", "u8"),
+        ("control_length", "u8"), ("flags", "u8"), ("length", "u8"),
+    ]
+)  # fmt: skip
+_BESIDE = np.dtype([("size", "u8"), ("level", "i4"), ("kind", "i4"), ("s", "i8"), ("ns", "i8"), ("rest", "u4", 8)])
+_PAUSE_S = 0.004
+_recvmmsg = ctypes.CDLL(None, use_errno=True).recvmmsg
+
+
+class Bus:
+    """One bus's socket, and what has been read from it."""
+
+    def __init__(self, name: str, boards: int, start_ns: int, period_ns: int):
+        self.boards, self.start_ns, self.period_ns = boards, start_ns, period_ns
+        self.socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
+        self.socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+        self.socket.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
+        self.socket.bind((name,))
+        self.socket.setblocking(False)
+        self.count = self.sum = self.overflows = 0
+        self._frames = np.zeros(_AT_ONCE, CAN_FRAME)
+        self._beside = np.zeros(_AT_ONCE, _BESIDE)
+        vectors = np.zeros((_AT_ONCE, 2), np.uint64)
+        vectors[:, 0] = self._frames.ctypes.data + np.arange(_AT_ONCE) * CAN_FRAME.itemsize
+        vectors[:, 1] = CAN_FRAME.itemsize
+        self._messages = np.zeros(_AT_ONCE, _MESSAGE)
+        self._messages["vector"] = vectors.ctypes.data + np.arange(_AT_ONCE) * 16
+        self._messages["count"] = 1
+        self._messages["control"] = self._beside.ctypes.data + np.arange(_AT_ONCE) * _BESIDE.itemsize
+        self._vectors = vectors
+
+    def say(self, data: str) -> None:
+        """One message to every board."""
+        for board in range(1, self.boards + 1):
+            payload = bytes.fromhex(data)
+            self.socket.send(CanFrames.of([0x200 | board], np.frombuffer(payload, np.uint8)[None]).array.tobytes())
+            time.sleep(0.0005)
+
+    def read(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """What waits, at most: frames, and when they came [ns]."""
+        self._messages["control_length"] = _BESIDE.itemsize
+        got = _recvmmsg(self.socket.fileno(), ctypes.c_void_p(self._messages.ctypes.data), _AT_ONCE, 0, None)
+        if got <= 0:
+            return None
+        frames, beside = self._frames[:got].copy(), self._beside[:got]
+        self.count += got
+        self.sum = zlib.crc32(frames.tobytes(), self.sum)
+        full = self._messages["control_length"][:got] > 32
+        if full.any():
+            self.overflows = max(self.overflows, int(beside["rest"][full][:, 4].max()))
+        return frames, beside["s"] * 1_000_000_000 + beside["ns"]
+
+
+class Lateness:
+    """How late the frames of a bus were: against an exact bus on which every sample's frames leave at once."""
+
+    def __init__(self, bus: Bus):
+        self._bus, self._frames, self._times = bus, [], []
+        self.counts = np.zeros(200_000, np.int64)
+        """Frames by lateness in units of 10 us."""
+        self.busy_ns = 0
+        self.first_ns = self.last_ns = 0
+
+    def add(self, frames: np.ndarray, times: np.ndarray) -> None:
+        """Frames that were read; they are looked at by the sample."""
+        self._frames.append(frames)
+        self._times.append(times)
+        if sum(map(len, self._frames)) > 4096:
+            self.look()
+
+    def look(self) -> None:
+        """Work off what was added, but for a sample that is not complete."""
+        if not self._frames:
+            return
+        frames, times = np.concatenate(self._frames), np.concatenate(self._times)
+        a_sample = self._bus.boards * 14
+        if not self.first_ns:  # the first head of the first board begins a sample
+            begins = np.flatnonzero((frames["can_id"] == 0x410) & (frames["data"][:, 0] == 0x40))
+            if not len(begins):
+                return
+            frames, times = frames[begins[0] :], times[begins[0] :]
+            self.first_ns = int(times[0])
+            self._number = (self.first_ns - self._bus.start_ns) // self._bus.period_ns
+        n = len(frames) // a_sample
+        whole = n * a_sample
+        self._frames, self._times = [frames[whole:]], [times[whole:]]
+        if not n:
+            return
+        took = run_ns(CanFrames(frames[:whole]), 1_000_000).reshape(n, a_sample)
+        due = self._bus.start_ns + (self._number + np.arange(n))[:, None] * self._bus.period_ns + took.cumsum(axis=1)
+        late = (times[:whole].reshape(n, a_sample) - due) // 10_000
+        np.add.at(self.counts, np.clip(late, 0, len(self.counts) - 1).ravel(), 1)
+        self._number += n
+        self.busy_ns += int(took.sum())
+        self.last_ns = int(times[whole - 1])
+
+
+def main(told: dict[str, list[int]], seconds: float) -> dict[str, Any]:
+    """Read every bus; the figures."""
+    to_realtime = time.time_ns() - time.monotonic_ns()
+    buses = {name: Bus(name, boards, start + to_realtime, period) for name, (boards, start, period) in told.items()}
+    for message in _SET_UP:
+        for bus in buses.values():
+            bus.say(message)
+    late = {name: Lateness(bus) for name, bus in buses.items()}
+    begun = time.monotonic()
+    settled, end, quiet = begun + 0.5, begun + 0.5 + seconds, 0.0
+    stopped = False
+    while not stopped or time.monotonic() < quiet:
+        now = time.monotonic()
+        if now > end and not stopped:
+            for bus in buses.values():
+                bus.say(_STOP)
+            stopped, quiet = True, time.monotonic() + 0.3
+        for name, bus in buses.items():
+            while (got := bus.read()) is not None:
+                if settled < now < end:
+                    late[name].add(*got)
+                if stopped:
+                    quiet = time.monotonic() + 0.3
+        time.sleep(_PAUSE_S)
+    for each in late.values():
+        each.look()
+    counts = np.sum([each.counts for each in late.values()], axis=0)
+    upto = counts.cumsum()
+    spans = [each.last_ns - each.first_ns for each in late.values()]
+    return {
+        "read": {name: [bus.count, bus.sum] for name, bus in buses.items()},
+        "seconds": seconds,
+        "frames_per_s": float(sum(each.counts.sum() / span * 1e9 for each, span in zip(late.values(), spans))),
+        "load": max(each.busy_ns / span for each, span in zip(late.values(), spans)),
+        "late_p50_ms": float(np.searchsorted(upto, upto[-1] * 0.50)) / 100,
+        "late_p99_ms": float(np.searchsorted(upto, upto[-1] * 0.99)) / 100,
+        "late_max_ms": float(np.flatnonzero(counts)[-1]) / 100,
+        "receive_buffer": next(iter(buses.values())).socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF),
+        "overflows": sum(bus.overflows for bus in buses.values()),
+        "cpu_s": time.process_time(),
+    }
+
+
+if __name__ == "__main__":
+    print(json.dumps(main(json.loads(sys.argv[1]), float(sys.argv[2]))))  # noqa: T201

@@ -1,0 +1,113 @@
+"""TCP ports that are carried between the machine's network and that of a view with CAN buses.
+
+Where a program of the machine serves on the port when the view starts, it is reached from the view; where there is
+none, the port of the machine leads into the view.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import re
+import socket
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from tactemu.errors import TransportError
+
+_HERE = "127.0.0.1"
+_CHUNK = 65_536
+
+
+def parsed(text: str) -> int:
+    """The port of ``tcp:PORT``.
+
+    Raises:
+        TransportError: it is none.
+    """
+    match = re.fullmatch(r"tcp:(\d{1,5})", text)
+    if match is None or not 0 < int(match[1]) < 65_536:
+        raise TransportError(f"--expose {text}: expected tcp:PORT, such as tcp:11311")
+    return int(match[1])
+
+
+class Exposed:
+    """One port that is carried through, by a thread of its own.
+
+    Args:
+        ask: of the keeper.
+        port: on the loopback of both networks.
+
+    Raises:
+        TransportError: the port cannot be had.
+    """
+
+    def __init__(self, ask: Callable[..., tuple[dict[str, Any], list[int]]], port: int):
+        self._ask, self.port = ask, port
+        self.outwards = _served(port)
+        """A program of the machine serves there; else one in the view may."""
+        listener = self._in_view("listen", port=port) if self.outwards else _listening(port)
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._run, args=(listener,), name=f"tcp:{port}", daemon=True)
+        self._thread.start()
+
+    def __str__(self) -> str:
+        there = "the machine's, from the view" if self.outwards else "the view's, from the machine"
+        return f"tcp:{self.port} is {there}"
+
+    def close(self) -> None:
+        """End every connection. Safe to call twice."""
+        if not self._loop.is_closed():
+            with contextlib.suppress(RuntimeError):  # it has just ended
+                self._loop.call_soon_threadsafe(self._loop.stop)
+            self._thread.join()
+
+    def _in_view(self, do: str, **given: Any) -> socket.socket:
+        (descriptor,) = self._ask(do, **given)[1]
+        return socket.socket(fileno=descriptor)
+
+    def _run(self, listener: socket.socket) -> None:
+        asyncio.set_event_loop(self._loop)
+        with contextlib.closing(self._loop), listener:
+            self._loop.run_until_complete(asyncio.start_server(self._carry, sock=listener))
+            self._loop.run_forever()
+            for task in asyncio.all_tasks(self._loop):
+                task.cancel()
+            self._loop.run_until_complete(self._loop.shutdown_asyncgens())
+
+    async def _carry(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Between one client and whoever serves."""
+        other = socket.socket() if self.outwards else self._in_view("socket")
+        other.setblocking(False)
+        try:
+            await self._loop.sock_connect(other, (_HERE, self.port))
+        except OSError:  # nobody serves yet: the client finds the connection closed
+            other.close()
+            writer.close()
+            return
+        back, forth = await asyncio.open_connection(sock=other)
+        await asyncio.gather(_copy(reader, forth), _copy(back, writer))
+        for each in (writer, forth):
+            each.close()
+
+
+async def _copy(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    with contextlib.suppress(OSError):
+        while data := await reader.read(_CHUNK):
+            writer.write(data)
+            await writer.drain()
+        writer.write_eof()
+
+
+def _served(port: int) -> bool:
+    with socket.socket() as tried:
+        tried.settimeout(1.0)
+        return tried.connect_ex((_HERE, port)) == 0
+
+
+def _listening(port: int) -> socket.socket:
+    try:
+        return socket.create_server((_HERE, port))
+    except OSError as error:
+        raise TransportError(f"--expose tcp:{port}: {error.strerror}") from None

@@ -1,0 +1,262 @@
+"""``can:socketcan:NAME``: a CAN interface of Linux, CAN and CAN-FD; frames go to its socket in the kernel's layout."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import socket
+import struct
+import time
+from collections.abc import Sequence
+
+from firmware_protocols import CanFrame, Frame
+from firmware_protocols.can_frames import CAN_FRAME, CanFrames
+from tactemu.errors import TransportError, TransportUnavailable
+from tactemu.frame_text import PROTOCOL_ERROR
+from tactemu.transports.forks import keep_from_children
+from tactemu.transports.transport import CanFilter, Closed, Event, Opened, Received, Transport
+
+_logger = logging.getLogger(__name__)
+
+_AT_ONCE_S = 0.001
+"""For how long one look takes frames [s], so that a flood of them leaves time for the rest."""
+_LONGEST_NAME = 15
+"""Of a network interface on Linux [bytes]."""
+_SIZE, _FD_SIZE = CAN_FRAME.itemsize, 72
+_CAN_FRAME, _CANFD_FRAME = struct.Struct("=IB3x8s"), struct.Struct("=IBB2x64s")
+_FILTER = struct.Struct("=II")
+_EXTENDED, _REMOTE, _ERROR = 1 << 31, 1 << 30, 1 << 29
+_SWITCHED = 1
+"""Of the flags of a CAN-FD frame: its data went at the data rate."""
+
+
+class SocketCanTransport(Transport):
+    """A node of a CAN bus. Always listening, but while its network interface is away: a bus has no open and close."""
+
+    scheme = "can"
+
+    def __init__(self, rest: str):
+        self.channel = rest.partition(":")[2]
+        if not self.channel:
+            raise TransportError(f"port 'can:{rest}': expected can:INTERFACE:CHANNEL, as in can:socketcan:vcan0")
+        self.address = rest
+        self._in: socket.socket | None = None
+        self._out: socket.socket | None = None
+        """The same, where the kernel has CAN."""
+        self._filters: tuple[CanFilter, ...] = ()
+        self._index = 0
+        """Linux's number of the network interface: one that is made again under its name has another."""
+        self._away = False
+
+    def hear_only(self, filters: Sequence[CanFilter]) -> None:
+        """Let the kernel drop frames with other identifiers.
+
+        They are then not on the bus that the wire models either: frames of ours do not wait for them. Call before
+        :meth:`open`; empty, as at first: hear all.
+        """
+        self._filters = tuple(filters)
+
+    def open(self) -> None:
+        """Join the bus.
+
+        Raises:
+            TransportError: there is no such interface, or it is down; the message names the fix.
+        """
+        if self._in is not None:
+            return
+        if self._is_down():
+            raise TransportUnavailable(f"cannot open can:{self.address}: the interface is down; {self._fix()}")
+        try:
+            self._in, self._out = self._join()
+        except OSError as error:
+            raise TransportUnavailable(f"cannot open can:{self.address}: {error}; {self._fix()}") from error
+        keep_from_children(self)
+        self._index = self._index_now()
+
+    def _join(self) -> tuple[socket.socket, socket.socket]:
+        """The socket that frames are read from, and the one that they are written to.
+
+        Raises:
+            OSError: there is no such interface.
+        """
+        made = joined(self.channel, self._filters)
+        return made, made
+
+    def close(self) -> None:
+        """Leave the bus."""
+        for each in (self._in, self._out):
+            if each is not None:
+                each.close()
+        self._in = self._out = None
+        self._away = False
+
+    def filenos(self, reading: bool = True) -> list[int]:
+        """The bus's socket."""
+        return [self._in.fileno()] if self._in is not None and reading else []
+
+    def poll(self, reading: bool = True) -> list[Event]:
+        """Frames of the other nodes, and whether the network interface went away or came back."""
+        events: list[Event] = []
+        if self._away and self._come_back():
+            events.append(Opened())
+        end = 0.0
+        while reading and self._in is not None:
+            try:
+                data = self._in.recv(_FD_SIZE)
+            except BlockingIOError:
+                break
+            except OSError:  # a network interface that is down comes up again as it was
+                if self._has_gone():
+                    events.append(Closed())
+                break
+            if (frame := _frame_of(data)) is not None and self._is_heard(frame):
+                events.append(Received(frame))
+            now = time.monotonic()
+            end = end or now + _AT_ONCE_S
+            if now > end:
+                break
+        return events
+
+    def _is_heard(self, frame: CanFrame) -> bool:
+        return not self._filters or any(
+            each.passes(frame.arbitration_id, frame.is_extended_id) for each in self._filters
+        )
+
+    def _is_down(self) -> bool:
+        return is_down(self.channel)
+
+    def _index_now(self) -> int:
+        return _index_of(self.channel)
+
+    def _has_gone(self) -> bool:
+        """Whether the network interface was taken away: its socket is good for nothing any more."""
+        if self._index_now() == self._index:
+            return False
+        _logger.warning("can:%s: the interface is gone; waiting for it to come back", self.address)
+        self.close()
+        self._away = True
+        return True
+
+    def _come_back(self) -> bool:
+        if not self._index_now() or self._is_down():
+            return False
+        with contextlib.suppress(TransportError):  # gone again
+            self.open()
+            self._away = False
+            _logger.warning("can:%s: the interface is back", self.address)
+        return not self._away
+
+    def write(self, frame: Frame) -> bool:
+        """Send one frame; ``False`` when the interface is down or its queue is full."""
+        if not isinstance(frame, CanFrame):
+            raise TransportError(f"a CAN bus cannot carry {len(frame)} bytes of a serial stream")
+        if self._out is None:
+            return False
+        try:
+            self._out.send(_packed(frame), socket.MSG_DONTWAIT)
+        except OSError:
+            return False
+        return True
+
+    def write_all(self, frames: CanFrames) -> int:
+        """Send frames as they lie, until one is not taken; returns how many were.
+
+        One ``send`` each: a ``sendmmsg`` for all of them, by ctypes, takes as long.
+        """
+        if self._out is None:
+            return 0
+        send, data, at = self._out.send, frames.array.tobytes(), 0
+        try:
+            for at in range(0, len(data), _SIZE):
+                send(data[at : at + _SIZE], socket.MSG_DONTWAIT)
+        except OSError:
+            return at // _SIZE
+        return len(frames)
+
+    @property
+    def listening(self) -> bool:
+        """Whether this node is on the bus."""
+        return self._in is not None
+
+    def _fix(self) -> str:
+        name = self.channel
+        if os.path.exists(f"/sys/class/net/{name}"):
+            return f"bring it up: sudo ip link set {name} up"
+        if len(name.encode()) > _LONGEST_NAME:
+            return f"the kernel knows no interface whose name is longer than {_LONGEST_NAME} bytes; shorten it"
+        return (
+            f"make it: sudo modprobe vcan && sudo ip link add dev {name} type vcan && sudo ip link set {name} mtu 72 "
+            "up; where the kernel has no CAN, `tactemu exec` gives a driver one, or use can:udp_multicast:239.74.163.2"
+        )
+
+
+def joined(name: str, filters: Sequence[CanFilter] = ()) -> socket.socket:
+    """A CAN socket on an interface, which hears what the filters take, or all, and never waits.
+
+    Raises:
+        OSError: there is no such interface, or the kernel has no CAN.
+    """
+    made = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+    try:
+        made.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
+        if filters:
+            pairs = [(f.ident | f.extended << 31, f.mask | _EXTENDED) for f in filters]
+            packed = b"".join(_FILTER.pack(*pair) for pair in pairs)
+            made.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, packed)
+        made.setblocking(False)
+        made.bind((name,))
+    except BaseException:
+        made.close()
+        raise
+    return made
+
+
+def is_down(name: str) -> bool:
+    """Whether there is such a network interface, and it is down. (A virtual one that is up says ``unknown``.)"""
+    try:
+        with open(f"/sys/class/net/{name}/operstate", encoding="ascii") as state:
+            return state.read().strip() == "down"
+    except OSError:
+        return False
+
+
+def _index_of(name: str) -> int:
+    """Linux's number of a network interface; 0: there is none of that name."""
+    try:
+        return socket.if_nametoindex(name)
+    except OSError:
+        return 0
+
+
+def _packed(frame: CanFrame) -> bytes:
+    """``struct can_frame`` or ``struct canfd_frame`` of the kernel."""
+    identifier = PROTOCOL_ERROR if frame.is_error_frame else frame.arbitration_id
+    identifier |= frame.is_extended_id << 31 | frame.is_remote_frame << 30 | frame.is_error_frame << 29
+    if frame.is_fd:
+        return _CANFD_FRAME.pack(identifier, len(frame.data), frame.bitrate_switch, frame.data)
+    if frame.is_error_frame:
+        return _CAN_FRAME.pack(identifier, 8, bytes(8))
+    return _CAN_FRAME.pack(identifier, len(frame.data), frame.data)
+
+
+def _frame_of(data: bytes) -> CanFrame | None:
+    """The frame that the kernel has laid out so; ``None``: it is none, or an error frame."""
+    if len(data) == _SIZE:
+        identifier, size, payload = _CAN_FRAME.unpack(data)
+        flags = 0
+    elif len(data) == _FD_SIZE:
+        identifier, size, flags, payload = _CANFD_FRAME.unpack(data)
+    else:
+        return None
+    if identifier & _ERROR:
+        return None
+    extended, remote = bool(identifier & _EXTENDED), bool(identifier & _REMOTE)
+    return CanFrame(
+        arbitration_id=identifier & (0x1FFF_FFFF if extended else 0x7FF),
+        data=b"" if remote else payload[:size],
+        is_extended_id=extended,
+        is_remote_frame=remote,
+        is_fd=len(data) == _FD_SIZE,
+        bitrate_switch=bool(flags & _SWITCHED),
+    )
