@@ -1,10 +1,11 @@
 """The site as people see it: every page in a headless Chromium, with all other hosts refused.
 
-``python -m tests.site [FOLDER]``, nightly: 1440 and 400 pixels wide, light and dark. A page fails that asks another host
-for anything, that has an error in the console or a link to nothing, or that is wider than the screen. Pictures of some
-pages go to FOLDER. Needs ``mkdocs build --strict`` before it, Chromium (``apt-get install chromium``) and the extra ``docs``.
+``python -m tests.site [FOLDER]``, nightly: 1440 and 400 pixels wide, light and dark. A page fails that asks another
+host for anything, that has an error in the console, or that is wider than the screen. Pictures of some pages go to
+FOLDER. Needs ``mkdocs build --strict`` before it, Chromium (``apt-get install chromium``) and the extra ``docs``.
 """
 
+import contextlib
 import functools
 import http.server
 import os
@@ -27,6 +28,10 @@ def served() -> http.server.ThreadingHTTPServer:
     class Quiet(http.server.SimpleHTTPRequestHandler):
         def log_message(self, *_):
             pass
+
+        def copyfile(self, source, outputfile):
+            with contextlib.suppress(ConnectionError):  # the browser went on to the next page
+                super().copyfile(source, outputfile)
 
     server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Quiet, directory=SITE))
     threading.Thread(target=server.serve_forever, daemon=True).start()
