@@ -65,7 +65,11 @@ def test_boards_that_sample_together_take_turns_with_those_of_other_buses(real):
     channels = []
     for name in "ab":
         device = fp.create("icub_skin", part="torso", triangles=14, triangles_per_board=7)
-        channels.append(Channel(name, device, Ramp(), {"": Wire(MemoryTransport(), device.ports[0])}, SampleClock()))
+        channels.append(
+            Channel(
+                name, device, Ramp(), {"": Wire(MemoryTransport(), device.ports[0])}, SampleClock(period_ns=50 * MS)
+            )
+        )
     emulator = Emulator(None, channels, clock=RealClock() if real else VirtualClock())
     for channel in channels:
         channel.begin(0)
