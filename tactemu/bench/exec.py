@@ -9,6 +9,7 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -194,16 +195,23 @@ def _held(keeper: int, driver: int) -> dict[str, int]:
         counts[f"threads of the {name}"] = len(os.listdir(f"/proc/{pid}/task"))
     root = Path(f"/proc/{keeper}/root")
     counts["mounts"] = len(Path(f"/proc/{keeper}/mounts").read_text().splitlines())
-    counts["mounts of the machine"] = len(Path("/proc/self/mounts").read_text().splitlines())
-    counts["namespaces"] = len({os.readlink(path) for path in Path("/proc").glob("[0-9]*/ns/mnt") if _readable(path)})
+    namespace = os.readlink(f"/proc/{keeper}/ns/mnt")
+    counts["processes in the view"] = sum(_link(path) == namespace for path in Path("/proc").glob("[0-9]*/ns/mnt"))
     for folder in ("dev", "sys/devices/tactemu", "run/udev/.tactemu/ports", "run/udev/.tactemu/events", "sys/dev/char"):
-        counts[f"files in /{folder}"] = sum(len(names) for _, *each in os.walk(root / folder) for names in each)
-    counts["pseudo terminals"] = len(os.listdir("/dev/pts"))
+        counts[f"files in /{folder}"] = sum(1 for _ in _files(root / folder))
     return counts
 
 
-def _readable(link: Path) -> bool:
+def _files(folder: Path) -> Iterator[str]:
+    for here, folders, names in os.walk(folder):
+        if here.endswith("/dev"):  # others open terminals meanwhile
+            folders.remove("pts")
+        yield from folders
+        yield from names
+
+
+def _link(path: Path) -> str:
     try:
-        return bool(os.readlink(link))
+        return os.readlink(path)
     except OSError:  # gone meanwhile, or somebody else's
-        return False
+        return ""

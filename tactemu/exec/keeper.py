@@ -41,7 +41,7 @@ def main(descriptor: int, emulator: int, preload: str) -> None:
         if preload:
             shutil.copyfile(preload, PRELOAD)
     except OSError as error:
-        _say(wire, {"error": f"{error.filename}: {error.strerror}", "number": error.errno})
+        _say(wire, {"error": f"{error.filename or 'user namespace'}: {error.strerror}", "number": error.errno})
         return
     network = Network(ROOM)
     _say(wire, {})

@@ -113,9 +113,9 @@ class Keeper:
 
 def _explained(what: str) -> str:
     """Why nobody may have a view here, and the command that helps."""
-    for name, forbids, who in _SWITCHES:
+    for name, forbids, allows, who in _SWITCHES:
         if _read(f"/proc/sys/{name}") == forbids:
-            setting = f"{name.replace('/', '.')}={_ALLOW[forbids]}"
+            setting = f"{name.replace('/', '.')}={allows}"
             return (
                 f"cannot make a view of the machine: {who} forbids user namespaces here ({what}). Allow them with "
                 f"`sudo sysctl -w {setting}`, or run as root: `sudo -E env PATH=$PATH tactemu exec ...`"
@@ -131,12 +131,11 @@ def _explained(what: str) -> str:
     )
 
 
-_ALLOW = {"1": "0", "0": "1"}
 _SWITCHES = (
-    # in /proc/sys, the value that forbids, and whose it is
-    ("kernel/apparmor_restrict_unprivileged_userns", "1", "AppArmor"),
-    ("kernel/unprivileged_userns_clone", "0", "the kernel's setting"),
-    ("user/max_user_namespaces", "0", "the kernel's setting"),
+    # in /proc/sys, the value that forbids, the one that allows, and whose it is
+    ("kernel/apparmor_restrict_unprivileged_userns", "1", "0", "AppArmor"),
+    ("kernel/unprivileged_userns_clone", "0", "1", "the kernel's setting"),
+    ("user/max_user_namespaces", "0", "15000", "the kernel's setting"),
 )
 
 
