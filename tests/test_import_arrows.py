@@ -38,7 +38,7 @@ ARROWS = {
     "calls": ("agenda",),
     "channel": (*LEAVES, "imperfections", "sampling", "scene", "statistics", "wire"),
     "emulator": (*LEAVES, "agenda", "calls", "channel", "clock", "plan", "saving", "transports", "truth", "wire"),
-    "recordings": (*LEAVES, "clock", "frame_text", "scene", "transports", "truth", "wire"),
+    "recordings": (*LEAVES, "agenda", "calls", "clock", "frame_text", "scene", "transports", "truth", "wire"),
     "conversions": (*LEAVES, "frame_text", "recordings", "scene", "truth"),
     "scenario": (*LEAVES, "agenda", "channel", "emulator", "imperfections", "scene", "wire"),
     "sensing": (*LEAVES, "imperfections", "scene"),
@@ -50,7 +50,8 @@ ARROWS = {
     ),
     "tune": (*LEAVES, "assembly", "channel", "clock", "emulator", "physics", "plan", "scene"),
     "control": (
-        *LEAVES, "assembly", "calls", "channel", "clock", "emulator", "saving", "scenario", "scene", "transports",
+        *LEAVES, "assembly", "calls", "channel", "clock", "emulator", "recordings", "saving", "scenario", "scene",
+        "transports",
         "truth", "units", "wire",
     ),
     "serving": (*LEAVES, "assembly", "clock", "control", "kernels", "physics", "scene", "truth"),

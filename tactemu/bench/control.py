@@ -1,7 +1,7 @@
 """What live commands cost the loop, and how soon they are felt: `tactemu bench control`.
 
-An emulator with two skins at 1 kHz runs in a process of its own; another process reads each port, and one more keeps a
-core busy. This one pokes: the ball over the first skin is put down and lifted.
+An emulator with a skin at 1 kHz and another at 100 Hz runs in a process of its own; others read the
+ports and keep a core busy. This one pokes: the ball over the first skin is put down and lifted.
 
 * Effect: from sending a command to the first sample that shows it, by the time at which that sample was taken.
 * Cost: lateness of samples and missed ones in two runs of the same length, with 10,000 commands a minute and with none.
@@ -59,7 +59,7 @@ motion = { kind = "press", approach = 0.002, depth = 0.001 }
 name = "right"
 device = "anyskin"
 link = "right pad"
-rate_hz = 1000
+rate_hz = 100
 """
 
 

@@ -535,6 +535,7 @@ def replay(
     loop: Annotated[bool, typer.Option("--loop", help="Start again at the end.")] = False,
     fault: Faults = None,
     seconds: Seconds = None,
+    name: RunName = None,
 ) -> None:
     """Play a recording to a driver. A serial one starts when the driver opens the port.
 
@@ -545,7 +546,10 @@ def replay(
     """
     from tactemu.cli.recordings import replay_file
 
-    replay_file(file, port, skin=skin, speed=speed, step=step, loop=loop, faults=tuple(fault or ()), seconds=seconds)
+    replay_file(
+        file, port, skin=skin, speed=speed, step=step, loop=loop, faults=tuple(fault or ()), seconds=seconds,
+        name=name,
+    )  # fmt: skip
 
 
 @app.command()

@@ -11,7 +11,8 @@ from pathlib import Path
 
 from tactemu.cli.datasheet import options_of
 from tactemu.cli.forwarding import Forwarding
-from tactemu.cli.running import listening, rate_of
+from tactemu.cli.listening import listening
+from tactemu.cli.running import rate_of
 from tactemu.errors import TactemuError, TransportError
 from tactemu.exec.enter import FAILED, NOT_EXECUTABLE, NOT_FOUND
 from tactemu.exec.environment import ExecEnvironment, exec_environment

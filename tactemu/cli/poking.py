@@ -167,6 +167,8 @@ def _print(verb: str, result: Any) -> None:
         print(f"{result:.9g} s")
     elif verb == "sample":
         _print_sample(result)
+    elif "skins" not in result:  # of a recording that is played
+        print(json_module.dumps(result))
     elif verb == "stats":
         from tactemu.cli.reports import sentence
 

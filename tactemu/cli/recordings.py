@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 
 from tactemu.cli.signals import ended_by_signals
@@ -56,13 +57,16 @@ def replay_file(
     loop: bool,
     faults: tuple[str, ...],
     seconds: float | None,
+    name: str | None = None,
 ) -> None:
     """Play a recording until its end, Ctrl-C, or for ``seconds``.
 
     Raises:
         TactemuError: the recording or the port cannot be had.
     """
+    from tactemu.cli.listening import listening
     from tactemu.clock import RealClock
+    from tactemu.control.replaying import ReplayControl
     from tactemu.errors import TransportError
     from tactemu.recordings.recording import load
     from tactemu.recordings.replay import Replay, replay_spec
@@ -78,8 +82,9 @@ def replay_file(
     player = Replay(recording, wire, clock=RealClock(), speed=speed, loop=loop)
     wire.open()
     try:
-        print(f"{len(player.entries)} frames ready on {wire.transport.address}", flush=True)
-        with ended_by_signals(player.stop) as interrupted:
+        poked = nullcontext() if step else listening(ReplayControl(player), name, str(file))
+        with ended_by_signals(player.stop) as interrupted, poked:
+            print(f"{len(player.entries)} frames ready on {wire.transport.address}", flush=True)
             _play_stepwise(player, interrupted) if step else player.run(seconds)
     finally:
         wire.close()

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, closing, nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,7 +24,7 @@ from tactemu.statistics import Lateness
 from tactemu.truth import Truth
 
 if TYPE_CHECKING:
-    from tactemu.control.control import Control
+    pass
 
 _OWNER = re.compile(r"[^:=]+=")
 """In front of a port: a skin's name, or its connector's."""
@@ -60,6 +59,7 @@ def run_target(
         TactemuError: the request cannot be met; nothing is left behind.
     """
     from tactemu.assembly import Wishes, assemble, truth_of
+    from tactemu.cli.listening import listening
     from tactemu.clock import LockstepClock, RealClock, VirtualClock
     from tactemu.control.again import play_again
     from tactemu.control.control import Control
@@ -89,7 +89,7 @@ def run_target(
             control.emulator.call(partial(control.emulator.save, save), round(save_at * 1e9))
         at_end = save if save_at is None else None
         with _shown(log, rerun) if rerun else nullcontext():
-            listen = partial(listening, control, name, target)
+            listen = partial(listening, control, name, target, gentle=clock == "real")
             run_emulator(control.emulator, seconds=seconds, style=style, listen=listen, save=at_end)
     finally:
         log.close()
@@ -136,21 +136,6 @@ def ports_of(words: Sequence[str]) -> str | dict[str, str] | None:
             raise TransportError(f"--port {word}: {owner!r} has a port already, {ports[owner]}")
         ports[owner] = port
     return ports or None
-
-
-def listening(control: Control, name: str | None, target: str) -> AbstractContextManager:
-    """The socket for ``tactemu poke``; where there can be none, that is said, unless its name was asked for."""
-    from tactemu.control.place import Place
-    from tactemu.control.server import Server
-
-    place = Place(name or Path(target.rpartition(":")[2]).stem, target, exactly=name is not None)
-    try:
-        return closing(Server(place, control, gentle=not control.emulator.clock.virtual))
-    except TransportError as error:
-        if name is not None:
-            raise
-        print(f"tactemu: `tactemu poke` will not find this run: {error}", file=sys.stderr)
-        return nullcontext()
 
 
 def run_emulator(

@@ -28,9 +28,25 @@ from tactemu.scene.schema import Event
 from tactemu.scene.steering import Leg, Steered, nearest_body, pressing_way
 from tactemu.transports.pty import PtyTransport
 from tactemu.truth import COMMAND
+from tactemu.wire.wire import Wire
 
 LOOK_AHEAD_NS = 2_000_000
 """How far the simulation may be ahead of real time while somebody may have something done."""
+
+
+def mend(wires: Sequence[Wire], fault: str | None) -> None:
+    """Switch faults off: those of a kind, or that begin with these words; ``None``: all.
+
+    Raises:
+        SceneError: there is none of it.
+    """
+    on = [(wire, each) for wire in wires for each in wire.faults]
+    found = [(wire, each) for wire, each in on if fault is None or fault == each.kind or str(each).startswith(fault)]
+    if fault is not None and not found:
+        there = ", ".join(sorted({str(each) for _, each in on})) or "none"
+        raise SceneError(f"mend: no fault {fault!r} is on; there are: {there}")
+    for wire, each in found:
+        wire.remove_fault(each)
 
 
 class Control:
@@ -103,7 +119,7 @@ class Control:
             raise TactemuError(f"which skin? there are: {', '.join(channels)}")
         return channels[skin]
 
-    def _wires(self, skin: str | None) -> list:
+    def _wires(self, skin: str | None) -> list[Wire]:
         channels = self.emulator.channels if skin is None else [self.channel(skin)]
         return list(dict.fromkeys(wire for channel in channels for wire in channel.wires.values()))
 
@@ -202,15 +218,7 @@ class Control:
         self._happen(fault="unplug", until=seconds, skin=skin)
 
     def _mend(self, fault: str | None = None, skin: str | None = None) -> None:
-        found = [
-            (wire, each) for wire in self._wires(skin) for each in wire.faults
-            if fault is None or fault == each.kind or str(each).startswith(fault)
-        ]  # fmt: skip
-        if fault is not None and not found:
-            on = ", ".join(sorted({str(each) for wire in self._wires(skin) for each in wire.faults}))
-            raise SceneError(f"mend: no fault {fault!r} is on; there are: {on or 'none'}")
-        for wire, each in found:
-            wire.remove_fault(each)
+        mend(self._wires(skin), fault)
 
     def _set(self, options: Mapping[str, Any], **when: Any) -> None:
         self._happen(set=dict(options), until=when.pop("seconds", None), **when)

@@ -3,14 +3,41 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
-from tactemu.clock import LockstepClock
-from tactemu.emulator import Emulator
+from tactemu.channel import Channel
+from tactemu.clock import Clock, LockstepClock
+from tactemu.emulator import Simulated
 
 LOOK_AGAIN_NS = 1_000_000
+
+
+class Loop(Protocol):
+    """What an errand asks of an emulator, or of a recording that is played."""
+
+    now_ns: int
+    clock: Clock
+
+    @property
+    def simulation(self) -> Simulated | None:
+        """What is brought up to each sample's time, if anything is simulated."""
+        ...
+
+    @property
+    def channels(self) -> Sequence[Channel]:
+        """The devices."""
+        ...
+
+    @property
+    def settled(self) -> bool:
+        """Whether everything that is due in this turn has been done."""
+        ...
+
+    def call(self, action: Callable[[], None], at_ns: int = 0) -> None:
+        """Have ``action`` run at the end of a turn, not before ``at_ns``. Safe from any thread."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -39,7 +66,7 @@ class Errand:
 
     def __init__(
         self,
-        emulator: Emulator,
+        emulator: Loop,
         begin: Callable[[], Outcome],
         *,
         changes: bool = True,

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import os
 import select
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any
 
 from firmware_protocols import Can, Connector, Serial
+from tactemu.agenda import Guest
+from tactemu.calls import Calls
 from tactemu.clock import Clock
 from tactemu.errors import TactemuError, TransportError
 from tactemu.recordings.recorder import Recorder
@@ -43,6 +46,11 @@ class Replay:
         loop: start again at the end.
     """
 
+    simulation = None
+    channels: Sequence[Any] = ()
+    settled = True
+    """As of an emulator without devices: who has something done in its loop may ask."""
+
     def __init__(self, recording: Recording, wire: Wire, *, clock: Clock, speed: float = 1.0, loop: bool = False):
         if not speed > 0:
             raise TactemuError(f"speed: expected more than 0, got {speed}")
@@ -53,6 +61,9 @@ class Replay:
         self.position = 0
         """Index of the next entry."""
         self.running = False
+        self.now_ns = 0
+        """Time of the turn."""
+        self._calls = Calls()
         self._start_ns: int | None = None
 
     @property
@@ -64,16 +75,26 @@ class Replay:
         """Play until the end, for ``seconds``, or until :meth:`stop`. Time starts when the driver opens the port."""
         end = None if seconds is None else self.clock.now_ns() + round(seconds * 1e9)
         self.running = True
-        while self.running and not (self.done and self.wire.next_due_ns() is None):
-            now = self.clock.now_ns()
-            if end is not None and now >= end:
-                break
-            self.turn(now)
-            self._wait(end)
+        self._calls.open()
+        try:
+            while self.running and not (self.done and self.wire.next_due_ns() is None):
+                now = self.now_ns = self.clock.now_ns()
+                if end is not None and now >= end:
+                    break
+                self.turn(now)
+                self._calls.run(now)
+                self._wait(end)
+        finally:
+            self._calls.close()
 
     def stop(self) -> None:
         """Leave :meth:`run`; may be called from a signal handler."""
         self.running = False
+        self.call(lambda: None)
+
+    def call(self, action: Guest, at_ns: int = 0) -> None:
+        """Have ``action`` run at the end of a turn, not before ``at_ns``. Safe from any thread."""
+        self._calls.put(action, at_ns)
 
     def turn(self, now_ns: int) -> None:
         """Listen, send what is due, write."""
@@ -110,9 +131,10 @@ class Replay:
         return self._start_ns + round(self.entries[self.position].t_ns / self.speed)
 
     def _wait(self, end: int | None) -> None:
-        deadlines = [time for time in (self._due_ns(), self.wire.next_due_ns(), end) if time is not None]
+        comes = (self._due_ns(), self.wire.next_due_ns(), self._calls.next_ns, end)
         filenos = self.wire.filenos()
-        self.clock.wait(min(deadlines, default=None), filenos, poll=not filenos)
+        deadline = min([time for time in comes if time is not None], default=None)
+        self.clock.wait(deadline, filenos + self._calls.filenos, poll=not filenos)
 
 
 def line_of(source: str, baud: int | None) -> str:

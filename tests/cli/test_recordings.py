@@ -7,10 +7,12 @@ import time
 import pytest
 import serial
 
+from tactemu.control.client import connect
+from tactemu.errors import TactemuError
 from tactemu.recordings.recorder import Recorder
 from tactemu.recordings.recording import Entry, load
 from tactemu.wire.faults import KINDS
-from tests.cli.command import start, tactemu
+from tests.cli.command import here, start, tactemu
 
 
 @pytest.fixture
@@ -41,6 +43,30 @@ def test_replay_to_record(recording, tmp_path):
     got = b"".join(entry.frame for entry in load(tmp_path / "out.jsonl").entries)
     whole = b"".join(entry.frame for entry in load(recording).entries)
     assert len(got) > 100 and got in whole * 20
+
+
+@pytest.mark.realtime
+def test_what_befalls_a_replay_is_poked(recording, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    player = start("replay", str(recording), "--port", f"pty:{tmp_path / 'tty'}", "--loop")
+    assert player.stdout is not None
+    player.stdout.readline()
+    with connect() as playing, serial.Serial(str(tmp_path / "tty"), timeout=5) as driver:
+        assert len(driver.read(8)) == 8
+        with pytest.raises(TactemuError, match="press: a recording is played here, nothing is simulated"):
+            playing.press(1e-3)
+        playing.fault("drop 100%")
+        playing.wait(0.1)
+        driver.reset_input_buffer()
+        playing.wait(0.1)
+        assert driver.in_waiting == 0 and playing.stats()["wire"]["drop"] > 5
+        playing.mend("drop")
+        assert len(driver.read(80)) == 80
+        playing.unplug(0.1)
+        wait_for(tmp_path / "tty")
+    assert "drop" in here("poke", "stats").stdout
+    player.send_signal(signal.SIGTERM)
+    assert player.wait(20) == 0
 
 
 @pytest.mark.realtime

@@ -1,0 +1,66 @@
+"""What may be done to a recording that is played: what befalls its wire, and a look at it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from tactemu.control.control import mend
+from tactemu.control.errand import Errand, Outcome
+from tactemu.errors import TactemuError
+from tactemu.recordings.replay import Replay
+from tactemu.scenario import timed_fault
+from tactemu.scene.schema import Event
+
+
+class ReplayControl:
+    """Does those of the :class:`~tactemu.control.verbs.Verbs` that need no simulation and no firmware."""
+
+    def __init__(self, replay: Replay):
+        self.replay = replay
+        self.clients: Counter[str] = Counter()
+        """What a server counts of those who connect to it."""
+
+    def hello(self) -> dict[str, Any]:
+        """Who this is, to whoever connects."""
+        return {"clock": "real", "skins": {}, "bodies": []}
+
+    def submit(
+        self, verb: str, arguments: Mapping[str, Any], by: str = "", tell: Callable[[Errand], None] | None = None
+    ) -> Errand:
+        """Have a command done, whose arguments are checked already."""
+        return Errand(self.replay, lambda: self.do(verb, arguments), tell=tell)
+
+    def do(self, verb: str, arguments: Mapping[str, Any]) -> Outcome:
+        """Begin a command.
+
+        Raises:
+            TactemuError: it cannot be done here.
+        """
+        action = getattr(self, f"_{verb}", None)
+        if action is None:
+            can = ", ".join(name.lstrip("_") for name in vars(ReplayControl) if name[:1] == "_" and name[1] != "_")
+            raise TactemuError(f"{verb}: a recording is played here, nothing is simulated; it can: {can}")
+        return action(**arguments) or Outcome()
+
+    def _fault(self, fault: str, skin: str | None = None) -> None:
+        self.replay.wire.add_fault(timed_fault(Event(fault=fault), self.replay.now_ns / 1e9))
+
+    def _unplug(self, seconds: float | None = None, skin: str | None = None) -> None:
+        event = Event(fault="unplug", until=seconds)
+        self.replay.wire.add_fault(timed_fault(event, self.replay.now_ns / 1e9))
+
+    def _mend(self, fault: str | None = None, skin: str | None = None) -> None:
+        mend([self.replay.wire], fault)
+
+    def _wait(self, seconds: float) -> Outcome:
+        return Outcome(self.replay.now_ns + round(seconds * 1e9))
+
+    def _stats(self) -> Outcome:
+        return Outcome(result={"wire": dict(self.replay.wire.counters), "clients": dict(self.clients)})
+
+    def _state(self) -> Outcome:
+        replay = self.replay
+        played = {"frame": replay.position, "of": len(replay.entries), "port": replay.wire.transport.address}
+        return Outcome(result={"t_s": replay.now_ns / 1e9, **played})
