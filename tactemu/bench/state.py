@@ -1,4 +1,7 @@
-"""Size and time of a saved state, and of a fork: `tactemu bench state`."""
+"""Size and time of a saved state, and of a fork: `tactemu bench state`.
+
+Times are of the thread, so that other work on the machine does not count.
+"""
 
 from __future__ import annotations
 
@@ -104,9 +107,9 @@ def of_model(name: str, repeats: int, forks: int) -> Figures:
 def _forks(fork: Callable[[], Any], count: int) -> tuple[float, float]:
     """Time [ms] and memory [kB] of each of so many that are alive together."""
     fork()
-    before, begun = _used_kb(), time.perf_counter()
+    before, begun = _used_kb(), time.thread_time()
     kept = [fork() for _ in range(count)]
-    took_ms = (time.perf_counter() - begun) * 1e3
+    took_ms = (time.thread_time() - begun) * 1e3
     return took_ms / len(kept), max(0.0, _used_kb() - before) / len(kept)
 
 
@@ -119,9 +122,9 @@ def _timed(action: Callable[[], Any], repeats: int) -> tuple[float, Any]:
     times: list[float] = []
     result = None
     for _ in range(repeats):
-        begun = time.perf_counter()
+        begun = time.thread_time()
         result = action()
-        times.append((time.perf_counter() - begun) * 1e3)
+        times.append((time.thread_time() - begun) * 1e3)
     return median(times), result
 
 

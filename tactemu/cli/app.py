@@ -71,7 +71,7 @@ Rates = Annotated[
 ]
 
 
-def _seconds(text: str) -> float:
+def _seconds(text: str, option: str = "--seconds") -> float:
     from tactemu.options import number
     from tactemu.scene.limits import MOST_S
 
@@ -79,7 +79,11 @@ def _seconds(text: str) -> float:
         given: float | str = float(text)
     except ValueError:
         given = text
-    return number("command line", "--seconds", given, at_least=0, at_most=MOST_S, unit="s")
+    return number("command line", option, given, at_least=0, at_most=MOST_S, unit="s")
+
+
+def _save_at(text: str) -> float:
+    return _seconds(text, "--save-at")
 
 
 Seconds = Annotated[float | None, typer.Option("--seconds", metavar="S", parser=_seconds, help="Stop after this long.")]
@@ -169,7 +173,7 @@ def run(
     ] = None,
     save: Annotated[Path | None, typer.Option(metavar="FILE", help="Save the whole state at the end.")] = None,
     save_at: Annotated[
-        float | None, typer.Option(metavar="S", parser=_seconds, help="When to save it instead [s], once.")
+        float | None, typer.Option(metavar="S", parser=_save_at, help="When to save it instead [s], once.")
     ] = None,
 ) -> None:
     """Put a device on a port and run it until Ctrl-C.

@@ -28,7 +28,8 @@ SPOILT = {
 
 def scene(model: str, options: dict) -> dict:
     """A ball pressed in and dragged over the pad, from before the touch to after the state is saved."""
-    (quantity, *_) = load(model).layouts
+    offers = load(model).layouts
+    quantity = "force" if "force" in offers else next(iter(offers))  # friction does not show in the pressure
     motion = {"kind": "together", "motions": [
         {"kind": "press", "approach": 0.001, "depth": 0.001, "speed": 0.04, "dwell": 0.02},
         {"kind": "slide", "distance": 0.003, "delay": 0.06, "speed": 0.05},

@@ -9,6 +9,7 @@ import pytest
 import tactemu as tt
 from tactemu.errors import StateError, TactemuError
 from tests.cli.command import here
+from tests.test_sources import ENGINE, MODEL
 
 PAGE = (Path(__file__).parents[2] / "docs" / "saving.md").read_text(encoding="utf-8")
 
@@ -108,6 +109,24 @@ def test_a_simulation_of_ones_own_is_forked_with_handles_of_its_own():
             dev.step(seconds=0.2)
             np.testing.assert_array_equal(felt(other), felt(dev))
             assert abs(before - skin.read().force).max() > 0, "the handle stayed with the first"
+
+
+def test_a_mujoco_model_goes_on_amid_its_fall(tmp_path):
+    pytest.importorskip("mujoco", reason="pip install 'tactemu[mujoco]'")
+    (tmp_path / "ball.xml").write_text(MODEL)
+    (tmp_path / "scene.toml").write_text(ENGINE.format(link="pad"))
+    with tt.serve(tmp_path / "scene.toml", port="memory:", clock="lockstep") as dev:
+        dev.step(seconds=0.03)
+        dev.save(tmp_path / "falling.npz")
+        with dev.fork("memory:") as other:
+            for each in (dev, other):
+                each.step(seconds=0.4)
+            landed = felt(dev)
+            assert abs(landed).max() > 0.1
+            np.testing.assert_array_equal(felt(other), landed)
+        dev.restore(tmp_path / "falling.npz")
+        dev.step(seconds=0.4)
+        np.testing.assert_array_equal(felt(dev), landed)
 
 
 def test_what_cannot_be_saved_is_refused_with_its_place(tmp_path):
