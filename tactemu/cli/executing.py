@@ -69,20 +69,22 @@ def run_command(
     return status if status >= 0 else 128 - status
 
 
+_RUNNERS = tuple(Path(__file__).parents[up] / "scripts" / "vcan-run" for up in (1, 2))
+"""What brings up a kernel with CAN: in the installed package, and in a source tree."""
+
+
 def _go_into_guest() -> None:
     """Start again in a kernel that has CAN, emulator and driver; does not return.
 
     Raises:
         TactemuError: there is no way in.
     """
-    runner = Path(__file__).parents[2] / "scripts" / "vcan-run"
-    if not runner.exists():
-        raise TactemuError(
-            "--way guest needs scripts/vcan-run, which a checkout of tactemu has; the package has it not"
-        )
+    runner = next((path for path in _RUNNERS if path.exists()), None)
+    if runner is None:
+        raise TactemuError(f"--way guest needs a program that this installation has lost: {_RUNNERS[0]}")
     at = next(k for k, word in enumerate(sys.argv) if word in ("--way", "--way=guest"))
     rest = [*sys.argv[1:at], "--way", "native", *sys.argv[at + (1 if sys.argv[at] == "--way=guest" else 2) :]]
-    os.execv(runner, [str(runner), "-u", "--", sys.executable, "-m", "tactemu", *rest])
+    os.execvp("bash", ["bash", str(runner), "-u", "--", sys.executable, "-m", "tactemu", *rest])
 
 
 def _watch(driver: subprocess.Popen[bytes], dev: Served, env: ExecEnvironment) -> BaseException | None:

@@ -3,6 +3,7 @@
 import ast
 import json
 import os
+import platform
 import re
 import subprocess
 import sys
@@ -33,10 +34,10 @@ def run(*command, cwd=None, **environment):
     )  # fmt: skip
 
 
-def uv(*arguments, cwd=None):
+def uv(*arguments, cwd=None, **environment):
     """Run uv, which needs a folder for its cache; skip where it finds no index."""
     elsewhere = {} if os.access(Path.home(), os.W_OK) else {"UV_CACHE_DIR": f"{tempfile.gettempdir()}/tactemu-tests-uv"}
-    done = run(UV, *arguments, cwd=cwd, **elsewhere)
+    done = run(UV, *arguments, cwd=cwd, **elsewhere, **environment)
     if done.returncode and re.search(r"dns error|error sending request|offline|Failed to fetch", done.stderr):
         pytest.skip("no package index is reached")
     assert done.returncode == 0, done.stdout + done.stderr
@@ -53,9 +54,15 @@ def dist(tmp_path_factory):
     return folder
 
 
-@pytest.fixture(scope="module")
-def wheel(dist):
-    (found,) = dist.glob("*.whl")
+@pytest.fixture(scope="module", params=["any", pytest.param(platform.machine(), marks=pytest.mark.nightly)])
+def wheel(request, dist, tmp_path_factory):
+    """The one for every machine; and, each night, the one for this kind of machine, which has the preload library."""
+    folder = dist
+    if request.param != "any":
+        folder = tmp_path_factory.mktemp("machine")
+        uv("build", "--wheel", "--out-dir", folder, ROOT, TACTEMU_WHEEL=request.param)
+    (found,) = folder.glob("*.whl")
+    assert found.name.endswith(f"{request.param}.whl")
     return found
 
 
