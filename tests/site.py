@@ -10,6 +10,7 @@ import contextlib
 import functools
 import http.server
 import os
+import re
 import shutil
 import sys
 import threading
@@ -61,7 +62,8 @@ def look(browser: Browser, base: str, width: int, scheme: str, pages: list[str],
         if page.evaluate("document.documentElement.scrollWidth") > width:
             wrong.append(f"{here}: wider than {width} pixels")
         background = page.evaluate("getComputedStyle(document.body).backgroundColor")
-        if (sum(map(int, background[4:-1].split(",")[:3])) < 384) != (scheme == "dark"):
+        *colour, opaque = [float(each) for each in (*re.findall(r"[\d.]+", background), 1)[:4]]
+        if not opaque or (sum(colour) < 384) != (scheme == "dark"):
             wrong.append(f"{here}: {background} is not {scheme}")
         if here == "choosing.html":
             page.wait_for_selector("#trade .scatterlayer .point", timeout=10_000)
@@ -76,7 +78,7 @@ def main() -> int:
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else None
     if folder:
         folder.mkdir(parents=True, exist_ok=True)
-    pages = sorted(str(path.relative_to(SITE)) for path in SITE.rglob("*.html"))
+    pages = sorted(str(path.relative_to(SITE)) for path in SITE.rglob("*.html") if path.name != "404.html")
     server, wrong = served(), []
     base = f"http://127.0.0.1:{server.server_address[1]}"
     chromium = os.environ.get("CHROMIUM") or shutil.which("chromium")
