@@ -57,7 +57,8 @@ def on_post_page(output: str, page: Any, config: Any) -> str:
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
     """Links out of the pages become names; the place of the chart becomes the chart."""
-    markdown = re.sub(r"\[([^\]]+)\]\(\.\./([^)]+)\)", r"`\2`", markdown)
+    if "/" not in page.file.src_uri:  # those above are in the repository, not on the site
+        markdown = re.sub(r"\[([^\]]+)\]\(\.\./([^)]+)\)", r"`\2`", markdown)
     if "<!-- chart: trade -->" in markdown:
         markdown = markdown.replace("<!-- chart: trade -->", _chart())
     words = re.sub(r"```.*?```|<[^>]+>|[#`*|\[\]]|!\[.*?\)", " ", markdown, flags=re.DOTALL).split()
