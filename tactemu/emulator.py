@@ -34,6 +34,10 @@ if TYPE_CHECKING:
     from tactemu.plan.plan import Plan
 
 
+_SAMPLING_NS = 1_000_000
+"""After so long what is due of others leaves before the next sample is taken."""
+
+
 class Simulated(Protocol):
     """What the loop asks of a simulation: to be brought up to a time."""
 
@@ -187,11 +191,13 @@ class Emulator:
             if not self.clock.virtual:  # an answer does not wait for the physics of a sample
                 wire.flush(self.clock.now_ns())
         looks: Looks = {}
-        for _, channel, stream in self._due(now):
+        sent_ns = now
+        for channel, stream in self._due(now):
             self._sample(channel, stream, now, looks)
-        self._release(now)
-        for wire in self.wires:
-            wire.flush(self.clock.now_ns())
+            if not self.clock.virtual and self.clock.now_ns() - sent_ns > _SAMPLING_NS:
+                self._send_due(now)  # what is ready of some boards does not wait for the samples of many others
+                sent_ns = self.clock.now_ns()
+        self._send_due(now)
         self._calls.run(now)
         self._wait(end_ns, self._look_ahead(end_ns))
 
@@ -221,10 +227,24 @@ class Emulator:
             case Noted(what):
                 self.truth.event(now, channel.name, what)
 
-    def _due(self, now: int) -> list[tuple[int, Channel, str]]:
-        """Streams whose next sample is due, by its time; equal times in the order of the devices."""
-        due = [(t_ns, channel, stream) for channel in self.channels for t_ns, stream in channel.due(now)]
-        return sorted(due, key=lambda entry: entry[0])
+    def _send_due(self, now: int) -> None:
+        """Samples whose release time has come go to their wires, and what has left those to the ports."""
+        self._release(now)
+        for wire in self.wires:
+            wire.flush(self.clock.now_ns())
+
+    def _due(self, now: int) -> list[tuple[Channel, str]]:
+        """Streams whose next sample is due, by its time; equal times in the order of the devices.
+
+        In real time equal times are one stream of each device after the other: their lines are busy meanwhile.
+        """
+        in_turn = not self.clock.virtual
+        due = [
+            (t_ns, k * in_turn, channel, stream)
+            for channel in self.channels
+            for k, (t_ns, stream) in enumerate(channel.due(now))
+        ]
+        return [entry[2:] for entry in sorted(due, key=lambda entry: entry[:2])]
 
     def _deadlines(self, *others: int | None) -> list[int]:
         """When streams sample next, and what else is given."""

@@ -66,7 +66,7 @@ TAIL = Frame("""
     7    u1        ending          out of range, pads 3 to 0; four bits of flags
 """)
 HEAD_PADS, TAIL_PADS = HEAD.place("pads"), TAIL.place("pads")
-OUT_OF_RANGE, ENDING = TAIL.place("out_of_range"), TAIL.place("ending")
+OUT_OF_RANGE, ENDING = TAIL.place("out_of_range").start, TAIL.place("ending").start
 TRIANGLES = 16
 NO_ACK, NOT_CONNECTED = 1, 2
 COMPENSATED, OF_A_HAND = 0, 1
@@ -153,8 +153,8 @@ class Board:
         data[:, 1, TAIL_PADS] = pads[which, 7:]
         out = (self.raw <= 0) | (self.raw >= RAW_MAX)
         mask = out[which] @ _MASK if out.any() else 0
-        data[:, 1, OUT_OF_RANGE] = np.expand_dims(mask >> 4, -1)
-        data[:, 1, ENDING] = np.expand_dims((mask & 0xF) << 4 | self.flags[which], -1)
+        data[:, 1, OUT_OF_RANGE] = mask >> 4
+        data[:, 1, ENDING] = (mask & 0xF) << 4 | self.flags[which]
         return blank.with_data(data.reshape(-1, 8))
 
     def obey(self, data: bytes) -> bool:

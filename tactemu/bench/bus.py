@@ -12,6 +12,7 @@ import json
 import subprocess
 import sys
 import tempfile
+import time
 import zlib
 from pathlib import Path
 from typing import Any
@@ -80,7 +81,9 @@ def robot(boards: int, seconds: float, way: str = "") -> dict[str, Any]:
                 ticks = next(iter(channel.ticks.values()))
                 told[bus] = [len(channel.ticks), origin + ticks.sampling.start_ns, ticks.sampling.period_ns]
             reader = [sys.executable, "-m", "tactemu.bench.bus_reader", json.dumps(told), str(seconds)]
+            begun = time.process_time(), time.monotonic()
             done = env.run(reader, stdout=subprocess.PIPE, text=True, check=True)
+            busy = (time.process_time() - begun[0]) / (time.monotonic() - begun[1])
             figures = json.loads(done.stdout)
             statistics = [channel.statistics for channel in dev.emulator.channels]
             network = env.network
@@ -90,6 +93,7 @@ def robot(boards: int, seconds: float, way: str = "") -> dict[str, Any]:
         "buses": len(sent),
         "sent": sum(count for count, _ in sent.values()),
         "every_frame_in_order": {bus: list(each) for bus, each in sent.items()} == figures.pop("read"),
+        "emulator_cpu": busy,
         "missed_samples": sum(each.missed for each in statistics),
         "way": network,
     }
@@ -136,6 +140,7 @@ def _report(figures: dict[str, Any], report: Report) -> None:
         f"{figures['load']:.0%}: {figures['frames_per_s']:.0f} frames/s for {figures['seconds']:.0f} s, late p50 "
         f"{figures['late_p50_ms']:.2f} ms, p99 {figures['late_p99_ms']:.2f} ms, max {figures['late_max_ms']:.1f} ms; "
         f"every frame, in order: {'yes' if figures['every_frame_in_order'] else 'NO'}; missed samples "
-        f"{figures['missed_samples']}; reader's buffer {figures['receive_buffer']} bytes a bus, "
-        f"overflows {figures['overflows']}"
+        f"{figures['missed_samples']}; CPUs: emulator {figures['emulator_cpu']:.2f}, reader "
+        f"{figures['reader_cpu']:.2f}; reader's buffer {figures['receive_buffer']} bytes a bus, overflows "
+        f"{figures['overflows']}"
     )

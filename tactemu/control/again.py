@@ -47,6 +47,8 @@ def _command(entry: PortEvent) -> Command:
         said = None
     said = said if isinstance(said, dict) else {}
     verb, args = said.get("verb"), said.get("args")
+    if verb == "restore":
+        raise SceneError("the run was set back to an earlier state here; only one that was not is done again")
     if not isinstance(verb, str) or verb not in VERBS or not VERBS[verb].changes or not isinstance(args, dict):
         raise SceneError(f"expected a verb and its arguments, got {shown(entry.what)}")
     return Command(entry.t_ns, verb, VERBS[verb].checked(args), str(said.get("by", "")))

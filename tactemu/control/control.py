@@ -93,7 +93,7 @@ class Control:
         if changes and self.simulation is not None:
             self.simulation.advance_to(self.emulator.now_ns, self._most_steps)
         outcome = getattr(self, f"_{verb}")(**arguments)
-        if changes:
+        if changes or verb == "restore":
             text = json.dumps({"verb": verb, "args": dict(arguments), "by": by})
             self.emulator.truth.event(self.emulator.now_ns, "", COMMAND + text)
         return outcome or Outcome()
@@ -272,7 +272,6 @@ class Control:
 
     def _restore(self, file: str) -> None:
         self.emulator.restore(file)
-        self.emulator.truth.event(self.emulator.now_ns, "", f"restored {file}")
 
     # -- looks
 

@@ -46,12 +46,13 @@ def restore(emulator: Any, state: Mapping[str, Any] | str | Path) -> None:
         header, tree = state["header"], state["parts"]
         state_file.check_header(header, made_of, "the state")
     else:
-        memory = sum(array.size * array.strides[-1] for array in _memory(there) if array.size)
+        memory = sum(array.numpy().nbytes for array in _memory(there))
         header, tree = state_file.read(state, made_of, memory)
     give = parts.prepared(there, tree)
     give()
     emulator.clock.set_ns(header["t_ns"])
     emulator.now_ns = header["t_ns"]
+    emulator.truth.origin_ns = emulator.clock.origin_ns
 
 
 def _simulation(there: Mapping[str, Any]) -> Any:

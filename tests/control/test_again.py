@@ -115,6 +115,7 @@ def test_a_log_tells_what_was_done(tmp_path):
     [
         "command {",
         "command 3",
+        'command {"verb": "restore", "args": {"file": "x.state"}}',
         'command {"verb": "stats", "args": {}}',
         'command {"verb": "press", "args": {"depth": "x"}}',
     ],

@@ -5,7 +5,8 @@ import struct
 import numpy as np
 import pytest
 
-from tactemu.clock import VirtualClock
+import firmware_protocols as fp
+from tactemu.clock import RealClock, VirtualClock
 from tactemu.emulator import Channel, Emulator
 from tactemu.sampling import SampleClock
 from tactemu.transports.memory import MemoryTransport
@@ -56,3 +57,22 @@ def test_frames_keep_their_order_unless_asked(reorder):
     assert bool((np.diff(numbers) < 0).any()) is reorder
     if not reorder:
         assert np.array_equal(numbers, np.arange(1, 20_001)), "none lost, none twice"
+
+
+@pytest.mark.parametrize("real", [False, True])
+def test_boards_that_sample_together_take_turns_with_those_of_other_buses(real):
+    """In real time, so that each bus has something to carry while the next samples are taken."""
+    channels = []
+    for name in "ab":
+        device = fp.create("icub_skin", part="torso", triangles=14, triangles_per_board=7)
+        channels.append(
+            Channel(
+                name, device, Ramp(), {"": Wire(MemoryTransport(), device.ports[0])}, SampleClock(period_ns=50 * MS)
+            )
+        )
+    emulator = Emulator(None, channels, clock=RealClock() if real else VirtualClock())
+    for channel in channels:
+        channel.begin(0)
+    order = [(channel.name, stream[-1]) for channel, stream in emulator._due(50 * MS)]
+    in_turn, device_by_device = [("a", "1"), ("b", "1"), ("a", "2"), ("b", "2")], [(n, k) for n in "ab" for k in "12"]
+    assert order == (in_turn if real else device_by_device)

@@ -1,8 +1,10 @@
 """The preload library as wheels bring it, built where the wheel is."""
 
+import ctypes
 import os
 import platform
 import re
+import shutil
 import struct
 import subprocess
 import sys
@@ -53,3 +55,15 @@ def test_a_library_is_made_once_and_anew_when_its_sources_change(tmp_path, monke
     assert build.library() == first and first.stat().st_mtime_ns == made
     monkeypatch.setattr(build.platform, "machine", lambda: "another")
     assert build.library() != first
+
+
+def test_it_takes_over_functions_of_libc_and_no_others():
+    """A driver may have a function of any other name."""
+    nm = shutil.which("nm")
+    if nm is None:
+        pytest.skip("needs nm of binutils")
+    listed = subprocess.run([nm, "-D", "--defined-only", build.library()], capture_output=True, text=True, check=True)
+    names = {line.split()[-1] for line in listed.stdout.splitlines()}
+    libc = ctypes.CDLL(None)
+    assert [name for name in names if not hasattr(libc, name)] == []
+    assert {"ioctl", "tcsetattr", "socket", "recvmsg"} <= names

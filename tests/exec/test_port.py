@@ -9,14 +9,17 @@ from tactemu.truth.reading import records
 
 OPENED = """
 import os, serial, sys, time
-port = serial.Serial('/dev/ttyUSB0', 921600, timeout=5, **{setting})
+port = serial.Serial('/dev/ttyUSB0', {baud}, timeout=5, **{setting})
 {then}
 """
 
 
-def python(env, then, **setting):
+def python(env, then, baud=921600, **setting):
     done = env.run(
-        [sys.executable, "-c", OPENED.format(setting=setting, then=then)], capture_output=True, text=True, timeout=30
+        [sys.executable, "-c", OPENED.format(baud=baud, setting=setting, then=then)],
+        capture_output=True,
+        text=True,
+        timeout=30,
     )
     assert done.returncode == 0, done.stderr
     return done.stdout.split()
@@ -66,7 +69,7 @@ def test_dtr_restarts_the_board_each_time(exec_environment):
 )
 def test_a_parity_that_disagrees_garbles(exec_environment, setting, garbled):
     env = exec_environment("flexitac")
-    python(env, "port.baudrate = 2_000_000\nwhile len(port.read(64)) < 64: pass", **setting)
+    python(env, "while len(port.read(64)) < 64: pass", baud=2_000_000, **setting)
     assert bool(env.devices[0].emulator.wires[0].counters["misheard"]) == garbled
 
 

@@ -32,6 +32,9 @@
         real;                                                         \
     })
 
+/* Ours alone: a driver may have functions of the same names. */
+#pragma GCC visibility push(hidden)
+
 /* tty.c: a pseudo terminal of the emulator's answers as a USB serial port. */
 int tty_ioctl(int fd, unsigned long request, void *argument);
 int tty_setattr(int fd, int actions, const struct termios *settings);
@@ -61,5 +64,7 @@ ssize_t can_recvmsg(int fd, struct msghdr *message, int flags);
 int can_recvmmsg(int fd, struct mmsghdr *messages, unsigned count, int flags, struct timespec *timeout);
 ssize_t can_recvfrom(int fd, void *data, size_t size, int flags, struct sockaddr *address, socklen_t *length);
 ssize_t can_failed(int fd);
+
+#pragma GCC visibility pop
 
 #endif

@@ -1,0 +1,211 @@
+"""Pages of the site that are written from the code, and what it brings along: MkDocs calls these functions."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT))
+
+from mkdocs.structure.files import File, Files  # noqa: E402
+
+import firmware_protocols as fp  # noqa: E402
+import tactemu  # noqa: E402
+from tactemu.cli import listing  # noqa: E402
+from tactemu.cli.datasheet import datasheet  # noqa: E402
+from tactemu.scene.file import json_schema  # noqa: E402
+from tactemu.wire.faults import DIRECTIONS, KINDS  # noqa: E402
+
+_ABOUT: dict[str, tuple[str, str]] = {}
+"""Title and first sentence of each page, by its URL."""
+
+
+def on_files(files: Files, config: Any) -> Files:
+    """Add the pages that no file has, the plot library with its licence, and the style."""
+    pages = {
+        "index.md": _index(),
+        "reference/api.md": _api(),
+        "reference/scene-schema.md": _schema(),
+        "reference/faults.md": _faults(),
+        "reference/conventions.md": _conventions(),
+        "devices/index.md": _devices(),
+        **{f"devices/{name}.md": _device(name) for name in fp.DEVICES},
+    }
+    for path, text in pages.items():
+        files.append(File.generated(config, path, content=text))
+    plotly = importlib.metadata.distribution("plotly")
+    licence = next(file for file in plotly.files or () if file.name == "LICENSE.txt")
+    library = plotly.locate_file("plotly/package_data/plotly.min.js")
+    files.append(File.generated(config, "assets/plotly.min.js", content=Path(str(library)).read_bytes()))
+    files.append(File.generated(config, "assets/plotly.LICENSE.txt", content=licence.read_text()))
+    for name in ("shim.js", "LICENSE"):  # iframe-worker 1.0.4
+        text = (Path(__file__).parent / "iframe-worker" / name).read_text()
+        files.append(File.generated(config, f"assets/iframe-worker/{name}", content=text))
+    files.append(File.generated(config, "assets/site.css", content=(Path(__file__).parent / "site.css").read_text()))
+    return files
+
+
+def on_post_page(output: str, page: Any, config: Any) -> str:
+    """What Material fetches for the search of files that no server serves is brought along."""
+    shim = page.url.count("/") * "../" + "assets/iframe-worker/shim.js"
+    return output.replace("https://unpkg.com/iframe-worker/shim", shim)
+
+
+def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
+    """Links out of the pages become names; the place of the chart becomes the chart."""
+    if "/" not in page.file.src_uri:  # those above are in the repository, not on the site
+        markdown = re.sub(r"\[([^\]]+)\]\(\.\./([^)]+)\)", r"`\2`", markdown)
+    if "<!-- chart: trade -->" in markdown:
+        markdown = markdown.replace("<!-- chart: trade -->", _chart())
+    words = re.sub(r"```.*?```|<[^>]+>|[#`*|\[\]]|!\[.*?\)", " ", markdown, flags=re.DOTALL).split()
+    _ABOUT[page.url] = (page.title or page.url, " ".join(words[:30]))
+    return markdown
+
+
+def on_post_build(config: Any) -> None:
+    """``llms.txt``: what there is, for programs that read."""
+    lines = ["# tactemu", "", f"> {config['site_description']}", "", "## Pages", ""]
+    lines += [f"- [{title}]({url}): {about}" for url, (title, about) in _ABOUT.items()]
+    (Path(config["site_dir"]) / "llms.txt").write_text("\n".join(lines) + "\n")
+
+
+def _index() -> str:
+    """The README up to its table of devices, with links as the site has them."""
+    text = (ROOT / "README.md").read_text().split("## Devices")[0]
+    text = text.replace("](docs/", "](").replace("](examples)", "](coming-from.md)")
+    return text + "\nMore: [all devices](devices/index.md), [the tutorial](tutorial.md).\n"
+
+
+def _api() -> str:
+    """Every public name of both packages."""
+    lines = ["# API", "", "Public are the names below, with their documented arguments.", ""]
+    for package in (tactemu, fp):
+        lines += [f"## `{package.__name__}`", ""]
+        for name in package.__all__:
+            found = getattr(package, name)
+            module, qualified = getattr(found, "__module__", None), getattr(found, "__qualname__", None)
+            if module and qualified and module.split(".")[0] in ("tactemu", "firmware_protocols"):
+                lines += [f"::: {module}.{qualified}", "    options:", "      heading_level: 3", ""]
+    return "\n".join(lines)
+
+
+def _cell(text: Any) -> str:
+    return str(text).replace("|", "\\|").replace("\n", " ")
+
+
+def _schema() -> str:
+    """The tables of a scene file, from its JSON schema."""
+    schema = json_schema()
+    lines = ["# Scene schema", "", "`tactemu explain --schema` prints it as JSON, for editors.", ""]
+    for name, table in {"SceneFile": schema, **schema["$defs"]}.items():
+        if "properties" not in table:
+            continue
+        about = (table.get("description") or "").split("\n\n")[0]
+        lines += [f"## {name}", "", about, "", "| key | type | default | meaning |", "| --- | --- | --- | --- |"]
+        for key, given in table["properties"].items():
+            default = "required" if key in table.get("required", ()) else f"`{given.get('default', '')}`"
+            row = (f"`{key}`", _kind(given), default, given.get("description", ""))
+            lines.append(f"| {' | '.join(map(_cell, row))} |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _kind(given: dict[str, Any]) -> str:
+    if "$ref" in given:
+        return given["$ref"].rsplit("/", 1)[1]
+    if "const" in given:
+        return f"`{given['const']!r}`"
+    choices = given.get("anyOf") or given.get("oneOf")
+    return " or ".join(dict.fromkeys(map(_kind, choices))) if choices else given.get("type", "any")
+
+
+def _faults() -> str:
+    lines = ["# Faults", "", "What `--fault` and a skin's `faults` take; [the wire](../wire.md) explains them.", ""]
+    lines += ["| fault | what it does | options | where |", "| --- | --- | --- | --- |"]
+    for name, kind in KINDS.items():
+        row = (f"`{name}`", kind.about, ", ".join(kind.options), ", ".join(kind.wires))
+        lines.append(f"| {' | '.join(map(_cell, row))} |")
+    form = f"KIND [N% | every N] [id=0x201] [prefix=55aa] [{' | '.join(DIRECTIONS)}] [at T [for T] | from T] [to T]"
+    return "\n".join([*lines, "", f"```text\n{form}\n```", ""])
+
+
+def _conventions() -> str:
+    """What each device declares of its signs, side by side."""
+    lines = [
+        "# Signs and frames",
+        "",
+        "In tactemu a taxel's z axis is its normal and points out of the skin; forces are those acting on the skin, so",
+        "that a push has a negative component along z. A vendor's wire has signs of its own: what each device declares",
+        "of its numbers, by [its datasheet](../devices/index.md).",
+        "",
+        "| device | number | axis | unit | counts per unit | at rest | when its taxel is pushed | so +z on this wire |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    way = {1: "rises", -1: "falls", 0: "need not move"}
+    meaning = {1: "into the skin", -1: "out of the skin", 0: "not declared"}
+    for name in sorted(fp.DEVICES):
+        columns = fp.load(name)().columns
+        for column in columns:
+            scale = "not declared" if column.counts_per_unit is None else f"{column.counts_per_unit:g}"
+            plus_z = meaning[column.push] if column.axis == "z" else ""
+            row = (
+                f"[`{name}`](../devices/{name}.md)", column.name, column.axis or "none", column.unit or "not declared",
+                scale, f"{column.rest:g}", way[column.push], plus_z,
+            )  # fmt: skip
+            lines.append(f"| {' | '.join(map(_cell, row))} |")
+        if not columns:
+            lines.append(f"| [`{name}`](../devices/{name}.md) | not declared | | | | | | not declared |")
+    return "\n".join(lines) + "\n"
+
+
+def _devices() -> str:
+    lines = ["# Devices", ""]
+    for heading, found in listing.by_kind([listing.row_or_error(name) for name in sorted(fp.DEVICES)]):
+        lines += [
+            f"## {heading}",
+            "",
+            "| name | sensor | taxels | evidence | read by |",
+            "| --- | --- | --- | --- | --- |",
+        ]
+        for row in found:
+            cells = (f"[`{row['name']}`]({row['name']}.md)", row["title"], row["taxels"], ", ".join(row["evidence"]))
+            lines.append(f"| {' | '.join(map(_cell, (*cells, row['judge'])))} |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _device(name: str) -> str:
+    """The datasheet, and a picture of where the taxels are."""
+    device = fp.load(name)()
+    sheet = "\n".join(line.rstrip() for line in datasheet(name, device))
+    picture = f"## Where its taxels are\n\n{device.layout.picture(400)}\n\n" if len(device.layout) else ""
+    return f"# {device.title}\n\n`tactemu run {name}`\n\n{picture}## Datasheet\n\n````text\n{sheet}\n````\n"
+
+
+def _chart() -> str:
+    """Cost against error of every setting, from the table in accuracy.md."""
+    import plotly.graph_objects as go
+
+    text = (ROOT / "docs" / "accuracy.md").read_text().split("## All figures")[1].split("\n## ")[0]
+    head, _, *rows = [[c.strip() for c in line.strip("|").split("|")] for line in text.splitlines() if line[:1] == "|"]
+    figure = go.Figure()
+    for column in range(4, len(head)):
+        points = [(float(row[1]), float(row[column].split(" %")[0]), row) for row in rows if "%" in row[column]]
+        figure.add_scatter(
+            x=[x for x, _, _ in points], y=[y for _, y, _ in points], mode="markers", name=head[column],
+            text=[f"{row[0]}<br>{head[column]}: {row[column]}" for _, _, row in points],
+            hovertemplate="%{text}<br>%{x:g} µs<extra></extra>", visible=True if column == 4 else "legendonly",
+        )  # fmt: skip
+    axis = {"type": "log", "gridcolor": "rgba(128,128,128,.25)", "zeroline": False}
+    figure.update_layout(
+        xaxis={**axis, "title": "one step of 1024 taxels [µs]"}, yaxis={**axis, "title": "median error [%]"},
+        paper_bgcolor="rgba(0,0,0,0)", plot_bgcolor="rgba(0,0,0,0)", font={"color": "#808890"}, height=460,
+        margin={"l": 60, "r": 10, "t": 60, "b": 60}, legend={"orientation": "h", "y": 1.02, "yanchor": "bottom"},
+    )  # fmt: skip
+    options = {"responsive": True, "displaylogo": False, "displayModeBar": False}
+    body = figure.to_html(full_html=False, include_plotlyjs="assets/plotly.min.js", config=options, div_id="trade")
+    return f'<div class="chart">{body}</div>'

@@ -1,0 +1,52 @@
+"""The pages of the site that are no other test's: their examples run, and what is generated says what the code says."""
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+from tactemu.scene.file import parse
+from tests.cli.command import ROOT
+
+DOCS = ROOT / "docs"
+
+
+def blocks(page, language):
+    return re.findall(rf"```{language}\n(.*?)```", (DOCS / page).read_text(), re.DOTALL)
+
+
+@pytest.mark.parametrize("page", ["tutorial.md", "coming-from.md"])
+def test_the_examples_run(page):
+    for block in blocks(page, "python"):
+        if "MyDriver" not in block:
+            exec(block, {})
+
+
+def test_the_scenes_are_scenes():
+    (block,) = blocks("choosing.md", "toml")
+    skin = parse('[[body]]\nname = "pad"\nshape = "plane"\n' + block).tables.skin[0]
+    from tactemu.scene.building import make_device, sensor_model
+
+    sensor_model(skin, make_device(skin.device, {}))
+
+
+def test_what_is_written_from_the_code():
+    pytest.importorskip("mkdocs", reason="pip install 'tactemu[docs]'")
+    sys.path.insert(0, str(DOCS / "site"))
+    import hooks
+
+    table = hooks._conventions()
+    assert re.search(r"\[`optoforce`\].*\| Fz \| z \|", table), "its z is declared"
+    assert table.count("](../devices/") >= len(hooks.fp.DEVICES)
+    assert "`probe_radius`" not in hooks._schema() and "| `rate_hz` |" in hooks._schema()
+    assert all(f"| `{name}` |" in hooks._faults() for name in hooks.KINDS)
+    api = hooks._api()
+    assert "::: tactemu.physics.probes.kinematic_taxel.KinematicTaxel" in api and "::: tactemu.serving.serve" in api
+    assert "<svg" in hooks._device("anyskin") and hooks._chart().count('"mode":"markers"') == 5
+
+
+def test_what_a_page_brings_along_has_its_licence():
+    for path in (DOCS / "site").rglob("*.js"):
+        assert "Permission is hereby granted" in (path.parent / "LICENSE").read_text(), path
+    assert Path(DOCS / "site" / "site.css").is_file()
