@@ -41,7 +41,7 @@ class Keeper:
 
     def __init__(self, preload: str = ""):
         if not sys.platform.startswith("linux"):
-            raise TactemuError(
+            raise TransportUnavailable(
                 f"a view of the machine needs Linux, this is {sys.platform}; a port of `tactemu run` works"
             )
         self._lock = threading.Lock()

@@ -103,6 +103,19 @@ def test_the_drivers_terminal_is_ours_and_ctrl_c_comes_once():
     assert b"words" in rest and b"INT" not in rest and b"Traceback" not in rest
 
 
+AGAIN = """
+import fcntl, os, termios, time
+port = os.open("/dev/ttyUSB0", os.O_RDWR | os.O_NOCTTY)
+fcntl.ioctl(port, termios.TIOCEXCL)
+os.close(port)
+for _ in range(100):
+    try:
+        os.open("/dev/ttyUSB0", os.O_RDWR | os.O_NOCTTY)
+        break
+    except OSError:
+        time.sleep(0.05)
+print("again")
+"""
 PLAIN = """
 import subprocess, sys
 from tactemu.exec.build import library
@@ -113,12 +126,8 @@ usb = {"vid": 0x0403, "pid": 0x6001, "manufacturer": "", "product": "", "serial"
 keeper = Keeper(str(library()))
 port = UsbPort(Node(keeper.ask, usb, number=None, plug=1))
 port.open()
-exclusive = (
-    "import fcntl, os, termios, time; open = lambda: os.open('/dev/ttyUSB0', os.O_RDWR | os.O_NOCTTY); fd = open();"
-    "fcntl.ioctl(fd, termios.TIOCEXCL); os.close(fd); time.sleep(0.3); open(); print('again')"
-)
 words = ["sh", "-c", "id -u; ./vendor; readlink /dev/serial/by-id/*; grep CapEff /proc/self/status; "
-         f'python3 -c "{exclusive}"; ls /dev/ttyUSB* /run/udev/data/c136:*']
+         "python3 again.py; ls /dev/ttyUSB* /run/udev/data/c136:*"]
 with subprocess.Popen(keeper.enter(words)) as driver:
     while driver.poll() is None:
         port.poll()
@@ -137,6 +146,7 @@ def test_a_plain_user_gets_all_of_it(compiled, tmp_path_factory):
     for folder in (home, *home.parents[:2]):
         folder.chmod(0o755)
     shutil.copy(compiled("vendor"), home / "vendor")
+    (home / "again.py").write_text(AGAIN)
     os.chown(home, 1234, 1234)
     done = subprocess.run(
         [python, "-c", PLAIN], cwd=home, user=1234, group=1234, extra_groups=[], capture_output=True, text=True,
