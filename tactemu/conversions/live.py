@@ -87,7 +87,8 @@ def main() -> int:
     viewer.connect(url)
     begun = select.poll()
     begun.register(content, select.POLLIN)
-    begun.poll()  # a pipe that nobody has opened yet for writing is at its end
+    if not begun.poll(_START_S * 1e3):  # a pipe that nobody has opened yet for writing is at its end
+        return 1
     try:
         for record in packed.read(os.fdopen(content, "rb")):
             if isinstance(record, Header):
