@@ -64,6 +64,8 @@ class Frame:
     """Bytes, if that is fixed."""
     head: bytes
     """Constant bytes that every frame begins with: what :class:`~firmware_protocols.framing.Packets` looks for."""
+    text: str
+    """As it was written."""
 
     def __init__(self, text: str):
         self._compile(text, None, {})
@@ -83,13 +85,13 @@ class Frame:
         if order is not None:
             values = {"taxels": len(order), **values}
         other = Frame.__new__(Frame)
-        other._compile(self._text, order, {**self._bound, **values})
+        other._compile(self.text, order, {**self._bound, **values})
         return other
 
     # A frame is what its text and bindings say; the rest is compiled from them.
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"text": self._text, "wire_order": self._wire_order, "bound": self._bound}
+        return {"text": self.text, "wire_order": self._wire_order, "bound": self._bound}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self._compile(state["text"], state["wire_order"], state["bound"])
@@ -100,7 +102,7 @@ class Frame:
     # -- compiler --------------------------------------------------------------------------------------------------
 
     def _compile(self, text: str, order: np.ndarray | None, bound: Mapping[str, int]) -> None:
-        self._text, self._wire_order, self._bound = text, order, dict(bound)
+        self.text, self._wire_order, self._bound = text, order, dict(bound)
         header, fields = parse(text)
         self.name, self.about, self.id = header
         self._refuse_unknown(fields)

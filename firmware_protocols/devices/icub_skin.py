@@ -31,7 +31,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
@@ -65,8 +65,6 @@ TAIL = Frame("""
     6    u1        out_of_range    pads 11 to 4, a bit each
     7    u1        ending          out of range, pads 3 to 0; four bits of flags
 """)
-HEAD_PADS, TAIL_PADS = HEAD.place("pads"), TAIL.place("pads")
-OUT_OF_RANGE, ENDING = TAIL.place("out_of_range").start, TAIL.place("ending").start
 TRIANGLES = 16
 NO_ACK, NOT_CONNECTED = 1, 2
 COMPENSATED, OF_A_HAND = 0, 1
@@ -83,13 +81,26 @@ RAW_PER_NEWTON, RAW_PER_DEG = 600.0, 20.0
 NO_LOAD, SHIFT = 240, 2
 
 
+class Blank(NamedTuple):
+    """The frames of some triangles before anything is felt."""
+
+    frames: CanFrames
+    data: np.ndarray
+    """Of head and tail, shape ``(n, 2, 8)``."""
+    head_pads: slice
+    tail_pads: slice
+    out_of_range: slice
+    ending: slice
+
+
 @lru_cache(256)
-def _blank(ident: int, enabled: bytes, numbers: bytes) -> tuple[CanFrames, np.ndarray]:
-    """The frames of the triangles that are enabled, and their data, shape ``(n, 2, 8)``, before anything is felt."""
+def _blank(_tables: tuple[str, str], ident: int, enabled: bytes, numbers: bytes) -> Blank:
+    """Of the triangles that are enabled, by the tables of head and tail."""
     which = np.frombuffer(numbers, int)[np.frombuffer(enabled, bool)]
     head, tail = HEAD.pack(pads=[0] * 7), TAIL.pack(pads=[0] * 5, out_of_range=0, ending=0)
     data = np.frombuffer((head + tail) * len(which), np.uint8).reshape(-1, 2, 8)
-    return CanFrames.of(np.repeat(ident | which, 2), data.reshape(-1, 8)), data
+    frames = CanFrames.of(np.repeat(ident | which, 2), data.reshape(-1, 8))
+    return Blank(frames, data, HEAD.place("pads"), *map(TAIL.place, ("pads", "out_of_range", "ending")))
 
 
 @dataclass(eq=False)
@@ -147,15 +158,16 @@ class Board:
     def frames(self) -> CanFrames:
         """Head and tail of every enabled triangle."""
         which, pads = self.enabled, self.pads
-        blank, bare = _blank(self.family << 8 | self.address << 4, which.tobytes(), self.numbers.tobytes())
-        data = bare.copy()
-        data[:, 0, HEAD_PADS] = pads[which, :7]
-        data[:, 1, TAIL_PADS] = pads[which, 7:]
+        ident = self.family << 8 | self.address << 4
+        blank = _blank((HEAD.text, TAIL.text), ident, which.tobytes(), self.numbers.tobytes())
+        data = blank.data.copy()
+        data[:, 0, blank.head_pads] = pads[which, :7]
+        data[:, 1, blank.tail_pads] = pads[which, 7:]
         out = (self.raw <= 0) | (self.raw >= RAW_MAX)
-        mask = out[which] @ _MASK if out.any() else 0
-        data[:, 1, OUT_OF_RANGE] = mask >> 4
-        data[:, 1, ENDING] = (mask & 0xF) << 4 | self.flags[which]
-        return blank.with_data(data.reshape(-1, 8))
+        mask = out[which, None] @ _MASK if out.any() else np.zeros((len(data), 1), int)
+        data[:, 1, blank.out_of_range] = mask >> 4
+        data[:, 1, blank.ending] = (mask & 0xF) << 4 | self.flags[which, None]
+        return blank.frames.with_data(data.reshape(-1, 8))
 
     def obey(self, data: bytes) -> bool:
         """Obey one message; ``False``: it is none that the board knows."""

@@ -33,7 +33,7 @@ def library() -> Path:
     if (SOURCES / BUILT).exists():
         return SOURCES / BUILT
     made = _cache() / f"{_digest()}.so"
-    if not made.exists():
+    if not os.access(made, os.R_OK):
         compile_to(made, compiler())
     return made
 

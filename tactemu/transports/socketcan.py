@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import logging
-import os
 import socket
 import struct
 import time
@@ -26,6 +26,8 @@ _LONGEST_NAME = 15
 _SIZE, _FD_SIZE = CAN_FRAME.itemsize, 72
 _CAN_FRAME, _CANFD_FRAME = struct.Struct("=IB3x8s"), struct.Struct("=IBB2x64s")
 _FILTER = struct.Struct("=II")
+_SIOCGIFFLAGS, _IFF_UP = 0x8913, 1
+"""Of ``linux/sockios.h`` and ``net/if.h``."""
 _EXTENDED, _REMOTE, _ERROR = 1 << 31, 1 << 30, 1 << 29
 _SWITCHED = 1
 """Of the flags of a CAN-FD frame: its data went at the data rate."""
@@ -181,7 +183,7 @@ class SocketCanTransport(Transport):
 
     def _fix(self) -> str:
         name = self.channel
-        if os.path.exists(f"/sys/class/net/{name}"):
+        if _index_of(name):
             return f"bring it up: sudo ip link set {name} up"
         if len(name.encode()) > _LONGEST_NAME:
             return f"the kernel knows no interface whose name is longer than {_LONGEST_NAME} bytes; shorten it"
@@ -213,12 +215,13 @@ def joined(name: str, filters: Sequence[CanFilter] = ()) -> socket.socket:
 
 
 def is_down(name: str) -> bool:
-    """Whether there is such a network interface, and it is down. (A virtual one that is up says ``unknown``.)"""
-    try:
-        with open(f"/sys/class/net/{name}/operstate", encoding="ascii") as state:
-            return state.read().strip() == "down"
-    except OSError:
-        return False
+    """Whether there is such a network interface, and nobody has brought it up."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as any_socket:
+        try:
+            flags = fcntl.ioctl(any_socket, _SIOCGIFFLAGS, struct.pack("16sH22x", name.encode()[:15], 0))
+        except OSError:
+            return False
+    return not struct.unpack_from("H", flags, 16)[0] & _IFF_UP
 
 
 def _index_of(name: str) -> int:

@@ -56,7 +56,7 @@ def test_plain_lines_where_there_is_no_terminal(port):
     first, *reports, last = [line for line in done.stdout.splitlines() if "not taken in time" not in line]
     assert first == f"anyskin ready on {port} at 100 Hz"
     assert len(reports) == 1
-    assert re.match(r"summary anyskin: 1\d\d samples at \d+\.\d Hz, late p50/p99/max \d+/\d+/\d+ us", last)
+    assert re.match(r"summary anyskin: \d+ samples at \d+\.\d Hz, late p50/p99/max \d+/\d+/\d+ us", last)
     assert done.stderr == ""
 
 
