@@ -21,6 +21,7 @@ ELF_MACHINES = {"x86_64": 62, "aarch64": 183}
 
 
 @pytest.mark.index
+@pytest.mark.nightly
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("machine", ELF_MACHINES)
 def test_a_wheel_for_a_machine_has_the_library(machine, tmp_path, monkeypatch, exec_environment, compiled):

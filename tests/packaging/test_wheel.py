@@ -164,6 +164,7 @@ def test_from_the_wheel_a_device_runs_and_is_judged(installed, tmp_path):
     assert needed == {re.match(r"[\w-]+", line)[0].lower() for line in PROJECT["dependencies"]}
 
 
+@pytest.mark.nightly
 def test_from_the_wheel_the_examples_run_in_the_plugin_side_by_side(installed, tmp_path):
     copied = run(installed / "tactemu", "examples", tmp_path / "tactile", cwd=tmp_path)
     assert copied.returncode == 0, copied.stderr
@@ -174,6 +175,7 @@ def test_from_the_wheel_the_examples_run_in_the_plugin_side_by_side(installed, t
     assert explained.returncode == 0, explained.stderr
 
 
+@pytest.mark.nightly
 def test_uvx_runs_the_wheel(wheel, tmp_path):
     command = ("tactemu", "run", "anyskin", "--seconds", "0.3")
     done = uv("tool", "run", "--python", sys.executable, "--from", wheel, *command, cwd=tmp_path)
