@@ -32,7 +32,7 @@ class Untouched:
     """What a recording without touch has, by axis."""
 
     condition: str
-    """``still``: fingers at rest and two skins; ``moving``: four, of which two move; ``else``: it is not judged."""
+    """``still``: two skins at rest; ``moving``: four, of which two move; ``else``: two that move, not judged."""
     white: np.ndarray
     """Std of the difference / √2 [µT], x, y and z."""
     std: np.ndarray
@@ -45,14 +45,12 @@ class Untouched:
 
 def read(folder: Path) -> Recordings:
     """Recordings without touch."""
-    return {path.stem: untouched(np.load(path), path.stem) for path in sorted(folder.glob("*.npz"))}
+    return {path.stem: untouched(np.load(path)) for path in sorted(folder.glob("*.npz"))}
 
 
-def untouched(archive: Any, name: str) -> Untouched:
+def untouched(archive: Any) -> Untouched:
     """Noise of a recording."""
     field = archive["b_minus_baseline"].astype(float)
-    still = "skin" in name
-    moves = "nocontact" in name and not still
     x = field - field.mean(axis=0)
 
     def after(k: int) -> float:
@@ -60,7 +58,8 @@ def untouched(archive: Any, name: str) -> Untouched:
 
     white = (np.diff(field, axis=0).std(axis=0) / np.sqrt(2)).reshape(-1, 3).mean(axis=0)
     std = x.std(axis=0).reshape(-1, 3).mean(axis=0)
-    return Untouched("still" if still else "moving" if moves else "else", white, std, after(1), after(20))
+    condition = "moving" if field.shape[1] > 30 else "still" if after(1) < 0.6 else "else"
+    return Untouched(condition, white, std, after(1), after(20))
 
 
 def fit(recordings: Recordings) -> dict[str, Any]:

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from tactemu.fit.sets.aims import Aim, Fold, Recordings
+from tactemu.fit.solver import least_squares
 from tactemu.transducers.laws import sliding_noise
 
 AIMS = (

@@ -13,13 +13,14 @@ had seen before, and ``A``; the loading curves, gaps and baselines of the others
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from tactemu.fit.sets.aims import Aim, Fold, Recordings, each_left_out, stem, table_of
+from tactemu.fit.solver import least_squares
 from tactemu.transducers.laws import conditioning, curve
 
 DEPTHS = np.array([0.0, 0.5, 1.0, 2.0, 3.5, 5.5, 7.5, 9.0, 10.5, 12.0])
@@ -60,7 +61,7 @@ def presses(table: dict[str, np.ndarray], condition: str) -> Presses:
     t, z = table["t_state_s"], table["z_mm"]
     field = np.stack([table[f"b{chip}{axis}"] for chip in range(5) for axis in "xyz"], axis=1)
     lowest = _turns(t, z)
-    tops = [0, *(a + int(np.argmax(z[a:b])) for a, b in zip(lowest[:-1], lowest[1:])), len(z) - 1]
+    tops = [0, *(a + int(np.argmax(z[a:b])) for a, b in pairwise(lowest)), len(z) - 1]
     change = np.linalg.norm(field - field[:5].mean(axis=0), axis=1)
     weighed = table["mass_g"] >= 0
     loading, gaps = [], []
@@ -111,9 +112,7 @@ def gap(parameters: dict[str, Any], presses_before: np.ndarray) -> np.ndarray:
 def fit(recordings: Recordings) -> dict[str, Any]:
     """Parameters of each condition, by its name."""
     conditions = dict.fromkeys(each.condition for each in recordings.values())
-    return {
-        name: _fit([each for each in recordings.values() if each.condition == name]) for name in conditions
-    }
+    return {name: _fit([each for each in recordings.values() if each.condition == name]) for name in conditions}
 
 
 def _fit(several: list[Presses]) -> dict[str, Any]:

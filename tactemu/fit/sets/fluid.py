@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from tactemu.fit.sets.aims import Aim, Fold, Recordings
+from tactemu.fit.solver import least_squares
 
 RATE_HZ = 100.0
 LEAST_N = 1.0
@@ -51,7 +51,9 @@ def read(folder: Path) -> Recordings:
         k = len(each.lag_s) // 2
         if k >= 20:
             for half, part in ((1, slice(None, k)), (2, slice(k, None))):
-                found[f"{path.stem}, half {half}"] = Pokes(each.medium, each.load_n[part], each.relaxation[part], each.lag_s[part], half)
+                found[f"{path.stem}, half {half}"] = Pokes(
+                    each.medium, each.load_n[part], each.relaxation[part], each.lag_s[part], half
+                )
     return found
 
 

@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from tactemu.fit.sets.aims import Aim, Fold, Recordings, each_left_out
+from tactemu.fit.solver import least_squares
 from tactemu.transducers.laws import divider, falling_with_load
 
 MATRIX = 1
@@ -130,7 +130,7 @@ def fit(recordings: Recordings) -> dict[str, Any]:
     }
     series = [each for each in recordings.values() if isinstance(each, GainSeries)]
     if series:
-        result["register_slope"], result["register_offset"] = map(float, np.polyfit(*_shares(series[0]), 1))
+        result["register_slope"], result["register_offset"] = _line(*_shares(series[0]))
     return result
 
 
@@ -159,6 +159,11 @@ def _rows(recordings: Recordings) -> dict[str, np.ndarray]:
     }
 
 
+def _line(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    slope, offset = np.polyfit(x, y, 1)
+    return float(slope), float(offset)
+
+
 def _shares(series: GainSeries) -> tuple[np.ndarray, np.ndarray]:
     return series.register, series.sums / series.sums.max()
 
@@ -180,10 +185,10 @@ def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings
     for each in recordings.values():
         if isinstance(each, GainSeries):
             register, share = _shares(each)
-            found["register"] = 100 * np.array(
-                [np.polyval(np.polyfit(*np.delete([register, share], k, axis=1), 1), register[k]) - share[k]
-                 for k in range(len(register))]
-            )  # fmt: skip
+            found["register"] = np.zeros(len(register))
+            for k in range(len(register)):
+                slope, offset = _line(np.delete(register, k), np.delete(share, k))
+                found["register"][k] = 100 * (offset + slope * register[k] - share[k])
     return found
 
 
