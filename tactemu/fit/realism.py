@@ -204,11 +204,11 @@ sets.load("weiss_sdh2").predicted_sum(parameters, mass_g=450, temperature_c=35)
 
 
 def _page(lines: Sequence[Line], fitted: dict[str, Any]) -> str:
-    rows = [
-        f"| {line.set} | {line.law} | {line.most:g} {line.unit} | {line.error:.3g}{' (worst)' if line.by == 'worst' else ''}"
-        f" | {line.worst:.3g} | {line.count} | {'reached' if line.reached else '**not reached**'} |"
-        for line in lines
-    ]
+    rows = []
+    for line in lines:
+        by, verdict = " (worst)" if line.by == "worst" else "", "reached" if line.reached else "**not reached**"
+        figures = f"{line.most:g} {line.unit} | {line.error:.3g}{by} | {line.worst:.3g} | {line.count}"
+        rows.append(f"| {line.set} | {line.law} | {figures} | {verdict} |")
     found = [f"**{name}**\n\n```json\n{json.dumps(values, indent=1)}\n```\n" for name, values in _short(fitted).items()]
     return _HEAD + "\n".join(rows) + "\n" + _TAIL + "\n".join(found)
 

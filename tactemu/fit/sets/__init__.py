@@ -1,8 +1,8 @@
 """Sets of real recordings, one file each: how they are read, which law their sensor follows, how well it predicts.
 
 A module has ``AIMS``, ``read(folder)``, ``fit(recordings)``, ``errors(parameters, recordings)`` and
-``folds(recordings)``: :mod:`tactemu.fit.realism` does the rest. Errors are of predictions, in the unit of the aim; what a
-law may look at of a recording that it predicts stands in its docstring.
+``folds(recordings)``: :mod:`tactemu.fit.realism` does the rest. Errors are of predictions, in the unit of the aim;
+what a law may look at of a recording that it predicts stands in its docstring.
 """
 
 from __future__ import annotations
