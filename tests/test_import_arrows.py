@@ -31,7 +31,8 @@ ARROWS = {
     "scene": LEAVES,
     "transports": (*LEAVES, "frame_text"),
     "imperfections": (*LEAVES, "plan"),
-    "physics": (*LEAVES, "plan", "imperfections", "scene"),
+    "transducers": (*LEAVES, "plan"),
+    "physics": (*LEAVES, "plan", "imperfections", "scene", "transducers"),
     "units": (),
     "wire": (*LEAVES, "frame_text", "truth", "transports", "units"),
     "agenda": (),
@@ -48,7 +49,6 @@ ARROWS = {
         *LEAVES, "channel", "clock", "emulator", "physics", "plugging", "recordings", "sampling", "scenario", "scene",
         "sensing", "sources", "transports", "truth", "wire",
     ),
-    "transducers": (*LEAVES, "plan"),
     "fit": (*LEAVES, "transducers"),
     "tune": (*LEAVES, "assembly", "channel", "clock", "emulator", "physics", "plan", "scene"),
     "control": (
@@ -78,8 +78,8 @@ ARROWS = {
 
 FACADES = {
     # scene is data and physics computes with it; only these look up
-    "scene/scene.py": ("physics", "plan"),  # build(): from the data to what computes
-    "scene/building.py": ("physics",),  # the models and the shapes by their names
+    "scene/scene.py": ("physics", "plan", "transducers"),  # build(): from the data to what computes
+    "scene/building.py": ("physics", "transducers"),  # models, shapes and transducers by their names
     "scene/file.py": ("physics",),  # the table of the models' names
     "scene/bodies.py": ("physics",),  # what a shape is
     "scene/schema.py": ("physics",),  # the keys of each shape
