@@ -49,7 +49,7 @@ ARROWS = {
         *LEAVES, "channel", "clock", "emulator", "physics", "plugging", "recordings", "sampling", "scenario", "scene",
         "sensing", "sources", "transports", "truth", "wire",
     ),
-    "fit": (*LEAVES, "transducers"),
+    "fit": (*LEAVES, "physics", "scene", "transducers", "truth"),
     "tune": (*LEAVES, "assembly", "channel", "clock", "emulator", "physics", "plan", "scene"),
     "control": (
         *LEAVES, "assembly", "calls", "channel", "clock", "emulator", "recordings", "saving", "scenario", "scene",
