@@ -96,7 +96,8 @@ class AnySkin(Device):
             Option("of the force along x, y and z of a chip, z out of the skin", unit="uT/N"),
         ] = GAIN_UT_PER_N,
         sees: Annotated[
-            Literal["force", "field"], Option("force through `gains`, or the field that a transducer of the scene makes")
+            Literal["force", "field"],
+            Option("force through `gains`, or the field that a transducer of the scene makes"),
         ] = "force",
         step_scale: Annotated[
             Literal[1, 2, 4, 8, 16], Option("gain and resolution registers: steps of 0.150/0.242 uT ... 2.4/3.872 uT")

@@ -89,7 +89,8 @@ class EfleshBinary(Device):
             Option("of the force along x, y and z of a sensor, z out of the skin", unit="uT/N"),
         ] = (500.0, 500.0, -1000.0),
         sees: Annotated[
-            Literal["force", "field"], Option("force through `gains`, or the field that a transducer of the scene makes")
+            Literal["force", "field"],
+            Option("force through `gains`, or the field that a transducer of the scene makes"),
         ] = "force",
     ):
         self.senses = (sees,)

@@ -565,17 +565,17 @@ def fit_recordings(
     device: Annotated[str, typer.Option("--device", metavar="DEVICE", help="What was recorded; `tactemu devices`.")],
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Scene file to write.")],
     columns: Annotated[
-        str | None, typer.Option(metavar="ROLE=COLUMNS,...", help="t=t_s,z=z_mm,field=b0x:b4z; default: by their names.")
+        str | None,
+        typer.Option(metavar="ROLE=COLUMNS,...", help="t=t_s,z=z_mm,field=b0x:b4z; default: by their names."),
     ] = None,
     unit: Annotated[
-        list[str] | None, typer.Option("--unit", metavar="ROLE=UNIT,...", help="z=mm,field=uT; default: SI; repeatable.")
+        list[str] | None,
+        typer.Option("--unit", metavar="ROLE=UNIT,...", help="z=mm,field=uT; default: SI; repeatable."),
     ] = None,
     rate: Annotated[
         float | None, typer.Option(metavar="HZ", min=0.001, max=1e6, help="Of the rows, where they have no times.")
     ] = None,
-    report: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Report (HTML); default: beside --out.")
-    ] = None,
+    report: Annotated[Path | None, typer.Option(metavar="FILE", help="Report (HTML); default: beside --out.")] = None,
 ) -> None:
     """Find a sensor's parameters in recordings of it, and write a scene file of it.
 

@@ -53,22 +53,30 @@ def check_units(recorded: Recorded) -> None:
     Raises:
         TactemuError: it is one.
     """
-    limits = {"field": (1e-9, 0.5, "--unit field=uT"), "pressure": (1e-3, 1e8, "--unit pressure=kPa"),
-              "capacitance": (1e-18, 1e-6, "--unit capacitance=pF"), "resistance": (1e-3, 1e12, "--unit resistance=kOhm")}  # fmt: skip
+    limits = {
+        "field": (1e-9, 0.5, "--unit field=uT"),
+        "pressure": (1e-3, 1e8, "--unit pressure=kPa"),
+        "capacitance": (1e-18, 1e-6, "--unit capacitance=pF"),
+        "resistance": (1e-3, 1e12, "--unit resistance=kOhm"),
+    }
     size = float(np.percentile(np.abs(recorded.readings), 99))
     if recorded.kind in limits:
         low, high, hint = limits[recorded.kind]
         if not low <= size <= high:
             raise TactemuError(
-                f"{recorded.path}: {recorded.kind} of {size:.3g} SI in {recorded.unit}: no sensor reads that; is the unit "
-                f"right? ({hint})"
+                f"{recorded.path}: {recorded.kind} of {size:.3g} SI in {recorded.unit}: no sensor reads that; is the "
+                f"unit right? ({hint})"
             )
     load = recorded.load
     if load is not None and load.max() > 2000:
-        raise TactemuError(f"{recorded.path}: presses of {load.max():.4g} N; is the unit right? (--unit mass=g, force=mN)")
+        raise TactemuError(
+            f"{recorded.path}: presses of {load.max():.4g} N; is the unit right? (--unit mass=g, force=mN)"
+        )
     depth = recorded.truth.get("depth")
     if depth is not None and np.ptp(depth) > 0.1:
-        raise TactemuError(f"{recorded.path}: presses of {np.ptp(depth):.3g} m depth; is the unit right? (--unit depth=mm)")
+        raise TactemuError(
+            f"{recorded.path}: presses of {np.ptp(depth):.3g} m depth; is the unit right? (--unit depth=mm)"
+        )
 
 
 def fit(recordings: Sequence[Recorded], progress: Callable | None = None) -> tuple[Findings, list[Score]]:
@@ -188,8 +196,7 @@ def run_fit(
         for line in lines:
             say(f"  {title}: {line}")
     for score in scored:
-        say(
-            f"  {score.name} predicted: rms {score.ours:.3g} N; a linear map {score.linear:.3g} N, repeating {score.repeated:.3g} N"
-        )
+        others = f"a linear map {score.linear:.3g} N, repeating {score.repeated:.3g} N"
+        say(f"  {score.name} predicted: rms {score.ours:.3g} N; {others}")
     say(f"{out}" + (f", {report}" if report else ""))
     return found

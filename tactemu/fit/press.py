@@ -70,7 +70,9 @@ def find_presses(recorded: Recorded, found: Findings) -> np.ndarray:
     none = np.full(recorded.readings.shape[1], np.nan)
     load = recorded.load
     if load is None:
-        found.unknown.append("gains, curve, loop, creep: they need the force: record presses with a scale or a load cell")
+        found.unknown.append(
+            "gains, curve, loop, creep: they need the force: record presses with a scale or a load cell"
+        )
         return none
     if recorded.t is None:
         found.unknown.append("loop and creep: they need times; give --rate")

@@ -1,9 +1,10 @@
 """A recording of a real sensor as columns: from CSV, NPZ, Parquet, or a truth log of ours.
 
-Columns are given roles: ``t=t_sensor_s,z=z_mm,field=b0x:b4z``. A role is ``t``, ``z`` (place of a probe along the push),
-``depth``, ``force`` (that presses), ``mass`` (likewise), ``temperature``, ``untouched`` (not 0: nothing touches it), or
-what the sensor reads: ``field``, ``counts``, ``pressure``, ``resistance``, ``capacitance`` or ``reading``. ``a:b`` is all
-columns from a to b; several stand with ``+``. An array of an NPZ file with several columns is one range: its name.
+Columns are given roles: ``t=t_sensor_s,z=z_mm,field=b0x:b4z``. A role is ``t``, ``z`` (place of a probe along the
+push), ``depth``, ``force`` (that presses), ``mass`` (likewise), ``temperature``, ``untouched`` (not 0: nothing touches
+it), or what the sensor reads: ``field``, ``counts``, ``pressure``, ``resistance``, ``capacitance`` or ``reading``.
+``a:b`` is all columns from a to b; several stand with ``+``. An array of an NPZ file with
+several columns is one range: its name.
 """
 
 from __future__ import annotations
@@ -22,14 +23,15 @@ READINGS = ("field", "counts", "pressure", "resistance", "capacitance", "reading
 TRUTHS = ("t", "z", "depth", "force", "mass", "temperature", "untouched")
 UNITS = {
     "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "m": 1.0, "mm": 1e-3, "um": 1e-6, "N": 1.0, "mN": 1e-3, "kg": 1.0,
-    "g": 1e-3, "degC": 1.0, "T": 1.0, "mT": 1e-3, "uT": 1e-6, "G": 1e-4, "mG": 1e-7, "Pa": 1.0, "kPa": 1e3, "F": 1.0, "pF": 1e-12,
-    "fF": 1e-15, "Ohm": 1.0, "kOhm": 1e3, "counts": 1.0, "1": 1.0,
+    "g": 1e-3, "degC": 1.0, "T": 1.0, "mT": 1e-3, "uT": 1e-6, "G": 1e-4, "mG": 1e-7, "Pa": 1.0, "kPa": 1e3, "F": 1.0,
+    "pF": 1e-12, "fF": 1e-15, "Ohm": 1.0, "kOhm": 1e3, "counts": 1.0, "1": 1.0,
 }  # fmt: skip
 """What one of each is in SI."""
 KIND_OF = {
     "t": ("s", "ms", "us", "ns"), "z": ("m", "mm", "um"), "depth": ("m", "mm", "um"), "force": ("N", "mN"),
     "mass": ("kg", "g"), "temperature": ("degC",), "untouched": ("1",), "field": ("T", "mT", "uT", "G", "mG"),
-    "pressure": ("Pa", "kPa"), "capacitance": ("F", "pF", "fF"), "resistance": ("Ohm", "kOhm"), "counts": ("counts", "1"),
+    "pressure": ("Pa", "kPa"), "capacitance": ("F", "pF", "fF"), "resistance": ("Ohm", "kOhm"),
+    "counts": ("counts", "1"),
     "reading": tuple(UNITS),
 }  # fmt: skip
 LARGEST_BYTES = 1 << 31
@@ -127,7 +129,9 @@ def _cleaned(made: Recorded) -> Recorded:
     if (lost := int((~keep).sum())) and not notes:
         notes.append(f"{lost} rows have a number that is none: left out")
     if keep.sum() < 20:
-        raise TactemuError(f"{made.path}: {int(keep.sum())} rows with numbers in all columns; nothing can be told of them")
+        raise TactemuError(
+            f"{made.path}: {int(keep.sum())} rows with numbers in all columns; nothing can be told of them"
+        )
     t = None if made.t is None else made.t[keep] - made.t[keep][0]
     if t is not None:
         step = float(np.median(np.diff(t)))
@@ -183,7 +187,8 @@ def _guessed(table: dict[str, np.ndarray], path: Path) -> dict[str, str]:
     named = {role: role for role in (*READINGS, *TRUTHS) if any(name.split(".")[0] == role for name in table)}
     if not any(role in READINGS for role in named):
         raise TactemuError(
-            f"{path}: which columns does the sensor read? --columns field=b0x:b4z (columns: {', '.join(list(table)[:40])})"
+            f"{path}: which columns does the sensor read? --columns field=b0x:b4z "
+            f"(columns: {', '.join(list(table)[:40])})"
         )
     return named
 

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
 POINTS = 1500
 """Of a curve in a picture."""
-STYLE = """body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;color:#1b1b1b;background:#fff}
+STYLE = """body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;
+color:#1b1b1b;background:#fff}
 table{border-collapse:collapse}td,th{text-align:left;padding:.2rem 1rem .2rem 0;border-bottom:1px solid #ddd}
 svg{width:100%;height:auto}code{overflow-wrap:anywhere}"""
 
@@ -25,11 +26,13 @@ def page(device: str, recorded: Sequence[Recorded], found: Findings, scores: Seq
     """The whole page."""
     rows = "".join(
         f"<tr><td>{escape(e.name)}</td><td>{e.value:.5g} {escape(e.unit)}</td>"
-        f"<td>{'exact' if not e.error else f'{e.interval[0]:.4g} … {e.interval[1]:.4g}'}</td><td>{escape(e.about)}</td></tr>"
+        f"<td>{'exact' if not e.error else f'{e.interval[0]:.4g} … {e.interval[1]:.4g}'}</td>"
+        f"<td>{escape(e.about)}</td></tr>"
         for e in found.estimates.values()
     )
     files = "".join(
-        f"<li>{escape(r.path.name)}: {len(r.readings)} rows of {len(r.names)} channels, SHA-256 <code>{r.sha256}</code></li>"
+        f"<li>{escape(r.path.name)}: {len(r.readings)} rows of {len(r.names)} channels, "
+        f"SHA-256 <code>{r.sha256}</code></li>"
         for r in recorded
     )
     parts = [

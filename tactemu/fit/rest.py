@@ -1,4 +1,4 @@
-"""What a sensor does while nothing touches it: noise and its slow part, resolution, rate, stuck taxels, drift, warmth."""
+"""What a sensor does while nothing touches it: noise, its slow part, resolution, rate, stuck taxels, drift, warmth."""
 
 from __future__ import annotations
 
@@ -62,7 +62,9 @@ def find_clock(recorded: Recorded, found: Findings) -> None:
     if same.mean() > 0.02:
         share = float(same.mean())
         found.add("repeated", share, np.sqrt(share * (1 - share) / len(same)), "", "share of rows like the one before")
-        found.notes.append("rows repeat: the register is refreshed more slowly than it is read, or noise is below a step")
+        found.notes.append(
+            "rows repeat: the register is refreshed more slowly than it is read, or noise is below a step"
+        )
 
 
 def find_stuck(recorded: Recorded, found: Findings) -> None:
@@ -87,9 +89,7 @@ def step_of(values: np.ndarray) -> float:
     return float(np.ptp(levels) / np.rint(np.ptp(levels) / step))
 
 
-def find_noise(
-    x: np.ndarray, rest: np.ndarray, pairs: np.ndarray, recorded: Recorded, found: Findings
-) -> None:
+def find_noise(x: np.ndarray, rest: np.ndarray, pairs: np.ndarray, recorded: Recorded, found: Findings) -> None:
     """White noise and its slow part, mean over the channels, by axis where there are three; and the resolution."""
     unit = "" if recorded.kind == "counts" else _si(recorded.kind)
     alive = (np.diff(x, axis=0) != 0).any(axis=0)
@@ -137,7 +137,9 @@ def find_drift(recorded: Recorded, rest: np.ndarray, found: Findings) -> None:
         found.add("offset per K", law[1], np.sqrt(covariance[1, 1]), f"{unit}/K", "mean over the channels")
         return
     if warm is None:
-        found.unknown.append("temperature terms: record a rest while it warms by ten degrees, with a thermometer's column")
+        found.unknown.append(
+            "temperature terms: record a rest while it warms by ten degrees, with a thermometer's column"
+        )
     else:
         found.unknown.append(f"temperature terms: it warmed by {np.ptp(warm[rest]):.1f} K only; ten tell them")
     if recorded.t is not None and np.ptp(recorded.t[rest]) > 60:

@@ -40,7 +40,9 @@ def scene_text(name: str, device: type[Device], recorded: Sequence[Recorded], fo
 def _head(recorded: Sequence[Recorded], found: Findings) -> list[str]:
     lines = ["# Fitted by `tactemu fit`. In brackets: 95 % intervals."]
     lines += [f"# recording: {each.path.name}, SHA-256 {each.sha256}" for each in recorded]
-    lines += [f"#   {estimate}{'; ' + estimate.about if estimate.about else ''}" for estimate in found.estimates.values()]
+    lines += [
+        f"#   {estimate}{'; ' + estimate.about if estimate.about else ''}" for estimate in found.estimates.values()
+    ]
     lines += [f"# not told: {each}" for each in found.unknown]
     return [*lines, ""]
 
@@ -66,9 +68,7 @@ def transducers_of(device: type[Device], recorded: Recorded, found: Findings) ->
         n, at_one = found.value("exponent"), found.value("resistance at 1 N")
         rated = float(load.max())
         half = (at_one / 1e4) ** (1.0 / n) / area  # where it equals a divider of 10 kOhm
-        tables.append(
-            {"kind": "piezoresistive", "exponent": _short(n), "half": _short(half), "rated_n": _short(rated)}
-        )
+        tables.append({"kind": "piezoresistive", "exponent": _short(n), "half": _short(half), "rated_n": _short(rated)})
     if "capacitance per N" in found.estimates:
         modulus = found.value("capacitance at rest") / max(found.value("capacitance per N"), 1e-30) / area
         band = max(found.value("dead band"), 0.0) / area

@@ -40,7 +40,6 @@ from tactemu.plan.clearing import clear_rows
 from tactemu.plan.plan import Context, Stage, record
 from tactemu.random_streams import stream_key
 
-
 Transduce = Callable[[wp.array], tuple[wp.array, list[Stage], ReadingInfo]]
 """From what a model gives to what the electronics sees, and what that is."""
 

@@ -29,9 +29,9 @@ from tactemu.transducers.chain import Chain
 from tactemu.transducers.registry import make
 
 if TYPE_CHECKING:
-    from tactemu.transducers.transducer import Transducer
     from tactemu.physics.sensor_model import SensorModel
     from tactemu.scene.scene import Scene
+    from tactemu.transducers.transducer import Transducer
 
 
 def make_devices(loaded: LoadedScene) -> dict[str, Device]:

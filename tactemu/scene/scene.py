@@ -14,12 +14,12 @@ from tactemu.physics.shapes.shape import Shape
 from tactemu.scene.bodies import Body, Moved, find
 
 if TYPE_CHECKING:
-    from tactemu.transducers.transducer import Transducer
     from tactemu.physics.sensor import Sensor
     from tactemu.physics.sensor_model import SensorModel
     from tactemu.physics.simulation import Simulation
     from tactemu.plan.plan import Dtype
     from tactemu.scene.motion import Motion
+    from tactemu.transducers.transducer import Transducer
 
 
 class Scene:

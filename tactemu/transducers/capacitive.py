@@ -7,7 +7,8 @@ With the pressure ``p`` on a taxel of area ``A``, a gap ``g0`` and a spacer of m
     reading: C − (baseline − C0)                     where the firmware follows a baseline, with a time constant
 
 Below the dead band the gap does not move. A baseline that is followed takes drift away, and forgets a press that lasts.
-``rated_n`` makes the reading a push along the normal: this force where the gap is half closed (C − C0 doubles ε0 εr A/g0).
+``rated_n`` makes the reading a push along the normal: this force where the gap is half closed,
+where ε0 εr A/g has doubled.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -31,6 +32,7 @@ EPSILON_0 = 8.8541878128e-12
 
 @functools.cache
 def gap_kernel(real, vector: bool, push: bool, follows: bool):
+    """Capacitances, or pushes of which they are the measure."""
     vec3 = wp.types.vector(3, real)
     load = load_function(real, vector)
 

@@ -26,6 +26,7 @@ from tactemu.transducers.transducer import PRESSURE, Kind, Place, Transducer
 
 @functools.cache
 def medium_kernel(real, vector: bool, shared: bool):
+    """A load, late."""
     vec3 = wp.types.vector(3, real)
     load = load_function(real, vector)
 
@@ -71,7 +72,9 @@ class Fluid(Transducer):
 
     takes = TAKES
     valid = "Slower than sound in the medium. The time constant is the medium's own: no other medium tells it."
-    source = "A Newtonian flow through a narrow channel into a compliant chamber. docs/realism.md has what was measured."
+    source = (
+        "A Newtonian flow through a narrow channel into a compliant chamber. docs/realism.md has what was measured."
+    )
 
     def check(self, where: str) -> None:
         number(where, "tau", self.tau, above=0, unit="s")

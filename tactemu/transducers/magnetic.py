@@ -1,4 +1,4 @@
-"""Magnetic: dipoles that move with the skin, and the field that they make at every chip (AnySkin, ReSkin, eFlesh, uSkin).
+"""Magnetic: dipoles that move with the skin, and their field at every chip (AnySkin, ReSkin, eFlesh, uSkin).
 
 With ``x_j`` where magnet j is, ``m_j`` its moment, ``u_i`` the displacement of the skin at taxel i::
 
@@ -6,9 +6,9 @@ With ``x_j`` where magnet j is, ``m_j`` its moment, ``u_i`` the displacement of 
     x_j = x_j⁰ + Σ_i w_ij u_i                w_ij ∝ exp(−|x_j⁰ − x_i|²/2s²) in the plane of the skin, Σ_i w_ij = 1
     B_k = µ0/4π Σ_j (3 (m_j·r) r/|r|⁵ − m_j/|r|³) + R⁻¹ B_earth + neighbours,   r = chip_k − x_j
 
-A chip stands ``chip_depth`` below each taxel. All chips see all magnets: crosstalk follows. Magnets far from every taxel
-do not move with the skin. Neighbours are dipoles fixed to other bodies, which move with those; the earth's field turns as
-the link does.
+A chip stands ``chip_depth`` below each taxel. All chips see all magnets: crosstalk follows. Magnets far from every
+taxel do not move with the skin. Neighbours are dipoles fixed to other bodies, which move with those; the earth's field
+turns as the link does.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -32,6 +32,7 @@ NEAREST = 8
 
 @functools.cache
 def move_kernel(real):
+    """Where the magnets are."""
     vec3 = wp.types.vector(3, real)
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -57,6 +58,7 @@ def move_kernel(real):
 
 @functools.cache
 def field_kernel(real, earth: bool, neighbours: bool):
+    """The field at the chips."""
     vec3 = wp.types.vector(3, real)
     transform = wp.types.transformation(real)
 
@@ -127,8 +129,8 @@ class Magnetic(Transducer):
 
     takes = ("displacement", "force")
     valid = (
-        "Chips that are farther from a magnet than its own size. Magnets keep their direction as the skin tilts, and the "
-        "skin between taxels follows them by a Gaussian."
+        "Chips that are farther from a magnet than its own size. Magnets keep their direction as the skin tilts, and "
+        "the skin between taxels follows them by a Gaussian."
     )
     source = "Field of a point dipole. Skins: AnySkin (arXiv:2409.08276), eFlesh (arXiv:2506.09994)."
 

@@ -5,11 +5,11 @@ With the load ``v``, its peak since the skin was last free ``P``, and ``n`` pres
     creep        v + Σ_k c w_k (z_k − v g1),   dz_k/dt = (v − z_k)/τ_k        c per decade of time; g1: after 1 s
     loop         + h P 4 s (1 − s) b,   s = v/P                               b: 0 loading, 1 unloading
     worked in    (1 − a ln(1 + n)) (...)
-    baseline     + d Pn ln(1 + n)                                            Pn: the last peak
+    baseline     + d L ln(1 + n)                                             L: the last peak
 
 ``c`` falls with load as ``(|v|/reference)^-p``. The exponentials follow the logarithm within 0.03 decades from
-``first`` to ``last`` and end there: all is bounded. A press begins at ``PRESSED`` of the largest peak and ends below half
-of that.
+``first`` to ``last`` and end there: all is bounded. A press begins at ``PRESSED`` of the largest peak and ends below
+half of that.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -36,6 +36,7 @@ MOST_PRESSES = wp.constant(wp.float64(1000.0))
 
 @functools.cache
 def material_kernel(real, creep: bool, loop: bool, presses: bool):
+    """Only the laws that are asked for leave code."""
     f64 = wp.float64
 
     @wp.kernel(module="unique", enable_backward=False)

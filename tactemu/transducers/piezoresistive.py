@@ -1,4 +1,4 @@
-"""Piezoresistive: a resistance that falls with pressure, read by a divider, in rows and columns (FlexiTac, Weiss, Velostat).
+"""Piezoresistive: a resistance that falls with pressure, below a divider, in rows and columns (FlexiTac, Weiss).
 
 With the pressure ``p`` on a taxel, warmth ``T − T0``, and a fixed resistor ``Rf`` of the divider::
 
@@ -7,8 +7,8 @@ With the pressure ``p`` on a taxel, warmth ``T − T0``, and a fixed resistor ``
     ghosts: V + g (mean of its row)(mean of its column) / (mean of all)
     reading = gain (1 + b (T − T0)) V + zero (T − T0), 0 below the threshold
 
-Gain and zero drift by terms of their own. ``rated_n`` makes the reading a push along the normal that has this force where
-V is 1, for devices that count in force; otherwise it is the resistance that the divider sees [Ohm].
+Gain and zero drift by terms of their own. ``rated_n`` makes the reading a push along the normal that has this force
+where V is 1, for devices that count in force; otherwise it is the resistance that the divider sees [Ohm].
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -29,6 +29,7 @@ from tactemu.transducers.transducer import RESISTANCE, Kind, Place, Transducer
 
 @functools.cache
 def share_kernel(real, vector: bool):
+    """Share of the supply that each divider gives."""
     vec3 = wp.types.vector(3, real)
     load = load_function(real, vector)
 
@@ -52,10 +53,9 @@ def share_kernel(real, vector: bool):
     return shares_of_supply
 
 
-
-
 @functools.cache
 def readout_kernel(real, push: bool, ghosts: bool):
+    """What is read of it: a resistance, or a push."""
     vec3 = wp.types.vector(3, real)
 
     @wp.kernel(module="unique", enable_backward=False)

@@ -135,10 +135,14 @@ def test_rows_that_go_back_in_time_or_are_no_numbers_are_left_out(tmp_path):
 
 
 def test_a_log_of_ours_and_a_parquet_are_recordings(tmp_path):
-    import tactemu as tt
+    from tactemu.assembly import Wishes, assemble
+    from tactemu.clock import VirtualClock
+    from tactemu.scene.file import load
+    from tactemu.truth import Truth
 
-    with tt.serve("anyskin", port="memory:", clock="virtual", truth=tmp_path / "a.mcap") as dev:
-        dev.run(0.5)
+    ours = assemble(load("anyskin"), Wishes(port="memory:"), clock=VirtualClock(), truth=Truth(tmp_path / "a.mcap"))
+    with ours.emulator as emulator:
+        emulator.run(0.5)
     made = read(tmp_path / "a.mcap")
     assert made.kind == "counts" and made.readings.shape[1] == 20 and "force" in made.truth
     pyarrow = pytest.importorskip("pyarrow")

@@ -98,9 +98,7 @@ def test_a_resistance_falls_with_pressure_and_a_divider_bends():
 def test_warmth_changes_gain_and_zero_by_terms_of_their_own():
     cold = Piezoresistive(half=2e5, exponent=2.0, rated_n=1.0, temperature=45.0, zero_per_k=1e-3)
     assert pressed(skin(cold), 0.0)[:, 2] == pytest.approx(-0.02)
-    warm = Piezoresistive(
-        half=2e5, exponent=2.0, rated_n=1.0, temperature=45.0, half_per_k=0.05, gain_per_k=-0.01
-    )
+    warm = Piezoresistive(half=2e5, exponent=2.0, rated_n=1.0, temperature=45.0, half_per_k=0.05, gain_per_k=-0.01)
     u = (0.5 / AREA / 2e5) ** 2 * np.exp(0.05 * 20)
     assert pressed(skin(warm), 0.5)[0, 2] == pytest.approx(-0.8 * u / (1 + u), rel=1e-6)
 
