@@ -65,7 +65,7 @@ ARROWS = {
     ),
     "bench": (
         *LEAVES, "assembly", "clock", "collector", "control", "emulator", "exec", "physics", "plan", "scene", "serving",
-        "statistics", "tactemu", "transports", "truth", "tune", "wire",
+        "statistics", "tactemu", "transducers", "transports", "truth", "tune", "wire",
     ),
     "cli": (
         *LEAVES, "assembly", "bench", "channel", "clock", "collector", "control", "conversions", "emulator", "exec",

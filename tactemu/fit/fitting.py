@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,21 +12,8 @@ from tactemu.errors import TactemuError
 from tactemu.fit.estimates import Findings, linear
 from tactemu.fit.press import PRESSED, find_presses, presses_of
 from tactemu.fit.recording import Recorded
+from tactemu.fit.report import Score, page
 from tactemu.fit.rest import find_rest, resting
-
-
-@dataclass(frozen=True)
-class Score:
-    """How well what was found predicts a recording, or a part of one, that was not used for it; rms, in newtons."""
-
-    name: str
-    ours: float
-    linear: float
-    repeated: float
-    """Zero skill: what the other recording read at the same load, first time."""
-    load: np.ndarray
-    measured: np.ndarray
-    fitted: np.ndarray
 
 
 def find(recorded: Recorded) -> Findings:
@@ -175,7 +162,6 @@ def run_fit(
         TactemuError: a recording cannot be used, or a file not be written.
     """
     from tactemu.fit.recording import read
-    from tactemu.fit.report import page
     from tactemu.fit.writing import scene_text
     from tactemu.scene.file import load_device, parse
 

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from html import escape
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactemu.fit.estimates import Findings
 from tactemu.fit.recording import Recorded
-
-if TYPE_CHECKING:
-    from tactemu.fit.fitting import Score
 
 POINTS = 1500
 """Of a curve in a picture."""
@@ -20,6 +17,20 @@ STYLE = """body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem a
 color:#1b1b1b;background:#fff}
 table{border-collapse:collapse}td,th{text-align:left;padding:.2rem 1rem .2rem 0;border-bottom:1px solid #ddd}
 svg{width:100%;height:auto}code{overflow-wrap:anywhere}"""
+
+
+@dataclass(frozen=True)
+class Score:
+    """How well what was found predicts a recording, or a part of one, that was not used for it; rms, in newtons."""
+
+    name: str
+    ours: float
+    linear: float
+    repeated: float
+    """Zero skill: what the other recording read at the same load, first time."""
+    load: np.ndarray
+    measured: np.ndarray
+    fitted: np.ndarray
 
 
 def page(device: str, recorded: Sequence[Recorded], found: Findings, scores: Sequence[Score]) -> str:

@@ -2,8 +2,8 @@
 
 A transducer is a frozen dataclass of options, one file, derived from :class:`Transducer`, with one line in
 :mod:`tactemu.transducers.registry`. Several follow one another: each takes what the one before gives, the first what
-the sensor model gives. They stand between the memory of the material and the electronics: noise, resolution and saturation
-of the sensor are then in the unit of the last one.
+the sensor model gives. They stand between the memory of the material and the electronics: noise, resolution and
+saturation of the sensor are then in the unit of the last one.
 
 ``compile`` allocates with ``place.context`` and returns the array that it fills and its stages, as a sensor model does.
 It is called for the ground truth and for the measured branch, unless both are one.

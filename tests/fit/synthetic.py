@@ -6,7 +6,7 @@ from tactemu.fit.press import presses_of
 from tactemu.transducers.laws import LogMemory
 
 
-def loads(rng, *, seconds=240.0, rate=100.0, holds=True):
+def loads(rng, *, seconds=160.0, rate=50.0, holds=True):
     """``(t, load)``: slow presses of different heights, some held, with jitter and gaps."""
     t = np.arange(0.0, seconds, 1.0 / rate)
     load = np.zeros_like(t)
