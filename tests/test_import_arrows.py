@@ -50,6 +50,8 @@ ARROWS = {
         *LEAVES, "channel", "clock", "emulator", "physics", "plugging", "recordings", "sampling", "scenario", "scene",
         "sensing", "sources", "transports", "truth", "wire",
     ),
+    "transducers": (*LEAVES, "plan"),
+    "fit": (*LEAVES, "transducers"),
     "tune": (*LEAVES, "assembly", "channel", "clock", "emulator", "physics", "plan", "scene"),
     "control": (
         *LEAVES, "assembly", "calls", "channel", "clock", "emulator", "folders", "recordings", "saving", "scenario",
@@ -68,7 +70,7 @@ ARROWS = {
     ),
     "cli": (
         *LEAVES, "assembly", "bench", "channel", "clock", "collector", "control", "conversions", "emulator", "exec",
-        "frame_text",
+        "fit", "frame_text",
         "kernels", "priority", "recordings", "scenario", "scene", "serving", "statistics", "tactemu", "transports",
         "truth", "tune", "wire",
     ),
