@@ -10,7 +10,7 @@ import numpy as np
 
 from tactemu.errors import TactemuError
 from tactemu.fit.estimates import Findings, linear
-from tactemu.fit.press import PRESSED, find_presses, presses_of
+from tactemu.fit.press import PRESSED, bases_of, drive_of, find_presses, presses_of
 from tactemu.fit.recording import Recorded
 from tactemu.fit.report import Score, page
 from tactemu.fit.rest import find_rest, resting
@@ -110,12 +110,6 @@ def _part(one: Recorded, part: slice) -> Recorded:
     return replace(one, t=one.t[part], readings=one.readings[part], truth={k: v[part] for k, v in one.truth.items()})
 
 
-def _bases(load: np.ndarray, t: np.ndarray, before: float) -> np.ndarray:
-    presses = presses_of(load, t)
-    worked = np.log1p(presses.count + before)
-    return np.column_stack([np.ones(len(load)), load, presses.loop, -load * worked, presses.last * worked])
-
-
 def _score(known: Recorded, other: Recorded, name: str, *, before: bool = False) -> Score | None:
     load, held = known.load, other.load
     if load is None or held is None or known.t is None or other.t is None:
@@ -127,21 +121,21 @@ def _score(known: Recorded, other: Recorded, name: str, *, before: bool = False)
     if not gains.any():
         return None
     signal, measured = (one.readings @ gains / (gains @ gains) for one in (known, other))
-    seen = float(presses_of(load, known.t).count[-1]) if before else 0.0
-    law = linear(_bases(load, known.t, 0.0), signal)[0]
-    line = linear(plain, signal)[0]
-    fitted = _bases(held, other.t, seen) @ law
-    straight = line[0] + line[1] * held
-    peak = int(np.argmax(load > 0.9 * load.max()))
-    order = np.argsort(load[: peak + 1])
-    repeated = np.interp(held, load[: peak + 1][order], signal[: peak + 1][order])
-    offsets = [np.median((measured - each)[held < PRESSED * held.max()]) if (held < PRESSED * held.max()).any() else 0.0
+    (drive, degree), (of_other, _) = drive_of(known, load), drive_of(other, held)
+    presses, following = presses_of(drive, known.t), presses_of(of_other, other.t)
+    if before:  # they go on from those that were fitted
+        following = replace(following, count=following.count + presses.count[-1])
+    fitted = bases_of(following, degree) @ linear(bases_of(presses, degree), signal)[0]
+    line = linear(np.column_stack([np.ones(len(drive)), drive]), signal)[0]
+    straight = line[0] + line[1] * of_other
+    peak = int(np.argmax(drive > 0.9 * drive.max()))
+    order = np.argsort(drive[: peak + 1])
+    repeated = np.interp(of_other, drive[: peak + 1][order], signal[: peak + 1][order])
+    free = of_other < PRESSED * of_other.max()
+    guesses = [each + (np.median((measured - each)[free]) if free.any() else 0.0)
                for each in (fitted, straight, repeated)]  # fmt: skip
-    ours, by_line, zero = (
-        float(np.sqrt(np.mean((measured - each - offset) ** 2)))
-        for each, offset in zip((fitted, straight, repeated), offsets)
-    )
-    return Score(name, ours, by_line, zero, held, measured, fitted + offsets[0])
+    ours, by_line, zero = (float(np.sqrt(np.mean((measured - each) ** 2))) for each in guesses)
+    return Score(name, ours, by_line, zero, held, measured, guesses[0])
 
 
 def run_fit(

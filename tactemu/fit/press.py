@@ -95,8 +95,27 @@ def find_presses(recorded: Recorded, found: Findings) -> np.ndarray:
         find_lag(recorded, load, t, own, found)
     else:
         signal = recorded.readings[:, own] @ gains[own] / (gains[own] ** 2).sum()
-        find_material(signal, presses, t, found, timed=recorded.t is not None)
+        drive, degree = drive_of(recorded, load)
+        of_drive = presses if degree == 1 else presses_of(drive, t)
+        find_material(signal, of_drive, t, found, degree=degree, timed=recorded.t is not None)
     return gains
+
+
+def drive_of(recorded: Recorded, load: np.ndarray) -> tuple[np.ndarray, int]:
+    """What a reading is a function of, and the degree of that function: the depth of a probe where it is known, which a
+    robot says without delay, else the force."""
+    place = recorded.truth.get("depth", recorded.truth.get("z"))
+    if place is None or np.ptp(place) == 0:
+        return load, 1
+    way = 1.0 if np.corrcoef(place, load)[0, 1] > 0 else -1.0
+    return way * (place - (place.min() if way > 0 else place.max())) / np.ptp(place), 3
+
+
+def bases_of(presses: Presses, degree: int) -> np.ndarray:
+    """Of a reading without creep: a constant, powers of the drive, loop, wear, what is left behind."""
+    worked = np.log1p(presses.count)
+    powers = [presses.load**k for k in range(degree + 1)]
+    return np.column_stack([*powers, presses.loop, -presses.load * worked, presses.last * worked])
 
 
 def find_gains(recorded: Recorded, presses: Presses, found: Findings) -> np.ndarray:
@@ -120,23 +139,34 @@ def find_gains(recorded: Recorded, presses: Presses, found: Findings) -> np.ndar
     return np.where(good, gains, np.nan)
 
 
-def find_material(signal: np.ndarray, presses: Presses, t: np.ndarray, found: Findings, *, timed: bool) -> None:
-    """Loop, wear and what is left behind, and creep where load was held: one linear fit of their bases."""
-    load, worked = presses.load, np.log1p(presses.count)
-    names, bases = ["", "gain"], [np.ones(len(load)), load]
+def find_material(
+    signal: np.ndarray, presses: Presses, t: np.ndarray, found: Findings, *, degree: int, timed: bool
+) -> None:
+    """Loop, wear and what is left behind, and creep where load was held: one linear fit of their bases.
+
+    They are shares of the reading at the highest drive, as far as that is a power of the drive; of a force, of the load.
+    """
+    load = presses.load
+    whole = bases_of(presses, degree)
+    names, kept = [], list(range(degree + 1))
     if np.abs(presses.loop).max() > 0.2 * load.max() and (presses.loop > 0).mean() > 0.05:
         names.append("loop")
-        bases.append(presses.loop)
+        kept.append(degree + 1)
     if presses.count[-1] >= LEAST_PRESSES:
         names += ["softening", "baseline"]
-        bases += [-load * worked, presses.last * worked]
+        kept += [degree + 2, degree + 3]
+    bases = [*whole[:, kept].T]
     if timed and presses.holds:
         names.append("creep per decade")
         bases.append(_creep_basis(load, t))
     law, covariance, _ = linear(np.column_stack(bases), signal)
-    for k, name in enumerate(names[2:], 2):
-        value, error = ratio(law[k], law[1], covariance[np.ix_([k, 1], [k, 1])])
-        found.add(name, value, error, "", "of the load")
+    top = np.zeros(len(law))
+    top[1 : degree + 1] = load.max() ** np.arange(degree)  # the reading at the highest drive, per drive
+    for k, name in enumerate(names, degree + 1):
+        both = np.stack([np.eye(len(law))[k], top])
+        pair = both @ covariance @ both.T
+        value, error = ratio(law[k], float(top @ law), pair)
+        found.add(name, value, error, "", "of the load" if degree == 1 else "of the reading at the deepest")
     if "creep per decade" not in names:
         found.unknown.append("creep: record holds of ten seconds and more, with times")
     if "loop" not in names:

@@ -219,7 +219,7 @@ name = "ball"
 shape = "sphere"
 radius = 0.01
 position = [0.0, 0.0, 0.013]
-motion = {{ kind = "press", approach = 0.003, depth = 0.001, speed = 0.05 }}
+motion = {{ kind = "press", approach = 0.003, depth = 0.001, speed = 0.05, repeat = 0 }}
 [[skin]]
 device = "{device}"
 link = "pad"
