@@ -30,7 +30,7 @@ import numpy as np
 
 from firmware_protocols import Column, Counts, Device, Layout, Option, Outs, Patch, Reading, Serial
 from firmware_protocols.adc import quantize
-from firmware_protocols.device import Axis
+from firmware_protocols.device import Axis, Quantity
 from firmware_protocols.magnetic import LinearMagnet
 
 PITCH = 0.007
@@ -103,7 +103,8 @@ class AnySkin(Device):
             Literal[1, 2, 4, 8, 16], Option("gain and resolution registers: steps of 0.150/0.242 uT ... 2.4/3.872 uT")
         ] = 1,
     ):
-        self.senses, self.step = (sees, "temperature"), FIELD_LSB_UT * step_scale
+        self.sees: Quantity = sees
+        self.senses, self.step = (self.sees, "temperature"), FIELD_LSB_UT * step_scale
         if step_scale > 1:
             self.columns = (self.columns[0], *(
                 replace(column, low=-0x8000 * step, high=0x7FFF * step)
@@ -130,7 +131,7 @@ class AnySkin(Device):
 
     def field(self, reading: Reading) -> np.ndarray:
         """Field at each chip in its own axes [uT]; z of a chip is into the skin."""
-        if self.senses[0] == "force":
+        if self.sees == "force":
             return self.magnet(self.layout.to_taxel_frame(reading["force"]))
         return self.layout.to_taxel_frame(reading["field"]) * CHIP_UT_PER_T
 

@@ -85,6 +85,7 @@ def linear(bases: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np
     Outliers beyond six standard deviations are left out; errors are larger where residuals follow one another.
     """
     keep = np.ones(len(y), bool)
+    found, apart = np.zeros(bases.shape[1]), y
     for _ in range(3):
         found = np.linalg.lstsq(bases[keep], y[keep], rcond=None)[0]
         apart = y - bases @ found

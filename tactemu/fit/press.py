@@ -144,7 +144,8 @@ def find_material(
 ) -> None:
     """Loop, wear and what is left behind, and creep where load was held: one linear fit of their bases.
 
-    They are shares of the reading at the highest drive, as far as that is a power of the drive; of a force, of the load.
+    They are shares of the reading at the highest drive, as far as that is a power of the drive: of a force
+    that is the load.
     """
     load = presses.load
     whole = bases_of(presses, degree)

@@ -12,6 +12,7 @@ import warp as wp
 
 from tactemu.errors import PoseError, SceneError
 from tactemu.imperfections import Imperfections, ReadingInfo
+from tactemu.imperfections.compile import Transduce
 from tactemu.physics.drawing import check_drawing
 from tactemu.physics.points.point_cloud import PointCloud
 from tactemu.physics.poses import RelativePoses
@@ -186,15 +187,13 @@ class Simulation:
         radius, radius_stages = spoil.compile_radius_noise()
         compiled = model.compile(self._site(sensor, gain if model.gain_inside else None, radius))
         finish = compiled.finish or (lambda array, _branch: (array, []))
-        transduce = None
+        transduce: Transduce | None = None
         if sensor.chain is None:
             truth, truth_stages = finish(compiled.truth, "truth")
         else:  # neither what a model adds at the end nor how it presents its own survives a transducer
             truth, truth_stages, info = self._transduce(sensor, compiled.truth)
 
-            def transduce(array: wp.array) -> tuple[wp.array, list[Stage], ReadingInfo]:
-                return (truth, [], info) if array is compiled.truth else self._transduce(sensor, array)
-
+            transduce = partial(self._transduced, sensor, compiled.truth, (truth, [], info))
         values, value_stages = spoil.compile_values(compiled.raw, transduce)
         untouched = values is (compiled.truth if sensor.chain is None else truth)
         last = finish if sensor.chain is None else _as_it_is
@@ -206,6 +205,12 @@ class Simulation:
         self.plan.stages += value_stages + finish_stages + delivery_stages + history_stages
         present = compiled.present if sensor.chain is None else None
         return partial(sensor.attach, self, spoil, remembered, measured, present)
+
+    def _transduced(
+        self, sensor: Sensor, raw: wp.array, done: tuple[wp.array, list[Stage], ReadingInfo], array: wp.array
+    ) -> tuple[wp.array, list[Stage], ReadingInfo]:
+        """The measured branch's transducers: those of the truth, ``done``, where nothing has touched what goes in."""
+        return done if array is raw else self._transduce(sensor, array)
 
     def _transduce(self, sensor: Sensor, array: wp.array) -> tuple[wp.array, list[Stage], ReadingInfo]:
         """Plan a sensor's transducers for one branch."""

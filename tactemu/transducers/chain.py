@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import warp as wp
 
@@ -46,7 +47,8 @@ class Chain:
 
     def compile(self, place: Place, array: wp.array) -> tuple[wp.array, list[Stage]]:
         """The last array and all stages, from the model's ``(n_envs, n_taxels, channels)``."""
-        kind, stages, x = self.taken, [], array[:, :, self.columns]
+        kind, stages = self.taken, []
+        x: Any = array[:, :, self.columns]
         for each in self.transducers:
             x, more = each.compile(place, x, kind)
             stages += more
