@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,7 +26,7 @@ from tactemu.statistics import Lateness
 from tactemu.truth import Truth
 
 if TYPE_CHECKING:
-    pass
+    from tactemu.control.server import Server
 
 _OWNER = re.compile(r"[^:=]+=")
 """In front of a port: a skin's name, or its connector's."""
@@ -49,11 +51,12 @@ def run_target(
     adjustable: tuple[str, ...] = (),
     again: Path | None = None,
     rerun: str | bool = False,
+    web: Web | None = None,
     restore: Path | None = None,
     save: Path | None = None,
     save_at: float | None = None,
 ) -> None:
-    """Run a device or a scene; ``style`` is auto, plain or json, ``rerun`` whether or where it is shown.
+    """Run a device or a scene; ``style`` is auto, plain or json, ``rerun`` whether or where it is shown, ``web`` where its page is.
 
     Raises:
         TactemuError: the request cannot be met; nothing is left behind.
@@ -90,9 +93,38 @@ def run_target(
         at_end = save if save_at is None else None
         with _shown(log, rerun) if rerun else nullcontext():
             listen = partial(listening, control, name, target, gentle=clock == "real")
+            if web is not None:
+                listen = partial(_seen, listen, web)
             run_emulator(control.emulator, seconds=seconds, style=style, listen=listen, save=at_end)
     finally:
         log.close()
+
+
+@dataclass(frozen=True)
+class Web:
+    """Where a page shall be."""
+
+    host: str | None = None
+    port: int | None = None
+
+
+@contextmanager
+def _seen(listen: Callable[[], AbstractContextManager[Server | None]], web: Web) -> Iterator[None]:
+    """Listen, with a page beside it."""
+    from tactemu.page.opening import beside, door, warning
+
+    opened = door(web.host, web.port)
+    if text := warning(web.host):
+        print(f"tactemu: {text}", file=sys.stderr)
+    with listen() as server:
+        if server is None:
+            raise TransportError("--web: there is no control socket, which the page needs")
+        with beside(opened, server.place.name):
+            print(f"see {opened.url}", file=sys.stderr, flush=True)
+            try:
+                yield
+            finally:
+                server.close()  # which the page takes for the end
 
 
 def _shown(log: Truth, where: str | bool) -> AbstractContextManager[None]:

@@ -301,8 +301,9 @@ class Control:
     def _sample(self, skin: str | None = None) -> Outcome:
         return Outcome(result=self.emulator.truth.latest(self.channel(skin).name))
 
-    def _stats(self) -> Outcome:
-        looks = {channel.name: state.look_at(self.emulator, channel) for channel in self.emulator.channels}
+    def _stats(self, skin: str | None = None) -> Outcome:
+        channels = self.emulator.channels if skin is None else [self.channel(skin)]
+        looks = {channel.name: state.look_at(self.emulator, channel) for channel in channels}
         return Outcome(
             result=lambda: {"skins": {name: look() for name, look in looks.items()}, "clients": dict(self.clients)}
         )

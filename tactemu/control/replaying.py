@@ -72,7 +72,7 @@ class ReplayControl:
     def _wait(self, seconds: float) -> Outcome:
         return Outcome(self.replay.now_ns + round(seconds * 1e9))
 
-    def _stats(self) -> Outcome:
+    def _stats(self, skin: str | None = None) -> Outcome:
         return Outcome(result={"wire": dict(self.replay.wire.counters), "clients": dict(self.clients)})
 
     def _state(self) -> Outcome:

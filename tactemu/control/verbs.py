@@ -404,9 +404,13 @@ class Verbs(ABC):
         """
         ...
 
-    @verb(changes=False)
-    def stats(self) -> dict[str, Any]:
-        """What every device has done since the start: samples, lateness, frames, what was injected."""
+    @verb("skin", changes=False)
+    def stats(self, skin: Name | None = None) -> dict[str, Any]:
+        """What every device has done since the start: samples, lateness, frames, what was injected.
+
+        Args:
+            skin: whose; default: all
+        """
         ...
 
     @verb(changes=False)
