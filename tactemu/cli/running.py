@@ -114,13 +114,14 @@ def _seen(listen: Callable[[], AbstractContextManager[Server | None]], web: Web)
     from tactemu.page.opening import beside, door, warning
 
     opened = door(web.host, web.port)
+    link = opened.url
     if text := warning(web.host):
         print(f"tactemu: {text}", file=sys.stderr)
     with listen() as server:
         if server is None:
             raise TransportError("--web: there is no control socket, which the page needs")
         with beside(opened, server.place.name):
-            print(f"see {opened.url}", file=sys.stderr, flush=True)
+            print(f"see {link}", file=sys.stderr, flush=True)
             try:
                 yield
             finally:

@@ -9,7 +9,7 @@ import numpy as np
 import viser
 import viser.uplot
 
-from tactemu.page.feed import Skin, sent_size, size_of
+from tactemu.page.feed import size_of
 from tactemu.truth.entries import Sample
 
 _SECONDS, _POINTS = 10.0, 300
@@ -40,8 +40,8 @@ class Curves:
         self._rows.clear()
         self._make()
 
-    def add(self, t_s: float, skins: dict[str, Skin], samples: dict[str, Sample]) -> None:
-        """What they read at a time."""
+    def add(self, t_s: float, samples: dict[str, Sample], away: dict[str, np.ndarray | None]) -> None:
+        """What they read at a time; ``away`` is how far the counts of each skin are from rest."""
         if self._times and t_s <= self._times[-1]:
             self._times.clear()
             self._rows.clear()
@@ -51,7 +51,7 @@ class Curves:
             if sample is None or taxel >= len(sample.ideal):
                 row += [np.nan] * 3
                 continue
-            sent = sent_size(sample, skins[name])
+            sent = away.get(name)
             one = slice(taxel, taxel + 1)
             values = (size_of(sample.ideal[one])[0], size_of(sample.measured[one])[0], np.nan)
             row += [values[0], values[1], np.nan if sent is None else float(sent[taxel])]

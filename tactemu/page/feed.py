@@ -96,13 +96,25 @@ def size_of(values: np.ndarray) -> np.ndarray:
     return np.abs(values) if values.ndim == 1 else np.linalg.norm(values.reshape(len(values), -1), axis=1)
 
 
-def sent_size(sample: Sample, skin: Skin) -> np.ndarray | None:
-    """How far the counts of each taxel are from rest; ``None``: they are not by taxels."""
-    counts = np.asarray(sample.counts, float)
-    if counts.ndim == 0 or len(counts) != len(sample.ideal):
-        return None
-    columns = counts.reshape(len(counts), -1)
-    away = columns - skin.rest if skin.rest.shape == columns.shape[1:] else columns
-    if away.shape[1] > 3:  # a temperature, a status beside the axes
-        away = away[:, -3:]
-    return np.abs(away[:, 0]) if away.shape[1] == 1 else np.linalg.norm(away, axis=1)
+class Rest:
+    """The counts of each taxel of a skin when it was seen first without anybody touching it; till then, those that its
+    datasheet gives."""
+
+    def __init__(self, skin: Skin):
+        self._rest = skin.rest
+        self._known = np.zeros((0, 0))
+        self._seen = np.zeros(0, bool)
+
+    def away(self, sample: Sample) -> np.ndarray | None:
+        """How far the counts are from that, shape ``(n,)``; ``None``: they are not by taxels."""
+        counts = np.asarray(sample.counts, float)
+        if counts.ndim == 0 or len(counts) != len(sample.ideal):
+            return None
+        columns = counts.reshape(len(counts), -1)
+        if columns.shape != self._known.shape:
+            given = self._rest if self._rest.shape == columns.shape[1:] else np.zeros(columns.shape[1])
+            self._known, self._seen = np.tile(given, (len(columns), 1)), np.zeros(len(columns), bool)
+        new = ~self._seen & (size_of(sample.ideal) == 0)
+        self._known[new] = columns[new]
+        self._seen |= new
+        return np.linalg.norm(columns - self._known, axis=1)

@@ -99,9 +99,7 @@ class Gate:
         if why := self._refuses(request, path, socket_wished, connection.local_address[0]):
             self.say(f"refused a request: {why}")
             return _answer(http.HTTPStatus.NOT_FOUND, b"not found")
-        if not socket_wished and path == f"/{self.token}":
-            return _answer(http.HTTPStatus.TEMPORARY_REDIRECT, b"", Location=f"/{self.token}/")
-        if path != f"/{self.token}/":
+        if path.rstrip("/") != f"/{self.token}":
             return _answer(http.HTTPStatus.NOT_FOUND, b"not found")
         if socket_wished:
             return None

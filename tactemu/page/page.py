@@ -170,7 +170,7 @@ def _welcome(client: viser.ClientHandle) -> None:
     client.gui.configure_theme(
         dark_mode=scheme == "dark", show_logo=False, show_share_button=False, control_width="medium"
     )
-    client.gui.add_html(f"<small>You are viewer {client.client_id + 1}.</small>")
+    client.gui.add_html(f'<div style="padding: 0 0.8em"><small>You are viewer {client.client_id + 1}.</small></div>')
 
 
 def _close_those_who_err(server: viser.ViserServer, gate: Gate) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import viser
 
 from tactemu.page.curves import Curves
-from tactemu.page.feed import Known, Moment, Skin
+from tactemu.page.feed import Known, Moment, Rest, Skin
 from tactemu.page.hands import Hands, Say
 from tactemu.page.pictures import Pictures
 from tactemu.page.wire import Wire
@@ -41,6 +41,7 @@ class Panel:
     ):
         self._known, self._hands, self._datasheet = known, hands, datasheet
         self._pictures, self._wire = Pictures(), Wire(known)
+        self._rest = {name: Rest(skin) for name, skin in known.skins.items()}
         gui = self._gui = server.gui
         gui.reset()
         gui.set_panel_label(title)
@@ -68,7 +69,7 @@ class Panel:
     def _add_touch(self) -> None:
         gui = self._gui
         with gui.add_folder("Touch"):
-            gui.add_html("<small>Drag a blue body. Esc gives it back.</small>")
+            gui.add_html(_padded("<small>Drag a blue body. Esc gives it back.</small>"))
             depth = gui.add_slider("depth [mm]", 0.1, 5.0, 0.1, 1.0)
             seconds = gui.add_slider("for [s]", 0.1, 10.0, 0.1, 1.0)
             press = gui.add_button("Press the taxel")
@@ -145,7 +146,7 @@ class Panel:
                 taxel = lambda: {"taxels": [int(self._taxel.value)], "skin": self._skin.value}  # noqa: E731
                 self._on(kill, lambda: [("dead", taxel())])
             else:
-                gui.add_html("<small>More may be changed of a run with --adjustable noise --adjustable dead.</small>")
+                gui.add_html(_padded("<small>More may be changed of a run with --adjustable noise --adjustable dead.</small>"))
 
     def _on(self, button: viser.GuiButtonHandle, commands: Callable[[], list[tuple[str, dict[str, Any]]]]) -> None:
         @button.on_click
@@ -198,11 +199,13 @@ class Panel:
         holders = self._hands.holders
         held = [f"{escape(body)}: {whose(holders.get(body))}" for body, each in moment.bodies.items() if each["in_hand"]
                 and body in holders]  # fmt: skip
-        _show(self._status, f"<p><b>{moment.t_s:.1f} s</b> {words}</p>{''.join(f'<p>{each}</p>' for each in held)}")
+        lines = [f"<b>{moment.t_s:.1f} s</b>, {words}", *held]
+        _show(self._status, _padded("<br>".join(lines)))
+        away = {name: self._rest[name].away(sample) for name, sample in moment.samples.items() if name in self._rest}
         skin = self.skin
         if skin is not None:
-            _show(self._flat, self._pictures.html(skin, moment.samples.get(skin.name)))
-        self.curves.add(moment.t_s, self._known.skins, moment.samples)
+            _show(self._flat, self._pictures.html(skin, moment.samples.get(skin.name), away.get(skin.name)))
+        self.curves.add(moment.t_s, moment.samples, away)
         self.curves.draw()
         if moment.wire or moment.missing:
             self._wire.add(moment.wire, moment.missing)
@@ -210,7 +213,8 @@ class Panel:
 
     def end(self, t_s: float, why: str) -> None:
         """Say that nothing more comes."""
-        _show(self._status, f'<p style="color:#e03131"><b>{escape(why)}</b></p><p>the last picture: {t_s:.1f} s</p>')
+        words = f'<b style="color:#e03131">{escape(why)}</b><br>the last picture is of {t_s:.1f} s'
+        _show(self._status, _padded(words))
 
     def numbers(self, stats: Mapping[str, Any]) -> None:
         """Statistics, as the emulator gives them."""
@@ -231,6 +235,10 @@ def teller(client: viser.ClientHandle | None) -> Say:
             client.add_notification("That cannot be done", text[:300], auto_close_seconds=8.0, color="red")
 
     return say
+
+
+def _padded(html: str) -> str:
+    return f'<div style="padding: 0 0.8em 0.5em">{html}</div>'
 
 
 def _show(handle: Any, content: str) -> None:

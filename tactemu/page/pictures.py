@@ -11,7 +11,7 @@ from PIL import Image
 
 from firmware_protocols.layouts import Layout, Patch
 from tactemu.conversions.colours import colours
-from tactemu.page.feed import Skin, sent_size, size_of
+from tactemu.page.feed import Skin, size_of
 from tactemu.truth.entries import Sample
 
 _MOST_NUMBERS = 64
@@ -30,14 +30,14 @@ class Pictures:
         self._places: list[tuple[Patch, np.ndarray]] = []
         self._most = {name: 0.0 for name in _COLUMNS}
 
-    def html(self, skin: Skin, sample: Sample | None) -> str:
-        """As they are now."""
+    def html(self, skin: Skin, sample: Sample | None, sent: np.ndarray | None) -> str:
+        """As they are now; ``sent`` is how far the counts are from rest."""
         if skin is not self._skin:
             self._skin, self._most = skin, dict.fromkeys(_COLUMNS, 0.0)
             self._places = [(patch, cells(skin.layout, patch)) for patch in skin.layout.patches[:_MOST_PATCHES]]
         if sample is None or not len(skin.layout) or len(sample.ideal) != len(skin.layout):
             return "<p>nothing to draw: no reading by taxels</p>"
-        sizes = {"ideal": size_of(sample.ideal), "measured": size_of(sample.measured), "sent": sent_size(sample, skin)}
+        sizes = {"ideal": size_of(sample.ideal), "measured": size_of(sample.measured), "sent": sent}
         for name, size in sizes.items():
             if size is not None:
                 self._most[name] = max(self._most[name], float(np.nanmax(size, initial=0.0)))
