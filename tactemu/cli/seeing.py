@@ -1,4 +1,4 @@
-"""``tactemu see``: a live page of what runs. ``python -m tactemu.cli.seeing FD NAME`` is the one beside ``run --web``."""
+"""``tactemu see``: a live page of what runs. ``python -m tactemu.cli.seeing FD NAME`` is that of ``run --web``."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from tactemu.page.page import Page
 
 _LOOK_AGAIN_S = 0.5
-_NICE = 10
+_NICE = 5
 """Drawing waits for whatever else wants the processor."""
 
 
@@ -56,7 +56,7 @@ def _show_all(page: Page, name: str, ended: threading.Event) -> None:
 
 def _page(opened: Door, name: str) -> Page:
     os.nice(_NICE)
-    out, sys.stdout = sys.stdout, open(os.devnull, "w", encoding="utf-8")  # viser's own words  # noqa: SIM115
+    out, sys.stdout = sys.stdout, open(os.devnull, "w", encoding="utf-8")  # viser's own words
     from tactemu.page.guard import Gate
     from tactemu.page.page import Page
 

@@ -17,7 +17,6 @@ from tactemu.control.place import PROTOCOL, chosen, uid_of_peer
 from tactemu.control.verbs import Verbs
 from tactemu.errors import TactemuError, TransportError
 
-
 _ARRAY = {"dtype", "shape", "base64"}
 """Keys of an array that comes as bytes."""
 

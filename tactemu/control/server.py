@@ -1,8 +1,9 @@
 """The socket on which a running emulator listens for commands: a thread of its own, so that the loop waits for nobody.
 
 Lines of JSON both ways (``docs/live-control.md``). The server says first who it is; then every request is answered
-once, under the number that it had; states, and what happens on the wires, come to those who watch. Everything is bounded: clients, the length of a line, requests under way, what waits
-for a client that does not read (it is dropped), and the share of the time that clients can make this thread busy.
+once, under the number that it had; states, and what happens on the wires, come to those who watch. Everything is
+bounded: clients, the length of a line, requests under way, what waits for a client that does not read (it is dropped),
+and the share of the time that clients can make this thread busy.
 """
 
 from __future__ import annotations

@@ -61,7 +61,9 @@ class Scene:
 
     def _add_body(self, scene: viser.SceneApi, body: Body) -> None:
         path = f"/bodies/{_path(body.name)}"
-        self.frames[body.name] = scene.add_frame(path, show_axes=False, position=body.position, wxyz=body.quaternion)
+        self.frames[body.name] = scene.add_frame(
+            path, show_axes=False, position=np.array(body.position), wxyz=np.array(body.quaternion)
+        )
         self.solids[body.name] = _solids(scene, path, body)
         if body.points:
             scene.add_point_cloud(

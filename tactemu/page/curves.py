@@ -82,7 +82,7 @@ class Curves:
         none = np.zeros(1)
         read, sent = [viser.uplot.Series(label="s")], [viser.uplot.Series(label="s")]
         for ink, (_, taxel) in zip(_INKS, self.chosen):
-            read.append(viser.uplot.Series(label=f"{taxel} ideal", stroke=ink, width=1, dash=[4, 4]))
+            read.append(viser.uplot.Series(label=f"{taxel} ideal", stroke=ink, width=1, dash=(4.0, 4.0)))
             read.append(viser.uplot.Series(label=f"{taxel} measured", stroke=ink, width=2))
             sent.append(viser.uplot.Series(label=f"{taxel} sent", stroke=ink, width=2))
         for series in (read, sent):

@@ -1,4 +1,4 @@
-"""What viewers do by hand, done through the control channel: by a thread of its own, so that nobody waits for another."""
+"""What viewers do by hand, done through the control channel: in a thread of its own."""
 
 from __future__ import annotations
 

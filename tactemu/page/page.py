@@ -166,7 +166,10 @@ class Page:
 
 def _welcome(client: viser.ClientHandle) -> None:
     """Say who it is, and give the page the colours that its user likes."""
-    scheme = client.local_storage.get_item(SCHEME, timeout=5.0)
+    try:
+        scheme = client.local_storage.get_item(SCHEME, timeout=30.0)
+    except (TimeoutError, RuntimeError):  # it has gone, or keeps nothing
+        scheme = None
     client.gui.configure_theme(
         dark_mode=scheme == "dark", show_logo=False, show_share_button=False, control_width="medium"
     )

@@ -146,7 +146,9 @@ class Panel:
                 taxel = lambda: {"taxels": [int(self._taxel.value)], "skin": self._skin.value}  # noqa: E731
                 self._on(kill, lambda: [("dead", taxel())])
             else:
-                gui.add_html(_padded("<small>More may be changed of a run with --adjustable noise --adjustable dead.</small>"))
+                gui.add_html(
+                    _padded("<small>More may be changed of a run with --adjustable noise --adjustable dead.</small>")
+                )
 
     def _on(self, button: viser.GuiButtonHandle, commands: Callable[[], list[tuple[str, dict[str, Any]]]]) -> None:
         @button.on_click

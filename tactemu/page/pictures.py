@@ -28,16 +28,21 @@ class Pictures:
     def __init__(self) -> None:
         self._skin: Skin | None = None
         self._places: list[tuple[Patch, np.ndarray]] = []
-        self._most = {name: 0.0 for name in _COLUMNS}
+        self._most = dict.fromkeys(_COLUMNS, 0.0)
 
     def html(self, skin: Skin, sample: Sample | None, sent: np.ndarray | None) -> str:
         """As they are now; ``sent`` is how far the counts are from rest."""
         if skin is not self._skin:
-            self._skin, self._most = skin, dict.fromkeys(_COLUMNS, 0.0)
+            self._skin = skin
+            self._most = dict.fromkeys(_COLUMNS, 0.0)
             self._places = [(patch, cells(skin.layout, patch)) for patch in skin.layout.patches[:_MOST_PATCHES]]
         if sample is None or not len(skin.layout) or len(sample.ideal) != len(skin.layout):
             return "<p>nothing to draw: no reading by taxels</p>"
-        sizes = {"ideal": size_of(sample.ideal), "measured": size_of(sample.measured), "sent": sent}
+        sizes: dict[str, np.ndarray | None] = {
+            "ideal": size_of(sample.ideal),
+            "measured": size_of(sample.measured),
+            "sent": sent,
+        }
         for name, size in sizes.items():
             if size is not None:
                 self._most[name] = max(self._most[name], float(np.nanmax(size, initial=0.0)))
@@ -59,9 +64,8 @@ class Pictures:
     ) -> str:
         cellsof = [picture(size, patch, places, scale[name]) for name, size in sizes.items()]
         pictures = "".join(f"<td>{each}</td>" for each in cellsof)
-        return (
-            f'<tr><td colspan="3" class="name">{escape(patch.name)}</td></tr><tr>{pictures}</tr>'
-            + _numbers(patch, places, sample)
+        return f'<tr><td colspan="3" class="name">{escape(patch.name)}</td></tr><tr>{pictures}</tr>' + _numbers(
+            patch, places, sample
         )
 
 

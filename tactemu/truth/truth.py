@@ -50,7 +50,15 @@ class Truth:
         OSError: the file cannot be written.
     """
 
-    not_state: ClassVar[tuple[str, ...]] = ("_memory", "_writers", "_taps", "_told", "origin_ns", "surroundings", "_poses")
+    not_state: ClassVar[tuple[str, ...]] = (
+        "_memory",
+        "_writers",
+        "_taps",
+        "_told",
+        "origin_ns",
+        "surroundings",
+        "_poses",
+    )
 
     def __init__(
         self, path: str | Path | None = None, *, keep: str | int | None = None, reads: Iterable[str | Path] = ()
