@@ -56,8 +56,8 @@ def run_target(
     save: Path | None = None,
     save_at: float | None = None,
 ) -> None:
-    """Run a device or a scene; ``style`` is auto, plain or json, ``rerun`` whether or where it is shown, ``web`` where its
-    page is.
+    """Run a device or a scene; ``style`` is auto, plain or json, ``rerun`` whether or where it is shown, ``web`` where
+    its page is.
 
     Raises:
         TactemuError: the request cannot be met; nothing is left behind.

@@ -7,6 +7,7 @@ one function that it listens with; what it is asked, page and WebSocket alike, g
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import gzip
 import hmac
@@ -45,7 +46,13 @@ _PREFIX = "viser-user:"
 """With which viser's page keeps them apart."""
 _SCRIPT = f"""<script>
 localStorage.setItem("{_PREFIX}{SCHEME}", matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
+const listen = EventTarget.prototype.addEventListener;
+EventTarget.prototype.addEventListener = function (type, heard, how) {{
+  const stops = type.startsWith("pointer") && how && how.passive;
+  return listen.call(this, type, heard, stops ? {{...how, passive: false}} : how);
+}};
 </script>"""
+"""The page drags by listeners that it declares passive, and that then stop the event: an error in the console."""
 _POLICY = (
     "default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'; connect-src 'self' data: blob: ws://{host}; "
     "form-action 'none'; base-uri 'none'; frame-ancestors 'none'"
@@ -75,6 +82,8 @@ class Gate:
         self.port = listener.getsockname()[1]
         self._hosts = tuple(hosts)
         self.fitted = False
+        self.made = False
+        """Whether viser's server is whole; it listens before it is."""
         self.viewers = 0
         self._said_s = -math.inf
         page = Path(viser.__file__).parent / "client" / "build" / "index.html"
@@ -134,6 +143,8 @@ class Gate:
             self.say(f"a viewer was sent away: {MOST_VIEWERS} look already")
             await connection.close(1013, f"{MOST_VIEWERS} look already")
             return
+        while not self.made:
+            await asyncio.sleep(0.02)
         receive = connection.recv
 
         async def checked(*args: Any, **kwargs: Any) -> Any:

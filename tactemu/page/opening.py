@@ -92,7 +92,7 @@ def _bound(host: str, port: int) -> socket.socket:
 
 @contextlib.contextmanager
 def beside(opened: Door, name: str) -> Iterator[None]:
-    """A process that shows the run of that name as long as it lasts. The token goes through a pipe: commands are seen."""
+    """A process that shows the run of that name while it lasts; it has the token from a pipe: others see commands."""
     number = opened.listener.fileno()
     command = [sys.executable, "-m", "tactemu.cli.seeing", str(number), name]
     process = subprocess.Popen(

@@ -57,6 +57,8 @@ class Page:
                 if viewer == client.client_id and self._hands:
                     self._hands.let_go(viewer, body)
 
+        gate.made = True
+
     def show(self, connect: Callable[[], Connection]) -> None:
         """Show an emulator until it ends.
 

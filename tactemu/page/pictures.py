@@ -19,7 +19,7 @@ _MOST_NUMBERS = 64
 _MOST_COLUMNS = 24
 _MOST_PATCHES = 24
 """That are drawn of one skin."""
-_COLUMNS = ("ideal", "measured", "sent")
+_COLUMNS: tuple[str, ...] = ("ideal", "measured", "sent")
 
 
 class Pictures:

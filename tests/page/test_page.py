@@ -103,7 +103,10 @@ def test_what_is_dragged_reaches_the_driver(dev, seen):
         first.reload()
         status(first, "2 viewers")
         first.get_by_role("button", name="Reboot").click()
-        status(second, "reset")  # in the lines of the wire, with who did it
+        end = time.monotonic() + 30
+        while not dev.truth.injected["reset"]:
+            assert time.monotonic() < end
+            time.sleep(0.05)
     assert not wrong
     said = seen.end()
     assert not said, said
