@@ -27,6 +27,7 @@ from tactemu.truth import Truth
 
 if TYPE_CHECKING:
     from tactemu.control.server import Server
+    from tactemu.page.opening import Door
 
 _OWNER = re.compile(r"[^:=]+=")
 """In front of a port: a skin's name, or its connector's."""
@@ -77,6 +78,7 @@ def run_target(
         raise SceneError("--clock virtual runs as fast as it can and would never end; say how long with --seconds")
     if save_at is not None and save is None:
         raise SceneError("--save-at says when: say with --save where to")
+    page = None if web is None else _door(web)
     wishes = Wishes(
         port=ports_of(ports), rate_hz=rate_of(rates), faults=faults, seed=seed, compute=compute, adjustable=adjustable
     )
@@ -94,11 +96,13 @@ def run_target(
         at_end = save if save_at is None else None
         with _shown(log, rerun) if rerun else nullcontext():
             listen = partial(listening, control, name, target, gentle=clock == "real")
-            if web is not None:
-                listen = partial(_seen, listen, web)
+            if page is not None:
+                listen = partial(_seen, listen, page)
             run_emulator(control.emulator, seconds=seconds, style=style, listen=listen, save=at_end)
     finally:
         log.close()
+        if page is not None:
+            page.listener.close()
 
 
 @dataclass(frozen=True)
@@ -109,19 +113,24 @@ class Web:
     port: int | None = None
 
 
-@contextmanager
-def _seen(listen: Callable[[], AbstractContextManager[Server | None]], web: Web) -> Iterator[None]:
-    """Listen, with a page beside it."""
-    from tactemu.page.opening import beside, door, warning
+def _door(web: Web) -> Door:
+    from tactemu.page.opening import door, warning
 
-    opened = door(web.host, web.port)
-    link = opened.url
     if text := warning(web.host):
         print(f"tactemu: {text}", file=sys.stderr)
+    return door(web.host, web.port)
+
+
+@contextmanager
+def _seen(listen: Callable[[], AbstractContextManager[Server | None]], page: Door) -> Iterator[None]:
+    """Listen, with a page beside it."""
+    from tactemu.page.opening import beside
+
+    link = page.url
     with listen() as server:
         if server is None:
             raise TransportError("--web: there is no control socket, which the page needs")
-        with beside(opened, server.place.name):
+        with beside(page, server.place.name):
             print(f"see {link}", file=sys.stderr, flush=True)
             try:
                 yield

@@ -1,13 +1,13 @@
 """LeRobot, unmodified, records an arm and two fingertips that are not there; nightly, and by hand.
 
 ``python -m tests.drivers.lerobot_record [FOLDER]``: `tactemu exec` gives `lerobot-record` the rig of
-``examples/so101.toml`` (a follower and a leader on Feetech buses, two fingertips on a PaXini high-speed board) as serial
-devices; an egg is touched and slid over the fingertips by script. From the sixth on, every row of the dataset must be one
-sample of the truth log, bit for bit, and they must be in order; `lerobot-doctor` must find nothing wrong.
+``examples/so101.toml`` (a follower and a leader on Feetech buses, two fingertips on a PaXini high-speed board) as
+serial devices; an egg is touched and slid over the fingertips by script. From the sixth on, every row of the dataset
+must be one sample of the truth log, bit for bit, and they must be in order; `lerobot-doctor` must find nothing wrong.
 
-LeRobot 0.4.4 and what it needs are in an environment of their own (``environments/lerobot_record.txt``, 2 GB, made once
-below ``build/``). It pins an older PyTorch than the CPU build that is used, and its torchvision has its C part for CUDA:
-``scripts/lerobot/sitecustomize.py`` declares the two operators that importing it asks for.
+LeRobot 0.4.4 and what it needs are in an environment of their own (``environments/lerobot_record.txt``, 2 GB, made
+once below ``build/``). It pins an older PyTorch than the CPU build that is used, and its torchvision has its C part
+for CUDA: ``scripts/lerobot/sitecustomize.py`` declares the two operators that importing it asks for.
 """
 
 import json

@@ -76,40 +76,74 @@ def status(page, text: str) -> None:
 def test_what_is_dragged_reaches_the_driver(dev, seen):
     driver, wrong = Driver(dev.port), []
     rest = driver.reads()
+    begun = np.array(dev.state()["bodies"]["ball"]["position"])
     with browsing() as browser:
-        first = opened(browser, seen.url, wrong)
-        status(first, "1 viewer")
-        assert colours_drawn(first) > 50, "the scene is drawn"
-
-        begun = np.array(dev.state()["bodies"]["ball"]["position"])
-        drag(first, (0, 70))
-        pressed = driver.until(lambda read: np.abs(read - rest).max() > 20)
-        status(first, "viewer 1 has it")
-        second = opened(browser, seen.url, wrong)
-        status(second, "2 viewers")
-        status(second, "viewer 1 has it")
-        first.mouse.up()
-
-        drag(second, (0, -40))  # the last to grab wins, and both see it
-        status(first, "viewer 2 has it")
-        driver.until(lambda read: np.abs(read - pressed).max() > 20)
-        second.mouse.up()
-        held = dev.state()["bodies"]["ball"]["position"]
-        assert not np.allclose(held, begun, atol=1e-3)
-        second.keyboard.press("Escape")
+        page = opened(browser, seen.url, wrong)
+        status(page, "1 viewer")
+        assert colours_drawn(page) > 50, "the scene is drawn"
+        drag(page, (0, 70))
+        driver.until(lambda read: np.abs(read - rest).max() > 20)
+        status(page, "viewer 1 has it")
+        page.mouse.up()
+        page.keyboard.press("Escape")
         driver.until(lambda read: np.allclose(read, rest, atol=1e-3))
         assert np.allclose(dev.state()["bodies"]["ball"]["position"], begun)
-
-        first.reload()
-        status(first, "2 viewers")
-        first.get_by_role("button", name="Reboot").click()
-        end = time.monotonic() + 30
-        while not dev.truth.injected["reset"]:
-            assert time.monotonic() < end
-            time.sleep(0.05)
+    driver.sensor.close()
     assert not wrong
     said = seen.end()
     assert not said, said
+
+
+@pytest.mark.nightly
+def test_of_two_viewers_the_last_to_grab_has_it(dev, seen):
+    wrong, done = [], dev.truth.injected["reset"]
+    begun = np.array(dev.state()["bodies"]["ball"]["position"])
+    with browsing() as browser:
+        first, second = (opened(browser, seen.url, wrong) for _ in range(2))
+        status(first, "2 viewers")
+        drag(first, (0, -40))
+        status(second, "viewer 1 has it")
+        drag(second, (0, -60))
+        status(first, "viewer 2 has it")
+        first.mouse.up()
+        second.mouse.up()
+        assert not np.allclose(dev.state()["bodies"]["ball"]["position"], begun, atol=1e-3), "it is held"
+        first.keyboard.press("Escape")  # not its own any more
+        status(second, "viewer 2 has it")
+        second.keyboard.press("Escape")
+        end = time.monotonic() + 30
+        while not np.allclose(dev.state()["bodies"]["ball"]["position"], begun):
+            assert time.monotonic() < end
+        first.reload()
+        status(first, "2 viewers")
+        first.get_by_role("button", name="Reboot").click()
+        while dev.truth.injected["reset"] == done:
+            assert time.monotonic() < end
+    assert not wrong
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("width", [1440, 400])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_it_can_be_looked_at(dev, seen, width, scheme, tmp_path):
+    wrong = []
+    with browsing() as browser:
+        page = opened(browser, seen.url, wrong, width=width, height=900, scheme=scheme)
+        if width > 1000:
+            status(page, "1 viewer")
+        page.wait_for_timeout(3000)
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        assert page.evaluate("document.documentElement.getAttribute('data-mantine-color-scheme')") == scheme
+        page.screenshot(path=tmp_path / "page.png")
+    assert not wrong
+
+
+def test_when_the_emulator_ends_the_page_says_so(runtime_folder):  # noqa: F811
+    with tt.serve("anyskin", "memory:", name="short"):
+        page = Seen("short")
+    time.sleep(1.0)
+    assert get(page.where, page.where.path)[0] == 200, "it waits for the next run"
+    assert not page.end()
 
 
 def get(where, path: str, **headers: str) -> tuple[int, bytes, dict[str, str]]:
@@ -202,4 +236,4 @@ def test_it_says_what_it_lacks(runtime_folder, tmp_path):  # noqa: F811
             port = str(taken.getsockname()[1])
             assert f"port {port}: Address already in use" in run("see", "lacking", "--web-port", port)
             assert f"port {port}: Address already in use" in run(*running, "--web-port", port)
-    assert "no emulator runs" in run("see")
+    assert "no emulator 'nobody' runs" in run("see", "nobody")
