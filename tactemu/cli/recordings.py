@@ -13,13 +13,16 @@ from tactemu.wire.faults import DIRECTIONS, KINDS
 
 def print_faults() -> None:
     """The kinds of fault, what they do, and where they can be had."""
-    width = max(map(len, KINDS))
+    width, everywhere = max(map(len, KINDS)), set().union(*(kind.wires for kind in KINDS.values()))
     for name, kind in KINDS.items():
-        options = "".join(f" [{option} {'T' if option == 'by' else 'N'}]" for option in kind.options)
-        on = "" if len(kind.wires) == 3 else f" ({', '.join(kind.wires)} only)"
+        values = {"by": " T", "as": " NAME", "hex=": "aa07"}
+        options = "".join(f" [{option}{values.get(option, ' N')}]" for option in kind.options)
+        on = "" if set(kind.wires) == everywhere else f" ({', '.join(kind.wires)} only)"
         print(f"  {name:{width}}  {kind.about}{on}{options}")
-    print(f"\nKIND [N% | every N] [id=0x201] [prefix=55aa] [{' | '.join(DIRECTIONS)}] [at T [for T] | from T] [to T]")
+    print(f"\nKIND [N% | every N | frame N,N-N] [id=0x201] [prefix=55aa] [{' | '.join(DIRECTIONS)}]")
+    print("     [at T [for T] | from T] [to T]")
     print("Times are 3s, 16ms or 200us of emulation time; N% is per frame, or the share of the bus (load, babble).")
+    print("Frames are counted from 1, bytes from 0 or, negative, from the end, bits from the lowest, 0.")
 
 
 def record_stream(source: str, file: Path, *, baud: int | None, seconds: float | None) -> None:

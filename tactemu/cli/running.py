@@ -48,6 +48,7 @@ def run_target(
     keep: str | None,
     style: str,
     clock: str = "real",
+    preempt: bool = False,
     name: str | None = None,
     adjustable: tuple[str, ...] = (),
     again: Path | None = None,
@@ -79,6 +80,12 @@ def run_target(
     if save_at is not None and save is None:
         raise SceneError("--save-at says when: say with --save where to")
     page = None if web is None else _door(web)
+    if preempt:
+        from tactemu.priority import go_first
+
+        if clock != "real":
+            raise SceneError(f"--preempt: is for real time, not for --clock {clock}, which nothing makes late")
+        go_first()
     wishes = Wishes(
         port=ports_of(ports), rate_hz=rate_of(rates), faults=faults, seed=seed, compute=compute, adjustable=adjustable
     )

@@ -125,6 +125,11 @@ class PtyTransport(Transport):
             self._openings = None
         self._heard, self._leaving, self._raised, self._rest = False, False, False, b""
 
+    def rename(self, name: str) -> None:
+        """The link has another name in the same folder, as a port has that was plugged in again."""
+        if self._link:
+            self._link = StableLink(str(self._link.path.with_name(name)))
+
     # -- events ------------------------------------------------------------------------------------------------------
 
     def filenos(self, reading: bool = True) -> list[int]:

@@ -158,6 +158,9 @@ class Transport(ABC):
             code: the reason, where the protocol has one (WebSocket: 1000 to 4999).
         """
 
+    def rename(self, name: str) -> None:
+        """Be called ``name`` from the next :meth:`open` on, where the port has a name in a folder."""
+
     def hold(self, held: bool) -> None:
         """While held the connection stays, but nothing is read, answered, or noticed of it."""
 

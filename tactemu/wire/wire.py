@@ -430,6 +430,8 @@ class Wire:
                 events += (Closed(), DROPPED)
                 self._held_open, self._lines = False, DROPPED
         self._plug()
+        if fault is not None and fault.name:
+            self.transport.rename(fault.name)
 
     def _forget(self, now_ns: int, why: str) -> None:
         """Nothing is kept for whoever comes next."""

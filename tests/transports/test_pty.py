@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 import serial
 
+from firmware_protocols import Serial
 from tactemu.errors import TransportError
 from tactemu.transports import create
 from tactemu.transports.transport import (
@@ -24,6 +25,7 @@ from tactemu.transports.transport import (
     SerialSetting,
     SettingChanged,
 )
+from tactemu.wire.wire import Wire
 
 pytestmark = pytest.mark.realtime
 
@@ -234,3 +236,16 @@ def test_a_signal_removes_the_link(tmp_path, number):
     assert child.wait(10) != 0
     child.stdout.close()
     assert not os.path.lexists(tmp_path / "tty")
+
+
+def test_a_port_comes_back_under_another_name(tmp_path):
+    """As ttyUSB0 does, while somebody still holds it, as ttyUSB1."""
+    wire = Wire(create(f"pty:{tmp_path / 'ttyUSB0'}"), Serial(baud=115_200), faults=["unplug at 1s for 1s as ttyUSB1"])
+    wire.open()
+    seen = []
+    for t_s in (0.5, 1.5, 2.5):
+        wire.receive(round(t_s * 1e9))
+        seen.append(sorted(path.name for path in tmp_path.iterdir()))
+    assert seen == [["ttyUSB0"], [], ["ttyUSB1"]] and wire.transport.address == str(tmp_path / "ttyUSB1")
+    wire.close()
+    assert not list(tmp_path.iterdir())

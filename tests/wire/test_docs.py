@@ -17,4 +17,6 @@ def test_every_port_and_every_fault_is_in_the_tables():
 def test_the_examples_parse():
     block = next(block for block in PAGE.split("```") if "checksum every 10" in block)
     texts = [re.split(r"\s{2,}", line)[0] for line in block.strip().splitlines()]
-    assert [parse(text).kind for text in texts] == ["drop", "flip", "checksum", "late", "drop", "unplug", "load"]
+    assert [parse(text).kind for text in texts] == [
+        "drop", "flip", "checksum", "late", "drop", "unplug", "load", "flip", "truncate", "garbage", "drop", "replace",
+    ]  # fmt: skip

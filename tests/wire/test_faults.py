@@ -111,6 +111,18 @@ def test_words(text, values):
         ("unplug 5%", "whole link"),
         ("unplug to_driver", "whole link"),
         ("latency every 3", "whole link"),
+        ("drop frame 0", "whole number from 1"),
+        ("drop frame 5-3", "whole number from 5"),
+        ("drop frame 3 every 2", "not two of them"),
+        ("flip bit 3", "of which byte"),
+        ("flip byte 3 bit 8", "from 0 to 7"),
+        ("drop byte 3", "these have: flip, lose"),
+        ("truncate to 3 bytes 2", "not both"),
+        ("truncate to 3x", "a time such as 3s"),
+        ("garbage hex=a", "bytes in hex"),
+        ("replace", "by what"),
+        ("unplug as ../tty", "same folder"),
+        ("unplug frame 3", "whole link"),
     ],
 )
 def test_wrong_words_name_the_right_ones(text, complaint):
@@ -125,6 +137,71 @@ def test_wrong_words_name_the_right_ones(text, complaint):
 def test_a_wire_refuses_what_it_cannot_have(text, spec):
     with pytest.raises(SceneError, match="expected one of"):
         Wire(MemoryTransport(), spec, faults=[text])
+
+
+# -- exactly this ----------------------------------------------------------------------------------------------------
+
+WHOLE = b"\x10\x11\x12\x13"
+
+
+@pytest.mark.parametrize(
+    ("fault", "becomes"),
+    [
+        ("flip frame 2 byte 1 bit 3", ["10191213"]),
+        ("flip frame 2 byte -1 bit 0", ["10111212"]),
+        ("lose frame 2 byte 2", ["101113"]),
+        ("truncate frame 2 to 1", ["10"]),
+        ("truncate frame 2 to 0", []),
+        ("garbage frame 2 hex=aa07", ["aa07", "10111213"]),
+        ("garbage frame 2 hex=aa07 after 3", ["101112aa0713"]),
+        ("split frame 2 after 3", ["101112", "13"]),
+        ("chunk frame 2 bytes 3", ["101112", "13"]),
+        ("chunk frame 2", ["10", "11", "12", "13"]),
+        ("replace frame 2 hex=0183", ["0183"]),
+        ("drop frame 2-2", []),
+        ("flip frame 2 byte 4", ["10111213"]),  # there is none: not counted
+        ("split frame 2 after 4", ["10111213"]),
+    ],
+)
+def test_a_fault_hits_the_frame_and_the_place_that_it_names(fault, becomes, tmp_path):
+    truth = Truth(tmp_path / "t.jsonl")
+    wire = Wire(MemoryTransport(), USB, faults=[fault], truth=truth)
+    wire.open()
+    wire.receive(0)
+    for k in range(4):
+        wire.send([WHOLE], k * 100 * MS, "pad")
+        for t in range(10):
+            wire.flush((k * 100 + t) * MS)
+    wire.close()
+    truth.close()
+    assert [each.hex() for each in wire.transport.driver.read()] == [WHOLE.hex(), *becomes, WHOLE.hex(), WHOLE.hex()]
+    injected = read_log(tmp_path / "t.jsonl")["pad"].injects
+    if becomes == [WHOLE.hex()]:
+        assert not injected
+    else:
+        (entry,) = injected
+        assert entry.detail == f"{fault} [to_driver, frame 2]"
+        assert (entry.before, list(entry.after)) == (WHOLE.hex(), becomes)
+
+
+def test_frames_are_counted_among_those_that_match_and_in_lists():
+    sent, seen, injected = stream(CAN, ["drop frame 2,4-5 id=0x201", "lose byte 7 frame 1"], count=16)
+    odd = [each for each in sent if each.arbitration_id == 0x201]
+    left = [each for _, each in seen]
+    assert len(left[0].data) == 7 and injected == Counter(drop=3, lose=1)
+    assert [each for each in odd if each not in left] == [odd[1], odd[3], odd[4]]
+
+
+def test_a_request_is_lost_by_its_number():
+    wire = Wire(MemoryTransport(), USB, faults=["drop frame 2 from_driver"])
+    wire.open()
+    wire.receive(0)
+    heard = []
+    for k in range(3):
+        wire.transport.driver.write(bytes([k]))
+        for t in range(3):
+            heard += [each.data for each in wire.receive((10 * k + t) * MS) if isinstance(each, Heard)]
+    assert heard == [b"\0", b"\2"]
 
 
 # -- single frames ---------------------------------------------------------------------------------------------------
@@ -470,7 +547,8 @@ def test_the_log_says_what_a_fault_befell_and_what_became_of_it(fault, spec, tmp
     log = read_log(tmp_path / "t.mcap")["pad"]
     assert [each.before for each in log.injects] == [text(each) for each in sent[1::2]]
     assert [list(each.after) for each in log.injects] == [[text(each) for each in got] for got in arrived[1::2]]
-    assert {each.detail for each in log.injects} == {f"{fault} every 2 [to_driver]"}
+    hit = {f"{fault} every 2 [to_driver, frame {number}]" for number in range(2, 2 + 2 * len(log.injects), 2)}
+    assert {each.detail for each in log.injects} <= hit
     assert [each.sample for each in log.frames] == [k for k, got in enumerate(arrived) for _ in got]
 
 

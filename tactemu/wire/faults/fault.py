@@ -2,12 +2,18 @@
 
 ::
 
-    KIND [N% | every N] [id=0x201] [prefix=55aa] [to_driver | from_driver | both] [at T [for T] | from T] [to T]
-         [by T] [bits N | bytes N | frames N | code N]
+    KIND [N% | every N | frame N,N-N,...] [id=0x201] [prefix=55aa] [to_driver | from_driver | both]
+         [at T [for T] | from T] [to T] [by T] [bits N | bytes N | frames N | code N]
+         [byte N [bit N]] [after N] [to N] [hex=aa07] [as NAME]
 
 ``N%`` is the probability per frame (for ``load`` and ``babble`` the share of the bus), ``every N`` hits each N-th frame
-that the target matches, neither hits all of them. Times are emulation times: ``3s``, ``16ms``, ``200us``. A fault of
-frames with ``at T`` and no ``for`` hits the first frame from then on. The direction is ``to_driver`` unless said.
+that the target matches, ``frame 37,40-42`` these and no other, neither hits all of them. Frames are counted from 1,
+from when the fault is switched on, as far as the target matches them and somebody listens. Times are emulation times:
+``3s``, ``16ms``, ``200us``. A fault of frames with ``at T`` and no ``for`` hits the first frame from then on. The
+direction is ``to_driver`` unless said.
+
+``byte N`` (from 0; from the end if negative) and ``bit N`` (0 is the lowest) say where a frame is changed, ``after N``
+how many bytes are before a cut or what is put in, ``to N`` what is left; otherwise chance says it.
 """
 
 from __future__ import annotations
@@ -31,7 +37,7 @@ class Kind:
     about: str
     wires: tuple[str, ...] = ("serial", "can", "tcp", "udp", "websocket", "dds")
     options: tuple[str, ...] = ()
-    """Which of :data:`_AMOUNTS` and ``by`` it takes."""
+    """Which of :data:`_AMOUNTS`, :data:`_PLACES`, ``by``, ``to`` (a length), ``hex=`` and ``as`` it takes."""
     whole_link: bool = False
     """It befalls the port or the bus, not single frames: it has a time and no target."""
 
@@ -41,14 +47,17 @@ _CAN = ("can",)
 _CONNECTED = ("tcp", "websocket")
 KINDS: dict[str, Kind] = {
     "drop": Kind("the frame is lost"),
-    "flip": Kind("bits of the data change", options=("bits",)),
-    "truncate": Kind("the end is missing", options=("bytes",)),
+    "flip": Kind("bits of the data change", options=("bits", "byte", "bit")),
+    "lose": Kind("one byte is missing", options=("byte",)),
+    "truncate": Kind("the end is missing", options=("bytes", "to")),
     "length": Kind("the frame is too long (a full CAN frame too short)", options=("bytes",)),
     "checksum": Kind("the last bytes are wrong", options=("bytes",)),
     "duplicate": Kind("sent twice"),
     "reorder": Kind("sent after the next one", options=("frames",)),
-    "garbage": Kind("random bytes before the frame", _BYTES, ("bytes",)),
-    "split": Kind("arrives in two pieces, the second later", (*_BYTES, "websocket"), ("by",)),
+    "replace": Kind("other bytes in its place", options=("hex=",)),
+    "garbage": Kind("random bytes before the frame, or in it", _BYTES, ("bytes", "after", "hex=")),
+    "split": Kind("arrives in two pieces, the second later", (*_BYTES, "websocket"), ("by", "after")),
+    "chunk": Kind("arrives in pieces, each later", _BYTES, ("by", "bytes")),
     "merge": Kind("arrives together with the next one", _BYTES),
     "late": Kind("leaves later; on a byte stream, so does all that follows", options=("by",)),
     "stray": Kind("an earlier frame comes again, unasked"),
@@ -57,22 +66,24 @@ KINDS: dict[str, Kind] = {
         "a USB-serial chip hands over 62 bytes, or what it has when its timer fires", ("serial",), ("by",), True
     ),
     "close": Kind("the connection is closed in its place, and may be opened again", _CONNECTED, ("code",)),
-    "halfopen": Kind("the connection stays, but nobody is at the other end", _CONNECTED, whole_link=True),
-    "unplug": Kind("the port goes away, and comes back", whole_link=True),
+    "halfopen": Kind("the connection stays, but nobody is at the other end", ("serial", *_CONNECTED), whole_link=True),
+    "unplug": Kind("the port goes away, and comes back", options=("as",), whole_link=True),
     "error": Kind("an error frame breaks the frame, which is sent again", _CAN),
     "busoff": Kind("the node leaves the bus, and recovers", _CAN, whole_link=True),
     "babble": Kind("another node fills the bus with the highest priority", _CAN, whole_link=True),
     "load": Kind("other traffic takes a share of the bus", _CAN, whole_link=True),
 }
 
-_DEFAULT_BY_NS = {"late": 10_000_000, "split": 1_000_000, "latency": 16_000_000}
+_DEFAULT_BY_NS = {"late": 10_000_000, "split": 1_000_000, "chunk": 1_000_000, "latency": 16_000_000}
 _LONGEST_NS = 10**18
 _UNITS = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 _WORDS = (
     "N%",
     "every",
     "id=",
+    "frame",
     "prefix=",
+    "hex=",
     *DIRECTIONS,
     "at",
     "from",
@@ -83,7 +94,13 @@ _WORDS = (
     "bytes",
     "frames",
     "code",
+    "byte",
+    "bit",
+    "after",
+    "as",
 )
+_PLACES = {"byte": (-65_536, 65_536), "bit": (0, 7), "after": (0, 65_536)}
+"""Words that say where, and their bounds."""
 _AMOUNTS = {"bits": (1, 65_536), "bytes": (1, 65_536), "frames": (1, 65_536), "code": (1000, 4999)}
 """Words with a number, and its bounds."""
 
@@ -105,6 +122,18 @@ class Fault:
     by_ns: int = 0
     amount: int | None = None
     """Bits, bytes or frames, or the code, where the kind takes them."""
+    frames: tuple[tuple[int, int], ...] = ()
+    """First and last numbers of the frames that are hit; empty: not by number."""
+    byte: int | None = None
+    bit: int | None = None
+    after: int | None = None
+    """Bytes before the cut, or before what is put in."""
+    length: int | None = None
+    """Bytes that are left."""
+    data: bytes = b""
+    """What is put in."""
+    name: str = ""
+    """What the port is called when it comes back."""
     text: str = ""
 
     def __str__(self) -> str:
@@ -121,7 +150,7 @@ class Fault:
             SceneError: it says itself when it happens, or its end twice.
         """
         words = self.text.split()
-        if {"at", "from", "to"} & set(words):
+        if {"at", "from"} & set(words) or ("to" in words and self.length is None):
             raise SceneError(f"scenario: fault {self.text!r}: the time is the event's `at` and `until`")
         lasts, text, start = "for" in words, " ".join(words), f"{start_ns}ns"
         if lasts and stop_ns is not None:
@@ -183,9 +212,23 @@ class _Words:
                 raise self._wrong("for", "give 'for' or 'to', not both")
             values["stop_ns"] = values.get("start_ns", 0) + length
         fault = replace(Fault(kind=self.kind, text=self.text, by_ns=_DEFAULT_BY_NS.get(self.kind, 0)), **values)
+        self._check_whole(fault)
         if fault.stop_ns is not None and fault.stop_ns <= fault.start_ns:
             raise self._wrong("to" if length is None else "for", "it ends before it begins")
         return fault
+
+    def _check_whole(self, fault: Fault) -> None:
+        """Words that need one another, or exclude it."""
+        if fault.frames and (fault.every > 1 or fault.probability < 1):
+            raise self._wrong("frame", "give 'frame', 'every' or a percentage, not two of them")
+        if fault.bit is not None and fault.byte is None:
+            raise self._wrong("bit", "of which byte? as in 'byte 10 bit 3'")
+        if fault.byte is not None and fault.amount is not None:
+            raise self._wrong("byte", f"one place is given, and {fault.amount} bits at random")
+        if fault.length is not None and fault.amount is not None:
+            raise self._wrong("to", "give 'to' or 'bytes', not both")
+        if fault.kind == "replace" and not fault.data:
+            raise self._wrong("replace", "by what? as in 'replace frame 3 hex=01830286'")
 
     def _take(self, word: str) -> None:
         if match := re.fullmatch(r"([\d.]+)%", word):
@@ -196,6 +239,17 @@ class _Words:
             self._set(word, "arbitration_id", self._integer(word, word[3:], 0x1FFF_FFFF))
         elif word.startswith("prefix="):
             self._set(word, "prefix", self._hex(word))
+        elif word.startswith("hex="):
+            self._set(word, "data", self._hex(word))
+        elif word == "frame":
+            self._set(word, "frames", self._numbers(self._next(word)))
+        elif word in _PLACES:
+            least, most = _PLACES[word]
+            self._set(word, word, self._integer(word, self._next(word), most, least=least))
+        elif word == "as":
+            self._set(word, "name", self._name(self._next(word)))
+        elif word == "to" and self.words[:1] and self.words[0].isdigit() and "to" in KINDS[self.kind].options:
+            self._set(word, "length", self._integer(word, self._next(word), 65_536))
         elif word in ("at", "from", "to", "for", "by"):
             name = {"from": "start_ns", "to": "stop_ns", "by": "by_ns"}.get(word, word)
             self._set(word, name, self._duration(word, self._next(word)))
@@ -212,10 +266,11 @@ class _Words:
 
     def _check_allowed(self, word: str) -> None:
         kind = KINDS[self.kind]
-        if word in ("by", *_AMOUNTS) and word not in kind.options:
-            takes = ", ".join(name for name, each in KINDS.items() if word in each.options)
+        option = "hex=" if word.startswith("hex=") else word
+        if option in ("by", "hex=", "as", *_AMOUNTS, *_PLACES) and option not in kind.options:
+            takes = ", ".join(name for name, each in KINDS.items() if option in each.options)
             raise self._wrong(word, f"{self.kind} has no such option; these have: {takes}")
-        targets = word == "every" or word in DIRECTIONS or word.startswith(("prefix=", "id="))
+        targets = word in ("every", "frame") or word in DIRECTIONS or word.startswith(("prefix=", "id="))
         traffic = self.kind in ("babble", "load")
         if kind.whole_link and (
             (targets and not (traffic and word.startswith("id="))) or (word[-1] == "%" and not traffic)
@@ -256,8 +311,22 @@ class _Words:
             raise self._wrong(word, f"expected a whole number from {least} to {most} (0x{most:X}), got {value!r}")
         return number
 
+    def _numbers(self, value: str) -> tuple[tuple[int, int], ...]:
+        """``37,40-42`` as first and last numbers."""
+        pairs = []
+        for part in value.split(","):
+            first, dash, last = part.partition("-")
+            low = self._integer("frame", first, 10**9, least=1)
+            pairs.append((low, self._integer("frame", last, 10**9, least=low) if dash else low))
+        return tuple(pairs)
+
+    def _name(self, value: str) -> str:
+        if "/" in value or value in (".", ".."):
+            raise self._wrong("as", f"expected a name in the same folder, such as ttyUSB1, got {value!r}")
+        return value
+
     def _hex(self, word: str) -> bytes:
-        value = word.removeprefix("prefix=")
+        value = word.partition("=")[2]
         try:
             return bytes.fromhex(value.removeprefix("0x"))
         except ValueError:

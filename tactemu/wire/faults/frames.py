@@ -28,18 +28,46 @@ def drop(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
 
 
 def flip(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
-    """``bits N`` (1) different bits of the data change."""
+    """``bits N`` (1) different bits of the data change, or ``bit N`` (any) of ``byte N``."""
     data = bytearray(payload(frame))
-    if not data:
+    if not data or _outside(fault.byte, data):
         return None
+    if fault.byte is not None:
+        data[fault.byte] ^= 1 << (int(rng.integers(8)) if fault.bit is None else fault.bit)
+        return [(with_payload(frame, bytes(data)), 0)]
     for bit in rng.choice(8 * len(data), size=min(fault.amount or 1, 8 * len(data)), replace=False):
         data[bit // 8] ^= 1 << bit % 8
     return [(with_payload(frame, bytes(data)), 0)]
 
 
-def truncate(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
-    """``bytes N`` (any number) are missing at the end; of a serial frame at least one byte is left."""
+def _outside(byte: int | None, data: bytes | bytearray) -> bool:
+    return byte is not None and not -len(data) <= byte < len(data)
+
+
+def lose(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
+    """``byte N`` (any) is missing; of a serial frame with one byte nothing is left."""
     data = payload(frame)
+    if not data or _outside(fault.byte, data):
+        return None
+    at = (int(rng.integers(len(data))) if fault.byte is None else fault.byte) % len(data)
+    left = data[:at] + data[at + 1 :]
+    return [(with_payload(frame, left), 0)] if left or isinstance(frame, CanFrame) else []
+
+
+def replaced(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
+    """The bytes of ``hex=`` in its place."""
+    return [(with_payload(frame, fault.data), 0)]
+
+
+def truncate(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
+    """``bytes N`` (any number) are missing at the end, or all but ``to N``; of a serial frame at least one byte is
+    left, unless nothing is asked for."""
+    data = payload(frame)
+    if fault.length is not None:
+        if fault.length >= len(data):
+            return None
+        left = data[: fault.length]
+        return [(with_payload(frame, left), 0)] if left or isinstance(frame, CanFrame) else []
     most = len(data) - (not isinstance(frame, CanFrame))
     if most < 1:
         return None
@@ -71,17 +99,31 @@ def duplicate(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | N
 
 
 def garbage(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
-    """``bytes N`` (1 to 16) random bytes in front."""
-    return [(rng.bytes(fault.amount or int(rng.integers(1, 17))), 0), (frame, 0)]
+    """``bytes N`` (1 to 16) random bytes, or those of ``hex=``, in front, or ``after N`` bytes of it."""
+    junk = fault.data or rng.bytes(fault.amount or int(rng.integers(1, 17)))
+    if not fault.after:
+        return [(junk, 0), (frame, 0)]
+    data = payload(frame)
+    return [(data[: fault.after] + junk + data[fault.after :], 0)] if fault.after <= len(data) else None
 
 
 def split(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
-    """Two pieces, cut anywhere, the second ``by`` later."""
+    """Two pieces, cut anywhere or ``after N`` bytes, the second ``by`` later."""
     data = payload(frame)
     if len(data) < 2:
         return None
-    cut = int(rng.integers(1, len(data)))
+    cut = int(rng.integers(1, len(data))) if fault.after is None else fault.after
+    if not 0 < cut < len(data):
+        return None
     return [(Part(data[:cut]), 0), (data[cut:], fault.by_ns)]
+
+
+def chunk(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
+    """Pieces of ``bytes N`` (1), each ``by`` after the one before."""
+    data, size = payload(frame), fault.amount or 1
+    if len(data) <= size:
+        return None
+    return [(data[at : at + size], at // size * fault.by_ns) for at in range(0, len(data), size)]
 
 
 def late(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
@@ -99,12 +141,15 @@ SPOIL: dict[str, Spoil] = {
     "silence": drop,
     "close": drop,
     "flip": flip,
+    "lose": lose,
+    "replace": replaced,
     "truncate": truncate,
     "length": length,
     "checksum": checksum,
     "duplicate": duplicate,
     "garbage": garbage,
     "split": split,
+    "chunk": chunk,
     "late": late,
     "error": error,
 }

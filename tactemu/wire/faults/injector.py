@@ -79,10 +79,22 @@ class FrameFault:
         if fault.prefix and not payload(frame).startswith(fault.prefix):
             return False
         self._matched += 1
+        if fault.frames and not self._is_numbered():
+            return False
         if self._matched % fault.every or (fault.probability < 1 and self.rng.random() >= fault.probability):
             return False
-        self._spent = fault.once
+        self._spent |= fault.once
         return True
+
+    @property
+    def matched(self) -> int:
+        """Number of the frame that the target matched last, from 1."""
+        return self._matched
+
+    def _is_numbered(self) -> bool:
+        number = self._matched
+        self._spent = number >= max(last for _, last in self.fault.frames)
+        return any(first <= number <= last for first, last in self.fault.frames)
 
     def _hold(self, frame: Frame, key: Key, hit: bool) -> tuple[Parts, bool]:
         held, left = self._held.pop(key, (None, 0))
@@ -193,7 +205,7 @@ class Injector:
                 if injected:
                     if active.fault.kind == "close":
                         self.closing = active.fault
-                    detail = f"{active.fault} [{direction}]"
+                    detail = f"{active.fault} [{direction}, frame {active.matched}]"
                     became = [each for each, _ in after]
                     self.note(t_ns, source, active.fault.kind, detail, before=before, after=became)
             parts = spoiled
