@@ -116,7 +116,7 @@ def test_who_watches_gets_arrays_and_what_happens_on_the_wire(dev):
     sample = second["skins"]["anyskin"]["sample"]
     assert sample["measured"].shape == (5, 3) and sample["counts"].dtype == np.float32
     assert latest["number"] >= sample["number"]
-    assert first["t_s"] < second["t_s"] and {"drop", "inject", "event"} >= {row["kind"] for row in rows}
+    assert first["t_s"] < second["t_s"] and {"tx", "drop", "inject", "event"} >= {row["kind"] for row in rows}
     assert any(row["kind"] == "inject" and row["what"] == "unplug" for row in rows)
     assert any(row["kind"] == "event" and '"verb": "unplug"' in row["what"] for row in rows), "and of what was asked"
 
