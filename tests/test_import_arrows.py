@@ -33,7 +33,7 @@ ARROWS = {
     "scene": LEAVES,
     "transports": (*LEAVES, "frame_text"),
     "imperfections": (*LEAVES, "plan"),
-    "physics": (*LEAVES, "plan", "imperfections", "scene"),
+    "physics": (*LEAVES, "kernels", "plan", "imperfections", "scene"),
     "units": (),
     "wire": (*LEAVES, "frame_text", "truth", "transports", "units"),
     "agenda": (),
@@ -66,7 +66,7 @@ ARROWS = {
         "control", "errors", "exec", "physics", "scene", "serving", "truth",
     ),
     "bench": (
-        *LEAVES, "assembly", "clock", "collector", "control", "emulator", "exec", "physics", "plan", "priority",
+        *LEAVES, "assembly", "clock", "collector", "control", "emulator", "exec", "kernels", "physics", "plan", "priority",
         "scene", "serving", "statistics", "tactemu", "transports", "truth", "tune", "wire",
     ),
     "cli": (
