@@ -60,6 +60,7 @@ ARROWS = {
     "serving": (*LEAVES, "assembly", "clock", "control", "kernels", "physics", "scene", "truth"),
     "exec": (*LEAVES, "folders", "serving", "transports", "wire"),
     "pytest_plugin": ("cli", "exec", "serving"),
+    "page": (*LEAVES, "control", "conversions", "frame_text", "scene", "truth", "wire"),
     "doors": (*LEAVES, "serving"),
     "tactemu": (  # the public names, imported on first use
         "control", "errors", "exec", "physics", "scene", "serving", "truth",
@@ -71,8 +72,8 @@ ARROWS = {
     "cli": (
         *LEAVES, "assembly", "bench", "channel", "clock", "collector", "control", "conversions", "emulator", "exec",
         "fit", "frame_text",
-        "kernels", "priority", "recordings", "scenario", "scene", "serving", "statistics", "tactemu", "transports",
-        "truth", "tune", "wire",
+        "kernels", "page", "priority", "recordings", "scenario", "scene", "serving", "statistics", "tactemu",
+        "transports", "truth", "tune", "wire",
     ),
     "__main__": ("cli",),
 }  # fmt: skip
