@@ -34,7 +34,7 @@ ARROWS = {
     "transports": (*LEAVES, "frame_text"),
     "imperfections": (*LEAVES, "plan"),
     "transducers": (*LEAVES, "plan"),
-    "physics": (*LEAVES, "plan", "imperfections", "scene", "transducers"),
+    "physics": (*LEAVES, "kernels", "plan", "imperfections", "scene", "transducers"),
     "units": (),
     "wire": (*LEAVES, "frame_text", "truth", "transports", "units"),
     "agenda": (),
@@ -60,19 +60,20 @@ ARROWS = {
     "serving": (*LEAVES, "assembly", "clock", "control", "kernels", "physics", "scene", "truth"),
     "exec": (*LEAVES, "folders", "serving", "transports", "wire"),
     "pytest_plugin": ("cli", "exec", "serving"),
+    "page": (*LEAVES, "control", "conversions", "frame_text", "scene", "truth", "wire"),
     "doors": (*LEAVES, "serving"),
     "tactemu": (  # the public names, imported on first use
         "control", "errors", "exec", "physics", "scene", "serving", "truth",
     ),
     "bench": (
-        *LEAVES, "assembly", "clock", "collector", "control", "emulator", "exec", "physics", "plan", "priority",
-        "scene", "serving", "statistics", "tactemu", "transducers", "transports", "truth", "tune", "wire",
+        *LEAVES, "assembly", "clock", "collector", "control", "emulator", "exec", "kernels", "physics", "plan",
+        "priority", "scene", "serving", "statistics", "tactemu", "transducers", "transports", "truth", "tune", "wire",
     ),
     "cli": (
         *LEAVES, "assembly", "bench", "channel", "clock", "collector", "control", "conversions", "emulator", "exec",
         "fit", "frame_text",
-        "kernels", "priority", "recordings", "scenario", "scene", "serving", "statistics", "tactemu", "transports",
-        "truth", "tune", "wire",
+        "kernels", "page", "priority", "recordings", "scenario", "scene", "serving", "statistics", "tactemu",
+        "transports", "truth", "tune", "wire",
     ),
     "__main__": ("cli",),
 }  # fmt: skip

@@ -14,6 +14,7 @@ from firmware_protocols.can_frames import CanFrames
 from tactemu.frame_text import text
 from tactemu.truth.entries import BodyPose, Entry, Header, Injection, Passage, PortEvent, Sample
 from tactemu.truth.memory import Memory, size_of
+from tactemu.truth.tap import Tap
 from tactemu.truth.writer import LogWriter, check_overwriting
 
 
@@ -49,7 +50,15 @@ class Truth:
         OSError: the file cannot be written.
     """
 
-    not_state: ClassVar[tuple[str, ...]] = ("_memory", "_writers", "origin_ns", "surroundings", "_poses")
+    not_state: ClassVar[tuple[str, ...]] = (
+        "_memory",
+        "_writers",
+        "_taps",
+        "_told",
+        "origin_ns",
+        "surroundings",
+        "_poses",
+    )
 
     def __init__(
         self, path: str | Path | None = None, *, keep: str | int | None = None, reads: Iterable[str | Path] = ()
@@ -58,6 +67,9 @@ class Truth:
         if path is not None:
             check_overwriting(Path(path), map(Path, reads))
         self._writers = [LogWriter(path)] if path is not None else []
+        self._taps: tuple[Tap, ...] = ()
+        self._told = bool(self._writers)
+        """Whether anybody is told of frames, faults and events."""
         self._latest: dict[str, dict[str, Sample]] = {}
         self._latest_frames: dict[str, Frame | CanFrames] = {}
         self._numbers: dict[str, int] = {}
@@ -103,6 +115,10 @@ class Truth:
         """The latest sample of one device; of several senses, that of the one named, or of the one that came first."""
         senses = self._latest.get(device, {})
         return senses.get(sense) if sense is not None else next(iter(senses.values()), None)
+
+    def latest_of(self, device: str) -> dict[str, Sample]:
+        """The latest sample of one device of each of its senses, the one that came first first."""
+        return dict(self._latest.get(device, {}))
 
     def latest_frame(self, device: str) -> Frame | None:
         """The latest frame of one device that left for the driver."""
@@ -158,7 +174,7 @@ class Truth:
         self.counts["tx"] += 1
         self._latest_frames[device] = frame
         self._memory.add_frame(t_ns, device, frame)
-        if self._writers:
+        if self._told:
             self._log(Passage(t_ns, device, "tx", frame, sample))
 
     def wrote_all(self, t_ns: int, device: str, frames: CanFrames, sample: int | None = None) -> None:
@@ -166,20 +182,20 @@ class Truth:
         self.counts["tx"] += len(frames)
         self._latest_frames[device] = frames
         self._memory.add_frame(t_ns, device, frames)
-        if self._writers:
+        if self._told:
             for frame in frames:
                 self._log(Passage(t_ns, device, "tx", frame, sample))
 
     def received(self, t_ns: int, device: str, frame: Frame) -> None:
         """Something arrived from the driver."""
         self.counts["rx"] += 1
-        if self._writers:
+        if self._told:
             self._log(Passage(t_ns, device, "rx", frame))
 
     def dropped(self, t_ns: int, device: str, frame: Frame, why: str, sample: int | None = None) -> None:
         """A frame never left."""
         self.counts["drop"] += 1
-        if self._writers:
+        if self._told:
             self._log(Passage(t_ns, device, "drop", frame, sample, why))
 
     def inject(
@@ -196,13 +212,13 @@ class Truth:
         self.injected[what] += 1
         self.injected_by_device.setdefault(device, Counter())[what] += 1
         self.counts["inject"] += 1
-        if self._writers:
+        if self._told:
             self._log(Injection(t_ns, device, what, detail, _as_text(before), tuple(map(_as_text, after))))
 
     def event(self, t_ns: int, device: str, what: str) -> None:
         """The port was opened or closed, the baud rate changed ..."""
         self.counts["event"] += 1
-        if self._writers:
+        if self._told:
             self._log(PortEvent(t_ns, device, what))
 
     # -- life ----------------------------------------------------------------------------------------------------------
@@ -228,6 +244,17 @@ class Truth:
             OSError: the file cannot be written.
         """
         self._writers.append(LogWriter(path, flush_s=flush_s))
+        self._told = True
+
+    def tap(self, tap: Tap) -> None:
+        """Have frames, faults and events told to somebody who watches, too. Safe from any thread."""
+        self._taps = (*self._taps, tap)
+        self._told = True
+
+    def untap(self, tap: Tap) -> None:
+        """And no more. Safe from any thread, and twice."""
+        self._taps = tuple(each for each in self._taps if each is not tap)
+        self._told = bool(self._writers or self._taps)
 
     def resumed(self) -> None:
         """A state was restored: what memory keeps is of what came after it, counters go on from it."""
@@ -244,6 +271,8 @@ class Truth:
             if not writer.begun:
                 writer.begin(self._header())
             writer.put(entry, size)
+        for tap in self._taps:
+            tap.put(entry)
 
     def _header(self) -> Header:
         around = self.surroundings
