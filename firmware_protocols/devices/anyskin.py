@@ -104,7 +104,8 @@ class AnySkin(Device):
         ] = 1,
     ):
         self.sees: Quantity = sees
-        self.senses, self.step = (self.sees, "temperature"), FIELD_LSB_UT * step_scale
+        self.senses = (self.sees, "temperature")
+        self.step = FIELD_LSB_UT * step_scale
         if step_scale > 1:
             self.columns = (self.columns[0], *(
                 replace(column, low=-0x8000 * step, high=0x7FFF * step)
