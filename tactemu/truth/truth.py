@@ -32,6 +32,35 @@ class Surroundings(Protocol):
         ...
 
 
+class Listener(Protocol):
+    """Who is told everything as it happens, by the loop's thread; a file's writer is one."""
+
+    patient: bool
+    """Whether the loop may be kept waiting, because time is virtual."""
+
+    @property
+    def begun(self) -> bool:
+        """Whether it knows how the log begins."""
+        ...
+
+    @property
+    def lost(self) -> int:
+        """Entries that it could not take."""
+        ...
+
+    def begin(self, header: Header) -> None:
+        """The run begins."""
+        ...
+
+    def put(self, entry: Entry, size: int) -> None:
+        """An entry of about ``size`` bytes, which nobody changes any more. Must not wait."""
+        ...
+
+    def close(self) -> None:
+        """Nothing more comes. Called twice, maybe."""
+        ...
+
+
 class Truth:
     """What really happened: the latest of it in memory, and all of it in a file, if one is named.
 
@@ -57,7 +86,7 @@ class Truth:
         self._memory = Memory(keep)
         if path is not None:
             check_overwriting(Path(path), map(Path, reads))
-        self._writers = [LogWriter(path)] if path is not None else []
+        self._writers: list[Listener] = [LogWriter(path)] if path is not None else []
         self._latest: dict[str, dict[str, Sample]] = {}
         self._latest_frames: dict[str, Frame | CanFrames] = {}
         self._numbers: dict[str, int] = {}
@@ -228,6 +257,10 @@ class Truth:
             OSError: the file cannot be written.
         """
         self._writers.append(LogWriter(path, flush_s=flush_s))
+
+    def tell(self, listener: Listener) -> None:
+        """Tell somebody everything, before the first entry; poses of bodies too."""
+        self._writers.append(listener)
 
     def resumed(self) -> None:
         """A state was restored: what memory keeps is of what came after it, counters go on from it."""
