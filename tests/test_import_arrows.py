@@ -56,6 +56,9 @@ ARROWS = {
     ),
     "serving": (*LEAVES, "assembly", "clock", "control", "kernels", "physics", "scene", "truth"),
     "exec": (*LEAVES, "serving", "transports", "wire"),
+    "judge": (
+        *LEAVES, "frame_text", "recordings", "scene", "serving", "tactemu", "transports", "truth", "wire",
+    ),
     "pytest_plugin": ("cli", "exec", "serving"),
     "doors": (*LEAVES, "serving"),
     "tactemu": (  # the public names, imported on first use
@@ -67,7 +70,7 @@ ARROWS = {
     ),
     "cli": (
         *LEAVES, "assembly", "bench", "channel", "clock", "collector", "control", "conversions", "emulator", "exec",
-        "frame_text",
+        "frame_text", "judge",
         "kernels", "recordings", "scenario", "scene", "serving", "statistics", "tactemu", "transports", "truth", "tune",
         "wire",
     ),

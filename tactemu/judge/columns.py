@@ -1,4 +1,4 @@
-"""What each column of the driver's rows holds: which channel of the device, in which unit; or a flag, a counter, a clock.
+"""What each column of the driver's rows holds: a channel of the device, in which unit; a flag, a counter, a clock.
 
 It is learned from a run without faults (:mod:`tactemu.judge.learning`), shown, and kept in a file that may be edited.
 """
@@ -134,7 +134,9 @@ class Columns:
             first, last = run[0], run[-1]
             name = first.name if len(run) == 1 else f"{first.name} … {last.name}"
             channels = self._name(first) if len(run) == 1 else f"{self._name(first)} … {self._name(last)}"
-            lines.append((name, f"{channels}, {self._how(first)}"))
+            others = [self.channels[k].name for k in first.also if k != first.channel and k < len(self.channels)]
+            either = f", or {', '.join(others[:6])}, which are the same" if others else ""
+            lines.append((name, f"{channels}{either}, {self._how(first)}"))
         for column in self.columns:
             if column.role == "flag":
                 lines.append((column.name, f"a flag: always {column.constant:g}"))
@@ -146,7 +148,9 @@ class Columns:
         return lines
 
     def _name(self, column: Column) -> str:
-        return self.channels[column.channel].name if column.channel < len(self.channels) else f"channel {column.channel}"
+        return (
+            self.channels[column.channel].name if column.channel < len(self.channels) else f"channel {column.channel}"
+        )
 
     def _how(self, column: Column) -> str:
         if column.how == "mix":
@@ -241,10 +245,9 @@ def _runs(values: Sequence[Column]) -> list[list[Column]]:
     runs: list[list[Column]] = []
     for column in values:
         last = runs[-1][-1] if runs else None
-        if (
-            last is not None and column.how == last.how == "line" and column.channel == last.channel + 1
-            and len(values) > 12 and np.isclose(column.gain, last.gain, rtol=1e-3)
-        ):  # fmt: skip
+        alone = last is None or column.also or last.also or len(values) <= 12
+        follows = last is not None and column.how == last.how == "line" and column.channel == last.channel + 1
+        if last is not None and not alone and follows and np.isclose(column.gain, last.gain, rtol=1e-3):
             runs[-1].append(column)
         else:
             runs.append([column])
@@ -286,7 +289,7 @@ def _taxel(device: Device, k: int) -> str:
     return f"taxel {k}"
 
 
-_AXIS = re.compile(r"(?:^|[^a-z])[a-z]{0,6}?([xyz])(?=[_\d.\]]*$)")
+_AXIS = re.compile(r"(?:^|[^a-z])(?:[abdfghmpt]|force|torque|field|mag)?([xyz])(?=[_\d.\]]*$)")
 
 
 def axis_in(name: str) -> str:

@@ -19,7 +19,7 @@ from tactemu.judge import processes
 from tactemu.judge.rows import LONGEST, Rows
 from tactemu.judge.tape import Note, Said, Weight
 
-FLOOD_BYTES = 64_000_000
+FLOOD_BYTES = 32_000_000
 """Of what a driver prints within :data:`FLOOD_S` seconds: more is a flood, and the driver is ended."""
 FLOOD_S = 5.0
 KEPT = 200_000
@@ -191,5 +191,3 @@ def _as_it_is(terminal: int) -> None:
     settings[1] &= ~termios.OPOST
     settings[3] &= ~termios.ECHO
     termios.tcsetattr(terminal, termios.TCSANOW, settings)
-
-

@@ -1,8 +1,8 @@
 """What the taxels of a judged device feel: at every sample something else, so that a reading names its sample.
 
-Physics cannot do that: contact only pushes, a press moves few taxels, neighbours are alike, and rest repeats itself. Here
-every taxel takes a new random value at every sample, by seed and time, over what its channels can show, both ways where
-they go both ways. How much force that takes no device says; it is found out from the device itself.
+Physics cannot do that: contact only pushes, a press moves few taxels, neighbours are alike, and rest repeats itself.
+Here every taxel takes a new random value at every sample, by seed and time, over what its channels can show, both ways
+where they go both ways. How much force that takes no device says; it is found out from the device itself.
 """
 
 from __future__ import annotations

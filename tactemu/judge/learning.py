@@ -1,8 +1,8 @@
 """Learning the columns of a driver's rows from a run without faults.
 
-First when: each row is set beside the sample that the last frame before it carried, then beside those before that, and
-the delay is where ranks agree most; where it wanders, a stretch is looked for in which rows follow one another as samples
-do. Then what, by attempts that go from simple to strange: a line of one channel; a line after a known mistake (bytes
+First when: each row is set beside the sample that the last frame before it carried, then beside those before that,
+and the delay is where ranks agree most; where it wanders, a stretch is looked for in which rows follow one another as
+samples do. Then what, by attempts from simple to strange: a line of one channel; a line after a known mistake (bytes
 swapped, sign lost); a curve that rises or falls; a mix of channels; nothing. Nothing is guessed: a column that fits
 several channels, or none, is said to.
 """
@@ -20,6 +20,8 @@ LEAST_ROWS = 20
 _LAGS = 60
 _SURE = 0.97
 """A relation holds for so many of the rows, or another is tried."""
+ALIKE = 0.97
+"""Channels that are nearly as like a column as the likest are tried, too."""
 _SOME = 0.6
 """A column of which less is explained holds something else."""
 _MIX = 24
@@ -172,18 +174,17 @@ class _Fitting:
         like = np.abs(_ranks(y[:, None])[:, 0] @ self.ranked[index[ok]]) / max(1, len(y))
         for how, transform in TRANSFORMS.items():
             if how == "line":
-                likely = self.live[np.argsort(-like)[:3]]
+                first = np.argsort(-like)[:3]
+                likely = self.live[first[like[first] > ALIKE * like[first[0]]]]
             else:
-                integer = self.live[: 256] if np.array_equal(x[:, self.live[:8]], np.rint(x[:, self.live[:8]])) else []
+                integer = self.live[:256] if np.array_equal(x[:, self.live[:8]], np.rint(x[:, self.live[:8]])) else []
                 turned = _ranks(transform(x[:, integer])) if len(integer) else np.zeros((len(y), 0))
                 same = np.abs(_ranks(y[:, None])[:, 0] @ turned) / max(1, len(y))
                 likely = np.array(integer)[np.argsort(-same)[:2]] if len(integer) else []
             fits = [(c, line(transform(x[:, c]), y, self.random)) for c in likely]
             for c, (gain, offset, tolerance, share) in fits:
                 if share > best.share + 0.02:
-                    best = Column(
-                        self.names[k], "value", int(c), how, gain, offset, tolerance, share=share
-                    )
+                    best = Column(self.names[k], "value", int(c), how, gain, offset, tolerance, share=share)
             if best.share > _SURE:
                 best.also = [int(c) for c, fit in fits if fit[3] > _SURE and c != best.channel]
                 break
@@ -245,8 +246,8 @@ def line(
 ) -> tuple[float, float, float, float]:
     """Gain, offset, tolerance and share of the rows for the line that most rows are on.
 
-    Counts that are whole numbers are told apart: the tolerance is less than half a count, unless the driver prints fewer
-    digits than that.
+    Counts that are whole numbers are told apart: the tolerance is less than half a count, unless the driver prints
+    fewer digits than that.
     """
     spread = float(np.ptp(y)) if len(y) else 0.0
     if not spread or not np.isfinite(spread) or not np.ptp(x):

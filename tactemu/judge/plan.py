@@ -151,12 +151,16 @@ class Plan:
 
     def _frames(self):
         """What befalls single frames on any line."""
-        yield Trial("flipped", "a bit at each place of a frame", self._at_each("flip frame {frame} byte {at} bit {bit}"))
+        yield Trial(
+            "flipped", "a bit at each place of a frame", self._at_each("flip frame {frame} byte {at} bit {bit}")
+        )
         why = "bytes are missing at the end, as when a buffer is full"
         if self._bytewise() or self.facts.wire in ("can", "udp"):
             yield Trial("cut", why, self._at_each("truncate frame {frame} to {at}"))
         if self._bytewise():
-            yield Trial("one cut", "one cut alone: several can bring a driver back into step by chance", self._one_cut())
+            yield Trial(
+                "one cut", "one cut alone: several can bring a driver back into step by chance", self._one_cut()
+            )
             yield Trial("byte lost", "one byte at each place is missing", self._at_each("lose frame {frame} byte {at}"))
             size = self._size(self._hits(1)[0])
             lost = [f"lose frame {self._hits(1)[0]} byte {size // 2}"]
@@ -276,7 +280,9 @@ class Plan:
             )  # fmt: skip
         if not facts.rollovers:
             yield Trial("counter wraps", "a counter is full", skipped="the device declares none that can be set")
-        yield Trial("saturated", "forces are beyond what the channels show", action="saturate", seconds=30 * facts.row_s)
+        yield Trial(
+            "saturated", "forces are beyond what the channels show", action="saturate", seconds=30 * facts.row_s
+        )
         about = "" if facts.taxels > 1 else "it has one taxel"
         yield Trial("dead taxel", "one feels nothing", action="dead", seconds=30 * facts.row_s, skipped=about)
         if facts.asks:

@@ -66,9 +66,10 @@ def main() -> None:
             reading = reader(*takes)
             for each in reading if inspect.isgenerator(reading) else [reading]:
                 if each is not None:
-                    print(json.dumps(plain(each)), file=out, flush=True)
+                    out.write(json.dumps(plain(each)) + "\n")
+                    out.flush()
         except Exception as error:
-            print(f"{type(error).__name__}: {error}", file=sys.stderr, flush=True)
+            sys.stderr.write(f"{type(error).__name__}: {error}\n")
             time.sleep(PAUSE_S)
 
 

@@ -50,6 +50,8 @@ class Options:
     record: Path | None = None
     """Folder for the recorded trials."""
     patience_s: float = PATIENCE_S
+    start_s: float = START_S
+    """How long the driver may take to print its first row."""
     device_options: Mapping[str, Any] = field(default_factory=dict)
     port: str | Mapping[str, str] | None = None
     rate_hz: float | None = None
@@ -74,9 +76,7 @@ class Judge:
     ):
         self.target, self.command, self.options, self.say = target, list(command), options or Options(), say
         opts = self.options
-        self.stand = Stand(
-            target, opts.port, seed=opts.seed, options=opts.device_options, rate_hz=opts.rate_hz
-        )
+        self.stand = Stand(target, opts.port, seed=opts.seed, options=opts.device_options, rate_hz=opts.rate_hz)
         self.driver: Driver | None = None
         self.columns, self.known, self.facts = Columns(), Known(), Facts()
         self.starts: list[float] = []
@@ -154,7 +154,7 @@ class Judge:
             driver = self.driver = Driver(command_of(self.command, ports), ports)
         except TactemuError as error:
             return f"died: {error}"
-        deadline = time.monotonic() + START_S
+        deadline = time.monotonic() + self.options.start_s
         while not driver.rows and driver.exit is None and not driver.flooded and time.monotonic() < deadline:
             time.sleep(LOOK_S / 2)
         if not driver.rows:
@@ -174,13 +174,13 @@ class Judge:
         last = [note.text for note in driver.notes][-3:]
         words = f": {' | '.join(last)}" if last else ""
         if driver.flooded:
-            return "floods: it prints more than 64 MB in 5 s"
+            return "floods: it prints more than 32 MB in 5 s"
         if driver.exit is not None:
             return f"exits with status {driver.exit} before it is judged{words}"
         opened = any(what == "opened" for _, what in self.stand.recorder.events)
         if driver.notes:
-            return f"prints nothing that holds numbers within {START_S:g} s{words}"
-        return f"prints nothing within {START_S:g} s{'' if opened else ', and does not open the port'}"
+            return f"prints nothing that holds numbers within {self.options.start_s:g} s{words}"
+        return f"prints nothing within {self.options.start_s:g} s{'' if opened else ', and does not open the port'}"
 
     def _well(self, since: int, seconds: float, reading: Reading | None = None) -> bool:
         """Whether ten right rows in a row come of samples after ``since``, within some seconds."""
@@ -200,7 +200,11 @@ class Judge:
     def _ready(self) -> str:
         """Have a driver that reads well; returns why there is none."""
         now = time.monotonic_ns()
-        if self.driver is not None and self.driver.exit is None and self._well(now - 50_000_000, 1.0 + 12 * self.facts.row_s):
+        if (
+            self.driver is not None
+            and self.driver.exit is None
+            and self._well(now - 50_000_000, 1.0 + 12 * self.facts.row_s)
+        ):
             return ""
         for _ in range(2):  # a busy machine may have it slip once
             if why := self.start():
@@ -324,7 +328,7 @@ class Judge:
         found.on, found.off, found.end = on, off, time.monotonic_ns()
         found.exit, found.unread = driver.exit, self.stand.recorder.unread - unread
         if driver.flooded:
-            found.trouble = "floods: it prints more than 64 MB in 5 s"
+            found.trouble = "floods: it prints more than 32 MB in 5 s"
         found.notes = [note for note in driver.notes[events:] if note.t > on]
         found = self._filled(found)
         if keep:

@@ -1,7 +1,7 @@
 """The smallest case: of many edits the one that the driver does not bear, confirmed alone.
 
-First the edit that stands before the first wrong row is tried alone; then halves. Nothing is looked for at random, since
-a run takes a second.
+First the edit that stands before the first wrong row is tried alone; then halves. Nothing is looked for at random,
+since a run takes a second.
 """
 
 from __future__ import annotations

@@ -45,9 +45,7 @@ class Stand:
     ):
         loaded = file.load(target, options)
         devices = make_devices(loaded)
-        spans = {
-            name: Span(lambda device=device: type(device)(**device.options)) for name, device in devices.items()
-        }
+        spans = {name: Span(lambda device=device: type(device)(**device.options)) for name, device in devices.items()}
         self.excitation = Excitation(spans, seed)
         self.recorder = Recorder()
         self.served: Served = serve(
@@ -101,8 +99,7 @@ class Stand:
         device = self.emulator.channels[0].device
         connector = wire.carrier.connector
         talks = len(rx) > 3 and len(rx) > 0.05 * max(1, rows)
-        streamed = sum(f.way == "tx" and not f.answer for f in frames)
-        asks = talks and streamed < 0.5 * len(tx)
+        asks = talks and len(rx) >= 0.5 * rows
         seconds = (time.monotonic_ns() - since) / 1e9
         sets = any(dict(c.device.periods) != self.periods[c.name] for c in self.emulator.channels)
         samples = len({f.sample for f in frames if f.way == "tx" and not f.answer})
@@ -238,5 +235,3 @@ def _literal_replies(device: Device) -> list[str]:
             except ValueError:  # a pattern, or a CAN frame
                 continue
     return [reply for reply in dict.fromkeys(found) if reply]
-
-

@@ -52,7 +52,8 @@ class Change(NamedTuple):
     """A fault that was injected."""
 
     t: int
-    kind: str
+    what: str
+    """Kind of the fault."""
     fault: str
     """Its words."""
     frame: int | None

@@ -1,11 +1,12 @@
 """What a recorded trial says of the driver: a pure function of the tape.
 
-A row is *right* if it is, column by column, a sample that was sent. What is done with the others, and when they come, are
-the verdicts. Thresholds stand at the top of this file; each has its reason.
+A row is *right* if it is, column by column, a sample that was sent. What is done with the others, and when they come,
+are the verdicts. Thresholds stand at the top of this file; each has its reason.
 """
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import re
@@ -16,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from tactemu.judge.columns import Columns, misnamed, misscaled
 from tactemu.judge.columns import MISTAKES as MISTAKEN
+from tactemu.judge.columns import Columns, misnamed, misscaled
 from tactemu.judge.matching import Match, Matcher
 from tactemu.judge.tape import Tape
 
@@ -26,18 +27,20 @@ SETTLED = 10
 LATE_MS = 5.0
 """A driver may always be so late at its median; half a period, if that is more."""
 GRACE_MS = 100.0
-"""A reading that is handed out again so long after it was sent, while nothing comes, is stale; or three times as long as
-the driver takes at its 99th percentile."""
+"""A reading that is handed out again so long after it was sent, while nothing comes, is stale; or three times as long
+as the driver takes at its 99th percentile."""
 OWN_LATE_MS = 2.0
 """Where our own loop was later than this, nobody judges how late the driver is."""
 LEAK_BYTES, LEAK_FLOOR = 500, 1_000_000
 """Growth for each reading, and in all, from which on memory is said to leak [byte]."""
 LEAK_STEPS = 0.15
 """Share of looks at the memory at which it must have grown: a buffer that is doubled once is no leak."""
-SPINS = 0.7
+SPINS = 0.3
 """Share of a core that a driver takes which waits in a loop."""
 BLOCKS = 0.8
 """Share of a silence in which nothing comes of a driver that blocks."""
+OFTEN = 3
+"""What a driver says so often when nothing is wrong says nothing when something is."""
 LOSES = 0.004
 """Share of good readings lost without any fault."""
 COLLATERAL = 0.05, 0.25
@@ -93,6 +96,8 @@ class Known:
     """Every sample comes out, so that a lost one counts."""
     behind: int = 0
     """Of a driver that asks: by how many samples a row may be older than the question."""
+    ask_ms: float = 0.0
+    """Of a driver that asks: from the question to the row, in the quickest tenth."""
     usual: list[str] = field(default_factory=list)
     """What the driver says when nothing is wrong, digits aside."""
 
@@ -114,6 +119,8 @@ class Outcome:
     again: int = 0
     older: int = 0
     stale: int = 0
+    behind: int = 0
+    """Of a driver that asks: rows that answer an earlier question."""
     lost: int = 0
     """Unharmed samples that left and never came, though earlier and later ones did."""
     sent: int = 0
@@ -175,7 +182,7 @@ class Reading:
         self._rows = 0
 
     def feed(self, tape: Tape) -> list[Match]:
-        """Match what is new on a tape that only grows; returns the new matches. Rows that are no reading are left out."""
+        """Match what is new on a tape that only grows; returns the new matches, without rows that are no reading."""
         rows = tape.rows[self._rows :]  # before the samples: no row is there before its own
         self.matcher.add(tape.samples[self.matcher.count :])
         new = [match for said in rows if (match := self.matcher.match(said)) is not None]
@@ -229,7 +236,8 @@ def _old(match: Match, times: np.ndarray, asked: np.ndarray, known: Known) -> bo
     """Whether a row of a driver that asks was already old when it asked."""
     if match.sample is None or not len(asked):
         return False
-    last = int(np.searchsorted(asked, match.said.t)) - 1
+    # A row is heard a little after it was printed; what was asked in between is not what it answers.
+    last = int(np.searchsorted(asked, match.said.t - 0.5e6 * known.ask_ms)) - 1
     if last < 0:
         return False
     newest = int(np.searchsorted(times, asked[last], side="right")) - 1
@@ -304,13 +312,14 @@ def _count(out: Outcome, tape: Tape, reading: Reading, left: np.ndarray) -> None
             out.wrong += 1
             _keep_bad(out, match, tape, reading)
         elif k > last or (known.asks and k == last):
-            out.right += 1
-            wait = _wait_ns(match, left, answers, sent_at, tape)
-            if known.asks and _old(match, times, asked, known):
+            old = known.asks and _old(match, times, asked, known)
+            if old and k == last:  # handed out before, and asked for again since
                 out.stale += 1
                 _keep_bad(out, match, tape, reading, old=True)
             else:
-                out.waits_ms.append(wait / 1e6)
+                out.right += 1
+                out.behind += old
+                out.waits_ms.append(_wait_ns(match, left, answers, sent_at, tape) / 1e6)
                 ages.append((t - times[k]) / 1e6)
         else:
             idle = t - sent_at[max(0, int(np.searchsorted(sent_at, t)) - 1)] > grace if len(sent_at) else True
@@ -363,13 +372,15 @@ def _lost(tape: Tape, seen: set[int]) -> tuple[int, int]:
     carried = {number[f.sample] for f in tape.frames if f.way == "tx" and f.sample in number}
     harmed = set()
     for change in tape.changes:
-        if change.kind in HARMLESS:
+        if change.what in HARMLESS:
             continue
         harmed.add(int(np.searchsorted(times, change.t, side="right")) - 1)
     window = {k for k in carried if min(seen) < k < max(seen) and times[k] >= tape.on}
     return len(window - seen - harmed), len(window)
 
 
+CAME_AGAIN = ("doubled", "late answer", "old frame")
+"""Trials in which an old answer does come; where answers have no number, nobody can tell one or two."""
 HARMLESS = ("duplicate", "garbage", "split", "chunk", "merge", "late", "stray", "reorder", "latency")
 """Faults after which the frame itself is still there."""
 
@@ -402,7 +413,7 @@ def _listen(out: Outcome, tape: Tape, known: Known) -> None:
     out.notes = len(new)
     out.said = list(dict.fromkeys(template(text) for _, text in new))[:4]
     heard = sorted([tape.on, *(said.t for said in tape.rows if tape.on < said.t <= tape.off), tape.off])
-    gaps = [later - earlier for earlier, later in zip(heard, heard[1:])]
+    gaps = [later - earlier for earlier, later in itertools.pairwise(heard)]
     out.quiet_s = max(gaps, default=0) / 1e9
     words = [t for t, _ in new if t <= tape.off]
     if words:
@@ -453,7 +464,7 @@ class _Rules:
         return self.action in ("hang", "unplug", "halfopen", "stop", "baud")
 
     def _ends(self):
-        out, exit = self.out, self.tape.exit
+        _out, exit = self.out, self.tape.exit
         if exit is None or (self.action in ("unplug", "halfopen") and self.noticed):
             return
         how = f"signal {-exit}" if exit < 0 else f"exit status {exit}"
@@ -469,10 +480,13 @@ class _Rules:
 
     def _stale(self):
         out = self.out
-        least = 2 if not self.known.asks or self._outage else 1
-        if out.stale >= least:
-            what = "was old when the driver asked" if self.known.asks and not self._outage else "repeats an old one"
+        asks = self.known.asks and not self._outage
+        again = out.injected if asks and self.tape.name in CAME_AGAIN else 0
+        if out.stale >= (1 + again if asks else 2):
+            what = "was handed out before, and asked for since" if asks else "repeats an old one while nothing comes"
             yield Finding("stale", f"{out.stale} rows: each {what}")
+        if asks and out.behind > 5 + 2 * again and out.behind > 0.3 * out.rows:
+            yield Finding("stale", f"{out.behind} rows: each is the answer to an earlier question")
 
     def _sync(self):
         out, exit = self.out, self.tape.exit
@@ -529,7 +543,12 @@ class _Rules:
     def _late(self):
         out = self.out
         limit = max(LATE_MS, 0.5 * self.known.period_ms if not self.known.asks else LATE_MS)
-        if self.action == "clean" and self.tape.late_ms <= OWN_LATE_MS and out.p50_ms is not None and out.p50_ms > limit:
+        if (
+            self.action == "clean"
+            and self.tape.late_ms <= OWN_LATE_MS
+            and out.p50_ms is not None
+            and out.p50_ms > limit
+        ):
             of = "after the answer's last byte" if self.known.asks else "after the frame's last byte"
             yield Finding("late", f"{out.p50_ms:.1f} ms {of} at the median, {out.p99_ms:.1f} ms at the 99th percentile")
 
@@ -543,25 +562,36 @@ def known_of(tape: Tape, columns: Columns, *, asks: bool, period_ms: float) -> K
     times = [said.t for said in tape.rows if tape.on < said.t <= tape.end]
     row_ms = float(np.median(np.diff(times))) / 1e6 if len(times) > 2 else period_ms
     known = Known(asks=asks, period_ms=period_ms, row_ms=row_ms, behind=1_000_000)
-    usual = Counter(template(note.text) for note in tape.notes)
+    usual = Counter(template(note.text) for note in tape.notes if note.t > tape.on)
     usual.update(template(json.dumps(dict(said.row))) for said in tape.rows if columns.row(said.row) is None)
-    known.usual = list(usual)[:200]
+    known.usual = [text for text, count in usual.most_common(200) if count >= OFTEN]
     reading = Reading(columns, known)
     reading.feed(tape)
     probe = Outcome("clean")
     _count(probe, tape, reading, left_times(tape))
     known.p50_ms, known.p99_ms = probe.p50_ms or 0.0, probe.p99_ms or 0.0
     known.keeps = not asks and probe.lost <= 0.03 * max(1, probe.right)
-    known.behind = _usually_behind(tape, reading) if asks else 0
+    if asks:
+        asked = np.array([f.t for f in tape.frames if f.way == "rx"])
+        known.ask_ms = _ask_ms(tape, asked)
+        known.behind = _usually_behind(tape, reading, asked, known.ask_ms)
     return known
 
 
-def _usually_behind(tape: Tape, reading: Reading) -> int:
+def _ask_ms(tape: Tape, asked: np.ndarray) -> float:
+    waits = [
+        said.t - asked[last]
+        for said in tape.rows
+        if said.t > tape.on and (last := int(np.searchsorted(asked, said.t)) - 1) >= 0
+    ]
+    return float(np.quantile(waits, 0.1)) / 1e6 if waits else 0.0
+
+
+def _usually_behind(tape: Tape, reading: Reading, asked: np.ndarray, ask_ms: float) -> int:
     times = np.array([sample.t for sample in tape.samples])
-    asked = np.array([f.t for f in tape.frames if f.way == "rx"])
     behind = []
     for match in reading.matches:
-        last = int(np.searchsorted(asked, match.said.t)) - 1
+        last = int(np.searchsorted(asked, match.said.t - 0.5e6 * ask_ms)) - 1
         if match.sample is not None and last >= 0 and match.said.t > tape.on:
             behind.append(int(np.searchsorted(times, asked[last], side="right")) - 1 - match.sample)
     return max(0, round(float(np.quantile(behind, 0.99)))) if behind else 0
