@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import atexit
 import os
-import shutil
-import stat
 import sys
-import tempfile
-from pathlib import Path
+
+from tactemu.folders import temporary_folder
 
 
 def start_quietly() -> None:
@@ -46,24 +43,7 @@ def _start(warp) -> str:
     except OSError:
         pass
     lost = warp.config.kernel_cache_dir
-    warp.config.kernel_cache_dir, note = _temporary_folder()
+    folder, note = temporary_folder("kernels")
+    warp.config.kernel_cache_dir = str(folder)
     warp.init()
     return note and f"tactemu: {lost} cannot be written, so {note}; WARP_CACHE_PATH names another folder\n"
-
-
-def _temporary_folder() -> tuple[str, str]:
-    """A folder for all runs of this user, and what to say when it is new. Nobody else can have put code into it.
-
-    Where its name is taken by somebody else, or open to others, it is one of this run alone.
-    """
-    folder = Path(tempfile.gettempdir()) / f"tactemu-kernels-{os.getuid()}"
-    try:
-        folder.mkdir(mode=0o700)
-        return str(folder), f"kernels are kept in {folder}"
-    except FileExistsError:
-        found = folder.lstat()
-        if stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077:
-            return str(folder), ""
-    own = tempfile.mkdtemp(prefix="tactemu-kernels-")
-    atexit.register(shutil.rmtree, own, ignore_errors=True)
-    return own, f"and {folder} is not ours alone, kernels are compiled anew in each run"

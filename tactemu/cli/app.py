@@ -160,6 +160,9 @@ def run(
         ),
     ] = "real",
     virtual: Annotated[bool, typer.Option("--virtual", hidden=True)] = False,
+    preempt: Annotated[
+        bool, typer.Option("--preempt", help="Go before other programs, so that a busy machine makes no frame late.")
+    ] = False,
     name: RunName = None,
     adjustable: Annotated[
         list[str] | None,
@@ -203,7 +206,7 @@ def run(
     run_target(
         target, options=options or (), ports=tuple(port or ()), rates=tuple(rate or ()), seed=seed, seconds=seconds,
         compute=device, faults=tuple(fault or ()), truth=truth, keep=truth_keep,
-        style="json" if json else "plain" if plain else "auto", clock=clock, name=name,
+        style="json" if json else "plain" if plain else "auto", clock=clock, preempt=preempt, name=name,
         adjustable=tuple(adjustable or ()), again=again, rerun=rerun_to or rerun, restore=restore, save=save,
         save_at=save_at,
     )  # fmt: skip

@@ -18,6 +18,7 @@ Measure speed on this machine. Figures are medians; compare those of one run.
   tactemu bench physics    cost of a step, of a read and of a start, per sensor
   tactemu bench layer      the elastic layer: grids, contact areas, batches
   tactemu bench trade      error against truth and cost of every level of fidelity
+  tactemu bench realism    how well the laws of real sensors predict recordings that were left out
   tactemu bench state      size and time of a saved state, and of a fork
   tactemu bench soak       half an hour at 1 kHz and 5 % faults: what grows, what is lost
   tactemu bench control    live commands: how soon they are felt, what they cost
@@ -161,6 +162,24 @@ def trade(
     from tactemu.cli.progress import show_progress
 
     run_trade(typer.echo, scene, out=out, quick=quick, device=device, only=only, fresh=fresh, progress=show_progress)
+
+
+@bench.command()
+def realism(
+    data: Annotated[
+        Path | None, typer.Argument(metavar="[DATA]", help="Folder of recordings, one folder for each set.")
+    ] = None,
+    held: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Other recordings, predicted with what was fitted.")
+    ] = None,
+    page: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the table as a page.")] = None,
+    parameters: Annotated[Path | None, typer.Option(metavar="FILE", help="Write what was fitted as JSON.")] = None,
+    out: Out = None,
+) -> None:
+    """Fit the laws of real sensors to recordings, leave each out in turn, and say how well it is predicted."""
+    from tactemu.fit.realism import run
+
+    save(run(typer.echo, data=data, held=held, page=page, parameters=parameters), out)
 
 
 @bench.command()

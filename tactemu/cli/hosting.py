@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass
 
 from tactemu.clock import RealClock
 from tactemu.errors import TactemuError
+from tactemu.priority import may_go_first
 from tactemu.statistics import Lateness
 
 _LOOPS, _PERIOD_NS = 1000, 1_000_000
@@ -148,9 +149,8 @@ def _loop(name: str) -> Finding:
     says = (
         f"late by {p50:.2f} ms (median), {p99:.2f} ms (99 of 100), {most:.2f} ms (once) at 1 kHz; {os.cpu_count()} CPUs"
     )
-    return Finding(
-        name, p99 < _LATE_MS, says, "" if p99 < _LATE_MS else "stop what keeps the machine busy, or ask for lower rates"
-    )
+    preempt = "or run it with --preempt" if may_go_first() else "or allow `tactemu run --preempt` (which says how)"
+    return Finding(name, p99 < _LATE_MS, says, "" if p99 < _LATE_MS else f"stop what keeps the machine busy, {preempt}")
 
 
 CHECKS: dict[str, Callable[[str], Finding]] = {

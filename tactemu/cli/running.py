@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rich.console import Console
 
@@ -22,9 +21,6 @@ from tactemu.errors import SceneError, TransportError, nearest
 from tactemu.kernels import start_quietly
 from tactemu.statistics import Lateness
 from tactemu.truth import Truth
-
-if TYPE_CHECKING:
-    pass
 
 _OWNER = re.compile(r"[^:=]+=")
 """In front of a port: a skin's name, or its connector's."""
@@ -45,6 +41,7 @@ def run_target(
     keep: str | None,
     style: str,
     clock: str = "real",
+    preempt: bool = False,
     name: str | None = None,
     adjustable: tuple[str, ...] = (),
     again: Path | None = None,
@@ -73,6 +70,12 @@ def run_target(
         raise SceneError("--clock virtual runs as fast as it can and would never end; say how long with --seconds")
     if save_at is not None and save is None:
         raise SceneError("--save-at says when: say with --save where to")
+    if preempt:
+        from tactemu.priority import go_first
+
+        if clock != "real":
+            raise SceneError(f"--preempt: is for real time, not for --clock {clock}, which nothing makes late")
+        go_first()
     wishes = Wishes(
         port=ports_of(ports), rate_hz=rate_of(rates), faults=faults, seed=seed, compute=compute, adjustable=adjustable
     )

@@ -13,7 +13,6 @@ import json
 import os
 import re
 import socket
-import stat
 import struct
 import tempfile
 from collections.abc import Iterator
@@ -21,6 +20,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from tactemu.errors import TactemuError, TransportError
+from tactemu.folders import ours_alone
 
 PROTOCOL = 1
 """Version of what is said on the sockets."""
@@ -70,14 +70,14 @@ def folder(*, make: bool = False) -> Path:
     try:
         if make and not path.is_symlink() and not path.exists():
             path.mkdir(mode=0o700, exist_ok=True)
-        found = path.lstat()
+        ours = ours_alone(path)
     except FileNotFoundError:
         if not make:
             return path
         raise TransportError(f"{path}: cannot make this folder for control sockets: {path.parent} is missing") from None
     except OSError as error:
         raise TransportError(f"{path}: cannot make this folder for control sockets: {error.strerror}") from None
-    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o077:
+    if not ours:
         raise TransportError(f"{path}: is not a folder of yours alone (mode 0700), so no control socket is used there")
     return path
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import platform
@@ -12,6 +13,8 @@ import tempfile
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
+
+from tactemu.folders import temporary_folder
 
 SOURCES = Path(__file__).parent / "preload"
 BUILT = "preload.so"
@@ -79,8 +82,10 @@ def compile_to(target: Path, command: Sequence[str]) -> None:
 
 
 def _cache() -> Path:
-    folder = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
-    return Path(folder) / "tactemu" / "exec"
+    folder = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "tactemu" / "exec"
+    with contextlib.suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+    return folder if os.access(folder, os.W_OK) else temporary_folder("libraries")[0]
 
 
 def _digest() -> str:

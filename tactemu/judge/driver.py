@@ -86,10 +86,12 @@ class Driver:
                 list(command), stdout=give, stderr=give_err, stdin=subprocess.DEVNULL, start_new_session=True, env=env
             )
         except OSError as error:
-            os.close(out), os.close(err)
+            os.close(out)
+            os.close(err)
             raise TactemuError(f"cannot run the driver: {command[0]}: {error.strerror}") from None
         finally:
-            os.close(give), os.close(give_err)
+            os.close(give)
+            os.close(give_err)
         self._streams = {out: (b"", False), err: (b"", True)}
         self._parse = Rows()
         self._window: tuple[float, int] = (time.monotonic(), 0)

@@ -68,3 +68,11 @@ def test_it_takes_over_functions_of_libc_and_no_others():
     libc = ctypes.CDLL(None)
     assert [name for name in names if not hasattr(libc, name)] == []
     assert {"ioctl", "tcsetattr", "socket", "recvmsg"} <= names
+
+
+def test_without_a_cache_it_is_kept_in_a_temporary_folder_of_the_user_alone(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", "/dev/null")
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    made = build.library()
+    assert made.parent == tmp_path / f"tactemu-libraries-{os.getuid()}" and made.parent.stat().st_mode & 0o777 == 0o700
+    assert build.library() == made

@@ -70,10 +70,8 @@ def test_dtr_restarts_the_board_each_time(exec_environment):
 def test_a_parity_that_disagrees_garbles(exec_environment, setting, garbled):
     env = exec_environment("flexitac")
     python(env, "while len(port.read(64)) < 64: pass\ntime.sleep(0.5)", baud=2_000_000, **setting)
-    counters = (
-        env.devices[0].emulator.wires[0].counters
-    )  # what came before the driver had set the port is misheard, too
-    assert (counters["misheard"] > 30) == garbled, counters
+    counters = env.devices[0].emulator.wires[0].counters
+    assert (counters["misheard"] > counters["sent"] / 2) == garbled, counters  # some before the port was set
 
 
 def test_what_a_driver_has_set_is_what_it_reads_back(exec_environment):

@@ -1,0 +1,27 @@
+"""Sets of real recordings, one file each: how they are read, which law their sensor follows, how well it predicts.
+
+A module has ``AIMS``, ``read(folder)``, ``fit(recordings)``, ``errors(parameters, recordings)`` and
+``folds(recordings)``: :mod:`tactemu.fit.realism` does the rest. Errors are of predictions, in the unit of the aim;
+what a law may look at of a recording that it predicts stands in its docstring.
+"""
+
+from __future__ import annotations
+
+import importlib
+from types import ModuleType
+
+SETS: dict[str, str] = {
+    # folder of the recordings: module
+    "eflesh": "tactemu.fit.sets.eflesh",
+    "weiss_sdh2": "tactemu.fit.sets.weiss",
+    "cpm_finger": "tactemu.fit.sets.cpm_finger",
+    "anyskin_leap": "tactemu.fit.sets.anyskin",
+    "icub_hand_2012": "tactemu.fit.sets.icub_hand",
+    "rh56_middle_finger": "tactemu.fit.sets.rh56",
+    "fluid_channel": "tactemu.fit.sets.fluid",
+}
+
+
+def load(name: str) -> ModuleType:
+    """The module of a set, by its folder's name."""
+    return importlib.import_module(SETS[name])

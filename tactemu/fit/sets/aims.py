@@ -1,0 +1,59 @@
+"""What a law is asked to reach."""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+Recordings = Mapping[str, Any]
+"""By name; what each is stands in the set's module."""
+Fold = tuple[Sequence[str], Sequence[str]]
+"""Names of the recordings that a law is fitted on, and of those that it then predicts."""
+
+
+@dataclass(frozen=True)
+class Aim:
+    """One figure of the table: an error of a prediction, and what it may be at most."""
+
+    key: str
+    law: str
+    """In words, with what is found from the recording that is predicted."""
+    most: float
+    unit: str
+    by: Literal["rms", "mean", "worst"] = "rms"
+
+    def summed(self, errors: np.ndarray) -> float:
+        """One number of many errors."""
+        errors = np.abs(np.asarray(errors, float).ravel())
+        return float(_SUMS[self.by](errors)) if len(errors) else float("nan")
+
+
+_SUMS: dict[str, Callable[[np.ndarray], float]] = {
+    "rms": lambda errors: float(np.sqrt(np.mean(errors**2))),
+    "mean": lambda errors: float(np.mean(errors)),
+    "worst": lambda errors: float(np.max(errors)),
+}
+
+
+def each_left_out(names: Sequence[str]) -> list[Fold]:
+    """Every recording left out in turn."""
+    return [([other for other in names if other != name], [name]) for name in names]
+
+
+def table_of(path: Path) -> dict[str, np.ndarray]:
+    """Columns of a CSV file, gzipped or not, by their names."""
+    opened = gzip.open(path, "rt") if path.suffix == ".gz" else path.open(encoding="utf-8")
+    with opened as file:
+        names = file.readline().strip().split(",")
+        values = np.loadtxt(file, delimiter=",", ndmin=2)
+    return dict(zip(names, values.T))
+
+
+def stem(path: Path) -> str:
+    """A file's name without any of its endings."""
+    return path.name.split(".")[0]

@@ -1,0 +1,102 @@
+"""AnySkin on a LEAP hand: magnetometers with nothing touching, at rest and while fingers move.
+
+A recording is :class:`Untouched`. At rest the field of a channel is white noise and a walk that is bounded::
+
+    std = sqrt(white² + slow²)       correlation after k rows = slow²/(white² + slow²) exp(−k/τ)
+
+While fingers move a skin's baseline follows pose and neighbours: there std and correlation say how much.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactemu.fit.sets.aims import Aim, Fold, Recordings, each_left_out
+
+AIMS = (
+    Aim("std", "noise std, mean over channels, skins at rest", 10.0, "%"),
+    Aim("correlation", "lag-1 correlation, mean over channels, skins at rest", 10.0, "%"),
+    Aim("std moving", "noise std, fingers that move with nothing touching", 10.0, "%"),
+    Aim("correlation moving", "lag-1 correlation, fingers that move with nothing touching", 10.0, "%"),
+)
+LSB_UT = (0.300, 0.300, 0.484)
+"""Step of x, y and z."""
+
+
+@dataclass(frozen=True)
+class Untouched:
+    """What a recording without touch has, by axis."""
+
+    condition: str
+    """``still``: two skins at rest; ``moving``: four, of which two move; ``else``: two that move, not judged."""
+    white: np.ndarray
+    """Std of the difference / √2 [µT], x, y and z."""
+    std: np.ndarray
+    """[µT], x, y and z."""
+    correlation: float
+    """After one row, mean over the channels."""
+    later: float
+    """After twenty rows."""
+
+
+def read(folder: Path) -> Recordings:
+    """Recordings without touch."""
+    return {path.stem: untouched(np.load(path)) for path in sorted(folder.glob("*.npz"))}
+
+
+def untouched(archive: Any) -> Untouched:
+    """Noise of a recording."""
+    field = archive["b_minus_baseline"].astype(float)
+    x = field - field.mean(axis=0)
+
+    def after(k: int) -> float:
+        return float(((x[k:] * x[:-k]).mean(axis=0) / x.var(axis=0)).mean())
+
+    white = (np.diff(field, axis=0).std(axis=0) / np.sqrt(2)).reshape(-1, 3).mean(axis=0)
+    std = x.std(axis=0).reshape(-1, 3).mean(axis=0)
+    condition = "moving" if field.shape[1] > 30 else "still" if after(1) < 0.6 else "else"
+    return Untouched(condition, white, std, after(1), after(20))
+
+
+def fit(recordings: Recordings) -> dict[str, Any]:
+    """Noise of each condition."""
+    found = {}
+    for condition in ("still", "moving"):
+        several = [each for each in recordings.values() if each.condition == condition]
+        if several:
+            std = np.mean([each.std for each in several], axis=0)
+            correlation = float(np.mean([each.correlation for each in several]))
+            later = float(np.mean([each.later for each in several]))
+            tau = 19.0 / np.log(correlation / later) if 0 < later < correlation else 1e3
+            found[condition] = {
+                "std_ut": std.tolist(),
+                "correlation": correlation,
+                "slow_tau_rows": float(tau),
+                "white_ut": (std * np.sqrt(1 - correlation)).tolist(),
+                "slow_ut": (std * np.sqrt(correlation)).tolist(),
+            }
+    return found
+
+
+def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings | None = None) -> dict[str, Any]:
+    """Errors of each recording of a condition that was fitted [%]."""
+    found: dict[str, list] = {aim.key: [] for aim in AIMS}
+    for each in recordings.values():
+        if each.condition in parameters:
+            law, ends = parameters[each.condition], "" if each.condition == "still" else " moving"
+            found["std" + ends].append(100 * (np.mean(law["std_ut"]) / each.std.mean() - 1))
+            found["correlation" + ends].append(100 * (law["correlation"] / each.correlation - 1))
+    return {key: np.array(values) for key, values in found.items()}
+
+
+def folds(recordings: Recordings) -> list[Fold]:
+    """Each recording of a condition that has several."""
+    found = []
+    for condition in ("still", "moving"):
+        names = [name for name, each in recordings.items() if each.condition == condition]
+        found += each_left_out(names) if len(names) > 1 else []
+    return found

@@ -1,0 +1,197 @@
+"""Weiss DSA on a Schunk SDH-2 hand: dead weights on a piezoresistive matrix, cold and warm.
+
+Recordings ``weight_*_*g`` are :class:`Weights`, ``sensitivity*`` a :class:`GainSeries`. The law of the sum over one
+matrix, ``t`` after a weight of ``m`` [g] was put down at ``T`` [°C], on its k-th imprint::
+
+    sum(5 s) = full u/(1 + u) (1 + k-th imprint: i ln k) exp(g (T − 40)),   u = (m/half)² exp(a (T − 40))
+    sum(t) = sum(1 s) (1 + c log10 t),   c = c500 (m/500)^-p
+
+The first is a piezoresistor ``R ∝ p^-2`` whose resistance falls as it warms, below a fixed resistor. The gain register
+multiplies: ``sum = sum(1.0) (offset + slope register)``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactemu.fit.sets.aims import Aim, Fold, Recordings, each_left_out
+from tactemu.fit.solver import least_squares
+from tactemu.transducers.laws import divider, falling_with_load
+
+MATRIX = 1
+"""That the weights stand on."""
+EXPONENT = 2.0
+"""Of the resistance over the pressure; free it is 1.9 and predicts no better."""
+REFERENCE_C = 40.0
+REFERENCE_G = 500.0
+
+AIMS = (
+    Aim("sum", "sum at 5 s, each recording left out", 15.0, "%"),
+    Aim("sum inside", "sum at 5 s, left out between lighter and heavier ones", 10.0, "%"),
+    Aim("creep", "creep per decade, with its dependence on load", 0.08, "per decade"),
+    Aim("register", "gain register, each imprint left out", 3.0, "% of full scale", "worst"),
+)
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Imprints of one weight: rows of first order, second, third."""
+
+    mass_g: float
+    temperature_c: np.ndarray
+    sum_5s: np.ndarray
+    creep: np.ndarray
+    """Per decade, of 0.5 to 10 s."""
+
+
+@dataclass(frozen=True)
+class GainSeries:
+    """Sums of one weight by the gain register."""
+
+    register: np.ndarray
+    sums: np.ndarray
+
+
+def read(folder: Path) -> Recordings:
+    """Recordings of weights and of gain registers."""
+    found: dict[str, Any] = {}
+    for path in sorted(folder.glob("*.npz")):
+        weight = re.search(r"weight.*?_(\d+)g", path.stem)
+        if weight:
+            found[path.stem] = weights(np.load(path), float(weight[1]))
+        elif path.stem.startswith("sensitivity"):
+            found[path.stem] = gains(np.load(path))
+    return found
+
+
+def weights(archive: Any, mass_g: float) -> Weights:
+    """What the imprints of a file are."""
+    t, total = sums_of(archive)
+    seconds, degrees = archive["temp_t_ms"] / 1e3, archive["temp_c"][:, MATRIX]
+    rows = []
+    for first, last in imprints(t, total, at_least_s=6.0):
+        after, here = t[first:last] - t[first], total[first:last]
+        early = (after >= 0.5) & (after <= 10.0)
+        slope, level = np.polyfit(np.log10(after[early]), here[early], 1)
+        rows.append((np.interp(t[first], seconds, degrees), np.interp(5.0, after, here), slope / level))
+    temperature, sum_5s, creep = np.array(rows).T
+    return Weights(mass_g, temperature, sum_5s, creep)
+
+
+def gains(archive: Any) -> GainSeries:
+    """Sums of the imprints of a file, 5 s after each; the register goes from 0.1 to 1.0 in their order."""
+    t, total = sums_of(archive)
+    sums = [np.interp(t[first] + 5.0, t, total) for first, last in imprints(t, total, at_least_s=6.0, share=0.02)]
+    return GainSeries(np.linspace(0.1, 1.0, len(sums)), np.array(sums))
+
+
+def sums_of(archive: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Times [s], and the sum of the counts of one matrix."""
+    ends = np.cumsum(archive["rows_cols"].prod(axis=1))
+    own = archive["frames"][:, ends[MATRIX - 1] : ends[MATRIX]]
+    return archive["t_ms"] / 1e3, own.sum(axis=1, dtype=float)
+
+
+def imprints(t: np.ndarray, total: np.ndarray, *, at_least_s: float, share: float = 0.25) -> list[tuple[int, int]]:
+    """First and last frame of each: from where half of its load is there, for the time that it stays."""
+    pressed = total > share * np.percentile(total, 95)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], pressed, [False]]).astype(int)))
+    found = []
+    for first, last in edges.reshape(-1, 2):
+        if t[last - 1] - t[first] >= at_least_s:
+            half = 0.5 * np.median(total[first:last])
+            found.append((first + int(np.argmax(total[first:last] > half)), int(last)))
+    return found
+
+
+def fit(recordings: Recordings) -> dict[str, Any]:
+    """Parameters of the laws: five of the sum, two of its creep, two of the register."""
+    rows = _rows(recordings)
+    found = least_squares(lambda p: np.log(_sum(p, rows) / rows["sum"]), [11.0, np.log(750.0), 0.05, -0.01, 0.1])
+    spread = np.sqrt(np.mean(found.fun**2))
+    creep = least_squares(
+        lambda p: falling_with_load(rows["mass"], p[0], p[1], REFERENCE_G) - rows["creep"], [0.4, 0.4]
+    )
+    result = {
+        "full_counts": float(np.exp(found.x[0])),
+        "half_g": float(np.exp(found.x[1])),
+        "half_per_k": float(found.x[2]),
+        "gain_per_k": float(found.x[3]),
+        "per_imprint": float(found.x[4]),
+        "spread": float(spread),
+        "creep_per_decade_500g": float(creep.x[0]),
+        "creep_exponent": float(creep.x[1]),
+    }
+    series = [each for each in recordings.values() if isinstance(each, GainSeries)]
+    if series:
+        result["register_slope"], result["register_offset"] = _line(*_shares(series[0]))
+    return result
+
+
+def predicted_sum(parameters: dict[str, Any], mass_g: Any, temperature_c: Any, imprint: Any = 0) -> np.ndarray:
+    """Counts, 5 s after a weight [g] was put down at a temperature [°C]; ``imprint`` counts from 0."""
+    p = [parameters[name] for name in ("full_counts", "half_g", "half_per_k", "gain_per_k", "per_imprint")]
+    rows = {"mass": np.asarray(mass_g), "warm": np.asarray(temperature_c) - REFERENCE_C, "imprint": np.asarray(imprint)}
+    return _sum([np.log(p[0]), np.log(p[1]), *p[2:]], rows)
+
+
+def _sum(p: Sequence[float], rows: dict[str, np.ndarray]) -> np.ndarray:
+    half = np.exp(p[1] - p[2] * rows["warm"] / EXPONENT)
+    worked_in = 1.0 + p[4] * np.log1p(rows["imprint"])
+    return divider(rows["mass"], np.exp(p[0] + p[3] * rows["warm"]), half, EXPONENT) * worked_in
+
+
+def _rows(recordings: Recordings) -> dict[str, np.ndarray]:
+    """All imprints of all weights, one row each."""
+    each = [one for one in recordings.values() if isinstance(one, Weights)]
+    return {
+        "mass": np.concatenate([np.full(len(one.sum_5s), one.mass_g) for one in each]),
+        "warm": np.concatenate([one.temperature_c for one in each]) - REFERENCE_C,
+        "imprint": np.concatenate([np.arange(len(one.sum_5s)) for one in each]),
+        "sum": np.concatenate([one.sum_5s for one in each]),
+        "creep": np.concatenate([one.creep for one in each]),
+    }
+
+
+def _line(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    slope, offset = np.polyfit(x, y, 1)
+    return float(slope), float(offset)
+
+
+def _shares(series: GainSeries) -> tuple[np.ndarray, np.ndarray]:
+    return series.register, series.sums / series.sums.max()
+
+
+def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings | None = None) -> dict[str, Any]:
+    """Errors of imprints: sums as logarithms of ratios [%]. ``known`` were fitted: between their weights is inside."""
+    found: dict[str, Any] = {}
+    masses = [each.mass_g for each in (known or recordings).values() if isinstance(each, Weights)]
+    if any(isinstance(each, Weights) for each in recordings.values()):
+        rows = _rows(recordings)
+        expected = predicted_sum(parameters, rows["mass"], rows["warm"] + REFERENCE_C, rows["imprint"])
+        found["sum"] = 100 * np.log(expected / rows["sum"])
+        inside = (rows["mass"] > min(masses)) & (rows["mass"] < max(masses))
+        found["sum inside"] = found["sum"][inside]
+        creep = falling_with_load(
+            rows["mass"], parameters["creep_per_decade_500g"], parameters["creep_exponent"], REFERENCE_G
+        )
+        found["creep"] = creep - rows["creep"]
+    for each in recordings.values():
+        if isinstance(each, GainSeries):
+            register, share = _shares(each)
+            found["register"] = np.zeros(len(register))
+            for k in range(len(register)):
+                slope, offset = _line(np.delete(register, k), np.delete(share, k))
+                found["register"][k] = 100 * (offset + slope * register[k] - share[k])
+    return found
+
+
+def folds(recordings: Recordings) -> list[Fold]:
+    """Each recording of weights in turn; a gain series leaves its imprints out by itself."""
+    return each_left_out(list(recordings))

@@ -1,0 +1,135 @@
+"""The equations of transducers and materials, each a function of arrays: what a fit finds the parameters of.
+
+SI units, or the unit of the sensor's counts where a law is a ratio. No state, no randomness, nothing but numpy. The
+stages of this package compute the same on the device; a test compares the two.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+MU0_OVER_4PI = 1e-7
+"""[T m/A]"""
+
+
+def dipole_field(chips: np.ndarray, magnets: np.ndarray, moments: np.ndarray) -> np.ndarray:
+    """Field [T] at ``chips`` (n, 3) [m] of dipoles at ``magnets`` (m, 3) [m] with ``moments`` (m, 3) [A m²]::
+
+        B = µ0/4π Σ (3 (m·r) r / |r|⁵ − m / |r|³)
+
+    Valid from about a magnet's own size away. Shape ``(n, 3)``.
+    """
+    arm = np.asarray(chips, float)[:, None] - np.asarray(magnets, float)[None]
+    square = np.einsum("nmk,nmk->nm", arm, arm)
+    along = np.einsum("nmk,mk->nm", arm, moments)
+    near = square**-1.5
+    return MU0_OVER_4PI * (3 * (along * near / square)[..., None] * arm - near[..., None] * moments).sum(axis=1)
+
+
+@dataclass(frozen=True)
+class LogMemory:
+    """A memory that fills by the same share in each decade of time, as a sum of exponentials.
+
+    A step that has lasted for ``t`` is remembered by ``Σ w_k (1 − exp(−t/τ_k))``, which follows
+    ``at_first + log10(t/first)`` between ``first`` and ``last`` [s].
+    """
+
+    taus: np.ndarray
+    weights: np.ndarray
+    at_first: float
+    """What is remembered after ``first``."""
+    error: float
+    """Farthest that it is from the logarithm between ``first`` and ``last`` [decades]."""
+
+    @classmethod
+    def over(cls, first: float, last: float, terms_per_decade: int = 1) -> LogMemory:
+        """One that lasts from ``first`` to ``last`` [s].
+
+        Past the ends it goes flat, so it is bounded.
+        """
+        decades = np.log10(last / first) + 1
+        taus = 10.0 ** np.linspace(np.log10(first) - 0.5, np.log10(last) + 0.5, round(decades * terms_per_decade) + 1)
+        times = np.geomspace(first, last, 40 * len(taus))
+        terms = -np.expm1(-times[:, None] / taus)
+        aim = np.log10(times / first)
+        found = np.linalg.lstsq(np.column_stack([terms, -np.ones(len(times))]), aim, rcond=None)[0]
+        error = float(np.abs(terms @ found[:-1] - found[-1] - aim).max())
+        return cls(taus, found[:-1], float(found[-1]), error)
+
+    def grown(self, t: np.ndarray) -> np.ndarray:
+        """What a step remembers after ``t`` [s], in decades; 0 at once."""
+        t = np.asarray(t, float)
+        return (self.weights * -np.expm1(-t[..., None] / self.taus)).sum(axis=-1)
+
+
+def log_creep(t: np.ndarray, per_decade: float | np.ndarray, since: float = 1.0) -> np.ndarray:
+    """Reading of a constant load after ``t`` [s], against that after ``since`` [s]: ``1 + c log10(t/since)``."""
+    return 1.0 + per_decade * np.log10(np.asarray(t, float) / since)
+
+
+def falling_with_load(load: np.ndarray, at_reference: float, exponent: float, reference: float) -> np.ndarray:
+    """A share that heavy loads have less of: ``c (load/reference)^-exponent``."""
+    return at_reference * (np.asarray(load, float) / reference) ** -exponent
+
+
+def divider(
+    load: np.ndarray, full: float | np.ndarray, half: float | np.ndarray, exponent: float | np.ndarray
+) -> np.ndarray:
+    """A piezoresistor ``R ∝ load^-n`` below a fixed resistor: what the divider gives of ``full``::
+
+        V = full u / (1 + u),   u = (load / half)^n
+
+    ``half`` is the load at which half of it is reached, where the resistances are equal.
+    """
+    with np.errstate(divide="ignore"):
+        return full / (1.0 + (np.asarray(half) / np.maximum(np.asarray(load, float), 0.0)) ** exponent)
+
+
+def conditioning(presses: np.ndarray, most: float = 1000.0) -> np.ndarray:
+    """How far a material is worked in after so many presses: ``ln(1 + n)``, bounded by that of ``most``."""
+    return np.log1p(np.clip(presses, 0.0, most))
+
+
+def curve(depth: np.ndarray, depths: np.ndarray, forces: np.ndarray) -> np.ndarray:
+    """A loading curve through points, monotone and smooth (piecewise cubic, Fritsch and Carlson); 0 before the first
+    depth, straight past the last."""
+    depths, forces = np.asarray(depths, float), np.asarray(forces, float)
+    slopes = _slopes(depths, forces)
+    depth = np.asarray(depth, float)
+    k = np.clip(np.searchsorted(depths, depth) - 1, 0, len(depths) - 2)
+    h = depths[k + 1] - depths[k]
+    s = (depth - depths[k]) / h
+    inside = (
+        forces[k] * (1 + 2 * s) * (1 - s) ** 2
+        + slopes[k] * h * s * (1 - s) ** 2
+        + forces[k + 1] * s**2 * (3 - 2 * s)
+        + slopes[k + 1] * h * s**2 * (s - 1)
+    )
+    beyond = forces[-1] + slopes[-1] * (depth - depths[-1])
+    return np.where(depth <= depths[0], forces[0], np.where(depth >= depths[-1], beyond, inside))
+
+
+def _slopes(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Slopes at the points that keep the cubic monotone: harmonic means of the chords'."""
+    chords = np.diff(y) / np.diff(x)
+    left, right = chords[:-1], chords[1:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        middle = np.where(left * right > 0, 2 * left * right / (left + right), 0.0)
+    return np.concatenate([chords[:1], middle, chords[-1:]])
+
+
+def white_and_slow(lag: np.ndarray, slow_share: float, tau: float) -> np.ndarray:
+    """Correlation of noise that is white but for a slow share, after ``lag`` > 0 samples: ``s exp(−lag/τ)``."""
+    return slow_share * np.exp(-np.asarray(lag, float) / tau)
+
+
+def sliding_noise(white: np.ndarray, amplitude: np.ndarray, line_hz: np.ndarray, period_s: float) -> np.ndarray:
+    """Sample-to-sample noise (std of difference / √2) of white noise on a sine of ``line_hz`` under sampling."""
+    return np.sqrt(np.square(white) + np.square(amplitude * np.sin(np.pi * np.asarray(line_hz) * period_s)))
+
+
+def softplus(x: np.ndarray, width: float) -> np.ndarray:
+    """0 far below, x far above, with a bend of this width."""
+    return width * np.logaddexp(0.0, np.asarray(x, float) / width)

@@ -1,0 +1,36 @@
+"""What the machine gives: ``tactemu check-host`` says so, and its exit status is for scripts; ``run --preempt``."""
+
+import json
+import os
+
+from tactemu.cli.hosting import CHECKS
+from tactemu.priority import may_go_first
+from tests.cli.command import start, tactemu
+
+
+def test_everything_is_tried_and_said(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    done = tactemu("check-host", "--json", "ports", "python")
+    found = json.loads(done.stdout)
+    assert list(found) == list(CHECKS) and done.returncode == 0 and all(each["says"] for each in found.values())
+    assert found["ports"]["there"] and found["gpu"]["there"] == os.path.exists("/dev/nvidia0")
+    assert not found["guest"]["there"] and "apt-get install" in found["guest"]["helps"]
+    assert tactemu("check-host", "--json", "guest").returncode == 1
+    unknown = tactemu("check-host", "cann")
+    assert unknown.returncode == 2 and "knows: python, ports" in unknown.stderr
+
+
+def test_an_emulator_goes_before_other_programs_where_it_may():
+    run = start("run", "anyskin", "--port", "memory:", "--preempt", "--json", "--seconds", "0.5")
+    assert run.stdout is not None
+    if not may_go_first():
+        assert run.wait(60) == 2 and "limits.conf" in run.communicate()[1]
+        return
+    assert '"ready"' in run.stdout.readline()
+    assert os.sched_getscheduler(run.pid) == os.SCHED_RR
+    run.communicate(timeout=60)
+
+
+def test_what_nothing_makes_late_needs_no_priority():
+    done = tactemu("run", "anyskin", "--port", "memory:", "--preempt", "--clock", "virtual", "--seconds", "1")
+    assert done.returncode == 2 and "--clock virtual" in done.stderr
