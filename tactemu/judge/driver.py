@@ -19,8 +19,8 @@ from tactemu.judge import processes
 from tactemu.judge.rows import LONGEST, Rows
 from tactemu.judge.tape import Note, Said, Weight
 
-FLOOD_BYTES = 32_000_000
-"""Of what a driver prints within :data:`FLOOD_S` seconds: more is a flood, and the driver is ended."""
+FLOOD_BYTES = 8_000_000
+"""Of what a driver prints within :data:`FLOOD_S` seconds and is no row: more is a flood, and the driver is ended."""
 FLOOD_S = 5.0
 KEPT = 200_000
 """Rows and notes that are kept, each."""
@@ -153,14 +153,16 @@ class Driver:
             os.close(stream)
             del self._streams[stream]
             return
-        if self._floods(len(data)):
-            return
-        *lines, rest = (rest + data).split(b"\n")
-        self._streams[stream] = (rest[:LONGEST], err)
-        for line in lines:
-            self._take(line, now, err)
+        if b"\n" not in data:
+            junk, rest = len(data), (rest + data)[:LONGEST]
+        else:
+            *lines, rest = (rest + data).split(b"\n")
+            junk = sum(len(line) for line in lines if not self._take(line, now, err))
+        self._streams[stream] = (rest, err)
+        self._count(junk)
 
-    def _floods(self, size: int) -> bool:
+    def _count(self, size: int) -> None:
+        """Of what is no row; too much of it ends the driver."""
         begun, seen = self._window
         now = time.monotonic()
         self._window = (now, size) if now - begun > FLOOD_S else (begun, seen + size)
@@ -168,12 +170,12 @@ class Driver:
             self.flooded = True
             with contextlib.suppress(OSError):
                 os.killpg(self.process.pid, signal.SIGKILL)
-        return self.flooded
 
-    def _take(self, line: bytes, now: int, err: bool) -> None:
+    def _take(self, line: bytes, now: int, err: bool) -> bool:
+        """Keep a line; whether it is a row."""
         said = line.decode(errors="replace").strip()
         if not said:
-            return
+            return False
         row = None if err else self._parse.parse(said)
         if len(self.rows) + len(self.notes) > KEPT:
             self.dropped += 1
@@ -181,6 +183,7 @@ class Driver:
             self.rows.append(Said(now, row))
         else:
             self.notes.append(Note(now, said[:NOTE], err))
+        return row is not None
 
 
 def _upper(name: str) -> str:

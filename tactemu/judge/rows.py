@@ -10,7 +10,7 @@ from typing import Any
 
 LONGEST = 1 << 18
 """A longer line is no row [characters]."""
-_PAIRS = re.compile(r"([A-Za-z_][\w.\[\]]*)\s*[=:]\s*(-?\d[\d.]*(?:[eE][-+]?\d+)?)\b")
+_PAIRS = re.compile(r"(?<![\w.\[\]])([A-Za-z_][\w.\[\]]*)\s*[=:]\s*(-?\d[\d.]*(?:[eE][-+]?\d+)?)\b")
 _SEPARATORS = re.compile(r"[,;\t ]+")
 _TALK = 40
 """A head of a table has no longer names."""
@@ -35,7 +35,7 @@ class Rows:
             if self.head is None or len(self.head) != len(numbers):  # what stood before was talk
                 self.head = [str(k) for k in range(len(numbers))]
             return dict(zip(self.head, numbers))
-        pairs = _PAIRS.findall(line)
+        pairs = _PAIRS.findall(line) if "=" in line or ":" in line else []
         if pairs and 2 * sum(len(name) + len(number) for name, number in pairs) > len(line) - 2 * len(pairs):
             return {name: float(number) for name, number in pairs}
         if not self._begun:

@@ -174,7 +174,7 @@ class Judge:
         last = [note.text for note in driver.notes][-3:]
         words = f": {' | '.join(last)}" if last else ""
         if driver.flooded:
-            return "floods: it prints more than 32 MB in 5 s"
+            return "floods: it prints more than 8 MB in 5 s that is no reading"
         if driver.exit is not None:
             return f"exits with status {driver.exit} before it is judged{words}"
         opened = any(what == "opened" for _, what in self.stand.recorder.events)
@@ -328,7 +328,7 @@ class Judge:
         found.on, found.off, found.end = on, off, time.monotonic_ns()
         found.exit, found.unread = driver.exit, self.stand.recorder.unread - unread
         if driver.flooded:
-            found.trouble = "floods: it prints more than 32 MB in 5 s"
+            found.trouble = "floods: it prints more than 8 MB in 5 s that is no reading"
         found.notes = [note for note in driver.notes[events:] if note.t > on]
         found = self._filled(found)
         if keep:

@@ -24,6 +24,8 @@ from tactemu.judge.rows import Rows
         ('{"error": "timeout"}', None),
         ("", None),
         ("[" * 100_000, None),
+        ("x" * 250_000, None),
+        ("a." * 100_000 + "=", None),
     ],
 )
 def test_a_line(line, row):
