@@ -86,7 +86,7 @@ class Channel:
         DeviceError: a wish for a stream that the device does not have, or for one of several without its name.
     """
 
-    not_state: ClassVar[tuple[str, ...]] = ("name", "wishes", "_ports")
+    not_state: ClassVar[tuple[str, ...]] = ("name", "wishes", "_ports", "_senses")
 
     name: str
     device: Device
@@ -110,9 +110,10 @@ class Channel:
         """When the device's own clock wakes it."""
         self._ports = self.device.ports
         self.ticks: dict[str, Ticks] = {}
+        self._senses = {stream: self.device.senses_of(stream) for stream in self.device.periods}
         for stream in self.device.periods:
             name = f"{self.sampling.name}/{stream}" if stream else self.sampling.name
-            burst = max((sense.burst for sense in self.device.senses_of(stream)), default=1)
+            burst = max((sense.burst for sense in self._senses[stream]), default=1)
             self.ticks[stream] = Ticks(replace(self.sampling, name=name), burst=burst)
         for stream in self.wishes:
             if stream not in self.device.periods:
@@ -201,7 +202,7 @@ class Channel:
 
         ``looks`` are those taken since anything changed: boards that sample together share one.
         """
-        senses, source = self.device.senses_of(stream), self.source
+        senses, source = self._senses[stream], self.source
         key = (self.name, t_ns, *[sense.key for sense in senses])
         if looks is not None and key in looks:
             return looks[key]
@@ -218,7 +219,7 @@ class Channel:
             return last
         looks = [*ticks.seen, last]
         looks = [last] * (ticks.burst - len(looks)) + looks  # none before: at boot, or asked for out of turn
-        bursts = {sense.key: sense.burst for sense in self.device.senses_of(stream)}
+        bursts = {sense.key: sense.burst for sense in self._senses[stream]}
         ideal, measured = (
             {
                 key: np.stack([look[side][key] for look in looks], -1) if n > 1 else last[side][key]

@@ -22,7 +22,7 @@ def start_quietly() -> None:
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(nowhere, 2)
-        said = _start(warp)
+        said = _start()
     finally:
         os.dup2(kept, 2)
         os.close(kept)
@@ -30,12 +30,17 @@ def start_quietly() -> None:
     sys.stderr.write(said)
 
 
-def _start(warp) -> str:
+def start() -> None:
     """Initialise Warp; where it cannot keep its kernels (a home that is read-only, or none), a temporary folder does.
 
-    Returns:
-        What is to be said of that; empty where all is well, or was said when the folder was made.
+    That is said once, when the folder is made. Costs nothing where Warp runs already.
     """
+    sys.stderr.write(_start())
+
+
+def _start() -> str:
+    import warp
+
     try:
         warp.init()
         if os.access(warp.config.kernel_cache_dir, os.W_OK):

@@ -162,7 +162,8 @@ def pytest_runtest_makereport(item: pytest.Item) -> Iterator[Any]:
 def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
     """Name the folder, if there is something in it."""
     reports = [*terminalreporter.getreports("failed"), *terminalreporter.getreports("error")]
-    tests = {report.nodeid for report in reports if (_KEPT, True) in map(tuple, report.user_properties)}
+    kept = [report for report in reports if (_KEPT, True) in map(tuple, getattr(report, "user_properties", ()))]
+    tests = {report.nodeid for report in kept}  # a file that cannot be collected has no properties
     if tests:
         folder = Path(_setting(config, "tactemu_truth_dir") or "").absolute()
         some = "a test that failed" if len(tests) == 1 else f"{len(tests)} tests that failed"

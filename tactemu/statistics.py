@@ -38,7 +38,9 @@ class Lateness:
     def copy(self) -> Lateness:
         """As it is now."""
         twin = Lateness(0)
-        twin._values, twin.count, twin.max_ns = self._values.copy(), self.count, self.max_ns
+        kept = min(self.count, len(self._values))
+        twin._values = self._values[: max(kept, 1)].copy()
+        twin.count, twin.max_ns = self.count, self.max_ns
         return twin
 
     def percentile_ns(self, q: float) -> float:

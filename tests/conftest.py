@@ -48,6 +48,8 @@ def pytest_collection_modifyitems(config, items):
         items[:], left_out = (real, others) if wanted == "only" else (others, real)
         config.hook.pytest_deselected(items=left_out)
     reasons = {}
+    if any(item.get_closest_marker("gpu") for item in items) and not _has_gpu():
+        reasons["gpu"] = "no CUDA device on this machine"
     if "VCAN_GUEST" not in os.environ:
         reasons["vcan"] = "real Linux CAN: scripts/vcan-run -- python -m pytest -m vcan"
     if "idle" not in config.option.markexpr:
@@ -57,6 +59,15 @@ def pytest_collection_modifyitems(config, items):
     for item in items:
         for mark in filter(item.get_closest_marker, reasons):
             item.add_marker(pytest.mark.skip(reason=reasons[mark]))
+
+
+def _has_gpu():
+    import warp
+
+    from tactemu import kernels
+
+    kernels.start()
+    return warp.is_cuda_available()
 
 
 @pytest.hookimpl(wrapper=True)

@@ -33,7 +33,7 @@ ARROWS = {
     "scene": LEAVES,
     "transports": (*LEAVES, "frame_text"),
     "imperfections": (*LEAVES, "plan"),
-    "physics": (*LEAVES, "plan", "imperfections", "scene"),
+    "physics": (*LEAVES, "kernels", "plan", "imperfections", "scene"),
     "units": (),
     "wire": (*LEAVES, "frame_text", "truth", "transports", "units"),
     "agenda": (),
@@ -61,19 +61,20 @@ ARROWS = {
     "exec": (*LEAVES, "folders", "serving", "transports", "wire"),
     "judge": (*LEAVES, "frame_text", "recordings", "scene", "serving", "tactemu", "transports", "truth", "wire"),
     "pytest_plugin": ("cli", "exec", "serving"),
+    "page": (*LEAVES, "control", "conversions", "frame_text", "scene", "truth", "wire"),
     "doors": (*LEAVES, "serving"),
     "tactemu": (  # the public names, imported on first use
         "control", "errors", "exec", "physics", "scene", "serving", "truth",
     ),
     "bench": (
-        *LEAVES, "assembly", "clock", "collector", "control", "emulator", "exec", "physics", "plan", "priority",
-        "scene", "serving", "statistics", "tactemu", "transports", "truth", "tune", "wire",
+        *LEAVES, "assembly", "clock", "collector", "control", "emulator", "exec", "kernels", "physics", "plan",
+        "priority", "scene", "serving", "statistics", "tactemu", "transports", "truth", "tune", "wire",
     ),
     "cli": (
         *LEAVES, "assembly", "bench", "channel", "clock", "collector", "control", "conversions", "emulator", "exec",
         "fit", "frame_text", "judge",
-        "kernels", "priority", "recordings", "scenario", "scene", "serving", "statistics", "tactemu", "transports",
-        "truth", "tune", "wire",
+        "kernels", "page", "priority", "recordings", "scenario", "scene", "serving", "statistics", "tactemu",
+        "transports", "truth", "tune", "wire",
     ),
     "__main__": ("cli",),
 }  # fmt: skip

@@ -157,16 +157,17 @@ class Board:
 
     def frames(self) -> CanFrames:
         """Head and tail of every enabled triangle."""
-        which, pads = self.enabled, self.pads
-        ident = self.family << 8 | self.address << 4
+        which, ident = self.enabled, self.family << 8 | self.address << 4
         blank = _blank((HEAD.text, TAIL.text), ident, which.tobytes(), self.numbers.tobytes())
-        data = blank.data.copy()
-        data[:, 0, blank.head_pads] = pads[which, :7]
-        data[:, 1, blank.tail_pads] = pads[which, 7:]
-        out = (self.raw <= 0) | (self.raw >= RAW_MAX)
-        mask = out[which, None] @ _MASK if out.any() else np.zeros((len(data), 1), int)
-        data[:, 1, blank.out_of_range] = mask >> 4
-        data[:, 1, blank.ending] = (mask & 0xF) << 4 | self.flags[which, None]
+        data, pads = blank.data.copy(), self.pads[which]
+        data[:, 0, blank.head_pads] = pads[:, :7]
+        data[:, 1, blank.tail_pads] = pads[:, 7:]
+        data[:, 1, blank.ending] = self.flags[which, None]
+        if self.raw.min() <= 0 or self.raw.max() >= RAW_MAX:
+            out = (self.raw <= 0) | (self.raw >= RAW_MAX)
+            mask = out[which, None] @ _MASK
+            data[:, 1, blank.out_of_range] = mask >> 4
+            data[:, 1, blank.ending] |= ((mask & 0xF) << 4).astype(np.uint8)
         return blank.frames.with_data(data.reshape(-1, 8))
 
     def obey(self, data: bytes) -> bool:

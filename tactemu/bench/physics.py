@@ -23,6 +23,7 @@ import numpy as np
 
 import tactemu as tt
 from tactemu.bench.timing import Report
+from tactemu.kernels import start
 from tactemu.physics.models import MODELS, load
 from tactemu.physics.sensor_model import SensorModel
 
@@ -154,9 +155,8 @@ def _ball(mesh: bool):
 
 def measure(case: Case, device: str = "cpu", repeats: int = 300) -> Figure:
     """Run one case."""
-    import warp as wp
 
-    wp.init()
+    start()
     before = _device_memory(device)
     start = time.perf_counter()
     sim, _ball, sensor = build(case, device)

@@ -23,6 +23,7 @@ A simulated tactile skin on the far end of the wire: real sensors' bytes and CAN
   tactemu explain anyskin              frames, taxels, and what is simulated and why
   tactemu new hand.toml                a scene file to start from
   tactemu poke press --depth 1mm       what runs already is pressed, moved, broken
+  tactemu see                          ... and looked at, on a live page
   tactemu tune hand.toml --rate 500    the most accurate setting that keeps a rate here
   tactemu check my_sensor.py:MySensor  what is wrong with a device of your own
 """,
@@ -113,6 +114,15 @@ RunName = Annotated[
     typer.Option("--name", metavar="NAME", help="For `tactemu poke --name`; default: the target's."),
 ]
 
+WebPort = Annotated[
+    int | None,
+    typer.Option("--web-port", metavar="N", min=0, max=65535, help="Of the live page; default: 8080, if it is free."),
+]
+WebHost = Annotated[
+    str | None,
+    typer.Option("--web-host", metavar="ADDRESS", help="Let others reach the live page; default: only this machine."),
+]
+
 app.add_typer(bench, name="bench")
 
 
@@ -148,6 +158,9 @@ def run(
         str | None,
         typer.Option(metavar="URL", help="The same in one that listens: rerun+http://127.0.0.1:9876/proxy."),
     ] = None,
+    web: Annotated[bool, typer.Option("--web", help="Show it on a live page, too: see `tactemu see`.")] = False,
+    web_port: WebPort = None,
+    web_host: WebHost = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON lines instead of the picture.")] = False,
     plain: Annotated[
         bool, typer.Option("--plain", help="Log lines instead of the picture, on a terminal too.")
@@ -192,13 +205,14 @@ def run(
       tactemu run my_sensor.py:MySensor --port tcp:127.0.0.1:5000
       tactemu run anyskin --port memory: --clock virtual --seconds 10 --json
       tactemu run hand.toml --name hand --adjustable noise      # and then `tactemu poke --help`
+      tactemu run hand.toml --web                               # a page to look at it, and to touch it
       tactemu run hand.toml --save pressed.npz --seconds 3      # and then --restore pressed.npz
 
     One line says where the port is; then a live picture, or log lines when the output is no terminal.
     Exit code 0 after Ctrl-C, SIGTERM or --seconds; 130 after Ctrl-C before the port is there; 2 when something in the
     request is wrong.
     """
-    from tactemu.cli.running import run_target
+    from tactemu.cli.running import Web, run_target
     from tactemu.errors import SceneError
 
     if virtual:
@@ -208,7 +222,7 @@ def run(
         compute=device, faults=tuple(fault or ()), truth=truth, keep=truth_keep,
         style="json" if json else "plain" if plain else "auto", clock=clock, preempt=preempt, name=name,
         adjustable=tuple(adjustable or ()), again=again, rerun=rerun_to or rerun, restore=restore, save=save,
-        save_at=save_at,
+        save_at=save_at, web=Web(web_host, web_port) if web or web_port is not None or web_host else None,
     )  # fmt: skip
 
 
@@ -220,6 +234,27 @@ def poke(context: typer.Context) -> None:
     from tactemu.cli.poking import main
 
     main(context.args)
+
+
+@app.command()
+def see(
+    name: Annotated[str | None, typer.Argument(help="Of the emulator; default: the only one that runs.")] = None,
+    port: WebPort = None,
+    host: WebHost = None,
+) -> None:
+    """Show what runs on a live page: bodies, taxels, curves, the wire; drag, press, unplug.
+
+    \b
+      tactemu run hand.toml               # in one terminal; or a test, `tactemu exec`, `tactemu replay`
+      tactemu see                         # in another: a link for a browser on this machine
+      tactemu see hand --web-port 9000
+      tactemu see --web-host 0.0.0.0      # others may look and touch, who have the link
+
+    Until Ctrl-C. When the emulator ends, the page keeps its last picture, and shows the next run of that name.
+    """
+    from tactemu.cli.seeing import see_emulator
+
+    see_emulator(name, host=host, port=port)
 
 
 @app.command("exec")

@@ -22,6 +22,7 @@ Measure speed on this machine. Figures are medians; compare those of one run.
   tactemu bench state      size and time of a saved state, and of a fork
   tactemu bench soak       half an hour at 1 kHz and 5 % faults: what grows, what is lost
   tactemu bench control    live commands: how soon they are felt, what they cost
+  tactemu bench page       the live page: what it costs the loop, pictures a second
   tactemu bench wire       cost of a frame between device and port
   tactemu bench exec       cost of a driver's view of the machine, and 1000 times unplugged
   tactemu bench bus        a whole robot's skin on CAN: how many boards are in time
@@ -112,6 +113,19 @@ def execute(
 
     start_quietly()
     save(run(typer.echo, cycles=cycles), out)
+
+
+@bench.command()
+def page(
+    pairs: Annotated[int, typer.Option(metavar="N", min=1, help="Runs without a page, and as many with one.")] = 5,
+    seconds: Annotated[float, typer.Option(metavar="S", min=3, help="Length of each run.")] = 8.0,
+    only: Annotated[str, typer.Option(metavar="WHAT", help="lateness or pictures.")] = "",
+    out: Out = None,
+) -> None:
+    """Lateness with and without a page that four look at; pictures of 4,200 taxels a second, sent and drawn."""
+    from tactemu.bench.page import run
+
+    save(run(typer.echo, pairs=pairs, seconds=seconds, only=only), out)
 
 
 @bench.command()

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 
@@ -21,6 +24,10 @@ from tactemu.errors import SceneError, TransportError, nearest
 from tactemu.kernels import start_quietly
 from tactemu.statistics import Lateness
 from tactemu.truth import Truth
+
+if TYPE_CHECKING:
+    from tactemu.control.server import Server
+    from tactemu.page.opening import Door
 
 _OWNER = re.compile(r"[^:=]+=")
 """In front of a port: a skin's name, or its connector's."""
@@ -46,11 +53,13 @@ def run_target(
     adjustable: tuple[str, ...] = (),
     again: Path | None = None,
     rerun: str | bool = False,
+    web: Web | None = None,
     restore: Path | None = None,
     save: Path | None = None,
     save_at: float | None = None,
 ) -> None:
-    """Run a device or a scene; ``style`` is auto, plain or json, ``rerun`` whether or where it is shown.
+    """Run a device or a scene; ``style`` is auto, plain or json, ``rerun`` whether or where it is shown, ``web`` where
+    its page is.
 
     Raises:
         TactemuError: the request cannot be met; nothing is left behind.
@@ -70,6 +79,7 @@ def run_target(
         raise SceneError("--clock virtual runs as fast as it can and would never end; say how long with --seconds")
     if save_at is not None and save is None:
         raise SceneError("--save-at says when: say with --save where to")
+    page = None if web is None else _door(web)
     if preempt:
         from tactemu.priority import go_first
 
@@ -93,9 +103,46 @@ def run_target(
         at_end = save if save_at is None else None
         with _shown(log, rerun) if rerun else nullcontext():
             listen = partial(listening, control, name, target, gentle=clock == "real")
+            if page is not None:
+                listen = partial(_seen, listen, page)
             run_emulator(control.emulator, seconds=seconds, style=style, listen=listen, save=at_end)
     finally:
         log.close()
+        if page is not None:
+            page.listener.close()
+
+
+@dataclass(frozen=True)
+class Web:
+    """Where a page shall be."""
+
+    host: str | None = None
+    port: int | None = None
+
+
+def _door(web: Web) -> Door:
+    from tactemu.page.opening import door, warning
+
+    if text := warning(web.host):
+        print(f"tactemu: {text}", file=sys.stderr)
+    return door(web.host, web.port)
+
+
+@contextmanager
+def _seen(listen: Callable[[], AbstractContextManager[Server | None]], page: Door) -> Iterator[None]:
+    """Listen, with a page beside it."""
+    from tactemu.page.opening import beside
+
+    link = page.url
+    with listen() as server:
+        if server is None:
+            raise TransportError("--web: there is no control socket, which the page needs")
+        with beside(page, server.place.name):
+            print(f"see {link}", file=sys.stderr, flush=True)
+            try:
+                yield
+            finally:
+                server.close()  # which the page takes for the end
 
 
 def _shown(log: Truth, where: str | bool) -> AbstractContextManager[None]:

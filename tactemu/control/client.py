@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import contextlib
 import itertools
 import json
@@ -10,9 +11,14 @@ import socket
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
+
 from tactemu.control.place import PROTOCOL, chosen, uid_of_peer
 from tactemu.control.verbs import Verbs
 from tactemu.errors import TactemuError, TransportError
+
+_ARRAY = {"dtype", "shape", "base64"}
+"""Keys of an array that comes as bytes."""
 
 
 def connect(name: str | None = None) -> Connection:
@@ -69,13 +75,25 @@ class Connection(Verbs):
     def __exit__(self, *_) -> None:
         self.close()
 
-    def watch(self, rate: float = 10.0) -> Iterator[dict[str, Any]]:
+    def watch(
+        self, rate: float = 10.0, *, arrays: bool = False, wire: int = 0, skin: str | None = None
+    ) -> Iterator[dict[str, Any]]:
         """States as :meth:`state` gives them, at a rate [Hz], as long as it is iterated; never an old one.
 
+        Args:
+            rate: how many come in a second, at most.
+            arrays: readings are NumPy arrays rather than lists, which costs both ends far less.
+            wire: so many of the latest frames, faults and events since the last state come with each, as ``wire``, in
+                the form of lines of the truth log; ``wire_missing`` is how many more there were.
+            skin: whose frames; default: everybody's.
+
         Raises:
-            TactemuError: no such rate, or the emulator has stopped.
+            TactemuError: no such rate or skin, or the emulator has stopped.
         """
-        number = self._ask("watch", {"rate": rate})
+        wished: dict[str, Any] = {"rate": rate}
+        wished |= {"arrays": "base64"} if arrays else {}
+        wished |= {"wire": wire, "skin": skin} if wire else {}
+        number = self._ask("watch", wished)
         self._answer_to(number)
         try:
             while True:
@@ -109,7 +127,7 @@ class Connection(Verbs):
     def _read(self) -> dict[str, Any]:
         try:
             line = self._file.readline()
-            said = json.loads(line) if line else None
+            said = json.loads(line, object_hook=_as_array) if line else None
         except (OSError, ValueError):
             said = None
         if not isinstance(said, dict):
@@ -117,6 +135,14 @@ class Connection(Verbs):
         if "ok" in said and not said["ok"] and "id" not in said and "watch" not in said:
             raise TactemuError(said["error"])
         return said
+
+
+def _as_array(table: dict[str, Any]) -> Any:
+    """An array that came as bytes; other tables as they are."""
+    if table.keys() != _ARRAY:
+        return table
+    values = np.frombuffer(base64.b64decode(table["base64"]), np.dtype(table["dtype"]))
+    return values.reshape(table["shape"])
 
 
 def _result_of(said: dict[str, Any]) -> Any:

@@ -7,6 +7,7 @@ again.
 from __future__ import annotations
 
 import json
+import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -17,6 +18,7 @@ from tactemu.assembly import Assembled
 from tactemu.channel import Channel
 from tactemu.clock import LockstepClock
 from tactemu.control import state
+from tactemu.control.description import described
 from tactemu.control.errand import Errand, Outcome
 from tactemu.control.verbs import VERBS
 from tactemu.emulator import Emulator
@@ -28,6 +30,7 @@ from tactemu.scene.schema import Event
 from tactemu.scene.steering import Leg, Steered, nearest_body, pressing_way
 from tactemu.transports.pty import PtyTransport
 from tactemu.truth import COMMAND
+from tactemu.truth.tap import Tap
 from tactemu.wire.wire import Wire
 
 LOOK_AHEAD_NS = 2_000_000
@@ -80,6 +83,24 @@ class Control:
             "skins": {channel.name: channel.device.name for channel in self.emulator.channels},
             "bodies": list(self.steered),
         }
+
+    def watched(self, by: str, tell: Callable[[Errand], None]) -> Errand:
+        """Have the state looked at, for somebody who watches."""
+        return self.submit("state", {}, by, tell)
+
+    def tap(self, most: int, skin: str | None) -> Tap:
+        """What happens on the wires from now on, for somebody who watches; to be given to :meth:`untap`.
+
+        Raises:
+            TactemuError: there is no such skin.
+        """
+        tap = Tap(most, None if skin is None else self.channel(skin).name)
+        self.emulator.truth.tap(tap)
+        return tap
+
+    def untap(self, tap: Tap) -> None:
+        """Watched no more."""
+        self.emulator.truth.untap(tap)
 
     # -- in the loop -----------------------------------------------------------------------------------------------
 
@@ -166,12 +187,14 @@ class Control:
         position: Sequence[float] | None = None,
         quaternion: Sequence[float] | None = None,
         by: Sequence[float] = (0.0, 0.0, 0.0),
+        speed: float = math.inf,
         body: str | None = None,
         wait: bool = True,
     ) -> Outcome:
         name = self._body(body)
         here = self.steered[name].world(self._now_s)
         goal = (here.position if position is None else np.asarray(position, float)) + np.asarray(by, float)
+        seconds = max(seconds, float(np.linalg.norm(goal - here.position)) / speed)
         return self._go(name, [Leg(seconds, goal, None if quaternion is None else np.asarray(quaternion, float))], wait)
 
     def _pose(self, body: str, **pose: list[float]) -> None:
@@ -278,11 +301,15 @@ class Control:
     def _sample(self, skin: str | None = None) -> Outcome:
         return Outcome(result=self.emulator.truth.latest(self.channel(skin).name))
 
-    def _stats(self) -> Outcome:
-        looks = {channel.name: state.look_at(self.emulator, channel) for channel in self.emulator.channels}
+    def _stats(self, skin: str | None = None) -> Outcome:
+        channels = self.emulator.channels if skin is None else [self.channel(skin)]
+        looks = {channel.name: state.look_at(self.emulator, channel) for channel in channels}
         return Outcome(
             result=lambda: {"skins": {name: look() for name, look in looks.items()}, "clients": dict(self.clients)}
         )
 
     def _state(self) -> Outcome:
         return Outcome(result=state.state_of(self))
+
+    def _describe(self) -> Outcome:
+        return Outcome(result=described(self.emulator))

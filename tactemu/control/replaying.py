@@ -12,6 +12,7 @@ from tactemu.errors import TactemuError
 from tactemu.recordings.replay import Replay
 from tactemu.scenario import timed_fault
 from tactemu.scene.schema import Event
+from tactemu.truth.tap import Tap
 
 
 class ReplayControl:
@@ -31,6 +32,20 @@ class ReplayControl:
     ) -> Errand:
         """Have a command done, whose arguments are checked already."""
         return Errand(self.replay, lambda: self.do(verb, arguments), tell=tell)
+
+    def watched(self, by: str, tell: Callable[[Errand], None]) -> Errand:
+        """Have the state looked at, for somebody who watches."""
+        return self.submit("state", {}, by, tell)
+
+    def tap(self, most: int, skin: str | None) -> Tap:
+        """What happens on the wire from now on, for somebody who watches."""
+        tap = Tap(most)
+        self.replay.wire.truth.tap(tap)
+        return tap
+
+    def untap(self, tap: Tap) -> None:
+        """Watched no more."""
+        self.replay.wire.truth.untap(tap)
 
     def do(self, verb: str, arguments: Mapping[str, Any]) -> Outcome:
         """Begin a command.
@@ -57,7 +72,7 @@ class ReplayControl:
     def _wait(self, seconds: float) -> Outcome:
         return Outcome(self.replay.now_ns + round(seconds * 1e9))
 
-    def _stats(self) -> Outcome:
+    def _stats(self, skin: str | None = None) -> Outcome:
         return Outcome(result={"wire": dict(self.replay.wire.counters), "clients": dict(self.clients)})
 
     def _state(self) -> Outcome:

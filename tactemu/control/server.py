@@ -1,12 +1,14 @@
 """The socket on which a running emulator listens for commands: a thread of its own, so that the loop waits for nobody.
 
 Lines of JSON both ways (``docs/live-control.md``). The server says first who it is; then every request is answered
-once, under the number that it had. Everything is bounded: clients, the length of a line, requests under way, what waits
-for a client that does not read (it is dropped), and the share of the time that clients can make this thread busy.
+once, under the number that it had; states, and what happens on the wires, come to those who watch. Everything is
+bounded: clients, the length of a line, requests under way, what waits for a client that does not read (it is dropped),
+and the share of the time that clients can make this thread busy.
 """
 
 from __future__ import annotations
 
+import base64
 import contextlib
 import json
 import os
@@ -30,6 +32,8 @@ from tactemu.errors import TactemuError, nearest, shown
 from tactemu.options import number
 from tactemu.truth import Sample
 from tactemu.truth.lines import array_text
+from tactemu.truth.lines import row_of as row_of_entry
+from tactemu.truth.tap import Tap
 
 MOST_CLIENTS = 16
 LONGEST_LINE = 65_536
@@ -42,7 +46,11 @@ PATIENCE_S = 5.0
 """How long a client may take no byte of what waits for it."""
 RATES_HZ = (0.01, 120.0)
 """Of states that a client watches."""
+MOST_ENTRIES = 200
+"""Frames, faults and events that come with a state."""
 _READ_AT_ONCE = 4096
+_ITEMS_AT_ONCE = 32
+"""Of a long list that are turned into text before the interpreter is offered to others."""
 _REST = 3.0
 """In real time this thread rests so many times as long as it was busy: whatever clients do, the loop has the most of
 the interpreter."""
@@ -55,6 +63,22 @@ class Driven(Protocol):
 
     def submit(self, verb: str, arguments: Mapping[str, Any], by: str, tell: Callable[[Errand], None]) -> Errand:
         """Have a command done; ``tell`` is called when it is."""
+        ...
+
+    def watched(self, by: str, tell: Callable[[Errand], None]) -> Errand:
+        """Have the state looked at, for somebody who watches."""
+        ...
+
+    def tap(self, most: int, skin: str | None) -> Tap:
+        """What happens on the wires from now on, for somebody who watches; to be given to :meth:`untap`.
+
+        Raises:
+            TactemuError: there is no such skin.
+        """
+        ...
+
+    def untap(self, tap: Tap) -> None:
+        """Watched no more."""
         ...
 
     def hello(self) -> dict[str, Any]:
@@ -79,7 +103,8 @@ class _Client:
         self.watch: Any = None
         """Number of the request for states, in a tuple; ``None``: none are wished."""
         self.period_s = self.next_s = 0.0
-        self.state_asked = False
+        self.state_asked = self.as_bytes = False
+        self.tap: Tap | None = None
         self.says_no_more = False
         """It is closed when it has its answers and has read them."""
 
@@ -213,6 +238,7 @@ class Server:
     def _drop(self, client: _Client) -> None:
         if self._clients.pop(client.number, None) is not None:
             client.connection.close()
+        self._watch_no_more(client)
         client.unread.clear()
         client.heard.clear()
 
@@ -227,7 +253,7 @@ class Server:
         elif client.watch and not client.state_asked and now >= client.next_s and not client.unread:
             client.next_s = max(client.next_s + client.period_s, now)
             client.state_asked = True
-            self.driven.submit("state", {}, client.name, partial(self._tell, client, client.watch))
+            self.driven.watched(client.name, partial(self._tell, client, client.watch))
 
     # -- requests ----------------------------------------------------------------------------------------------------
 
@@ -275,13 +301,21 @@ class Server:
         self.driven.submit(verb, arguments, client.name, partial(self._tell, client, ident))
 
     def _watch(self, client: _Client, ident: Any, args: dict[str, Any] | None) -> None:
-        client.watch = None
+        self._watch_no_more(client)
         if args is not None:
-            if unknown := [name for name in args if name != "rate"]:
-                raise TactemuError(f"watch: no argument {unknown[0]!r}; it has: rate")
-            rate = number("watch", "rate", args.get("rate", 10.0), at_least=RATES_HZ[0], at_most=RATES_HZ[1], unit="Hz")
+            if unknown := [name for name in args if name not in WATCH]:
+                raise TactemuError(f"watch: no argument {unknown[0]!r}; it has: {', '.join(WATCH)}")
+            rate, as_bytes, most, skin = (WATCH[name](args.get(name)) for name in WATCH)
+            client.tap = self.driven.tap(most, skin) if most else None
+            client.as_bytes = as_bytes
             client.watch, client.period_s, client.next_s = (ident,), 1.0 / rate, time.monotonic()
         self._put(client, {"id": ident, "ok": True})
+
+    def _watch_no_more(self, client: _Client) -> None:
+        client.watch = None
+        if client.tap is not None:
+            self.driven.untap(client.tap)
+            client.tap = None
 
     # -- answers -----------------------------------------------------------------------------------------------------
 
@@ -302,16 +336,19 @@ class Server:
             return
         client.state_asked = False
         if client.watch == ident and not client.unread:
-            self._put(client, {"watch": ident[0], **answer})
+            if client.tap is not None and answer["ok"]:
+                entries, missing = client.tap.take()
+                answer["result"] |= {"wire": [row_of_entry(each) for each in entries], "wire_missing": missing}
+            self._put(client, {"watch": ident[0], **answer}, client.as_bytes)
 
-    def _put(self, client: _Client, message: dict[str, Any]) -> None:
+    def _put(self, client: _Client, message: dict[str, Any], as_bytes: bool = False) -> None:
         if client.waiting > MOST_UNREAD:
             self.counters["dropped"] += 1
             self._drop(client)
             return
         if not client.unread:
             client.taken_s = time.monotonic()
-        line = "".join(_pieces(message)).encode() + b"\n"
+        line = "".join(_pieces(message, as_bytes)).encode() + b"\n"
         client.unread.append(memoryview(line))
         client.waiting += len(line)
         self._send(client)
@@ -363,17 +400,56 @@ def _number_of(said: dict[str, Any]) -> Any:
     return ident
 
 
-def _pieces(value: Any) -> Iterator[str]:
-    """A message in JSON; between the pieces of a large array the loop may have the interpreter."""
+def _checked_rate(given: Any) -> float:
+    rate = 10.0 if given is None else given
+    return number("watch", "rate", rate, at_least=RATES_HZ[0], at_most=RATES_HZ[1], unit="Hz")
+
+
+def _checked_arrays(given: Any) -> bool:
+    if given not in (None, "lists", "base64"):
+        raise TactemuError(f"watch: arrays must be lists or base64, got {shown(given)}")
+    return given == "base64"
+
+
+def _checked_most(given: Any) -> int:
+    return int(number("watch", "wire", given or 0, at_least=0, at_most=MOST_ENTRIES, whole=True))
+
+
+def _checked_skin(given: Any) -> str | None:
+    if given is not None and not isinstance(given, str):
+        raise TactemuError(f"watch: skin must be a text, got {shown(given)}")
+    return given
+
+
+WATCH: dict[str, Callable[[Any], Any]] = {
+    "rate": _checked_rate, "arrays": _checked_arrays, "wire": _checked_most, "skin": _checked_skin,
+}  # fmt: skip
+"""The arguments of `watch`."""
+
+
+def _pieces(value: Any, as_bytes: bool = False) -> Iterator[str]:
+    """A message in JSON; between the pieces of what is large the loop may have the interpreter.
+
+    Arrays are lists, or their bytes in base64 with their type and shape.
+    """
     value = row_of(value) if isinstance(value, Sample) else value
-    if isinstance(value, np.ndarray):
+    if isinstance(value, np.ndarray) and as_bytes:
+        head = {"dtype": value.dtype.str, "shape": value.shape}
+        yield json.dumps(head)[:-1] + f', "base64": "{base64.b64encode(np.ascontiguousarray(value).data).decode()}"}}'
+        time.sleep(0)
+    elif isinstance(value, np.ndarray):
         for piece in array_text(value):
             yield piece
             time.sleep(0)
     elif isinstance(value, dict):
         for k, (name, each) in enumerate(value.items()):
             yield f"{',' if k else '{'}{json.dumps(name)}:"
-            yield from _pieces(each)
+            yield from _pieces(each, as_bytes)
         yield "}" if value else "{}"
+    elif isinstance(value, list) and len(value) > _ITEMS_AT_ONCE:
+        for start in range(0, len(value), _ITEMS_AT_ONCE):
+            yield ("," if start else "[") + json.dumps(value[start : start + _ITEMS_AT_ONCE])[1:-1]
+            time.sleep(0)
+        yield "]"
     else:
         yield json.dumps(value)

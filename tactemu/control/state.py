@@ -6,6 +6,8 @@ from collections import Counter
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from tactemu.channel import Channel
 from tactemu.emulator import Emulator
 from tactemu.truth import Sample
@@ -34,28 +36,32 @@ def look_at(emulator: Emulator, channel: Channel) -> Callable[[], dict[str, Any]
     }
 
 
-def state_of(control: Control) -> dict[str, Any]:
-    """Time [s], bodies with their world poses, skins with their ports and latest samples. Call in the loop."""
-    emulator, simulation = control.emulator, control.simulation
-    bodies = {}
-    for body in [] if simulation is None else simulation.bodies:
-        assert simulation is not None
-        pose = simulation.pose(body)
-        motion = control.steered.get(body.name)
-        bodies[body.name] = {
-            "position": pose.position.tolist(),
-            "quaternion": pose.quaternion.tolist(),
-            "movable": motion is not None,
-            "in_hand": motion is not None and motion.taken,
-        }
-    return {
-        "t_s": emulator.now_ns / 1e9,
-        "bodies": bodies,
+def state_of(control: Control) -> Callable[[], dict[str, Any]]:
+    """What gives the time [s], bodies with their world poses, skins with their ports and latest samples, as they are
+    now. Call in the loop; what it gives may be called in another thread."""
+    emulator, around = control.emulator, control.emulator.truth.surroundings
+    poses = np.zeros((0, 7)) if around is None else around.poses()
+    names = [] if around is None else around.names
+    t_s = emulator.now_ns / 1e9
+    taken = {name: motion.taken for name, motion in control.steered.items()}
+    samples = {channel.name: emulator.truth.latest_of(channel.name) for channel in emulator.channels}
+    return lambda: {
+        "t_s": t_s,
+        "bodies": {
+            name: {
+                "position": pose[:3],
+                "quaternion": pose[3:],
+                "movable": name in taken,
+                "in_hand": taken.get(name, False),
+            }
+            for name, pose in zip(names, poses.tolist())
+        },
         "skins": {
             channel.name: {
                 "device": channel.device.name,
                 "ports": {port: wire.transport.address for port, wire in channel.wires.items()},
-                "sample": emulator.truth.latest(channel.name),
+                "sample": next(iter(samples[channel.name].values()), None),
+                **({"senses": samples[channel.name]} if len(samples[channel.name]) > 1 else {}),
             }
             for channel in emulator.channels
         },

@@ -200,6 +200,7 @@ class Verbs(ABC):
         *,
         by: Position | None = None,
         seconds: Seconds = 0.0,
+        speed: Speed | None = None,
         body: Name | None = None,
         wait: Flag = True,
     ) -> None:
@@ -210,6 +211,7 @@ class Verbs(ABC):
             quaternion: orientation w x y z; default: it does not turn
             by: this far from there, or from where it is
             seconds: how long it takes; 0: at once (no velocity is felt for more than a step)
+            speed: no faster than this; it takes as long as it needs
             body: which body; default: the one that was moved last
             wait: come back when it is there and every skin has sampled it
         """
@@ -402,12 +404,21 @@ class Verbs(ABC):
         """
         ...
 
-    @verb(changes=False)
-    def stats(self) -> dict[str, Any]:
-        """What every device has done since the start: samples, lateness, frames, what was injected."""
+    @verb("skin", changes=False)
+    def stats(self, skin: Name | None = None) -> dict[str, Any]:
+        """What every device has done since the start: samples, lateness, frames, what was injected.
+
+        Args:
+            skin: whose; default: all
+        """
         ...
 
     @verb(changes=False)
     def state(self) -> dict[str, Any]:
         """The time, every body with its pose, every skin with its port and latest reading."""
+        ...
+
+    @verb(changes=False)
+    def describe(self) -> dict[str, Any]:
+        """What is there: the scene's bodies and skins, and of each device its frames, commands, options and faults."""
         ...

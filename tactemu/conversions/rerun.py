@@ -25,14 +25,13 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from tactemu.conversions.colours import colours, pitch, touched
 from tactemu.conversions.surroundings import Body, Described, Part
 from tactemu.conversions.words import warns, words_of
 from tactemu.truth.entries import BodyPose, Entry, Header, Sample
 from tactemu.truth.memory import size_of
 
 TIMELINE = "time"
-_NOTHING, _MOST, _NAN = np.array([0.18, 0.24, 0.36]), np.array([1.0, 0.55, 0.1]), np.array([0.9, 0.0, 0.9])
-"""Colours of a taxel that feels nothing, of the one that has felt most so far, and of one that reads NaN."""
 _TOGETHER_BYTES, _TOGETHER_S = 1_000_000, 0.1
 """Entries are sent when they are so much, or when the oldest has waited so long."""
 _ARROW_M = 0.01
@@ -175,12 +174,12 @@ class _Skin:
             path = self._place(part)
             stream.log(path, _transform(part.position, part.quaternion), static=True)
             stream.log(
-                f"{path}/taxels", rr.Points3D.from_fields(positions=part.positions, radii=_radius(part)), static=True
+                f"{path}/taxels", rr.Points3D.from_fields(positions=part.positions, radii=pitch(part) / 3), static=True
             )
             if self._vectors:
                 stream.log(
                     f"{path}/forces",
-                    rr.Arrows3D.from_fields(origins=part.positions, radii=_radius(part) / 4),
+                    rr.Arrows3D.from_fields(origins=part.positions, radii=pitch(part) / 12),
                     static=True,
                 )
             for name, shape in _debug_shapes(part):
@@ -208,24 +207,24 @@ class _Skin:
         self._most = max(self._most, float(np.nanmax(size, initial=0.0)))
         for part in self._parts:
             path, count = self._place(part), len(part.taxels)
-            self._coloured(f"{path}/taxels", times, _colours(size[:, part.taxels] / (self._most or 1.0)))
+            self._coloured(f"{path}/taxels", times, colours(size[:, part.taxels] / (self._most or 1.0)))
             if self._vectors:
                 arrows = np.nan_to_num(measured[:, part.taxels] / (self._most or 1.0) * _ARROW_M).reshape(-1, 3)
                 columns = rr.Arrows3D.columns(vectors=arrows).partition([count] * len(samples))
                 self._stream.send_columns(f"{path}/forces", times, columns)
             if part.draw:
-                touched = np.stack([_touched(each)[part.taxels] for each in samples])[..., None]
-                colours = np.where(touched, part.draw["contact_color"], part.draw["probe_color"])
-                self._coloured(f"{path}/probes", times, colours)
+                met = np.stack([touched(each)[part.taxels] for each in samples])[..., None]
+                painted = np.where(met, part.draw["contact_color"], part.draw["probe_color"])
+                self._coloured(f"{path}/probes", times, painted)
                 if part.draw["opacity"]:
-                    opaque = np.full((*colours.shape[:-1], 1), part.draw["opacity"])
-                    self._coloured(f"{path}/radii", times, np.concatenate([colours, opaque], axis=-1), rr.Ellipsoids3D)
+                    opaque = np.full((*painted.shape[:-1], 1), part.draw["opacity"])
+                    self._coloured(f"{path}/radii", times, np.concatenate([painted, opaque], axis=-1), rr.Ellipsoids3D)
         for path, patch in self._pictures:
             self._send_pictures(path, samples, size, patch)
 
-    def _coloured(self, path: str, times: Sequence, colours: np.ndarray, kind: Any = rr.Points3D) -> None:
-        flat = (colours.reshape(-1, colours.shape[-1]) * 255).round().astype(np.uint8)
-        columns = kind.columns(colors=flat).partition([colours.shape[1]] * len(colours))
+    def _coloured(self, path: str, times: Sequence, painted: np.ndarray, kind: Any = rr.Points3D) -> None:
+        flat = (painted.reshape(-1, painted.shape[-1]) * 255).round().astype(np.uint8)
+        columns = kind.columns(colors=flat).partition([painted.shape[1]] * len(painted))
         self._stream.send_columns(path, times, columns)
 
     def _send_pictures(self, path: str, samples: list[Sample], size: np.ndarray, patch: Any) -> None:
@@ -246,28 +245,6 @@ def _times(t_ns: Any) -> list[rr.TimeColumn]:
 def _transform(position: Any, quaternion: Any) -> rr.Transform3D:
     w, x, y, z = quaternion
     return rr.Transform3D(translation=position, quaternion=rr.Quaternion(xyzw=[x, y, z, w]))
-
-
-def _colours(share: np.ndarray) -> np.ndarray:
-    """From nothing (0) to the most (1)."""
-    mixed = _NOTHING + np.nan_to_num(share)[..., None] * (_MOST - _NOTHING)
-    return np.where(np.isnan(share)[..., None], _NAN, mixed)
-
-
-def _touched(sample: Sample) -> np.ndarray:
-    """Which taxels are in contact: those that feel anything, without imperfections."""
-    ideal = np.asarray(sample.ideal, float).reshape(len(sample.ideal), -1)
-    return (ideal != 0).any(axis=1)
-
-
-def _radius(part: Part) -> float:
-    """Of a taxel's dot: a third of the way to the nearest other one."""
-    positions = part.positions[:256]
-    if len(positions) < 2:
-        return 1e-3
-    gaps = np.linalg.norm(positions[:, None] - positions, axis=-1)
-    np.fill_diagonal(gaps, np.inf)
-    return float(np.median(gaps.min(axis=1))) / 3 or 1e-3
 
 
 def _shapes(body: Body) -> list[tuple[str, Any]]:

@@ -82,6 +82,11 @@ class Imperfections(Adjustments):
         self._killable.set(taxels, dead, value, envs_idx)
 
     @property
+    def adjustable(self) -> tuple[str, ...]:
+        """What :meth:`set` may change, and ``dead`` if taxels may die."""
+        return (*self._built, *(() if self._dead is None else ("dead",)))
+
+    @property
     def dead(self) -> np.ndarray:
         """Which taxels are dead, bool, shape ``(n_envs, n_taxels)``."""
         return self._killable.mask

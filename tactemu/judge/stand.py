@@ -51,7 +51,7 @@ class Stand:
         self.served: Served = serve(
             target, port, seed=seed, rate_hz=rate_hz, device_options=options, source=self.excitation, by_hand=False
         )
-        self.served.before_opening = lambda emulator: emulator.truth.tell(self.recorder)
+        self.served.before_opening = lambda emulator: self.recorder.listen(emulator.truth)
         self._faults: list[tuple[Wire, Any]] = []
         self._undo: list[Callable[[], object]] = []
 

@@ -17,7 +17,8 @@ import numpy as np
 
 from tactemu.errors import TactemuError
 from tactemu.frame_text import text
-from tactemu.truth.entries import Entry, Header, Injection, Passage, PortEvent
+from tactemu.truth import Truth
+from tactemu.truth.entries import Entry, Injection, Passage, PortEvent
 from tactemu.truth.entries import Sample as TrueSample
 
 VERSION = 1
@@ -202,20 +203,19 @@ def _plain(value: Any) -> Any:
 
 
 class Recorder:
-    """Hears everything that the truth is told (:meth:`tactemu.truth.Truth.tell`), of all skins, on the machine's clock.
+    """Hears everything that the truth is told (:meth:`tactemu.truth.Truth.tap`), of all skins, on the machine's clock.
 
     Bounded: of samples, frames and changes only the latest are kept.
     """
 
     def __init__(self, keep: int = 200_000):
-        self.patient, self.lost = False, 0
         self.samples: list[Sample] = []
         self.frames: list[Frame] = []
         self.changes: list[Change] = []
         self.events: list[tuple[int, str]] = []
         self.unread = 0
         self._keep = keep
-        self._origin: int | None = None
+        self._truth: Truth | None = None
         self._whole: dict[str, np.ndarray] = {}
         """The latest counts by skin and sense."""
         self._asked: int | None = None
@@ -226,21 +226,15 @@ class Recorder:
         """``skin/sense`` in the order of the counts."""
         return list(self._whole)
 
-    @property
-    def begun(self) -> bool:
-        """Whether the run has begun."""
-        return self._origin is not None
+    def listen(self, truth: Truth) -> None:
+        """From now on; before the run begins."""
+        self._truth = truth
+        truth.tap(self)
 
-    def begin(self, header: Header) -> None:
-        """The run begins."""
-        self._origin = header.origin_ns or 0
-
-    def close(self) -> None:
-        """Nothing more comes."""
-
-    def put(self, entry: Entry, size: int) -> None:
+    def put(self, entry: Entry) -> None:
         """Something happened."""
-        t = entry.t_ns + (self._origin or 0)
+        origin = self._truth.origin_ns if self._truth is not None else None
+        t = entry.t_ns + (origin or 0)
         match entry:
             case TrueSample():
                 self._sampled(t, entry)

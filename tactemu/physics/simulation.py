@@ -12,6 +12,7 @@ import warp as wp
 
 from tactemu.errors import PoseError, SceneError
 from tactemu.imperfections import Imperfections, ReadingInfo
+from tactemu.kernels import start
 from tactemu.physics.drawing import check_drawing
 from tactemu.physics.points.point_cloud import PointCloud
 from tactemu.physics.poses import RelativePoses
@@ -34,7 +35,7 @@ REAL = {"float32": wp.float32, "float64": wp.float64}
 
 
 def _device(name) -> wp.Device:
-    wp.init()
+    start()
     try:
         return wp.get_device(name)
     except Exception as error:

@@ -175,6 +175,11 @@ class JoinedImperfections:
         """Of its first part; all were built with the same."""
         return self._parts[0][0].options
 
+    @property
+    def adjustable(self) -> tuple[str, ...]:
+        """What may be changed of all its parts."""
+        return tuple(name for name in self._parts[0][0].adjustable if all(name in s.adjustable for s, _ in self._parts))
+
     def set(
         self, option: str, value: Any, envs_idx: Sequence[int] | None = None, taxels: Sequence[int] | None = None
     ) -> None:

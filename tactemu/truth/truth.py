@@ -17,6 +17,14 @@ from tactemu.truth.memory import Memory, size_of
 from tactemu.truth.writer import LogWriter, check_overwriting
 
 
+class Watcher(Protocol):
+    """Who is told entries as they happen; see :class:`~tactemu.truth.tap.Tap`."""
+
+    def put(self, entry: Entry) -> None:
+        """One that happened, told by the loop's thread, which must not wait."""
+        ...
+
+
 class Surroundings(Protocol):
     """What is around the skins: the bodies of a scene."""
 
@@ -29,35 +37,6 @@ class Surroundings(Protocol):
 
     def description(self) -> Mapping[str, Any]:
         """What is where, as plain data."""
-        ...
-
-
-class Listener(Protocol):
-    """Who is told everything as it happens, by the loop's thread; a file's writer is one."""
-
-    patient: bool
-    """Whether the loop may be kept waiting, because time is virtual."""
-
-    @property
-    def begun(self) -> bool:
-        """Whether it knows how the log begins."""
-        ...
-
-    @property
-    def lost(self) -> int:
-        """Entries that it could not take."""
-        ...
-
-    def begin(self, header: Header) -> None:
-        """The run begins."""
-        ...
-
-    def put(self, entry: Entry, size: int) -> None:
-        """An entry of about ``size`` bytes, which nobody changes any more. Must not wait."""
-        ...
-
-    def close(self) -> None:
-        """Nothing more comes. Called twice, maybe."""
         ...
 
 
@@ -78,7 +57,15 @@ class Truth:
         OSError: the file cannot be written.
     """
 
-    not_state: ClassVar[tuple[str, ...]] = ("_memory", "_writers", "origin_ns", "surroundings", "_poses")
+    not_state: ClassVar[tuple[str, ...]] = (
+        "_memory",
+        "_writers",
+        "_taps",
+        "_told",
+        "origin_ns",
+        "surroundings",
+        "_poses",
+    )
 
     def __init__(
         self, path: str | Path | None = None, *, keep: str | int | None = None, reads: Iterable[str | Path] = ()
@@ -86,7 +73,10 @@ class Truth:
         self._memory = Memory(keep)
         if path is not None:
             check_overwriting(Path(path), map(Path, reads))
-        self._writers: list[Listener] = [LogWriter(path)] if path is not None else []
+        self._writers = [LogWriter(path)] if path is not None else []
+        self._taps: tuple[Watcher, ...] = ()
+        self._told = bool(self._writers)
+        """Whether anybody is told of samples, frames, faults and events."""
         self._latest: dict[str, dict[str, Sample]] = {}
         self._latest_frames: dict[str, Frame | CanFrames] = {}
         self._numbers: dict[str, int] = {}
@@ -133,6 +123,10 @@ class Truth:
         senses = self._latest.get(device, {})
         return senses.get(sense) if sense is not None else next(iter(senses.values()), None)
 
+    def latest_of(self, device: str) -> dict[str, Sample]:
+        """The latest sample of one device of each of its senses, the one that came first first."""
+        return dict(self._latest.get(device, {}))
+
     def latest_frame(self, device: str) -> Frame | None:
         """The latest frame of one device that left for the driver."""
         latest = self._latest_frames.get(device)
@@ -177,8 +171,9 @@ class Truth:
         entry = Sample(t_ns, device, ideal, measured, counts, number, sense)
         self._latest.setdefault(device, {})[sense] = entry
         self._memory.add_sample(entry)
-        if self._writers:
+        if self._told:
             self._log(entry)
+        if self._writers:
             self._log_poses(t_ns)
         return number
 
@@ -187,7 +182,7 @@ class Truth:
         self.counts["tx"] += 1
         self._latest_frames[device] = frame
         self._memory.add_frame(t_ns, device, frame)
-        if self._writers:
+        if self._told:
             self._log(Passage(t_ns, device, "tx", frame, sample))
 
     def wrote_all(self, t_ns: int, device: str, frames: CanFrames, sample: int | None = None) -> None:
@@ -195,20 +190,20 @@ class Truth:
         self.counts["tx"] += len(frames)
         self._latest_frames[device] = frames
         self._memory.add_frame(t_ns, device, frames)
-        if self._writers:
+        if self._told:
             for frame in frames:
                 self._log(Passage(t_ns, device, "tx", frame, sample))
 
     def received(self, t_ns: int, device: str, frame: Frame) -> None:
         """Something arrived from the driver."""
         self.counts["rx"] += 1
-        if self._writers:
+        if self._told:
             self._log(Passage(t_ns, device, "rx", frame))
 
     def dropped(self, t_ns: int, device: str, frame: Frame, why: str, sample: int | None = None) -> None:
         """A frame never left."""
         self.counts["drop"] += 1
-        if self._writers:
+        if self._told:
             self._log(Passage(t_ns, device, "drop", frame, sample, why))
 
     def inject(
@@ -225,13 +220,13 @@ class Truth:
         self.injected[what] += 1
         self.injected_by_device.setdefault(device, Counter())[what] += 1
         self.counts["inject"] += 1
-        if self._writers:
+        if self._told:
             self._log(Injection(t_ns, device, what, detail, _as_text(before), tuple(map(_as_text, after))))
 
     def event(self, t_ns: int, device: str, what: str) -> None:
         """The port was opened or closed, the baud rate changed ..."""
         self.counts["event"] += 1
-        if self._writers:
+        if self._told:
             self._log(PortEvent(t_ns, device, what))
 
     # -- life ----------------------------------------------------------------------------------------------------------
@@ -257,10 +252,17 @@ class Truth:
             OSError: the file cannot be written.
         """
         self._writers.append(LogWriter(path, flush_s=flush_s))
+        self._told = True
 
-    def tell(self, listener: Listener) -> None:
-        """Tell somebody everything, before the first entry; poses of bodies too."""
-        self._writers.append(listener)
+    def tap(self, tap: Watcher) -> None:
+        """Have samples, frames, faults and events told to somebody who watches, too. Safe from any thread."""
+        self._taps = (*self._taps, tap)
+        self._told = True
+
+    def untap(self, tap: Watcher) -> None:
+        """And no more. Safe from any thread, and twice."""
+        self._taps = tuple(each for each in self._taps if each is not tap)
+        self._told = bool(self._writers or self._taps)
 
     def resumed(self) -> None:
         """A state was restored: what memory keeps is of what came after it, counters go on from it."""
@@ -277,6 +279,8 @@ class Truth:
             if not writer.begun:
                 writer.begin(self._header())
             writer.put(entry, size)
+        for tap in self._taps:
+            tap.put(entry)
 
     def _header(self) -> Header:
         around = self.surroundings

@@ -8,6 +8,7 @@ import sys
 import time
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -102,6 +103,44 @@ def test_states_come_at_the_rate_that_is_wished_and_none_is_old(dev, runtime_fol
         assert seen == sorted(set(seen))
 
 
+def test_who_watches_gets_arrays_and_what_happens_on_the_wire(dev):
+    with tt.connect() as skin:
+        assert not dev.truth._told, "nobody is told of frames"
+        moments = skin.watch(rate=50, arrays=True, wire=20, skin="anyskin")
+        first, second = next(moments), next(moments)
+        dev.unplug(0.01)
+        rows = [row for _, state in zip(range(6), moments) for row in state["wire"]]
+        moments.close()
+        latest = skin.sample()
+        assert not dev.truth._told
+    sample = second["skins"]["anyskin"]["sample"]
+    assert sample["measured"].shape == (5, 3) and sample["counts"].dtype == np.float32
+    assert latest["number"] >= sample["number"]
+    assert first["t_s"] < second["t_s"] and {"tx", "drop", "inject", "event"} >= {row["kind"] for row in rows}
+    assert any(row["kind"] == "inject" and row["what"] == "unplug" for row in rows)
+    assert any(row["kind"] == "event" and '"verb": "unplug"' in row["what"] for row in rows), "and of what was asked"
+
+
+def test_what_is_there_is_described(dev):
+    with tt.connect() as skin:
+        told = skin.describe()
+        body = {each["name"]: each for each in told["scene"]["bodies"]}["ball"]
+        assert body["outline"] == {"radius": 0.02}
+        assert told["devices"]["anyskin"]["adjustable"] == ["noise"]
+        assert [each["name"] for each in told["devices"]["anyskin"]["columns"]] == ["T", "Bx", "By", "Bz"]
+
+
+def test_a_body_is_moved_no_faster_than_is_said(dev):
+    with tt.connect() as skin:
+        begun = np.array(skin.state()["bodies"]["ball"]["position"])
+        skin.move(by=(0, 0, 0.1), body="ball", speed=0.2, wait=False)
+        skin.wait(0.1)
+        skin.move(by=(0, 0, 0), body="ball", wait=False)  # stay
+        way = np.array(skin.state()["bodies"]["ball"]["position"]) - begun
+        assert 0.015 < way[2] < 0.05
+        skin.give_back("ball")
+
+
 @pytest.mark.parametrize(
     ("line", "says"),
     [
@@ -117,6 +156,9 @@ def test_states_come_at_the_rate_that_is_wished_and_none_is_old(dev, runtime_fol
         (b'{"id": [1], "verb": "stats"}', "id: expected a whole number or a short text"),
         (b'{"id": 1, "protocol": 2, "verb": "stats"}', "protocol: this emulator speaks version 1, got 2"),
         (b'{"verb": "watch", "args": {"rate": 1e9}}', "watch: rate must be"),
+        (b'{"verb": "watch", "args": {"wire": 1000}}', "watch: wire must be"),
+        (b'{"verb": "watch", "args": {"wire": 1, "skin": "thumb"}}', "which skin? there are: anyskin"),
+        (b'{"verb": "watch", "args": {"arrays": "pickle"}}', "watch: arrays must be lists or base64"),
         (b'{"verb": "happen", "args": {"fault_": "drop"}}', "did you mean 'fault'?"),
         (b'{"verb": "step"}', "step: time runs by itself"),
         (b'{"verb": "_do"}', "verb: there is no '_do'"),

@@ -11,10 +11,7 @@ import tactemu as tt
 from tactemu.errors import PoseError
 from tests.physics.genesis_case import Case
 
-pytestmark = [
-    pytest.mark.gpu,
-    pytest.mark.skipif(wp.get_cuda_device_count() == 0, reason="no CUDA device on this machine"),
-]
+pytestmark = pytest.mark.gpu
 
 trimesh = pytest.importorskip("trimesh")
 DEVICE = "cuda:0"

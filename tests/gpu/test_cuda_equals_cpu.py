@@ -6,14 +6,10 @@ same on both.
 
 import numpy as np
 import pytest
-import warp as wp
 
 import tactemu as tt
 
-pytestmark = [
-    pytest.mark.gpu,
-    pytest.mark.skipif(wp.get_cuda_device_count() == 0, reason="no CUDA device on this machine"),
-]
+pytestmark = pytest.mark.gpu
 
 N_ENVS, STEPS = 5, 12
 X, Y = np.meshgrid((np.arange(9) - 4) * 2e-3, (np.arange(7) - 3) * 2e-3)

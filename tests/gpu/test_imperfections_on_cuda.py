@@ -10,10 +10,7 @@ import warp as wp
 from tests.imperfections.rig import Rig, info, options
 from tests.imperfections.test_electronics import EVERYTHING
 
-pytestmark = [
-    pytest.mark.gpu,
-    pytest.mark.skipif(wp.get_cuda_device_count() == 0, reason="no CUDA device on this machine"),
-]
+pytestmark = pytest.mark.gpu
 
 # Without rounding: a float32 on the other side of a half would be a whole step off.
 GIVEN = EVERYTHING | {"resolution": 0.0, "probe_gain_resample_range": (0.5, 2.0), "probe_radius_noise": 1e-4}

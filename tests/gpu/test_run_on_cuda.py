@@ -4,13 +4,8 @@ import json
 
 import numpy as np
 import pytest
-import warp as wp
 
 from tests.cli.command import tactemu
-
-pytestmark = pytest.mark.gpu
-
-NEEDS_CUDA = pytest.mark.skipif(not wp.is_cuda_available(), reason="no CUDA device on this machine")
 
 
 def felt(path) -> np.ndarray:
@@ -19,7 +14,7 @@ def felt(path) -> np.ndarray:
     return np.array([row["measured"] for row in rows if row["kind"] == "sample"])
 
 
-@NEEDS_CUDA
+@pytest.mark.gpu
 @pytest.mark.parametrize("device", ["anyskin", "linker_hand_l6"])
 def test_the_chain_on_a_gpu_is_that_on_the_cpu(device, tmp_path):
     readings = []

@@ -343,10 +343,6 @@ def test_depth_along_the_normal_goes_beyond_the_middle_of_a_plate(layout):
 @pytest.mark.gpu
 @pytest.mark.parametrize("layout", [(8, 8), (64,)])
 def test_a_pose_that_is_not_finite_on_a_gpu(layout):
-    import warp as wp
-
-    if not wp.is_cuda_available():
-        pytest.skip("no CUDA device")
     positions = grid(8, 8).reshape(*layout, 3)
     readings = {}
     for bad in (False, True):

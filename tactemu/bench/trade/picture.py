@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import matplotlib  # noqa: TID253  this module is imported only to draw
@@ -51,7 +54,7 @@ def _panel(axis, metric: str, points: list) -> None:
     axis.margins(x=0.2, y=0.25)
     for x, y, row in points:
         axis.scatter(x, y, color=COLOURS[row["level"]], s=18, zorder=2)
-    _name(axis, points)
+    _name(axis, points, front)
     axis.set_title(f"error of the {metric}", loc="left", fontsize=9)
     axis.grid(alpha=0.25, which="major")
     axis.yaxis.set_major_formatter(lambda value, _at: f"{100 * value:g} %")
@@ -59,31 +62,56 @@ def _panel(axis, metric: str, points: list) -> None:
         axis.spines[side].set_visible(False)
 
 
-def _name(axis, points: list) -> None:
-    """Write each setting's name beside its point, on no other name and on no point."""
+def _name(axis, points: list, front: list) -> None:
+    """Write each setting's name beside its point, on no other name, on no point and not on the front."""
     axis.autoscale_view()
-    at = [tuple(axis.transData.transform((x, y)) * 72 / axis.figure.dpi) for x, y, _row in points]
-    for (x, y, row), (right, up) in zip(points, places(at, [3.1 * len(row["name"]) for *_xy, row in points])):
-        line = {"arrowstyle": "-", "color": "#bbbbbb", "linewidth": 0.5} if abs(up) > LINE else None
+    scale = 72 / axis.figure.dpi
+    at = [tuple(axis.transData.transform((x, y)) * scale) for x, y, _row in points]
+    widths = [3.1 * len(row["name"]) for *_xy, row in points]
+    line = _sampled([tuple(axis.transData.transform(each) * scale) for each in front])
+    edge = axis.get_window_extent().x0 * scale
+    for (x, y, row), (right, up) in zip(points, places(at, widths, avoid=line, edge=edge)):
+        leader = {"arrowstyle": "-", "color": "#bbbbbb", "linewidth": 0.5} if abs(up) > LINE else None
         axis.annotate(
             row["name"], (x, y), xytext=(right, up - 2), textcoords="offset points", fontsize=6, color="#333333",
-            arrowprops=line,
+            arrowprops=leader,
         )  # fmt: skip
 
 
-def places(points: list[tuple[float, float]], widths: list[float]) -> list[tuple[float, float]]:
+def _sampled(line: list[tuple[float, float]], step: float = 2.0) -> list[tuple[float, float]]:
+    """Points along a line, so close that no name finds a way between them."""
+    found = []
+    for (a, b), (c, d) in pairwise(line):
+        n = max(1, round(max(abs(c - a), abs(d - b)) / step))
+        found += [(a + (c - a) * k / n, b + (d - b) * k / n) for k in range(n + 1)]
+    return found
+
+
+def places(
+    points: list[tuple[float, float]],
+    widths: list[float],
+    *,
+    avoid: Sequence[tuple[float, float]] = (),
+    edge: float = -math.inf,
+) -> list[tuple[float, float]]:
     """Where names go, from each point to the left end and the middle of its name, as near as there is room.
 
     Args:
         points: on the page.
         widths: of the names.
+        avoid: other points that no name may lie on.
+        edge: how far to the left a name may begin.
     """
     found: list[tuple[float, float]] = []
     for (x, y), width in zip(points, widths):
         beside = (5.0, -5.0 - width)
         tried = sorted(((right, up + 1.5) for up in range(-84, 85, LINE) for right in beside), key=lambda d: abs(d[1]))
         taken = [(a + right, b + up, other) for (a, b), (right, up), other in zip(points, found, widths)]
-        free = (way for way in tried if _is_free(x + way[0], y + way[1], width, points, taken))
+        free = (
+            way
+            for way in tried
+            if x + way[0] > edge and _is_free(x + way[0], y + way[1], width, [*points, *avoid], taken)
+        )
         found.append(next(free, tried[0]))
     return found
 

@@ -1,0 +1,15 @@
+"""``tactemu bench control``: every command is felt, and the other skin's frames are those of a run without any."""
+
+import pytest
+
+from tactemu.bench import control
+
+pytestmark = [pytest.mark.nightly, pytest.mark.realtime]
+
+
+def test_commands_are_felt_and_harm_no_other_skin():
+    said: list[str] = []
+    figures = control.run(said.append, seconds=2.0)
+    assert figures["commands"] == figures["felt"] == int(2 * control.COMMANDS_PER_S)
+    assert figures["frames_of_the_other_skin"] > 100 and figures["frames_that_differ"] == 0
+    assert figures["effect_ms_p50"] > 0 and any("lateness p99" in line for line in said)

@@ -1,0 +1,152 @@
+"""LeRobot, unmodified, records an arm and two fingertips that are not there; nightly, and by hand.
+
+``python -m tests.drivers.lerobot_record [FOLDER]``: `tactemu exec` gives `lerobot-record` the rig of
+``examples/so101.toml`` (a follower and a leader on Feetech buses, two fingertips on a PaXini high-speed board) as
+serial devices; an egg is touched and slid over the fingertips by script. From the sixth on, every row of the dataset
+must be one sample of the truth log, bit for bit, and they must be in order; `lerobot-doctor` must find nothing wrong.
+
+LeRobot 0.4.4 and what it needs are in an environment of their own (``environments/lerobot_record.txt``, 2 GB, made
+once below ``build/``). It pins an older PyTorch than the CPU build that is used, and its torchvision has its C part
+for CUDA: ``scripts/lerobot/sitecustomize.py`` declares the two operators that importing it asks for.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as parquet
+
+import tactemu as tt
+from tests.drivers.environments import python_with
+
+ROOT = Path(__file__).parents[2]
+JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
+CALIBRATION = {
+    name: {"id": k + 1, "drive_mode": 0, "homing_offset": 0, "range_min": 0, "range_max": 4095}
+    for k, name in enumerate(JOINTS)
+}
+"""What the servos of the example hold."""
+NODES = {"follower": "ttyACM0", "leader": "ttyACM1", "fingertips": "ttyUSB0"}
+FPS, EPISODES, EPISODE_S = 30, 2, 4
+FIRST = 5
+"""Rows before it may hold the plugin's zeros: it starts with them until the board's first push."""
+MOTION = """motion = { kind = "keyframes", times = [0, 2, 3, 5, 7, 9], repeat = true, positions = [
+  [0, 0, 0.002], [0, 0, 0.002], [0, 0, -0.0012], [0.004, 0.002, -0.0012], [-0.003, 0.004, -0.0012], [0, 0, 0.002]] }"""
+"""Down, to and fro, and up again."""
+
+
+def rig(folder: Path) -> Path:
+    """The example's scene, in which the egg slides too."""
+    lines = (ROOT / "examples" / "so101.toml").read_text().splitlines()
+    lines = [MOTION if line.startswith("motion =") else line for line in lines if not line.startswith("port =")]
+    scene = folder / "rig.toml"
+    scene.write_text("\n".join(lines) + "\n")
+    return scene
+
+
+def environment(folder: Path) -> dict[str, str]:
+    """A home of its own with the calibrations, nothing from the net."""
+    for kind in ("robots/so101_paxini/follower", "robots/so_follower/follower", "teleoperators/so_leader/leader"):
+        file = folder / "home" / "calibration" / f"{kind}.json"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(json.dumps(CALIBRATION))
+    offline = dict.fromkeys(("HF_HUB_OFFLINE", "HF_DATASETS_OFFLINE", "TRANSFORMERS_OFFLINE"), "1")
+    shim = str(Path(__file__).parent / "scripts" / "lerobot")
+    return {
+        **os.environ, **offline, "HF_LEROBOT_HOME": str(folder / "home"), "HF_HOME": str(folder / "hf"),
+        "HF_HUB_DISABLE_TELEMETRY": "1", "WANDB_MODE": "disabled", "PYTHONPATH": shim,
+    }  # fmt: skip
+
+
+def record(folder: Path) -> None:
+    """Have LeRobot record; what it says is in ``record.txt``."""
+    python = Path(python_with("lerobot_record"))
+    sensors = f"{{tip: {{port: /dev/{NODES['fingertips']}, module_indices: [10, 18]}}}}"
+    words = [
+        "--robot.type=so101_paxini", "--robot.id=follower", f"--robot.port=/dev/{NODES['follower']}",
+        f"--robot.sensors={sensors}", "--teleop.type=so101_leader", "--teleop.id=leader",
+        f"--teleop.port=/dev/{NODES['leader']}", "--dataset.repo_id=local/tact", f"--dataset.root={folder / 'ds'}",
+        "--dataset.single_task=touch", f"--dataset.fps={FPS}", f"--dataset.num_episodes={EPISODES}",
+        f"--dataset.episode_time_s={EPISODE_S}", "--dataset.reset_time_s=1", "--dataset.push_to_hub=false",
+        "--play_sounds=false", "--display_data=false",
+    ]  # fmt: skip
+    nodes = [word for skin, node in NODES.items() for word in ("--node", f"{skin}={node}")]
+    # The emulator has our libraries, LeRobot its own: the path to them is set inside the view.
+    inside = ["env", f"PYTHONPATH={environment(folder)['PYTHONPATH']}", "nice", "-n", "5"]
+    command = [
+        sys.executable, "-m", "tactemu", "exec", str(rig(folder)), *nodes, "--truth", str(folder / "truth.mcap"),
+        "--", *inside, str(python.parent / "lerobot-record"), *words,
+    ]  # fmt: skip
+    with (folder / "record.txt").open("w") as out:
+        done = subprocess.run(
+            command, env={**environment(folder), "PYTHONPATH": str(ROOT)}, stdin=subprocess.DEVNULL, stdout=out,
+            stderr=subprocess.STDOUT, timeout=300, check=False,
+        )  # fmt: skip
+    assert done.returncode == 0, (folder / "record.txt").read_text()[-3000:]
+
+
+def rows_of(folder: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Forces of all taxels [N], shape ``(rows, n)``, and the episode of each row."""
+    tables = [parquet.read_table(file) for file in sorted((folder / "ds" / "data").rglob("*.parquet"))]
+    state = np.concatenate([np.stack(table["observation.state"].to_numpy()) for table in tables])
+    episodes = np.concatenate([table["episode_index"].to_numpy() for table in tables])
+    return np.asarray(state, np.float32)[:, len(JOINTS) :], episodes
+
+
+def compare(folder: Path) -> dict[str, int]:
+    """Every row with the truth.
+
+    Raises:
+        AssertionError: a row is no sample, or not the next one.
+    """
+    rows, episodes = rows_of(folder)
+    truth = tt.read_log(folder / "truth.mcap")["fingertips"]
+    newtons = np.round(np.asarray(truth.counts, float) * 0.1, 1).astype(np.float32).reshape(len(truth.counts), -1)
+    numbers: dict[bytes, list[int]] = {}
+    for k, values in enumerate(newtons):
+        numbers.setdefault(values.tobytes(), []).append(k)
+    assert np.ptp(newtons, axis=0).max() > 0.3, "nothing was touched"
+    latest, equal, different = -1, 0, 0
+    for k, row in enumerate(rows):
+        if k < FIRST:
+            continue
+        found = [number for number in numbers.get(row.tobytes(), []) if number >= latest]
+        assert found, f"row {k} of episode {episodes[k]} is no sample of the truth after number {latest}"
+        different += found[0] != latest
+        latest, equal = found[0], equal + 1
+    assert equal >= EPISODES * EPISODE_S * FPS - 20, f"{equal} rows"
+    assert different > equal // 2, "the rows are not told apart"
+    return {"rows": len(rows), "equal": equal, "samples": len(newtons), "different": different}
+
+
+def doctor(folder: Path) -> str:
+    """What `lerobot-doctor` says of the dataset."""
+    python = Path(python_with("lerobot_record"))
+    done = subprocess.run(
+        [python.parent / "lerobot-doctor", str(folder / "ds")], env=environment(folder), capture_output=True,
+        text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def main() -> int:
+    """Record, compare, look at the dataset."""
+    with tempfile.TemporaryDirectory(prefix="tactemu-lerobot-") as temporary:
+        folder = Path(sys.argv[1] if len(sys.argv) > 1 else temporary)
+        folder.mkdir(parents=True, exist_ok=True)
+        begun = time.monotonic()
+        record(folder)
+        print(f"lerobot-record: {time.monotonic() - begun:.0f} s", flush=True)
+        print(", ".join(f"{name} {count}" for name, count in compare(folder).items()), flush=True)
+        print(doctor(folder))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
