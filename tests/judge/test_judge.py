@@ -116,7 +116,9 @@ def test_with_what_is_no_driver_there_is_a_word_and_nothing_left(case):
     script, verdict, last = BAD[case]
     before = set(os.listdir("/dev/pts"))
     with Judge(
-        "optoforce", [sys.executable, "-c", script], Options(start_s=8.0 if case == "floods" else 1.2, rest_s=0.1)
+        "optoforce",
+        [sys.executable, "-c", script],
+        Options(start_s={"floods": 8.0, "talks": 3.0}.get(case, 1.2), rest_s=0.1),
     ) as judge:
         began = time.monotonic()
         (outcome,) = judge.run()
