@@ -59,6 +59,7 @@ ARROWS = {
     ),
     "serving": (*LEAVES, "assembly", "clock", "control", "kernels", "physics", "scene", "truth"),
     "exec": (*LEAVES, "folders", "serving", "transports", "wire"),
+    "judge": (*LEAVES, "frame_text", "recordings", "scene", "serving", "tactemu", "transports", "truth", "wire"),
     "pytest_plugin": ("cli", "exec", "serving"),
     "page": (*LEAVES, "control", "conversions", "frame_text", "scene", "truth", "wire"),
     "doors": (*LEAVES, "serving"),
@@ -71,7 +72,7 @@ ARROWS = {
     ),
     "cli": (
         *LEAVES, "assembly", "bench", "channel", "clock", "collector", "control", "conversions", "emulator", "exec",
-        "fit", "frame_text",
+        "fit", "frame_text", "judge",
         "kernels", "page", "priority", "recordings", "scenario", "scene", "serving", "statistics", "tactemu",
         "transports", "truth", "tune", "wire",
     ),

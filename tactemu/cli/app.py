@@ -19,6 +19,7 @@ A simulated tactile skin on the far end of the wire: real sensors' bytes and CAN
   tactemu devices                      what can be emulated
   tactemu run anyskin                  a port, a press, a picture
   tactemu exec anyskin -- ./driver     the driver finds it as /dev/ttyACM0
+  tactemu judge anyskin -- ./driver    what the driver does when the wire goes wrong
   tactemu explain anyskin              frames, taxels, and what is simulated and why
   tactemu new hand.toml                a scene file to start from
   tactemu poke press --depth 1mm       what runs already is pressed, moved, broken
@@ -327,6 +328,88 @@ def execute(
         except TactemuError as error:
             typer.echo(f"tactemu: {error}", err=True)
             status = 125
+    raise typer.Exit(status)
+
+
+@app.command()
+def judge(
+    context: typer.Context,
+    target: Target,
+    options: Options = None,
+    reads: Annotated[
+        str | None,
+        typer.Option(
+            "--reads", metavar="MODULE:FUNCTION", help="A Python reader in place of a command, called in a loop."
+        ),
+    ] = None,
+    port: Ports = None,
+    budget: Annotated[
+        str | None,
+        typer.Option(metavar="T", help="How long, such as 30s or 5m; from two minutes on every byte is tried."),
+    ] = None,
+    only: Annotated[
+        list[str] | None, typer.Option("--only", metavar="TRIAL", help="Only trials of this name; repeatable.")
+    ] = None,
+    fail_on: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--fail-on",
+            metavar="KIND",
+            help="What fails the run, such as wrong,stale,late; all or none. Default: wrong values, stale, lost sync, "
+            "died, and what cannot be judged.",
+        ),
+    ] = None,
+    html: Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write the report as one page.")] = None,
+    junit: Annotated[Path | None, typer.Option("--junit", metavar="FILE", help="Write it for a CI system.")] = None,
+    json: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="Write it as data; a --baseline for later runs.")
+    ] = None,
+    baseline: Annotated[
+        Path | None, typer.Option("--baseline", metavar="FILE", help="An earlier --json: only what is new fails.")
+    ] = None,
+    columns: Annotated[
+        Path | None,
+        typer.Option(
+            "--columns", metavar="FILE", help="What the driver's columns hold: read, or written if not there."
+        ),
+    ] = None,
+    cases: Annotated[
+        Path | None, typer.Option("--cases", metavar="FOLDER", help="Write the smallest case of each finding here.")
+    ] = None,
+    replay: Annotated[Path | None, typer.Option("--replay", metavar="FILE", help="Try this case alone.")] = None,
+    record: Annotated[
+        Path | None, typer.Option("--record", metavar="FOLDER", help="Keep all that each trial saw, as JSON lines.")
+    ] = None,
+    rest: Annotated[
+        float,
+        typer.Option(metavar="S", min=0.0, max=600.0, help="How long the skin rests after the driver's first row."),
+    ] = 1.0,
+    patience: Annotated[
+        float, typer.Option(metavar="S", min=0.1, max=600.0, help="How long it may take to be well again.")
+    ] = 1.5,
+    seed: Seed = None,
+) -> None:
+    """Judge a driver: what does it do when bytes are lost, the sensor restarts, the port goes?
+
+    \b
+      tactemu judge paxini_px6ax -- python my_driver.py {port}
+      tactemu judge hand.toml --budget 5m --html report.html --junit report.xml -- ./reader {port}
+      tactemu judge anyskin --reads mypkg.driver:read
+      tactemu judge optoforce --replay cases/flipped.json -- ./reader {port}
+
+    The driver prints a line for each reading, JSON or numbers, on its standard output. Which column holds what is
+    learned from a run without faults; then each way to go wrong is tried, and every reading compared with what was
+    sent.
+    Exit code 0 when nothing fails, 1 when something does, 2 for a mistake in the command, 3 when there was nothing to
+    judge. See docs/judge.md.
+    """
+    from tactemu.cli.judging import judge_driver
+
+    status = judge_driver(
+        target, context.obj or (), reads=reads, options=options or (), ports=tuple(port or ()), budget=budget,
+        rest=rest, seed=seed, only=tuple(only or ()), fail_on=tuple(fail_on or ()), columns=columns, record=record,
+        html=html, junit_file=junit, json_file=json, baseline=baseline, cases=cases, replay=replay, patience=patience,
+    )  # fmt: skip
     raise typer.Exit(status)
 
 
