@@ -59,7 +59,9 @@ ARROWS = {
     ),
     "serving": (*LEAVES, "assembly", "clock", "control", "kernels", "physics", "scene", "truth"),
     "exec": (*LEAVES, "folders", "serving", "transports", "wire"),
-    "judge": (*LEAVES, "frame_text", "recordings", "scene", "serving", "tactemu", "transports", "truth", "wire"),
+    "judge": (
+        *LEAVES, "clock", "frame_text", "recordings", "scene", "serving", "tactemu", "transports", "truth", "wire",
+    ),
     "pytest_plugin": ("cli", "exec", "serving"),
     "page": (*LEAVES, "control", "conversions", "frame_text", "scene", "truth", "wire"),
     "doors": (*LEAVES, "serving"),

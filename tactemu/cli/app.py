@@ -415,6 +415,46 @@ def judge(
 
 
 @app.command()
+def proxy(
+    real: Annotated[
+        str, typer.Argument(metavar="REAL_PORT", help="/dev/ttyUSB0, a pyserial URL, or can:INTERFACE:CHANNEL.")
+    ],
+    port: Annotated[
+        str, typer.Option("--port", metavar="PORT", help="Where the driver comes: pty:PATH, rfc2217:HOST:PORT ...")
+    ] = "pty:",
+    device: Annotated[
+        str | None, typer.Option("--device", metavar="NAME", help="Which sensor it is, so that frames are decoded.")
+    ] = None,
+    option: Annotated[
+        list[str] | None, typer.Option("--option", metavar="NAME=VALUE", help="Of the device; repeatable.")
+    ] = None,
+    baud: Annotated[int | None, typer.Option(metavar="N", min=1, help="Speed until the driver sets one.")] = None,
+    fault: Faults = None,
+    truth: TruthFile = None,
+    record: Annotated[
+        Path | None, typer.Option("--record", metavar="FILE", help="Record what passes, for `tactemu replay`.")
+    ] = None,
+    seed: Seed = None,
+    seconds: Seconds = None,
+) -> None:
+    """Sit between a real sensor and its driver: pass bytes, inject faults, write truth and a recording.
+
+    \b
+      tactemu proxy /dev/ttyACM0 --device anyskin --port pty:/tmp/skin
+      tactemu proxy /dev/ttyUSB0 --device optoforce --fault 'flip 1%' --truth truth.mcap --record real.mcap
+      tactemu proxy can:socketcan:can0 --port can:socketcan:vcan0 --fault 'drop 1%'
+
+    Speed, parity and modem lines that the driver sets are passed on. Ctrl-C ends it.
+    """
+    from tactemu.cli.judging import run_proxy
+
+    run_proxy(
+        real, port, device=device, options=option or (), baud=baud, faults=tuple(fault or ()), truth=truth,
+        record=record, seed=seed, seconds=seconds,
+    )  # fmt: skip
+
+
+@app.command()
 def devices(
     name: Annotated[str | None, typer.Argument(help="Print this device's datasheet.")] = None,
     options: Options = None,

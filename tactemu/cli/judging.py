@@ -191,3 +191,50 @@ def _write(
         cases.mkdir(parents=True, exist_ok=True)
         for case in report.cases:
             smallest.write(case, cases / f"{case['trial'].replace(' ', '-')}.json")
+
+
+def run_proxy(
+    real: str,
+    port: str,
+    *,
+    device: str | None,
+    options: Sequence[str],
+    baud: int | None,
+    faults: Sequence[str],
+    truth: Path | None,
+    record: Path | None,
+    seed: int | None,
+    seconds: float | None,
+) -> None:
+    """Pass bytes between a real sensor and its driver until Ctrl-C.
+
+    Raises:
+        TactemuError: something asked for cannot be had, or the sensor's port is lost.
+    """
+    from contextlib import ExitStack
+
+    from firmware_protocols import Serial
+    from tactemu.judge.proxy import Proxy, RealBus, RealSerial
+    from tactemu.recordings.recorder import Recorder
+    from tactemu.recordings.replay import USUAL_BAUD, line_of
+    from tactemu.scene.building import make_device
+    from tactemu.truth import Truth
+
+    model = make_device(device, options_of(options)) if device else None
+    own = next((each.baud for each in model.ports if isinstance(each, Serial)), None) if model else None
+    with ExitStack() as stack:
+        side = RealBus(real) if real.startswith("can:") else RealSerial(real, baud or own or USUAL_BAUD)
+        stack.callback(side.close)
+        recorder = stack.enter_context(Recorder(record, line=line_of(real, baud))) if record is not None else None
+        log = Truth(truth) if truth is not None else Truth()
+        proxy = Proxy(model, side, port, faults, seed or 0, log, recorder, device or "sensor")
+        stack.enter_context(ended_by_signals(lambda: setattr(proxy, "stopped", True)))
+
+        def opened(address: str) -> None:
+            print(f"{real} is passed on to {address}", flush=True)
+            print(f"  {proxy.framing.about if device else 'undecoded: no --device'}", flush=True)
+
+        proxy.run(seconds, opened)
+    injected = ", ".join(f"{kind} {n}" for kind, n in log.injected.items()) or "nothing"
+    passed = ", ".join(f"{n} {way}" for way, n in proxy.passed.items())
+    print(f"passed: {passed}; samples decoded: {proxy.samples}; injected: {injected}")

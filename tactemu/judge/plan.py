@@ -151,9 +151,12 @@ class Plan:
 
     def _frames(self):
         """What befalls single frames on any line."""
-        yield Trial(
-            "flipped", "a bit at each place of a frame", self._at_each("flip frame {frame} byte {at} bit {bit}")
-        )
+        why = "a bit at each place of a frame"
+        if self.facts.wire == "serial":
+            yield Trial("flipped", why, self._at_each("flip frame {frame} byte {at} bit {bit}"))
+        else:
+            about = f"{self.facts.wire} has a sum of its own: what it spoils does not arrive"
+            yield Trial("flipped", why, skipped=about)
         why = "bytes are missing at the end, as when a buffer is full"
         if self._bytewise() or self.facts.wire in ("can", "udp"):
             yield Trial("cut", why, self._at_each("truncate frame {frame} to {at}"))

@@ -147,7 +147,7 @@ def test_columns_are_kept_in_a_file_that_people_edit(tmp_path):
     assert Columns.load(path, CHANNELS).as_dict() == columns.as_dict()
     assert "# pad[0].y" in path.read_text()
     for wrong, complaint in (
-        ('[[columns]]\nname = "a"\nrole = "valu"', "role"),
+        ('[[columns]]\nname = "a"\nrole = "sample"', "role"),
         ('[[columns]]\nname = "a"\nrole = "value"\nchannel = 99', "expected 0 to 8"),
         ('[[columns]]\nnam = "a"', "not a file of columns"),
         ("columns = 3", "not a file of columns"),
