@@ -228,12 +228,17 @@ def find_lag(recorded: Recorded, load: np.ndarray, t: np.ndarray, own: np.ndarra
     force, y = np.interp(even, t, load), np.interp(even, t, recorded.readings[:, own].mean(axis=1))
     scale = max(y.std(), 1e-30)
 
+    use = np.ones(len(even), bool)
+
     def apart(p: np.ndarray) -> np.ndarray:
         kept = np.exp(-step / np.exp(p[0]))
-        return p[1] + p[2] * lfilter([1.0 - kept], [1.0, -kept], force) - y / scale
+        return (p[1] + p[2] * lfilter([1.0 - kept], [1.0, -kept], force) - y / scale)[use]
 
     ends = ([np.log(0.1 * step), -np.inf, -np.inf], [np.log(t[-1]), np.inf, np.inf])
     law, errors = nonlinear(apart, [np.log(5 * step), y[0] / scale, np.ptp(y) / scale / load.max()], ends)
+    for gap in np.flatnonzero(np.diff(t) > 3 * step):  # what was felt in a gap is unknown, and remembered for a while
+        use &= (even < t[gap]) | (even > t[gap + 1] + 6 * np.exp(law[0]))
+    law, errors = nonlinear(apart, law, ends)
     tau = float(np.exp(law[0]))
     found.add("tau", tau, tau * errors[0], "s", "lag of the medium")
     found.add("pressure per N", law[2] * scale, errors[2] * scale, "Pa/N", "mean over the channels")
