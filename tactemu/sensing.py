@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 import numpy as np
 
 from firmware_protocols import Sense
-from firmware_protocols.device import CONTACT
+from firmware_protocols.device import CONTACT, VECTORS
 from firmware_protocols.layouts import Layout
 from tactemu.scene.placement import ROOM, JoinedImperfections
 
@@ -94,7 +94,7 @@ class Untouched:
 
     def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
         """Nothing, shape ``(0, 3)`` or ``(0,)``."""
-        return np.zeros((0, 3) if name in ("force", "displacement") else 0)
+        return np.zeros((0, 3) if name in VECTORS else 0)
 
     def around(self, name: str, t_ns: int, link: str = "") -> Any:
         """A room, at rest."""

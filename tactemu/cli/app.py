@@ -25,6 +25,7 @@ A simulated tactile skin on the far end of the wire: real sensors' bytes and CAN
   tactemu poke press --depth 1mm       what runs already is pressed, moved, broken
   tactemu see                          ... and looked at, on a live page
   tactemu tune hand.toml --rate 500    the most accurate setting that keeps a rate here
+  tactemu fit rest.csv --device anyskin --out my_skin.toml   parameters from a recording
   tactemu check my_sensor.py:MySensor  what is wrong with a device of your own
 """,
     no_args_is_help=True,
@@ -753,6 +754,60 @@ def replay(
         file, port, skin=skin, speed=speed, step=step, loop=loop, faults=tuple(fault or ()), seconds=seconds,
         name=name,
     )  # fmt: skip
+
+
+@app.command("fit")
+def fit_recordings(
+    recordings: Annotated[
+        list[Path], typer.Argument(metavar="RECORDING...", help=".csv, .csv.gz, .npz, .parquet, .mcap or .jsonl.")
+    ],
+    device: Annotated[str, typer.Option("--device", metavar="DEVICE", help="What was recorded; `tactemu devices`.")],
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Scene file to write.")],
+    columns: Annotated[
+        str | None,
+        typer.Option(metavar="ROLE=COLUMNS,...", help="t=t_s,z=z_mm,field=b0x:b4z; default: by their names."),
+    ] = None,
+    unit: Annotated[
+        list[str] | None,
+        typer.Option("--unit", metavar="ROLE=UNIT,...", help="z=mm,field=uT; default: SI; repeatable."),
+    ] = None,
+    rate: Annotated[
+        float | None, typer.Option(metavar="HZ", min=0.001, max=1e6, help="Of the rows, where they have no times.")
+    ] = None,
+    report: Annotated[Path | None, typer.Option(metavar="FILE", help="Report (HTML); default: beside --out.")] = None,
+) -> None:
+    """Find a sensor's parameters in recordings of it, and write a scene file of it.
+
+    \b
+      tactemu fit rest.csv --device anyskin --columns t=t_s,field=b0x:b4z --unit field=uT --out my_skin.toml
+      tactemu fit a.csv b.csv --device anyskin --columns t=t_s,force=f,field=b0x:b4z --unit field=uT --out my_skin.toml
+
+    Roles: t, z, depth, force, mass, temperature, untouched, and what it reads: field, counts, pressure, resistance,
+    capacitance or reading. What a recording does not tell is said, with what to record next. Needs scipy.
+    """
+    from tactemu.cli.progress import show_progress
+    from tactemu.fit.fitting import run_fit
+
+    page = report or out.with_suffix(".html")
+    run_fit(
+        recordings, device=device, out=out, report=page, columns=_pairs("--columns", columns),
+        units=_pairs("--unit", ",".join(unit) if unit else None), rate_hz=rate, say=typer.echo, progress=show_progress,
+    )  # fmt: skip
+
+
+def _pairs(option: str, text: str | None) -> dict[str, str] | None:
+    """``a=b,c=d`` as a table."""
+    from tactemu.errors import TactemuError
+
+    if text is None:
+        return None
+    found = {}
+    for part in text.split(","):
+        name, mark, value = part.partition("=")
+        if not (mark and name.strip() and value.strip()):
+            raise TactemuError(f"{option}: expected NAME=VALUE, several with commas, got {part!r}")
+        found[name.strip()] = value.strip()
+    return found
 
 
 @app.command()
