@@ -415,6 +415,44 @@ def judge(
 
 
 @app.command()
+def sweep(
+    plan: Annotated[Path, typer.Argument(help="A TOML file: [[driver]] tables with name, devices, command, seeds.")],
+    results: Annotated[
+        Path, typer.Option("--results", metavar="FILE", help="Where the verdicts go, as Parquet; a journal beside it.")
+    ] = Path("judged.parquet"),
+    at_once: Annotated[
+        int | None, typer.Option("--at-once", metavar="N", min=1, help="Runs side by side; default: one for each core.")
+    ] = None,
+    cluster: Annotated[
+        str | None, typer.Option("--cluster", metavar="ADDRESS", help="A Dask scheduler, such as tcp://10.0.0.1:8786.")
+    ] = None,
+) -> None:
+    """Judge many drivers, at many devices and seeds, here or on a cluster.
+
+    \b
+      tactemu sweep plan.toml
+      tactemu sweep plan.toml --cluster tcp://10.0.0.1:8786 --results nightly.parquet
+
+    \b
+      [[driver]]
+      name = "mine 1.2"
+      devices = ["anyskin"]
+      command = ["python", "my_driver.py", "{port}"]
+      seeds = "0-9"
+      options = ["--budget", "30s"]
+
+    What is interrupted goes on where it was. Workers of a cluster should run one task at a time
+    (`dask worker --nthreads 1`), and have the driver. Exit code 1 when something fails.
+    """
+    from tactemu.judge.sweep import read_plan
+    from tactemu.judge.sweep import sweep as run_sweep
+
+    rows = run_sweep(read_plan(plan), results, at_once=at_once, cluster=cluster, say=typer.echo)
+    if any(row["fails"] for row in rows):
+        raise typer.Exit(1)
+
+
+@app.command()
 def proxy(
     real: Annotated[
         str, typer.Argument(metavar="REAL_PORT", help="/dev/ttyUSB0, a pyserial URL, or can:INTERFACE:CHANNEL.")

@@ -253,8 +253,8 @@ def can(variant, port):
                 say("a scan is not whole")
             rows = {}
         values = struct.unpack(">3H", data.ljust(8, b"\0")[1:7])
-        if variant == "axis" and taxel == 5:
-            values = (values[1], values[0], values[2])
+        if variant == "bytes" and taxel == 5:
+            values = (values[0], (values[1] & 0xFF) << 8 | values[1] >> 8, values[2])
         rows[taxel] = values
         got += 1
         whole = len(rows) == 16 and taxel == 15

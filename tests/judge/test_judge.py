@@ -165,7 +165,7 @@ PLANTS = {
     ("can", "foreign"): ("wrong", False),
     ("can", "oldrow"): ("wrong", True),
     ("can", "short"): ("wrong", True),
-    ("can", "axis"): ("order", False),
+    ("can", "bytes"): ("wrong", False),
 }  # fmt: skip
 
 
