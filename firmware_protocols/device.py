@@ -32,20 +32,26 @@ from firmware_protocols.frames import CanFrame
 from firmware_protocols.layouts import Layout
 
 Quantity = Literal[
-    "force", "pressure", "depth", "displacement", "touch",
+    "force", "pressure", "depth", "displacement", "touch", "field", "resistance", "capacitance",
     "temperature", "acceleration", "angular_velocity", "wrench", "vibration", "load",
 ]  # fmt: skip
 """What transducers see, at the n points of a layout.
 
 Per taxel: ``force`` [N] (n, 3), ``pressure`` [Pa] (n,), ``depth`` [m] (n,), ``displacement`` [m] (n, 3), ``touch`` bool
-(n,). Around it: ``temperature`` [°C] (n,), ``acceleration`` [m/s²] (n, 3), proper, so that at rest it points up,
+(n,); where the scene has a transducer: ``field`` [T] (n, 3), ``resistance`` [Ohm] (n,), ``capacitance`` [F] (n,).
+Around it: ``temperature`` [°C] (n,), ``acceleration`` [m/s²] (n, 3), proper, so that at rest it points up,
 ``angular_velocity`` [rad/s] (n, 3). Of all the skin's taxels together, about each point: ``wrench`` [N, Nm] (n, 6);
 ``vibration`` [Pa] (n,), the pressure in a common medium. ``load`` [Nm, N] (n,) of each joint, in the order of
 :meth:`Device.joints`.
 """
 
-CONTACT = ("force", "pressure", "depth", "displacement", "touch")
+TOUCH = ("force", "pressure", "depth", "displacement", "touch")
 """Quantities of each taxel by itself, which a model of touch gives."""
+TRANSDUCED = ("field", "resistance", "capacitance")
+"""Those that a transducer of the scene makes of them, for a device that sees them (its option ``sees``)."""
+CONTACT = (*TOUCH, *TRANSDUCED)
+VECTORS = ("force", "displacement", "field")
+"""Quantities of three numbers."""
 _DERIVED = {"wrench": "force", "vibration": "force"}
 """Quantities of all taxels together, and what they follow from."""
 

@@ -105,6 +105,11 @@ class Layout:
         """Unit y axes of the taxels' own frames, shape ``(n_taxels, 3)``."""
         return np.cross(self.normals, self.x_axes)
 
+    @cached_property
+    def axes(self) -> np.ndarray:
+        """Unit axes of the taxels' own frames, shape ``(n_taxels, 3, 3)``: x, y and normal of each."""
+        return np.stack([self.x_axes, self.y_axes, self.normals], axis=1)
+
     def _by_taxel(self, name: str) -> np.ndarray:
         values = np.empty(len(self))
         for patch in self.patches:
@@ -130,7 +135,7 @@ class Layout:
 
     def to_taxel_frame(self, vectors: np.ndarray) -> np.ndarray:
         """Vectors of the link frame, shape ``(n_taxels, 3)``, in each taxel's own frame (x, y, z = normal)."""
-        return np.stack([(vectors * axis).sum(-1) for axis in (self.x_axes, self.y_axes, self.normals)], axis=-1)
+        return (self.axes * np.asarray(vectors)[:, None]).sum(-1)
 
     def push(self, forces: np.ndarray) -> np.ndarray:
         """How hard each taxel is pushed into the skin [N], shape ``(n_taxels,)``, by forces on the skin ``(n, 3)``."""

@@ -110,7 +110,7 @@ class Channel:
         """When the device's own clock wakes it."""
         self._ports = self.device.ports
         self.ticks: dict[str, Ticks] = {}
-        self._senses = {stream: self.device.senses_of(stream) for stream in self.device.periods}
+        self._ask()
         for stream in self.device.periods:
             name = f"{self.sampling.name}/{stream}" if stream else self.sampling.name
             burst = max((sense.burst for sense in self._senses[stream]), default=1)
@@ -119,6 +119,10 @@ class Channel:
             if stream not in self.device.periods:
                 has = ", ".join(map(repr, self.device.periods))
                 raise DeviceError(f"{self.name}: rate_hz: which stream? {self.device.name} has {has}")
+
+    def _ask(self) -> None:
+        """What its streams sense, which does not change while it has power."""
+        self._senses = {stream: self.device.senses_of(stream) for stream in self.device.periods}
 
     @property
     def wire(self) -> Wire:
@@ -162,6 +166,7 @@ class Channel:
     def halt(self) -> None:
         """The device has restarted: nothing is sampled until :meth:`begin`."""
         self.alarm_ns = None
+        self._ask()
         self.plug()
         for ticks in self.ticks.values():
             ticks.running = False

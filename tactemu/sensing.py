@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 import numpy as np
 
 from firmware_protocols import Sense
-from firmware_protocols.device import CONTACT
+from firmware_protocols.device import CONTACT, VECTORS
 from firmware_protocols.layouts import Layout
 from tactemu.scene.placement import ROOM, JoinedImperfections
 
@@ -45,7 +45,8 @@ class Senses:
     def __init__(self, skin: Skin, layout: Layout):
         self.skin = skin
         self._layout = layout
-        self._around: tuple[int, dict[tuple[str, str], np.ndarray]] = (-1, {})
+        self._around: tuple[int, dict[str | tuple[str, str], np.ndarray]] = (-1, {})
+        """What is around the links at a time, by quantity and link; and what the senses of it see, by key."""
 
     @property
     def imperfections(self) -> Imperfections | JoinedImperfections | None:
@@ -66,16 +67,19 @@ class Senses:
             case "load":
                 return np.zeros(len(at))
             case quantity:
-                if len(at.links) == 1:
-                    value = self._at(t_ns, quantity, at.links[0])
-                    return np.broadcast_to(value, (len(at), *value.shape))
-                values = [self._at(t_ns, quantity, patch.link) for patch in at.patches]
-                return np.repeat(values, [len(patch) for patch in at.patches], axis=0)
+                if self._around[0] != t_ns:  # looked at once for all that is converted at a time
+                    self._around = (t_ns, {})
+                found = self._around[1]
+                if sense.key not in found:
+                    if len(at.links) == 1:
+                        value = self._at(t_ns, quantity, at.links[0])
+                        found[sense.key] = np.broadcast_to(value, (len(at), *value.shape))
+                    else:
+                        values = [self._at(t_ns, quantity, patch.link) for patch in at.patches]
+                        found[sense.key] = np.repeat(values, [len(patch) for patch in at.patches], axis=0)
+                return found[sense.key]
 
     def _at(self, t_ns: int, quantity: str, link: str) -> np.ndarray:
-        """What is around a link; looked at once for all that is converted at a time."""
-        if self._around[0] != t_ns:
-            self._around = (t_ns, {})
         found = self._around[1]
         if (quantity, link) not in found:
             found[quantity, link] = np.asarray(self.skin.around(quantity, t_ns, link), float)
@@ -90,7 +94,7 @@ class Untouched:
 
     def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
         """Nothing, shape ``(0, 3)`` or ``(0,)``."""
-        return np.zeros((0, 3) if name in ("force", "displacement") else 0)
+        return np.zeros((0, 3) if name in VECTORS else 0)
 
     def around(self, name: str, t_ns: int, link: str = "") -> Any:
         """A room, at rest."""

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from firmware_protocols import Device
-from firmware_protocols.device import CONTACT
+from firmware_protocols.device import CONTACT, VECTORS
 from tactemu.errors import SceneError, SourceError
 from tactemu.scene import rotation
 from tactemu.scene.motion import Pose
@@ -218,7 +218,7 @@ class OwnSkin:
 
     def _checked(self, name: str, value: Any, t_s: float) -> np.ndarray:
         shape = {"temperature": (), "acceleration": (3,), "angular_velocity": (3,)}.get(name, (self._n,))
-        shape = (self._n, 3) if name in ("force", "displacement") else shape
+        shape = (self._n, 3) if name in VECTORS else shape
         where = f"source at {t_s:g} s: skin {self.name!r}: {name}"
         try:
             array = np.array(value, float)

@@ -33,7 +33,8 @@ ARROWS = {
     "scene": LEAVES,
     "transports": (*LEAVES, "frame_text"),
     "imperfections": (*LEAVES, "plan"),
-    "physics": (*LEAVES, "kernels", "plan", "imperfections", "scene"),
+    "transducers": (*LEAVES, "plan"),
+    "physics": (*LEAVES, "kernels", "plan", "imperfections", "scene", "transducers"),
     "units": (),
     "wire": (*LEAVES, "frame_text", "truth", "transports", "units"),
     "agenda": (),
@@ -50,8 +51,7 @@ ARROWS = {
         *LEAVES, "channel", "clock", "emulator", "physics", "plugging", "recordings", "sampling", "scenario", "scene",
         "sensing", "sources", "transports", "truth", "wire",
     ),
-    "transducers": (*LEAVES, "plan"),
-    "fit": (*LEAVES, "transducers"),
+    "fit": (*LEAVES, "physics", "scene", "transducers", "truth"),
     "tune": (*LEAVES, "assembly", "channel", "clock", "emulator", "physics", "plan", "scene"),
     "control": (
         *LEAVES, "assembly", "calls", "channel", "clock", "emulator", "folders", "recordings", "saving", "scenario",
@@ -59,6 +59,9 @@ ARROWS = {
     ),
     "serving": (*LEAVES, "assembly", "clock", "control", "kernels", "physics", "scene", "truth"),
     "exec": (*LEAVES, "folders", "serving", "transports", "wire"),
+    "judge": (
+        *LEAVES, "clock", "frame_text", "recordings", "scene", "serving", "tactemu", "transports", "truth", "wire",
+    ),
     "pytest_plugin": ("cli", "exec", "serving"),
     "page": (*LEAVES, "control", "conversions", "frame_text", "scene", "truth", "wire"),
     "doors": (*LEAVES, "serving"),
@@ -66,12 +69,12 @@ ARROWS = {
         "control", "errors", "exec", "physics", "scene", "serving", "truth",
     ),
     "bench": (
-        *LEAVES, "assembly", "clock", "collector", "control", "emulator", "exec", "kernels", "physics", "plan",
-        "priority", "scene", "serving", "statistics", "tactemu", "transports", "truth", "tune", "wire",
+        *LEAVES, "assembly", "clock", "collector", "control", "emulator", "exec", "judge", "kernels", "physics", "plan",
+        "priority", "scene", "serving", "statistics", "tactemu", "transducers", "transports", "truth", "tune", "wire",
     ),
     "cli": (
         *LEAVES, "assembly", "bench", "channel", "clock", "collector", "control", "conversions", "emulator", "exec",
-        "fit", "frame_text",
+        "fit", "frame_text", "judge",
         "kernels", "page", "priority", "recordings", "scenario", "scene", "serving", "statistics", "tactemu",
         "transports", "truth", "tune", "wire",
     ),
@@ -80,8 +83,8 @@ ARROWS = {
 
 FACADES = {
     # scene is data and physics computes with it; only these look up
-    "scene/scene.py": ("physics", "plan"),  # build(): from the data to what computes
-    "scene/building.py": ("physics",),  # the models and the shapes by their names
+    "scene/scene.py": ("physics", "plan", "transducers"),  # build(): from the data to what computes
+    "scene/building.py": ("physics", "transducers"),  # models, shapes and transducers by their names
     "scene/file.py": ("physics",),  # the table of the models' names
     "scene/bodies.py": ("physics",),  # what a shape is
     "scene/schema.py": ("physics",),  # the keys of each shape

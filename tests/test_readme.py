@@ -79,9 +79,10 @@ def test_the_simulation_in_the_readme_runs():
     assert force[..., 2].sum() < -0.1, "pressed"
 
 
-def test_every_file_that_the_readme_links_to_is_there():
-    for target in re.findall(r"\]\(([^)#:]+)\)", README.read_text()):
-        assert (README.parent / target).exists(), target
+def test_every_file_that_is_linked_to_is_there():
+    for page in (README, *README.parent.glob("docs/*.md"), *README.parent.glob("*.md")):
+        for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text()):
+            assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
 def test_every_page_is_linked():

@@ -23,13 +23,14 @@ Try it: ``tactemu run anyskin``, then ``AnySkinBase(num_mags=5, port=..., burst_
 
 from __future__ import annotations
 
-from typing import Annotated
+from dataclasses import replace
+from typing import Annotated, Literal
 
 import numpy as np
 
 from firmware_protocols import Column, Counts, Device, Layout, Option, Outs, Patch, Reading, Serial
 from firmware_protocols.adc import quantize
-from firmware_protocols.device import Axis
+from firmware_protocols.device import Axis, Quantity
 from firmware_protocols.magnetic import LinearMagnet
 
 PITCH = 0.007
@@ -39,6 +40,9 @@ DRAWN_TURNS_DEG = (-90, -90, 180, 90, 0)
 AXES: tuple[Axis, ...] = ("x", "y", "z")
 FIELD_LSB_UT = np.array([0.150, 0.150, 0.242])
 TEMPERATURE_ZERO, TEMPERATURE_PER_DEG = 46244, 45.2
+
+CHIP_UT_PER_T = np.array([1e6, -1e6, -1e6])
+"""From a taxel's frame to the chip's, which is turned by half about x."""
 
 GAIN_UT_PER_N = (60.0, -60.0, -90.0)
 """From a taxel's frame (z out of the skin) to the chip's (z into it)."""
@@ -91,7 +95,22 @@ class AnySkin(Device):
             tuple[float, float, float],
             Option("of the force along x, y and z of a chip, z out of the skin", unit="uT/N"),
         ] = GAIN_UT_PER_N,
+        sees: Annotated[
+            Literal["force", "field"],
+            Option("force through `gains`, or the field that a transducer of the scene makes"),
+        ] = "force",
+        step_scale: Annotated[
+            Literal[1, 2, 4, 8, 16], Option("gain and resolution registers: steps of 0.150/0.242 uT ... 2.4/3.872 uT")
+        ] = 1,
     ):
+        self.sees: Quantity = sees
+        self.senses = (self.sees, "temperature")
+        self.step = FIELD_LSB_UT * step_scale
+        if step_scale > 1:
+            self.columns = (self.columns[0], *(
+                replace(column, low=-0x8000 * step, high=0x7FFF * step)
+                for column, step in zip(self.columns[1:], self.step.tolist())
+            ))  # fmt: skip
         turns = -np.radians(DRAWN_TURNS_DEG)
         self.layout = Layout(
             positions=PITCH * np.array([(x, y, 0.0) for x, y in PLACES]),
@@ -103,13 +122,19 @@ class AnySkin(Device):
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:
         """Temperature [deg C] and field [uT] as the driver decodes them, float32 ``(5, 4)``: T, Bx, By, Bz."""
-        field = self.magnet(self.layout.to_taxel_frame(reading["force"]))
+        field = self.field(reading)
         raw_t = quantize(reading["temperature"] - 25.0, TEMPERATURE_PER_DEG, 0, 0xFFFF, rest=TEMPERATURE_ZERO)
         values = np.empty((5, 4), np.float32)
         values[:, 0] = 25.0 + (raw_t - TEMPERATURE_ZERO) / TEMPERATURE_PER_DEG
-        values[:, 1:] = quantize(field / FIELD_LSB_UT, 1.0, -0x8000, 0x7FFF) * FIELD_LSB_UT
+        values[:, 1:] = quantize(field / self.step, 1.0, -0x8000, 0x7FFF) * self.step
         self.counts = values
         return values
+
+    def field(self, reading: Reading) -> np.ndarray:
+        """Field at each chip in its own axes [uT]; z of a chip is into the skin."""
+        if self.sees == "force":
+            return self.magnet(self.layout.to_taxel_frame(reading["force"]))
+        return self.layout.to_taxel_frame(reading["field"]) * CHIP_UT_PER_T
 
     def stream(self, t_ns: int, name: str) -> Outs:
         """One 82-byte frame."""

@@ -35,7 +35,7 @@ from firmware_protocols import (
     Rollover,
     Serial,
 )
-from firmware_protocols.device import Axis
+from firmware_protocols.device import Axis, Quantity
 from firmware_protocols.magnetic import LinearMagnet
 from firmware_protocols.tables import Frame
 
@@ -88,7 +88,13 @@ class EfleshBinary(Device):
             tuple[float, float, float],
             Option("of the force along x, y and z of a sensor, z out of the skin", unit="uT/N"),
         ] = (500.0, 500.0, -1000.0),
+        sees: Annotated[
+            Literal["force", "field"],
+            Option("force through `gains`, or the field that a transducer of the scene makes"),
+        ] = "force",
     ):
+        self.sees: Quantity = sees
+        self.senses = (self.sees,)
         self.layout = Layout(
             positions=PITCH * np.array([(x, y, 0.0) for x, y in PLACES]),
             normals=np.array([0.0, 0.0, 1.0]),
@@ -107,7 +113,8 @@ class EfleshBinary(Device):
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:
         """Field [uT] as it is sent, float32 ``(5, 3)``: Bx, By, Bz."""
-        raw = np.rint(self.magnet(self.layout.to_taxel_frame(reading["force"])) / self.step)
+        felt = self.layout.to_taxel_frame(reading[self.sees])
+        raw = np.rint((self.magnet(felt) if self.sees == "force" else 1e6 * felt) / self.step)
         raw = (raw + 0x8000) % 0x10000 - 0x8000 if self.wraps else np.clip(raw, -0x8000, 0x7FFF)
         ready = self.answering & (not self.zero_frames or self.conversions % 3 == 0)
         self.conversions += 1

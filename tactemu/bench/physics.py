@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 import tactemu as tt
+from tactemu.bench import transducers
 from tactemu.bench.timing import Report
 from tactemu.kernels import start
 from tactemu.physics.models import MODELS, load
@@ -263,6 +264,7 @@ def run(
             figure = measure(case, device)
             figures[figure.title] = asdict(figure)
             report(str(figure))
+    figures |= transducers.run(report, device=device, only=only)
     for sensor in sensors() if starts else ():
         if only.lower() in sensor.lower():
             with tempfile.TemporaryDirectory(prefix="tactemu-bench-") as cache:

@@ -35,8 +35,8 @@ def main() -> None:
 
 
 def _split(words: list[str]) -> tuple[list[str], list[str]]:
-    """What is for the parser, and the command that ``tactemu exec`` shall run."""
-    at = words.index("--") if words[:1] == ["exec"] and "--" in words else len(words)
+    """What is for the parser, and the command that ``tactemu exec`` or ``judge`` shall run."""
+    at = words.index("--") if words[:1] in (["exec"], ["judge"]) and "--" in words else len(words)
     return words[:at], words[at + 1 :]
 
 

@@ -19,11 +19,13 @@ A simulated tactile skin on the far end of the wire: real sensors' bytes and CAN
   tactemu devices                      what can be emulated
   tactemu run anyskin                  a port, a press, a picture
   tactemu exec anyskin -- ./driver     the driver finds it as /dev/ttyACM0
+  tactemu judge anyskin -- ./driver    what the driver does when the wire goes wrong
   tactemu explain anyskin              frames, taxels, and what is simulated and why
   tactemu new hand.toml                a scene file to start from
   tactemu poke press --depth 1mm       what runs already is pressed, moved, broken
   tactemu see                          ... and looked at, on a live page
   tactemu tune hand.toml --rate 500    the most accurate setting that keeps a rate here
+  tactemu fit rest.csv --device anyskin --out my_skin.toml   parameters from a recording
   tactemu check my_sensor.py:MySensor  what is wrong with a device of your own
 """,
     no_args_is_help=True,
@@ -331,6 +333,166 @@ def execute(
 
 
 @app.command()
+def judge(
+    context: typer.Context,
+    target: Target,
+    options: Options = None,
+    reads: Annotated[
+        str | None,
+        typer.Option(
+            "--reads", metavar="MODULE:FUNCTION", help="A Python reader in place of a command, called in a loop."
+        ),
+    ] = None,
+    port: Ports = None,
+    budget: Annotated[
+        str | None,
+        typer.Option(metavar="T", help="How long, such as 30s or 5m; from two minutes on every byte is tried."),
+    ] = None,
+    only: Annotated[
+        list[str] | None, typer.Option("--only", metavar="TRIAL", help="Only trials of this name; repeatable.")
+    ] = None,
+    fail_on: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--fail-on",
+            metavar="KIND",
+            help="What fails the run, such as wrong,stale,late; all or none. Default: wrong values, stale, lost sync, "
+            "died, and what cannot be judged.",
+        ),
+    ] = None,
+    html: Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write the report as one page.")] = None,
+    junit: Annotated[Path | None, typer.Option("--junit", metavar="FILE", help="Write it for a CI system.")] = None,
+    json: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="Write it as data; a --baseline for later runs.")
+    ] = None,
+    baseline: Annotated[
+        Path | None, typer.Option("--baseline", metavar="FILE", help="An earlier --json: only what is new fails.")
+    ] = None,
+    columns: Annotated[
+        Path | None,
+        typer.Option(
+            "--columns", metavar="FILE", help="What the driver's columns hold: read, or written if not there."
+        ),
+    ] = None,
+    cases: Annotated[
+        Path | None, typer.Option("--cases", metavar="FOLDER", help="Write the smallest case of each finding here.")
+    ] = None,
+    replay: Annotated[Path | None, typer.Option("--replay", metavar="FILE", help="Try this case alone.")] = None,
+    record: Annotated[
+        Path | None, typer.Option("--record", metavar="FOLDER", help="Keep all that each trial saw, as JSON lines.")
+    ] = None,
+    rest: Annotated[
+        float,
+        typer.Option(metavar="S", min=0.0, max=600.0, help="How long the skin rests after the driver's first row."),
+    ] = 1.0,
+    patience: Annotated[
+        float, typer.Option(metavar="S", min=0.1, max=600.0, help="How long it may take to be well again.")
+    ] = 1.5,
+    seed: Seed = None,
+) -> None:
+    """Judge a driver: what does it do when bytes are lost, the sensor restarts, the port goes?
+
+    \b
+      tactemu judge paxini_px6ax -- python my_driver.py {port}
+      tactemu judge hand.toml --budget 5m --html report.html --junit report.xml -- ./reader {port}
+      tactemu judge anyskin --reads mypkg.driver:read
+      tactemu judge optoforce --replay cases/flipped.json -- ./reader {port}
+
+    The driver prints a line for each reading, JSON or numbers, on its standard output. Which column holds what is
+    learned from a run without faults; then each way to go wrong is tried, and every reading compared with what was
+    sent.
+    Exit code 0 when nothing fails, 1 when something does, 2 for a mistake in the command, 3 when there was nothing to
+    judge. See docs/judge.md.
+    """
+    from tactemu.cli.judging import judge_driver
+
+    status = judge_driver(
+        target, context.obj or (), reads=reads, options=options or (), ports=tuple(port or ()), budget=budget,
+        rest=rest, seed=seed, only=tuple(only or ()), fail_on=tuple(fail_on or ()), columns=columns, record=record,
+        html=html, junit_file=junit, json_file=json, baseline=baseline, cases=cases, replay=replay, patience=patience,
+    )  # fmt: skip
+    raise typer.Exit(status)
+
+
+@app.command()
+def sweep(
+    plan: Annotated[Path, typer.Argument(help="A TOML file: [[driver]] tables with name, devices, command, seeds.")],
+    results: Annotated[
+        Path, typer.Option("--results", metavar="FILE", help="Where the verdicts go, as Parquet; a journal beside it.")
+    ] = Path("judged.parquet"),
+    at_once: Annotated[
+        int | None, typer.Option("--at-once", metavar="N", min=1, help="Runs side by side; default: one for each core.")
+    ] = None,
+    cluster: Annotated[
+        str | None, typer.Option("--cluster", metavar="ADDRESS", help="A Dask scheduler, such as tcp://10.0.0.1:8786.")
+    ] = None,
+) -> None:
+    """Judge many drivers, at many devices and seeds, here or on a cluster.
+
+    \b
+      tactemu sweep plan.toml
+      tactemu sweep plan.toml --cluster tcp://10.0.0.1:8786 --results nightly.parquet
+
+    \b
+      [[driver]]
+      name = "mine 1.2"
+      devices = ["anyskin"]
+      command = ["python", "my_driver.py", "{port}"]
+      seeds = "0-9"
+      options = ["--budget", "30s"]
+
+    What is interrupted goes on where it was. Workers of a cluster should run one task at a time
+    (`dask worker --nthreads 1`), and have the driver. Exit code 1 when something fails.
+    """
+    from tactemu.judge.sweep import read_plan
+    from tactemu.judge.sweep import sweep as run_sweep
+
+    rows = run_sweep(read_plan(plan), results, at_once=at_once, cluster=cluster, say=typer.echo)
+    if any(row["fails"] for row in rows):
+        raise typer.Exit(1)
+
+
+@app.command()
+def proxy(
+    real: Annotated[
+        str, typer.Argument(metavar="REAL_PORT", help="/dev/ttyUSB0, a pyserial URL, or can:INTERFACE:CHANNEL.")
+    ],
+    port: Annotated[
+        str, typer.Option("--port", metavar="PORT", help="Where the driver comes: pty:PATH, rfc2217:HOST:PORT ...")
+    ] = "pty:",
+    device: Annotated[
+        str | None, typer.Option("--device", metavar="NAME", help="Which sensor it is, so that frames are decoded.")
+    ] = None,
+    option: Annotated[
+        list[str] | None, typer.Option("--option", metavar="NAME=VALUE", help="Of the device; repeatable.")
+    ] = None,
+    baud: Annotated[int | None, typer.Option(metavar="N", min=1, help="Speed until the driver sets one.")] = None,
+    fault: Faults = None,
+    truth: TruthFile = None,
+    record: Annotated[
+        Path | None, typer.Option("--record", metavar="FILE", help="Record what passes, for `tactemu replay`.")
+    ] = None,
+    seed: Seed = None,
+    seconds: Seconds = None,
+) -> None:
+    """Sit between a real sensor and its driver: pass bytes, inject faults, write truth and a recording.
+
+    \b
+      tactemu proxy /dev/ttyACM0 --device anyskin --port pty:/tmp/skin
+      tactemu proxy /dev/ttyUSB0 --device optoforce --fault 'flip 1%' --truth truth.mcap --record real.mcap
+      tactemu proxy can:socketcan:can0 --port can:socketcan:vcan0 --fault 'drop 1%'
+
+    Speed, parity and modem lines that the driver sets are passed on. Ctrl-C ends it.
+    """
+    from tactemu.cli.judging import run_proxy
+
+    run_proxy(
+        real, port, device=device, options=option or (), baud=baud, faults=tuple(fault or ()), truth=truth,
+        record=record, seed=seed, seconds=seconds,
+    )  # fmt: skip
+
+
+@app.command()
 def devices(
     name: Annotated[str | None, typer.Argument(help="Print this device's datasheet.")] = None,
     options: Options = None,
@@ -592,6 +754,60 @@ def replay(
         file, port, skin=skin, speed=speed, step=step, loop=loop, faults=tuple(fault or ()), seconds=seconds,
         name=name,
     )  # fmt: skip
+
+
+@app.command("fit")
+def fit_recordings(
+    recordings: Annotated[
+        list[Path], typer.Argument(metavar="RECORDING...", help=".csv, .csv.gz, .npz, .parquet, .mcap or .jsonl.")
+    ],
+    device: Annotated[str, typer.Option("--device", metavar="DEVICE", help="What was recorded; `tactemu devices`.")],
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Scene file to write.")],
+    columns: Annotated[
+        str | None,
+        typer.Option(metavar="ROLE=COLUMNS,...", help="t=t_s,z=z_mm,field=b0x:b4z; default: by their names."),
+    ] = None,
+    unit: Annotated[
+        list[str] | None,
+        typer.Option("--unit", metavar="ROLE=UNIT,...", help="z=mm,field=uT; default: SI; repeatable."),
+    ] = None,
+    rate: Annotated[
+        float | None, typer.Option(metavar="HZ", min=0.001, max=1e6, help="Of the rows, where they have no times.")
+    ] = None,
+    report: Annotated[Path | None, typer.Option(metavar="FILE", help="Report (HTML); default: beside --out.")] = None,
+) -> None:
+    """Find a sensor's parameters in recordings of it, and write a scene file of it.
+
+    \b
+      tactemu fit rest.csv --device anyskin --columns t=t_s,field=b0x:b4z --unit field=uT --out my_skin.toml
+      tactemu fit a.csv b.csv --device anyskin --columns t=t_s,force=f,field=b0x:b4z --unit field=uT --out my_skin.toml
+
+    Roles: t, z, depth, force, mass, temperature, untouched, and what it reads: field, counts, pressure, resistance,
+    capacitance or reading. What a recording does not tell is said, with what to record next. Needs scipy.
+    """
+    from tactemu.cli.progress import show_progress
+    from tactemu.fit.fitting import run_fit
+
+    page = report or out.with_suffix(".html")
+    run_fit(
+        recordings, device=device, out=out, report=page, columns=_pairs("--columns", columns),
+        units=_pairs("--unit", ",".join(unit) if unit else None), rate_hz=rate, say=typer.echo, progress=show_progress,
+    )  # fmt: skip
+
+
+def _pairs(option: str, text: str | None) -> dict[str, str] | None:
+    """``a=b,c=d`` as a table."""
+    from tactemu.errors import TactemuError
+
+    if text is None:
+        return None
+    found = {}
+    for part in text.split(","):
+        name, mark, value = part.partition("=")
+        if not (mark and name.strip() and value.strip()):
+            raise TactemuError(f"{option}: expected NAME=VALUE, several with commas, got {part!r}")
+        found[name.strip()] = value.strip()
+    return found
 
 
 @app.command()

@@ -25,6 +25,7 @@ Measure speed on this machine. Figures are medians; compare those of one run.
   tactemu bench page       the live page: what it costs the loop, pictures a second
   tactemu bench wire       cost of a frame between device and port
   tactemu bench exec       cost of a driver's view of the machine, and 1000 times unplugged
+  tactemu bench judge      trials of `tactemu judge` a minute, one and two at once
   tactemu bench bus        a whole robot's skin on CAN: how many boards are in time
 """,
 )
@@ -208,3 +209,15 @@ def layer(
     from tactemu.bench.layer import run
 
     save(run(typer.echo, device=device, n_envs=envs, only=only), out)
+
+
+@bench.command()
+def judge(
+    runs: Annotated[int, typer.Option(metavar="N", min=2, help="Runs of the two at once; half as many alone.")] = 4,
+    dask: Annotated[bool, typer.Option(help="Also with workers of Dask, where it is installed.")] = True,
+    out: Out = None,
+) -> None:
+    """Trials of `tactemu judge` a minute: of a clean driver, alone, two at once, and by two workers of Dask."""
+    from tactemu.bench.judge import run
+
+    save(run(typer.echo, runs=runs, workers=dask), out)

@@ -40,6 +40,9 @@ from tactemu.plan.clearing import clear_rows
 from tactemu.plan.plan import Context, Stage, record
 from tactemu.random_streams import stream_key
 
+Transduce = Callable[[wp.array], tuple[wp.array, list[Stage], ReadingInfo]]
+"""From what a model gives to what the electronics sees, and what that is."""
+
 
 def nothing() -> None:
     """The launch of a stage that only acts at resets."""
@@ -164,8 +167,9 @@ class Imperfections(Adjustments):
 
     # -- on the sensor's readings
 
-    def compile_values(self, raw: wp.array) -> tuple[wp.array, list[Stage]]:
-        """Spoils ``raw`` ``(n_envs, n_taxels, n_channels)``; the result has its shape."""
+    def compile_values(self, raw: wp.array, transduce: Transduce | None = None) -> tuple[wp.array, list[Stage]]:
+        """Spoils ``raw`` ``(n_envs, n_taxels, n_channels)``; the result has its shape, or that of a transducer, which
+        comes between the memory of the material and the electronics."""
         material, electronic = material_laws(self.options), electronic_laws(self.options, self.info)
         coefficient, stages = compile_coefficients(self.options, material | electronic, self.info.name, self.context)
         array, spread = compile_crosstalk(self.options, raw, self.info, self.context)
@@ -173,10 +177,13 @@ class Imperfections(Adjustments):
         if material:
             array, stage = self._material(array, material, coefficient)
             stages.append(stage)
+        if transduce is not None:
+            array, more, self.info = transduce(array)
+            stages += more
         if self.options.scan_time > 0.0:
             self.shortest_step_s = self._dt_s
             flat, stage = compile_scan(self.options, self._flatten(array), self.info, self.context)
-            array = flat.reshape(raw.shape)
+            array = flat.reshape(array.shape)
             stages.append(stage)
         if electronic:
             array, stage = self._electronics(array, electronic, coefficient)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Protocol, get_args
@@ -17,6 +17,8 @@ from tactemu.physics.probes.probes import Probes
 from tactemu.physics.sensor_model import DepthQuery, SensorModel
 from tactemu.scene.bodies import Body, find
 from tactemu.scene.motion import Pose
+from tactemu.transducers.chain import Chain
+from tactemu.transducers.transducer import Transducer
 
 
 class Built(Protocol):
@@ -42,6 +44,8 @@ class Sensor(Adjustments):
     name: str
     model: SensorModel
     link: Body
+    transducers: tuple[Transducer, ...] = ()
+    """What comes between the model and the electronics, in order."""
     imperfections: Imperfections | None = field(default=None, repr=False)
     """Its setters change imperfections while running; there once the scene is built."""
     _sim: Built | None = field(default=None, repr=False)
@@ -105,10 +109,21 @@ class Sensor(Adjustments):
         """Where its link is and how it moves, as last set, in the world of environment 0."""
         return self.link.pose(0.0) if self._sim is None else self._sim.pose(self.link)
 
+    @cached_property
+    def chain(self) -> Chain | None:
+        """Its transducers, one after another; ``None``: it reads what its model gives."""
+        where = f"sensor {self.name!r}"
+        return Chain(where, self.transducers, self.model.layouts) if self.transducers else None
+
+    @property
+    def layouts(self) -> Mapping[str, slice]:
+        """The quantities that it reads, and which channels hold each."""
+        return self.model.layouts if self.chain is None else {self.chain.kind.quantity: slice(None)}
+
     @property
     def quantities(self) -> tuple[str, ...]:
         """What :meth:`quantity` can give."""
-        return tuple(self.model.layouts)
+        return tuple(self.layouts)
 
     def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
         """One quantity of environment 0, taxels in layout order: shape ``(n_taxels,)`` or ``(n_taxels, 3)``.
@@ -116,7 +131,7 @@ class Sensor(Adjustments):
         Raises:
             SceneError: this model does not offer it.
         """
-        if name not in self.model.layouts:
+        if name not in self.layouts:
             has = ", ".join(self.quantities) or "none"
             kind = type(self.model).__name__
             raise SceneError(f"sensor {self.name!r} ({kind}) has no {name!r}; it offers: {has}")
@@ -124,7 +139,7 @@ class Sensor(Adjustments):
         first = array[:1] if array.size and self._simulation.device.is_cuda else array  # on the CPU nothing is copied
         values = self._numpy(first)[0]
         values = values[0] if values.ndim == 3 else values
-        values = values[:, self.model.layouts[name]]
+        values = values[:, self.layouts[name]]
         if name == "touch":
             return values[:, 0] > 0
         return values[:, 0].copy() if values.shape[1] == 1 else values.copy()
@@ -147,8 +162,12 @@ class Sensor(Adjustments):
         if self._simulation.device.is_cpu:  # the device's own memory
             values = values.copy()
         shape = (*values.shape[:-2], *self.probes.layout, values.shape[-1])
-        present = self._presented or self.model.present
+        present = self._presented or (self.model.present if self.chain is None else _plain)
         return present(values.reshape(shape if self._simulation.batched else shape[1:]))
+
+
+def _plain(values: np.ndarray) -> np.ndarray:
+    return values[..., 0] if values.shape[-1] == 1 else values
 
 
 def check_query(sensor: Sensor) -> None:

@@ -12,6 +12,7 @@ import warp as wp
 
 from tactemu.errors import PoseError, SceneError
 from tactemu.imperfections import Imperfections, ReadingInfo
+from tactemu.imperfections.compile import Transduce
 from tactemu.kernels import start
 from tactemu.physics.drawing import check_drawing
 from tactemu.physics.points.point_cloud import PointCloud
@@ -21,9 +22,10 @@ from tactemu.physics.sensor_model import Site, upload_probes
 from tactemu.physics.shapes.table import ShapeTables
 from tactemu.physics.world import World
 from tactemu.plan.clearing import clear_rows
-from tactemu.plan.plan import Context, Plan
+from tactemu.plan.plan import Context, Plan, Stage
 from tactemu.scene.bodies import Body, find
 from tactemu.scene.motion import Pose
+from tactemu.transducers.transducer import Kind, Place
 
 MOST_THREADS = 2**31
 """Warp counts threads and the places of an array's axis in 31 bits."""
@@ -43,19 +45,33 @@ def _device(name) -> wp.Device:
         raise SceneError(f"no device {name!r} on this machine ({error}); there are: {known}") from None
 
 
-def _reading_info(sensor: Sensor) -> ReadingInfo:
-    """What the imperfections must know of a sensor."""
+def _reading_info(sensor: Sensor, kind: Kind | None = None) -> ReadingInfo:
+    """What the imperfections must know of a sensor, of what its transducers give or of what its model does."""
     model, probes = sensor.model, sensor.probes
     return ReadingInfo(
         name=sensor.name,
         layout=probes.layout,
-        channels=model.channels,
-        unit=model.unit,
+        channels=model.channels if kind is None else ("force",) if kind.vector else ("scalar",),
+        unit=model.unit if kind is None else kind.unit,
         probe_radius=probes.radii,
         spacing=probes.spacing if probes.is_grid else None,
         normal=probes.mean_normal,
         gain_inside=model.gain_inside,
     )
+
+
+def _areas(sensor: Sensor) -> np.ndarray:
+    """Area of each taxel [m²]: as its model was told, its cell of a grid, or the circle of its probe."""
+    probes, given = sensor.probes, getattr(sensor.model, "taxel_area", None)
+    if given is None and probes.is_grid:
+        given = abs(probes.spacing[0] * probes.spacing[1])
+    if given is None:
+        given = np.pi * np.asarray(probes.radii).reshape(-1) ** 2
+    return np.broadcast_to(np.asarray(given, float).reshape(-1), (probes.n,))
+
+
+def _as_it_is(array: wp.array, _branch: str) -> tuple[wp.array, list[Stage]]:
+    return array, []
 
 
 class Simulation:
@@ -172,16 +188,49 @@ class Simulation:
         radius, radius_stages = spoil.compile_radius_noise()
         compiled = model.compile(self._site(sensor, gain if model.gain_inside else None, radius))
         finish = compiled.finish or (lambda array, _branch: (array, []))
-        truth, truth_stages = finish(compiled.truth, "truth")
-        values, value_stages = spoil.compile_values(compiled.raw)
-        untouched = values is compiled.truth
-        values, finish_stages = (truth, []) if untouched else finish(values, "measured")
+        transduce: Transduce | None = None
+        if sensor.chain is None:
+            truth, truth_stages = finish(compiled.truth, "truth")
+        else:  # neither what a model adds at the end nor how it presents its own survives a transducer
+            truth, truth_stages, info = self._transduce(sensor, compiled.truth)
+
+            transduce = partial(self._transduced, sensor, compiled.truth, (truth, [], info))
+        values, value_stages = spoil.compile_values(compiled.raw, transduce)
+        untouched = values is (compiled.truth if sensor.chain is None else truth)
+        last = finish if sensor.chain is None else _as_it_is
+        values, finish_stages = (truth, []) if untouched else last(values, "measured")
         measured, delivery_stages = spoil.compile_delivery(values)
         remembered, history_stages = (measured, []) if truth is measured else spoil.compile_history(truth)
         self._arrays += [compiled.truth, compiled.raw, truth, remembered, values, measured]
         self.plan.stages += spoil.compile_resets() + gain_stages + radius_stages + compiled.stages + truth_stages
         self.plan.stages += value_stages + finish_stages + delivery_stages + history_stages
-        return partial(sensor.attach, self, spoil, remembered, measured, compiled.present)
+        present = compiled.present if sensor.chain is None else None
+        return partial(sensor.attach, self, spoil, remembered, measured, present)
+
+    def _transduced(
+        self, sensor: Sensor, raw: wp.array, done: tuple[wp.array, list[Stage], ReadingInfo], array: wp.array
+    ) -> tuple[wp.array, list[Stage], ReadingInfo]:
+        """The measured branch's transducers: those of the truth, ``done``, where nothing has touched what goes in."""
+        return done if array is raw else self._transduce(sensor, array)
+
+    def _transduce(self, sensor: Sensor, array: wp.array) -> tuple[wp.array, list[Stage], ReadingInfo]:
+        """Plan a sensor's transducers for one branch."""
+        assert sensor.chain is not None
+        probes, view = sensor.probes, self._poses.view(sensor.link.index)
+        place = Place(
+            name=sensor.name,
+            context=self.context,
+            positions=probes.positions,
+            normals=probes.normals,
+            layout=probes.layout,
+            areas=_areas(sensor),
+            link=sensor.link.index,
+            world=self._poses.world,
+            pose=view.pose,
+            bodies={body.name: body.index for body in self.bodies},
+        )
+        out, stages = sensor.chain.compile(place, array)
+        return out, stages, _reading_info(sensor, sensor.chain.kind)
 
     @property
     def clouds(self) -> list[PointCloud]:

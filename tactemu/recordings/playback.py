@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from firmware_protocols import Device
+from firmware_protocols.device import VECTORS
 from tactemu.errors import SceneError
 from tactemu.recordings.recording import RecordedReadings
 
@@ -20,7 +21,7 @@ def recorded(path: Path, of: str | None, skin: str, device: Device) -> RecordedR
     readings = RecordedReadings(path, of or "")
     quantity = device.contact[0]
     first = readings.quantity(quantity)
-    vector = quantity in ("force", "displacement")
+    vector = quantity in VECTORS
     expected = (len(device.layout), 3) if vector else (len(device.layout),)
     if first.shape != expected:
         raise SceneError(

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from firmware_protocols import Device
-from firmware_protocols.options import checked
+from firmware_protocols.device import TOUCH
+from firmware_protocols.options import checked, declared
 from tactemu.errors import DeviceError, SceneError, nearest
 from tactemu.options import numbers
 from tactemu.physics.models import cheapest, load, models_for
@@ -24,10 +25,13 @@ from tactemu.scene.placement import PlacedSensor, PlacedSkin
 from tactemu.scene.schema import Body as BodyTable
 from tactemu.scene.schema import Skin
 from tactemu.scene.skins import SkinPart, parts_of
+from tactemu.transducers.chain import Chain
+from tactemu.transducers.registry import make
 
 if TYPE_CHECKING:
     from tactemu.physics.sensor_model import SensorModel
     from tactemu.scene.scene import Scene
+    from tactemu.transducers.transducer import Transducer
 
 
 def make_devices(loaded: LoadedScene) -> dict[str, Device]:
@@ -36,7 +40,26 @@ def make_devices(loaded: LoadedScene) -> dict[str, Device]:
     Raises:
         DeviceError: no such device, or an option that it does not have.
     """
-    return {skin.title: make_device(_found(skin.device, loaded), skin.device_options) for skin in loaded.tables.skin}
+    return {skin.title: _device_of(skin, _found(skin.device, loaded)) for skin in loaded.tables.skin}
+
+
+def _device_of(skin: Skin, name: str) -> Device:
+    """The device of a skin, which sees what its transducers give where that is no quantity of touch."""
+    options = skin.device_options
+    if skin.transducer and "sees" in declared(load_device(name)) and "sees" not in options:
+        model = load(model_name(skin, make_device(name, options)))
+        kind = Chain(f"skin {skin.title!r}", transducers_of(skin), model.layouts).kind
+        options = {**options, "sees": kind.quantity}
+    return make_device(name, options)
+
+
+def transducers_of(skin: Skin) -> list[Transducer]:
+    """The transducers of a skin, checked.
+
+    Raises:
+        SceneError: no such kind, or an option that it does not have or does not accept.
+    """
+    return [make(f"skin {skin.title!r}: transducer {k}", table) for k, table in enumerate(skin.transducer, 1)]
 
 
 def _found(name: str, loaded: LoadedScene) -> str:
@@ -90,7 +113,8 @@ def build_scene(
         for part in parts_of(skin, device.layout):
             link, unfelt = _carrier(scene, engine, part.body)
             model = sensor_model(skin, device, (laws or {}).get(skin.title, ()), part=part, unfelt=unfelt)
-            placed.append(PlacedSensor(scene.add_sensor(model, link=link, name=part.name), part))
+            sensor = scene.add_sensor(model, link=link, name=part.name, transducers=transducers_of(skin))
+            placed.append(PlacedSensor(sensor, part))
         skins[skin.title] = PlacedSkin(placed, len(device.layout))
     return scene, skins
 
@@ -119,7 +143,10 @@ def _shape(body: BodyTable, folder: Path) -> Shape | None:
 
 def model_name(skin: Skin, device: Device) -> str:
     """The sensor model of a skin as a scene file names it: the one asked for, else the cheapest that will do."""
-    return skin.model_ or cheapest(device.contact[0])
+    if skin.model_ or not skin.transducer:
+        return skin.model_ or cheapest(device.contact[0])
+    takes = [name for name in transducers_of(skin)[0].takes if name in TOUCH]
+    return cheapest("force" if "force" in takes else takes[0])
 
 
 def sensor_model(
@@ -167,8 +194,17 @@ def sensor_model(
 
 
 def _check_senses(skin: Skin, name: str, model: Any, device: Device) -> None:
+    offers = model.layouts
+    if skin.transducer:
+        kind = Chain(f"skin {skin.title!r}", transducers_of(skin), offers).kind
+        if device.contact != (kind.quantity,):
+            raise SceneError(
+                f"skin {skin.title!r}: its transducers give {kind.quantity}; {device.name} "
+                f"senses {', '.join(device.contact)}"
+            )
+        return
     for quantity in device.contact:
-        if quantity not in model.layouts:
+        if quantity not in offers:
             raise SceneError(
                 f"skin {skin.title!r}: model: {name} gives {', '.join(model.layouts)} and not {quantity}, "
                 f"which {device.name} senses (models that do: {', '.join(models_for(quantity))})"

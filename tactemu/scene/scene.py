@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from tactemu.physics.simulation import Simulation
     from tactemu.plan.plan import Dtype
     from tactemu.scene.motion import Motion
+    from tactemu.transducers.transducer import Transducer
 
 
 class Scene:
@@ -84,8 +85,18 @@ class Scene:
         self._outdate(f"body {name!r} was added after the scene was built")
         return body
 
-    def add_sensor(self, model: SensorModel, *, link: Body | str | int, name: str | None = None) -> Sensor:
+    def add_sensor(
+        self,
+        model: SensorModel,
+        *,
+        link: Body | str | int,
+        name: str | None = None,
+        transducers: Sequence[Transducer] = (),
+    ) -> Sensor:
         """Put a skin on a body; returns the handle to read it by.
+
+        ``transducers`` (:mod:`tactemu.transducers`) come, in their order, between what the model gives and the noise,
+        resolution and saturation of the options, which are then in the unit of the last.
 
         Raises:
             SceneError: the body is not of this scene, or the name is taken.
@@ -99,7 +110,10 @@ class Scene:
         name = name or f"{kind}{len(self.sensors)}"
         if any(sensor.name == name for sensor in self.sensors):
             raise SceneError(f"sensor {name!r}: there is already a sensor of this name; give another")
-        sensor = Sensor(name, model, self.body(link))
+        sensor = Sensor(name, model, self.body(link), tuple(transducers))
+        for each in sensor.transducers:
+            each.check(f"sensor {name!r}")
+        _ = sensor.chain  # refuses what does not fit
         self.sensors.append(sensor)
         self._outdate(f"sensor {name!r} was added after the scene was built")
         return sensor

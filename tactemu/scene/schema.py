@@ -251,6 +251,9 @@ class Skin(Table):
         default=None, alias="model", description="sensor model, or MODULE:CLASS; default: the cheapest that fits"
     )
     options: dict[str, Any] = Field(default={}, description="options of the sensor model, imperfections included")
+    transducer: tuple[dict[str, Any], ...] = Field(
+        default=(), description="tables with a `kind`, one after another, between the model and the electronics"
+    )
     embed: Real | None = Field(
         default=None, ge=-1, le=1, description="how far below the skin the probes' centres sit [m]"
     )

@@ -14,8 +14,15 @@ from firmware_protocols.can_frames import CanFrames
 from tactemu.frame_text import text
 from tactemu.truth.entries import BodyPose, Entry, Header, Injection, Passage, PortEvent, Sample
 from tactemu.truth.memory import Memory, size_of
-from tactemu.truth.tap import Tap
 from tactemu.truth.writer import LogWriter, check_overwriting
+
+
+class Watcher(Protocol):
+    """Who is told entries as they happen; see :class:`~tactemu.truth.tap.Tap`."""
+
+    def put(self, entry: Entry) -> None:
+        """One that happened, told by the loop's thread, which must not wait."""
+        ...
 
 
 class Surroundings(Protocol):
@@ -67,9 +74,9 @@ class Truth:
         if path is not None:
             check_overwriting(Path(path), map(Path, reads))
         self._writers = [LogWriter(path)] if path is not None else []
-        self._taps: tuple[Tap, ...] = ()
+        self._taps: tuple[Watcher, ...] = ()
         self._told = bool(self._writers)
-        """Whether anybody is told of frames, faults and events."""
+        """Whether anybody is told of samples, frames, faults and events."""
         self._latest: dict[str, dict[str, Sample]] = {}
         self._latest_frames: dict[str, Frame | CanFrames] = {}
         self._numbers: dict[str, int] = {}
@@ -164,8 +171,9 @@ class Truth:
         entry = Sample(t_ns, device, ideal, measured, counts, number, sense)
         self._latest.setdefault(device, {})[sense] = entry
         self._memory.add_sample(entry)
-        if self._writers:
+        if self._told:
             self._log(entry)
+        if self._writers:
             self._log_poses(t_ns)
         return number
 
@@ -246,12 +254,12 @@ class Truth:
         self._writers.append(LogWriter(path, flush_s=flush_s))
         self._told = True
 
-    def tap(self, tap: Tap) -> None:
-        """Have frames, faults and events told to somebody who watches, too. Safe from any thread."""
+    def tap(self, tap: Watcher) -> None:
+        """Have samples, frames, faults and events told to somebody who watches, too. Safe from any thread."""
         self._taps = (*self._taps, tap)
         self._told = True
 
-    def untap(self, tap: Tap) -> None:
+    def untap(self, tap: Watcher) -> None:
         """And no more. Safe from any thread, and twice."""
         self._taps = tuple(each for each in self._taps if each is not tap)
         self._told = bool(self._writers or self._taps)

@@ -16,7 +16,7 @@ def test_everything_is_tried_and_said(monkeypatch, tmp_path):
     assert found["ports"]["there"] and found["gpu"]["there"] == os.path.exists("/dev/nvidia0")
     assert not found["guest"]["there"] and "apt-get install" in found["guest"]["helps"]
     assert tactemu("check-host", "--json", "guest").returncode == 1
-    unknown = tactemu("check-host", "cann")
+    unknown = tactemu("check-host", "kan")
     assert unknown.returncode == 2 and "knows: python, ports" in unknown.stderr
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import tactemu as tt
-from firmware_protocols.device import CONTACT, Quantity
+from firmware_protocols.device import TOUCH, Quantity
 from tactemu.errors import SceneError
 from tactemu.physics.models import MODELS, cheapest, load, models_for
 from tactemu.physics.sensor_model import SensorModel
@@ -86,7 +86,7 @@ def test_every_setting_of_its_dials_can_be_built(name):
 
 
 def test_every_quantity_of_a_device_has_a_cheapest_model():
-    for quantity in CONTACT:
+    for quantity in TOUCH:
         assert cheapest(quantity) == next(iter(models_for(quantity)))
     assert (cheapest("touch"), cheapest("force")) == ("contact_probe", "kinematic_taxel")
 

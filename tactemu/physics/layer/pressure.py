@@ -1,13 +1,13 @@
 """The normal contact of a rigid object with an elastic layer: which cells touch, and with what pressure.
 
-With the compliance ``C`` (:mod:`elastic_layer_compliance`) and the overlap ``o`` of object and undeformed skin::
+With the compliance ``C`` (:mod:`.compliance`) and the overlap ``o`` of object and undeformed skin::
 
     p >= 0,   C p - o >= 0,   p (C p - o) = 0        (no pull, no penetration, no pressure across a gap)
 
 solved by projected conjugate gradients (Polonsky and Keer 1999) with the layer's own inverse compliance as the
 preconditioner, so that the number of iterations depends neither on the grid nor on the thickness. Each environment is
 solved by one block of threads in the smallest window that contact can reach, starts from its last pressure, and is
-left alone while its overlap does not change. Lengths are in pitches, pressures scaled (:mod:`elastic_layer_tables`).
+left alone while its overlap does not change. Lengths are in pitches, pressures scaled (:mod:`.tables`).
 
 The residual is the root of the sum of the squared gaps where there is pressure or penetration, relative to that of
 the overlap.

@@ -1,7 +1,7 @@
 """What tractions and pressures do sideways: the tangential half of the layer's compliance, on spectra.
 
 Tractions along x and y move the surface along both. With the mirrored wave numbers that an odd kernel asks for
-(:mod:`elastic_layer_fft`)::
+(:mod:`.convolution`)::
 
     U_x(k) = xx(k) T_x(k) + xy(k) T_y(-k)          u_x by pressure: U_x(kx, ky) = nx(k) P(-kx, ky)
     U_y(k) = yy(k) T_y(k) + xy(k) T_x(-k)          u_y by pressure: U_y(kx, ky) = ny(k) P(kx, -ky)

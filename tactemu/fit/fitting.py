@@ -1,0 +1,182 @@
+"""`tactemu fit`: recordings of a real sensor in, a scene file and a report out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from tactemu.errors import TactemuError
+from tactemu.fit.estimates import Findings, linear
+from tactemu.fit.press import PRESSED, bases_of, drive_of, find_presses, presses_of
+from tactemu.fit.recording import Recorded
+from tactemu.fit.report import Score, page
+from tactemu.fit.rest import find_rest, resting
+
+
+def find(recorded: Recorded) -> Findings:
+    """All that one recording tells.
+
+    Raises:
+        TactemuError: nothing can be told of it.
+    """
+    found = Findings(notes=list(recorded.notes))
+    check_units(recorded)
+    gains = find_presses(recorded, found)
+    own = np.isfinite(gains)
+    if own.any():  # what does not follow the load is not judged at rest either
+        recorded = replace(
+            recorded, readings=recorded.readings[:, own], names=tuple(np.array(recorded.names)[own].tolist())
+        )
+    find_rest(recorded, resting(recorded), found)
+    return found
+
+
+def check_units(recorded: Recorded) -> None:
+    """Refuse numbers that no sensor gives: mistakes of units, in a sentence.
+
+    Raises:
+        TactemuError: it is one.
+    """
+    limits = {
+        "field": (1e-9, 0.5, "--unit field=uT"),
+        "pressure": (1e-3, 1e8, "--unit pressure=kPa"),
+        "capacitance": (1e-18, 1e-6, "--unit capacitance=pF"),
+        "resistance": (1e-3, 1e12, "--unit resistance=kOhm"),
+    }
+    size = float(np.percentile(np.abs(recorded.readings), 99))
+    if recorded.kind in limits:
+        low, high, hint = limits[recorded.kind]
+        if not low <= size <= high:
+            raise TactemuError(
+                f"{recorded.path}: {recorded.kind} of {size:.3g} SI in {recorded.unit}: no sensor reads that; is the "
+                f"unit right? ({hint})"
+            )
+    load = recorded.load
+    if load is not None and load.max() > 2000:
+        raise TactemuError(
+            f"{recorded.path}: presses of {load.max():.4g} N; is the unit right? (--unit mass=g, force=mN)"
+        )
+    depth = recorded.truth.get("depth")
+    if depth is not None and np.ptp(depth) > 0.1:
+        raise TactemuError(
+            f"{recorded.path}: presses of {np.ptp(depth):.3g} m depth; is the unit right? (--unit depth=mm)"
+        )
+
+
+def fit(recordings: Sequence[Recorded], progress: Callable | None = None) -> tuple[Findings, list[Score]]:
+    """What recordings of one sensor tell together, and how well each is predicted by the others (or, of one, its last
+    third by what is before)."""
+    progress = progress or (lambda items, _title, _total: items)
+    each = [find(one) for one in progress(recordings, "fit", len(recordings))]
+    together = each[0] if len(each) == 1 else combined(each)
+    return together, scores(recordings)
+
+
+def combined(each: Sequence[Findings]) -> Findings:
+    """Weighted means; intervals are as wide as the recordings differ."""
+    whole = Findings()
+    for name in dict.fromkeys(name for one in each for name in one.estimates):
+        own = [one.estimates[name] for one in each if name in one.estimates]
+        values, errors = np.array([e.value for e in own]), np.array([e.error for e in own])
+        weights = np.ones(len(own)) if (errors == 0).any() else errors**-2
+        mean = float(values @ weights / weights.sum())
+        own_error = 0.0 if (errors == 0).any() else float(weights.sum() ** -0.5)
+        apart = float(values.std(ddof=1) / np.sqrt(len(own))) if len(own) > 1 else 0.0
+        whole.add(name, mean, max(own_error, apart), own[0].unit, own[0].about)
+    whole.unknown = list(dict.fromkeys(text for one in each for text in one.unknown))
+    whole.unknown = [text for text in whole.unknown if text.split(":")[0] not in whole.estimates]
+    whole.notes = list(dict.fromkeys(text for one in each for text in one.notes))
+    return whole
+
+
+def scores(recordings: Sequence[Recorded]) -> list[Score]:
+    """Each recording of presses predicted by another; of one alone its last third by the rest."""
+    timed = [one for one in recordings if one.load is not None and one.t is not None]
+    if len(timed) > 1:
+        return [score for k, one in enumerate(timed) if (score := _score(timed[k - 1], one, one.path.name))]
+    if not timed:
+        return []
+    n = len(timed[0].readings)
+    early, late = (_part(timed[0], part) for part in (slice(None, 2 * n // 3), slice(2 * n // 3, None)))
+    score = _score(early, late, f"{timed[0].path.name}, its last third", before=True)
+    return [score] if score else []
+
+
+def _part(one: Recorded, part: slice) -> Recorded:
+    assert one.t is not None
+    return replace(one, t=one.t[part], readings=one.readings[part], truth={k: v[part] for k, v in one.truth.items()})
+
+
+def _score(known: Recorded, other: Recorded, name: str, *, before: bool = False) -> Score | None:
+    load, held = known.load, other.load
+    if load is None or held is None or known.t is None or other.t is None:
+        return None
+    if known.readings.shape[1] != other.readings.shape[1] or np.ptp(load) == 0 or np.ptp(held) == 0:
+        return None
+    plain = np.column_stack([np.ones(len(load)), load])
+    gains = np.array([linear(plain, column)[0][1] if column.std() else 0.0 for column in known.readings.T])
+    if not gains.any():
+        return None
+    signal, measured = (one.readings @ gains / (gains @ gains) for one in (known, other))
+    (drive, degree), (of_other, _) = drive_of(known, load), drive_of(other, held)
+    presses, following = presses_of(drive, known.t), presses_of(of_other, other.t)
+    if before:  # they go on from those that were fitted
+        following = replace(following, count=following.count + presses.count[-1])
+    fitted = bases_of(following, degree) @ linear(bases_of(presses, degree), signal)[0]
+    line = linear(np.column_stack([np.ones(len(drive)), drive]), signal)[0]
+    straight = line[0] + line[1] * of_other
+    peak = int(np.argmax(drive > 0.9 * drive.max()))
+    order = np.argsort(drive[: peak + 1])
+    repeated = np.interp(of_other, drive[: peak + 1][order], signal[: peak + 1][order])
+    free = of_other < PRESSED * of_other.max()
+    guesses = [each + (np.median((measured - each)[free]) if free.any() else 0.0)
+               for each in (fitted, straight, repeated)]  # fmt: skip
+    ours, by_line, zero = (float(np.sqrt(np.mean((measured - each) ** 2))) for each in guesses)
+    return Score(name, ours, by_line, zero, held, measured, guesses[0])
+
+
+def run_fit(
+    recordings: Sequence[Path],
+    *,
+    device: str,
+    out: Path,
+    report: Path | None = None,
+    columns: dict[str, str] | None = None,
+    units: dict[str, str] | None = None,
+    rate_hz: float | None = None,
+    say: Callable[[str], object] = print,
+    progress: Callable | None = None,
+) -> Findings:
+    """Fit recordings of one sensor, write a scene file, and a report.
+
+    Raises:
+        TactemuError: a recording cannot be used, or a file not be written.
+    """
+    from tactemu.fit.recording import read
+    from tactemu.fit.writing import scene_text
+    from tactemu.scene.file import load_device, parse
+
+    kind = load_device(device)
+    read_ones = [read(path, columns, units, rate_hz) for path in recordings]
+    found, scored = fit(read_ones, progress)
+    text = scene_text(device, kind, read_ones, found)
+    parse(text, source=str(out))  # it loads
+    try:
+        out.write_text(text, encoding="utf-8")
+        if report is not None:
+            report.write_text(page(device, read_ones, found, scored), encoding="utf-8")
+    except OSError as error:
+        raise TactemuError(f"{error.filename}: cannot be written: {error.strerror}") from None
+    for estimate in found.estimates.values():
+        say(f"  {estimate}")
+    for title, lines in (("noticed", found.notes), ("not told", found.unknown)):
+        for line in lines:
+            say(f"  {title}: {line}")
+    for score in scored:
+        others = f"a linear map {score.linear:.3g} N, repeating {score.repeated:.3g} N"
+        say(f"  {score.name} predicted: rms {score.ours:.3g} N; {others}")
+    say(f"{out}" + (f", {report}" if report else ""))
+    return found

@@ -1,0 +1,322 @@
+"""What each column of the driver's rows holds: a channel of the device, in which unit; a flag, a counter, a clock.
+
+It is learned from a run without faults (:mod:`tactemu.judge.learning`), shown, and kept in a file that may be edited.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from firmware_protocols import Device
+from tactemu.errors import TactemuError
+from tactemu.judge.excitation import columns_of
+
+ROLES = ("value", "flag", "counter", "time", "other")
+
+
+def _int16(x: np.ndarray) -> np.ndarray:
+    return np.rint(x).astype(np.int64).astype(np.int16)
+
+
+TRANSFORMS = {
+    "line": lambda x: x,
+    "int16 with its bytes swapped": lambda x: _int16(x).byteswap().astype(float),
+    "uint16 with its bytes swapped": lambda x: _int16(x).view(np.uint16).byteswap().astype(float),
+    "int16 read as unsigned": lambda x: _int16(x).view(np.uint16).astype(float),
+    "int8 read as unsigned": lambda x: np.rint(x).astype(np.int64).astype(np.uint8).astype(float),
+    "absolute value": np.abs,
+}
+"""How a count becomes what the driver's line starts from. All but the first are mistakes, or might be."""
+MISTAKES = {name for name in TRANSFORMS if "swapped" in name or "unsigned" in name}
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One number of what a perfect driver decodes."""
+
+    name: str
+    """``skin.taxel.column``, as far as there are several."""
+    axis: str = ""
+    unit: str = ""
+    counts_per_unit: float | None = None
+
+
+@dataclass
+class Column:
+    """One number of the driver's rows."""
+
+    name: str
+    role: str = "other"
+    channel: int = -1
+    """Of :attr:`Columns.channels`; of a mix the one that weighs most."""
+    how: str = "line"
+    """A key of :data:`TRANSFORMS`, ``mix``, ``curve`` or ``filter``."""
+    gain: float = 1.0
+    offset: float = 0.0
+    tolerance: float = 0.0
+    """In units of the column."""
+    constant: float = 0.0
+    """Of a flag."""
+    weights: dict[str, float] = field(default_factory=dict)
+    """Of a mix, by number of the channel."""
+    table: list[list[float]] = field(default_factory=list)
+    """Of a curve: counts, and values."""
+    share: float = 0.0
+    """Of the clean rows that it is true of."""
+    also: list[int] = field(default_factory=list)
+    """Channels that it could hold just as well."""
+
+    def of(self, counts: np.ndarray) -> np.ndarray:
+        """What the column should read for samples, shape ``(n_samples, n_channels)``."""
+        if self.how == "mix":
+            at = np.array([int(k) for k in self.weights])
+            return counts[:, at] @ np.array(list(self.weights.values())) + self.offset
+        x = counts[:, self.channel]
+        if self.how == "curve":
+            known, values = np.array(self.table).T
+            return np.interp(x, known, values)
+        transform = TRANSFORMS.get(self.how, TRANSFORMS["line"])
+        return self.gain * transform(x) + self.offset
+
+
+@dataclass
+class Columns:
+    """All columns of a driver's rows."""
+
+    columns: list[Column] = field(default_factory=list)
+    channels: list[Channel] = field(default_factory=list)
+    steps: bool = False
+    """The driver filters: values are held, and rows between them are on their way."""
+
+    def __post_init__(self):
+        self.values = [column for column in self.columns if column.role == "value"]
+        self.flags = [column for column in self.columns if column.role == "flag"]
+        self.names = [column.name for column in self.values]
+
+    def expected(self, counts: np.ndarray) -> np.ndarray:
+        """What the value columns should read, shape ``(n_samples, n_values)``."""
+        if not len(counts) or not self.values:
+            return np.zeros((len(counts), len(self.values)))
+        if any(column.channel >= counts.shape[1] for column in self.values):
+            raise TactemuError("the columns were learned from another device: one of its channels is not there")
+        return np.stack([column.of(counts) for column in self.values], axis=1)
+
+    @property
+    def tolerances(self) -> np.ndarray:
+        """Of the value columns."""
+        return np.array([column.tolerance for column in self.values])
+
+    def row(self, row: Mapping[str, float]) -> np.ndarray | None:
+        """The values of a row; ``None`` where it lacks some."""
+        try:
+            return np.array([row[name] for name in self.names])
+        except KeyError:
+            return None
+
+    def marked(self, row: Mapping[str, float]) -> bool:
+        """Whether the driver says of this row that something is wrong: a flag that never moved has."""
+        return any(row.get(flag.name, flag.constant) != flag.constant for flag in self.flags)
+
+    # -- for people ----------------------------------------------------------------------------------------------------
+
+    def describe(self) -> list[tuple[str, str]]:
+        """Of each column what it holds, in words; runs of columns that hold runs of channels are one entry."""
+        lines: list[tuple[str, str]] = []
+        for run in _runs(self.values):
+            first, last = run[0], run[-1]
+            name = first.name if len(run) == 1 else f"{first.name} … {last.name}"
+            channels = self._name(first) if len(run) == 1 else f"{self._name(first)} … {self._name(last)}"
+            others = [self.channels[k].name for k in first.also if k != first.channel and k < len(self.channels)]
+            either = f", or {', '.join(others[:6])}, which are the same" if others else ""
+            lines.append((name, f"{channels}{either}, {self._how(first)}"))
+        for column in self.columns:
+            if column.role == "flag":
+                lines.append((column.name, f"a flag: always {column.constant:g}"))
+            elif column.role != "value":
+                about = {"counter": "a counter", "time": "a clock"}.get(column.role, "cannot be told")
+                if column.also:
+                    about = "could be any of " + ", ".join(self.channels[k].name for k in column.also[:6])
+                lines.append((column.name, about))
+        return lines
+
+    def _name(self, column: Column) -> str:
+        return (
+            self.channels[column.channel].name if column.channel < len(self.channels) else f"channel {column.channel}"
+        )
+
+    def _how(self, column: Column) -> str:
+        if column.how == "mix":
+            return f"a sum of {len(column.weights)} channels"
+        if column.how == "curve":
+            return "by a curve that rises or falls"
+        words = column.how + ", " if column.how in MISTAKES or column.how == "absolute value" else ""
+        return f"{words}{self._scale(column)}{', filtered' if self.steps else ''}"
+
+    def _scale(self, column: Column) -> str:
+        channel = self.channels[column.channel] if column.channel < len(self.channels) else Channel("")
+        plus = f" {column.offset:+.6g}" if abs(column.offset) > column.tolerance else ""
+        if abs(column.gain - 1) < 1e-6:
+            return f"in counts{plus}"
+        if channel.counts_per_unit and abs(column.gain * channel.counts_per_unit - 1) < 1e-3:
+            return f"in {channel.unit}{plus}"
+        return f"{column.gain:.6g} per count{plus}"
+
+    # -- as data -------------------------------------------------------------------------------------------------------
+
+    def as_dict(self) -> dict[str, Any]:
+        """As plain data."""
+        columns = [{k: v for k, v in asdict(c).items() if v != _DEFAULTS[k]} for c in self.columns]
+        return {"steps": self.steps, "columns": columns, "channels": [asdict(channel) for channel in self.channels]}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Columns:
+        """From plain data.
+
+        Raises:
+            TypeError, KeyError: it is none.
+        """
+        columns = [Column(**each) for each in data["columns"]]
+        return cls(columns, [Channel(**each) for each in data.get("channels", ())], bool(data.get("steps")))
+
+    def save(self, path: Path) -> None:
+        """Write it as TOML, one table a column.
+
+        Raises:
+            TactemuError: it cannot be written.
+        """
+        lines = [
+            "# What the columns of the driver's rows hold. `role` is value, flag, counter, time or other;",
+            "# a value is  gain * counts of the channel + offset  within the tolerance.",
+            f"steps = {json.dumps(self.steps)}",
+        ]
+        for each in self.as_dict()["columns"]:
+            lines += ["", "[[columns]]"]
+            if each.get("role") == "value":
+                lines.append(f"# {self.channels[each['channel']].name}")
+            lines += [f"{key} = {_toml(value)}" for key, value in each.items()]
+        try:
+            path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise TactemuError(f"{path}: cannot write the columns: {error.strerror}") from None
+
+    @classmethod
+    def load(cls, path: Path, channels: Sequence[Channel]) -> Columns:
+        """The columns in a file.
+
+        Raises:
+            TactemuError: it cannot be read, or says what is not so.
+        """
+        try:
+            found = cls.from_dict({**tomllib.loads(path.read_text(encoding="utf-8")), "channels": ()})
+        except OSError as error:
+            raise TactemuError(f"{path}: cannot read the columns: {error.strerror}") from None
+        except (ValueError, TypeError, KeyError) as error:
+            raise TactemuError(f"{path}: not a file of columns: {error}") from None
+        found.channels = list(channels)
+        for column in found.columns:
+            if column.role not in ROLES:
+                raise TactemuError(f"{path}: column {column.name!r}: role: expected {', '.join(ROLES)}")
+            if column.role == "value" and not 0 <= column.channel < len(channels):
+                raise TactemuError(f"{path}: column {column.name!r}: channel: expected 0 to {len(channels) - 1}")
+        return found
+
+
+_DEFAULTS = {**asdict(Column("")), "name": None}
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{json.dumps(key)} = {_toml(each)}" for key, each in value.items()) + " }"
+    if isinstance(value, float) and not np.isfinite(value):
+        return str(value)
+    return json.dumps(value)
+
+
+def _runs(values: Sequence[Column]) -> list[list[Column]]:
+    """Columns that follow one another and hold channels that do."""
+    runs: list[list[Column]] = []
+    for column in values:
+        last = runs[-1][-1] if runs else None
+        alone = last is None or column.also or last.also or len(values) <= 12
+        follows = last is not None and column.how == last.how == "line" and column.channel == last.channel + 1
+        if last is not None and not alone and follows and np.isclose(column.gain, last.gain, rtol=1e-3):
+            runs[-1].append(column)
+        else:
+            runs.append([column])
+    return runs
+
+
+def channels_of(devices: Mapping[str, Device], shapes: Sequence[tuple[str, str, tuple[int, ...]]]) -> list[Channel]:
+    """Names of the channels of a sample.
+
+    Args:
+        devices: by skin.
+        shapes: skin, sense and shape of the counts, in the order of the sample.
+    """
+    found = []
+    several = len({skin for skin, _, _ in shapes}) > 1
+    for skin, sense, shape in shapes:
+        device = devices[skin]
+        columns = columns_of(device, sense, shape) if shape else [None]
+        points = int(np.prod(shape)) // max(1, len(columns))
+        for k in range(points):
+            place = _taxel(device, k) if points > 1 and points == len(device.layout) else f"{k}" if points > 1 else ""
+            for j, column in enumerate(columns):
+                own = column.name if column else f"{j}" if len(columns) > 1 else ""
+                if column is None and sense:
+                    own = f"{sense}.{own}".rstrip(".")
+                name = ".".join(part for part in (skin if several else "", place, own) if part)
+                axis, unit = (column.axis, column.unit) if column else ("", "")
+                found.append(Channel(name or "value", axis, unit, column.counts_per_unit if column else None))
+    return found
+
+
+def _taxel(device: Device, k: int) -> str:
+    for patch in device.layout.patches:
+        if patch.start <= k < patch.start + len(patch):
+            at = k - patch.start
+            if patch.rows:
+                return f"{patch.name}[{at // patch.cols},{at % patch.cols}]"
+            return f"{patch.name}[{at}]" if len(patch) > 1 else patch.name
+    return f"taxel {k}"
+
+
+_AXIS = re.compile(r"(?:^|[^a-z])(?:[abdfghmpt]|force|torque|field|mag)?([xyz])(?=[_\d.\]]*$)")
+
+
+def axis_in(name: str) -> str:
+    """The axis that a column's name says it holds: ``fx``, ``force.y``, ``Bz3``; "" for none."""
+    match = _AXIS.search(name.lower())
+    return match[1] if match else ""
+
+
+def misnamed(columns: Columns) -> list[str]:
+    """Columns that are named after an axis and hold another, in words."""
+    said = []
+    for column in columns.values:
+        axis = columns.channels[column.channel].axis if column.channel < len(columns.channels) else ""
+        named = axis_in(column.name)
+        if axis and named and axis != named and column.how != "mix":
+            said.append(f"column {column.name!r} holds the {axis} axis")
+    return said
+
+
+def misscaled(columns: Columns) -> list[str]:
+    """Columns in nearly the unit that the device declares, but not quite, in words."""
+    said = []
+    for column in columns.values:
+        channel = columns.channels[column.channel] if column.channel < len(columns.channels) else Channel("")
+        if not channel.counts_per_unit or column.how not in ("line", *MISTAKES) or not channel.unit:
+            continue
+        ratio = column.gain * channel.counts_per_unit
+        if abs(channel.counts_per_unit - 1) > 0.01 and 0.5 < abs(ratio) < 2 and abs(abs(ratio) - 1) > 0.005:
+            said.append(f"column {column.name!r} reads {ratio:.4g} {channel.unit} for 1 {channel.unit}")
+    return said

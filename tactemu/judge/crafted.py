@@ -1,0 +1,93 @@
+"""Answers that a device would not give to this question, whole and with the right sum: Modbus, over a line or TCP.
+
+They are made from answers that were seen, so that a driver has no reason to refuse them but the one that is meant: on a
+line other bytes take the answer's place, over TCP, which has no sum, its bits are turned, so that the transaction fits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from firmware_protocols.sums import crc16_modbus
+
+SLAVE_FAILURE = 0x04
+"""Exception code of Modbus: the server failed."""
+OTHER = 0x15
+"""What the bits of a wrong answer's values are turned by, so that they are no reading."""
+
+
+class Lie(NamedTuple):
+    """A wrong answer."""
+
+    name: str
+    why: str
+    faults: Callable[[int], list[str]]
+    """The faults that make it of the frame with this number."""
+
+
+def lies(frames: Sequence[str], wire: str) -> list[Lie]:
+    """Wrong answers, if the frames are answers of Modbus to a reading of registers."""
+    data = [bytes.fromhex(frame) for frame in frames if "#" not in frame]
+    rtu = [frame for frame in data if _is_rtu(frame)]
+    tcp = [frame for frame in data if _is_tcp(frame)]
+    if wire == "serial" and rtu:
+        return _all(rtu[-1][:-2], 0, lambda old, new, n: [f"replace frame {n} hex={_rtu(new).hex()}"])
+    if wire == "tcp" and tcp:
+        other = Lie(
+            "another transaction",
+            "the answer to another question",
+            lambda n: [f"flip frame {n} byte 1 bit 0", *_flips(n, tcp[-1][9:11], _turned(tcp[-1][9:11]), 9)],
+        )
+        return [*_all(tcp[-1], 6, _by_flips), other]
+    return []
+
+
+def _is_rtu(frame: bytes) -> bool:
+    return len(frame) > 6 and frame[1] in (3, 4) and frame[2] == len(frame) - 5 and frame == _rtu(frame[:-2])
+
+
+def _is_tcp(frame: bytes) -> bool:
+    return (
+        len(frame) > 10 and frame[2:4] == b"\0\0" and int.from_bytes(frame[4:6], "big") == len(frame) - 6
+        and frame[7] in (3, 4) and frame[8] == len(frame) - 9
+    )  # fmt: skip
+
+
+def _rtu(data: bytes) -> bytes:
+    return data + crc16_modbus(data).to_bytes(2, "little")
+
+
+def _turned(data: bytes) -> bytes:
+    return bytes(byte ^ OTHER for byte in data)
+
+
+def _by_flips(old: bytes, new: bytes, n: int) -> list[str]:
+    """Turn the bits of a Modbus TCP answer that differ, its length among them, and cut the rest off."""
+    new = new[:4] + (len(new) - 6).to_bytes(2, "big") + new[6:]
+    cut = [f"truncate frame {n} to {len(new)}"] if len(new) < len(old) else []
+    return [*_flips(n, old[4:], new[4:], 4), *cut]
+
+
+def _flips(n: int, old: bytes, new: bytes, start: int) -> list[str]:
+    return [
+        f"flip frame {n} byte {start + k} bit {bit}"
+        for k, (a, b) in enumerate(zip(old, new))
+        for bit in range(8)
+        if (a ^ b) >> bit & 1
+    ]
+
+
+def _all(data: bytes, unit: int, faults: Callable[[bytes, bytes, int], list[str]]) -> list[Lie]:
+    """``data`` is an answer without its sum, ``unit`` the place of the unit's number; function and count follow it."""
+    head, body = data[: unit + 3], data[unit + 3 :]
+    turned = _turned(body[:2]) + body[2:]
+    other = head[:unit] + bytes([head[unit] ^ 1]) + head[unit + 1 :] + turned
+    exception = data[: unit + 1] + bytes([data[unit + 1] | 0x80, SLAVE_FAILURE])
+    half = max(2, len(body) // 4 * 2)
+    short = data[: unit + 2] + bytes([half]) + body[:half]
+    return [
+        Lie("exception", "the device says that it failed", lambda n: faults(data, exception, n)),
+        Lie("another unit", "an answer of another unit on the line", lambda n: faults(data, other, n)),
+        Lie("short answer", "fewer registers than were asked for, and well formed", lambda n: faults(data, short, n)),
+    ]

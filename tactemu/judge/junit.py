@@ -1,0 +1,36 @@
+"""A report as JUnit XML, as CI systems read it: a test case for each trial."""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree
+
+from tactemu.judge import smallest
+from tactemu.judge.report import Report
+
+
+def junit(report: Report) -> str:
+    """The report."""
+    skipped = sum(bool(outcome.skipped) for outcome in report.outcomes)
+    suite = ElementTree.Element(
+        "testsuite", name=f"tactemu judge {report.device}", tests=str(len(report.outcomes)),
+        failures=str(len(report.failed)), skipped=str(skipped), time=f"{report.seconds:.3f}",
+    )  # fmt: skip
+    for outcome in report.outcomes:
+        case = ElementTree.SubElement(
+            suite, "testcase", classname=f"tactemu.judge.{report.device}", name=outcome.name,
+            time=f"{outcome.seconds:.3f}",
+        )  # fmt: skip
+        if outcome.skipped:
+            ElementTree.SubElement(case, "skipped", message=_legal(outcome.skipped))
+        elif kinds := report.failures(outcome):
+            failure = ElementTree.SubElement(case, "failure", type=kinds[0], message=_legal(outcome.verdict))
+            failure.text = _legal(smallest.in_words(outcome.case) if outcome.case else outcome.verdict)
+        else:
+            ElementTree.SubElement(case, "system-out").text = _legal(outcome.verdict)
+    ElementTree.indent(suite)
+    return ElementTree.tostring(suite, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _legal(text: str) -> str:
+    """Without what XML cannot hold."""
+    return "".join(letter if letter >= " " or letter in "\n\t" else "?" for letter in text)

@@ -1,0 +1,310 @@
+"""Learning the columns of a driver's rows from a run without faults.
+
+First when: each row is set beside the sample that the last frame before it carried, then beside those before that,
+and the delay is where ranks agree most; where it wanders, a stretch is looked for in which rows follow one another as
+samples do. Then what, by attempts from simple to strange: a line of one channel; a line after a known mistake (bytes
+swapped, sign lost); a curve that rises or falls; a mix of channels; nothing. Nothing is guessed: a column that fits
+several channels, or none, is said to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tactemu.judge.columns import TRANSFORMS, Channel, Column, Columns
+from tactemu.judge.tape import Frame, Said, Sample
+
+LEAST_ROWS = 20
+_LAGS = 60
+_SURE = 0.97
+"""A relation holds for so many of the rows, or another is tried."""
+ALIKE = 0.97
+"""Channels that are nearly as like a column as the likest are tried, too."""
+_SOME = 0.6
+"""A column of which less is explained holds something else."""
+_MIX = 24
+"""Channels that a mix may consist of."""
+
+
+class Unlearnable(Exception):
+    """There is nothing to learn from; says why."""
+
+
+def learn(
+    rows: Sequence[Said], samples: Sequence[Sample], frames: Sequence[Frame], channels: Sequence[Channel], seed: int = 0
+) -> Columns:
+    """The columns.
+
+    Raises:
+        Unlearnable: there are too few rows.
+    """
+    names = _usual_names(rows)
+    good = [said for said in rows if tuple(said.row) == names]
+    if len(good) < LEAST_ROWS:
+        raise Unlearnable(f"{len(good)} rows of numbers: at least {LEAST_ROWS} are needed")
+    fitting = _Fitting(good, names, samples, frames, channels, seed)
+    return fitting.columns()
+
+
+def _usual_names(rows: Sequence[Said]) -> tuple[str, ...]:
+    counts: dict[tuple[str, ...], int] = {}
+    for said in rows:
+        counts[tuple(said.row)] = counts.get(tuple(said.row), 0) + 1
+    return max(counts, key=lambda names: counts[names], default=())
+
+
+class _Fitting:
+    def __init__(
+        self,
+        rows: Sequence[Said],
+        names: tuple[str, ...],
+        samples: Sequence[Sample],
+        frames: Sequence[Frame],
+        channels: Sequence[Channel],
+        seed: int,
+    ):
+        width = max((len(sample.counts) for sample in samples), default=0)
+        samples = [sample for sample in samples if len(sample.counts) == width]
+        self.names, self.channels = names, channels
+        self.random = np.random.default_rng(seed)
+        self.t = np.array([said.t for said in rows])
+        self.y = np.array([[said.row[name] for name in names] for said in rows])
+        self.x = np.array([sample.counts for sample in samples]).reshape(len(samples), width)
+        self.columns_ = [_role(name, self.y[:, k]) for k, name in enumerate(names)]
+        self.open = [k for k, column in enumerate(self.columns_) if column.role == "other"]
+        self.live = np.flatnonzero(np.ptp(self.x, axis=0) > 0) if len(self.x) else np.zeros(0, int)
+        self.newest = self._newest(samples, frames)
+        self.ranked = _ranks(self.x[:, self.live]) if len(self.live) else np.zeros((0, 0))
+
+    def _newest(self, samples: Sequence[Sample], frames: Sequence[Frame]) -> np.ndarray:
+        """Of each row the sample that the last frame before it carried; without frames, the last that was taken."""
+        at = {sample.number: k for k, sample in enumerate(samples)}
+        carried = [(f.t, at[f.sample]) for f in frames if f.way == "tx" and f.sample in at]
+        carried = carried or [(sample.t, k) for k, sample in enumerate(samples)]
+        if not carried:
+            return np.full(len(self.t), -1)
+        times, index = np.array(carried).T
+        last = np.searchsorted(times, self.t, side="right") - 1
+        return np.where(last >= 0, index[np.maximum(last, 0)], -1)
+
+    def columns(self) -> Columns:
+        """What was learned."""
+        if self.open and len(self.live):
+            index = self._aligned()
+            for _ in range(2):  # once more with the rows where they belong
+                for k in self.open:
+                    self.columns_[k] = self._fit(k, index)
+                found = Columns(self.columns_, list(self.channels))
+                if not found.values:
+                    break
+                index = self._matched(found, index)
+            self._mixes(index)
+        return Columns(self.columns_, list(self.channels))
+
+    # -- when ----------------------------------------------------------------------------------------------------------
+
+    def _aligned(self) -> np.ndarray:
+        """Of each row the number of its sample, as far as the delay is always the same; -1: before the first."""
+        ry = _ranks(self.y[:, self.open[:16]])
+        scores = []
+        for lag in range(min(_LAGS, max(1, len(self.x) // 3))):
+            index = self.newest - lag
+            ok = index >= 0
+            like = np.abs(ry[ok].T @ self.ranked[index[ok]]) / max(1, ok.sum()) if ok.sum() >= LEAST_ROWS else 0.0
+            scores.append(float(np.sum(np.max(like, axis=1))) if np.ndim(like) else 0.0)
+        lag = int(np.argmax(scores))
+        if scores[lag] < 0.5 * ry.shape[1] and (wandering := self._by_sequence()) is not None:
+            return wandering
+        return self.newest - lag
+
+    def _by_sequence(self, width: int = 9) -> np.ndarray | None:
+        """Where the delay wanders: somewhere nine rows in a row are nine samples in a row; from there on by value."""
+        for i in range(5, len(self.y) - width, max(1, len(self.y) // 16)):
+            low, high = max(0, self.newest[i] - 600), self.newest[i] + 1
+            if high - low < 2:
+                continue
+            for k in self.open[:4]:
+                y = self.y[i : i + width, k] - self.y[i : i + width, k].mean()
+                if not y.any():
+                    continue
+                for c in self.live[:64]:
+                    windows = np.lib.stride_tricks.sliding_window_view(self.x[low : high + width, c], width)
+                    centred = windows - windows.mean(axis=1, keepdims=True)
+                    like = centred @ y / np.maximum(np.linalg.norm(centred, axis=1) * np.linalg.norm(y), 1e-12)
+                    at = int(np.argmax(np.abs(like)))
+                    if abs(like[at]) > 0.9999:
+                        gain, offset, tolerance, share = line(windows[at], self.y[i : i + width, k], self.random)
+                        if share > 0.8:
+                            return self._followed(k, int(c), gain, offset, tolerance)
+        return None
+
+    def _followed(self, k: int, c: int, gain: float, offset: float, tolerance: float) -> np.ndarray:
+        """The sample of each row by one column: of those that fit, the nearest to the one after the last."""
+        index, last = np.full(len(self.y), -1), None
+        for i, newest in enumerate(self.newest):
+            low = max(0, newest - 2000)
+            fits = low + np.flatnonzero(np.abs(gain * self.x[low : newest + 1, c] + offset - self.y[i, k]) <= tolerance)
+            if len(fits):
+                index[i] = fits[np.abs(fits - (newest if last is None else last + 1)).argmin()]
+                last = index[i]
+        return index
+
+    def _matched(self, columns: Columns, index: np.ndarray) -> np.ndarray:
+        """Each row at the sample that most of its columns name, among the last of what had left by then."""
+        expected, tolerance = columns.expected(self.x), columns.tolerances
+        names = {name: k for k, name in enumerate(self.names)}
+        y = self.y[:, [names[name] for name in columns.names]]
+        found = index.copy()
+        for i, newest in enumerate(self.newest):
+            low = max(0, newest - 600)
+            near = (np.abs(expected[low : newest + 1] - y[i]) <= tolerance).sum(axis=1)
+            if len(near) and near.max() > 0.5 * y.shape[1]:
+                best = np.flatnonzero(near == near.max()) + low
+                found[i] = best[np.abs(best - index[i]).argmin()]
+        return found
+
+    # -- what ----------------------------------------------------------------------------------------------------------
+
+    def _fit(self, k: int, index: np.ndarray) -> Column:
+        ok = index >= 0
+        x, y = self.x[index[ok]], self.y[ok, k]
+        best = Column(self.names[k])
+        like = np.abs(_ranks(y[:, None])[:, 0] @ self.ranked[index[ok]]) / max(1, len(y))
+        for how, transform in TRANSFORMS.items():
+            if how == "line":
+                first = np.argsort(-like)[:3]
+                likely = self.live[first[like[first] > ALIKE * like[first[0]]]]
+            else:
+                integer = self.live[:256] if np.array_equal(x[:, self.live[:8]], np.rint(x[:, self.live[:8]])) else []
+                turned = _ranks(transform(x[:, integer])) if len(integer) else np.zeros((len(y), 0))
+                same = np.abs(_ranks(y[:, None])[:, 0] @ turned) / max(1, len(y))
+                likely = np.array(integer)[np.argsort(-same)[:2]] if len(integer) else []
+            fits = [(c, line(transform(x[:, c]), y, self.random)) for c in likely]
+            for c, (gain, offset, tolerance, share) in fits:
+                if share > best.share + 0.02:
+                    best = Column(self.names[k], "value", int(c), how, gain, offset, tolerance, share=share)
+            if best.share > _SURE:
+                best.also = [int(c) for c, fit in fits if fit[3] > _SURE and c != best.channel]
+                break
+        if best.share < _SURE:
+            best = self._curve(k, x, y, int(self.live[np.argmax(like)])) or best
+        if best.share < _SOME:
+            return Column(self.names[k])
+        if best.also:  # two channels are the same: nobody can tell which it is
+            best.also = [best.channel, *best.also]
+        return best
+
+    def _curve(self, k: int, x: np.ndarray, y: np.ndarray, c: int) -> Column | None:
+        """A table of the channel, if the column rises or falls with it."""
+        counts, values = x[:, c], y
+        order = np.argsort(counts, kind="stable")
+        steps = np.diff(values[order])
+        rising = (steps >= 0).mean()
+        if max(rising, (steps <= 0).mean()) < _SURE or np.ptp(counts) == 0:
+            return None
+        known, first = np.unique(counts[order], return_inverse=True)
+        table = np.array([np.median(values[order][first == n]) for n in range(len(known))])
+        if len(known) > 256:
+            chosen = np.linspace(0, len(known) - 1, 256).round().astype(int)
+            known, table = known[chosen], table[chosen]
+        off = np.abs(np.interp(counts, known, table) - values)
+        tolerance = max(3 * float(np.quantile(off, 0.99)), 0.01 * float(np.ptp(values)))
+        share = float((off <= tolerance).mean())
+        return Column(
+            self.names[k], "value", c, "curve", tolerance=tolerance, share=share,
+            table=[[float(a), float(b)] for a, b in zip(known, table)],
+        )  # fmt: skip
+
+    def _mixes(self, index: np.ndarray) -> None:
+        """Columns of which nothing else is known may be sums: by least squares, over few channels only."""
+        ok = index >= 0
+        if len(self.live) * 2 + LEAST_ROWS > ok.sum():
+            return
+        x = np.column_stack([self.x[index[ok]][:, self.live], np.ones(ok.sum())])
+        for k in self.open:
+            if self.columns_[k].role == "value":
+                continue
+            y = self.y[ok, k]
+            weights = np.linalg.lstsq(x, y, rcond=None)[0]
+            off = np.abs(x @ weights - y)
+            tolerance = max(3 * float(np.quantile(off, 0.99)), 1e-6 * float(np.ptp(y)))
+            spread = float(np.ptp(y))
+            heavy = np.flatnonzero(np.abs(weights[:-1]) * np.ptp(x[:, :-1], axis=0) > 1e-3 * spread)
+            if tolerance > 0.02 * spread or not 0 < len(heavy) <= _MIX:
+                continue
+            self.columns_[k] = Column(
+                self.names[k], "value", int(self.live[heavy[np.argmax(np.abs(weights[heavy]))]]), "mix",
+                offset=float(weights[-1]), tolerance=tolerance, share=1.0,
+                weights={str(int(self.live[c])): float(weights[c]) for c in heavy},
+            )  # fmt: skip
+
+
+def line(
+    x: np.ndarray, y: np.ndarray, random: np.random.Generator, tries: int = 60
+) -> tuple[float, float, float, float]:
+    """Gain, offset, tolerance and share of the rows for the line that most rows are on.
+
+    Counts that are whole numbers are told apart: the tolerance is less than half a count, unless the driver prints
+    fewer digits than that.
+    """
+    spread = float(np.ptp(y)) if len(y) else 0.0
+    if not spread or not np.isfinite(spread) or not np.ptp(x):
+        return 0.0, 0.0, 0.0, 0.0
+    count = 1.0 if np.array_equal(x, np.rint(x)) else 0.0
+    printed = _resolution(y)
+    i, k = random.integers(len(x), size=(2, tries))
+    apart = np.abs(x[i] - x[k]) > 0.1 * np.ptp(x)
+    i, k = i[apart], k[apart]
+    if not len(i):
+        return 0.0, 0.0, 0.0, 0.0
+    gains = (y[i] - y[k]) / (x[i] - x[k])
+    near = np.maximum(1e-5 * spread, 1.05 * np.abs(gains) * count + 1.1 * printed)
+    inside = np.abs(y - y[i, None] - gains[:, None] * (x - x[i, None])) <= near[:, None]
+    best = int(np.argmax(inside.sum(axis=1)))
+    if inside[best].mean() < 0.2 or not gains[best]:
+        return 0.0, 0.0, 0.0, 0.0
+    gain, offset = np.polyfit(x[inside[best]], y[inside[best]], 1)
+    off = np.abs(y - gain * x - offset)
+    rest = off[inside[best]]
+    least = max(1e-6 * spread, 1e-12)
+    if printed > 1.5 * abs(gain) * count:  # the driver rounds more coarsely than the device
+        tolerance = max(0.55 * printed, least)
+    elif count:
+        tolerance = max(0.45 * abs(gain), least)
+    else:
+        tolerance = max(3 * float(np.quantile(rest, 0.99)), 0.55 * printed, least)
+    return float(gain), float(offset), float(tolerance), float((off <= tolerance).mean())
+
+
+def _resolution(y: np.ndarray) -> float:
+    """The step to which a column is rounded; 0 where it is not."""
+    values = np.unique(y)
+    gaps = np.diff(values)
+    gap = float(gaps[gaps > 1e-9 * np.ptp(y)].min(initial=np.inf))
+    if not np.isfinite(gap):
+        return 0.0
+    steps = (values - values[0]) / gap
+    return gap if np.allclose(steps, np.rint(steps), atol=1e-3) and steps[-1] < 1e7 else 0.0
+
+
+def _ranks(values: np.ndarray) -> np.ndarray:
+    """Ranks along the first axis, of mean 0 and deviation 1."""
+    ranks = values.argsort(axis=0).argsort(axis=0).astype(float)
+    ranks -= ranks.mean(axis=0) if len(ranks) else 0.0
+    return ranks / np.maximum(ranks.std(axis=0), 1e-12) if len(ranks) else ranks
+
+
+def _role(name: str, y: np.ndarray) -> Column:
+    """What a column is by itself: a flag never moves, a counter and a clock rise."""
+    if not np.isfinite(y).all():
+        return Column(name, "other")
+    if np.ptp(y) == 0:
+        return Column(name, "flag", constant=float(y[0]))
+    steps = np.diff(y)
+    rising, climbs = (steps >= 0).mean() > 0.97, (steps > 0).mean() > 0.3
+    if rising and climbs:
+        whole = bool(np.array_equal(y, np.rint(y))) and float(np.median(steps[steps > 0])) < 1000
+        return Column(name, "counter" if whole else "time")
+    return Column(name, "other")

@@ -1,0 +1,100 @@
+"""Which sample a row is: the one of the last seconds with whose counts all its columns agree."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactemu.judge.columns import Columns
+from tactemu.judge.tape import Said, Sample
+
+WINDOW_S = 8.0
+"""A row is no older sample than this."""
+AHEAD_NS = 2_000_000
+"""By how much the times of a sample and of a row may contradict each other."""
+
+
+@dataclass(frozen=True)
+class Match:
+    """What a row turned out to be."""
+
+    said: Said
+    sample: int | None
+    """Index of its sample; ``None``: it is none."""
+    marked: bool = False
+    """The driver says that something is wrong with it."""
+    odd: tuple[str, ...] = ()
+    """Columns that differ from the sample which the others name."""
+    nearest: int | None = None
+    """That sample."""
+
+
+class Matcher:
+    """Finds the sample of each row among those taken so far; more may be added."""
+
+    def __init__(self, columns: Columns):
+        self.columns = columns
+        self._tolerance = columns.tolerances
+        self._expected = np.zeros((0, len(columns.values)))
+        self._times = np.zeros(0, np.int64)
+        self._filled = 0
+        # The columns with the finest steps exclude most samples: they are looked at first.
+        gains = [abs(column.gain) or 1.0 for column in columns.values]
+        self._first = np.argsort([column.tolerance / gain for column, gain in zip(columns.values, gains)])[:3]
+
+    def add(self, samples: list[Sample]) -> None:
+        """Samples after those that were added."""
+        if not samples:
+            return
+        new = self.columns.expected(np.array([sample.counts for sample in samples]))
+        times = np.array([sample.t for sample in samples], np.int64)
+        need = self._filled + len(new)
+        if need > len(self._times):
+            room = max(need, 2 * len(self._times), 256)
+            self._expected = np.resize(self._expected, (room, self._expected.shape[1]))
+            self._times = np.resize(self._times, room)
+        self._expected[self._filled : need], self._times[self._filled : need] = new, times
+        self._filled = need
+
+    @property
+    def count(self) -> int:
+        """How many samples were added."""
+        return self._filled
+
+    def match(self, said: Said) -> Match | None:
+        """What a row is; ``None`` where it lacks columns: it is no reading."""
+        y = self.columns.row(said.row)
+        if y is None:
+            return None
+        marked = self.columns.marked(said.row)
+        times = self._times[: self._filled]
+        low, high = np.searchsorted(times, (said.t - round(WINDOW_S * 1e9), said.t + AHEAD_NS))
+        if high <= low:
+            return Match(said, None, marked)
+        expected = self._expected[low:high]
+        first = self._first
+        likely = (np.abs(expected[:, first] - y[first]) <= self._tolerance[first]).all(axis=1)
+        for at in np.flatnonzero(likely)[::-1]:
+            if (np.abs(expected[at] - y) <= self._tolerance).all():
+                return Match(said, int(low + at), marked)
+        near = np.abs(expected - y) <= self._tolerance
+        score = near.sum(axis=1)
+        best = len(score) - 1 - int(score[::-1].argmax())
+        names = self.columns.names
+        if not score[best]:
+            return Match(said, None, marked, tuple(names))
+        odd = tuple(name for name, ok in zip(names, near[best]) if not ok)
+        return Match(said, None, marked, odd, int(low + best))
+
+    def between(self, said: Said, back: int) -> bool:
+        """Whether every column lies within what the last ``back`` samples before the row span: a filter on its way."""
+        y = self.columns.row(said.row)
+        if y is None or not self._filled:
+            return False
+        high = int(np.searchsorted(self._times[: self._filled], said.t + AHEAD_NS))
+        window = self._expected[max(0, high - back) : high]
+        if not len(window):
+            return False
+        slack = self._tolerance + 1e-9
+        return bool(((y >= window.min(axis=0) - slack) & (y <= window.max(axis=0) + slack)).all())

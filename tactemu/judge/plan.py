@@ -1,0 +1,320 @@
+"""What a driver is put through: exact faults and what befalls the device, each with its reason, inside a budget."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from tactemu.judge import crafted
+
+GAP = 4
+"""Readings from edit to edit, so that what one costs is told from what the next does."""
+EDGE_FIRST, EDGE_LAST, VALUES = 10, 4, 16
+"""Positions that are always tried at a frame's head and end, and how many between, by seed."""
+HANG_S, UNPLUG_S, STOP_S = 1.2, 0.8, 0.5
+
+
+@dataclass
+class Trial:
+    """One thing that goes wrong, or several of a kind one after the other."""
+
+    name: str
+    why: str
+    faults: list[str] = field(default_factory=list)
+    """In the language of ``--fault``, frames counted from the beginning of the trial."""
+    action: str = ""
+    """What is done beside: ``hang``, ``unplug``, ``reset``, ``rate`` ..."""
+    seconds: float = 0.0
+    """How long the action lasts."""
+    rate_hz: float = 0.0
+    preset: str = ""
+    """The counter or clock that is about to be full."""
+    recovers: bool = True
+    """Whether the driver should be well again afterwards, in the same process."""
+    skipped: str = ""
+    """Why it is not tried."""
+    takes_s: float = 0.0
+    """About how long."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """As plain data, without what is not said."""
+        return {key: value for key, value in asdict(self).items() if value not in ("", 0.0, [])}
+
+
+@dataclass
+class Facts:
+    """What the plan depends on: the line, and what went over it in the run without faults."""
+
+    wire: str = "serial"
+    """Kind of the line: serial, can, tcp, udp, websocket, dds."""
+    usb: bool = False
+    asks: bool = False
+    talks: bool = False
+    """The driver sends while it reads."""
+    sets_rate: bool = False
+    frames: Sequence[str] = ()
+    """Those to the driver of the last readings, as text."""
+    requests: Sequence[str] = ()
+    """Likewise, from it."""
+    frames_per_row: int = 1
+    row_s: float = 0.01
+    period_s: float = 0.01
+    rollovers: Sequence[tuple[str, int]] = ()
+    """Counters and clocks that can be set: name, bits."""
+    replies: Sequence[str] = ()
+    """Answers of the device to other commands, as hex."""
+    identifiers: Sequence[int] = ()
+    """CAN identifiers in use."""
+    taxels: int = 1
+
+
+def positions(size: int, random: np.random.Generator, every: bool = False) -> list[int]:
+    """Positions in a frame: those of header, counters, status, length and sums, and some of the values between."""
+    if every or size <= EDGE_FIRST + EDGE_LAST + VALUES:
+        return list(range(size))
+    between = np.arange(EDGE_FIRST, size - EDGE_LAST)
+    chosen = {int(between[0]), int(between[-1])}
+    chosen |= set(random.choice(between, min(VALUES - 2, len(between)), replace=False).tolist())
+    return sorted({*range(EDGE_FIRST), *chosen, *range(size - EDGE_LAST, size)})
+
+
+def size_of(frame: str) -> int:
+    """Data bytes of a frame given as text."""
+    return len(frame.rpartition("#")[2].replace("R", "")) // 2
+
+
+class Plan:
+    """The trials for one device and driver."""
+
+    def __init__(self, facts: Facts, seed: int = 0, every: bool = False):
+        self.facts, self.every = facts, every
+        self.random = np.random.default_rng(seed)
+
+    def trials(self, budget_s: float | None = None) -> list[Trial]:
+        """All that make sense, in order; those that the budget has no room for say so, as those that make none do."""
+        found = [*self._frames(), *self._streams(), *self._answers(), *self._requests(), *self._bus()]
+        found += [*self._outages(), *self._device()]
+        left = budget_s
+        for trial in found:
+            trial.takes_s = trial.takes_s or self._estimate(trial)
+            if left is None or trial.skipped:
+                continue
+            if trial.takes_s > left:
+                trial.skipped = f"takes {trial.takes_s:.1f} s, {max(left, 0):.1f} s of the budget are left"
+            else:
+                left -= trial.takes_s
+        return found
+
+    def _estimate(self, trial: Trial) -> float:
+        """Seconds: the readings until the last edit, the action, ten readings to be well again, and the looking."""
+        numbers = [int(word.partition("-")[0]) for fault in trial.faults for word in _after(fault, "frame")]
+        frames = max(numbers, default=0) / max(1, self.facts.frames_per_row)
+        return frames * self.facts.row_s + trial.seconds + 12 * self.facts.row_s + 0.15
+
+    # -- edits ---------------------------------------------------------------------------------------------------------
+
+    def _hits(self, count: int, gap: int = GAP) -> list[int]:
+        """Numbers of the frames that are hit: another one of a reading's frames each time."""
+        per = max(1, self.facts.frames_per_row)
+        places = self.random.integers(per, size=count) if per > 1 else np.zeros(count, int)
+        return [1 + per * (1 + gap * k) + int(place) for k, place in enumerate(places)]
+
+    def _size(self, number: int) -> int:
+        """Bytes of the frame that will have this number: frames come round."""
+        frames = self.facts.frames
+        per = max(1, self.facts.frames_per_row)
+        return size_of(frames[-per:][(number - 1) % min(per, len(frames))]) if frames else 8
+
+    def _at_each(self, words: str, gap: int = GAP, last: int = 0) -> list[str]:
+        """An edit at each position of a frame: ``{frame}``, ``{at}`` and ``{bit}`` are replaced.
+
+        Where a reading has many frames, positions of several of them.
+        """
+        per = max(1, self.facts.frames_per_row)
+        size = max((size_of(frame) for frame in self.facts.frames[-per:]), default=8)
+        spots = [spot for spot in positions(size, self.random, self.every) if spot < size - last]
+        if per > 1:
+            spots = (spots * 3)[:24] if size <= 8 else spots
+        hits = self._hits(len(spots), gap)
+        bits = self.random.integers(8, size=len(spots))
+        return [
+            words.format(frame=hit, at=spot, bit=bit)
+            for hit, spot, bit in zip(hits, spots, bits)
+            if spot < size_or(self._size(hit), size) - last
+        ]
+
+    def _bytewise(self) -> bool:
+        return self.facts.wire in ("serial", "tcp")
+
+    def _frames(self):
+        """What befalls single frames on any line."""
+        why = "a bit at each place of a frame"
+        if self.facts.wire == "serial":
+            yield Trial("flipped", why, self._at_each("flip frame {frame} byte {at} bit {bit}"))
+        else:
+            about = f"{self.facts.wire} has a sum of its own: what it spoils does not arrive"
+            yield Trial("flipped", why, skipped=about)
+        why = "bytes are missing at the end, as when a buffer is full"
+        if self._bytewise() or self.facts.wire in ("can", "udp"):
+            yield Trial("cut", why, self._at_each("truncate frame {frame} to {at}"))
+        if self._bytewise():
+            yield Trial(
+                "one cut", "one cut alone: several can bring a driver back into step by chance", self._one_cut()
+            )
+            yield Trial("byte lost", "one byte at each place is missing", self._at_each("lose frame {frame} byte {at}"))
+            size = self._size(self._hits(1)[0])
+            lost = [f"lose frame {self._hits(1)[0]} byte {size // 2}"]
+            yield Trial("one byte lost", "one alone", lost)
+        yield Trial("dropped", "frames are missing", [f"drop frame {n}" for n in self._hits(8, 5)])
+        first = self._hits(1)[0]
+        burst = 20 * max(1, self.facts.frames_per_row)
+        yield Trial("burst", "twenty readings in a row are missing", [f"drop frame {first}-{first + burst - 1}"])
+        yield Trial("doubled", "frames come twice", [f"duplicate frame {n}" for n in self._hits(8, 5)])
+
+    def _one_cut(self) -> list[str]:
+        number = self._hits(1)[0]
+        return [f"truncate frame {number} to {max(1, self._size(number) // 3)}"]
+
+    def _streams(self):
+        """What befalls a stream of bytes."""
+        if not self._bytewise():
+            return
+        size = self._size(1)
+        head = self.facts.frames[-1][:8] if self.facts.frames else "aa55"
+        hits = self._hits(10, 5)
+        noise = [f"garbage frame {n} hex={self.random.bytes(int(self.random.integers(1, 17))).hex()}" for n in hits[:4]]
+        false = [f"garbage frame {n} hex={head[: 2 * k]}" for n, k in zip(hits[4:8], (1, 2, 3, 4)) if head[: 2 * k]]
+        false += [f"garbage frame {n} hex={head * 2}" for n in hits[8:]]
+        yield Trial("garbage", "bytes before a frame: noise, and what begins as a frame does", noise + false)
+        step_us = max(50, min(1000, round(0.4e6 * self.facts.row_s / max(1, size))))
+        first = self._hits(1)[0]
+        chunks = [f"chunk frame {first}-{first + 9} by {step_us}us"]
+        if size <= 256:
+            yield Trial("chunked", "bytes come one at a time", chunks)
+        split_us = max(200, round(0.3e6 * self.facts.row_s))
+        splits = self._at_each(f"split frame {{frame}} after {{at}} by {split_us}us", gap=2)
+        yield Trial("split", "frames come in two pieces", [s for s in splits if " after 0 " not in s])
+        if not self.facts.asks:
+            yield Trial("merged", "frames come together with the next", [f"merge frame {n}" for n in self._hits(6, 5)])
+            late_ms = max(1, round(2500 * self.facts.row_s))
+            late = [f"late frame {n} by {late_ms}ms" for n in self._hits(4, 8)]
+            yield Trial("late", "the line stands for some periods", late)
+            about = "bytes of a serial line keep their order: nothing comes again or out of turn"
+            yield Trial("reordered", "frames overtake one another", skipped=about)
+
+    def _answers(self):
+        """What befalls the answers to a driver that asks."""
+        facts = self.facts
+        if not facts.asks:
+            return
+        hits = self._hits(4, 6)
+        late = [f"late frame {hits[0]} by 150ms", f"late frame {hits[1]} by 700ms"]
+        yield Trial("late answer", "an answer comes when the next question has been asked", late, takes_s=2.5)
+        lies = crafted.lies(facts.frames[-4 * max(1, facts.frames_per_row) :], facts.wire)
+        for lie in lies:
+            yield Trial(lie.name, lie.why, [fault for n in self._hits(3, 5) for fault in lie.faults(n)])
+        foreign = [reply for reply in facts.replies if reply][:6]
+        if foreign:
+            faults = [f"replace frame {n} hex={data}" for n, data in zip(self._hits(len(foreign), 5), foreign)]
+            yield Trial("another answer", "the answer to another command comes", faults)
+        elif not lies:
+            about = "no other answer of this device is known"
+            yield Trial("another answer", "the answer to another command comes", skipped=about)
+
+    def _requests(self):
+        """What befalls the driver's own requests."""
+        facts = self.facts
+        if not facts.talks:
+            about = "the driver sends nothing while it reads"
+            yield Trial("requests damaged", "what the driver sends does not arrive", skipped=about)
+            return
+        size = min(24, max((size_of(frame) for frame in facts.requests), default=8))
+        hits = self._hits(size + 4, 3)
+        faults = [f"flip frame {n} byte {k} from_driver" for k, n in enumerate(hits[:size])]
+        yield Trial("requests damaged", "a bit of what the driver sends is wrong", faults)
+        yield Trial("requests lost", "what it sends is lost", [f"drop frame {n} from_driver" for n in hits[:4]])
+
+    def _bus(self):
+        """What befalls a bus, or datagrams."""
+        facts = self.facts
+        if facts.wire == "can":
+            foreign = _neighbours(facts.identifiers, self.random)
+            loads = [f"load 3% id={ident:#x}" for ident in foreign]
+            yield Trial("foreign frames", "other nodes use identifiers one bit away", loads, "traffic", 0.6)
+            yield Trial("busy bus", "other nodes take a third of the bus", ["load 33%"], "traffic", 0.5)
+            errors = [f"error frame {n}" for n in self._hits(6, 4)]
+            yield Trial("error frames", "frames are broken and sent again", errors)
+            yield Trial("bus off", "the device leaves the bus", ["busoff"], "hang", HANG_S)
+        if facts.wire in ("can", "udp") and not facts.asks:
+            yield Trial("reordered", "frames overtake the next", [f"reorder frame {n}" for n in self._hits(6, 5)])
+            yield Trial("old frame", "an old frame comes again", [f"stray frame {n}" for n in self._hits(6, 5)])
+
+    # -- the port and the device ---------------------------------------------------------------------------------------
+
+    def _outages(self):
+        facts = self.facts
+        yield Trial("slow reader", "the driver's process stands still", action="stop", seconds=STOP_S)
+        if facts.wire != "can":
+            yield Trial("silence", "nothing passes, the port stays", ["silence"], "hang", HANG_S)
+        yield Trial("hang", "the device neither samples nor answers", action="hang", seconds=HANG_S)
+        if facts.wire in ("serial", "tcp", "websocket"):
+            yield Trial("unplug", "the port goes, and comes back", ["unplug"], "unplug", UNPLUG_S, takes_s=1.8)
+        else:
+            about = "a bus does not go away" if facts.wire == "can" else f"there is no plug on {facts.wire}"
+            yield Trial("unplug", "the port goes, and comes back", skipped=about)
+        if facts.wire in ("tcp", "websocket"):
+            yield Trial("half open", "nobody is at the other end", ["halfopen"], "halfopen", HANG_S)
+        if facts.wire == "serial" and not facts.usb:
+            yield Trial("wrong baud", "the device runs at another speed for a while", action="baud", seconds=0.5)
+        else:
+            about = "USB: its speed means nothing" if facts.usb else f"{facts.wire} has none"
+            yield Trial("wrong baud", "the device runs at another speed for a while", skipped=about)
+
+    def _device(self):
+        facts = self.facts
+        yield Trial("reset", "the device restarts, with what it says then", action="reset", seconds=0.3, takes_s=0.8)
+        for name, bits in facts.rollovers:
+            yield Trial(
+                f"{name} wraps", f"its {bits} bits are full", action="wrap", preset=name,
+                seconds=1.0 + 20 * facts.row_s, takes_s=3.5,
+            )  # fmt: skip
+        if not facts.rollovers:
+            yield Trial("counter wraps", "a counter is full", skipped="the device declares none that can be set")
+        yield Trial(
+            "saturated", "forces are beyond what the channels show", action="saturate", seconds=30 * facts.row_s
+        )
+        about = "" if facts.taxels > 1 else "it has one taxel"
+        yield Trial("dead taxel", "one feels nothing", action="dead", seconds=30 * facts.row_s, skipped=about)
+        if facts.asks:
+            about = "the driver sets the pace"
+        else:
+            about = "the driver sets the rate" if facts.sets_rate else ""
+        slow, fast = 0.5 / facts.period_s, min(1000.0, max(500.0, 2 / facts.period_s))
+        yield Trial("half the rate", "the device samples less often", action="rate", rate_hz=slow, seconds=0.5,
+                    skipped=about)  # fmt: skip
+        yield Trial("high rate", "more readings a second; memory is watched", action="rate", rate_hz=fast, seconds=2.5,
+                    skipped=about)  # fmt: skip
+        if about:
+            yield Trial("memory", "it is watched for a while", action="rate", rate_hz=1 / facts.period_s, seconds=3.0)
+
+
+def _after(fault: str, word: str) -> list[str]:
+    """What follows a word in a fault's text."""
+    words = fault.split()
+    return [words[k + 1].split(",")[0] for k, each in enumerate(words[:-1]) if each == word]
+
+
+def size_or(size: int, other: int) -> int:
+    """The size, or another where it is not known."""
+    return size or other
+
+
+def _neighbours(identifiers: Sequence[int], random: np.random.Generator, most: int = 8) -> list[int]:
+    """Identifiers that differ in one bit from those in use, and are not."""
+    used = set(identifiers)
+    bits = 29 if any(ident > 0x7FF for ident in used) else 11
+    near = sorted({ident ^ 1 << bit for ident in used for bit in range(bits)} - used - {0})
+    return sorted(random.choice(near, min(most, len(near)), replace=False).tolist()) if near else []

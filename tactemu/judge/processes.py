@@ -1,0 +1,63 @@
+"""Processes of a driver: what it started, what they take, and their end; whatever they did to get away."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import time
+
+MARK = "TACTEMU_JUDGE"
+"""In the environment of a driver's processes: by its value they are known, also those that left their session."""
+_PAGE, _TICK = os.sysconf("SC_PAGE_SIZE"), os.sysconf("SC_CLK_TCK")
+
+
+def marked(mark: str, old: set[int] = frozenset()) -> list[int]:  # type: ignore[assignment]
+    """Processes that carry the mark; ``old`` are known to carry none."""
+    found, text = [], f"{MARK}={mark}".encode()
+    for name in os.listdir("/proc"):
+        if not name.isdigit() or int(name) in old:
+            continue
+        try:
+            with open(f"/proc/{name}/environ", "rb") as file:
+                if text in file.read(1 << 17).split(b"\0"):
+                    found.append(int(name))
+        except OSError:  # gone, or somebody else's
+            continue
+    return found
+
+
+def family(pid: int) -> list[int]:
+    """A process and its descendants, as far as they are still its children."""
+    found = [pid]
+    for each in found:
+        with contextlib.suppress(OSError, ValueError):
+            for task in os.listdir(f"/proc/{each}/task"):
+                with open(f"/proc/{each}/task/{task}/children") as file:
+                    found += [int(child) for child in file.read().split()]
+    return found
+
+
+def weight(pid: int) -> tuple[int, float]:
+    """Resident memory [byte] and processor time [s] of a process and its descendants."""
+    size, cpu = 0, 0.0
+    for each in family(pid):
+        with contextlib.suppress(OSError, IndexError, ValueError):
+            with open(f"/proc/{each}/statm") as file:
+                size += int(file.read().split()[1]) * _PAGE
+            with open(f"/proc/{each}/stat") as file:
+                fields = file.read().rsplit(")", 1)[1].split()
+            cpu += (int(fields[11]) + int(fields[12])) / _TICK
+    return size, cpu
+
+
+def end(mark: str, seconds: float = 2.0) -> int:
+    """Kill every process that carries the mark; returns how many there were."""
+    deadline, ended = time.monotonic() + seconds, set()
+    while (left := marked(mark)) and time.monotonic() < deadline:
+        for pid in left:
+            ended.add(pid)
+            with contextlib.suppress(OSError):
+                os.kill(pid, signal.SIGKILL)
+        time.sleep(0.005)
+    return len(ended)

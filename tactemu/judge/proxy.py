@@ -1,0 +1,353 @@
+"""Between a real sensor and its driver: bytes go both ways, faults are injected, truth and a recording are written.
+
+The driver's side is a wire as any other (:class:`~tactemu.wire.wire.Wire`), without pace: the real line has that. What
+comes from the sensor is cut into frames where the device's model sends frames of one length with a head of their own,
+and decoded where it has a table of them; otherwise it is passed as it comes, and said to be undecoded.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from firmware_protocols import Can, Connector, Device, Frame, Sent, Serial, calls
+from firmware_protocols.check.readings import reading_of
+from firmware_protocols.tables import Frame as FrameTable
+from tactemu import transports
+from tactemu.clock import RealClock
+from tactemu.errors import TransportError
+from tactemu.recordings.recorder import Recorder
+from tactemu.recordings.recording import Entry
+from tactemu.transports.transport import LinesChanged, Received, SettingChanged, Transport
+from tactemu.truth import Truth
+from tactemu.wire.wire import Heard, Wire
+
+CHUNK = 4096
+LONGEST_WAIT_S = 0.02
+"""A frame of which the rest does not come is passed on as it is, if a fault waits for whole frames."""
+_PUSHES = (0.0, 0.3, 1.0, 2.5)
+"""What a model is pressed with [N] to see what of its frames is always the same."""
+
+
+# -- the device's tables -----------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Framing:
+    """How a device's frames are told, and decoded."""
+
+    head: bytes = b""
+    size: int = 0
+    """0: they cannot be told."""
+    table: FrameTable | None = None
+
+    @property
+    def about(self) -> str:
+        """In words."""
+        if not self.size:
+            return "undecoded: this device has no frames of one length and head; bytes pass as they come"
+        cut = f"frames of {self.size} bytes that begin with {self.head.hex()}"
+        return f"{cut}, {'decoded' if self.table else 'undecoded: no table of one frame'}"
+
+    def counts(self, frame: bytes) -> np.ndarray | None:
+        """The numbers of the longest field of a frame; ``None`` where it has a wrong sum, or there is no table."""
+        values = self.table.unpack(frame) if self.table is not None else None
+        if values is None:
+            return None
+        arrays = [np.asarray(value) for value in values.values() if not isinstance(value, bytes | str)]
+        return max(arrays, key=lambda array: array.size).ravel() if arrays else None
+
+
+def framing_of(device: Device) -> Framing:
+    """What the device's own model sends by itself, looked at."""
+    frames = []
+    for k, push in enumerate(_PUSHES):
+        for stream in device.periods:
+            calls.feel(device, reading_of(device, push, stream), 10_000_000 * (k + 1))
+            for out in device.stream(10_000_000 * (k + 1), stream):
+                frame = out.frame if isinstance(out, Sent) else out
+                if isinstance(frame, bytes):
+                    frames.append(frame)
+    if len(frames) < 2 or len({len(frame) for frame in frames}) != 1:
+        return Framing()
+    same = next((k for k, column in enumerate(zip(*frames)) if len(set(column)) > 1), 0)
+    if same < 2:
+        return Framing()
+    module = sys.modules[type(device).__module__]
+    tables = [each for each in (*vars(device).values(), *vars(module).values()) if isinstance(each, FrameTable)]
+    table = next((each for each in tables if _decodes(each, frames)), None)
+    return Framing(frames[0][: min(same, 4)], len(frames[0]), table)
+
+
+def _decodes(table: FrameTable, frames: Sequence[bytes]) -> bool:
+    try:
+        return all(table.unpack(frame) is not None for frame in frames)
+    except (ValueError, TypeError, KeyError):  # not bound to a size
+        return False
+
+
+class Cutter:
+    """Cuts a stream into frames, and what is between them."""
+
+    def __init__(self, framing: Framing):
+        self.framing = framing
+        self.rest = b""
+
+    def cut(self, data: bytes) -> list[bytes]:
+        """Whole frames, and pieces that are none, in order; the beginning of a frame stays in :attr:`rest`."""
+        head, size = self.framing.head, self.framing.size
+        if not size:
+            return [data] if data else []
+        data, found = self.rest + data, []
+        while data:
+            at = data.find(head)
+            if at < 0:
+                keep = next((n for n in range(min(len(head) - 1, len(data)), 0, -1) if head.startswith(data[-n:])), 0)
+                if len(data) > keep:
+                    found.append(data[: len(data) - keep])
+                data = data[len(data) - keep :]
+                break
+            if at:
+                found.append(data[:at])
+                data = data[at:]
+            if len(data) < size:
+                break
+            found.append(data[:size])
+            data = data[size:]
+        self.rest = data
+        return found
+
+    def give_up(self) -> list[bytes]:
+        """What waits, as it is."""
+        rest, self.rest = self.rest, b""
+        return [rest] if rest else []
+
+
+# -- the real port -----------------------------------------------------------------------------------------------------
+
+
+class RealPort(Protocol):
+    """The sensor's side."""
+
+    def fileno(self) -> int: ...  # noqa: D102
+
+    def read(self) -> list[Frame]: ...  # noqa: D102
+
+    def write(self, data: Frame) -> None: ...  # noqa: D102
+
+    def follow(self, event: SettingChanged | LinesChanged) -> None: ...  # noqa: D102
+
+    def close(self) -> None: ...  # noqa: D102
+
+
+class RealSerial:
+    """A serial port or URL of pyserial."""
+
+    def __init__(self, name: str, baud: int):
+        import serial
+
+        try:
+            self.port = serial.serial_for_url(name, baudrate=baud, timeout=0, write_timeout=0.2)
+        except (OSError, ValueError) as error:
+            raise TransportError(f"cannot open {name}: {error}; check the name, and that you may read it") from None
+        self.name = name
+
+    def fileno(self) -> int:
+        """To select; -1 where there is none."""
+        try:
+            return self.port.fileno()
+        except (OSError, AttributeError):
+            return -1
+
+    def read(self) -> list[Frame]:
+        """What is there."""
+        try:
+            data = self.port.read(CHUNK)
+        except OSError as error:
+            raise TransportError(f"lost the sensor's port {self.name}: {error}") from None
+        return [data] if data else []
+
+    def write(self, data: Frame) -> None:
+        """What the driver has sent."""
+        assert isinstance(data, bytes)
+        try:
+            self.port.write(data)
+        except OSError as error:
+            raise TransportError(f"lost the sensor's port {self.name}: {error}") from None
+
+    def follow(self, event: SettingChanged | LinesChanged) -> None:
+        """The driver's settings and modem lines become the sensor's; those that the port cannot have are left."""
+        with contextlib.suppress(OSError, ValueError):
+            if isinstance(event, LinesChanged):
+                self.port.dtr, self.port.rts = event.dtr, event.rts
+                return
+            for name, value in (
+                ("baudrate", event.setting.baud), ("bytesize", event.setting.bytesize),
+                ("parity", event.setting.parity), ("stopbits", event.setting.stopbits),
+            ):  # fmt: skip
+                if value is not None:
+                    setattr(self.port, name, value)
+
+    def close(self) -> None:
+        """Let it go."""
+        self.port.close()
+
+
+class RealBus:
+    """A CAN bus, ``can:INTERFACE:CHANNEL``."""
+
+    def __init__(self, name: str):
+        self.port: Transport = transports.create(name)
+        self.port.open()
+
+    def fileno(self) -> int:
+        """To select; -1 where there is none."""
+        return next(iter(self.port.filenos()), -1)
+
+    def read(self) -> list[Frame]:
+        """What is there."""
+        return [event.data for event in self.port.poll() if isinstance(event, Received)]
+
+    def write(self, data: Frame) -> None:
+        """What the driver has sent."""
+        self.port.write(data)
+
+    def follow(self, event: SettingChanged | LinesChanged) -> None:
+        """A bus has none."""
+
+    def close(self) -> None:
+        """Let it go."""
+        self.port.close()
+
+
+# -- between -----------------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Proxy:
+    """Passes what comes on either side to the other until :attr:`stopped`.
+
+    Args:
+        device: the model whose tables cut and decode; ``None``: nothing is decoded.
+        real: the sensor's side.
+        port: the driver's, as for ``tactemu run --port``.
+        faults: what goes wrong between them.
+    """
+
+    device: Device | None
+    real: RealPort
+    port: str
+    faults: Iterable[str] = ()
+    seed: int = 0
+    truth: Truth = field(default_factory=Truth)
+    recorder: Recorder | None = None
+    name: str = "sensor"
+
+    def __post_init__(self):
+        is_can = isinstance(self.real, RealBus)
+        self.framing = Framing() if self.device is None or is_can else framing_of(self.device)
+        connector: Connector = Can() if is_can else Serial(baud=115_200, usb=True)  # the real line has the speed
+        self.wire = Wire(
+            transports.create(self.port), connector, pacing=False, faults=self.faults, seed=self.seed, truth=self.truth
+        )
+        self.wire.name = self.name
+        self.cutter = Cutter(self.framing)
+        self.clock = RealClock()
+        self.samples = 0
+        self.passed = {"to driver": 0, "from driver": 0}
+        """Bytes, or frames of a bus."""
+        self.stopped = False
+        self._began_ns = 0
+
+    def run(self, seconds: float | None = None, opened: Callable[[str], object] = lambda address: None) -> None:
+        """Pass on; ``opened`` is told where the driver's port is.
+
+        Raises:
+            TransportError: a port cannot be made, or the sensor's is lost.
+        """
+        self.wire.open()
+        try:
+            self.clock.start()
+            self.truth.begin(self.clock.origin_ns)
+            if self.recorder is not None:
+                self.recorder.start(self.clock.origin_ns)
+            opened(self.wire.transport.address)
+            while not self.stopped and (seconds is None or self.clock.now_ns() < seconds * 1e9):
+                self.turn()
+        finally:
+            self.wire.close()
+            self.truth.close()
+
+    def turn(self) -> None:
+        """What is there on both sides goes to the other; then wait for more."""
+        now = self.clock.now_ns()
+        for event in self.wire.receive(now):
+            if isinstance(event, Heard):
+                self.passed["from driver"] += _size(event.data)
+                self.real.write(event.data)
+                self._record(now, event.data, "rx")
+            elif isinstance(event, SettingChanged | LinesChanged):
+                self.real.follow(event)
+        for data in self.real.read():
+            self._pass(data, now)
+        if self.cutter.rest and now - self._began_ns > LONGEST_WAIT_S * 1e9:
+            self._send(self.cutter.give_up(), now)
+        self.wire.flush(self.clock.now_ns())
+        self._wait()
+
+    def _pass(self, data: Frame, now: int) -> None:
+        self.passed["to driver"] += _size(data)
+        self._record(now, data, "tx")
+        if not isinstance(data, bytes):
+            self._send([data], now)
+            return
+        self._began_ns = now
+        pieces = self.cutter.cut(data)
+        if not self.wire.faults:  # nothing waits for the rest of a frame
+            self._decode(pieces, now)
+            self.wire.send([data], now, self.name)
+            return
+        numbers = self._decode(pieces, now)
+        for piece, number in zip(pieces, numbers):
+            self._send([piece], now, number)
+
+    def _decode(self, pieces: Sequence[bytes], now: int) -> list[int | None]:
+        numbers: list[int | None] = []
+        for piece in pieces:
+            counts = self.framing.counts(piece) if len(piece) == self.framing.size else None
+            if counts is None:
+                numbers.append(None)
+                continue
+            numbers.append(self.truth.sample(now, self.name, counts, counts, counts, number=self.samples))
+            self.samples += 1
+        return numbers
+
+    def _send(self, frames: Sequence[Any], now: int, sample: int | None = None) -> None:
+        if frames:
+            self.wire.send(frames, now, self.name, sample=sample)
+
+    def _record(self, now: int, data: Frame, kind: Any) -> None:
+        if self.recorder is not None:
+            self.recorder.add(Entry(now, data, kind))
+
+    def _wait(self) -> None:
+        """Until something comes, or something that a fault held back is due."""
+        due = self.wire.next_due_ns()
+        wait_s = 0.05 if due is None else min(0.05, max(0.0, (due - self.clock.now_ns()) / 1e9))
+        if self.cutter.rest and self.wire.faults:
+            wait_s = min(wait_s, LONGEST_WAIT_S)
+        fileno = self.real.fileno()
+        here = self.wire.filenos()
+        if fileno < 0 or not here:
+            wait_s = min(wait_s, 0.0005)
+        select.select([*here, *([fileno] if fileno >= 0 else [])], [], [], wait_s)
+
+
+def _size(data: Frame) -> int:
+    return len(data) if isinstance(data, bytes) else 1

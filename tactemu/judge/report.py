@@ -1,0 +1,109 @@
+"""The outcome of a whole run, as data: for JSON, for comparison with an earlier run, and for the pages."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import tactemu
+from tactemu.errors import TactemuError
+from tactemu.judge.verdicts import FAILING, Outcome
+
+VERSION = 1
+
+
+@dataclass
+class Report:
+    """What was judged, and what came of it."""
+
+    device: str
+    command: list[str]
+    seed: int = 0
+    fail_on: Sequence[str] = FAILING
+    columns: list[tuple[str, str]] = field(default_factory=list)
+    """What each column of the driver's rows holds, in words."""
+    asks: bool = False
+    outcomes: list[Outcome] = field(default_factory=list)
+    left_behind: int = 0
+    """Processes that had left the driver's session and were ended."""
+    seconds: float = 0.0
+    known: set[tuple[str, str]] = field(default_factory=set)
+    """Findings of the baseline, by trial and kind: they do not fail."""
+
+    def failures(self, outcome: Outcome) -> list[str]:
+        """Kinds of finding that fail the run, in one trial."""
+        if outcome.confirmed is False:
+            return []
+        kinds = [finding.kind for finding in outcome.findings if finding.kind in self.fail_on]
+        return [kind for kind in dict.fromkeys(kinds) if (outcome.name, kind) not in self.known]
+
+    @property
+    def failed(self) -> list[Outcome]:
+        """Trials that fail the run."""
+        return [outcome for outcome in self.outcomes if self.failures(outcome)]
+
+    @property
+    def judged(self) -> bool:
+        """Whether there was anything to judge."""
+        return bool(self.outcomes) and not self.outcomes[0].has("silent", "unlearned", "floods", "died")
+
+    @property
+    def cases(self) -> list[dict[str, Any]]:
+        """The smallest cases."""
+        return [outcome.case for outcome in self.outcomes if outcome.case]
+
+    def findings(self) -> list[tuple[str, str]]:
+        """Trial and kind of all findings that came again."""
+        return [(o.name, f.kind) for o in self.outcomes if o.confirmed is not False for f in o.findings]
+
+    def as_dict(self) -> dict[str, Any]:
+        """As plain data."""
+        return {
+            "version": VERSION, "tactemu": tactemu.__version__, "device": self.device, "command": self.command,
+            "seed": self.seed, "seconds": round(self.seconds, 3), "asks": self.asks,
+            "columns": [{"name": name, "holds": holds} for name, holds in self.columns],
+            "left_behind": self.left_behind, "failed": [outcome.name for outcome in self.failed],
+            "trials": [
+                {**outcome.as_dict(), "waits_ms": [round(wait, 4) for wait in outcome.waits_ms[:20_000]],
+                 "fails": self.failures(outcome)}
+                for outcome in self.outcomes
+            ],
+        }  # fmt: skip
+
+    def write_json(self, path: Path) -> None:
+        """Write it as JSON; a baseline for later runs.
+
+        Raises:
+            TactemuError: the file cannot be written.
+        """
+        written(path, json.dumps(self.as_dict(), indent=1, default=float) + "\n")
+
+    def compare(self, path: Path) -> None:
+        """Let what an earlier report has found not fail this one.
+
+        Raises:
+            TactemuError: it cannot be read, or is no report.
+        """
+        try:
+            data = json.loads(path.read_text(encoding="utf-8"))
+            trials = data["trials"]
+            self.known = {(t["name"], f["kind"]) for t in trials if t["confirmed"] is not False for f in t["findings"]}
+        except OSError as error:
+            raise TactemuError(f"{path}: cannot read the baseline: {error.strerror}") from None
+        except (ValueError, KeyError, TypeError) as error:
+            raise TactemuError(f"{path}: not a report of `tactemu judge --json`: {error!r}") from None
+
+
+def written(path: Path, text: str) -> None:
+    """Write a file.
+
+    Raises:
+        TactemuError: it cannot be written.
+    """
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise TactemuError(f"{path}: cannot be written: {error.strerror}") from None

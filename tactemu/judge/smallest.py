@@ -1,0 +1,186 @@
+"""The smallest case: of many edits the one that the driver does not bear, confirmed alone.
+
+First the edit that stands before the first wrong row is tried alone; then halves. Nothing is looked for at random,
+since a run takes a second.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from tactemu.errors import TactemuError
+from tactemu.judge.plan import Trial
+from tactemu.judge.tape import Change, Tape
+from tactemu.judge.verdicts import FAILING, Outcome
+
+MOST_RUNS = 8
+VERSION = 1
+
+Run = Callable[[Trial], tuple[Tape, Outcome]]
+
+
+def may_be(trial: Trial) -> bool:
+    """Whether the trial consists of edits of single frames."""
+    return bool(trial.faults) and not trial.action and all(" frame " in f" {fault} " for fault in trial.faults)
+
+
+def find(
+    trial: Trial, tape: Tape, outcome: Outcome, run: Run, target: str, command: Sequence[str]
+) -> dict[str, Any] | None:
+    """The smallest case as plain data; ``None`` if nothing that was tried alone causes the finding."""
+    kinds = [finding.kind for finding in outcome.findings if finding.kind in FAILING]
+    kind = kinds[0]
+    groups = _by_frame(trial.faults)
+    suspects = _suspects(groups, tape, outcome)
+    runs = 0
+
+    def fails(some: Sequence[Sequence[str]]) -> tuple[Tape, Outcome] | None:
+        nonlocal runs
+        runs += 1
+        alone = Trial(trial.name, trial.why, _numbered_anew(some), takes_s=1.0)
+        seen = run(alone)
+        return seen if seen[1].has(kind) else None
+
+    found = None
+    for group in suspects[:2]:
+        if seen := fails([group]):
+            found, groups = seen, [group]
+            break
+    while found is None and len(groups) > 1 and runs < MOST_RUNS:
+        half = len(groups) // 2
+        for part in (groups[:half], groups[half:]):
+            if seen := fails(part):
+                groups = part
+                if len(part) == 1:
+                    found = seen
+                break
+        else:
+            found = fails(groups)
+            break
+    if found is None and len(groups) == 1:
+        found = fails(groups)
+    if found is None:
+        return None
+    return _case(trial, groups, kind, *found, runs, target, command)
+
+
+def _by_frame(faults: Sequence[str]) -> list[list[str]]:
+    """Faults of one frame belong together."""
+    groups: dict[str, list[str]] = {}
+    for fault in faults:
+        words = fault.split()
+        groups.setdefault(words[words.index("frame") + 1], []).append(fault)
+    return list(groups.values())
+
+
+def _suspects(groups: list[list[str]], tape: Tape, outcome: Outcome) -> list[list[str]]:
+    """The edits that were made last before something went wrong."""
+    wrong = [bad["t"] for bad in outcome.bad if bad["t"] > tape.on]
+    until = min(wrong) if wrong else tape.rows[-1].t if tape.rows else tape.end
+    made = [change for change in tape.changes if tape.on <= change.t <= until + 1_000_000]
+    found = []
+    for change in reversed(made[-6:]):
+        found += [group for group in groups if change.fault in group and group not in found]
+    return found
+
+
+def _numbered_anew(groups: Sequence[Sequence[str]]) -> list[str]:
+    """The same edits, so that the first hits an early frame."""
+    firsts = [_number(group[0]) for group in groups]
+    shift = max(0, min(firsts) - 8)
+    return [_shifted(fault, shift) for group in groups for fault in group]
+
+
+def _number(fault: str) -> int:
+    words = fault.split()
+    return int(words[words.index("frame") + 1].partition("-")[0].partition(",")[0])
+
+
+def _shifted(fault: str, by: int) -> str:
+    words = fault.split()
+    at = words.index("frame") + 1
+    words[at] = "-".join(str(int(part) - by) for part in words[at].split("-"))
+    return " ".join(words)
+
+
+def _case(
+    trial: Trial, groups: Sequence[Sequence[str]], kind: str, tape: Tape, outcome: Outcome, runs: int, target: str,
+    command: Sequence[str],
+) -> dict[str, Any]:  # fmt: skip
+    changes = [change for change in tape.changes if change.t >= tape.on]
+    bad = next((bad for bad in outcome.bad), None)
+    return {
+        "version": VERSION, "device": target, "command": list(command), "trial": trial.name, "finding": kind,
+        "verdict": outcome.verdict, "faults": _numbered_anew(groups), "runs": runs,
+        "bytes": [{"fault": c.fault, "before": c.before, "after": list(c.after)} for c in changes[:4]],
+        "row": None if bad is None else bad["row"], "truth": None if bad is None else bad["truth"],
+        "odd": [] if bad is None else bad["odd"],
+    }  # fmt: skip
+
+
+# -- as files ----------------------------------------------------------------------------------------------------------
+
+
+def write(case: dict[str, Any], path: Path) -> None:
+    """Write a case for ``--replay``.
+
+    Raises:
+        TactemuError: the file cannot be written.
+    """
+    try:
+        path.write_text(json.dumps(case, indent=1) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise TactemuError(f"{path}: cannot write the case: {error.strerror}") from None
+
+
+def read(path: Path) -> dict[str, Any]:
+    """A case that :func:`write` wrote.
+
+    Raises:
+        TactemuError: it cannot be read, or is none.
+    """
+    try:
+        case = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise TactemuError(f"{path}: cannot read the case: {error.strerror}") from None
+    except ValueError as error:
+        raise TactemuError(f"{path}: not a case: {error}") from None
+    needed = {"device": str, "command": list, "faults": list, "finding": str, "trial": str}
+    if not isinstance(case, dict) or case.get("version") != VERSION:
+        raise TactemuError(f"{path}: not a case that this tactemu reads")
+    for name, kind in needed.items():
+        if not isinstance(case.get(name), kind):
+            raise TactemuError(f"{path}: not a case: {name} is missing or no {kind.__name__}")
+    return case
+
+
+def trial_of(case: dict[str, Any]) -> Trial:
+    """The trial that a case is."""
+    return Trial(case["trial"], "the smallest case", [str(fault) for fault in case["faults"]], takes_s=1.0)
+
+
+def in_words(case: dict[str, Any]) -> str:
+    """Ten lines for an issue with the driver's maintainers."""
+    lines = [f"Sensor: {case['device']} (emulated by tactemu). Driver: {' '.join(case['command'])}"]
+    lines += [f"What goes wrong on the wire: {'; '.join(case['faults'])} (frames counted from 1, bytes from 0)"]
+    for each in case["bytes"][:2]:
+        lines += [f"  sent:    {_shortened(each['before'])}"]
+        lines += [f"  arrived: {' + '.join(map(_shortened, each['after'])) or 'nothing'}"]
+    lines += [f"What the driver does: {case['verdict']}"]
+    if case["row"]:
+        names = case["odd"] or list(case["row"])
+        shown = [name for name in names if name in case["row"]][:4]
+        lines += ["  it hands out  " + ", ".join(f"{name} = {case['row'][name]:g}" for name in shown)]
+        if case["truth"]:
+            lines += ["  it should be  " + ", ".join(f"{n} = {case['truth'].get(n, float('nan')):g}" for n in shown)]
+    return "\n".join(lines)
+
+
+def _shortened(data: str, most: int = 96) -> str:
+    return data if len(data) <= most else f"{data[: most - 24]} … {data[-20:]} ({len(data) // 2} bytes)"
+
+
+__all__ = ["Change", "find", "in_words", "may_be", "read", "trial_of", "write"]

@@ -1,0 +1,237 @@
+"""Where a driver meets its device: the emulator on a port, fed by the excitation, with everything recorded."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+from firmware_protocols import Device
+from tactemu.errors import TactemuError
+from tactemu.judge.columns import Channel, channels_of
+from tactemu.judge.excitation import STEP, Excitation, Span
+from tactemu.judge.plan import Facts, Trial
+from tactemu.judge.tape import Recorder
+from tactemu.scene import file
+from tactemu.scene.building import make_devices
+from tactemu.serving import Served, serve
+from tactemu.wire.wire import Wire
+
+_TURN_S = 10.0
+"""Within which the emulator's loop does what it is told."""
+
+
+class Stand:
+    """A device or scene file, judged: use it in a ``with`` statement.
+
+    Args:
+        target: as for :func:`tactemu.serve`.
+        port: likewise.
+        seed: of the excitation and of the faults.
+        options: of the device.
+        rate_hz: sampling rate; default: the device's own.
+    """
+
+    def __init__(
+        self,
+        target: str,
+        port: str | Mapping[str, str] | None = None,
+        *,
+        seed: int = 0,
+        options: Mapping[str, Any] | None = None,
+        rate_hz: float | None = None,
+    ):
+        loaded = file.load(target, options)
+        devices = make_devices(loaded)
+        spans = {name: Span(lambda device=device: type(device)(**device.options)) for name, device in devices.items()}
+        self.excitation = Excitation(spans, seed)
+        self.recorder = Recorder()
+        self.served: Served = serve(
+            target, port, seed=seed, rate_hz=rate_hz, device_options=options, source=self.excitation, by_hand=False
+        )
+        self.served.before_opening = lambda emulator: self.recorder.listen(emulator.truth)
+        self._faults: list[tuple[Wire, Any]] = []
+        self._undo: list[Callable[[], object]] = []
+
+    def __enter__(self) -> Stand:
+        self.served.start()
+        self.emulator = self.served.emulator
+        self.wires: list[Wire] = self.emulator.wires
+        self.periods = {c.name: dict(c.device.periods) for c in self.emulator.channels}
+        """The firmware's sampling periods before any driver came, by skin and stream."""
+        return self
+
+    def __exit__(self, *_) -> None:
+        self.served.stop()
+
+    # -- what it is ----------------------------------------------------------------------------------------------------
+
+    @property
+    def ports(self) -> dict[str, str]:
+        """What drivers open, by skin."""
+        return self.served.ports
+
+    def channels(self) -> list[Channel]:
+        """Names of the numbers in a sample, in its order."""
+        devices = {channel.name: channel.device for channel in self.emulator.channels}
+        shapes, seen = [], set()
+        for sample in self.emulator.truth.samples[-64:]:
+            if (sample.device, sample.sense) not in seen:
+                seen.add((sample.device, sample.sense))
+                shapes.append((sample.device, sample.sense, sample.counts.shape))
+        first = {key: k for k, key in enumerate(self.recorder.senses)}
+        shapes.sort(key=lambda shape: first.get(f"{shape[0]}/{shape[1]}", len(first)))
+        return channels_of(devices, shapes)
+
+    @property
+    def period_s(self) -> float:
+        """The shortest sampling period in force [s]."""
+        periods = [c.period_ns(stream) for c in self.emulator.channels for stream in c.ticks]
+        return min((period for period in periods if period), default=10_000_000) / 1e9
+
+    def facts(self, since: int, rows: int) -> Facts:
+        """What the plan depends on, as seen since a time in which there were so many rows."""
+        recorder, wire = self.recorder, self.wires[0]
+        frames = [frame for frame in recorder.frames if frame.t >= since]
+        tx, rx = [f.data for f in frames if f.way == "tx"], [f.data for f in frames if f.way == "rx"]
+        device = self.emulator.channels[0].device
+        connector = wire.carrier.connector
+        talks = len(rx) > 3 and len(rx) > 0.05 * max(1, rows)
+        asks = talks and len(rx) >= 0.5 * rows
+        seconds = (time.monotonic_ns() - since) / 1e9
+        sets = any(dict(c.device.periods) != self.periods[c.name] for c in self.emulator.channels)
+        samples = len({f.sample for f in frames if f.way == "tx" and not f.answer})
+        readings = rows if asks else samples
+        return Facts(
+            wire=wire.carrier.kind, usb=bool(getattr(connector, "usb", None)), asks=asks, talks=talks, sets_rate=sets,
+            frames=tx[-400:], requests=rx[-64:], frames_per_row=max(1, round(len(tx) / max(1, readings))),
+            row_s=seconds / max(1, readings), period_s=self.period_s,
+            rollovers=[(r.name, r.bits) for r in device.rollovers if r.state],
+            replies=_literal_replies(device) if asks else (),
+            identifiers=sorted({int(f.partition("#")[0], 16) for f in tx if "#" in f}),
+            taxels=sum(len(c.device.layout) for c in self.emulator.channels),
+        )  # fmt: skip
+
+    # -- what is done to it --------------------------------------------------------------------------------------------
+
+    def do(self, action: Callable[[], object]) -> int:
+        """Have the emulator's loop do something; the monotonic time [ns] at which it was done.
+
+        Raises:
+            TactemuError: what it raised, or that the emulator has stopped.
+        """
+        done, box = threading.Event(), []
+
+        def act() -> None:
+            try:
+                action()
+            except Exception as error:
+                box.append(error)
+            box.append(time.monotonic_ns())
+            done.set()
+
+        self.emulator.call(act)
+        if not done.wait(_TURN_S):
+            self.served.stop()
+            raise TactemuError("the emulator does not turn")
+        if len(box) > 1:
+            raise box[0]
+        return box[0]
+
+    def rest(self) -> None:
+        """Let the skin feel nothing: drivers tare and calibrate when they open."""
+        self.excitation.mode = "rest"
+
+    def excite(self, steps: bool = False) -> None:
+        """Let it feel something else at every sample, or at every eighth."""
+        self.excitation.hold_ns = round(STEP * self.period_s * 1e9)
+        self.excitation.mode = "steps" if steps else "random"
+
+    def rate(self, hz: float | None) -> None:
+        """Sample at another rate; ``None``: at the device's own again."""
+        now = self.emulator.now_ns
+        for channel in self.emulator.channels:
+            channel.wishes = {} if hz is None else dict.fromkeys(channel.device.periods, round(1e9 / hz))
+            channel.follow(now)
+
+    def begin(self, trial: Trial) -> int:
+        """Switch a trial's faults on, and do what it does; returns when."""
+
+        def act() -> None:
+            for text in trial.faults:
+                for wire in self.wires:
+                    self._faults.append((wire, wire.add_fault(text)))
+            self._act(trial)
+
+        return self.do(act)
+
+    def _act(self, trial: Trial) -> None:
+        emulator, now = self.emulator, self.emulator.now_ns
+        match trial.action:
+            case "hang" if not trial.faults:
+                emulator.hang(now + round(trial.seconds * 1e9))
+            case "reset":
+                emulator.reset()
+            case "baud":
+                for channel in emulator.channels:
+                    for port, wire in channel.wires.items():
+                        connector: Any = channel.device.connector(port)
+                        wire.attach(channel.name, replace(connector, baud=max(1200, connector.baud // 2)))
+                    self._undo.append(channel.plug)
+            case "rate":
+                self.rate(trial.rate_hz)
+                self._undo.append(lambda: self.rate(self._usual_rate))
+            case "saturate":
+                self.excitation.beyond = 5.0
+                self._undo.append(lambda: setattr(self.excitation, "beyond", 1.0))
+            case "dead":
+                self.excitation.dead = dict.fromkeys(self.excitation.spans, self.excitation.seed)
+                self._undo.append(self.excitation.dead.clear)
+
+    def finish(self) -> int:
+        """Switch off what is on; returns when."""
+
+        def act() -> None:
+            for wire, fault in self._faults:
+                if fault in wire.faults:
+                    wire.remove_fault(fault)
+            for undo in self._undo:
+                undo()
+            self._faults, self._undo = [], []
+
+        return self.do(act)
+
+    _usual_rate: float | None = None
+
+    def speed_up(self, hz: float) -> None:
+        """Sample faster than the device does by itself, for as long as it is judged."""
+        self._usual_rate = hz
+        self.do(lambda: self.rate(hz))
+
+    def preset(self, name: str, bits: int, frames: int = 20) -> None:
+        """Let a counter be full after so many frames."""
+
+        def act() -> None:
+            for channel in self.emulator.channels:
+                for each in channel.device.rollovers:
+                    if each.name == name and each.state:
+                        channel.device.preset(name, (1 << bits) - frames * max(1, each.step))
+
+        self.do(act)
+
+
+def _literal_replies(device: Device) -> list[str]:
+    """Answers to the device's commands that are the same each time, as hex."""
+    found = []
+    for command in device.commands:
+        replies = command.reply if isinstance(command.reply, list | tuple) else [command.reply]
+        for reply in replies:
+            text = reply.hex() if isinstance(reply, bytes) else reply if isinstance(reply, str) else ""
+            text = text.replace(" ", "")
+            try:
+                found.append(bytes.fromhex(text).hex())
+            except ValueError:  # a pattern, or a CAN frame
+                continue
+    return [reply for reply in dict.fromkeys(found) if reply]

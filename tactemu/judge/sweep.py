@@ -1,0 +1,224 @@
+"""Many runs of the judge: over drivers, devices and seeds, on this machine's cores or a cluster's.
+
+A run is a process of its own, so that a driver that goes wild takes nobody with it. Results stream into a journal
+beside the Parquet file; a plan that was interrupted goes on from it, and a run whose worker is lost is run again.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import tomllib
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tactemu.errors import TactemuError
+
+LONGEST_S = 3600.0
+"""After which a run is ended."""
+TRIES = 3
+"""How often a run is begun whose worker is lost."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run of the judge."""
+
+    name: str
+    """Of the driver, or of its version."""
+    device: str
+    command: tuple[str, ...]
+    seed: int = 0
+    words: tuple[str, ...] = ()
+    """More options of ``tactemu judge``."""
+
+    @property
+    def key(self) -> str:
+        """By which a finished run is known."""
+        return json.dumps([self.name, self.device, list(self.command), self.seed, list(self.words)])
+
+
+def read_plan(path: Path) -> list[Job]:
+    """The runs that a TOML file asks for: ``[[driver]]`` tables with ``name``, ``devices``, ``command``, ``seeds``.
+
+    Raises:
+        TactemuError: it cannot be read, or says what is no plan.
+    """
+    try:
+        tables = tomllib.loads(path.read_text(encoding="utf-8")).get("driver", [])
+        jobs = [
+            Job(table["name"], device, tuple(table["command"]), seed, tuple(table.get("options", ())))
+            for table in tables
+            for device, seed in itertools.product(table["devices"], seeds_of(table.get("seeds", 0)))
+        ]
+    except OSError as error:
+        raise TactemuError(f"{path}: cannot read the plan: {error.strerror}") from None
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise TactemuError(
+            f"{path}: not a plan: {error!r}; expected [[driver]] name, devices, command, seeds"
+        ) from None
+    if not jobs:
+        raise TactemuError(f"{path}: no [[driver]] in the plan")
+    return jobs
+
+
+def seeds_of(text: str | int | Sequence[int]) -> list[int]:
+    """``7``, ``"0-9"`` or a list.
+
+    Raises:
+        ValueError: it is none.
+    """
+    if isinstance(text, int):
+        return [text]
+    if not isinstance(text, str):
+        return [int(seed) for seed in text]
+    first, dash, last = text.partition("-")
+    return list(range(int(first), int(last) + 1)) if dash else [int(first)]
+
+
+def run_job(job: Job) -> dict[str, Any]:
+    """One run, in a process of its own; its report as plain data. What went wrong is in ``trouble``."""
+    with tempfile.TemporaryDirectory(prefix="tactemu-judge-") as folder:
+        out = Path(folder) / "report.json"
+        command = [
+            sys.executable, "-m", "tactemu", "judge", job.device, "--seed", str(job.seed), "--json", str(out),
+            *job.words, "--", *job.command,
+        ]  # fmt: skip
+        try:
+            done = subprocess.run(
+                command, check=False, capture_output=True, text=True, timeout=LONGEST_S, stdin=subprocess.DEVNULL
+            )
+        except subprocess.TimeoutExpired:
+            return {"trouble": f"took longer than {LONGEST_S:g} s"}
+        if out.exists():
+            return json.loads(out.read_text())
+        return {"trouble": done.stderr.strip()[:500] or f"exit status {done.returncode}"}
+
+
+def rows_of(job: Job, report: dict[str, Any]) -> list[dict[str, Any]]:
+    """A row for each trial of a run."""
+    same = {"driver": job.name, "device": job.device, "seed": job.seed, "key": job.key}
+    if report.get("trouble"):
+        return [{**same, "trial": "", "verdict": report["trouble"], "fails": "trouble"}]
+    return [
+        {
+            **same, "trial": trial["name"], "verdict": trial["verdict"], "fails": ",".join(trial["fails"]),
+            "findings": ",".join(finding["kind"] for finding in trial["findings"]), "rows": trial["rows"],
+            "right": trial["right"], "wrong": trial["wrong"], "lost": trial["lost"], "p50_ms": trial["p50_ms"],
+            "p99_ms": trial["p99_ms"], "seconds": trial["seconds"],
+        }
+        for trial in report["trials"]
+    ]  # fmt: skip
+
+
+class Journal:
+    """Rows of finished runs, one JSON line a run, so that nothing is lost when the plan is interrupted."""
+
+    def __init__(self, path: Path):
+        self.path = path
+        self.rows: dict[str, list[dict[str, Any]]] = {}
+        written = path.read_text(encoding="utf-8") if path.exists() else ""
+        self._cut = bool(written) and not written.endswith("\n")
+        if written:
+            for line in written.splitlines():
+                try:
+                    entry = json.loads(line)
+                except ValueError:  # cut off by the interruption
+                    continue
+                self.rows[entry["key"]] = entry["rows"]
+
+    def add(self, job: Job, rows: list[dict[str, Any]]) -> None:
+        """One more run is finished."""
+        self.rows[job.key] = rows
+        with self.path.open("a+", encoding="utf-8") as file:
+            if self._cut:
+                file.write("\n")
+                self._cut = False
+            file.write(json.dumps({"key": job.key, "rows": rows}) + "\n")
+            file.flush()
+
+    def write_parquet(self, path: Path) -> None:
+        """All rows as one Parquet file.
+
+        Raises:
+            TactemuError: pyarrow is missing.
+        """
+        try:
+            import pyarrow as pa
+            import pyarrow.parquet as pq
+        except ImportError:
+            raise TactemuError("Parquet needs pyarrow: pip install 'tactemu[convert]'") from None
+        pq.write_table(pa.Table.from_pylist([row for rows in self.rows.values() for row in rows]), path)
+
+
+def sweep(
+    jobs: Sequence[Job],
+    results: Path,
+    *,
+    at_once: int | None = None,
+    cluster: str | None = None,
+    say: Callable[[str], object] = lambda text: None,
+) -> list[dict[str, Any]]:
+    """Run what is not in the journal yet; all rows, also written to ``results`` (Parquet).
+
+    Args:
+        jobs: what to run.
+        results: the Parquet file; the journal is beside it.
+        at_once: runs side by side on this machine; default: one for each core, which is what keeps real time.
+        cluster: address of a Dask scheduler, whose workers run them, one at a time each.
+        say: told when a run is finished.
+
+    Raises:
+        TactemuError: a library is missing, or the cluster cannot be reached.
+    """
+    journal = Journal(results.with_suffix(".jsonl"))
+    left = [job for job in jobs if job.key not in journal.rows]
+    if len(left) < len(jobs):
+        say(f"{len(jobs) - len(left)} of {len(jobs)} runs are in the journal already")
+    finished = _on_cluster(left, cluster) if cluster else _here(left, at_once or os.cpu_count() or 1)
+    for job, report in finished:
+        rows = rows_of(job, report)
+        journal.add(job, rows)
+        failed = [row["trial"] or row["verdict"] for row in rows if row["fails"]]
+        say(f"{job.name} {job.device} seed {job.seed}: {', '.join(failed) or 'nothing fails'}")
+    journal.write_parquet(results)
+    return [row for job in jobs for row in journal.rows.get(job.key, [])]
+
+
+def _here(jobs: Sequence[Job], at_once: int) -> Iterator[tuple[Job, dict[str, Any]]]:
+    with ThreadPoolExecutor(max_workers=at_once) as pool:
+        running = {pool.submit(run_job, job): job for job in jobs}
+        try:
+            while running:
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    yield running.pop(future), future.result()
+        finally:
+            for future in running:
+                future.cancel()
+
+
+def _on_cluster(jobs: Sequence[Job], address: str) -> Iterator[tuple[Job, dict[str, Any]]]:
+    """Each worker runs one at a time: a resource of its own keeps real time for it."""
+    try:
+        from distributed import Client, as_completed
+    except ImportError:
+        raise TactemuError("a cluster needs Dask: pip install 'tactemu[cluster]'") from None
+    try:
+        client = Client(address, timeout=10)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise TactemuError(f"--cluster {address}: no scheduler answers: {error}") from None
+    with client:
+        futures = {client.submit(run_job, job, pure=False, retries=TRIES): job for job in jobs}
+        for future in as_completed(futures):
+            job = futures[future]
+            try:
+                yield job, future.result()
+            except Exception as error:  # a driver that takes every worker with it
+                yield job, {"trouble": f"{type(error).__name__}: {error}"}

@@ -1,0 +1,126 @@
+"""Capacitive: a gap that closes under pressure (iCub, CySkin).
+
+With the pressure ``p`` on a taxel of area ``A``, a gap ``g0`` and a spacer of modulus ``E``::
+
+    g = g0 (1 − s),  s = p/E / (1 + p/E)             it stiffens as it closes, and never does
+    C = stray + ε0 εr A / g
+    reading: C − (baseline − C0)                     where the firmware follows a baseline, with a time constant
+
+Below the dead band the gap does not move. A baseline that is followed takes drift away, and forgets a press that lasts.
+``rated_n`` makes the reading a push along the normal: this force where the gap is half closed,
+where ε0 εr A/g has doubled.
+"""
+
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import warp as wp
+
+from tactemu.options import number
+from tactemu.plan.clearing import clear_rows
+from tactemu.plan.plan import Stage, record
+from tactemu.transducers.loads import TAKES, load_function, reading_kind, skin_arrays
+from tactemu.transducers.transducer import CAPACITANCE, Kind, Place, Transducer
+
+EPSILON_0 = 8.8541878128e-12
+"""[F/m]"""
+
+
+@functools.cache
+def gap_kernel(real, vector: bool, push: bool, follows: bool):
+    """Capacitances, or pushes of which they are the measure."""
+    vec3 = wp.types.vector(3, real)
+    load = load_function(real, vector)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def read_gaps(
+        x: wp.array3d(dtype=real),
+        normals: wp.array(dtype=vec3),
+        areas: wp.array(dtype=real),
+        dt: wp.array(dtype=wp.float64),
+        modulus: real,
+        dead_band: real,
+        per_area: real,
+        stray: real,
+        tau: wp.float64,
+        rated: real,
+        # state: how far the baseline is from rest, in capacitances of the open gap
+        baseline: wp.array2d(dtype=wp.float64),
+        out: wp.array3d(dtype=real),
+    ):
+        e, i = wp.tid()
+        p = load(x, normals, areas, e, i)
+        p = wp.where(p < dead_band, real(0.0), p - dead_band)
+        change = p / modulus  # 1/(1 − s) − 1: the growth of the capacitance, in those of the open gap
+        if wp.static(follows):
+            if wp.isfinite(change):
+                at = baseline[e, i]
+                at = at + (wp.float64(change) - at) * (wp.float64(1.0) - wp.exp(-dt[0] / tau))
+                baseline[e, i] = at
+                change = change - real(at)
+        if wp.static(push):
+            n = normals[i]
+            for axis in range(out.shape[2]):
+                out[e, i, axis] = wp.where(out.shape[2] == 1, rated * change, -rated * change * n[axis])
+        else:
+            out[e, i, 0] = stray + per_area * areas[i] * (real(1.0) + change)
+
+    return read_gaps
+
+
+@dataclass(frozen=True, kw_only=True)
+class Capacitive(Transducer):
+    """Gives the capacitance of each taxel [F], or with ``rated_n`` a push that follows it."""
+
+    gap: float = 2e-3
+    """Of the spacer that nothing presses [m]."""
+    modulus: float = 1e5
+    """Pressure at which the gap is half closed [Pa]."""
+    permittivity: float = 3.0
+    """Of the spacer, relative."""
+    stray: float = 0.0
+    """Beside the taxel's own [F]."""
+    dead_band: float = 0.0
+    """Pressure up to which nothing moves [Pa]."""
+    baseline_tau: float | None = None
+    """Time constant with which the firmware follows the baseline [s]; ``None``: it does not."""
+    rated_n: float | None = None
+    """Force of a reading with the gap half closed [N]; with a model that gives pressure [Pa]."""
+
+    takes = TAKES
+    valid = "Plates that stay parallel; below the modulus of the spacer."
+    source = "The plate capacitor. iCub skin: Maiolino et al., IEEE Sensors 2013."
+
+    def check(self, where: str) -> None:
+        for name in ("gap", "modulus", "permittivity"):
+            number(where, name, getattr(self, name), above=0)
+        for name in ("stray", "dead_band"):
+            number(where, name, getattr(self, name), at_least=0)
+        for name in ("baseline_tau", "rated_n"):
+            if getattr(self, name) is not None:
+                number(where, name, getattr(self, name), above=0)
+
+    def gives(self, taken: Kind) -> Kind:
+        return reading_kind(taken, CAPACITANCE, self.rated_n)
+
+    def compile(self, place: Place, x: wp.array, taken: Kind) -> tuple[wp.array, Sequence[Stage]]:
+        context, real = place.context, place.context.real
+        normals, areas = skin_arrays(place)
+        follows = self.baseline_tau is not None
+        shape = (context.n_envs, len(place.positions))
+        baseline = context.zeros(shape if follows else (0, 0), wp.float64)
+        kind = self.gives(taken)
+        out = place.zeros(kind.n_channels)
+        inputs = [
+            x, normals, areas, context.dt, self.modulus, self.dead_band, EPSILON_0 * self.permittivity / self.gap,
+            self.stray, self.baseline_tau or 1.0, self.rated_n or 0.0, baseline,
+        ]  # fmt: skip
+        kernel = gap_kernel(real, taken.vector, self.rated_n is not None, follows)
+        launch = record(kernel, shape, inputs, [out], context.device)
+        reason = "its gap closes" + (", the firmware follows its baseline" if follows else "")
+        reset = functools.partial(clear_rows, baseline) if follows else None
+        return out, [Stage(name=f"{place.name}: capacitors", reason=reason, launch=launch, reset=reset)]

@@ -1,0 +1,64 @@
+"""The transducers of one sensor, one after another: from what its model gives to what its electronics sees."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import warp as wp
+
+from tactemu.errors import SceneError
+from tactemu.plan.plan import Stage
+from tactemu.transducers.transducer import KINDS, Kind, Place, Transducer
+
+
+class Chain:
+    """Transducers that fit one another.
+
+    Args:
+        where: for errors.
+        transducers: in their order, one or more.
+        layouts: quantities that the sensor model gives, and the channels that hold each.
+
+    Raises:
+        SceneError: one cannot take what the one before gives.
+    """
+
+    def __init__(self, where: str, transducers: Sequence[Transducer], layouts: Mapping[str, slice]):
+        self.transducers = tuple(transducers)
+        has = [name for name in transducers[0].takes if name in layouts]
+        if not has:
+            kind = type(transducers[0]).__name__
+            raise SceneError(
+                f"{where}: {kind} takes {' or '.join(transducers[0].takes)}; the model gives {', '.join(layouts)}"
+            )
+        wanted = [name for name in has if _passes(self.transducers, KINDS[name])]
+        self.taken = KINDS[(wanted or has)[0]]
+        self.columns = layouts[self.taken.quantity]
+        kind = self.taken
+        for each in self.transducers:
+            if kind.quantity not in each.takes:
+                raise SceneError(
+                    f"{where}: {type(each).__name__} takes {' or '.join(each.takes)}, not the {kind.quantity} before it"
+                )
+            kind = each.gives(kind)
+        self.kind: Kind = kind
+        """What comes out."""
+
+    def compile(self, place: Place, array: wp.array) -> tuple[wp.array, list[Stage]]:
+        """The last array and all stages, from the model's ``(n_envs, n_taxels, channels)``."""
+        kind, stages = self.taken, []
+        x: Any = array[:, :, self.columns]
+        for each in self.transducers:
+            x, more = each.compile(place, x, kind)
+            stages += more
+            kind = each.gives(kind)
+        return x, stages
+
+
+def _passes(transducers: Sequence[Transducer], kind: Kind) -> bool:
+    for each in transducers:
+        if kind.quantity not in each.takes:
+            return False
+        kind = each.gives(kind)
+    return True

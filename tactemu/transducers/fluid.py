@@ -1,0 +1,93 @@
+"""Fluid and barometric: a medium that passes a load on late.
+
+::
+
+    dy/dt = (x − y)/τ               lag of the medium; exact for a load that is constant within a step
+
+Silicone around the medium relaxes: put :class:`~tactemu.transducers.material.Material` before it. ``shared`` is one
+medium for all taxels, as in a finger filled with liquid: each reads the mean pressure.
+"""
+
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import warp as wp
+
+from tactemu.options import number
+from tactemu.plan.clearing import clear_rows
+from tactemu.plan.plan import Stage, record
+from tactemu.transducers.loads import TAKES, load_function, skin_arrays
+from tactemu.transducers.transducer import PRESSURE, Kind, Place, Transducer
+
+
+@functools.cache
+def medium_kernel(real, vector: bool, shared: bool):
+    """A load, late."""
+    vec3 = wp.types.vector(3, real)
+    load = load_function(real, vector)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def pass_on(
+        x: wp.array3d(dtype=real),
+        normals: wp.array(dtype=vec3),
+        areas: wp.array(dtype=real),
+        dt: wp.array(dtype=wp.float64),
+        tau: wp.float64,
+        # state
+        late: wp.array2d(dtype=wp.float64),
+        out: wp.array3d(dtype=real),
+    ):
+        e, i = wp.tid()
+        p = wp.float64(0.0)
+        if wp.static(shared):
+            area = wp.float64(0.0)
+            for k in range(x.shape[1]):
+                p += wp.float64(load(x, normals, areas, e, k) * areas[k])
+                area += wp.float64(areas[k])
+            p = p / area
+        else:
+            p = wp.float64(load(x, normals, areas, e, i))
+        if wp.isfinite(p):
+            y = late[e, i]
+            y = y + (p - y) * (wp.float64(1.0) - wp.exp(-dt[0] / tau))
+            late[e, i] = y
+            p = y
+        out[e, i, 0] = real(p)
+
+    return pass_on
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fluid(Transducer):
+    """Gives the pressure of a medium at each taxel [Pa]."""
+
+    tau: float = 0.3
+    """Time constant of the medium [s]: air 0.01, oil in a channel of 1.5 mm 0.25."""
+    shared: bool = False
+    """One medium for all taxels."""
+
+    takes = TAKES
+    valid = "Slower than sound in the medium. The time constant is the medium's own: no other medium tells it."
+    source = (
+        "A Newtonian flow through a narrow channel into a compliant chamber. docs/realism.md has what was measured."
+    )
+
+    def check(self, where: str) -> None:
+        number(where, "tau", self.tau, above=0, unit="s")
+
+    def gives(self, taken: Kind) -> Kind:
+        return PRESSURE
+
+    def compile(self, place: Place, x: wp.array, taken: Kind) -> tuple[wp.array, Sequence[Stage]]:
+        context = place.context
+        shape = (context.n_envs, len(place.positions))
+        late, out = context.zeros(shape, wp.float64), place.zeros(1)
+        inputs = [x, *skin_arrays(place), context.dt, self.tau, late]
+        kernel = medium_kernel(context.real, taken.vector, self.shared)
+        launch = record(kernel, shape, inputs, [out], context.device)
+        reset = functools.partial(clear_rows, late)
+        return out, [Stage(name=f"{place.name}: medium", reason=f"{self.tau:g} s late", launch=launch, reset=reset)]

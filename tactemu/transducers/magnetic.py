@@ -1,0 +1,203 @@
+"""Magnetic: dipoles that move with the skin, and their field at every chip (AnySkin, ReSkin, eFlesh, uSkin).
+
+With ``x_j`` where magnet j is, ``m_j`` its moment, ``u_i`` the displacement of the skin at taxel i::
+
+    u_i = c F_i                              c compliance; where the model gives displacement, u_i itself
+    x_j = x_j⁰ + Σ_i w_ij u_i                w_ij ∝ exp(−|x_j⁰ − x_i|²/2s²) in the plane of the skin, Σ_i w_ij = 1
+    B_k = µ0/4π Σ_j (3 (m_j·r) r/|r|⁵ − m_j/|r|³) + R⁻¹ B_earth + neighbours,   r = chip_k − x_j
+
+A chip stands ``chip_depth`` below each taxel. All chips see all magnets: crosstalk follows. Magnets far from every
+taxel do not move with the skin. Neighbours are dipoles fixed to other bodies, which move with those; the earth's field
+turns as the link does.
+"""
+
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from tactemu.errors import SceneError
+from tactemu.options import number, numbers
+from tactemu.plan.plan import Stage, record
+from tactemu.transducers.transducer import FIELD, Kind, Place, Transducer
+
+NEAREST = 8
+"""Taxels that move one magnet."""
+
+
+@functools.cache
+def move_kernel(real):
+    """Where the magnets are."""
+    vec3 = wp.types.vector(3, real)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def move_magnets(
+        felt: wp.array3d(dtype=real),
+        rest: wp.array(dtype=vec3),
+        taxels: wp.array2d(dtype=wp.int32),
+        shares: wp.array2d(dtype=real),
+        # outputs
+        places: wp.array2d(dtype=vec3),
+    ):
+        e, j = wp.tid()
+        x = rest[j]
+        for k in range(taxels.shape[1]):
+            i = taxels[j, k]
+            w = shares[j, k]
+            if w != real(0.0):
+                x += w * vec3(felt[e, i, 0], felt[e, i, 1], felt[e, i, 2])
+        places[e, j] = x
+
+    return move_magnets
+
+
+@functools.cache
+def field_kernel(real, earth: bool, neighbours: bool):
+    """The field at the chips."""
+    vec3 = wp.types.vector(3, real)
+    transform = wp.types.transformation(real)
+
+    @wp.func
+    def dipole(r: vec3, m: vec3):
+        square = wp.dot(r, r)
+        near = real(1.0) / (square * wp.sqrt(square))
+        return near * (real(3.0) * wp.dot(m, r) / square * r - m)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def fields_at_chips(
+        places: wp.array2d(dtype=vec3),
+        moments: wp.array(dtype=vec3),
+        chips: wp.array(dtype=vec3),
+        world: wp.array3d(dtype=wp.float64),
+        link: int,
+        earth_field: wp.vec3d,
+        pose: wp.array2d(dtype=transform),
+        bodies: wp.array(dtype=wp.int32),
+        other_places: wp.array(dtype=vec3),
+        other_moments: wp.array(dtype=vec3),
+        # outputs
+        field: wp.array3d(dtype=real),
+    ):
+        e, k = wp.tid()
+        chip = chips[k]
+        total = vec3(real(0.0))
+        for j in range(moments.shape[0]):
+            total += dipole(chip - places[e, j], moments[j])
+        if wp.static(neighbours):
+            for j in range(bodies.shape[0]):
+                at = pose[e, bodies[j]]
+                place = wp.transform_point(at, other_places[j])
+                total += dipole(chip - place, wp.transform_vector(at, other_moments[j]))
+        if wp.static(earth):
+            q = wp.quatd(world[link, e, 4], world[link, e, 5], world[link, e, 6], world[link, e, 3])
+            b = wp.quat_rotate_inv(wp.normalize(q), earth_field)
+            total += vec3(real(b[0]), real(b[1]), real(b[2]))
+        for axis in range(3):
+            field[e, k, axis] = total[axis]
+
+    return fields_at_chips
+
+
+@dataclass(frozen=True, kw_only=True)
+class Magnetic(Transducer):
+    """Gives the field at each chip [T], one chip below each taxel."""
+
+    magnets: Sequence = ()
+    """Places of the magnets at rest, in the link's frame, or relative to the middle of the taxels with
+    ``about_taxels`` [m], ``(m, 3)``; empty: a grid over the taxels."""
+    moments: Sequence = ((0.0, 0.0, 2e-4),)
+    """Their moments [A m²], ``(m, 3)``, or one for all."""
+    about_taxels: bool = True
+    """Places count from the middle of the taxels."""
+    grid: tuple[int, int] = (10, 10)
+    """Where no magnets are given: rows and columns of a sheet that is ``1.5`` times as wide as the taxels."""
+    chip_depth: float = 2e-3
+    """How far below its taxel a chip is, against the normal [m]."""
+    compliance: float = 1e-4
+    """Displacement of the skin per force of a taxel [m/N], where the model gives force."""
+    spread: float = 4e-3
+    """Standard deviation of how far a taxel's displacement reaches to magnets beside it [m]."""
+    earth: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Field of the earth in the world [T]; 50e-6 in all where it is felt."""
+    neighbours: Sequence = ()
+    """Magnets on other bodies: ``(body, (x, y, z), (mx, my, mz))``, in that body's frame [m, A m²]."""
+
+    takes = ("displacement", "force")
+    valid = (
+        "Chips that are farther from a magnet than its own size. Magnets keep their direction as the skin tilts, and "
+        "the skin between taxels follows them by a Gaussian."
+    )
+    source = "Field of a point dipole. Skins: AnySkin (arXiv:2409.08276), eFlesh (arXiv:2506.09994)."
+
+    def check(self, where: str) -> None:
+        for name in ("chip_depth", "compliance", "spread"):
+            number(where, name, getattr(self, name), at_least=0 if name != "spread" else None, unit="m")
+        number(where, "spread", self.spread, above=0, unit="m")
+        for name in ("magnets", "moments"):
+            given = numbers(where, name, getattr(self, name) or np.zeros((0, 3)))
+            if given.ndim != 2 or given.shape[1] != 3:
+                raise SceneError(f"{where}: {name} must be a list of three numbers each, got shape {given.shape}")
+        if len(self.magnets) and len(self.moments) not in (1, len(self.magnets)):
+            raise SceneError(f"{where}: {len(self.moments)} moments for {len(self.magnets)} magnets; one, or one each")
+
+    def gives(self, taken: Kind) -> Kind:
+        return FIELD
+
+    def places(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Places and moments of all magnets at rest in the link's frame, for taxels at ``positions``."""
+        middle = positions.mean(axis=0)
+        if len(self.magnets):
+            places = np.asarray(self.magnets, float) + (middle if self.about_taxels else 0.0)
+        else:
+            reach = 0.75 * np.maximum(np.ptp(positions, axis=0), 1e-3)
+            x, y = (np.linspace(-reach[k], reach[k], n) for k, n in enumerate(self.grid))
+            places = middle + np.array([(a, b, 0.0) for a in x for b in y])
+        return places, np.broadcast_to(np.asarray(self.moments, float), places.shape).copy()
+
+    def shares(self, places: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The nearest taxels of each magnet, and how much of each one's displacement it has; ``(m, k)`` both."""
+        apart = np.linalg.norm(places[:, None] - positions[None], axis=-1)
+        nearest = np.argsort(apart, axis=1, kind="stable")[:, :NEAREST]
+        weights = np.exp(-0.5 * (np.take_along_axis(apart, nearest, axis=1) / self.spread) ** 2)
+        whole = np.maximum(weights.sum(axis=1, keepdims=True), 1.0)  # between taxels in full, far from all not at all
+        return nearest.astype(np.int32), weights / whole
+
+    def compile(self, place: Place, x: wp.array, taken: Kind) -> tuple[wp.array, Sequence[Stage]]:
+        context, real = place.context, place.context.real
+        vec3 = wp.types.vector(3, real)
+        rest, moments = self.places(place.positions)
+        taxels, shares = self.shares(rest, place.positions)
+        factor = self.compliance if taken.quantity == "force" else 1.0
+        moved = wp.zeros((context.n_envs, len(rest)), dtype=vec3, device=context.device)
+        inputs = [x, place.constant(rest, vec3), place.constant(taxels, wp.int32), place.constant(shares * factor)]
+        move = record(move_kernel(real), moved.shape, inputs, [moved], context.device)
+        field = place.zeros(3)
+        chips = place.positions - self.chip_depth * place.normals
+        bodies, other_places, other_moments = self._others(place)
+        kernel = field_kernel(real, any(self.earth), bool(len(self.neighbours)))
+        per_moment = 1e-7  # µ0/4π
+        inputs = [
+            moved, place.constant(per_moment * moments, vec3), place.constant(chips, vec3), place.world, place.link,
+            wp.vec3d(*self.earth), place.pose, place.constant(bodies, wp.int32),
+            place.constant(other_places, vec3), place.constant(per_moment * other_moments, vec3),
+        ]  # fmt: skip
+        launch = record(kernel, field.shape[:2], inputs, [field], context.device)
+        why = f"{len(rest)} dipoles at {len(chips)} chips"
+        return field, [
+            Stage(name=f"{place.name}: magnets", reason="they move with the skin", launch=move),
+            Stage(name=f"{place.name}: field", reason=why, launch=launch, cheaper="fewer magnets"),
+        ]
+
+    def _others(self, place: Place) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        for body, *_ in self.neighbours:
+            if body not in place.bodies:
+                known = ", ".join(place.bodies)
+                raise SceneError(f"sensor {place.name!r}: neighbours: no body {body!r} (bodies: {known})")
+        at = np.array([each[1] for each in self.neighbours], float).reshape(-1, 3)
+        moments = np.array([each[2] for each in self.neighbours], float).reshape(-1, 3)
+        return np.array([place.bodies[each[0]] for each in self.neighbours], np.int32), at, moments

@@ -1,0 +1,178 @@
+"""Material: what a soft skin remembers of load, on each number of a reading by itself.
+
+With the load ``v``, its peak since the skin was last free ``P``, and ``n`` presses before::
+
+    creep        v + Σ_k c w_k (z_k − v g1),   dz_k/dt = (v − z_k)/τ_k        c per decade of time; g1: after 1 s
+    loop         + h P 4 s (1 − s) b,   s = v/P                               b: 0 loading, 1 unloading
+    worked in    (1 − a ln(1 + n)) (...)
+    baseline     + d L ln(1 + n)                                             L: the last peak
+
+``c`` falls with load as ``(|v|/reference)^-p``. The exponentials follow the logarithm within 0.03 decades from
+``first`` to ``last`` and end there: all is bounded. A press begins at ``PRESSED`` of the largest peak and ends below
+half of that.
+"""
+
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import warp as wp
+
+from tactemu.errors import SceneError
+from tactemu.options import number
+from tactemu.plan.clearing import clear_rows
+from tactemu.plan.plan import Stage, record
+from tactemu.transducers.laws import LogMemory
+from tactemu.transducers.transducer import Kind, Place, Transducer
+
+PRESSED = wp.constant(wp.float64(0.05))
+TURN = wp.constant(wp.float64(0.1))
+"""Share of the peak over which loading turns into unloading."""
+MOST_PRESSES = wp.constant(wp.float64(1000.0))
+
+
+@functools.cache
+def material_kernel(real, creep: bool, loop: bool, presses: bool):
+    """Only the laws that are asked for leave code."""
+    f64 = wp.float64
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def remember_load(
+        x: wp.array3d(dtype=real),
+        dt: wp.array(dtype=wp.float64),
+        taus: wp.array(dtype=wp.float64),
+        weights: wp.array(dtype=wp.float64),
+        after_one_s: wp.float64,
+        per_decade: wp.float64,
+        exponent: wp.float64,
+        reference: wp.float64,
+        width: wp.float64,
+        softening: wp.float64,
+        baseline: wp.float64,
+        before: wp.float64,
+        # state
+        crept: wp.array4d(dtype=wp.float64),
+        peak: wp.array3d(dtype=wp.float64),
+        largest: wp.array3d(dtype=wp.float64),
+        branch: wp.array3d(dtype=wp.float64),
+        last: wp.array3d(dtype=wp.float64),
+        count: wp.array3d(dtype=wp.float64),
+        out: wp.array3d(dtype=real),
+    ):
+        e, i, c = wp.tid()
+        v = f64(x[e, i, c])
+        if not wp.isfinite(v):
+            out[e, i, c] = x[e, i, c]
+            return
+        y = v
+        if wp.static(creep):
+            share = per_decade
+            if exponent != f64(0.0):
+                share = share * wp.pow(wp.max(wp.abs(v), f64(0.01) * reference) / reference, -exponent)
+            total = f64(0.0)
+            for k in range(taus.shape[0]):
+                z = crept[e, i, c, k]
+                z = z + (v - z) * (f64(1.0) - wp.exp(-dt[0] / taus[k]))
+                crept[e, i, c, k] = z
+                total += weights[k] * z
+            y = y + share * (total - after_one_s * v)
+        if wp.static(loop or presses):
+            p = peak[e, i, c]
+            size = wp.abs(v)
+            top = wp.max(largest[e, i, c], size)
+            largest[e, i, c] = top
+            if size < f64(0.5) * PRESSED * top:
+                if wp.abs(p) > PRESSED * top:
+                    count[e, i, c] = wp.min(count[e, i, c] + f64(1.0), MOST_PRESSES)
+                    last[e, i, c] = p
+                    p = f64(0.0)
+                    branch[e, i, c] = f64(0.0)
+            if size > wp.abs(p) or v * p < f64(0.0):
+                p = v
+            if wp.static(loop):
+                if p != f64(0.0):
+                    s = wp.clamp(v / p, f64(0.0), f64(1.0))
+                    was = branch[e, i, c]
+                    # how far below the peak, in shares of it, since it last loaded
+                    b = wp.clamp((f64(1.0) - s) / TURN, f64(0.0), f64(1.0))
+                    if s >= f64(1.0):
+                        b = f64(0.0)
+                    branch[e, i, c] = wp.max(b, wp.where(s < f64(1.0), was, f64(0.0)))
+                    y = y + width * p * f64(4.0) * s * (f64(1.0) - s) * branch[e, i, c]
+            peak[e, i, c] = p
+            if wp.static(presses):
+                worked = wp.log(f64(1.0) + wp.min(count[e, i, c] + before, MOST_PRESSES))
+                y = y * (f64(1.0) - softening * worked)
+                y = y + baseline * last[e, i, c] * wp.log(f64(1.0) + count[e, i, c])
+        out[e, i, c] = real(y)
+
+    return remember_load
+
+
+@dataclass(frozen=True, kw_only=True)
+class Material(Transducer):
+    """Gives what it takes, as a soft skin passes it on."""
+
+    creep_per_decade: float = 0.0
+    """Growth of the reading of a constant load per decade of time, of that after 1 s; negative: it relaxes."""
+    creep_exponent: float = 0.0
+    """Heavy loads creep less: ``(|v|/reference)^-exponent``."""
+    reference: float = 1.0
+    """Load at which ``creep_per_decade`` holds [unit of the reading]."""
+    first: float = 0.1
+    """Where the logarithm begins [s]."""
+    last: float = 1000.0
+    """Where it ends [s]."""
+    loop: float = 0.0
+    """Widest gap between unloading and loading, of the peak of that press."""
+    softening: float = 0.0
+    """What each press takes of the reading, per ln(1 + presses)."""
+    baseline: float = 0.0
+    """What a press leaves behind, of its peak, per ln(1 + presses)."""
+    presses_before: float = 0.0
+    """Presses that it had seen before time 0."""
+
+    takes = ("force", "pressure", "displacement", "depth", "field", "resistance", "capacitance")
+    valid = "Presses that come and go. Inside a loop that is not closed the reading is that of the outer one."
+    source = "Logarithmic creep of elastomers and of piezoresistive composites; docs/realism.md has what was measured."
+
+    def check(self, where: str) -> None:
+        for name in ("loop", "softening", "baseline", "creep_per_decade"):
+            number(where, name, getattr(self, name), at_least=-1, at_most=1)
+        for name in ("reference", "first", "last"):
+            number(where, name, getattr(self, name), above=0)
+        number(where, "presses_before", self.presses_before, at_least=0)
+        if self.last <= self.first:
+            raise SceneError(f"{where}: last must be after first ({self.first:g} s), got {self.last:g} s")
+
+    def gives(self, taken: Kind) -> Kind:
+        return taken
+
+    def compile(self, place: Place, x: wp.array, taken: Kind) -> tuple[wp.array, Sequence[Stage]]:
+        creep = self.creep_per_decade != 0
+        loop, presses = self.loop != 0, self.softening != 0 or self.baseline != 0
+        if not (creep or loop or presses):
+            return x, []
+        context, shape = place.context, (*x.shape,)
+        memory = LogMemory.over(self.first, self.last)
+        crept = context.zeros((*shape, len(memory.taus) if creep else 0), wp.float64)
+        states = [context.zeros(shape if loop or presses else (0, 0, 0), wp.float64) for _ in range(5)]
+        out = place.zeros(taken.n_channels)
+        inputs = [
+            x, context.dt, place.constant(memory.taus, wp.float64), place.constant(memory.weights, wp.float64),
+            float(memory.grown(1.0)), self.creep_per_decade, self.creep_exponent, self.reference, self.loop,
+            self.softening, self.baseline, self.presses_before, crept, *states,
+        ]  # fmt: skip
+        kernel = material_kernel(context.real, creep, loop, presses)
+        launch = record(kernel, shape, inputs, [out], context.device)
+
+        def reset(mask: wp.array) -> None:
+            for array in (crept, *states, out):
+                clear_rows(array, mask)
+
+        on = [name for name, is_on in (("creep", creep), ("loop", loop), ("presses", presses)) if is_on]
+        stage = Stage(name=f"{place.name}: soft skin", reason=", ".join(on), launch=launch, reset=reset)
+        return out, [stage]

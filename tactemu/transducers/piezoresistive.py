@@ -1,0 +1,180 @@
+"""Piezoresistive: a resistance that falls with pressure, below a divider, in rows and columns (FlexiTac, Weiss).
+
+With the pressure ``p`` on a taxel, warmth ``T − T0``, and a fixed resistor ``Rf`` of the divider::
+
+    u = (p / half)^n exp(a (T − T0))          R = Rf / u, at most r_open
+    V = u / (1 + u)                           of the supply
+    ghosts: V + g (mean of its row)(mean of its column) / (mean of all)
+    reading = gain (1 + b (T − T0)) V + zero (T − T0), 0 below the threshold
+
+Gain and zero drift by terms of their own. ``rated_n`` makes the reading a push along the normal that has this force
+where V is 1, for devices that count in force; otherwise it is the resistance that the divider sees [Ohm].
+"""
+
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import warp as wp
+
+from tactemu.errors import SceneError
+from tactemu.options import number
+from tactemu.plan.plan import Stage, record
+from tactemu.transducers.loads import TAKES, load_function, reading_kind, skin_arrays
+from tactemu.transducers.transducer import RESISTANCE, Kind, Place, Transducer
+
+
+@functools.cache
+def share_kernel(real, vector: bool):
+    """Share of the supply that each divider gives."""
+    vec3 = wp.types.vector(3, real)
+    load = load_function(real, vector)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def shares_of_supply(
+        x: wp.array3d(dtype=real),
+        normals: wp.array(dtype=vec3),
+        areas: wp.array(dtype=real),
+        half: real,
+        exponent: real,
+        # outputs
+        share: wp.array2d(dtype=real),
+    ):
+        e, i = wp.tid()
+        p = load(x, normals, areas, e, i)
+        u = wp.pow(p / half, exponent)
+        if p == real(0.0):
+            u = real(0.0)
+        share[e, i] = wp.where(u > real(1.0e30), real(1.0), u / (real(1.0) + u))
+
+    return shares_of_supply
+
+
+@functools.cache
+def readout_kernel(real, push: bool, ghosts: bool):
+    """What is read of it: a resistance, or a push."""
+    vec3 = wp.types.vector(3, real)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def read_divider(
+        share: wp.array2d(dtype=real),
+        normals: wp.array(dtype=vec3),
+        rows: int,
+        cols: int,
+        ghost: real,
+        gain: real,
+        zero: real,
+        threshold: real,
+        rated: real,
+        fixed: real,
+        opened: real,
+        # outputs
+        out: wp.array3d(dtype=real),
+    ):
+        e, i = wp.tid()
+        v = share[e, i]
+        if wp.static(ghosts):
+            row = i // cols
+            col = i - row * cols
+            of_row = real(0.0)
+            of_col = real(0.0)
+            of_all = real(0.0)
+            for c in range(cols):
+                of_row += share[e, row * cols + c]
+            for r in range(rows):
+                of_col += share[e, r * cols + col]
+            for k in range(rows * cols):
+                of_all += share[e, k]
+            if of_all > real(0.0):
+                v = v + ghost * of_row * of_col / of_all
+        v = gain * v + zero
+        if v < threshold:
+            v = real(0.0)
+        if wp.static(push):
+            n = normals[i]
+            for axis in range(out.shape[2]):
+                out[e, i, axis] = wp.where(out.shape[2] == 1, rated * v, -rated * v * n[axis])
+        else:
+            r = opened
+            if v >= real(1.0):
+                r = real(0.0)
+            elif v > real(0.0):
+                r = wp.min(fixed * (real(1.0) - v) / v, opened)
+            out[e, i, 0] = wp.where(wp.isfinite(v), r, v)
+
+    return read_divider
+
+
+@dataclass(frozen=True, kw_only=True)
+class Piezoresistive(Transducer):
+    """Gives the resistance of each taxel [Ohm], or with ``rated_n`` a push of which it is a share."""
+
+    half: float = 5e4
+    """Pressure at which the taxel's resistance is that of the divider [Pa]."""
+    exponent: float = 1.5
+    """Of resistance over pressure: R ∝ p^-n."""
+    fixed: float = 1e4
+    """Resistor of the divider [Ohm]."""
+    r_open: float = 1e8
+    """Resistance of a taxel that nothing touches [Ohm]."""
+    rated_n: float | None = None
+    """Force of a reading at full supply [N]; with a model that gives pressure [Pa]."""
+    ghosts: float = 0.0
+    """Share of a ghost at the fourth corner of three that are pressed; the layout must be a grid."""
+    threshold: float = 0.0
+    """Share of the supply below which the reading is 0."""
+    gain: float = 1.0
+    """Gain register."""
+    temperature: float = 25.0
+    """[degC]"""
+    temperature_reference: float = 25.0
+    """Where the parameters hold [degC]."""
+    half_per_k: float = 0.0
+    """Growth of u with warmth [1/K]."""
+    gain_per_k: float = 0.0
+    """Growth of the gain with warmth [1/K]."""
+    zero_per_k: float = 0.0
+    """Growth of the zero with warmth, of the supply [1/K]."""
+
+    takes = TAKES
+    valid = "One resistor for each taxel. Ghosts are those of three corners of a rectangle, to first order."
+    source = "Percolating composites: R ∝ p^-n. Velostat: n 1.57; Weiss DSA: 2 (docs/realism.md)."
+
+    def check(self, where: str) -> None:
+        for name in ("half", "exponent", "fixed", "r_open"):
+            number(where, name, getattr(self, name), above=0)
+        for name in ("ghosts", "threshold"):
+            number(where, name, getattr(self, name), at_least=0, at_most=1)
+        number(where, "gain", self.gain, at_least=0)
+        if self.rated_n is not None:
+            number(where, "rated_n", self.rated_n, above=0, unit="N")
+
+    def gives(self, taken: Kind) -> Kind:
+        return reading_kind(taken, RESISTANCE, self.rated_n)
+
+    def compile(self, place: Place, x: wp.array, taken: Kind) -> tuple[wp.array, Sequence[Stage]]:
+        context, real = place.context, place.context.real
+        if self.ghosts and len(place.layout) != 2:
+            raise SceneError(f"sensor {place.name!r}: ghosts need taxels in rows and columns, not {place.layout}")
+        rows, cols = place.layout if len(place.layout) == 2 else (1, len(place.positions))
+        normals, areas = skin_arrays(place)
+        share = wp.zeros((context.n_envs, len(place.positions)), dtype=real, device=context.device)
+        warm = self.temperature - self.temperature_reference
+        half = self.half * 2.718281828459045 ** (-self.half_per_k * warm / self.exponent)
+        inputs = [x, normals, areas, half, self.exponent]
+        feel = record(share_kernel(real, taken.vector), share.shape, inputs, [share], context.device)
+        kind = self.gives(taken)
+        out = place.zeros(kind.n_channels)
+        inputs = [
+            share, normals, rows, cols, self.ghosts, self.gain * (1.0 + self.gain_per_k * warm),
+            self.zero_per_k * warm, self.threshold, self.rated_n or 0.0, self.fixed, self.r_open,
+        ]  # fmt: skip
+        kernel = readout_kernel(real, self.rated_n is not None, bool(self.ghosts))
+        launch = record(kernel, share.shape, inputs, [out], context.device)
+        return out, [
+            Stage(name=f"{place.name}: resistors", reason="resistance falls with pressure", launch=feel),
+            Stage(name=f"{place.name}: divider", reason=kind.quantity, launch=launch),
+        ]

@@ -1,0 +1,67 @@
+"""Transducers by name: one line each."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from tactemu.errors import SceneError, nearest
+
+if TYPE_CHECKING:
+    from tactemu.transducers.transducer import Transducer
+
+TRANSDUCERS: dict[str, str] = {
+    # kind in scene files: "module:Class", imported only when asked for
+    "material": "tactemu.transducers.material:Material",
+    "magnetic": "tactemu.transducers.magnetic:Magnetic",
+    "piezoresistive": "tactemu.transducers.piezoresistive:Piezoresistive",
+    "capacitive": "tactemu.transducers.capacitive:Capacitive",
+    "fluid": "tactemu.transducers.fluid:Fluid",
+}
+
+
+def load(name: str) -> type[Transducer]:
+    """The class of a transducer, by its name or as ``"module:Class"`` of the user's own.
+
+    Raises:
+        SceneError: there is none of this name.
+    """
+    module, _, kind = TRANSDUCERS.get(name, name).partition(":")
+    try:
+        return getattr(importlib.import_module(module), kind)
+    except (ImportError, AttributeError, ValueError):
+        hint = nearest(name, TRANSDUCERS) or f" (kinds: {', '.join(TRANSDUCERS)})"
+        raise SceneError(f"no transducer {name!r}{hint}") from None
+
+
+def make(where: str, table: Mapping[str, Any]) -> Transducer:
+    """A transducer of a scene file's table: its ``kind``, and options.
+
+    Raises:
+        SceneError: no such kind, or an option that it does not have or does not accept.
+    """
+    options = dict(table)
+    kind = options.pop("kind", None)
+    if not isinstance(kind, str):
+        raise SceneError(f"{where}: expected a `kind` (kinds: {', '.join(TRANSDUCERS)})")
+    try:
+        made = load(kind)
+    except SceneError as error:
+        raise SceneError(f"{where}: {error}") from None
+    known = [field.name for field in dataclasses.fields(made)]
+    for name in options:
+        if name not in known:
+            hint = nearest(name, known) or f" (options: {', '.join(known)})"
+            raise SceneError(f"{where}: {kind} has no {name!r}{hint}")
+    try:
+        transducer = made(**{name: _fixed(value) for name, value in options.items()})
+        transducer.check(where)
+    except (TypeError, ValueError) as error:
+        raise SceneError(f"{where}: {kind}: {error}") from None
+    return transducer
+
+
+def _fixed(value: Any) -> Any:
+    return tuple(_fixed(each) for each in value) if isinstance(value, list) else value

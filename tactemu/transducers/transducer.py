@@ -1,0 +1,109 @@
+"""What a transducer is, and how to write one.
+
+A transducer is a frozen dataclass of options, one file, derived from :class:`Transducer`, with one line in
+:mod:`tactemu.transducers.registry`. Several follow one another: each takes what the one before gives, the first what
+the sensor model gives. They stand between the memory of the material and the electronics: noise, resolution and
+saturation of the sensor are then in the unit of the last one.
+
+``compile`` allocates with ``place.context`` and returns the array that it fills and its stages, as a sensor model does.
+It is called for the ground truth and for the measured branch, unless both are one.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+import warp as wp
+
+from tactemu.plan.plan import Context, Stage
+
+Channels = Literal["scalar", "force", "displacement"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kind:
+    """What an array ``(n_envs, n_taxels, channels)`` holds."""
+
+    quantity: str
+    """See :data:`firmware_protocols.device.Quantity`."""
+    unit: str
+    vector: bool
+
+    @property
+    def n_channels(self) -> int:
+        """Numbers of one taxel."""
+        return 3 if self.vector else 1
+
+
+FORCE = Kind(quantity="force", unit="N", vector=True)
+DISPLACEMENT = Kind(quantity="displacement", unit="m", vector=True)
+PRESSURE = Kind(quantity="pressure", unit="Pa", vector=False)
+DEPTH = Kind(quantity="depth", unit="m", vector=False)
+FIELD = Kind(quantity="field", unit="T", vector=True)
+RESISTANCE = Kind(quantity="resistance", unit="Ohm", vector=False)
+CAPACITANCE = Kind(quantity="capacitance", unit="F", vector=False)
+
+KINDS = {kind.quantity: kind for kind in (FORCE, DISPLACEMENT, PRESSURE, DEPTH, FIELD, RESISTANCE, CAPACITANCE)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """Where a transducer is compiled: the skin on its link."""
+
+    name: str
+    """Of the sensor."""
+    context: Context
+    positions: np.ndarray
+    """Of the taxels in the link's frame [m], ``(n, 3)``."""
+    normals: np.ndarray
+    """Out of the skin, ``(n, 3)``, of unit length."""
+    layout: tuple[int, ...]
+    """``(n,)`` or ``(rows, cols)``."""
+    areas: np.ndarray
+    """Of the taxels [m²], ``(n,)``."""
+    link: int
+    world: wp.array
+    """Poses of all bodies, ``(n_bodies, n_envs, 13)``: see :mod:`tactemu.physics.poses`."""
+    pose: wp.array
+    """The bodies as the link sees them, transforms ``(n_envs, n_bodies)``."""
+    bodies: Mapping[str, int]
+    """Their places, by name."""
+
+    def zeros(self, channels: int) -> wp.array:
+        """A new array ``(n_envs, n_taxels, channels)`` that is part of the state."""
+        return self.context.zeros((self.context.n_envs, len(self.positions), channels), self.context.real)
+
+    def constant(self, values: np.ndarray, dtype: type | None = None) -> wp.array:
+        """An array on the device that never changes."""
+        return wp.array(values, dtype=dtype or self.context.real, device=self.context.device)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Transducer(ABC):
+    """Options of one transducer. SI units; vectors in the frame of the link."""
+
+    takes: ClassVar[tuple[str, ...]]
+    """Quantities that it can begin with, best first."""
+    valid: ClassVar[str] = ""
+    """Where its readings mean something."""
+    source: ClassVar[str] = ""
+    """Where its equations come from."""
+
+    def check(self, where: str) -> None:
+        """Check the options.
+
+        Raises:
+            SceneError: one has no meaning.
+        """
+
+    @abstractmethod
+    def gives(self, taken: Kind) -> Kind:
+        """What comes out when this goes in."""
+
+    @abstractmethod
+    def compile(self, place: Place, x: wp.array, taken: Kind) -> tuple[wp.array, Sequence[Stage]]:
+        """The array that it fills and its stages; ``x`` is ``(n_envs, n_taxels, channels)``."""

@@ -1,0 +1,51 @@
+"""Tapes whose story is known: samples at 100 Hz, a driver that hands them out, and what is done to both."""
+
+from dataclasses import asdict
+
+import numpy as np
+
+from tactemu.judge.columns import Channel, Column, Columns
+from tactemu.judge.tape import Change, Frame, Note, Said, Sample, Tape, Weight
+from tactemu.judge.verdicts import Known
+
+PERIOD = 10_000_000
+NAMES = ("fx", "fy", "fz")
+COLUMNS = Columns(
+    [Column(name, "value", k, gain=0.5, tolerance=0.2, share=1.0) for k, name in enumerate(NAMES)]
+    + [Column("valid", "flag", constant=1.0)],
+    [Channel(name.upper(), name[1], "N", 2.0) for name in NAMES],
+)
+
+
+def counts(number):
+    return np.random.default_rng(number).integers(-3000, 3000, 3).astype(float)
+
+
+def row(number, **more):
+    return dict(zip(NAMES, (0.5 * counts(number)).tolist())) | {"valid": 1.0} | more
+
+
+def tape(rows=None, *, name="flipped", action="", on=100, off=150, end=200, asks=False, notes=(), **more):
+    """Samples 0 to 299, each 10 ms; ``rows`` are ``(time in periods, row)``, by default each sample 1 ms later."""
+    known = Known(asks=asks, p50_ms=1.0, p99_ms=2.0, **more.pop("known", {}))
+    told = Tape(
+        name, {"name": name, "action": action} | more.pop("trial", {}), asdict(known), COLUMNS.as_dict(),
+        on=on * PERIOD, off=off * PERIOD, end=end * PERIOD,
+    )  # fmt: skip
+    told.samples = [Sample(k * PERIOD, k, counts(k)) for k in range(300)]
+    silent = more.pop("silent", range(0))
+    told.frames = [Frame(k * PERIOD, "tx", f"{k:04x}", k) for k in range(300) if k not in silent]
+    rows = [(k + 0.1, row(k)) for k in range(end)] if rows is None else rows
+    told.rows = [Said(round(t * PERIOD), dict(each)) for t, each in rows]
+    told.notes = [Note(round(t * PERIOD), text, True) for t, text in notes]
+    told.changes = [
+        Change(round(t * PERIOD), "flip", f"flip frame {t} byte 0 bit 0", t, "00", ("01",)) for t in more.pop("hit", ())
+    ]
+    told.weights = [Weight(k * PERIOD, size, cpu) for k, size, cpu in more.pop("weights", ())]
+    for key, value in more.items():
+        setattr(told, key, value)
+    return told
+
+
+def usual(first=0, last=200, without=()):
+    return [(k + 0.1, row(k)) for k in range(first, last) if k not in without]

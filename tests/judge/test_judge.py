@@ -1,0 +1,188 @@
+"""Drivers with one defect each, judged live, and those with which there is nothing to judge.
+
+Every defect of every kind is the nightly part: ``pytest -m nightly tests/judge``.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from tactemu.judge.processes import MARK, marked
+from tactemu.judge.running import Judge, Options
+
+pytestmark = [pytest.mark.realtime, pytest.mark.timeout(300)]
+
+PLANTED = str(Path(__file__).with_name("planted.py"))
+DEVICES = {
+    "stream": ("optoforce", None), "polled": ("weiss_wts", None), "modbus": ("dfrobot_tactile", None),
+    "tcp": ("inspire_rh56dftp", "tcp:127.0.0.1:0"), "can": ("xela_uskin", None),
+}  # fmt: skip
+
+
+def run(kind, variant, *only, **options):
+    """Outcomes by trial of a planted driver."""
+    device, port = DEVICES[kind]
+    command = [sys.executable, PLANTED, kind, variant, "{port}"]
+    with Judge(device, command, Options(only=only, port=port, **options)) as judge:
+        return {outcome.name: outcome for outcome in judge.run()}
+
+
+def ended(command):
+    return subprocess.run(command, check=False, capture_output=True, text=True, timeout=120)
+
+
+def test_a_sum_that_nobody_checks_with_report_case_and_replay(tmp_path):
+    """The whole command: exit codes, files, the smallest case, and the case alone."""
+    command = ["--", sys.executable, PLANTED, "stream", "nosum", "{port}"]
+    files = {name: tmp_path / f"r.{name}" for name in ("html", "junit", "json")}
+    arguments = [f"--{name}={path}" for name, path in files.items()]
+    base = [sys.executable, "-m", "tactemu", "judge", "optoforce"]
+    more = ["--only=flipped", "--rest=0.2", f"--cases={tmp_path / 'cases'}", f"--record={tmp_path / 'tapes'}"]
+    first = ended([*base, *arguments, *more, *command])
+    assert first.returncode == 1, first.stderr
+    assert "silent wrong values" in first.stderr and "Fx, in counts" in first.stderr
+    (case,) = (tmp_path / "cases").iterdir()
+    told = json.loads(case.read_text())
+    assert len(told["faults"]) == 1 and told["finding"] == "wrong" and told["odd"]
+    byte = int(told["faults"][0].split()[4])
+    assert 8 <= byte <= 13, "a byte of a value"
+    assert ElementTree.parse(files["junit"]).getroot().get("failures") == "1"
+    assert json.loads(files["json"].read_text())["failed"] == ["flipped"] and "<svg" in files["html"].read_text()
+    assert len(list((tmp_path / "tapes").iterdir())) == 2
+
+
+@pytest.mark.nightly
+def test_a_case_is_tried_alone_and_a_baseline_forgives_it(tmp_path):
+    base = [sys.executable, "-m", "tactemu", "judge", "optoforce"]
+    command = ["--", sys.executable, PLANTED, "stream", "nosum", "{port}"]
+    report = tmp_path / "report.json"
+    assert ended([*base, "--only=flipped", f"--json={report}", f"--cases={tmp_path / 'c'}", *command]).returncode == 1
+    (case,) = (tmp_path / "c").iterdir()
+    alone = ended([*base, f"--replay={case}", *command])
+    assert alone.returncode == 1 and "1 of 2 trials fail" in alone.stderr
+    forgiven = ended([*base, f"--baseline={report}", f"--replay={case}", *command])
+    assert forgiven.returncode == 0 and "as in the baseline" in forgiven.stderr, forgiven.stderr
+
+
+@pytest.mark.nightly
+def test_a_reader_in_python_is_called_and_may_be_late(tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "import os, serial, struct, time\n"
+        "def read():\n"
+        "    line = serial.Serial(os.environ['TACTEMU_PORT'], timeout=1)\n"
+        "    while True:\n"
+        "        line.read_until(bytes.fromhex('aa07080a'))\n"
+        "        packet = line.read(12)\n"
+        "        time.sleep(0.02)\n"
+        "        line.reset_input_buffer()\n"
+        "        yield {'f': struct.unpack('>3h', packet[4:10])}\n"
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path)
+        from tactemu.judge.driver import reading_command
+
+        with Judge("optoforce", reading_command("mine:read"), Options(only=["none"])) as judge:
+            (outcome,) = judge.run()
+    assert [column.channel for column in judge.columns.values] == [0, 1, 2]
+    assert outcome.p50_ms is not None and 20.0 < outcome.p50_ms < 30.0
+
+
+BAD = {
+    "exits at once": ("import sys; sys.exit('no such sensor')", "exits with status 1", "no such sensor"),
+    "says nothing": ("import time; time.sleep(60)", "prints nothing within", "does not open the port"),
+    "talks": ("import time\nwhile 1: print('hi', flush=True); time.sleep(.1)", "nothing that holds numbers", "hi"),
+    "prints what is no reading": (
+        "import random, time\nwhile 1: print(random.random(), random.random(), flush=True); time.sleep(.002)",
+        "no row is a reading that was sent", "0, 1",
+    ),
+    "needs a terminal": ("import curses; curses.initscr(); input()", "exits with status 1", "EOF"),
+    "floods": ("import os\nwhile 1: os.write(1, b'x' * 65536)", "prints more than 8 MB", ""),
+    "leaves": (
+        "import os, time\nif os.fork(): os._exit(0)\nos.setsid()\nif os.fork(): os._exit(0)\ntime.sleep(60)",
+        "exits with status 0", "",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_with_what_is_no_driver_there_is_a_word_and_nothing_left(case):
+    """In bounded time, and no process, port or thread stays behind."""
+    script, verdict, last = BAD[case]
+    before = set(os.listdir("/dev/pts"))
+    with Judge(
+        "optoforce",
+        [sys.executable, "-c", script],
+        Options(start_s={"floods": 8.0, "talks": 3.0}.get(case, 1.2), rest_s=0.1),
+    ) as judge:
+        began = time.monotonic()
+        (outcome,) = judge.run()
+        assert time.monotonic() - began < 25
+        mark = judge.driver.mark if judge.driver else ""
+    assert verdict in outcome.verdict and last in outcome.verdict, outcome.verdict
+    assert outcome.fails(judge.options.fail_on) and MARK and not marked(mark)
+    assert set(os.listdir("/dev/pts")) <= before
+
+
+def test_a_program_that_is_not_there():
+    with Judge("optoforce", ["/no/such/driver"]) as judge:
+        (outcome,) = judge.run()
+    assert "cannot run the driver" in outcome.verdict
+
+
+# -- all of them -------------------------------------------------------------------------------------------------------
+
+PLANTS = {
+    # kind, variant: trial in which it must be named, the words, whether a fault causes it
+    ("stream", "noresync"): ("lost sync", True),
+    ("stream", "nosum"): ("wrong", True),
+    ("stream", "stale"): ("stale", False),
+    ("stream", "endian"): ("wrong", False),
+    ("stream", "unsigned"): ("wrong", False),
+    ("stream", "swapped"): ("order", False),
+    ("stream", "leak"): ("leaks", False),
+    ("stream", "blocks"): ("blocks", False),
+    ("stream", "wrap"): ("lost sync", False),
+    ("stream", "hundredth"): ("loses", False),
+    ("stream", "dies"): ("died", True),
+    ("polled", "timeout"): ("stale", True),
+    ("polled", "late"): ("lost sync", True),
+    ("polled", "anyreply"): ("wrong", True),
+    ("polled", "nocrc"): ("wrong", True),
+    ("polled", "deaf"): ("lost sync", True),
+    ("modbus", "unit"): ("wrong", True),
+    ("modbus", "exception"): ("stale", True),
+    ("modbus", "short"): ("wrong", True),
+    ("modbus", "nocrc"): ("wrong", True),
+    ("modbus", "timeout"): ("stale", True),
+    ("tcp", "transaction"): ("wrong", True),
+    ("can", "mixed"): ("wrong", True),
+    ("can", "foreign"): ("wrong", False),
+    ("can", "oldrow"): ("wrong", True),
+    ("can", "short"): ("wrong", True),
+    ("can", "bytes"): ("wrong", False),
+}  # fmt: skip
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(("kind", "variant"), PLANTS)
+def test_a_planted_defect_is_named(kind, variant):
+    finding, caused = PLANTS[kind, variant]
+    outcomes = run(kind, variant).values()
+    named = [outcome for outcome in outcomes if outcome.has(finding) and outcome.confirmed is not False]
+    assert named, {outcome.name: outcome.verdict for outcome in outcomes}
+    if caused:
+        assert any(outcome.case and len(outcome.case["bytes"]) for outcome in named)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("kind", DEVICES)
+@pytest.mark.parametrize("seed", range(4))
+def test_a_clean_driver_is_not_accused(kind, seed):
+    failing = {o.name: o.verdict for o in run(kind, "clean", seed=seed).values() if o.fails(Options().fail_on)}
+    assert not failing

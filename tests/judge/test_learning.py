@@ -1,0 +1,163 @@
+"""Columns: what is learned of rows whose making is known, and what is not guessed."""
+
+import numpy as np
+import pytest
+
+from tactemu.errors import TactemuError
+from tactemu.judge.columns import Channel, Column, Columns, axis_in, misnamed, misscaled
+from tactemu.judge.learning import Unlearnable, learn
+from tactemu.judge.tape import Frame, Said, Sample
+
+PERIOD = 10_000_000
+N = 330
+CHANNELS = [Channel(f"pad[{k}].{axis}", axis, "N", 20.0) for k in range(3) for axis in "xyz"]
+
+
+def samples(width=9, span=3000, seed=0):
+    random = np.random.default_rng(seed)
+    return [Sample(k * PERIOD, k, random.integers(-span, span, width).astype(float)) for k in range(N)]
+
+
+def frames(taken):
+    return [Frame(sample.t, "tx", "", sample.number) for sample in taken]
+
+
+def learned(make, *, taken=None, late=0.1, every=1, channels=CHANNELS):
+    """Of rows made by ``make`` of the counts; a row each ``every`` samples, ``late`` periods after its sample."""
+    taken = taken or samples()
+    lateness = late if callable(late) else lambda k: late
+    rows = [
+        Said(round(sample.t + lateness(k) * PERIOD), make(sample.counts, k))
+        for k, sample in enumerate(taken)
+        if not k % every
+    ]
+    return learn(sorted(rows, key=lambda said: said.t), taken, frames(taken), channels)
+
+
+def permuted(x, k):
+    order = [4, 2, 0, 1, 3, 5, 8, 7, 6]
+    return {f"c{i}": float(0.05 * x[at] * (-1) ** i + 3 * i) for i, at in enumerate(order)}
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        {},
+        {"late": 20.3},
+        {"every": 3},
+        {"late": lambda k: 0.1 + 0.8 * (k % 5) / 5},
+        {"late": lambda k: 3.1 - k % 4},
+    ],
+    ids=["at once", "200 ms late", "every third", "jitter", "four at a time"],
+)
+def test_channels_in_any_order_scale_and_sign(case):
+    columns = learned(permuted, **case)
+    assert [column.channel for column in columns.values] == [4, 2, 0, 1, 3, 5, 8, 7, 6]
+    assert [column.gain for column in columns.values] == pytest.approx([0.05 * (-1) ** i for i in range(9)], rel=1e-6)
+    assert all(column.how == "line" and column.share > 0.99 for column in columns.values)
+
+
+def test_a_driver_that_falls_behind_is_found_by_its_sequence():
+    columns = learned(permuted, late=lambda k: 0.5 * k)
+    assert [column.channel for column in columns.values] == [4, 2, 0, 1, 3, 5, 8, 7, 6]
+
+
+def int16(x):
+    return np.int16(round(x))
+
+
+@pytest.mark.parametrize(
+    ("how", "made"),
+    [
+        ("int16 with its bytes swapped", lambda x: float(int16(x).byteswap())),
+        ("uint16 with its bytes swapped", lambda x: float(np.uint16(int16(x)).byteswap())),
+        ("int16 read as unsigned", lambda x: float(np.uint16(int16(x)))),
+        ("absolute value", abs),
+        ("curve", lambda x: float(np.sqrt(x + 3001.0))),
+        ("line", lambda x: round(x / 100) * 100.0),
+    ],
+)
+def test_one_column_of_three_is_strange(how, made):
+    columns = learned(lambda x, k: {"a": x[0], "b": made(x[1]), "c": x[2]})
+    assert [(column.channel, column.how) for column in columns.values] == [(0, "line"), (1, how), (2, "line")]
+
+
+def test_a_sum_of_channels():
+    columns = learned(lambda x, k: {"a": 2 * x[0] + x[4] - 0.5 * x[5] + 7, "b": x[2]})
+    mix = columns.values[0]
+    assert mix.how == "mix" and {int(k): round(v, 6) for k, v in mix.weights.items()} == {0: 2.0, 4: 1.0, 5: -0.5}
+
+
+def test_flags_counters_clocks_and_what_is_nothing():
+    random = np.random.default_rng(1)
+    columns = learned(
+        lambda x, k: {
+            "ok": 1.0,
+            "n": float(k),
+            "t": 0.01 * k,
+            "f": x[0],
+            "x": float(random.normal()),
+            "nan": float("nan"),
+        }
+    )
+    assert [column.role for column in columns.columns] == ["flag", "counter", "time", "value", "other", "other"]
+    assert dict(columns.describe())["x"] == "cannot be told"
+
+
+def test_two_channels_that_are_one_are_both_named():
+    taken = [Sample(s.t, s.number, np.array([*s.counts[:8], s.counts[0]])) for s in samples()]
+    columns = learned(lambda x, k: {"a": x[0], "b": x[1]}, taken=taken)
+    assert columns.values[0].also == [0, 8] and not columns.values[1].also
+    assert "pad[2].z" in dict(columns.describe())["a"], "an ambiguous mapping is shown"
+
+
+def test_many_small_numbers():
+    """96 channels of 8 bits: neighbours are alike, a column by itself names nothing."""
+    random = np.random.default_rng(2)
+    taken = [Sample(k * PERIOD, k, random.integers(20, 256, 96).astype(float)) for k in range(N)]
+    order = random.permutation(96)
+    columns = learned(lambda x, k: dict(enumerate_names(x[order])), taken=taken, channels=[])
+    assert [column.channel for column in columns.values] == order.tolist()
+
+
+def enumerate_names(values):
+    return ((f"v.{k}", float(value)) for k, value in enumerate(values))
+
+
+def test_too_few_rows_and_rows_of_nothing():
+    with pytest.raises(Unlearnable, match="3 rows"):
+        learn([Said(k, {"a": 1.0}) for k in range(3)], samples(), [], CHANNELS)
+    random = np.random.default_rng(3)
+    assert learned(lambda x, k: {"a": float(random.normal())}).values == []
+
+
+def test_names_and_scales_that_contradict_the_device():
+    columns = learned(lambda x, k: {"fx": x[1] / 20, "fy": x[0] / 20, "fz": 1.1 * x[2] / 20})
+    assert misnamed(columns) == ["column 'fx' holds the y axis", "column 'fy' holds the x axis"]
+    assert misscaled(columns) == ["column 'fz' reads 1.1 N for 1 N"]
+    assert dict(columns.describe())["fx"] == "pad[0].y, in N"
+    names = ("fx", "force.y", "Bz3", "axis", "x", "max", "index", "px_0", "velocity")
+    assert [axis_in(name) for name in names] == ["x", "y", "z", "", "x", "", "", "x", ""]
+
+
+def test_columns_are_kept_in_a_file_that_people_edit(tmp_path):
+    columns = learned(lambda x, k: {"a": 2 * x[0] + x[4], "b": abs(x[1]), "ok": 1.0, "n": float(k)})
+    path = tmp_path / "columns.toml"
+    columns.save(path)
+    assert Columns.load(path, CHANNELS).as_dict() == columns.as_dict()
+    assert "# pad[0].y" in path.read_text()
+    for wrong, complaint in (
+        ('[[columns]]\nname = "a"\nrole = "sample"', "role"),
+        ('[[columns]]\nname = "a"\nrole = "value"\nchannel = 99', "expected 0 to 8"),
+        ('[[columns]]\nnam = "a"', "not a file of columns"),
+        ("columns = 3", "not a file of columns"),
+    ):
+        path.write_text(wrong)
+        with pytest.raises(TactemuError, match=complaint):
+            Columns.load(path, CHANNELS)
+
+
+def test_what_a_column_should_read():
+    x = np.array([[1.0, -2.0], [3.0, 4.0]])
+    assert Column("a", "value", 1, "absolute value", gain=2.0, offset=1.0).of(x).tolist() == [5.0, 9.0]
+    assert Column("a", "value", 0, "curve", table=[[0.0, 0.0], [2.0, 10.0]]).of(x).tolist() == [5.0, 10.0]

@@ -1,0 +1,95 @@
+"""The plan: what makes sense for a line, a device and a driver; exact faults that parse and hit what they name."""
+
+import numpy as np
+import pytest
+
+from firmware_protocols.sums import crc16_modbus
+from tactemu.judge import crafted
+from tactemu.judge.plan import Facts, Plan, positions
+from tactemu.wire.faults import parse
+from tactemu.wire.faults.frames import SPOIL
+
+STREAM = Facts(usb=True, frames=["aa07080a" + "00" * 12] * 50, rollovers=[("counter", 16)])
+RTU = bytes([1, 4, 8, 0, 1, 0, 2, 0, 3, 0, 4])
+RTU += crc16_modbus(RTU).to_bytes(2, "little")
+POLLED = Facts(asks=True, talks=True, frames=[RTU.hex()] * 50, requests=["010400070020" + "4013"] * 50, taxels=32)
+CAN = Facts(wire="can", frames=[f"7{k:02X}#00112233445566" for k in range(16)] * 4, frames_per_row=16,
+            identifiers=range(0x710, 0x720), taxels=16)  # fmt: skip
+
+
+def plan(facts, **more):
+    return {trial.name: trial for trial in Plan(facts, **more).trials()}
+
+
+@pytest.mark.parametrize("facts", [STREAM, POLLED, CAN], ids=["stream", "polled", "can"])
+def test_every_fault_can_be_had_on_its_line_and_every_trial_has_a_reason(facts):
+    trials = plan(facts).values()
+    for trial in trials:
+        assert trial.why and (trial.skipped or trial.faults or trial.action), trial
+        for text in trial.faults:
+            parse(text).check_fits(facts.wire)
+    assert len({trial.name for trial in trials}) == len(trials) >= 14
+
+
+def test_what_makes_no_sense_says_why():
+    assert "USB" in plan(STREAM)["wrong baud"].skipped and not plan(POLLED)["wrong baud"].skipped
+    assert "sends nothing" in plan(STREAM)["requests damaged"].skipped
+    assert "does not go away" in plan(CAN)["unplug"].skipped
+    assert plan(STREAM)["counter wraps"].preset == "counter" and plan(CAN)["counter wraps"].skipped
+    assert "one taxel" in plan(STREAM)["dead taxel"].skipped
+
+
+@pytest.mark.parametrize("size", [1, 16, 30, 31, 82, 1000])
+def test_positions_hold_head_and_end_and_some_between(size):
+    found = positions(size, np.random.default_rng(0))
+    assert found == sorted(set(found)) and found[0] == 0 and found[-1] == size - 1
+    assert len(found) <= 30 and (size > 30 or found == list(range(size)))
+    if size > 30:
+        assert {*range(11), *range(size - 5, size)} <= set(found)
+    assert positions(size, np.random.default_rng(0), every=True) == list(range(size))
+
+
+def test_edits_are_apart():
+    numbers = [int(fault.split()[2]) for fault in plan(STREAM)["flipped"].faults]
+    assert len(numbers) == 16 and set(np.diff(numbers)) == {4}
+    assert "sum of its own" in plan(CAN)["flipped"].skipped
+    numbers = [int(fault.split()[2]) for fault in plan(CAN)["cut"].faults]
+    assert min(np.diff(numbers)) > 2 * 16 and len({(n - 1) % 16 for n in numbers}) > 4, "of all frames of a scan"
+
+
+def test_a_budget_is_kept_and_said():
+    trials = Plan(STREAM).trials(5.0)
+    tried = [trial for trial in trials if not trial.skipped]
+    assert tried and sum(trial.takes_s for trial in tried) <= 5.0
+    assert any("of the budget" in trial.skipped for trial in trials)
+    assert sum(t.takes_s for t in Plan(STREAM).trials() if not t.skipped) < 30.0
+
+
+def test_same_seed_same_plan():
+    wide = Facts(frames=["00" * 400] * 9)
+    assert plan(wide, seed=3) == plan(wide, seed=3) != plan(wide, seed=4)
+
+
+def spoilt(frame, texts):
+    """What becomes of a frame under exact faults of one frame."""
+    rng = np.random.default_rng(0)
+    for text in texts:
+        fault = parse(text)
+        ((frame, _),) = SPOIL[fault.kind](frame, fault, rng)
+    return frame
+
+
+def test_answers_that_lie_are_whole():
+    lies = {lie.name: spoilt(RTU, lie.faults(1)) for lie in crafted.lies([RTU.hex()], "serial")}
+    assert all(crc16_modbus(lie[:-2]).to_bytes(2, "little") == lie[-2:] for lie in lies.values())
+    assert lies["exception"][:3] == bytes([1, 0x84, 4]) and lies["another unit"][0] == 0 != RTU[0]
+    assert lies["short answer"][2] == len(lies["short answer"]) - 5 < RTU[2]
+    assert lies["another unit"][3:5] != RTU[3:5], "a wrong answer is no reading"
+
+    body = bytes([1, 3, 8, 0, 1, 0, 2, 0, 3, 0, 4])
+    answer = bytes.fromhex("00290000") + len(body).to_bytes(2, "big") + body
+    lies = {lie.name: spoilt(answer, lie.faults(1)) for lie in crafted.lies([answer.hex()], "tcp")}
+    assert lies["exception"] == bytes.fromhex("002900000003018304")
+    assert lies["short answer"][:9] == bytes.fromhex("002900000007010304") and len(lies["short answer"]) == 13
+    assert lies["another transaction"][:2] == b"\x00\x28" and lies["another unit"][6] == 0
+    assert crafted.lies(["aa07080a"], "serial") == []

@@ -1,0 +1,78 @@
+"""Reports: a page, JUnit, JSON, a baseline, a case for the driver's maintainers."""
+
+import json
+import re
+from xml.etree import ElementTree
+
+import pytest
+
+from tactemu.errors import TactemuError
+from tactemu.judge import smallest
+from tactemu.judge.junit import junit
+from tactemu.judge.page import page
+from tactemu.judge.report import Report
+from tactemu.judge.tape import Tape
+from tactemu.judge.verdicts import judged
+from tests.judge.stories import row, tape, usual
+
+CASE = {
+    "version": 1, "device": "optoforce", "command": ["./reader", "{port}"], "trial": "flipped", "finding": "wrong",
+    "verdict": "silent wrong values: 1 of 20 rows", "faults": ["flip frame 6 byte 8 bit 2"], "runs": 1,
+    "bytes": [{"fault": "flip frame 6 byte 8 bit 2", "before": "aa07080a0102", "after": ["aa07080a0502"]}],
+    "row": {"fx": 7777.0}, "truth": {"fx": 7.5}, "odd": ["fx"],
+}  # fmt: skip
+
+
+@pytest.fixture
+def report():
+    wrong = judged(tape([*usual(without=[110]), (110.1, row(110, fy=7777.0))], name="<flipped>"))
+    wrong.case, wrong.confirmed = CASE, True
+    clean = judged(tape(name="clean", action="clean", trial={"recovers": False}))
+    skipped = judged(Tape("wrong baud", {"skipped": "USB & all"}))
+    return Report("optoforce", ["./reader", "<&>"], columns=[("fx", "Fx, in N")], outcomes=[clean, wrong, skipped])
+
+
+def test_a_page_holds_everything_and_asks_for_nothing(report):
+    text = page(report)
+    assert "&lt;flipped&gt;" in text and "<flipped>" not in text and "USB &amp; all" in text
+    assert "7777" in text and "<mark>" in text and "<svg" in text and "1 trials fail" in text
+    assert not re.search(r"<script|src=|url\(|https?://", text)
+
+
+def test_junit(report):
+    suite = ElementTree.fromstring(junit(report))
+    assert (suite.get("tests"), suite.get("failures"), suite.get("skipped")) == ("3", "1", "1")
+    (failure,) = suite.iter("failure")
+    assert failure.get("type") == "wrong" and "aa07080a0502" in (failure.text or "")
+    report.outcomes[1].verdict = "died: \x1b[31mred\x00"
+    ElementTree.fromstring(junit(report))
+
+
+def test_a_baseline_lets_only_what_is_new_fail(report, tmp_path):
+    report.write_json(tmp_path / "report.json")
+    data = json.loads((tmp_path / "report.json").read_text())
+    assert data["failed"] == ["<flipped>"] and data["trials"][1]["fails"] == ["wrong"]
+    report.compare(tmp_path / "report.json")
+    assert not report.failed and "as in the baseline" in page(report)
+    report.outcomes[1].name = "cut"
+    assert [outcome.name for outcome in report.failed] == ["cut"]
+    (tmp_path / "x.json").write_text("{}")
+    with pytest.raises(TactemuError, match="not a report"):
+        report.compare(tmp_path / "x.json")
+
+
+def test_what_does_not_come_again_does_not_fail(report):
+    report.outcomes[1].confirmed = False
+    assert not report.failed and "not again" in page(report)
+
+
+def test_a_case_is_kept_and_told(tmp_path):
+    smallest.write(CASE, tmp_path / "case.json")
+    assert smallest.read(tmp_path / "case.json") == CASE
+    assert smallest.trial_of(CASE).faults == CASE["faults"]
+    words = smallest.in_words(CASE)
+    assert len(words.splitlines()) <= 10 and "aa07080a0502" in words and "fx = 7777" in words and "fx = 7.5" in words
+    for wrong in ("", "[]", '{"version": 9}', '{"version": 1, "device": 3}'):
+        (tmp_path / "x.json").write_text(wrong)
+        with pytest.raises(TactemuError, match="not a case"):
+            smallest.read(tmp_path / "x.json")

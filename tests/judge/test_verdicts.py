@@ -1,0 +1,116 @@
+"""What a recorded trial says: stories whose end is known, also after they were written and read."""
+
+import pytest
+
+from tactemu.errors import TactemuError
+from tactemu.judge.tape import Tape
+from tactemu.judge.verdicts import FAILING, judged
+from tests.judge.stories import PERIOD, row, tape, usual
+
+OLD = [(160 + k * 0.5, row(149)) for k in range(60)]
+
+
+def waiting(**more):
+    silent = range(60, 190)
+    rows = [*usual(last=60), *usual(191, 240)]
+    return tape(rows, name="hang", action="hang", on=60, off=190, end=240, silent=silent, **more)
+
+
+def leaking(per_reading):
+    return [(k, 10_000_000 + per_reading * k, 0.001 * k) for k in range(0, 200, 5)]
+
+
+STORIES = {
+    "right": (tape(), []),
+    "a frame that was hit is missing": (tape(usual(without=[110]), hit=[110]), []),
+    "a wrong row": (tape([*usual(without=[110]), (110.1, row(110, fy=7777.0))]), ["wrong"]),
+    "a wrong row that the driver marks": (tape([*usual(without=[110]), (110.1, row(110, fy=7777.0, valid=0.0))]), []),
+    "no number in place of a wrong one": (tape([*usual(without=[110]), (110.1, row(110, fy=float("nan")))]), []),
+    "all that comes after is wrong": (
+        tape(usual(last=110) + [(k + 0.1, row(k, fx=0.123)) for k in range(110, 200)]), ["wrong", "lost sync"],
+    ),
+    "nothing comes after": (tape(usual(last=110)), ["lost sync"]),
+    "it ends": (tape(usual(last=110), exit=1, notes=[(110.2, "ValueError: checksum")]), ["died"]),
+    "it ends, with a word, because the port has gone": (
+        tape(usual(last=110), name="unplug", action="unplug", exit=1, notes=[(110.2, "port lost")]), [],
+    ),
+    "it ends without a word": (tape(usual(last=110), name="unplug", action="unplug", exit=1), ["died"]),
+    "the last reading, for as long as nothing comes": (
+        tape(usual(last=110) + [(k + 0.1, row(109)) for k in range(111, 150)] + usual(150), name="hang", action="hang",
+             silent=range(110, 150)), ["stale"],
+    ),
+    "the last reading once more is no crime": (
+        tape([*usual(last=110), (149.1, row(109)), *usual(150)], name="hang", action="hang", silent=range(110, 150),
+             notes=[(120, "nothing comes")]), [],
+    ),
+    "it waits": (waiting(), ["blocks"]),
+    "it waits in a loop": (waiting(weights=[(k, 1_000_000, 0.009 * k) for k in range(0, 240, 5)]), ["spins"]),
+    "it says that nothing comes": (waiting(notes=[(80, "timeout")]), []),
+    "good readings go with the bad": (
+        tape(usual(without=range(110, 150, 2)), hit=[111, 121, 131]), ["collateral"],
+    ),
+    "old ones among the new": (
+        tape(sorted(usual() + [(k + 0.6, row(k - 3)) for k in range(110, 120)], key=lambda each: each[0])), ["again"],
+    ),
+    "late without a fault": (
+        tape([(k + 1.2, row(k)) for k in range(298)], name="clean", action="clean", end=300, trial={"recovers": False}),
+        ["late"],
+    ),
+    "late, but so was our own loop": (
+        tape([(k + 1.2, row(k)) for k in range(298)], name="clean", action="clean", end=300, late_ms=9.0,
+             trial={"recovers": False}), [],
+    ),
+    "every hundredth is missing": (
+        tape(usual(last=300, without=range(5, 300, 50)), name="clean", action="clean", on=1, off=300, end=300,
+             trial={"recovers": False}), ["loses"],
+    ),
+    "memory grows": (tape(weights=leaking(20_000), name="high rate", action="rate", on=10), ["leaks"]),
+    "memory grows once": (
+        tape(weights=[(k, 10_000_000 + 5_000_000 * (k > 99), 0.0) for k in range(0, 200, 5)], action="rate", on=10),
+        [],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("story", STORIES)
+def test_a_story(story, tmp_path):
+    told, kinds = STORIES[story]
+    told.rows.sort(key=lambda said: said.t)
+    outcome = judged(told)
+    assert [finding.kind for finding in outcome.findings] == kinds, outcome.verdict
+    told.write(tmp_path / "trial.jsonl")
+    assert judged(Tape.read(tmp_path / "trial.jsonl")) == outcome, "a verdict is a function of the file"
+
+
+def test_a_driver_that_asks_may_repeat_but_not_answer_with_what_it_had():
+    """Asked every 40 ms, sampled every 10: the same row twice within a period is right, after the next question not."""
+    asked = [(k + 1.0, row(k)) for k in range(0, 200, 4)]
+    requests = {"asks": True, "known": {"row_ms": 40.0, "ask_ms": 9.0, "behind": 0}}
+    right = tape(asked, name="dropped", **requests)
+    late = tape([each if each[0] != 121.0 else (121.0, row(116)) for each in asked], name="dropped", **requests)
+    twice = tape(sorted([*asked, (121.2, row(120))], key=lambda each: each[0]), name="dropped", **requests)
+    for told in (right, late, twice):
+        told.frames = [
+            told.frames[k]._replace(t=k * PERIOD + late, way=way)
+            for k in range(0, 200, 4)
+            for late, way in ((1, "rx"), (2, "tx"))
+        ]  # fmt: skip
+    assert judged(right).findings == [] and judged(twice).findings == []
+    assert [finding.kind for finding in judged(late).findings] == ["stale"]
+
+
+def test_the_order_of_the_worst_is_first_and_each_failing_kind_is_known():
+    outcome = judged(tape(usual(last=110) + [(k + 0.1, row(k, fx=0.123)) for k in range(110, 200)], exit=3))
+    assert [finding.kind for finding in outcome.findings] == ["wrong", "died"] and outcome.fails(FAILING)
+    assert outcome.bad[0]["truth"]["fx"] == pytest.approx(row(110)["fx"]) and outcome.bad[0]["odd"] == ["fx"]
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "{}", '{"kind": "rows"}', '{"kind": "trial", "version": 99}', "no json", '{"kind": "trial", "version": 1}'],
+)
+def test_what_is_no_tape_is_refused_in_words(text, tmp_path):
+    path = tmp_path / "x.jsonl"
+    path.write_text(text)
+    with pytest.raises(TactemuError, match=r"x\.jsonl.*not a recorded trial"):
+        Tape.read(path)
