@@ -284,7 +284,7 @@ class Judge:
                 return
 
     def _clean_tape(self, on: int) -> Tape:
-        tape = self._tape(on - 200_000_000)
+        tape = self._tape(on - round(BEFORE_S * 1e9))
         tape.name, tape.on = "clean", on
         tape.off = tape.end = time.monotonic_ns()
         tape.trial = {"name": "clean", "action": "clean", "why": "nothing is wrong", "recovers": False}
