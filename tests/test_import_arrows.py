@@ -69,8 +69,9 @@ ARROWS = {
         "control", "errors", "exec", "physics", "scene", "serving", "truth",
     ),
     "bench": (
-        *LEAVES, "assembly", "clock", "collector", "control", "emulator", "exec", "judge", "kernels", "physics", "plan",
-        "priority", "scene", "serving", "statistics", "tactemu", "transducers", "transports", "truth", "tune", "wire",
+        *LEAVES, "assembly", "clock", "collector", "control", "emulator", "exec", "fit", "judge", "kernels",
+        "physics", "plan", "priority", "scene", "serving", "statistics", "tactemu", "transducers", "transports",
+        "truth", "tune", "wire",
     ),
     "cli": (
         *LEAVES, "assembly", "bench", "channel", "clock", "collector", "control", "conversions", "emulator", "exec",

@@ -18,6 +18,7 @@ Measure speed on this machine. Figures are medians; compare those of one run.
   tactemu bench physics    cost of a step, of a read and of a start, per sensor
   tactemu bench layer      the elastic layer: grids, contact areas, batches
   tactemu bench trade      error against truth and cost of every level of fidelity
+  tactemu bench reality    the levels of fidelity against presses on a real skin
   tactemu bench realism    how well the laws of real sensors predict recordings that were left out
   tactemu bench state      size and time of a saved state, and of a fork
   tactemu bench soak       half an hour at 1 kHz and 5 % faults: what grows, what is lost
@@ -177,6 +178,20 @@ def trade(
     from tactemu.cli.progress import show_progress
 
     run_trade(typer.echo, scene, out=out, quick=quick, device=device, only=only, fresh=fresh, progress=show_progress)
+
+
+@bench.command()
+def reality(
+    data: Annotated[Path, typer.Argument(metavar="DATA", help="Folder of recordings with eflesh/normal_*.csv.gz.")],
+    page: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the table as a page.")] = None,
+    out: Out = None,
+) -> None:
+    """Error of every level of fidelity against presses on a real skin, with and without laws of its material."""
+    from tactemu.bench.trade.reality import run
+    from tactemu.kernels import start_quietly
+
+    start_quietly()
+    save(run(typer.echo, data, page), out)
 
 
 @bench.command()

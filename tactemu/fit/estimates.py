@@ -90,7 +90,8 @@ def linear(bases: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np
         found = np.linalg.lstsq(bases[keep], y[keep], rcond=None)[0]
         apart = y - bases @ found
         spread = 1.4826 * np.median(np.abs(apart[keep] - np.median(apart[keep]))) or apart[keep].std()
-        keep = np.abs(apart) <= 6.0 * max(spread, 1e-30)
+        near = np.abs(apart) <= 6.0 * spread
+        keep = near if near.sum() > 0.5 * len(y) else np.ones(len(y), bool)  # else what is usual is no noise
     inside = apart[keep]
     variance = inside @ inside / max(1, len(inside) - bases.shape[1]) * inflation(inside) ** 2
     return found, variance * np.linalg.pinv(bases[keep].T @ bases[keep]), apart

@@ -11,6 +11,7 @@ from tactemu.fit.recording import Recorded
 from tactemu.transducers.laws import LogMemory
 
 LEAST_PRESSES = 3
+MOST_GAPS = 12
 PRESSED = 0.05
 """As in :mod:`tactemu.transducers.material`."""
 
@@ -159,11 +160,11 @@ def find_material(
     bases = [*whole[:, kept].T]
     if timed and presses.holds:
         names.append("creep per decade")
-        bases.append(_creep_basis(load, t))
+        bases += [_creep_basis(load, t), *_after_gaps(t)]
     law, covariance, _ = linear(np.column_stack(bases), signal)
     top = np.zeros(len(law))
     top[1 : degree + 1] = load.max() ** np.arange(degree)  # the reading at the highest drive, per drive
-    for k, name in enumerate(names, degree + 1):
+    for k, name in enumerate(names, degree + 1):  # bases behind the last name are of no interest
         both = np.stack([np.eye(len(law))[k], top])
         pair = both @ covariance @ both.T
         value, error = ratio(law[k], float(top @ law), pair)
@@ -174,15 +175,28 @@ def find_material(
         found.unknown.append("loop: record presses that come and go slowly, with many rows on the way")
 
 
+def _after_gaps(t: np.ndarray) -> list[np.ndarray]:
+    """What was felt in a gap is unknown, and so is what the memory holds after it: a decay for each of its terms."""
+    steps = np.diff(t)
+    usual = np.median(steps)
+    gaps = np.flatnonzero(steps > 3 * usual)
+    taus = [tau for tau in LogMemory.over(0.1, 1000.0).taus if tau > 3 * usual]
+    longest = gaps[np.argsort(steps[gaps])[::-1][:MOST_GAPS]]
+    after = [np.where(t >= t[gap + 1], t - t[gap + 1], np.inf) for gap in longest]
+    return [np.exp(-since / tau) for since in after for tau in taus]
+
+
 def _creep_basis(load: np.ndarray, t: np.ndarray) -> np.ndarray:
     """What the material's memory makes of the load, per unit of creep: its exponentials, exact for held loads."""
     memory = LogMemory.over(0.1, 1000.0)
     total = np.zeros(len(load))
     steps = np.diff(t, prepend=t[0])
+    gap = steps > 3 * np.median(steps)
+    felt = np.where(gap, 0.5 * (load + np.roll(load, 1)), load).tolist()  # in a gap: half way
     for tau, weight in zip(memory.taus, memory.weights):
         kept = np.exp(-steps / tau)
         z, out = 0.0, np.empty(len(load))
-        for row, (v, k) in enumerate(zip(load.tolist(), kept.tolist())):
+        for row, (v, k) in enumerate(zip(felt, kept.tolist())):
             z = v + (z - v) * k
             out[row] = z
         total += weight * out
@@ -228,12 +242,17 @@ def find_lag(recorded: Recorded, load: np.ndarray, t: np.ndarray, own: np.ndarra
     force, y = np.interp(even, t, load), np.interp(even, t, recorded.readings[:, own].mean(axis=1))
     scale = max(y.std(), 1e-30)
 
+    use = np.ones(len(even), bool)
+
     def apart(p: np.ndarray) -> np.ndarray:
         kept = np.exp(-step / np.exp(p[0]))
-        return p[1] + p[2] * lfilter([1.0 - kept], [1.0, -kept], force) - y / scale
+        return (p[1] + p[2] * lfilter([1.0 - kept], [1.0, -kept], force) - y / scale)[use]
 
     ends = ([np.log(0.1 * step), -np.inf, -np.inf], [np.log(t[-1]), np.inf, np.inf])
     law, errors = nonlinear(apart, [np.log(5 * step), y[0] / scale, np.ptp(y) / scale / load.max()], ends)
+    for gap in np.flatnonzero(np.diff(t) > 3 * step):  # what was felt in a gap is unknown, and remembered for a while
+        use &= (even < t[gap]) | (even > t[gap + 1] + 6 * np.exp(law[0]))
+    law, errors = nonlinear(apart, law, ends)
     tau = float(np.exp(law[0]))
     found.add("tau", tau, tau * errors[0], "s", "lag of the medium")
     found.add("pressure per N", law[2] * scale, errors[2] * scale, "Pa/N", "mean over the channels")

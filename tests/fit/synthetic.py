@@ -7,7 +7,7 @@ from tactemu.transducers.laws import LogMemory
 
 
 def loads(rng, *, seconds=160.0, rate=50.0, holds=True):
-    """``(t, load)``: slow presses of different heights, some held, with jitter and gaps."""
+    """``(t, load)``: slow presses of different heights, some held, with jitter."""
     t = np.arange(0.0, seconds, 1.0 / rate)
     load = np.zeros_like(t)
     begin = 8.0
@@ -18,11 +18,16 @@ def loads(rng, *, seconds=160.0, rate=50.0, holds=True):
         fall = np.clip((t - begin - ramp - hold) / ramp, 0, 1)
         load += peak * (rise - fall)
         begin += 2 * ramp + hold + rng.uniform(2.0, 4.0)
-    keep = np.ones(len(t), bool)
-    for gap in rng.integers(200, len(t) - 200, 4):
+    t = t + rng.normal(0, 0.05 / rate, len(t))
+    return t - t[0], load
+
+
+def with_gaps(rng, rows):
+    """Which rows are left."""
+    keep = np.ones(rows, bool)
+    for gap in rng.integers(200, rows - 200, 4):
         keep[gap : gap + rng.integers(10, 60)] = False
-    t = t[keep] + rng.normal(0, 0.05 / rate, keep.sum())
-    return t - t[0], load[keep]
+    return keep
 
 
 def spoiled(rng, readings, share=5e-4):
@@ -93,5 +98,7 @@ def recorded(kind, seed):
 
     rng = np.random.default_rng([seed, *kind.encode()])
     t, load, readings, truth = MAKERS[kind](rng)
+    keep = with_gaps(rng, len(t))
+    t, load, readings = t[keep] - t[keep][0], load[keep], readings[keep]
     names = (*(f"c{k}" for k in range(readings.shape[1] - 1)), "wrong")
     return Recorded(Path(f"{kind}.npz"), "0" * 64, t, readings, names, kind, "SI", {"force": load}), truth
