@@ -354,7 +354,7 @@ class Judge:
 
     @property
     def _patience(self) -> float:
-        return max(self.options.patience_s, 14 * self.facts.row_s)
+        return max(self.options.patience_s, 14 * self.facts.row_s, 1.5e-3 * self.known.p99_ms + 0.5)
 
     def _wait_until_well(self, off: int, trial: Trial) -> None:
         assert self.driver is not None
