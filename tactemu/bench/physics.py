@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 
 import tactemu as tt
+from tactemu import kernels
 from tactemu.bench import transducers
 from tactemu.bench.timing import Report
-from tactemu.kernels import start
 from tactemu.physics.models import MODELS, load
 from tactemu.physics.sensor_model import SensorModel
 
@@ -157,7 +157,7 @@ def _ball(mesh: bool):
 def measure(case: Case, device: str = "cpu", repeats: int = 300) -> Figure:
     """Run one case."""
 
-    start()
+    kernels.start()
     before = _device_memory(device)
     start = time.perf_counter()
     sim, _ball, sensor = build(case, device)

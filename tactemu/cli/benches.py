@@ -122,12 +122,13 @@ def page(
     pairs: Annotated[int, typer.Option(metavar="N", min=1, help="Runs without a page, and as many with one.")] = 5,
     seconds: Annotated[float, typer.Option(metavar="S", min=3, help="Length of each run.")] = 8.0,
     only: Annotated[str, typer.Option(metavar="WHAT", help="lateness or pictures.")] = "",
+    preempt: Annotated[bool, typer.Option("--preempt", help="The runs go before other programs.")] = False,
     out: Out = None,
 ) -> None:
     """Lateness with and without a page that four look at; pictures of 4,200 taxels a second, sent and drawn."""
     from tactemu.bench.page import run
 
-    save(run(typer.echo, pairs=pairs, seconds=seconds, only=only), out)
+    save(run(typer.echo, pairs=pairs, seconds=seconds, only=only, preempt=preempt), out)
 
 
 @bench.command()

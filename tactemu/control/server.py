@@ -49,8 +49,9 @@ RATES_HZ = (0.01, 120.0)
 MOST_ENTRIES = 200
 """Frames, faults and events that come with a state."""
 _READ_AT_ONCE = 4096
-_ITEMS_AT_ONCE = 32
-"""Of a long list that are turned into text before the interpreter is offered to others."""
+_ITEMS_AT_ONCE = 8
+"""Of a long list that are a piece of a message."""
+_SLICE_S, _PAUSE_S = 5e-5, 5e-5
 _REST = 3.0
 """In real time this thread rests so many times as long as it was busy: whatever clients do, the loop has the most of
 the interpreter."""
@@ -348,10 +349,20 @@ class Server:
             return
         if not client.unread:
             client.taken_s = time.monotonic()
-        line = "".join(_pieces(message, as_bytes)).encode() + b"\n"
+        line = "".join(self._in_slices(_pieces(message, as_bytes))).encode() + b"\n"
         client.unread.append(memoryview(line))
         client.waiting += len(line)
         self._send(client)
+
+    def _in_slices(self, pieces: Iterator[str]) -> Iterator[str]:
+        """The same; in real time the loop may have the interpreter after each slice of work. A thread that only offers
+        it takes it back before another has woken up."""
+        since = time.perf_counter()
+        for piece in pieces:
+            yield piece
+            if self._gentle and time.perf_counter() - since > _SLICE_S:
+                time.sleep(_PAUSE_S)
+                since = time.perf_counter()
 
     def _send(self, client: _Client) -> None:
         """As much as it takes now."""
@@ -428,19 +439,14 @@ WATCH: dict[str, Callable[[Any], Any]] = {
 
 
 def _pieces(value: Any, as_bytes: bool = False) -> Iterator[str]:
-    """A message in JSON; between the pieces of what is large the loop may have the interpreter.
-
-    Arrays are lists, or their bytes in base64 with their type and shape.
-    """
+    """A message in JSON, in pieces that take little time each. Arrays are lists, or their bytes in base64 with their
+    type and shape."""
     value = row_of(value) if isinstance(value, Sample) else value
     if isinstance(value, np.ndarray) and as_bytes:
         head = {"dtype": value.dtype.str, "shape": value.shape}
         yield json.dumps(head)[:-1] + f', "base64": "{base64.b64encode(np.ascontiguousarray(value).data).decode()}"}}'
-        time.sleep(0)
     elif isinstance(value, np.ndarray):
-        for piece in array_text(value):
-            yield piece
-            time.sleep(0)
+        yield from array_text(value)
     elif isinstance(value, dict):
         for k, (name, each) in enumerate(value.items()):
             yield f"{',' if k else '{'}{json.dumps(name)}:"
@@ -449,7 +455,6 @@ def _pieces(value: Any, as_bytes: bool = False) -> Iterator[str]:
     elif isinstance(value, list) and len(value) > _ITEMS_AT_ONCE:
         for start in range(0, len(value), _ITEMS_AT_ONCE):
             yield ("," if start else "[") + json.dumps(value[start : start + _ITEMS_AT_ONCE])[1:-1]
-            time.sleep(0)
         yield "]"
     else:
         yield json.dumps(value)

@@ -96,10 +96,6 @@ class Scene:
         for board in self.boards:
             board.draw(moment.samples)
 
-    def taxel(self, board: Board, index: int) -> tuple[str, int] | None:
-        """The skin and the taxel of a disc."""
-        return board.owners[index] if 0 <= index < len(board.owners) else None
-
 
 class Board:
     """All taxels on one body: one batched mesh of discs, arrows, and what sensors with ``draw_debug`` show.

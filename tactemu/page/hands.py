@@ -78,15 +78,17 @@ class Hands:
             self._grips.pop(body, None)
             self._go(body, None)
 
-    def give_back(self, viewer: int | None, say: Say, body: str | None = None) -> None:
-        """Bodies go on with their own motion: one, or those that a viewer has taken."""
-        bodies = [each for each, by in self.holders.items() if by == viewer] if body is None else [body]
-        for each in bodies:
+    def give_back(self, viewer: int | None, say: Say) -> None:
+        """Bodies go on with their own motion: those that a viewer has taken; ``None``: all, whoever has them."""
+        if viewer is None:
+            self.do("give_back", say)
+        for each in [each for each, by in self.holders.items() if viewer in (None, by)]:
             self.holders.pop(each, None)
             self._grips.pop(each, None)
             with self._changed:
                 self._goals.pop(each, None)
-            self.do("give_back", say, body=each)
+            if viewer is not None:
+                self.do("give_back", say, body=each)
 
     def _go(self, body: str, goal: list[float] | None) -> None:
         with self._changed:

@@ -15,7 +15,7 @@ from tactemu.page.bodies import Board, Scene, paint
 from tactemu.page.feed import Known, Moment, Skin, moment_of
 from tactemu.page.guard import SCHEME, Gate, guarded
 from tactemu.page.hands import Hands
-from tactemu.page.panel import Panel, teller, whose
+from tactemu.page.panel import Panel, whose
 
 RATE_HZ, IDLE_HZ = 15.0, 0.5
 """States that are asked for while somebody looks, and while nobody does."""
@@ -193,6 +193,3 @@ def _close_those_who_err(server: viser.ViserServer, gate: Gate) -> None:
                 await connection.close(1008, "that made no sense")
 
     socket._handle_incoming_message = handled
-
-
-__all__ = ["Page", "teller"]

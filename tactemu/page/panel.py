@@ -85,9 +85,6 @@ class Panel:
         @back.on_click
         async def _(event: viser.GuiEvent) -> None:
             self._hands.give_back(None, teller(event.client))
-            for body in list(self._hands.holders):
-                self._hands.holders.pop(body, None)
-            self._hands.do("give_back", teller(event.client))
 
         escape_key = gui.add_command("Give back what I hold", hotkey="escape")
 

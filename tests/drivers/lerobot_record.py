@@ -2,8 +2,8 @@
 
 ``python -m tests.drivers.lerobot_record [FOLDER]``: `tactemu exec` gives `lerobot-record` the rig of
 ``examples/so101.toml`` (a follower and a leader on Feetech buses, two fingertips on a PaXini high-speed board) as
-serial devices; an egg is touched and slid over the fingertips by script. From the sixth on, every row of the dataset
-must be one sample of the truth log, bit for bit, and they must be in order; `lerobot-doctor` must find nothing wrong.
+serial devices; an egg is touched and slid over the fingertips by script. From the sixth row of the dataset on, what
+each finger reads must be one sample of the truth log, bit for bit, and in order; `lerobot-doctor` must fail nothing.
 
 LeRobot 0.4.4 and what it needs are in an environment of their own (``environments/lerobot_record.txt``, 2 GB, made
 once below ``build/``). It pins an older PyTorch than the CPU build that is used, and its torchvision has its C part
@@ -12,6 +12,7 @@ for CUDA: ``scripts/lerobot/sitecustomize.py`` declares the two operators that i
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -22,6 +23,7 @@ import numpy as np
 import pyarrow.parquet as parquet
 
 import tactemu as tt
+from tactemu.priority import go_first, may_go_first
 from tests.drivers.environments import python_with
 
 ROOT = Path(__file__).parents[2]
@@ -33,10 +35,14 @@ CALIBRATION = {
 """What the servos of the example hold."""
 NODES = {"follower": "ttyACM0", "leader": "ttyACM1", "fingertips": "ttyUSB0"}
 FPS, EPISODES, EPISODE_S = 30, 2, 4
+ATTEMPTS, LATE = 3, "There is no status packet!"
+"""LeRobot 0.4.4 waits 50 ms for the six servos of an arm, once."""
 FIRST = 5
 """Rows before it may hold the plugin's zeros: it starts with them until the board's first push."""
+FIRST_OF_ALL = may_go_first() and shutil.which("chrt") is not None
+"""The emulator goes before other programs, LeRobot does not: late by 50 ms once, and the recording has ended."""
 MOTION = """motion = { kind = "keyframes", times = [0, 2, 3, 5, 7, 9], repeat = true, positions = [
-  [0, 0, 0.002], [0, 0, 0.002], [0, 0, -0.0012], [0.004, 0.002, -0.0012], [-0.003, 0.004, -0.0012], [0, 0, 0.002]] }"""
+  [0, 0, 0], [0, 0, 0], [0, 0, -0.0025], [0.004, 0.002, -0.0025], [-0.003, 0.004, -0.0025], [0, 0, 0]] }"""
 """Down, to and fro, and up again."""
 
 
@@ -63,8 +69,12 @@ def environment(folder: Path) -> dict[str, str]:
     }  # fmt: skip
 
 
-def record(folder: Path) -> None:
-    """Have LeRobot record; what it says is in ``record.txt``."""
+def record(folder: Path) -> bool:
+    """Have LeRobot record; what it says is in ``record.txt``. False: a reply came too late, as on a busy machine.
+
+    Raises:
+        AssertionError: it failed for another reason.
+    """
     python = Path(python_with("lerobot_record"))
     sensors = f"{{tip: {{port: /dev/{NODES['fingertips']}, module_indices: [10, 18]}}}}"
     words = [
@@ -77,7 +87,7 @@ def record(folder: Path) -> None:
     ]  # fmt: skip
     nodes = [word for skin, node in NODES.items() for word in ("--node", f"{skin}={node}")]
     # The emulator has our libraries, LeRobot its own: the path to them is set inside the view.
-    inside = ["env", f"PYTHONPATH={environment(folder)['PYTHONPATH']}", "nice", "-n", "5"]
+    inside = ["env", f"PYTHONPATH={environment(folder)['PYTHONPATH']}", *(["chrt", "-o", "0"] if FIRST_OF_ALL else [])]
     command = [
         sys.executable, "-m", "tactemu", "exec", str(rig(folder)), *nodes, "--truth", str(folder / "truth.mcap"),
         "--", *inside, str(python.parent / "lerobot-record"), *words,
@@ -85,9 +95,11 @@ def record(folder: Path) -> None:
     with (folder / "record.txt").open("w") as out:
         done = subprocess.run(
             command, env={**environment(folder), "PYTHONPATH": str(ROOT)}, stdin=subprocess.DEVNULL, stdout=out,
-            stderr=subprocess.STDOUT, timeout=300, check=False,
+            stderr=subprocess.STDOUT, timeout=300, check=False, preexec_fn=go_first if FIRST_OF_ALL else None,
         )  # fmt: skip
-    assert done.returncode == 0, (folder / "record.txt").read_text()[-3000:]
+    said = (folder / "record.txt").read_text()
+    assert done.returncode == 0 or LATE in said, said[-3000:]
+    return done.returncode == 0
 
 
 def rows_of(folder: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -99,39 +111,40 @@ def rows_of(folder: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def compare(folder: Path) -> dict[str, int]:
-    """Every row with the truth.
+    """Every row with the truth: what each finger reads is one sample, and each row's no earlier than the last one's.
+
+    The plugin keeps the newest push of each finger by itself: a row that it takes while a push comes in has one finger
+    of that push and the other of the one before. Such rows are counted, and few.
 
     Raises:
-        AssertionError: a row is no sample, or not the next one.
+        AssertionError: a finger reads what is no sample, or an earlier one than in the row before.
     """
     rows, episodes = rows_of(folder)
     truth = tt.read_log(folder / "truth.mcap")["fingertips"]
     newtons = np.round(np.asarray(truth.counts, float) * 0.1, 1).astype(np.float32).reshape(len(truth.counts), -1)
-    numbers: dict[bytes, list[int]] = {}
-    for k, values in enumerate(newtons):
-        numbers.setdefault(values.tobytes(), []).append(k)
-    assert np.ptp(newtons, axis=0).max() > 0.3, "nothing was touched"
-    latest, equal, different = -1, 0, 0
-    for k, row in enumerate(rows):
-        if k < FIRST:
-            continue
-        found = [number for number in numbers.get(row.tobytes(), []) if number >= latest]
-        assert found, f"row {k} of episode {episodes[k]} is no sample of the truth after number {latest}"
-        different += found[0] != latest
-        latest, equal = found[0], equal + 1
-    assert equal >= EPISODES * EPISODE_S * FPS - 20, f"{equal} rows"
-    assert different > equal // 2, "the rows are not told apart"
-    return {"rows": len(rows), "equal": equal, "samples": len(newtons), "different": different}
+    fingers = [slice(0, rows.shape[1] // 2), slice(rows.shape[1] // 2, None)]
+    numbers = [{values[finger].tobytes(): k for k, values in enumerate(newtons)} for finger in fingers]
+    assert all(len(each) == len(newtons) for each in numbers), "samples are not told apart"
+    found = [[n.get(row[finger].tobytes()) for n, finger in zip(numbers, fingers)] for row in rows[FIRST:]]
+    for k, row in enumerate(found):
+        where = f"row {k + FIRST} of episode {episodes[k + FIRST]}"
+        assert None not in row, f"{where}: a finger reads what is no sample"
+        assert k == 0 or all(now >= before for now, before in zip(row, found[k - 1])), f"{where}: an older sample"
+    felt = np.abs(truth.ideal).max(axis=(1, 2))[[left for left, _ in found]]
+    assert felt.max() > 1.0 and len(set(felt.tolist())) > 20, "nothing was touched and slid over"
+    whole = sum(left == right for left, right in found)
+    assert whole >= 0.9 * len(found) and len(found) > EPISODES * EPISODE_S * FPS // 2
+    return {"rows": len(rows), "compared": len(found), "of one sample": whole, "samples": len(newtons)}
 
 
 def doctor(folder: Path) -> str:
     """What `lerobot-doctor` says of the dataset."""
     python = Path(python_with("lerobot_record"))
     done = subprocess.run(
-        [python.parent / "lerobot-doctor", str(folder / "ds")], env=environment(folder), capture_output=True,
+        [python.parent / "lerobot-doctor", "check", str(folder / "ds")], env=environment(folder), capture_output=True,
         text=True, timeout=120, check=False,
     )  # fmt: skip
-    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.returncode == 0 and "FAIL" not in done.stdout, done.stdout + done.stderr
     return done.stdout
 
 
@@ -140,8 +153,15 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="tactemu-lerobot-") as temporary:
         folder = Path(sys.argv[1] if len(sys.argv) > 1 else temporary)
         folder.mkdir(parents=True, exist_ok=True)
-        begun = time.monotonic()
-        record(folder)
+        for attempt in range(1, ATTEMPTS + 1):
+            begun, here = time.monotonic(), folder / str(attempt)
+            here.mkdir(parents=True)
+            if record(here):
+                break
+            print(f"attempt {attempt}: a reply was late, which ends a recording of LeRobot 0.4.4", flush=True)
+        else:
+            return 1
+        folder = here
         print(f"lerobot-record: {time.monotonic() - begun:.0f} s", flush=True)
         print(", ".join(f"{name} {count}" for name, count in compare(folder).items()), flush=True)
         print(doctor(folder))
