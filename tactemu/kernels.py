@@ -43,7 +43,7 @@ def _start() -> str:
 
     try:
         warp.init()
-        if os.access(warp.config.kernel_cache_dir, os.W_OK):
+        if os.access(warp.config.kernel_cache_dir or "", os.W_OK):
             return ""
     except OSError:
         pass

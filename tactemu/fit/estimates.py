@@ -105,7 +105,9 @@ def ratio(a: float, b: float, covariance: np.ndarray) -> tuple[float, float]:
 
 
 def nonlinear(
-    residuals: Callable[[np.ndarray], np.ndarray], begin: Sequence[float], bounds: tuple[Sequence, Sequence]
+    residuals: Callable[[np.ndarray], np.ndarray],
+    begin: Sequence[float] | np.ndarray,
+    bounds: tuple[Sequence, Sequence],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Parameters that make residuals small, and their standard errors."""
     found = least_squares(residuals, begin, bounds=bounds, x_scale="jac")

@@ -70,7 +70,7 @@ class Sensor(Adjustments):
         self._sim, self.imperfections, self._truth, self._measured = sim, spoil, truth, measured
         self._presented = present
 
-    def read(self):
+    def read(self) -> Any:
         """The measured reading of the last step, a numpy copy of shape ``([n_envs,] [history,] layout[, 3])``.
 
         Raises:
@@ -79,7 +79,7 @@ class Sensor(Adjustments):
         """
         return self._present(self.array())
 
-    def read_ground_truth(self):
+    def read_ground_truth(self) -> Any:
         """The reading of the last step without any imperfection, delay or noise; shaped as :meth:`read`."""
         return self._present(self.array(ground_truth=True))
 

@@ -69,7 +69,7 @@ def level_curve(name: str) -> tuple[np.ndarray, np.ndarray, float]:
 def error_of(shape: Callable[[np.ndarray], np.ndarray], known: Any, other: Any, *, laws: bool) -> float:
     """Rms error [% of the peak] of the presses of ``other`` after its first, by a law fitted on ``known``."""
 
-    def force(p: Sequence[float], depth: np.ndarray, touch: float, before: float) -> np.ndarray:
+    def force(p: Sequence[float] | np.ndarray, depth: np.ndarray, touch: float, before: float) -> np.ndarray:
         worked = conditioning(np.asarray(before)) if laws else 0.0
         inside = np.maximum(depth - touch - p[1] * worked, 0.0)
         return p[0] * (1.0 - p[2] * worked) * shape(inside)
