@@ -24,9 +24,12 @@ while True:
         print("nothing comes", file=sys.stderr, flush=True)
         continue
     try:
-        data += os.read(line, 4096)
+        more = os.read(line, 4096)
     except OSError:
+        more = b""
+    if not more:
         sys.exit("port lost")
+    data += more
     while len(data) >= 16:
         if data[:4] != head:
             at = data.find(head, 1)

@@ -17,11 +17,13 @@ from tactemu.judge.columns import TRANSFORMS, Channel, Column, Columns
 from tactemu.judge.tape import Frame, Said, Sample
 
 LEAST_ROWS = 20
-_LAGS = 60
+_LAGS = 300
 _SURE = 0.97
 """A relation holds for so many of the rows, or another is tried."""
 ALIKE = 0.97
 """Channels that are nearly as like a column as the likest are tried, too."""
+_FEW = 0.25
+"""At first, when half of the rows may still be beside the wrong samples."""
 _SOME = 0.6
 """A column of which less is explained holds something else."""
 _MIX = 24
@@ -93,9 +95,9 @@ class _Fitting:
         """What was learned."""
         if self.open and len(self.live):
             index = self._aligned()
-            for _ in range(2):  # once more with the rows where they belong
+            for least in (_FEW, _SOME):  # once more with the rows where they belong
                 for k in self.open:
-                    self.columns_[k] = self._fit(k, index)
+                    self.columns_[k] = self._fit(k, index, least)
                 found = Columns(self.columns_, list(self.channels))
                 if not found.values:
                     break
@@ -109,7 +111,7 @@ class _Fitting:
         """Of each row the number of its sample, as far as the delay is always the same; -1: before the first."""
         ry = _ranks(self.y[:, self.open[:16]])
         scores = []
-        for lag in range(min(_LAGS, max(1, len(self.x) // 3))):
+        for lag in range(min(_LAGS, max(1, len(self.x) - LEAST_ROWS))):
             index = self.newest - lag
             ok = index >= 0
             like = np.abs(ry[ok].T @ self.ranked[index[ok]]) / max(1, ok.sum()) if ok.sum() >= LEAST_ROWS else 0.0
@@ -122,7 +124,7 @@ class _Fitting:
     def _by_sequence(self, width: int = 9) -> np.ndarray | None:
         """Where the delay wanders: somewhere nine rows in a row are nine samples in a row; from there on by value."""
         for i in range(5, len(self.y) - width, max(1, len(self.y) // 16)):
-            low, high = max(0, self.newest[i] - 600), self.newest[i] + 1
+            low, high = max(0, self.newest[i] - 600), min(self.newest[i] + 1, len(self.x) - width)
             if high - low < 2:
                 continue
             for k in self.open[:4]:
@@ -167,7 +169,7 @@ class _Fitting:
 
     # -- what ----------------------------------------------------------------------------------------------------------
 
-    def _fit(self, k: int, index: np.ndarray) -> Column:
+    def _fit(self, k: int, index: np.ndarray, least: float) -> Column:
         ok = index >= 0
         x, y = self.x[index[ok]], self.y[ok, k]
         best = Column(self.names[k])
@@ -190,7 +192,7 @@ class _Fitting:
                 break
         if best.share < _SURE:
             best = self._curve(k, x, y, int(self.live[np.argmax(like)])) or best
-        if best.share < _SOME:
+        if best.share < least:
             return Column(self.names[k])
         if best.also:  # two channels are the same: nobody can tell which it is
             best.also = [best.channel, *best.also]

@@ -284,7 +284,7 @@ class Judge:
                 return
 
     def _clean_tape(self, on: int) -> Tape:
-        tape = self._tape(on - 200_000_000)
+        tape = self._tape(on - round(BEFORE_S * 1e9))
         tape.name, tape.on = "clean", on
         tape.off = tape.end = time.monotonic_ns()
         tape.trial = {"name": "clean", "action": "clean", "why": "nothing is wrong", "recovers": False}
@@ -354,7 +354,7 @@ class Judge:
 
     @property
     def _patience(self) -> float:
-        return max(self.options.patience_s, 14 * self.facts.row_s)
+        return max(self.options.patience_s, 14 * self.facts.row_s, 1.5e-3 * self.known.p99_ms + 0.5)
 
     def _wait_until_well(self, off: int, trial: Trial) -> None:
         assert self.driver is not None

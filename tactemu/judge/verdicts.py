@@ -94,6 +94,8 @@ class Known:
     p99_ms: float = 0.0
     keeps: bool = True
     """Every sample comes out, so that a lost one counts."""
+    repeats: bool = False
+    """It hands out readings more than once, also when nothing is wrong."""
     behind: int = 0
     """Of a driver that asks: by how many samples a row may be older than the question."""
     ask_ms: float = 0.0
@@ -221,7 +223,8 @@ def recovered(
             fresh = not _old(match, times, asked, known)
         elif fresh:
             fresh = match.said.t - left[k] <= limit_ns
-        if not fresh or k is None or k < last or (k == last and not known.asks and known.keeps):
+        again = k == last and not known.asks and known.keeps and not known.repeats
+        if not fresh or k is None or k < last or again:
             run, last = [], -1
             if not fresh or k is None:
                 continue
@@ -490,6 +493,9 @@ class _Rules:
 
     def _sync(self):
         out, exit = self.out, self.tape.exit
+        after = any(said.t > self.tape.off for said in self.tape.rows)
+        if self.action in ("unplug", "halfopen") and self.noticed and not after:
+            return  # it says so, and leaves the rest to its user
         if out.recovered_s is None and exit is None and self.trial.get("recovers", True):
             waited = (self.tape.end - self.tape.off) / 1e9
             yield Finding("lost sync", f"no {SETTLED} right rows in a row within {waited:.1f} s after it was over")
@@ -521,7 +527,8 @@ class _Rules:
 
     def _mixed(self):
         out, known = self.out, self.known
-        odd = out.older + (0 if known.asks or not known.keeps else out.again) - out.stale
+        usual = known.asks or not known.keeps or (known.repeats and self.action != "clean")
+        odd = out.older + (0 if usual else out.again) - out.stale
         allowed = {"doubled": out.injected, "old frame": out.injected, "reordered": out.injected}.get(self.tape.name, 0)
         if odd > allowed + 1 and not self._outage and self.action not in ("reset", "wrap"):
             yield Finding("again", f"{odd} rows are readings that were handed out before")
@@ -570,6 +577,7 @@ def known_of(tape: Tape, columns: Columns, *, asks: bool, period_ms: float) -> K
     probe = Outcome("clean")
     _count(probe, tape, reading, left_times(tape))
     known.p50_ms, known.p99_ms = probe.p50_ms or 0.0, probe.p99_ms or 0.0
+    known.repeats = probe.again > 0.1 * max(1, probe.rows)
     known.keeps = not asks and probe.lost <= 0.03 * max(1, probe.right)
     if asks:
         asked = np.array([f.t for f in tape.frames if f.way == "rx"])

@@ -43,8 +43,8 @@ class Scene:
         scene.set_up_direction("+z")
         scene.configure_environment_map(None)
         scene.configure_default_lights(False, cast_shadow=False)
-        scene.add_light_ambient("/lights/all", intensity=1.8)
-        scene.add_light_directional("/lights/sun", intensity=1.6, position=(0.4, -0.6, 1.0), cast_shadow=False)
+        scene.add_light_ambient("/lights/all", intensity=1.2)
+        scene.add_light_directional("/lights/sun", intensity=1.0, position=(0.4, -0.6, 1.0), cast_shadow=False)
         self.frames: dict[str, Any] = {WORLD: scene.add_frame("/world", show_axes=False)}
         self.solids: dict[str, list[Any]] = {}
         """What can be grabbed of each body."""
