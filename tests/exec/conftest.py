@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tactemu.errors import TransportUnavailable
-from tactemu.exec.build import NoLibrary, compiler
+from tactemu.exec.build import NoLibrary, compiler, library
 from tactemu.exec.keeping import Keeper
 
 PROGRAMS = Path(__file__).parent / "programs"
@@ -38,3 +38,12 @@ def compiled(tmp_path_factory):
         return str(target)
 
     return make
+
+
+@pytest.fixture(scope="session")
+def preload():
+    """The preload library."""
+    try:
+        return library()
+    except NoLibrary as error:
+        pytest.skip(str(error))

@@ -15,7 +15,6 @@ import pytest
 
 import tactemu as tt
 from tactemu.errors import TactemuError
-from tactemu.exec.build import library
 from tactemu.exec.environment import exec_environment
 
 HERE = Path(__file__).parent
@@ -38,8 +37,8 @@ def answers(text):
 
 @pytest.mark.realtime
 @pytest.mark.skipif("VCAN_GUEST" in os.environ, reason="here the kernel has CAN itself")
-def test_the_preload_library_behaves_as_the_kernel():
-    command = ["unshare", "-Urn", "bash", "-c", IN_A_NAMESPACE, str(library()), sys.executable, str(BEHAVIOUR)]
+def test_the_preload_library_behaves_as_the_kernel(preload):
+    command = ["unshare", "-Urn", "bash", "-c", IN_A_NAMESPACE, str(preload), sys.executable, str(BEHAVIOUR)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr
     kernel = answers(GOLDEN.read_text())
