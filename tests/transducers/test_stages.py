@@ -1,10 +1,13 @@
 """Transducers as stages of the plan, against their equations."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import tactemu as tt
 from tactemu.errors import SceneError
+from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.file import parse
 from tactemu.transducers import laws
 from tactemu.transducers.capacitive import EPSILON_0, Capacitive
@@ -258,3 +261,15 @@ def test_a_device_that_does_not_see_it_says_so():
 
     with pytest.raises(SceneError, match="its transducers give field; robotiq_tsf85 senses"):
         assemble(parse(SCENE.format(device="robotiq_tsf85", kind="magnetic")))
+
+
+def test_the_page_has_a_scene_that_is_built():
+    page = (Path(__file__).parents[2] / "docs" / "transducers.md").read_text()
+    loaded = parse(page.split("```toml\n")[1].split("```")[0])
+    (device,) = make_devices(loaded).values()
+    scene, placed = build_scene(loaded, make_devices(loaded))
+    assert device.contact == ("field",) and placed["anyskin"].parts[0].sensor.quantities == ("field",)
+    stages = [stage.name for stage in scene.build().plan.stages]
+    kinds = ["soft skin", "magnets", "field", "electronics"]
+    places = [max(k for k, name in enumerate(stages) if name == f"anyskin: {kind}") for kind in kinds]
+    assert places == sorted(places)
