@@ -182,7 +182,7 @@ class Server:
         readers = [each.connection for each in clients if not each.says_no_more and not each.has_line]
         writers = [each.connection for each in clients if each.unread]
         ready, free, _ = select.select([self._listener, self._bell, *readers], writers, (), self._patience_s())
-        begun = time.perf_counter()
+        begun = time.thread_time()
         with contextlib.suppress(BlockingIOError):
             os.eventfd_read(self._bell)
         while not self._done.empty():
@@ -199,7 +199,7 @@ class Server:
         for client in list(self._clients.values()):
             self._look_after(client)
         if self._gentle:
-            time.sleep(_REST * (time.perf_counter() - begun))
+            time.sleep(_REST * (time.thread_time() - begun))
 
     def _patience_s(self) -> float | None:
         """How long nothing needs to be done."""
