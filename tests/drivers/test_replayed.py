@@ -29,7 +29,7 @@ def recording(tmp_path_factory):
     return log
 
 
-@pytest.mark.parametrize("speed", [1.0, 2.0])
+@pytest.mark.parametrize("speed", [1.0, pytest.param(2.0, marks=pytest.mark.nightly)])
 def test_the_driver_reads_the_recording_frame_by_frame_at_its_pace(recording, speed, tmp_path):
     driver = DRIVERS["anyskin"]
     if not driver.installed:

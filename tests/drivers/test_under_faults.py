@@ -109,7 +109,7 @@ def test_ability_hand_never_opens_a_port_again(fight):
         assert outcome.restart_helps
 
 
-@pytest.mark.parametrize("name", ["pymodbus", "modbus_tk"])
+@pytest.mark.parametrize("name", ["pymodbus", pytest.param("modbus_tk", marks=pytest.mark.nightly)])
 def test_modbus_masters_report_every_fault_and_no_wrong_register(fight, name):
     for label, outcome in fight(name, "drop", "request lost", "flip", seconds=1.5):
         assert outcome.errors.total() == outcome.injected, (label, outcome.texts)
@@ -117,6 +117,7 @@ def test_modbus_masters_report_every_fault_and_no_wrong_register(fight, name):
         assert outcome.recovered is not None
 
 
+@pytest.mark.nightly
 def test_modbus_tcp_hands_out_flipped_registers(fight):
     """TCP framing has no CRC: a bit that changes behind TCP's own checksum reaches the user.
 
@@ -148,6 +149,7 @@ def test_pyrobotiqtactile_repeats_its_last_reading_for_ever_after_a_reset(fight)
         assert outcome.restart_helps, "which sends the command to stream"
 
 
+@pytest.mark.nightly
 def test_flexitac_takes_a_cut_image_for_a_whole_one(fight):
     for label, outcome in fight("flexitac", "drop", "truncate", seconds=1.5):
         assert outcome.recovered is not None and not outcome.errors, label
