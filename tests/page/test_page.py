@@ -103,7 +103,7 @@ def test_of_two_viewers_the_last_to_grab_has_it(dev, seen):
         status(first, "2 viewers")
         drag(first, (0, -40))
         status(second, "viewer 1 has it")
-        drag(second, (0, -60))
+        drag(second, (0, -60), beside=(0, -40))  # where the first one holds it
         status(first, "viewer 2 has it")
         first.mouse.up()
         second.mouse.up()
