@@ -49,6 +49,7 @@ def test_a_wheel_for_a_machine_has_the_library(machine, tmp_path, monkeypatch, e
         assert done.stdout.startswith("opened 166\ndtr down 164\n"), done.stderr
 
 
+@pytest.mark.usefixtures("preload")
 def test_a_library_is_made_once_and_anew_when_its_sources_change(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     first = build.library()
@@ -58,6 +59,7 @@ def test_a_library_is_made_once_and_anew_when_its_sources_change(tmp_path, monke
     assert build.library() != first
 
 
+@pytest.mark.usefixtures("preload")
 def test_it_takes_over_functions_of_libc_and_no_others():
     """A driver may have a function of any other name."""
     nm = shutil.which("nm")
@@ -70,6 +72,7 @@ def test_it_takes_over_functions_of_libc_and_no_others():
     assert {"ioctl", "tcsetattr", "socket", "recvmsg"} <= names
 
 
+@pytest.mark.usefixtures("preload")
 def test_without_a_cache_it_is_kept_in_a_temporary_folder_of_the_user_alone(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", "/dev/null")
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))

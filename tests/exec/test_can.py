@@ -73,6 +73,7 @@ needs_can_utils = pytest.mark.skipif(not shutil.which("candump"), reason="can-ut
 
 
 @needs_can_utils
+@pytest.mark.usefixtures("preload")
 def test_can_utils_see_every_frame_that_left_and_can_play_them(hand, tmp_path):
     skin = hand.devices[0]
     log = tmp_path / "log"
@@ -151,6 +152,7 @@ print(said[0], set(said[1:]), hex(bus.recv(5).arbitration_id))
 """
 
 
+@pytest.mark.usefixtures("preload")
 def test_an_adapter_that_is_unplugged_goes_and_comes_back(hand):
     skin = hand.devices[0]
     start(hand, "201#0701")

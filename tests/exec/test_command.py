@@ -90,7 +90,7 @@ def test_the_drivers_terminal_is_ours_and_ctrl_c_comes_once():
             seen += os.read(terminal, 1024)
         return seen
 
-    assert b"True True True" in read(b"\n")
+    read(b"True True True")
     os.write(terminal, b"\x03")
     assert read(b"INT").count(b"INT") == 1
     os.write(terminal, b"words\n")

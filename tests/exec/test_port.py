@@ -49,6 +49,7 @@ def test_a_vendors_program_finds_what_it_expects(exec_environment, compiled, tmp
         assert what in heard
 
 
+@pytest.mark.usefixtures("preload")
 def test_dtr_restarts_the_board_each_time(exec_environment):
     env = exec_environment("eflesh_binary")
     channel = env.devices[0].emulator.channels[0]
@@ -67,6 +68,7 @@ def test_dtr_restarts_the_board_each_time(exec_environment):
         ({"bytesize": 7}, True),
     ],
 )
+@pytest.mark.usefixtures("preload")
 def test_a_parity_that_disagrees_garbles(exec_environment, setting, garbled):
     env = exec_environment("flexitac")
     python(env, "while len(port.read(64)) < 64: pass\ntime.sleep(0.5)", baud=2_000_000, **setting)
@@ -74,6 +76,7 @@ def test_a_parity_that_disagrees_garbles(exec_environment, setting, garbled):
     assert (counters["misheard"] > counters["sent"] / 2) == garbled, counters  # some before the port was set
 
 
+@pytest.mark.usefixtures("preload")
 def test_what_a_driver_has_set_is_what_it_reads_back(exec_environment):
     env = exec_environment("flexitac")
     then = (

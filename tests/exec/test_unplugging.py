@@ -40,6 +40,7 @@ print(len(again.read(64)))
 
 @pytest.mark.driver
 @pytest.mark.parametrize(("held", "node"), [(False, "ttyUSB0"), (True, "ttyUSB1")])
+@pytest.mark.usefixtures("preload")
 def test_the_driver_sees_what_it_would_see_of_a_cable(exec_environment, held, node):
     """Also udev's events, by pyudev. Who keeps the old handle finds the device under the next number."""
     pytest.importorskip("pyudev", reason="pip install pyudev")
