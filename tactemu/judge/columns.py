@@ -86,6 +86,22 @@ class Column:
         transform = TRANSFORMS.get(self.how, TRANSFORMS["line"])
         return self.gain * transform(x) + self.offset
 
+    def slack(self, counts: np.ndarray) -> np.ndarray:
+        """How far a right value may be from :meth:`of`, shape ``(n_samples,)``.
+
+        Of a curve as far as its neighbours in the table, between which it must lie; beyond the table's ends three times
+        as far as it goes on rising there.
+        """
+        if self.how != "curve" or len(self.table) < 2:
+            return np.full(len(counts), self.tolerance)
+        x = counts[:, self.channel]
+        known, values = np.array(self.table).T
+        high = np.clip(np.searchsorted(known, x), 1, len(known) - 1)
+        step = np.abs(values[high] - values[high - 1])
+        beyond = np.maximum(0.0, np.maximum(known[0] - x, x - known[-1])) / (known[high] - known[high - 1])
+        between = np.where(np.isin(x, known), 0.0, step)
+        return self.tolerance + between + 3 * step * beyond
+
 
 @dataclass
 class Columns:
@@ -109,10 +125,11 @@ class Columns:
             raise TactemuError("the columns were learned from another device: one of its channels is not there")
         return np.stack([column.of(counts) for column in self.values], axis=1)
 
-    @property
-    def tolerances(self) -> np.ndarray:
-        """Of the value columns."""
-        return np.array([column.tolerance for column in self.values])
+    def slack(self, counts: np.ndarray) -> np.ndarray:
+        """How far a right value may be from :meth:`expected`, shape ``(n_samples, n_values)``."""
+        if not len(counts) or not self.values:
+            return np.zeros((len(counts), len(self.values)))
+        return np.stack([column.slack(counts) for column in self.values], axis=1)
 
     def row(self, row: Mapping[str, float]) -> np.ndarray | None:
         """The values of a row; ``None`` where it lacks some."""

@@ -19,6 +19,7 @@ import numpy as np
 
 from tactemu.judge.columns import MISTAKES as MISTAKEN
 from tactemu.judge.columns import Columns, misnamed, misscaled
+from tactemu.judge.excitation import STEP
 from tactemu.judge.matching import Match, Matcher
 from tactemu.judge.tape import Tape
 
@@ -310,7 +311,7 @@ def _count(out: Outcome, tape: Tape, reading: Reading, left: np.ndarray) -> None
         if match.marked or nothing:
             out.marked += 1
         elif k is None:
-            if reading.columns.steps and reading.matcher.between(match.said, 3 * 8):
+            if reading.columns.steps and reading.matcher.between(match.said, 2 * STEP + STEP // 2):
                 continue
             out.wrong += 1
             _keep_bad(out, match, tape, reading)

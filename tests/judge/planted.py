@@ -28,7 +28,7 @@ def stream(variant, port):
     import serial
 
     line = serial.Serial(port, 1_000_000, timeout=0.4)
-    data, last, kept, count, old = b"", None, [], 0, None
+    data, last, kept, count, old, smooth = b"", None, [], 0, None, (0, 0, 0)
     while True:
         try:
             more = line.read(max(1, min(512, line.in_waiting)))
@@ -78,6 +78,9 @@ def stream(variant, port):
                 kept.append(bytearray(10_000))
             if variant == "slow":
                 time.sleep(0.02)
+            if variant == "filter":
+                x, y, z = (round(0.6 * was + 0.4 * now, 2) for was, now in zip(smooth, (x, y, z)))
+                smooth = (x, y, z)
             old = {"n": number, "status": status, "fx": x, "fy": y, "fz": z}
             hand_out(**old)
 

@@ -7,9 +7,12 @@ lost, or fails five times in a row, it is closed and opened anew; it is never he
 import contextlib
 import json
 import logging
+import os
 import queue
 import sys
+import tempfile
 import time
+from pathlib import Path
 from urllib.parse import urlsplit
 
 OUT = sys.stdout
@@ -73,7 +76,7 @@ class AbilityHand:
             update_vel = update_cur = update_hot_cold = update_pos
 
         self.driver = AHSerialClient(port=port, baud_rate=baud or 460800, rate_hz=100, auto_start_threads=False)
-        logging.getLogger().handlers[:] = [logging.StreamHandler()]  # its log would be a file in this folder
+        logging.getLogger().handlers[:] = [logging.StreamHandler()]  # what it says, as it says it
         self.driver.hand._first_fsr = False  # report what the hand sends, not the change since the first frame
         self.driver.hand.add_observer(Log())
         self.driver.start_threads()
@@ -216,5 +219,8 @@ def endure(kind, port, baud):
 
 
 if __name__ == "__main__":
+    folder = Path(tempfile.gettempdir()) / f"tactemu-published-{os.getuid()}"
+    folder.mkdir(exist_ok=True)
+    os.chdir(folder)  # one of them writes a configuration and a log where it is started
     sys.stdout = sys.stderr  # drivers print
     endure(READERS[sys.argv[1]], sys.argv[2], int(sys.argv[3]) if len(sys.argv) > 3 else None)

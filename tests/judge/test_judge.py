@@ -196,3 +196,9 @@ def test_a_planted_defect_is_named(kind, variant):
 def test_a_clean_driver_is_not_accused(kind, seed):
     failing = {o.name: o.verdict for o in run(kind, "clean", seed=seed).values() if o.fails(Options().fail_on)}
     assert not failing
+
+
+@pytest.mark.nightly
+def test_a_driver_that_filters_is_learned_from_what_is_held():
+    outcomes = run("stream", "filter", only=["flipped", "hang", "reset"])
+    assert not any(outcome.fails(Options().fail_on) for outcome in outcomes.values()), outcomes

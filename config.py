@@ -1,3 +1,0 @@
-# Auto-generated config file
-write_log = True
-velocity_warning = True
