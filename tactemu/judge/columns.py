@@ -47,6 +47,8 @@ class Channel:
     axis: str = ""
     unit: str = ""
     counts_per_unit: float | None = None
+    skin: str = ""
+    """Of several."""
 
 
 @dataclass
@@ -116,6 +118,11 @@ class Columns:
         self.values = [column for column in self.columns if column.role == "value"]
         self.flags = [column for column in self.columns if column.role == "flag"]
         self.names = [column.name for column in self.values]
+
+    def by_skin(self) -> list[np.ndarray]:
+        """Of each skin the places of its columns among the value columns."""
+        skins = [self.channels[c.channel].skin if c.channel < len(self.channels) else "" for c in self.values]
+        return [np.array([k for k, skin in enumerate(skins) if skin == each]) for each in dict.fromkeys(skins)]
 
     def expected(self, counts: np.ndarray) -> np.ndarray:
         """What the value columns should read, shape ``(n_samples, n_values)``."""
@@ -292,7 +299,8 @@ def channels_of(devices: Mapping[str, Device], shapes: Sequence[tuple[str, str, 
                     own = f"{sense}.{own}".rstrip(".")
                 name = ".".join(part for part in (skin if several else "", place, own) if part)
                 axis, unit = (column.axis, column.unit) if column else ("", "")
-                found.append(Channel(name or "value", axis, unit, column.counts_per_unit if column else None))
+                per_unit = column.counts_per_unit if column else None
+                found.append(Channel(name or "value", axis, unit, per_unit, skin if several else ""))
     return found
 
 

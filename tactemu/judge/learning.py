@@ -305,8 +305,8 @@ def line(
     least = max(1e-6 * spread, 1e-12)
     if steps:
         tolerance = max(3 * float(np.quantile(rest, 0.99)), 0.55 * printed, 0.45 * abs(gain) * count, least)
-    elif printed > 1.5 * abs(gain) * count:  # the driver rounds more coarsely than the device
-        tolerance = max(0.55 * printed, least)
+    elif printed > 1.5 * abs(gain) * count:  # the driver rounds more coarsely than the device, and so is the line known
+        tolerance = max(0.8 * printed, least)
     elif count:
         tolerance = max(0.45 * abs(gain), least)
     else:

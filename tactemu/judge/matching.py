@@ -21,7 +21,7 @@ class Match:
 
     said: Said
     sample: int | None
-    """Index of its sample; ``None``: it is none."""
+    """Index of its sample, of several skins the oldest; ``None``: it is none."""
     marked: bool = False
     """The driver says that something is wrong with it."""
     odd: tuple[str, ...] = ()
@@ -39,6 +39,7 @@ class Matcher:
         self._slack = np.zeros((0, len(columns.values)))
         self._times = np.zeros(0, np.int64)
         self._filled = 0
+        self._skins = columns.by_skin()
         # The columns with the finest steps exclude most samples: they are looked at first.
         gains = [abs(column.gain) or 1.0 for column in columns.values]
         self._first = np.argsort([column.tolerance / gain for column, gain in zip(columns.values, gains)])[:3]
@@ -82,6 +83,10 @@ class Matcher:
             if (np.abs(expected[at] - y) <= slack[at]).all():
                 return Match(said, int(low + at), marked)
         near = np.abs(expected - y) <= slack
+        if len(self._skins) > 1:  # each has a clock and a port of its own: only its own columns belong together
+            whole = [np.flatnonzero(near[:, skin].all(axis=1)) for skin in self._skins]
+            if all(len(found) for found in whole):
+                return Match(said, int(low + min(found[-1] for found in whole)), marked)
         score = near.sum(axis=1)
         best = len(score) - 1 - int(score[::-1].argmax())
         names = self.columns.names

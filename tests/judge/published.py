@@ -183,11 +183,31 @@ class LinkerHand:
         self.driver.close()
 
 
+class PaxiniCamera:
+    """Of LeRobot: a fingertip as an image, one pixel for each taxel, read thirty times a second."""
+
+    def __init__(self, port, baud):
+        from lerobot_camera_paxini import PaxiniCamera as Camera
+        from lerobot_camera_paxini import PaxiniCameraConfig
+
+        config = PaxiniCameraConfig(port=port, width=64, height=96, fps=30, splat_sigma_px=0.0, force_max_n=25.0)
+        self.driver = Camera(config)
+        self.driver.connect()
+        self.taxels = self.driver._raster._weights.any(axis=1)
+
+    def read(self):
+        time.sleep(1 / 30)
+        return self.driver.async_read().reshape(-1, 3)[self.taxels].ravel().tolist()
+
+    def close(self):
+        self.driver.disconnect()
+
+
 FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 READERS = {
     "anyskin": AnySkin, "reskin-sensor": ReSkin, "pyrobotiqtactile": Robotiq, "ability-hand": AbilityHand,
     "flexitac": FlexiTac, "optoforce": OptoForce, "pymodbus": PyModbus, "modbus_tk": ModbusTk,
-    "plusml-rh56dftp": InspireTcp, "linkerbot": LinkerHand,
+    "plusml-rh56dftp": InspireTcp, "linkerbot": LinkerHand, "lerobot-camera-paxini": PaxiniCamera,
 }  # fmt: skip
 
 

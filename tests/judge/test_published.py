@@ -5,10 +5,12 @@ Three of them in every run, with the trials that tell the most; all ten, with al
 
 import importlib.metadata
 import sys
+from pathlib import Path
 
 import pytest
 
 from tactemu.judge.running import Judge, Options
+from tests.drivers.environments import python_with
 from tests.judge.cards import CARDS, SCRIPT
 
 pytestmark = [pytest.mark.driver, pytest.mark.realtime, pytest.mark.timeout(900)]
@@ -66,3 +68,14 @@ def test_a_published_driver_does_as_the_page_says(name):
 @pytest.mark.parametrize("name", WHOLE)
 def test_its_whole_card_is_as_the_page_says(name):
     agrees(card_of(name), WHOLE[name])
+
+
+@pytest.mark.nightly
+def test_a_camera_of_lerobot_hands_out_its_last_picture_after_unplugging():
+    """Its thread logs the exception and ends; what reads goes on reading."""
+    shim = Path(__file__).parents[1] / "drivers" / "scripts" / "lerobot"
+    python = [python_with("lerobot_record"), str(SCRIPT), "lerobot-camera-paxini", "{port}"]
+    options = Options(only=["flipped", "unplug"], start_s=60.0)
+    with Judge("paxini_high_speed", ["env", f"PYTHONPATH={shim}", *python], options) as judge:
+        outcomes = {outcome.name: outcome for outcome in judge.run()}
+    agrees(outcomes, {"flipped": NONE, "unplug": ("stale",)})
