@@ -66,10 +66,10 @@ class Scene:
         )
         self.solids[body.name] = _solids(scene, path, body)
         if body.points:
+            red, green, blue = (round(255 * part) for part in body.points["color"][:3])
             scene.add_point_cloud(
                 f"{path}/points", np.array(body.points["positions"], np.float32).reshape(-1, 3),
-                tuple(round(255 * part) for part in body.points["color"][:3]),  # type: ignore[arg-type]
-                point_size=2 * body.points["radius"], point_shape="circle",
+                (red, green, blue), point_size=2 * body.points["radius"], point_shape="circle",
             )  # fmt: skip
         reach = _reach(body)
         self.labels[body.name] = scene.add_label(f"{path}/label", "", position=(0.0, 0.0, 1.1 * reach), visible=False)
