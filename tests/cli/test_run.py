@@ -156,7 +156,7 @@ def folder(tmp_path_factory):
 
 
 def left(*folders: Path) -> list[Path]:
-    """What a run could leave behind: files beside its scene, and in the temporary folder its ports and control socket."""
+    """What a run could leave behind: files beside its scene; in the temporary folder ports and a control socket."""
     return sorted(path for folder in folders for path in folder.rglob("*"))
 
 

@@ -21,7 +21,7 @@ SHORT = {
     # by driver: by trial the findings of which one is enough
     "optoforce": {"flipped": NONE, "one cut": NONE, "hang": ("blocks",)},
     "anyskin": {"flipped": ("wrong",), "unplug": NONE},
-    "pymodbus": {"dropped": NONE, "exception": NONE},
+    "pymodbus": {"exception": NONE},
 }
 WHOLE = {
     "anyskin": {"flipped": ("wrong",), "cut": ("collateral",), "dropped": NONE, "hang": ("blocks", "spins")},
