@@ -29,7 +29,7 @@ WHOLE = {
     "pyrobotiqtactile": {"flipped": ("wrong",), "cut": ("wrong",), "reset": ("lost sync", "stale")},
     "flexitac": {"flipped": ("wrong",), "cut": ("wrong",)},
     "optoforce": {"flipped": NONE, "cut": NONE, "dropped": NONE, "doubled": NONE, "hang": ("blocks",), "unplug": NONE},
-    "ability-hand": {"flipped": NONE, "cut": NONE, "unplug": ("lost sync", "stale")},
+    "ability-hand": {"flipped": NONE, "cut": NONE, "unplug": NONE, "late answer": ("stale",)},
     "pymodbus": {"flipped": NONE, "cut": NONE, "dropped": NONE, "exception": NONE, "another unit": NONE},
     "modbus_tk": {"flipped": NONE, "cut": NONE, "dropped": NONE},
     "plusml-rh56dftp": {"dropped": NONE, "exception": NONE},
