@@ -269,10 +269,12 @@ def _channel(skin: Skin, device: Device, source: Source, wires: dict[str, Wire],
         reorder=skin.clock.reorder,
         delay_ns=round(skin.clock.delay_s * 1e9),
         jitter_ns=round(skin.clock.jitter_s * 1e9),
+        missed=skin.clock.missed,
         seed=seed,
         name=skin.title,
     )
-    return Channel(skin.title, device, source, wires, sampling, wanted)
+    refresh_ns = round(skin.clock.refresh_s * 1e9)
+    return Channel(skin.title, device, source, wires, sampling, wanted, refresh_ns=refresh_ns)
 
 
 def _periods(skin: Skin, device: Device, rate_hz: float | Mapping[str, float] | None) -> dict[str, int]:
