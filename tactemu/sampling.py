@@ -19,9 +19,9 @@ class SampleClock:
     oscillator that is slow by ``skew_ppm``, and slower each second by ``drift_ppm_per_s``, takes longer for it than
     ours: a count of n seconds lasts ``n + 1e-6 (skew n + drift n^2 / 2)``. Times follow from the count, so that no
     error accumulates. Frames of a sample leave ``delay_ns`` after it was due, plus a jitter that is uniform in
-    ``[0, jitter_ns]``; unless ``reorder`` is set they never overtake those of an earlier sample. A loop that is too slow
-    at times misses its turn: a share ``missed`` of samples is never taken, and periods have a second mode at twice the
-    first (hosts and boards do: docs/realism.md).
+    ``[0, jitter_ns]``; unless ``reorder`` is set they never overtake those of an earlier sample. A loop that is too
+    slow at times misses its turn: a share ``missed`` of samples is never taken, and periods have a second mode at
+    twice the first.
 
     Raises:
         ValueError: a period that is not positive; a negative delay or jitter; a clock that stands still or misses all.

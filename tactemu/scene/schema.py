@@ -273,6 +273,7 @@ class Skin(Table):
     )
     clock: ClockTable = ClockTable()
     faults: Faults = Field(default=(), description="what goes wrong on the wire")
+    measured: bool = Field(default=False, description="what it does not say is as measured of a real one: noise, clock")
 
     @property
     def title(self) -> str:
