@@ -70,6 +70,10 @@ Faults = Annotated[
     typer.Option("--fault", metavar="FAULT", help="What goes wrong on the wire; repeatable. See `tactemu faults`."),
 ]
 
+Measured = Annotated[
+    bool,
+    typer.Option("--measured", help="Noise, clock and so on as of real ones, where such were measured."),
+]
 TruthFile = Annotated[
     Path | None,
     typer.Option(

@@ -10,6 +10,7 @@ import typer
 from tactemu.cli.parameters import (
     Compute,
     Faults,
+    Measured,
     Options,
     Ports,
     Rates,
@@ -37,6 +38,7 @@ def run(
     seconds: Seconds = None,
     device: Compute = None,
     fault: Faults = None,
+    measured: Measured = False,
     truth: TruthFile = None,
     truth_keep: TruthKeep = None,
     rerun: Annotated[bool, typer.Option("--rerun", help="Show it in Rerun's viewer, too.")] = False,
@@ -85,6 +87,7 @@ def run(
       tactemu run optoforce axes=6
       tactemu run hand.toml --port fingertip=pty:/tmp/a --port palm=pty:/tmp/b
       tactemu run linker_hand_l6 --port can:socketcan:vcan0
+      tactemu run anyskin --measured                            # noise and steps of a real one
       tactemu run hand.toml --fault 'unplug at 3s for 0.5s' --truth truth.mcap
       tactemu run my_sensor.py:MySensor --port tcp:127.0.0.1:5000
       tactemu run anyskin --port memory: --clock virtual --seconds 10 --json
@@ -107,6 +110,7 @@ def run(
         style="json" if json else "plain" if plain else "auto", clock=clock, preempt=preempt, name=name,
         adjustable=tuple(adjustable or ()), again=again, rerun=rerun_to or rerun, restore=restore, save=save,
         save_at=save_at, web=Web(web_host, web_port) if web or web_port is not None or web_host else None,
+        measured=measured,
     )  # fmt: skip
 
 
@@ -159,6 +163,7 @@ def execute(
     seed: Seed = None,
     device: Compute = None,
     fault: Faults = None,
+    measured: Measured = False,
     truth: TruthFile = None,
     truth_keep: TruthKeep = None,
     way: Annotated[
@@ -207,7 +212,7 @@ def execute(
             status = run_command(
                 target, context.obj or (), options=options or (), nodes=tuple(node or ()), rates=tuple(rate or ()),
                 seed=seed, compute=device, faults=tuple(fault or ()), truth=truth, keep=truth_keep, quiet=quiet,
-                way=way, expose=tuple(expose or ()), name=name, signals=signals,
+                way=way, expose=tuple(expose or ()), name=name, signals=signals, measured=measured,
             )  # fmt: skip
         except TactemuError as error:
             typer.echo(f"tactemu: {error}", err=True)
