@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from tactemu.judge import smallest
+from tactemu.judge.outcome import ABOUT, Outcome
 from tactemu.judge.report import Report
-from tactemu.judge.verdicts import ABOUT, Outcome
 
 STYLE = """
 :root { color-scheme: light dark; --line: #8886; --bad: #c0392b; --odd: #b9770e; --good: #1e8449; --soft: #8882; }

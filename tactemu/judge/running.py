@@ -13,11 +13,13 @@ from tactemu.judge import smallest
 from tactemu.judge.columns import Columns
 from tactemu.judge.driver import Driver, command_of
 from tactemu.judge.excitation import STEP
+from tactemu.judge.following import Reading, left_times, recovered
 from tactemu.judge.learning import Unlearnable, learn
+from tactemu.judge.outcome import FAILING, Known, Outcome
 from tactemu.judge.plan import Facts, Plan, Trial
 from tactemu.judge.stand import Stand
 from tactemu.judge.tape import Tape
-from tactemu.judge.verdicts import FAILING, Known, Outcome, Reading, judged, known_of, left_times, recovered
+from tactemu.judge.verdicts import judged, known_of
 
 START_S = 15.0
 """For a driver to be imported, connect and print a row."""

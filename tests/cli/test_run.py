@@ -156,8 +156,11 @@ def folder(tmp_path_factory):
 
 
 def left(*folders: Path) -> list[Path]:
-    """What a run could leave behind: files beside its scene; in the temporary folder ports and a control socket."""
-    return sorted(path for folder in folders for path in folder.rglob("*"))
+    """What a run could leave behind: files beside its scene; in the temporary folder ports and a control socket.
+
+    Python itself leaves the byte code of a device's file.
+    """
+    return sorted(path for folder in folders for path in folder.rglob("*") if "__pycache__" not in path.parts)
 
 
 @pytest.mark.parametrize("name", WRONG)

@@ -18,7 +18,7 @@ from textwrap import fill
 from typing import Any
 
 from tactemu.judge import smallest
-from tactemu.judge.verdicts import FAILING
+from tactemu.judge.outcome import FAILING
 
 PAGE = Path("docs/drivers-under-faults.md")
 FOLDER = Path("build/cards")
