@@ -256,12 +256,14 @@ def can(variant, port):
 
     interface, _, channel = port.partition(":")
     bus = python_can.Bus(interface=interface, channel=channel)
-    bus.send(python_can.Message(arbitration_id=0x201, data=[7, 0], is_extended_id=False))
-    rows, got = {}, 0
+    start = python_can.Message(arbitration_id=0x201, data=[7, 0], is_extended_id=False)
+    bus.send(start)
+    rows, got, begun = {}, 0, 0.0
     while True:
         message = bus.recv(0.5)
         if message is None:
             say("nothing comes")
+            bus.send(start)  # it may have restarted, and waits to be asked
             continue
         ident, data = message.arbitration_id, bytes(message.data)
         if message.is_error_frame or message.is_extended_id or (ident & 0x7F0 != 0x710 and variant != "foreign"):
@@ -274,7 +276,9 @@ def can(variant, port):
         if taxel == 0 and variant not in ("mixed", "oldrow"):
             if rows and len(rows) < 16:
                 say("a scan is not whole")
-            rows = {}
+            rows, begun = {}, message.timestamp
+        if message.timestamp - begun > 0.006 and variant not in ("mixed", "oldrow"):
+            continue  # rows have no number: those of the next scan come a period later
         values = struct.unpack(">3H", data.ljust(8, b"\0")[1:7])
         if variant == "bytes" and taxel == 5:
             values = (values[0], (values[1] & 0xFF) << 8 | values[1] >> 8, values[2])
