@@ -1,5 +1,7 @@
 """The plan: what makes sense for a line, a device and a driver; exact faults that parse and hit what they name."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -34,6 +36,7 @@ def test_every_fault_can_be_had_on_its_line_and_every_trial_has_a_reason(facts):
 def test_what_makes_no_sense_says_why():
     assert "USB" in plan(STREAM)["wrong baud"].skipped and not plan(POLLED)["wrong baud"].skipped
     assert "sends nothing" in plan(STREAM)["requests damaged"].skipped
+    assert "sum of its own" in plan(replace(POLLED, wire="tcp"))["requests damaged"].skipped
     assert "does not go away" in plan(CAN)["unplug"].skipped
     assert plan(STREAM)["counter wraps"].preset == "counter" and plan(CAN)["counter wraps"].skipped
     assert "one taxel" in plan(STREAM)["dead taxel"].skipped
