@@ -30,6 +30,7 @@ from firmware_protocols.commands import Command
 from firmware_protocols.connectors import Connector
 from firmware_protocols.frames import CanFrame
 from firmware_protocols.layouts import Layout
+from firmware_protocols.motors import Motors
 
 Quantity = Literal[
     "force", "pressure", "depth", "displacement", "touch", "field", "resistance", "capacitance",
@@ -223,6 +224,8 @@ class Device(ABC, Generic[F]):
     """Default scene in the scene file's TOML (``docs/scene-files.md``), for a class outside the tree; it is not
     inherited. Empty: one is made from the layout, a ball that presses the middle of each patch."""
 
+    motors: Motors | None = None
+    """Those of its joints, with their names, of a device that a physics engine may move."""
     layout: Layout
     """Where the taxels are. From the options alone: a restart makes an equal one."""
 

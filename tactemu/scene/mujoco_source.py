@@ -40,6 +40,9 @@ if TYPE_CHECKING:
     from tactemu.scene.scene import Scene
 
 
+_AWAY = (0.0, 0.0, -100.0)
+
+
 def load_mujoco():
     """The module.
 
@@ -71,6 +74,11 @@ class MujocoSource:
         self._geoms: dict[int, Body] = {}
         self._links: dict[int, Body] = {}
         self._meshes: dict[int, Mesh] = {}
+        self._pads: dict[Body, tuple[str, int]] = {}
+        self.shifts: dict[Body, np.ndarray] = {}
+        """How far pads are displaced, world [m]."""
+        self.hidden: set[int] = set()
+        """Geoms that are gone: they are posed out of reach."""
         chosen = self._collision_geoms() if geoms is None else [self._id("geom", geom) for geom in geoms]
         for geom in chosen:
             self._geoms[geom] = scene.add_body(self._shape(geom), name=self._name("geom", geom))
@@ -98,10 +106,33 @@ class MujocoSource:
             self._links[found] = self._scene.add_body(name=f"{self._name('body', found)} (frame)")
         return self._links[found]
 
+    def pad(self, which: str, name: str) -> Body:
+        """A frame of its own that follows a geom or MuJoCo body, and can be displaced: see :attr:`shifts`."""
+        kind = "GEOM" if self.has("geom", which) else "BODY"
+        body = self._scene.add_body(name=f"{name} (pad)")
+        self._pads[body] = kind, self._id(kind.lower(), which)
+        return body
+
+    def place(self, data: Any, pad: Body) -> tuple[np.ndarray, np.ndarray]:
+        """Where a pad is, not displaced, and how it is turned, a matrix: as kinematics were run last."""
+        kind, index = self._pads[pad]
+        if kind == "GEOM":
+            return data.geom_xpos[index], data.geom_xmat[index].reshape(3, 3)
+        return data.xpos[index], data.xmat[index].reshape(3, 3)
+
+    def has(self, kind: str, name: str) -> bool:
+        """Whether the model has a ``geom`` or ``body`` of this name."""
+        return self._mujoco.mj_name2id(self._model, getattr(self._mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), name) >= 0
+
     @property
     def bodies(self) -> list[Body]:
         """All that were added to the scene."""
-        return [*self._geoms.values(), *self._links.values()]
+        return [*self._geoms.values(), *self._links.values(), *self._pads]
+
+    @property
+    def geoms(self) -> dict[int, Body]:
+        """The bodies of geoms, by the geoms' ids."""
+        return dict(self._geoms)
 
     def names(self) -> str:
         """What there is, in words for a message."""
@@ -179,9 +210,16 @@ class MujocoSource:
         for one in per_env:
             self._refresh(one, sim.uses_velocity)
         for geom, body in self._geoms.items():
+            if geom in self.hidden:
+                sim.set_pose(body, position=_AWAY)
+                continue
             self._pose(sim, body, [self._geom_pose(one, geom, sim.uses_velocity) for one in per_env])
         for link, body in self._links.items():
             self._pose(sim, body, [self._link_pose(one, link, sim.uses_velocity) for one in per_env])
+        for body, (kind, index) in self._pads.items():
+            pose = self._geom_pose if kind == "GEOM" else self._link_pose
+            position, quaternion, twist = pose(per_env[0], index, sim.uses_velocity)
+            self._pose(sim, body, [(position + self.shifts.get(body, 0.0), quaternion, twist)])
 
     def _refresh(self, data: Any, velocities: bool) -> None:
         self._mujoco.mj_kinematics(self._model, data)
