@@ -21,7 +21,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-
 STALL_NS = 100_000_000
 """A joint that stands for so long while its motor does all that it may has stalled."""
 STANDING, ALL = 0.02, 0.98
@@ -119,8 +118,8 @@ class Motors:
         self._pushed = np.where(np.isnan(speeds), self._pushed, np.nan)
 
     def hold(self, t_ns: int) -> None:
-        """Stay where they are."""
-        self.go(self.positions(t_ns), t_ns)
+        """Stay where they are; in an engine, where they are held."""
+        self.go(self._state(t_ns)[0], t_ns)
 
     def limit_speed(self, speed_limit: ArrayLike, t_ns: int) -> None:
         """Another speed limit from ``t_ns`` on."""

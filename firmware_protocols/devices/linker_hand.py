@@ -89,9 +89,9 @@ class LinkerHand(Device[CanFrame]):
         "B1..B5 without data answer rows and columns; another size's selector, 20..23 on a matrix hand are ignored",
         "older quantities: sums over the fingertip in the matrix's scale, direction 256 steps a turn, approach 0",
         "joints answer what was last set; 100 Hz conversion; the same versions, whatever the serial number",
-        f"six joints in an engine: 255 is open, 0 closed after {', '.join(f'{s} rad ({j})' for j, s in JOINTS.items())}; "
-        f"a stroke takes {STROKE_S} s at speed 255, torque 255 is {STRENGTH_NM} Nm and 1400 mA; angles and currents are "
-        f"as they are; fault bit 3 while a joint is stalled at more than {OVERLOAD:.0%} of that",
+        f"six joints in an engine: 255 is open, 0 closed ({', '.join(f'{j} {s} rad' for j, s in JOINTS.items())})",
+        f"in an engine a stroke takes {STROKE_S} s at speed 255; torque 255 is {STRENGTH_NM} Nm and 1400 mA; angles "
+        f"and currents are as they are; fault bit 3 while a joint is stalled at more than {OVERLOAD:.0%} of that",
     )
     matrix: ClassVar[str] = "12x6"
     """Rows and columns of a fingertip."""
@@ -150,7 +150,8 @@ class LinkerHand(Device[CanFrame]):
         if self.degrees_of_freedom == len(JOINTS):
             self.motors = Motors(
                 [0x80] * len(JOINTS), low=0, high=0xFF, time_constant_s=0.0, speed_limit=0xFF / STROKE_S,
-                names=tuple(JOINTS), unit=[-stroke / 0xFF for stroke in JOINTS.values()], zero=0xFF, strength=STRENGTH_NM,
+                names=tuple(JOINTS), unit=[-stroke / 0xFF for stroke in JOINTS.values()], zero=0xFF,
+                strength=STRENGTH_NM,
             )  # fmt: skip
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:

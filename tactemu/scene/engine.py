@@ -78,7 +78,8 @@ class MujocoEngine:
             if self.model.body_mocapid[k] >= 0 and (name := self.model.body(k).name) in given
         ]
         self._breaks = self._breakable()
-        self._whole = (self.model.geom_contype.copy(), self.model.geom_conaffinity.copy(), self.model.dof_damping.copy())
+        kept = (self.model.geom_contype, self.model.geom_conaffinity, self.model.dof_damping)
+        self._whole = tuple(values.copy() for values in kept)
         if self._table.friction is not None:
             self.model.geom_friction[:, 0] = self._table.friction
             self.model.pair_friction[:, :2] = self._table.friction

@@ -52,8 +52,8 @@ class Drive:
             raise SceneError(f"{self._where}: {device.name} has no motors that an engine could move")
         for name in joints:
             if name not in names:
-                known = ", ".join(names)
-                raise SceneError(f"{self._where}: {device.name} has no {name!r}{nearest(name, names)} (motors: {known})")
+                hint = f"{nearest(name, names)} (motors: {', '.join(names)})"
+                raise SceneError(f"{self._where}: {device.name} has no {name!r}{hint}")
         tables = [JointTable(joint=given) if isinstance(given, str) else given for given in joints.values()]
         self.joints = [table.joint for table in tables]
         self._motor = np.array([names.index(name) for name in joints])
@@ -83,7 +83,9 @@ class Drive:
                 has = ", ".join(known) or "none"
                 raise SceneError(f"{self._where}: no joint {name!r} in the model{nearest(name, known)} (joints: {has})")
             if joint.type not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
-                raise SceneError(f"{self._where}: joint {name!r} neither turns nor slides; a motor moves a hinge or slide")
+                raise SceneError(
+                    f"{self._where}: joint {name!r} neither turns nor slides, as those do that motors move"
+                )
             if name in driven:
                 by = driven[name] or "without a name"
                 raise SceneError(f"{self._where}: joint {name!r} has an actuator already ({by}); one motor for a joint")
@@ -131,7 +133,8 @@ class Drive:
             ("rad", False): 'radians where the file means degrees? <compiler angle="radian"/> says so',
         }.get((unit, much), "another unit, or a `ratio`?")
         raise SceneError(
-            f"{self._where}: joint {name!r} goes from {low:g} to {high:g} {unit}, its motor over {travel:g} {unit}: {hint}"
+            f"{self._where}: joint {name!r} goes from {low:g} to {high:g} {unit}, its motor over {travel:g} {unit}: "
+            f"{hint}"
         )
 
     # -- each step ---------------------------------------------------------------------------------------------------
@@ -144,7 +147,9 @@ class Drive:
         """What the firmware wants at ``t_s`` becomes what the actuators do."""
         if not self._motors.embodied:
             self.report(data, t_s)
-        wants = self._motors.wants(self._local_ns(round(t_s * 1e9)))
+        t_ns = self._local_ns(round(t_s * 1e9))
+        self._device.joints(t_ns)  # a firmware may do something because time has passed
+        wants = self._motors.wants(t_ns)
         of, ratio = self._motor, self._ratio
         place, speed = self._zero + ratio * wants.positions[of], ratio * wants.speeds[of]
         force, most = wants.forces[of] / ratio, wants.most[of] / np.abs(ratio)

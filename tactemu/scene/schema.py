@@ -341,7 +341,7 @@ class EngineTable(Table):
     kind: Literal["mujoco"]
     file: str = Field(description="its model, by a path relative to the scene file")
     friction: Real | None = Field(
-        default=None, ge=0, le=10, description="of everything on everything, in the model and for skins that know friction"
+        default=None, ge=0, le=10, description="of all on all, in the model and for skins that know friction"
     )
     felt: Literal["force", "overlap"] = Field(
         default="force",

@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import mujoco
 import numpy as np
@@ -25,6 +26,11 @@ import tactemu as tt
 HANDS = Path(__file__).parents[2] / "examples" / "hands"
 SETTLE_S, HOLD_S = 3.0, 2.0
 """After the first touch the force settles, and then is held, before it is judged."""
+
+
+OBJECTS = ("ball", "box", "can", "egg", "soft", "heavy")
+HEAVY_N = 2.5
+"""A heavy box of 250 g slips below 1.6 N."""
 
 
 @dataclass(frozen=True)
@@ -41,19 +47,22 @@ class Hand:
     newtons: dict[str, float] = field(default_factory=dict)
     """Set forces, where not 1 N."""
 
+    egg_n: float = 2.5
+    """What breaks the egg."""
+
     def address(self, dev: tt.Served) -> list[str]:
         """What its controller is told to open."""
-        return [dev.can["channel"], dev.can["interface"]]
+        if self.package == "linkerbot":
+            return [dev.can["channel"], dev.can["interface"]]
+        return [dev.port]
 
 
+PADS = ("thumb_tip", "index_tip")
 ALL = {
-    "linker_l6": Hand("linker_l6", "linkerbot", ("thumb_tip", "index_tip"), resolution_n=2 / 500),
+    "linker_l6": Hand("linker_l6", "linkerbot", PADS, resolution_n=2 / 500),
+    "ability_hand": Hand("ability_hand", "ah_wrapper", PADS, newtons=dict.fromkeys(OBJECTS, 8.0), egg_n=12.0),
+    "inspire_rh56dftp": Hand("inspire_rh56dftp", "RH56DFTP", PADS, "tcp:0", 2 / 1000),
 }
-OBJECTS = ("ball", "box", "can", "egg", "soft", "heavy")
-HEAVY_N = 2.5
-"""A heavy box of 250 g slips below 1.6 N."""
-EGG_N = 2.5
-"""What breaks the egg."""
 
 
 @dataclass
@@ -96,7 +105,7 @@ def scene_of(hand: Hand, thing: str, folder: Path, more: str = "") -> Path:
     lines = [line for line in text.splitlines() if not line.startswith("port =")]
     text = "\n".join(f'file = "{model}"' if line.startswith("file =") else line for line in lines)
     if thing == "egg":
-        text = text.replace("[engine]\n", f"[engine]\nbreaks = {{ object = {EGG_N} }}\n")
+        text = text.replace("[engine]\n", f"[engine]\nbreaks = {{ object = {hand.egg_n} }}\n")
     scene = folder / f"{hand.name}_{thing}.toml"
     scene.write_text(text + more)
     return scene
@@ -135,7 +144,10 @@ def controller(hand: Hand, dev: tt.Served, *options) -> Iterator[subprocess.Pope
     if importlib.util.find_spec(hand.package) is None:
         pytest.skip(f"{hand.package} is not installed")
     command = [sys.executable, str(HANDS / f"grasp_{hand.name}.py"), *hand.address(dev), *map(str, options)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    with (
+        TemporaryDirectory() as folder,  # drivers leave files where they are started
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder) as process,
+    ):
         try:
             yield process
         finally:
@@ -173,8 +185,6 @@ def hold(hand: Hand, thing: str, pose, folder: Path, *, settle_s=SETTLE_S, hold_
 
 def main() -> int:
     """All of it."""
-    import tempfile
-
     given = sys.argv[1:]
     hands = [ALL[name] for name in given if name in ALL] or list(ALL.values())
     things = [name for name in given if name in OBJECTS] or list(OBJECTS)
@@ -184,12 +194,12 @@ def main() -> int:
         for thing in things:
             good, worst = 0, 0.0
             for pose in poses(count):
-                with tempfile.TemporaryDirectory() as folder:
+                with TemporaryDirectory() as folder:
                     held = hold(hand, thing, pose, Path(folder))
                 want = newtons_of(hand, thing)
                 good += held.right(want, hand.resolution_n)
                 worst = max(worst, float(np.abs(held.forces / want - 1).max()))
-                print(f"  {hand.name} {thing} {held.forces.round(3)} N, {held.height * 1e3:+.2f} mm, {held.said}", flush=True)
+                print(f"  {held.forces.round(3)} N, {held.height * 1e3:+.2f} mm, {held.said}", flush=True)
             failed += good < count
             print(f"{hand.name} holds the {thing} {good} of {count}, worst force {worst:+.1%}", flush=True)
     return failed
