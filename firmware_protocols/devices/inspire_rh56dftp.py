@@ -143,8 +143,8 @@ class InspireRh56dftp(Device):
         "1000 counts/N, converted 50 times a second",
         "a full stroke takes 0.6 s at speed 1000 and is 1.6 rad; it begins at once (a hand: after 60 to 70 ms)",
         "force limits and gestures are stored without effect; 200 mA while moving; TCP is answered at once",
-        f"in an engine force limits act {LEVER_M * 1e3:.0f} mm from each joint, and {MOST_FORCE} g are {FULL_MA} mA; a finger "
-        f"gives way by 0.3 rad at that force; status {AT_ITS_FORCE} is a finger that stands at its limit",
+        f"in an engine force limits act {LEVER_M * 1e3:.0f} mm from each joint, and {MOST_FORCE} g are {FULL_MA} mA; "
+        f"a finger gives way by 0.3 rad at that force; status {AT_ITS_FORCE} is a finger that stands at its limit",
         "force of a finger: the sum over its matrices; errors never",
         "unit and line speed change at the next power-up, if saved; 1002 takes 3 and 4 for 921600, as sources differ",
         "writes outside the table: exception 2; values out of range: exception 3; nothing answers above 5999",
