@@ -89,6 +89,7 @@ class Motors:
         self.strength = np.broadcast_to(strength, n).astype(float)
         self._stiffness = self.strength / give
         self._most, self._pushed = self.strength.copy(), np.full(n, np.nan)
+        self._ordered = False
         self._actual: tuple[np.ndarray, np.ndarray] | None = None
         """Positions and speeds as an engine has them."""
         self.forces = np.zeros(n)
@@ -101,6 +102,7 @@ class Motors:
     def go(self, goals: ArrayLike, t_ns: int) -> None:
         """Go to these positions from ``t_ns`` on; NaN leaves a joint to what it does."""
         self._settle(t_ns)
+        self._ordered = True
         goals = np.broadcast_to(np.asarray(goals, float), self.goals.shape)
         given = ~np.isnan(goals)
         self._driven = np.where(given, np.nan, self._driven)
@@ -111,6 +113,7 @@ class Motors:
     def drive(self, speeds: ArrayLike, t_ns: int) -> None:
         """Move at these speeds until the stops; NaN leaves a joint to what it does."""
         self._settle(t_ns)
+        self._ordered = True
         speeds = np.broadcast_to(np.asarray(speeds, float), self.goals.shape)
         self.stalled = self.stalled & np.isnan(speeds)
         self._driven = np.where(np.isnan(speeds), self._driven, np.clip(speeds, -self._limit, self._limit))
@@ -159,6 +162,7 @@ class Motors:
     def push(self, forces: ArrayLike, t_ns: int) -> None:
         """Drive joints by force alone [Nm, N]; NaN leaves one to what it does. Only in an engine that has an effect."""
         self._settle(t_ns)
+        self._ordered = True
         forces = np.broadcast_to(np.asarray(forces, float), self.goals.shape)
         self.stalled = self.stalled & np.isnan(forces)
         self._pushed = np.where(np.isnan(forces), self._pushed, forces)
@@ -175,7 +179,7 @@ class Motors:
     def moved(self, positions: ArrayLike, speeds: ArrayLike, forces: ArrayLike, t_ns: int) -> None:
         """Take over what the joints did in an engine, and what their motors did there: SI, shape ``(n,)``.
 
-        Joints hold still where the engine has them when it begins.
+        Joints hold still where the engine has them when it begins, unless they have been told to go elsewhere.
         """
         begins = self._actual is None
         here = np.asarray(positions, float) / self._unit + self._zero
@@ -184,7 +188,8 @@ class Motors:
         if begins:
             self._since_ns, self._free_ns = t_ns, np.full(len(here), t_ns)
             self._start, self._start_speed = here, np.zeros_like(here)
-            self.goals, self._driven = np.clip(here, self.low, self.high), np.full(len(here), np.nan)
+            if not self._ordered:
+                self.goals, self._driven = np.clip(here, self.low, self.high), np.full(len(here), np.nan)
             self._asked_ns = -1
         span = np.minimum(self.high - self.low, np.abs(2 * np.pi / self._unit))
         stands = np.abs(self._actual[1]) < STANDING * span
@@ -198,7 +203,7 @@ class Motors:
 
     def released(self) -> None:
         """The engine starts anew: where it has the joints is taken over again."""
-        self._actual = None
+        self._actual, self._ordered = None, False
 
     def _si(self, positions: np.ndarray) -> np.ndarray:
         return (positions - self._zero) * self._unit

@@ -33,7 +33,7 @@ def grasp(hand: L6, newtons: float, seconds: float) -> dict:
     hand.speed.set_speeds([50.0] * 6)
     hand.torque.set_torques([100.0] * 6)
     hand.angle.set_angles([THUMB, OPEN, OPEN, OPEN, OPEN, OPEN])
-    time.sleep(0.6)
+    time.sleep(1.0)
     torque, counts, touched, reads = CLOSING, 0.0, None, 0
     hand.torque.set_torques([100.0, 100.0, torque, 100.0, 100.0, 100.0])
     hand.angle.set_angles([THUMB, OPEN, CLOSED, OPEN, OPEN, OPEN])

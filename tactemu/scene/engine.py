@@ -105,7 +105,7 @@ class MujocoEngine:
         return model
 
     def _breakable(self) -> dict[int, float]:
-        known = {self.model.geom(k).name: k for k in self.source.geoms}
+        known = {name: k for k in self.source.geoms if (name := self.model.geom(k).name)}
         for name in self._table.breaks:
             if name not in known:
                 raise SceneError(f"engine: breaks: no geom {name!r}{nearest(name, known)} (geoms: {', '.join(known)})")
@@ -141,7 +141,7 @@ class MujocoEngine:
         if self._table.felt == "overlap":
             return self.source.geom(name) if is_geom else self.source.link(name)
         frame = self.source.pad(name, part)
-        self.pads[frame] = Pad(frame, self._moving_with(name))
+        self.pads[frame] = Pad(frame, np.isin(np.arange(self.model.ngeom), self._moving_with(name)))
         return frame
 
     def carries(self, sensor: Sensor) -> None:

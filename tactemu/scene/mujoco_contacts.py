@@ -64,7 +64,7 @@ class Pad:
 
     Args:
         frame: the body of the scene that carries it, posed by its owner, displaced by :attr:`shift`.
-        geoms: what moves with it.
+        geoms: what moves with it, true at its places among the model's geoms.
     """
 
     def __init__(self, frame: Body, geoms: np.ndarray):
@@ -99,13 +99,15 @@ class Pad:
         """
         if self.sensor is None:
             return
-        felt, self._felt = self.felt(), None
-        mine = np.isin(contacts.geoms, self._geoms)
+        mine = self._geoms[contacts.geoms]
         which = np.flatnonzero(mine[:, 0] != mine[:, 1])
-        if len(which):
-            local = (contacts.positions[which] - position) @ turn
-            away = np.linalg.norm(local[:, None] - self.sensor.probes.positions[None], axis=-1).min(axis=1)
-            which = which[away < self._reach]
+        if not len(which):
+            self.clear()
+            return
+        felt, self._felt = self.felt(), None
+        local = (contacts.positions[which] - position) @ turn
+        away = np.linalg.norm(local[:, None] - self.sensor.probes.positions[None], axis=-1).min(axis=1)
+        which = which[away < self._reach]
         self.force = float(contacts.forces[which].sum())
         if self.force < LEAST_N:
             self.clear()

@@ -117,13 +117,13 @@ def engine_of(dev: tt.Served):
 
 
 def contact_forces(engine, names) -> np.ndarray:
-    """The length of the sum of MuJoCo's contact forces on each geom [N]."""
+    """MuJoCo's normal forces of contact on each geom, their sum's length [N]."""
     model, data, wrench = engine.model, engine.data, np.zeros(6)
     ids = [model.geom(name).id for name in names]
     totals = np.zeros((len(ids), 3))
     for k, contact in enumerate(data.contact[: data.ncon]):
         mujoco.mj_contactForce(model, data, k, wrench)
-        force = wrench[:3] @ contact.frame.reshape(3, 3)
+        force = wrench[0] * contact.frame[:3]
         for side, sign in ((contact.geom1, -1), (contact.geom2, 1)):
             if side in ids:
                 totals[ids.index(side)] += sign * force

@@ -81,7 +81,7 @@ def test_what_a_pad_feels_is_mujocos_contact_force(thing, tmp_path):
 
 def test_a_script_gives_the_same_bytes_in_lockstep_and_in_virtual_time(tmp_path):
     logs = []
-    for clock in (VirtualClock(), LockstepClock(), VirtualClock()):
+    for clock in (VirtualClock(), LockstepClock()):
         truth = Truth()
         emulator, _, engine = made(scene_of(L6, "ball", tmp_path), clock, truth)
         with emulator:
@@ -94,7 +94,7 @@ def test_a_script_gives_the_same_bytes_in_lockstep_and_in_virtual_time(tmp_path)
                 emulator.step()
             where = engine.data.qpos.tobytes()
         logs.append(([frame for _, _, frame in truth.frames], [s.counts.tobytes() for s in truth.samples], where))
-    assert logs[0] == logs[1] == logs[2]
+    assert logs[0] == logs[1]
     assert max(map(sum, (sample for sample in logs[0][1]))) > 100, "it has touched"
     answers = [answer.data for answer in logs[0][0] if answer.data[0] == 0x01]
     assert 0 < answers[-1][3] < 255 and answers[-1][1] == pytest.approx(THUMB, abs=5), "angles are as the hand is"
@@ -164,7 +164,12 @@ WILD = {
 }
 
 
-@pytest.mark.parametrize("name", WILD)
+EVERY_RUN = ("deep overlap", "1 g, full close", "100 kg", "time step 20 ms")
+
+
+@pytest.mark.parametrize(
+    "name", [name if name in EVERY_RUN else pytest.param(name, marks=pytest.mark.nightly) for name in WILD]
+)
 def test_wild_configurations_stay_bounded(name, tmp_path):
     """Nothing is NaN, nothing stays deep in another, and no energy comes from nowhere."""
     case = WILD[name]
@@ -173,8 +178,7 @@ def test_wild_configurations_stay_bounded(name, tmp_path):
     text = model.read_text()
     if "object" in case:
         thing = tmp_path / "object.xml"
-        (start, path) = text.split('"')[3], text.split('"')[3]
-        assert start == path
+        path = text.split('"')[3]
         source = open(path).read()
         assert case["object"][0] in source
         thing.write_text(source.replace(*case["object"]))
@@ -216,9 +220,9 @@ JOINT = 'index = "index",'
         (
             JOINT,
             'indx = "index",',
-            r"joints: linker_hand_l6 has no 'indx', did you mean 'index'\? \(motors: thumb_flex",
+            r"joints: linker_hand_l6 has no 'indx'; did you mean 'index'\? \(motors: thumb_flex",
         ),
-        (JOINT, 'index = "indx",', r"joints: no joint 'indx' in the model, did you mean 'index'\?"),
+        (JOINT, 'index = "indx",', r"joints: no joint 'indx' in the model; did you mean 'index'\?"),
         (JOINT, 'index = "middle",', "two motors on joint 'middle'; one motor for a joint"),
         (JOINT, 'index = { joint = "index", ratio = 0.0 },', "ratio: expected a number that is not 0"),
         (
@@ -227,7 +231,7 @@ JOINT = 'index = "index",'
             "joint 'index' goes from 0 to 1.6 rad, its motor over 64 rad",
         ),
         ("friction = 0.8", 'friction = "much"', "engine.friction"),
-        ("friction = 0.8", "breaks = { objet = 1.0 }", "breaks: no geom 'objet', did you mean 'object'"),
+        ("friction = 0.8", "breaks = { objet = 1.0 }", "breaks: no geom 'objet'; did you mean 'object'"),
         ("friction = 0.8", 'on_late = "never"', "engine.on_late"),
         ('device = "linker_hand_l6"', 'device = "anyskin"', "joints: anyskin has no motors that an engine could move"),
         ('body = "index_tip"', 'body = "index_tp"', "no geom or body 'index_tp'; geoms:"),
@@ -244,7 +248,7 @@ def test_a_mistake_is_said_before_a_port_opens(old, new, said, tmp_path):
         (
             'angle="radian"',
             'angle="degree"',
-            r"from 0 to 0\.0279253 rad, its motor over 1\.6 rad: radians where the file",
+            r"from 0 to 0\.020944 rad, its motor over 1\.2 rad: radians where the file",
         ),
         ('range="0 1.6"/>', 'range="0 90"/>', "from 0 to 90 rad, its motor over 1.6 rad: degrees where the file"),
         ("</worldbody>", '</worldbody><actuator><motor name="m" joint="index"/></actuator>', "has an actuator already"),

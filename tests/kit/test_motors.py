@@ -171,6 +171,6 @@ def test_in_an_engine_the_state_can_be_saved():
     motors = gripper()
     motors.moved([0.2, -0.2], [0.1, 0.0], [1.0, 0.0], S)
     motors.push([1.0, np.nan], S)
-    again = restored(motors, saved(motors))
+    again = restored(saved(motors))
     assert again.embodied and again.positions(S).tolist() == motors.positions(S).tolist()
     assert again.wants(2 * S).forces.tolist()[0] == 1.0
