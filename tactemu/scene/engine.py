@@ -37,7 +37,7 @@ CATCH_UP_STEPS = 50
 """Steps of the model that one step of the scene waits for at most, unless two of its steps are more ..."""
 CATCH_UP_S = 1.0
 """... or, with ``on_late = "drop"``, this much of the model's time [s]."""
-STIFF = 1e6
+STIFF = 1e3
 """Damping of what is broken, so that it stays where it is."""
 
 
@@ -261,7 +261,8 @@ class MujocoEngine:
             model.geom_contype[geom] = model.geom_conaffinity[geom] = 0
             body = int(model.geom_bodyid[geom])
             first = int(model.body_dofadr[body])
-            model.dof_damping[first : first + int(model.body_dofnum[body])] = STIFF
+            dofs = slice(first, first + int(model.body_dofnum[body]))
+            model.dof_damping[dofs], self.data.qvel[dofs] = STIFF, 0.0
         self.source.hidden = hidden
 
     # -- saving ------------------------------------------------------------------------------------------------------

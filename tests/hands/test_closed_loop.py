@@ -143,8 +143,7 @@ def test_what_is_pressed_too_hard_breaks(limit, tmp_path, caplog):
         emulator.run(2.5)
         broken = engine.broken == ["object"]
         assert broken == (limit < 1) == ("engine: object broke under" in caplog.text)
-        assert (contact_forces(engine, L6.pads).max() == 0) == broken
-        assert bool(emulator.truth.latest("linker_hand_l6").counts.any()) != broken
+        assert (contact_forces(engine, ["object"]).max() == 0) == broken, "nothing touches what is broken"
 
 
 WILD = {

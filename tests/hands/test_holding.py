@@ -31,4 +31,4 @@ def test_dead_taxels_break_the_egg(tmp_path):
     assert whole.right(1.0, L6.resolution_n), whole
     blind = [taxel for taxel in range(2 * 72) if taxel % 72 // 6 not in (0, 11)]
     broken = hold(L6, "egg", np.zeros(3), tmp_path, dead=blind)
-    assert broken.broken == ["object"] and broken.forces.max() == 0, broken
+    assert broken.broken == ["object"], broken
