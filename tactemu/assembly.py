@@ -20,6 +20,7 @@ from tactemu.recordings.playback import Playback, recorded
 from tactemu.recordings.recording import RecordedReadings
 from tactemu.sampling import SampleClock
 from tactemu.scenario import faults_of, laws_needed, schedule
+from tactemu.scene.as_measured import all_measured
 from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.description import Surroundings
 from tactemu.scene.file import LoadedScene
@@ -55,6 +56,8 @@ class Wishes:
     """Events beside the scene's own."""
     adjustable: Sequence[str] = ()
     """Laws of imperfection that every skin is built with, so that they can be switched on while it runs."""
+    measured: bool = False
+    """Noise, clock and so on as of real devices, where such were measured and the scene says nothing."""
     fresh_ports: bool = False
     """Where nobody names a port, one that nobody else has instead of the usual one."""
 
@@ -136,6 +139,9 @@ def assemble(
         TactemuError: something in the scene or the wishes cannot be had.
     """
     wishes = wishes or Wishes()
+    if wishes.measured:
+        skins = all_measured(loaded.tables.skin)
+        loaded = replace(loaded, tables=loaded.tables.model_copy(update={"skin": skins}))
     whole, world = loaded, loaded.tables.scene
     seed = world.seed if wishes.seed is None else wishes.seed
     devices = make_devices(loaded)
@@ -271,10 +277,12 @@ def _channel(skin: Skin, device: Device, source: Source, wires: dict[str, Wire],
         reorder=skin.clock.reorder,
         delay_ns=round(skin.clock.delay_s * 1e9),
         jitter_ns=round(skin.clock.jitter_s * 1e9),
+        missed=skin.clock.missed,
         seed=seed,
         name=skin.title,
     )
-    return Channel(skin.title, device, source, wires, sampling, wanted)
+    refresh_ns = round(skin.clock.refresh_s * 1e9)
+    return Channel(skin.title, device, source, wires, sampling, wanted, refresh_ns=refresh_ns)
 
 
 def _periods(skin: Skin, device: Device, rate_hz: float | Mapping[str, float] | None) -> dict[str, int]:

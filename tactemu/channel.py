@@ -72,6 +72,7 @@ class Ticks:
         self._await(self.count, [*self.seen, look])
 
     def _await(self, count: int, seen: Sequence[Seen] = ()) -> None:
+        count = self.sampling.taken(count) if self.sampling.missed else count
         self.count, self.seen = count, list(seen)
         self.due_ns = self.sampling.due_ns(count)
         if left := self.burst - 1 - len(seen):
@@ -102,12 +103,16 @@ class Channel:
     """The device boots or hangs until then: it neither samples nor hears."""
     lives: int = 0
     """How often it has powered up: what was planned in an earlier life does not happen."""
+    refresh_ns: int = 0
+    """How often what it reads is renewed: between, it reads the same again; 0: always."""
     samples: int = 0
     """Number of the next sample, over all lives and streams; 0 is the one taken at boot."""
 
     def __post_init__(self):
         self.alarm_ns: int | None = None
         """When the device's own clock wakes it."""
+        self.held: dict[str, tuple[int, dict[str, np.ndarray]]] = {}
+        """By stream, what was read at the last refresh, and the number of that."""
         self._ports = self.device.ports
         self.ticks: dict[str, Ticks] = {}
         self._ask()
@@ -166,6 +171,7 @@ class Channel:
     def halt(self) -> None:
         """The device has restarted: nothing is sampled until :meth:`begin`."""
         self.alarm_ns = None
+        self.held.clear()
         self._ask()
         self.plug()
         for ticks in self.ticks.values():
@@ -213,9 +219,18 @@ class Channel:
             return looks[key]
         ideal = {sense.key: source.sense(sense, t_ns, True) for sense in senses}
         seen = ideal, {sense.key: source.sense(sense, t_ns) for sense in senses}
+        if self.refresh_ns:
+            seen = ideal, self._held(stream, t_ns, seen[1])
         if looks is not None:
             looks[key] = seen
         return seen
+
+    def _held(self, stream: str, t_ns: int, measured: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """What a register holds that is renewed once in each refresh, by the first look."""
+        number = self.local_ns(t_ns) // self.refresh_ns
+        if stream not in self.held or self.held[stream][0] != number:
+            self.held[stream] = number, {key: np.array(values) for key, values in measured.items()}
+        return self.held[stream][1]
 
     def whole(self, stream: str, last: Seen) -> Seen:
         """A conversion that ends with the look ``last``: senses with a burst have a last axis of all looks."""

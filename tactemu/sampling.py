@@ -19,10 +19,12 @@ class SampleClock:
     oscillator that is slow by ``skew_ppm``, and slower each second by ``drift_ppm_per_s``, takes longer for it than
     ours: a count of n seconds lasts ``n + 1e-6 (skew n + drift n^2 / 2)``. Times follow from the count, so that no
     error accumulates. Frames of a sample leave ``delay_ns`` after it was due, plus a jitter that is uniform in
-    ``[0, jitter_ns]``; unless ``reorder`` is set they never overtake those of an earlier sample.
+    ``[0, jitter_ns]``; unless ``reorder`` is set they never overtake those of an earlier sample. A loop that is too
+    slow at times misses its turn: a share ``missed`` of samples is never taken, and periods have a second mode at
+    twice the first.
 
     Raises:
-        ValueError: a period that is not positive; a negative delay or jitter; a clock that stands still.
+        ValueError: a period that is not positive; a negative delay or jitter; a clock that stands still or misses all.
     """
 
     period_ns: int
@@ -38,6 +40,8 @@ class SampleClock:
     jitter_ns: int = 0
     reorder: bool = False
     """Frames may overtake those of earlier samples."""
+    missed: float = 0.0
+    """Share of samples that are never taken."""
     restarts: int = 0
     """How often counting began anew: each time has its own jitter."""
     seed: int = 0
@@ -53,6 +57,8 @@ class SampleClock:
             raise ValueError(f"skew_ppm: expected within -1e5 and 1e6, got {self.skew_ppm}")
         if not abs(self.drift_ppm_per_s) <= 1e3:
             raise ValueError(f"drift_ppm_per_s: expected within +-1000, got {self.drift_ppm_per_s}")
+        if not 0 <= self.missed <= 0.9:
+            raise ValueError(f"missed: expected within 0 and 0.9, got {self.missed}")
 
     # -- the oscillator ----------------------------------------------------------------------------------------------
 
@@ -95,6 +101,16 @@ class SampleClock:
         # Never faster than nine tenths of its time, however long it drifts.
         return round(counted * max(ppm, -1e5)) // 1_000_000 if ppm else 0
 
+    def taken(self, k: int) -> int:
+        """The first sample from ``k`` on that is not missed."""
+        while self.missed and _draw(self._missing, k) < self.missed * 2**64:
+            k += 1
+        return k
+
+    @cached_property
+    def _missing(self) -> int:
+        return stream_key(self.seed, f"{self.name}/missed/{self.restarts}")
+
     # -- what leaves -------------------------------------------------------------------------------------------------
 
     def release_ns(self, k: int, due_ns: int) -> int:
@@ -114,13 +130,8 @@ class SampleClock:
         return stream_key(self.seed, f"{self.name}/jitter/{self.restarts}")
 
     def _jitter(self, k: int) -> int:
-        """Uniform in ``[0, jitter_ns]``, a function of the seed, the name and ``k`` alone (SplitMix64 of a counter)."""
-        if not self.jitter_ns:
-            return 0
-        z = (((self._key << 32) ^ k) * 0x9E3779B97F4A7C15) & _MASK
-        z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & _MASK
-        z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & _MASK
-        return ((z ^ (z >> 31)) * (self.jitter_ns + 1)) >> 64
+        """Uniform in ``[0, jitter_ns]``, a function of the seed, the name and ``k`` alone."""
+        return (_draw(self._key, k) * (self.jitter_ns + 1)) >> 64 if self.jitter_ns else 0
 
     def restarted(self, start_ns: int, period_ns: int) -> SampleClock:
         """The same oscillator, as far as it has drifted, counting anew from ``start_ns`` with another period."""
@@ -133,3 +144,11 @@ class SampleClock:
             period_ns=period_ns,
             skew_ppm=self.skew_ppm + self.drift_ppm_per_s * seconds,
         )
+
+
+def _draw(key: int, k: int) -> int:
+    """Uniform in ``[0, 2**64)``: SplitMix64 of a counter."""
+    z = (((key << 32) ^ k) * 0x9E3779B97F4A7C15) & _MASK
+    z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & _MASK
+    z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & _MASK
+    return z ^ (z >> 31)

@@ -60,6 +60,7 @@ def serve(
     keep: str | int | None = None,
     compute: str | None = None,
     device_options: Mapping[str, Any] | None = None,
+    measured: bool = False,
     source: Scene | Simulation | Callable[[float], Any] | None = None,
     clock: str = "real",
     name: str | None = None,
@@ -83,6 +84,7 @@ def serve(
         keep: memory for samples and frames, ``"64MB"``; default: the scene's, else a share of the process's 256 MB.
         compute: where kernels run, ``cpu`` or ``cuda:0``; default: as the scene says.
         device_options: of a device named by ``target``, as for ``tactemu run NAME OPTION=VALUE``.
+        measured: noise, clock and so on as of real devices, where such were measured (docs/transducers.md).
         source: a simulator of your own: a scene, built or not, or a function of time that gives poses or readings
             (:mod:`tactemu.sources`).
         clock: ``real``, or ``lockstep``: time advances only by :meth:`Served.step`.
@@ -95,6 +97,7 @@ def serve(
     wishes = Wishes(
         port=port, rate_hz=rate_hz, faults=tuple(one_or_more(faults)), seed=seed, compute=compute, fresh_ports=True,
         scenario=tuple(scenario), adjustable=tuple(one_or_more(adjustable)),
+        measured=measured,
     )  # fmt: skip
     steered_by_name = tuple(one_or_more(steer))
     if clock not in CLOCKS:

@@ -30,6 +30,9 @@ def pytest_addoption(parser):
     parser.addoption(
         "--judges", default="changed", help="drivers to run: changed (see tests/judging.py), all, or devices"
     )
+    parser.addoption(
+        "--devices", choices=("changed", "all"), default="changed", help="those that long tests of each device try"
+    )
     parser.addoption("--judges-to", type=Path, metavar="FILE", help="add a line of JSON for each judge")
 
 

@@ -9,6 +9,9 @@ A run of all tests has the judges that stand for a carrier and framing (``every_
 the device's file has changed, or one beside it that it imports, or the test and scripts that it names. Changed is what
 differs from the commit where this branch left main; on main, from the commit before the last. Who names a file, a word
 (``-k``) or a mark (``-m``) gets all that is in it, and ``scripts/judges`` runs the rest.
+
+A test of every device that takes long, parametrized by its ``name``, is marked ``each_device``: a run of all tests has
+it for one device on each kind of line, and for those whose files have changed; ``--devices all`` has it for all.
 """
 
 from __future__ import annotations
@@ -24,6 +27,7 @@ from typing import Any
 
 import pytest
 
+import firmware_protocols as fp
 from firmware_protocols.registry import DEVICES
 from tests.drivers import rig
 from tests.drivers.environments import locked
@@ -112,6 +116,27 @@ def is_run(judge: Judge, test: Path, wanted: str) -> bool:
     return wanted == "all" or not set(wanted.split(",")).isdisjoint(judge.devices)
 
 
+def device_of(item: pytest.Item) -> str:
+    """Of a test of every device, the one that it is about."""
+    assert isinstance(item, pytest.Function)
+    return item.callspec.params["name"]
+
+
+@functools.cache
+def standing() -> frozenset[str]:
+    """One device, the first, on each kind of line."""
+    first: dict[tuple[str, ...], str] = {}
+    for name in fp.names():
+        first.setdefault(tuple(type(port).__name__ for port in fp.create(name).ports), name)
+    return frozenset(first.values())
+
+
+def is_tried(device: str, test: Path) -> bool:
+    """Whether a test of every device is run for this one when nobody asks."""
+    changed = changed_files()
+    return device in standing() or not changed.isdisjoint(files_of(device) | {str(test.relative_to(ROOT))})
+
+
 def named_files(config: pytest.Config) -> set[Path]:
     """Those that the command line names."""
     return {path for word in config.args if (path := Path(str(word).partition("::")[0]).resolve()).is_file()}
@@ -127,6 +152,9 @@ def deselect(config: pytest.Config, items: list[pytest.Item]) -> None:
     left_out = [
         item for item, judge in judges.items() if item.path not in named and not is_run(judge, item.path, wanted)
     ]
+    if config.getoption("--devices") == "changed":
+        each = [item for item in items if item.get_closest_marker("each_device") and item.path not in named]
+        left_out += [item for item in each if not is_tried(device_of(item), item.path)]
     if left_out:
         items[:] = [item for item in items if item not in set(left_out)]
         config.hook.pytest_deselected(items=left_out)
@@ -139,7 +167,7 @@ def rule(config: pytest.Config) -> str:
     devices = sorted(name for name in DEVICES if files_of(name) & changed_files())
     return (
         "judges: one for each carrier and framing, and those whose test or device has changed"
-        f" ({', '.join(devices) or 'no device has'}); the others are deselected: scripts/judges --all"
+        f" ({', '.join(devices) or 'no device has'}); the others are deselected: scripts/judges --all, --devices all"
     )
 
 

@@ -15,7 +15,7 @@ JUDGE = judging.Judge(devices=("ability_hand",), driver="ability-hand", carrier=
 
 OF_THE_EMULATOR = {
     # what these judge is no device, but faults, time and plugs
-    "test_baud_and_plug.py", "test_environments.py", "test_matrix_judge.py", "test_replayed.py",
+    "test_baud_and_plug.py", "test_environments.py", "test_replayed.py",
     "test_time_at_the_driver.py", "test_under_faults.py", "test_worked_examples.py",
 }  # fmt: skip
 
@@ -64,6 +64,25 @@ def test_a_device_has_the_files_that_it_imports():
         "firmware_protocols/devices/paxini_gen2.py",
         "firmware_protocols/devices/paxini_modules.py",
     }
+
+
+@pytest.mark.parametrize(
+    ("device", "changed", "run"),
+    [
+        ("flexitac", [], False),
+        ("flexitac", ["firmware_protocols/devices/flexitac.py"], True),
+        ("flexitac", ["tests/test_judging.py"], True),
+        ("flexitac", ["firmware_protocols/devices/anyskin.py"], False),
+        (next(iter(judging.DEVICES)), [], True),
+    ],
+)
+def test_a_long_test_of_each_device_tries_one_of_a_kind_and_those_that_changed(device, changed, run, monkeypatch):
+    monkeypatch.setattr(judging, "changed_files", lambda: frozenset(changed))
+    assert judging.is_tried(device, ROOT / "tests/test_judging.py") == run
+
+
+def test_some_devices_stand_for_every_kind_of_line():
+    assert 8 <= len(judging.standing()) <= 16
 
 
 @pytest.mark.parametrize(("wanted", "run"), [("all", True), ("anyskin,ability_hand", True), ("anyskin", False)])

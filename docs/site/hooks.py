@@ -182,7 +182,9 @@ def _device(name: str) -> str:
     """The datasheet, and a picture of where the taxels are."""
     device = fp.load(name)()
     sheet = "\n".join(line.rstrip() for line in datasheet(name, device))
-    picture = f"## Where its taxels are\n\n{device.layout.picture(400)}\n\n" if len(device.layout) else ""
+    command = f'python -c "import firmware_protocols as fp; print(fp.create({name!r}).layout.picture(400))"'
+    picture = f"## Where its taxels are\n\n{device.layout.picture(400)}\n\n*`{command}`*\n\n"
+    picture = picture if len(device.layout) else ""
     return f"# {device.title}\n\n`tactemu run {name}`\n\n{picture}## Datasheet\n\n````text\n{sheet}\n````\n"
 
 

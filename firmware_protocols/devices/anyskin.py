@@ -83,7 +83,8 @@ class AnySkin(Device):
     judge = "anyskin 1.0.0, reskin-sensor 2.0.2"
     assumed = (
         "pitch of the chips 7 mm (the sources have pixels only)",
-        "chip z into the skin, so that axes are right-handed as the viewer draws them; gain 7, resolution 0",
+        "chip z into the skin, so that axes are right-handed as the viewer draws them; gain 7, "
+        "resolution 0 (boards on a LEAP hand: `step_scale=2`, sissihrx/anyskin-leaphand@89bbd0fd)",
         "60 uT/N in the plane, 90 uT/N along the normal: a push raises Bz; field at rest",
         "100 Hz (the firmware runs as fast as its loop)",
     )

@@ -75,6 +75,17 @@ HAND = (0, 1, 2, 3, 4, 8, 9, 10, 11)
 """Numbers of a hand's fingertips and palm triangles."""
 MS = 1_000_000
 
+PATTERN = np.array(
+    [
+        (10, 11, 11, 12, 9, 2, 12, -14, 11, 12, -7, 9),
+        (14, 8, 3, 14, 12, -2, 6, -25, 7, 4, -16, 5),
+        (8, 11, 14, 14, 14, 13, 14, 12, 13, 14, 13, 11),
+        (13, 14, 22, 23, 22, 22, 24, 22, 19, 22, 22, 15),
+        (8, -13, -37, 3, 2, -28, -5, -27, 3, 3, -27, -6),
+    ]
+)
+"""How far below its calibration each pad of a hand's fingertips was at rest, in raw counts, finger by finger."""
+
 _MASK = 1 << np.arange(PADS)
 REST, RAW_MAX = 0x6000, 0xFFFF
 RAW_PER_NEWTON, RAW_PER_DEG = 600.0, 20.0
@@ -118,6 +129,8 @@ class Board:
     """Pads of each triangle that are taxels."""
     flags: np.ndarray
     """Of each triangle."""
+    pattern: np.ndarray
+    """How far below its calibration each pad rests."""
     family: int = NEW
     """Class of its identifiers."""
     kind: int = COMPENSATED
@@ -132,20 +145,21 @@ class Board:
     def __post_init__(self):
         n = len(self.flags)
         self.raw = np.full((n, PADS), REST)
-        self.offset = self.raw.copy()
         self.shift = np.full((n, 1), SHIFT)
         self.enabled = np.ones(n, bool)
         self.flagged = self.flags[:, None] != 0
         self.pad_of = np.concatenate([PADS * k + np.array(pads) for k, pads in enumerate(self.feeling)])
         self.taxel_of = np.full((n, PADS), len(self.pad_of))
         self.taxel_of.ravel()[self.pad_of] = np.arange(len(self.pad_of))
+        self.pattern = np.where(self.taxel_of < len(self.pad_of), self.pattern, 0)
+        self.offset = self.raw + self.pattern
         sizes = np.array([len(pads) for pads in self.feeling])
         self.sizes, self.starts = sizes[:, None], np.cumsum(sizes) - sizes
 
     def convert(self, push: np.ndarray, temperature: np.ndarray) -> np.ndarray:
         """What every pad reads, uint8, shape ``(n_triangles, 12)``; of pushes [N] and temperatures [deg C] by taxel."""
         warmth = np.add.reduceat(temperature, self.starts)[:, None] / self.sizes - 25.0
-        pushed = np.append(RAW_PER_NEWTON * np.maximum(push, 0.0), 0.0)  # what a thermal pad feels
+        pushed = np.append(RAW_PER_NEWTON * push, 0.0)  # what a thermal pad feels
         self.raw = quantize(REST + RAW_PER_DEG * warmth + pushed[self.taxel_of], high=RAW_MAX)
         change = self.raw - self.offset
         if self.kind == COMPENSATED:
@@ -182,7 +196,7 @@ class Board:
                 self.transmitting = False
                 which = (first <= self.numbers) & (self.numbers <= last)
                 self.enabled[which], self.shift[which] = bool(enable & 1), min(shift, 15)
-                self.offset[which] = self.raw[which]
+                self.offset[which] = self.raw[which] + self.pattern[which]
             case [0x4C, *_]:
                 self.period_ns, self.transmitting = 40 * MS, True
                 self.enabled[:] = True
@@ -206,13 +220,15 @@ class IcubSkin(Device[CanFrame]):
         "icub-firmware-shared@62f2818 can/canProtocolLib/iCubCanProto_{classes,analogSensorMessages}.h",
         "icub-main@24c1a00 canBusSkin/CanBusSkin.cpp l.615-640, skinLib/SkinDiagnostics.h",
         "icub-main app/skinGui conf (triangle_10pad)",
+        "clear-nus/icub_grasp_dataset@87dceeca (recordings of a hand: `pattern`)",
     )
     judge = "candump, canbusload (can-utils); own second reader"
     assumed = (
-        f"{RAW_PER_NEWTON:.0f} raw counts/N and {RAW_PER_DEG:.0f} per deg C, every pad alike; a pad is out of range at "
+        f"{RAW_PER_NEWTON:.0f} raw counts/N and {RAW_PER_DEG:.0f} per deg C; a pad is out of range at "
         "the ends of a 16-bit converter",
         "forearm: a cylinder of 40 mm radius, 3 strips of 8 triangles, 3 triangles a board (a robot's is a free form)",
         "upper arm: 45 mm radius, 5 strips of 7; torso: flat, 4 strips of 11; 16 triangles a board",
+        "`pattern`: fingertips as recorded; the triangles of other parts like them, one finger after another",
         "hand: index, middle, ring, little, thumb, each 4 x 3 pads row by row at 4 mm around 7 mm; palm triangles in a "
         "row, ten taxels each (a hand V2.1 has 104 in all); numbers 0 to 4 and 8 to 11; type 1 after power-up",
         "old firmware: the frames of the new one, 40 ms",
@@ -236,6 +252,10 @@ class IcubSkin(Device[CanFrame]):
         first_board: Annotated[int, Option("address of the first board; the others follow", low=1, high=14)] = 1,
         no_ack: Annotated[tuple[str, ...], Option("triangles whose chip does not answer, as board.triangle")] = (),
         not_connected: Annotated[tuple[str, ...], Option("triangles that are unplugged")] = (),
+        pattern: Annotated[
+            Literal["even", "measured"],
+            Option("at rest: no load, or as the fingertips of a hand read it, finger by finger"),
+        ] = "even",
     ):
         numbers = HAND if part == "hand" else range(TRIANGLES)
         whole = len(HAND) if part == "hand" else len(places_of(SHEETS[part])) if part in SHEETS else 1
@@ -266,6 +286,9 @@ class IcubSkin(Device[CanFrame]):
                 np.array([number for _, number in slots[own]]),
                 feeling[own],
                 np.array(flags[own]),
+                PATTERN[np.arange(start, start + len(flags[own])) % len(PATTERN)]
+                if pattern == "measured"
+                else np.zeros(PADS, int),
                 OLD if firmware == "old" else NEW,
                 OF_A_HAND if part == "hand" else COMPENSATED,
             )

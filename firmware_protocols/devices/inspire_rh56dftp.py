@@ -133,6 +133,7 @@ class InspireRh56dftp(Device):
         "inspire-rh56dftp 0.1.0 client.py, registers.py (numbers high byte first on the wire; the batches of reads)",
         "pyrh56 0.4.0 rh56_sdk/protocol.py, registers.py (native frames)",
         "Modbus application protocol V1.1b3; Modbus over serial line V1.02",
+        "correlllab/rh56_controller@e4ef2568 experiment_data (recordings of force stops)",
     )
     judge = (
         "plusml-rh56dftp 0.1.7 and inspire-rh56dftp 0.1.0 (TCP), pymodbus 3.11 and modbus_tk 1.1.5 (RTU), "
@@ -140,9 +141,12 @@ class InspireRh56dftp(Device):
     )
     assumed = (
         "places of the points: all matrices in one plane, normal +z, 1.5 mm pitch on the fingers, 4 mm on the palm",
-        "1000 counts/N, converted 50 times a second",
+        "1000 counts/N, converted 50 times a second (of a hand that is polled faster, 21 to 97 % of a pad's frames "
+        "repeat: ojas-mediratta/InspireHand-Tactile-Sensing@5d0a83d3)",
         "a full stroke takes 0.6 s at speed 1000 and is 1.6 rad; it begins at once (a hand: after 60 to 70 ms)",
-        "force limits and gestures are stored without effect; 200 mA while moving; TCP is answered at once",
+        "force limits have an effect with `stop_s` only, looked at once a conversion; an RH56DFX goes on for 27 ms and "
+        "pushes no harder than 1729 g (recordings); gestures are stored without effect",
+        "200 mA while moving; TCP is answered at once",
         f"in an engine force limits act {LEVER_M * 1e3:.0f} mm from each joint, and {MOST_FORCE} g are {FULL_MA} mA; "
         f"a finger gives way by 0.3 rad at that force; status {AT_ITS_FORCE} is a finger that stands at its limit",
         "force of a finger: the sum over its matrices; errors never",
@@ -167,11 +171,24 @@ class InspireRh56dftp(Device):
             float, Option("from a request on the line to its answer; hands take 6 to 14 ms", unit="s", low=0.0)
         ] = 0.006,
         id_error: Annotated[int, Option("added to the transaction of TCP answers", low=0, high=1)] = 0,
+        stop_s: Annotated[
+            float | None,
+            Option(
+                "how long a finger closes on after its force has passed the limit; None: limits have no effect",
+                unit="s",
+                low=0.0,
+            ),
+        ] = None,
+        strongest_g: Annotated[
+            float | None, Option("force at which an actuator stands, with `stop_s`; a hand: 1729", unit="g", low=1.0)
+        ] = None,
         reconnect_s: Annotated[
             float, Option("a TCP connection opened so soon after the last one's end is not heard", unit="s", low=0.0)
         ] = 0.0,
     ):
         self.counts_per_newton, self.answer_ns = counts_per_newton, round(answer_s * 1e9)
+        self.stop_ns = None if stop_s is None else round(stop_s * 1e9)
+        self.strongest_g = np.inf if strongest_g is None else strongest_g
         self.id_error, self.reconnect_ns = id_error, round(reconnect_s * 1e9)
         self.closed_ns, self.unheard = -self.reconnect_ns, set[str]()
         self.pairs_swapped = {"tcp": first_byte == "high", "rtu": first_byte == "high" and line == "modbus"}
@@ -207,9 +224,22 @@ class InspireRh56dftp(Device):
         for patch in self.layout.patches:
             felt[patch.link] += push[patch.taxels].sum()
         self.forces = np.array([*(felt[finger] for finger in BASES), 0.0]) * GRAMS
+        if self.stop_ns is not None:
+            self._stop(t_ns, self.stop_ns)
         self.registers["temperature"] = reading["temperature"][0]
         self.counts = quantize(push, self.counts_per_newton, 0, FULL_SCALE)
         return self.counts
+
+    def _stop(self, t_ns: int, stop_ns: int) -> None:
+        """Actuators whose force has passed its limit go on for a while, at their speed; those at their strongest stand.
+
+        So a force that grows by k with the angle, at a speed v, ends at most at limit + k v (stop + conversion).
+        """
+        forces, now = self.forces - self.zero, self.motors.positions(t_ns)
+        ends = np.where(forces >= self.strongest_g, now, self.motors.positions(t_ns + stop_ns))
+        over = (forces > np.array(self.registers.all("force_set"))) & (self.motors.goals < now)
+        if over.any():
+            self.motors.go(np.where(over, ends, np.nan), t_ns)
 
     def joints(self, t_ns: int) -> Mapping[str, float]:
         """How far each actuator is closed [rad]."""

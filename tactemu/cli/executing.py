@@ -39,6 +39,7 @@ def run_command(
     way: str = "",
     expose: Sequence[str] = (),
     name: str | None = None,
+    measured: bool = False,
     signals: Forwarding,
 ) -> int:
     """Run ``command`` with ``target`` plugged in; returns the exit status, 128 + n after signal n.
@@ -54,7 +55,7 @@ def run_command(
         return status
     dev = serve(
         target, rate_hz=rate_of(rates), faults=tuple(faults), seed=seed, compute=compute, truth=truth, keep=keep,
-        device_options=options_of(options), by_hand=False,
+        device_options=options_of(options), by_hand=False, measured=measured,
     )  # fmt: skip
     env = exec_environment(dev, nodes=nodes_of(nodes), way=way, expose=expose)
     with env, listening(dev.control, name, target):

@@ -18,10 +18,11 @@ from tactemu.errors import TactemuError
 from tactemu.judge import smallest
 from tactemu.judge.driver import reading_command
 from tactemu.judge.junit import junit
+from tactemu.judge.outcome import ABOUT, FAILING, Outcome
 from tactemu.judge.page import page
 from tactemu.judge.report import Report, written
 from tactemu.judge.running import Judge, Options
-from tactemu.judge.verdicts import ABOUT, FAILING, Outcome, judged
+from tactemu.judge.verdicts import judged
 
 FAILED, NOT_JUDGED, INTERRUPTED = 1, 3, 130
 """Exit codes: something fails; there was nothing to judge; Ctrl-C."""

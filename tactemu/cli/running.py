@@ -57,6 +57,7 @@ def run_target(
     restore: Path | None = None,
     save: Path | None = None,
     save_at: float | None = None,
+    measured: bool = False,
 ) -> None:
     """Run a device or a scene; ``style`` is auto, plain or json, ``rerun`` whether or where it is shown, ``web`` where
     its page is.
@@ -87,8 +88,9 @@ def run_target(
             raise SceneError(f"--preempt: is for real time, not for --clock {clock}, which nothing makes late")
         go_first()
     wishes = Wishes(
-        port=ports_of(ports), rate_hz=rate_of(rates), faults=faults, seed=seed, compute=compute, adjustable=adjustable
-    )
+        port=ports_of(ports), rate_hz=rate_of(rates), faults=faults, seed=seed, compute=compute, adjustable=adjustable,
+        measured=measured,
+    )  # fmt: skip
     loaded = steered(load(target, options_of(options)))
     start_quietly()
     log = truth_of(loaded, truth, keep)

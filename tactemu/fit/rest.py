@@ -9,6 +9,8 @@ from tactemu.fit.recording import Recorded
 
 LEAST_ROWS = 100
 LEAST_WARMTH_K = 2.0
+LEAST_TOGETHER = 4
+"""Channels that tell whether rows repeat because a register stands still."""
 
 
 def resting(recorded: Recorded) -> np.ndarray:
@@ -58,13 +60,29 @@ def find_clock(recorded: Recorded, found: Findings) -> None:
         if doubled.mean() > 0.005:
             share = float(doubled.mean())
             found.add("missed", share, np.sqrt(share * (1 - share) / len(periods)), "", "share of doubled periods")
-    same = (np.diff(recorded.readings, axis=0) == 0).all(axis=1)
-    if same.mean() > 0.02:
-        share = float(same.mean())
-        found.add("repeated", share, np.sqrt(share * (1 - share) / len(same)), "", "share of rows like the one before")
-        found.notes.append(
-            "rows repeat: the register is refreshed more slowly than it is read, or noise is below a step"
-        )
+    find_repeats(recorded, found)
+
+
+def find_repeats(recorded: Recorded, found: Findings) -> None:
+    """Rows like the one before: where all channels stand still together, a register is renewed more slowly than it is
+    read; where each does by itself, noise is below a step."""
+    changed = np.diff(recorded.readings, axis=0) != 0
+    same = ~changed.any(axis=1)
+    share = float(same.mean())
+    if share <= 0.02 or same.all():
+        return
+    found.add("repeated", share, np.sqrt(share * (1 - share) / len(same)), "", "share of rows like the one before")
+    alike = float(np.prod(1.0 - changed[~same].mean(axis=0)))  # if each stood still by itself
+    if changed.shape[1] < LEAST_TOGETHER:
+        found.notes.append("rows repeat: a register that is renewed slowly, or noise below a step: too few channels")
+    elif share < 3.0 * alike + 0.02:
+        found.notes.append("rows repeat: noise is below a step")
+    elif recorded.t is None:
+        found.unknown.append("refresh: a register is renewed more slowly than it is read; give times or --rate")
+    else:
+        periods = np.diff(recorded.t[1:][~same])
+        near = periods[periods < 3 * np.median(periods)]
+        found.add("refresh", near.mean(), near.std() / np.sqrt(len(near)), "s", "between rows that are new")
 
 
 def find_stuck(recorded: Recorded, found: Findings) -> None:

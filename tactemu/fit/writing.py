@@ -22,8 +22,7 @@ def scene_text(name: str, device: type[Device], recorded: Sequence[Recorded], fo
     skin["options"] = options_of(device(), recorded[0], found, sees=sees(device, recorded[0]))
     if "rate" in found.estimates and not device.streams:
         skin["rate_hz"] = float(f"{found.value('rate'):.5g}")
-    if found.told("period spread"):
-        skin["clock"] = {"jitter_s": float(f"{min(np.sqrt(12) * found.value('period spread'), 1.0):.3g}")}
+    skin["clock"] = clock_of(found)
     scale = step_scale(recorded[0], found) if name == "anyskin" else None
     if scale is not None:
         skin["device_options"] = {"step_scale": scale}
@@ -52,6 +51,14 @@ def sees(device: type[Device], recorded: Recorded) -> str | None:
     from firmware_protocols.options import declared
 
     return recorded.kind if recorded.kind == "field" and "sees" in declared(device) else None
+
+
+def clock_of(found: Findings) -> dict[str, Any]:
+    """When it samples: two delays that are uniform up to a jitter differ by its square root of six, in std."""
+    clock = {"missed": found.value("missed"), "refresh_s": found.value("refresh")}
+    if found.told("period spread"):
+        clock["jitter_s"] = min(np.sqrt(6) * found.value("period spread"), 1.0)
+    return {name: float(f"{value:.3g}") for name, value in clock.items() if value}
 
 
 def transducers_of(device: type[Device], recorded: Recorded, found: Findings) -> list[dict[str, Any]]:

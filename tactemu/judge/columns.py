@@ -47,6 +47,8 @@ class Channel:
     axis: str = ""
     unit: str = ""
     counts_per_unit: float | None = None
+    skin: str = ""
+    """Of several."""
 
 
 @dataclass
@@ -86,6 +88,22 @@ class Column:
         transform = TRANSFORMS.get(self.how, TRANSFORMS["line"])
         return self.gain * transform(x) + self.offset
 
+    def slack(self, counts: np.ndarray) -> np.ndarray:
+        """How far a right value may be from :meth:`of`, shape ``(n_samples,)``.
+
+        Of a curve as far as its neighbours in the table, between which it must lie; beyond the table's ends three times
+        as far as it goes on rising there.
+        """
+        if self.how != "curve" or len(self.table) < 2:
+            return np.full(len(counts), self.tolerance)
+        x = counts[:, self.channel]
+        known, values = np.array(self.table).T
+        high = np.clip(np.searchsorted(known, x), 1, len(known) - 1)
+        step = np.abs(values[high] - values[high - 1])
+        beyond = np.maximum(0.0, np.maximum(known[0] - x, x - known[-1])) / (known[high] - known[high - 1])
+        between = np.where(np.isin(x, known), 0.0, step)
+        return self.tolerance + between + 3 * step * beyond
+
 
 @dataclass
 class Columns:
@@ -101,6 +119,11 @@ class Columns:
         self.flags = [column for column in self.columns if column.role == "flag"]
         self.names = [column.name for column in self.values]
 
+    def by_skin(self) -> list[np.ndarray]:
+        """Of each skin the places of its columns among the value columns."""
+        skins = [self.channels[c.channel].skin if c.channel < len(self.channels) else "" for c in self.values]
+        return [np.array([k for k, skin in enumerate(skins) if skin == each]) for each in dict.fromkeys(skins)]
+
     def expected(self, counts: np.ndarray) -> np.ndarray:
         """What the value columns should read, shape ``(n_samples, n_values)``."""
         if not len(counts) or not self.values:
@@ -109,10 +132,11 @@ class Columns:
             raise TactemuError("the columns were learned from another device: one of its channels is not there")
         return np.stack([column.of(counts) for column in self.values], axis=1)
 
-    @property
-    def tolerances(self) -> np.ndarray:
-        """Of the value columns."""
-        return np.array([column.tolerance for column in self.values])
+    def slack(self, counts: np.ndarray) -> np.ndarray:
+        """How far a right value may be from :meth:`expected`, shape ``(n_samples, n_values)``."""
+        if not len(counts) or not self.values:
+            return np.zeros((len(counts), len(self.values)))
+        return np.stack([column.slack(counts) for column in self.values], axis=1)
 
     def row(self, row: Mapping[str, float]) -> np.ndarray | None:
         """The values of a row; ``None`` where it lacks some."""
@@ -275,7 +299,8 @@ def channels_of(devices: Mapping[str, Device], shapes: Sequence[tuple[str, str, 
                     own = f"{sense}.{own}".rstrip(".")
                 name = ".".join(part for part in (skin if several else "", place, own) if part)
                 axis, unit = (column.axis, column.unit) if column else ("", "")
-                found.append(Channel(name or "value", axis, unit, column.counts_per_unit if column else None))
+                per_unit = column.counts_per_unit if column else None
+                found.append(Channel(name or "value", axis, unit, per_unit, skin if several else ""))
     return found
 
 

@@ -16,7 +16,7 @@ from firmware_protocols import Device, Reading, calls
 from firmware_protocols.check.readings import METRES_PER_NEWTON, reading_of
 
 Mode = Literal["rest", "random", "steps"]
-STEP = 8
+STEP = 32
 """Samples for which ``steps`` holds a value: a driver that filters comes to rest within them."""
 WIDE = 5000
 """Channels with more counts than this are driven over a tenth of them: beyond their rating sensors raise flags."""

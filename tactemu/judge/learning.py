@@ -20,12 +20,18 @@ LEAST_ROWS = 20
 _LAGS = 300
 _SURE = 0.97
 """A relation holds for so many of the rows, or another is tried."""
+_SURE_OF_STEPS = 0.85
+"""Likewise of the few rows that there are when samples are held."""
 ALIKE = 0.97
 """Channels that are nearly as like a column as the likest are tried, too."""
 _FEW = 0.25
 """At first, when half of the rows may still be beside the wrong samples."""
 _SOME = 0.6
 """A column of which less is explained holds something else."""
+FILTERED = 3e-3
+"""Of a column's span: so far a filter may be from where it goes when a sample was held."""
+_STILL = 4
+"""Samples in a row that are equal when one was held."""
 _MIX = 24
 """Channels that a mix may consist of."""
 
@@ -35,9 +41,22 @@ class Unlearnable(Exception):
 
 
 def learn(
-    rows: Sequence[Said], samples: Sequence[Sample], frames: Sequence[Frame], channels: Sequence[Channel], seed: int = 0
+    rows: Sequence[Said],
+    samples: Sequence[Sample],
+    frames: Sequence[Frame],
+    channels: Sequence[Channel],
+    seed: int = 0,
+    steps: bool = False,
 ) -> Columns:
     """The columns.
+
+    Args:
+        rows: what the driver handed out.
+        samples: what was sent.
+        frames: what carried it.
+        channels: of a sample, in its order.
+        seed: of what is tried.
+        steps: samples were held, for a driver that filters: it is learned from what it says at the end of each.
 
     Raises:
         Unlearnable: there are too few rows.
@@ -46,8 +65,7 @@ def learn(
     good = [said for said in rows if tuple(said.row) == names]
     if len(good) < LEAST_ROWS:
         raise Unlearnable(f"{len(good)} rows of numbers: at least {LEAST_ROWS} are needed")
-    fitting = _Fitting(good, names, samples, frames, channels, seed)
-    return fitting.columns()
+    return _Fitting(good, names, samples, frames, channels, seed, steps).columns()
 
 
 def _usual_names(rows: Sequence[Said]) -> tuple[str, ...]:
@@ -66,10 +84,12 @@ class _Fitting:
         frames: Sequence[Frame],
         channels: Sequence[Channel],
         seed: int,
+        steps: bool,
     ):
         width = max((len(sample.counts) for sample in samples), default=0)
         samples = [sample for sample in samples if len(sample.counts) == width]
-        self.names, self.channels = names, channels
+        self.names, self.channels, self.steps = names, channels, steps
+        self.sure = _SURE_OF_STEPS if steps else _SURE
         self.random = np.random.default_rng(seed)
         self.t = np.array([said.t for said in rows])
         self.y = np.array([[said.row[name] for name in names] for said in rows])
@@ -78,6 +98,8 @@ class _Fitting:
         self.open = [k for k, column in enumerate(self.columns_) if column.role == "other"]
         self.live = np.flatnonzero(np.ptp(self.x, axis=0) > 0) if len(self.x) else np.zeros(0, int)
         self.newest = self._newest(samples, frames)
+        if steps:
+            self._only_at_rest()
         self.ranked = _ranks(self.x[:, self.live]) if len(self.live) else np.zeros((0, 0))
 
     def _newest(self, samples: Sequence[Sample], frames: Sequence[Frame]) -> np.ndarray:
@@ -91,6 +113,16 @@ class _Fitting:
         last = np.searchsorted(times, self.t, side="right") - 1
         return np.where(last >= 0, index[np.maximum(last, 0)], -1)
 
+    def _only_at_rest(self) -> None:
+        """Leave the rows that come when a sample has been held longest."""
+        changes = np.append(np.any(np.diff(self.x, axis=0) != 0, axis=1), False)
+        still = np.convolve(~changes, np.ones(_STILL))[: len(changes)] == _STILL - 1  # but for the change after it
+        last = changes & still  # a device may filter, too: its samples go on changing for a while
+        rests = (self.newest >= 0) & last[self.newest] if len(last) else np.zeros(len(self.t), bool)
+        self.t, self.y, self.newest = self.t[rests], self.y[rests], self.newest[rests]
+        if len(self.t) < LEAST_ROWS:
+            raise Unlearnable(f"{len(self.t)} rows at the end of a sample that was held: {LEAST_ROWS} are needed")
+
     def columns(self) -> Columns:
         """What was learned."""
         if self.open and len(self.live):
@@ -99,11 +131,11 @@ class _Fitting:
                 for k in self.open:
                     self.columns_[k] = self._fit(k, index, least)
                 found = Columns(self.columns_, list(self.channels))
-                if not found.values:
+                if not found.values or self.steps:
                     break
                 index = self._matched(found, index)
             self._mixes(index)
-        return Columns(self.columns_, list(self.channels))
+        return Columns(self.columns_, list(self.channels), self.steps)
 
     # -- when ----------------------------------------------------------------------------------------------------------
 
@@ -155,13 +187,13 @@ class _Fitting:
 
     def _matched(self, columns: Columns, index: np.ndarray) -> np.ndarray:
         """Each row at the sample that most of its columns name, among the last of what had left by then."""
-        expected, tolerance = columns.expected(self.x), columns.tolerances
+        expected, slack = columns.expected(self.x), columns.slack(self.x)
         names = {name: k for k, name in enumerate(self.names)}
         y = self.y[:, [names[name] for name in columns.names]]
         found = index.copy()
         for i, newest in enumerate(self.newest):
             low = max(0, newest - 600)
-            near = (np.abs(expected[low : newest + 1] - y[i]) <= tolerance).sum(axis=1)
+            near = (np.abs(expected[low : newest + 1] - y[i]) <= slack[low : newest + 1]).sum(axis=1)
             if len(near) and near.max() > 0.5 * y.shape[1]:
                 best = np.flatnonzero(near == near.max()) + low
                 found[i] = best[np.abs(best - index[i]).argmin()]
@@ -183,14 +215,14 @@ class _Fitting:
                 turned = _ranks(transform(x[:, integer])) if len(integer) else np.zeros((len(y), 0))
                 same = np.abs(_ranks(y[:, None])[:, 0] @ turned) / max(1, len(y))
                 likely = np.array(integer)[np.argsort(-same)[:2]] if len(integer) else []
-            fits = [(c, line(transform(x[:, c]), y, self.random)) for c in likely]
+            fits = [(c, line(transform(x[:, c]), y, self.random, steps=self.steps)) for c in likely]
             for c, (gain, offset, tolerance, share) in fits:
                 if share > best.share + 0.02:
                     best = Column(self.names[k], "value", int(c), how, gain, offset, tolerance, share=share)
-            if best.share > _SURE:
-                best.also = [int(c) for c, fit in fits if fit[3] > _SURE and c != best.channel]
+            if best.share > self.sure:
+                best.also = [int(c) for c, fit in fits if fit[3] > self.sure and c != best.channel]
                 break
-        if best.share < _SURE:
+        if best.share < self.sure:
             best = self._curve(k, x, y, int(self.live[np.argmax(like)])) or best
         if best.share < least:
             return Column(self.names[k])
@@ -204,7 +236,7 @@ class _Fitting:
         order = np.argsort(counts, kind="stable")
         steps = np.diff(values[order])
         rising = (steps >= 0).mean()
-        if max(rising, (steps <= 0).mean()) < _SURE or np.ptp(counts) == 0:
+        if max(rising, (steps <= 0).mean()) < self.sure or np.ptp(counts) == 0:
             return None
         known, first = np.unique(counts[order], return_inverse=True)
         table = np.array([np.median(values[order][first == n]) for n in range(len(known))])
@@ -244,12 +276,12 @@ class _Fitting:
 
 
 def line(
-    x: np.ndarray, y: np.ndarray, random: np.random.Generator, tries: int = 60
+    x: np.ndarray, y: np.ndarray, random: np.random.Generator, tries: int = 60, steps: bool = False
 ) -> tuple[float, float, float, float]:
     """Gain, offset, tolerance and share of the rows for the line that most rows are on.
 
     Counts that are whole numbers are told apart: the tolerance is less than half a count, unless the driver prints
-    fewer digits than that.
+    fewer digits than that, or filters (``steps``): then it is what is left of the filter's way.
     """
     spread = float(np.ptp(y)) if len(y) else 0.0
     if not spread or not np.isfinite(spread) or not np.ptp(x):
@@ -262,7 +294,7 @@ def line(
     if not len(i):
         return 0.0, 0.0, 0.0, 0.0
     gains = (y[i] - y[k]) / (x[i] - x[k])
-    near = np.maximum(1e-5 * spread, 1.05 * np.abs(gains) * count + 1.1 * printed)
+    near = np.maximum((FILTERED if steps else 1e-5) * spread, 1.05 * np.abs(gains) * count + 1.1 * printed)
     inside = np.abs(y - y[i, None] - gains[:, None] * (x - x[i, None])) <= near[:, None]
     best = int(np.argmax(inside.sum(axis=1)))
     if inside[best].mean() < 0.2 or not gains[best]:
@@ -271,8 +303,10 @@ def line(
     off = np.abs(y - gain * x - offset)
     rest = off[inside[best]]
     least = max(1e-6 * spread, 1e-12)
-    if printed > 1.5 * abs(gain) * count:  # the driver rounds more coarsely than the device
-        tolerance = max(0.55 * printed, least)
+    if steps:
+        tolerance = max(3 * float(np.quantile(rest, 0.99)), 0.55 * printed, 0.45 * abs(gain) * count, least)
+    elif printed > 1.5 * abs(gain) * count:  # the driver rounds more coarsely than the device, and so is the line known
+        tolerance = max(0.8 * printed, least)
     elif count:
         tolerance = max(0.45 * abs(gain), least)
     else:

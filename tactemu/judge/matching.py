@@ -21,7 +21,7 @@ class Match:
 
     said: Said
     sample: int | None
-    """Index of its sample; ``None``: it is none."""
+    """Index of its sample, of several skins the oldest; ``None``: it is none."""
     marked: bool = False
     """The driver says that something is wrong with it."""
     odd: tuple[str, ...] = ()
@@ -35,10 +35,11 @@ class Matcher:
 
     def __init__(self, columns: Columns):
         self.columns = columns
-        self._tolerance = columns.tolerances
         self._expected = np.zeros((0, len(columns.values)))
+        self._slack = np.zeros((0, len(columns.values)))
         self._times = np.zeros(0, np.int64)
         self._filled = 0
+        self._skins = columns.by_skin()
         # The columns with the finest steps exclude most samples: they are looked at first.
         gains = [abs(column.gain) or 1.0 for column in columns.values]
         self._first = np.argsort([column.tolerance / gain for column, gain in zip(columns.values, gains)])[:3]
@@ -47,14 +48,17 @@ class Matcher:
         """Samples after those that were added."""
         if not samples:
             return
-        new = self.columns.expected(np.array([sample.counts for sample in samples]))
+        counts = np.array([sample.counts for sample in samples])
+        new = self.columns.expected(counts)
         times = np.array([sample.t for sample in samples], np.int64)
         need = self._filled + len(new)
         if need > len(self._times):
             room = max(need, 2 * len(self._times), 256)
             self._expected = np.resize(self._expected, (room, self._expected.shape[1]))
+            self._slack = np.resize(self._slack, (room, self._slack.shape[1]))
             self._times = np.resize(self._times, room)
         self._expected[self._filled : need], self._times[self._filled : need] = new, times
+        self._slack[self._filled : need] = self.columns.slack(counts)
         self._filled = need
 
     @property
@@ -72,13 +76,17 @@ class Matcher:
         low, high = np.searchsorted(times, (said.t - round(WINDOW_S * 1e9), said.t + AHEAD_NS))
         if high <= low:
             return Match(said, None, marked)
-        expected = self._expected[low:high]
+        expected, slack = self._expected[low:high], self._slack[low:high]
         first = self._first
-        likely = (np.abs(expected[:, first] - y[first]) <= self._tolerance[first]).all(axis=1)
+        likely = (np.abs(expected[:, first] - y[first]) <= slack[:, first]).all(axis=1)
         for at in np.flatnonzero(likely)[::-1]:
-            if (np.abs(expected[at] - y) <= self._tolerance).all():
+            if (np.abs(expected[at] - y) <= slack[at]).all():
                 return Match(said, int(low + at), marked)
-        near = np.abs(expected - y) <= self._tolerance
+        near = np.abs(expected - y) <= slack
+        if len(self._skins) > 1:  # each has a clock and a port of its own: only its own columns belong together
+            whole = [np.flatnonzero(near[:, skin].all(axis=1)) for skin in self._skins]
+            if all(len(found) for found in whole):
+                return Match(said, int(low + min(found[-1] for found in whole)), marked)
         score = near.sum(axis=1)
         best = len(score) - 1 - int(score[::-1].argmax())
         names = self.columns.names
@@ -96,5 +104,5 @@ class Matcher:
         window = self._expected[max(0, high - back) : high]
         if not len(window):
             return False
-        slack = self._tolerance + 1e-9
+        slack = self._slack[max(0, high - back) : high].max(axis=0) + 1e-9
         return bool(((y >= window.min(axis=0) - slack) & (y <= window.max(axis=0) + slack)).all())

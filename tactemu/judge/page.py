@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from tactemu.judge import smallest
+from tactemu.judge.outcome import ABOUT, Outcome
 from tactemu.judge.report import Report
-from tactemu.judge.verdicts import ABOUT, Outcome
 
 STYLE = """
 :root { color-scheme: light dark; --line: #8886; --bad: #c0392b; --odd: #b9770e; --good: #1e8449; --soft: #8882; }
@@ -124,10 +124,13 @@ def _marked(before: str, after: str) -> tuple[str, str]:
     tail = next(
         (k for k, (x, y) in enumerate(zip(a[head:][::-1], b[head:][::-1])) if x != y), min(len(a), len(b)) - head
     )
-    return tuple(
-        escape(" ".join(each[:head])) + f" <mark>{escape(' '.join(each[head : len(each) - tail])) or '∅'}</mark> "
-        + escape(" ".join(each[len(each) - tail :])) for each in (a, b)
-    )  # type: ignore[return-value]  # fmt: skip
+
+    def shown(each: list[str]) -> str:
+        end = len(each) - tail
+        before, differs, behind = (escape(" ".join(part)) for part in (each[:head], each[head:end], each[end:]))
+        return f"{before} <mark>{differs or '∅'}</mark> {behind}"
+
+    return shown(a), shown(b)
 
 
 def _beside(bad: dict[str, Any]) -> str:

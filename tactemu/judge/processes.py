@@ -6,13 +6,14 @@ import contextlib
 import os
 import signal
 import time
+from collections.abc import Collection
 
 MARK = "TACTEMU_JUDGE"
 """In the environment of a driver's processes: by its value they are known, also those that left their session."""
 _PAGE, _TICK = os.sysconf("SC_PAGE_SIZE"), os.sysconf("SC_CLK_TCK")
 
 
-def marked(mark: str, old: set[int] = frozenset()) -> list[int]:  # type: ignore[assignment]
+def marked(mark: str, old: Collection[int] = ()) -> list[int]:
     """Processes that carry the mark; ``old`` are known to carry none."""
     found, text = [], f"{MARK}={mark}".encode()
     for name in os.listdir("/proc"):

@@ -10,7 +10,7 @@ from typing import Any
 
 import tactemu
 from tactemu.errors import TactemuError
-from tactemu.judge.verdicts import FAILING, Outcome
+from tactemu.judge.outcome import FAILING, Outcome
 
 VERSION = 1
 

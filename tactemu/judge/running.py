@@ -12,17 +12,22 @@ from tactemu.errors import TactemuError
 from tactemu.judge import smallest
 from tactemu.judge.columns import Columns
 from tactemu.judge.driver import Driver, command_of
+from tactemu.judge.excitation import STEP
+from tactemu.judge.following import Reading, left_times, recovered
 from tactemu.judge.learning import Unlearnable, learn
+from tactemu.judge.outcome import FAILING, Known, Outcome
 from tactemu.judge.plan import Facts, Plan, Trial
 from tactemu.judge.stand import Stand
 from tactemu.judge.tape import Tape
-from tactemu.judge.verdicts import FAILING, Known, Outcome, Reading, judged, known_of, left_times, recovered
+from tactemu.judge.verdicts import judged, known_of
 
 START_S = 15.0
 """For a driver to be imported, connect and print a row."""
 CLEAN_ROWS, CLEAN_S, SLOW_S = 320, 4.0, 12.0
 """Of the run without faults: so many rows, in this time; a slow driver gets more of it until there are enough."""
 ENOUGH_ROWS = 60
+HOLDS, HOLDS_S = 24, 12.0
+"""Samples that are held, of a driver that filters, and the time for them."""
 PATIENCE_S, LONGEST_S = 1.5, 8.0
 """How long a driver may take to be well again; and one that says nothing at all, once: it may have a time-out."""
 BEFORE_S = 3.0
@@ -232,7 +237,13 @@ class Judge:
         self._collect(on, CLEAN_ROWS, CLEAN_S)
         tape = self._clean_tape(on)
         if tape.exit is None and (trouble := self._learn(tape)):
-            return self._nothing(trouble)
+            self.say("looking again, at samples that are held: it may filter")
+            self.stand.excite(steps=True)
+            on = time.monotonic_ns()
+            self._collect(on, (HOLDS + 2) * STEP, HOLDS_S)
+            tape = self._clean_tape(on)
+            if tape.exit is None and self._learn(tape, steps=True):
+                return self._nothing(trouble)
         self.known = known_of(tape, self.columns, asks=self.facts.asks, period_ms=1e3 * self.stand.period_s)
         self.facts = self.stand.facts(on, self._rows_since(on))
         tape = self._filled(tape)
@@ -243,7 +254,7 @@ class Judge:
         outcome.seconds = time.monotonic() - began
         return outcome
 
-    def _learn(self, tape: Tape) -> str:
+    def _learn(self, tape: Tape, steps: bool = False) -> str:
         """The columns from the clean run, or from the file; returns why there are none."""
         channels = self.stand.channels()
         if self.options.columns is not None and self.options.columns.exists():
@@ -251,7 +262,7 @@ class Judge:
         else:
             try:
                 rows = [said for said in tape.rows if said.t > tape.on]
-                self.columns = learn(rows, tape.samples, tape.frames, channels, self.options.seed)
+                self.columns = learn(rows, tape.samples, tape.frames, channels, self.options.seed, steps)
             except Unlearnable as why:
                 return f"no row can be judged: {why}"
             if self.options.columns is not None:

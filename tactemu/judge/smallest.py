@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from tactemu.errors import TactemuError
+from tactemu.judge.outcome import FAILING, Outcome
 from tactemu.judge.plan import Trial
 from tactemu.judge.tape import Change, Tape
-from tactemu.judge.verdicts import FAILING, Outcome
 
 MOST_RUNS = 8
 VERSION = 1

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
+import os
 import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
-from firmware_protocols import Device
+from firmware_protocols import Can, Device
 from tactemu.errors import TactemuError
 from tactemu.judge.columns import Channel, channels_of
 from tactemu.judge.excitation import STEP, Excitation, Span
@@ -46,6 +48,7 @@ class Stand:
         loaded = file.load(target, options)
         devices = make_devices(loaded)
         spans = {name: Span(lambda device=device: type(device)(**device.options)) for name, device in devices.items()}
+        self._on_can = any(isinstance(port, Can) for device in devices.values() for port in device.ports)
         self.excitation = Excitation(spans, seed)
         self.recorder = Recorder()
         self.served: Served = serve(
@@ -56,6 +59,10 @@ class Stand:
         self._undo: list[Callable[[], object]] = []
 
     def __enter__(self) -> Stand:
+        if self._on_can:
+            # A bus on one multicast group hears all others on its UDP port: judges beside this one, above all.
+            # python-can reads this variable, here and in the driver's process.
+            os.environ.setdefault("CAN_CONFIG", json.dumps({"port": 20_000 + os.getpid() % 20_000}))
         self.served.start()
         self.emulator = self.served.emulator
         self.wires: list[Wire] = self.emulator.wires

@@ -100,7 +100,7 @@ class Tape:
     trial: dict[str, Any] = field(default_factory=dict)
     """What was done, as :class:`tactemu.judge.plan.Trial` says it."""
     known: dict[str, Any] = field(default_factory=dict)
-    """What the clean run has shown, as :class:`tactemu.judge.verdicts.Known` says it."""
+    """What the clean run has shown, as :class:`tactemu.judge.outcome.Known` says it."""
     columns: dict[str, Any] = field(default_factory=dict)
     """What the driver's columns hold, as :class:`tactemu.judge.columns.Columns` says it."""
     on: int = 0

@@ -24,8 +24,9 @@ _ARROW = 3.0
 _MOST_ARROWS = 400
 """The largest forces are drawn, where there are more."""
 _ROUND = 12
-"""Sides of a taxel's disc; of many taxels half as many."""
-_MANY = 5000
+"""Sides of a taxel's disc."""
+_MANY = 1000
+"""Taxels from which on they are hexagons: a machine without a GPU draws each triangle."""
 
 
 class Scene:
@@ -53,8 +54,9 @@ class Scene:
             self._add_body(scene, body)
         parts = [(name, part) for name, skin in known.skins.items() for part in _parts(known, name, len(skin.layout))]
         on = lambda pair: pair[1].body if pair[1].body in self.frames else WORLD  # noqa: E731
+        fine = sum(len(part.taxels) for _, part in parts) < _MANY
         self.boards = [
-            Board(scene, self.frames[body].name, list(group))
+            Board(scene, self.frames[body].name, list(group), fine=fine)
             for body, group in itertools.groupby(sorted(parts, key=on), key=on)
         ]
         self._look(server)
@@ -66,10 +68,10 @@ class Scene:
         )
         self.solids[body.name] = _solids(scene, path, body)
         if body.points:
+            red, green, blue = (round(255 * part) for part in body.points["color"][:3])
             scene.add_point_cloud(
                 f"{path}/points", np.array(body.points["positions"], np.float32).reshape(-1, 3),
-                tuple(round(255 * part) for part in body.points["color"][:3]),  # type: ignore[arg-type]
-                point_size=2 * body.points["radius"], point_shape="circle",
+                (red, green, blue), point_size=2 * body.points["radius"], point_shape="circle",
             )  # fmt: skip
         reach = _reach(body)
         self.labels[body.name] = scene.add_label(f"{path}/label", "", position=(0.0, 0.0, 1.1 * reach), visible=False)
@@ -104,9 +106,10 @@ class Board:
         scene: of viser's.
         path: of the body in it.
         parts: with the names of their skins.
+        fine: taxels are round and have an edge; else they are hexagons, a tenth of the work.
     """
 
-    def __init__(self, scene: viser.SceneApi, path: str, parts: Sequence[tuple[str, Part]]):
+    def __init__(self, scene: viser.SceneApi, path: str, parts: Sequence[tuple[str, Part]], *, fine: bool = True):
         self._parts = list(parts)
         self._pitches = np.concatenate([np.full(len(part.taxels), pitch(part)) for _, part in parts])
         placed = [_placed(part) for _, part in parts]
@@ -115,7 +118,7 @@ class Board:
         self.owners = [(skin, int(taxel)) for skin, part in parts for taxel in part.taxels]
         self._most: dict[str, float] = {}
         self._colours = np.zeros((len(self.owners), 3), np.uint8)
-        disc = trimesh.creation.cylinder(radius=0.42, height=0.12, sections=_ROUND if len(normals) < _MANY else 6)
+        disc = trimesh.creation.cylinder(radius=0.42, height=0.12, sections=_ROUND) if fine else _hexagon()
         self.discs = scene.add_batched_meshes_simple(
             f"{path}/taxels", disc.vertices, disc.faces, _turned(normals), self._positions,
             batched_scales=self._pitches.astype(np.float32), batched_colors=self._colours, lod="off",
@@ -202,6 +205,13 @@ class _Probes:
             self._shown = now
             for balls in self._balls:
                 balls.batched_colors = self._painted()
+
+
+def _hexagon() -> trimesh.Trimesh:
+    """Flat, and seen from outside only."""
+    turns = np.arange(6) * np.pi / 3
+    corners = np.stack([0.45 * np.cos(turns), 0.45 * np.sin(turns), np.full(6, 0.06)], axis=1)
+    return trimesh.Trimesh(corners, [(0, k, k + 1) for k in range(1, 5)], process=False)
 
 
 def _parts(known: Known, skin: str, taxels: int) -> list[Part]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from typing import Any
@@ -17,6 +18,8 @@ from tactemu.wire.faults import KINDS
 
 SHARES = ("drop", "flip", "truncate", "checksum", "duplicate", "garbage", "late")
 """Faults that are a share of the frames: a slider says which."""
+READ_HZ = 5.0
+"""Rate of what is read: words, pictures, curves. A browser takes longer to lay them out than to draw the scene."""
 _RIGHT_PX, _LEFT_PX = 430, 300
 
 
@@ -40,6 +43,7 @@ class Panel:
         title: str,
     ):
         self._known, self._hands, self._datasheet = known, hands, datasheet
+        self._due = 0.0
         self._pictures, self._wire = Pictures(), Wire(known)
         self._rest = {name: Rest(skin) for name, skin in known.skins.items()}
         gui = self._gui = server.gui
@@ -194,20 +198,29 @@ class Panel:
         self.curves.choose(skin, taxel)
 
     def draw(self, moment: Moment, words: str) -> None:
-        """Bring everything to a state."""
+        """Bring everything to a state; what is read and not seen at a glance, :data:`READ_HZ` times a second."""
+        due = (now := time.monotonic()) >= self._due
+        looked_at = {name for name, _ in self.curves.chosen}
+        away = {
+            name: self._rest[name].away(sample)
+            for name, sample in moment.samples.items()
+            if name in self._rest and (due or name in looked_at)
+        }
+        self.curves.add(moment.t_s, moment.samples, away)
+        if moment.wire or moment.missing:
+            self._wire.add(moment.wire, moment.missing)
+        if not due:
+            return
+        self._due = now + 1 / READ_HZ
         holders = self._hands.holders
         held = [f"{escape(body)}: {whose(holders.get(body))}" for body, each in moment.bodies.items() if each["in_hand"]
                 and body in holders]  # fmt: skip
         lines = [f"<b>{moment.t_s:.1f} s</b>, {words}", *held]
         _show(self._status, _padded("<br>".join(lines)))
-        away = {name: self._rest[name].away(sample) for name, sample in moment.samples.items() if name in self._rest}
         skin = self.skin
         if skin is not None:
             _show(self._flat, self._pictures.html(skin, moment.samples.get(skin.name), away.get(skin.name)))
-        self.curves.add(moment.t_s, moment.samples, away)
         self.curves.draw()
-        if moment.wire or moment.missing:
-            self._wire.add(moment.wire, moment.missing)
         _show(self._running, self._wire.html())
 
     def end(self, t_s: float, why: str) -> None:

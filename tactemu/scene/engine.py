@@ -61,6 +61,8 @@ class MujocoEngine:
 
     def __init__(self, scene: Scene, file: Path, drives: Sequence[Drive] = (), table: EngineTable | None = None):
         self._mujoco = load_mujoco()
+        if self._mujoco.get_mju_user_warning() is None:  # else MuJoCo writes a file where the user happens to be
+            self._mujoco.set_mju_user_warning(_warned)
         self._table = table or EngineTable(kind="mujoco", file=str(file))
         self.drives = list(drives)
         check_apart(self.drives)
@@ -301,6 +303,11 @@ class MujocoEngine:
                 self.source.shifts[frame] = pad.shift
 
         return take
+
+
+def _warned(text: str) -> None:
+    """What MuJoCo warns of; what matters ends the run and is said then."""
+    _logger.debug("engine: MuJoCo: %s", text)
 
 
 def _hardest(contacts: Contacts, geom: int) -> float:

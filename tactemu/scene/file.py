@@ -15,6 +15,7 @@ import firmware_protocols
 from firmware_protocols.options import checked
 from tactemu.errors import DeviceError, SceneError, nearest
 from tactemu.physics.models import MODELS
+from tactemu.scene.as_measured import as_measured
 from tactemu.scene.default import tables_for
 from tactemu.scene.mistakes import listed
 from tactemu.scene.motion import Motion
@@ -155,6 +156,9 @@ def check(data: dict[str, Any], *, source: str = "scene", folder: Path | None = 
     """
     try:
         tables = SceneFile.model_validate(data)
+        if any(skin.measured for skin in tables.skin):
+            skins = tuple(as_measured(skin) if skin.measured else skin for skin in tables.skin)
+            tables = tables.model_copy(update={"skin": skins})
     except ValidationError as error:
         raise SceneError(listed(error, data, source)) from None
     motions = _motions(tables, source)

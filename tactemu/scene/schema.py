@@ -207,6 +207,8 @@ class ClockTable(Table):
     reorder: bool = Field(default=False, description="jitter may let a later sample overtake an earlier one")
     skew_ppm: Real = Field(default=0.0, ge=-1e5, le=1e6, description="device clock slow (> 0) or fast (< 0)")
     drift_ppm_per_s: Real = Field(default=0.0, ge=-1e3, le=1e3, description="how much slower it becomes each second")
+    missed: Real = Field(default=0.0, ge=0, le=0.9, description="share of samples that its loop misses")
+    refresh_s: Seconds = Field(default=0.0, description="readings are renewed so often, and repeated between [s]")
 
 
 def one_or_more(value: Any) -> Any:
@@ -288,6 +290,7 @@ class Skin(Table):
     )
     clock: ClockTable = ClockTable()
     faults: Faults = Field(default=(), description="what goes wrong on the wire")
+    measured: bool = Field(default=False, description="what it does not say is as measured of a real one: noise, clock")
 
     @property
     def title(self) -> str:

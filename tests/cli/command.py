@@ -46,7 +46,7 @@ def start(*arguments: str, **options) -> subprocess.Popen[str]:
 def environment() -> dict[str, str]:
     """Ours, with the package on the path and no colours."""
     path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
-    return os.environ | {"PYTHONPATH": path, "NO_COLOR": "1", "COLUMNS": "120", "PYTHONDONTWRITEBYTECODE": "1"}
+    return os.environ | {"PYTHONPATH": path, "NO_COLOR": "1", "COLUMNS": "120"}
 
 
 def plugin_options() -> list[str]:

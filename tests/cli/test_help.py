@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import pytest
+from typer.main import get_command
 
 import firmware_protocols
 from tactemu.cli import listing
@@ -13,7 +14,7 @@ from tactemu.cli.app import app
 from tactemu.cli.datasheet import taxel_map
 from tests.cli.command import ROOT, environment, here
 
-COMMANDS = [command.name or command.callback.__name__ for command in app.registered_commands]
+COMMANDS = [name for name, command in get_command(app).commands.items() if not hasattr(command, "commands")]
 LIGHT = {
     # what is asked most often: what of ours and others' it must not wait for
     "--help": ("typer", "numpy", "warp", "trimesh", "can", "firmware_protocols"),

@@ -4,53 +4,50 @@ import json
 import subprocess
 import sys
 import time
-from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from tests.cli.command import environment
-from tests.drivers.matrix.bout import Judge, Process, Ring, served, until
-from tests.drivers.matrix.drivers import DRIVERS
+from tests.drivers.live import Live, served, until
+from tests.drivers.test_ability_hand import documented_force
+from tests.drivers.test_inspire_rh56dftp import INDEX_TOP, PALM
+from tests.judge.cards import CARDS
 
 pytestmark = [pytest.mark.driver, pytest.mark.realtime, pytest.mark.timeout(120)]
 
+FORCE = np.array([documented_force(count) for count in range(4096)])
+READS = {
+    # by driver, whose line has a speed: the noise that makes its readings differ, and what it reports of a sample
+    "flexitac": (0.1, np.ravel),
+    "ability-hand": (1.0, lambda counts: FORCE[counts].ravel()),
+    "pymodbus": (0.5, lambda counts: counts[PALM].ravel()),
+    "modbus_tk": (0.5, lambda counts: counts[INDEX_TOP].ravel()),
+}
 
-@pytest.mark.parametrize("name", [name for name, driver in DRIVERS.items() if driver.wrong_baud])
+
+@pytest.mark.parametrize("name", [*list(READS)[:-1], pytest.param("modbus_tk", marks=pytest.mark.nightly)])
 def test_nothing_at_the_wrong_baud_and_everything_at_the_right_one(name, tmp_path):
-    driver = DRIVERS[name]
-    if not driver.installed:
-        pytest.skip(f"{driver.package} is not installed")
-    with Ring(name, driver, tmp_path) as ring:
-        wire = ring.dev.emulator.channels[0].wire
-        lost = Process(name, ring.dev.port, tmp_path, driver.wrong_baud)
-        try:
-            heard = until(lambda: wire.counters["misheard"] >= 10, 30)
+    noise, of = READS[name]
+    with served(tmp_path, CARDS[name].device, noise=noise) as dev:
+        wire = dev.emulator.channels[0].wire
+        with Live(name, dev.port, dev, of, CARDS[name].wrong_baud) as lost:
+            assert until(lambda: wire.counters["misheard"] >= 10, 30), "bytes went over the line, and came out as noise"
             time.sleep(0.5)
-            readings = [line for line in lost.lines if "parts" in line]
-            assert heard, "bytes went over the line, and came out as noise"
-            assert not any(ring.judge.right(line) for line in readings)
+            assert not any(lost.place(said) for said in lost.rows)
             if name != "flexitac":  # it has no checksum: whatever follows AA 55 is an image
-                assert not readings
-        finally:
-            lost.kill()
-        assert ring.restart(), "ten right readings in a row"
-        lines, misheard, known = ring.process.lines, wire.counters["misheard"], len(ring.process.lines)
-        ring.dev.wait(0.5)
-        assert wire.counters["misheard"] == misheard
-        assert len(lines) > known and all(ring.judge.right(line) for line in list(lines)[known:])
+                assert not lost.rows
+        with Live(name, dev.port, dev, of) as live:
+            assert live.settles()
+            misheard, since = wire.counters["misheard"], len(live.rows)
+            dev.wait(0.5)
+            assert wire.counters["misheard"] == misheard
+            assert len(live.rows) > since and "wrong" not in live.story(since)
 
 
 def test_usb_does_not_care_for_the_baud(tmp_path):
-    driver = DRIVERS["anyskin"]
-    if not driver.installed:
-        pytest.skip(f"{driver.package} is not installed")
-    with Ring("anyskin", driver, tmp_path) as ring:
-        process = Process("anyskin", ring.dev.port, tmp_path, 9600)
-        try:
-            judge = Judge(ring.dev, driver)
-            assert until(lambda: judge.recovered(process.lines, 0) is not None, 30)
-        finally:
-            process.kill()
+    with served(tmp_path, "anyskin") as dev, Live("anyskin", dev.port, dev, baud=9600) as live:
+        assert live.settles()
 
 
 READER = """
@@ -82,7 +79,7 @@ say(what="frame", data=frame.hex())
 
 def test_pyserial_raises_at_once_and_a_reader_that_reconnects_gets_the_next_frame(tmp_path):
     rate_hz = 20
-    with served(replace(DRIVERS["anyskin"], rate_hz=rate_hz), tmp_path) as dev:
+    with served(tmp_path, "anyskin", rate_hz=rate_hz) as dev:
         reader = subprocess.Popen(
             [sys.executable, "-c", READER, dev.port], stdout=subprocess.PIPE, text=True, env=environment()
         )

@@ -7,9 +7,7 @@ import pytest
 
 from tactemu.truth import read
 from tests.cli.command import start, tactemu
-from tests.drivers.matrix.bout import Process, until
-from tests.drivers.matrix.drivers import DRIVERS
-from tests.drivers.matrix.endure import digest
+from tests.drivers.live import Live, until
 from tests.drivers.test_through_the_emulator import SCENE
 
 pytestmark = [pytest.mark.driver, pytest.mark.realtime, pytest.mark.timeout(120)]
@@ -31,30 +29,24 @@ def recording(tmp_path_factory):
 
 @pytest.mark.parametrize("speed", [1.0, pytest.param(2.0, marks=pytest.mark.nightly)])
 def test_the_driver_reads_the_recording_frame_by_frame_at_its_pace(recording, speed, tmp_path):
-    driver = DRIVERS["anyskin"]
-    if not driver.installed:
-        pytest.skip("anyskin is not installed")
     counts = [np.array(entry["counts"], np.float32) for entry in read(recording) if entry["kind"] == "sample"]
-    recorded = [digest(driver.parts(each)[0]) for each in counts]
+    recorded = [tuple(each.ravel().tolist()) for each in counts]
     assert len(set(recorded)) == len(recorded) >= 50 * SECONDS - 1
     port = tmp_path / "port"
     replay = start("replay", str(recording), "--port", f"pty:{port}", "--speed", str(speed))
-    process = None
     try:
         assert until(port.is_symlink, 30), "the replay makes its port"
-        process = Process("anyskin", str(port), tmp_path)
-        began = time.monotonic()
-        lines = process.lines
-        assert until(lambda: sum("parts" in line for line in lines) >= len(recorded) - 20, 30), lines[-1:]
-        assert replay.wait(30) == 0, replay.stderr.read()
-        assert time.monotonic() - began >= SECONDS / speed - 0.1
+        with Live("anyskin", str(port)) as live:
+            began = time.monotonic()
+            assert until(lambda: len(live.rows) >= len(recorded) - 20, 30), live.notes
+            assert replay.wait(30) == 0, replay.stderr.read()
+            assert time.monotonic() - began >= SECONDS / speed - 0.1
+            rows = live.rows
     finally:
-        if process is not None:
-            process.kill()
         replay.kill()
         replay.wait(10)
-    places = [recorded.index(line["parts"][0]) for line in list(lines) if "parts" in line]
+    places = [recorded.index(tuple(said.row.values())) for said in rows]
     assert np.all(np.diff(places) == 1), "none lost, none twice, none out of order"
     assert places[-1] >= len(recorded) - 20, "up to what the driver had not read when the replay closed the port"
-    times = np.array([line["t"] for line in list(lines) if "parts" in line]) / 1e9
+    times = np.array([said.t for said in rows]) / 1e9
     assert (times[-1] - times[0]) / (len(times) - 1) == pytest.approx(0.02 / speed, rel=0.2)

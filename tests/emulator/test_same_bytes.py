@@ -69,6 +69,7 @@ def _requests(device: fp.Device) -> list:
     return [frame_of(request) for command in chosen for request in (*command.after, command.request)]
 
 
+@pytest.mark.each_device
 @pytest.mark.parametrize("name", fp.names())
 def test_same_seed_same_bytes_alone_and_among_others(name):
     data = tables(name)

@@ -24,8 +24,11 @@ def test_every_example_is_tested():
 
 @pytest.mark.driver
 @pytest.mark.timeout(150)
-@pytest.mark.parametrize("name", EXPECTED)
+@pytest.mark.parametrize(
+    "name", [name if name != "two_drivers.py" else pytest.param(name, marks=pytest.mark.nightly) for name in EXPECTED]
+)
 def test_an_example_runs(name):
+    """`two_drivers.py` is what `scripts/try` runs, before all tests."""
     for package in ("mujoco", "genesis"):
         if name.startswith(package):
             pytest.importorskip(package, reason="the example says what to install")

@@ -111,8 +111,10 @@ def test_whoever_is_killed_nothing_is_left(killed):
         )
     )
     run = start("exec", "-q", "flexitac", "--", sys.executable, "-c", script)
-    assert run.stdout
-    pid, namespace = run.stdout.readline().split()
+    assert run.stdout and run.stderr
+    first = run.stdout.readline()
+    assert first, run.stderr.read()
+    pid, namespace = first.split()
     assert run.stdout.readline() == "up\n" and len(in_view(namespace)) == 2
     started = time.monotonic()
     if killed == "driver":

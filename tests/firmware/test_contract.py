@@ -98,6 +98,7 @@ def test_all_devices_are_made_in_a_moment():
         assert time.process_time() - begun < 0.1, name
 
 
+@pytest.mark.each_device
 @pytest.mark.parametrize(("name", "options"), VARIANTS, ids=str)
 def test_no_fault_with_other_options(name, options):
     report = check(name, options, fuzz=FUZZ // 4)

@@ -247,3 +247,38 @@ def test_firmware_mistakes_over_tcp():
     device.lines(False, False, 2 * 10**9, "tcp")
     device.lines(True, True, 2 * 10**9 + 300_000_000, "tcp")
     assert len(send(device, request, 3 * 10**9, "tcp")) == 1
+
+
+@pytest.mark.parametrize(("speed", "limit_g"), [(25, 100), (25, 500), (100, 500), (250, 1000)])
+def test_a_finger_goes_on_for_a_while_after_its_force_has_passed_the_limit(speed, limit_g):
+    """Against a spring of 2 g per angle the peak lies between what the stop alone takes and that with a conversion."""
+    stop_s, period_s, spring = 0.027, 0.02, 2.0
+    device = fp.create("inspire_rh56dftp", stop_s=stop_s)
+    write(device, 1522, *[speed] * 6)
+    write(device, 1498, *[limit_g] * 6)
+    write(device, 1486, *[0] * 6)
+    tip = next(patch for patch in device.layout.patches if patch.name == "middle tip").taxels
+    push = np.zeros(1062)
+
+    def grams(t_ns):
+        closed = 1000 * device.joints(t_ns)["middle"] / 1.6
+        return spring * closed
+
+    for k in range(3000):
+        t_ns = round(k * period_s * 1e9)
+        push[tip] = grams(t_ns) * 9.80665e-3 / len(push[tip])
+        sample(device, push, t_ns)
+    rise = spring * speed / 0.6
+    assert limit_g + rise * stop_s <= grams(t_ns) + 1e-6 <= limit_g + rise * (stop_s + period_s) + 1.0
+    assert device.joints(t_ns)["index"] == pytest.approx(1.6)  # untouched: it closes
+
+
+def test_a_finger_that_pushes_its_hardest_stands_and_without_a_wish_limits_do_nothing():
+    push = np.zeros(1062)
+    for options, expected in (({"stop_s": 0.5, "strongest_g": 600.0}, 0.0), ({}, 1.6)):
+        device = fp.create("inspire_rh56dftp", **options)
+        push[device.layout.patches[6].taxels] = 700 * 9.80665e-3 / 9
+        write(device, 1486, *[0] * 6)
+        for k in range(200):
+            sample(device, push, k * 20_000_000)
+        assert device.joints(4 * 10**9)["middle"] == pytest.approx(expected, abs=0.01)

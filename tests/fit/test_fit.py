@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 from tactemu.cli.app import app
 from tactemu.errors import TactemuError
 from tactemu.fit import fitting
-from tactemu.fit.estimates import inflation
+from tactemu.fit.estimates import Findings, inflation
 from tactemu.fit.recording import Recorded, read
-from tactemu.fit.rest import step_of
+from tactemu.fit.rest import find_clock, step_of
 from tactemu.scene.file import parse
 from tests.fit import synthetic
 
@@ -90,6 +90,30 @@ def test_a_fitted_scene_runs(tmp_path):
         emulator.run(0.2)
     names = [stage.name for stage in made.simulation.plan.stages]
     assert "anyskin: soft skin" in names and "anyskin: field" in names and "anyskin: electronics" in names
+
+
+@pytest.mark.parametrize(
+    "clock", [{"jitter_s": 2e-3}, {"missed": 0.06, "jitter_s": 1e-3}, {"refresh_s": 0.032}, {}], ids=str
+)
+def test_the_clock_of_a_scene_is_found_in_what_it_sent(clock):
+    from firmware_protocols import load
+    from tactemu.assembly import Wishes, assemble
+    from tactemu.clock import VirtualClock
+    from tactemu.fit.writing import clock_of
+    from tactemu.scene.default import tables_for
+    from tactemu.scene.file import check
+
+    tables = tables_for("anyskin", load("anyskin"))
+    tables["skin"][0] |= {"clock": clock, "options": {"noise": 0.1}}
+    made = assemble(check(tables), Wishes(port="memory:"), clock=VirtualClock())
+    with made.emulator as emulator:
+        emulator.run(30.0)
+        frames = emulator.truth.frames
+    t = np.array([t_ns for t_ns, _, _ in frames]) * 1e-9
+    counts = np.array([np.frombuffer(frame[:80], "<f4") for _, _, frame in frames], float)
+    found = Findings()
+    find_clock(Recorded(Path("a"), "0", t, counts, tuple(map(str, range(20))), "counts", "1"), found)
+    assert clock_of(found) == pytest.approx(clock, rel=0.15)
 
 
 def table(tmp_path, **columns):

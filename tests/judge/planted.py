@@ -1,7 +1,8 @@
-"""``planted.py KIND VARIANT PORT``: drivers with one defect each, and clean ones, for the judge to find.
+"""``planted.py KIND VARIANT PORT...``: drivers with one defect each, and clean ones, for the judge to find.
 
-KIND is ``stream`` (optoforce), ``polled`` (weiss_wts), ``modbus`` (dfrobot_tactile), ``tcp`` (inspire_rh56dftp) or
-``can`` (xela_uskin). They print one JSON line for each reading, and what is wrong on stderr.
+KIND is ``stream`` (optoforce), ``two`` (two of them), ``polled`` (weiss_wts), ``modbus`` (dfrobot_tactile),
+``tcp`` (inspire_rh56dftp) or ``can`` (xela_uskin). They print one JSON line for each reading, and what is wrong
+on stderr.
 """
 
 import json
@@ -28,7 +29,7 @@ def stream(variant, port):
     import serial
 
     line = serial.Serial(port, 1_000_000, timeout=0.4)
-    data, last, kept, count, old = b"", None, [], 0, None
+    data, last, kept, count, old, smooth = b"", None, [], 0, None, (0, 0, 0)
     while True:
         try:
             more = line.read(max(1, min(512, line.in_waiting)))
@@ -78,8 +79,30 @@ def stream(variant, port):
                 kept.append(bytearray(10_000))
             if variant == "slow":
                 time.sleep(0.02)
+            if variant == "filter":
+                x, y, z = (round(0.6 * was + 0.4 * now, 2) for was, now in zip(smooth, (x, y, z)))
+                smooth = (x, y, z)
             old = {"n": number, "status": status, "fx": x, "fy": y, "fz": z}
             hand_out(**old)
+
+
+def two(variant, *ports):
+    """Two of them, each on a port of its own."""
+    import serial
+
+    lines = [serial.Serial(port, 1_000_000, timeout=1) for port in ports]
+    while True:
+        row = {}
+        for name, line in zip("lr", lines):
+            row[name] = None
+            while row[name] is None:
+                line.read_until(HEAD)
+                packet = HEAD + line.read(12)
+                if len(packet) == 16 and sum(packet[:14]) & 0xFFFF == int.from_bytes(packet[14:], "big"):
+                    row[name] = struct.unpack(">3h", packet[8:14])
+                else:
+                    say("bad sum")
+        hand_out(**row)
 
 
 # -- polled: a message with an id, a length and a CRC ------------------------------------------------------------------
@@ -269,7 +292,7 @@ def can(variant, port):
                 rows = {}
 
 
-KINDS = {"stream": stream, "polled": polled, "modbus": modbus, "tcp": tcp, "can": can}
+KINDS = {"stream": stream, "two": two, "polled": polled, "modbus": modbus, "tcp": tcp, "can": can}
 
 if __name__ == "__main__":
-    KINDS[sys.argv[1]](sys.argv[2], sys.argv[3])
+    KINDS[sys.argv[1]](*sys.argv[2:])

@@ -5,8 +5,8 @@ from dataclasses import asdict
 import numpy as np
 
 from tactemu.judge.columns import Channel, Column, Columns
+from tactemu.judge.outcome import Known
 from tactemu.judge.tape import Change, Frame, Note, Said, Sample, Tape, Weight
-from tactemu.judge.verdicts import Known
 
 PERIOD = 10_000_000
 NAMES = ("fx", "fy", "fz")

@@ -196,3 +196,43 @@ def test_a_planted_defect_is_named(kind, variant):
 def test_a_clean_driver_is_not_accused(kind, seed):
     failing = {o.name: o.verdict for o in run(kind, "clean", seed=seed).values() if o.fails(Options().fail_on)}
     assert not failing
+
+
+@pytest.mark.nightly
+def test_a_driver_that_filters_is_learned_from_what_is_held():
+    outcomes = run("stream", "filter", only=["flipped", "hang", "reset"])
+    assert not any(outcome.fails(Options().fail_on) for outcome in outcomes.values()), outcomes
+
+
+TWO_SKINS = """
+[[body]]
+name = "pad"
+shape = "box"
+size = [0.1, 0.03, 0.006]
+fixed = true
+[[body]]
+name = "ball"
+shape = "sphere"
+radius = 0.02
+position = [0.0, 0.0, 0.05]
+[[skin]]
+name = "left"
+device = "optoforce"
+link = "pad"
+position = [0.03, 0.0, 0.003]
+[[skin]]
+name = "right"
+device = "optoforce"
+link = "pad"
+position = [-0.03, 0.0, 0.003]
+"""
+
+
+@pytest.mark.nightly
+def test_two_skins_may_be_out_of_step_but_not_wrong(tmp_path):
+    (tmp_path / "two.toml").write_text(TWO_SKINS)
+    command = [sys.executable, PLANTED, "two", "clean", "{left}", "{right}"]
+    with Judge(str(tmp_path / "two.toml"), command, Options(only=["flipped", "dropped", "hang", "unplug"])) as judge:
+        outcomes = list(judge.run())
+    assert [column.channel for column in judge.columns.values] == list(range(6)) and len(outcomes) == 5
+    assert not any(outcome.fails(Options().fail_on) for outcome in outcomes), [o.verdict for o in outcomes]

@@ -14,6 +14,7 @@ from tactemu.judge.report import Report
 from tactemu.judge.tape import Tape
 from tactemu.judge.verdicts import judged
 from tests.judge.stories import row, tape, usual
+from tests.page.browser import browsing
 
 CASE = {
     "version": 1, "device": "optoforce", "command": ["./reader", "{port}"], "trial": "flipped", "finding": "wrong",
@@ -37,6 +38,24 @@ def test_a_page_holds_everything_and_asks_for_nothing(report):
     assert "&lt;flipped&gt;" in text and "<flipped>" not in text and "USB &amp; all" in text
     assert "7777" in text and "<mark>" in text and "<svg" in text and "1 trials fail" in text
     assert not re.search(r"<script|src=|url\(|https?://", text)
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(1440, "light"), (400, "dark")])
+def test_a_browser_shows_the_page_and_finds_no_fault_with_it(report, width, scheme, tmp_path):
+    (tmp_path / "report.html").write_text(page(report))
+    wrong: list[str] = []
+    with browsing() as browser:
+        tab = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme).new_page()
+        tab.on("console", lambda message: message.type in ("error", "warning") and wrong.append(message.text))
+        tab.on("pageerror", lambda error: wrong.append(str(error)))
+        tab.on("request", lambda request: request.url.startswith("file:") or wrong.append(request.url))
+        tab.goto(f"file://{tmp_path / 'report.html'}")
+        boxes = [each.bounding_box() for each in tab.locator("svg").all()]
+        assert boxes and all(box and box["width"] > 100 and box["height"] > 20 for box in boxes)
+        assert tab.locator("mark").first.is_visible() and tab.get_by_text("7777").first.is_visible()
+        assert tab.evaluate("document.documentElement.scrollWidth") <= width, "nothing hangs out to the right"
+        tab.screenshot(path=tmp_path / "report.png", full_page=True)
+    assert not wrong
 
 
 def test_junit(report):

@@ -3,8 +3,9 @@
 import pytest
 
 from tactemu.errors import TactemuError
+from tactemu.judge.outcome import FAILING
 from tactemu.judge.tape import Tape
-from tactemu.judge.verdicts import FAILING, judged
+from tactemu.judge.verdicts import judged
 from tests.judge.stories import PERIOD, row, tape, usual
 
 OLD = [(160 + k * 0.5, row(149)) for k in range(60)]

@@ -103,7 +103,7 @@ def test_the_wheel_has_scenes_examples_and_pages(files):
         for path in (ROOT / folder).rglob("*.*"):
             if "__pycache__" not in path.parts:
                 assert f"{inside}/{path.relative_to(ROOT / folder)}" in files
-    scenes = {f"tactemu/scene/defaults/{path.name}" for path in (ROOT / "tactemu/scene/defaults").glob("*.toml")}
+    scenes = {f"{path.relative_to(ROOT)}" for path in (ROOT / "tactemu/scene").glob("*/*.toml")}
     assert scenes and scenes <= files.keys()
     assert not [name for name in files if name.startswith(("tests/", "scripts/"))]
 

@@ -13,7 +13,7 @@ from tactemu.cli.truths import summarise
 from tactemu.errors import TactemuError
 from tactemu.recordings.recording import CAN_FORMATS, RecordedReadings, load
 from tactemu.truth import Truth, read_log
-from tests.cli.command import tactemu
+from tests.cli.command import here
 from tests.truth.telling import tell
 
 CORPUS = sorted((Path(__file__).parents[1] / "data" / "hostile_logs").iterdir())
@@ -38,7 +38,7 @@ def test_a_hostile_file_is_refused_in_one_sentence(path):
 @pytest.mark.parametrize("name", ["nested_deeply.jsonl", "serial_and_can.jsonl", "cut.blf", "bytes.asc", "bomb.mcap"])
 def test_the_command_ends_with_2(name):
     (path,) = (path for path in CORPUS if path.name == name)
-    result = tactemu("replay", str(path), "--port", "memory:")
+    result = here("replay", str(path), "--port", "memory:")
     assert result.returncode == 2
     assert len(result.stderr.splitlines()) == 1 and result.stderr.startswith(f"tactemu: {path}: ")
 

@@ -28,6 +28,7 @@ def felt(loaded) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
+@pytest.mark.each_device
 @pytest.mark.parametrize("name", firmware_protocols.names())
 def test_the_scene_of_every_device_presses_it(name):
     loaded = load(name)

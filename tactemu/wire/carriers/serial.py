@@ -53,8 +53,8 @@ class SerialCarrier(Carrier):
         return f"{'USB serial' if c.is_cdc else 'serial'} {c.baud} {c.bytesize}{c.parity}{c.stopbits}"
 
     def usual_port(self, name: str) -> str:
-        """A pseudo-terminal under a name in ``/tmp``."""
-        return f"pty:/tmp/tactemu-{name}"
+        """A pseudo-terminal under a name in ``$TMPDIR``, which is ``/tmp`` where nobody says otherwise."""
+        return f"pty:{Path(tempfile.gettempdir()) / f'tactemu-{name}'}"
 
     def fresh_port(self, name: str) -> str:
         """A pseudo-terminal named after this process."""

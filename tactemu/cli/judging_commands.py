@@ -1,0 +1,172 @@
+"""Commands about drivers: what they do when the wire goes wrong, here or beside the real sensor."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tactemu.cli.parameters import Faults, Options, Ports, Seconds, Seed, Target, TruthFile
+
+commands = typer.Typer(rich_markup_mode=None)
+
+
+@commands.command()
+def judge(
+    context: typer.Context,
+    target: Target,
+    options: Options = None,
+    reads: Annotated[
+        str | None,
+        typer.Option(
+            "--reads", metavar="MODULE:FUNCTION", help="A Python reader in place of a command, called in a loop."
+        ),
+    ] = None,
+    port: Ports = None,
+    budget: Annotated[
+        str | None,
+        typer.Option(metavar="T", help="How long, such as 30s or 5m; from two minutes on every byte is tried."),
+    ] = None,
+    only: Annotated[
+        list[str] | None, typer.Option("--only", metavar="TRIAL", help="Only trials of this name; repeatable.")
+    ] = None,
+    fail_on: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--fail-on",
+            metavar="KIND",
+            help="What fails the run, such as wrong,stale,late; all or none. Default: wrong values, stale, lost sync, "
+            "died, and what cannot be judged.",
+        ),
+    ] = None,
+    html: Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write the report as one page.")] = None,
+    junit: Annotated[Path | None, typer.Option("--junit", metavar="FILE", help="Write it for a CI system.")] = None,
+    json: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="Write it as data; a --baseline for later runs.")
+    ] = None,
+    baseline: Annotated[
+        Path | None, typer.Option("--baseline", metavar="FILE", help="An earlier --json: only what is new fails.")
+    ] = None,
+    columns: Annotated[
+        Path | None,
+        typer.Option(
+            "--columns", metavar="FILE", help="What the driver's columns hold: read, or written if not there."
+        ),
+    ] = None,
+    cases: Annotated[
+        Path | None, typer.Option("--cases", metavar="FOLDER", help="Write the smallest case of each finding here.")
+    ] = None,
+    replay: Annotated[Path | None, typer.Option("--replay", metavar="FILE", help="Try this case alone.")] = None,
+    record: Annotated[
+        Path | None, typer.Option("--record", metavar="FOLDER", help="Keep all that each trial saw, as JSON lines.")
+    ] = None,
+    rest: Annotated[
+        float,
+        typer.Option(metavar="S", min=0.0, max=600.0, help="How long the skin rests after the driver's first row."),
+    ] = 1.0,
+    patience: Annotated[
+        float, typer.Option(metavar="S", min=0.1, max=600.0, help="How long it may take to be well again.")
+    ] = 1.5,
+    seed: Seed = None,
+) -> None:
+    """Judge a driver: what does it do when bytes are lost, the sensor restarts, the port goes?
+
+    \b
+      tactemu judge paxini_px6ax -- python my_driver.py {port}
+      tactemu judge hand.toml --budget 5m --html report.html --junit report.xml -- ./reader {port}
+      tactemu judge anyskin --reads mypkg.driver:read
+      tactemu judge optoforce --replay cases/flipped.json -- ./reader {port}
+
+    The driver prints a line for each reading, JSON or numbers, on its standard output. Which column holds what is
+    learned from a run without faults; then each way to go wrong is tried, and every reading compared with what was
+    sent.
+    Exit code 0 when nothing fails, 1 when something does, 2 for a mistake in the command, 3 when there was nothing to
+    judge. See docs/judge.md.
+    """
+    from tactemu.cli.judging import judge_driver
+
+    status = judge_driver(
+        target, context.obj or (), reads=reads, options=options or (), ports=tuple(port or ()), budget=budget,
+        rest=rest, seed=seed, only=tuple(only or ()), fail_on=tuple(fail_on or ()), columns=columns, record=record,
+        html=html, junit_file=junit, json_file=json, baseline=baseline, cases=cases, replay=replay, patience=patience,
+    )  # fmt: skip
+    raise typer.Exit(status)
+
+
+@commands.command()
+def sweep(
+    plan: Annotated[Path, typer.Argument(help="A TOML file: [[driver]] tables with name, devices, command, seeds.")],
+    results: Annotated[
+        Path, typer.Option("--results", metavar="FILE", help="Where the verdicts go, as Parquet; a journal beside it.")
+    ] = Path("judged.parquet"),
+    at_once: Annotated[
+        int | None, typer.Option("--at-once", metavar="N", min=1, help="Runs side by side; default: one for each core.")
+    ] = None,
+    cluster: Annotated[
+        str | None, typer.Option("--cluster", metavar="ADDRESS", help="A Dask scheduler, such as tcp://10.0.0.1:8786.")
+    ] = None,
+) -> None:
+    """Judge many drivers, at many devices and seeds, here or on a cluster.
+
+    \b
+      tactemu sweep plan.toml
+      tactemu sweep plan.toml --cluster tcp://10.0.0.1:8786 --results nightly.parquet
+
+    \b
+      [[driver]]
+      name = "mine 1.2"
+      devices = ["anyskin"]
+      command = ["python", "my_driver.py", "{port}"]
+      seeds = "0-9"
+      options = ["--budget", "30s"]
+
+    What is interrupted goes on where it was. Workers of a cluster should run one task at a time
+    (`dask worker --nthreads 1`), and have the driver. Exit code 1 when something fails.
+    """
+    from tactemu.judge.sweep import read_plan
+    from tactemu.judge.sweep import sweep as run_sweep
+
+    rows = run_sweep(read_plan(plan), results, at_once=at_once, cluster=cluster, say=typer.echo)
+    if any(row["fails"] for row in rows):
+        raise typer.Exit(1)
+
+
+@commands.command()
+def proxy(
+    real: Annotated[
+        str, typer.Argument(metavar="REAL_PORT", help="/dev/ttyUSB0, a pyserial URL, or can:INTERFACE:CHANNEL.")
+    ],
+    port: Annotated[
+        str, typer.Option("--port", metavar="PORT", help="Where the driver comes: pty:PATH, rfc2217:HOST:PORT ...")
+    ] = "pty:",
+    device: Annotated[
+        str | None, typer.Option("--device", metavar="NAME", help="Which sensor it is, so that frames are decoded.")
+    ] = None,
+    option: Annotated[
+        list[str] | None, typer.Option("--option", metavar="NAME=VALUE", help="Of the device; repeatable.")
+    ] = None,
+    baud: Annotated[int | None, typer.Option(metavar="N", min=1, help="Speed until the driver sets one.")] = None,
+    fault: Faults = None,
+    truth: TruthFile = None,
+    record: Annotated[
+        Path | None, typer.Option("--record", metavar="FILE", help="Record what passes, for `tactemu replay`.")
+    ] = None,
+    seed: Seed = None,
+    seconds: Seconds = None,
+) -> None:
+    """Sit between a real sensor and its driver: pass bytes, inject faults, write truth and a recording.
+
+    \b
+      tactemu proxy /dev/ttyACM0 --device anyskin --port pty:/tmp/skin
+      tactemu proxy /dev/ttyUSB0 --device optoforce --fault 'flip 1%' --truth truth.mcap --record real.mcap
+      tactemu proxy can:socketcan:can0 --port can:socketcan:vcan0 --fault 'drop 1%'
+
+    Speed, parity and modem lines that the driver sets are passed on. Ctrl-C ends it.
+    """
+    from tactemu.cli.judging import run_proxy
+
+    run_proxy(
+        real, port, device=device, options=option or (), baud=baud, faults=tuple(fault or ()), truth=truth,
+        record=record, seed=seed, seconds=seconds,
+    )  # fmt: skip

@@ -1,0 +1,123 @@
+"""Commands for truth logs and recordings: read, drawn, converted, made and played."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tactemu.cli.parameters import Faults, RunName, Seconds
+
+commands = typer.Typer(rich_markup_mode=None)
+
+
+@commands.command()
+def truth(
+    file: Annotated[Path, typer.Argument(help="Written by `tactemu run --truth FILE`.")],
+    json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,
+    to: Annotated[
+        str | None,
+        typer.Option(
+            "--to",
+            metavar="FORMAT",
+            help="Convert: foxglove.mcap, ros2.mcap, rrd, parquet, csv; CAN frames: log, asc, blf; its own: mcap, "
+            "jsonl. Or a file's name that ends in one.",
+        ),
+    ] = None,
+    export: Annotated[Path | None, typer.Option(metavar="FILE", hidden=True, help="As --to FILE.")] = None,
+    skin: Annotated[str | None, typer.Option(metavar="NAME", help="Whose, for --to.")] = None,
+    sense: Annotated[str | None, typer.Option(metavar="NAME", help="Which of its senses, for --to.")] = None,
+) -> None:
+    """Summarise a truth log, or convert it for other tools.
+
+    \b
+      tactemu run anyskin --seconds 10 --fault 'flip 5%' --truth truth.mcap
+      tactemu truth truth.mcap
+      tactemu truth truth.mcap --to foxglove.mcap
+      tactemu truth truth.mcap --to thumb.csv --skin thumb
+      tactemu truth truth.mcap --to bus.log
+
+    Samples, frames, drops and injected faults of each device; --to writes a file beside the log, or the one named.
+    """
+    from tactemu.cli.truths import convert_log, print_summary
+
+    if to is None and export is None:
+        print_summary(file, json=json)
+    else:
+        convert_log(file, to or str(export), skin=skin, sense=sense)
+
+
+@commands.command()
+def plot(
+    file: Annotated[Path, typer.Argument(help="A truth log.")],
+    to: Annotated[
+        Path | None,
+        typer.Option("--to", metavar="FILE", help="What to write: .png, .svg or .html; default: beside it."),
+    ] = None,
+    skin: Annotated[str | None, typer.Option(metavar="NAME", help="Which skin; default: the first.")] = None,
+    sense: Annotated[str | None, typer.Option(metavar="NAME", help="Which of its senses; default: the first.")] = None,
+) -> None:
+    """Draw a truth log: curves, contact patch, hysteresis, time to the wire, spectrum.
+
+    \b
+      tactemu run anyskin --clock virtual --port memory: --seconds 10 --truth truth.mcap
+      tactemu plot truth.mcap
+      tactemu plot truth.mcap --to thumb.png --skin thumb
+    """
+    from tactemu.cli.truths import plot_log
+
+    plot_log(file, to or file.with_suffix(".html"), skin=skin, sense=sense)
+
+
+@commands.command()
+def record(
+    file: Annotated[Path, typer.Argument(help="What to write: .mcap or .jsonl; for CAN also .log, .asc or .blf.")],
+    source: Annotated[
+        str, typer.Option("--from", metavar="SOURCE", help="/dev/ttyUSB0, a pyserial URL, or can:INTERFACE:CHANNEL.")
+    ],
+    baud: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="Speed of a serial port [bit/s]; default: 115200.")
+    ] = None,
+    seconds: Seconds = None,
+) -> None:
+    """Record what a sensor sends, with its timing, until Ctrl-C.
+
+    \b
+      tactemu record anyskin.mcap --from /dev/ttyACM0
+      tactemu record hand.log --from can:socketcan:can0 --seconds 10
+    """
+    from tactemu.cli.recordings import record_stream
+
+    record_stream(source, file, baud=baud, seconds=seconds)
+
+
+@commands.command()
+def replay(
+    file: Annotated[Path, typer.Argument(help="A recording, or a truth log.")],
+    port: Annotated[
+        str, typer.Option("--port", metavar="PORT", help="pty:PATH, can:INTERFACE:CHANNEL, tcp:HOST:PORT ...")
+    ],
+    skin: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Whose frames, where a truth log has several skins.")
+    ] = None,
+    speed: Annotated[float, typer.Option(metavar="X", help="2 is twice as fast; inf as fast as it goes.")] = 1.0,
+    step: Annotated[bool, typer.Option("--step", help="Send one frame for every line on stdin.")] = False,
+    loop: Annotated[bool, typer.Option("--loop", help="Start again at the end.")] = False,
+    fault: Faults = None,
+    seconds: Seconds = None,
+    name: RunName = None,
+) -> None:
+    """Play a recording to a driver. A serial one starts when the driver opens the port.
+
+    \b
+      tactemu replay anyskin.mcap --port pty:/tmp/skin --speed 2
+      tactemu replay hand.blf --port can:socketcan:vcan0 --fault 'drop 1%'
+      tactemu replay truth.mcap --port pty:/tmp/skin --skin thumb --step
+    """
+    from tactemu.cli.recordings import replay_file
+
+    replay_file(
+        file, port, skin=skin, speed=speed, step=step, loop=loop, faults=tuple(fault or ()), seconds=seconds,
+        name=name,
+    )  # fmt: skip

@@ -1,0 +1,159 @@
+"""Commands about scenes: explained, begun, tuned, fitted to recordings; and the examples."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tactemu.cli.parameters import Compute, Target
+
+commands = typer.Typer(rich_markup_mode=None)
+
+
+@commands.command()
+def explain(
+    target: Annotated[str | None, typer.Argument(metavar="DEVICE_OR_SCENE")] = None,
+    device: Compute = None,
+    cost: Annotated[bool, typer.Option(help="Measure what each stage costs here.")] = True,
+    code: Annotated[bool, typer.Option(help="Run the Python files that it names; --no-code refuses them.")] = True,
+    schema: Annotated[bool, typer.Option("--schema", help="Print the JSON schema of scene files.")] = False,
+) -> None:
+    """Say what a scene models, and why: frames, taxels, and the plan with each stage's cost.
+
+    \b
+      tactemu explain anyskin
+      tactemu explain hand.toml --device cuda:0
+      tactemu explain somebodys.toml --no-code
+      tactemu explain --schema > scene.schema.json
+    """
+    from tactemu.cli.explaining import explain_target, print_schema
+
+    if schema:
+        print_schema()
+    elif target is None:
+        raise typer.BadParameter("name a device or a scene file, or ask for --schema", param_hint="DEVICE_OR_SCENE")
+    else:
+        explain_target(target, compute=device, cost=cost, code=code)
+
+
+@commands.command()
+def new(file: Annotated[Path, typer.Argument(help="The scene file to write, such as hand.toml.")]) -> None:
+    """Write a scene file to start from: a fingertip and a ball, with comments on every key.
+
+    \b
+      tactemu new hand.toml
+      tactemu run hand.toml
+    """
+    from tactemu.cli.starting import new_scene
+
+    new_scene(file)
+
+
+@commands.command()
+def examples(
+    folder: Annotated[Path | None, typer.Argument(help="Copy them into this folder; it is made.")] = None,
+) -> None:
+    """List the examples that come with tactemu, or copy them into a folder.
+
+    \b
+      tactemu examples
+      tactemu examples tactile
+    """
+    from tactemu.cli.starting import copy_examples, list_examples
+
+    if folder is None:
+        list_examples()
+    else:
+        copy_examples(folder)
+
+
+@commands.command()
+def tune(
+    target: Target,
+    rate: Annotated[float, typer.Option("--rate", metavar="HZ", help="Samples per second that every skin shall keep.")],
+    error: Annotated[str, typer.Option(metavar="METRIC", help="taxels, total or worst.")] = "taxels",
+    seconds: Annotated[
+        float, typer.Option(metavar="S", min=0.01, max=1000, help="How much of the scene is looked at.")
+    ] = 4.0,
+    write: Annotated[bool, typer.Option(help="Write the choice into the scene file.")] = True,
+    device: Compute = None,
+    json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,
+) -> None:
+    """Choose the most accurate sensor model and dials that keep a rate on this machine.
+
+    \b
+      tactemu tune hand.toml --rate 500
+      tactemu tune anyskin --rate 100 --error total
+
+    Measures every setting on the scene, says what it costs and how wrong it is, and writes the choice into the file.
+    """
+    from tactemu.cli.progress import show_progress
+    from tactemu.kernels import start_quietly
+    from tactemu.tune.choice import as_dict
+    from tactemu.tune.tuner import run_tune
+
+    start_quietly()
+    say = (lambda _text: None) if json else typer.echo
+    choices = run_tune(
+        target, rate, error=error, report=say, seconds=seconds, write=write, compute=device, progress=show_progress
+    )
+    if json:
+        import json as encoder
+
+        typer.echo(encoder.dumps([as_dict(choice) for choice in choices], indent=1))
+
+
+@commands.command("fit")
+def fit_recordings(
+    recordings: Annotated[
+        list[Path], typer.Argument(metavar="RECORDING...", help=".csv, .csv.gz, .npz, .parquet, .mcap or .jsonl.")
+    ],
+    device: Annotated[str, typer.Option("--device", metavar="DEVICE", help="What was recorded; `tactemu devices`.")],
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Scene file to write.")],
+    columns: Annotated[
+        str | None,
+        typer.Option(metavar="ROLE=COLUMNS,...", help="t=t_s,z=z_mm,field=b0x:b4z; default: by their names."),
+    ] = None,
+    unit: Annotated[
+        list[str] | None,
+        typer.Option("--unit", metavar="ROLE=UNIT,...", help="z=mm,field=uT; default: SI; repeatable."),
+    ] = None,
+    rate: Annotated[
+        float | None, typer.Option(metavar="HZ", min=0.001, max=1e6, help="Of the rows, where they have no times.")
+    ] = None,
+    report: Annotated[Path | None, typer.Option(metavar="FILE", help="Report (HTML); default: beside --out.")] = None,
+) -> None:
+    """Find a sensor's parameters in recordings of it, and write a scene file of it.
+
+    \b
+      tactemu fit rest.csv --device anyskin --columns t=t_s,field=b0x:b4z --unit field=uT --out my_skin.toml
+      tactemu fit a.csv b.csv --device anyskin --columns t=t_s,force=f,field=b0x:b4z --unit field=uT --out my_skin.toml
+
+    Roles: t, z, depth, force, mass, temperature, untouched, and what it reads: field, counts, pressure, resistance,
+    capacitance or reading. What a recording does not tell is said, with what to record next. Needs scipy.
+    """
+    from tactemu.cli.progress import show_progress
+    from tactemu.fit.fitting import run_fit
+
+    page = report or out.with_suffix(".html")
+    run_fit(
+        recordings, device=device, out=out, report=page, columns=_pairs("--columns", columns),
+        units=_pairs("--unit", ",".join(unit) if unit else None), rate_hz=rate, say=typer.echo, progress=show_progress,
+    )  # fmt: skip
+
+
+def _pairs(option: str, text: str | None) -> dict[str, str] | None:
+    """``a=b,c=d`` as a table."""
+    from tactemu.errors import TactemuError
+
+    if text is None:
+        return None
+    found = {}
+    for part in text.split(","):
+        name, mark, value = part.partition("=")
+        if not (mark and name.strip() and value.strip()):
+            raise TactemuError(f"{option}: expected NAME=VALUE, several with commas, got {part!r}")
+        found[name.strip()] = value.strip()
+    return found

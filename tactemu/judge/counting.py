@@ -1,0 +1,182 @@
+"""Counting a trial: every row, every sample, what was said, processor and memory."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import re
+from collections.abc import Mapping
+
+import numpy as np
+
+from tactemu.judge.columns import Columns
+from tactemu.judge.excitation import STEP
+from tactemu.judge.following import GRACE_MS, Reading, is_old
+from tactemu.judge.matching import Match
+from tactemu.judge.outcome import Known, Outcome
+from tactemu.judge.tape import Tape
+
+LEAK_BYTES, LEAK_FLOOR = 500, 1_000_000
+"""Growth for each reading, and in all, from which on memory is said to leak [byte]."""
+LEAK_STEPS = 0.15
+"""Share of looks at the memory at which it must have grown: a buffer that is doubled once is no leak."""
+HARMLESS = ("duplicate", "garbage", "split", "chunk", "merge", "late", "stray", "reorder", "latency")
+"""Faults after which the frame itself is still there."""
+
+
+def template(text: str) -> str:
+    """A text without what differs each time."""
+    return re.sub(r"0x[0-9a-fA-F]+|\d+(\.\d+)?(e-?\d+)?", "#", text)[:120]
+
+
+def count(out: Outcome, tape: Tape, reading: Reading, left: np.ndarray) -> None:
+    """Every row of the trial is one of: right, wrong, marked, again, older."""
+    known = reading.known
+    times = np.array([sample.t for sample in tape.samples])
+    sent_at = np.sort(np.array([f.t for f in tape.frames if f.way == "tx"], np.int64))
+    asked = np.array([f.t for f in tape.frames if f.way == "rx"]) if known.asks else np.zeros(0)
+    answers = _answers(tape) if known.asks else {}
+    grace = 1e6 * max(GRACE_MS, 3 * known.p99_ms)
+    last, seen, ages = -1, set(), []
+    for match in reading.matches:
+        t, k = match.said.t, match.sample
+        if t > tape.end:
+            break
+        if t <= tape.on:  # only to know what was handed out last
+            last = max(last, k if k is not None else -1)
+            continue
+        out.rows += 1
+        nothing = any(math.isnan(value) for value in match.said.row.values())
+        if match.marked or nothing:
+            out.marked += 1
+        elif k is None:
+            if reading.columns.steps and reading.matcher.between(match.said, 2 * STEP + STEP // 2):
+                continue
+            out.wrong += 1
+            _keep_bad(out, match, tape, reading)
+        elif k > last or (known.asks and k == last):
+            old = known.asks and is_old(match, times, asked, known)
+            if old and k == last:  # handed out before, and asked for again since
+                out.stale += 1
+                _keep_bad(out, match, tape, reading, old=True)
+            else:
+                out.right += 1
+                out.behind += old
+                out.waits_ms.append(_wait_ns(match, left, answers, sent_at, tape) / 1e6)
+                ages.append((t - times[k]) / 1e6)
+        else:
+            idle = t - sent_at[max(0, int(np.searchsorted(sent_at, t)) - 1)] > grace if len(sent_at) else True
+            stale = (t - left[k] > grace and idle) or (known.asks and is_old(match, times, asked, known))
+            out.stale += stale
+            if stale:
+                _keep_bad(out, match, tape, reading, old=True)
+            out.again += k == last
+            out.older += k < last
+        if k is not None and not match.marked:
+            seen.add(k)
+            last = max(last, k)
+    out.lost, out.sent = _lost(tape, seen)
+    out.injected = len([change for change in tape.changes if change.t >= tape.on])
+    if out.waits_ms:
+        p50, p99, worst = np.quantile(out.waits_ms, (0.5, 0.99, 1.0))
+        out.p50_ms, out.p99_ms, out.worst_ms = float(p50), float(p99), float(worst)
+    if known.asks and ages:
+        out.age_ms = float(np.median(ages))
+
+
+def _wait_ns(match: Match, left: np.ndarray, answers: Mapping[int, list[int]], sent_at: np.ndarray, tape: Tape) -> int:
+    """From the last byte that a row needed to the driver's hands; of one that asks, from the end of the answer."""
+    t, k = match.said.t, match.sample
+    assert k is not None
+    if answers:
+        own = [each for each in answers.get(tape.samples[k].number, ()) if each <= t]
+        if own:
+            return t - own[-1]
+        at = int(np.searchsorted(sent_at, t)) - 1
+        return t - int(sent_at[at]) if at >= 0 else 0
+    return t - int(left[k])
+
+
+def _answers(tape: Tape) -> dict[int, list[int]]:
+    """When frames left that carried a sample, by its number."""
+    found: dict[int, list[int]] = {}
+    for frame in tape.frames:
+        if frame.way == "tx" and frame.sample is not None:
+            found.setdefault(frame.sample, []).append(frame.t)
+    return found
+
+
+def _lost(tape: Tape, seen: set[int]) -> tuple[int, int]:
+    """Unharmed samples that left between the first and the last that came and did not come; and how many left."""
+    if not seen:
+        return 0, 0
+    times = np.array([sample.t for sample in tape.samples])
+    number = {sample.number: k for k, sample in enumerate(tape.samples)}
+    carried = {number[f.sample] for f in tape.frames if f.way == "tx" and f.sample in number}
+    harmed = set()
+    for change in tape.changes:
+        if change.what in HARMLESS:
+            continue
+        harmed.add(int(np.searchsorted(times, change.t, side="right")) - 1)
+    window = {k for k in carried if min(seen) < k < max(seen) and times[k] >= tape.on}
+    return len(window - seen - harmed), len(window)
+
+
+def _keep_bad(out: Outcome, match: Match, tape: Tape, reading: Reading, old: bool = False) -> None:
+    if len(out.bad) >= 8:
+        return
+    near = match.sample if old else match.nearest
+    truth = {}
+    if near is not None:
+        expected = reading.columns.expected(tape.samples[near].counts[None])[0]
+        truth = dict(zip(reading.columns.names, expected.tolist()))
+    row = dict(list(match.said.row.items())[:64])
+    out.bad.append({
+        "t": match.said.t, "row": row, "odd": list(match.odd)[:16], "truth": dict(list(truth.items())[:64]), "old": old,
+        "sample": None if near is None else tape.samples[near].number,
+    })  # fmt: skip
+
+
+def listen(out: Outcome, tape: Tape, known: Known) -> None:
+    """New things that were said, and the longest silence while the fault lasted."""
+    usual = set(known.usual)
+    columns = Columns.from_dict(tape.columns or {"columns": []})
+    new = [(n.t, n.text) for n in tape.notes if tape.on < n.t <= tape.end and template(n.text) not in usual]
+    new += [
+        (said.t, json.dumps(dict(said.row)))
+        for said in tape.rows
+        if tape.on < said.t <= tape.end and columns.values and columns.row(said.row) is None
+    ]
+    out.notes = len(new)
+    out.said = list(dict.fromkeys(template(text) for _, text in new))[:4]
+    heard = sorted([tape.on, *(said.t for said in tape.rows if tape.on < said.t <= tape.off), tape.off])
+    gaps = [later - earlier for earlier, later in itertools.pairwise(heard)]
+    out.quiet_s = max(gaps, default=0) / 1e9
+    words = [t for t, _ in new if t <= tape.off]
+    if words:
+        out.quiet_s = min(out.quiet_s, (words[0] - tape.on) / 1e9)
+
+
+def weigh(out: Outcome, tape: Tape) -> None:
+    """Processor and memory."""
+    during = [weight for weight in tape.weights if tape.on <= weight.t <= tape.off]
+    if len(during) > 3:
+        took = (during[-1].t - during[0].t) / 1e9
+        out.cpu = (during[-1].cpu - during[0].cpu) / took if took > 0 else 0.0
+    out.leak = _growth(tape)
+
+
+def _growth(tape: Tape) -> float:
+    """Bytes for each reading, by the median of all slopes after the first third of the time."""
+    weights = [weight for weight in tape.weights if tape.on <= weight.t <= tape.off]
+    if len(weights) < 15:
+        return 0.0
+    late = weights[len(weights) // 3 :]
+    size, t = np.array([weight.bytes for weight in late], float), np.array([weight.t for weight in late])
+    sent = np.array([sample.t for sample in tape.samples])
+    n = np.searchsorted(sent, t).astype(float)
+    i, k = np.triu_indices(len(n), 5)
+    slopes = (size[k] - size[i]) / np.maximum(n[k] - n[i], 1.0)
+    grows = (np.diff(size) > 0).mean()
+    return float(np.median(slopes)) if grows > LEAK_STEPS and size[-1] - size[0] > LEAK_FLOOR else 0.0

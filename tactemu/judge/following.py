@@ -1,0 +1,92 @@
+"""How the rows of a driver go on: each as the sample that it is, and when it is well again after a fault."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tactemu.judge.columns import Columns
+from tactemu.judge.matching import Match, Matcher
+from tactemu.judge.outcome import Known
+from tactemu.judge.tape import Tape
+
+SETTLED = 10
+"""Right rows in a row after which a driver is well again."""
+GRACE_MS = 100.0
+"""A reading that is handed out again so long after it was sent, while nothing comes, is stale; or three times as long
+as the driver takes at its 99th percentile."""
+
+
+class Reading:
+    """The tape's rows as samples, in order of time. Also used while a trial runs: more may be fed."""
+
+    def __init__(self, columns: Columns, known: Known):
+        self.columns, self.known = columns, known
+        self.matcher = Matcher(columns)
+        self.matches: list[Match] = []
+        self._rows = 0
+
+    def feed(self, tape: Tape) -> list[Match]:
+        """Match what is new on a tape that only grows; returns the new matches, without rows that are no reading."""
+        rows = tape.rows[self._rows :]  # before the samples: no row is there before its own
+        self.matcher.add(tape.samples[self.matcher.count :])
+        new = [match for said in rows if (match := self.matcher.match(said)) is not None]
+        self._rows += len(rows)
+        self.matches += new
+        return new
+
+
+def left_times(tape: Tape) -> np.ndarray:
+    """When the last frame of each sample left [ns]; of those that none carried, when they were taken."""
+    times = np.array([sample.t for sample in tape.samples], np.int64)
+    at = {sample.number: k for k, sample in enumerate(tape.samples)}
+    for frame in tape.frames:
+        if frame.way == "tx" and frame.sample in at:
+            k = at[frame.sample]
+            times[k] = max(times[k], frame.t)
+    return times
+
+
+def recovered(
+    tape: Tape, matches: Sequence[Match], known: Known, after: int, left: np.ndarray | None = None
+) -> float | None:
+    """Seconds from ``after`` to the first of ten right rows in a row, all of samples since then and in their order."""
+    left = left_times(tape) if left is None else left
+    limit_ns = 1e6 * max(GRACE_MS, 2 * known.p99_ms + 2 * known.row_ms)
+    asked = np.array([f.t for f in tape.frames if f.way == "rx"]) if known.asks else np.zeros(0)
+    times = np.array([sample.t for sample in tape.samples])
+    run: list[int] = []
+    last = -1
+    for match in matches:
+        if match.said.t <= after:
+            continue
+        k = match.sample
+        fresh = k is not None and k < len(left) and left[k] >= after and not match.marked
+        if fresh and known.asks:
+            fresh = not is_old(match, times, asked, known)
+        elif fresh:
+            fresh = match.said.t - left[k] <= limit_ns
+        again = k == last and not known.asks and known.keeps and not known.repeats
+        if not fresh or k is None or k < last or again:
+            run, last = [], -1
+            if not fresh or k is None:
+                continue
+        run.append(match.said.t)
+        last = k
+        if len(run) == SETTLED:
+            return (run[0] - after) / 1e9
+    return None
+
+
+def is_old(match: Match, times: np.ndarray, asked: np.ndarray, known: Known) -> bool:
+    """Whether a row of a driver that asks was already old when it asked."""
+    if match.sample is None or not len(asked):
+        return False
+    # A row is heard a little after it was printed; what was asked in between is not what it answers.
+    last = int(np.searchsorted(asked, match.said.t - 0.5e6 * known.ask_ms)) - 1
+    if last < 0:
+        return False
+    newest = int(np.searchsorted(times, asked[last], side="right")) - 1
+    a_row = known.row_ms / max(known.period_ms, 1e-6)
+    return newest - match.sample > known.behind + max(1.0, 0.5 * a_row)
