@@ -224,8 +224,6 @@ class Device(ABC, Generic[F]):
     """Default scene in the scene file's TOML (``docs/scene-files.md``), for a class outside the tree; it is not
     inherited. Empty: one is made from the layout, a ball that presses the middle of each patch."""
 
-    motors: Motors | None = None
-    """Those of its joints, with their names, of a device that a physics engine may move."""
     layout: Layout
     """Where the taxels are. From the options alone: a restart makes an equal one."""
 
@@ -276,6 +274,12 @@ class Device(ABC, Generic[F]):
         """What a model of touch must give at the taxels of :attr:`layout`, first sense first; ``force`` if nothing."""
         wanted = [_DERIVED.get(sense.quantity, sense.quantity) for sense in self.sensed]
         return tuple(dict.fromkeys(name for name in wanted if name in CONTACT)) or ("force",)
+
+    @property
+    def drives(self) -> Motors | None:
+        """What a physics engine may move: its attribute ``motors``, if those have the names of joints."""
+        motors = vars(self).get("motors")
+        return motors if isinstance(motors, Motors) and motors.names else None
 
     def senses_of(self, stream: str) -> tuple[Sense, ...]:
         """What one stream converts."""

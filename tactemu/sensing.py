@@ -64,7 +64,7 @@ class Senses:
                 push = self._layout.push(self.skin.quantity("force", ground_truth)).sum()
                 return np.full(len(at), push / self._layout.areas.sum())
             case "load":  # what an engine's joints do to the motors
-                motors = self._device.motors
+                motors = self._device.drives
                 return np.zeros(len(at)) if motors is None or not motors.embodied else motors.loads()
             case quantity:
                 if self._around[0] != t_ns:  # looked at once for all that is converted at a time

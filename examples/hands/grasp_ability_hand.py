@@ -20,7 +20,7 @@ PERIOD_S = 0.01
 INDEX, THUMB_SITES = slice(0, 6), slice(24, 30)
 
 
-def newtons(site: int) -> float:
+def newtons(site: float) -> float:
     """Force at one site, by the formula of the vendor's document."""
     if site <= 0:
         return 0.0
@@ -51,7 +51,7 @@ def grasp(client: AHSerialClient, wanted: float, seconds: float) -> dict:
 
 def main() -> None:
     """The command."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("port")
     parser.add_argument("--newtons", type=float, default=8.0)
     parser.add_argument("--seconds", type=float, default=6.0)

@@ -51,7 +51,7 @@ def grasp(hand: RH56DFTP_TCP, newtons: float, seconds: float) -> dict:
 
 def main() -> None:
     """The command."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("address")
     parser.add_argument("--newtons", type=float, default=1.0)
     parser.add_argument("--seconds", type=float, default=6.0)

@@ -2,8 +2,8 @@
 
     python grasp_linker_l6.py CHANNEL [INTERFACE] [--newtons 1] [--seconds 6] [--side left]
 
-The thumb goes where the index will meet it. The index closes slowly, with little torque, and what its pad and the thumb's read
-sets that torque from then on. A line of JSON says what came of it. On a real hand: `python grasp_linker_l6.py can0`.
+The thumb goes where the index will meet it. The index closes slowly, with little torque, and what its pad and the
+thumb's read sets that torque from then on. A line of JSON says what came of it. On a real hand, CHANNEL is can0.
 """
 
 import argparse
@@ -56,7 +56,7 @@ def grasp(hand: L6, newtons: float, seconds: float) -> dict:
 
 def main() -> None:
     """The command."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("channel")
     parser.add_argument("interface", nargs="?", default="socketcan")
     parser.add_argument("--newtons", type=float, default=1.0)

@@ -147,6 +147,7 @@ class LinkerHand(Device[CanFrame]):
         self.with_palm = self.has_matrix and (self.has_palm if palm is None else palm)
         self.layout = pads(*self.size, self.with_palm)
         self.joint_values = {code: values for code, (_, values) in self.joints_at_rest.items()}
+        self.motors: Motors | None = None
         if self.degrees_of_freedom == len(JOINTS):
             self.motors = Motors(
                 [0x80] * len(JOINTS), low=0, high=0xFF, time_constant_s=0.0, speed_limit=0xFF / STROKE_S,

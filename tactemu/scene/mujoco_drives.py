@@ -47,7 +47,7 @@ class Drive:
         self, skin: str, device: Device, joints: Mapping[str, str | JointTable], local_ns: Callable[[int], int]
     ):
         self._where, self._device, self._local_ns = f"skin {skin!r}: joints", device, local_ns
-        names = device.motors.names if device.motors else ()
+        names = device.drives.names if device.drives else ()
         if not names:
             raise SceneError(f"{self._where}: {device.name} has no motors that an engine could move")
         for name in joints:
@@ -62,7 +62,7 @@ class Drive:
     @property
     def _motors(self) -> Motors:
         """Those of its present life: a restart makes new ones."""
-        motors = self._device.motors
+        motors = self._device.drives
         assert motors is not None
         return motors
 

@@ -4,6 +4,9 @@
 line for each; nightly.
 """
 
+# MuJoCo's functions come from a compiled module that a checker cannot see into.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 import importlib.util
