@@ -42,7 +42,7 @@ def grasp(hand: L6, newtons: float, seconds: float) -> dict:
     while time.monotonic() < began + 5 if touched is None else time.monotonic() < touched + seconds:
         counts = (pushed(hand, "thumb") + pushed(hand, "index")) / 2
         now, reads = time.monotonic(), reads + 1
-        passed, last = min(now - last, 0.05), now
+        passed, last = min(now - last, 0.2), now
         if counts > TOUCH:
             if touched is None:
                 touched = time.monotonic()

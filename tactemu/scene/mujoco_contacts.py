@@ -24,8 +24,11 @@ if TYPE_CHECKING:
 FIRST_M, MOST_M = 20e-6, 5e-3
 """How deep a skin is pressed at a first touch, and at most [m]."""
 LEAST_N = 1e-6
-EXPONENT = 2 / 3
-"""Depth per force, both as logarithms: between that of a flat face (1) and of a ball on springs (1/2)."""
+EXPONENT, LEAST, MOST = 2.0, 1.0, 5.0
+"""Force goes with this power of the depth until it is known, and with no less and no more: of a flat face it is 1, of a
+ball on springs 2, of what comes to lie on ever more taxels even more."""
+KNOWN = 0.01
+"""Depths that differ by this share tell the power."""
 REACH = 4.0
 """A contact is the skin's if a taxel is nearer than so many of its radii."""
 
@@ -76,6 +79,8 @@ class Pad:
         """Of the frame, world [m]."""
         self.force = 0.0
         """Of MuJoCo's contacts, along their normals [N]."""
+        self._exponent, self._before = EXPONENT, (0.0, 0.0)
+        """Of force with depth, and depth and force at the step before, if they are known."""
         self._felt: float | None = None
         """As restored, of a step that was not computed here."""
 
@@ -88,6 +93,7 @@ class Pad:
     def clear(self) -> None:
         """Nothing touches it."""
         self.depth, self.shift, self.force, self._felt = 0.0, np.zeros(3), 0.0, None
+        self._exponent, self._before = EXPONENT, (0.0, 0.0)
 
     def press(self, contacts: Contacts, position: np.ndarray, turn: np.ndarray) -> None:
         """Find its shift.
@@ -118,11 +124,20 @@ class Pad:
         length = float(np.linalg.norm(inward))
         overlap = float(contacts.depths[which] @ contacts.forces[which]) / self.force
         if felt > 0 and self.depth > 0:
-            self.depth *= float(np.clip((self.force / felt) ** EXPONENT, 0.5, 2.0))
+            self._learn(felt)
+            self.depth *= float(np.clip((self.force / felt) ** (1 / self._exponent), 0.5, 2.0))
         else:
             self.depth = max(2 * self.depth, overlap, FIRST_M)
         self.depth = min(self.depth, MOST_M)
         self.shift = inward / length * (self.depth - overlap) if length > 0.2 * self.force else np.zeros(3)
+
+    def _learn(self, felt: float) -> None:
+        """How force goes with depth here, from this step and the one before."""
+        depth, force = self._before
+        if depth > 0 and abs(self.depth / depth - 1) > KNOWN:
+            slope = np.log(felt / force) / np.log(self.depth / depth)
+            self._exponent = float(np.clip(slope, LEAST, MOST))
+        self._before = self.depth, felt
 
     def felt(self) -> float:
         """What the skin felt in all at the last step [N], before anything spoilt it."""
@@ -135,9 +150,12 @@ class Pad:
 
     def state(self) -> dict[str, Any]:
         """What the next step follows from."""
-        return {"depth": self.depth, "shift": self.shift.copy(), "force": self.force, "felt": self.felt()}
+        numbers = {"depth": self.depth, "force": self.force, "felt": self.felt(), "exponent": self._exponent}
+        return numbers | {"shift": self.shift.copy(), "before": list(self._before)}
 
     def take(self, state: dict[str, Any]) -> None:
         """Go on from a state."""
         self.depth, self.shift, self.force = float(state["depth"]), np.array(state["shift"]), float(state["force"])
-        self._felt = float(state["felt"])
+        self._felt, self._exponent = float(state["felt"]), float(state["exponent"])
+        depth, force = state["before"]
+        self._before = float(depth), float(force)
