@@ -8,16 +8,19 @@ from pathlib import Path
 
 import numpy as np
 
+from firmware_protocols import Device
 from tactemu.errors import TactemuError
 from tactemu.fit.estimates import Findings, linear
+from tactemu.fit.magnets import find_magnets
+from tactemu.fit.places import find_places
 from tactemu.fit.press import PRESSED, bases_of, drive_of, find_presses, presses_of
 from tactemu.fit.recording import Recorded
 from tactemu.fit.report import Score, page
 from tactemu.fit.rest import find_rest, resting
 
 
-def find(recorded: Recorded) -> Findings:
-    """All that one recording tells.
+def find(recorded: Recorded, device: Device | None = None) -> Findings:
+    """All that one recording tells; of the places of taxels and magnets, if it is known which device it is of.
 
     Raises:
         TactemuError: nothing can be told of it.
@@ -25,6 +28,9 @@ def find(recorded: Recorded) -> Findings:
     found = Findings(notes=list(recorded.notes))
     check_units(recorded)
     gains = find_presses(recorded, found)
+    if device is not None and (recorded.load is not None or "depth" in recorded.truth):
+        find_places(recorded, device, found)
+        find_magnets(recorded, device, found)
     own = np.isfinite(gains)
     if own.any():  # what does not follow the load is not judged at rest either
         recorded = replace(
@@ -66,11 +72,13 @@ def check_units(recorded: Recorded) -> None:
         )
 
 
-def fit(recordings: Sequence[Recorded], progress: Callable | None = None) -> tuple[Findings, list[Score]]:
+def fit(
+    recordings: Sequence[Recorded], progress: Callable | None = None, device: Device | None = None
+) -> tuple[Findings, list[Score]]:
     """What recordings of one sensor tell together, and how well each is predicted by the others (or, of one, its last
     third by what is before)."""
     progress = progress or (lambda items, _title, _total: items)
-    each = [find(one) for one in progress(recordings, "fit", len(recordings))]
+    each = [find(one, device) for one in progress(recordings, "fit", len(recordings))]
     together = each[0] if len(each) == 1 else combined(each)
     return together, scores(recordings)
 
@@ -156,12 +164,12 @@ def run_fit(
         TactemuError: a recording cannot be used, or a file not be written.
     """
     from tactemu.fit.recording import read
-    from tactemu.fit.writing import scene_text
+    from tactemu.fit.writing import scene_text, seeing
     from tactemu.scene.file import load_device, parse
 
     kind = load_device(device)
     read_ones = [read(path, columns, units, rate_hz) for path in recordings]
-    found, scored = fit(read_ones, progress)
+    found, scored = fit(read_ones, progress, seeing(kind, read_ones[0]))
     text = scene_text(device, kind, read_ones, found)
     parse(text, source=str(out))  # it loads
     try:

@@ -174,6 +174,8 @@ The equations stand in the docstrings of [`tactemu/fit/sets`](../tactemu/fit/set
   its own grasps predict it.
 - **Fingers that move** carry magnets past one another: two runs of the same motion differ by 40 % in how far an
   untouched skin wanders, and nothing in the recordings says why.
+- **Sums of weights, as plain shares**: errors that are too high count more than as logarithms. An exponent of the
+  resistance that is fitted, or a loss that spares outliers, does not bring it below its aim either.
 - **Force stop at speed 100**: at a limit of 500 g the finger goes 10 angle steps further than the same law says at all
   other speeds and limits.
 

@@ -20,7 +20,7 @@ import numpy as np
 from tactemu.errors import TactemuError, nearest
 
 READINGS = ("field", "counts", "pressure", "resistance", "capacitance", "reading")
-TRUTHS = ("t", "z", "depth", "force", "mass", "temperature", "untouched")
+TRUTHS = ("t", "x", "y", "z", "depth", "force", "mass", "temperature", "untouched")
 UNITS = {
     "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "m": 1.0, "mm": 1e-3, "um": 1e-6, "N": 1.0, "mN": 1e-3, "kg": 1.0,
     "g": 1e-3, "degC": 1.0, "T": 1.0, "mT": 1e-3, "uT": 1e-6, "G": 1e-4, "mG": 1e-7, "Pa": 1.0, "kPa": 1e3, "F": 1.0,
@@ -28,7 +28,7 @@ UNITS = {
 }  # fmt: skip
 """What one of each is in SI."""
 KIND_OF = {
-    "t": ("s", "ms", "us", "ns"), "z": ("m", "mm", "um"), "depth": ("m", "mm", "um"), "force": ("N", "mN"),
+    "t": ("s", "ms", "us", "ns"), **dict.fromkeys(("x", "y", "z", "depth"), ("m", "mm", "um")), "force": ("N", "mN"),
     "mass": ("kg", "g"), "temperature": ("degC",), "untouched": ("1",), "field": ("T", "mT", "uT", "G", "mG"),
     "pressure": ("Pa", "kPa"), "capacitance": ("F", "pF", "fF"), "resistance": ("Ohm", "kOhm"),
     "counts": ("counts", "1"),

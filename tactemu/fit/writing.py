@@ -86,8 +86,29 @@ def transducers_of(device: type[Device], recorded: Recorded, found: Findings) ->
     if "tau" in found.estimates and "pressure" in made.contact:
         tables.append({"kind": "fluid", "tau": _short(found.value("tau"))})
     if sees(device, recorded) == "field":
-        tables.append({"kind": "magnetic"})
+        tables.append({"kind": "magnetic"} | magnets_of(made, found))
     return tables
+
+
+def seeing(device: type[Device], recorded: Recorded) -> Device:
+    """One that sees what was recorded, where it can."""
+    seen = sees(device, recorded)
+    options: dict[str, Any] = {} if seen is None else {"sees": seen}
+    return device(**options)
+
+
+def magnets_of(device: Device, found: Findings) -> dict[str, Any]:
+    """A magnet over each chip, on the skin, which moves with the taxel there; nothing where none was found."""
+    if "magnet height" not in found.estimates:
+        return {}
+    n = len(device.layout)
+    across = device.layout.positions - device.layout.positions.mean(axis=0)
+    return {
+        "chip_depth": _short(found.value("magnet height")),
+        "spread": 1e-3,
+        "magnets": np.round(across, 7).tolist(),
+        "moments": [[_short(found.value(f"moment {k} {axis}")) for axis in "xyz"] for k in range(n)],
+    }
 
 
 def options_of(device: Device, recorded: Recorded, found: Findings, *, sees: str | None) -> dict[str, Any]:

@@ -8,6 +8,7 @@ contact comes from the first press of the recording that is predicted. *With law
 far each press sets it and how much it softens, from the recording that was fitted, and the presses that it had seen
 before, from the first press. The last line is the law of docs/realism.md, with a loading curve of its own.
 Errors are of all presses but the first, rms, of the peak; both recordings are predicted by the other.
+A finger that slides over ridges (:mod:`tactemu.bench.trade.ridges`) is the page's second table.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from typing import Any
 import numpy as np
 
 import tactemu as tt
+from tactemu.bench.trade import ridges
 from tactemu.errors import TactemuError
 from tactemu.fit.sets import eflesh
 from tactemu.fit.solver import least_squares
@@ -120,17 +122,22 @@ def run(report: Callable[[str], Any], recordings: Path, page: Path | None = None
     lines.append({"level": "loading curve of its own", "step_us": None, "plain": None, "laws": best})
     text = _table(lines)
     report(text)
+    ridged = ridges.lines(LEVELS, recordings)
+    slides = _table(ridged, ("line",)) if ridged else "No recordings of a board."
+    report(slides)
     if page is not None:
-        page.write_text(_PAGE.replace("TABLE", text), encoding="utf-8")
-    return lines
+        page.write_text(_PAGE.replace("TABLE", text).replace("SLIDES", slides), encoding="utf-8")
+    return lines + ridged
 
 
-def _table(lines: Sequence[dict[str, Any]]) -> str:
-    rows = ["| level | a step | error | error with laws of the material |", "| --- | --- | --- | --- |"]
+def _table(lines: Sequence[dict[str, Any]], more: Sequence[str] = ()) -> str:
+    """``more`` columns of errors stand before those of the level, with and without laws."""
+    heads = ("level", "a step", *more, "error", "error with laws of the material")
+    rows = [f"| {' | '.join(heads)} |", "| --- " * len(heads) + "|"]
     for line in lines:
         cost = f"{line['step_us']:.0f} µs" if line["step_us"] else ""
-        plain = f"{line['plain']:.1f} %" if line["plain"] is not None else ""
-        rows.append(f"| {line['level']} | {cost} | {plain} | {line['laws']:.1f} % |")
+        figures = [f"{line[key]:.1f} %" if line[key] is not None else "" for key in (*more, "plain", "laws")]
+        rows.append(f"| {' | '.join([line['level'], cost, *figures])} |")
     return "\n".join(rows)
 
 
@@ -148,4 +155,18 @@ seen, from the first. The last line has a loading curve of ten points instead of
 ([how real is it?](realism.md)). Errors are rms over the presses after the first, of the peak.
 
 The face is taken as a flat one of 20 mm, the skin as 16 x 16 taxels; the lattice's own shape is none of these levels'.
+
+## A board with ridges
+
+CPM-Finger slides over a board with ridges, at 5 to 30 mm/s under three grips; each condition is predicted from the
+others. *Line* is the strongest line of what a level feels, found as in the recording. The other errors are of the noise
+from sample to sample, as logarithms of ratios: of the ridges alone, and with the capacitors' white noise.
+
+SLIDES
+
+All levels draw the line where the board has it. Their noise is that of bars with sharp edges under points 1.5 mm apart:
+it grows more slowly with the speed than the finger's, whose skin rounds the edges, and the level whose own skin rounds
+them most comes nearest. White noise beside it comes out at nothing: sharp edges have taken its place. A sine with white
+noise is better than any level and costs no contact: what pays here is the shape of the ridge. A fabric's noise is none
+of a level's: without ridges they feel a flat face ([its law](realism.md)).
 """

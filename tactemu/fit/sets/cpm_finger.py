@@ -67,11 +67,11 @@ def slide(name: str, rows: np.ndarray) -> Slide:
     taxels, t = rows[:, 2:], rows[:, 0]
     noise = np.median(np.diff(taxels, axis=0).std(axis=0)) / np.sqrt(2)
     material, speed = found[1], float(found[3])
-    line = _line(taxels, np.diff(t).mean() / 1e3) if material.startswith("Board") else None
+    line = strongest_line(taxels, np.diff(t).mean() / 1e3) if material.startswith("Board") else None
     return Slide(material, float(found[2]), speed, np.diff(t), float(noise), line)
 
 
-def _line(taxels: np.ndarray, period_s: float) -> float:
+def strongest_line(taxels: np.ndarray, period_s: float) -> float:
     """Frequency of the strongest line, from a spectrum sixteen times as fine as the recording is long."""
     n = len(taxels)
     fine = 16 * n

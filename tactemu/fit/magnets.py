@@ -1,0 +1,159 @@
+"""What presses of known depth tell of a magnetic skin: how far its magnets are from the chips, and their moments.
+
+One dipole over each chip, as :mod:`tactemu.transducers.magnetic` has them. While a probe is ``d`` deep at ``p``::
+
+    x_j = c_j + h n − d exp(−|c_j − p|²/2s²) n         c_j chip, n normal; without places all magnets move by d
+    B_k = µ0/4π Σ_j (3 (m_j·r) r/|r|⁵ − m_j/|r|³) + rest_k,        r = c_k − x_j
+
+Moments and rest are linear: only ``h`` and ``s`` are searched. Of a known force without depth the field does not tell
+how far the magnets moved: ``h``, moments and compliance are then known up to a common factor, and it is said.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from firmware_protocols import Device, Reading
+from tactemu.fit.estimates import Findings, linear
+from tactemu.fit.recording import Recorded
+from tactemu.fit.solver import least_squares
+from tactemu.transducers.laws import MU0_OVER_4PI
+
+ROWS, FEW_ROWS = 600, 200
+"""Of a recording that are looked at, evenly, and those by which it is searched: fewer only widen intervals."""
+LEAST_DEPTH_M = 3e-4
+FOLLOWS = 0.5
+"""Share of a channel's variance that dipoles must explain."""
+NEAR_M, FAR_M = 1e-3, 3e-2
+"""Between which magnets are looked for."""
+
+
+def find_magnets(recorded: Recorded, device: Device, found: Findings) -> None:
+    """Height of the magnets over the chips, how far a press reaches, and a moment for each chip."""
+    n = len(device.layout)
+    if recorded.kind != "field" or not n or "field" not in getattr(device, "sees", "field"):
+        return
+    if recorded.readings.shape[1] != 3 * n:
+        found.unknown.append(f"magnets: {recorded.readings.shape[1]} columns, the device has 3 axes of {n} chips")
+        return
+    depth = np.maximum(recorded.truth.get("depth", np.zeros(len(recorded.readings))), 0.0)
+    if depth.max() < LEAST_DEPTH_M:
+        found.unknown.append("magnets: record how deep a probe is (`depth`): a force alone gives them up to a factor")
+        return
+    search = _Search(recorded, device, FEW_ROWS, depth)
+    good = np.ones(3 * n, bool)
+    p = search.best(good)
+    apart = search.residuals(p, good)
+    explained = 1.0 - np.median(apart**2, axis=1) / np.maximum(np.median(search.away**2, axis=1), 1e-30)
+    loud = np.median(search.away**2, axis=1) > 4.0 * np.median(np.median(apart**2, axis=1))
+    good = (explained > FOLLOWS) | ~loud
+    if good.sum() < 6:
+        found.unknown.append("magnets: the field does not follow dipoles that move with the probe")
+        return
+    if not good.all():
+        for name in np.array(recorded.names)[~good]:
+            found.notes.append(f"{name} does not follow the magnets: left out")
+        p = search.best(good)
+    whole = _Search(recorded, device, ROWS, depth)
+    whole.tell(whole.best(good, p), good, found)
+
+
+class _Search:
+    """Residuals of a recording, by height and reach."""
+
+    def __init__(self, recorded: Recorded, device: Device, n_rows: int, depth: np.ndarray):
+        rows = np.unique(np.linspace(0, len(depth) - 1, n_rows).astype(int))
+        layout = device.layout
+        self.n, self.chips, self.normals = len(layout), np.asarray(layout.positions), np.asarray(layout.normals)
+        self.depth = depth[rows]
+        self.field = recorded.readings[rows].T
+        self.away = self.field - np.median(self.field, axis=1, keepdims=True)
+        self.turns = axes_of(device)
+        has = "x" in recorded.truth and "y" in recorded.truth
+        self.placed = has and max(np.ptp(recorded.truth["x"]), np.ptp(recorded.truth["y"])) > 1e-3
+        flat = np.stack([recorded.truth.get(axis, depth * 0.0)[rows] for axis in "xy"], axis=1)
+        across = self.chips - self.chips.mean(axis=0)
+        self.apart2 = ((across[None, :, :2] - flat[:, None]) ** 2).sum(axis=-1)
+        self.scale = float(np.median(np.abs(self.away))) or 1e-9
+
+    def shape(self, p: np.ndarray) -> np.ndarray:
+        """Field of unit moments at each channel in its own axes, ``(3 n, rows, 3 n)``."""
+        height = np.exp(p[0])
+        share = np.exp(-0.5 * self.apart2 / np.exp(2 * p[1])) if self.placed else np.ones((len(self.depth), self.n))
+        up = height - self.depth[:, None] * share
+        places = self.chips + up[..., None] * self.normals
+        arm = self.chips[None, :, None] - places[:, None]  # (rows, chips, magnets, 3)
+        square = np.maximum((arm**2).sum(axis=-1), 1e-8)[..., None, None]
+        unit = MU0_OVER_4PI * (3 * arm[..., :, None] * arm[..., None, :] / square - np.eye(3)) * square**-1.5
+        seen = np.einsum("kab,tkjbc->tkajc", self.turns, unit)
+        return seen.reshape(len(self.depth), 3 * self.n, 3 * self.n).swapaxes(0, 1)
+
+    def bases(self, p: np.ndarray, good: np.ndarray) -> np.ndarray:
+        """Of moments and rest, ``(rows of all channels, unknowns)``."""
+        shape = self.shape(p)[good]
+        rest = np.repeat(np.eye(len(good))[good][:, good], shape.shape[1], axis=0)
+        return np.column_stack([shape.reshape(-1, 3 * self.n), rest])
+
+    def residuals(self, p: np.ndarray, good: np.ndarray) -> np.ndarray:
+        """What moments and rest that fit best leave [T], outliers left out of their fit; ``(channels, rows)``."""
+        shape, field = self.shape(p)[good], self.field[good]
+        keep = np.ones(field.shape)
+        apart = field
+        for _ in range(2):
+            rows = keep.sum(axis=1, keepdims=True)
+            still = shape - (shape * keep[..., None]).sum(axis=1, keepdims=True) / rows[..., None]
+            away = field - (field * keep).sum(axis=1, keepdims=True) / rows
+            bases = (still * keep[..., None]).reshape(-1, 3 * self.n)
+            size = np.linalg.norm(bases, axis=0)
+            gram, right = bases.T @ bases / np.outer(size, size), bases.T @ (away * keep).ravel() / size
+            apart = away - still @ (np.linalg.lstsq(gram, right, rcond=None)[0] / size)
+            keep = (np.abs(apart) < 8.0 * 1.4826 * np.median(np.abs(apart))).astype(float)
+        return apart
+
+    def best(self, good: np.ndarray, begin: np.ndarray | None = None) -> np.ndarray:
+        """Logarithms of height and reach, from near ``begin`` or anywhere."""
+        width = 1 + self.placed
+        low, high = np.log([NEAR_M, NEAR_M][:width]), np.log([FAR_M, FAR_M][:width])
+        begins = [np.log([height, 4e-3][:width]) for height in (3e-3, 8e-3)] if begin is None else [begin]
+        options: dict[str, Any] = {"loss": "soft_l1", "f_scale": 0.05, "diff_step": 1e-4, "max_nfev": 40}
+        tries = [
+            least_squares(lambda p: self.residuals(p, good).ravel() / self.scale, each, bounds=(low, high), **options)
+            for each in begins
+        ]
+        return min(tries, key=lambda one: one.cost).x
+
+    def tell(self, p: np.ndarray, good: np.ndarray, found: Findings) -> None:
+        """Estimates, with errors of all unknowns together."""
+        y, bases = self.field[good].ravel(), self.bases(p, good)
+        size = np.linalg.norm(bases, axis=0)
+        law = linear(bases / size, y)[0] / size
+        slopes = [
+            (self.bases(p + step, good) - self.bases(p - step, good)) @ law / 2e-4 for step in 1e-4 * np.eye(len(p))
+        ]
+        whole = np.column_stack([*slopes, bases])
+        size = np.linalg.norm(whole, axis=0)
+        more, covariance, _ = linear(whole / size, y)
+        errors = np.sqrt(np.maximum(np.diag(covariance), 0.0)) / size
+        more = more / size
+        k = len(p)
+        names = (("magnet height", "m", "over the chips"), ("press reach", "m", "std of how far a press moves them"))
+        for value, error, (name, unit, about) in zip(p, errors, names):
+            found.add(name, np.exp(value), np.exp(value) * error, unit, about)
+        for chip in range(self.n):
+            for axis in range(3):
+                at = k + 3 * chip + axis
+                found.add(f"moment {chip} {'xyz'[axis]}", more[at], errors[at], "A m2", "in the frame of the link")
+
+
+def axes_of(device: Device) -> np.ndarray:
+    """What each chip reads of a field in the link's frame, ``(n, 3, 3)`` T/T, as its own converter says."""
+    n, strong = len(device.layout), 1e-3
+
+    def reads(field: np.ndarray) -> np.ndarray:
+        counts = np.asarray(device.feel(Reading({"field": field, "temperature": np.full(n, 25.0)}), 0), float)
+        return 1e-6 * counts.reshape(n, -1)[:, -3:]
+
+    columns = [reads(np.tile(strong * axis, (n, 1))) - reads(np.zeros((n, 3))) for axis in np.eye(3)]
+    return np.stack(columns, axis=-1) / strong
