@@ -20,12 +20,14 @@ PERIOD_S = 0.01
 INDEX, THUMB_SITES = slice(0, 6), slice(24, 30)
 
 
-def newtons(site: float) -> float:
-    """Force at one site, by the formula of the vendor's document."""
-    if site <= 0:
-        return 0.0
-    resistance = 33000.0 / (3.3 * site / 4096) + 10000.0
-    return 121591.0 / resistance + 0.878894
+def connected(port: str) -> AHSerialClient:
+    """The hand; the SDK waits 50 ms for its first answer, once, and then ends the program."""
+    for _ in range(10):
+        try:
+            return AHSerialClient(port=port, baud_rate=460800, rate_hz=200, auto_start_threads=False)
+        except SystemExit:
+            continue
+    raise SystemExit(f"{port}: no hand answers")
 
 
 def grasp(client: AHSerialClient, wanted: float, seconds: float) -> dict:
@@ -36,7 +38,7 @@ def grasp(client: AHSerialClient, wanted: float, seconds: float) -> dict:
     reads, loops, start = client.n_reads, 0, time.monotonic()
     while time.monotonic() < start + 8 if touched is None else time.monotonic() < touched + seconds:
         sites = client.hand.get_fsr() or [0] * 30
-        force = sum(newtons(site) for site in (*sites[INDEX], *sites[THUMB_SITES])) / 2
+        force = sum((*sites[INDEX], *sites[THUMB_SITES])) / 2  # the SDK has made newtons of them
         if touched is None and force > 0:
             touched = time.monotonic()
             print(json.dumps({"touched": True}), flush=True)
@@ -56,7 +58,7 @@ def main() -> None:
     parser.add_argument("--newtons", type=float, default=8.0)
     parser.add_argument("--seconds", type=float, default=6.0)
     given = parser.parse_args()
-    client = AHSerialClient(port=given.port, baud_rate=460800, rate_hz=200, auto_start_threads=False)
+    client = connected(given.port)
     client.set_position([NEAR, 0.0, 0.0, 0.0, THUMB, ROTATOR])
     client.start_threads()
     try:

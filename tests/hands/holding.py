@@ -177,7 +177,7 @@ def hold(hand: Hand, thing: str, pose, folder: Path, *, settle_s=SETTLE_S, hold_
         seconds = PATIENCE * (settle_s + hold_s)
         with controller(hand, dev, "--newtons", newtons, "--seconds", seconds) as process:
             assert process.stdout is not None and process.stderr is not None
-            touched = process.stdout.readline()
+            touched = next((line for line in process.stdout if line.startswith("{")), "")  # drivers print, too
             assert touched, process.stderr.read()[-2000:]
             if "touched" in json.loads(touched):
                 begin = engine.data.time
