@@ -21,7 +21,7 @@ from tactemu.fit.recording import Recorded
 from tactemu.fit.solver import least_squares
 from tactemu.transducers.laws import MU0_OVER_4PI
 
-ROWS, FEW_ROWS = 600, 200
+ROWS, FEW_ROWS = 400, 120
 """Of a recording that are looked at, evenly, and those by which it is searched: fewer only widen intervals."""
 LEAST_DEPTH_M = 3e-4
 FOLLOWS = 0.5
