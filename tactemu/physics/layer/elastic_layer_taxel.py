@@ -125,7 +125,7 @@ class ElasticLayerTaxel(SensorModel):
     valid = (
         "A flat pad of a soft, linear material on a rigid base, pressed to 0.4 of its thickness (forces within 2 % of "
         "a neo-Hookean skin for nu = 0.49, 13 % for nu = 0.3); contacts at least one cell wide; at rest at every "
-        "step. Bent around a cylinder of ten thicknesses, forces are off by 2 % for nu = 0.3, 6 % for 0.45, 8 % for "
+        "step. Bent around a cylinder of ten thicknesses, forces are off by 2 % for nu = 0.3, 4 % for 0.45, 8 % for "
         "0.49, twice that at five: too high where it is convex, too low where it is concave. No viscosity, no wear, no "
         "free edges."
     )
