@@ -28,7 +28,8 @@ assert port.cts and port.dsr and port.name == "tactemu://anyskin?rate_hz=200"
 port.close()
 with serial.serial_for_url("tactemu://anyskin", timeout=5, do_not_open=True) as again:
     assert len(again.read(82)) == 82
-assert [name for name in os.listdir(tempfile.gettempdir()) if not name.startswith("tactemu-kernels-")] == []
+left = {name.rpartition("-")[0] for name in os.listdir(tempfile.gettempdir())}  # but for what Warp compiles, and with
+assert left <= {"tactemu-kernels", ""}, left
 """
 PYTHON_CAN = """
 import sys, can
