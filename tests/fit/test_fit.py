@@ -104,6 +104,7 @@ def test_the_clock_of_a_scene_is_found_in_what_it_sent(clock):
     from tactemu.scene.file import check
 
     tables = tables_for("anyskin", load("anyskin"))
+    tables["scene"]["dt"] = 0.01
     tables["skin"][0] |= {"clock": clock, "options": {"noise": 0.1}}
     made = assemble(check(tables), Wishes(port="memory:"), clock=VirtualClock())
     with made.emulator as emulator:

@@ -69,13 +69,13 @@ def test_a_cylinder_pressed_into_a_bent_pad_is_held_as_by_finite_elements(nu, ra
 
 @pytest.mark.parametrize("rubs", [False, pytest.param(True, marks=NIGHTLY)])
 def test_it_does_not_matter_how_a_bent_pad_is_turned_and_listed(rubs):
-    """Bent along its columns or its rows, listed backwards or as a list: the same taxels feel the same."""
+    """Bent along its columns or its rows, backwards, listed: the same taxels feel the same."""
     places, normals = pad(0.05, 12, 10, 1e-3)
     ball = tt.Sphere(radius=6e-3)
     options = {"friction": 0.5 * rubs, "displacement": rubs}
     first = pressed(places, normals, ball, 5.4e-3, **options)
     assert first.force[..., 2].sum() < 0
-    for turn in (lambda a: a.swapaxes(0, 1), lambda a: a[::-1], lambda a: a[:, ::-1], lambda a: a.reshape(-1, 3)):
+    for turn in (lambda a: a.swapaxes(0, 1)[::-1], lambda a: a[:, ::-1].reshape(-1, 3)):
         other = pressed(turn(places).copy(), turn(normals).copy(), ball, 5.4e-3, **options)
         for name in ("force", "displacement") if rubs else ("force",):
             one = turn(getattr(first, name))
