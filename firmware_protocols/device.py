@@ -30,6 +30,7 @@ from firmware_protocols.commands import Command
 from firmware_protocols.connectors import Connector
 from firmware_protocols.frames import CanFrame
 from firmware_protocols.layouts import Layout
+from firmware_protocols.motors import Motors
 
 Quantity = Literal[
     "force", "pressure", "depth", "displacement", "touch", "field", "resistance", "capacitance",
@@ -273,6 +274,12 @@ class Device(ABC, Generic[F]):
         """What a model of touch must give at the taxels of :attr:`layout`, first sense first; ``force`` if nothing."""
         wanted = [_DERIVED.get(sense.quantity, sense.quantity) for sense in self.sensed]
         return tuple(dict.fromkeys(name for name in wanted if name in CONTACT)) or ("force",)
+
+    @property
+    def drives(self) -> Motors | None:
+        """What a physics engine may move: its attribute ``motors``, if those have the names of joints."""
+        motors = vars(self).get("motors")
+        return motors if isinstance(motors, Motors) and motors.names else None
 
     def senses_of(self, stream: str) -> tuple[Sense, ...]:
         """What one stream converts."""

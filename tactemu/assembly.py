@@ -153,7 +153,11 @@ def assemble(
     wires = _wires(loaded.tables.skin, events, plugs, wishes, seed, truth)
     laws = {name: (*wishes.adjustable, *laws_needed(events, name)) for name in devices}
     channels: dict[str, Channel] = {}
-    scene, placed = build_scene(_driven(loaded, devices, channels), devices, laws)
+
+    def local_ns(skin: str, t_ns: int) -> int:
+        return channels[skin].local_ns(t_ns) if skin in channels else t_ns
+
+    scene, placed = build_scene(_driven(loaded, devices, local_ns), devices, laws, local_ns)
     played = _recordings(loaded, devices)
     simulation = _built(scene, wishes, world, seed, like) if placed else given.simulation
     if given.poses and simulation is not None:
@@ -164,7 +168,7 @@ def assemble(
         device = devices[skin.title]
         felt = fed.get(skin.title) or played.get(skin.title) or placed.get(skin.title) or Untouched()
         own = {plug.connector.name: wires[plug.address] for plug in plugs if plug.skin == skin.title}
-        channels[skin.title] = _channel(skin, device, Senses(felt, device.layout), own, wishes, seed)
+        channels[skin.title] = _channel(skin, device, Senses(felt, device), own, wishes, seed)
     followed = [*played.values(), *([given.readings] if given.readings else [])]
     advanced = Playback(simulation, followed) if followed else simulation
     truth.surroundings = Surroundings(simulation, devices, placed)
@@ -213,8 +217,8 @@ def truth_of(loaded: LoadedScene, path: str | Path | None = None, keep: str | in
         raise TactemuError(f"{path}: cannot write the truth log: {error.strerror}") from None
 
 
-def _driven(loaded: LoadedScene, devices: dict[str, Device], channels: Mapping[str, Channel]) -> LoadedScene:
-    """The scene with bodies that follow a device's joints bound to it. ``channels`` need not be there yet.
+def _driven(loaded: LoadedScene, devices: dict[str, Device], local_ns: Callable[[str, int], int]) -> LoadedScene:
+    """The scene with bodies that follow a device's joints bound to it.
 
     Raises:
         SceneError: no such skin, or no such joint of its device.
@@ -232,9 +236,7 @@ def _driven(loaded: LoadedScene, devices: dict[str, Device], channels: Mapping[s
             raise SceneError(f"{where}: {devices[motion.skin].name} has no joint {motion.joint!r} (joints: {known})")
 
         def position(t_s: float, motion: Joint = motion) -> float:
-            t_ns, channel = round(t_s * 1e9), channels.get(motion.skin)
-            local_ns = t_ns if channel is None else channel.local_ns(t_ns)
-            return devices[motion.skin].joints(local_ns)[motion.joint]
+            return devices[motion.skin].joints(local_ns(motion.skin, round(t_s * 1e9)))[motion.joint]
 
         motions[body] = motion.driven_by(position)
     return replace(loaded, motions=motions)

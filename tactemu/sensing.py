@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
-from firmware_protocols import Sense
+from firmware_protocols import Device, Sense
 from firmware_protocols.device import CONTACT, VECTORS
-from firmware_protocols.layouts import Layout
 from tactemu.scene.placement import ROOM, JoinedImperfections
 
 if TYPE_CHECKING:
@@ -36,15 +35,15 @@ class Senses:
     """A device's transducers on a skin: a :class:`~tactemu.channel.Source`.
 
     Args:
-        skin: what is felt, taxels in the order of ``layout``.
-        layout: where the taxels are.
+        skin: what is felt, taxels in the order of the device's layout.
+        device: whose taxels they are, and whose motors feel loads.
     """
 
-    not_state: ClassVar[tuple[str, ...]] = ("_layout",)
+    not_state: ClassVar[tuple[str, ...]] = ("_layout", "_device")
 
-    def __init__(self, skin: Skin, layout: Layout):
+    def __init__(self, skin: Skin, device: Device):
         self.skin = skin
-        self._layout = layout
+        self._layout, self._device = device.layout, device
         self._around: tuple[int, dict[str | tuple[str, str], np.ndarray]] = (-1, {})
         """What is around the links at a time, by quantity and link; and what the senses of it see, by key."""
 
@@ -64,8 +63,9 @@ class Senses:
             case "vibration":
                 push = self._layout.push(self.skin.quantity("force", ground_truth)).sum()
                 return np.full(len(at), push / self._layout.areas.sum())
-            case "load":
-                return np.zeros(len(at))
+            case "load":  # what an engine's joints do to the motors
+                motors = self._device.drives
+                return np.zeros(len(at)) if motors is None or not motors.embodied else motors.loads()
             case quantity:
                 if self._around[0] != t_ns:  # looked at once for all that is converted at a time
                     self._around = (t_ns, {})

@@ -93,6 +93,7 @@ FACADES = {
     "scene/placement.py": ("physics", "imperfections"),  # a built sensor on its link
     "scene/mujoco_source.py": ("physics",),  # poses a built scene
     "scene/engine.py": ("physics",),  # likewise, at each of its steps
+    "scene/mujoco_contacts.py": ("physics",),  # what a built sensor feels
 }
 FOREIGN = {
     "firmware_protocols": ("tactemu", "warp", "trimesh", "can", "serial"),

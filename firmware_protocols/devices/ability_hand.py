@@ -80,7 +80,10 @@ REGISTER_REPLY = Frame("""
 
 POSITION, READ_ONLY, READ_REGISTER, WRITE_REGISTER, GRIP, RESET = 0x10, 0xA0, 0xDA, 0xDE, 0x1D, 0x09
 SPEED_PER_AMPERE, SPEED_AT_FULL_DUTY = 200.0, 300.0
-DRIVES = {0x20: 3000 / 32767, 0x30: SPEED_PER_AMPERE / 620.606079, 0x40: SPEED_AT_FULL_DUTY / 3546}
+NM_PER_AMPERE, STRENGTH_NM = 0.6, 1.5
+AMPERE = 620.606079
+"""Counts."""
+DRIVES = {0x20: 3000 / 32767, 0x30: SPEED_PER_AMPERE / AMPERE, 0x40: SPEED_AT_FULL_DUTY / 3546}
 """Speed per count of a target that is one [deg/s], by the header's high nibble."""
 CURRENT = 0x30
 KNOWN = {GRIP, 0x07, 0x08, 0xC2, 0xC3, 0x7C}
@@ -93,7 +96,7 @@ REST = np.array([15.0, 15.0, 15.0, 15.0, 15.0, -15.0])
 LOW = np.array([0.0, 0.0, 0.0, 0.0, 0.0, -100.0])
 HIGH = np.array([100.0, 100.0, 100.0, 100.0, 100.0, 0.0])
 GEARS = np.array([649, 649, 649, 649, 649, 162.45])
-POSITION_COUNTS, VELOCITY_COUNTS, CURRENT_COUNTS = 32767 / 150, 4 * np.deg2rad(GEARS), 620.606079 / SPEED_PER_AMPERE
+POSITION_COUNTS, VELOCITY_COUNTS, CURRENT_COUNTS = 32767 / 150, 4 * np.deg2rad(GEARS), AMPERE / SPEED_PER_AMPERE
 """Per deg, deg/s, deg/s."""
 
 FINGERTIPS = {
@@ -137,6 +140,7 @@ class AbilityHand(Device):
         "touch is converted 250 times a second; the ICD calls the constants of its force formula placeholders",
         "a control message without six targets moves nothing; a reset is not answered, Bluetooth commands are",
         "motors: one time constant of 0.1 s, 200 deg/s per A, 300 deg/s at full duty, stops at 0 and 100 deg",
+        f"in an engine: {NM_PER_AMPERE} Nm/A at the joint, {STRENGTH_NM} Nm at most, currents as the motors need them",
         "after 300 ms without a command the joints hold; the hot/cold mask is 0; the first format is 10",
         "grip 0 opens, every other closes all fingers; registers 1..63 hold the example's gains, without effect, and "
         "forget at power-off; the unique id is 0; a failed reply has the register's value, 0 where there is none",
@@ -156,7 +160,9 @@ class AbilityHand(Device):
         self.ports = (Serial(baud=baud),)
         pads = (grid_layout(3, 2, 0.007, name=name, link=name) for name in FINGERTIPS)
         self.layout = stack(*(place(pad, centre) for pad, centre in zip(pads, FINGERTIPS.values())))
-        self.motors = Motors(REST, low=LOW, high=HIGH, time_constant_s=0.1)
+        self.motors = Motors(
+            REST, low=LOW, high=HIGH, time_constant_s=0.1, names=JOINTS, unit=np.deg2rad(1), strength=STRENGTH_NM
+        )
         self.currents: np.ndarray | None = None
         """Counts of the commanded currents, in that mode; even at the stops."""
         self.counts = np.zeros(len(self.layout), np.int64)
@@ -186,7 +192,7 @@ class AbilityHand(Device):
     def joints(self, t_ns: int) -> Mapping[str, float]:
         """Angles of the six joints [rad]."""
         self._hold_if_left_alone(t_ns)
-        return dict(zip(JOINTS, np.deg2rad(self.motors.positions(t_ns)).tolist()))
+        return self.motors.joints(t_ns)
 
     # -- commands --------------------------------------------------------------------------------------------------
 
@@ -248,6 +254,8 @@ class AbilityHand(Device):
     def _move(self, kind: int, targets: np.ndarray, t_ns: int) -> None:
         if kind == POSITION:
             self.motors.go(targets / POSITION_COUNTS, t_ns)
+        elif kind == CURRENT and self.motors.embodied:
+            self.motors.push(targets / AMPERE * NM_PER_AMPERE, t_ns)
         else:
             self.motors.drive(targets * DRIVES[kind], t_ns)
         self.currents = targets if kind == CURRENT else None
@@ -267,6 +275,8 @@ class AbilityHand(Device):
         joints[:, 0] = _int16(self.motors.positions(t_ns), POSITION_COUNTS)
         if variant == 1:
             joints[:, 1] = velocities
+        elif self.motors.embodied:
+            joints[:, 1] = _int16(self.motors.forces, AMPERE / NM_PER_AMPERE)
         else:
             joints[:, 1] = _int16(speeds, CURRENT_COUNTS) if self.currents is None else self.currents
         if variant == 2:

@@ -194,6 +194,8 @@ class Servo:
             self.arm.flash[str(self.index)] = self.arm.flash.get(str(self.index), {}) | kept
         if "baud" in written:
             self.arm.speak_at(self.registers["baud"])
+        if {"torque", "torque_limit"}.intersection(written):
+            self.arm.limit_torques()
         if ORDERS.intersection(written):
             self._go(t_ns)
         return written
@@ -240,6 +242,7 @@ class FeetechSts3215(Device):
         "a line that is still: 12.1 V, no current; gains, dead zones, acceleration and safe_torque change nothing",
         "motors: at the speed limit, then a time constant of 20 ms; step mode and damped stand; pwm 1000 is top speed",
         "of `phase` only bit 4 counts: speeds are steps/s, speed 0 the greatest; no fault of encoder or current",
+        "in an engine servos give way by 0.1 rad at full torque, and are free while their torque is off",
         "torque on goes to the goal; the goal at power-up is where it is; no condition unloads a servo",
         "overload: the load is above `overload` for `overload_time`; a status bit ends with its cause",
         "all servos of a line speak at the speed that was last written to one of them, from then on",
@@ -268,14 +271,23 @@ class FeetechSts3215(Device):
         self.senses = (Sense("load", at=shafts), Sense("temperature", at=shafts))
         scale = 1000 / full_torque
         self.columns = (Column(name="load", sense="load", unit="Nm", counts_per_unit=scale, low=-1000, high=1000),)
-        self.motors = Motors(np.broadcast_to(encoders, n), low=-FAR, high=FAR, time_constant_s=0.02)
+        self.motors = Motors(
+            np.broadcast_to(encoders, n), low=-FAR, high=FAR, time_constant_s=0.02, names=self.names,
+            unit=2 * np.pi / TURN, zero=MIDDLE, strength=full_torque,
+        )  # fmt: skip
         self.limits = np.full(n, 50.0 * MAP.by_name["top_speed"].default)  # type: ignore[operator]
         self.motors.limit_speed(self.limits, 0)
         self.counts, self.warmth = np.zeros(n, np.int64), np.full(n, 25)
         self.since_ns, self.overloaded = np.zeros(n, np.int64), np.zeros(n, bool)
         self.line = ServoLine(counters=self.counters)
         self.servos = [Servo(self, index, ident) for index, ident in enumerate(ids)]
+        self.limit_torques()
         self.speak_at(self.servos[0].registers["baud"])
+
+    def limit_torques(self) -> None:
+        """In an engine a servo does at most its limit, and nothing while its torque is off."""
+        get = [servo.registers.__getitem__ for servo in self.servos]
+        self.motors.limit_force([each("torque_limit") / 1000 * (each("torque") == HOLDING) for each in get])
 
     def speak_at(self, code: int) -> None:
         """The line's speed from now on."""

@@ -103,6 +103,8 @@ ORDERS = ("clear_errors", "save", "restore", "zero_force")
 GRAMS = 1000 / 9.80665
 OPEN, CLOSED_POSITION, FULL_SCALE = 1000.0, 2000, 4096
 FULL_STROKE_S, STROKE_RAD, MOVING_MA = 0.6, 1.6, 200
+MOST_FORCE, LEVER_M, AT_ITS_FORCE, FULL_MA = 3000, 0.07, 3, 2000
+STRENGTH_NM = MOST_FORCE / GRAMS * LEVER_M
 
 FINE, COARSE = 0.0015, 0.004
 FINGER = (("tip", 3, 3, 0.033), ("top", 12, 8, 0.021), ("pad", 10, 8, 0.0))
@@ -145,6 +147,8 @@ class InspireRh56dftp(Device):
         "force limits have an effect with `stop_s` only, looked at once a conversion; an RH56DFX goes on for 27 ms and "
         "pushes no harder than 1729 g (recordings); gestures are stored without effect",
         "200 mA while moving; TCP is answered at once",
+        f"in an engine force limits act {LEVER_M * 1e3:.0f} mm from each joint, and {MOST_FORCE} g are {FULL_MA} mA; "
+        f"a finger gives way by 0.3 rad at that force; status {AT_ITS_FORCE} is a finger that stands at its limit",
         "force of a finger: the sum over its matrices; errors never",
         "unit and line speed change at the next power-up, if saved; 1002 takes 3 and 4 for 921600, as sources differ",
         "writes outside the table: exception 2; values out of range: exception 3; nothing answers above 5999",
@@ -203,7 +207,11 @@ class InspireRh56dftp(Device):
         self.rtu = Rtu(counters=self.counters, gap_ns=silence_ns(speed))
         self.native = Eb90(counters=self.counters) if line == "native" else None
         self.clients: dict[str, Mbap] = {}
-        self.motors = Motors([OPEN] * 6, low=0.0, high=OPEN, time_constant_s=0.0, speed_limit=self._speeds())
+        self.motors = Motors(
+            [OPEN] * 6, low=0.0, high=OPEN, time_constant_s=0.0, speed_limit=self._speeds(),
+            names=ACTUATORS, unit=-STROKE_RAD / OPEN, zero=OPEN, strength=STRENGTH_NM, give=0.3,
+        )  # fmt: skip
+        self._limit_forces()
         self.counts = np.zeros(len(self.layout), np.int64)
         self.forces = self.zero = np.zeros(6)
 
@@ -235,7 +243,7 @@ class InspireRh56dftp(Device):
 
     def joints(self, t_ns: int) -> Mapping[str, float]:
         """How far each actuator is closed [rad]."""
-        return dict(zip(ACTUATORS, ((1 - self.motors.positions(t_ns) / OPEN) * STROKE_RAD).tolist()))
+        return self.motors.joints(t_ns)
 
     # -- requests --------------------------------------------------------------------------------------------------
 
@@ -279,8 +287,11 @@ class InspireRh56dftp(Device):
         registers["angle"] = angles
         registers["position"] = CLOSED_POSITION - 2 * angles
         registers["force"] = self.forces - self.zero
-        registers["current"] = MOVING_MA * moving
-        registers["status"] = self._in_pairs(np.select([~moving, self.motors.goals < angles], [2, 1], 0))
+        motors = self.motors
+        registers["current"] = FULL_MA * np.abs(motors.forces) / STRENGTH_NM if motors.embodied else MOVING_MA * moving
+        held = motors.stalled & motors.embodied
+        status = np.select([held, ~moving, motors.goals < angles], [AT_ITS_FORCE, 2, 1], 0)
+        registers["status"] = self._in_pairs(status)
 
     def _in_pairs(self, values: np.ndarray) -> np.ndarray:
         return values.reshape(-1, 2)[:, ::-1].ravel() if self.swapped else values
@@ -294,6 +305,8 @@ class InspireRh56dftp(Device):
             self.motors.go(self._given("angle_set"), t_ns)
         if "speed_set" in written:
             self.motors.limit_speed(self._speeds(), t_ns)
+        if "force_set" in written:
+            self._limit_forces()
         self._obey({order for order in ORDERS if self.registers[order]})
         return written
 
@@ -305,6 +318,9 @@ class InspireRh56dftp(Device):
     def _speeds(self) -> np.ndarray:
         """Angle counts per second."""
         return np.array(self.registers.all("speed_set")) / FULL_STROKE_S
+
+    def _limit_forces(self) -> None:
+        self.motors.limit_force(np.array(self.registers.all("force_set")) / MOST_FORCE)
 
     def _obey(self, orders: set[str]) -> None:
         """Carry out the orders that read 1, and take them back."""

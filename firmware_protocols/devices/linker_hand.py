@@ -34,6 +34,7 @@ Try it: ``tactemu run linker_hand_l6 --port can:udp_multicast:239.74.163.2``, th
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -53,12 +54,16 @@ from firmware_protocols import (
 )
 from firmware_protocols.adc import quantize
 from firmware_protocols.layouts import stack
+from firmware_protocols.motors import Motors
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 FINGER_SPACING, PALM_DISTANCE = 0.025, 0.06
 PITCH = 0.0015
 COUNTS_PER_NEWTON = 500.0
 FIRST_FINGER = 0xB1
+JOINTS = {"thumb_flex": 1.2, "thumb_abd": 1.5, "index": 1.6, "middle": 1.6, "ring": 1.6, "pinky": 1.6}
+"""Joints of a hand with six, and how far each goes from open (255) to closed (0) [rad]."""
+STROKE_S, STRENGTH_NM, OVERLOAD, OVERLOADED = 0.5, 0.8, 0.9, 8
 SELECTORS, LETTERS = {"12x6": 0xC6, "10x4": 0xA4}, {"12x6": "B", "10x4": "F", "quantities": "A"}
 SERIAL_BYTES = 24
 
@@ -84,6 +89,9 @@ class LinkerHand(Device[CanFrame]):
         "B1..B5 without data answer rows and columns; another size's selector, 20..23 on a matrix hand are ignored",
         "older quantities: sums over the fingertip in the matrix's scale, direction 256 steps a turn, approach 0",
         "joints answer what was last set; 100 Hz conversion; the same versions, whatever the serial number",
+        f"six joints in an engine: 255 is open, 0 closed ({', '.join(f'{j} {s} rad' for j, s in JOINTS.items())})",
+        f"in an engine a stroke takes {STROKE_S} s at speed 255; torque 255 is {STRENGTH_NM} Nm and 1400 mA; angles "
+        f"and currents are as they are; fault bit 3 while a joint is stalled at more than {OVERLOAD:.0%} of that",
     )
     matrix: ClassVar[str] = "12x6"
     """Rows and columns of a fingertip."""
@@ -139,6 +147,13 @@ class LinkerHand(Device[CanFrame]):
         self.with_palm = self.has_matrix and (self.has_palm if palm is None else palm)
         self.layout = pads(*self.size, self.with_palm)
         self.joint_values = {code: values for code, (_, values) in self.joints_at_rest.items()}
+        self.motors: Motors | None = None
+        if self.degrees_of_freedom == len(JOINTS):
+            self.motors = Motors(
+                [0x80] * len(JOINTS), low=0, high=0xFF, time_constant_s=0.0, speed_limit=0xFF / STROKE_S,
+                names=tuple(JOINTS), unit=[-stroke / 0xFF for stroke in JOINTS.values()], zero=0xFF,
+                strength=STRENGTH_NM,
+            )  # fmt: skip
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:
         """Raw counts 0..255 of the normal force of each taxel, uint8, shape ``(n_taxels,)``."""
@@ -147,17 +162,21 @@ class LinkerHand(Device[CanFrame]):
         self.quantities = _four_quantities(tips.reshape(len(FINGERS), -1, 3).sum(axis=1))
         return self.counts
 
+    def joints(self, t_ns: int) -> Mapping[str, float]:
+        """How far each joint of a hand with six is closed [rad]."""
+        return self.motors.joints(t_ns) if self.motors else {}
+
     def receive(self, data: CanFrame, t_ns: int, port: str) -> Outs[CanFrame]:
         """Answer one request frame; frames for others, and what is not documented, get silence."""
         if not data.data or data != CanFrame(arbitration_id=self.arbitration_id, data=data.data):
             self.counters["ignored"] += 1
             return ()
         command = data.data[:1]
-        answers = self._answers(command[0], data.data[1:])
+        answers = self._answers(command[0], data.data[1:], t_ns)
         self.counters["unknown_command" if answers is None else "requests"] += 1
         return [CanFrame(arbitration_id=self.arbitration_id, data=command + answer) for answer in answers or ()]
 
-    def _answers(self, command: int, payload: bytes) -> list[bytes] | None:
+    def _answers(self, command: int, payload: bytes, t_ns: int) -> list[bytes] | None:
         """What follows the command in each answer. Requests are matched whole: ``None`` if it is none."""
         finger, quantity = command - FIRST_FINGER, command - self.first_quantity
         match command, payload:
@@ -173,9 +192,10 @@ class LinkerHand(Device[CanFrame]):
             case 0xB0, b"":
                 return []
             case joint, b"" if joint in self.joint_values:
-                return [self.joint_values[joint]]
+                return [self._joint(joint, t_ns)]
             case joint, _ if joint in self.settable and len(payload) == len(self.joint_values.get(joint, b"")) > 0:
                 self.joint_values[joint] = payload
+                self._move(joint, payload, t_ns)
                 return []
             case faults, _ if faults in self.clearable and payload == b"\x01" * 6:
                 return []
@@ -188,6 +208,36 @@ class LinkerHand(Device[CanFrame]):
             case _, selector if 0 <= finger < 5 and self.has_matrix and selector == bytes([self.selector]):
                 return self._rows(finger)
         return None
+
+    def _move(self, command: int, payload: bytes, t_ns: int) -> None:
+        """What was set acts on the motors."""
+        values = np.frombuffer(payload, np.uint8).astype(float)
+        match self.motors, command:
+            case None, _:
+                return
+            case motors, 0x01:
+                motors.go(values, t_ns)
+            case motors, 0x02:
+                motors.limit_force(values / 0xFF)
+            case motors, 0x05:
+                motors.limit_speed(values / STROKE_S, t_ns)
+
+    def _joint(self, command: int, t_ns: int) -> bytes:
+        """What joints answer: in an engine as they are, else what was last set."""
+        motors = self.motors
+        if motors is None or not motors.embodied:
+            return self.joint_values[command]
+        share = np.abs(motors.forces) / motors.strength
+        match command:
+            case 0x01:
+                values = quantize(motors.positions(t_ns), 1.0, 0, 0xFF)
+            case 0x35:
+                values = OVERLOADED * (motors.stalled & (share > OVERLOAD))
+            case 0x36:
+                values = quantize(share, 0xFF, 0, 0xFF)
+            case _:
+                return self.joint_values[command]
+        return values.astype(np.uint8).tobytes()
 
     def _rows(self, finger: int) -> list[bytes]:
         """The matrix of one sample: rows are never of different age."""

@@ -21,13 +21,15 @@ from tactemu.fit.recording import Recorded
 from tactemu.fit.solver import least_squares
 from tactemu.transducers.laws import MU0_OVER_4PI
 
-ROWS, FEW_ROWS = 600, 200
+ROWS, FEW_ROWS = 400, 80
 """Of a recording that are looked at, evenly, and those by which it is searched: fewer only widen intervals."""
 LEAST_DEPTH_M = 3e-4
 FOLLOWS = 0.5
 """Share of a channel's variance that dipoles must explain."""
 NEAR_M, FAR_M = 1e-3, 3e-2
 """Between which magnets are looked for."""
+HEIGHTS, REACHES = np.geomspace(1.5e-3, 2e-2, 10), np.geomspace(2e-3, 1.5e-2, 5)
+"""From the best of which the search begins [m]."""
 
 
 def find_magnets(recorded: Recorded, device: Device, found: Findings) -> None:
@@ -102,7 +104,7 @@ class _Search:
         keep = np.ones(field.shape)
         apart = field
         for _ in range(2):
-            rows = keep.sum(axis=1, keepdims=True)
+            rows = np.maximum(keep.sum(axis=1, keepdims=True), 1.0)
             still = shape - (shape * keep[..., None]).sum(axis=1, keepdims=True) / rows[..., None]
             away = field - (field * keep).sum(axis=1, keepdims=True) / rows
             bases = (still * keep[..., None]).reshape(-1, 3 * self.n)
@@ -116,13 +118,16 @@ class _Search:
         """Logarithms of height and reach, from near ``begin`` or anywhere."""
         width = 1 + self.placed
         low, high = np.log([NEAR_M, NEAR_M][:width]), np.log([FAR_M, FAR_M][:width])
-        begins = [np.log([height, 4e-3][:width]) for height in (3e-3, 8e-3)] if begin is None else [begin]
         options: dict[str, Any] = {"loss": "soft_l1", "f_scale": 0.05, "diff_step": 1e-4, "max_nfev": 40}
-        tries = [
-            least_squares(lambda p: self.residuals(p, good).ravel() / self.scale, each, bounds=(low, high), **options)
-            for each in begins
-        ]
-        return min(tries, key=lambda one: one.cost).x
+
+        def apart(p: np.ndarray) -> np.ndarray:
+            return self.residuals(p, good).ravel() / self.scale
+
+        if begin is None:
+            reaches = np.log(REACHES) if self.placed else [0.0]
+            tries = [np.array([height, reach][:width]) for height in np.log(HEIGHTS) for reach in reaches]
+            begin = min(tries, key=lambda p: float(np.sum(np.minimum(np.abs(apart(p)), 1.0))))
+        return least_squares(apart, begin, bounds=(low, high), **options).x
 
     def tell(self, p: np.ndarray, good: np.ndarray, found: Findings) -> None:
         """Estimates, with errors of all unknowns together."""

@@ -14,7 +14,7 @@ from tactemu.fit.estimates import SURE, Findings, nonlinear
 from tactemu.fit.recording import Recorded
 
 LEAST_PLACES = 3
-ROWS = 3000
+ROWS = 1200
 TURNS = np.radians(np.arange(0.0, 360.0, 5.0))
 MOST_TAXELS = 300
 

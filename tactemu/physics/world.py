@@ -72,6 +72,12 @@ class World:
         row = self._values[b]
         row[:, 0:3], row[:, 3:7], row[:, 7:10], row[:, 10:13] = pose
 
+    def put_all(self, bodies: np.ndarray, rows: np.ndarray) -> None:
+        """Set the whole poses of bodies: shape ``(n, 1 or n_envs, 13)``."""
+        for b in () if self._shared else bodies.tolist():
+            self._before_write(b)
+        self._values[bodies] = rows
+
     def set(self, body: Body, given, envs) -> None:
         """Set the parts given (``None``: as it is), in the environments given.
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,7 @@ from tactemu.scene import rotation
 from tactemu.scene.bodies import Body
 from tactemu.scene.engine import MujocoEngine
 from tactemu.scene.file import LoadedScene, load_device
+from tactemu.scene.mujoco_drives import Drive
 from tactemu.scene.placement import PlacedSensor, PlacedSkin
 from tactemu.scene.schema import Body as BodyTable
 from tactemu.scene.schema import Skin
@@ -82,11 +84,15 @@ def make_device(name: str, options: dict[str, Any]) -> Device:
 
 
 def build_scene(
-    loaded: LoadedScene, devices: dict[str, Device], laws: Mapping[str, Sequence[str]] | None = None
+    loaded: LoadedScene,
+    devices: dict[str, Device],
+    laws: Mapping[str, Sequence[str]] | None = None,
+    local_ns: Callable[[str, int], int] = lambda skin, t_ns: t_ns,
 ) -> tuple[Scene, dict[str, PlacedSkin]]:
     """The scene, and each skin that is on a link with its sensors, by the skin's name; nothing is compiled yet.
 
-    ``laws`` names the imperfections of each skin that will be switched while it runs.
+    ``laws`` names the imperfections of each skin that will be switched while it runs; ``local_ns`` is what a skin's own
+    clock shows at a time of the scene.
 
     Raises:
         SceneError: a body or an option is wrong.
@@ -103,7 +109,8 @@ def build_scene(
             quaternion=body.quaternion,
             motion=loaded.motions.get(body.name),
         )
-    engine = _engine(loaded, scene)
+    engine = _engine(loaded, scene, devices, local_ns)
+    friction = loaded.tables.engine.friction if loaded.tables.engine else None
     skins = {}
     for skin in loaded.tables.skin:
         device = devices[skin.title]
@@ -111,24 +118,37 @@ def build_scene(
             continue
         placed = []
         for part in parts_of(skin, device.layout):
-            link, unfelt = _carrier(scene, engine, part.body)
-            model = sensor_model(skin, device, (laws or {}).get(skin.title, ()), part=part, unfelt=unfelt)
+            link, unfelt = _carrier(scene, engine, part)
+            wanted = (laws or {}).get(skin.title, ())
+            model = sensor_model(skin, device, wanted, part=part, unfelt=unfelt, friction=friction)
             sensor = scene.add_sensor(model, link=link, name=part.name, transducers=transducers_of(skin))
+            if engine is not None:
+                engine.carries(sensor)
             placed.append(PlacedSensor(sensor, part))
         skins[skin.title] = PlacedSkin(placed, len(device.layout))
     return scene, skins
 
 
-def _engine(loaded: LoadedScene, scene: Scene) -> MujocoEngine | None:
+def _engine(
+    loaded: LoadedScene, scene: Scene, devices: Mapping[str, Device], local_ns: Callable[[str, int], int]
+) -> MujocoEngine | None:
     table = loaded.tables.engine
-    return None if table is None else MujocoEngine(scene, loaded.folder / table.file)
+    if table is None:
+        return None
+    drives = [
+        Drive(skin.title, devices[skin.title], skin.joints, partial(local_ns, skin.title))
+        for skin in loaded.tables.skin
+        if skin.joints
+    ]
+    return MujocoEngine(scene, loaded.folder / table.file, drives, table)
 
 
-def _carrier(scene: Scene, engine: MujocoEngine | None, name: str) -> tuple[Body, tuple[int, ...]]:
+def _carrier(scene: Scene, engine: MujocoEngine | None, part: SkinPart) -> tuple[Body, tuple[int, ...]]:
     """The body that carries a skin, and those that move with it and are not felt, by their places."""
+    name = part.body
     if engine is None or any(body.name == name for body in scene.bodies if body not in engine.bodies):
         return scene.body(name), ()
-    return engine.carrier(name), engine.beside(name)
+    return engine.carrier(name, part.name), engine.unfelt(name)
 
 
 def _shape(body: BodyTable, folder: Path) -> Shape | None:
@@ -156,11 +176,12 @@ def sensor_model(
     *,
     part: SkinPart | None = None,
     unfelt: tuple[int, ...] = (),
+    friction: float | None = None,
 ) -> Any:
     """The sensor model of a skin: the device's taxels, placed on the link, with the skin's options.
 
     ``laws`` are built although they are off, so that they can be switched on. ``part`` is of a skin on several bodies.
-    ``unfelt`` are bodies that it does not feel, unless the options choose them.
+    ``unfelt`` are bodies that it does not feel, and ``friction`` is the scene's, unless the options choose.
 
     Raises:
         SceneError: no such model, or an option that it does not have or does not accept.
@@ -184,6 +205,8 @@ def sensor_model(
         given = taxels(part or parts_of(skin, device.layout)[0], skin, model, known) | _arrays(skin.options)
         if "forces_on_skin" in known:  # devices measure what acts on them (see firmware_protocols.device)
             given.setdefault("forces_on_skin", True)
+        if friction is not None and "friction" in known:
+            given.setdefault("friction", friction)
         if unfelt:
             given.setdefault("filter_link_idx", unfelt)
         if laws:

@@ -220,6 +220,8 @@ def _references(tables: SceneFile):
             if body not in bodies and not elsewhere:
                 known = ", ".join(bodies) or "none"
                 yield f"skin {skin.title!r}: links.{link}: no body {body!r}{nearest(body, bodies)} (bodies: {known})"
+        if skin.joints and tables.engine is None:
+            yield f"skin {skin.title!r}: joints: they are those of an engine's model; there is no [engine]"
         if skin.model_ is not None and skin.model_ not in MODELS and ":" not in skin.model_:
             hint = f"{nearest(skin.model_, MODELS)} (models: {', '.join(MODELS)})"
             yield f"skin {skin.title!r}: model: unknown model {skin.model_!r}{hint}"

@@ -25,6 +25,7 @@ MuJoCo's contacts are soft, so that geoms overlap by a little: that overlap is t
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,11 +34,15 @@ from tactemu.errors import SceneError
 from tactemu.physics.shapes.mesh import Mesh
 from tactemu.physics.shapes.registry import SHAPES, load_shape
 from tactemu.physics.shapes.shape import Shape
+from tactemu.scene import rotation
 from tactemu.scene.bodies import Body
 
 if TYPE_CHECKING:
     from tactemu.physics.simulation import Simulation
     from tactemu.scene.scene import Scene
+
+
+_AWAY = (0.0, 0.0, -100.0)
 
 
 def load_mujoco():
@@ -71,6 +76,11 @@ class MujocoSource:
         self._geoms: dict[int, Body] = {}
         self._links: dict[int, Body] = {}
         self._meshes: dict[int, Mesh] = {}
+        self._pads: dict[Body, tuple[str, int]] = {}
+        self.shifts: dict[Body, np.ndarray] = {}
+        """How far pads are displaced, world [m]."""
+        self.hidden: set[int] = set()
+        """Geoms that are gone: they are posed out of reach."""
         chosen = self._collision_geoms() if geoms is None else [self._id("geom", geom) for geom in geoms]
         for geom in chosen:
             self._geoms[geom] = scene.add_body(self._shape(geom), name=self._name("geom", geom))
@@ -98,10 +108,33 @@ class MujocoSource:
             self._links[found] = self._scene.add_body(name=f"{self._name('body', found)} (frame)")
         return self._links[found]
 
+    def pad(self, which: str, name: str) -> Body:
+        """A frame of its own that follows a geom or MuJoCo body, and can be displaced: see :attr:`shifts`."""
+        kind = "GEOM" if self.has("geom", which) else "BODY"
+        body = self._scene.add_body(name=f"{name} (pad)")
+        self._pads[body] = kind, self._id(kind.lower(), which)
+        return body
+
+    def place(self, data: Any, pad: Body) -> tuple[np.ndarray, np.ndarray]:
+        """Where a pad is, not displaced, and how it is turned, a matrix: as kinematics were run last."""
+        kind, index = self._pads[pad]
+        if kind == "GEOM":
+            return data.geom_xpos[index], data.geom_xmat[index].reshape(3, 3)
+        return data.xpos[index], data.xmat[index].reshape(3, 3)
+
+    def has(self, kind: str, name: str) -> bool:
+        """Whether the model has a ``geom`` or ``body`` of this name."""
+        return self._mujoco.mj_name2id(self._model, getattr(self._mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), name) >= 0
+
     @property
     def bodies(self) -> list[Body]:
         """All that were added to the scene."""
-        return [*self._geoms.values(), *self._links.values()]
+        return [*self._geoms.values(), *self._links.values(), *self._pads]
+
+    @property
+    def geoms(self) -> dict[int, Body]:
+        """The bodies of geoms, by the geoms' ids."""
+        return dict(self._geoms)
 
     def names(self) -> str:
         """What there is, in words for a message."""
@@ -178,10 +211,8 @@ class MujocoSource:
             raise SceneError(f"MujocoSource.update: expected 1 or {sim.n_envs} MjData, got {len(per_env)}")
         for one in per_env:
             self._refresh(one, sim.uses_velocity)
-        for geom, body in self._geoms.items():
-            self._pose(sim, body, [self._geom_pose(one, geom, sim.uses_velocity) for one in per_env])
-        for link, body in self._links.items():
-            self._pose(sim, body, [self._link_pose(one, link, sim.uses_velocity) for one in per_env])
+        rows = np.stack([self._rows(one, sim.uses_velocity) for one in per_env], axis=1)
+        sim.world.put_all(self._places, rows)
 
     def _refresh(self, data: Any, velocities: bool) -> None:
         self._mujoco.mj_kinematics(self._model, data)
@@ -189,31 +220,47 @@ class MujocoSource:
             self._mujoco.mj_comPos(self._model, data)
             self._mujoco.mj_comVel(self._model, data)
 
-    def _geom_pose(self, data: Any, geom: int, velocities: bool):
-        quaternion = np.empty(4)
-        self._mujoco.mju_mat2Quat(quaternion, data.geom_xmat[geom])
-        return data.geom_xpos[geom], quaternion, self._velocity(data, "GEOM", geom) if velocities else np.zeros(6)
+    @cached_property
+    def _places(self) -> np.ndarray:
+        """Where all that was added is in the scene."""
+        return np.array([body.index for body in self.bodies])
 
-    def _link_pose(self, data: Any, link: int, velocities: bool):
-        twist = self._velocity(data, "XBODY", link) if velocities else np.zeros(6)
-        return data.xpos[link], data.xquat[link], twist
-
-    def _velocity(self, data: Any, kind: str, index: int) -> np.ndarray:
-        """Angular, then linear velocity of an object's origin, along the world's axes."""
-        twist = np.zeros(6)
-        table = getattr(self._mujoco.mjtObj, f"mjOBJ_{kind}")
-        self._mujoco.mj_objectVelocity(self._model, data, table, index, twist, 0)
-        return twist
-
-    @staticmethod
-    def _pose(sim: Simulation, body: Body, poses: list) -> None:
-        position, quaternion, twist = (np.array(part) for part in zip(*poses))
-        if len(poses) == 1:
-            position, quaternion, twist = position[0], quaternion[0], twist[0]
-        sim.set_pose(
-            body,
-            position=position,
-            quaternion=quaternion,
-            linear_velocity=twist[..., 3:],
-            angular_velocity=twist[..., :3],
+    @cached_property
+    def _followed(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of all that was added: its place among MuJoCo's bodies and then geoms; the body that it is on, and how it is
+        turned there."""
+        model, on = self._model, [("GEOM", geom) for geom in self._geoms] + [("BODY", link) for link in self._links]
+        on += self._pads.values()
+        of_geom = np.array([kind == "GEOM" for kind, _ in on])
+        index = np.array([each for _, each in on], int)
+        geoms = np.where(of_geom, index, 0)
+        return (
+            np.where(of_geom, model.nbody + index, index),
+            np.where(of_geom, model.geom_bodyid[geoms], index),
+            np.where(of_geom[:, None], model.geom_quat[geoms], rotation.IDENTITY),
         )
+
+    def _rows(self, data: Any, velocities: bool) -> np.ndarray:
+        """Position, quaternion, velocity and turning of all that was added, shape ``(n, 13)``."""
+        places, bodies, turns = self._followed
+        rows = np.zeros((len(bodies), 13))
+        position = np.concatenate([data.xpos, data.geom_xpos])[places]
+        if velocities:
+            arm = position - data.subtree_com[self._model.body_rootid[bodies]]
+            rows[:, 10:] = data.cvel[bodies, :3]
+            rows[:, 7:10] = data.cvel[bodies, 3:] + np.cross(rows[:, 10:], arm)
+        for k, body in enumerate(self._pads, len(rows) - len(self._pads)):
+            if body in self.shifts:
+                position[k] += self.shifts[body]
+        for k, geom in enumerate(self._geoms):
+            if geom in self.hidden:
+                position[k] = _AWAY
+        rows[:, :3], rows[:, 3:7] = position, _multiplied(data.xquat[bodies], turns)
+        return rows
+
+
+def _multiplied(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Quaternions ``(n, 4)``: the rotations ``b`` followed by ``a``."""
+    real = a[:, 0] * b[:, 0] - np.einsum("ij,ij->i", a[:, 1:], b[:, 1:])
+    rest = a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + np.cross(a[:, 1:], b[:, 1:])
+    return np.concatenate([real[:, None], rest], axis=1)

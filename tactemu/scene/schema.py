@@ -235,6 +235,20 @@ class LinkTable(Table):
     quaternion: Quaternion = Field(default=(1.0, 0.0, 0.0, 0.0), description="of the link's frame on the body")
 
 
+class JointTable(Table):
+    """The joint of an engine's model that a motor of the device moves."""
+
+    joint: str = Field(description="its name in the model")
+    zero: Real = Field(default=0.0, description="where it is when the motor is at 0 [rad, m]")
+    ratio: Real = Field(default=1.0, description="how far it goes for each [rad, m] of the motor; may be negative")
+
+    @model_validator(mode="after")
+    def _moves(self):
+        if self.ratio == 0:
+            raise mistake("ratio: expected a number that is not 0")
+        return self
+
+
 class Skin(Table):
     """One device on one port, fed by one sensor on one body."""
 
@@ -246,6 +260,9 @@ class Skin(Table):
     readings_of: str | None = Field(default=None, description="which device of that log; default: its only one")
     links: dict[str, str | LinkTable] = Field(
         default={}, description="bodies that carry links of the device (fingers ...) instead of `link`, by their names"
+    )
+    joints: dict[str, str | JointTable] = Field(
+        default={}, description="joints of the engine's model that the device's motors move, by the motors' names"
     )
     position: Vector = Field(default=(0.0, 0.0, 0.0), description="of the device's frame on the link [m]")
     quaternion: Quaternion = Field(default=(1.0, 0.0, 0.0, 0.0), description="of the device's frame on the link")
@@ -326,6 +343,20 @@ class EngineTable(Table):
 
     kind: Literal["mujoco"]
     file: str = Field(description="its model, by a path relative to the scene file")
+    friction: Real | None = Field(
+        default=None, ge=0, le=10, description="of all on all, in the model and for skins that know friction"
+    )
+    felt: Literal["force", "overlap"] = Field(
+        default="force",
+        description="skins are pressed in until they feel the model's force, or as deep as its geoms overlap",
+    )
+    on_late: Literal["slow", "drop"] = Field(
+        default="slow",
+        description="slower than real time: the model falls behind the clock, or catches up and samples are dropped",
+    )
+    breaks: dict[str, Annotated[Real, Field(gt=0)]] = Field(
+        default={}, description="geoms that are gone once something presses them harder than this [N]"
+    )
 
 
 class TruthTable(Table):

@@ -62,6 +62,7 @@ def test_magnets_are_found_back():
 
 
 @pytest.mark.nightly
+@pytest.mark.timeout(1200)
 @pytest.mark.parametrize("placed", [True, False])
 def test_intervals_of_magnets_hold_the_truth_in_ninety_of_a_hundred(placed):
     for name, inside in found_back(range(100), placed=placed).items():

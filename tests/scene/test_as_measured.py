@@ -34,12 +34,12 @@ def at_rest(name, seconds=10.0, setup=(), **keys):
 
 
 def test_magnets_have_the_steps_the_noise_and_the_memory_of_real_ones():
-    field = at_rest("anyskin", 60.0)[0][:, :, 1:]
+    field = at_rest("anyskin", 20.0)[0][:, :, 1:]
     law = FITTED["anyskin_leap"]["still"]
     assert field.std(axis=0).mean(axis=0) == pytest.approx(law["std_ut"], rel=0.1)
     away = field - field.mean(axis=0)
     after = (away[1:] * away[:-1]).mean(axis=0) / away.var(axis=0)
-    assert after.mean() == pytest.approx(law["correlation"], rel=0.15)
+    assert after.mean() == pytest.approx(law["correlation"], rel=0.2)
     assert np.diff(np.unique(field[:, 0, 2])).min() == pytest.approx(0.484, rel=1e-3)
 
 
@@ -65,7 +65,7 @@ def test_pads_of_a_hand_have_the_pattern_of_a_real_one_and_repeat_as_often():
 )
 def test_frames_come_when_those_of_real_ones_do(name, period_s, spread_s, noise):
     setup = [bytes.fromhex("AAAAAA030600011D")] if name == "weiss_dsacon32m" else ()
-    counts, left = at_rest(name, 20.0, setup)
+    counts, left = at_rest(name, 10.0, setup)
     begin = left[np.concatenate([[True], np.diff(left) > period_s / 3])]
     if len(begin) > 3:
         assert np.diff(begin).mean() == pytest.approx(period_s, rel=0.01)
@@ -75,7 +75,7 @@ def test_frames_come_when_those_of_real_ones_do(name, period_s, spread_s, noise)
 
 
 def test_a_taxel_of_magnets_is_as_noisy_as_was_published():
-    std = at_rest("xela_uskin", 20.0)[0].std(axis=0)
+    std = at_rest("xela_uskin", 5.0)[0].std(axis=0)
     assert 1.5 < std[:, :2].mean() < 2.5 and 1.8 < std[:, 2].mean() < 3.1
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,7 +21,8 @@ _CLOSE = (2.05, 1.45, 1.05)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LayerGrid:
-    """A flat lattice of taxels. Rows step along ``v``, columns along ``u``; a taxel has ``split * split`` cells."""
+    """A lattice of taxels, flat or around a cylinder. Rows step along ``v``, columns along ``u``; a taxel has
+    ``split * split`` cells. Lengths are those along the surface."""
 
     rows: int
     columns: int
@@ -31,13 +32,20 @@ class LayerGrid:
     corner: np.ndarray
     """Centre of the taxel in row 0, column 0, link frame [m]."""
     u: np.ndarray
-    """Unit vector along a row, link frame."""
+    """Unit vector along a row, link frame; of a bent grid at the corner, as the next two."""
     v: np.ndarray
     """Unit vector along a column."""
     normal: np.ndarray
     """Unit vector out of the skin."""
     place: np.ndarray
     """Where each probe is, ``row * columns + column``, shape ``(n,)``; -1 for fillers, which have no cell."""
+    curvature: tuple[float, float] = (0.0, 0.0)
+    """Along v and u [1/m], one of them 0; positive: convex."""
+
+    @property
+    def bent(self) -> bool:
+        """Around a cylinder."""
+        return any(self.curvature)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -63,7 +71,38 @@ class LayerGrid:
         """Centres of the cells, link frame [m], shape ``(*shape, 3)``."""
         y, x = (np.arange(n * self.split) + 0.5 for n in (self.rows, self.columns))
         down, along = (y * self.cell[0] - self.pitch[0] / 2, x * self.cell[1] - self.pitch[1] / 2)
-        return self.corner + down[:, None, None] * self.v + along[None, :, None] * self.u
+        return self.places(down[:, None], along[None, :])
+
+    def places(self, down: np.ndarray, along: np.ndarray) -> np.ndarray:
+        """Where the surface is so far down and along from the corner, shape ``(..., 3)``, link frame [m]."""
+        place = self.corner
+        for far, axis, bend in ((down, self.v, self.curvature[0]), (along, self.u, self.curvature[1])):
+            if bend:
+                place = place + (np.sin(bend * far) / bend)[..., None] * axis
+                place = place + ((np.cos(bend * far) - 1.0) / bend)[..., None] * self.normal
+            else:
+                place = place + far[..., None] * axis
+        return place
+
+    def axes(self, down: np.ndarray, along: np.ndarray) -> np.ndarray:
+        """``u``, ``v`` and the normal there, shape ``(3, ..., 3)``."""
+        down, along = np.broadcast_arrays(down, along)
+        angle = (down * self.curvature[0] + along * self.curvature[1])[..., None]  # one of the two is 0
+        which = self.v if self.curvature[0] else self.u
+        tilted = np.cos(angle) * which - np.sin(angle) * self.normal
+        normal = np.cos(angle) * self.normal + np.sin(angle) * which
+        other = np.broadcast_to(self.u if self.curvature[0] else self.v, normal.shape)
+        return np.stack([other, tilted, normal] if self.curvature[0] else [tilted, other, normal])
+
+    def cell_axes(self) -> np.ndarray:
+        """Likewise of all cells, ``(3, *shape, 3)``."""
+        y, x = (np.arange(n * self.split) + 0.5 for n in (self.rows, self.columns))
+        return self.axes((y * self.cell[0] - self.pitch[0] / 2)[:, None], (x * self.cell[1] - self.pitch[1] / 2)[None])
+
+    def taxel_axes(self) -> np.ndarray:
+        """Likewise of all probes, ``(3, n, 3)``; of fillers anything."""
+        rows, columns = np.divmod(self.place, self.columns)
+        return self.axes(rows * self.pitch[0], columns * self.pitch[1])
 
     def covered(self) -> np.ndarray:
         """Whether a cell belongs to a taxel, bool, of ``shape``: skin is only where taxels are."""
@@ -85,6 +124,8 @@ def layer_grids(probes: Probes, split: int, sensor: str) -> list[LayerGrid]:
         return [_grid_of(probes, active, split, sensor)]
     except SceneError as error:
         reason = error
+    if (grid := bent_grid_of(probes, active, split)) is not None:
+        return [grid]
     for closeness in _CLOSE:
         pads = _pads(probes, active, closeness)
         try:
@@ -122,9 +163,9 @@ def _bent(probes: Probes, pitch: float, sensor: str) -> SceneError:
     extent = float(np.linalg.norm(np.ptp(probes.positions[probes.active], axis=0)))
     flat_from = extent / _TOLERANCE * max(0.5, extent / (8 * pitch))
     return SceneError(
-        f"{sensor}: the taxels lie on a bent surface; ElasticLayerTaxel solves flat pads, and strips of a bent "
-        f"one would not feel each other. From a bend radius of {flat_from:.2g} m on these count as flat. Use "
-        "ElastomerTaxel, or lay the taxels out flat"
+        f"{sensor}: the taxels lie on a bent surface; ElasticLayerTaxel solves flat pads, and rectangular grids around "
+        "a cylinder with the cylinder's normals; strips of another bent surface would not feel each other. From a bend "
+        f"radius of {flat_from:.2g} m on these count as flat. Use ElastomerTaxel, or lay the taxels out flat"
     )
 
 
@@ -221,3 +262,42 @@ def _ticks(coordinate: np.ndarray) -> tuple[np.ndarray, float, int]:
     count = int(round(extent / float(gaps.min()))) + 1
     pitch = extent / (count - 1)
     return coordinate / pitch, pitch, count
+
+
+def bent_grid_of(probes: Probes, members: np.ndarray, split: int) -> LayerGrid | None:
+    """The grid of probes in rows and columns around a cylinder, whose normals are its; ``None``: they do not lie so."""
+    positions, normals = probes.positions[members], probes.normals[members]
+    axis = np.linalg.svd(normals)[2][-1]
+    if len(members) < 4 or np.abs(normals @ axis).max() > _TOLERANCE:
+        return None
+    flat = positions - (positions @ axis)[:, None] * axis  # centre + radius * normal
+    bases = np.concatenate([np.tile(np.eye(3), (len(members), 1)), normals.reshape(-1, 1)], axis=1)
+    *centre, radius = np.linalg.lstsq(bases, flat.ravel(), rcond=None)[0].tolist()
+    first, around = normals[0], np.cross(axis, normals[0])
+    steps = probes.steps() if probes.is_grid else (np.array([1.0, 0.0, 0.0]), np.zeros(3))
+    along_u = abs(steps[0] @ around) >= abs(steps[0] @ axis)
+    u = around if along_u else axis
+    u = -u if steps[0] @ u < 0 else u
+    v = np.cross(first, u)
+    v = -v if steps[1] @ v < 0 else v
+    way = u if along_u else v
+    arc = radius * np.arctan2(normals @ way, normals @ first)
+    straight = (positions - positions[0]) @ (v if along_u else u)
+    along, du, columns = _ticks(arc if along_u else straight)
+    down, dv, rows = _ticks(straight if along_u else arc)
+    if not du or not dv:
+        return None
+    off = np.abs(flat - centre - radius * normals).max() / min(du, dv)
+    uneven = max(np.abs(each - np.rint(each)).max() for each in (along - along.min(), down - down.min()))
+    cell = (np.rint(down - down.min()) * columns + np.rint(along - along.min())).astype(int)
+    if max(off, uneven) > _TOLERANCE or len(np.unique(cell)) != len(cell) or rows * columns > 3 * len(cell):
+        return None
+    place = np.full(probes.n, -1)
+    place[members] = cell
+    made = LayerGrid(
+        rows=rows, columns=columns, pitch=(dv, du), split=split, corner=positions[0], u=u, v=v, normal=first,
+        place=place, curvature=(0.0, 1.0 / radius) if along_u else (1.0 / radius, 0.0),
+    )  # fmt: skip
+    begin = np.array(down.min() * dv), np.array(along.min() * du)
+    u, v, normal = made.axes(*begin)
+    return replace(made, corner=made.places(*begin), u=u, v=v, normal=normal)

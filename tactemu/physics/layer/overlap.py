@@ -13,8 +13,9 @@ from tactemu.physics.shapes.shape import FAR, table_type
 
 
 @functools.cache
-def near_kernel(real):
-    """The rows and columns that bodies are near to: from their bounding balls, one environment per thread."""
+def near_kernel(real, bent: bool = False):
+    """The rows and columns that bodies are near to: from their bounding balls, one environment per thread; of a bent
+    skin all."""
     vec3 = wp.types.vector(3, real)
     transform = wp.types.transformation(real)
     shapes_type = table_type(real)
@@ -57,11 +58,12 @@ def near_kernel(real):
             bound = shapes.bound[b]
             down = wp.vec2i(0, cells[0])
             along = wp.vec2i(0, cells[1])
-            if wp.isfinite(at[0]):
-                if wp.dot(at, n) - bound > horizon:
-                    continue
-                down = cells_within(wp.dot(at, v), bound, real(0.0), cell[0], cells[0])
-                along = cells_within(wp.dot(at, u), bound, real(0.0), cell[1], cells[1])
+            if wp.static(not bent):
+                if wp.isfinite(at[0]):
+                    if wp.dot(at, n) - bound > horizon:
+                        continue
+                    down = cells_within(wp.dot(at, v), bound, real(0.0), cell[0], cells[0])
+                    along = cells_within(wp.dot(at, u), bound, real(0.0), cell[1], cells[1])
             if down[0] < down[1] and along[0] < along[1]:
                 top = wp.min(top, down[0])
                 bottom = wp.max(bottom, down[1])
@@ -82,7 +84,7 @@ def near_kernel(real):
 
 
 @functools.cache
-def overlap_kernel(real, kinds: frozenset, with_slide: bool):
+def overlap_kernel(real, kinds: frozenset, with_slide: bool, bent: bool = False):
     """Overlap [pitches] of every cell in reach and, for friction, the body there and its slide [pitches] since the last
     step. One thread per row."""
     vec3, vec2 = wp.types.vector(3, real), wp.types.vector(2, real)
@@ -153,6 +155,7 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool):
         u: vec3,
         v: vec3,
         n: vec3,
+        axes: wp.array3d(dtype=vec3),  # of each cell where the skin is bent: u, v and n
         horizon: real,
         pitch: real,
         # Out:
@@ -168,8 +171,15 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool):
             lowest = real(FAR)
             body = int(-1)
             r = centres[y, x]
+            along_u = u
+            along_v = v
+            out = n
+            if wp.static(bent):
+                along_u = axes[0, y, x]
+                along_v = axes[1, y, x]
+                out = axes[2, y, x]
             if covered[y, x]:
-                lowest, body = lowest_surface(shapes, pose, targets, env, r, n, reach[y, x], horizon)
+                lowest, body = lowest_surface(shapes, pose, targets, env, r, out, reach[y, x], horizon)
             overlap = -lowest / pitch
             if body < 0 and wp.isfinite(lowest):
                 overlap = real(NO_SURFACE)
@@ -178,7 +188,7 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool):
                 body_out[env, y, x] = body
                 slide = vec2(real(0.0))
                 if body >= 0 and lowest < real(0.0):
-                    slide = slid(pose[env, body], last_pose[env, body], r + lowest * n, u, v, pitch)
+                    slide = slid(pose[env, body], last_pose[env, body], r + lowest * out, along_u, along_v, pitch)
                 slide_out[env, y, x] = slide
 
     return find_overlap

@@ -35,7 +35,7 @@ def skin_type(real):
 
 
 @functools.cache
-def reading_kernel(real, with_surface: bool, with_friction: bool):
+def reading_kernel(real, with_surface: bool, with_friction: bool, bent: bool = False):
     """Averages of all quantities over each taxel; the larger residual of the two solvers."""
     vec3 = wp.types.vector(3, real)
     skin_struct, friction_state = skin_type(real), friction_state_type(real)
@@ -50,6 +50,7 @@ def reading_kernel(real, with_surface: bool, with_friction: bool):
         # Skin:
         skin: skin_struct,
         place: wp.array(dtype=wp.int32),
+        axes: wp.array2d(dtype=vec3),  # of each taxel where the skin is bent: u, v and n
         # In:
         pressure: wp.array3d(dtype=real),
         residual: wp.array(dtype=wp.float64),
@@ -95,9 +96,16 @@ def reading_kernel(real, with_surface: bool, with_friction: bool):
         if wp.isnan(worst):
             load = vec3(real(wp.nan))
             moved = vec3(real(wp.nan))
+        u = skin.u
+        v = skin.v
+        n = skin.normal
+        if wp.static(bent):
+            u = axes[0, taxel]
+            v = axes[1, taxel]
+            n = axes[2, taxel]
         reading_out[env, taxel, 0] = load[2]
-        put(reading_out, env, taxel, 1, skin.area * (load[0] * skin.u + load[1] * skin.v - load[2] * skin.normal))
-        put(reading_out, env, taxel, 4, moved[0] * skin.u + moved[1] * skin.v - moved[2] * skin.normal)
+        put(reading_out, env, taxel, 1, skin.area * (load[0] * u + load[1] * v - load[2] * n))
+        put(reading_out, env, taxel, 4, moved[0] * u + moved[1] * v - moved[2] * n)
         reading_out[env, taxel, wp.static(SLIP_STATE)] = real(slip)
         reading_out[env, taxel, wp.static(RESIDUAL)] = real(worst)
 

@@ -1,0 +1,72 @@
+"""Hold what is between thumb and index of a LinkerHand L6 at a force, by touch; with the vendor's SDK alone.
+
+    python grasp_linker_l6.py CHANNEL [INTERFACE] [--newtons 1] [--seconds 6] [--side left]
+
+The thumb goes where the index will meet it. The index closes slowly, with little torque, and what its pad and the
+thumb's read sets that torque from then on. A line of JSON says what came of it. On a real hand, CHANNEL is can0.
+"""
+
+import argparse
+import json
+import time
+
+from linkerbot import L6, TimeoutError
+
+COUNTS_PER_NEWTON = 500.0  # of a pad's taxels in all; a real hand wants this measured
+TOUCH = 25.0  # counts
+CLOSING = 6.0  # torque [%] while nothing is touched
+PERCENT_PER_NEWTON_S = 30.0  # change of torque, for each newton that is missing, in a second
+OPEN, NEAR, CLOSED, THUMB = 100.0, 44.0, 0.0, 12.5
+
+
+def pushed(hand: L6, finger: str) -> float:
+    """What all taxels of a pad read together."""
+    while True:
+        try:
+            return float(hand.force_sensor.get_finger(finger).get_blocking(timeout_ms=100).values.sum())
+        except TimeoutError:  # the SDK asks before it waits, so that an early answer is lost
+            continue
+
+
+def grasp(hand: L6, newtons: float, seconds: float) -> dict:
+    """Close, and hold for so long."""
+    hand.speed.set_speeds([50.0] * 6)
+    hand.torque.set_torques([100.0] * 6)
+    hand.angle.set_angles([THUMB, OPEN, NEAR, OPEN, OPEN, OPEN])
+    time.sleep(1.0)
+    hand.speed.set_speeds([50.0, 50.0, 15.0, 50.0, 50.0, 50.0])
+    torque, counts, touched, reads = CLOSING, 0.0, None, 0
+    hand.torque.set_torques([100.0, 100.0, torque, 100.0, 100.0, 100.0])
+    hand.angle.set_angles([THUMB, OPEN, CLOSED, OPEN, OPEN, OPEN])
+    began = last = time.monotonic()
+    while time.monotonic() < began + 5 if touched is None else time.monotonic() < touched + seconds:
+        counts = (pushed(hand, "thumb") + pushed(hand, "index")) / 2
+        now, reads = time.monotonic(), reads + 1
+        passed, last = min(now - last, 0.2), now
+        if counts > TOUCH:
+            if touched is None:
+                touched = time.monotonic()
+                print(json.dumps({"touched": True}), flush=True)
+            torque += PERCENT_PER_NEWTON_S * passed * (newtons - counts / COUNTS_PER_NEWTON)
+            torque = min(max(torque, 0.5), 100.0)
+            hand.torque.set_torques([100.0, 100.0, torque, 100.0, 100.0, 100.0])
+    rate = reads / (time.monotonic() - began)
+    return {"newtons": counts / COUNTS_PER_NEWTON, "torque": torque, "rate_hz": rate, "held": touched is not None}
+
+
+def main() -> None:
+    """The command."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("channel")
+    parser.add_argument("interface", nargs="?", default="socketcan")
+    parser.add_argument("--newtons", type=float, default=1.0)
+    parser.add_argument("--seconds", type=float, default=6.0)
+    parser.add_argument("--side", default="left")
+    given = parser.parse_args()
+    with L6(given.side, given.channel, given.interface) as hand:
+        hand.stop_polling()
+        print(json.dumps(grasp(hand, given.newtons, given.seconds)))
+
+
+if __name__ == "__main__":
+    main()

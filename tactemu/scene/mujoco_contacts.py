@@ -1,0 +1,161 @@
+"""Forces of contact as MuJoCo has them, and skins that are pressed in until they feel as much.
+
+MuJoCo's contacts are points that give a little, by numbers that say how hard they are and nothing of rubber. A skin's
+model knows what an indentation does to each taxel. So MuJoCo has the force, and the skin how it is spread: the frame
+of a skin is moved against what it touches, or back, until what it feels in all is what MuJoCo's contacts have there.
+"""
+
+# MuJoCo's functions come from a compiled module that a checker cannot see into.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tactemu.scene.bodies import Body
+from tactemu.scene.mujoco_source import load_mujoco
+
+if TYPE_CHECKING:
+    from tactemu.physics.sensor import Sensor
+
+FIRST_M, MOST_M = 20e-6, 5e-3
+"""How deep a skin is pressed at a first touch, and at most [m]."""
+LEAST_N = 1e-6
+EXPONENT, LEAST, MOST = 2.0, 1.0, 5.0
+"""Force goes with this power of the depth until it is known, and with no less and no more: of a flat face it is 1, of a
+ball on springs 2, of what comes to lie on ever more taxels even more."""
+KNOWN = 0.01
+"""Depths that differ by this share tell the power."""
+REACH = 4.0
+"""A contact is the skin's if a taxel is nearer than so many of its radii."""
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """The contacts of one step, those that press."""
+
+    geoms: np.ndarray
+    """Both sides, shape ``(n, 2)``."""
+    positions: np.ndarray
+    """World [m], shape ``(n, 3)``."""
+    normals: np.ndarray
+    """From the first geom to the second, shape ``(n, 3)``."""
+    forces: np.ndarray
+    """Normal [N], shape ``(n,)``."""
+    depths: np.ndarray
+    """How far the geoms overlap [m], shape ``(n,)``."""
+
+
+def contacts_of(model: Any, data: Any) -> Contacts:
+    """The contacts of MuJoCo's last step."""
+    mujoco, wrench, contact = load_mujoco(), np.zeros(6), data.contact
+    forces = np.zeros(data.ncon)
+    for k in range(data.ncon):
+        mujoco.mj_contactForce(model, data, k, wrench)
+        forces[k] = wrench[0]
+    press = forces > 0
+    return Contacts(
+        contact.geom[press], contact.pos[press], contact.frame[press][:, :3], forces[press], -contact.dist[press]
+    )
+
+
+class Pad:
+    """A skin on a MuJoCo body.
+
+    Args:
+        frame: the body of the scene that carries it, posed by its owner, displaced by :attr:`shift`.
+        geoms: what moves with it, true at its places among the model's geoms.
+    """
+
+    def __init__(self, frame: Body, geoms: np.ndarray):
+        self.frame, self._geoms = frame, geoms
+        self.sensor: Sensor | None = None
+        self.depth = 0.0
+        """How deep the skin is pressed in all [m]."""
+        self.shift = np.zeros(3)
+        """Of the frame, world [m]."""
+        self.force = 0.0
+        """Of MuJoCo's contacts, along their normals [N]."""
+        self._exponent, self._before = EXPONENT, (0.0, 0.0)
+        """Of force with depth, and depth and force at the step before, if they are known."""
+        self._felt: float | None = None
+        """As restored, of a step that was not computed here."""
+
+    def attach(self, sensor: Sensor) -> None:
+        """The skin that it carries, if its forces can be summed."""
+        if sensor.chain is None and "force" in sensor.layouts:
+            self.sensor = sensor
+            self._reach = REACH * float(np.max(sensor.probes.radii))
+
+    def clear(self) -> None:
+        """Nothing touches it."""
+        self.depth, self.shift, self.force, self._felt = 0.0, np.zeros(3), 0.0, None
+        self._exponent, self._before = EXPONENT, (0.0, 0.0)
+
+    def press(self, contacts: Contacts, position: np.ndarray, turn: np.ndarray) -> None:
+        """Find its shift.
+
+        Args:
+            contacts: of MuJoCo's last step.
+            position: of its frame, world [m].
+            turn: of its frame, a matrix.
+        """
+        if self.sensor is None:
+            return
+        mine = self._geoms[contacts.geoms]
+        which = np.flatnonzero(mine[:, 0] != mine[:, 1])
+        if not len(which):
+            self.clear()
+            return
+        felt, self._felt = self.felt(), None
+        local = (contacts.positions[which] - position) @ turn
+        away = np.linalg.norm(local[:, None] - self.sensor.probes.positions[None], axis=-1).min(axis=1)
+        which = which[away < self._reach]
+        self.force = float(contacts.forces[which].sum())
+        if self.force < LEAST_N:
+            self.clear()
+            return
+        sides = np.where(mine[which, 0], 1.0, -1.0)
+        pulls = sides[:, None] * contacts.normals[which] * contacts.forces[which, None]
+        inward = pulls.sum(axis=0)
+        length = float(np.linalg.norm(inward))
+        overlap = float(contacts.depths[which] @ contacts.forces[which]) / self.force
+        if felt > 0 and self.depth > 0:
+            self._learn(felt)
+            self.depth *= float(np.clip((self.force / felt) ** (1 / self._exponent), 0.5, 2.0))
+        else:
+            self.depth = max(2 * self.depth, overlap, FIRST_M)
+        self.depth = min(self.depth, MOST_M)
+        self.shift = inward / length * (self.depth - overlap) if length > 0.2 * self.force else np.zeros(3)
+
+    def _learn(self, felt: float) -> None:
+        """How force goes with depth here, from this step and the one before."""
+        depth, force = self._before
+        if depth > 0 and abs(self.depth / depth - 1) > KNOWN:
+            slope = np.log(felt / force) / np.log(self.depth / depth)
+            self._exponent = float(np.clip(slope, LEAST, MOST))
+        self._before = self.depth, felt
+
+    def felt(self) -> float:
+        """What the skin felt in all at the last step [N], before anything spoilt it."""
+        if self._felt is not None:
+            return self._felt
+        if self.sensor is None or self.sensor.imperfections is None:  # not built yet
+            return 0.0
+        forces = self.sensor.quantity("force", ground_truth=True)
+        return float(np.maximum(-np.einsum("ij,ij->i", forces, self.sensor.probes.normals), 0.0).sum())
+
+    def state(self) -> dict[str, Any]:
+        """What the next step follows from."""
+        numbers = {"depth": self.depth, "force": self.force, "felt": self.felt(), "exponent": self._exponent}
+        return numbers | {"shift": self.shift.copy(), "before": list(self._before)}
+
+    def take(self, state: dict[str, Any]) -> None:
+        """Go on from a state."""
+        self.depth, self.shift, self.force = float(state["depth"]), np.array(state["shift"]), float(state["force"])
+        self._felt, self._exponent = float(state["felt"]), float(state["exponent"])
+        depth, force = state["before"]
+        self._before = float(depth), float(force)

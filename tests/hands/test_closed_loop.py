@@ -1,0 +1,292 @@
+"""Motors, MuJoCo and skins in one loop: forces agree, runs repeat, wild models stay bounded, mistakes are said."""
+
+# MuJoCo's functions come from a compiled module that a checker cannot see into.
+# pyright: reportAttributeAccessIssue=false, reportOptionalMemberAccess=false
+
+import functools
+import logging
+
+import mujoco
+import numpy as np
+import pytest
+
+import tactemu as tt
+from firmware_protocols import CanFrame
+from tactemu.assembly import Wishes, assemble
+from tactemu.clock import LockstepClock, VirtualClock
+from tactemu.errors import PoseError, SceneError
+from tactemu.scene import file
+from tactemu.scene.steering import steered
+from tactemu.truth import Truth
+from tests.emulator.test_lockstep import go_on
+from tests.hands.holding import ALL, contact_forces, scene_of
+
+L6 = ALL["linker_l6"]
+MS = 1_000_000
+OPEN, CLOSED, THUMB = 255, 0, 32
+
+
+def frame(*data: int) -> CanFrame:
+    return CanFrame(arbitration_id=0x28, data=bytes(data))
+
+
+def made(scene, clock=None, truth=None, **wishes):
+    """An emulator of a scene, its simulation and its engine."""
+    loaded = steered(file.load(scene))
+    whole = assemble(loaded, Wishes(port="memory:", seed=5, **wishes), clock=clock or VirtualClock(), truth=truth)
+    return whole.emulator, whole.simulation, whole.simulation.posers[0].__self__
+
+
+def grasping(emulator, *, torque: int = 25, close_s: float = 0.8) -> None:
+    """Have the hand grasp by a script: frames and their times."""
+    write = emulator.channels[0].wire.transport.driver.write
+    orders = [
+        (0.01, (0x05, *[128] * 6)),
+        (0.02, (0x02, 255, 255, torque, 255, 255, 255)),
+        (0.03, (0x01, THUMB, *[OPEN] * 5)),
+        (close_s, (0x01, THUMB, OPEN, CLOSED, OPEN, OPEN, OPEN)),
+        *((1.0 + 0.05 * k, (0xB1 + k % 5, 0xC6)) for k in range(40)),
+        *((1.01 + 0.05 * k, (code,)) for k, code in enumerate([0x01, 0x35, 0x36] * 10)),
+    ]
+    for t_s, data in orders:
+        emulator.at(round(t_s * 1e9), functools.partial(write, frame(*data)))
+
+
+@pytest.mark.parametrize("thing", ["ball", "box"])
+def test_what_a_pad_feels_is_mujocos_contact_force(thing, tmp_path):
+    """In a static grasp, and what holds the object balances; its table is gone."""
+    emulator, simulation, engine = made(scene_of(L6, thing, tmp_path))
+    with emulator:
+        grasping(emulator)
+        emulator.run(2.0)
+        steady = simulation.bodies[[body.name for body in simulation.bodies].index("table")].motion
+        steady.put(2.0, position=(0, 0, -0.3))
+        emulator.run(1.0)
+        felt = [pad.felt() for pad in engine.pads.values()]
+        pads = contact_forces(engine, L6.pads)
+        counts = emulator.truth.latest("linker_hand_l6").counts.reshape(5, -1).sum(axis=1)
+        weight = engine.model.body("object").mass[0] * 9.81
+        holding = pads.sum()
+        body = engine.model.body("object").id
+        total = np.zeros(3)
+        wrench = np.zeros(6)
+        for k, contact in enumerate(engine.data.contact[: engine.data.ncon]):
+            mujoco.mj_contactForce(engine.model, engine.data, k, wrench)
+            bodies = [engine.model.geom_bodyid[geom] for geom in contact.geom]
+            if body in bodies:
+                total += (1 if bodies[1] == body else -1) * (wrench[:3] @ contact.frame.reshape(3, 3))
+    assert pads.min() > 0.5
+    np.testing.assert_allclose(felt[:2], [pad.force for pad in list(engine.pads.values())[:2]], rtol=0.01)
+    np.testing.assert_allclose(felt[:2], pads, rtol=0.05)
+    np.testing.assert_allclose(counts[:2] / 500, pads, rtol=0.06, atol=0.05)
+    assert np.abs(total - (0, 0, weight)).max() < 0.05 * holding, "the grasp balances"
+
+
+def test_a_script_gives_the_same_bytes_in_lockstep_and_in_virtual_time(tmp_path):
+    logs = []
+    for clock in (VirtualClock(), LockstepClock()):
+        truth = Truth()
+        emulator, _, engine = made(scene_of(L6, "ball", tmp_path), clock, truth)
+        with emulator:
+            grasping(emulator)
+            if isinstance(clock, LockstepClock):
+                for k in range(250):
+                    go_on(emulator, (k + 1) * 10 * MS)
+            else:
+                emulator.run(2.5)
+                emulator.step()
+            where = engine.data.qpos.tobytes()
+        logs.append(([frame for _, _, frame in truth.frames], [s.counts.tobytes() for s in truth.samples], where))
+    assert logs[0] == logs[1]
+    assert max(map(sum, (sample for sample in logs[0][1]))) > 100, "it has touched"
+    answers = [answer.data for answer in logs[0][0] if answer.data[0] == 0x01]
+    assert 0 < answers[-1][3] < 255 and answers[-1][1] == pytest.approx(THUMB, abs=5), "angles are as the hand is"
+    currents = [answer.data for answer in logs[0][0] if answer.data[0] == 0x36]
+    assert currents[-1][3] == pytest.approx(25, abs=2), "at its limit"
+
+
+def test_a_fork_goes_on_with_the_grasp(tmp_path):
+    with tt.serve(scene_of(L6, "ball", tmp_path), port="memory:", clock="lockstep") as dev:
+        dev.in_loop(lambda: grasping(dev.emulator))
+        dev.step(seconds=1.8)
+        with dev.fork("memory:") as other:
+            for each in (dev, other):
+                each.step(seconds=0.3)
+            samples = [each.sample() for each in (dev, other)]
+            assert samples[0].counts.any() and samples[0].counts.tobytes() == samples[1].counts.tobytes()
+
+
+def test_a_restart_lets_go(tmp_path):
+    """Motors hold where they are when power comes back, and no longer press."""
+    emulator, _, engine = made(scene_of(L6, "ball", tmp_path))
+    with emulator:
+        grasping(emulator)
+        emulator.run(2.0)
+        assert contact_forces(engine, L6.pads).min() > 0.5
+        emulator.reset()
+        emulator.run(0.5)
+        assert contact_forces(engine, L6.pads).max() < 0.3
+
+
+def test_unplugged_the_hand_goes_on_holding(tmp_path):
+    emulator, _, engine = made(scene_of(L6, "ball", tmp_path), faults=("unplug at 1.9s",))
+    with emulator:
+        grasping(emulator)
+        emulator.run(3.0)
+        assert contact_forces(engine, L6.pads).min() > 0.5
+
+
+@pytest.mark.parametrize("limit", [0.3, 50.0])
+def test_what_is_pressed_too_hard_breaks(limit, tmp_path, caplog):
+    scene = scene_of(L6, "egg", tmp_path)
+    scene.write_text(scene.read_text().replace("breaks = { object = 2.5 }", f"breaks = {{ object = {limit} }}"))
+    emulator, _, engine = made(scene)
+    with emulator, caplog.at_level(logging.WARNING):
+        grasping(emulator)
+        emulator.run(2.5)
+        broken = engine.broken == ["object"]
+        assert broken == (limit < 1) == ("engine: object broke under" in caplog.text)
+        assert (contact_forces(engine, ["object"]).max() == 0) == broken, "nothing touches what is broken"
+
+
+WILD = {
+    # name: what is changed in the model, in the object, in the script
+    "as it is": {},
+    "deep overlap": {"object": (' pos="0 0 0.0672"', ' pos="0 -0.02 0.0672"')},
+    "1 g": {"object": ('mass="0.03"', 'mass="0.001"')},
+    "100 kg": {"object": ('mass="0.03"', 'mass="100"')},
+    "instant full close": {"torque": 255, "close_s": 0.04},
+    "1 g, full close": {"object": ('mass="0.03"', 'mass="0.001"'), "torque": 255, "close_s": 0.04},
+    "100 kg, full close": {"object": ('mass="0.03"', 'mass="100"'), "torque": 255, "close_s": 0.04},
+    "unplugged at full close": {"torque": 255, "close_s": 0.04, "faults": ("unplug at 0.5s",)},
+    "time step 0.1 ms": {"dt": 0.0001},
+    "time step 5 ms": {"dt": 0.005},
+    "time step 10 ms, full close": {"dt": 0.01, "torque": 255},
+    "time step 20 ms": {"dt": 0.02},
+}
+
+
+EVERY_RUN = ("deep overlap", "1 g, full close", "100 kg", "time step 20 ms")
+
+
+@pytest.mark.parametrize(
+    "name", [name if name in EVERY_RUN else pytest.param(name, marks=pytest.mark.nightly) for name in WILD]
+)
+def test_wild_configurations_stay_bounded(name, tmp_path):
+    """Nothing is NaN, nothing stays deep in another, and no energy comes from nowhere."""
+    case = WILD[name]
+    scene = scene_of(L6, "ball", tmp_path)
+    model = tmp_path / "linker_l6_ball.xml"
+    text = model.read_text()
+    if "object" in case:
+        thing = tmp_path / "object.xml"
+        path = text.split('"')[3]
+        source = open(path).read()
+        assert case["object"][0] in source
+        thing.write_text(source.replace(*case["object"]))
+        text = text.replace(path, str(thing))
+    if "dt" in case:
+        text = text.replace("</mujoco>", f'<option timestep="{case["dt"]}"/></mujoco>')
+        scene.write_text(scene.read_text().replace("dt = 0.004", f"dt = {max(case['dt'], 0.004)}"))
+    model.write_text(text)
+    emulator, _, engine = made(scene, faults=case.get("faults", ()))
+    data, work, most = engine.data, 0.0, 0.0
+    with emulator:
+        grasping(emulator, torque=case.get("torque", 25), close_s=case.get("close_s", 0.8))
+        for _ in range(100):
+            before = engine.data.qpos[:6].copy()
+            emulator.run(0.02)
+            work += float(np.abs(data.actuator_force).max()) * float(np.abs(data.qpos[:6] - before).sum())
+            mujoco.mj_energyVel(engine.model, data)
+            most = max(most, data.energy[1])
+            assert np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()
+    assert most < 1.0 + work, f"{most:.3g} J"
+    deepest = -min((contact.dist for contact in data.contact[: data.ncon]), default=0.0)
+    assert deepest < 2e-3
+
+
+def replaced(folder, old: str, new: str, thing: str = "ball"):
+    scene = scene_of(L6, thing, folder)
+    text = scene.read_text()
+    assert old in text
+    scene.write_text(text.replace(old, new))
+    return scene
+
+
+JOINT = 'index = "index",'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (
+            JOINT,
+            'index2 = "index",',
+            r"joints: linker_hand_l6 has no 'index2'; did you mean 'index'\? \(motors: thumb_flex",
+        ),
+        (JOINT, 'index = "index2",', r"joints: no joint 'index2' in the model; did you mean 'index'\?"),
+        (JOINT, 'index = "middle",', "two motors on joint 'middle'; one motor for a joint"),
+        (JOINT, 'index = { joint = "index", ratio = 0.0 },', "ratio: expected a number that is not 0"),
+        (
+            JOINT,
+            'index = { joint = "index", ratio = 40.0 },',
+            "joint 'index' goes from 0 to 1.6 rad, its motor over 64 rad",
+        ),
+        ("friction = 0.8", 'friction = "much"', "engine.friction"),
+        ("friction = 0.8", "breaks = { ball = 1.0 }", "breaks: no geom 'ball'"),
+        ("friction = 0.8", 'on_late = "never"', "engine.on_late"),
+        ('device = "linker_hand_l6"', 'device = "anyskin"', "joints: anyskin has no motors that an engine could move"),
+        ('body = "index_tip"', 'body = "index_tp"', "no geom or body 'index_tp'; geoms:"),
+    ],
+)
+def test_a_mistake_is_said_before_a_port_opens(old, new, said, tmp_path):
+    with pytest.raises(SceneError, match=said):
+        made(replaced(tmp_path, old, new))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (
+            'angle="radian"',
+            'angle="degree"',
+            r"from 0 to 0\.020944 rad, its motor over 1\.2 rad: radians where the file",
+        ),
+        ('range="0 1.6"/>', 'range="0 90"/>', "from 0 to 90 rad, its motor over 1.6 rad: degrees where the file"),
+        ("</worldbody>", '</worldbody><actuator><motor name="m" joint="index"/></actuator>', "has an actuator already"),
+        ('<joint name="index" range="0 1.6"/>', '<joint name="index" type="ball"/>', "neither turns nor slides"),
+    ],
+)
+def test_a_mistake_in_the_model_is_said(old, new, said, tmp_path):
+    scene = scene_of(L6, "ball", tmp_path)
+    model = tmp_path / "linker_l6_ball.xml"
+    path = model.read_text().split('"')[1]
+    source = open(path).read()
+    assert old in source
+    if "ball" in new:
+        source = source.replace(
+            '<joint joint1="index_outer" joint2="index" polycoef="0 0.5 0 0 0" solref="0.005 1"/>', ""
+        )
+    (tmp_path / "hand.xml").write_text(source.replace(old, new))
+    model.write_text(model.read_text().replace(path, str(tmp_path / "hand.xml")))
+    with pytest.raises(SceneError, match=said):
+        made(scene)
+
+
+def test_joints_without_an_engine_and_mujoco_missing_are_said(tmp_path, monkeypatch):
+    with pytest.raises(SceneError, match=r"joints: they are those of an engine's model; there is no \[engine\]"):
+        file.parse(
+            '[[body]]\nname = "b"\nshape = "frame"\n[[skin]]\ndevice = "anyskin"\nlink = "b"\njoints = { a = "b" }'
+        )
+    monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
+    with pytest.raises(SceneError, match=r"MuJoCo is not installed: pip install 'tactemu\[mujoco\]'"):
+        made(scene_of(L6, "ball", tmp_path))
+
+
+def test_a_state_that_is_not_finite_ends_the_run_and_says_so(tmp_path):
+    emulator, _, engine = made(scene_of(L6, "ball", tmp_path))
+    with emulator:
+        emulator.run(0.1)
+        engine.data.qvel[engine.model.joint("index").dofadr[0]] = np.nan
+        with pytest.raises(PoseError, match=r"MuJoCo's state is not finite at 0\.1.* s \(joints: .*index"):
+            emulator.run(0.1)

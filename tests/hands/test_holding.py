@@ -1,0 +1,34 @@
+"""A LinkerHand L6 holds by touch, moved by its own SDK in a process of its own; MuJoCo's contact forces judge it.
+
+All hands, objects and poses: ``python -m tests.hands.holding``, nightly.
+"""
+
+import numpy as np
+import pytest
+
+from tests.hands.holding import ALL, hold, newtons_of, poses
+
+pytestmark = [pytest.mark.driver, pytest.mark.realtime, pytest.mark.timeout(60)]
+L6 = ALL["linker_l6"]
+
+
+NIGHTLY = pytest.mark.nightly
+
+
+@pytest.mark.parametrize(
+    ("thing", "pose"),
+    [("ball", 0), ("box", 1), pytest.param("ball", 2, marks=NIGHTLY), pytest.param("box", 3, marks=NIGHTLY)],
+)
+def test_a_linker_hand_holds_at_its_set_force(thing, pose, tmp_path):
+    held = hold(L6, thing, poses(10)[pose], tmp_path, settle_s=2.5, hold_s=0.5)
+    assert held.right(newtons_of(L6, thing), L6.resolution_n), held
+
+
+@pytest.mark.nightly
+def test_dead_taxels_break_the_egg(tmp_path):
+    """The controller feels less than there is, and presses on."""
+    whole = hold(L6, "egg", poses(10)[0], tmp_path)
+    assert whole.right(1.0, L6.resolution_n), whole
+    blind = [taxel for taxel in range(2 * 72) if taxel % 4]
+    broken = hold(L6, "egg", np.zeros(3), tmp_path, dead=blind)
+    assert broken.broken == ["object"], broken
