@@ -112,7 +112,7 @@ class _Rules:
         out = self.out
         asks = self.known.asks and not self._outage
         again = out.injected if asks and self.tape.name in CAME_AGAIN else 0
-        if out.stale >= (1 + again if asks else 2):
+        if out.stale >= 2 + again:
             what = "was handed out before, and asked for since" if asks else "repeats an old one while nothing comes"
             yield Finding("stale", f"{out.stale} rows: each {what}")
         if asks and out.behind > 5 + 2 * again and out.behind > 0.3 * out.rows:
