@@ -169,10 +169,10 @@ class PtyTransport(Transport):
         return bool(ready) and bool(ready[0][1] & select.POLLHUP)
 
     def _read(self, room: int) -> tuple[list[bytes], bool]:
-        """About ``room`` bytes at most, and whether that is all there was."""
+        """``room`` bytes at most, and whether that is all there was."""
         chunks = []
         try:
-            while room > 0 and (chunk := os.read(self._master, CHUNK)):
+            while room > 0 and (chunk := os.read(self._master, min(room, CHUNK))):
                 chunks.append(chunk)
                 room -= len(chunk)
         except OSError as error:

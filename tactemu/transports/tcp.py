@@ -112,7 +112,7 @@ class TcpTransport(Transport):
         events: list[Event] = []
         gone = _has_gone(client)
         room = CHUNK if reading else REST if gone else 0
-        while room > 0 and (chunk := _received(client)):
+        while room > 0 and (chunk := _received(client, min(room, CHUNK))):
             events += self._decode(chunk)
             room -= len(chunk)
         if gone and self._client is client and (room > 0 or not reading):
@@ -193,9 +193,9 @@ def _has_gone(client: socket.socket) -> bool:
     return bool(poll.poll(0))
 
 
-def _received(client: socket.socket) -> bytes:
-    """A chunk, or nothing: the client has sent nothing, or has gone."""
+def _received(client: socket.socket, most: int) -> bytes:
+    """At most so many bytes, or nothing: the client has sent nothing, or has gone."""
     try:
-        return client.recv(CHUNK)
+        return client.recv(most)
     except OSError:
         return b""
