@@ -14,14 +14,18 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from tactemu.plan.plan import Context, Stage, record
+from tactemu.plan.launches import record
+from tactemu.plan.plan import Context, Stage
 
 POSE_WIDTH = 13
 
 
 @functools.cache
-def relative_pose_kernel(real, with_twist: bool):
-    """Poses (and twists) of all bodies in the frame of each link; a pose that is not finite becomes NaN and a flag."""
+def relative_pose_kernel(real, with_twist: bool, ticks: bool):
+    """Poses (and twists) of all bodies in the frame of each link; a pose that is not finite becomes NaN and a flag.
+
+    ``ticks``: it also advances the step count and the time.
+    """
     vec3 = wp.types.vector(3, real)
     quat = wp.types.quaternion(real)
     transform = wp.types.transformation(real)
@@ -42,6 +46,7 @@ def relative_pose_kernel(real, with_twist: bool):
 
     @wp.kernel(module="unique", enable_backward=False)
     def relative_poses(
+        first_env: int,
         world: wp.array3d(dtype=wp.float64),
         links: wp.array(dtype=wp.int32),
         dt_ns: wp.array(dtype=wp.int64),
@@ -53,10 +58,12 @@ def relative_pose_kernel(real, with_twist: bool):
         link_spin_out: wp.array2d(dtype=vec3),
         bad_out: wp.array3d(dtype=wp.uint8),
     ):
-        l, e, b = wp.tid()
-        if l == 0 and e == 0 and b == 0:
-            step[0] = step[0] + wp.int64(1)
-            time_ns[0] = time_ns[0] + dt_ns[0]
+        e, l, b = wp.tid()
+        e += first_env
+        if wp.static(ticks):
+            if l == 0 and e == 0 and b == 0:
+                step[0] = step[0] + wp.int64(1)
+                time_ns[0] = time_ns[0] + dt_ns[0]
         link = world[links[l], e]
         body = world[b, e]
         q_link = unit_quaternion(link)
@@ -83,6 +90,17 @@ def relative_pose_kernel(real, with_twist: bool):
                 link_spin_out[l, e] = narrow(wp.quat_rotate(to_link, wl))
 
     return relative_poses
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def tick(
+    dt_ns: wp.array(dtype=wp.int64),
+    step: wp.array(dtype=wp.int64),
+    time_ns: wp.array(dtype=wp.int64),
+):
+    """Advance the step count and the time, before threads that share a step begin."""
+    step[0] = step[0] + wp.int64(1)
+    time_ns[0] = time_ns[0] + dt_ns[0]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,17 +159,22 @@ class RelativePoses:
             arrays = {"velocity": none, "spin": none, "link_spin": none.reshape((0,))}
         return LinkView(link=link, pose=self._pose[l], **arrays)
 
-    def stage(self) -> Stage:
-        """The stage; it also advances the step count and the time."""
+    def stages(self) -> list[Stage]:
+        """The stage, which also advances the step count and the time; where threads share the step, one before it."""
         context = self._context
+        shared, before = context.threads > 1, []
+        if shared:
+            launch = record(tick, 1, [self.dt_ns], [context.step, context.time_ns], context.device)
+            before = [Stage(name="time", reason="advances before threads share the step", launch=launch)]
         inputs = [self.world, self._links, self.dt_ns, context.step, context.time_ns]
         outputs = [self._pose, self._velocity, self._spin, self._link_spin, self.bad]
-        kernel = relative_pose_kernel(context.real, self.with_twist)
+        kernel = relative_pose_kernel(context.real, self.with_twist, not shared)
         reason = "poses of all bodies in the skin's frame, formed in float64"
         if self.with_twist:
             reason += "; velocities for " + ", ".join(self._reasons)
-        launch = record(kernel, self._pose.shape, inputs, outputs, context.device)
-        return Stage(name="relative poses", reason=reason, launch=launch)
+        links, n_envs, bodies = self._pose.shape
+        launch = context.record(kernel, (n_envs, links, bodies), inputs, outputs)
+        return [*before, Stage(name="relative poses", reason=reason, launch=launch)]
 
 
 def pose_row(position, quaternion, linear_velocity=(0.0, 0.0, 0.0), angular_velocity=(0.0, 0.0, 0.0)) -> np.ndarray:

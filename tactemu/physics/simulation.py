@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import warp as wp
@@ -23,12 +23,16 @@ from tactemu.physics.shapes.table import ShapeTables
 from tactemu.physics.world import World
 from tactemu.plan.clearing import clear_rows
 from tactemu.plan.plan import Context, Plan, Stage
+from tactemu.plan.team import cores
 from tactemu.scene.bodies import Body, find
 from tactemu.scene.motion import Pose
 from tactemu.transducers.transducer import Kind, Place
 
 MOST_THREADS = 2**31
 """Warp counts threads and the places of an array's axis in 31 bits."""
+WORTH_A_THREAD = 2**14
+"""Work of a step (:attr:`SensorModel.work` of all taxels) for which one more thread pays: it takes about 150 µs, and
+waking a thread up to 50."""
 
 _COUNTS = ("time_ns", "step_count", "_dt_ns", "_checked_step")
 """What is saved beside the arrays."""
@@ -93,6 +97,7 @@ class Simulation:
         device,
         seed: int,
         dtype: str,
+        threads: int | None = None,
         posers: Sequence[Callable[[Simulation, float], None]] = (),
         like: Simulation | None = None,
     ):
@@ -109,19 +114,22 @@ class Simulation:
         self.device = _device(device)
         self.time_ns = 0
         self.step_count = 0
+        self._threads_wanted = threads
+        n_threads, why = self._share_out(threads)
         self.context = Context(
             device=self.device,
             n_envs=self.n_envs,
             real=REAL[dtype],
             seed=int(seed),
             constants={} if like is None else like.context.constants,
+            threads=n_threads,
         )
         self.context.dt.fill_(dt)
         self.outdated = ""
         """Why it must not be stepped any more: its scene has changed, or was built again."""
         self._dt_ns = -1
         self._checked_step = 0
-        attachments = self._compile()
+        attachments = self._compile(why)
         self.world = World(self.bodies, self._poses.world)
         self._moving = [body for body in self.bodies if body.motion is not None]
         self.posers = list(posers)
@@ -132,14 +140,35 @@ class Simulation:
 
     # -- building ---------------------------------------------------------------------------------------------------
 
-    def _compile(self) -> list[Callable[[], None]]:
+    def _share_out(self, threads: int | None) -> tuple[int, str]:
+        """How many threads share the environments, and why, in words."""
+        if threads is not None and (isinstance(threads, bool) or int(threads) != threads or threads < 1):
+            raise SceneError(f"build: threads must be None or a whole number >= 1, got {threads!r}")
+        if not self.device.is_cpu:
+            if threads not in (None, 1):
+                raise SceneError(f"build: threads is of a CPU, and this is {self.device}; leave it out")
+            return 1, ""
+        if self.n_envs == 1:
+            return 1, " (one environment)"
+        each = f" of {self.n_envs} environments"
+        if threads is not None:
+            found = min(int(threads), self.n_envs)
+            return found, f" (as asked for), {-(-self.n_envs // found)}{each} at most to each"
+        work = self.n_envs * sum(sensor.model.work * sensor.probes.n for sensor in self.sensors)
+        pays = max(1, int(work // WORTH_A_THREAD))
+        found = min(cores(), self.n_envs, pays)
+        if found == 1:
+            return 1, " (a step is too short for more)" if pays == 1 else " (one core)"
+        return found, f", {-(-self.n_envs // found)}{each} at most to each"
+
+    def _compile(self, why_threads: str) -> list[Callable[[], None]]:
         """Fill the plan. Returns what connects the sensors' handles, to be called when all is well."""
         links = sorted({sensor.link.index for sensor in self.sensors})
         reasons = [f"{s.name} ({why})" for s in self.sensors if (why := s.model.velocity_reason())]
         self._poses = RelativePoses(links, len(self.bodies), reasons, self.context)
-        self.plan = Plan(device=self.device)
+        self.plan = Plan(device=self.device, threads=self.context.threads, why_threads=why_threads)
         if self.sensors:
-            self.plan.stages.append(self._poses.stage())
+            self.plan.stages += self._poses.stages()
         constants = self.context.constants
         self._shapes: ShapeTables = constants.setdefault(ShapeTables, ShapeTables(self.bodies, self.context))
         self._clouds: dict[tuple[int, int], PointCloud] = constants.setdefault(PointCloud, {})
@@ -393,9 +422,20 @@ class Simulation:
             device=self.device,
             seed=self.context.seed,
             dtype=self.context.real.__name__,
+            threads=self._threads_wanted,
             posers=self.posers,
             like=self,
         )
+
+    def close(self) -> None:
+        """End the threads that share its steps; another step starts them again. Without any it does nothing."""
+        self.plan.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.close()
 
     # -- saving -----------------------------------------------------------------------------------------------------
 
