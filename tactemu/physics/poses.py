@@ -9,6 +9,7 @@ the link's frame and, where a sensor asks for it, the relative twist, and rounds
 # pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ import warp as wp
 
 from tactemu.plan.launches import record
 from tactemu.plan.plan import Context, Stage
+from tactemu.scene.bodies import Body
 
 POSE_WIDTH = 13
 
@@ -159,6 +161,10 @@ class RelativePoses:
             arrays = {"velocity": none, "spin": none, "link_spin": none.reshape((0,))}
         return LinkView(link=link, pose=self._pose[l], **arrays)
 
+    def status(self, link: int) -> wp.array:
+        """Which poses a link could not use at the last step, uint8, ``(n_envs, n_bodies)``: 1 where one was not."""
+        return self.bad[self.links.index(link)]
+
     def stages(self) -> list[Stage]:
         """The stage, which also advances the step count and the time; where threads share the step, one before it."""
         context = self._context
@@ -175,6 +181,33 @@ class RelativePoses:
         links, n_envs, bodies = self._pose.shape
         launch = context.record(kernel, (n_envs, links, bodies), inputs, outputs)
         return [*before, Stage(name="relative poses", reason=reason, launch=launch)]
+
+
+def complaint(bodies: Sequence[Body], values: np.ndarray, bad: np.ndarray, step: int, real: type) -> str:
+    """What is wrong with poses of which some were not usable, in words.
+
+    Args:
+        bodies: of the scene.
+        values: the world's poses, ``(n_bodies, n_envs, 13)``.
+        bad: which were not usable, ``(n_envs, n_bodies)``.
+        step: that they were for.
+        real: type of the kernels' numbers.
+    """
+    with np.errstate(invalid="ignore", over="ignore"):
+        usable = np.isfinite(values).all(-1) & (np.linalg.norm(values[..., 3:7], axis=-1) >= 1e-6)
+    wrong = np.argwhere(~usable)
+    if len(wrong):
+        b, e = wrong[0]
+        what = f"pose {values[b, e]}"
+    else:
+        e, b = np.argwhere(bad)[0]
+        what = f"pose {values[b, e]} too far from the skin for {real.__name__}"
+    envs = sorted({int(env) for env in np.argwhere(bad)[:, 0]})
+    return (
+        f"body {bodies[b].name!r}, environment {e}, step {step}: {what} "
+        f"(position, quaternion w x y z, velocity, angular velocity) must be finite and the quaternion not 0. "
+        f"Environments that read NaN: {envs}; set_pose a good pose there and reset(envs={envs})"
+    )
 
 
 def pose_row(position, quaternion, linear_velocity=(0.0, 0.0, 0.0), angular_velocity=(0.0, 0.0, 0.0)) -> np.ndarray:

@@ -63,6 +63,7 @@ from tactemu.physics.points.point_cloud import PointCloud
 from tactemu.physics.poses import LinkView
 from tactemu.physics.probes.probes import Probes, make_probes
 from tactemu.physics.shapes.table import ShapeTable, ShapeTables
+from tactemu.physics.views import Derive
 from tactemu.plan.plan import Context, Dtype, Stage
 from tactemu.scene.bodies import Body
 
@@ -136,6 +137,8 @@ class Compiled:
     """Applied to each branch, ``finish(array, "truth" | "measured")``, after the imperfections and before the delay."""
     present: Callable[[np.ndarray], Any] | None = None
     """In place of :meth:`SensorModel.present`, where that must know what was compiled."""
+    derived: Mapping[str, Derive] = field(default_factory=dict)
+    """What follows from a reading and may be asked for as an array on the device (:meth:`Sensor.view`), by name."""
 
 
 @dataclass(frozen=True)

@@ -153,14 +153,10 @@ class Plan:
             self._warm = True
 
     def _launch(self) -> None:
-        if self.threads == 1:
-            for stage in self.stages:
-                stage.launch()
-            return
-        if self._team is None:
-            self._team, self._legs = Team(self.threads), self._plan_legs()
+        self._legs = self._legs or self._plan_legs()
         for shares in self._legs:
             if len(shares) > 1:
+                self._team = self._team or Team(self.threads)
                 self._team.run(shares)
             else:
                 for launch in shares[0]:
@@ -179,6 +175,27 @@ class Plan:
             for mine, more in zip(legs[-1], shares):
                 mine += more
         return legs
+
+    def insert(self, stage: Stage, before: str = "") -> None:
+        """Add a stage to a plan that may have run already, in place of one of the same name.
+
+        Args:
+            stage: launched from the next run on.
+            before: name of the stage that it comes before; default: at the end.
+        """
+        self.stages = [each for each in self.stages if each.name != stage.name]
+        names = [each.name for each in self.stages]
+        self.stages.insert(names.index(before) if before in names else len(names), stage)
+        self._graph, self._warm, self._legs = None, False, []
+
+    @property
+    def loaded(self) -> bool:
+        """Has it run, so that it can be captured in a graph?"""
+        return self._warm
+
+    def run_within_capture(self) -> None:
+        """On a GPU: run all stages once while somebody captures the stream, who then has them in his graph."""
+        self._launch()
 
     def close(self) -> None:
         """End the threads; a later run starts them again."""

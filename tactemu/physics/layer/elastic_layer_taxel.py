@@ -50,6 +50,7 @@ from tactemu.physics.layer.reading import (
     reading_kernel,
     skin_type,
     status_kernel,
+    traction_kernel,
 )
 from tactemu.physics.layer.surface import reach_of, surface_kernel
 from tactemu.physics.layer.tables import LayerMaterial, LayerTables
@@ -58,7 +59,7 @@ from tactemu.physics.sensor_model import Compiled, SensorModel, Site, Trial
 from tactemu.physics.shapes.rays import thickness_behind
 from tactemu.physics.shapes.shape import FAR
 from tactemu.plan.clearing import clear_rows
-from tactemu.plan.launches import in_turn
+from tactemu.plan.launches import in_turn, record
 from tactemu.plan.plan import Dtype, Stage
 
 LEAST_RADIUS = 5.0
@@ -202,6 +203,7 @@ class ElasticLayerTaxel(SensorModel):
         areas = np.ones(probes.n)
         for grid in grids:
             areas[grid.place >= 0] = grid.area
+        derived = {"traction": partial(self._traction, site, areas)}
         normals, areas = probes.normals.reshape(*probes.layout, 3), areas.reshape(*probes.layout, 1)
         present = partial(self._reading, normals=normals, areas=areas)
         names = [site.name if len(grids) == 1 else f"{site.name} pad {k + 1}" for k in range(len(grids))]
@@ -217,7 +219,18 @@ class ElasticLayerTaxel(SensorModel):
             reason = "slip state and residual are no measurements"
             return array, [Stage(name=f"{site.name}: status", reason=reason, launch=launch)]
 
-        return Compiled(truth=reading, raw=reading, stages=stages, finish=finish, present=present)
+        how = {"finish": finish, "present": present, "derived": derived}
+        return Compiled(truth=reading, raw=reading, stages=stages, **how)
+
+    @staticmethod
+    def _traction(site: Site, areas: np.ndarray, reading: wp.array, branch: str) -> tuple[wp.array, Stage]:
+        """Tractions on the device, for :meth:`Sensor.view`; with a history, of all that it holds."""
+        context, flat = site.context, reading.reshape((-1, *reading.shape[-2:]))
+        out = wp.zeros((*reading.shape[:-1], 3), dtype=context.real, device=context.device)
+        inputs = [flat, site.normals, wp.array(areas, dtype=context.real, device=context.device)]
+        outputs = [out.reshape((*flat.shape[:2], 3))]
+        launch = record(traction_kernel(context.real), flat.shape[:2], inputs, outputs, context.device)
+        return out, Stage(name=f"{site.name}: traction ({branch})", reason="it was asked for", launch=launch)
 
 
 @dataclass(eq=False)
@@ -307,19 +320,17 @@ class CompiledLayer:
             self.rubbing = Windows(struct, FRICTION_WINDOWS, self.n_slots, shape, real, self.lanes, self.device)
 
     def _reset(self, mask: wp.array) -> None:
-        chosen = np.asarray(mask.numpy(), bool)
+        state = self.state
         for array in (self.pressure, *self.surface):
             clear_rows(array, mask)
-        state = self.state
         for array in (state.x, state.y, state.anchor_x, state.anchor_y, state.held_by, state.slip):
             clear_rows(array, mask)
         for array in (self.residual, self.iterations, self.changed, self.rubbed, state.residual, state.iterations):
             clear_rows(array, mask)
-        boxes = [(array, 0) for array in (self.near, self.active, self.box, self.area, self.dirty, state.box)]
-        for array, empty in ((self.overlap, NO_SURFACE), (self.solved, np.nan), *boxes):
-            values = array.numpy()
-            values[chosen] = empty
-            array.assign(values)
+        for array in (self.near, self.active, self.box, self.area, self.dirty, state.box):
+            clear_rows(array, mask)
+        clear_rows(self.overlap, mask, NO_SURFACE)
+        clear_rows(self.solved, mask, math.nan)
 
     # -- stages -----------------------------------------------------------------------------------------------------
 
