@@ -11,6 +11,7 @@ the link's frame and, where a sensor asks for it, the relative twist, and rounds
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 import warp as wp
@@ -163,7 +164,7 @@ class RelativePoses:
 
     def status(self, link: int) -> wp.array:
         """Which poses a link could not use at the last step, uint8, ``(n_envs, n_bodies)``: 1 where one was not."""
-        return self.bad[self.links.index(link)]
+        return cast(wp.array, self.bad[self.links.index(link)])
 
     def stages(self) -> list[Stage]:
         """The stage, which also advances the step count and the time; where threads share the step, one before it."""

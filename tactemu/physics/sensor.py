@@ -15,8 +15,8 @@ from tactemu.imperfections import Adjustments, Imperfections
 from tactemu.options import number
 from tactemu.physics.device_arrays import taken
 from tactemu.physics.probes.probes import Probes
-from tactemu.physics.sensor_model import DepthQuery, SensorModel
-from tactemu.physics.views import Derive, Views
+from tactemu.physics.sensor_model import DepthQuery, Derive, SensorModel
+from tactemu.physics.views import Views
 from tactemu.plan.plan import Stage
 from tactemu.scene.bodies import Body, find
 from tactemu.scene.motion import Pose
@@ -191,6 +191,7 @@ class Sensor(Views, Adjustments):
     def _copied(self, array: wp.array, out: wp.array | np.ndarray) -> np.ndarray:
         """A reading in the memory given."""
         host = taken(out, f"read of sensor {self.name!r}: out")
+        assert host.device is not None and array.device is not None
         if host.shape != array.shape or host.dtype != array.dtype or not host.device.is_cpu or not host.is_contiguous:
             expected = f"{array.shape} of {array.dtype.__name__}"
             got = f"{host.shape} of {host.dtype.__name__} on {host.device}"

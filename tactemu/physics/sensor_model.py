@@ -63,11 +63,12 @@ from tactemu.physics.points.point_cloud import PointCloud
 from tactemu.physics.poses import LinkView
 from tactemu.physics.probes.probes import Probes, make_probes
 from tactemu.physics.shapes.table import ShapeTable, ShapeTables
-from tactemu.physics.views import Derive
 from tactemu.plan.plan import Context, Dtype, Stage
 from tactemu.scene.bodies import Body
 
 DepthQuery = Literal["sdf", "raycast", "voxel", "ray"]
+Derive = Callable[[wp.array, str], tuple[wp.array, Stage]]
+"""From a reading, of the branch ``truth`` or ``measured``, to what follows from it, and the stage that fills that."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -470,7 +470,7 @@ class Simulation:
         if self._checked_step == self.step_count and not self._in_graph:
             return
         self._checked_step = self.step_count
-        bad = self._poses.bad.numpy().any(axis=0)
+        bad = np.asarray(self._poses.bad.numpy().any(axis=0))
         if not bad.any():
             return
         values = self.world.download()

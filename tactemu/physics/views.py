@@ -6,23 +6,17 @@ JAX, CuPy or NumPy: one conversion, kept for ever.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 import warp as wp
 
 from tactemu.errors import SceneError
 from tactemu.physics.device_arrays import view
-from tactemu.plan.plan import Stage
-
-if TYPE_CHECKING:
-    from tactemu.physics.sensor import Sensor
-
-Derive = Callable[[wp.array, str], tuple[wp.array, Stage]]
-"""From a reading, of the branch ``truth`` or ``measured``, to what follows from it, and the stage that fills that."""
+from tactemu.physics.sensor_model import Derive
 
 
-def columns_of(sensor: Sensor) -> dict[str, slice]:
+def columns_of(sensor: Any) -> dict[str, slice]:
     """Which channels hold what, by name."""
     found: dict[str, slice] = {}
     if sensor.chain is None:
@@ -44,7 +38,8 @@ def in_layout(array: wp.array, columns: slice, layout: tuple[int, ...], batched:
     *outer, n_taxels, _channels = zip(array.shape, array.strides)
     taxels = [n_taxels]
     if len(outer) == 1 and len(layout) == 2:
-        taxels = [(layout[0], layout[1] * n_taxels[1]), (layout[1], n_taxels[1])]
+        step = int(array.strides[-2] or 0)
+        taxels = [(layout[0], layout[1] * step), (layout[1], step)]
     channels = [(last - first, array.strides[-1])] if last - first > 1 else []
     axes = [*(outer if batched else outer[1:]), *taxels, *channels]
     size = wp.types.type_size_in_bytes(array.dtype)
