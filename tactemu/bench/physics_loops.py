@@ -6,6 +6,7 @@ turn [µs], of a loop that is waited for at its end. Lines of torch are there wh
 
 from __future__ import annotations
 
+import importlib
 import time
 from collections.abc import Callable
 from statistics import median
@@ -156,7 +157,7 @@ def _bound(sim, start: wp.array, add_up: Turn) -> dict[str, Turn]:
 
 def _with_torch(sim, start: wp.array, arrays: list[wp.array]) -> dict[str, Turn]:
     try:
-        import torch
+        torch: Any = importlib.import_module("torch")
     except ImportError:
         return {}
     poses, state = torch.from_dlpack(sim.pose_array), torch.from_dlpack(start).clone()
