@@ -16,7 +16,7 @@ from typing import Any, Literal
 
 import warp as wp
 
-from tactemu.plan.launches import Launch, Launches, record, record_blocks
+from tactemu.plan.launches import BLOCK, Launch, Launches, record, record_blocks
 from tactemu.plan.team import Team
 
 Dtype = Literal["float32", "float64"]
@@ -76,7 +76,7 @@ class Context:
         ends = [self.n_envs * k // self.threads for k in range(self.threads + 1)]
         return list(pairwise(ends))
 
-    def record(self, kernel, dim, inputs: list, outputs: list) -> Launches:
+    def record(self, kernel, dim, inputs: list, outputs: list, *, block_dim: int = BLOCK) -> Launches:
         """A recorded launch over environments, which are the first axis of ``dim``.
 
         Args:
@@ -85,11 +85,13 @@ class Context:
             dim: of the whole launch.
             inputs: the other arguments.
             outputs: the arrays that it writes.
+            block_dim: threads of a block, on a GPU: few where there are few threads, each of which takes long.
         """
         dim = (dim,) if isinstance(dim, int) else tuple(dim)
         dims = [(end - first, *dim[1:]) for first, end in self.shares] if self.threads > 1 else [dim]
         launches = zip(self.shares, dims)
-        return Launches([[record(kernel, d, [e, *inputs], outputs, self.device)] for (e, _end), d in launches])
+        how = (self.device, block_dim)
+        return Launches([[record(kernel, d, [e, *inputs], outputs, *how)] for (e, _end), d in launches])
 
     def record_blocks(self, kernel, n_slots: int, inputs: list, outputs: list, block_dim: int) -> Launches:
         """The same for a kernel of blocks of threads, each with a slot of scratch, that take environments in turn.
