@@ -2,8 +2,8 @@
 
     python edge_paxini_gripper.py SERVOS PADS [--newtons 6]
 
-The fingers take hold of the plate some way before its end, and the gripper slides along it until a part of the pads
-feels nothing any more. How much of them is still on the plate tells where it ends. A line of JSON says that.
+The fingers take hold of the plate some way before its end, let go, and take hold again a little farther, until a part
+of the pads feels less than at first. How much of them is still on the plate tells where it ends: a line of JSON.
 """
 
 import argparse
@@ -12,10 +12,11 @@ import time
 
 from paxini_gripper import CARRIAGE, FINGERS, TOUCH, Force, Gripper
 
-NEAR = 0.0176  # [m] the fingers before they close slowly
-BEGIN, END, SPEED = -0.02, 0.03, 300  # [m] along x, [steps/s]
+NEAR = 0.0176  # [m] the fingers when they let go
+BEGIN, END, STEP, SPEED = -0.02, 0.03, 0.005, 1000  # [m] along x, [steps/s]
 PAD, COLUMNS = 0.02, 3
-ENOUGH, READINGS = 0.7, 5  # share of the pads that is still on the plate when its end is told, and how often it is
+ENOUGH = 0.85  # share of the pads that is still on the plate when its end is told
+SETTLES, READINGS, PATIENCE = 0.4, 10, 2.0  # [s] from the first touch on, then so many; [s] until there is none
 
 
 def columns(taxels: list[list[Force]]) -> list[float]:
@@ -24,30 +25,41 @@ def columns(taxels: list[list[Force]]) -> list[float]:
     return [a + b for a, b in zip(left, reversed(right))]
 
 
-def find(gripper: Gripper, newtons: float) -> dict:
-    """Where the plate ends [m]."""
-    gripper.go(FINGERS, NEAR, 1500)
-    gripper.go(CARRIAGE, BEGIN, 1500)
-    time.sleep(1.0)
-    gripper.press(gripper.newtons)
-    settled, ends = 0.0, []
-    for passed, pads, taxels in gripper.felt():
-        force = sum(z for _, _, z in pads) / 2
-        if force < TOUCH and not settled:
-            continue
-        if not settled or time.monotonic() < settled + 1.0:
-            settled = settled or time.monotonic()
+def take_hold(gripper: Gripper, readings, newtons: float) -> list[float]:
+    """What the columns feel in all [N], and let go again."""
+    gripper.press(newtons / 2)
+    began, touched, felt = time.monotonic(), 0.0, []
+    for passed, pads, taxels in readings:
+        force, now = sum(z for _, _, z in pads) / 2, time.monotonic()
+        if not touched:
+            touched = now if force > TOUCH else 0.0
+        elif now < touched + SETTLES:
             gripper.correct(newtons, force, passed)
-            continue
-        gripper.go(CARRIAGE, END, SPEED)
-        behind, *rest = columns(taxels)
-        covered = (1 + sum(min(each / max(behind, 0.1), 1.0) for each in rest)) / COLUMNS
-        if covered < ENOUGH:
-            ends.append(gripper.carriage() + (covered - 0.5) * PAD)
-        if len(ends) == READINGS or gripper.carriage() > END - 0.001:
+        else:
+            felt.append(columns(taxels))
+        if len(felt) == READINGS or (not touched and now > began + PATIENCE):
             break
-    gripper.go(FINGERS, NEAR, 1500)
-    return {"edge": sum(ends) / len(ends) if ends else None}
+    gripper.go(FINGERS, NEAR, SPEED)
+    time.sleep(0.1)
+    return [sum(column) / READINGS for column in zip(*felt)] or [0.0] * COLUMNS
+
+
+def find(gripper: Gripper, newtons: float) -> float | None:
+    """Where the plate ends [m]."""
+    gripper.go(FINGERS, NEAR, SPEED)
+    readings, place, whole = gripper.felt(), BEGIN, None
+    while place < END:
+        gripper.go(CARRIAGE, place, SPEED)
+        while abs(gripper.carriage() - place) > 0.0005:
+            time.sleep(0.02)
+        felt = take_hold(gripper, readings, newtons)
+        whole = whole or felt
+        shares = [now / max(first, 0.1) for now, first in zip(felt, whole)]
+        covered = sum(min(share / max(shares[0], 0.01), 1.0) for share in shares) / COLUMNS
+        if covered < ENOUGH:
+            return gripper.carriage() + (covered - 0.5) * PAD
+        place += STEP
+    return None
 
 
 def main() -> None:
@@ -59,7 +71,7 @@ def main() -> None:
     given = parser.parse_args()
     gripper = Gripper(given.servos, given.pads)
     try:
-        print(json.dumps(find(gripper, given.newtons)))
+        print(json.dumps({"edge": find(gripper, given.newtons)}))
     finally:
         gripper.close()
 

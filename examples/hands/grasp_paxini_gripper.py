@@ -15,7 +15,7 @@ import time
 from paxini_gripper import FINGERS, TOUCH, Gripper
 
 NEAR = 0.0176  # [m] the fingers before they close slowly
-SLIPS, SAFE = 0.85, 0.6  # of friction: drag from which something slips, and at which it is held then
+SLIPS, SAFE = 0.7, 0.5  # of friction: drag from which something slips, and at which it is held then
 
 
 def say(**words) -> None:

@@ -36,7 +36,8 @@ class Gripper:
         self._board = HighSpeedHandBoard(pads).open()
         self.newtons = CLOSING
         for servo in (FINGERS, CARRIAGE):
-            self._bus.write1ByteTxOnly(self._port, servo, TORQUE_ON, 1)
+            while self._bus.write1ByteTxRx(self._port, servo, TORQUE_ON, 1)[0] != scservo_sdk.COMM_SUCCESS:
+                pass
 
     def close(self) -> None:
         """Both ports; the servos go on."""
@@ -63,9 +64,9 @@ class Gripper:
     def carriage(self) -> float:
         """Where the gripper is [m]."""
         while True:
-            steps, result, _ = self._bus.read2ByteTxRx(self._port, CARRIAGE, POSITION)
-            if result == scservo_sdk.COMM_SUCCESS:
-                return (steps - MIDDLE) / STEPS_PER_METRE
+            data, result, _ = self._bus.readTxRx(self._port, CARRIAGE, POSITION, 2)
+            if result == scservo_sdk.COMM_SUCCESS and len(data) == 2:  # and no late answer to something else
+                return (int.from_bytes(bytes(data), "little") - MIDDLE) / STEPS_PER_METRE
 
     def felt(self) -> Iterator[tuple[float, list[Force], list[list[Force]]]]:
         """Seconds since the reading before, forces on both pads, and on all taxels of each [N]; 90 times a second."""

@@ -1,4 +1,4 @@
-"""The closed loop: how fast, how late, and how soon a contact in the engine is on the wire. Part of `tactemu bench loop`.
+"""The closed loop, part of `tactemu bench loop`: how fast, how late, how soon a contact in the engine is on the wire.
 
 Another process drives two Feetech servos and reads two PaXini pads, by their bytes: a gripper that closes on a ball and
 opens again. One run without a page and one with a page that somebody looks at.
@@ -36,11 +36,11 @@ MODEL = """
   <worldbody>
     <body name="carriage">
       <body name="left" pos="0 -0.035 0">
-        <joint name="left" type="slide" axis="0 1 0" range="0 0.03" damping="20" armature="0.5"/>
+        <joint name="left" type="slide" axis="0 1 0" range="0 0.03" damping="40" armature="2"/>
         <geom name="left pad" type="box" size="0.009 0.004 0.0065"/>
       </body>
       <body name="right" pos="0 0.035 0" euler="0 0 180">
-        <joint name="right" type="slide" axis="0 1 0" range="0 0.03" damping="20" armature="0.5"/>
+        <joint name="right" type="slide" axis="0 1 0" range="0 0.03" damping="40" armature="2"/>
         <geom name="right pad" type="box" size="0.009 0.004 0.0065"/>
       </body>
     </body>
@@ -87,6 +87,7 @@ class Witness:
         """Real time and the thread's own at the first step and at the last [s]."""
 
     def __call__(self, simulation, t_s: float) -> None:
+        """After each step of the engine."""
         now = time.monotonic()
         touches = max(pad.force for pad in self._engine.pads.values()) > FELT_N
         if touches and not self._touches:  # the engine may be ahead of the clock
@@ -128,7 +129,13 @@ def measured(seconds: float, *, looked_at: bool) -> dict[str, float]:
         raise RuntimeError(f"no contact came through: {len(witness.contacts)} in the engine, {len(told)} on the wire")
     figures = {name: late[name] for name in ("lateness_p50_us", "lateness_p99_us", "missed")}
     p50, p99 = np.percentile(after, (50, 99)) * 1e3
-    return figures | {"steps_per_s": rate, "could_do_per_s": could, "contacts": len(after), "p50_ms": p50, "p99_ms": p99}
+    return figures | {
+        "steps_per_s": rate,
+        "could_do_per_s": could,
+        "contacts": len(after),
+        "p50_ms": p50,
+        "p99_ms": p99,
+    }
 
 
 def run(report: Report, *, seconds: float = 20.0) -> dict[str, float]:

@@ -60,7 +60,7 @@ def main() -> None:
             if touches and not touched:
                 told.append(at)
             touched = touches
-    print(json.dumps(told))
+    sys.stdout.write(json.dumps(told))
 
 
 if __name__ == "__main__":

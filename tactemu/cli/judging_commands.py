@@ -88,8 +88,8 @@ def judge(
     The driver prints a line for each reading, JSON or numbers, on its standard output. Which column holds what is
     learned from a run without faults; then each way to go wrong is tried, and every reading compared with what was
     sent.
-    With --success nothing is read from the command: lost, damaged and late frames and dead taxels (--only drop, flip, late,
-    dead) grow, and the result is how often its task succeeds. Only --port, --budget, --seed and --json go with it.
+    With --success nothing is read from the command: lost, damaged and late frames and dead taxels (--only drop, flip,
+    late, dead) grow, and the result is how often its task succeeds; --port, --budget, --seed and --json go with it.
     Exit code 0 when nothing fails, 1 when something does, 2 for a mistake in the command, 3 when there was nothing to
     judge. See docs/judge.md.
     """
@@ -100,9 +100,15 @@ def judge(
 
         raise typer.Exit(
             judge_success(
-                target, context.obj or (), success, ports=tuple(port or ()), only=tuple(only or ()),
-                budget_s=budget_of(budget), seed=seed, json_file=json,
-            )  # fmt: skip
+                target,
+                context.obj or (),
+                success,
+                ports=tuple(port or ()),
+                only=tuple(only or ()),
+                budget_s=budget_of(budget),
+                seed=seed,
+                json_file=json,
+            )
         )
     status = judge_driver(
         target, context.obj or (), reads=reads, options=options or (), ports=tuple(port or ()), budget=budget,

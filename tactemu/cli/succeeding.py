@@ -45,8 +45,8 @@ def judge_success(
             say=status.update,
         )  # fmt: skip
         try:
-            for points in trials:
-                pass
+            for each in trials:
+                points = each
         except KeyboardInterrupt:
             interrupted = True
     print("\n".join(as_text(points)))

@@ -68,10 +68,10 @@ def play_again(control: Control, path: str | Path) -> int:
     commands, emulator = commands_of(path), control.emulator
     for command in commands:
         emulator.call(partial(_do, control, command), command.t_ns)
-    drivers = {wire.name: wire.transport.driver for wire in emulator.wires if isinstance(wire.transport, MemoryTransport)}
-    for entry in entries(path) if drivers else ():
-        if isinstance(entry, Passage) and entry.kind == "rx" and entry.device in drivers:
-            emulator.at(entry.t_ns, partial(drivers[entry.device].write, entry.frame))
+    wires = {wire.name: wire for wire in emulator.wires if isinstance(wire.transport, MemoryTransport)}
+    for entry in entries(path) if wires else ():
+        if isinstance(entry, Passage) and entry.kind == "rx" and entry.device in wires:
+            emulator.at(entry.t_ns, partial(wires[entry.device].hear, entry.frame, entry.t_ns))
     return len(commands)
 
 

@@ -32,8 +32,9 @@ KNOWN = 0.01
 """Depths that differ by this share tell the power."""
 SLIDES = 0.95
 """Drag from this share of friction on is left to how MuJoCo's bodies slide."""
-STIFFEST, SOFTEST, TELLING_M = 1.0, 0.02, 1e-8
-"""A skin is so stiff along its surface, in shares of force per depth; moved by less than this it does not tell."""
+STIFFEST, SOFTEST, TELLING = 1.0, 0.03, 0.01
+"""A skin is so stiff along its surface, in shares of force per depth; moved by less than a share of its depth it does
+not tell."""
 REACH = 4.0
 """A contact is the skin's if a taxel is nearer than so many of its radii."""
 
@@ -65,9 +66,7 @@ def contacts_of(model: Any, data: Any) -> Contacts:
         forces[k], drags[k] = wrench[0], wrench[1:3] @ contact.frame[k].reshape(3, 3)[1:]
     press = forces > 0
     normals = contact.frame[press][:, :3]
-    return Contacts(
-        contact.geom[press], contact.pos[press], normals, forces[press], drags[press], -contact.dist[press]
-    )
+    return Contacts(contact.geom[press], contact.pos[press], normals, forces[press], drags[press], -contact.dist[press])
 
 
 class Pad:
@@ -154,18 +153,17 @@ class Pad:
         """Move the skin along what it touches, towards a drag: vectors in its frame."""
         across = np.eye(3) - np.outer(inward, inward)
         has = across @ self.sensor.quantity("force", ground_truth=True).sum(axis=0)
-        missing = across @ drag
-        most = SLIDES * self._friction * felt
-        missing *= min(1.0, most / max(float(np.linalg.norm(missing)), LEAST_N))
-        missing -= has
+        wanted = across @ drag
+        most, pull = self._friction * felt, float(np.linalg.norm(wanted))
+        wanted *= min(1.0, SLIDES * most / max(pull, LEAST_N))
         stiff = felt / self.depth
         moved, had = self._pulled
-        if (way := float(moved @ moved)) > TELLING_M**2:
+        if (way := float(moved @ moved)) > (TELLING * self.depth) ** 2:
             learnt = float((had - has) @ moved) / way
             self._give = 1 / float(np.clip(learnt, SOFTEST * stiff, STIFFEST * stiff))
-        step = -(self._give or 1 / (STIFFEST * stiff)) * missing
-        self.along = across @ self.along + step
-        self._pulled = step, has
+        along = across @ self.along - (self._give or 1 / (STIFFEST * stiff)) * (wanted - has)
+        along *= min(1.0, most / (SOFTEST * stiff) / max(float(np.linalg.norm(along)), FIRST_M))
+        self._pulled, self.along = (along - self.along, has), along
 
     def _learn(self, felt: float) -> None:
         """How force goes with depth here, from this step and the one before."""

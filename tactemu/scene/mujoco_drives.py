@@ -10,7 +10,6 @@ force, and both at most what the firmware allows. MuJoCo integrates them, the da
 from __future__ import annotations
 
 import logging
-import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 

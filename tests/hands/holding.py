@@ -68,8 +68,12 @@ ALL = {
     "ability_hand": Hand("ability_hand", "ah_wrapper", PADS, newtons=dict.fromkeys(OBJECTS, 8.0), egg_n=12.0),
     "inspire_rh56dftp": Hand("inspire_rh56dftp", "RH56DFTP", PADS, "tcp:0", 2 / 1000),
     "paxini_gripper": Hand(
-        "paxini_gripper", "paxini_sdk", ("left_pad", "right_pad"), resolution_n=2 / 10,
-        newtons=dict.fromkeys(OBJECTS, 2.0) | {"heavy": 4.0}, egg_n=5.0,
+        "paxini_gripper",
+        "paxini_sdk",
+        ("left_pad", "right_pad"),
+        resolution_n=2 / 10,
+        newtons=dict.fromkeys(OBJECTS, 2.0) | {"heavy": 4.0},
+        egg_n=5.0,
     ),
 }
 
