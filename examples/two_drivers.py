@@ -11,7 +11,9 @@ import json
 import os
 import subprocess
 import sys
+import threading
 import time
+from typing import NoReturn
 
 import numpy as np
 from rich.columns import Columns
@@ -25,28 +27,36 @@ from tactemu.kernels import start_quietly
 DEPTH = 1.5e-3
 TIME_LIMIT_S = 90
 
+FRAMES = 50
+"""That a driver reads before the press, in it and after it: as long as that takes on a slow machine."""
+
 ANYSKIN_DRIVER = """
 import contextlib, json, sys
 from anyskin.sensor import AnySkinBase
 with contextlib.redirect_stdout(sys.stderr):
     driver = AnySkinBase(num_mags=5, port=sys.argv[1], temp_filtered=False)
-    frames = [list(map(float, frame[1:])) for frame in driver.get_data(200)]
-print(json.dumps(frames))
+while True:
+    print(json.dumps(list(map(float, driver.get_sample()[1]))), flush=True)
 """
 
 LINKERBOT_DRIVER = """
-import json, sys, time
+import json, sys
 from linkerbot import L6, TimeoutError
-frames, end = [], time.monotonic() + 3
 with L6("left", sys.argv[1], sys.argv[2]) as hand:
-    while time.monotonic() < end or not frames:
+    while True:
         try:
             data = hand.force_sensor.get_blocking(timeout_ms=500)
         except TimeoutError:  # it asks before it waits: on a busy machine the answer can come in between
             continue
-        frames.append([getattr(data, f).values.tolist() for f in ("thumb", "index", "middle", "ring", "pinky")])
-print(json.dumps(frames))
+        fingers = [getattr(data, name).values.tolist() for name in ("thumb", "index", "middle", "ring", "pinky")]
+        print(json.dumps(fingers), flush=True)
 """
+
+
+def ended(process: subprocess.Popen[str]) -> NoReturn:
+    """Say what a driver said that has ended."""
+    said = process.communicate()[1].strip().splitlines() or ["nothing"]
+    sys.exit(f"the driver has ended and said: {said[-1]}\n(pip install 'tactemu[drivers]' installs both)")
 
 
 def wait_for(process: subprocess.Popen[str], dev) -> None:
@@ -57,8 +67,7 @@ def wait_for(process: subprocess.Popen[str], dev) -> None:
             return dev.wait_for_driver(0.5)
         except TimeoutError as error:
             if process.poll() is not None:
-                said = process.communicate()[1].strip().splitlines() or ["nothing"]
-                sys.exit(f"the driver has ended and said: {said[-1]}\n(pip install 'tactemu[drivers]' installs both)")
+                ended(process)
             if time.monotonic() > deadline:
                 sys.exit(str(error))
 
@@ -67,14 +76,27 @@ def read_while_pressed(dev, driver: str, *arguments: str, taxel: int) -> np.ndar
     """Start a driver, press while it reads, and return the frames that it decoded."""
     command = [sys.executable, "-c", driver, *arguments]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    silent = threading.Timer(TIME_LIMIT_S, process.kill)
+    silent.start()
+    frames: list[list[float]] = []
+
+    def read() -> None:
+        lines = [process.stdout.readline() for _ in range(FRAMES)]
+        if not lines[-1]:
+            ended(process)
+        frames.extend(map(json.loads, lines))
+
     try:
         wait_for(process, dev)
-        dev.wait(0.3)
-        dev.press(DEPTH, seconds=0.3, taxel=taxel)
-        out, _ = process.communicate(timeout=TIME_LIMIT_S)
+        read()
+        dev.press(DEPTH, taxel=taxel)
+        read()
+        dev.release()
+        read()
     finally:
+        silent.cancel()
         process.kill()
-    return np.array(json.loads(out), np.float32)
+    return np.array(frames, np.float32)
 
 
 def compare(console: Console, dev, read: np.ndarray, counts_of, title: str, unit: str, patch_name: str) -> bool:

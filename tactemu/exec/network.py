@@ -155,7 +155,8 @@ def _of_packets(name: str) -> list[socket.socket]:
 def _add(name: str, kind: str, peer: str = "") -> None:
     data = _attribute(_DATA, _attribute(_PEER, _LINK.pack(0, 0, 0, 0, 0) + _own(peer))) if peer else b""
     info = _attribute(_INFO, _text(_KIND, kind) + data)
-    _ask(_NEWLINK, _CREATE | _EXCLUSIVE, _LINK.pack(0, 0, 0, 0, 0) + _own(name) + info)
+    up = 0 if peer else _UP  # at once, where that needs no other end: nobody finds it down
+    _ask(_NEWLINK, _CREATE | _EXCLUSIVE, _LINK.pack(0, 0, 0, up, up) + _own(name) + info)
 
 
 def _own(name: str) -> bytes:

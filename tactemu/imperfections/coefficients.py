@@ -10,7 +10,8 @@ import warp as wp
 
 from tactemu.imperfections.material import decay, grown, ramp_share
 from tactemu.imperfections.options import ImperfectionOptions
-from tactemu.plan.plan import Context, Stage, record
+from tactemu.plan.launches import record
+from tactemu.plan.plan import Context, Stage
 
 # Indices into the array of coefficients.
 OVERSHOOT = wp.constant(0)

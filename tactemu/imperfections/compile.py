@@ -37,15 +37,14 @@ from tactemu.imperfections.options import ImperfectionOptions
 from tactemu.imperfections.radius import radius_kernel
 from tactemu.imperfections.scan import compile_scan
 from tactemu.plan.clearing import clear_rows
-from tactemu.plan.plan import Context, Stage, record
+from tactemu.plan.launches import Launches
+from tactemu.plan.plan import Context, Stage
 from tactemu.random_streams import stream_key
 
 Transduce = Callable[[wp.array], tuple[wp.array, list[Stage], ReadingInfo]]
 """From what a model gives to what the electronics sees, and what that is."""
-
-
-def nothing() -> None:
-    """The launch of a stage that only acts at resets."""
+NOTHING = Launches()
+"""The launch of a stage that only acts at resets."""
 
 
 class Adjustable(Protocol):
@@ -120,7 +119,7 @@ class Imperfections(Adjustments):
         def count(mask: wp.array) -> None:
             self._launch(resets.count_resets, mask.shape, [mask, self._resets])
 
-        return [Stage(name=f"{self.info.name}: resets", reason="each begins new draws", launch=nothing, reset=count)]
+        return [Stage(name=f"{self.info.name}: resets", reason="each begins new draws", launch=NOTHING, reset=count)]
 
     def compile_gain(self) -> tuple[wp.array | None, list[Stage]]:
         """Gains ``(n_envs, n_taxels)``, or ``None`` if all are 1; with a stage only if they are drawn at resets."""
@@ -134,7 +133,7 @@ class Imperfections(Adjustments):
             return gain, []
         redraw = self._redraw_gain(gain, *limits)
         return gain, [
-            Stage(name=f"{self.info.name}: gain", reason="gains drawn at resets", launch=nothing, reset=redraw)
+            Stage(name=f"{self.info.name}: gain", reason="gains drawn at resets", launch=NOTHING, reset=redraw)
         ]
 
     def _redraw_gain(self, gain: wp.array, low: float, high: float) -> Callable[[wp.array], None]:
@@ -155,12 +154,11 @@ class Imperfections(Adjustments):
         self._built["probe_radius_noise"] = table
         nominal = wp.array(np.asarray(self.info.probe_radius).reshape(n), dtype=context.real, device=context.device)
         radius = self._zeros((context.n_envs, n), context.real)
-        launch = record(
+        launch = context.record(
             radius_kernel(context.real),
             (context.n_envs, -(-n // 4)),
             [nominal, context.step, self._key("radius_noise"), self._resets, table.array],
             [radius],
-            context.device,
         )
         name = f"{self.info.name}: radius_noise"
         return radius, [Stage(name=name, reason="probe_radius_noise", launch=launch, reset=self._clear([radius]))]
@@ -208,12 +206,11 @@ class Imperfections(Adjustments):
         strength = options.hysteresis_strength
         strengths = wp.vec3d(strength, strength if unloading is None else unloading, options.creep_strength)
         out = self._zeros(x.shape, context.real)
-        launch = record(
+        launch = context.record(
             material_kernel(context.real, laws),
             self._threads,
             [self._flatten(x), coefficient, strengths, options.hysteresis_backlash, *state.values()],
             [self._flatten(out)],
-            context.device,
         )
         reset = self._clear([*state.values(), self._flatten(out)])
         return out, Stage(name=f"{self.info.name}: material", reason=_reason(laws), launch=launch, reset=reset)
@@ -257,7 +254,7 @@ class Imperfections(Adjustments):
             "walked": walked,
             "stuck": self.stuck,
         }
-        launch = record(kernel, self._threads, in_order(kernel, inputs), [self._flatten(out)], context.device)
+        launch = context.record(kernel, self._threads, in_order(kernel, inputs), [self._flatten(out)])
         clear, dead = self._clear([walked, self._flatten(out)]), self._dead
 
         def reset(mask: wp.array) -> None:
@@ -342,6 +339,6 @@ def _reason(laws: frozenset[str]) -> str:
 
 
 def in_order(kernel, inputs: dict[str, Any]) -> list:
-    """Inputs of a kernel as its parameters have them, from those given by name; its outputs are the parameters left."""
-    names = list(signature(kernel.func).parameters)[: len(inputs)]
+    """Inputs of a kernel as its parameters behind ``first_env`` have them; its outputs are the parameters left."""
+    names = list(signature(kernel.func).parameters)[1 : 1 + len(inputs)]
     return [inputs[name] for name in names]

@@ -13,7 +13,8 @@ from tactemu.errors import SceneError
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.laws import is_on
 from tactemu.imperfections.options import ImperfectionOptions
-from tactemu.plan.plan import Context, Stage, record
+from tactemu.plan.launches import in_turn
+from tactemu.plan.plan import Context, Stage
 
 _PLANES = {
     # channels: {planes in the kernel: (plane of the normal part or of a scalar, plane of the shear part)}
@@ -41,6 +42,7 @@ def _kernel(real: type, width: int, split: bool, conserving: bool):
 
     @wp.kernel(module="unique", enable_backward=False)
     def crosstalk(
+        first_env: int,
         x: wp.array3d(dtype=real),
         columns: int,
         planes: wp.array3d(dtype=real),
@@ -51,6 +53,7 @@ def _kernel(real: type, width: int, split: bool, conserving: bool):
         out: wp.array3d(dtype=real),
     ):
         e, i, g = wp.tid()
+        e += first_env
         first, p, q = groups[g, 0], groups[g, 1], groups[g, 2]
         row, col, rows = i // columns, i % columns, x.shape[1] // columns
         up, left = planes.shape[1] // 2, planes.shape[2] // 2
@@ -170,11 +173,7 @@ def compile_crosstalk(
         normal = wp.types.vector(width, real)(*along)
         inputs = [x, info.layout[1], *on_device, wp.array(groups, dtype=wp.int32, device=device), normal, filler]
         dim = (context.n_envs, info.n_taxels, len(groups))
-        launches.append(record(_kernel(real, width, split, options.crosstalk_conserving), dim, inputs, [out], device))
-
-    def launch() -> None:
-        for each in launches:
-            each()
+        launches.append(context.record(_kernel(real, width, split, options.crosstalk_conserving), dim, inputs, [out]))
 
     reason = f"crosstalk over {kernel.shape[1]} x {kernel.shape[2]} taxels, {len(kernel)} plane(s)"
-    return out, [Stage(name=f"{info.name}: crosstalk", reason=reason, launch=launch)]
+    return out, [Stage(name=f"{info.name}: crosstalk", reason=reason, launch=in_turn(*launches))]

@@ -15,7 +15,8 @@ from tactemu.imperfections.options import ImperfectionOptions
 from tactemu.imperfections.ring import Ring, ring_depth
 from tactemu.options import numbers
 from tactemu.plan.clearing import clear_rows
-from tactemu.plan.plan import Context, Stage, record
+from tactemu.plan.launches import in_turn
+from tactemu.plan.plan import Context, Stage
 from tactemu.random_streams import stream_key
 
 
@@ -43,32 +44,26 @@ class Delay:
         share = context.zeros(context.n_envs, wp.float64)
         key = stream_key(context.seed, f"{info.name}/jitter")
         nearest = options.delay_interpolation == "nearest"
-        select = record(
+        select = context.record(
             select_kernel(self.jitters, nearest, linear, options.jitter_reorder),
             context.n_envs,
             [context.step, context.time_ns, context.dt, key, self._resets, self._lags, ring.birth],
             [ring.times, newest, chosen, share],
-            context.device,
         )
         out = context.zeros(measured.shape, measured.dtype)
-        deliver = record(
+        deliver = context.record(
             deliver_kernel(measured.dtype, linear),
             (context.n_envs, -(-info.n_columns // 4)),
             [measured.reshape(flat), chosen, share],
             [ring.values, out.reshape(flat)],
-            context.device,
         )
-
-        def launch() -> None:
-            select()
-            deliver()
 
         def reset(mask: wp.array) -> None:
             ring.reset(mask)
             clear_rows(out, mask)
 
         reason = f"delay {options.delay:g} s, jitter {options.jitter:g} s, {options.delay_interpolation}"
-        return out, [Stage(name=f"{info.name}: delay", reason=reason, launch=launch, reset=reset)]
+        return out, [Stage(name=f"{info.name}: delay", reason=reason, launch=in_turn(select, deliver), reset=reset)]
 
     @property
     def jitters(self) -> bool:
@@ -108,12 +103,11 @@ def compile_history(
         return reading, []
     columns = info.n_columns
     out = context.zeros((context.n_envs, length, *reading.shape[1:]), reading.dtype)
-    launch = record(
+    launch = context.record(
         remember_kernel(reading.dtype),
         (context.n_envs, columns),
         [reading.reshape((context.n_envs, columns))],
         [out.reshape((context.n_envs, length, columns))],
-        context.device,
     )
     reset = functools.partial(clear_rows, out)
     reason = f"history_length {length}"

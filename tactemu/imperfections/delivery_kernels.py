@@ -23,6 +23,7 @@ def select_kernel(jitter: bool, nearest: bool, linear: bool, reorder: bool):
 
     @wp.kernel(module="unique", enable_backward=False)
     def select_entry(
+        first_env: int,
         step: wp.array(dtype=wp.int64),
         time_ns: wp.array(dtype=wp.int64),
         dt: wp.array(dtype=wp.float64),
@@ -36,6 +37,7 @@ def select_kernel(jitter: bool, nearest: bool, linear: bool, reorder: bool):
         share: wp.array(dtype=wp.float64),
     ):
         e = wp.tid()
+        e += first_env
         now, number = time_ns[0], step[0]
         dt_ns = wp.max(dt[0] * wp.float64(1.0e9), wp.float64(1.0))
         lag = lags[e, 0]
@@ -90,6 +92,7 @@ def deliver_kernel(dtype: type, linear: bool):
 
     @wp.kernel(module="unique", enable_backward=False)
     def deliver(
+        first_env: int,
         x: wp.array2d(dtype=dtype),
         chosen: wp.array(dtype=wp.vec3i),
         share: wp.array(dtype=wp.float64),
@@ -97,6 +100,7 @@ def deliver_kernel(dtype: type, linear: bool):
         out: wp.array2d(dtype=dtype),
     ):
         e, group = wp.tid()
+        e += first_env
         write, older, newer = chosen[e][0], chosen[e][1], chosen[e][2]
         for c in range(group, x.shape[1], threads(x.shape[1])):
             v = x[e, c]
@@ -122,8 +126,9 @@ def remember_kernel(dtype: type):
     """Moves the history on by one reading: entry 0 is the newest."""
 
     @wp.kernel(module="unique", enable_backward=False)
-    def remember(x: wp.array2d(dtype=dtype), history: wp.array3d(dtype=dtype)):
+    def remember(first_env: int, x: wp.array2d(dtype=dtype), history: wp.array3d(dtype=dtype)):
         e, c = wp.tid()
+        e += first_env
         for k in range(history.shape[1] - 1, 0, -1):
             history[e, k, c] = history[e, k - 1, c]
         history[e, 0, c] = x[e, c]

@@ -39,6 +39,7 @@ def material_kernel(real: type, laws: frozenset[str]):
 
     @wp.kernel(module="unique", enable_backward=False)
     def material_memory(
+        first_env: int,
         x: wp.array2d(dtype=real),
         coefficient: wp.array(dtype=wp.float64),
         strengths: wp.vec3d,
@@ -53,6 +54,7 @@ def material_kernel(real: type, laws: frozenset[str]):
         out: wp.array2d(dtype=real),
     ):
         e, group = wp.tid()
+        e += first_env
         for c in range(group, x.shape[1], threads(x.shape[1])):
             v = wp.float64(x[e, c])
             if wp.isfinite(v):
@@ -107,6 +109,7 @@ def electronics_kernel(real: type, laws: frozenset[str]):
 
     @wp.kernel(module="unique", enable_backward=False)
     def electronics(
+        first_env: int,
         x: wp.array2d(dtype=real),
         n_channels: int,
         step: wp.array(dtype=wp.int64),
@@ -133,6 +136,7 @@ def electronics_kernel(real: type, laws: frozenset[str]):
         out: wp.array2d(dtype=real),
     ):
         e, group = wp.tid()
+        e += first_env
         lane = int(-1)
         if wp.static(walk):
             walk_normal = normals4(draw(walk_key, resets, e, group, step[0]))

@@ -17,6 +17,7 @@ def radius_kernel(real: type):
 
     @wp.kernel(module="unique", enable_backward=False)
     def noisy_radius(
+        first_env: int,
         nominal: wp.array(dtype=real),
         step: wp.array(dtype=wp.int64),
         key: wp.uint32,
@@ -25,6 +26,7 @@ def radius_kernel(real: type):
         out: wp.array2d(dtype=real),
     ):
         e, group = wp.tid()
+        e += first_env
         words = draw(key, resets, e, group, step[0])
         lane = int(-1)
         for i in range(group, nominal.shape[0], threads(nominal.shape[0])):

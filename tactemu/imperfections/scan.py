@@ -12,13 +12,14 @@ from tactemu.errors import SceneError
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.options import ImperfectionOptions
 from tactemu.imperfections.ring import Ring, entries, entry_before, entry_time, ring_depth, slot
-from tactemu.plan.plan import Context, Stage, record
+from tactemu.plan.plan import Context, Stage
 
 
 @functools.cache
 def _kernel(real: type):
     @wp.kernel(module="unique", enable_backward=False)
     def scan(
+        first_env: int,
         x: wp.array2d(dtype=real),
         n_channels: int,
         step: wp.array(dtype=wp.int64),
@@ -31,6 +32,7 @@ def _kernel(real: type):
         out: wp.array2d(dtype=real),
     ):
         e, i = wp.tid()
+        e += first_env
         now, number = time_ns[0], step[0]
         source = now - ages[i]
         dt_ns = wp.max(dt[0] * wp.float64(1.0e9), wp.float64(1.0))
@@ -103,12 +105,11 @@ def compile_scan(
     depth = ring_depth(float(ages.max(initial=0)) * 1e-9, context, f"sensor {info.name!r}: scan_time")
     ring = Ring(depth, info.n_columns, context.real, context)
     out = context.zeros(x.shape, context.real)
-    launch = record(
+    launch = context.record(
         _kernel(context.real),
         (context.n_envs, info.n_taxels),
         [x, info.n_channels, context.step, context.time_ns, context.dt, wp.array(ages, device=context.device)],
         [ring.birth, ring.times, ring.values, out],
-        context.device,
     )
     reason = f"scan_time {options.scan_time:g} s over {n_slots} slots"
     return out, Stage(name=f"{info.name}: scan", reason=reason, launch=launch, reset=ring.reset)

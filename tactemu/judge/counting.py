@@ -12,7 +12,7 @@ import numpy as np
 
 from tactemu.judge.columns import Columns
 from tactemu.judge.excitation import STEP
-from tactemu.judge.following import GRACE_MS, Reading, is_old
+from tactemu.judge.following import GRACE_MS, Questions, Reading
 from tactemu.judge.matching import Match
 from tactemu.judge.outcome import Known, Outcome
 from tactemu.judge.tape import Tape
@@ -35,7 +35,7 @@ def count(out: Outcome, tape: Tape, reading: Reading, left: np.ndarray) -> None:
     known = reading.known
     times = np.array([sample.t for sample in tape.samples])
     sent_at = np.sort(np.array([f.t for f in tape.frames if f.way == "tx"], np.int64))
-    asked = np.array([f.t for f in tape.frames if f.way == "rx"]) if known.asks else np.zeros(0)
+    questions = Questions(tape, known.ask_ms)
     answers = _answers(tape) if known.asks else {}
     grace = 1e6 * max(GRACE_MS, 3 * known.p99_ms)
     last, seen, ages = -1, set(), []
@@ -56,7 +56,7 @@ def count(out: Outcome, tape: Tape, reading: Reading, left: np.ndarray) -> None:
             out.wrong += 1
             _keep_bad(out, match, tape, reading)
         elif k > last or (known.asks and k == last):
-            old = known.asks and is_old(match, times, asked, known)
+            old = known.asks and questions.old(match, known)
             if old and k == last:  # handed out before, and asked for again since
                 out.stale += 1
                 _keep_bad(out, match, tape, reading, old=True)
@@ -67,7 +67,7 @@ def count(out: Outcome, tape: Tape, reading: Reading, left: np.ndarray) -> None:
                 ages.append((t - times[k]) / 1e6)
         else:
             idle = t - sent_at[max(0, int(np.searchsorted(sent_at, t)) - 1)] > grace if len(sent_at) else True
-            stale = (t - left[k] > grace and idle) or (known.asks and is_old(match, times, asked, known))
+            stale = (t - left[k] > grace and idle) or (known.asks and questions.old(match, known))
             out.stale += stale
             if stale:
                 _keep_bad(out, match, tape, reading, old=True)

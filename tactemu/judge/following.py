@@ -54,8 +54,7 @@ def recovered(
     """Seconds from ``after`` to the first of ten right rows in a row, all of samples since then and in their order."""
     left = left_times(tape) if left is None else left
     limit_ns = 1e6 * max(GRACE_MS, 2 * known.p99_ms + 2 * known.row_ms)
-    asked = np.array([f.t for f in tape.frames if f.way == "rx"]) if known.asks else np.zeros(0)
-    times = np.array([sample.t for sample in tape.samples])
+    questions = Questions(tape, known.ask_ms)
     run: list[int] = []
     last = -1
     for match in matches:
@@ -64,7 +63,7 @@ def recovered(
         k = match.sample
         fresh = k is not None and k < len(left) and left[k] >= after and not match.marked
         if fresh and known.asks:
-            fresh = not is_old(match, times, asked, known)
+            fresh = not questions.old(match, known)
         elif fresh:
             fresh = match.said.t - left[k] <= limit_ns
         again = k == last and not known.asks and known.keeps and not known.repeats
@@ -79,14 +78,32 @@ def recovered(
     return None
 
 
-def is_old(match: Match, times: np.ndarray, asked: np.ndarray, known: Known) -> bool:
-    """Whether a row of a driver that asks was already old when it asked."""
-    if match.sample is None or not len(asked):
-        return False
-    # A row is heard a little after it was printed; what was asked in between is not what it answers.
-    last = int(np.searchsorted(asked, match.said.t - 0.5e6 * known.ask_ms)) - 1
-    if last < 0:
-        return False
-    newest = int(np.searchsorted(times, asked[last], side="right")) - 1
-    a_row = known.row_ms / max(known.period_ms, 1e-6)
-    return newest - match.sample > known.behind + max(1.0, 0.5 * a_row)
+class Questions:
+    """Of a driver that asks: what was the newest when it asked for a row."""
+
+    def __init__(self, tape: Tape, ask_ms: float):
+        self._times = np.array([sample.t for sample in tape.samples])
+        self._asked = np.array([f.t for f in tape.frames if f.way == "rx"])
+        self._answered = np.sort(np.array([f.t for f in tape.frames if f.way == "tx"]))
+        self._usual_ns = 1e6 * ask_ms
+
+    def behind(self, match: Match) -> int | None:
+        """How many samples were taken since the one that a row is, until the question that it answers; None: unknown.
+
+        A row is heard a little after it was printed, and the next question may have been asked in between: only one
+        that is half of the usual time old, or that has been answered since, is what the row answers.
+        """
+        if match.sample is None or not len(self._asked):
+            return None
+        answered = self._answered[: np.searchsorted(self._answered, match.said.t, side="right")]
+        since = max(match.said.t - 0.5 * self._usual_ns, answered[-1] if len(answered) else 0)
+        last = int(np.searchsorted(self._asked, since)) - 1
+        if last < 0:
+            return None
+        return int(np.searchsorted(self._times, self._asked[last], side="right")) - 1 - match.sample
+
+    def old(self, match: Match, known: Known) -> bool:
+        """Whether a row was already old when it was asked for."""
+        a_row = known.row_ms / max(known.period_ms, 1e-6)
+        behind = self.behind(match)
+        return behind is not None and behind > known.behind + max(1.0, 0.5 * a_row)

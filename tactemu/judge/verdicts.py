@@ -14,7 +14,7 @@ import numpy as np
 from tactemu.judge.columns import MISTAKES as MISTAKEN
 from tactemu.judge.columns import Columns, misnamed, misscaled
 from tactemu.judge.counting import LEAK_BYTES, count, listen, template, weigh
-from tactemu.judge.following import SETTLED, Reading, left_times, recovered
+from tactemu.judge.following import SETTLED, Questions, Reading, left_times, recovered
 from tactemu.judge.outcome import ABOUT, Finding, Known, Outcome
 from tactemu.judge.tape import Tape
 
@@ -207,13 +207,13 @@ def known_of(tape: Tape, columns: Columns, *, asks: bool, period_ms: float) -> K
     known.repeats = probe.again > 0.1 * max(1, probe.rows)
     known.keeps = not asks and probe.lost <= 0.03 * max(1, probe.right)
     if asks:
-        asked = np.array([f.t for f in tape.frames if f.way == "rx"])
-        known.ask_ms = _ask_ms(tape, asked)
-        known.behind = _usually_behind(tape, reading, asked, known.ask_ms)
+        known.ask_ms = _ask_ms(tape)
+        known.behind = _usually_behind(tape, reading, known.ask_ms)
     return known
 
 
-def _ask_ms(tape: Tape, asked: np.ndarray) -> float:
+def _ask_ms(tape: Tape) -> float:
+    asked = np.array([f.t for f in tape.frames if f.way == "rx"])
     waits = [
         said.t - asked[last]
         for said in tape.rows
@@ -222,11 +222,8 @@ def _ask_ms(tape: Tape, asked: np.ndarray) -> float:
     return float(np.quantile(waits, 0.1)) / 1e6 if waits else 0.0
 
 
-def _usually_behind(tape: Tape, reading: Reading, asked: np.ndarray, ask_ms: float) -> int:
-    times = np.array([sample.t for sample in tape.samples])
-    behind = []
-    for match in reading.matches:
-        last = int(np.searchsorted(asked, match.said.t - 0.5e6 * ask_ms)) - 1
-        if match.sample is not None and last >= 0 and match.said.t > tape.on:
-            behind.append(int(np.searchsorted(times, asked[last], side="right")) - 1 - match.sample)
+def _usually_behind(tape: Tape, reading: Reading, ask_ms: float) -> int:
+    questions = Questions(tape, ask_ms)
+    during = [match for match in reading.matches if match.said.t > tape.on]
+    behind = [each for match in during if (each := questions.behind(match)) is not None]
     return max(0, round(float(np.quantile(behind, 0.99)))) if behind else 0

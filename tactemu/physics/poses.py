@@ -9,19 +9,26 @@ the link's frame and, where a sensor asks for it, the relative twist, and rounds
 # pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 import warp as wp
 
-from tactemu.plan.plan import Context, Stage, record
+from tactemu.plan.launches import record
+from tactemu.plan.plan import Context, Stage
+from tactemu.scene.bodies import Body
 
 POSE_WIDTH = 13
 
 
 @functools.cache
-def relative_pose_kernel(real, with_twist: bool):
-    """Poses (and twists) of all bodies in the frame of each link; a pose that is not finite becomes NaN and a flag."""
+def relative_pose_kernel(real, with_twist: bool, ticks: bool):
+    """Poses (and twists) of all bodies in the frame of each link; a pose that is not finite becomes NaN and a flag.
+
+    ``ticks``: it also advances the step count and the time.
+    """
     vec3 = wp.types.vector(3, real)
     quat = wp.types.quaternion(real)
     transform = wp.types.transformation(real)
@@ -42,6 +49,7 @@ def relative_pose_kernel(real, with_twist: bool):
 
     @wp.kernel(module="unique", enable_backward=False)
     def relative_poses(
+        first_env: int,
         world: wp.array3d(dtype=wp.float64),
         links: wp.array(dtype=wp.int32),
         dt_ns: wp.array(dtype=wp.int64),
@@ -53,10 +61,12 @@ def relative_pose_kernel(real, with_twist: bool):
         link_spin_out: wp.array2d(dtype=vec3),
         bad_out: wp.array3d(dtype=wp.uint8),
     ):
-        l, e, b = wp.tid()
-        if l == 0 and e == 0 and b == 0:
-            step[0] = step[0] + wp.int64(1)
-            time_ns[0] = time_ns[0] + dt_ns[0]
+        e, l, b = wp.tid()
+        e += first_env
+        if wp.static(ticks):
+            if l == 0 and e == 0 and b == 0:
+                step[0] = step[0] + wp.int64(1)
+                time_ns[0] = time_ns[0] + dt_ns[0]
         link = world[links[l], e]
         body = world[b, e]
         q_link = unit_quaternion(link)
@@ -83,6 +93,17 @@ def relative_pose_kernel(real, with_twist: bool):
                 link_spin_out[l, e] = narrow(wp.quat_rotate(to_link, wl))
 
     return relative_poses
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def tick(
+    dt_ns: wp.array(dtype=wp.int64),
+    step: wp.array(dtype=wp.int64),
+    time_ns: wp.array(dtype=wp.int64),
+):
+    """Advance the step count and the time, before threads that share a step begin."""
+    step[0] = step[0] + wp.int64(1)
+    time_ns[0] = time_ns[0] + dt_ns[0]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,17 +162,53 @@ class RelativePoses:
             arrays = {"velocity": none, "spin": none, "link_spin": none.reshape((0,))}
         return LinkView(link=link, pose=self._pose[l], **arrays)
 
-    def stage(self) -> Stage:
-        """The stage; it also advances the step count and the time."""
+    def status(self, link: int) -> wp.array:
+        """Which poses a link could not use at the last step, uint8, ``(n_envs, n_bodies)``: 1 where one was not."""
+        return cast(wp.array, self.bad[self.links.index(link)])
+
+    def stages(self) -> list[Stage]:
+        """The stage, which also advances the step count and the time; where threads share the step, one before it."""
         context = self._context
+        shared, before = context.threads > 1, []
+        if shared:
+            launch = record(tick, 1, [self.dt_ns], [context.step, context.time_ns], context.device)
+            before = [Stage(name="time", reason="advances before threads share the step", launch=launch)]
         inputs = [self.world, self._links, self.dt_ns, context.step, context.time_ns]
         outputs = [self._pose, self._velocity, self._spin, self._link_spin, self.bad]
-        kernel = relative_pose_kernel(context.real, self.with_twist)
+        kernel = relative_pose_kernel(context.real, self.with_twist, not shared)
         reason = "poses of all bodies in the skin's frame, formed in float64"
         if self.with_twist:
             reason += "; velocities for " + ", ".join(self._reasons)
-        launch = record(kernel, self._pose.shape, inputs, outputs, context.device)
-        return Stage(name="relative poses", reason=reason, launch=launch)
+        links, n_envs, bodies = self._pose.shape
+        launch = context.record(kernel, (n_envs, links, bodies), inputs, outputs)
+        return [*before, Stage(name="relative poses", reason=reason, launch=launch)]
+
+
+def complaint(bodies: Sequence[Body], values: np.ndarray, bad: np.ndarray, step: int, real: type) -> str:
+    """What is wrong with poses of which some were not usable, in words.
+
+    Args:
+        bodies: of the scene.
+        values: the world's poses, ``(n_bodies, n_envs, 13)``.
+        bad: which were not usable, ``(n_envs, n_bodies)``.
+        step: that they were for.
+        real: type of the kernels' numbers.
+    """
+    with np.errstate(invalid="ignore", over="ignore"):
+        usable = np.isfinite(values).all(-1) & (np.linalg.norm(values[..., 3:7], axis=-1) >= 1e-6)
+    wrong = np.argwhere(~usable)
+    if len(wrong):
+        b, e = wrong[0]
+        what = f"pose {values[b, e]}"
+    else:
+        e, b = np.argwhere(bad)[0]
+        what = f"pose {values[b, e]} too far from the skin for {real.__name__}"
+    envs = sorted({int(env) for env in np.argwhere(bad)[:, 0]})
+    return (
+        f"body {bodies[b].name!r}, environment {e}, step {step}: {what} "
+        f"(position, quaternion w x y z, velocity, angular velocity) must be finite and the quaternion not 0. "
+        f"Environments that read NaN: {envs}; set_pose a good pose there and reset(envs={envs})"
+    )
 
 
 def pose_row(position, quaternion, linear_velocity=(0.0, 0.0, 0.0), angular_velocity=(0.0, 0.0, 0.0)) -> np.ndarray:

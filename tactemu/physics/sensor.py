@@ -13,8 +13,11 @@ import warp as wp
 from tactemu.errors import SceneError
 from tactemu.imperfections import Adjustments, Imperfections
 from tactemu.options import number
+from tactemu.physics.device_arrays import taken
 from tactemu.physics.probes.probes import Probes
-from tactemu.physics.sensor_model import DepthQuery, SensorModel
+from tactemu.physics.sensor_model import DepthQuery, Derive, SensorModel
+from tactemu.physics.views import Views
+from tactemu.plan.plan import Stage
 from tactemu.scene.bodies import Body, find
 from tactemu.scene.motion import Pose
 from tactemu.transducers.chain import Chain
@@ -36,9 +39,13 @@ class Built(Protocol):
         """Where a body is and how it moves, in the world of environment 0."""
         ...
 
+    def add_stage(self, stage: Stage) -> None:
+        """Run one more stage at the end of each step, and now."""
+        ...
+
 
 @dataclass(eq=False)
-class Sensor(Adjustments):
+class Sensor(Views, Adjustments):
     """A skin on a link, as :meth:`tactemu.Scene.add_sensor` returns it. Readable once the scene is built."""
 
     name: str
@@ -52,6 +59,9 @@ class Sensor(Adjustments):
     _truth: wp.array | None = field(default=None, repr=False)
     _measured: wp.array | None = field(default=None, repr=False)
     _presented: Callable[[np.ndarray], Any] | None = field(default=None, repr=False)
+    _derived: Mapping[str, Derive] = field(default_factory=dict, repr=False)
+    _kept: dict[tuple[str, bool], wp.array] = field(default_factory=dict, repr=False)
+    _status: wp.array | None = field(default=None, repr=False)
 
     @cached_property
     def probes(self) -> Probes:
@@ -65,23 +75,33 @@ class Sensor(Adjustments):
         truth: wp.array,
         measured: wp.array,
         present: Callable[[np.ndarray], Any] | None,
+        derived: Mapping[str, Derive],
+        status: wp.array,
     ) -> None:
         """Connect the handle to the arrays of a built scene; a later build takes over."""
         self._sim, self.imperfections, self._truth, self._measured = sim, spoil, truth, measured
-        self._presented = present
+        self._presented, self._derived, self._kept, self._status = present, derived, {}, status
 
-    def read(self) -> Any:
+    def read(self, out: wp.array | np.ndarray | None = None) -> Any:
         """The measured reading of the last step, a numpy copy of shape ``([n_envs,] [history,] layout[, 3])``.
 
+        Args:
+            out: memory of the host to copy into, as :meth:`host_array` makes it; what is returned lies in it.
+
         Raises:
-            SceneError: the scene is not built.
+            SceneError: the scene is not built; ``out`` has the wrong shape or type.
             PoseError: on a GPU, a pose of this step was not finite.
         """
-        return self._present(self.array())
+        return self._present(self.array(), out)
 
-    def read_ground_truth(self) -> Any:
+    def read_ground_truth(self, out: wp.array | np.ndarray | None = None) -> Any:
         """The reading of the last step without any imperfection, delay or noise; shaped as :meth:`read`."""
-        return self._present(self.array(ground_truth=True))
+        return self._present(self.array(ground_truth=True), out)
+
+    def host_array(self, ground_truth: bool = False) -> wp.array:
+        """Memory of the host for ``read(out=)``; pinned for a GPU, which then copies at the full speed of its bus."""
+        array, device = self.array(ground_truth), self._simulation.device
+        return wp.zeros(array.shape, dtype=array.dtype, device="cpu", pinned=device.is_cuda)
 
     def array(self, ground_truth: bool = False) -> wp.array:
         """The device array behind a reading, ``(n_envs, [history,] n_taxels, channels)``: nothing is copied or waited
@@ -157,13 +177,33 @@ class Sensor(Adjustments):
         self._simulation.before_read()
         return array.numpy()
 
-    def _present(self, array: wp.array):
-        values = self._numpy(array)
-        if self._simulation.device.is_cpu:  # the device's own memory
-            values = values.copy()
+    def _present(self, array: wp.array, out: wp.array | np.ndarray | None = None):
+        if out is not None:
+            values = self._copied(array, out)
+        else:
+            values = self._numpy(array)
+            if self._simulation.device.is_cpu:  # the device's own memory
+                values = values.copy()
         shape = (*values.shape[:-2], *self.probes.layout, values.shape[-1])
         present = self._presented or (self.model.present if self.chain is None else _plain)
         return present(values.reshape(shape if self._simulation.batched else shape[1:]))
+
+    def _copied(self, array: wp.array, out: wp.array | np.ndarray) -> np.ndarray:
+        """A reading in the memory given."""
+        host = taken(out, f"read of sensor {self.name!r}: out")
+        assert host.device is not None and array.device is not None
+        if host.shape != array.shape or host.dtype != array.dtype or not host.device.is_cpu or not host.is_contiguous:
+            expected = f"{array.shape} of {array.dtype.__name__}"
+            got = f"{host.shape} of {host.dtype.__name__} on {host.device}"
+            raise SceneError(
+                f"read of sensor {self.name!r}: out must be an array of the host of shape {expected}, in one piece, as "
+                f"host_array() makes it; got {got}"
+            )
+        self._simulation.before_read()
+        wp.copy(host, array)
+        if array.device.is_cuda:
+            wp.synchronize_stream(wp.get_stream(array.device))
+        return host.numpy()
 
 
 def _plain(values: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ A model is a dataclass of options, one file, derived from :class:`SensorModel`::
             raw = site.zeros()                                # (n_envs, n_taxels, channels), site.context.real
             kernel = my_kernel(site.context.real, site.table.kinds)
             inputs = [site.table.struct, site.view.pose, site.targets, site.positions, self.stiffness]
-            launch = record(kernel, raw.shape[:2], inputs, [raw], site.context.device)
+            launch = site.context.record(kernel, raw.shape[:2], inputs, [raw])
             stage = Stage(name=f"{site.name}: my taxel", reason="MyTaxel asks for it", launch=launch)
             return Compiled(truth=raw, raw=raw, stages=[stage])
 
@@ -35,6 +35,10 @@ One line in :mod:`tactemu.physics.models` makes it known to scene files, to ``ta
 
 * ``site.zeros()``, and ``zeros``, ``full`` and ``array`` of ``site.context``: arrays that last from step to step. They
   are what is saved of a simulation; scratch and what never changes need not be made by them.
+
+``site.context.record`` gives the kernel one argument more, its first: the environment of its first thread. After
+``e, i = wp.tid()`` it says ``e += first_env``, and so threads can share a batch; a plain
+:func:`tactemu.plan.launches.record` does without, and is run by one.
 
 A kernel comes from a cached factory per float type, with ``@wp.kernel(module="unique", enable_backward=False)``, in a
 file *without* ``from __future__ import annotations``. A NaN pose must come out as NaN, not as 'no contact':
@@ -63,6 +67,8 @@ from tactemu.plan.plan import Context, Dtype, Stage
 from tactemu.scene.bodies import Body
 
 DepthQuery = Literal["sdf", "raycast", "voxel", "ray"]
+Derive = Callable[[wp.array, str], tuple[wp.array, Stage]]
+"""From a reading, of the branch ``truth`` or ``measured``, to what follows from it, and the stage that fills that."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -132,6 +138,8 @@ class Compiled:
     """Applied to each branch, ``finish(array, "truth" | "measured")``, after the imperfections and before the delay."""
     present: Callable[[np.ndarray], Any] | None = None
     """In place of :meth:`SensorModel.present`, where that must know what was compiled."""
+    derived: Mapping[str, Derive] = field(default_factory=dict)
+    """What follows from a reading and may be asked for as an array on the device (:meth:`Sensor.view`), by name."""
 
 
 @dataclass(frozen=True)
@@ -176,6 +184,8 @@ class SensorModel(ImperfectionOptions, DrawOptions, ABC):
     # What a model is. Scene files, `tactemu tune`, the benches and docs/sensors.md read it here.
     level: ClassVar[int]
     """Of fidelity, 0 (a touch flag) to 4 (a solved contact)."""
+    work: ClassVar[float] = 1.0
+    """Roughly what a taxel costs on a CPU, in those of a depth probe that touches a ball (about 10 ns)."""
     channels: ClassVar[tuple[Channels, ...]] = ("scalar",)
     """What a taxel gives, in order: ``scalar`` is one number, ``force``, ``torque``, ``displacement`` three each."""
     unit: ClassVar[str] = ""

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import warp as wp
@@ -14,21 +14,26 @@ from tactemu.errors import PoseError, SceneError
 from tactemu.imperfections import Imperfections, ReadingInfo
 from tactemu.imperfections.compile import Transduce
 from tactemu.kernels import start
+from tactemu.physics.bound_poses import BoundPoses, declared
 from tactemu.physics.drawing import check_drawing
 from tactemu.physics.points.point_cloud import PointCloud
-from tactemu.physics.poses import RelativePoses
+from tactemu.physics.poses import RelativePoses, complaint
+from tactemu.physics.restarts import Restarts
 from tactemu.physics.sensor import Sensor, bodies_felt, check_query
 from tactemu.physics.sensor_model import Site, upload_probes
 from tactemu.physics.shapes.table import ShapeTables
 from tactemu.physics.world import World
-from tactemu.plan.clearing import clear_rows
 from tactemu.plan.plan import Context, Plan, Stage
+from tactemu.plan.team import cores
 from tactemu.scene.bodies import Body, find
 from tactemu.scene.motion import Pose
 from tactemu.transducers.transducer import Kind, Place
 
 MOST_THREADS = 2**31
 """Warp counts threads and the places of an array's axis in 31 bits."""
+WORTH_A_THREAD = 2**14
+"""Work of a step (:attr:`SensorModel.work` of all taxels) for which one more thread pays: it takes about 150 µs, and
+waking a thread up to 50."""
 
 _COUNTS = ("time_ns", "step_count", "_dt_ns", "_checked_step")
 """What is saved beside the arrays."""
@@ -93,6 +98,7 @@ class Simulation:
         device,
         seed: int,
         dtype: str,
+        threads: int | None = None,
         posers: Sequence[Callable[[Simulation, float], None]] = (),
         like: Simulation | None = None,
     ):
@@ -109,21 +115,27 @@ class Simulation:
         self.device = _device(device)
         self.time_ns = 0
         self.step_count = 0
+        self._threads_wanted = threads
+        n_threads, why = self._share_out(threads)
         self.context = Context(
             device=self.device,
             n_envs=self.n_envs,
             real=REAL[dtype],
             seed=int(seed),
             constants={} if like is None else like.context.constants,
+            threads=n_threads,
         )
         self.context.dt.fill_(dt)
         self.outdated = ""
         """Why it must not be stepped any more: its scene has changed, or was built again."""
         self._dt_ns = -1
         self._checked_step = 0
-        attachments = self._compile()
+        attachments = self._compile(why)
         self.world = World(self.bodies, self._poses.world)
         self._moving = [body for body in self.bodies if body.motion is not None]
+        self.restarts = Restarts(self.plan, self.world, self._arrays, self.device)
+        self._bound: BoundPoses | None = None
+        self._in_graph = False
         self.posers = list(posers)
         """Called at each step with its time [s], after the motions: they pose bodies."""
         self._move(0.0)
@@ -132,14 +144,35 @@ class Simulation:
 
     # -- building ---------------------------------------------------------------------------------------------------
 
-    def _compile(self) -> list[Callable[[], None]]:
+    def _share_out(self, threads: int | None) -> tuple[int, str]:
+        """How many threads share the environments, and why, in words."""
+        if threads is not None and (isinstance(threads, bool) or int(threads) != threads or threads < 1):
+            raise SceneError(f"build: threads must be None or a whole number >= 1, got {threads!r}")
+        if not self.device.is_cpu:
+            if threads not in (None, 1):
+                raise SceneError(f"build: threads is of a CPU, and this is {self.device}; leave it out")
+            return 1, ""
+        if self.n_envs == 1:
+            return 1, " (one environment)"
+        each = f" of {self.n_envs} environments"
+        if threads is not None:
+            found = min(int(threads), self.n_envs)
+            return found, f" (as asked for), {-(-self.n_envs // found)}{each} at most to each"
+        work = self.n_envs * sum(sensor.model.work * sensor.probes.n for sensor in self.sensors)
+        pays = max(1, int(work // WORTH_A_THREAD))
+        found = min(cores(), self.n_envs, pays)
+        if found == 1:
+            return 1, " (a step is too short for more)" if pays == 1 else " (one core)"
+        return found, f", {-(-self.n_envs // found)}{each} at most to each"
+
+    def _compile(self, why_threads: str) -> list[Callable[[], None]]:
         """Fill the plan. Returns what connects the sensors' handles, to be called when all is well."""
         links = sorted({sensor.link.index for sensor in self.sensors})
         reasons = [f"{s.name} ({why})" for s in self.sensors if (why := s.model.velocity_reason())]
         self._poses = RelativePoses(links, len(self.bodies), reasons, self.context)
-        self.plan = Plan(device=self.device)
+        self.plan = Plan(device=self.device, threads=self.context.threads, why_threads=why_threads)
         if self.sensors:
-            self.plan.stages.append(self._poses.stage())
+            self.plan.stages += self._poses.stages()
         constants = self.context.constants
         self._shapes: ShapeTables = constants.setdefault(ShapeTables, ShapeTables(self.bodies, self.context))
         self._clouds: dict[tuple[int, int], PointCloud] = constants.setdefault(PointCloud, {})
@@ -205,7 +238,9 @@ class Simulation:
         self.plan.stages += spoil.compile_resets() + gain_stages + radius_stages + compiled.stages + truth_stages
         self.plan.stages += value_stages + finish_stages + delivery_stages + history_stages
         present = compiled.present if sensor.chain is None else None
-        return partial(sensor.attach, self, spoil, remembered, measured, present)
+        own = {} if sensor.chain is not None else compiled.derived
+        status = self._poses.status(sensor.link.index)
+        return partial(sensor.attach, self, spoil, remembered, measured, present, own, status)
 
     def _transduced(
         self, sensor: Sensor, raw: wp.array, done: tuple[wp.array, list[Stage], ReadingInfo], array: wp.array
@@ -279,6 +314,69 @@ class Simulation:
         given = (position, quaternion, linear_velocity, angular_velocity)
         self.world.set(body, given, envs)
 
+    @property
+    def pose_array(self) -> wp.array:
+        """Poses of all bodies, float64, shape ``(n_envs, n_bodies, 13)``: position [m], quaternion (w, x, y, z),
+        velocity of the body's origin [m/s], angular velocity [rad/s], in the world.
+
+        It is the memory that a step reads: what is written there on the device, by whomever, holds from the next step
+        on. ``torch.from_dlpack(sim.pose_array)`` copies nothing.
+        """
+        return self.world.exposed()
+
+    def bind_poses(
+        self,
+        poses=None,
+        *,
+        position=None,
+        quaternion=None,
+        linear_velocity=None,
+        angular_velocity=None,
+        order: str = "wxyz",
+        velocity_at: Any = "origin",
+        com=None,
+        index: Mapping[Body | str | int, int] | None = None,
+    ) -> None:
+        """Take poses from arrays of another simulator at each step, from the next one on.
+
+        They stay where they are, on the simulation's device: Warp or NumPy arrays, or anything with ``__dlpack__``,
+        float32 or float64, strided as they may be. One launch converts them, within the step. Called again, it replaces
+        what was bound.
+
+        Args:
+            poses: all in one array ``(n_envs, n, 13)``, as :attr:`pose_array`.
+            position: of the bodies' origins, world [m]: ``(n_envs, n, 3)``, or ``(n_envs * n, 3)`` with the bodies of
+                one environment after those of another. A pair ``(array, k)`` stands for its numbers from ``k`` on.
+            quaternion: their orientations, any length; as wide as 4.
+            linear_velocity: [m/s], world.
+            angular_velocity: [rad/s], world. What is not given stays as it is.
+            order: of a quaternion's numbers, ``wxyz`` or ``xyzw``.
+            velocity_at: whose velocity it is: of the ``origin``, of the centre of mass (``com``), or of the body's
+                material at points in the world, an array ``(n_envs, n, 3)``.
+            com: centres of mass in the bodies' frames [m], ``(n, 3)`` or as ``position``.
+            index: which of the n places is whose, ``{body: place}``; default: place k is body k, fixed ones left alone.
+
+        Raises:
+            SceneError: an array has the wrong shape, type or device, or no memory; a body is fixed, or has a motion.
+        """
+        parts = {
+            "position": position,
+            "quaternion": quaternion,
+            "linear_velocity": linear_velocity,
+            "angular_velocity": angular_velocity,
+        }
+        said = {"order": order, "velocity_at": velocity_at, "com": com, "index": index}
+        bound = declared(self.bodies, self.context, poses=poses, parts=parts, **said)
+        stage = bound.stage(self.context, self._poses.world)
+        self.world.bind(frozenset(body.index for body in bound.bodies))
+        self.plan.insert(stage, before="relative poses")
+        self._bound = bound
+
+    def add_stage(self, stage: Stage) -> None:
+        """Run one more stage at the end of each step, and run it now."""
+        self.plan.insert(stage)
+        stage.launch()
+
     def step(self, dt: float | None = None) -> None:
         """Advance the time by ``dt`` [s] (default: the scene's), move what has a motion, and run the plan.
 
@@ -304,6 +402,9 @@ class Simulation:
             self.context.dt.fill_(dt)
             self._poses.dt_ns.fill_(dt_ns)
             self._dt_ns = dt_ns
+        if self.device.is_cuda and wp.get_stream(self.device).is_capturing:
+            self._step_within_capture()
+            return
         self.time_ns += dt_ns
         self.step_count += 1
         self._move(self.time_ns * 1e-9)
@@ -311,6 +412,17 @@ class Simulation:
         self.plan.run()
         if self._bad_view is not None and self._bad_view.any():
             self.check_poses()
+
+    def _step_within_capture(self) -> None:
+        """Leave a step in a graph that somebody else captures; steps of that graph are counted on the device only."""
+        if not self.plan.loaded:
+            raise SceneError("step: a first step loads what a graph may not; take one before you capture")
+        if self._moving or self.posers:
+            raise SceneError("step: what has a motion, or is posed from Python, cannot be captured in a graph")
+        if self.world.waiting:
+            raise SceneError("step: poses set from the host wait to be sent; take a step before you capture")
+        self._in_graph = True
+        self.plan.run_within_capture()
 
     @property
     def dt_ns(self) -> int:
@@ -355,28 +467,18 @@ class Simulation:
         Raises:
             PoseError: naming body, environments and step; once per step.
         """
-        if self._checked_step == self.step_count:
+        if self._checked_step == self.step_count and not self._in_graph:
             return
         self._checked_step = self.step_count
-        bad = self._poses.bad.numpy().any(axis=0)
+        bad = np.asarray(self._poses.bad.numpy().any(axis=0))
         if not bad.any():
             return
         values = self.world.download()
-        with np.errstate(invalid="ignore", over="ignore"):
-            usable = np.isfinite(values).all(-1) & (np.linalg.norm(values[..., 3:7], axis=-1) >= 1e-6)
-        wrong = np.argwhere(~usable)
-        if len(wrong):
-            b, e = wrong[0]
-            what = f"pose {values[b, e]}"
-        else:
-            e, b = np.argwhere(bad)[0]
-            what = f"pose {values[b, e]} too far from the skin for {self.context.real.__name__}"
-        envs = sorted({int(env) for env in np.argwhere(bad)[:, 0]})
-        raise PoseError(
-            f"body {self.bodies[b].name!r}, environment {e}, step {self.step_count}: {what} "
-            f"(position, quaternion w x y z, velocity, angular velocity) must be finite and the quaternion not 0. "
-            f"Environments that read NaN: {envs}; set_pose a good pose there and reset(envs={envs})"
-        )
+        raise PoseError(complaint(self.bodies, values, bad, self.step_count, self.context.real))
+
+    def check(self) -> None:
+        """Wait for the device, and raise what the last step found wrong (:meth:`check_poses`)."""
+        self.check_poses()
 
     def before_read(self) -> None:
         """On a GPU poses are judged here, since a step does not wait for the device."""
@@ -393,9 +495,20 @@ class Simulation:
             device=self.device,
             seed=self.context.seed,
             dtype=self.context.real.__name__,
+            threads=self._threads_wanted,
             posers=self.posers,
             like=self,
         )
+
+    def close(self) -> None:
+        """End the threads that share its steps; another step starts them again. Without any it does nothing."""
+        self.plan.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.close()
 
     # -- saving -----------------------------------------------------------------------------------------------------
 
@@ -437,19 +550,18 @@ class Simulation:
 
         return take
 
-    def reset(self, envs: Sequence[int] | np.ndarray | None = None) -> None:
+    def reset(self, envs: Any = None) -> None:
         """Clear all state, put bodies back where they started, and let readings be 0 until the next step.
 
         Args:
-            envs: the environments to reset; ``None``: all, and the time and the step count start at 0 again.
+            envs: the environments to reset: indices, a mask, or a mask (bool or uint8) in an array on the simulation's
+                device (Warp, torch, anything with ``__dlpack__``), for which nothing waits for the device. ``None``:
+                all, and the time and the step count start at 0 again.
+
+        Raises:
+            SceneError: an environment is not there; a mask has the wrong length, type or device.
         """
-        mask = np.zeros(self.n_envs, bool)
-        mask[self.world.env_indices(envs)] = True
-        on_device = wp.array(mask, dtype=wp.bool, device=self.device)
-        self.plan.reset(on_device)
-        for array in self._arrays:
-            clear_rows(array, on_device)
-        self.world.reset(envs)
+        self.restarts.reset(envs)
         if envs is None:
             self.time_ns = self.step_count = self._checked_step = 0
             self.context.step.fill_(0)

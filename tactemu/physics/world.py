@@ -23,7 +23,8 @@ PARTS = {
 }
 
 
-def _on_host(value) -> bool:
+def on_host(value) -> bool:
+    """Is it no array of a device, or a NumPy array?"""
     return not (isinstance(value, wp.array) or hasattr(value, "__dlpack__")) or isinstance(value, np.ndarray)
 
 
@@ -47,6 +48,10 @@ class World:
         self._start = np.array([pose_row(body.position, body.quaternion) for body in bodies]).reshape(-1, POSE_WIDTH)
         self._dirty: set[int] = set()
         self._device_newer: set[int] = set()
+        self._start_rows = wp.array(self._start, dtype=wp.float64, device=device_array.device)
+        self.bound: frozenset[int] = frozenset()
+        """Bodies whose poses come from arrays on the device."""
+        self._exposed = False
         self._sent = None if self._shared else wp.Event(device_array.device)
         self._in_flight = False
         self.reset(None)
@@ -85,10 +90,12 @@ class World:
             SceneError: a shape is wrong, or an environment is not there.
         """
         b = body.index
+        if b in self.bound:
+            raise SceneError(f"set_pose({body.name!r}): its poses come from the arrays given to bind_poses")
         where = self.env_indices(envs)
         rows = self.n_envs if envs is None else len(where)
         for (name, part), value in zip(PARTS.items(), given):
-            if value is not None and not _on_host(value):
+            if value is not None and not on_host(value):
                 value = self._from_device(b, name, part, value, envs)
             if value is None:
                 continue
@@ -136,7 +143,8 @@ class World:
             self._in_flight = False
         if b in self._device_newer:
             self._values[b] = self._device_array[b].numpy()
-            self._device_newer.discard(b)
+            if not self._exposed:
+                self._device_newer.discard(b)
         self._dirty.add(b)
 
     def _mark_sent(self) -> None:
@@ -167,17 +175,57 @@ class World:
         values = self.download() if self._device_newer else self._values
         return values[:, 0, :7].copy()
 
+    @property
+    def waiting(self) -> bool:
+        """Has the host set poses that are still to be sent?"""
+        return bool(self._dirty)
+
+    def exposed(self) -> wp.array:
+        """The poses ``(n_envs, n_bodies, 13)`` for anybody to write on the device, over the same memory."""
+        self.upload()
+        self._exposed = True
+        self.changed_on_device()
+        return self._device_array.transpose((1, 0, 2))
+
+    def bind(self, bodies: frozenset[int]) -> None:
+        """From now on the device writes the poses of these bodies."""
+        self.upload()
+        self.bound = bodies
+        if not self._shared:
+            self._device_newer |= bodies
+
+    def reset_rows(self, mask: wp.array) -> None:
+        """On the device: put all bodies back where they started where the mask is true. Can be captured in a graph."""
+        inputs = [mask, self._start_rows]
+        device = self._device_array.device
+        dim = self._device_array.shape[:2]
+        wp.launch(_restart_kernel, dim=dim, inputs=inputs, outputs=[self._device_array], device=device)
+
+    def changed_on_device(self) -> None:
+        """What the host has is outdated, for all bodies."""
+        self._device_newer = set() if self._shared else set(range(self.n_bodies))
+
     def resumed(self) -> None:
         """The device's array was restored: what the host has is outdated."""
         self._dirty.clear()
-        self._device_newer = set() if self._shared else set(range(self.n_bodies))
+        self.changed_on_device()
 
     def reset(self, envs) -> None:
-        """Put all bodies back where they started."""
+        """Put all bodies back where they started, from the host."""
         where = self.env_indices(envs)
         for b, row in enumerate(self._start):
             self._before_write(b)
             self._values[b, where] = row
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def _restart_kernel(
+    mask: wp.array(dtype=wp.bool), start: wp.array2d(dtype=wp.float64), world: wp.array3d(dtype=wp.float64)
+):
+    b, e = wp.tid()
+    if mask[e]:
+        for k in range(world.shape[2]):
+            world[b, e, k] = start[b, k]
 
 
 @functools.cache

@@ -1,4 +1,4 @@
-"""Zeroing the rows of the environments that are reset."""
+"""Setting the rows of the environments that are reset to what they begin with."""
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
 # pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
@@ -10,23 +10,27 @@ import warp as wp
 
 
 @functools.cache
-def _clear_kernel(dtype):
+def _fill_kernel(dtype):
     @wp.kernel(module="unique", enable_backward=False)
-    def clear(mask: wp.array(dtype=wp.bool), state: wp.array2d(dtype=dtype)):
+    def fill(mask: wp.array(dtype=wp.bool), value: dtype, state: wp.array2d(dtype=dtype)):
         e, c = wp.tid()
         if mask[e]:
-            state[e, c] = dtype(0)
+            state[e, c] = value
 
-    return clear
+    return fill
 
 
-def clear_rows(array: wp.array, mask: wp.array) -> None:
-    """Set ``array[e, ...]`` to 0 where ``mask`` (bool, shape ``(n_envs,)``) is true. Scalars of any type."""
+def clear_rows(array: wp.array, mask: wp.array, value: float = 0) -> None:
+    """Set ``array[e, ...]`` to a value where ``mask`` (bool, shape ``(n_envs,)``) is true. Scalars and vectors.
+
+    On a GPU nothing waits, and it can be captured in a graph.
+    """
     if array.size == 0:
         return
     assert array.device is not None
     if array.device.is_cpu:
-        array.numpy()[np.asarray(mask.numpy(), bool)] = 0
+        array.numpy()[np.asarray(mask.numpy(), bool)] = value
         return
     flat = array.reshape((array.shape[0], -1))
-    wp.launch(_clear_kernel(array.dtype), dim=flat.shape, inputs=[mask], outputs=[flat], device=array.device)
+    inputs = [mask, array.dtype(value)]
+    wp.launch(_fill_kernel(array.dtype), dim=flat.shape, inputs=inputs, outputs=[flat], device=array.device)

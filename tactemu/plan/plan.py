@@ -1,7 +1,8 @@
 """The plan of a scene: the stages that it needs, each with its reason, launched in order.
 
 Stages are compiled once, when the scene is built: arrays are allocated and launches recorded there, and a step does
-nothing but launch. On the CPU each stage is a recorded launch; on a GPU the plan is captured in one CUDA graph.
+nothing but launch. On the CPU each stage is a recorded launch, and threads may share the environments of a batch
+(:mod:`tactemu.plan.team`); on a GPU the plan is captured in one CUDA graph.
 """
 
 from __future__ import annotations
@@ -9,10 +10,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from html import escape
+from itertools import pairwise
 from statistics import median
 from typing import Any, Literal
 
 import warp as wp
+
+from tactemu.plan.launches import Launch, Launches, record, record_blocks
+from tactemu.plan.team import Team
 
 Dtype = Literal["float32", "float64"]
 """Width of the kernels' numbers."""
@@ -29,6 +34,8 @@ class Context:
     """``wp.float32``, or ``wp.float64`` in the float64 mode. Kernels are built for it by cached factories."""
     seed: int
     """Root seed; a stage derives its own stream from it and its name (:mod:`tactemu.random_streams`)."""
+    threads: int = 1
+    """Threads that share the environments, on a CPU."""
     memory: list[wp.array] = field(default_factory=list)
     """All that lasts from step to step, in the order in which it was made: what is saved of a simulation."""
     constants: dict[Any, Any] = field(default_factory=dict)
@@ -63,6 +70,43 @@ class Context:
         self.memory.append(array)
         return array
 
+    @property
+    def shares(self) -> list[tuple[int, int]]:
+        """The environments of each thread, ``(first, end)``."""
+        ends = [self.n_envs * k // self.threads for k in range(self.threads + 1)]
+        return list(pairwise(ends))
+
+    def record(self, kernel, dim, inputs: list, outputs: list) -> Launches:
+        """A recorded launch over environments, which are the first axis of ``dim``.
+
+        Args:
+            kernel: its first argument, which is added to ``inputs``, is the environment that its first thread takes:
+                ``e, i = wp.tid()`` and then ``e += first_env``.
+            dim: of the whole launch.
+            inputs: the other arguments.
+            outputs: the arrays that it writes.
+        """
+        dim = (dim,) if isinstance(dim, int) else tuple(dim)
+        dims = [(end - first, *dim[1:]) for first, end in self.shares] if self.threads > 1 else [dim]
+        launches = zip(self.shares, dims)
+        return Launches([[record(kernel, d, [e, *inputs], outputs, self.device)] for (e, _end), d in launches])
+
+    def record_blocks(self, kernel, n_slots: int, inputs: list, outputs: list, block_dim: int) -> Launches:
+        """The same for a kernel of blocks of threads, each with a slot of scratch, that take environments in turn.
+
+        Args:
+            kernel: its first argument, which is added to ``inputs``, is a ``vec4i``: first environment, end, first
+                slot, and how many slots take turns.
+            n_slots: on a GPU as many as there are blocks, on a CPU one for each thread.
+            inputs: the other arguments.
+            outputs: the arrays that it writes.
+            block_dim: threads of a block.
+        """
+        turns = n_slots // self.threads
+        shares = [wp.vec4i(first, end, k * turns, turns) for k, (first, end) in enumerate(self.shares)]
+        how = (block_dim, self.device)
+        return Launches([[record_blocks(kernel, turns, [share, *inputs], outputs, *how)] for share in shares])
+
 
 @dataclass(kw_only=True)
 class Stage:
@@ -71,8 +115,9 @@ class Stage:
     name: str
     reason: str
     """Why this scene needs it: printed by ``tactemu explain``."""
-    launch: Callable[[], None]
-    """Runs it. Allocates nothing, reads nothing back, and can be captured in a CUDA graph."""
+    launch: Launch
+    """Runs it: :class:`~tactemu.plan.launches.Launches` where threads may share it. Allocates nothing, reads nothing
+    back, and can be captured in a CUDA graph."""
     reset: Callable[[wp.array], None] | None = None
     """Clears its state where the mask (bool, shape ``(n_envs,)``) is true. ``None``: it has no state."""
     cost_us: float | None = None
@@ -87,8 +132,15 @@ class Plan:
 
     stages: list[Stage] = field(default_factory=list)
     device: wp.Device | None = None
+    threads: int = 1
+    """That share the environments, on a CPU."""
+    why_threads: str = ""
+    """Why so many, in words."""
     _graph: wp.Graph | None = field(default=None, repr=False)
     _warm: bool = field(default=False, repr=False)
+    _team: Team | None = field(default=None, repr=False)
+    _legs: list[list[list[Launch]]] = field(default_factory=list, repr=False)
+    """What runs without anybody waiting for others: a list of launches, or one for each thread."""
 
     def run(self) -> None:
         """Run all stages once. On a GPU the second run captures them in a graph; later runs launch that."""
@@ -101,8 +153,54 @@ class Plan:
             self._warm = True
 
     def _launch(self) -> None:
+        self._legs = self._legs or self._plan_legs()
+        for shares in self._legs:
+            if len(shares) > 1:
+                self._team = self._team or Team(self.threads)
+                self._team.run(shares)
+            else:
+                for launch in shares[0]:
+                    launch()
+
+    def _plan_legs(self) -> list[list[list[Launch]]]:
+        """Stages that can be shared, together; the caller's thread runs the others between them."""
+        legs: list[list[list[Launch]]] = []
         for stage in self.stages:
-            stage.launch()
+            launch = stage.launch
+            shares = launch.shares if isinstance(launch, Launches) else ((launch,),)
+            if not shares:
+                continue
+            if not legs or len(legs[-1]) != len(shares):
+                legs.append([[] for _ in shares])
+            for mine, more in zip(legs[-1], shares):
+                mine += more
+        return legs
+
+    def insert(self, stage: Stage, before: str = "") -> None:
+        """Add a stage to a plan that may have run already, in place of one of the same name.
+
+        Args:
+            stage: launched from the next run on.
+            before: name of the stage that it comes before; default: at the end.
+        """
+        self.stages = [each for each in self.stages if each.name != stage.name]
+        names = [each.name for each in self.stages]
+        self.stages.insert(names.index(before) if before in names else len(names), stage)
+        self._graph, self._warm, self._legs = None, False, []
+
+    @property
+    def loaded(self) -> bool:
+        """Has it run, so that it can be captured in a graph?"""
+        return self._warm
+
+    def run_within_capture(self) -> None:
+        """On a GPU: run all stages once while somebody captures the stream, who then has them in his graph."""
+        self._launch()
+
+    def close(self) -> None:
+        """End the threads; a later run starts them again."""
+        if self._team is not None:
+            self._team.close()
 
     def _capture(self) -> None:
         with wp.ScopedCapture(self.device, force_module_load=False) as capture:
@@ -143,7 +241,8 @@ class Plan:
             cost = "" if stage.cost_us is None else f"{stage.cost_us:.1f}"
             rows.append((stage.name, cost, stage.reason))
         widths = [max(len(row[column]) for row in rows) for column in (0, 1)]
-        return "\n".join(f"{name:<{widths[0]}}  {cost:>{widths[1]}}  {why}".rstrip() for name, cost, why in rows)
+        lines = [f"{name:<{widths[0]}}  {cost:>{widths[1]}}  {why}".rstrip() for name, cost, why in rows]
+        return "\n".join([*lines, f"threads: {self.threads}{self.why_threads}"] if self.why_threads else lines)
 
     def _repr_html_(self) -> str:
         """The same for a notebook."""
@@ -153,9 +252,3 @@ class Plan:
             for stage in self.stages
         )
         return f"<table><tr><th>stage</th><th>µs</th><th>why</th></tr>{rows}</table>"
-
-
-def record(kernel, dim, inputs: list, outputs: list, device) -> Callable[[], None]:
-    """A recorded launch of ``kernel``: calling it costs a fraction of ``wp.launch``. Nothing for no threads."""
-    command = wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=device, record_cmd=True)
-    return command.launch if command is not None else lambda: None

@@ -222,7 +222,7 @@ class MujocoEngine:
     def _start_anew(self) -> None:
         self._mujoco.mj_resetData(self.model, self.data)
         self._left_out_s = 0.0
-        self._mend(())
+        self._break(())
         for drive in self.drives:
             drive.begin()
         for pad in self.pads.values():
@@ -247,14 +247,14 @@ class MujocoEngine:
     def _press(self, contacts: Contacts, t_s: float) -> None:
         for geom, limit in self._breaks.items():
             if geom not in self.source.hidden and (force := _hardest(contacts, geom)) > limit:
-                self._mend((*self.source.hidden, geom))
+                self._break((*self.source.hidden, geom))
                 _logger.warning("engine: %s broke under %.2f N at %.3f s", self.model.geom(geom).name, force, t_s)
         for frame, pad in self.pads.items():
             pad.press(contacts, *self.source.place(self.data, frame))
             self.source.shifts[frame] = pad.shift
 
-    def _mend(self, broken: Sequence[int]) -> None:
-        """Let these geoms be broken, touched by nothing and where they are, and no others."""
+    def _break(self, broken: Sequence[int]) -> None:
+        """Break these geoms, and mend all others: what is broken stays where it is, and nothing touches it."""
         model, hidden = self.model, set(broken)
         if hidden == self.source.hidden:
             return
@@ -297,7 +297,7 @@ class MujocoEngine:
         def take() -> None:
             self._mujoco.mj_setState(self.model, self.data, values, spec)
             self._left_out_s = float(left_out_s)
-            self._mend(state["broken"])
+            self._break(state["broken"])
             for (frame, pad), each in zip(self.pads.items(), state["pads"]):
                 pad.take(each)
                 self.source.shifts[frame] = pad.shift

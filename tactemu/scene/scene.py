@@ -138,6 +138,7 @@ class Scene:
         device: str | None = "cpu",
         seed: int = 0,
         dtype: Dtype = "float32",
+        threads: int | None = None,
         like: Simulation | None = None,
     ) -> Simulation:
         """Compile the scene for ``n_envs`` environments; ``None``: one, and readings have no environment axis.
@@ -147,6 +148,8 @@ class Scene:
             device: a Warp device, ``cpu`` or ``cuda:0``; ``None``: Warp's current one.
             seed: root of all random streams.
             dtype: numbers of the kernels. In ``float64`` only mesh queries stay single precision.
+            threads: of a CPU, that share the environments; ``None``: one for each core, where that pays. Readings are
+                the same whatever their number. :meth:`Simulation.close` ends them.
             like: a simulation of an equal scene with the same options, which shares what never changes.
 
         Raises:
@@ -156,7 +159,7 @@ class Scene:
 
         simulation = Simulation(
             self.bodies, self.sensors, dt=self.dt, n_envs=n_envs, device=device, seed=seed, dtype=dtype,
-            posers=self.posers, like=like,
+            threads=threads, posers=self.posers, like=like,
         )  # fmt: skip
         self._outdate("the scene was built again, and its sensors read the new simulation")
         self._built = simulation

@@ -22,7 +22,7 @@ import warp as wp
 
 from tactemu.options import number
 from tactemu.plan.clearing import clear_rows
-from tactemu.plan.plan import Stage, record
+from tactemu.plan.plan import Stage
 from tactemu.transducers.loads import TAKES, load_function, reading_kind, skin_arrays
 from tactemu.transducers.transducer import CAPACITANCE, Kind, Place, Transducer
 
@@ -38,6 +38,7 @@ def gap_kernel(real, vector: bool, push: bool, follows: bool):
 
     @wp.kernel(module="unique", enable_backward=False)
     def read_gaps(
+        first_env: int,
         x: wp.array3d(dtype=real),
         normals: wp.array(dtype=vec3),
         areas: wp.array(dtype=real),
@@ -53,6 +54,7 @@ def gap_kernel(real, vector: bool, push: bool, follows: bool):
         out: wp.array3d(dtype=real),
     ):
         e, i = wp.tid()
+        e += first_env
         p = load(x, normals, areas, e, i)
         p = wp.where(p < dead_band, real(0.0), p - dead_band)
         change = p / modulus  # 1/(1 − s) − 1: the growth of the capacitance, in those of the open gap
@@ -120,7 +122,7 @@ class Capacitive(Transducer):
             self.stray, self.baseline_tau or 1.0, self.rated_n or 0.0, baseline,
         ]  # fmt: skip
         kernel = gap_kernel(real, taken.vector, self.rated_n is not None, follows)
-        launch = record(kernel, shape, inputs, [out], context.device)
+        launch = context.record(kernel, shape, inputs, [out])
         reason = "its gap closes" + (", the firmware follows its baseline" if follows else "")
         reset = functools.partial(clear_rows, baseline) if follows else None
         return out, [Stage(name=f"{place.name}: capacitors", reason=reason, launch=launch, reset=reset)]

@@ -19,7 +19,7 @@ import warp as wp
 
 from tactemu.options import number
 from tactemu.plan.clearing import clear_rows
-from tactemu.plan.plan import Stage, record
+from tactemu.plan.plan import Stage
 from tactemu.transducers.loads import TAKES, load_function, skin_arrays
 from tactemu.transducers.transducer import PRESSURE, Kind, Place, Transducer
 
@@ -32,6 +32,7 @@ def medium_kernel(real, vector: bool, shared: bool):
 
     @wp.kernel(module="unique", enable_backward=False)
     def pass_on(
+        first_env: int,
         x: wp.array3d(dtype=real),
         normals: wp.array(dtype=vec3),
         areas: wp.array(dtype=real),
@@ -42,6 +43,7 @@ def medium_kernel(real, vector: bool, shared: bool):
         out: wp.array3d(dtype=real),
     ):
         e, i = wp.tid()
+        e += first_env
         p = wp.float64(0.0)
         if wp.static(shared):
             area = wp.float64(0.0)
@@ -88,6 +90,6 @@ class Fluid(Transducer):
         late, out = context.zeros(shape, wp.float64), place.zeros(1)
         inputs = [x, *skin_arrays(place), context.dt, self.tau, late]
         kernel = medium_kernel(context.real, taken.vector, self.shared)
-        launch = record(kernel, shape, inputs, [out], context.device)
+        launch = context.record(kernel, shape, inputs, [out])
         reset = functools.partial(clear_rows, late)
         return out, [Stage(name=f"{place.name}: medium", reason=f"{self.tau:g} s late", launch=launch, reset=reset)]

@@ -23,7 +23,7 @@ import warp as wp
 
 from tactemu.errors import SceneError
 from tactemu.options import number, numbers
-from tactemu.plan.plan import Stage, record
+from tactemu.plan.plan import Stage
 from tactemu.transducers.transducer import FIELD, Kind, Place, Transducer
 
 NEAREST = 8
@@ -37,6 +37,7 @@ def move_kernel(real):
 
     @wp.kernel(module="unique", enable_backward=False)
     def move_magnets(
+        first_env: int,
         felt: wp.array3d(dtype=real),
         rest: wp.array(dtype=vec3),
         taxels: wp.array2d(dtype=wp.int32),
@@ -45,6 +46,7 @@ def move_kernel(real):
         places: wp.array2d(dtype=vec3),
     ):
         e, j = wp.tid()
+        e += first_env
         x = rest[j]
         for k in range(taxels.shape[1]):
             i = taxels[j, k]
@@ -70,6 +72,7 @@ def field_kernel(real, earth: bool, neighbours: bool):
 
     @wp.kernel(module="unique", enable_backward=False)
     def fields_at_chips(
+        first_env: int,
         places: wp.array2d(dtype=vec3),
         moments: wp.array(dtype=vec3),
         chips: wp.array(dtype=vec3),
@@ -84,6 +87,7 @@ def field_kernel(real, earth: bool, neighbours: bool):
         field: wp.array3d(dtype=real),
     ):
         e, k = wp.tid()
+        e += first_env
         chip = chips[k]
         total = vec3(real(0.0))
         for j in range(moments.shape[0]):
@@ -175,7 +179,7 @@ class Magnetic(Transducer):
         factor = self.compliance if taken.quantity == "force" else 1.0
         moved = wp.zeros((context.n_envs, len(rest)), dtype=vec3, device=context.device)
         inputs = [x, place.constant(rest, vec3), place.constant(taxels, wp.int32), place.constant(shares * factor)]
-        move = record(move_kernel(real), moved.shape, inputs, [moved], context.device)
+        move = context.record(move_kernel(real), moved.shape, inputs, [moved])
         field = place.zeros(3)
         chips = place.positions - self.chip_depth * place.normals
         bodies, other_places, other_moments = self._others(place)
@@ -186,7 +190,7 @@ class Magnetic(Transducer):
             wp.vec3d(*self.earth), place.pose, place.constant(bodies, wp.int32),
             place.constant(other_places, vec3), place.constant(per_moment * other_moments, vec3),
         ]  # fmt: skip
-        launch = record(kernel, field.shape[:2], inputs, [field], context.device)
+        launch = context.record(kernel, field.shape[:2], inputs, [field])
         why = f"{len(rest)} dipoles at {len(chips)} chips"
         return field, [
             Stage(name=f"{place.name}: magnets", reason="they move with the skin", launch=move),

@@ -24,7 +24,7 @@ import warp as wp
 from tactemu.errors import SceneError
 from tactemu.options import number
 from tactemu.plan.clearing import clear_rows
-from tactemu.plan.plan import Stage, record
+from tactemu.plan.plan import Stage
 from tactemu.transducers.laws import LogMemory
 from tactemu.transducers.transducer import Kind, Place, Transducer
 
@@ -41,6 +41,7 @@ def material_kernel(real, creep: bool, loop: bool, presses: bool):
 
     @wp.kernel(module="unique", enable_backward=False)
     def remember_load(
+        first_env: int,
         x: wp.array3d(dtype=real),
         dt: wp.array(dtype=wp.float64),
         taus: wp.array(dtype=wp.float64),
@@ -63,6 +64,7 @@ def material_kernel(real, creep: bool, loop: bool, presses: bool):
         out: wp.array3d(dtype=real),
     ):
         e, i, c = wp.tid()
+        e += first_env
         v = f64(x[e, i, c])
         if not wp.isfinite(v):
             out[e, i, c] = x[e, i, c]
@@ -167,7 +169,7 @@ class Material(Transducer):
             self.softening, self.baseline, self.presses_before, crept, *states,
         ]  # fmt: skip
         kernel = material_kernel(context.real, creep, loop, presses)
-        launch = record(kernel, shape, inputs, [out], context.device)
+        launch = context.record(kernel, shape, inputs, [out])
 
         def reset(mask: wp.array) -> None:
             for array in (crept, *states, out):

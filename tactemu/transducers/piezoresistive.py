@@ -22,7 +22,7 @@ import warp as wp
 
 from tactemu.errors import SceneError
 from tactemu.options import number
-from tactemu.plan.plan import Stage, record
+from tactemu.plan.plan import Stage
 from tactemu.transducers.loads import TAKES, load_function, reading_kind, skin_arrays
 from tactemu.transducers.transducer import RESISTANCE, Kind, Place, Transducer
 
@@ -35,6 +35,7 @@ def share_kernel(real, vector: bool):
 
     @wp.kernel(module="unique", enable_backward=False)
     def shares_of_supply(
+        first_env: int,
         x: wp.array3d(dtype=real),
         normals: wp.array(dtype=vec3),
         areas: wp.array(dtype=real),
@@ -44,6 +45,7 @@ def share_kernel(real, vector: bool):
         share: wp.array2d(dtype=real),
     ):
         e, i = wp.tid()
+        e += first_env
         p = load(x, normals, areas, e, i)
         u = wp.pow(p / half, exponent)
         if p == real(0.0):
@@ -60,6 +62,7 @@ def readout_kernel(real, push: bool, ghosts: bool):
 
     @wp.kernel(module="unique", enable_backward=False)
     def read_divider(
+        first_env: int,
         share: wp.array2d(dtype=real),
         normals: wp.array(dtype=vec3),
         rows: int,
@@ -75,6 +78,7 @@ def readout_kernel(real, push: bool, ghosts: bool):
         out: wp.array3d(dtype=real),
     ):
         e, i = wp.tid()
+        e += first_env
         v = share[e, i]
         if wp.static(ghosts):
             row = i // cols
@@ -84,8 +88,8 @@ def readout_kernel(real, push: bool, ghosts: bool):
             of_all = real(0.0)
             for c in range(cols):
                 of_row += share[e, row * cols + c]
-            for r in range(rows):
-                of_col += share[e, r * cols + col]
+            for other in range(rows):
+                of_col += share[e, other * cols + col]
             for k in range(rows * cols):
                 of_all += share[e, k]
             if of_all > real(0.0):
@@ -165,7 +169,7 @@ class Piezoresistive(Transducer):
         warm = self.temperature - self.temperature_reference
         half = self.half * 2.718281828459045 ** (-self.half_per_k * warm / self.exponent)
         inputs = [x, normals, areas, half, self.exponent]
-        feel = record(share_kernel(real, taken.vector), share.shape, inputs, [share], context.device)
+        feel = context.record(share_kernel(real, taken.vector), share.shape, inputs, [share])
         kind = self.gives(taken)
         out = place.zeros(kind.n_channels)
         inputs = [
@@ -173,7 +177,7 @@ class Piezoresistive(Transducer):
             self.zero_per_k * warm, self.threshold, self.rated_n or 0.0, self.fixed, self.r_open,
         ]  # fmt: skip
         kernel = readout_kernel(real, self.rated_n is not None, bool(self.ghosts))
-        launch = record(kernel, share.shape, inputs, [out], context.device)
+        launch = context.record(kernel, share.shape, inputs, [out])
         return out, [
             Stage(name=f"{place.name}: resistors", reason="resistance falls with pressure", launch=feel),
             Stage(name=f"{place.name}: divider", reason=kind.quantity, launch=launch),

@@ -88,6 +88,15 @@ def test_other_recordings_are_predicted_with_the_parameters_of_the_package():
     assert any("NOT reached" in line or "reached" in line for line in said)
 
 
+NOT_REACHED = {
+    "the same, as shares of what was measured instead of logarithms",
+    "noise std, fingers that move with nothing touching",
+    "median of smallest values of objects never seen, half of them",
+    "force-stop peak at speed 100, each limit left out",
+}
+"""Aims of docs/realism.md that are missed; the page says why."""
+
+
 @pytest.mark.nightly
 @pytest.mark.skipif(not WHOLE, reason="whole recordings: set TACTEMU_RECORDINGS to their folder")
 def test_the_page_is_what_the_recordings_say(tmp_path):
@@ -95,5 +104,5 @@ def test_the_page_is_what_the_recordings_say(tmp_path):
     found = realism.run(lambda line: None, data=Path(WHOLE), page=page)
     assert page.read_text() == (Path(__file__).parents[2] / "docs" / "realism.md").read_text()
     assert json.loads(realism.PARAMETERS.read_text()) == realism._rounded(found["fitted"])
-    missed = [line["law"] for line in found["left out"] if line["error"] > line["most"]]
-    assert len(missed) <= 4
+    missed = {line["law"] for line in found["left out"] if line["error"] > line["most"]}
+    assert missed == NOT_REACHED

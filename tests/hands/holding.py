@@ -1,7 +1,7 @@
 """A hand that its own SDK moves, in a process of its own, and what MuJoCo says of the grasp.
 
-``python -m tests.hands.holding [HAND] [OBJECT]`` has all hands hold all objects from ten starting poses, and prints a
-line for each; nightly.
+``python -m tests.hands.holding [HAND] [OBJECT] [POSES]`` has all hands hold all objects from ten starting poses, and
+prints a line for each. It takes an hour; docs/hands.md says what is held and what not.
 """
 
 # MuJoCo's functions come from a compiled module that a checker cannot see into.

@@ -1,6 +1,6 @@
 """A LinkerHand L6 holds by touch, moved by its own SDK in a process of its own; MuJoCo's contact forces judge it.
 
-All hands, objects and poses: ``python -m tests.hands.holding``, nightly.
+All hands, objects and poses: ``python -m tests.hands.holding``.
 """
 
 import numpy as np

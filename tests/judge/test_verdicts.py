@@ -89,9 +89,12 @@ def test_a_driver_that_asks_may_repeat_but_not_answer_with_what_it_had():
     requests = {"asks": True, "known": {"row_ms": 40.0, "ask_ms": 9.0, "behind": 0}}
     right = tape(asked, name="dropped", **requests)
     late = tape([(t, row(116) if t in (121.0, 125.0) else each) for t, each in asked], name="dropped", **requests)
+    soon = tape(
+        [(t - 0.98, row(116)) if t in (121.0, 125.0) else (t, each) for t, each in asked], name="dropped", **requests
+    )
     once = tape([(t, row(116) if t == 121.0 else each) for t, each in asked], name="dropped", **requests)
     twice = tape(sorted([*asked, (121.2, row(120))], key=lambda each: each[0]), name="dropped", **requests)
-    for told in (right, late, once, twice):
+    for told in (right, late, soon, once, twice):
         told.frames = [
             told.frames[k]._replace(t=k * PERIOD + late, way=way)
             for k in range(0, 200, 4)
@@ -100,6 +103,9 @@ def test_a_driver_that_asks_may_repeat_but_not_answer_with_what_it_had():
     assert judged(right).findings == [] and judged(twice).findings == []
     assert judged(once).findings == [], "once may be the machine's fault"
     assert [finding.kind for finding in judged(late).findings] == ["stale"]
+    assert [finding.kind for finding in judged(soon).findings] == ["stale"], (
+        "an error's answer comes sooner than others"
+    )
 
 
 def test_the_order_of_the_worst_is_first_and_each_failing_kind_is_known():

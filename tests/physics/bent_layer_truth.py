@@ -20,6 +20,21 @@ def _shapes(a):
     )
 
 
+def contact(give, overlap):
+    """Force into the layer at each node, zero or more: it goes in by the overlap where it is pressed."""
+    active = overlap > 0
+    force = np.zeros(len(overlap))
+    for _ in range(100):
+        force[:] = 0.0
+        force[active] = np.linalg.solve(give[np.ix_(active, active)], overlap[active])
+        gap = give @ force - overlap
+        new = np.where(active, force > 0, gap < -1e-12 * np.abs(overlap).max())
+        if (new == active).all():
+            return force
+        active = new
+    raise AssertionError("the contact does not settle")
+
+
 class BentLayer:
     """Stiffness of the strip, condensed to its face.
 
@@ -75,23 +90,9 @@ class BentLayer:
         self.give = push.T @ solved
         """How far each node of the face goes in for a force on each, half of the strip."""
 
-    def pressed(self, overlap):
-        """Force into the layer at each node [N/m], zero or more: it goes in by the overlap where it is pressed."""
-        active = overlap > 0
-        force = np.zeros(len(overlap))
-        for _ in range(100):
-            force[:] = 0.0
-            force[active] = np.linalg.solve(self.give[np.ix_(active, active)], overlap[active])
-            gap = self.give @ force - overlap
-            new = np.where(active, force > 0, gap < -1e-12 * np.abs(overlap).max())
-            if (new == active).all():
-                return force
-            active = new
-        raise AssertionError("the contact does not settle")
-
     def lift(self, overlap):
         """Total force along the middle's normal per length of the pad [N/m], both halves."""
-        return 2.0 * float(self.pressed(overlap) @ self.normals[:, 1])
+        return 2.0 * float(contact(self.give, overlap) @ self.normals[:, 1])
 
 
 def overlap_of_cylinder(along, radius, indenter, depth):
@@ -107,3 +108,94 @@ def overlap_of_cylinder(along, radius, indenter, depth):
     with np.errstate(invalid="ignore"):
         entry = -along_out - np.sqrt(inside)  # height of the cylinder's lower face over the place
     return np.where(inside > 0, -entry, -1.0)
+
+
+class BentPad:
+    """The same in three dimensions: a quarter of a pad that is bent along both sides, in bricks of 27 nodes.
+
+    Its face is an arc along x that is moved along an arc along y.
+
+    Args:
+        young, nu: of the material.
+        thickness: of the layer.
+        radii: of the face along x and y; ``inf``: straight, negative: concave.
+        length: of half of each side.
+        reach: contact is looked for so far from the middle, along both sides.
+        n, m: elements along and across.
+    """
+
+    def __init__(self, young, nu, thickness, radii, length, reach, n=12, m=4):
+        along = length * np.linspace(0, 1, 2 * n + 1) ** 1.5
+        across = np.linspace(-thickness, 0.0, 2 * m + 1)
+        face, out = self.surface(along[:, None], along[None, :], radii)
+        places = (face[:, :, None] + across[:, None] * out[:, :, None]).reshape(-1, 3)
+        number = np.arange(len(places)).reshape(len(along), len(along), len(across))
+        first = number[:-1:2, :-1:2, :-1:2].ravel()
+        near = (number[:3, :3, :3] - number[0, 0, 0]).ravel()
+        nodes = first[:, None] + near
+        lame, shear = young * nu / ((1 + nu) * (1 - 2 * nu)), young / (2 * (1 + nu))
+        law = np.diag([2 * shear] * 3 + [shear] * 3)
+        law[:3, :3] += lame
+        stiff = np.zeros((len(nodes), 81, 81))
+        for i, j, k in np.ndindex(3, 3, 3):
+            (fi, di), (fj, dj), (fk, dk) = (_shapes(_GAUSS[0][at]) for at in (i, j, k))
+            slopes = np.stack(
+                [
+                    np.einsum("a,b,c", di, fj, fk).ravel(),
+                    np.einsum("a,b,c", fi, dj, fk).ravel(),
+                    np.einsum("a,b,c", fi, fj, dk).ravel(),
+                ]
+            )
+            jacobian = slopes @ places[nodes]
+            x, y, z = np.moveaxis(np.linalg.solve(jacobian, np.broadcast_to(slopes, (len(nodes), 3, 27))), 1, 0)
+            strain = np.zeros((len(nodes), 6, 81))
+            strain[:, 0, 0::3], strain[:, 1, 1::3], strain[:, 2, 2::3] = x, y, z
+            strain[:, 3, 0::3], strain[:, 3, 1::3] = y, x
+            strain[:, 4, 1::3], strain[:, 4, 2::3] = z, y
+            strain[:, 5, 0::3], strain[:, 5, 2::3] = z, x
+            weight = _GAUSS[1][i] * _GAUSS[1][j] * _GAUSS[1][k] * np.abs(np.linalg.det(jacobian))
+            stiff += weight[:, None, None] * (strain.swapaxes(1, 2) @ law @ strain)
+        dofs = (3 * nodes[..., None] + np.arange(3)).reshape(len(nodes), -1)
+        k = np.repeat(dofs, 81, axis=1).ravel(), np.tile(dofs, (1, 81)).ravel()
+        size = 3 * len(places)
+        whole = sp.csc_matrix((stiff.ravel(), k), shape=(size, size))
+        bottom = number[:, :, 0].ravel()
+        held = np.unique(np.concatenate([
+            *(3 * bottom + axis for axis in range(3)), 3 * number[0].ravel(), 3 * number[:, 0].ravel() + 1
+        ]))  # fmt: skip
+        free = np.setdiff1d(np.arange(size), held)
+        inside = along <= reach
+        pressed = number[inside][:, inside, -1].ravel()
+        self.face, self.normals = face[inside][:, inside].reshape(-1, 3), out[inside][:, inside].reshape(-1, 3)
+        """Places and normals of the nodes that may be pressed."""
+        push = np.zeros((size, len(pressed)))
+        for axis in range(3):
+            push[3 * pressed + axis, np.arange(len(pressed))] = -self.normals[:, axis]
+        push = push[free]
+        self.give = push.T @ splu(whole[free][:, free].tocsc()).solve(push)
+        """How far each of them goes in for a force on each, of a quarter."""
+
+    @staticmethod
+    def surface(x, y, radii):
+        """Places and normals of the face so far along both sides, shapes ``(..., 3)``."""
+        x, y = np.broadcast_arrays(x, y)
+        place, slope = np.zeros((*x.shape, 3)), []
+        for axis, (far, radius) in enumerate(zip((x, y), radii)):
+            angle = far / radius
+            place[..., axis] = far if np.isinf(radius) else radius * np.sin(angle)
+            place[..., 2] += 0.0 if np.isinf(radius) else radius * (np.cos(angle) - 1.0)
+            slope.append(np.tan(angle))
+        out = np.stack([*slope, np.ones_like(x)], -1)
+        return place, out / np.linalg.norm(out, axis=-1, keepdims=True)
+
+    def lift(self, radius, depth):
+        """Total force of a ball that is pressed in so deep at the middle [N], along the middle's normal."""
+        away = self.face - np.array([0.0, 0.0, radius - depth])
+        along_out = (away * self.normals).sum(-1)
+        inside = along_out**2 - (away**2).sum(-1) + radius**2
+        overlap = np.where(inside > 0, along_out + np.sqrt(np.maximum(inside, 0.0)), -1.0)
+        force = contact(self.give, overlap)
+        assert not force.reshape(2 * [round(len(force) ** 0.5)])[-1].any(), (
+            "contact reaches the end of what may be pressed"
+        )
+        return 4.0 * float(force @ self.normals[:, 2])

@@ -28,7 +28,7 @@ class LayerRig:
             self.material, cells, (pitch, pitch), tangential=True, real=real, lanes=lanes, device=self.device
         )
         self.workspace = Workspace(slots, self.tables.n_max, real, lanes, self.device, spectra=3)
-        shape = (n_envs, *cells)
+        shape, turns = (n_envs, *cells), wp.vec4i(0, n_envs, 0, slots)
 
         def zeros(dtype, where=shape):
             return wp.zeros(where, dtype=dtype, device=self.device)
@@ -37,7 +37,7 @@ class LayerRig:
             return wp.launch_tiled(
                 kernel,
                 dim=[slots],
-                inputs=inputs,
+                inputs=[turns, *inputs],
                 outputs=outputs,
                 block_dim=BLOCK_THREADS,
                 device=self.device,
@@ -52,7 +52,7 @@ class LayerRig:
         self.residual_array, self.iterations = zeros(wp.float64, n_envs), zeros(wp.int32, n_envs)
         self.changed, self.rubbed = zeros(wp.int32, n_envs), zeros(wp.int32, n_envs)
         limit = wp.float64(tolerance)
-        inputs = [self.tables.struct, real(1.0), iterations, limit, slots]
+        inputs = [self.tables.struct, real(1.0), iterations, limit]
         self.active = wp.full(n_envs, wp.vec4i(0, 0, *cells), dtype=wp.vec4i, device=self.device)
         inputs += [self.overlap, self.active, self.workspace.struct, self.windows.struct]
         outputs = [self.solved, self.pressure_array, self.box, self.residual_array, self.iterations, self.changed]
@@ -70,14 +70,14 @@ class LayerRig:
         if mu > 0:
             struct = friction_windows_type(real, lanes)()
             self.rubbing = Windows(struct, FRICTION_WINDOWS, slots, cells, real, lanes, self.device)
-            inputs = [self.tables.struct, real(mu), iterations, limit, slots]
+            inputs = [self.tables.struct, real(mu), iterations, limit]
             inputs += [self.pressure_array, self.box, self.changed, self.slide, self.body]
             inputs += [self.workspace.struct, self.rubbing.struct, self.state]
             self._friction = launch(friction_kernel(real, lanes, coupled), inputs, [self.rubbed])
 
         reach = wp.vec2i(*reach_of(self.tables.kernels))
         self.surface_arrays = [zeros(real) for _ in range(3)]
-        inputs = [self.tables.struct, reach, slots, self.pressure_array, self.state, self.box]
+        inputs = [self.tables.struct, reach, self.pressure_array, self.state, self.box]
         inputs += [self.rubbed if mu > 0 else self.changed, self.workspace.struct, self.windows.struct]
         self._surface = launch(
             surface_kernel(real, lanes, mu > 0), inputs, [self.area, self.dirty, *self.surface_arrays]

@@ -130,7 +130,7 @@ def test_what_a_port_sends_is_recorded(tmp_path):
         copy = load(tmp_path / "x.jsonl")
         assert b"".join(e.frame for e in copy.entries) == b"".join(e.frame for e in STREAM.entries)
         late = [entry.t_ns - 20_000_000 * entry.frame[-1] for entry in copy.entries]
-        assert np.median(late) - min(late) < 10e6, "half of the frames within 10 ms, on a busy machine too"
+        assert np.median(late) - min(late) < 50e6, "not all at once, nor at another pace; it may be late"
     finally:
         player.stop()
         if thread.ident is not None:

@@ -178,11 +178,19 @@ int can_socket(int type, int protocol) {
     return fd;
 }
 
+/* Whether the keeper has done with an interface: while it makes one, that one is there and down, and not yet described. */
+static bool is_made(const char *name) {
+    char folder[sizeof "/sys/class/net/" + IFNAMSIZ];
+    if (access(ROOM "/network", F_OK)) return true; /* no keeper makes them */
+    snprintf(folder, sizeof folder, "/sys/class/net/%.*s", IFNAMSIZ - 1, name);
+    return !access(folder, F_OK);
+}
+
 /* Whether an interface carries CAN: of those here all but the loopback do. */
 static bool carries(int fd, int index) {
     struct ifreq asked = {.ifr_ifindex = index};
-    return !REAL(ioctl)(fd, SIOCGIFNAME, &asked) && !REAL(ioctl)(fd, SIOCGIFHWADDR, &asked) &&
-           asked.ifr_hwaddr.sa_family == ARPHRD_ETHER;
+    return !REAL(ioctl)(fd, SIOCGIFNAME, &asked) && is_made(asked.ifr_name) &&
+           !REAL(ioctl)(fd, SIOCGIFHWADDR, &asked) && asked.ifr_hwaddr.sa_family == ARPHRD_ETHER;
 }
 
 int can_bind(int fd, const struct sockaddr *address, socklen_t length) {

@@ -21,7 +21,8 @@ from tactemu.physics.shapes.active_groups import ActiveGroups, active_groups
 from tactemu.physics.shapes.distance import ShapeFunctions
 from tactemu.physics.shapes.shape import table_type
 from tactemu.physics.shapes.table import ShapeTable
-from tactemu.plan.plan import Context, record
+from tactemu.plan.launches import in_turn
+from tactemu.plan.plan import Context
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,6 +54,7 @@ def _kernels(real, functions: ShapeFunctions, slope: float, area_weighted: bool)
 
     @wp.kernel(module="unique", enable_backward=False)
     def follow_points(
+        first_env: int,
         shapes: table_type(real),
         clouds: cloud_type(real),
         pose: wp.array2d(dtype=transform),
@@ -68,6 +70,7 @@ def _kernels(real, functions: ShapeFunctions, slope: float, area_weighted: bool)
         pull: wp.array2d(dtype=vec3),
     ):
         env, c = wp.tid()
+        env += first_env
         at = pose[env, clouds.cluster_body[c]]
         ball = clouds.ball[c]
         first = c * CLUSTER
@@ -167,7 +170,7 @@ def shear_anchors(
     )
     slope = max((kind.steepest for kind in table.kinds), default=1.0)
     follow_points, release_all = _kernels(real, table.functions, slope, area_weighted)
-    follow = record(
+    follow = context.record(
         follow_points,
         (n_envs, n_clusters),
         [
@@ -179,15 +182,10 @@ def shear_anchors(
             release_margin,
         ],
         [anchors.is_latched, anchors.anchor, anchors.n_latched, anchors.n_pulling, anchors.place, anchors.pull],
-        device,
     )
-
-    def launch() -> None:
-        follow()
-        list_clusters()
 
     def reset(envs: wp.array) -> None:
         outputs = [anchors.is_latched, anchors.n_latched, anchors.n_pulling]
         wp.launch(release_all, dim=places, inputs=[envs], outputs=outputs, device=device)
 
-    return anchors, launch, reset
+    return anchors, in_turn(follow, list_clusters), reset

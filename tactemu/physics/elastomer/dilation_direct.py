@@ -16,7 +16,8 @@ import warp as wp
 from tactemu.errors import SceneError
 from tactemu.physics.elastomer.dilation_kernels import DilationOptions, radial_weight
 from tactemu.physics.shapes.active_groups import active_groups
-from tactemu.plan.plan import Context, record
+from tactemu.plan.launches import in_turn
+from tactemu.plan.plan import Context
 
 CHUNK = 64
 _LARGEST_ESTIMATE = 20_000
@@ -64,12 +65,14 @@ def _kernels(real, quick: bool):
 
     @wp.kernel(module="unique", enable_backward=False)
     def list_pressed(
+        first_env: int,
         depth: wp.array2d(dtype=real),
         # outputs
         n_pressed: wp.array2d(dtype=wp.int32),
         pressed: wp.array2d(dtype=wp.int32),
     ):
         env, chunk = wp.tid()
+        env += first_env
         first = chunk * CHUNK
         count = int(0)
         for j in range(first, wp.min(first + CHUNK, depth.shape[1])):
@@ -80,6 +83,7 @@ def _kernels(real, quick: bool):
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": quick})
     def sum_pressed(
+        first_env: int,
         depth: wp.array2d(dtype=real),
         power: wp.array2d(dtype=real),
         n_pressed: wp.array2d(dtype=wp.int32),
@@ -101,6 +105,7 @@ def _kernels(real, quick: bool):
         motion: wp.array2d(dtype=vec3),
     ):
         env, i = wp.tid()
+        env += first_env
         r = positions[i]
         n = normals[i]
         plane = vec3(real(0.0))
@@ -167,7 +172,7 @@ def direct_dilation(
     table = wp.array(np.zeros(0) if weight.table is None else weight.table, dtype=real, device=device)
     list_pressed, sum_pressed = _kernels(real, not device.is_cpu)
     groups, list_chunks = active_groups(context, n_pressed)
-    first = record(list_pressed, (n_envs, n_chunks), [depth], [n_pressed, pressed], device)
+    first = context.record(list_pressed, (n_envs, n_chunks), [depth], [n_pressed, pressed])
     weights = [options.lambda_d, weight.gaussian, weight.far, weight.eps, table, weight.table_step]
     on_device = wp.array(areas, dtype=real, device=device)
     inputs = [
@@ -184,11 +189,5 @@ def direct_dilation(
         scale,
         *weights,
     ]
-    second = record(sum_pressed, (n_envs, n), inputs, [motion], device)
-
-    def launch():
-        first()
-        list_chunks()
-        second()
-
-    return launch
+    second = context.record(sum_pressed, (n_envs, n), inputs, [motion])
+    return in_turn(first, list_chunks, second)

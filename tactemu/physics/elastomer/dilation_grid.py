@@ -22,7 +22,8 @@ from tactemu.physics.elastomer.dilation_kernels import (
 )
 from tactemu.physics.elastomer.separable import overlapping_blocks, separable_terms
 from tactemu.physics.probes.grid import Grid
-from tactemu.plan.plan import Context, record
+from tactemu.plan.launches import in_turn
+from tactemu.plan.plan import Context
 
 WIDTH = 8
 _TOLERANCE = {wp.float32: 1e-7, wp.float64: 1e-13}
@@ -92,6 +93,7 @@ def _kernels(real):
 
     @wp.kernel(module="unique", enable_backward=False)
     def sum_rows(
+        first_env: int,
         depth: wp.array3d(dtype=real),
         power: wp.array3d(dtype=real),
         box: wp.array2d(dtype=wp.int32),
@@ -101,6 +103,7 @@ def _kernels(real):
         partial: wp.array4d(dtype=block),
     ):
         env, term, i_block, col = wp.tid()
+        env += first_env
         if col < box[env, 2] or col > box[env, 3]:
             return
         at = i_block * WIDTH + depth.shape[1] - 1
@@ -115,6 +118,7 @@ def _kernels(real):
 
     @wp.kernel(module="unique", enable_backward=False)
     def sum_columns(
+        first_env: int,
         partial: wp.array4d(dtype=block),
         box: wp.array2d(dtype=wp.int32),
         col_terms: wp.array2d(dtype=real),
@@ -127,6 +131,7 @@ def _kernels(real):
         motion: wp.array3d(dtype=vec3),
     ):
         env, i_block, col = wp.tid()
+        env += first_env
         first = box[env, 2]
         last = box[env, 3] + 1
         at = col + partial.shape[3] - 1
@@ -189,24 +194,17 @@ def grid_dilation(
     as_grid = (context.n_envs, grid.rows, grid.cols)
     partial = context.zeros((context.n_envs, n_all, n_blocks, grid.cols), block)
     sum_rows, sum_columns = _kernels(real)
-    first = record(
+    first = context.record(
         sum_rows,
         partial.shape,
         [depth.reshape(as_grid), power.reshape(as_grid), box, row_blocks, n_terms],
         [partial],
-        device,
     )
     axes = [vec3(*(scale * axis)) for axis in (grid.u, grid.v, grid.normal)]
-    second = record(
+    second = context.record(
         sum_columns,
         (context.n_envs, n_blocks, grid.cols),
         [partial, box, col_terms, n_terms, *axes, is_sensing.reshape(as_grid[1:])],
         [motion.reshape(as_grid)],
-        device,
     )
-
-    def launch():
-        first()
-        second()
-
-    return launch
+    return in_turn(first, second)

@@ -18,7 +18,8 @@ import warp as wp
 from tactemu.physics.elastomer.anchors import Anchors
 from tactemu.physics.points.point_cloud import CLUSTER
 from tactemu.physics.probes.grid import Grid
-from tactemu.plan.plan import Context, record
+from tactemu.plan.launches import in_turn
+from tactemu.plan.plan import Context
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,6 +54,7 @@ def _direct_kernel(real, add: bool, quick: bool):
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": quick})
     def add_shear(
+        first_env: int,
         n_pulling: wp.array2d(dtype=wp.int32),
         n_active: wp.array(dtype=wp.int32),
         active: wp.array2d(dtype=wp.int32),
@@ -67,6 +69,7 @@ def _direct_kernel(real, add: bool, quick: bool):
         motion: wp.array2d(dtype=vec3),
     ):
         env, taxel = wp.tid()
+        env += first_env
         if not is_sensing[taxel]:
             return
         r = positions[taxel]
@@ -101,6 +104,7 @@ def _grid_kernels(real, add: bool):
 
     @wp.kernel(module="unique", enable_backward=False)
     def tabulate(
+        first_env: int,
         n_pulling: wp.array2d(dtype=wp.int32),
         place: wp.array2d(dtype=vec3),
         pull: wp.array2d(dtype=vec3),
@@ -117,6 +121,7 @@ def _grid_kernels(real, add: bool):
         by_col: wp.array3d(dtype=block),
     ):
         env, c = wp.tid()
+        env += first_env
         first = c * CLUSTER
         for o in range(first, first + n_pulling[env, c]):
             y = place[env, o] - corner
@@ -133,6 +138,7 @@ def _grid_kernels(real, add: bool):
 
     @wp.kernel(module="unique", enable_backward=False)
     def add_shear(
+        first_env: int,
         n_pulling: wp.array2d(dtype=wp.int32),
         n_active: wp.array(dtype=wp.int32),
         active: wp.array2d(dtype=wp.int32),
@@ -147,6 +153,7 @@ def _grid_kernels(real, add: bool):
         motion: wp.array2d(dtype=vec3),
     ):
         env, i, j_block = wp.tid()
+        env += first_env
         u = block()
         v = block()
         for a in range(n_active[env]):
@@ -179,6 +186,7 @@ def _block_kernel(real, add: bool, quick: bool):
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": quick})
     def add_shear(
+        first_env: int,
         n_pulling: wp.array2d(dtype=wp.int32),
         n_active: wp.array(dtype=wp.int32),
         active: wp.array2d(dtype=wp.int32),
@@ -196,6 +204,7 @@ def _block_kernel(real, add: bool, quick: bool):
         motion: wp.array3d(dtype=vec3),
     ):
         env, i_block, col = wp.tid()
+        env += first_env
         u = block()
         v = block()
         for a in range(n_active[env]):
@@ -238,13 +247,13 @@ def direct_shear_motion(drag: Drag, positions: wp.array, normals: wp.array) -> C
         drag.scale,
         drag.lambda_s,
     ]
-    return record(kernel, drag.motion.shape, inputs, [drag.motion], context.device)
+    return context.record(kernel, drag.motion.shape, inputs, [drag.motion])
 
 
 def tabulated_shear_motion(drag: Drag, grid: Grid) -> Callable[[], None]:
     """Record the sum for a grid, with the exponentials in tables: for few environments, where memory is cheap."""
     context, anchors = drag.context, drag.anchors
-    real, device, n_envs = context.real, context.device, context.n_envs
+    real, n_envs = context.real, context.n_envs
     vec2, vec3 = (wp.types.vector(n, real) for n in (2, 3))
     n_slots, n_blocks = anchors.place.shape[1], -(-grid.cols // WIDTH)
     in_plane = context.zeros((n_envs, n_slots), vec2)
@@ -254,15 +263,10 @@ def tabulated_shear_motion(drag: Drag, grid: Grid) -> Callable[[], None]:
     axes = [vec3(*grid.u), vec3(*grid.v)]
     inputs = [anchors.n_pulling, anchors.place, anchors.pull, vec3(*grid.corner), *axes, grid.du, grid.dv]
     inputs += [drag.lambda_s, drag.scale]
-    first = record(tabulate, anchors.n_pulling.shape, inputs, [in_plane, by_row, by_col], device)
+    first = context.record(tabulate, anchors.n_pulling.shape, inputs, [in_plane, by_row, by_col])
     inputs = [*drag.pulling, in_plane, by_row, by_col, *axes, drag.is_sensing, grid.cols]
-    second = record(add_shear, (n_envs, grid.rows, n_blocks), inputs, [drag.motion], device)
-
-    def launch():
-        first()
-        second()
-
-    return launch
+    second = context.record(add_shear, (n_envs, grid.rows, n_blocks), inputs, [drag.motion])
+    return in_turn(first, second)
 
 
 def grid_shear_motion(drag: Drag, grid: Grid) -> Callable[[], None]:
@@ -274,4 +278,4 @@ def grid_shear_motion(drag: Drag, grid: Grid) -> Callable[[], None]:
     inputs += [grid.du, grid.dv, drag.lambda_s, drag.scale, drag.is_sensing.reshape(shape[1:])]
     dim = (context.n_envs, -(-grid.rows // WIDTH), grid.cols)
     kernel = _block_kernel(context.real, drag.add, not context.device.is_cpu)
-    return record(kernel, dim, inputs, [drag.motion.reshape(shape)], context.device)
+    return context.record(kernel, dim, inputs, [drag.motion.reshape(shape)])

@@ -50,6 +50,7 @@ from tactemu.physics.layer.reading import (
     reading_kernel,
     skin_type,
     status_kernel,
+    traction_kernel,
 )
 from tactemu.physics.layer.surface import reach_of, surface_kernel
 from tactemu.physics.layer.tables import LayerMaterial, LayerTables
@@ -58,7 +59,8 @@ from tactemu.physics.sensor_model import Compiled, SensorModel, Site, Trial
 from tactemu.physics.shapes.rays import thickness_behind
 from tactemu.physics.shapes.shape import FAR
 from tactemu.plan.clearing import clear_rows
-from tactemu.plan.plan import Dtype, Stage, record
+from tactemu.plan.launches import in_turn, record
+from tactemu.plan.plan import Dtype, Stage
 
 LEAST_RADIUS = 5.0
 """Of a pad bent around a cylinder, in thicknesses."""
@@ -116,6 +118,7 @@ class ElasticLayerTaxel(SensorModel):
     deeper reads nothing."""
 
     level = 4
+    work = 100
     channels = CHANNELS
     unit = "Pa, N, m"
     gain_inside = False
@@ -200,6 +203,7 @@ class ElasticLayerTaxel(SensorModel):
         areas = np.ones(probes.n)
         for grid in grids:
             areas[grid.place >= 0] = grid.area
+        derived = {"traction": partial(self._traction, site, areas)}
         normals, areas = probes.normals.reshape(*probes.layout, 3), areas.reshape(*probes.layout, 1)
         present = partial(self._reading, normals=normals, areas=areas)
         names = [site.name if len(grids) == 1 else f"{site.name} pad {k + 1}" for k in range(len(grids))]
@@ -211,11 +215,22 @@ class ElasticLayerTaxel(SensorModel):
         def finish(array: wp.array, branch: str):
             if array is reading:
                 return array, []
-            launch = record(finish_kernel, array.shape[:2], [reading], [array], site.context.device)
+            launch = site.context.record(finish_kernel, array.shape[:2], [reading], [array])
             reason = "slip state and residual are no measurements"
             return array, [Stage(name=f"{site.name}: status", reason=reason, launch=launch)]
 
-        return Compiled(truth=reading, raw=reading, stages=stages, finish=finish, present=present)
+        how = {"finish": finish, "present": present, "derived": derived}
+        return Compiled(truth=reading, raw=reading, stages=stages, **how)
+
+    @staticmethod
+    def _traction(site: Site, areas: np.ndarray, reading: wp.array, branch: str) -> tuple[wp.array, Stage]:
+        """Tractions on the device, for :meth:`Sensor.view`; with a history, of all that it holds."""
+        context, flat = site.context, reading.reshape((-1, *reading.shape[-2:]))
+        out = wp.zeros((*reading.shape[:-1], 3), dtype=context.real, device=context.device)
+        inputs = [flat, site.normals, wp.array(areas, dtype=context.real, device=context.device)]
+        outputs = [out.reshape((*flat.shape[:2], 3))]
+        launch = record(traction_kernel(context.real), flat.shape[:2], inputs, outputs, context.device)
+        return out, Stage(name=f"{site.name}: traction ({branch})", reason="it was asked for", launch=launch)
 
 
 @dataclass(eq=False)
@@ -234,7 +249,7 @@ class CompiledLayer:
         context, model = self.site.context, self.model
         self.real, self.device, self.n_envs = context.real, context.device, context.n_envs
         self.lanes = lanes_of(self.device)
-        self.n_slots = 1 if self.device.is_cpu else min(self.n_envs, BLOCKS_AT_ONCE)
+        self.n_slots = context.threads if self.device.is_cpu else min(self.n_envs, BLOCKS_AT_ONCE)
         self.rubs = model.friction > 0
         nu, young = float(model.poisson_ratio), float(model.young_modulus)
         self.material = LayerMaterial(young / (2 * (1 + nu)), nu, float(model.thickness))
@@ -305,19 +320,17 @@ class CompiledLayer:
             self.rubbing = Windows(struct, FRICTION_WINDOWS, self.n_slots, shape, real, self.lanes, self.device)
 
     def _reset(self, mask: wp.array) -> None:
-        chosen = np.asarray(mask.numpy(), bool)
+        state = self.state
         for array in (self.pressure, *self.surface):
             clear_rows(array, mask)
-        state = self.state
         for array in (state.x, state.y, state.anchor_x, state.anchor_y, state.held_by, state.slip):
             clear_rows(array, mask)
         for array in (self.residual, self.iterations, self.changed, self.rubbed, state.residual, state.iterations):
             clear_rows(array, mask)
-        boxes = [(array, 0) for array in (self.near, self.active, self.box, self.area, self.dirty, state.box)]
-        for array, empty in ((self.overlap, NO_SURFACE), (self.solved, np.nan), *boxes):
-            values = array.numpy()
-            values[chosen] = empty
-            array.assign(values)
+        for array in (self.near, self.active, self.box, self.area, self.dirty, state.box):
+            clear_rows(array, mask)
+        clear_rows(self.overlap, mask, NO_SURFACE)
+        clear_rows(self.solved, mask, math.nan)
 
     # -- stages -----------------------------------------------------------------------------------------------------
 
@@ -326,17 +339,7 @@ class CompiledLayer:
 
     def _blocks(self, kernel, inputs: list, outputs: list) -> Callable[[], None]:
         """A recorded launch with one block of threads per slot."""
-        command = wp.launch_tiled(
-            kernel,
-            dim=[self.n_slots],
-            inputs=inputs,
-            outputs=outputs,
-            block_dim=BLOCK_THREADS,
-            device=self.device,
-            record_cmd=True,
-        )
-        assert command is not None
-        return command.launch
+        return self.site.context.record_blocks(kernel, self.n_slots, inputs, outputs, BLOCK_THREADS)
 
     def _reach(self, horizon: float) -> wp.array:
         """How far below each cell bodies are looked for [m]."""
@@ -373,33 +376,24 @@ class CompiledLayer:
             wp.vec2i(*grid.shape),
             horizon,
         ]
-        near = record(near_kernel(real, grid.bent), self.n_envs, inputs, [self.near, self.active], self.device)
+        near = self.site.context.record(near_kernel(real, grid.bent), self.n_envs, inputs, [self.near, self.active])
         inputs = [site.table.struct, pose, self.last_pose, site.targets, self.active, self.centres, self.covered]
         own = wp.array(grid.cell_axes() if grid.bent else np.zeros((0, 0, 0, 3)), dtype=vec3, device=self.device)
         inputs += [self.reach, *axes, own, horizon, real(self.tables.length_scale)]
         kernel = overlap_kernel(real, site.table.kinds, self.rubs, grid.bent)
         rows = (self.n_envs, grid.shape[0])
-        find = record(kernel, rows, inputs, [self.overlap, self.body, self.slide], self.device)
-
-        def look() -> None:
-            near()
-            find()
+        find = self.site.context.record(kernel, rows, inputs, [self.overlap, self.body, self.slide])
 
         if not self.rubs:
-            return look
-        remember = record(remember_kernel(real), pose.shape, [pose], [self.last_pose], self.device)
-
-        def launch() -> None:
-            look()
-            remember()
-
-        return launch
+            return in_turn(near, find)
+        remember = self.site.context.record(remember_kernel(real), pose.shape, [pose], [self.last_pose])
+        return in_turn(near, find, remember)
 
     def _normal(self) -> Callable[[], None]:
         model, real = self.model, self.real
         # A skin that hardly loses volume rises beside the contact: look for it where the object is that near.
         bulge = 0.1 + 0.9 * min(max((model.poisson_ratio - 0.3) / 0.2, 0.0), 1.0)
-        inputs = [self.tables.struct, real(bulge), int(model.iterations), wp.float64(model.tolerance), self.n_slots]
+        inputs = [self.tables.struct, real(bulge), int(model.iterations), wp.float64(model.tolerance)]
         inputs += [self.overlap, self.active, self.workspace.struct, self.windows.struct]
         outputs = [self.solved, self.pressure, self.box, self.residual, self.iterations, self.changed]
         outputs += [self.dirty]
@@ -408,14 +402,14 @@ class CompiledLayer:
     def _friction(self) -> Callable[[], None]:
         model, real = self.model, self.real
         tolerance = wp.float64(model.tolerance)
-        inputs = [self.tables.struct, real(model.friction), int(model.iterations), tolerance, self.n_slots]
+        inputs = [self.tables.struct, real(model.friction), int(model.iterations), tolerance]
         inputs += [self.pressure, self.box, self.changed, self.slide, self.body]
         inputs += [self.workspace.struct, self.rubbing.struct, self.state]
         return self._blocks(friction_kernel(real, self.lanes, bool(model.coupled)), inputs, [self.rubbed])
 
     def _surface(self) -> Callable[[], None]:
         reach = reach_of(self.tables.kernels)
-        inputs = [self.tables.struct, wp.vec2i(*reach), self.n_slots, self.pressure, self.state, self.box]
+        inputs = [self.tables.struct, wp.vec2i(*reach), self.pressure, self.state, self.box]
         inputs += [self.rubbed if self.rubs else self.changed, self.workspace.struct, self.windows.struct]
         return self._blocks(
             surface_kernel(self.real, self.lanes, self.rubs), inputs, [self.area, self.dirty, *self.surface]
@@ -433,4 +427,4 @@ class CompiledLayer:
         inputs = [skin, self.place, own, self.pressure, self.residual, self.state, *self.surface]
         inputs += [self.rubbed if self.rubs else self.changed, self.dirty]
         kernel = reading_kernel(self.real, bool(self.model.displacement), self.rubs, grid.bent)
-        return record(kernel, self.reading.shape[:2], inputs, [self.reading], self.device)
+        return self.site.context.record(kernel, self.reading.shape[:2], inputs, [self.reading])

@@ -35,7 +35,7 @@ from tactemu.physics.layer.friction_state import (
 )
 from tactemu.physics.layer.sideways import sideways_functions
 from tactemu.physics.layer.tables import tables_type
-from tactemu.physics.layer.window import block_sum, publish_function, transform_level, transform_size
+from tactemu.physics.layer.window import block_functions, publish_function, transform_level, transform_size
 
 
 @functools.cache
@@ -47,6 +47,7 @@ def friction_kernel(real, lanes: int, coupled: bool):
     forward, inverse, convolve = functions.forward, functions.inverse, functions.convolve
     sideways, publish = sideways_functions(real, lanes), publish_function(real)
     settle, mark = memory_functions(real, lanes)
+    block_sum, _max = block_functions(lanes)
     by_pressure, by_traction = sideways.by_pressure, sideways.by_traction
     vec2 = wp.types.vector(2, real)
     grid, vec_grid, int_grid = wp.array2d(dtype=real), wp.array2d(dtype=vec2), wp.array2d(dtype=wp.int32)
@@ -326,12 +327,12 @@ def friction_kernel(real, lanes: int, coupled: bool):
 
     @wp.kernel(module="unique", enable_backward=False, launch_bounds=(BLOCK_THREADS, RESIDENT_BLOCKS))
     def solve_friction(
+        turns: wp.vec4i,  # first environment, end, first slot, slots that take turns
         # Layer:
         tables: tables_struct,
         mu: real,
         cap: int,
         tolerance: wp.float64,
-        n_slots: int,
         # In:
         pressure: wp.array3d(dtype=real),
         boxes: wp.array(dtype=wp.vec4i),
@@ -345,8 +346,9 @@ def friction_kernel(real, lanes: int, coupled: bool):
         state: state_struct,
         changed_out: wp.array(dtype=wp.int32),
     ):
-        slot, thread = wp.tid()
-        for env in range(slot, pressure.shape[0], n_slots):
+        place, thread = wp.tid()
+        slot = turns[2] + place
+        for env in range(turns[0] + place, turns[1], turns[3]):
             box = boxes[env]
             old = state.box[env]
             residual = state.residual[env]

@@ -11,6 +11,10 @@ from tactemu.physics.probes.probes import Probes
 
 _TOLERANCE = 1e-3
 """Largest deviation of a taxel from its place, in pitches, and of normals from one another."""
+_ASKEW = 0.2, 0.05
+"""The same of a grid that is bent both ways, on which no net of squares fits: of places, and of normals."""
+_STEEP = np.cos(np.radians(40.0))
+"""Cosine of the largest tilt of such a grid."""
 _NEIGHBOURS = 1.6
 """Pads nearer to each other than so many pitches touch; a diagonal step is 1.41."""
 _CORNER = np.cos(np.radians(44.0))
@@ -21,30 +25,38 @@ _CLOSE = (2.05, 1.45, 1.05)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LayerGrid:
-    """A lattice of taxels, flat or around a cylinder. Rows step along ``v``, columns along ``u``; a taxel has
-    ``split * split`` cells. Lengths are those along the surface."""
+    """A lattice of taxels. Rows step along ``v``, columns along ``u``; a taxel has ``split * split`` cells.
+
+    The surface is an arc along u that is moved along an arc along v: flat, around a cylinder, or bent both ways.
+    Lengths are those along the arcs, which are true everywhere; only where both are tilted, their angle is not quite a
+    right one.
+    """
 
     rows: int
     columns: int
     pitch: tuple[float, float]
     """Distance of neighbouring taxels along v and u [m]."""
     split: int
-    corner: np.ndarray
-    """Centre of the taxel in row 0, column 0, link frame [m]."""
+    base: np.ndarray
+    """A point of the surface, link frame [m]."""
     u: np.ndarray
-    """Unit vector along a row, link frame; of a bent grid at the corner, as the next two."""
+    """Unit vector along a row, link frame; of a bent grid at the base, as the next two."""
     v: np.ndarray
     """Unit vector along a column."""
     normal: np.ndarray
     """Unit vector out of the skin."""
     place: np.ndarray
     """Where each probe is, ``row * columns + column``, shape ``(n,)``; -1 for fillers, which have no cell."""
+    base_at: tuple[float, float] = (0.0, 0.0)
+    """How far the base is down and along from the centre of the taxel in row 0, column 0 [m]."""
     curvature: tuple[float, float] = (0.0, 0.0)
-    """Along v and u [1/m], one of them 0; positive: convex."""
+    """Along v and u [1/m]; positive: convex."""
+    off: np.ndarray | None = None
+    """How far the taxels are from the arcs, shape ``(rows, columns, 3)``, link frame [m]; ``None``: not at all."""
 
     @property
     def bent(self) -> bool:
-        """Around a cylinder."""
+        """Not flat."""
         return any(self.curvature)
 
     @property
@@ -64,40 +76,48 @@ class LayerGrid:
 
     @property
     def edge(self) -> np.ndarray:
-        """The corner of the first cell, link frame [m]."""
-        return self.corner - 0.5 * (self.pitch[0] * self.v + self.pitch[1] * self.u)
+        """The corner of the first cell of a flat grid, link frame [m]."""
+        down, along = (at + 0.5 * pitch for at, pitch in zip(self.base_at, self.pitch))
+        return self.base - down * self.v - along * self.u
 
     def cell_centres(self) -> np.ndarray:
         """Centres of the cells, link frame [m], shape ``(*shape, 3)``."""
-        y, x = (np.arange(n * self.split) + 0.5 for n in (self.rows, self.columns))
-        down, along = (y * self.cell[0] - self.pitch[0] / 2, x * self.cell[1] - self.pitch[1] / 2)
-        return self.places(down[:, None], along[None, :])
+        arcs = self.places(*self._cells())
+        if self.off is None:
+            return arcs
+        y, x = ((np.arange(n * self.split) + 0.5) / self.split - 0.5 for n in (self.rows, self.columns))
+        return arcs + _between(y, _between(x, self.off.swapaxes(0, 1)).swapaxes(0, 1))
 
     def places(self, down: np.ndarray, along: np.ndarray) -> np.ndarray:
-        """Where the surface is so far down and along from the corner, shape ``(..., 3)``, link frame [m]."""
-        place = self.corner
-        for far, axis, bend in ((down, self.v, self.curvature[0]), (along, self.u, self.curvature[1])):
+        """Where the surface is so far down and along from the first taxel, shape ``(..., 3)``, link frame [m]."""
+        place = self.base
+        for far, at, axis, bend in zip((down, along), self.base_at, (self.v, self.u), self.curvature):
+            far = (far - at)[..., None]
             if bend:
-                place = place + (np.sin(bend * far) / bend)[..., None] * axis
-                place = place + ((np.cos(bend * far) - 1.0) / bend)[..., None] * self.normal
+                place = place + np.sin(bend * far) / bend * axis + (np.cos(bend * far) - 1.0) / bend * self.normal
             else:
-                place = place + far[..., None] * axis
+                place = place + far * axis
         return place
 
     def axes(self, down: np.ndarray, along: np.ndarray) -> np.ndarray:
-        """``u``, ``v`` and the normal there, shape ``(3, ..., 3)``."""
-        down, along = np.broadcast_arrays(down, along)
-        angle = (down * self.curvature[0] + along * self.curvature[1])[..., None]  # one of the two is 0
-        which = self.v if self.curvature[0] else self.u
-        tilted = np.cos(angle) * which - np.sin(angle) * self.normal
-        normal = np.cos(angle) * self.normal + np.sin(angle) * which
-        other = np.broadcast_to(self.u if self.curvature[0] else self.v, normal.shape)
-        return np.stack([other, tilted, normal] if self.curvature[0] else [tilted, other, normal])
+        """``u``, ``v`` and the normal there, at right angles, shape ``(3, ..., 3)``."""
+        down, along = np.broadcast_arrays(down - self.base_at[0], along - self.base_at[1])
+        over, across = (down * self.curvature[0])[..., None], (along * self.curvature[1])[..., None]
+        u = np.cos(across) * self.u - np.sin(across) * self.normal
+        v = np.cos(over) * self.v - np.sin(over) * self.normal
+        v = v - (v * u).sum(-1, keepdims=True) * u
+        tilt = np.sin(across) * np.cos(over) * self.u + np.cos(across) * np.sin(over) * self.v
+        normal = tilt + np.cos(across) * np.cos(over) * self.normal
+        return np.stack([u, *(each / np.linalg.norm(each, axis=-1, keepdims=True) for each in (v, normal))])
+
+    def _cells(self) -> tuple[np.ndarray, np.ndarray]:
+        """How far down and along the centres of the cells are."""
+        y, x = ((np.arange(n) + 0.5) * cell - 0.5 * pitch for n, cell, pitch in zip(self.shape, self.cell, self.pitch))
+        return y[:, None], x[None, :]
 
     def cell_axes(self) -> np.ndarray:
         """Likewise of all cells, ``(3, *shape, 3)``."""
-        y, x = (np.arange(n * self.split) + 0.5 for n in (self.rows, self.columns))
-        return self.axes((y * self.cell[0] - self.pitch[0] / 2)[:, None], (x * self.cell[1] - self.pitch[1] / 2)[None])
+        return self.axes(*self._cells())
 
     def taxel_axes(self) -> np.ndarray:
         """Likewise of all probes, ``(3, n, 3)``; of fillers anything."""
@@ -109,6 +129,14 @@ class LayerGrid:
         taxels = np.zeros(self.rows * self.columns, bool)
         taxels[self.place[self.place >= 0]] = True
         return np.kron(taxels.reshape(self.rows, self.columns), np.ones((self.split, self.split), bool)) > 0
+
+
+def _between(at: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values at places between them, ``(n, ...)``; linear, and constant beyond the ends."""
+    at = np.clip(at, 0.0, len(values) - 1.0)
+    before = np.minimum(at.astype(int), len(values) - 2)
+    share = (at - before).reshape(-1, *[1] * (values.ndim - 1))
+    return (1.0 - share) * values[before] + share * values[before + 1]
 
 
 def layer_grids(probes: Probes, split: int, sensor: str) -> list[LayerGrid]:
@@ -124,8 +152,9 @@ def layer_grids(probes: Probes, split: int, sensor: str) -> list[LayerGrid]:
         return [_grid_of(probes, active, split, sensor)]
     except SceneError as error:
         reason = error
-    if (grid := bent_grid_of(probes, active, split)) is not None:
-        return [grid]
+    for bent in (_around_a_cylinder, _bent_both_ways):
+        if (grid := bent(probes, active, split)) is not None:
+            return [grid]
     for closeness in _CLOSE:
         pads = _pads(probes, active, closeness)
         try:
@@ -163,8 +192,9 @@ def _bent(probes: Probes, pitch: float, sensor: str) -> SceneError:
     extent = float(np.linalg.norm(np.ptp(probes.positions[probes.active], axis=0)))
     flat_from = extent / _TOLERANCE * max(0.5, extent / (8 * pitch))
     return SceneError(
-        f"{sensor}: the taxels lie on a bent surface; ElasticLayerTaxel solves flat pads, and rectangular grids around "
-        "a cylinder with the cylinder's normals; strips of another bent surface would not feel each other. From a bend "
+        f"{sensor}: the taxels lie on a bent surface; ElasticLayerTaxel solves flat pads, rectangular grids around a "
+        "cylinder with the cylinder's normals, and gently bent ones, given as (rows, cols, 3), whose rows and columns "
+        "are arcs; strips of another bent surface would not feel each other. From a bend "
         f"radius of {flat_from:.2g} m on these count as flat. Use ElastomerTaxel, or lay the taxels out flat"
     )
 
@@ -233,7 +263,7 @@ def _grid_of(probes: Probes, members: np.ndarray, split: int, sensor: str) -> La
     place[members] = cell
     corner = positions[0] + along.min() * du * u + down.min() * dv * v
     return LayerGrid(
-        rows=rows, columns=columns, pitch=(dv, du), split=split, corner=corner, u=u, v=v, normal=normal, place=place
+        rows=rows, columns=columns, pitch=(dv, du), split=split, base=corner, u=u, v=v, normal=normal, place=place
     )
 
 
@@ -264,7 +294,7 @@ def _ticks(coordinate: np.ndarray) -> tuple[np.ndarray, float, int]:
     return coordinate / pitch, pitch, count
 
 
-def bent_grid_of(probes: Probes, members: np.ndarray, split: int) -> LayerGrid | None:
+def _around_a_cylinder(probes: Probes, members: np.ndarray, split: int) -> LayerGrid | None:
     """The grid of probes in rows and columns around a cylinder, whose normals are its; ``None``: they do not lie so."""
     positions, normals = probes.positions[members], probes.normals[members]
     axis = np.linalg.svd(normals)[2][-1]
@@ -294,10 +324,48 @@ def bent_grid_of(probes: Probes, members: np.ndarray, split: int) -> LayerGrid |
         return None
     place = np.full(probes.n, -1)
     place[members] = cell
-    made = LayerGrid(
-        rows=rows, columns=columns, pitch=(dv, du), split=split, corner=positions[0], u=u, v=v, normal=first,
-        place=place, curvature=(0.0, 1.0 / radius) if along_u else (1.0 / radius, 0.0),
+    return LayerGrid(
+        rows=rows, columns=columns, pitch=(dv, du), split=split, base=positions[0], u=u, v=v, normal=first, place=place,
+        base_at=(-float(down.min()) * dv, -float(along.min()) * du),
+        curvature=(0.0, 1.0 / radius) if along_u else (1.0 / radius, 0.0),
     )  # fmt: skip
-    begin = np.array(down.min() * dv), np.array(along.min() * du)
-    u, v, normal = made.axes(*begin)
-    return replace(made, corner=made.places(*begin), u=u, v=v, normal=normal)
+
+
+def _bent_both_ways(probes: Probes, members: np.ndarray, split: int) -> LayerGrid | None:
+    """The grid of probes given as ``(rows, cols, 3)`` on a ball, a saddle or the like; ``None``: they do not lie so.
+
+    Both bends are fitted to the normals, both pitches to the places.
+    """
+    if not probes.is_grid or min(probes.layout) < 3:
+        return None
+    positions, normals = probes.positions[members], probes.normals[members]
+    top = int(np.argmax(normals @ normals.mean(0)))
+    normal, centred = normals[top], positions - positions[top]
+    u, v = (step - (step @ normal) * normal for step in probes.steps())
+    u, v = u / max(float(np.linalg.norm(u)), 1e-12), v / max(float(np.linalg.norm(v)), 1e-12)
+    if abs(u @ v) > _ASKEW[1] or (normals @ normal).min() < _STEEP:
+        return None
+    found = []
+    numbers = np.divmod(members, probes.layout[1])
+    for axis, number in zip((v, u), numbers):
+        far, steps = centred @ axis, number - number[top]
+        slope = (normals @ axis) / (normals @ normal)
+        bend = float(far @ (slope / np.hypot(1.0, slope)) / (far @ far))  # the sine of an arc's tilt is linear
+        arc = np.arcsin(np.clip(bend * far, -1.0, 1.0)) / bend if bend else far
+        found.append((bend, float(steps @ arc / (steps @ steps))))
+    (bend_v, dv), (bend_u, du) = found
+    if min(dv, du) <= 0:
+        return None
+    place = np.full(probes.n, -1)
+    place[members] = members
+    made = LayerGrid(
+        rows=probes.layout[0], columns=probes.layout[1], pitch=(dv, du), split=split, base=positions[top], u=u, v=v,
+        normal=normal, place=place, base_at=(numbers[0][top] * dv, numbers[1][top] * du), curvature=(bend_v, bend_u),
+    )  # fmt: skip
+    here = numbers[0] * dv, numbers[1] * du
+    off = np.zeros((probes.n, 3))
+    off[members] = positions - made.places(*here)
+    tilted = np.abs(made.axes(*here)[2] - normals).max()
+    if np.abs(off).max() > _ASKEW[0] * min(dv, du) or tilted > _ASKEW[1]:
+        return None
+    return replace(made, off=off.reshape(*probes.layout, 3))

@@ -31,6 +31,7 @@ def near_kernel(real, bent: bool = False):
 
     @wp.kernel(module="unique", enable_backward=False)
     def find_near(
+        first_env: int,
         # Scene:
         shapes: shapes_type,
         pose: wp.array2d(dtype=transform),
@@ -48,6 +49,7 @@ def near_kernel(real, bent: bool = False):
         active_out: wp.array(dtype=wp.vec4i),
     ):
         env = wp.tid()
+        env += first_env
         top = cells[0]
         left = cells[1]
         bottom = int(0)
@@ -142,6 +144,7 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool, bent: bool = False)
 
     @wp.kernel(module="unique", enable_backward=False)
     def find_overlap(
+        first_env: int,
         # Scene:
         shapes: shapes_type,
         pose: wp.array2d(dtype=transform),
@@ -164,6 +167,7 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool, bent: bool = False)
         slide_out: wp.array3d(dtype=vec2),
     ):
         env, y = wp.tid()
+        env += first_env
         box = active[env]
         if y < box[0] or y >= box[2]:
             return
@@ -200,8 +204,9 @@ def remember_kernel(real):
     transform = wp.types.transformation(real)
 
     @wp.kernel(module="unique", enable_backward=False)
-    def remember_poses(pose: wp.array2d(dtype=transform), last_pose_out: wp.array2d(dtype=transform)):
+    def remember_poses(first_env: int, pose: wp.array2d(dtype=transform), last_pose_out: wp.array2d(dtype=transform)):
         env, b = wp.tid()
+        env += first_env
         last_pose_out[env, b] = pose[env, b]
 
     return remember_poses

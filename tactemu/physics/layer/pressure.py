@@ -37,7 +37,7 @@ from tactemu.physics.layer.window import (
     BROKEN,
     SAME,
     around,
-    block_sum,
+    block_functions,
     publish_function,
     survey_function,
     transform_level,
@@ -99,7 +99,8 @@ def normal_kernel(real, lanes: int):
     tables_struct = tables_type(real, lanes)
     windows_struct = windows_type(real, lanes)
     convolve = convolution_functions(real, lanes).convolve
-    survey, publish = survey_function(real), publish_function(real)
+    survey, publish = survey_function(real, lanes), publish_function(real)
+    block_sum, _max = block_functions(lanes)
     grid = wp.array2d(dtype=real)
 
     @wp.func
@@ -281,12 +282,12 @@ def normal_kernel(real, lanes: int):
 
     @wp.kernel(module="unique", enable_backward=False, launch_bounds=(BLOCK_THREADS, RESIDENT_BLOCKS))
     def solve_normal(
+        turns: wp.vec4i,  # first environment, end, first slot, slots that take turns
         # Layer:
         tables: tables_struct,
         bulge: real,
         cap: int,
         tolerance: wp.float64,
-        n_slots: int,
         # In:
         overlap: wp.array3d(dtype=real),
         active: wp.array(dtype=wp.vec4i),
@@ -302,8 +303,9 @@ def normal_kernel(real, lanes: int):
         changed_out: wp.array(dtype=wp.int32),  # 1: the pressures of this step are not those of the last
         dirty_out: wp.array(dtype=wp.vec4i),  # where they are not
     ):
-        slot, thread = wp.tid()
-        for env in range(slot, overlap.shape[0], n_slots):
+        place, thread = wp.tid()
+        slot = turns[2] + place
+        for env in range(turns[0] + place, turns[1], turns[3]):
             state, box = survey(overlap[env], solved_overlap[env], active[env], bulge, thread)
             residual = residual_out[env]
             old = box_out[env]

@@ -47,6 +47,7 @@ def reading_kernel(real, with_surface: bool, with_friction: bool, bent: bool = F
 
     @wp.kernel(module="unique", enable_backward=False)
     def read_taxels(
+        first_env: int,
         # Skin:
         skin: skin_struct,
         place: wp.array(dtype=wp.int32),
@@ -64,6 +65,7 @@ def reading_kernel(real, with_surface: bool, with_friction: bool, bent: bool = F
         reading_out: wp.array3d(dtype=real),
     ):
         env, taxel = wp.tid()
+        env += first_env
         if place[taxel] < 0 or changed[env] == 0:
             return
         row = (place[taxel] // skin.columns) * skin.split
@@ -113,12 +115,36 @@ def reading_kernel(real, with_surface: bool, with_friction: bool, bent: bool = F
 
 
 @functools.cache
+def traction_kernel(real):
+    """Force per area along the surface, from the force on each taxel."""
+    vec3 = wp.types.vector(3, real)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def find_traction(
+        reading: wp.array3d(dtype=real),
+        normals: wp.array(dtype=vec3),
+        areas: wp.array(dtype=real),
+        traction_out: wp.array3d(dtype=real),
+    ):
+        env, taxel = wp.tid()
+        first = wp.static(FORCE.start)
+        force = vec3(reading[env, taxel, first], reading[env, taxel, first + 1], reading[env, taxel, first + 2])
+        n = normals[taxel]
+        along = (force - wp.dot(force, n) * n) / areas[taxel]
+        for i in range(3):
+            traction_out[env, taxel, i] = along[i]
+
+    return find_traction
+
+
+@functools.cache
 def status_kernel(real):
     """Copies what is no measurement, slip state and residual, into a reading that imperfections have spoiled."""
 
     @wp.kernel(module="unique", enable_backward=False)
-    def copy_status(truth: wp.array3d(dtype=real), reading_out: wp.array3d(dtype=real)):
+    def copy_status(first_env: int, truth: wp.array3d(dtype=real), reading_out: wp.array3d(dtype=real)):
         env, taxel = wp.tid()
+        env += first_env
         for channel in range(wp.static(SLIP_STATE), wp.static(RESIDUAL + 1)):
             reading_out[env, taxel, channel] = truth[env, taxel, channel]
 

@@ -81,10 +81,10 @@ def surface_kernel(real, lanes: int, with_friction: bool):
 
     @wp.kernel(module="unique", enable_backward=False, launch_bounds=(BLOCK_THREADS, RESIDENT_BLOCKS))
     def find_surface(
+        turns: wp.vec4i,  # first environment, end, first slot, slots that take turns
         # Layer:
         tables: tables_struct,
         reach: wp.vec2i,
-        n_slots: int,
         # In:
         pressure: wp.array3d(dtype=real),
         friction: friction_state,
@@ -100,8 +100,9 @@ def surface_kernel(real, lanes: int, with_friction: bool):
         v_out: wp.array3d(dtype=real),
         w_out: wp.array3d(dtype=real),
     ):
-        slot, thread = wp.tid()
-        for env in range(slot, pressure.shape[0], n_slots):
+        place, thread = wp.tid()
+        slot = turns[2] + place
+        for env in range(turns[0] + place, turns[1], turns[3]):
             if changed[env] > 0:
                 box = boxes[env]
                 wipe(area_out[env], u_out[env], thread)

@@ -15,16 +15,27 @@ SAME, CHANGED, BROKEN = 0, 1, 2
 """What became of an overlap since the last step; ``BROKEN``: it is not finite."""
 
 
-@wp.func
-def block_sum(x: wp.float64):
-    """Sum over the threads of the block, for all of them."""
-    return wp.tile_sum(wp.tile(x))[0]
+@functools.cache
+def block_functions(lanes: int):
+    """``(block_sum, block_max)``: over the threads of the block, for all of them.
 
+    On a CPU (more than one lane) a block is one thread. There no tile is made: those of a kernel that runs on several
+    threads would lie in the same memory.
+    """
 
-@wp.func
-def block_max(x: wp.float64):
-    """Largest over the threads of the block, for all of them."""
-    return wp.tile_max(wp.tile(x))[0]
+    @wp.func
+    def tile_sum(x: wp.float64):
+        return wp.tile_sum(wp.tile(x))[0]
+
+    @wp.func
+    def tile_max(x: wp.float64):
+        return wp.tile_max(wp.tile(x))[0]
+
+    @wp.func
+    def own(x: wp.float64):
+        return x
+
+    return (tile_sum, tile_max) if lanes == 1 else (own, own)
 
 
 @wp.func
@@ -68,7 +79,7 @@ def fit(first: int, last: int, cells: int):
 
 
 @functools.cache
-def survey_function(real):
+def survey_function(real, lanes: int):
     """``survey(overlap, solved, active, bulge, thread) -> (state, box)`` of one environment.
 
     ``box`` is ``(first row, first column, rows, columns)`` around the cells that contact can reach: those whose overlap
@@ -77,6 +88,7 @@ def survey_function(real):
     from ``active[:2]`` to before ``active[2:]`` are looked at: no body is, or was at the last step, near the others.
     """
     grid = wp.array2d(dtype=real)
+    _sum, block_max = block_functions(lanes)
 
     @wp.func
     def survey(overlap: grid, solved: grid, active: wp.vec4i, bulge: real, thread: int):

@@ -13,7 +13,6 @@ import warp as wp
 from tactemu.physics.points.point_cloud import FAR_AWAY
 from tactemu.physics.points.table import cloud_type
 from tactemu.physics.sensor_model import Site
-from tactemu.plan.plan import record
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +32,7 @@ def _kernel(real):
 
     @wp.kernel(module="unique", enable_backward=False)
     def list_near(
+        first_env: int,
         clouds: cloud_type(real),
         pose: wp.array2d(dtype=transform),
         low: vec3,
@@ -43,6 +43,7 @@ def _kernel(real):
         start: wp.array2d(dtype=wp.int32),
     ):
         env = wp.tid()
+        env += first_env
         found = int(0)
         for k in range(clouds.bodies.shape[0]):
             start[env, k] = found
@@ -69,7 +70,7 @@ def near_clusters(site: Site, clouds, reach: float | None) -> tuple[NearClusters
         reach: largest radius of a probe [m]; ``None``: not known, every cluster is listed.
     """
     context, positions = site.context, site.probes.positions
-    n_envs, device, vec3 = context.n_envs, context.device, site.vec3
+    n_envs, vec3 = context.n_envs, site.vec3
     near = NearClusters(
         clusters=context.zeros((n_envs, len(clouds.ball)), wp.int32),
         start=context.zeros((n_envs, len(clouds.bodies) + 1), wp.int32),
@@ -77,4 +78,4 @@ def near_clusters(site: Site, clouds, reach: float | None) -> tuple[NearClusters
     limits = [vec3(*positions.min(axis=0)), vec3(*positions.max(axis=0))]
     limits.append(FAR_AWAY if reach is None else np.nextafter(reach * (1 + 1e-5), np.inf))
     outputs = [near.clusters, near.start]
-    return near, record(_kernel(context.real), n_envs, [clouds, site.view.pose, *limits], outputs, device)
+    return near, context.record(_kernel(context.real), n_envs, [clouds, site.view.pose, *limits], outputs)

@@ -18,7 +18,6 @@ from tactemu.physics.points.near import NearClusters
 from tactemu.physics.points.point_cloud import CLUSTER, spatial_order
 from tactemu.physics.points.table import cloud_type
 from tactemu.physics.sensor_model import Site
-from tactemu.plan.plan import record
 
 _SIDE_BY_SIDE = 32
 """Taxels that run together on a GPU: they should be near each other, to look at the same points."""
@@ -34,6 +33,7 @@ def _kernel(real, on_cpu: bool):
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": not on_cpu})
     def sum_points(
+        first_env: int,
         clouds: cloud_type(real),
         near: wp.array2d(dtype=wp.int32),
         near_start: wp.array2d(dtype=wp.int32),
@@ -45,6 +45,7 @@ def _kernel(real, on_cpu: bool):
         sums: wp.array3d(dtype=vec4),
     ):
         env, k, place = wp.tid()
+        env += first_env
         i = order[place]
         at = pose[env, clouds.bodies[k]]
         limit = radius[wp.min(env, radius.shape[0] - 1), i]
@@ -109,4 +110,4 @@ class ProximitySums:
         shape = (context.n_envs, len(self._clouds.bodies), site.probes.n)
         sums = context.zeros(shape, wp.types.vector(4, context.real))
         inputs = [self._clouds, near.clusters, near.start, site.view.pose, self._order, site.positions, radius]
-        return sums, record(_kernel(context.real, context.device.is_cpu), shape, inputs, [sums], context.device)
+        return sums, context.record(_kernel(context.real, context.device.is_cpu), shape, inputs, [sums])

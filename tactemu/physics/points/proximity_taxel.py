@@ -29,7 +29,8 @@ from tactemu.physics.points.table import upload_clouds
 from tactemu.physics.probes.kinematic_taxel import ForceTorque
 from tactemu.physics.probes.probes import Probes
 from tactemu.physics.sensor_model import Compiled, SensorModel, Site, Trial
-from tactemu.plan.plan import Stage, record
+from tactemu.plan.launches import in_turn
+from tactemu.plan.plan import Stage
 
 
 @functools.cache
@@ -52,6 +53,7 @@ def proximity_kernel(real, moving: bool, has_gain: bool):
 
     @wp.kernel(module="unique", enable_backward=False)
     def proximity(
+        first_env: int,
         bodies: wp.array(dtype=wp.int32),
         sums: wp.array3d(dtype=vec4),
         place: wp.array(dtype=wp.int32),
@@ -66,6 +68,7 @@ def proximity_kernel(real, moving: bool, has_gain: bool):
         out: wp.array3d(dtype=real),
     ):
         e, i = wp.tid()
+        e += first_env
         r = positions[i]
         a = normals[i]
         total = real(0.0)
@@ -120,6 +123,7 @@ class ProximityTaxel(SensorModel):
     """Turn the normal and twist parts so that they too act on the skin."""
 
     level = 2
+    work = 16
     channels = ("force", "torque")
     unit = "N"
     layouts = {"force": slice(0, 3)}
@@ -167,15 +171,11 @@ class ProximityTaxel(SensorModel):
                 launches.append(add_up)
             launches.append(self._forces(site, clouds, sums, measured, site.gain, clusters.n_points, raw))
 
-        def launch() -> None:
-            for part in launches:
-                part()
-
         reason = f"ProximityTaxel sums over {clusters.n_points} points"
         skips = "ProximityTaxel skips what is out of reach"
         return [
             Stage(name=f"{site.name}: near points", reason=skips, launch=find, cheaper=FEWER_POINTS),
-            Stage(name=f"{site.name}: points", reason=reason, launch=launch, cheaper=FEWER_POINTS),
+            Stage(name=f"{site.name}: points", reason=reason, launch=in_turn(*launches), cheaper=FEWER_POINTS),
         ]
 
     def _forces(self, site: Site, clouds, sums: ProximitySums, values, gain, n_points: int, out) -> Callable[[], None]:
@@ -184,7 +184,7 @@ class ProximityTaxel(SensorModel):
         inputs = [clouds.bodies, values, sums.place, view.velocity, view.spin, view.link_spin]
         inputs += [site.positions, site.normals, self._coefficients(context.real, n_points), gain]
         kernel = proximity_kernel(context.real, moving, gain is not None)
-        return record(kernel, out.shape[:2], inputs, [out], context.device)
+        return context.record(kernel, out.shape[:2], inputs, [out])
 
     def _coefficients(self, real, n_points: int):
         density = self.density_scalar / max(n_points, 1)

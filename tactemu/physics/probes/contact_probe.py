@@ -20,7 +20,7 @@ from tactemu.physics.probes.contact_depth_probe import compile_depth
 from tactemu.physics.probes.probes import Probes
 from tactemu.physics.probes.query import query_trials
 from tactemu.physics.sensor_model import Compiled, SensorModel, Site, Trial
-from tactemu.plan.plan import Context, Stage, record
+from tactemu.plan.plan import Context, Stage
 
 
 @functools.cache
@@ -28,8 +28,11 @@ def schmitt_kernel(real):
     """Latches each channel; the bit (0 or 1) is its own state. NaN stays NaN."""
 
     @wp.kernel(module="unique", enable_backward=False)
-    def schmitt(depth: wp.array3d(dtype=real), enter: real, leave: real, bit_out: wp.array3d(dtype=real)):
+    def schmitt(
+        first_env: int, depth: wp.array3d(dtype=real), enter: real, leave: real, bit_out: wp.array3d(dtype=real)
+    ):
         e, i = wp.tid()
+        e += first_env
         d = depth[e, i, 0]
         bit = real(0.0)
         if d > enter or (bit_out[e, i, 0] > real(0.0) and d > leave):
@@ -45,7 +48,7 @@ def compile_latch(depth: wp.array, enter: float, leave: float, name: str, contex
     """The array of bits behind ``depth``, and its stage."""
     bits = context.zeros(depth.shape, context.real)
     kernel = schmitt_kernel(context.real)
-    launch = record(kernel, depth.shape[:2], [depth, enter, leave], [bits], context.device)
+    launch = context.record(kernel, depth.shape[:2], [depth, enter, leave], [bits])
     return bits, [Stage(name=name, reason="ContactProbe compares depth with its thresholds", launch=launch)]
 
 

@@ -128,6 +128,7 @@ class KinematicTaxel(SensorModel):
     """Never let the damper pull on the skin."""
 
     level = 2
+    work = 2
     channels = ("force", "torque")
     unit = "N"
     layouts = {"force": slice(0, 3)}

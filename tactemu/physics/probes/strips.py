@@ -26,7 +26,6 @@ from tactemu.physics.probes.query import contact_function, probes_struct
 from tactemu.physics.sensor_model import Site
 from tactemu.physics.shapes.rays import thickness_behind
 from tactemu.physics.shapes.shape import FAR, table_type
-from tactemu.plan.plan import record
 
 STRIP = 8
 """Probes that one thread handles on the CPU, where a thread is a call."""
@@ -122,6 +121,7 @@ def strip_kernel(
 
     @wp.kernel(module="unique", enable_backward=False)
     def feel_strips(
+        first_env: int,
         shapes: shapes_type,
         pose: wp.array2d(dtype=transform),
         targets: wp.array(dtype=wp.int32),
@@ -136,6 +136,7 @@ def strip_kernel(
         e, strip = wp.tid()
         if wp.static(turned(kinds, in_strips)):
             strip, e = wp.tid()
+        e += first_env
         first = strip * probes.strip
         last = wp.min(first + probes.strip, probes.radii.shape[0])
         if wp.static(in_strips):
@@ -189,7 +190,7 @@ def record_strips(
     inputs += [none if gain is None else gain, none if radius is None else radius]
     threads = context.n_envs, -(-site.probes.n // strip_length(site))
     dim = threads[::-1] if turned(site.table.kinds, in_strips) else threads
-    return record(kernel, dim, inputs, [truth, raw], context.device)
+    return context.record(kernel, dim, inputs, [truth, raw])
 
 
 def probe_arrays(site: Site):

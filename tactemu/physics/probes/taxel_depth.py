@@ -12,7 +12,7 @@ import warp as wp
 from tactemu.physics.probes.query import probes_struct
 from tactemu.physics.probes.strips import record_strips
 from tactemu.physics.sensor_model import Site
-from tactemu.plan.plan import record
+from tactemu.plan.launches import in_turn
 
 _NOWHERE = 2**30
 
@@ -32,8 +32,9 @@ class TaxelDepth:
 @functools.cache
 def _clear_kernel():
     @wp.kernel(module="unique", enable_backward=False)
-    def clear_box(box: wp.array2d(dtype=wp.int32)):
+    def clear_box(first_env: int, box: wp.array2d(dtype=wp.int32)):
         env = wp.tid()
+        env += first_env
         box[env, 0] = _NOWHERE
         box[env, 1] = -1
         box[env, 2] = _NOWHERE
@@ -92,18 +93,13 @@ def _depth_formula(real):
 def taxel_depth(site: Site, exponent: float) -> tuple[TaxelDepth, Callable[[], None]]:
     """Allocate the arrays and record the query. ``exponent`` > 0."""
     context = site.context
-    real, device, shape = context.real, context.device, (context.n_envs, site.probes.n)
+    real, shape = context.real, (context.n_envs, site.probes.n)
     depth = context.zeros(shape, real)
     power = depth if exponent == 1.0 else context.zeros(shape, real)
     box = context.zeros((context.n_envs, 4), wp.int32)
-    clear = record(_clear_kernel(), context.n_envs, [], [box], device)
+    clear = context.record(_clear_kernel(), context.n_envs, [], [box])
     boxes = _box_type(real)()
     boxes.exponent, boxes.cols, boxes.power, boxes.box = exponent, site.probes.layout[-1], power, box
     out = depth.reshape((*shape, 1))
     find = record_strips(site, _depth_formula(real), _box_type(real), boxes, out, out, at_surface=True)
-
-    def launch():
-        clear()
-        find()
-
-    return TaxelDepth(depth=depth, power=power, box=box), launch
+    return TaxelDepth(depth=depth, power=power, box=box), in_turn(clear, find)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from tactemu.plan.plan import Context, record
+from tactemu.plan.plan import Context
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,12 +29,14 @@ class ActiveGroups:
 def _list_kernel():
     @wp.kernel(module="unique", enable_backward=False)
     def list_groups(
+        first_env: int,
         counts: wp.array2d(dtype=wp.int32),
         # outputs
         n_active: wp.array(dtype=wp.int32),
         active: wp.array2d(dtype=wp.int32),
     ):
         env = wp.tid()
+        env += first_env
         found = int(0)
         for g in range(counts.shape[1]):
             if counts[env, g] > 0:
@@ -51,4 +53,4 @@ def active_groups(context: Context, counts: wp.array) -> tuple[ActiveGroups, Cal
         n_active=context.zeros(counts.shape[0], wp.int32),
         active=context.zeros(counts.shape, wp.int32),
     )
-    return groups, record(_list_kernel(), counts.shape[0], [counts], [groups.n_active, groups.active], context.device)
+    return groups, context.record(_list_kernel(), counts.shape[0], [counts], [groups.n_active, groups.active])

@@ -1,0 +1,164 @@
+"""Threads that share the environments of a batch: the same bytes, however many, and none left behind."""
+
+import os
+import threading
+
+import numpy as np
+import pytest
+
+import tactemu as tt
+from tactemu.errors import SceneError
+from tactemu.physics.models import MODELS, load
+from tactemu.plan.launches import Launches, in_turn
+from tactemu.plan.team import Team
+from tactemu.transducers.capacitive import Capacitive
+from tactemu.transducers.fluid import Fluid
+from tactemu.transducers.magnetic import Magnetic
+from tactemu.transducers.material import Material
+from tactemu.transducers.piezoresistive import Piezoresistive
+
+N_ENVS = 7
+GRID = np.stack([*np.meshgrid(np.linspace(-8e-3, 8e-3, 9), np.linspace(-6e-3, 6e-3, 6)), np.full((6, 9), 0.01)], -1)
+SPOILT = {
+    "crosstalk_strength": 0.2, "crosstalk_sigma": 2e-3, "hysteresis_strength": 0.2, "hysteresis_tau": 0.01,
+    "random_walk": 1e-6, "noise": 1e-6, "noise_density": 1e-7, "dead_taxel_probability": 0.1, "history_length": 2,
+    "delay": 1.5e-3, "jitter": 1e-3, "scan_time": 1e-3, "probe_gain_resample_range": (0.9, 1.1),
+}  # fmt: skip
+CHAINS = {
+    "Magnetic": ("KinematicTaxel", [Magnetic(neighbours=(("ball", (0, 0, 0), (0, 0, 1e-3)),), earth=(5e-5, 0, 0))]),
+    "Piezoresistive": ("KinematicTaxel", [Piezoresistive(ghosts=0.3)]),
+    "Capacitive": ("KinematicTaxel", [Material(creep_per_decade=0.1, loop=0.1), Capacitive(baseline_tau=0.1)]),
+    "Fluid": ("KinematicTaxel", [Fluid()]),
+}
+
+
+def threads_alive() -> list[str]:
+    return [thread.name for thread in threading.enumerate() if thread.name.startswith("tactemu share")]
+
+
+def poses(step: int) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(step)
+    return {
+        "position": np.c_[rng.uniform(-2e-3, 2e-3, (N_ENVS, 2)), rng.uniform(0.017, 0.0195, N_ENVS)],
+        "quaternion": rng.normal(size=(N_ENVS, 4)),
+        "linear_velocity": rng.normal(size=(N_ENVS, 3)) * 0.1,
+        "angular_velocity": rng.normal(size=(N_ENVS, 3)),
+    }
+
+
+def built(model: str, threads: int | None, n_envs: int | None = N_ENVS, transducers=(), **options):
+    scene = tt.Scene(dt=1e-3)
+    pad = scene.add_body(tt.Box(size=(0.03, 0.02, 0.02)), fixed=True, name="pad")
+    ball = scene.add_body(tt.Sphere(radius=0.01), name="ball", position=(0, 0, 0.019))
+    sensor = getattr(tt, model)(probe_local_pos=GRID, probe_radius=2e-3, **options)
+    skin = scene.add_sensor(sensor, link=pad, name="skin", transducers=transducers)
+    return scene.build(n_envs, threads=threads), ball, skin
+
+
+def readings(threads: int, model: str, **options) -> bytes:
+    """All that is read in five steps, one of them after a reset of two environments."""
+    found = []
+    with built(model, threads, **options)[0] as sim:
+        skin = sim.sensors[0]
+        for step in range(5):
+            sim.set_pose("ball", **poses(step))
+            sim.step()
+            found += [skin.array().numpy().tobytes(), skin.array(ground_truth=True).numpy().tobytes()]
+            if step == 2:
+                sim.reset([1, 5])
+        assert len(threads_alive()) == threads - 1
+        assert f"threads: {threads} (as asked for)" in str(sim.plan)
+    assert not threads_alive() and any(any(each) for each in found)
+    return b"".join(found)
+
+
+@pytest.mark.parametrize("spoilt", [False, True], ids=["ideal", "spoilt"])
+@pytest.mark.parametrize("model", [load(path).__name__ for path in MODELS])
+def test_any_number_of_threads_reads_the_same(model, spoilt):
+    options = SPOILT if spoilt else {}
+    one = readings(1, model, **options)
+    assert one == readings(2, model, **options) == readings(3, model, **options)
+
+
+@pytest.mark.parametrize("chain", CHAINS)
+def test_so_do_transducers(chain):
+    model, transducers = CHAINS[chain]
+    assert readings(1, model, transducers=transducers) == readings(3, model, transducers=transducers)
+
+
+def test_free_layouts_and_shear_too():
+    free = {"taxel_area": 1e-6, "contact_threshold": 1e-6}
+    for options in ({}, free):
+        grid = {"probe_local_normal": np.tile([0, 0.1, 1.0], (*GRID.shape[:2], 1)) + GRID * 5}
+        assert readings(1, "ElastomerTaxel", **options, **grid) == readings(3, "ElastomerTaxel", **options, **grid)
+
+
+def test_threads_only_where_they_pay(monkeypatch):
+    monkeypatch.setattr("tactemu.physics.simulation.cores", lambda: 3)
+    for n_envs, model, expected in (
+        (None, "ElasticLayerTaxel", "threads: 1 (one environment)"),
+        (4, "ContactDepthProbe", "threads: 1 (a step is too short for more)"),
+        (7, "ElasticLayerTaxel", "threads: 2, 4 of 7 environments at most to each"),
+        (1000, "ContactDepthProbe", "threads: 3, 334 of 1000 environments at most to each"),
+    ):
+        sim, _ball, _skin = built(model, None, n_envs)
+        assert str(sim.plan).splitlines()[-1] == expected
+        sim.step()
+        assert len(threads_alive()) == int(expected[9]) - 1
+        sim.close()
+        assert not threads_alive()
+    assert "threads: 2 (as asked for)" in str(built("ContactDepthProbe", 5, 2)[0].plan)  # no more than environments
+
+
+def test_a_simulation_that_is_forgotten_leaves_no_thread():
+    sim, _ball, _skin = built("ContactDepthProbe", 3)
+    sim.step()
+    assert len(threads_alive()) == 2
+    del sim, _ball, _skin
+    import gc
+
+    gc.collect()
+    assert not threads_alive()
+
+
+@pytest.mark.parametrize("threads", [0, -1, 1.5, True])
+def test_a_number_that_is_none_is_refused(threads):
+    with pytest.raises(SceneError, match="threads must be None or a whole number >= 1"):
+        built("ContactDepthProbe", threads)
+
+
+def test_a_stage_that_cannot_be_shared_runs_once_between_the_others():
+    """A model from elsewhere may record its launches without shares."""
+    sim, _ball, _skin = built("ContactDepthProbe", 3)
+    order = []
+    whole, shared = lambda: order.append("whole"), Launches([[lambda k=k: order.append(k)] for k in range(3)])
+    for stage, launch in zip(sim.plan.stages, (whole, shared, in_turn(shared, whole))):
+        stage.launch = launch
+    sim.step()
+    assert order[0] == "whole" and sorted(order[1:4]) == [0, 1, 2] and order[4:] == [0, 1, 2, "whole"]
+    sim.close()
+
+
+def test_an_error_of_any_share_is_raised_when_all_have_ended():
+    team, ended = Team(3), []
+
+    def fail() -> None:
+        raise ValueError("share 1")
+
+    for shares in ([[], [fail], [lambda: ended.append(2)]], [[fail], [], [lambda: ended.append(2)]]):
+        with pytest.raises(ValueError, match="share 1"):
+            team.run(shares)
+    team.run([[], [lambda: ended.append(1)], []])
+    assert sorted(ended) == [1, 2, 2]
+    team.close()
+
+
+def test_a_fork_starts_threads_of_its_own():
+    team, done = Team(2), []
+    team.run([[], [lambda: done.append(1)]])
+    child = os.fork()
+    if not child:
+        team.run([[], [lambda: done.append(2)]])
+        os._exit(0 if done == [1, 2] else 1)
+    assert os.waitpid(child, 0)[1] == 0
+    team.close()
