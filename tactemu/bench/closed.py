@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactemu.bench.page import python, seen
+from tactemu.bench.page import page_of, python
 from tactemu.bench.timing import Report
 
 STEP_S = 0.004
@@ -114,7 +114,7 @@ def measured(seconds: float, *, looked_at: bool) -> dict[str, float]:
         run = stack.enter_context(serve(folder / "scene.toml", name=name))
         witness = Witness(run.emulator, run.simulation.posers[0].__self__)
         if looked_at:
-            url, _ = stack.enter_context(seen(name))
+            url, _ = stack.enter_context(page_of(name))
             viewer = python("tactemu.bench.viewers", url, seconds + 2, 1)
             stack.callback(viewer.communicate, timeout=seconds + 60)
         run.in_loop(lambda: run.simulation.posers.append(witness))

@@ -64,7 +64,7 @@ def _running(scene: str, *more: str) -> Iterator[tuple[str, subprocess.Popen[str
 
 
 @contextlib.contextmanager
-def seen(name: str) -> Iterator[tuple[str, int]]:
+def page_of(name: str) -> Iterator[tuple[str, int]]:
     """A page of it: its link and its process."""
     page = python("tactemu", "see", name, "--web-port", 0)
     try:
@@ -81,7 +81,7 @@ def _late_us(seconds: float, *, seen: bool, preempt: bool) -> tuple[float, float
         name, _ = stack.enter_context(_running(SCENE, *(["--preempt"] if preempt else [])))
         memory = 0.0
         if seen:
-            url, pid = stack.enter_context(seen(name))
+            url, pid = stack.enter_context(page_of(name))
             killed = python("tactemu.bench.viewers", url, 2 * seconds, 1)
             others = python("tactemu.bench.viewers", url, seconds, 3, "stall")
             time.sleep(seconds / 2)
@@ -121,7 +121,7 @@ def pictures(report: Report, *, seconds: float) -> dict[str, Any]:
     for k in range(BOARDS // bus.A_BUS):
         scene = scene.replace(f'"can:socketcan:can{k}"', '"memory:"')
     figures: dict[str, Any] = {}
-    with _running(scene) as (name, _), seen(name) as (url, _):
+    with _running(scene) as (name, _), page_of(name) as (url, _):
         looked = python("tactemu.bench.viewers", url, seconds, 1)
         sent = json.loads(looked.communicate(timeout=seconds + 60)[0])[0]
         figures["sent_per_s"] = sent["pictures_per_s"]

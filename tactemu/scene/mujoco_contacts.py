@@ -151,6 +151,7 @@ class Pad:
 
     def _drag(self, drag: np.ndarray, inward: np.ndarray, felt: float) -> None:
         """Move the skin along what it touches, towards a drag: vectors in its frame."""
+        assert self.sensor is not None
         across = np.eye(3) - np.outer(inward, inward)
         has = across @ self.sensor.quantity("force", ground_truth=True).sum(axis=0)
         wanted = across @ drag

@@ -109,7 +109,7 @@ class Drive:
         for joint, name, span, ratio in zip(ids, self.joints, travel, self._ratio.tolist()):
             if model.jnt_limited[joint] and span < ENDLESS * abs(ratio):
                 self._check_range(name, span, model.jnt_range[joint], int(model.jnt_type[joint]))
-        inertia = 1 / model.dof_invweight0[self._speeds]
+        inertia = np.maximum(1 / model.dof_invweight0, model.dof_armature)[self._speeds]  # MuJoCo forgets it at times
         wanted = self._motors.wants(0).stiffness[self._motor] / self._ratio**2
         self._stiffness = np.minimum(wanted, STABLE * inertia / model.opt.timestep**2)
         self._damping = 2 * np.sqrt(self._stiffness * inertia)

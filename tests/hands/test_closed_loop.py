@@ -158,7 +158,7 @@ def test_a_hand_may_be_a_urdf(tmp_path):
     (tmp_path / "finger.urdf").write_text(URDF)
     (tmp_path / "finger.toml").write_text(
         '[engine]\nkind = "mujoco"\nfile = "finger.urdf"\n[[skin]]\ndevice = "linker_hand_l6"\nlink = "world"\n'
-        'position = [1.0, 0.0, 0.0]\n'
+        "position = [1.0, 0.0, 0.0]\n"
         'joints = { index = { joint = "push", ratio = 0.05 } }\n'
         'links = { index = { body = "tip", position = [0, 0, 0.005] } }'
     )
