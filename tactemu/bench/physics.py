@@ -1,57 +1,34 @@
 """What a step costs: `tactemu bench physics`.
 
-A ball pressed 1 mm into a 40 mm pad; each figure is the median time of ``step()`` and ``read()`` [µs] (on a GPU: of a
-step in a long run of steps, the device waited for at the end, and the read apart). Beside it stand the figure aimed at
-and that of Genesis (genesis-world 1.4.5), measured on machines of these kinds. ``bound`` is the time that moving the
-counted bytes (poses read, readings written) would take at the memory's full speed.
+Each figure is the median time of ``step()`` and ``read()`` [µs]; on a GPU that of a step as the GPU counts it. Scenes
+and poses are those of :mod:`tactemu.bench.physics_cases`. Beside it stand the figure aimed at and that of Genesis in
+the same scene, measured on machines of these kinds. ``bound`` is the time that moving the counted bytes (poses read,
+readings written) takes at the memory's full speed. For loops around the step: :mod:`tactemu.bench.physics_loops`.
 """
 
 from __future__ import annotations
 
 import gc
+import json
 import os
+import platform
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from statistics import median
-from typing import Any
 
-import numpy as np
+import warp as wp
 
-import tactemu as tt
 from tactemu import kernels
 from tactemu.bench import transducers
+from tactemu.bench.physics_cases import Case, Mover, all_cases, build, busy_kernel, sensors
 from tactemu.bench.timing import Report
-from tactemu.physics.models import MODELS, load
-from tactemu.physics.sensor_model import SensorModel
+from tactemu.plan.team import cores
 
-SIDE = 0.04
 MEMORY_BYTES_PER_S = {"cpu": 20e9, "cuda": 4.8e12}
 """Full speed of the memory: a server core, and an H200."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Case:
-    """One line of the table."""
-
-    sensor: str
-    """A key of :func:`sensors`."""
-    side: int
-    """Taxels along a side of the grid."""
-    n_envs: int = 1
-    aim_us: float | None = None
-    genesis_us: float | None = None
-    mesh: bool = False
-    """The ball as a mesh of 80k faces."""
-
-    @property
-    def title(self) -> str:
-        """What is measured, in words."""
-        envs = f", {self.n_envs} envs" if self.n_envs > 1 else ""
-        return f"{self.sensor}{' on a mesh' if self.mesh else ''}, {self.side**2} taxels{envs}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,108 +43,39 @@ class Figure:
     bound_us: float
     build_s: float
     bytes_per_env_taxel: float | None
-    """Device memory of the scene for one taxel of one environment; known on a GPU."""
+    """Memory of a GPU for one taxel of one environment, of Warp's pool; in a process of its own."""
+    driver_bytes_per_env_taxel: float | None
+    """The same as the driver counts it."""
+    threads: int
+    """That shared the step, on a CPU."""
 
     def __str__(self) -> str:
         aim = f"aim {self.aim_us:7.0f}" if self.aim_us else " " * 11
         genesis = f"genesis {self.genesis_us:7.0f}" if self.genesis_us else " " * 12
         total = self.step_us + self.read_us
-        memory = f"  {self.bytes_per_env_taxel:.0f} B/env/taxel" if self.bytes_per_env_taxel else ""
+        memory = ""
+        if self.bytes_per_env_taxel is not None:
+            memory = f"  {self.bytes_per_env_taxel:.0f} B/env/taxel (driver: {self.driver_bytes_per_env_taxel:.0f})"
+        memory += f"  {self.threads} threads" if self.threads > 1 else ""
         return (
-            f"{self.title:<48} {total:9.1f} µs (step {self.step_us:.1f}, read {self.read_us:.1f})  {aim}  {genesis}  "
+            f"{self.title:<62} {total:9.1f} µs (step {self.step_us:.1f}, read {self.read_us:.1f})  {aim}  {genesis}  "
             f"bound {self.bound_us:.1f}  build {self.build_s:.2f} s{memory}"
         )
 
 
-def sensors() -> dict[str, tuple[type[SensorModel], Mapping[str, Any]]]:
-    """What is measured, by its name in the table: a model, and its options beside the probes."""
-    return {
-        f"{model.__name__}{words}": (model, options)
-        for model in map(load, MODELS)
-        for words, options in model.examples.items()
-    }
-
-
-CPU_CASES = (
-    Case(sensor="KinematicTaxel", side=16, aim_us=40, genesis_us=760),
-    Case(sensor="ContactDepthProbe", side=16, aim_us=30, genesis_us=600),
-    Case(sensor="ElastomerTaxel with shear", side=16, aim_us=250, genesis_us=2100),
-    Case(sensor="ProximityTaxel, 500 points", side=16, aim_us=100, genesis_us=780),
-    Case(sensor="KinematicTaxel", side=64, aim_us=250, genesis_us=1400),
-    Case(sensor="ContactDepthProbe", side=64, aim_us=200, genesis_us=760),
-    Case(sensor="ElastomerTaxel with shear", side=64, aim_us=2000, genesis_us=3400),
-    Case(sensor="ProximityTaxel, 500 points", side=64, aim_us=1000, genesis_us=3300),
-    Case(sensor="KinematicTaxel", side=64, n_envs=64, aim_us=6000, genesis_us=30000),
-    Case(sensor="ContactDepthProbe", side=64, n_envs=64, aim_us=1320, genesis_us=6600),
-    Case(sensor="ElastomerTaxel with shear", side=64, n_envs=64, aim_us=13600, genesis_us=68000),
-    Case(sensor="ProximityTaxel, 500 points", side=64, n_envs=64, aim_us=26000, genesis_us=130000),
-    Case(sensor="ContactDepthProbe", side=16, mesh=True, aim_us=300, genesis_us=3400),
-)
-
-GPU_CASES = (
-    Case(sensor="KinematicTaxel", side=16, n_envs=4096, aim_us=50, genesis_us=760),
-    Case(sensor="KinematicTaxel", side=32, n_envs=4096, aim_us=150, genesis_us=1480),
-    Case(sensor="ContactDepthProbe", side=16, n_envs=4096, aim_us=40, genesis_us=570),
-    Case(sensor="ContactDepthProbe", side=16, n_envs=4096, mesh=True, aim_us=500, genesis_us=8960),
-    Case(sensor="ProximityTaxel, 500 points", side=16, n_envs=4096, aim_us=150, genesis_us=940),
-    Case(sensor="ElastomerTaxel", side=32, n_envs=4096, aim_us=400, genesis_us=2380),
-    Case(sensor="ElastomerTaxel with shear", side=32, n_envs=4096, aim_us=800, genesis_us=3930),
-)
-
-
-def all_cases(device: str) -> list[Case]:
-    """The cases with a figure aimed at, and one for each other sensor."""
-    aimed = CPU_CASES if device == "cpu" else GPU_CASES
-    named = {case.sensor for case in aimed}
-    return [*aimed, *(Case(sensor=name, side=16, n_envs=aimed[0].n_envs) for name in sensors() if name not in named)]
-
-
-def grid(side: int) -> np.ndarray:
-    """``side * side`` probes on the top of the pad, shape ``(side, side, 3)``."""
-    x = (np.arange(side) - (side - 1) / 2) * (SIDE / side)
-    return np.stack([*np.meshgrid(x, x), np.full((side, side), 0.01)], -1)
-
-
-def build(case: Case, device: str):
-    """``(sim, ball, sensor)`` of a case, the ball 1 mm deep and sliding."""
-    scene = tt.Scene(dt=1e-3)
-    pad = scene.add_body(tt.Box(size=(SIDE, SIDE, 0.02)), fixed=True, name="pad")
-    ball = scene.add_body(_ball(case.mesh), name="ball", position=(0, 0, 0.029))
-    kind, options = sensors()[case.sensor]
-    model = kind(probe_local_pos=grid(case.side), **options)
-    sensor = scene.add_sensor(model, link=pad, name="skin")
-    sim = scene.build(case.n_envs, device=device)
-    sim.set_pose(ball, linear_velocity=(0.01, 0, 0))
-    sim.step()
-    sim.set_pose(ball, position=(0.001, 0, 0.029))
-    sim.step()
-    sim.step()
-    sensor.read()
-    return sim, ball, sensor
-
-
-def _ball(mesh: bool):
-    if not mesh:
-        return tt.Sphere(radius=0.02)
-    import trimesh
-
-    return tt.Mesh(source=trimesh.creation.icosphere(6, radius=0.02))
-
-
-def measure(case: Case, device: str = "cpu", repeats: int = 300) -> Figure:
-    """Run one case."""
-
+def measure(case: Case, device: str = "cpu", repeats: int = 300, memory: bool = True) -> Figure:
+    """Run one case. ``memory``: also what it takes of a GPU's, in a process of its own."""
     kernels.start()
-    before = _device_memory(device)
     start = time.perf_counter()
-    sim, _ball, sensor = build(case, device)
+    sim, ball, sensor = build(case, device)
     build_s = time.perf_counter() - start
-    taken = _device_memory(device) - before
+    move = Mover(case, sim, ball)
     repeats = max(5, min(repeats, int(3e7 / (case.n_envs * case.side**2))))
     steps, reads = [], []
     for _ in range(repeats):
         if sim.device.is_cuda:
-            continue
+            break
+        move()
         start = time.perf_counter_ns()
         sim.step()
         middle = time.perf_counter_ns()
@@ -175,9 +83,9 @@ def measure(case: Case, device: str = "cpu", repeats: int = 300) -> Figure:
         steps.append(middle - start)
         reads.append(time.perf_counter_ns() - middle)
     if sim.device.is_cuda:
-        steps, reads = _on_gpu(sim, sensor)
+        steps, reads = _on_gpu(sim, sensor, move)
     kind = "cuda" if sim.device.is_cuda else "cpu"
-    n = case.n_envs * case.side**2
+    taken = memory_of(case, device) if memory and sim.device.is_cuda else {}
     moved = sensor.array().size * 4 + 2 * case.n_envs * (13 * 8 + 13 * 4)
     return Figure(
         title=case.title,
@@ -187,34 +95,59 @@ def measure(case: Case, device: str = "cpu", repeats: int = 300) -> Figure:
         genesis_us=case.genesis_us,
         bound_us=moved / MEMORY_BYTES_PER_S[kind] * 1e6,
         build_s=build_s,
-        bytes_per_env_taxel=taken / n if kind == "cuda" else None,
+        bytes_per_env_taxel=taken.get("pool"),
+        driver_bytes_per_env_taxel=taken.get("driver"),
+        threads=sim.plan.threads,
     )
 
 
-def _on_gpu(sim, sensor, runs: int = 9, steps: int = 200) -> tuple[list[float], list[float]]:
-    """Times of a step within long runs, and of a read [ns]."""
-    import warp as wp
-
+def _on_gpu(sim, sensor, move, runs: int = 3, steps: int = 20) -> tuple[list[float], list[float]]:
+    """Times of steps and of reads [ns]. The GPU times the steps, which wait in its queue behind something long: Python
+    never limits them."""
+    device, out = sim.device, wp.zeros(1, dtype=wp.float32, device=sim.device)
+    stream = wp.get_stream(device)
     times, reads = [], []
+    for _ in range(5):
+        move()
+        sim.step()
     for _ in range(runs):
-        wp.synchronize_device(sim.device)
-        start = time.perf_counter_ns()
-        for _ in range(steps):
+        events = [[wp.Event(device, enable_timing=True) for _ in range(2)] for _ in range(steps)]
+        wp.launch(busy_kernel, dim=1, inputs=[4_000_000, out], device=device)
+        for start, end in events:
+            move()
+            stream.record_event(start)
             sim.step()
-        wp.synchronize_device(sim.device)
-        times.append((time.perf_counter_ns() - start) / steps)
-        start = time.perf_counter_ns()
+            stream.record_event(end)
+        wp.synchronize_device(device)
+        times += [wp.get_event_elapsed_time(start, end) * 1e6 for start, end in events]
+        begun = time.perf_counter_ns()
         sensor.read()
-        reads.append(time.perf_counter_ns() - start)
+        reads.append(time.perf_counter_ns() - begun)
     return times, reads
 
 
-def _device_memory(device: str) -> int:
-    """Bytes that Warp holds on a GPU; 0 on the CPU."""
-    import warp as wp
-
-    found = wp.get_device(device)
-    return wp.get_mempool_used_mem_current(found) if found.is_cuda and found.is_mempool_enabled else 0
+def memory_of(case: Case, device: str) -> dict[str, float]:
+    """Bytes for one taxel of one environment that a case takes of a GPU, in a fresh process: by Warp's pool and by the
+    driver. A simulation of one environment is there before, with all kernels: code does not count."""
+    code = (
+        "import json, sys, warp as wp\n"
+        "from dataclasses import replace\n"
+        "from tactemu.bench.physics import Case, build\n"
+        "case, device = Case(**json.loads(sys.argv[1])), sys.argv[2]\n"
+        "small = build(replace(case, n_envs=1), device)\n"
+        "wp.synchronize()\n"
+        "found = wp.get_device(device)\n"
+        "look = lambda: (wp.get_mempool_used_mem_current(found), -found.free_memory)\n"
+        "before = look()\n"
+        "large = build(case, device)\n"
+        "wp.synchronize()\n"
+        "print(json.dumps([b - a for a, b in zip(before, look())]))\n"
+    )
+    words = [sys.executable, "-c", code, json.dumps(asdict(case)), device]
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
+    n = case.n_envs * case.side**2
+    pool, driver = (taken / n for taken in json.loads(done.stdout.splitlines()[-1]))
+    return {"pool": pool, "driver": driver}
 
 
 def first_reading_s(sensor: str, cache: str, device: str) -> float:
@@ -228,8 +161,6 @@ def first_reading_s(sensor: str, cache: str, device: str) -> float:
 
 def largest_batch(case: Case, device: str) -> int:
     """Environments of a case that fit on the GPU, by doubling; 0 on the CPU, where memory is not the limit."""
-    import warp as wp
-
     if not wp.get_device(device).is_cuda:
         return 0
     n_envs, fits = case.n_envs, 0
@@ -246,7 +177,13 @@ def largest_batch(case: Case, device: str) -> int:
 
 
 def run(
-    report: Report, *, device: str = "cpu", starts: bool = True, only: str = "", largest: bool = False
+    report: Report,
+    *,
+    device: str = "cpu",
+    starts: bool = True,
+    only: str = "",
+    largest: bool = False,
+    loops: bool = False,
 ) -> dict[str, dict]:
     """Measure all cases of the device whose title contains ``only``; returns the figures by title.
 
@@ -256,6 +193,7 @@ def run(
         starts: also measure cold and warm starts, in processes of their own.
         only: part of a title.
         largest: also look for the largest batch that fits on a GPU.
+        loops: also what loops around the step cost.
     """
     figures: dict[str, dict] = {}
     cases = all_cases(device)
@@ -280,4 +218,36 @@ def run(
                 fits = largest_batch(case, device)
                 figures[f"largest batch of {case.title}"] = {"n_envs": fits}
                 report(f"{'largest batch of ' + case.title:<48} {fits} environments")
+    if loops:
+        from tactemu.bench import physics_loops
+
+        figures |= physics_loops.run(report, device=device, only=only)
     return figures
+
+
+def page_of(figures: dict[str, dict], device: str) -> str:
+    """Tables of what :func:`run` measured, as a page in Markdown."""
+    found = wp.get_device(device)
+    machine = found.name if found.is_cuda else f"{platform.processor() or platform.machine()}, {cores()} cores"
+    lines = [
+        "# What a step costs, and a loop around it",
+        "",
+        f"Written by `tactemu bench physics --device {device} --page FILE` on {machine}.",
+        "Figures of Genesis (genesis-world 1.4.5) are of the same scene, on machines of this kind.",
+        "",
+        "| case | step, µs | read, µs | Genesis, µs | times as fast | aim, µs | B/env/taxel |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for title, figure in figures.items():
+        if "genesis_us" in figure:
+            theirs, memory, aim = (figure[name] for name in ("genesis_us", "bytes_per_env_taxel", "aim_us"))
+            whole = figure["step_us"] + (0.0 if found.is_cuda else figure["read_us"])
+            cells = [title, f"{figure['step_us']:.1f}", f"{figure['read_us']:.1f}"]
+            cells += [f"{theirs:.0f}", f"{theirs / whole:.1f}"] if theirs else ["", ""]
+            cells += [f"{aim:.0f}" if aim else "", "" if memory is None else f"{memory:.0f}"]
+            lines.append(f"| {' | '.join(cells)} |")
+    lines += ["", "| loop | µs | turns a second | in steps |", "| --- | --- | --- | --- |"]
+    for title, figure in figures.items():
+        if "turns_per_s" in figure:
+            lines.append(f"| {title} | {figure['us']:.1f} | {figure['turns_per_s']:.0f} | {figure['steps']:.1f} |")
+    return "\n".join(lines) + "\n"

@@ -63,12 +63,19 @@ def physics(
     starts: Annotated[bool, typer.Option(help="Also starts with an empty and a filled kernel cache.")] = True,
     only: Annotated[str, typer.Option(metavar="TEXT", help="Only figures whose name contains this.")] = "",
     largest: Annotated[bool, typer.Option(help="Also the largest batch that fits on a GPU.")] = False,
+    loops: Annotated[bool, typer.Option(help="Also loops: poses in, a step, readings out, resets.")] = False,
+    page: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the tables as a page.")] = None,
     out: Out = None,
 ) -> None:
-    """Step and read per sensor, beside the figures aimed at and Genesis's."""
-    from tactemu.bench.physics import run
+    """Step and read per sensor, beside the figures aimed at and Genesis's in its own scene; whole loops."""
+    from tactemu.bench.physics import page_of, run
+    from tactemu.kernels import start_quietly
 
-    save(run(typer.echo, device=device, starts=starts, only=only, largest=largest), out)
+    start_quietly()
+    figures = run(typer.echo, device=device, starts=starts, only=only, largest=largest, loops=loops or page is not None)
+    if page is not None:
+        page.write_text(page_of(figures, device), encoding="utf-8")
+    save(figures, out)
 
 
 @bench.command()

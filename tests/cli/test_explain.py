@@ -25,7 +25,9 @@ def test_a_scene_is_explained_with_its_plan():
 
 def test_only_what_the_scene_requires_is_in_the_plan():
     plan = here("explain", "anyskin", "--no-cost").stdout.partition("Plan: ")[2]
-    assert len(plan.splitlines()) == 4, plan
+    *stages, threads = plan.splitlines()
+    assert len(stages) == 4, plan
+    assert threads == "threads: 1 (one environment)"
 
 
 def test_the_schema_is_json():
