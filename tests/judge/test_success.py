@@ -1,6 +1,7 @@
 """`tactemu judge --success`: how often a task succeeds, by the strength of what goes wrong."""
 
 import json
+from typing import Any
 
 import pytest
 
@@ -70,7 +71,13 @@ def test_a_task_that_wants_thirty_sound_packets_in_a_row(tmp_path, monkeypatch, 
     script.write_text(SUCCESS.format(done=str(done)))
     task.write_text(TASK)
     command = ["python", str(task), "{port}", str(done)]
-    wishes = {"ports": (), "only": ("flip",), "budget_s": 0.1, "seed": 1, "json_file": tmp_path / "curve.json"}
+    wishes: dict[str, Any] = {
+        "ports": (),
+        "only": ("flip",),
+        "budget_s": 0.1,
+        "seed": 1,
+        "json_file": tmp_path / "curve.json",
+    }
     assert judge_success("optoforce", command, script, **wishes) == 0
     got = {(each["fault"], each["strength"]): each for each in json.loads((tmp_path / "curve.json").read_text())}
     assert {key: each["succeeded"] for key, each in got.items()} == {("", 0): 1, ("flip", 1): 1, ("flip", 60): 0}
