@@ -89,7 +89,8 @@ def serve(
             (:mod:`tactemu.sources`).
         clock: ``real``, or ``lockstep``: time advances only by :meth:`Served.step`.
         name: under which ``tactemu poke --name`` and :func:`tactemu.connect` find it; default: they do not.
-        again: truth log of an earlier run: what was done to it live is done again, at the same times.
+        again: truth log of an earlier run: what was done to it live is done again, at the same times; on ports
+            ``memory:`` what its driver said is said again, too.
 
     Raises:
         TactemuError: when it starts, if something asked for cannot be had.

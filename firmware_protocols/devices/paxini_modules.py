@@ -58,7 +58,7 @@ class Px6axDevice(Device):
         if places is None and len(self.models) > 1:
             places = range(len(self.models))
         self.places = None if places is None else tuple(places)
-        self.layout = layout or _side_by_side(self.models, self.taxel_counts)
+        self.layout = layout or _side_by_side(self.models, self.taxel_counts, self.places or ())
         n = len(self.layout)
         self.counts = np.zeros((n, 3), np.int64)
         self.felt, self.zero = np.zeros((n, 3)), np.zeros((n, 3))
@@ -123,12 +123,13 @@ def _to_bytes(counts: np.ndarray) -> bytes:
     return (counts & 0xFF).astype(np.uint8).tobytes()
 
 
-def _side_by_side(models: Sequence[str], taxel_counts: Mapping[str, int]) -> Layout:
-    """A model's name gives its size in mm: S1813 is 18 x 13."""
+def _side_by_side(models: Sequence[str], taxel_counts: Mapping[str, int], places: Sequence[int]) -> Layout:
+    """A model's name gives its size in mm: S1813 is 18 x 13. Where there are several, each is a link of its own."""
     pads, x = [], 0.0
     for index, model in enumerate(models):
         width, height = int(model[1:3]) * 1e-3, int(model[3:5]) * 1e-3
-        pad = filled(taxel_counts[model], width, height, name=f"{index} {model}")
+        link = f"module {places[index]}" if len(models) > 1 else ""
+        pad = filled(taxel_counts[model], width, height, name=f"{index} {model}", link=link)
         pads.append(place(pad, (x + width / 2 * (index > 0), 0.0, 0.0)))
         x += width / 2 * (1 + (index > 0)) + 0.005
     return stack(*pads)

@@ -6,10 +6,13 @@
   drains the port; at 1 kHz also with a truth log open.
 * Answers: how long a polled driver waits (:mod:`tactemu.bench.answers`).
 * Truth: what a sample costs the loop to remember, and to hand to a log's writer.
+* The closed loop, with and without a page: steps a second, lateness, and from a contact in the engine to the wire
+  (:mod:`tactemu.bench.closed`); where MuJoCo is not installed, that is left out, and said.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import subprocess
 import sys
@@ -22,7 +25,7 @@ from statistics import median
 
 import numpy as np
 
-from tactemu.bench import answers
+from tactemu.bench import answers, closed
 from tactemu.bench.timing import Report
 from tactemu.collector import no_full_collections
 from tactemu.truth import Truth
@@ -100,8 +103,12 @@ def _drained(port: str) -> Iterator[None]:
         reader.wait(10)
 
 
-def run(report: Report, *, seconds: float = 60.0, repeats: int = 5, questions: int = 10_000) -> dict[str, float]:
-    """Measure everything; ``report`` gets one line per figure. Returns the figures by name."""
+def run(
+    report: Report, *, seconds: float = 60.0, repeats: int = 5, questions: int = 10_000, only: str = ""
+) -> dict[str, float]:
+    """Measure everything, or what is named; ``report`` gets one line per figure. Returns the figures by name."""
+    if only == "closed":
+        return _closed(report, seconds)
     figures: dict[str, float] = {}
     with tempfile.TemporaryDirectory(prefix="tactemu-bench-") as cache:
         figures["first_frame_cold_s"] = first_frame_s(Path(cache))
@@ -120,7 +127,15 @@ def run(report: Report, *, seconds: float = 60.0, repeats: int = 5, questions: i
         )
     for n_taxels in TAXELS:
         _report_truth(n_taxels, figures, report)
-    return figures | answers.run(report, count=questions)
+    figures |= answers.run(report, count=questions)
+    return figures if only == "open" else figures | _closed(report, seconds)
+
+
+def _closed(report: Report, seconds: float) -> dict[str, float]:
+    if importlib.util.find_spec("mujoco") is None:
+        report("closed loop: MuJoCo is not installed: pip install 'tactemu[mujoco]'")
+        return {}
+    return closed.run(report, seconds=seconds)
 
 
 def _report_truth(n_taxels: int, figures: dict[str, float], report: Report) -> None:

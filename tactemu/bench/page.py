@@ -40,7 +40,8 @@ requestAnimationFrame(tick);
 """
 
 
-def _python(*words: object, **more: Any) -> subprocess.Popen[str]:
+def python(*words: object, **more: Any) -> subprocess.Popen[str]:
+    """A Python program that runs beside this one."""
     return subprocess.Popen([sys.executable, "-m", *map(str, words)], stdout=subprocess.PIPE, text=True, **more)
 
 
@@ -51,7 +52,7 @@ def _running(scene: str, *more: str) -> Iterator[tuple[str, subprocess.Popen[str
     with tempfile.TemporaryDirectory(prefix="tactemu-bench-") as folder:
         file = Path(folder) / "scene.toml"
         file.write_text(scene, encoding="utf-8")
-        run = _python("tactemu", "run", file, "--json", "--name", name, *more)
+        run = python("tactemu", "run", file, "--json", "--name", name, *more)
         try:
             assert run.stdout is not None
             if '"ready"' not in run.stdout.readline():
@@ -63,9 +64,9 @@ def _running(scene: str, *more: str) -> Iterator[tuple[str, subprocess.Popen[str
 
 
 @contextlib.contextmanager
-def _seen(name: str) -> Iterator[tuple[str, int]]:
+def page_of(name: str) -> Iterator[tuple[str, int]]:
     """A page of it: its link and its process."""
-    page = _python("tactemu", "see", name, "--web-port", 0)
+    page = python("tactemu", "see", name, "--web-port", 0)
     try:
         assert page.stdout is not None
         yield page.stdout.readline().split()[-1], page.pid
@@ -80,9 +81,9 @@ def _late_us(seconds: float, *, seen: bool, preempt: bool) -> tuple[float, float
         name, _ = stack.enter_context(_running(SCENE, *(["--preempt"] if preempt else [])))
         memory = 0.0
         if seen:
-            url, pid = stack.enter_context(_seen(name))
-            killed = _python("tactemu.bench.viewers", url, 2 * seconds, 1)
-            others = _python("tactemu.bench.viewers", url, seconds, 3, "stall")
+            url, pid = stack.enter_context(page_of(name))
+            killed = python("tactemu.bench.viewers", url, 2 * seconds, 1)
+            others = python("tactemu.bench.viewers", url, seconds, 3, "stall")
             time.sleep(seconds / 2)
             killed.kill()
             killed.communicate()
@@ -120,8 +121,8 @@ def pictures(report: Report, *, seconds: float) -> dict[str, Any]:
     for k in range(BOARDS // bus.A_BUS):
         scene = scene.replace(f'"can:socketcan:can{k}"', '"memory:"')
     figures: dict[str, Any] = {}
-    with _running(scene) as (name, _), _seen(name) as (url, _):
-        looked = _python("tactemu.bench.viewers", url, seconds, 1)
+    with _running(scene) as (name, _), page_of(name) as (url, _):
+        looked = python("tactemu.bench.viewers", url, seconds, 1)
         sent = json.loads(looked.communicate(timeout=seconds + 60)[0])[0]
         figures["sent_per_s"] = sent["pictures_per_s"]
         report(f"{BOARDS} boards, {BOARDS * bus.TRIANGLES * 10} taxels: {figures['sent_per_s']:.1f} pictures/s sent")

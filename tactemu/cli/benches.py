@@ -47,12 +47,14 @@ def loop(
     seconds: Annotated[float, typer.Option(metavar="S", min=0.1, help="Length of each lateness run.")] = 60.0,
     repeats: Annotated[int, typer.Option(metavar="N", min=1, help="Starts with a filled kernel cache.")] = 5,
     questions: Annotated[int, typer.Option(metavar="N", min=1, help="Asked of a polled device on each port.")] = 10_000,
+    only: Annotated[str, typer.Option(metavar="WHAT", help="open or closed.")] = "",
     out: Out = None,
 ) -> None:
-    """First frame with an empty and a filled kernel cache; lateness at 100 Hz and 1 kHz; answers to requests."""
+    """First frame with an empty and a filled kernel cache; lateness at 100 Hz and 1 kHz; answers to requests; a hand
+    that MuJoCo moves: steps a second, and from contact to wire, with and without a page."""
     from tactemu.bench.loop import run
 
-    save(run(typer.echo, seconds=seconds, repeats=repeats, questions=questions), out)
+    save(run(typer.echo, seconds=seconds, repeats=repeats, questions=questions, only=only), out)
 
 
 @bench.command()

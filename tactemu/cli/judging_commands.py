@@ -69,6 +69,12 @@ def judge(
         float, typer.Option(metavar="S", min=0.1, max=600.0, help="How long it may take to be well again.")
     ] = 1.5,
     seed: Seed = None,
+    success: Annotated[
+        Path | None,
+        typer.Option(
+            "--success", metavar="SCRIPT", help="Judge a whole task: its success(dev) says whether that succeeded."
+        ),
+    ] = None,
 ) -> None:
     """Judge a driver: what does it do when bytes are lost, the sensor restarts, the port goes?
 
@@ -77,15 +83,33 @@ def judge(
       tactemu judge hand.toml --budget 5m --html report.html --junit report.xml -- ./reader {port}
       tactemu judge anyskin --reads mypkg.driver:read
       tactemu judge optoforce --replay cases/flipped.json -- ./reader {port}
+      tactemu judge hand.toml --success held.py -- python grasp.py {port}
 
     The driver prints a line for each reading, JSON or numbers, on its standard output. Which column holds what is
     learned from a run without faults; then each way to go wrong is tried, and every reading compared with what was
     sent.
+    With --success nothing is read from the command: lost, damaged and late frames and dead taxels (--only drop, flip,
+    late, dead) grow, and the result is how often its task succeeds; --port, --budget, --seed and --json go with it.
     Exit code 0 when nothing fails, 1 when something does, 2 for a mistake in the command, 3 when there was nothing to
     judge. See docs/judge.md.
     """
-    from tactemu.cli.judging import judge_driver
+    from tactemu.cli.judging import budget_of, judge_driver
 
+    if success is not None:
+        from tactemu.cli.succeeding import judge_success
+
+        raise typer.Exit(
+            judge_success(
+                target,
+                context.obj or (),
+                success,
+                ports=tuple(port or ()),
+                only=tuple(only or ()),
+                budget_s=budget_of(budget),
+                seed=seed,
+                json_file=json,
+            )
+        )
     status = judge_driver(
         target, context.obj or (), reads=reads, options=options or (), ports=tuple(port or ()), budget=budget,
         rest=rest, seed=seed, only=tuple(only or ()), fail_on=tuple(fail_on or ()), columns=columns, record=record,

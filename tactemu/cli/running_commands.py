@@ -71,7 +71,10 @@ def run(
     ] = None,
     again: Annotated[
         Path | None,
-        typer.Option(metavar="LOG", help="Do again what was done live in the run of this truth log."),
+        typer.Option(
+            metavar="LOG",
+            help="Do again what was done live in the run of this truth log; on memory: also what its driver said.",
+        ),
     ] = None,
     restore: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Go on from a state that was saved of such a run.")

@@ -1,4 +1,8 @@
-"""What was done to an emulator while it ran, read from its truth log and done again at the same times."""
+"""What was done to an emulator while it ran, read from its truth log and done again at the same times.
+
+On ports in memory, where no driver comes, what the driver said is said again, too: in lockstep, and without jitter, the
+devices then answer the same bytes.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +14,8 @@ from typing import Any, NamedTuple
 from tactemu.control.control import Control
 from tactemu.control.verbs import VERBS
 from tactemu.errors import SceneError, TactemuError, shown
-from tactemu.truth import COMMAND, PortEvent, entries
+from tactemu.transports.memory import MemoryTransport
+from tactemu.truth import COMMAND, Passage, PortEvent, entries
 
 
 class Command(NamedTuple):
@@ -60,9 +65,13 @@ def play_again(control: Control, path: str | Path) -> int:
     Raises:
         TactemuError: as :func:`commands_of`.
     """
-    commands = commands_of(path)
+    commands, emulator = commands_of(path), control.emulator
     for command in commands:
-        control.emulator.call(partial(_do, control, command), command.t_ns)
+        emulator.call(partial(_do, control, command), command.t_ns)
+    wires = {wire.name: wire for wire in emulator.wires if isinstance(wire.transport, MemoryTransport)}
+    for entry in entries(path) if wires else ():
+        if isinstance(entry, Passage) and entry.kind == "rx" and entry.device in wires:
+            emulator.at(entry.t_ns, partial(wires[entry.device].hear, entry.frame, entry.t_ns))
     return len(commands)
 
 

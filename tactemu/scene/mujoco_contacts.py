@@ -3,6 +3,7 @@
 MuJoCo's contacts are points that give a little, by numbers that say how hard they are and nothing of rubber. A skin's
 model knows what an indentation does to each taxel. So MuJoCo has the force, and the skin how it is spread: the frame
 of a skin is moved against what it touches, or back, until what it feels in all is what MuJoCo's contacts have there.
+Where the skin's model knows friction, its frame is moved along what it touches likewise, until the drag is MuJoCo's.
 """
 
 # MuJoCo's functions come from a compiled module that a checker cannot see into.
@@ -29,6 +30,11 @@ EXPONENT, LEAST, MOST = 2.0, 1.0, 5.0
 ball on springs 2, of what comes to lie on ever more taxels even more."""
 KNOWN = 0.01
 """Depths that differ by this share tell the power."""
+SLIDES = 0.95
+"""Drag from this share of friction on is left to how MuJoCo's bodies slide."""
+STIFFEST, SOFTEST, TELLING = 1.0, 0.03, 0.01
+"""A skin is so stiff along its surface, in shares of force per depth; moved by less than a share of its depth it does
+not tell."""
 REACH = 4.0
 """A contact is the skin's if a taxel is nearer than so many of its radii."""
 
@@ -45,6 +51,8 @@ class Contacts:
     """From the first geom to the second, shape ``(n, 3)``."""
     forces: np.ndarray
     """Normal [N], shape ``(n,)``."""
+    drags: np.ndarray
+    """Of friction on the second geom [N], world, shape ``(n, 3)``."""
     depths: np.ndarray
     """How far the geoms overlap [m], shape ``(n,)``."""
 
@@ -52,14 +60,13 @@ class Contacts:
 def contacts_of(model: Any, data: Any) -> Contacts:
     """The contacts of MuJoCo's last step."""
     mujoco, wrench, contact = load_mujoco(), np.zeros(6), data.contact
-    forces = np.zeros(data.ncon)
+    forces, drags = np.zeros(data.ncon), np.zeros((data.ncon, 3))
     for k in range(data.ncon):
         mujoco.mj_contactForce(model, data, k, wrench)
-        forces[k] = wrench[0]
+        forces[k], drags[k] = wrench[0], wrench[1:3] @ contact.frame[k].reshape(3, 3)[1:]
     press = forces > 0
-    return Contacts(
-        contact.geom[press], contact.pos[press], contact.frame[press][:, :3], forces[press], -contact.dist[press]
-    )
+    normals = contact.frame[press][:, :3]
+    return Contacts(contact.geom[press], contact.pos[press], normals, forces[press], drags[press], -contact.dist[press])
 
 
 class Pad:
@@ -83,17 +90,24 @@ class Pad:
         """Of force with depth, and depth and force at the step before, if they are known."""
         self._felt: float | None = None
         """As restored, of a step that was not computed here."""
+        self._friction = 0.0
+        self.along = np.zeros(3)
+        """How far the skin is moved along what it touches, in its frame [m]."""
+        self._give, self._pulled = 0.0, (np.zeros(3), np.zeros(3))
+        """Distance per drag, and how far it was moved last, and the drag before."""
 
     def attach(self, sensor: Sensor) -> None:
         """The skin that it carries, if its forces can be summed."""
         if sensor.chain is None and "force" in sensor.layouts:
             self.sensor = sensor
+            self._friction = float(getattr(sensor.model, "friction", 0.0))
             self._reach = REACH * float(np.max(sensor.probes.radii))
 
     def clear(self) -> None:
         """Nothing touches it."""
         self.depth, self.shift, self.force, self._felt = 0.0, np.zeros(3), 0.0, None
         self._exponent, self._before = EXPONENT, (0.0, 0.0)
+        self.along, self._give, self._pulled = np.zeros(3), 0.0, (np.zeros(3), np.zeros(3))
 
     def press(self, contacts: Contacts, position: np.ndarray, turn: np.ndarray) -> None:
         """Find its shift.
@@ -130,6 +144,27 @@ class Pad:
             self.depth = max(2 * self.depth, overlap, FIRST_M)
         self.depth = min(self.depth, MOST_M)
         self.shift = inward / length * (self.depth - overlap) if length > 0.2 * self.force else np.zeros(3)
+        if self._friction and felt > 0:
+            drag = -(sides[:, None] * contacts.drags[which]).sum(axis=0)
+            self._drag(drag @ turn, inward / length @ turn, felt)
+            self.shift = self.shift + turn @ self.along
+
+    def _drag(self, drag: np.ndarray, inward: np.ndarray, felt: float) -> None:
+        """Move the skin along what it touches, towards a drag: vectors in its frame."""
+        assert self.sensor is not None
+        across = np.eye(3) - np.outer(inward, inward)
+        has = across @ self.sensor.quantity("force", ground_truth=True).sum(axis=0)
+        wanted = across @ drag
+        most, pull = self._friction * felt, float(np.linalg.norm(wanted))
+        wanted *= min(1.0, SLIDES * most / max(pull, LEAST_N))
+        stiff = felt / self.depth
+        moved, had = self._pulled
+        if (way := float(moved @ moved)) > (TELLING * self.depth) ** 2:
+            learnt = float((had - has) @ moved) / way
+            self._give = 1 / float(np.clip(learnt, SOFTEST * stiff, STIFFEST * stiff))
+        along = across @ self.along - (self._give or 1 / (STIFFEST * stiff)) * (wanted - has)
+        along *= min(1.0, most / (SOFTEST * stiff) / max(float(np.linalg.norm(along)), FIRST_M))
+        self._pulled, self.along = (along - self.along, has), along
 
     def _learn(self, felt: float) -> None:
         """How force goes with depth here, from this step and the one before."""

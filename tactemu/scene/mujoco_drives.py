@@ -10,7 +10,6 @@ force, and both at most what the firmware allows. MuJoCo integrates them, the da
 from __future__ import annotations
 
 import logging
-import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
@@ -24,8 +23,9 @@ from tactemu.scene.schema import JointTable
 
 _logger = logging.getLogger(__name__)
 
-LIKELY = 10.0
-"""A joint's range in the model is at most so many times that of its motor, and not less than the inverse."""
+LIKELY, ENDLESS = 10.0, 1e3
+"""A joint's range in the model is at most so many times that of its motor, and not less than the inverse; a motor that
+goes so many radians or metres has no stops."""
 STABLE = 0.5
 """Of stiffness dt² / inertia: a stiffer spring would not be integrated well."""
 
@@ -106,10 +106,10 @@ class Drive:
         self._places, self._speeds = model.jnt_qposadr[ids], model.jnt_dofadr[ids]
         low, high = self._motors.travel
         travel = ((high - low)[self._motor] * np.abs(self._ratio)).tolist()
-        for joint, name, span in zip(ids, self.joints, travel):
-            if model.jnt_limited[joint] and math.isfinite(span):
+        for joint, name, span, ratio in zip(ids, self.joints, travel, self._ratio.tolist()):
+            if model.jnt_limited[joint] and span < ENDLESS * abs(ratio):
                 self._check_range(name, span, model.jnt_range[joint], int(model.jnt_type[joint]))
-        inertia = 1 / model.dof_invweight0[self._speeds]
+        inertia = np.maximum(1 / model.dof_invweight0, model.dof_armature)[self._speeds]  # MuJoCo forgets it at times
         wanted = self._motors.wants(0).stiffness[self._motor] / self._ratio**2
         self._stiffness = np.minimum(wanted, STABLE * inertia / model.opt.timestep**2)
         self._damping = 2 * np.sqrt(self._stiffness * inertia)

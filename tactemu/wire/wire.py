@@ -381,6 +381,10 @@ class Wire:
         self._deliver(now_ns, events)
         return events
 
+    def hear(self, data: Frame, now_ns: int) -> None:
+        """Something of a driver's has arrived that was not on this line, such as that of an earlier run."""
+        self._arrived.append((now_ns, Heard(data)))
+
     def _is_news(self, event: Event) -> bool:
         """Whether the devices do not know it; they do not notice that a restored run has another port."""
         known = self._comes_back and (isinstance(event, Opened) or event == self._lines)

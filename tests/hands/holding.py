@@ -59,7 +59,7 @@ class Hand:
         """What its controller is told to open."""
         if self.package == "linkerbot":
             return [dev.can["channel"], dev.can["interface"]]
-        return [dev.port]
+        return list(dev.ports.values())
 
 
 PADS = ("thumb_tip", "index_tip")
@@ -67,6 +67,14 @@ ALL = {
     "linker_l6": Hand("linker_l6", "linkerbot", PADS, resolution_n=2 / 500),
     "ability_hand": Hand("ability_hand", "ah_wrapper", PADS, newtons=dict.fromkeys(OBJECTS, 8.0), egg_n=12.0),
     "inspire_rh56dftp": Hand("inspire_rh56dftp", "RH56DFTP", PADS, "tcp:0", 2 / 1000),
+    "paxini_gripper": Hand(
+        "paxini_gripper",
+        "paxini_sdk",
+        ("left_pad", "right_pad"),
+        resolution_n=2 / 10,
+        newtons=dict.fromkeys(OBJECTS, 2.0) | {"heavy": 4.0},
+        egg_n=5.0,
+    ),
 }
 
 
@@ -150,11 +158,11 @@ def put(engine, pose) -> None:
 
 
 @contextmanager
-def controller(hand: Hand, dev: tt.Served, *options) -> Iterator[subprocess.Popen]:
+def controller(hand: Hand, dev: tt.Served, *options, does: str = "grasp") -> Iterator[subprocess.Popen]:
     """The example's controller, as a process that tells by a line that it touches."""
     if importlib.util.find_spec(hand.package) is None:
         pytest.skip(f"{hand.package} is not installed")
-    command = [sys.executable, str(HANDS / f"grasp_{hand.name}.py"), *hand.address(dev), *map(str, options)]
+    command = [sys.executable, str(HANDS / f"{does}_{hand.name}.py"), *hand.address(dev), *map(str, options)]
     with (
         TemporaryDirectory() as folder,  # drivers leave files where they are started
         subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder) as process,

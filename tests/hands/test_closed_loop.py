@@ -17,7 +17,7 @@ from tactemu.clock import LockstepClock, VirtualClock
 from tactemu.errors import PoseError, SceneError
 from tactemu.scene import file
 from tactemu.scene.steering import steered
-from tactemu.truth import Truth
+from tactemu.truth import Passage, Sample, Truth, entries
 from tests.emulator.test_lockstep import go_on
 from tests.hands.holding import ALL, contact_forces, scene_of
 
@@ -103,6 +103,76 @@ def test_a_script_gives_the_same_bytes_in_lockstep_and_in_virtual_time(tmp_path)
     assert 0 < answers[-1][3] < 255 and answers[-1][1] == pytest.approx(THUMB, abs=5), "angles are as the hand is"
     currents = [answer.data for answer in logs[0][0] if answer.data[0] == 0x36]
     assert currents[-1][3] == pytest.approx(25, abs=2), "at its limit"
+
+
+def test_a_recorded_run_done_again_in_lockstep_gives_the_same_bytes(tmp_path):
+    """What the driver said is in the log, with its times."""
+    logs = [tmp_path / "first.jsonl", tmp_path / "again.jsonl"]
+    for log in logs:
+        again = logs[0] if log != logs[0] else None
+        scene = scene_of(L6, "ball", tmp_path)
+        with tt.serve(scene, "memory:", clock="lockstep", seed=3, truth=log, again=again) as dev:
+            if again is None:
+                dev.in_loop(lambda: grasping(dev.emulator))
+            dev.step(seconds=1.5)
+    first, again = ([e for e in entries(log) if isinstance(e, Passage | Sample)] for log in logs)
+    said = [[(e.t_ns, e.kind, e.frame) for e in run if isinstance(e, Passage)] for run in (first, again)]
+    felt = [[(e.t_ns, e.counts.tobytes()) for e in run if isinstance(e, Sample)] for run in (first, again)]
+    assert said[0] == said[1] and felt[0] == felt[1]
+    assert {"rx", "tx"} == {kind for _, kind, _ in said[0]} and any(any(counts) for _, counts in felt[0])
+
+
+@pytest.mark.parametrize(("on_late", "left_out_s"), [("slow", 0.5), ("drop", 0.0)])
+def test_a_loop_that_is_late_slows_the_model_or_catches_up(on_late, left_out_s, tmp_path, caplog):
+    emulator, simulation, engine = made(replaced(tmp_path, "[engine]\n", f'[engine]\non_late = "{on_late}"\n'))
+    with emulator, caplog.at_level(logging.WARNING):
+        emulator.run(0.1)
+        begun = engine.data.time
+        engine.pose(simulation, begun + 0.6)
+        assert engine.behind_s == pytest.approx(left_out_s, abs=1e-6)
+        assert engine.data.time == pytest.approx(begun + 0.6 - left_out_s, abs=1e-6)
+        assert ("does not keep up" in caplog.text) == (on_late == "slow")
+        engine.pose(simulation, begun + 2.6)  # more than it catches up with at once
+        assert engine.behind_s > 0
+
+
+URDF = """
+<robot name="finger">
+  <link name="base">
+    <collision><origin xyz="0 0 0.05"/><geometry><box size="0.04 0.04 0.01"/></geometry></collision>
+  </link>
+  <link name="tip">
+    <inertial><mass value="0.05"/><inertia ixx="1e-5" iyy="1e-5" izz="1e-5" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><geometry><box size="0.009 0.018 0.01"/></geometry></collision>
+  </link>
+  <joint name="push" type="prismatic">
+    <parent link="base"/><child link="tip"/><axis xyz="0 0 1"/><limit lower="0" upper="0.08" effort="100" velocity="1"/>
+    <dynamics damping="5"/>
+  </joint>
+</robot>
+"""
+
+
+def test_a_hand_may_be_a_urdf(tmp_path):
+    """A finger pushes against its base, with the force that its firmware allows."""
+    (tmp_path / "finger.urdf").write_text(URDF)
+    (tmp_path / "finger.toml").write_text(
+        '[engine]\nkind = "mujoco"\nfile = "finger.urdf"\n[[skin]]\ndevice = "linker_hand_l6"\nlink = "world"\n'
+        "position = [1.0, 0.0, 0.0]\n"
+        'joints = { index = { joint = "push", ratio = 0.05 } }\n'
+        'links = { index = { body = "tip", position = [0, 0, 0.005] } }'
+    )
+    emulator, _, engine = made(tmp_path / "finger.toml")
+    write = emulator.channels[0].wire.transport.driver.write
+    orders = [(0x05, *[128] * 6), (0x02, 255, 255, 25, 255, 255, 255), (0x01, *[OPEN] * 2, CLOSED, *[OPEN] * 3)]
+    with emulator:
+        for k, data in enumerate(orders):
+            emulator.at((k + 1) * 10 * MS, functools.partial(write, frame(*data)))
+        emulator.run(2.0)
+        felt = list(engine.pads.values())[-1].felt()
+        motor = float(np.abs(engine.data.actuator_force).max())
+    weight = 0.05 * 9.81
+    assert motor > 1.0 and felt == pytest.approx(motor - weight, rel=0.02)
 
 
 def test_a_fork_goes_on_with_the_grasp(tmp_path):

@@ -1,0 +1,219 @@
+"""Does it still succeed? A whole task, such as a grasp, under faults of growing strength: `tactemu judge --success`.
+
+The command runs the task; the script says whether it succeeded, by what happened in the scene::
+
+    def success(dev):
+        time.sleep(4)                                   # it has grasped by then
+        dev.move((0, 0, -0.2), body="table", speed=0.3)
+        time.sleep(2)
+        return dev.state()["bodies"]["object"]["position"][2] > 0.06
+
+``dev`` is what :func:`tactemu.serve` gives. Each trial has an emulator, a process and a seed of its own.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactemu.errors import TactemuError
+from tactemu.judge.driver import command_of
+from tactemu.serving import Served, serve
+
+STRENGTHS: Mapping[str, tuple[str, tuple[float, ...]]] = {
+    "drop": ("frames lost [%]", (1, 3, 10, 30, 60)),
+    "flip": ("frames with a wrong bit [%]", (1, 3, 10, 30, 60)),
+    "late": ("frames late by [ms]", (5, 20, 50, 100, 200)),
+    "dead": ("taxels dead [%]", (5, 10, 25, 50, 75)),
+}
+"""What grows, and how."""
+ROUNDS = 3
+"""Trials at each strength, unless a budget says otherwise."""
+GRACE_S = 2.0
+CONFIDENT = 1.96
+Success = Callable[[Served], Any]
+
+
+@dataclass(frozen=True)
+class Point:
+    """One strength of one fault."""
+
+    fault: str
+    """Its kind; "": none."""
+    strength: float
+    tried: int = 0
+    succeeded: int = 0
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Within which its rate of success is, by Wilson at 95 %."""
+        n, z2 = max(self.tried, 1), CONFIDENT**2
+        rate = self.succeeded / n
+        middle = (rate + z2 / (2 * n)) / (1 + z2 / n)
+        half = CONFIDENT / (1 + z2 / n) * math.sqrt(rate * (1 - rate) / n + z2 / (4 * n * n))
+        return max(0.0, middle - half), min(1.0, middle + half)
+
+    def after(self, success: bool) -> Point:
+        """One more trial."""
+        return Point(self.fault, self.strength, self.tried + 1, self.succeeded + success)
+
+
+def read_script(path: Path) -> Success:
+    """The function ``success`` of a script.
+
+    Raises:
+        TactemuError: it cannot be read or run, or has none.
+    """
+    names: dict[str, Any] = {"__name__": "success", "__file__": str(path)}
+    try:
+        exec(compile(path.read_text(encoding="utf-8"), str(path), "exec"), names)
+    except OSError as error:
+        raise TactemuError(f"--success: {path}: {error.strerror}") from None
+    except Exception as error:
+        raise TactemuError(f"--success: {path}: {type(error).__name__}: {error}") from error
+    if not callable(names.get("success")):
+        raise TactemuError(f"--success: {path} has no function success(dev)")
+    return names["success"]
+
+
+def curve(
+    target: str,
+    command: Sequence[str],
+    success: Success,
+    *,
+    only: Sequence[str] = (),
+    port: str | Mapping[str, str] | None = None,
+    seed: int = 0,
+    budget_s: float | None = None,
+    say: Callable[[str], object] = lambda text: None,
+) -> Iterator[dict[tuple[str, float], Point]]:
+    """Try each fault at each strength, round by round; yields all points after each trial.
+
+    Args:
+        target: scene file or device.
+        command: of the task; ``{port}`` as for drivers, ``{channel}`` and ``{interface}`` on CAN.
+        success: whether it succeeded, given what is served.
+        only: kinds of :data:`STRENGTHS`; default: all.
+        port: as for :func:`tactemu.serve`.
+        seed: of the first round; later ones count on.
+        budget_s: rounds go on until so much time has passed; the first is always whole.
+        say: gets what is being tried.
+
+    Raises:
+        TactemuError: no such kind, or something asked for cannot be had; the script failed.
+    """
+    for kind in only:
+        if kind not in STRENGTHS:
+            raise TactemuError(f"--only: no fault is called {kind!r} here; expected {', '.join(STRENGTHS)}")
+    keys = [("", 0.0)] + [(kind, s) for kind in only or STRENGTHS for s in STRENGTHS[kind][1]]
+    points = {key: Point(*key) for key in keys}
+    began, k = time.monotonic(), 0
+    while k < ROUNDS if budget_s is None else k == 0 or time.monotonic() < began + budget_s:
+        for key in keys:
+            say(f"round {k + 1}: {title(key[0])} {key[1]:g}" if key[0] else f"round {k + 1}: no fault")
+            points[key] = points[key].after(_tried(target, command, success, key, port, seed + k))
+            yield points
+            if budget_s is not None and k and time.monotonic() > began + budget_s:
+                return
+        k += 1
+
+
+def title(kind: str) -> str:
+    """What grows, with its unit."""
+    return STRENGTHS[kind][0] if kind else "no fault"
+
+
+def _tried(
+    target: str,
+    command: Sequence[str],
+    success: Success,
+    key: tuple[str, float],
+    port: str | Mapping[str, str] | None,
+    seed: int,
+) -> bool:
+    """One trial."""
+    kind, strength = key
+    faults = {"drop": f"drop {strength:g}% both", "flip": f"flip {strength:g}% both", "late": f"late by {strength:g}ms"}
+    with serve(target, port, faults=faults.get(kind, ()), seed=seed, adjustable=["dead"]) as dev:
+        if kind == "dead":
+            _kill(dev, strength / 100, seed)
+        with _running(command_of(_on_can(command, dev), dev.ports), dev):
+            try:
+                return bool(success(dev))
+            except TactemuError:
+                raise
+            except Exception as error:
+                raise TactemuError(f"--success: {type(error).__name__}: {error}") from error
+
+
+def _kill(dev: Served, share: float, seed: int) -> None:
+    """Let a share of all taxels die, each skin's own, at nothing."""
+    for channel in dev.emulator.channels:
+        if n := len(channel.device.layout):
+            chosen = np.random.default_rng((seed, n)).permutation(n)[: round(share * n)]
+            dev.dead(chosen.tolist(), 0.0, skin=channel.name)
+
+
+def _on_can(command: Sequence[str], dev: Served) -> list[str]:
+    words = {f"{{{name}}}": value for name, value in dev.can.items()} if len(set(dev.ports.values())) == 1 else {}
+    return [words.get(word, word) for word in command]
+
+
+@contextlib.contextmanager
+def _running(command: Sequence[str], dev: Served) -> Iterator[None]:
+    """The task's process, in a session of its own, ended with all that it started in it."""
+    environment = os.environ | {"TACTEMU_PORT": next(iter(dev.ports.values()))}
+    try:
+        process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            env=environment, start_new_session=True,
+        )  # fmt: skip
+    except OSError as error:
+        raise TactemuError(f"{command[0]}: {error.strerror}") from None
+    try:
+        yield
+    finally:
+        for what in (signal.SIGTERM, signal.SIGKILL):
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, what)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(GRACE_S)
+
+
+def as_text(points: Mapping[tuple[str, float], Point]) -> list[str]:
+    """The curve, a line for each strength."""
+    lines, last = [], None
+    for (kind, strength), point in points.items():
+        if not point.tried:
+            continue
+        if kind != last:
+            lines.append(title(kind))
+            last = kind
+        rate, (low, high) = point.succeeded / point.tried, point.interval
+        bar = "#" * round(20 * rate)
+        lines.append(
+            f"  {f'{strength:g}' if kind else '':>5}  {bar:20}  {point.succeeded} of {point.tried}"
+            f"  ({100 * low:.0f} to {100 * high:.0f} %)"
+        )
+    return lines
+
+
+def as_data(points: Mapping[tuple[str, float], Point]) -> list[dict[str, Any]]:
+    """The curve for other programs."""
+    return [
+        {
+            "fault": point.fault, "strength": point.strength, "of": title(point.fault), "tried": point.tried,
+            "succeeded": point.succeeded, "interval": list(point.interval),
+        }
+        for point in points.values()
+    ]  # fmt: skip
