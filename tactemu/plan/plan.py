@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from html import escape
 from itertools import pairwise
 from statistics import median
 from typing import Any, Literal
 
+import numpy as np
 import warp as wp
 
 from tactemu.plan.launches import BLOCK, Launch, Launches, record, record_blocks
@@ -21,6 +23,8 @@ from tactemu.plan.team import Team
 
 Dtype = Literal["float32", "float64"]
 """Width of the kernels' numbers."""
+WORTH_SHARING = 2**20
+"""Bytes of an array that several threads copy."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,6 +181,15 @@ class Plan:
             for mine, more in zip(legs[-1], shares):
                 mine += more
         return legs
+
+    def copied(self, values: np.ndarray) -> np.ndarray:
+        """A copy of an array of the CPU; a large one is made by the threads, if there are any now."""
+        if self._team is None or not self._team.running or values.nbytes < WORTH_SHARING:
+            return values.copy()
+        out = np.empty_like(values)
+        ends = [len(values) * k // self.threads for k in range(self.threads + 1)]
+        self._team.run([[partial(np.copyto, out[a:b], values[a:b])] for a, b in pairwise(ends)])
+        return out
 
     def insert(self, stage: Stage, before: str = "") -> None:
         """Add a stage to a plan that may have run already, in place of one of the same name.
