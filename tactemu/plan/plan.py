@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 import warp as wp
 
-from tactemu.plan.launches import BLOCK, Launch, Launches, record, record_blocks
+from tactemu.plan.launches import Launch, Launches, record, record_blocks
 from tactemu.plan.team import Team
 
 Dtype = Literal["float32", "float64"]
@@ -80,7 +80,7 @@ class Context:
         ends = [self.n_envs * k // self.threads for k in range(self.threads + 1)]
         return list(pairwise(ends))
 
-    def record(self, kernel, dim, inputs: list, outputs: list, *, block_dim: int = BLOCK) -> Launches:
+    def record(self, kernel, dim, inputs: list, outputs: list, *, block_dim: int | None = None) -> Launches:
         """A recorded launch over environments, which are the first axis of ``dim``.
 
         Args:
@@ -89,7 +89,8 @@ class Context:
             dim: of the whole launch.
             inputs: the other arguments.
             outputs: the arrays that it writes.
-            block_dim: threads of a block, on a GPU: few where there are few threads, each of which takes long.
+            block_dim: threads of a block, on a GPU: few where there are few threads, each of which takes long;
+                default: Warp's.
         """
         dim = (dim,) if isinstance(dim, int) else tuple(dim)
         dims = [(end - first, *dim[1:]) for first, end in self.shares] if self.threads > 1 else [dim]
