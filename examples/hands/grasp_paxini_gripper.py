@@ -16,6 +16,7 @@ from paxini_gripper import FINGERS, TOUCH, Gripper
 
 NEAR = 0.0176  # [m] the fingers before they close slowly
 SLIPS, SAFE = 0.7, 0.5  # of friction: drag from which something slips, and at which it is held then
+GRASPED = 0.9  # of the force: until then it closes harder anyway
 
 
 def say(**words) -> None:
@@ -40,7 +41,7 @@ def grasp(gripper: Gripper, newtons: float, seconds: float, friction: float) -> 
         if not touched:
             continue
         drag, least = max((math.hypot(x, y) / max(z, 0.1), z) for x, y, z in pads)
-        if drag > SLIPS * friction and least > 0.5:
+        if drag > SLIPS * friction and least > GRASPED * newtons:
             harder = force * drag / (SAFE * friction)
             if harder > newtons:
                 say(slips=now, newtons=harder)

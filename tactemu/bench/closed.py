@@ -24,6 +24,7 @@ import numpy as np
 
 from tactemu.bench.page import page_of, python
 from tactemu.bench.timing import Report
+from tactemu.collector import no_full_collections
 from tactemu.statistics import Lateness
 
 STEP_S = 0.004
@@ -125,6 +126,7 @@ def measured(seconds: float, *, looked_at: bool) -> dict[str, float]:
             run.simulation.posers.append(witness)
             pads.lateness, pads.missed = Lateness(), 0
 
+        stack.enter_context(no_full_collections())  # as `tactemu run` does
         run.in_loop(begin)
         command = [sys.executable, "-m", "tactemu.bench.squeezing", *run.ports.values(), str(seconds)]
         said = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, timeout=seconds + 60).stdout
