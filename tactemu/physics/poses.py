@@ -180,7 +180,7 @@ class RelativePoses:
         if self.with_twist:
             reason += "; velocities for " + ", ".join(self._reasons)
         links, n_envs, bodies = self._pose.shape
-        launch = context.record(kernel, (n_envs, links, bodies), inputs, outputs)
+        launch = context.record(kernel, (n_envs, links, bodies), inputs, outputs, block_dim=32)  # float64: spread it
         return [*before, Stage(name="relative poses", reason=reason, launch=launch)]
 
 

@@ -17,7 +17,7 @@ from tactemu.physics.device_arrays import taken
 from tactemu.physics.probes.probes import Probes
 from tactemu.physics.sensor_model import DepthQuery, Derive, SensorModel
 from tactemu.physics.views import Views
-from tactemu.plan.plan import Stage
+from tactemu.plan.plan import Plan, Stage
 from tactemu.scene.bodies import Body, find
 from tactemu.scene.motion import Pose
 from tactemu.transducers.chain import Chain
@@ -30,6 +30,7 @@ class Built(Protocol):
     batched: bool
     """Do readings have an environment axis?"""
     device: wp.Device
+    plan: Plan
 
     def before_read(self) -> None:
         """Raise what the last step found wrong."""
@@ -183,7 +184,7 @@ class Sensor(Views, Adjustments):
         else:
             values = self._numpy(array)
             if self._simulation.device.is_cpu:  # the device's own memory
-                values = values.copy()
+                values = self._simulation.plan.copied(values)
         shape = (*values.shape[:-2], *self.probes.layout, values.shape[-1])
         present = self._presented or (self.model.present if self.chain is None else _plain)
         return present(values.reshape(shape if self._simulation.batched else shape[1:]))

@@ -11,6 +11,8 @@ from collections.abc import Callable, Sequence
 import warp as wp
 
 Launch = Callable[[], None]
+BLOCK = 256
+"""Threads of a block on a GPU, unless said."""
 
 
 class Launches:
@@ -44,9 +46,10 @@ def in_turn(*launches: Launch) -> Launch:
     return launch
 
 
-def record(kernel, dim, inputs: list, outputs: list, device) -> Launch:
+def record(kernel, dim, inputs: list, outputs: list, device, block_dim: int = BLOCK) -> Launch:
     """A recorded launch of ``kernel``: calling it costs a fraction of ``wp.launch``. Nothing for no threads."""
-    command = wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=device, record_cmd=True)
+    block = {"block_dim": block_dim} if block_dim != BLOCK and wp.get_device(device).is_cuda else {}
+    command = wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=device, record_cmd=True, **block)
     return command.launch if command is not None else lambda: None
 
 

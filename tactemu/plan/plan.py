@@ -9,18 +9,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from html import escape
 from itertools import pairwise
 from statistics import median
 from typing import Any, Literal
 
+import numpy as np
 import warp as wp
 
-from tactemu.plan.launches import Launch, Launches, record, record_blocks
+from tactemu.plan.launches import BLOCK, Launch, Launches, record, record_blocks
 from tactemu.plan.team import Team
 
 Dtype = Literal["float32", "float64"]
 """Width of the kernels' numbers."""
+WORTH_SHARING = 2**20
+"""Bytes of an array that several threads copy."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +80,7 @@ class Context:
         ends = [self.n_envs * k // self.threads for k in range(self.threads + 1)]
         return list(pairwise(ends))
 
-    def record(self, kernel, dim, inputs: list, outputs: list) -> Launches:
+    def record(self, kernel, dim, inputs: list, outputs: list, *, block_dim: int = BLOCK) -> Launches:
         """A recorded launch over environments, which are the first axis of ``dim``.
 
         Args:
@@ -85,11 +89,13 @@ class Context:
             dim: of the whole launch.
             inputs: the other arguments.
             outputs: the arrays that it writes.
+            block_dim: threads of a block, on a GPU: few where there are few threads, each of which takes long.
         """
         dim = (dim,) if isinstance(dim, int) else tuple(dim)
         dims = [(end - first, *dim[1:]) for first, end in self.shares] if self.threads > 1 else [dim]
         launches = zip(self.shares, dims)
-        return Launches([[record(kernel, d, [e, *inputs], outputs, self.device)] for (e, _end), d in launches])
+        how = (self.device, block_dim)
+        return Launches([[record(kernel, d, [e, *inputs], outputs, *how)] for (e, _end), d in launches])
 
     def record_blocks(self, kernel, n_slots: int, inputs: list, outputs: list, block_dim: int) -> Launches:
         """The same for a kernel of blocks of threads, each with a slot of scratch, that take environments in turn.
@@ -175,6 +181,15 @@ class Plan:
             for mine, more in zip(legs[-1], shares):
                 mine += more
         return legs
+
+    def copied(self, values: np.ndarray) -> np.ndarray:
+        """A copy of an array of the CPU; a large one is made by the threads, if there are any now."""
+        if self._team is None or not self._team.running or values.nbytes < WORTH_SHARING:
+            return values.copy()
+        out = np.empty_like(values)
+        ends = [len(values) * k // self.threads for k in range(self.threads + 1)]
+        self._team.run([[partial(np.copyto, out[a:b], values[a:b])] for a, b in pairwise(ends)])
+        return out
 
     def insert(self, stage: Stage, before: str = "") -> None:
         """Add a stage to a plan that may have run already, in place of one of the same name.

@@ -66,6 +66,11 @@ class Team:
         self._process = 0
         self._end: weakref.finalize | None = None
 
+    @property
+    def running(self) -> bool:
+        """Are the others there?"""
+        return bool(self._queues) and self._process == os.getpid()
+
     def run(self, shares: Sequence[Sequence[Launch]]) -> None:
         """Run ``size`` shares side by side, and wait for all of them."""
         if self._process != os.getpid():

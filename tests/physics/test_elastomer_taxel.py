@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
+import warp as wp
 
 import tactemu as tt
 from tactemu.errors import PoseError, SceneError
+from tactemu.physics.probes.taxel_depth import BOX_THREADS, box_kernel
+from tactemu.plan.launches import record_blocks
 
 TOP = 0.01
 
@@ -366,3 +369,20 @@ def test_a_pose_that_is_not_finite_on_a_gpu(layout):
     for good, spoilt in zip(readings[False], readings[True]):
         assert np.isnan(spoilt[1]).any(axis=-1).all()
         assert np.array_equal(spoilt[[0, 2]], good[[0, 2]])
+
+
+@pytest.mark.parametrize("real", [wp.float32, wp.float64])
+def test_the_box_that_a_gpu_finds_is_that_around_what_touches(real):
+    """One block per environment looks over all of its taxels; here a block is one thread."""
+    rows, cols, rng = 7, 11, np.random.default_rng(5)
+    depth = np.where(rng.random((40, rows, cols)) < 0.03, rng.random((40, rows, cols)), 0.0)
+    depth[:2], depth[2, 3, 4] = 0.0, np.nan
+    box = wp.zeros((40, 4), dtype=wp.int32, device="cpu")
+    flat = wp.array(depth.reshape(40, -1), dtype=real, device="cpu")
+    record_blocks(box_kernel(real), 40, [flat, cols], [box], BOX_THREADS, "cpu")()
+    for found, env in zip(box.numpy(), depth):
+        y, x = np.nonzero(~(env <= 0))
+        if not len(y):
+            assert found[0] > found[1] and found[2] > found[3]
+        else:
+            assert found.tolist() == [y.min(), y.max(), x.min(), x.max()]

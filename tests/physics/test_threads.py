@@ -139,6 +139,17 @@ def test_a_stage_that_cannot_be_shared_runs_once_between_the_others():
     sim.close()
 
 
+def test_a_large_reading_is_a_copy_made_by_all(monkeypatch):
+    monkeypatch.setattr("tactemu.plan.plan.WORTH_SHARING", 1)
+    sim, _ball, skin = built("KinematicTaxel", 3)
+    sim.step()
+    reading, array = skin.read(), skin.array().numpy()
+    assert np.array_equal(np.concatenate(reading, -1).reshape(array.shape), array) and array.any()
+    assert not np.shares_memory(reading.force, array)
+    sim.close()
+    assert np.array_equal(skin.read().force, reading.force) and not threads_alive()
+
+
 def test_an_error_of_any_share_is_raised_when_all_have_ended():
     team, ended = Team(3), []
 

@@ -376,7 +376,8 @@ class CompiledLayer:
             wp.vec2i(*grid.shape),
             horizon,
         ]
-        near = self.site.context.record(near_kernel(real, grid.bent), self.n_envs, inputs, [self.near, self.active])
+        outputs = [self.near, self.active]
+        near = self.site.context.record(near_kernel(real, grid.bent), self.n_envs, inputs, outputs, block_dim=32)
         inputs = [site.table.struct, pose, self.last_pose, site.targets, self.active, self.centres, self.covered]
         own = wp.array(grid.cell_axes() if grid.bent else np.zeros((0, 0, 0, 3)), dtype=vec3, device=self.device)
         inputs += [self.reach, *axes, own, horizon, real(self.tables.length_scale)]

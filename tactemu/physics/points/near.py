@@ -78,4 +78,5 @@ def near_clusters(site: Site, clouds, reach: float | None) -> tuple[NearClusters
     limits = [vec3(*positions.min(axis=0)), vec3(*positions.max(axis=0))]
     limits.append(FAR_AWAY if reach is None else np.nextafter(reach * (1 + 1e-5), np.inf))
     outputs = [near.clusters, near.start]
-    return near, context.record(_kernel(context.real), n_envs, [clouds, site.view.pose, *limits], outputs)
+    inputs = [clouds, site.view.pose, *limits]
+    return near, context.record(_kernel(context.real), n_envs, inputs, outputs, block_dim=32)

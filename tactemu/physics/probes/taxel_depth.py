@@ -12,9 +12,11 @@ import warp as wp
 from tactemu.physics.probes.query import probes_struct
 from tactemu.physics.probes.strips import record_strips
 from tactemu.physics.sensor_model import Site
-from tactemu.plan.launches import in_turn
+from tactemu.plan.launches import in_turn, record_blocks
 
 _NOWHERE = 2**30
+BOX_THREADS = 128
+"""Of a block that looks for the box of an environment, on a GPU."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,19 +46,56 @@ def _clear_kernel():
 
 
 @functools.cache
+def box_kernel(real):
+    """One block of threads per environment: on a GPU atomics of many taxels on few numbers would queue."""
+
+    @wp.func
+    def block_max(x: int):
+        return wp.tile_max(wp.tile(x))[0]
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def find_box(depth: wp.array2d(dtype=real), cols: int, box: wp.array2d(dtype=wp.int32)):
+        env, thread = wp.tid()
+        top = int(_NOWHERE)
+        bottom = int(-1)
+        left = int(_NOWHERE)
+        right = int(-1)
+        for i in range(thread, depth.shape[1], wp.block_dim()):
+            if not (depth[env, i] <= real(0.0)):  # NaN is in contact
+                row = i // cols
+                col = i - row * cols
+                top = wp.min(top, row)
+                bottom = wp.max(bottom, row)
+                left = wp.min(left, col)
+                right = wp.max(right, col)
+        top = -block_max(-top)
+        bottom = block_max(bottom)
+        left = -block_max(-left)
+        right = block_max(right)
+        if thread == 0:
+            box[env, 0] = top
+            box[env, 1] = bottom
+            box[env, 2] = left
+            box[env, 3] = right
+
+    return find_box
+
+
+@functools.cache
 def _box_type(real):
     @wp.struct
     class Boxes:
         exponent: real
         cols: wp.int32
         power: wp.array2d(dtype=real)  # written: depth ** exponent
-        box: wp.array2d(dtype=wp.int32)  # widened by every taxel in contact
+        box: wp.array2d(dtype=wp.int32)  # on a CPU: widened by every taxel in contact
 
     return Boxes
 
 
 @functools.cache
-def _depth_formula(real):
+def _depth_formula(real, widens: bool):
+    """``widens``: each taxel in contact widens the box, on a CPU, where one thread sees all of an environment."""
     vec3 = wp.types.vector(3, real)
     boxes_type, probes_type = _box_type(real), probes_struct(real)
 
@@ -75,12 +114,13 @@ def _depth_formula(real):
         h = real(0.0)
         if not (depth <= real(0.0)):  # so that NaN goes on
             h = depth
-            row = i // boxes.cols
-            col = i - row * boxes.cols
-            wp.atomic_min(boxes.box, e, 0, row)
-            wp.atomic_max(boxes.box, e, 1, row)
-            wp.atomic_min(boxes.box, e, 2, col)
-            wp.atomic_max(boxes.box, e, 3, col)
+            if wp.static(widens):
+                row = i // boxes.cols
+                col = i - row * boxes.cols
+                wp.atomic_min(boxes.box, e, 0, row)
+                wp.atomic_max(boxes.box, e, 1, row)
+                wp.atomic_min(boxes.box, e, 2, col)
+                wp.atomic_max(boxes.box, e, 3, col)
         out[e, i, 0] = h
         if boxes.exponent == real(2.0):
             boxes.power[e, i] = h * h
@@ -97,9 +137,13 @@ def taxel_depth(site: Site, exponent: float) -> tuple[TaxelDepth, Callable[[], N
     depth = context.zeros(shape, real)
     power = depth if exponent == 1.0 else context.zeros(shape, real)
     box = context.zeros((context.n_envs, 4), wp.int32)
-    clear = context.record(_clear_kernel(), context.n_envs, [], [box])
+    on_cpu, cols = context.device.is_cpu, site.probes.layout[-1]
     boxes = _box_type(real)()
-    boxes.exponent, boxes.cols, boxes.power, boxes.box = exponent, site.probes.layout[-1], power, box
+    boxes.exponent, boxes.cols, boxes.power, boxes.box = exponent, cols, power, box
     out = depth.reshape((*shape, 1))
-    find = record_strips(site, _depth_formula(real), _box_type(real), boxes, out, out, at_surface=True)
-    return TaxelDepth(depth=depth, power=power, box=box), in_turn(clear, find)
+    find = record_strips(site, _depth_formula(real, on_cpu), _box_type(real), boxes, out, out, at_surface=True)
+    found = TaxelDepth(depth=depth, power=power, box=box)
+    if on_cpu:
+        return found, in_turn(context.record(_clear_kernel(), context.n_envs, [], [box]), find)
+    bound = record_blocks(box_kernel(real), context.n_envs, [depth, cols], [box], BOX_THREADS, context.device)
+    return found, in_turn(find, bound)

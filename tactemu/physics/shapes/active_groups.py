@@ -53,4 +53,6 @@ def active_groups(context: Context, counts: wp.array) -> tuple[ActiveGroups, Cal
         n_active=context.zeros(counts.shape[0], wp.int32),
         active=context.zeros(counts.shape, wp.int32),
     )
-    return groups, context.record(_list_kernel(), counts.shape[0], [counts], [groups.n_active, groups.active])
+    return groups, context.record(
+        _list_kernel(), counts.shape[0], [counts], [groups.n_active, groups.active], block_dim=32
+    )

@@ -11,6 +11,7 @@ surface with holes it is that of the winding number.
 # pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false, reportAttributeAccessIssue=false
 
 import functools
+import logging
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -19,6 +20,8 @@ import warp as wp
 
 from tactemu.physics.shapes.shape import table_type
 from tactemu.physics.shapes.triangles import Triangles
+
+log = logging.getLogger(__name__)
 
 NODES = 32
 """Nodes of the bounding grid along the longest side."""
@@ -65,7 +68,7 @@ def build_query(triangles: Triangles, device) -> MeshQuery:
     unit = float(max(np.abs(used).max(), (high - low).max()))
     points = wp.array((triangles.vertices / unit).astype(np.float32), dtype=wp.vec3, device=device)
     indices = wp.array(triangles.faces.reshape(-1), dtype=wp.int32, device=device)
-    mesh = wp.Mesh(points=points, indices=indices, support_winding_number=not triangles.closed)
+    mesh = _hierarchy(points, indices, triangles.closed)
     cell = float((high - low).max()) / (NODES - 3)
     nodes = np.ceil((high - low) / cell).astype(int) + 3
     origin = low - cell
@@ -73,6 +76,17 @@ def build_query(triangles: Triangles, device) -> MeshQuery:
     inputs = [mesh.id, wp.vec3(*(origin / unit)), cell / unit]
     wp.launch(_node_kernel(triangles.closed), dim=out.shape[:2], inputs=inputs, outputs=[out], device=device)
     return MeshQuery(mesh, unit, out.numpy().astype(np.float64) * unit, origin, cell)
+
+
+def _hierarchy(points: wp.array, indices: wp.array, closed: bool) -> wp.Mesh:
+    """On a GPU that of cuBQL, which is a fifth to a quarter faster to search; it has no winding numbers."""
+    assert points.device is not None
+    if points.device.is_cuda and closed:
+        try:
+            return wp.Mesh(points=points, indices=indices, bvh_constructor="cubql")
+        except (RuntimeError, ValueError) as error:  # a Warp that was built without it
+            log.debug("no cuBQL hierarchy: %s", error)
+    return wp.Mesh(points=points, indices=indices, support_winding_number=not closed)
 
 
 class MeshFunctions(NamedTuple):
