@@ -3,7 +3,7 @@
     python grasp_paxini_gripper.py SERVOS PADS [--newtons 2] [--seconds 6] [--friction 0.8]
 
 The fingers close slowly and with little force, and what the pads read sets that force from then on. What drags at a pad
-with nearly as much as friction holds begins to slip at its edges: from there on the gripper holds harder. Lines of JSON
+with much of what friction holds begins to slip at its rims: from there on the gripper holds harder. Lines of JSON
 say when it touched, when it noticed slip, and what came of it.
 """
 
@@ -15,7 +15,8 @@ import time
 from paxini_gripper import FINGERS, TOUCH, Gripper
 
 NEAR = 0.0176  # [m] the fingers before they close slowly
-SLIPS, SAFE = 0.7, 0.5  # of friction: drag from which something slips, and at which it is held then
+SLIPS, SAFE = 0.6, 0.45  # of friction: drag from which something slips, and at which it is held then
+GRASPED = 0.9  # of the force: until then it closes harder anyway
 
 
 def say(**words) -> None:
@@ -40,7 +41,7 @@ def grasp(gripper: Gripper, newtons: float, seconds: float, friction: float) -> 
         if not touched:
             continue
         drag, least = max((math.hypot(x, y) / max(z, 0.1), z) for x, y, z in pads)
-        if drag > SLIPS * friction and least > 0.5:
+        if drag > SLIPS * friction and least > GRASPED * newtons:
             harder = force * drag / (SAFE * friction)
             if harder > newtons:
                 say(slips=now, newtons=harder)

@@ -24,11 +24,13 @@ import numpy as np
 
 from tactemu.bench.page import page_of, python
 from tactemu.bench.timing import Report
+from tactemu.collector import no_full_collections
+from tactemu.statistics import Lateness
 
 STEP_S = 0.004
 FELT_N = 0.05
 """What a frame tells: half a count."""
-WITHIN_S = 0.2
+WITHIN_S, STARTING_S = 0.2, 5.0
 MODEL = """
 <mujoco>
   <option timestep="0.002" cone="elliptic" impratio="10"/>
@@ -115,9 +117,17 @@ def measured(seconds: float, *, looked_at: bool) -> dict[str, float]:
         witness = Witness(run.emulator, run.simulation.posers[0].__self__)
         if looked_at:
             url, _ = stack.enter_context(page_of(name))
-            viewer = python("tactemu.bench.viewers", url, seconds + 2, 1)
+            viewer = python("tactemu.bench.viewers", url, seconds + 2 * STARTING_S, 1)
             stack.callback(viewer.communicate, timeout=seconds + 60)
-        run.in_loop(lambda: run.simulation.posers.append(witness))
+            time.sleep(STARTING_S)
+        pads = next(channel for channel in run.emulator.channels if channel.name == "pads").statistics
+
+        def begin() -> None:
+            run.simulation.posers.append(witness)
+            pads.lateness, pads.missed = Lateness(), 0
+
+        stack.enter_context(no_full_collections())  # as `tactemu run` does
+        run.in_loop(begin)
         command = [sys.executable, "-m", "tactemu.bench.squeezing", *run.ports.values(), str(seconds)]
         said = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, timeout=seconds + 60).stdout
         late = run.stats("pads")["skins"]["pads"]

@@ -6,6 +6,7 @@ import itertools
 import json
 import math
 import re
+from collections import Counter
 from collections.abc import Mapping
 
 import numpy as np
@@ -23,6 +24,8 @@ LEAK_STEPS = 0.15
 """Share of looks at the memory at which it must have grown: a buffer that is doubled once is no leak."""
 HARMLESS = ("duplicate", "garbage", "split", "chunk", "merge", "late", "stray", "reorder", "latency")
 """Faults after which the frame itself is still there."""
+MIXING = ("stray", "reorder")
+"""Of them those that can spoil a sample that comes in several frames."""
 
 
 def template(text: str) -> str:
@@ -113,10 +116,11 @@ def _lost(tape: Tape, seen: set[int]) -> tuple[int, int]:
         return 0, 0
     times = np.array([sample.t for sample in tape.samples])
     number = {sample.number: k for k, sample in enumerate(tape.samples)}
-    carried = {number[f.sample] for f in tape.frames if f.way == "tx" and f.sample in number}
+    carried = Counter(number[f.sample] for f in tape.frames if f.way == "tx" and f.sample in number)
+    in_frames = bool(carried) and np.median(list(carried.values())) > 1
     harmed = set()
     for change in tape.changes:
-        if change.what in HARMLESS:
+        if change.what in HARMLESS and not (in_frames and change.what in MIXING):
             continue
         harmed.add(int(np.searchsorted(times, change.t, side="right")) - 1)
     window = {k for k in carried if min(seen) < k < max(seen) and times[k] >= tape.on}

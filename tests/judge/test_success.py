@@ -82,5 +82,6 @@ def test_a_task_that_wants_thirty_sound_packets_in_a_row(tmp_path, monkeypatch, 
     got = {(each["fault"], each["strength"]): each for each in json.loads((tmp_path / "curve.json").read_text())}
     assert {key: each["succeeded"] for key, each in got.items()} == {("", 0): 1, ("flip", 1): 1, ("flip", 60): 0}
     assert "frames with a wrong bit" in capsys.readouterr().out
+    dorp: dict[str, Any] = {**wishes, "only": ("dorp",)}
     with pytest.raises(TactemuError, match="no fault is called 'dorp'"):
-        judge_success("optoforce", command, script, **wishes | {"only": ("dorp",)})
+        judge_success("optoforce", command, script, **dorp)

@@ -39,11 +39,15 @@ def adapter(tmp_path, bitrate=500_000):
 
         def ask(line):
             os.write(driver, line)
-            time.sleep(0.01)
-            events = port.poll() + port.poll()
-            with contextlib.suppress(BlockingIOError):
-                return os.read(driver, 4096), events
-            return b"", events
+            answer, events, quiet = b"", [], 0
+            while quiet < 3:  # the kernel hands bytes over when it comes to it
+                time.sleep(0.005)
+                came, said = port.poll(), b""
+                with contextlib.suppress(BlockingIOError):
+                    said = os.read(driver, 4096)
+                quiet = 0 if came or said else quiet + 1
+                answer, events = answer + said, events + came
+            return answer, events
 
         yield port, ask
         os.close(driver)

@@ -349,9 +349,13 @@ def _bent_both_ways(probes: Probes, members: np.ndarray, split: int) -> LayerGri
     numbers = np.divmod(members, probes.layout[1])
     for axis, number in zip((v, u), numbers):
         far, steps = centred @ axis, number - number[top]
+        if not far.any():
+            return None
         slope = (normals @ axis) / (normals @ normal)
         bend = float(far @ (slope / np.hypot(1.0, slope)) / (far @ far))  # the sine of an arc's tilt is linear
-        arc = np.arcsin(np.clip(bend * far, -1.0, 1.0)) / bend if bend else far
+        if abs(bend) * np.ptp(far) < _TOLERANCE:
+            return None
+        arc = np.arcsin(np.clip(bend * far, -1.0, 1.0)) / bend
         found.append((bend, float(steps @ arc / (steps @ steps))))
     (bend_v, dv), (bend_u, du) = found
     if min(dv, du) <= 0:

@@ -11,10 +11,9 @@ from rh56_sdk import RH56Driver
 from rh56_sdk.protocol import RH56Protocol as Frames
 from rh56_sdk.protocol import parse_i16_le
 
-hand = RH56Driver(sys.argv[1])
+hand = RH56Driver(sys.argv[1], timeout=1.0)  # its 0.1 s are short where others keep the machine busy
 hand.connect()
 line = hand._transport
-line.timeout = 1.0  # its 0.1 s are short where others keep the machine busy
 
 
 def matrix(address, points):
