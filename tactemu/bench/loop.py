@@ -7,7 +7,7 @@
 * Answers: how long a polled driver waits (:mod:`tactemu.bench.answers`).
 * Truth: what a sample costs the loop to remember, and to hand to a log's writer.
 * The closed loop, with and without a page: steps a second, lateness, and from a contact in the engine to the wire
-  (:mod:`tactemu.bench.closed`); where MuJoCo is not installed, that is left out, and said.
+  (:mod:`tactemu.bench.closed_loop`); where MuJoCo is not installed, that is left out, and said.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from statistics import median
 
 import numpy as np
 
-from tactemu.bench import answers, closed
+from tactemu.bench import answers, closed_loop
 from tactemu.bench.timing import Report
 from tactemu.collector import no_full_collections
 from tactemu.truth import Truth
@@ -135,7 +135,7 @@ def _closed(report: Report, seconds: float) -> dict[str, float]:
     if importlib.util.find_spec("mujoco") is None:
         report("closed loop: MuJoCo is not installed: pip install 'tactemu[mujoco]'")
         return {}
-    return closed.run(report, seconds=seconds)
+    return closed_loop.run(report, seconds=seconds)
 
 
 def _report_truth(n_taxels: int, figures: dict[str, float], report: Report) -> None:

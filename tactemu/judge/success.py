@@ -13,11 +13,7 @@ The command runs the task; the script says whether it succeeded, by what happene
 
 from __future__ import annotations
 
-import contextlib
 import math
-import os
-import signal
-import subprocess
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -27,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from tactemu.errors import TactemuError
-from tactemu.judge.driver import command_of
+from tactemu.judge.driver import Driver, command_of
 from tactemu.serving import Served, serve
 
 STRENGTHS: Mapping[str, tuple[str, tuple[float, ...]]] = {
@@ -39,7 +35,6 @@ STRENGTHS: Mapping[str, tuple[str, tuple[float, ...]]] = {
 """What grows, and how."""
 ROUNDS = 3
 """Trials at each strength, unless a budget says otherwise."""
-GRACE_S = 2.0
 CONFIDENT = 1.96
 Success = Callable[[Served], Any]
 
@@ -147,13 +142,15 @@ def _tried(
     with serve(target, port, faults=faults.get(kind, ()), seed=seed, adjustable=["dead"]) as dev:
         if kind == "dead":
             _kill(dev, strength / 100, seed)
-        with _running(command_of(_on_can(command, dev), dev.ports), dev):
-            try:
-                return bool(success(dev))
-            except TactemuError:
-                raise
-            except Exception as error:
-                raise TactemuError(f"--success: {type(error).__name__}: {error}") from error
+        driver = Driver(command_of(_on_can(command, dev), dev.ports), dev.ports)
+        try:
+            return bool(success(dev))
+        except TactemuError:
+            raise
+        except Exception as error:
+            raise TactemuError(f"--success: {type(error).__name__}: {error}") from error
+        finally:
+            driver.end()
 
 
 def _kill(dev: Served, share: float, seed: int) -> None:
@@ -167,27 +164,6 @@ def _kill(dev: Served, share: float, seed: int) -> None:
 def _on_can(command: Sequence[str], dev: Served) -> list[str]:
     words = {f"{{{name}}}": value for name, value in dev.can.items()} if len(set(dev.ports.values())) == 1 else {}
     return [words.get(word, word) for word in command]
-
-
-@contextlib.contextmanager
-def _running(command: Sequence[str], dev: Served) -> Iterator[None]:
-    """The task's process, in a session of its own, ended with all that it started in it."""
-    environment = os.environ | {"TACTEMU_PORT": next(iter(dev.ports.values()))}
-    try:
-        process = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-            env=environment, start_new_session=True,
-        )  # fmt: skip
-    except OSError as error:
-        raise TactemuError(f"{command[0]}: {error.strerror}") from None
-    try:
-        yield
-    finally:
-        for what in (signal.SIGTERM, signal.SIGKILL):
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(process.pid, what)
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                process.wait(GRACE_S)
 
 
 def as_text(points: Mapping[tuple[str, float], Point]) -> list[str]:

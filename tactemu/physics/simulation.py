@@ -411,7 +411,7 @@ class Simulation:
         self.world.upload()
         self.plan.run()
         if self._bad_view is not None and self._bad_view.any():
-            self.check_poses()
+            self.check()
 
     def _step_within_capture(self) -> None:
         """Leave a step in a graph that somebody else captures; steps of that graph are counted on the device only."""
@@ -461,8 +461,8 @@ class Simulation:
         """Where a body is and how it moves, as last set, in the world of environment 0."""
         return self.world.pose(body.index)
 
-    def check_poses(self) -> None:
-        """Raise if a pose of the last step was not usable.
+    def check(self) -> None:
+        """Wait for the device, and raise if a pose of the last step was not usable.
 
         Raises:
             PoseError: naming body, environments and step; once per step.
@@ -476,14 +476,10 @@ class Simulation:
         values = self.world.download()
         raise PoseError(complaint(self.bodies, values, bad, self.step_count, self.context.real))
 
-    def check(self) -> None:
-        """Wait for the device, and raise what the last step found wrong (:meth:`check_poses`)."""
-        self.check_poses()
-
     def before_read(self) -> None:
         """On a GPU poses are judged here, since a step does not wait for the device."""
         if self._bad_view is None and self.step_count:
-            self.check_poses()
+            self.check()
 
     def another(self) -> Simulation:
         """One of the same bodies, with handles of its own on the same sensors, at its start."""

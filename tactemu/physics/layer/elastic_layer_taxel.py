@@ -63,7 +63,7 @@ from tactemu.plan.launches import in_turn, record
 from tactemu.plan.plan import Dtype, Stage
 
 LEAST_RADIUS = 5.0
-"""Of a pad bent around a cylinder, in thicknesses."""
+"""Of a bent pad, in thicknesses."""
 BLOCKS_AT_ONCE = 1056
 """Blocks on a GPU: eight for each of 132 multiprocessors; more environments take turns."""
 
@@ -90,8 +90,8 @@ class LayerReading(NamedTuple):
 class ElasticLayerTaxel(SensorModel):
     """Reads :class:`LayerReading`: pressure [Pa], traction [Pa], force [N], displacement [m], slip state, residual;
     vectors in the link's frame, forces on the skin. The taxels lie on a flat rectangular grid, or on several such pads,
-    each a layer of its own; or on one around a cylinder, solved as one layer in arc length. Contact is where taxels
-    are."""
+    each a layer of its own; or on a gently bent one (a cylinder, a ball, a saddle), one layer in arc length. Contact is
+    where taxels are."""
 
     young_modulus: float = 1.0e5
     """Young's modulus of the skin [Pa]."""

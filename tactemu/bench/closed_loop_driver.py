@@ -1,4 +1,4 @@
-"""A driver of the closed loop's bench: ``python -m tactemu.bench.squeezing SERVOS PADS SECONDS``.
+"""A driver of the closed loop's bench: ``python -m tactemu.bench.closed_loop_driver SERVOS PADS SECONDS``.
 
 Closes and opens a gripper of two Feetech servos by sync writes, and reads the pushes of a PaXini board. Prints as JSON
 when it had the first bytes of each touch, on the machine's monotonic clock [s].

@@ -128,7 +128,7 @@ def measured(seconds: float, *, looked_at: bool) -> dict[str, float]:
 
         stack.enter_context(no_full_collections())  # as `tactemu run` does
         run.in_loop(begin)
-        command = [sys.executable, "-m", "tactemu.bench.squeezing", *run.ports.values(), str(seconds)]
+        command = [sys.executable, "-m", "tactemu.bench.closed_loop_driver", *run.ports.values(), str(seconds)]
         said = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, timeout=seconds + 60).stdout
         late = run.stats("pads")["skins"]["pads"]
         rate, could = witness.rates()
