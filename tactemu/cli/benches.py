@@ -54,6 +54,8 @@ def loop(
     that MuJoCo moves: steps a second, and from contact to wire, with and without a page."""
     from tactemu.bench.loop import run
 
+    if only not in ("", "open", "closed"):
+        raise typer.BadParameter(f"expected open or closed, got {only!r}", param_hint="--only")
     save(run(typer.echo, seconds=seconds, repeats=repeats, questions=questions, only=only), out)
 
 
