@@ -20,6 +20,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
+from tactemu.physics.layer.on_chip import LONGEST, short_hartley
+
 CPU_LANES = 8
 BLOCK_THREADS = 64
 """Threads of a block on a GPU; on a CPU a block is one thread. For 4096 environments of 32 x 32 on an H200, 32, 64 and
@@ -72,9 +74,12 @@ def workspace_type(real, lanes: int):
         # Ping-pong buffers of the FFT: (2 n_slots, n_max, n_max / 2 / lanes), real and imaginary part.
         re: wp.array3d(dtype=lane)
         im: wp.array3d(dtype=lane)
-        # Transposed intermediate and three spectra: (n_slots, n_max, n_max), the same memory as numbers and as lanes.
+        # Transposed intermediate, there and back, and three spectra: (n_slots, n_max, n_max), the same memory as
+        # numbers and as lanes.
         between: wp.array3d(dtype=real)
         between_lanes: wp.array3d(dtype=lane)
+        back: wp.array3d(dtype=real)
+        back_lanes: wp.array3d(dtype=lane)
         spectrum: wp.array3d(dtype=real)
         spectrum_lanes: wp.array3d(dtype=lane)
         second: wp.array3d(dtype=real)
@@ -115,7 +120,7 @@ class Workspace:
         self._pairs += [allocate_pair(n_slots, n_max, n_max, real, lanes, device) for _ in range(1 + spectra)]
         self.struct = struct = workspace_type(real, lanes)()
         struct.re, struct.im = (pair.lanes for pair in self._pairs[:2])
-        struct.between, struct.between_lanes = self._pairs[2]
+        struct.between, struct.between_lanes = struct.back, struct.back_lanes = self._pairs[2]
         struct.spectrum, struct.spectrum_lanes = self._pairs[3]
         struct.second, struct.second_lanes = self._pairs[min(4, 2 + spectra)]
         struct.third, struct.third_lanes = self._pairs[-1]
@@ -198,7 +203,7 @@ def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
                     store(out, c + half, at_mirror, xi + yi - xr + yr)
 
     @wp.func(inline=False)  # one copy of it: a solver calls it dozens of times
-    def hartley(
+    def any_hartley(
         ws: workspace,
         slot: int,
         field: lanes_array,
@@ -246,6 +251,8 @@ def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
         unpack(ws.re[here], ws.im[here], n, half, first, rows_out, out, thread)
         block_sync()
 
+    hartley = any_hartley if lanes > 1 else _short_or(real, workspace, any_hartley)
+
     @wp.func
     def forward(
         ws: workspace,
@@ -281,8 +288,8 @@ def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
         out: numbers_array,
         thread: int,
     ):
-        hartley(ws, slot, spectrum, size[0], size[1], size[0], first[0], shape[0], ws.between[slot], thread)
-        between = ws.between_lanes[slot]
+        hartley(ws, slot, spectrum, size[0], size[1], size[0], first[0], shape[0], ws.back[slot], thread)
+        between = ws.back_lanes[slot]
         hartley(ws, slot, between, size[1], shape[0], size[1], first[1], shape[1], out, thread)
 
     @wp.func
@@ -302,6 +309,50 @@ def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
         inverse(ws, slot, ws.spectrum_lanes[slot], wp.vec2i(0, 0), shape, size, out, thread)
 
     return ConvolutionFunctions(forward, scale, inverse, convolve)
+
+
+def _short_or(real, workspace, any_hartley):
+    """The short transforms of :mod:`.on_chip`, and ``any_hartley`` for the others."""
+    field_type, turns_type = wp.array2d(dtype=real), wp.array(dtype=wp.types.vector(2, real))
+    transform = short_hartley(real)
+
+    @wp.func(inline=False)
+    def short(
+        field: field_type,
+        rows: int,
+        columns: int,
+        n: int,
+        first: int,
+        rows_out: int,
+        out: field_type,
+        re: field_type,
+        im: field_type,
+        turns: turns_type,
+        thread: int,
+    ):
+        transform(field, rows, columns, n, first, rows_out, out, re, im, turns, thread, wp.block_dim())
+
+    @wp.func
+    def hartley(
+        ws: workspace,
+        slot: int,
+        field: field_type,
+        rows: int,
+        columns: int,
+        n: int,
+        first: int,
+        rows_out: int,
+        out: field_type,
+        thread: int,
+    ):
+        if n <= wp.static(LONGEST):
+            short(
+                field, rows, columns, n, first, rows_out, out, ws.re[2 * slot], ws.im[2 * slot], ws.twiddle, thread
+            )
+        else:
+            any_hartley(ws, slot, field, rows, columns, n, first, rows_out, out, thread)
+
+    return hartley
 
 
 def _fft_stages(lane, lanes_array, turns_array):

@@ -33,6 +33,7 @@ from tactemu.physics.layer.friction_state import (
     friction_windows_type,
     memory_functions,
 )
+from tactemu.physics.layer.on_chip import chip_functions, chip_numbers
 from tactemu.physics.layer.sideways import sideways_functions
 from tactemu.physics.layer.tables import tables_type
 from tactemu.physics.layer.window import block_functions, publish_function, transform_level, transform_size
@@ -48,6 +49,7 @@ def friction_kernel(real, lanes: int, coupled: bool):
     sideways, publish = sideways_functions(real, lanes), publish_function(real)
     settle, mark = memory_functions(real, lanes)
     block_sum, _max = block_functions(lanes)
+    move_in = chip_functions(real, workspace, 2)
     by_pressure, by_traction = sideways.by_pressure, sideways.by_traction
     vec2 = wp.types.vector(2, real)
     grid, vec_grid, int_grid = wp.array2d(dtype=real), wp.array2d(dtype=vec2), wp.array2d(dtype=wp.int32)
@@ -348,6 +350,8 @@ def friction_kernel(real, lanes: int, coupled: bool):
     ):
         place, thread = wp.tid()
         slot = turns[2] + place
+        if wp.static(lanes == 1):
+            memory = wp.tile_empty(shape=(wp.static(chip_numbers(2)),), dtype=real, storage="shared")
         for env in range(turns[0] + place, turns[1], turns[3]):
             box = boxes[env]
             old = state.box[env]
@@ -368,7 +372,10 @@ def friction_kernel(real, lanes: int, coupled: bool):
                     level = transform_level(shape)
                     size = transform_size(level)
                     start = tables.start[level[0], level[1]]
-                    press(ws, tables, win, slot, start, shape, size, mine, thread)
+                    near = ws
+                    if wp.static(lanes == 1):
+                        near = move_in(ws, memory, size)
+                    press(near, tables, win, slot, start, shape, size, mine, thread)
                     load = wp.float64(0.0)
                     for y in range(mine[0], shape[0], mine[1]):
                         for x in range(mine[2], shape[1], mine[3]):
@@ -376,7 +383,7 @@ def friction_kernel(real, lanes: int, coupled: bool):
                     # A thousandth of what full slip would move a lone cell: less is not worth an iteration.
                     floor = wp.float64(1.0e-6) * block_sum(load)
                     residual, iteration = solve(
-                        ws, tables, win, slot, start, shape, size, cap, tolerance, floor, mine, thread
+                        near, tables, win, slot, start, shape, size, cap, tolerance, floor, mine, thread
                     )
                     settle(win, slot, shape, mine)
             if work:

@@ -31,6 +31,7 @@ from tactemu.physics.layer.convolution import (
     spread,
     workspace_type,
 )
+from tactemu.physics.layer.on_chip import chip_functions, chip_numbers
 from tactemu.physics.layer.tables import tables_type
 from tactemu.physics.layer.window import (
     BOX_STEP,
@@ -101,6 +102,7 @@ def normal_kernel(real, lanes: int):
     convolve = convolution_functions(real, lanes).convolve
     survey, publish = survey_function(real, lanes), publish_function(real)
     block_sum, _max = block_functions(lanes)
+    move_in = chip_functions(real, workspace, 1)
     grid = wp.array2d(dtype=real)
 
     @wp.func
@@ -240,7 +242,9 @@ def normal_kernel(real, lanes: int):
         ws: workspace,
         win: windows_struct,
         slot: int,
+        start: int,
         shape: wp.vec2i,
+        size: wp.vec2i,
         reference: wp.float64,
         cap: int,
         tolerance: wp.float64,
@@ -248,9 +252,6 @@ def normal_kernel(real, lanes: int):
         thread: int,
     ):
         """Conjugate gradients in one window; returns the residual and the iterations taken."""
-        level = transform_level(shape)
-        size = transform_size(level)
-        start = tables.start[level[0], level[1]]
         loads = win.pressure_lanes[slot]
         masked = win.masked_lanes[slot]
         direction = win.direction_lanes[slot]
@@ -305,6 +306,8 @@ def normal_kernel(real, lanes: int):
     ):
         place, thread = wp.tid()
         slot = turns[2] + place
+        if wp.static(lanes == 1):
+            memory = wp.tile_empty(shape=(wp.static(chip_numbers(1)),), dtype=real, storage="shared")
         for env in range(turns[0] + place, turns[1], turns[3]):
             state, box = survey(overlap[env], solved_overlap[env], active[env], bulge, thread)
             residual = residual_out[env]
@@ -322,7 +325,15 @@ def normal_kernel(real, lanes: int):
                 mine = spread(box[3], thread)
                 reference = gather(win, slot, overlap[env], pressure_out[env], box, mine)
                 shape = wp.vec2i(box[2], box[3])
-                residual, iteration = solve(tables, ws, win, slot, shape, reference, cap, tolerance, mine, thread)
+                level = transform_level(shape)
+                size = transform_size(level)
+                start = tables.start[level[0], level[1]]
+                near = ws
+                if wp.static(lanes == 1):
+                    near = move_in(ws, memory, size)
+                residual, iteration = solve(
+                    tables, near, win, slot, start, shape, size, reference, cap, tolerance, mine, thread
+                )
                 publish(win.pressure[slot], box, old, pressure_out[env], thread)
             block_sync()
             if thread == 0:

@@ -18,6 +18,7 @@ from tactemu.physics.layer.convolution import (
     workspace_type,
 )
 from tactemu.physics.layer.friction_state import friction_state_type
+from tactemu.physics.layer.on_chip import chip_functions, chip_numbers
 from tactemu.physics.layer.pressure import windows_type
 from tactemu.physics.layer.sideways import sideways_functions
 from tactemu.physics.layer.tables import tables_type
@@ -42,6 +43,7 @@ def surface_kernel(real, lanes: int, with_friction: bool):
     windows, friction_state = windows_type(real, lanes), friction_state_type(real)
     functions, sideways = convolution_functions(real, lanes), sideways_functions(real, lanes)
     forward, inverse, displace = functions.forward, functions.inverse, sideways.displace
+    move_in = chip_functions(real, workspace, 2)
     grid = wp.array2d(dtype=real)
 
     @wp.func
@@ -102,6 +104,8 @@ def surface_kernel(real, lanes: int, with_friction: bool):
     ):
         place, thread = wp.tid()
         slot = turns[2] + place
+        if wp.static(lanes == 1):
+            memory = wp.tile_empty(shape=(wp.static(chip_numbers(2)),), dtype=real, storage="shared")
         for env in range(turns[0] + place, turns[1], turns[3]):
             if changed[env] > 0:
                 box = boxes[env]
@@ -126,19 +130,22 @@ def surface_kernel(real, lanes: int, with_friction: bool):
                     mine = spread(box[3], thread)
                     answer = win.answer[slot]
                     load = win.direction_lanes[slot]
+                    near = ws
+                    if wp.static(lanes == 1):
+                        near = move_in(ws, memory, size)
                     fetch(pressure[env], box, win.direction[slot], mine)
-                    forward(ws, slot, load, shape, size, ws.spectrum[slot], thread)
+                    forward(near, slot, load, shape, size, near.spectrum[slot], thread)
                     if wp.static(with_friction):
                         fetch(friction.x[env], box, win.direction[slot], mine)
-                        forward(ws, slot, load, shape, size, ws.second[slot], thread)
+                        forward(near, slot, load, shape, size, near.second[slot], thread)
                         fetch(friction.y[env], box, win.direction[slot], mine)
-                        forward(ws, slot, load, shape, size, ws.third[slot], thread)
-                    displace(ws, slot, tables, wp.static(with_friction), start, size, thread)
-                    inverse(ws, slot, ws.second_lanes[slot], first, whole, size, answer, thread)
+                        forward(near, slot, load, shape, size, near.third[slot], thread)
+                    displace(near, slot, tables, wp.static(with_friction), start, size, thread)
+                    inverse(near, slot, near.second_lanes[slot], first, whole, size, answer, thread)
                     deposit(answer, area, u_out[env], thread)
-                    inverse(ws, slot, ws.third_lanes[slot], first, whole, size, answer, thread)
+                    inverse(near, slot, near.third_lanes[slot], first, whole, size, answer, thread)
                     deposit(answer, area, v_out[env], thread)
-                    inverse(ws, slot, ws.spectrum_lanes[slot], first, whole, size, answer, thread)
+                    inverse(near, slot, near.spectrum_lanes[slot], first, whole, size, answer, thread)
                     deposit(answer, area, w_out[env], thread)
                 block_sync()
                 if thread == 0:
