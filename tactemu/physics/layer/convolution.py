@@ -56,12 +56,13 @@ def block_sync():
 @wp.func
 def spread(columns: int, thread: int):
     """How the threads of a block share a window: first row, step of rows, first column, step of columns."""
-    across = wp.min(columns, wp.block_dim())
-    down = wp.block_dim() // across
-    row = thread // across
+    # Compilers see from these bounds which way loops run, and that nothing is negative.
+    across = wp.max(wp.min(columns, wp.block_dim()), 1)
+    down = wp.max(wp.block_dim() // across, 1)
+    row = wp.max(thread // across, 0)
     if row >= down:
         row = wp.static(1 << 30)  # a thread too many: idle
-    return wp.vec4i(row, down, thread % across, across)
+    return wp.vec4i(row, down, wp.max(thread % across, 0), across)
 
 
 @functools.cache
@@ -158,6 +159,7 @@ def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
     lanes_array = wp.array2d(dtype=lane)
     numbers_array = wp.array2d(dtype=real)
     turns_array = wp.array(dtype=wp.types.vector(2, real))
+    parts_array = wp.array3d(dtype=lane)
     radix_4, radix_2 = _fft_stages(lane, lanes_array, turns_array)
 
     if lanes == 1:
@@ -204,7 +206,9 @@ def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
 
     @wp.func(inline=False)  # one copy of it: a solver calls it dozens of times
     def any_hartley(
-        ws: workspace,
+        re_parts: parts_array,
+        im_parts: parts_array,
+        twiddle: turns_array,
         slot: int,
         field: lanes_array,
         rows: int,
@@ -215,12 +219,12 @@ def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
         out: numbers_array,
         thread: int,
     ):
-        """Twice the transform of length ``n`` along the rows of ``field``; ``out`` is ``(columns, rows_out)``."""
+        """As ``hartley``, of any length."""
         half = columns // wp.static(2 * lanes)
         mine = spread(half, thread)
-        n_max = ws.twiddle.shape[0]
-        re = ws.re[2 * slot]
-        im = ws.im[2 * slot]
+        n_max = twiddle.shape[0]
+        re = re_parts[2 * slot]
+        im = im_parts[2 * slot]
         for k in range(mine[0], n, mine[1]):
             for c in range(mine[2], half, mine[3]):
                 if k < rows:
@@ -237,7 +241,16 @@ def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
             turn = n_max // length
             there = 4 * slot + 1 - here
             radix_4(
-                ws.re[here], ws.im[here], ws.re[there], ws.im[there], ws.twiddle, length, stride, half, turn, thread
+                re_parts[here],
+                im_parts[here],
+                re_parts[there],
+                im_parts[there],
+                twiddle,
+                length,
+                stride,
+                half,
+                turn,
+                thread,
             )
             block_sync()
             here = there
@@ -245,13 +258,51 @@ def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
             stride = stride * 4
         if length == 2:
             there = 4 * slot + 1 - here
-            radix_2(ws.re[here], ws.im[here], ws.re[there], ws.im[there], stride, half, thread)
+            radix_2(re_parts[here], im_parts[here], re_parts[there], im_parts[there], stride, half, thread)
             block_sync()
             here = there
-        unpack(ws.re[here], ws.im[here], n, half, first, rows_out, out, thread)
+        unpack(re_parts[here], im_parts[here], n, half, first, rows_out, out, thread)
         block_sync()
 
-    hartley = any_hartley if lanes > 1 else _short_or(real, workspace, any_hartley)
+    transform = short_hartley(real)
+
+    @wp.func(inline=False)
+    def short(
+        field: lanes_array,
+        rows: int,
+        columns: int,
+        n: int,
+        first: int,
+        rows_out: int,
+        out: numbers_array,
+        re: lanes_array,
+        im: lanes_array,
+        twiddle: turns_array,
+        thread: int,
+    ):
+        transform(field, rows, columns, n, first, rows_out, out, re, im, twiddle, thread, wp.block_dim())
+
+    @wp.func
+    def hartley(
+        ws: workspace,
+        slot: int,
+        field: lanes_array,
+        rows: int,
+        columns: int,
+        n: int,
+        first: int,
+        rows_out: int,
+        out: numbers_array,
+        thread: int,
+    ):
+        """Twice the transform of length ``n`` along the rows of ``field``; ``out`` is ``(columns, rows_out)``."""
+        if wp.static(lanes == 1):
+            if n <= wp.static(LONGEST):
+                re = ws.re[2 * slot]
+                im = ws.im[2 * slot]
+                short(field, rows, columns, n, first, rows_out, out, re, im, ws.twiddle, thread)
+                return
+        any_hartley(ws.re, ws.im, ws.twiddle, slot, field, rows, columns, n, first, rows_out, out, thread)
 
     @wp.func
     def forward(
@@ -309,50 +360,6 @@ def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
         inverse(ws, slot, ws.spectrum_lanes[slot], wp.vec2i(0, 0), shape, size, out, thread)
 
     return ConvolutionFunctions(forward, scale, inverse, convolve)
-
-
-def _short_or(real, workspace, any_hartley):
-    """The short transforms of :mod:`.on_chip`, and ``any_hartley`` for the others."""
-    field_type, turns_type = wp.array2d(dtype=real), wp.array(dtype=wp.types.vector(2, real))
-    transform = short_hartley(real)
-
-    @wp.func(inline=False)
-    def short(
-        field: field_type,
-        rows: int,
-        columns: int,
-        n: int,
-        first: int,
-        rows_out: int,
-        out: field_type,
-        re: field_type,
-        im: field_type,
-        turns: turns_type,
-        thread: int,
-    ):
-        transform(field, rows, columns, n, first, rows_out, out, re, im, turns, thread, wp.block_dim())
-
-    @wp.func
-    def hartley(
-        ws: workspace,
-        slot: int,
-        field: field_type,
-        rows: int,
-        columns: int,
-        n: int,
-        first: int,
-        rows_out: int,
-        out: field_type,
-        thread: int,
-    ):
-        if n <= wp.static(LONGEST):
-            short(
-                field, rows, columns, n, first, rows_out, out, ws.re[2 * slot], ws.im[2 * slot], ws.twiddle, thread
-            )
-        else:
-            any_hartley(ws, slot, field, rows, columns, n, first, rows_out, out, thread)
-
-    return hartley
 
 
 def _fft_stages(lane, lanes_array, turns_array):
