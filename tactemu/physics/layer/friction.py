@@ -221,23 +221,28 @@ def friction_kernel(real, lanes: int, coupled: bool):
         if not fresh and last > wp.float64(0.0):
             beta = real(wp.max(change / last, wp.float64(0.0)))
         slope = wp.float64(0.0)
-        for y in range(mine[0], shape[0], mine[1]):
-            for x in range(mine[2], shape[1], mine[3]):
-                d = vec2(real(0.0))
-                if win.limit[slot, y, x] > real(0.0):
-                    stiff = win.stiffness[slot, y, x]
-                    weight = real(1.0) / wp.sqrt(real(1.0) + stiff)
-                    d = -weight * vec2(win.softened_x[slot, y, x], win.softened_y[slot, y, x])
-                    if not fresh:
-                        d += beta * vec2(win.along_x[slot, y, x], win.along_y[slot, y, x])
-                    if stiff > real(0.0):
-                        n = wp.normalize(vec2(win.x[slot, y, x], win.y[slot, y, x]))
-                        d = d - wp.dot(d, n) * n
-                    m = vec2(win.free_x[slot, y, x], win.free_y[slot, y, x]) / weight
-                    slope += wp.float64(wp.dot(m, d))
-                win.along_x[slot, y, x] = d[0]
-                win.along_y[slot, y, x] = d[1]
-        slope = block_sum(slope)
+        again = bool(True)
+        while again:
+            slope = wp.float64(0.0)
+            for y in range(mine[0], shape[0], mine[1]):
+                for x in range(mine[2], shape[1], mine[3]):
+                    d = vec2(real(0.0))
+                    if win.limit[slot, y, x] > real(0.0):
+                        stiff = win.stiffness[slot, y, x]
+                        weight = real(1.0) / wp.sqrt(real(1.0) + stiff)
+                        d = -weight * vec2(win.softened_x[slot, y, x], win.softened_y[slot, y, x])
+                        if not fresh:
+                            d += beta * vec2(win.along_x[slot, y, x], win.along_y[slot, y, x])
+                        if stiff > real(0.0):
+                            n = wp.normalize(vec2(win.x[slot, y, x], win.y[slot, y, x]))
+                            d = d - wp.dot(d, n) * n
+                        m = vec2(win.free_x[slot, y, x], win.free_y[slot, y, x]) / weight
+                        slope += wp.float64(wp.dot(m, d))
+                    win.along_x[slot, y, x] = d[0]
+                    win.along_y[slot, y, x] = d[1]
+            slope = block_sum(slope)
+            again = slope >= wp.float64(0.0) and not fresh  # uphill: without what the last direction adds
+            fresh = True
         block_sync()
         return slope, now
 
@@ -290,17 +295,29 @@ def friction_kernel(real, lanes: int, coupled: bool):
         thread: int,
     ):
         """Conjugate gradients in one window; returns the residual and the iterations taken."""
-        reference = find_gap(ws, tables, win, slot, start, shape, size, mine, thread) + floor
-        if drag(win, slot, shape, mine) > wp.float64(0.0):
-            reference = find_gap(ws, tables, win, slot, start, shape, size, mine, thread) + floor
-        residual = wp.sqrt(free_gap(win, slot, shape, mine) / reference)
-        fresh = bool(True)
+        reference = wp.float64(0.0)
+        residual = wp.float64(0.0)
         last = wp.float64(0.0)
         iteration = int(0)
+        begun = bool(False)
+        fresh = bool(True)
+        moved = bool(True)  # the gap is not that of the tractions
         along_x = win.along_x_lanes[slot]
         along_y = win.along_y_lanes[slot]
+        answer_x = win.answer_x[slot]
+        answer_y = win.answer_y[slot]
         corner = wp.vec2i(0, 0)
-        while residual > tolerance and iteration < cap:
+        while True:
+            if moved:
+                reference = find_gap(ws, tables, win, slot, start, shape, size, mine, thread) + floor
+            if not begun:
+                begun = True
+                moved = drag(win, slot, shape, mine) > wp.float64(0.0)
+                if moved:
+                    continue
+            residual = wp.sqrt(free_gap(win, slot, shape, mine) / reference)
+            if not (residual > tolerance) or iteration >= cap:
+                break
             convolve(
                 ws, slot, win.free_x_lanes[slot], tables.soften_x, start, shape, size, win.softened_x[slot], thread
             )
@@ -308,23 +325,16 @@ def friction_kernel(real, lanes: int, coupled: bool):
                 ws, slot, win.free_y_lanes[slot], tables.soften_y, start, shape, size, win.softened_y[slot], thread
             )
             slope, now = turn(win, slot, last, fresh, shape, mine)
-            if slope >= wp.float64(0.0):
-                slope, now = turn(win, slot, last, True, shape, mine)
-            answer_x = win.answer_x[slot]
-            answer_y = win.answer_y[slot]
             by_traction(
                 ws, slot, tables, start, along_x, along_y, shape, size, corner, shape, answer_x, answer_y, thread
             )
             curved = curvature(win, slot, shape, mine)
             if curved <= wp.float64(0.0):
                 break
-            cut = advance(win, slot, real(-slope / curved), shape, mine)
-            if cut > wp.float64(0.0):
-                reference = find_gap(ws, tables, win, slot, start, shape, size, mine, thread) + floor
+            moved = advance(win, slot, real(-slope / curved), shape, mine) > wp.float64(0.0)
             fresh = False
             last = now
             iteration += 1
-            residual = wp.sqrt(free_gap(win, slot, shape, mine) / reference)
         return residual, iteration
 
     @wp.kernel(module="unique", enable_backward=False, launch_bounds=(BLOCK_THREADS, RESIDENT_BLOCKS))

@@ -191,17 +191,22 @@ def normal_kernel(real, lanes: int):
         if not fresh and last > wp.float64(0.0):
             beta = real(wp.max(change * step / last, wp.float64(0.0)))
         slope = wp.float64(0.0)
-        for y in range(mine[0], shape[0], mine[1]):
-            for x in range(mine[2], shape[1], mine[3]):
-                m = win.masked[slot, y, x]
-                d = real(0.0)
-                if m != real(0.0):
-                    d = -win.softened[slot, y, x]
-                    if not fresh:
-                        d += beta * win.direction[slot, y, x]
-                win.direction[slot, y, x] = d
-                slope += wp.float64(m) * wp.float64(d)
-        slope = block_sum(slope)
+        again = bool(True)
+        while again:
+            slope = wp.float64(0.0)
+            for y in range(mine[0], shape[0], mine[1]):
+                for x in range(mine[2], shape[1], mine[3]):
+                    m = win.masked[slot, y, x]
+                    d = real(0.0)
+                    if m != real(0.0):
+                        d = -win.softened[slot, y, x]
+                        if not fresh:
+                            d += beta * win.direction[slot, y, x]
+                    win.direction[slot, y, x] = d
+                    slope += wp.float64(m) * wp.float64(d)
+            slope = block_sum(slope)
+            again = slope >= wp.float64(0.0) and not fresh  # uphill: without what the last direction adds
+            fresh = True
         block_sync()
         return slope, square
 
@@ -265,8 +270,6 @@ def normal_kernel(real, lanes: int):
         while residual > tolerance and iteration < cap:
             convolve(ws, slot, masked, tables.soften, start, shape, size, win.softened[slot], thread)
             slope, square = turn(win, slot, last, step, fresh, shape, mine)
-            if slope >= wp.float64(0.0):
-                slope, square = turn(win, slot, last, step, True, shape, mine)
             convolve(ws, slot, direction, tables.nn, start, shape, size, win.answer[slot], thread)
             curved = curvature(win, slot, shape, mine)
             if curved <= wp.float64(0.0):
