@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
-from tactemu.physics.layer.on_chip import LONGEST, short_hartley
+from tactemu.physics.layer.on_chip import short_hartley
 
 CPU_LANES = 8
 BLOCK_THREADS = 64
@@ -75,12 +75,7 @@ def workspace_type(real, lanes: int):
         # Ping-pong buffers of the FFT: (2 n_slots, n_max, n_max / 2 / lanes), real and imaginary part.
         re: wp.array3d(dtype=lane)
         im: wp.array3d(dtype=lane)
-        # Transposed intermediate, there and back, and three spectra: (n_slots, n_max, n_max), the same memory as
-        # numbers and as lanes.
-        between: wp.array3d(dtype=real)
-        between_lanes: wp.array3d(dtype=lane)
-        back: wp.array3d(dtype=real)
-        back_lanes: wp.array3d(dtype=lane)
+        # Three spectra: (n_slots, n_max, n_max), the same memory as numbers and as lanes.
         spectrum: wp.array3d(dtype=real)
         spectrum_lanes: wp.array3d(dtype=lane)
         second: wp.array3d(dtype=real)
@@ -118,12 +113,11 @@ class Workspace:
 
     def __init__(self, n_slots: int, n_max: int, real, lanes: int, device, *, spectra: int = 1):
         self._pairs = [allocate_pair(2 * n_slots, n_max, n_max // 2, real, lanes, device) for _ in range(2)]
-        self._pairs += [allocate_pair(n_slots, n_max, n_max, real, lanes, device) for _ in range(1 + spectra)]
+        self._pairs += [allocate_pair(n_slots, n_max, n_max, real, lanes, device) for _ in range(spectra)]
         self.struct = struct = workspace_type(real, lanes)()
         struct.re, struct.im = (pair.lanes for pair in self._pairs[:2])
-        struct.between, struct.between_lanes = struct.back, struct.back_lanes = self._pairs[2]
-        struct.spectrum, struct.spectrum_lanes = self._pairs[3]
-        struct.second, struct.second_lanes = self._pairs[min(4, 2 + spectra)]
+        struct.spectrum, struct.spectrum_lanes = self._pairs[2]
+        struct.second, struct.second_lanes = self._pairs[min(3, 1 + spectra)]
         struct.third, struct.third_lanes = self._pairs[-1]
         turns = np.exp(-2j * np.pi * np.arange(n_max) / n_max)
         pairs = np.stack([np.real(turns), np.imag(turns)], axis=1)
@@ -139,21 +133,22 @@ class ConvolutionFunctions(NamedTuple):
     """Warp functions that all threads of a block call together. A transform of ``size = (n_rows, n_columns)``."""
 
     forward: Any
-    """``forward(ws, slot, field, shape, size, spectrum, thread)``: the spectrum (numbers) of the window of ``field``
-    (lanes) of ``shape = (rows, columns)``."""
+    """``forward(ws, slot, field, shape, size, spectrum, spectrum_lanes, thread)``: the spectrum of the window of
+    ``field`` (lanes) of ``shape = (rows, columns)``."""
     scale: Any
     """``scale(spectrum, table, start, size, thread)``: multiplies a spectrum (lanes) by an even kernel's."""
     inverse: Any
-    """``inverse(ws, slot, spectrum, first, shape, size, out, thread)``: the window of ``shape`` that starts
-    at ``first = (row, column)``, which may be negative, of the inverse transform into ``out`` (numbers)."""
+    """``inverse(ws, slot, spectrum, spectrum_lanes, first, shape, size, out, thread)``: the window of ``shape`` that
+    starts at ``first = (row, column)``, which may be negative, of the inverse transform into ``out`` (numbers). The
+    spectrum is lost."""
     convolve: Any
     """``convolve(ws, slot, field, table, start, shape, size, out, thread)``: all three; ``out`` is as the window."""
 
 
 @functools.cache
-def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
+def convolution_functions(real, lanes: int, chip: bool) -> ConvolutionFunctions:
     """The convolution for one float type and lane width. ``rows`` of an inverse and ``columns`` of a forward transform
-    must be multiples of ``2 * lanes``."""
+    must be multiples of ``2 * lanes``. ``chip``: for a workspace of :mod:`.on_chip`."""
     lane = lane_type(real, lanes)
     workspace = workspace_type(real, lanes)
     lanes_array = wp.array2d(dtype=lane)
@@ -205,7 +200,7 @@ def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
                     store(out, c + half, at_mirror, xi + yi - xr + yr)
 
     @wp.func(inline=False)  # one copy of it: a solver calls it dozens of times
-    def any_hartley(
+    def long_hartley(
         re_parts: parts_array,
         im_parts: parts_array,
         twiddle: turns_array,
@@ -219,7 +214,8 @@ def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
         out: numbers_array,
         thread: int,
     ):
-        """As ``hartley``, of any length."""
+        """Twice the transform of length ``n`` along the rows of ``field``; ``out`` is ``(columns, rows_out)``, and may be
+        where ``field`` is."""
         half = columns // wp.static(2 * lanes)
         mine = spread(half, thread)
         n_max = twiddle.shape[0]
@@ -264,23 +260,7 @@ def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
         unpack(re_parts[here], im_parts[here], n, half, first, rows_out, out, thread)
         block_sync()
 
-    transform = short_hartley(real)
-
-    @wp.func(inline=False)
-    def short(
-        field: lanes_array,
-        rows: int,
-        columns: int,
-        n: int,
-        first: int,
-        rows_out: int,
-        out: numbers_array,
-        re: lanes_array,
-        im: lanes_array,
-        twiddle: turns_array,
-        thread: int,
-    ):
-        transform(field, rows, columns, n, first, rows_out, out, re, im, twiddle, thread, wp.block_dim())
+    own_hartley = short_hartley(real) if chip else long_hartley
 
     @wp.func
     def hartley(
@@ -295,14 +275,7 @@ def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
         out: numbers_array,
         thread: int,
     ):
-        """Twice the transform of length ``n`` along the rows of ``field``; ``out`` is ``(columns, rows_out)``."""
-        if wp.static(lanes == 1):
-            if n <= wp.static(LONGEST):
-                re = ws.re[2 * slot]
-                im = ws.im[2 * slot]
-                short(field, rows, columns, n, first, rows_out, out, re, im, ws.twiddle, thread)
-                return
-        any_hartley(ws.re, ws.im, ws.twiddle, slot, field, rows, columns, n, first, rows_out, out, thread)
+        own_hartley(ws.re, ws.im, ws.twiddle, slot, field, rows, columns, n, first, rows_out, out, thread)
 
     @wp.func
     def forward(
@@ -312,11 +285,11 @@ def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
         shape: wp.vec2i,
         size: wp.vec2i,
         spectrum: numbers_array,
+        spectrum_lanes: lanes_array,
         thread: int,
     ):
-        hartley(ws, slot, field, shape[0], shape[1], size[0], 0, size[0], ws.between[slot], thread)
-        between = ws.between_lanes[slot]
-        hartley(ws, slot, between, shape[1], size[0], size[1], 0, size[1], spectrum, thread)
+        hartley(ws, slot, field, shape[0], shape[1], size[0], 0, size[0], spectrum, thread)
+        hartley(ws, slot, spectrum_lanes, shape[1], size[0], size[1], 0, size[1], spectrum, thread)
 
     @wp.func
     def scale(spectrum: lanes_array, table: wp.array(dtype=lane), start: int, size: wp.vec2i, thread: int):
@@ -332,16 +305,16 @@ def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
     def inverse(
         ws: workspace,
         slot: int,
-        spectrum: lanes_array,
+        spectrum: numbers_array,
+        spectrum_lanes: lanes_array,
         first: wp.vec2i,
         shape: wp.vec2i,
         size: wp.vec2i,
         out: numbers_array,
         thread: int,
     ):
-        hartley(ws, slot, spectrum, size[0], size[1], size[0], first[0], shape[0], ws.back[slot], thread)
-        between = ws.back_lanes[slot]
-        hartley(ws, slot, between, size[1], shape[0], size[1], first[1], shape[1], out, thread)
+        hartley(ws, slot, spectrum_lanes, size[0], size[1], size[0], first[0], shape[0], spectrum, thread)
+        hartley(ws, slot, spectrum_lanes, size[1], shape[0], size[1], first[1], shape[1], out, thread)
 
     @wp.func
     def convolve(
@@ -355,9 +328,11 @@ def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
         out: numbers_array,
         thread: int,
     ):
-        forward(ws, slot, field, shape, size, ws.spectrum[slot], thread)
-        scale(ws.spectrum_lanes[slot], table, start, size, thread)
-        inverse(ws, slot, ws.spectrum_lanes[slot], wp.vec2i(0, 0), shape, size, out, thread)
+        numbers = ws.spectrum[slot]
+        spectrum = ws.spectrum_lanes[slot]
+        forward(ws, slot, field, shape, size, numbers, spectrum, thread)
+        scale(spectrum, table, start, size, thread)
+        inverse(ws, slot, numbers, spectrum, wp.vec2i(0, 0), shape, size, out, thread)
 
     return ConvolutionFunctions(forward, scale, inverse, convolve)
 

@@ -38,6 +38,7 @@ from tactemu.physics.layer.friction_state import (
     friction_windows_type,
 )
 from tactemu.physics.layer.grid import LayerGrid, layer_grids
+from tactemu.physics.layer.on_chip import fits
 from tactemu.physics.layer.overlap import near_kernel, overlap_kernel, remember_kernel
 from tactemu.physics.layer.pressure import NO_SURFACE, NORMAL_WINDOWS, Windows, normal_kernel, windows_type
 from tactemu.physics.layer.reading import (
@@ -249,6 +250,7 @@ class CompiledLayer:
         context, model = self.site.context, self.model
         self.real, self.device, self.n_envs = context.real, context.device, context.n_envs
         self.lanes = lanes_of(self.device)
+        self.chip = fits(self.grid.shape, self.lanes)
         self.n_slots = context.threads if self.device.is_cpu else min(self.n_envs, BLOCKS_AT_ONCE)
         self.rubs = model.friction > 0
         nu, young = float(model.poisson_ratio), float(model.young_modulus)
@@ -398,7 +400,7 @@ class CompiledLayer:
         inputs += [self.overlap, self.active, self.workspace.struct, self.windows.struct]
         outputs = [self.solved, self.pressure, self.box, self.residual, self.iterations, self.changed]
         outputs += [self.dirty]
-        return self._blocks(normal_kernel(real, self.lanes), inputs, outputs)
+        return self._blocks(normal_kernel(real, self.lanes, self.chip), inputs, outputs)
 
     def _friction(self) -> Callable[[], None]:
         model, real = self.model, self.real
@@ -406,14 +408,14 @@ class CompiledLayer:
         inputs = [self.tables.struct, real(model.friction), int(model.iterations), tolerance]
         inputs += [self.pressure, self.box, self.changed, self.slide, self.body]
         inputs += [self.workspace.struct, self.rubbing.struct, self.state]
-        return self._blocks(friction_kernel(real, self.lanes, bool(model.coupled)), inputs, [self.rubbed])
+        return self._blocks(friction_kernel(real, self.lanes, bool(model.coupled), self.chip), inputs, [self.rubbed])
 
     def _surface(self) -> Callable[[], None]:
         reach = reach_of(self.tables.kernels)
         inputs = [self.tables.struct, wp.vec2i(*reach), self.pressure, self.state, self.box]
         inputs += [self.rubbed if self.rubs else self.changed, self.workspace.struct, self.windows.struct]
         return self._blocks(
-            surface_kernel(self.real, self.lanes, self.rubs), inputs, [self.area, self.dirty, *self.surface]
+            surface_kernel(self.real, self.lanes, self.rubs, self.chip), inputs, [self.area, self.dirty, *self.surface]
         )
 
     def _read(self) -> Callable[[], None]:

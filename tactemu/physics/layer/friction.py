@@ -39,20 +39,53 @@ from tactemu.physics.layer.tables import tables_type
 from tactemu.physics.layer.window import block_functions, publish_function, transform_level, transform_size
 
 
+CHIP_WINDOWS = 14
+"""Of the solver's windows so many are on the chip, where skins are solved there."""
+
+
 @functools.cache
-def friction_kernel(real, lanes: int, coupled: bool):
-    """The kernel that solves every environment; ``coupled``: pressure moves the surface sideways too."""
+def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
+    """The kernel that solves every environment; ``coupled``: pressure moves the surface sideways too; ``chip``: a block
+    of threads does in its own memory what iterations need."""
     workspace, tables_struct = workspace_type(real, lanes), tables_type(real, lanes)
     windows, state_struct = friction_windows_type(real, lanes), friction_state_type(real)
-    functions = convolution_functions(real, lanes)
+    functions = convolution_functions(real, lanes, chip)
     forward, inverse, convolve = functions.forward, functions.inverse, functions.convolve
-    sideways, publish = sideways_functions(real, lanes), publish_function(real)
+    sideways, publish = sideways_functions(real, lanes, chip), publish_function(real)
     settle, mark = memory_functions(real, lanes)
     block_sum, _max = block_functions(lanes)
-    move_in = chip_functions(real, workspace, 2)
+    move_in, window = chip_functions(real, workspace, 2, CHIP_WINDOWS)
     by_pressure, by_traction = sideways.by_pressure, sideways.by_traction
     vec2 = wp.types.vector(2, real)
     grid, vec_grid, int_grid = wp.array2d(dtype=real), wp.array2d(dtype=vec2), wp.array2d(dtype=wp.int32)
+
+    @wp.func
+    def windows_in(win: windows, memory: wp.tile(dtype=real, shape=(chip_numbers(2, CHIP_WINDOWS),))):
+        """Those of the iterations move in; the others stay where they are."""
+        near = win
+        near.limit = window(memory, 0)
+        near.stiffness = window(memory, 1)
+        near.x = window(memory, 2)
+        near.x_lanes = near.x
+        near.y = window(memory, 3)
+        near.y_lanes = near.y
+        near.gap_x = window(memory, 4)
+        near.gap_y = window(memory, 5)
+        near.free_x = window(memory, 6)
+        near.free_x_lanes = near.free_x
+        near.free_y = window(memory, 7)
+        near.free_y_lanes = near.free_y
+        near.last_x = window(memory, 8)
+        near.last_y = window(memory, 9)
+        near.along_x = window(memory, 10)
+        near.along_x_lanes = near.along_x
+        near.along_y = window(memory, 11)
+        near.along_y_lanes = near.along_y
+        near.answer_x = window(memory, 12)
+        near.answer_y = window(memory, 13)
+        near.softened_x = near.answer_x  # needed one after the other
+        near.softened_y = near.answer_y
+        return near
 
     @wp.func
     def square(a: real, b: real):
@@ -116,12 +149,15 @@ def friction_kernel(real, lanes: int, coupled: bool):
     ):
         """Displacement by pressure alone."""
         if wp.static(coupled):
-            forward(ws, slot, win.pressure_lanes[slot], shape, size, ws.spectrum[slot], thread)
+            spectrum = ws.spectrum[slot]
+            second = ws.second[slot]
+            second_lanes = ws.second_lanes[slot]
+            forward(ws, slot, win.pressure_lanes[slot], shape, size, spectrum, ws.spectrum_lanes[slot], thread)
             corner = wp.vec2i(0, 0)
             by_pressure(ws, slot, tables, 0, start, size, thread)
-            inverse(ws, slot, ws.second_lanes[slot], corner, shape, size, win.by_pressure_x[slot], thread)
+            inverse(ws, slot, second, second_lanes, corner, shape, size, win.by_pressure_x[slot], thread)
             by_pressure(ws, slot, tables, 1, start, size, thread)
-            inverse(ws, slot, ws.second_lanes[slot], corner, shape, size, win.by_pressure_y[slot], thread)
+            inverse(ws, slot, second, second_lanes, corner, shape, size, win.by_pressure_y[slot], thread)
         else:
             for y in range(mine[0], shape[0], mine[1]):
                 for x in range(mine[2], shape[1], mine[3]):
@@ -360,8 +396,12 @@ def friction_kernel(real, lanes: int, coupled: bool):
     ):
         place, thread = wp.tid()
         slot = turns[2] + place
-        if wp.static(lanes == 1):
-            memory = wp.tile_empty(shape=(wp.static(chip_numbers(2)),), dtype=real, storage="shared")
+        scratch = ws
+        vectors = win
+        if wp.static(chip):
+            memory = wp.tile_empty(shape=(wp.static(chip_numbers(2, CHIP_WINDOWS)),), dtype=real, storage="shared")
+            scratch = move_in(ws, memory)
+            vectors = windows_in(win, memory)
         for env in range(turns[0] + place, turns[1], turns[3]):
             box = boxes[env]
             old = state.box[env]
@@ -374,7 +414,7 @@ def friction_kernel(real, lanes: int, coupled: bool):
                 work = old[3] > 0
             else:
                 mine = spread(box[3], thread)
-                moved = gather(win, slot, state, env, mu, pressure[env], slide[env], body[env], box, mine)
+                moved = gather(vectors, slot, state, env, mu, pressure[env], slide[env], body[env], box, mine)
                 work = moved > wp.float64(0.0) or changed[env] > 0 or residual > tolerance
                 for i in range(4):
                     work = work or box[i] != old[i]
@@ -382,26 +422,23 @@ def friction_kernel(real, lanes: int, coupled: bool):
                     level = transform_level(shape)
                     size = transform_size(level)
                     start = tables.start[level[0], level[1]]
-                    near = ws
-                    if wp.static(lanes == 1):
-                        near = move_in(ws, memory, size)
-                    press(near, tables, win, slot, start, shape, size, mine, thread)
+                    press(scratch, tables, vectors, slot, start, shape, size, mine, thread)
                     load = wp.float64(0.0)
                     for y in range(mine[0], shape[0], mine[1]):
                         for x in range(mine[2], shape[1], mine[3]):
-                            load += square(win.limit[slot, y, x], real(0.0))
+                            load += square(vectors.limit[slot, y, x], real(0.0))
                     # A thousandth of what full slip would move a lone cell: less is not worth an iteration.
                     floor = wp.float64(1.0e-6) * block_sum(load)
                     residual, iteration = solve(
-                        near, tables, win, slot, start, shape, size, cap, tolerance, floor, mine, thread
+                        scratch, tables, vectors, slot, start, shape, size, cap, tolerance, floor, mine, thread
                     )
-                    settle(win, slot, shape, mine)
+                    settle(vectors, slot, shape, mine)
             if work:
-                publish(win.x[slot], box, old, state.x[env], thread)
-                publish(win.y[slot], box, old, state.y[env], thread)
-                publish(win.hold_x[slot], box, old, state.anchor_x[env], thread)
-                publish(win.hold_y[slot], box, old, state.anchor_y[env], thread)
-                mark(win, slot, body[env], box, old, state.held_by[env], state.slip[env], thread)
+                publish(vectors.x[slot], box, old, state.x[env], thread)
+                publish(vectors.y[slot], box, old, state.y[env], thread)
+                publish(vectors.hold_x[slot], box, old, state.anchor_x[env], thread)
+                publish(vectors.hold_y[slot], box, old, state.anchor_y[env], thread)
+                mark(vectors, slot, body[env], box, old, state.held_by[env], state.slip[env], thread)
             block_sync()
             if thread == 0:
                 state.box[env] = box

@@ -1,7 +1,8 @@
-"""Transforms within a multiprocessor: on a GPU, windows of up to 32 cells never leave the block's shared memory.
+"""A block's own memory: on a GPU, skins of up to 32 x 32 cells are solved without leaving the multiprocessor.
 
-A transform of 32 or 64 points is one of 4 or 8 and one of 8, each in the registers of a thread. The rest of the solvers
-sees arrays as ever: those of the workspace lie in shared memory where the window's transforms fit.
+The spectra, the scratch of the transforms and the vectors of the solvers lie in shared memory; solvers see arrays as
+ever. A transform of 32 or 64 points is one of 4 or 8 and one of 8, each in the registers of a thread; what it reads is
+in the scratch before it writes, so that a spectrum is transformed in place.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -11,73 +12,123 @@ import functools
 
 import warp as wp
 
-LONGEST = 64
-"""Length of the longest transform done here."""
-_TOGETHER = 8
-"""Complex columns at once: eight threads transform one."""
-_SCRATCH = 9 * 8 * _TOGETHER
-"""Numbers of one part, real or imaginary; every ninth row is skipped, lest threads crowd one bank."""
-_ROW = LONGEST + 4
-"""Numbers from one row to the next, for the same reason."""
-_BACK_ROW = LONGEST // 2 + 4
-_BETWEEN = LONGEST * _BACK_ROW
-"""Numbers between two passes: ``LONGEST / 2`` whole rows there, ``LONGEST`` half ones back."""
+CELLS = 32
+"""Along the longer side of the largest skin that is solved so."""
+_LONGEST = 2 * CELLS
+_SCRATCH = _LONGEST * CELLS
+_ROW = _LONGEST + 1
+"""Numbers from one row of a spectrum to the next: odd, lest those of a column crowd one bank of the memory."""
 
 
-def chip_numbers(spectra: int) -> int:
-    """How many numbers of shared memory a block needs that keeps so many spectra."""
-    return 2 * _SCRATCH + _BETWEEN + spectra * LONGEST * _ROW
+def fits(cells: tuple[int, int], lanes: int) -> bool:
+    """Whether a skin is solved on the chip."""
+    return lanes == 1 and max(cells) <= CELLS
+
+
+def chip_numbers(spectra: int, windows: int) -> int:
+    """How many numbers of shared memory a block needs for so many spectra and windows."""
+    return 2 * _SCRATCH + spectra * _LONGEST * _ROW + windows * CELLS * CELLS
 
 
 @functools.cache
-def chip_functions(real, workspace, spectra: int):
-    """``move_in(ws, memory, size)``: the workspace, with its arrays in the tile ``memory`` if transforms of ``size`` fit.
-
-    All slots share these: they are the block's own.
-    """
-    number = f"wp::{real.__name__}"
+def chip_functions(real, workspace, spectra: int, windows: int):
+    """``(move_in, window)``: the workspace ``move_in(ws, memory)`` and the ``k``-th window ``window(memory, k)`` in the
+    tile ``memory``, the same for every slot: a block's own."""
+    tile = wp.tile(dtype=real, shape=(chip_numbers(spectra, windows),))
 
     @wp.func_native(f"""
-    wp::array_t<{number}> found(memory.data.ptr + first, 0x7fffffff, rows, columns);
+    wp::array_t<wp::{real.__name__}> found(memory.data.ptr + first, 0x7fffffff, rows, columns);
     found.strides[0] = 0;
     return found;
     """)
-    def within(
-        memory: wp.tile(dtype=real, shape=(chip_numbers(spectra),)), first: int, rows: int, columns: int
-    ) -> wp.array3d(dtype=real): ...
+    def part(memory: tile, first: int, rows: int, columns: int) -> wp.array3d(dtype=real): ...
 
     @wp.func
-    def move_in(ws: workspace, memory: wp.tile(dtype=real, shape=(chip_numbers(spectra),)), size: wp.vec2i):
-        near = ws
-        if wp.max(size[0], size[1]) <= wp.static(LONGEST):
-            near.re = within(memory, 0, 1, wp.static(_SCRATCH))
-            near.im = within(memory, wp.static(_SCRATCH), 1, wp.static(_SCRATCH))
-            at = wp.static(2 * _SCRATCH)
-            near.between = within(memory, at, wp.static(LONGEST // 2), wp.static(_ROW))
-            near.between_lanes = near.between
-            near.back = within(memory, at, wp.static(LONGEST), wp.static(_BACK_ROW))
-            near.back_lanes = near.back
-            at += wp.static(_BETWEEN)
-            near.spectrum = within(memory, at, wp.static(LONGEST), wp.static(_ROW))
-            near.spectrum_lanes = near.spectrum
-            if wp.static(spectra > 1):
-                at += wp.static(LONGEST * _ROW)
-                near.second = within(memory, at, wp.static(LONGEST), wp.static(_ROW))
-                near.second_lanes = near.second
-        return near
+    def window(memory: tile, k: int):
+        first = wp.static(chip_numbers(spectra, 0)) + k * wp.static(CELLS * CELLS)
+        return part(memory, first, wp.static(CELLS), wp.static(CELLS))
 
-    return move_in
+    @wp.func
+    def spectrum(memory: tile, k: int):
+        first = wp.static(2 * _SCRATCH) + k * wp.static(_LONGEST * _ROW)
+        return part(memory, first, wp.static(_LONGEST), wp.static(_ROW))
+
+    @wp.func
+    def move_in(ws: workspace, memory: tile):
+        here = ws
+        here.re = part(memory, 0, wp.static(_LONGEST), wp.static(CELLS))
+        here.im = part(memory, wp.static(_SCRATCH), wp.static(_LONGEST), wp.static(CELLS))
+        here.spectrum = spectrum(memory, 0)
+        here.spectrum_lanes = here.spectrum
+        if wp.static(spectra > 1):
+            here.second = spectrum(memory, 1)
+            here.second_lanes = here.second
+        if wp.static(spectra > 2):
+            here.third = spectrum(memory, 2)
+            here.third_lanes = here.third
+        return here
+
+    return move_in, window
 
 
 @functools.cache
 def short_hartley(real):
-    """``pass(field, rows, columns, n, first, rows_out, out, re, im, turns, thread, threads)``, as the long one
-    (:mod:`.convolution`), for ``n`` of 32 or 64."""
-    number = f"wp::{real.__name__}"
+    """``hartley(ws, slot, field, rows, columns, n, first, rows_out, out, thread)`` as that of :mod:`.convolution`, for
+    ``n`` of 32 or 64 and columns that are a power of two."""
     field_type, turns_type = wp.array2d(dtype=real), wp.array(dtype=wp.types.vector(2, real))
 
-    @wp.func_native(_PASS.replace("NUMBER", number).replace("TOGETHER", str(_TOGETHER)))
+    @wp.func_native("return reinterpret_cast<uint64_t>(a.data);")
+    def address(a: field_type) -> wp.uint64: ...
+
+    @wp.func_native("return reinterpret_cast<uint64_t>(a.data);")
+    def address_of_turns(a: turns_type) -> wp.uint64: ...
+
+    @wp.func_native(_TRANSFORM.replace("NUMBER", real.__name__))
     def transform(
+        field: wp.uint64,
+        from_row: int,
+        rows: int,
+        half: int,
+        n: int,
+        first: int,
+        rows_out: int,
+        out: wp.uint64,
+        to_row: int,
+        re: wp.uint64,
+        im: wp.uint64,
+        turns: wp.uint64,
+        n_turns: int,
+        thread: int,
+        threads: int,
+    ): ...
+
+    @wp.func(inline=False)  # one copy of it: a solver calls it dozens of times
+    def shared_by_all(
+        field: wp.uint64,
+        from_row: int,
+        rows: int,
+        half: int,
+        n: int,
+        first: int,
+        rows_out: int,
+        out: wp.uint64,
+        to_row: int,
+        re: wp.uint64,
+        im: wp.uint64,
+        turns: wp.uint64,
+        n_turns: int,
+        thread: int,
+    ):
+        transform(
+            field, from_row, rows, half, n, first, rows_out, out, to_row, re, im, turns, n_turns, thread, wp.block_dim()
+        )
+
+    @wp.func
+    def hartley(
+        re: wp.array3d(dtype=real),
+        im: wp.array3d(dtype=real),
+        twiddle: turns_type,
+        slot: int,
         field: field_type,
         rows: int,
         columns: int,
@@ -85,29 +136,44 @@ def short_hartley(real):
         first: int,
         rows_out: int,
         out: field_type,
-        re: field_type,
-        im: field_type,
-        turns: turns_type,
         thread: int,
-        threads: int,
-    ): ...
+    ):
+        shared_by_all(
+            address(field),
+            field.shape[1],
+            rows,
+            columns // 2,
+            n,
+            first,
+            rows_out,
+            address(out),
+            out.shape[1],
+            address(re[slot]),
+            address(im[slot]),
+            address_of_turns(twiddle),
+            twiddle.shape[0],
+            thread,
+        )
 
-    return transform
+    return hartley
 
 
-_PASS = """
+_TRANSFORM = """
 #if defined(__CUDA_ARCH__)
 #define WAIT __syncthreads()
 #else
 #define WAIT
 #endif
-    using Number = NUMBER;
-    const int half = columns / 2, parts = n / 8, turn = turns.shape[0] / n;
-    const int from_row = field.strides[0] / sizeof(Number), to_row = out.strides[0] / sizeof(Number);
-    Number* const zr = re.data;
-    Number* const zi = im.data;
+    using Number = wp::NUMBER;
+    const Number* const in = reinterpret_cast<const Number*>(field);
+    Number* const result = reinterpret_cast<Number*>(out);
+    Number* const zr = reinterpret_cast<Number*>(re);
+    Number* const zi = reinterpret_cast<Number*>(im);
+    const wp::vec_t<2, Number>* const w = reinterpret_cast<const wp::vec_t<2, Number>*>(turns);
+    const int parts = n / 8, turn = n_turns / n, parts_bits = parts == 8 ? 3 : 2;
+    const int bits = half == 32 ? 5 : half == 16 ? 4 : 3;
     const Number root = Number(0.70710678118654752440);
-    // In place, in order: elements i, i + s, i + 2 s, i + 3 s.
+    // In place and in order, of elements i, i + s, i + 2 s, i + 3 s.
     auto fft4 = [](Number* r, Number* m, const int i, const int s) {
         const Number ar = r[i] + r[i + 2 * s], ai = m[i] + m[i + 2 * s];
         const Number br = r[i] - r[i + 2 * s], bi = m[i] - m[i + 2 * s];
@@ -121,67 +187,61 @@ _PASS = """
     auto fft8 = [&](Number* r, Number* m) {
         fft4(r, m, 0, 2);
         fft4(r, m, 1, 2);
-        Number tr[4], ti[4];
-        tr[0] = r[1], ti[0] = m[1];
-        tr[1] = root * (r[3] + m[3]), ti[1] = root * (m[3] - r[3]);
-        tr[2] = m[5], ti[2] = -r[5];
-        tr[3] = root * (m[7] - r[7]), ti[3] = -root * (m[7] + r[7]);
         const Number er[4] = {r[0], r[2], r[4], r[6]}, ei[4] = {m[0], m[2], m[4], m[6]};
+        const Number tr[4] = {r[1], root * (r[3] + m[3]), m[5], root * (m[7] - r[7])};
+        const Number ti[4] = {m[1], root * (m[3] - r[3]), -r[5], -root * (m[7] + r[7])};
         for (int k = 0; k < 4; ++k) {
             r[k] = er[k] + tr[k], m[k] = ei[k] + ti[k];
             r[k + 4] = er[k] - tr[k], m[k + 4] = ei[k] - ti[k];
         }
     };
-    for (int begin = 0; begin < half; begin += TOGETHER) {
-        for (int item = thread; item < 8 * TOGETHER; item += threads) {  // over every eighth point
-            const int c = item % TOGETHER, j = item / TOGETHER, column = begin + c;
-            Number r[8], m[8];
-            for (int i = 0; i < 8; ++i) {
-                const int k = 8 * i + j;
-                const bool there = i < parts && k < rows && column < half;
-                r[i] = there ? field.data[k * from_row + column] : Number(0);
-                m[i] = there ? field.data[k * from_row + column + half] : Number(0);
-            }
-            if (parts == 8)
-                fft8(r, m);
-            else
-                fft4(r, m, 0, 1);
-            for (int i = 0; i < 8; ++i)
-                if (i < parts) {
-                    const wp::vec_t<2, Number> w = turns.data[turn * i * j];
-                    const int at = (9 * i + j) * TOGETHER + c;
-                    zr[at] = r[i] * w[0] - m[i] * w[1];
-                    zi[at] = r[i] * w[1] + m[i] * w[0];
-                }
+    for (int item = thread; item < 8 * half; item += threads) {  // over every eighth point
+        const int c = item & (half - 1), j = item >> bits;
+        Number r[8], m[8];
+        for (int i = 0; i < 8; ++i) {
+            const int k = 8 * i + j;
+            const bool there = i < parts && k < rows;
+            r[i] = there ? in[k * from_row + c] : Number(0);
+            m[i] = there ? in[k * from_row + c + half] : Number(0);
         }
-        WAIT;
-        for (int item = thread; item < parts * TOGETHER; item += threads) {  // over what is left, in place
-            const int at = item / TOGETHER * 9 * TOGETHER + item % TOGETHER;
-            Number r[8], m[8];
-            for (int i = 0; i < 8; ++i)
-                r[i] = zr[at + i * TOGETHER], m[i] = zi[at + i * TOGETHER];
+        if (parts == 8)
             fft8(r, m);
-            for (int i = 0; i < 8; ++i)
-                zr[at + i * TOGETHER] = r[i], zi[at + i * TOGETHER] = m[i];
-        }
-        WAIT;
-        for (int item = thread; item < n / 2 * TOGETHER; item += threads) {  // Hartley coefficients, transposed
-            const int c = item % TOGETHER, k = item / TOGETHER, mirror = k ? n - k : n / 2, column = begin + c;
-            const int at = (9 * (k % parts) + k / parts) * TOGETHER + c;
-            const int across = (9 * (mirror % parts) + mirror / parts) * TOGETHER + c;
-            const Number xr = zr[at], xi = zi[at];
-            const Number yr = k ? zr[across] : xr, yi = k ? zi[across] : xi;
-            const int near = (k - first + n) % n, far = (mirror - first + n) % n;
-            if (column < half && near < rows_out) {
-                out.data[column * to_row + near] = xr + yr - xi + yi;
-                out.data[(column + half) * to_row + near] = xi + yi + xr - yr;
+        else
+            fft4(r, m, 0, 1);
+        for (int i = 0; i < 8; ++i)
+            if (i < parts) {
+                const wp::vec_t<2, Number> v = w[turn * i * j];
+                const int at = (8 * i + j) * half + c;
+                zr[at] = r[i] * v[0] - m[i] * v[1];
+                zi[at] = r[i] * v[1] + m[i] * v[0];
             }
-            if (column < half && far < rows_out) {
-                out.data[column * to_row + far] = k ? xr + yr + xi - yi : 2 * zr[across];
-                out.data[(column + half) * to_row + far] = k ? xi + yi - xr + yr : 2 * zi[across];
-            }
-        }
-        WAIT;
     }
+    WAIT;
+    for (int item = thread; item < parts * half; item += threads) {  // over the eight that are left, in place
+        const int at = (item >> bits) * 8 * half + (item & (half - 1));
+        Number r[8], m[8];
+        for (int i = 0; i < 8; ++i)
+            r[i] = zr[at + i * half], m[i] = zi[at + i * half];
+        fft8(r, m);
+        for (int i = 0; i < 8; ++i)
+            zr[at + i * half] = r[i], zi[at + i * half] = m[i];
+    }
+    WAIT;
+    for (int item = thread; item < n / 2 * half; item += threads) {  // Hartley coefficients, transposed
+        const int c = item & (half - 1), k = item >> bits, mirror = k ? n - k : n / 2;
+        const int at = (8 * (k & (parts - 1)) + (k >> parts_bits)) * half + c;
+        const int across = (8 * (mirror & (parts - 1)) + (mirror >> parts_bits)) * half + c;
+        const Number xr = zr[at], xi = zi[at], yr = zr[across], yi = zi[across];
+        const int near = (k - first) & (n - 1), far = (mirror - first) & (n - 1);
+        if (near < rows_out) {
+            result[c * to_row + near] = k ? xr + yr - xi + yi : 2 * xr;
+            result[(c + half) * to_row + near] = k ? xi + yi + xr - yr : 2 * xi;
+        }
+        if (far < rows_out) {
+            result[c * to_row + far] = k ? xr + yr + xi - yi : 2 * yr;
+            result[(c + half) * to_row + far] = k ? xi + yi - xr + yr : 2 * yi;
+        }
+    }
+    WAIT;
 #undef WAIT
 """

@@ -94,16 +94,32 @@ class Windows:
 
 
 @functools.cache
-def normal_kernel(real, lanes: int):
-    """The kernel that solves every environment; one block of threads per slot."""
+def normal_kernel(real, lanes: int, chip: bool):
+    """The kernel that solves every environment; one block of threads per slot. ``chip``: all in its own memory."""
     workspace = workspace_type(real, lanes)
     tables_struct = tables_type(real, lanes)
     windows_struct = windows_type(real, lanes)
-    convolve = convolution_functions(real, lanes).convolve
+    convolve = convolution_functions(real, lanes, chip).convolve
     survey, publish = survey_function(real, lanes), publish_function(real)
     block_sum, _max = block_functions(lanes)
-    move_in = chip_functions(real, workspace, 1)
+    n_windows = len(NORMAL_WINDOWS)
+    move_in, window = chip_functions(real, workspace, 1, n_windows)
     grid = wp.array2d(dtype=real)
+
+    @wp.func
+    def windows_in(win: windows_struct, memory: wp.tile(dtype=real, shape=(chip_numbers(1, n_windows),))):
+        near = win
+        near.overlap = window(memory, 0)
+        near.pressure = window(memory, 1)
+        near.pressure_lanes = near.pressure
+        near.gap = window(memory, 2)
+        near.masked = window(memory, 3)
+        near.masked_lanes = near.masked
+        near.softened = window(memory, 4)
+        near.direction = window(memory, 5)
+        near.direction_lanes = near.direction
+        near.answer = window(memory, 6)
+        return near
 
     @wp.func
     def gather(win: windows_struct, slot: int, overlap: grid, pressure: grid, box: wp.vec4i, mine: wp.vec4i):
@@ -309,8 +325,12 @@ def normal_kernel(real, lanes: int):
     ):
         place, thread = wp.tid()
         slot = turns[2] + place
-        if wp.static(lanes == 1):
-            memory = wp.tile_empty(shape=(wp.static(chip_numbers(1)),), dtype=real, storage="shared")
+        scratch = ws
+        vectors = win
+        if wp.static(chip):
+            memory = wp.tile_empty(shape=(wp.static(chip_numbers(1, n_windows)),), dtype=real, storage="shared")
+            scratch = move_in(ws, memory)
+            vectors = windows_in(win, memory)
         for env in range(turns[0] + place, turns[1], turns[3]):
             state, box = survey(overlap[env], solved_overlap[env], active[env], bulge, thread)
             residual = residual_out[env]
@@ -318,7 +338,7 @@ def normal_kernel(real, lanes: int):
             iteration = int(0)
             changed = int(0)
             if state == BROKEN or box[3] == 0:
-                publish(win.pressure[slot], box, old, pressure_out[env], thread)
+                publish(vectors.pressure[slot], box, old, pressure_out[env], thread)
                 if state == BROKEN or wp.isnan(residual):  # every taxel reads NaN, or no longer
                     old = wp.vec4i(0, 0, overlap.shape[1], overlap.shape[2])
                 changed = wp.min(old[3], 1)
@@ -326,18 +346,15 @@ def normal_kernel(real, lanes: int):
             elif state != SAME or residual > tolerance:
                 changed = 1
                 mine = spread(box[3], thread)
-                reference = gather(win, slot, overlap[env], pressure_out[env], box, mine)
+                reference = gather(vectors, slot, overlap[env], pressure_out[env], box, mine)
                 shape = wp.vec2i(box[2], box[3])
                 level = transform_level(shape)
                 size = transform_size(level)
                 start = tables.start[level[0], level[1]]
-                near = ws
-                if wp.static(lanes == 1):
-                    near = move_in(ws, memory, size)
                 residual, iteration = solve(
-                    tables, near, win, slot, start, shape, size, reference, cap, tolerance, mine, thread
+                    tables, scratch, vectors, slot, start, shape, size, reference, cap, tolerance, mine, thread
                 )
-                publish(win.pressure[slot], box, old, pressure_out[env], thread)
+                publish(vectors.pressure[slot], box, old, pressure_out[env], thread)
             block_sync()
             if thread == 0:
                 box_out[env] = box

@@ -37,13 +37,13 @@ def reach_of(kernels: Kernels) -> tuple[int, int]:
 
 
 @functools.cache
-def surface_kernel(real, lanes: int, with_friction: bool):
+def surface_kernel(real, lanes: int, with_friction: bool, chip: bool):
     """Displacement [pitches] of every cell in reach: along u, along v, and into the skin."""
     workspace, tables_struct = workspace_type(real, lanes), tables_type(real, lanes)
     windows, friction_state = windows_type(real, lanes), friction_state_type(real)
-    functions, sideways = convolution_functions(real, lanes), sideways_functions(real, lanes)
+    functions, sideways = convolution_functions(real, lanes, chip), sideways_functions(real, lanes, chip)
     forward, inverse, displace = functions.forward, functions.inverse, sideways.displace
-    move_in = chip_functions(real, workspace, 2)
+    move_in, window = chip_functions(real, workspace, 3, 2)
     grid = wp.array2d(dtype=real)
 
     @wp.func
@@ -104,8 +104,14 @@ def surface_kernel(real, lanes: int, with_friction: bool):
     ):
         place, thread = wp.tid()
         slot = turns[2] + place
-        if wp.static(lanes == 1):
-            memory = wp.tile_empty(shape=(wp.static(chip_numbers(2)),), dtype=real, storage="shared")
+        scratch = ws
+        vectors = win
+        if wp.static(chip):
+            memory = wp.tile_empty(shape=(wp.static(chip_numbers(3, 2)),), dtype=real, storage="shared")
+            scratch = move_in(ws, memory)
+            vectors.direction = window(memory, 0)
+            vectors.direction_lanes = vectors.direction
+            vectors.answer = window(memory, 1)
         for env in range(turns[0] + place, turns[1], turns[3]):
             if changed[env] > 0:
                 box = boxes[env]
@@ -128,24 +134,28 @@ def surface_kernel(real, lanes: int, with_friction: bool):
                     size = transform_size(level)
                     start = tables.start[level[0], level[1]]
                     mine = spread(box[3], thread)
-                    answer = win.answer[slot]
-                    load = win.direction_lanes[slot]
-                    near = ws
-                    if wp.static(lanes == 1):
-                        near = move_in(ws, memory, size)
-                    fetch(pressure[env], box, win.direction[slot], mine)
-                    forward(near, slot, load, shape, size, near.spectrum[slot], thread)
+                    answer = vectors.answer[slot]
+                    direction = vectors.direction[slot]
+                    load = vectors.direction_lanes[slot]
+                    first_numbers = scratch.spectrum[slot]
+                    second_numbers = scratch.second[slot]
+                    third_numbers = scratch.third[slot]
+                    first_lanes = scratch.spectrum_lanes[slot]
+                    second_lanes = scratch.second_lanes[slot]
+                    third_lanes = scratch.third_lanes[slot]
+                    fetch(pressure[env], box, direction, mine)
+                    forward(scratch, slot, load, shape, size, first_numbers, first_lanes, thread)
                     if wp.static(with_friction):
-                        fetch(friction.x[env], box, win.direction[slot], mine)
-                        forward(near, slot, load, shape, size, near.second[slot], thread)
-                        fetch(friction.y[env], box, win.direction[slot], mine)
-                        forward(near, slot, load, shape, size, near.third[slot], thread)
-                    displace(near, slot, tables, wp.static(with_friction), start, size, thread)
-                    inverse(near, slot, near.second_lanes[slot], first, whole, size, answer, thread)
+                        fetch(friction.x[env], box, direction, mine)
+                        forward(scratch, slot, load, shape, size, second_numbers, second_lanes, thread)
+                        fetch(friction.y[env], box, direction, mine)
+                        forward(scratch, slot, load, shape, size, third_numbers, third_lanes, thread)
+                    displace(scratch, slot, tables, wp.static(with_friction), start, size, thread)
+                    inverse(scratch, slot, second_numbers, second_lanes, first, whole, size, answer, thread)
                     deposit(answer, area, u_out[env], thread)
-                    inverse(near, slot, near.third_lanes[slot], first, whole, size, answer, thread)
+                    inverse(scratch, slot, third_numbers, third_lanes, first, whole, size, answer, thread)
                     deposit(answer, area, v_out[env], thread)
-                    inverse(near, slot, near.spectrum_lanes[slot], first, whole, size, answer, thread)
+                    inverse(scratch, slot, first_numbers, first_lanes, first, whole, size, answer, thread)
                     deposit(answer, area, w_out[env], thread)
                 block_sync()
                 if thread == 0:
