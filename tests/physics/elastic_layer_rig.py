@@ -5,7 +5,7 @@ import math
 import numpy as np
 import warp as wp
 
-from tactemu.physics.layer.convolution import BLOCK_THREADS, Workspace, lanes_of
+from tactemu.physics.layer.convolution import Workspace, block_threads, lanes_of
 from tactemu.physics.layer.friction import friction_kernel
 from tactemu.physics.layer.friction_state import FRICTION_WINDOWS, friction_state_type, friction_windows_type
 from tactemu.physics.layer.on_chip import fits
@@ -41,7 +41,7 @@ class LayerRig:
                 dim=[slots],
                 inputs=[turns, *inputs],
                 outputs=outputs,
-                block_dim=BLOCK_THREADS,
+                block_dim=block_threads(chip),
                 device=self.device,
                 record_cmd=True,
             ).launch

@@ -23,9 +23,8 @@ import warp as wp
 from tactemu.physics.layer.on_chip import short_hartley
 
 CPU_LANES = 8
-BLOCK_THREADS = 64
-"""Threads of a block on a GPU; on a CPU a block is one thread. For 4096 environments of 32 x 32 on an H200, 32, 64 and
-128 threads take 5.8, 6.3 and 8.6 ms; a single large skin wants more of them."""
+BLOCK_THREADS, CHIP_THREADS = 64, 256
+"""Threads of a block on a GPU, and of one that works on the chip; on a CPU a block is one thread."""
 RESIDENT_BLOCKS = 8
 """Blocks that a multiprocessor shall hold at once: bounds the registers of a thread."""
 SMALLEST_TRANSFORM = 32
@@ -35,6 +34,11 @@ SMALLEST_TRANSFORM = 32
 def lanes_of(device: wp.Device) -> int:
     """Numbers per lane on a device."""
     return 1 if device.is_cuda else CPU_LANES
+
+
+def block_threads(chip: bool) -> int:
+    """Threads of a block, on a GPU."""
+    return CHIP_THREADS if chip else BLOCK_THREADS
 
 
 @functools.cache

@@ -30,10 +30,11 @@ import warp as wp
 
 from tactemu.errors import SceneError
 from tactemu.options import number
-from tactemu.physics.layer.convolution import BLOCK_THREADS, Workspace, lanes_of
+from tactemu.physics.layer.convolution import Workspace, block_threads, lanes_of
 from tactemu.physics.layer.friction import friction_kernel
 from tactemu.physics.layer.friction_state import (
     FRICTION_WINDOWS,
+    OFF_CHIP,
     friction_state_type,
     friction_windows_type,
 )
@@ -298,9 +299,10 @@ class CompiledLayer:
     def _allocate(self) -> None:
         real, vec2 = self.real, wp.types.vector(2, self.real)
         spectra = 3 if self.model.displacement else 2 if self.rubs else 1
-        self.workspace = Workspace(self.n_slots, self.tables.n_max, real, self.lanes, self.device, spectra=spectra)
+        slots = 0 if self.chip else self.n_slots
+        self.workspace = Workspace(slots, self.tables.n_max, real, self.lanes, self.device, spectra=spectra)
         struct = windows_type(real, self.lanes)()
-        self.windows = Windows(struct, NORMAL_WINDOWS, self.n_slots, self.grid.shape, real, self.lanes, self.device)
+        self.windows = Windows(struct, NORMAL_WINDOWS, slots, self.grid.shape, real, self.lanes, self.device)
         self.pressure = self._cells(real)
         self.overlap = self.site.context.full(self.pressure.shape, NO_SURFACE, real)
         self.solved = self.site.context.full(self.pressure.shape, math.nan, real)
@@ -318,8 +320,8 @@ class CompiledLayer:
         self.surface = [self._cells(real, self.model.displacement) for _ in range(3)]
         if self.rubs:
             struct = friction_windows_type(real, self.lanes)()
-            shape = self.grid.shape
-            self.rubbing = Windows(struct, FRICTION_WINDOWS, self.n_slots, shape, real, self.lanes, self.device)
+            shape, names = self.grid.shape, OFF_CHIP if self.chip else FRICTION_WINDOWS
+            self.rubbing = Windows(struct, names, self.n_slots, shape, real, self.lanes, self.device)
 
     def _reset(self, mask: wp.array) -> None:
         state = self.state
@@ -341,7 +343,7 @@ class CompiledLayer:
 
     def _blocks(self, kernel, inputs: list, outputs: list) -> Callable[[], None]:
         """A recorded launch with one block of threads per slot."""
-        return self.site.context.record_blocks(kernel, self.n_slots, inputs, outputs, BLOCK_THREADS)
+        return self.site.context.record_blocks(kernel, self.n_slots, inputs, outputs, block_threads(self.chip))
 
     def _reach(self, horizon: float) -> wp.array:
         """How far below each cell bodies are looked for [m]."""
@@ -382,9 +384,10 @@ class CompiledLayer:
         near = self.site.context.record(near_kernel(real, grid.bent), self.n_envs, inputs, outputs, block_dim=32)
         inputs = [site.table.struct, pose, self.last_pose, site.targets, self.active, self.centres, self.covered]
         own = wp.array(grid.cell_axes() if grid.bent else np.zeros((0, 0, 0, 3)), dtype=vec3, device=self.device)
-        inputs += [self.reach, *axes, own, horizon, real(self.tables.length_scale)]
+        parts = 1 if self.device.is_cpu else grid.shape[1]
+        inputs += [self.reach, *axes, own, horizon, real(self.tables.length_scale), parts]
         kernel = overlap_kernel(real, site.table.kinds, self.rubs, grid.bent)
-        rows = (self.n_envs, grid.shape[0])
+        rows = (self.n_envs, grid.shape[0], parts)
         find = self.site.context.record(kernel, rows, inputs, [self.overlap, self.body, self.slide])
 
         if not self.rubs:

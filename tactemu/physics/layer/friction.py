@@ -19,9 +19,9 @@ import functools
 import warp as wp
 
 from tactemu.physics.layer.convolution import (
-    BLOCK_THREADS,
     RESIDENT_BLOCKS,
     block_sync,
+    block_threads,
     convolution_functions,
     spread,
     workspace_type,
@@ -40,7 +40,7 @@ from tactemu.physics.layer.window import block_functions, publish_function, tran
 
 
 CHIP_WINDOWS = 14
-"""Of the solver's windows so many are on the chip, where skins are solved there."""
+"""On the chip, where skins are solved there: all but ``OFF_CHIP``, and answer and softened are one."""
 
 
 @functools.cache
@@ -54,6 +54,7 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
     sideways, publish = sideways_functions(real, lanes, chip), publish_function(real)
     settle, mark = memory_functions(real, lanes)
     block_sum, _max = block_functions(lanes)
+    bounds = (block_threads(chip), 2 if chip else RESIDENT_BLOCKS)
     move_in, window = chip_functions(real, workspace, 2, CHIP_WINDOWS)
     by_pressure, by_traction = sideways.by_pressure, sideways.by_traction
     vec2 = wp.types.vector(2, real)
@@ -373,7 +374,7 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
             iteration += 1
         return residual, iteration
 
-    @wp.kernel(module="unique", enable_backward=False, launch_bounds=(BLOCK_THREADS, RESIDENT_BLOCKS))
+    @wp.kernel(module="unique", enable_backward=False, launch_bounds=bounds)
     def solve_friction(
         turns: wp.vec4i,  # first environment, end, first slot, slots that take turns
         # Layer:

@@ -21,11 +21,11 @@ import functools
 import warp as wp
 
 from tactemu.physics.layer.convolution import (
-    BLOCK_THREADS,
     RESIDENT_BLOCKS,
     Pair,
     allocate_pair,
     block_sync,
+    block_threads,
     convolution_functions,
     lane_type,
     spread,
@@ -103,6 +103,7 @@ def normal_kernel(real, lanes: int, chip: bool):
     survey, publish = survey_function(real, lanes), publish_function(real)
     block_sum, _max = block_functions(lanes)
     n_windows = len(NORMAL_WINDOWS)
+    bounds = (block_threads(chip), 3 if chip else RESIDENT_BLOCKS)
     move_in, window = chip_functions(real, workspace, 1, n_windows)
     grid = wp.array2d(dtype=real)
 
@@ -300,7 +301,7 @@ def normal_kernel(real, lanes: int, chip: bool):
             residual = wp.sqrt(mask_gap(win, slot, shape, mine) / reference)
         return residual, iteration
 
-    @wp.kernel(module="unique", enable_backward=False, launch_bounds=(BLOCK_THREADS, RESIDENT_BLOCKS))
+    @wp.kernel(module="unique", enable_backward=False, launch_bounds=bounds)
     def solve_normal(
         turns: wp.vec4i,  # first environment, end, first slot, slots that take turns
         # Layer:

@@ -10,9 +10,9 @@ import warp as wp
 
 from tactemu.physics.layer.compliance import Kernels
 from tactemu.physics.layer.convolution import (
-    BLOCK_THREADS,
     RESIDENT_BLOCKS,
     block_sync,
+    block_threads,
     convolution_functions,
     spread,
     workspace_type,
@@ -43,6 +43,7 @@ def surface_kernel(real, lanes: int, with_friction: bool, chip: bool):
     windows, friction_state = windows_type(real, lanes), friction_state_type(real)
     functions, sideways = convolution_functions(real, lanes, chip), sideways_functions(real, lanes, chip)
     forward, inverse, displace = functions.forward, functions.inverse, sideways.displace
+    bounds = (block_threads(chip), 2 if chip else RESIDENT_BLOCKS)
     move_in, window = chip_functions(real, workspace, 3, 2)
     grid = wp.array2d(dtype=real)
 
@@ -81,7 +82,7 @@ def surface_kernel(real, lanes: int, with_friction: bool, chip: bool):
         steps = (end - begin + wp.static(BOX_STEP - 1)) // wp.static(BOX_STEP)
         return wp.vec2i(begin, steps * wp.static(BOX_STEP))
 
-    @wp.kernel(module="unique", enable_backward=False, launch_bounds=(BLOCK_THREADS, RESIDENT_BLOCKS))
+    @wp.kernel(module="unique", enable_backward=False, launch_bounds=bounds)
     def find_surface(
         turns: wp.vec4i,  # first environment, end, first slot, slots that take turns
         # Layer:
