@@ -40,7 +40,7 @@ from tactemu.physics.layer.window import block_functions, publish_function, tran
 
 
 CHIP_WINDOWS = 14
-"""On the chip, where skins are solved there: all but ``OFF_CHIP``, and answer and softened are one."""
+"""On the chip, where skins are solved there: all but ``OFF_CHIP``, some of them in one place."""
 
 
 @functools.cache
@@ -84,7 +84,9 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
         near.along_y_lanes = near.along_y
         near.answer_x = window(memory, 12)
         near.answer_y = window(memory, 13)
-        near.softened_x = near.answer_x  # needed one after the other
+        near.pressure = near.along_x  # needed one after the other, as the next
+        near.pressure_lanes = near.pressure
+        near.softened_x = near.answer_x
         near.softened_y = near.answer_y
         return near
 
@@ -156,15 +158,17 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
             forward(ws, slot, win.pressure_lanes[slot], shape, size, spectrum, ws.spectrum_lanes[slot], thread)
             corner = wp.vec2i(0, 0)
             by_pressure(ws, slot, tables, 0, start, size, thread)
-            inverse(ws, slot, second, second_lanes, corner, shape, size, win.by_pressure_x[slot], thread)
+            inverse(ws, slot, second, second_lanes, corner, shape, size, win.answer_x[slot], thread)
             by_pressure(ws, slot, tables, 1, start, size, thread)
-            inverse(ws, slot, second, second_lanes, corner, shape, size, win.by_pressure_y[slot], thread)
-        else:
-            for y in range(mine[0], shape[0], mine[1]):
-                for x in range(mine[2], shape[1], mine[3]):
-                    win.by_pressure_x[slot, y, x] = real(0.0)
-                    win.by_pressure_y[slot, y, x] = real(0.0)
-            block_sync()
+            inverse(ws, slot, second, second_lanes, corner, shape, size, win.answer_y[slot], thread)
+        for y in range(mine[0], shape[0], mine[1]):
+            for x in range(mine[2], shape[1], mine[3]):
+                moved = vec2(real(0.0))
+                if wp.static(coupled):
+                    moved = vec2(win.answer_x[slot, y, x], win.answer_y[slot, y, x])
+                win.by_pressure_x[slot, y, x] = moved[0]
+                win.by_pressure_y[slot, y, x] = moved[1]
+        block_sync()
 
     @wp.func
     def find_gap(

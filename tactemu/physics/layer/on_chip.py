@@ -73,29 +73,29 @@ def chip_functions(real, workspace, spectra: int, windows: int):
 
 @functools.cache
 def short_hartley(real):
-    """``hartley(ws, slot, field, rows, columns, n, first, rows_out, out, thread)`` as that of :mod:`.convolution`, for
-    ``n`` of 32 or 64 and columns that are a power of two."""
+    """``hartley(re, im, twiddle, slot, field, rows, columns, n, first, rows_out, out, thread)`` as the long one of
+    :mod:`.convolution`, for ``n`` of 32 or 64, and columns that are a power of two, in the tile."""
     field_type, turns_type = wp.array2d(dtype=real), wp.array(dtype=wp.types.vector(2, real))
 
-    @wp.func_native("return reinterpret_cast<uint64_t>(a.data);")
-    def address(a: field_type) -> wp.uint64: ...
+    @wp.func_native(_PLACE.replace("NUMBER", real.__name__))
+    def place(a: field_type) -> wp.int64: ...
 
     @wp.func_native("return reinterpret_cast<uint64_t>(a.data);")
-    def address_of_turns(a: turns_type) -> wp.uint64: ...
+    def address(a: turns_type) -> wp.uint64: ...
 
     @wp.func_native(_TRANSFORM.replace("NUMBER", real.__name__))
     def transform(
-        field: wp.uint64,
+        field: wp.int64,
         from_row: int,
         rows: int,
         half: int,
         n: int,
         first: int,
         rows_out: int,
-        out: wp.uint64,
+        out: wp.int64,
         to_row: int,
-        re: wp.uint64,
-        im: wp.uint64,
+        re: wp.int64,
+        im: wp.int64,
         turns: wp.uint64,
         n_turns: int,
         thread: int,
@@ -103,18 +103,18 @@ def short_hartley(real):
     ): ...
 
     @wp.func(inline=False)  # one copy of it: a solver calls it dozens of times
-    def shared_by_all(
-        field: wp.uint64,
+    def transform_here(
+        field: wp.int64,
         from_row: int,
         rows: int,
         half: int,
         n: int,
         first: int,
         rows_out: int,
-        out: wp.uint64,
+        out: wp.int64,
         to_row: int,
-        re: wp.uint64,
-        im: wp.uint64,
+        re: wp.int64,
+        im: wp.int64,
         turns: wp.uint64,
         n_turns: int,
         thread: int,
@@ -138,19 +138,19 @@ def short_hartley(real):
         out: field_type,
         thread: int,
     ):
-        shared_by_all(
-            address(field),
+        transform_here(
+            place(field),
             field.shape[1],
             rows,
             columns // 2,
             n,
             first,
             rows_out,
-            address(out),
+            place(out),
             out.shape[1],
-            address(re[slot]),
-            address(im[slot]),
-            address_of_turns(twiddle),
+            place(re[slot]),
+            place(im[slot]),
+            address(twiddle),
             twiddle.shape[0],
             thread,
         )
@@ -158,90 +158,114 @@ def short_hartley(real):
     return hartley
 
 
-_TRANSFORM = """
+_PLACE = """
 #if defined(__CUDA_ARCH__)
+    extern __shared__ char dynamic_smem_base[];
+    return a.data - reinterpret_cast<wp::NUMBER*>(dynamic_smem_base);
+#else
+    return reinterpret_cast<int64_t>(a.data);
+#endif
+"""
+"""Where an array begins, counted in numbers from the block's memory: so that a GPU addresses it with 32 bits."""
+
+_TRANSFORM = """
+    using Number = wp::NUMBER;
+#if defined(__CUDA_ARCH__)
+    extern __shared__ char dynamic_smem_base[];
+    auto at = [](const int64_t place) { return reinterpret_cast<Number*>(dynamic_smem_base) + static_cast<int>(place); };
 #define WAIT __syncthreads()
 #else
+    auto at = [](const int64_t place) { return reinterpret_cast<Number*>(place); };
 #define WAIT
 #endif
-    using Number = wp::NUMBER;
-    const Number* const in = reinterpret_cast<const Number*>(field);
-    Number* const result = reinterpret_cast<Number*>(out);
-    Number* const zr = reinterpret_cast<Number*>(re);
-    Number* const zi = reinterpret_cast<Number*>(im);
-    const wp::vec_t<2, Number>* const w = reinterpret_cast<const wp::vec_t<2, Number>*>(turns);
-    const int parts = n / 8, turn = n_turns / n, parts_bits = parts == 8 ? 3 : 2;
-    const int bits = half == 32 ? 5 : half == 16 ? 4 : 3;
+    const Number* const in = at(field);
+    Number* const result = at(out);
+    Number* const zr = at(re);
+    Number* const zi = at(im);
+    const auto* const powers = reinterpret_cast<const wp::vec_t<2, Number>*>(turns);
+    const int bits = half == 32 ? 5 : half == 16 ? 4 : 3, turn = n_turns / n;
     const Number root = Number(0.70710678118654752440);
-    // In place and in order, of elements i, i + s, i + 2 s, i + 3 s.
-    auto fft4 = [](Number* r, Number* m, const int i, const int s) {
-        const Number ar = r[i] + r[i + 2 * s], ai = m[i] + m[i + 2 * s];
-        const Number br = r[i] - r[i + 2 * s], bi = m[i] - m[i + 2 * s];
-        const Number cr = r[i + s] + r[i + 3 * s], ci = m[i + s] + m[i + 3 * s];
-        const Number dr = r[i + s] - r[i + 3 * s], di = m[i + s] - m[i + 3 * s];
-        r[i] = ar + cr, m[i] = ai + ci;
-        r[i + s] = br + di, m[i + s] = bi - dr;
-        r[i + 2 * s] = ar - cr, m[i + 2 * s] = ai - ci;
-        r[i + 3 * s] = br - di, m[i + 3 * s] = bi + dr;
+    struct Short { enum { parts = 4, padded = 0 }; };
+    struct Long { enum { parts = 8, padded = 0 }; };
+    struct Padded { enum { parts = 8, padded = 1 }; };  // elements from 4 on are 0
+    auto fft4 = [](Number* r, Number* m) {
+        const Number ar = r[0] + r[2], ai = m[0] + m[2], br = r[0] - r[2], bi = m[0] - m[2];
+        const Number cr = r[1] + r[3], ci = m[1] + m[3], dr = r[1] - r[3], di = m[1] - m[3];
+        r[0] = ar + cr, m[0] = ai + ci, r[1] = br + di, m[1] = bi - dr;
+        r[2] = ar - cr, m[2] = ai - ci, r[3] = br - di, m[3] = bi + dr;
     };
-    auto fft8 = [&](Number* r, Number* m) {
-        fft4(r, m, 0, 2);
-        fft4(r, m, 1, 2);
-        const Number er[4] = {r[0], r[2], r[4], r[6]}, ei[4] = {m[0], m[2], m[4], m[6]};
-        const Number tr[4] = {r[1], root * (r[3] + m[3]), m[5], root * (m[7] - r[7])};
-        const Number ti[4] = {m[1], root * (m[3] - r[3]), -r[5], -root * (m[7] + r[7])};
-        for (int k = 0; k < 4; ++k) {
-            r[k] = er[k] + tr[k], m[k] = ei[k] + ti[k];
-            r[k + 4] = er[k] - tr[k], m[k + 4] = ei[k] - ti[k];
+    auto fft8 = [&](Number* r, Number* m, const bool padded) {
+        Number er[4], ei[4], tr[4], ti[4];
+        for (int i = 0; i < 4; ++i) {
+            er[i] = padded ? r[i] : r[i] + r[i + 4], ei[i] = padded ? m[i] : m[i] + m[i + 4];
+            tr[i] = padded ? r[i] : r[i] - r[i + 4], ti[i] = padded ? m[i] : m[i] - m[i + 4];
         }
+        const Number ur = root * (tr[1] + ti[1]), ui = root * (ti[1] - tr[1]);
+        const Number vr = root * (ti[3] - tr[3]), vi = -root * (ti[3] + tr[3]), wr = ti[2], wi = -tr[2];
+        tr[1] = ur, ti[1] = ui, tr[2] = wr, ti[2] = wi, tr[3] = vr, ti[3] = vi;
+        fft4(er, ei);
+        fft4(tr, ti);
+        for (int i = 0; i < 4; ++i)
+            r[2 * i] = er[i], m[2 * i] = ei[i], r[2 * i + 1] = tr[i], m[2 * i + 1] = ti[i];
     };
-    for (int item = thread; item < 8 * half; item += threads) {  // over every eighth point
-        const int c = item & (half - 1), j = item >> bits;
-        Number r[8], m[8];
-        for (int i = 0; i < 8; ++i) {
-            const int k = 8 * i + j;
-            const bool there = i < parts && k < rows;
-            r[i] = there ? in[k * from_row + c] : Number(0);
-            m[i] = there ? in[k * from_row + c + half] : Number(0);
-        }
-        if (parts == 8)
-            fft8(r, m);
-        else
-            fft4(r, m, 0, 1);
-        for (int i = 0; i < 8; ++i)
-            if (i < parts) {
-                const wp::vec_t<2, Number> v = w[turn * i * j];
-                const int at = (8 * i + j) * half + c;
-                zr[at] = r[i] * v[0] - m[i] * v[1];
-                zi[at] = r[i] * v[1] + m[i] * v[0];
+    auto begin = [&](auto kind) {  // over every eighth point
+        constexpr int parts = decltype(kind)::parts, given = decltype(kind)::padded ? 4 : parts;
+#pragma unroll 1
+        for (int item = thread; item < 8 * half; item += threads) {
+            const int c = item & (half - 1), j = item >> bits;
+            Number r[8], m[8];
+            for (int i = 0; i < given; ++i) {
+                const bool there = 8 * i + j < rows;
+                const Number* const x = in + (8 * i + j) * from_row + c;
+                r[i] = there ? x[0] : Number(0), m[i] = there ? x[half] : Number(0);
             }
-    }
-    WAIT;
-    for (int item = thread; item < parts * half; item += threads) {  // over the eight that are left, in place
-        const int at = (item >> bits) * 8 * half + (item & (half - 1));
-        Number r[8], m[8];
-        for (int i = 0; i < 8; ++i)
-            r[i] = zr[at + i * half], m[i] = zi[at + i * half];
-        fft8(r, m);
-        for (int i = 0; i < 8; ++i)
-            zr[at + i * half] = r[i], zi[at + i * half] = m[i];
-    }
-    WAIT;
-    for (int item = thread; item < n / 2 * half; item += threads) {  // Hartley coefficients, transposed
-        const int c = item & (half - 1), k = item >> bits, mirror = k ? n - k : n / 2;
-        const int at = (8 * (k & (parts - 1)) + (k >> parts_bits)) * half + c;
-        const int across = (8 * (mirror & (parts - 1)) + (mirror >> parts_bits)) * half + c;
-        const Number xr = zr[at], xi = zi[at], yr = zr[across], yi = zi[across];
-        const int near = (k - first) & (n - 1), far = (mirror - first) & (n - 1);
-        if (near < rows_out) {
-            result[c * to_row + near] = k ? xr + yr - xi + yi : 2 * xr;
-            result[(c + half) * to_row + near] = k ? xi + yi + xr - yr : 2 * xi;
+            if (parts == 8)
+                fft8(r, m, given == 4);
+            else
+                fft4(r, m);
+            for (int i = 0; i < parts; ++i) {
+                const wp::vec_t<2, Number> w = powers[turn * j * i];
+                zr[(8 * i + j) * half + c] = r[i] * w[0] - m[i] * w[1];
+                zi[(8 * i + j) * half + c] = r[i] * w[1] + m[i] * w[0];
+            }
         }
-        if (far < rows_out) {
-            result[c * to_row + far] = k ? xr + yr + xi - yi : 2 * yr;
-            result[(c + half) * to_row + far] = k ? xi + yi - xr + yr : 2 * yi;
+    };
+    auto end = [&](auto kind) {  // over the eight that are left, of a row and its mirror; then Hartley, transposed
+        constexpr int parts = decltype(kind)::parts;
+#pragma unroll 1
+        for (int item = thread; item < parts / 2 * half; item += threads) {
+            const int c = item & (half - 1), a = item >> bits, b = a ? parts - a : parts / 2;
+            Number xr[8], xi[8], yr[8], yi[8];
+            for (int i = 0; i < 8; ++i) {
+                xr[i] = zr[(8 * a + i) * half + c], xi[i] = zi[(8 * a + i) * half + c];
+                yr[i] = zr[(8 * b + i) * half + c], yi[i] = zi[(8 * b + i) * half + c];
+            }
+            fft8(xr, xi, false);
+            fft8(yr, yi, false);
+            Number* const one = result + c * to_row;
+            Number* const other = one + half * to_row;
+            auto put = [&](const int k, const Number pr, const Number pi, const Number qr, const Number qi) {
+                const int row = (k - first) & (8 * parts - 1);
+                if (row < rows_out)
+                    one[row] = pr + qr - (pi - qi), other[row] = pi + qi + (pr - qr);
+            };
+            for (int i = 0; i < 8; ++i) {
+                put(a + parts * i, xr[i], xi[i], a ? yr[7 - i] : xr[(8 - i) & 7], a ? yi[7 - i] : xi[(8 - i) & 7]);
+                put(b + parts * i, yr[i], yi[i], a ? xr[7 - i] : yr[7 - i], a ? xi[7 - i] : yi[7 - i]);
+            }
         }
-    }
+    };
+    if (n == 32)
+        begin(Short());
+    else if (rows <= 32)
+        begin(Padded());
+    else
+        begin(Long());
+    WAIT;
+    if (n == 32)
+        end(Short());
+    else
+        end(Long());
     WAIT;
 #undef WAIT
 """
