@@ -5,10 +5,11 @@ import math
 import numpy as np
 import warp as wp
 
-from tactemu.physics.layer.convolution import Workspace, block_threads, lanes_of
+from tactemu.physics.layer import friction
+from tactemu.physics.layer.convolution import Workspace, lanes_of
 from tactemu.physics.layer.friction import friction_kernel
 from tactemu.physics.layer.friction_state import FRICTION_WINDOWS, friction_state_type, friction_windows_type
-from tactemu.physics.layer.on_chip import fits
+from tactemu.physics.layer.on_chip import chip_numbers, fits
 from tactemu.physics.layer.pressure import NORMAL_WINDOWS, Windows, normal_kernel, windows_type
 from tactemu.physics.layer.surface import reach_of, surface_kernel
 from tactemu.physics.layer.tables import LayerMaterial, LayerTables
@@ -24,7 +25,7 @@ class LayerRig:
         self.device = wp.get_device(device)
         self.real, self.pitch, self.n_envs = real, pitch, n_envs
         lanes, slots = lanes or lanes_of(self.device), 1 if self.device.is_cpu else n_envs
-        chip = fits(cells, lanes)
+        chip = fits(cells, chip_numbers(*friction.ON_CHIP), real, lanes, self.device)
         self.material = LayerMaterial(young / (2 * (1 + nu)), nu, thickness)
         self.tables = LayerTables(
             self.material, cells, (pitch, pitch), tangential=True, real=real, lanes=lanes, device=self.device
@@ -41,7 +42,7 @@ class LayerRig:
                 dim=[slots],
                 inputs=[turns, *inputs],
                 outputs=outputs,
-                block_dim=block_threads(chip),
+                block_dim=kernel.options["launch_bounds"][0],
                 device=self.device,
                 record_cmd=True,
             ).launch

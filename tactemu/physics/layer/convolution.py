@@ -23,10 +23,6 @@ import warp as wp
 from tactemu.physics.layer.on_chip import short_hartley
 
 CPU_LANES = 8
-BLOCK_THREADS, CHIP_THREADS = 64, 256
-"""Threads of a block on a GPU, and of one that works on the chip; on a CPU a block is one thread."""
-RESIDENT_BLOCKS = 8
-"""Blocks that a multiprocessor shall hold at once: bounds the registers of a thread."""
 SMALLEST_TRANSFORM = 32
 """Length of the shortest transform used; a window has at most half its length."""
 
@@ -36,9 +32,16 @@ def lanes_of(device: wp.Device) -> int:
     return 1 if device.is_cuda else CPU_LANES
 
 
-def block_threads(chip: bool) -> int:
-    """Threads of a block, on a GPU."""
-    return CHIP_THREADS if chip else BLOCK_THREADS
+class Block(NamedTuple):
+    """Threads that solve an environment together, on a GPU; on a CPU a block is one thread."""
+
+    threads: int
+    resident: int
+    """How many blocks a multiprocessor shall hold at once: bounds the registers of a thread."""
+
+
+BLOCK = Block(64, 8)
+"""Of solvers that work in the device's memory; those that work on the chip have their own."""
 
 
 @functools.cache
@@ -218,8 +221,8 @@ def convolution_functions(real, lanes: int, chip: bool) -> ConvolutionFunctions:
         out: numbers_array,
         thread: int,
     ):
-        """Twice the transform of length ``n`` along the rows of ``field``; ``out`` is ``(columns, rows_out)``, and may be
-        where ``field`` is."""
+        """Twice the transform of length ``n`` along the rows of ``field``; ``out`` is ``(columns, rows_out)``;
+        it may be where ``field`` is."""
         half = columns // wp.static(2 * lanes)
         mine = spread(half, thread)
         n_max = twiddle.shape[0]

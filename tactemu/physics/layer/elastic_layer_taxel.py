@@ -30,7 +30,8 @@ import warp as wp
 
 from tactemu.errors import SceneError
 from tactemu.options import number
-from tactemu.physics.layer.convolution import Workspace, block_threads, lanes_of
+from tactemu.physics.layer import friction, pressure, surface
+from tactemu.physics.layer.convolution import Workspace, lanes_of
 from tactemu.physics.layer.friction import friction_kernel
 from tactemu.physics.layer.friction_state import (
     FRICTION_WINDOWS,
@@ -39,7 +40,7 @@ from tactemu.physics.layer.friction_state import (
     friction_windows_type,
 )
 from tactemu.physics.layer.grid import LayerGrid, layer_grids
-from tactemu.physics.layer.on_chip import fits
+from tactemu.physics.layer.on_chip import chip_numbers, fits
 from tactemu.physics.layer.overlap import near_kernel, overlap_kernel, remember_kernel
 from tactemu.physics.layer.pressure import NO_SURFACE, NORMAL_WINDOWS, Windows, normal_kernel, windows_type
 from tactemu.physics.layer.reading import (
@@ -67,7 +68,8 @@ from tactemu.plan.plan import Dtype, Stage
 LEAST_RADIUS = 5.0
 """Of a bent pad, in thicknesses."""
 BLOCKS_AT_ONCE = 1056
-"""Blocks on a GPU: eight for each of 132 multiprocessors; more environments take turns."""
+"""Blocks on a GPU whose scratch lies in its memory: eight for each of 132 multiprocessors; more environments take
+turns."""
 
 
 class LayerReading(NamedTuple):
@@ -251,9 +253,12 @@ class CompiledLayer:
         context, model = self.site.context, self.model
         self.real, self.device, self.n_envs = context.real, context.device, context.n_envs
         self.lanes = lanes_of(self.device)
-        self.chip = fits(self.grid.shape, self.lanes)
-        self.n_slots = context.threads if self.device.is_cpu else min(self.n_envs, BLOCKS_AT_ONCE)
         self.rubs = model.friction > 0
+        needs = [pressure.ON_CHIP, *([friction.ON_CHIP] * self.rubs), *([surface.ON_CHIP] * bool(model.displacement))]
+        numbers = max(chip_numbers(*each) for each in needs)
+        self.chip = fits(self.grid.shape, numbers, self.real, self.lanes, self.device)
+        at_once = self.n_envs if self.chip else min(self.n_envs, BLOCKS_AT_ONCE)
+        self.n_slots = context.threads if self.device.is_cpu else at_once
         nu, young = float(model.poisson_ratio), float(model.young_modulus)
         self.material = LayerMaterial(young / (2 * (1 + nu)), nu, float(model.thickness))
         self.tables = self._tables(tangential=self.rubs or model.displacement)
@@ -343,7 +348,8 @@ class CompiledLayer:
 
     def _blocks(self, kernel, inputs: list, outputs: list) -> Callable[[], None]:
         """A recorded launch with one block of threads per slot."""
-        return self.site.context.record_blocks(kernel, self.n_slots, inputs, outputs, block_threads(self.chip))
+        threads = kernel.options["launch_bounds"][0]
+        return self.site.context.record_blocks(kernel, self.n_slots, inputs, outputs, threads)
 
     def _reach(self, horizon: float) -> wp.array:
         """How far below each cell bodies are looked for [m]."""

@@ -15,19 +15,25 @@ import warp as wp
 CELLS = 32
 """Along the longer side of the largest skin that is solved so."""
 _LONGEST = 2 * CELLS
+_OTHERS = 2048
+"""Bytes of shared memory for other things, at most."""
 _SCRATCH = _LONGEST * CELLS
 _ROW = _LONGEST + 1
 """Numbers from one row of a spectrum to the next: odd, lest those of a column crowd one bank of the memory."""
 
 
-def fits(cells: tuple[int, int], lanes: int) -> bool:
-    """Whether a skin is solved on the chip."""
-    return lanes == 1 and max(cells) <= CELLS
-
-
 def chip_numbers(spectra: int, windows: int) -> int:
     """How many numbers of shared memory a block needs for so many spectra and windows."""
     return 2 * _SCRATCH + spectra * _LONGEST * _ROW + windows * CELLS * CELLS
+
+
+def fits(cells: tuple[int, int], numbers: int, real, lanes: int, device: wp.Device) -> bool:
+    """Whether a skin is solved on the chip by kernels that need at most so many numbers of shared memory: 107 KiB with
+    friction, which a GPU for data centres has, 73 KiB with displacement, 62 KiB with neither."""
+    if lanes > 1 or max(cells) > CELLS:
+        return False
+    room = device.max_shared_memory_per_block if device.is_cuda else 1 << 18
+    return numbers * wp.types.type_size_in_bytes(real) + _OTHERS <= room
 
 
 @functools.cache
@@ -172,7 +178,8 @@ _TRANSFORM = """
     using Number = wp::NUMBER;
 #if defined(__CUDA_ARCH__)
     extern __shared__ char dynamic_smem_base[];
-    auto at = [](const int64_t place) { return reinterpret_cast<Number*>(dynamic_smem_base) + static_cast<int>(place); };
+    Number* const memory = reinterpret_cast<Number*>(dynamic_smem_base);
+    auto at = [&](const int64_t place) { return memory + static_cast<int>(place); };
 #define WAIT __syncthreads()
 #else
     auto at = [](const int64_t place) { return reinterpret_cast<Number*>(place); };

@@ -10,9 +10,9 @@ import warp as wp
 
 from tactemu.physics.layer.compliance import Kernels
 from tactemu.physics.layer.convolution import (
-    RESIDENT_BLOCKS,
+    BLOCK,
+    Block,
     block_sync,
-    block_threads,
     convolution_functions,
     spread,
     workspace_type,
@@ -24,6 +24,10 @@ from tactemu.physics.layer.sideways import sideways_functions
 from tactemu.physics.layer.tables import tables_type
 from tactemu.physics.layer.window import BOX_STEP, around, transform_level, transform_size
 
+CHIP_BLOCK = Block(128, 2)
+"""On the chip."""
+ON_CHIP = (3, 2)
+"""Spectra and windows there."""
 NEGLIGIBLE = 1e-5
 """A response smaller than this part of that at the load is left out."""
 
@@ -43,8 +47,7 @@ def surface_kernel(real, lanes: int, with_friction: bool, chip: bool):
     windows, friction_state = windows_type(real, lanes), friction_state_type(real)
     functions, sideways = convolution_functions(real, lanes, chip), sideways_functions(real, lanes, chip)
     forward, inverse, displace = functions.forward, functions.inverse, sideways.displace
-    bounds = (block_threads(chip), 2 if chip else RESIDENT_BLOCKS)
-    move_in, window = chip_functions(real, workspace, 3, 2)
+    move_in, window = chip_functions(real, workspace, *ON_CHIP)
     grid = wp.array2d(dtype=real)
 
     @wp.func
@@ -82,7 +85,7 @@ def surface_kernel(real, lanes: int, with_friction: bool, chip: bool):
         steps = (end - begin + wp.static(BOX_STEP - 1)) // wp.static(BOX_STEP)
         return wp.vec2i(begin, steps * wp.static(BOX_STEP))
 
-    @wp.kernel(module="unique", enable_backward=False, launch_bounds=bounds)
+    @wp.kernel(module="unique", enable_backward=False, launch_bounds=CHIP_BLOCK if chip else BLOCK)
     def find_surface(
         turns: wp.vec4i,  # first environment, end, first slot, slots that take turns
         # Layer:
@@ -108,7 +111,7 @@ def surface_kernel(real, lanes: int, with_friction: bool, chip: bool):
         scratch = ws
         vectors = win
         if wp.static(chip):
-            memory = wp.tile_empty(shape=(wp.static(chip_numbers(3, 2)),), dtype=real, storage="shared")
+            memory = wp.tile_empty(shape=(wp.static(chip_numbers(*ON_CHIP)),), dtype=real, storage="shared")
             scratch = move_in(ws, memory)
             vectors.direction = window(memory, 0)
             vectors.direction_lanes = vectors.direction
