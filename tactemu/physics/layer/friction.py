@@ -151,6 +151,11 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
         thread: int,
     ):
         """Displacement by pressure alone."""
+        moved_x = win.by_pressure_x[slot]
+        moved_y = win.by_pressure_y[slot]
+        if wp.static(chip):
+            moved_x = win.answer_x[slot]
+            moved_y = win.answer_y[slot]
         if wp.static(coupled):
             spectrum = ws.spectrum[slot]
             second = ws.second[slot]
@@ -158,17 +163,18 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
             forward(ws, slot, win.pressure_lanes[slot], shape, size, spectrum, ws.spectrum_lanes[slot], thread)
             corner = wp.vec2i(0, 0)
             by_pressure(ws, slot, tables, 0, start, size, thread)
-            inverse(ws, slot, second, second_lanes, corner, shape, size, win.answer_x[slot], thread)
+            inverse(ws, slot, second, second_lanes, corner, shape, size, moved_x, thread)
             by_pressure(ws, slot, tables, 1, start, size, thread)
-            inverse(ws, slot, second, second_lanes, corner, shape, size, win.answer_y[slot], thread)
-        for y in range(mine[0], shape[0], mine[1]):
-            for x in range(mine[2], shape[1], mine[3]):
-                moved = vec2(real(0.0))
-                if wp.static(coupled):
-                    moved = vec2(win.answer_x[slot, y, x], win.answer_y[slot, y, x])
-                win.by_pressure_x[slot, y, x] = moved[0]
-                win.by_pressure_y[slot, y, x] = moved[1]
-        block_sync()
+            inverse(ws, slot, second, second_lanes, corner, shape, size, moved_y, thread)
+        if wp.static(chip or not coupled):
+            for y in range(mine[0], shape[0], mine[1]):
+                for x in range(mine[2], shape[1], mine[3]):
+                    moved = vec2(real(0.0))
+                    if wp.static(coupled):
+                        moved = vec2(moved_x[y, x], moved_y[y, x])
+                    win.by_pressure_x[slot, y, x] = moved[0]
+                    win.by_pressure_y[slot, y, x] = moved[1]
+            block_sync()
 
     @wp.func
     def find_gap(
@@ -401,12 +407,10 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
     ):
         place, thread = wp.tid()
         slot = turns[2] + place
-        scratch = ws
-        vectors = win
         if wp.static(chip):
             memory = wp.tile_empty(shape=(wp.static(chip_numbers(*ON_CHIP)),), dtype=real, storage="shared")
-            scratch = move_in(ws, memory)
-            vectors = windows_in(win, memory)
+            ws = move_in(ws, memory)
+            win = windows_in(win, memory)
         for env in range(turns[0] + place, turns[1], turns[3]):
             box = boxes[env]
             old = state.box[env]
@@ -419,7 +423,7 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
                 work = old[3] > 0
             else:
                 mine = spread(box[3], thread)
-                moved = gather(vectors, slot, state, env, mu, pressure[env], slide[env], body[env], box, mine)
+                moved = gather(win, slot, state, env, mu, pressure[env], slide[env], body[env], box, mine)
                 work = moved > wp.float64(0.0) or changed[env] > 0 or residual > tolerance
                 for i in range(4):
                     work = work or box[i] != old[i]
@@ -427,23 +431,23 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
                     level = transform_level(shape)
                     size = transform_size(level)
                     start = tables.start[level[0], level[1]]
-                    press(scratch, tables, vectors, slot, start, shape, size, mine, thread)
+                    press(ws, tables, win, slot, start, shape, size, mine, thread)
                     load = wp.float64(0.0)
                     for y in range(mine[0], shape[0], mine[1]):
                         for x in range(mine[2], shape[1], mine[3]):
-                            load += square(vectors.limit[slot, y, x], real(0.0))
+                            load += square(win.limit[slot, y, x], real(0.0))
                     # A thousandth of what full slip would move a lone cell: less is not worth an iteration.
                     floor = wp.float64(1.0e-6) * block_sum(load)
                     residual, iteration = solve(
-                        scratch, tables, vectors, slot, start, shape, size, cap, tolerance, floor, mine, thread
+                        ws, tables, win, slot, start, shape, size, cap, tolerance, floor, mine, thread
                     )
-                    settle(vectors, slot, shape, mine)
+                    settle(win, slot, shape, mine)
             if work:
-                publish(vectors.x[slot], box, old, state.x[env], thread)
-                publish(vectors.y[slot], box, old, state.y[env], thread)
-                publish(vectors.hold_x[slot], box, old, state.anchor_x[env], thread)
-                publish(vectors.hold_y[slot], box, old, state.anchor_y[env], thread)
-                mark(vectors, slot, body[env], box, old, state.held_by[env], state.slip[env], thread)
+                publish(win.x[slot], box, old, state.x[env], thread)
+                publish(win.y[slot], box, old, state.y[env], thread)
+                publish(win.hold_x[slot], box, old, state.anchor_x[env], thread)
+                publish(win.hold_y[slot], box, old, state.anchor_y[env], thread)
+                mark(win, slot, body[env], box, old, state.held_by[env], state.slip[env], thread)
             block_sync()
             if thread == 0:
                 state.box[env] = box

@@ -328,12 +328,10 @@ def normal_kernel(real, lanes: int, chip: bool):
     ):
         place, thread = wp.tid()
         slot = turns[2] + place
-        scratch = ws
-        vectors = win
         if wp.static(chip):
             memory = wp.tile_empty(shape=(wp.static(chip_numbers(*ON_CHIP)),), dtype=real, storage="shared")
-            scratch = move_in(ws, memory)
-            vectors = windows_in(win, memory)
+            ws = move_in(ws, memory)
+            win = windows_in(win, memory)
         for env in range(turns[0] + place, turns[1], turns[3]):
             state, box = survey(overlap[env], solved_overlap[env], active[env], bulge, thread)
             residual = residual_out[env]
@@ -341,7 +339,7 @@ def normal_kernel(real, lanes: int, chip: bool):
             iteration = int(0)
             changed = int(0)
             if state == BROKEN or box[3] == 0:
-                publish(vectors.pressure[slot], box, old, pressure_out[env], thread)
+                publish(win.pressure[slot], box, old, pressure_out[env], thread)
                 if state == BROKEN or wp.isnan(residual):  # every taxel reads NaN, or no longer
                     old = wp.vec4i(0, 0, overlap.shape[1], overlap.shape[2])
                 changed = wp.min(old[3], 1)
@@ -349,15 +347,15 @@ def normal_kernel(real, lanes: int, chip: bool):
             elif state != SAME or residual > tolerance:
                 changed = 1
                 mine = spread(box[3], thread)
-                reference = gather(vectors, slot, overlap[env], pressure_out[env], box, mine)
+                reference = gather(win, slot, overlap[env], pressure_out[env], box, mine)
                 shape = wp.vec2i(box[2], box[3])
                 level = transform_level(shape)
                 size = transform_size(level)
                 start = tables.start[level[0], level[1]]
                 residual, iteration = solve(
-                    tables, scratch, vectors, slot, start, shape, size, reference, cap, tolerance, mine, thread
+                    tables, ws, win, slot, start, shape, size, reference, cap, tolerance, mine, thread
                 )
-                publish(vectors.pressure[slot], box, old, pressure_out[env], thread)
+                publish(win.pressure[slot], box, old, pressure_out[env], thread)
             block_sync()
             if thread == 0:
                 box_out[env] = box

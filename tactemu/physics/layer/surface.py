@@ -108,14 +108,12 @@ def surface_kernel(real, lanes: int, with_friction: bool, chip: bool):
     ):
         place, thread = wp.tid()
         slot = turns[2] + place
-        scratch = ws
-        vectors = win
         if wp.static(chip):
             memory = wp.tile_empty(shape=(wp.static(chip_numbers(*ON_CHIP)),), dtype=real, storage="shared")
-            scratch = move_in(ws, memory)
-            vectors.direction = window(memory, 0)
-            vectors.direction_lanes = vectors.direction
-            vectors.answer = window(memory, 1)
+            ws = move_in(ws, memory)
+            win.direction = window(memory, 0)
+            win.direction_lanes = win.direction
+            win.answer = window(memory, 1)
         for env in range(turns[0] + place, turns[1], turns[3]):
             if changed[env] > 0:
                 box = boxes[env]
@@ -138,28 +136,28 @@ def surface_kernel(real, lanes: int, with_friction: bool, chip: bool):
                     size = transform_size(level)
                     start = tables.start[level[0], level[1]]
                     mine = spread(box[3], thread)
-                    answer = vectors.answer[slot]
-                    direction = vectors.direction[slot]
-                    load = vectors.direction_lanes[slot]
-                    first_numbers = scratch.spectrum[slot]
-                    second_numbers = scratch.second[slot]
-                    third_numbers = scratch.third[slot]
-                    first_lanes = scratch.spectrum_lanes[slot]
-                    second_lanes = scratch.second_lanes[slot]
-                    third_lanes = scratch.third_lanes[slot]
+                    answer = win.answer[slot]
+                    direction = win.direction[slot]
+                    load = win.direction_lanes[slot]
+                    first_numbers = ws.spectrum[slot]
+                    second_numbers = ws.second[slot]
+                    third_numbers = ws.third[slot]
+                    first_lanes = ws.spectrum_lanes[slot]
+                    second_lanes = ws.second_lanes[slot]
+                    third_lanes = ws.third_lanes[slot]
                     fetch(pressure[env], box, direction, mine)
-                    forward(scratch, slot, load, shape, size, first_numbers, first_lanes, thread)
+                    forward(ws, slot, load, shape, size, first_numbers, first_lanes, thread)
                     if wp.static(with_friction):
                         fetch(friction.x[env], box, direction, mine)
-                        forward(scratch, slot, load, shape, size, second_numbers, second_lanes, thread)
+                        forward(ws, slot, load, shape, size, second_numbers, second_lanes, thread)
                         fetch(friction.y[env], box, direction, mine)
-                        forward(scratch, slot, load, shape, size, third_numbers, third_lanes, thread)
-                    displace(scratch, slot, tables, wp.static(with_friction), start, size, thread)
-                    inverse(scratch, slot, second_numbers, second_lanes, first, whole, size, answer, thread)
+                        forward(ws, slot, load, shape, size, third_numbers, third_lanes, thread)
+                    displace(ws, slot, tables, wp.static(with_friction), start, size, thread)
+                    inverse(ws, slot, second_numbers, second_lanes, first, whole, size, answer, thread)
                     deposit(answer, area, u_out[env], thread)
-                    inverse(scratch, slot, third_numbers, third_lanes, first, whole, size, answer, thread)
+                    inverse(ws, slot, third_numbers, third_lanes, first, whole, size, answer, thread)
                     deposit(answer, area, v_out[env], thread)
-                    inverse(scratch, slot, first_numbers, first_lanes, first, whole, size, answer, thread)
+                    inverse(ws, slot, first_numbers, first_lanes, first, whole, size, answer, thread)
                     deposit(answer, area, w_out[env], thread)
                 block_sync()
                 if thread == 0:
