@@ -1,7 +1,7 @@
 """Writing the channels of a taxel: on a GPU the 32 taxels of a warp together, so that memory is written in whole lines.
 
 Each thread alone would write numbers that lie apart by as many as there are channels, and memory would see each line
-as often: that took most of the time of a sensor of six channels.
+as often: for nine channels, as the elastic layer has, that took twice the time.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false

@@ -24,7 +24,6 @@ from tactemu.options import number
 from tactemu.physics.probes.probes import Probes
 from tactemu.physics.probes.query import CHEAPER_QUERY, probes_struct, query_trials
 from tactemu.physics.probes.strips import record_strips
-from tactemu.physics.rows import row_writer
 from tactemu.physics.sensor_model import Compiled, SensorModel, Site, Trial
 from tactemu.physics.shapes.shape import FAR
 from tactemu.plan.plan import Stage
@@ -63,7 +62,6 @@ def springs_formula(real, moving: bool):
     """Force and torque of one probe; ``moving``: damping, shear or twist are asked for."""
     vec3 = wp.types.vector(3, real)
     springs_struct, probes_type = springs_type(real), probes_struct(real)
-    vec6, write = wp.types.vector(6, real), row_writer(real, 6)
 
     @wp.func
     def feel(
@@ -103,7 +101,9 @@ def springs_formula(real, moving: bool):
             else:
                 force = push * n
                 torque = wp.cross(r, force)
-        write(out, e, i, vec6(force[0], force[1], force[2], torque[0], torque[1], torque[2]), True)
+        for k in range(3):
+            out[e, i, k] = force[k]
+            out[e, i, 3 + k] = torque[k]
 
     return feel
 
