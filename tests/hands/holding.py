@@ -45,7 +45,7 @@ class Hand:
     name: str
     package: str
     pads: tuple[str, ...]
-    """Geoms of the fingertips that hold; thumb first."""
+    """Geoms of the outer links that hold; thumb first."""
     port: str | None = None
     resolution_n: float = 0.0
     """Two counts of its touch."""
@@ -128,16 +128,16 @@ def engine_of(dev: tt.Served):
 
 
 def contact_forces(engine, names) -> np.ndarray:
-    """MuJoCo's normal forces of contact on each geom, their sum's length [N]."""
+    """MuJoCo's normal forces of contact on the body of each geom, their sum's length [N]."""
     model, data, wrench = engine.model, engine.data, np.zeros(6)
-    ids = [model.geom(name).id for name in names]
+    ids = [int(model.geom_bodyid[model.geom(name).id]) for name in names]
     totals = np.zeros((len(ids), 3))
     for k, contact in enumerate(data.contact[: data.ncon]):
         mujoco.mj_contactForce(model, data, k, wrench)
         force = wrench[0] * contact.frame[:3]
-        for side, sign in ((contact.geom1, -1), (contact.geom2, 1)):
-            if side in ids:
-                totals[ids.index(side)] += sign * force
+        for geom, sign in ((contact.geom1, -1), (contact.geom2, 1)):
+            if (body := int(model.geom_bodyid[geom])) in ids:
+                totals[ids.index(body)] += sign * force
     return np.linalg.norm(totals, axis=1)
 
 
