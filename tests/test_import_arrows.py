@@ -93,6 +93,10 @@ FACADES = {
     "scene/placement.py": ("physics", "imperfections"),  # a built sensor on its link
     "scene/mujoco_source.py": ("physics",),  # poses a built scene
     "scene/engine.py": ("physics",),  # likewise, at each of its steps
+    "scene/batch_engine.py": ("physics", "plan"),  # likewise, as a stage of its plan
+    "scene/mujoco_warp_engine.py": ("physics",),
+    "scene/newton_engine.py": ("physics",),
+    "scene/newton_source.py": ("physics",),
     "scene/mujoco_contacts.py": ("physics",),  # what a built sensor feels
 }
 FOREIGN = {

@@ -64,6 +64,10 @@ class Sensor(Views, Adjustments):
     _kept: dict[tuple[str, bool], wp.array] = field(default_factory=dict, repr=False)
     _status: wp.array | None = field(default=None, repr=False)
 
+    def another(self) -> Sensor:
+        """A handle of its own on the same skin, for another simulation."""
+        return Sensor(self.name, self.model, self.link, self.transducers)
+
     @cached_property
     def probes(self) -> Probes:
         """Positions, normals and radii of the probes in the link's frame."""
