@@ -19,7 +19,7 @@ from tactemu.scene import file
 from tactemu.scene.steering import steered
 from tactemu.truth import Passage, Sample, Truth, entries
 from tests.emulator.test_lockstep import go_on
-from tests.hands.holding import ALL, contact_forces, scene_of
+from tests.hands.holding import ALL, HANDS, contact_forces, scene_of
 
 L6 = ALL["linker_l6"]
 MS = 1_000_000
@@ -134,6 +134,16 @@ def test_a_loop_that_is_late_slows_the_model_or_catches_up(on_late, left_out_s, 
         assert ("does not keep up" in caplog.text) == (on_late == "slow")
         engine.pose(simulation, begun + 2.6)  # more than it catches up with at once
         assert engine.behind_s > 0
+
+
+@pytest.mark.parametrize("scene", sorted(HANDS.glob("*.toml")), ids=lambda scene: scene.stem)
+def test_a_hand_of_the_examples_stands_open(scene):
+    """Each model fits its device, and what it is to hold lies on its table."""
+    emulator, _, engine = made(scene)
+    with emulator:
+        emulator.run(0.2)
+        assert len(engine.pads) > 1 and not any(pad.felt() for pad in engine.pads.values())
+        assert np.abs(engine.data.qvel).max() < 0.1
 
 
 def test_an_order_for_a_small_step_is_no_kick(tmp_path):
