@@ -179,7 +179,7 @@ class MujocoEngine:
             here = simulation.pose(body)
             self.data.mocap_pos[index], self.data.mocap_quat[index] = here.position, here.quaternion
         for drive in self.drives:
-            drive.order(self.model, self.data, t_s)
+            drive.order(self.model, self.data, t_s, t_s - max(steps, 1) * dt)
         if steps > 0:
             self._mujoco.mj_step(self.model, self.data, min(steps, most))
             self._check(t_s)
