@@ -51,6 +51,9 @@ if TYPE_CHECKING:  # what an editor sees; the table below says the same to Pytho
     from tactemu.scene.motion import Spin as Spin
     from tactemu.scene.motion import Together as Together
     from tactemu.scene.mujoco_source import MujocoSource as MujocoSource
+    from tactemu.scene.mujoco_warp_engine import MujocoWarpEngine as MujocoWarpEngine
+    from tactemu.scene.newton_engine import NewtonEngine as NewtonEngine
+    from tactemu.scene.newton_source import NewtonSource as NewtonSource
     from tactemu.scene.scene import Scene as Scene
     from tactemu.scene.schema import Event as Event
     from tactemu.serving import Served as Served
@@ -66,6 +69,9 @@ _PUBLIC = {
     "Scene": "tactemu.scene.scene",
     "Body": "tactemu.scene.bodies",
     "MujocoSource": "tactemu.scene.mujoco_source",
+    "MujocoWarpEngine": "tactemu.scene.mujoco_warp_engine",
+    "NewtonEngine": "tactemu.scene.newton_engine",
+    "NewtonSource": "tactemu.scene.newton_source",
     "Simulation": "tactemu.physics.simulation",
     "Sensor": "tactemu.physics.sensor",
     "Hold": "tactemu.scene.motion",

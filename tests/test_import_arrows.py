@@ -52,6 +52,7 @@ ARROWS = {
         "sensing", "sources", "transports", "truth", "wire",
     ),
     "fit": (*LEAVES, "physics", "scene", "transducers", "truth"),
+    "datasets": (*LEAVES, "assembly", "clock", "physics", "scene", "tactemu"),
     "tune": (*LEAVES, "assembly", "channel", "clock", "emulator", "physics", "plan", "scene"),
     "control": (
         *LEAVES, "assembly", "calls", "channel", "clock", "emulator", "folders", "recordings", "saving", "scenario",
@@ -74,8 +75,8 @@ ARROWS = {
         "truth", "tune", "wire",
     ),
     "cli": (
-        *LEAVES, "assembly", "bench", "channel", "clock", "collector", "control", "conversions", "emulator", "exec",
-        "fit", "frame_text", "judge",
+        *LEAVES, "assembly", "bench", "channel", "clock", "collector", "control", "conversions", "datasets", "emulator",
+        "exec", "fit", "frame_text", "judge",
         "kernels", "page", "priority", "recordings", "scenario", "scene", "serving", "statistics", "tactemu",
         "transports", "truth", "tune", "wire",
     ),
@@ -93,6 +94,10 @@ FACADES = {
     "scene/placement.py": ("physics", "imperfections"),  # a built sensor on its link
     "scene/mujoco_source.py": ("physics",),  # poses a built scene
     "scene/engine.py": ("physics",),  # likewise, at each of its steps
+    "scene/batch_engine.py": ("physics", "plan"),  # likewise, as a stage of its plan
+    "scene/mujoco_warp_engine.py": ("physics",),
+    "scene/newton_engine.py": ("physics",),
+    "scene/newton_source.py": ("physics",),
     "scene/mujoco_contacts.py": ("physics",),  # what a built sensor feels
 }
 FOREIGN = {

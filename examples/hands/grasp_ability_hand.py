@@ -3,8 +3,9 @@
     python grasp_ability_hand.py PORT [--newtons 8] [--seconds 6]
 
 The thumb goes where the index will meet it. The index closes slowly, and what its pad and the thumb's read moves its
-target from then on. A site reads nothing below 0.88 N, so that less than some newtons cannot be held. A line of JSON
-says what came of it. The SDK writes its log and its settings where it is started.
+target from then on. A site reads nothing below 0.88 N, so that less than some newtons cannot be held; what that hides
+of a pad's force is guessed. A line of JSON says what came of it. The SDK writes its log and its settings where it is
+started.
 """
 
 import argparse
@@ -17,6 +18,7 @@ THUMB, ROTATOR = 60.0, 0.0  # [deg]
 NEAR, SPEED = 45.0, 12.0  # [deg] index before it closes slowly, [deg/s] then
 DEGREES_PER_NEWTON = 0.03  # change of the target at each reading
 PERIOD_S = 0.01
+HIDDEN = 0.4  # [N] in the mean, on sites at the rim of what is touched
 INDEX, THUMB_SITES = slice(0, 6), slice(24, 30)
 
 
@@ -39,6 +41,8 @@ def grasp(client: AHSerialClient, wanted: float, seconds: float) -> dict:
     while time.monotonic() < start + 8 if touched is None else time.monotonic() < touched + seconds:
         sites = client.hand.get_fsr() or [0] * 30
         force = sum((*sites[INDEX], *sites[THUMB_SITES])) / 2  # the SDK has made newtons of them
+        if force > 0:
+            force += HIDDEN
         if touched is None and force > 0:
             touched = time.monotonic()
             print(json.dumps({"touched": True}), flush=True)

@@ -11,20 +11,25 @@ import json
 import logging
 import time
 
+from Register.RegisterKey.ftp_registers_keys import RegisterName
 from RH56DFTP.RH56DFTP_TCP import RH56DFTP_TCP
 
 COUNTS_PER_NEWTON = 1000.0  # of all points together; a real hand wants this measured
 TOUCH = 50.0  # counts
 INDEX, THUMB = "POS_SET(3)", "POS_SET(4)"
-PADS = ("TACTILE_INDEX_FINGER_TIP_3x3", "TACTILE_INDEX_FINGER_TIP_12x8", "TACTILE_INDEX_FINGER_PALM_10x8")
-THUMB_AT, NEAR = 1309, 1050  # of 2000: where the index will meet it, and the index before it closes slowly
-STEP, STEPS_PER_NEWTON = 8.0, 3.0  # change of the target at each reading
+PADS: tuple[tuple[RegisterName, ...], ...] = (  # of index and thumb
+    ("TACTILE_INDEX_FINGER_TIP_3x3", "TACTILE_INDEX_FINGER_TIP_12x8", "TACTILE_INDEX_FINGER_PALM_10x8"),
+    ("TACTILE_THUMB_TIP_3x3", "TACTILE_THUMB_TIP_12x8", "TACTILE_THUMB_MIDDLE_3x3", "TACTILE_THUMB_PALM_12x8"),
+)
+THUMB_AT, NEAR = 1309, 1150  # of 2000: where the index will meet it, and the index before it closes slowly
+STEPS_PER_S, STEPS_PER_NEWTON_S = 40.0, 120.0  # how fast it closes, and then corrects for each newton that is missing
+FAR = 2.0  # steps at once: the hand goes each way at full speed, and far ones are knocks
 
 
-def pushed(hand: RH56DFTP_TCP) -> float:
-    """What all points of the index read together; the driver gives some more numbers than a matrix has."""
+def pushed(hand: RH56DFTP_TCP, finger: int) -> float:
+    """What all points of a finger read together; the driver gives some more numbers than a matrix has."""
     total = 0.0
-    for name in PADS:
+    for name in PADS[finger]:
         rows, columns = map(int, name.rpartition("_")[2].split("x"))
         total += sum(hand.get(name)[: rows * columns])
     return total
@@ -35,15 +40,19 @@ def grasp(hand: RH56DFTP_TCP, newtons: float, seconds: float) -> dict:
     hand.set(THUMB, THUMB_AT)
     hand.set(INDEX, NEAR)
     time.sleep(0.8)
-    target, counts, touched, reads, start = float(NEAR), 0.0, None, 0, time.monotonic()
+    target, counts, touched, reads = float(NEAR), 0.0, None, 0
+    start = last = time.monotonic()
     while time.monotonic() < start + 10 if touched is None else time.monotonic() < touched + seconds:
-        counts = pushed(hand)
-        reads += 1
-        if touched is None and counts > TOUCH:
-            touched = time.monotonic()
+        pads = pushed(hand, 0), pushed(hand, 1)
+        counts = sum(pads) / 2
+        now, reads = time.monotonic(), reads + 1
+        passed, last = min(now - last, 0.1), now
+        if touched is None and min(pads) > TOUCH:
+            touched = now
             print(json.dumps({"touched": True}), flush=True)
-        target += STEP if touched is None else STEPS_PER_NEWTON * (newtons - counts / COUNTS_PER_NEWTON)
-        target = min(max(target, 0.0), 2000.0)
+        missing = newtons - counts / COUNTS_PER_NEWTON
+        change = passed * (STEPS_PER_S if touched is None else STEPS_PER_NEWTON_S * missing)
+        target = min(max(target + min(max(change, -FAR), FAR), 0.0), 2000.0)
         hand.set(INDEX, round(target))
     rate = reads / (time.monotonic() - start)
     return {"newtons": counts / COUNTS_PER_NEWTON, "target": target, "rate_hz": rate, "held": touched is not None}

@@ -1,6 +1,6 @@
-"""Hold what is between thumb and index of a LinkerHand L6 at a force, by touch; with the vendor's SDK alone.
+"""Hold what is between thumb and index of a LinkerHand L6 or O6 at a force, by touch; with the vendor's SDK alone.
 
-    python grasp_linker_l6.py CHANNEL [INTERFACE] [--newtons 1] [--seconds 6] [--side left]
+    python grasp_linker_l6.py CHANNEL [INTERFACE] [--newtons 1] [--seconds 6] [--side left] [--hand L6]
 
 The thumb goes where the index will meet it. The index closes slowly, with little torque, and what its pad and the
 thumb's read sets that torque from then on. A line of JSON says what came of it. On a real hand, CHANNEL is can0.
@@ -10,7 +10,7 @@ import argparse
 import json
 import time
 
-from linkerbot import L6, TimeoutError
+from linkerbot import L6, O6, TimeoutError
 
 COUNTS_PER_NEWTON = 500.0  # of a pad's taxels in all; a real hand wants this measured
 TOUCH = 25.0  # counts
@@ -19,7 +19,7 @@ PERCENT_PER_NEWTON_S = 30.0  # change of torque, for each newton that is missing
 OPEN, NEAR, CLOSED, THUMB = 100.0, 44.0, 0.0, 12.5
 
 
-def pushed(hand: L6, finger: str) -> float:
+def pushed(hand: L6 | O6, finger: str) -> float:
     """What all taxels of a pad read together."""
     while True:
         try:
@@ -28,7 +28,7 @@ def pushed(hand: L6, finger: str) -> float:
             continue
 
 
-def grasp(hand: L6, newtons: float, seconds: float) -> dict:
+def grasp(hand: L6 | O6, newtons: float, seconds: float) -> dict:
     """Close, and hold for so long."""
     hand.speed.set_speeds([50.0] * 6)
     hand.torque.set_torques([100.0] * 6)
@@ -62,8 +62,9 @@ def main() -> None:
     parser.add_argument("--newtons", type=float, default=1.0)
     parser.add_argument("--seconds", type=float, default=6.0)
     parser.add_argument("--side", default="left")
+    parser.add_argument("--hand", choices=["L6", "O6"], default="L6")
     given = parser.parse_args()
-    with L6(given.side, given.channel, given.interface) as hand:
+    with {"L6": L6, "O6": O6}[given.hand](given.side, given.channel, given.interface) as hand:
         hand.stop_polling()
         print(json.dumps(grasp(hand, given.newtons, given.seconds)))
 

@@ -2,9 +2,10 @@
 
     python grasp_paxini_gripper.py SERVOS PADS [--newtons 2] [--seconds 6] [--friction 0.8]
 
-The fingers close slowly and with little force, and what the pads read sets that force from then on. What drags at a pad
-with much of what friction holds begins to slip at its rims: from there on the gripper holds harder. Lines of JSON
-say when it touched, when it noticed slip, and what came of it.
+The fingers close slowly and with little force, and what the pads read sets that force from then on. What drags
+at both pads together with much of what friction holds begins to slip at their rims: from there on the gripper holds
+harder. What they do against each other, as with a box that is held askew, does not count, nor what a table holds up.
+Lines of JSON say when it touched, when it noticed slip, and what came of it.
 """
 
 import argparse
@@ -16,7 +17,7 @@ from paxini_gripper import FINGERS, TOUCH, Gripper
 
 NEAR = 0.0176  # [m] the fingers before they close slowly
 SLIPS, SAFE = 0.6, 0.45  # of friction: drag from which something slips, and at which it is held then
-GRASPED = 0.9  # of the force: until then it closes harder anyway
+GRASPED = 0.9  # of the force, on both pads: until then something is pushed, not held, and may slide
 
 
 def say(**words) -> None:
@@ -29,7 +30,7 @@ def grasp(gripper: Gripper, newtons: float, seconds: float, friction: float) -> 
     gripper.go(FINGERS, NEAR, 1500)
     time.sleep(1.0)
     gripper.press(gripper.newtons)
-    began, touched, force, readings = time.monotonic(), 0.0, 0.0, 0
+    began, touched, grasped, force, readings = time.monotonic(), 0.0, False, 0.0, 0
     for passed, pads, _ in gripper.felt():
         now, readings = time.monotonic(), readings + 1
         force = sum(z for _, _, z in pads) / 2
@@ -40,8 +41,10 @@ def grasp(gripper: Gripper, newtons: float, seconds: float, friction: float) -> 
             break
         if not touched:
             continue
-        drag, least = max((math.hypot(x, y) / max(z, 0.1), z) for x, y, z in pads)
-        if drag > SLIPS * friction and least > GRASPED * newtons:
+        grasped = grasped or min(z for _, _, z in pads) > GRASPED * newtons
+        (x, y, z), (across, down, other) = pads  # each sees the other's x the other way round
+        drag = math.hypot(x - across, max(y + down, 0.0)) / max(z + other, 0.1)
+        if grasped and drag > SLIPS * friction:
             harder = force * drag / (SAFE * friction)
             if harder > newtons:
                 say(slips=now, newtons=harder)

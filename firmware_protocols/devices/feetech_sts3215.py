@@ -142,7 +142,7 @@ class Servo:
         there, then = (
             np.sin(2 * np.pi * (time_ns / SWING_NS - self.index / len(LIMB))) for time_ns in (t_ns, self.released_ns)
         )
-        return float(self.arm.swing * (there - then))
+        return float(self.arm.swing[self.index] * (there - then))
 
     def _present(self, name: str, t_ns: int) -> float:
         """What a register that can only be read shows."""
@@ -258,12 +258,14 @@ class FeetechSts3215(Device):
             float | tuple[float, ...], Option("where the shafts are at power-up, before offsets", unit="steps")
         ] = 2048.0,
         swing: Annotated[
-            float, Option("how far a hand moves released shafts to and fro, as it does a leader's", unit="rad", low=0.0)
+            float | tuple[float, ...],
+            Option("how far a hand moves released shafts to and fro, as it does a leader's", unit="rad", low=0.0),
         ] = 0.0,
         full_torque: Annotated[float, Option("load that reads 1000", unit="Nm", low=0.01)] = 2.94,
         volts: Annotated[float, Option("supply", unit="V", low=0.0, high=25.5)] = 12.1,
     ):
-        n, self.swing, self.full_torque = len(ids), swing / (2 * np.pi) * TURN, full_torque
+        n, self.full_torque = len(ids), full_torque
+        self.swing = np.broadcast_to(np.asarray(swing, float) / (2 * np.pi) * TURN, n)
         self.volts = round(10 * volts)
         self.layout = points({})
         self.names = [LIMB[ident - 1] if 1 <= ident <= len(LIMB) else f"servo {ident}" for ident in ids]

@@ -13,6 +13,7 @@ from tactemu.cli.datasheet import options_of
 from tactemu.cli.forwarding import Forwarding
 from tactemu.cli.listening import listening
 from tactemu.cli.running import rate_of
+from tactemu.collector import no_full_collections
 from tactemu.errors import TactemuError, TransportError
 from tactemu.exec.enter import FAILED, NOT_EXECUTABLE, NOT_FOUND
 from tactemu.exec.environment import ExecEnvironment, exec_environment
@@ -58,7 +59,7 @@ def run_command(
         device_options=options_of(options), by_hand=False, measured=measured,
     )  # fmt: skip
     env = exec_environment(dev, nodes=nodes_of(nodes), way=way, expose=expose)
-    with env, listening(dev.control, name, target):
+    with no_full_collections(), env, listening(dev.control, name, target):
         if not quiet:
             _announce(env, command[0])
         signals.program = driver = env.popen(command)

@@ -69,7 +69,9 @@ class Imperfections(Adjustments):
         """By the option's name."""
         self._gain: Table | None = None
         self._dead: DeadTaxels | None = None
-        self._resets = self._zeros((context.n_envs,), wp.int32)
+        numbers = np.zeros((context.n_envs, 2), np.int32)
+        numbers[:, 0] = context.first_env + np.arange(context.n_envs)
+        self._streams = context.array(numbers, wp.vec2i)
 
     # -- changing them
 
@@ -117,7 +119,7 @@ class Imperfections(Adjustments):
             return []
 
         def count(mask: wp.array) -> None:
-            self._launch(resets.count_resets, mask.shape, [mask, self._resets])
+            self._launch(resets.count_resets, mask.shape, [mask, self._streams])
 
         return [Stage(name=f"{self.info.name}: resets", reason="each begins new draws", launch=NOTHING, reset=count)]
 
@@ -140,7 +142,7 @@ class Imperfections(Adjustments):
         kernel, key = resets.gain_kernel(self.context.real), self._key("gain")
 
         def redraw(mask: wp.array) -> None:
-            self._launch(kernel, gain.shape, [mask, self._resets, key, low, high, gain])
+            self._launch(kernel, gain.shape, [mask, self._streams, key, low, high, gain])
 
         redraw(wp.full(self.context.n_envs, True, dtype=wp.bool, device=self.context.device))
         return redraw
@@ -157,7 +159,7 @@ class Imperfections(Adjustments):
         launch = context.record(
             radius_kernel(context.real),
             (context.n_envs, -(-n // 4)),
-            [nominal, context.step, self._key("radius_noise"), self._resets, table.array],
+            [nominal, context.step, self._key("radius_noise"), self._streams, table.array],
             [radius],
         )
         name = f"{self.info.name}: radius_noise"
@@ -229,7 +231,7 @@ class Imperfections(Adjustments):
         if walked is not None:
             self.state["random_walk"] = walked
         if "dead" in laws:
-            self._dead = DeadTaxels(options, self.info, context, self._resets)
+            self._dead = DeadTaxels(options, self.info, context, self._streams)
         kernel, out = electronics_kernel(real, laws), self._zeros(x.shape, real)
         inputs = {
             "x": self._flatten(x),
@@ -238,7 +240,7 @@ class Imperfections(Adjustments):
             "coefficient": coefficient,
             "walk_key": self._key("random_walk"),
             "noise_key": self._key("noise"),
-            "resets": self._resets,
+            "streams": self._streams,
             "gains": self._gain.array if self._gain is not None and "probe_gain" in laws else None,
             "sensitivity": table("temperature_sensitivity", "temperature"),
             "drift": table("temperature_offset", "temperature"),
@@ -270,7 +272,7 @@ class Imperfections(Adjustments):
         array = measured
         if self.options.delay > 0.0 or self.options.jitter > 0.0 or "jitter" in self.options.adjustable:
             self.shortest_step_s = self._dt_s
-            delay = Delay(self.options, self.info, self.context, self._resets)
+            delay = Delay(self.options, self.info, self.context, self._streams)
             array, stages = delay.compile(measured)
             if delay.jitters:
                 self._built["jitter"] = delay

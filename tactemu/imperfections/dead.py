@@ -18,8 +18,8 @@ from tactemu.random_streams import stream_key
 class DeadTaxels:
     """What the dead columns of every environment read; the electronics' kernel puts it in place of their readings."""
 
-    def __init__(self, options: ImperfectionOptions, info: ReadingInfo, context: Context, resets: wp.array):
-        self._info, self._context, self._resets = info, context, resets
+    def __init__(self, options: ImperfectionOptions, info: ReadingInfo, context: Context, streams: wp.array):
+        self._info, self._context, self._streams = info, context, streams
         self._options = options
         self.stuck = context.full((context.n_envs, info.n_columns), ALIVE, context.real)
         """Readings of dead columns, shape ``(n_envs, n_columns)``; infinite where alive."""
@@ -30,7 +30,7 @@ class DeadTaxels:
         options, context = self._options, self._context
         key = stream_key(context.seed, f"{self._info.name}/dead")
         drawn = [options.dead_taxel_probability, *options.dead_taxel_value_range, options.dead_taxel_mode == "last"]
-        inputs = [mask, self._resets, key, *drawn, self._info.n_channels, self.stuck]
+        inputs = [mask, self._streams, key, *drawn, self._info.n_channels, self.stuck]
         wp.launch(dead_kernel(context.real), dim=self.stuck.shape, inputs=inputs, device=context.device)
 
     def set(self, taxels, dead: bool, value: float | None, envs_idx) -> None:

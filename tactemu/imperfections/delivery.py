@@ -23,8 +23,8 @@ from tactemu.random_streams import stream_key
 class Delay:
     """Holds readings back; made only for a sensor with a delay or jitter."""
 
-    def __init__(self, options: ImperfectionOptions, info: ReadingInfo, context: Context, resets: wp.array):
-        self._resets = resets
+    def __init__(self, options: ImperfectionOptions, info: ReadingInfo, context: Context, streams: wp.array):
+        self._streams = streams
         self._options, self._info, self._context = options, info, context
         dt = float(context.dt.numpy()[0])
         jitter = max(options.jitter, dt) if "jitter" in options.adjustable else options.jitter
@@ -47,7 +47,7 @@ class Delay:
         select = context.record(
             select_kernel(self.jitters, nearest, linear, options.jitter_reorder),
             context.n_envs,
-            [context.step, context.time_ns, context.dt, key, self._resets, self._lags, ring.birth],
+            [context.step, context.time_ns, context.dt, key, self._streams, self._lags, ring.birth],
             [ring.times, newest, chosen, share],
         )
         out = context.zeros(measured.shape, measured.dtype)

@@ -28,7 +28,7 @@ def select_kernel(jitter: bool, nearest: bool, linear: bool, reorder: bool):
         time_ns: wp.array(dtype=wp.int64),
         dt: wp.array(dtype=wp.float64),
         key: wp.uint32,
-        resets: wp.array(dtype=wp.int32),
+        streams: wp.array(dtype=wp.vec2i),
         lags: wp.array2d(dtype=wp.int64),
         birth: wp.array(dtype=wp.int64),
         times: wp.array(dtype=wp.int64),
@@ -43,7 +43,7 @@ def select_kernel(jitter: bool, nearest: bool, linear: bool, reorder: bool):
         lag = lags[e, 0]
         if wp.static(jitter):
             width = wp.float64(lags[e, 1] + wp.int64(1))
-            lag = lag + wp.int64(unit_f64(draw(key, resets, e, 0, number)[0]) * width)
+            lag = lag + wp.int64(unit_f64(draw(key, streams, e, 0, number)[0]) * width)
         if wp.static(nearest):
             lag = wp.int64(wp.rint(wp.float64(lag) / dt_ns) * dt_ns + wp.float64(0.5))
         source = now - lag

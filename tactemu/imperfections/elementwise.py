@@ -116,7 +116,7 @@ def electronics_kernel(real: type, laws: frozenset[str]):
         coefficient: wp.array(dtype=wp.float64),
         walk_key: wp.uint32,
         noise_key: wp.uint32,
-        resets: wp.array(dtype=wp.int32),
+        streams: wp.array(dtype=wp.vec2i),
         # parameters, (n_envs, 1 or n_columns); gain (n_envs, n_taxels), is_filler (n_taxels,)
         gains: wp.array2d(dtype=real),
         sensitivity: wp.array2d(dtype=real),
@@ -139,9 +139,9 @@ def electronics_kernel(real: type, laws: frozenset[str]):
         e += first_env
         lane = int(-1)
         if wp.static(walk):
-            walk_normal = normals4(draw(walk_key, resets, e, group, step[0]))
+            walk_normal = normals4(draw(walk_key, streams, e, group, step[0]))
         if wp.static(noise):
-            noise_normal = normals4(draw(noise_key, resets, e, group, step[0]))
+            noise_normal = normals4(draw(noise_key, streams, e, group, step[0]))
         for c in range(group, x.shape[1], threads(x.shape[1])):
             lane += 1
             v = x[e, c]

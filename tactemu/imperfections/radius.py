@@ -21,13 +21,13 @@ def radius_kernel(real: type):
         nominal: wp.array(dtype=real),
         step: wp.array(dtype=wp.int64),
         key: wp.uint32,
-        resets: wp.array(dtype=wp.int32),
+        streams: wp.array(dtype=wp.vec2i),
         half_width: wp.array2d(dtype=real),
         out: wp.array2d(dtype=real),
     ):
         e, group = wp.tid()
         e += first_env
-        words = draw(key, resets, e, group, step[0])
+        words = draw(key, streams, e, group, step[0])
         lane = int(-1)
         for i in range(group, nominal.shape[0], threads(nominal.shape[0])):
             lane += 1

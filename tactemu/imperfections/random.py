@@ -37,15 +37,15 @@ def philox(counter: wp.vec4ui, key0: wp.uint32, key1: wp.uint32) -> wp.vec4ui:
 
 
 @wp.func
-def draw(key: wp.uint32, resets: wp.array(dtype=wp.int32), env: int, index: int, step: wp.int64) -> wp.vec4ui:
-    """Four random words of the stream ``key`` for an environment, an index and a step.
+def draw(key: wp.uint32, streams: wp.array(dtype=wp.vec2i), row: int, index: int, step: wp.int64) -> wp.vec4ui:
+    """Four random words of the stream ``key`` for the environment of a row, an index and a step.
 
-    The number of resets that the environment has seen is the second half of the key: a new episode draws anew, also
-    where its steps are counted from 0 again.
+    ``streams`` holds the number of each environment, which counts those of all devices, and of the resets that it has
+    seen, which is the second half of the key: a new episode draws anew, also where its steps are counted from 0 again.
     """
-    words = wp.uint64(step)
-    counter = wp.vec4ui(wp.uint32(words & _LOW), wp.uint32(words >> _SHIFT), wp.uint32(index), wp.uint32(env))
-    return philox(counter, key, wp.uint32(resets[env]))
+    words, stream = wp.uint64(step), streams[row]
+    counter = wp.vec4ui(wp.uint32(words & _LOW), wp.uint32(words >> _SHIFT), wp.uint32(index), wp.uint32(stream[0]))
+    return philox(counter, key, wp.uint32(stream[1]))
 
 
 @wp.func

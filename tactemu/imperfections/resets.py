@@ -12,11 +12,11 @@ from tactemu.imperfections.random import draw, unit_f64
 
 
 @wp.kernel(module="unique", enable_backward=False)
-def count_resets(mask: wp.array(dtype=wp.bool), resets: wp.array(dtype=wp.int32)):
+def count_resets(mask: wp.array(dtype=wp.bool), streams: wp.array(dtype=wp.vec2i)):
     """Numbers the resets of each environment: each begins draws of its own."""
     e = wp.tid()
     if mask[e]:
-        resets[e] = resets[e] + 1
+        streams[e] = streams[e] + wp.vec2i(0, 1)
 
 
 @functools.cache
@@ -26,7 +26,7 @@ def gain_kernel(real: type):
     @wp.kernel(module="unique", enable_backward=False)
     def resample_gain(
         mask: wp.array(dtype=wp.bool),
-        resets: wp.array(dtype=wp.int32),
+        streams: wp.array(dtype=wp.vec2i),
         key: wp.uint32,
         low: wp.float64,
         high: wp.float64,
@@ -34,7 +34,7 @@ def gain_kernel(real: type):
     ):
         e, i = wp.tid()
         if mask[e]:
-            gain[e, i] = real(low + (high - low) * unit_f64(draw(key, resets, e, i, wp.int64(0))[0]))
+            gain[e, i] = real(low + (high - low) * unit_f64(draw(key, streams, e, i, wp.int64(0))[0]))
 
     return resample_gain
 
@@ -46,7 +46,7 @@ def dead_kernel(real: type):
     @wp.kernel(module="unique", enable_backward=False)
     def redraw_dead(
         mask: wp.array(dtype=wp.bool),
-        resets: wp.array(dtype=wp.int32),
+        streams: wp.array(dtype=wp.vec2i),
         key: wp.uint32,
         probability: wp.float64,
         low: wp.float64,
@@ -57,7 +57,7 @@ def dead_kernel(real: type):
     ):
         e, c = wp.tid()
         if mask[e]:
-            words = draw(key, resets, e, c // n_channels, wp.int64(0))
+            words = draw(key, streams, e, c // n_channels, wp.int64(0))
             value = real(wp.static(ALIVE))
             if unit_f64(words[0]) < probability:
                 value = real(low + (high - low) * unit_f64(words[1]))

@@ -24,9 +24,9 @@ PARTS = {"position": 3, "quaternion": 4, "linear_velocity": 3, "angular_velocity
 
 
 @functools.cache
-def convert_kernel(types: tuple, scalar_last: bool, at_com: bool, at_points: bool):
+def convert_kernel(types: tuple, scalar_last: bool, at_com: bool, at_points: bool, offset: bool):
     """Copies what is given into the world's poses. ``types``: of the four parts and of the places of the velocities,
-    ``None`` for what is not given."""
+    ``None`` for what is not given. ``offset``: our bodies are elsewhere in the frames that are given."""
     has_position, has_quaternion, has_velocity, has_spin, _ = (kind is not None for kind in types)
     position_t, quaternion_t, velocity_t, spin_t, place_t = (kind or wp.float32 for kind in types)
     f64 = wp.float64
@@ -36,6 +36,9 @@ def convert_kernel(types: tuple, scalar_last: bool, at_com: bool, at_points: boo
         first_env: int,
         bodies: wp.array(dtype=wp.int32),
         columns: wp.array(dtype=wp.int32),
+        place_columns: wp.array(dtype=wp.int32),
+        offsets: wp.array(dtype=wp.vec3d),
+        turns: wp.array(dtype=wp.quatd),
         position: wp.array3d(dtype=position_t),
         quaternion: wp.array3d(dtype=quaternion_t),
         velocity: wp.array3d(dtype=velocity_t),
@@ -48,26 +51,41 @@ def convert_kernel(types: tuple, scalar_last: bool, at_com: bool, at_points: boo
         e += first_env
         b = bodies[k]
         c = columns[k]
+        origin = wp.vec3d(world[b, e, 0], world[b, e, 1], world[b, e, 2])
+        turn = wp.quatd(world[b, e, 4], world[b, e, 5], world[b, e, 6], world[b, e, 3])
+        if wp.static(has_position):
+            origin = wp.vec3d(f64(position[e, c, 0]), f64(position[e, c, 1]), f64(position[e, c, 2]))
+        if wp.static(has_quaternion):
+            first = wp.static(0 if scalar_last else 1)
+            x, y, z = f64(quaternion[e, c, first]), f64(quaternion[e, c, first + 1]), f64(quaternion[e, c, first + 2])
+            turn = wp.quatd(x, y, z, f64(quaternion[e, c, wp.static(3 if scalar_last else 0)]))
+        frame = origin
+        frame_turn = turn
+        if wp.static(offset):
+            frame_turn = wp.normalize(turn)
+            origin = frame + wp.quat_rotate(frame_turn, offsets[k])
+            turn = frame_turn * turns[k]
         if wp.static(has_position):
             for i in range(3):
-                world[b, e, i] = f64(position[e, c, i])
+                world[b, e, i] = origin[i]
         if wp.static(has_quaternion):
-            for i in range(4):
-                world[b, e, 3 + i] = f64(quaternion[e, c, (i + wp.static(3 if scalar_last else 0)) % 4])
+            world[b, e, 3] = turn[3]
+            for i in range(3):
+                world[b, e, 4 + i] = turn[i]
         if wp.static(has_spin):
             for i in range(3):
                 world[b, e, 10 + i] = f64(spin[e, c, i])
         if wp.static(has_velocity):
             v = wp.vec3d(f64(velocity[e, c, 0]), f64(velocity[e, c, 1]), f64(velocity[e, c, 2]))
-            if wp.static(at_com or at_points):  # of the body, at another place than its origin
-                away = wp.vec3d(f64(place[e, c, 0]), f64(place[e, c, 1]), f64(place[e, c, 2]))
+            if wp.static(at_com or at_points or offset):  # of the body, at another place than its origin
+                there = frame
+                if wp.static(at_com or at_points):
+                    p = place_columns[k]
+                    there = wp.vec3d(f64(place[e, p, 0]), f64(place[e, p, 1]), f64(place[e, p, 2]))
                 if wp.static(at_com):
-                    q = wp.quatd(world[b, e, 4], world[b, e, 5], world[b, e, 6], world[b, e, 3])
-                    away = wp.quat_rotate(wp.normalize(q), away)
-                else:
-                    away = away - wp.vec3d(world[b, e, 0], world[b, e, 1], world[b, e, 2])
+                    there = frame + wp.quat_rotate(wp.normalize(frame_turn), there)
                 w = wp.vec3d(world[b, e, 10], world[b, e, 11], world[b, e, 12])
-                v = v - wp.cross(w, away)
+                v = v + wp.cross(w, origin - there)
             for i in range(3):
                 world[b, e, 7 + i] = v[i]
 
@@ -83,7 +101,11 @@ class BoundPoses:
     arrays: dict[str, wp.array]
     """``(n_envs, n, width)`` each, by the name of the part."""
     places: wp.array | None
-    """Where velocities are taken: ``(n_envs, n, 3)``, in the body's frame (``com``) or in the world."""
+    """Where velocities are taken: ``(n_envs, n, 3)``, in the frame that is given (``com``) or in the world."""
+    place_columns: tuple[int, ...]
+    """Which of them is whose."""
+    offsets: tuple[tuple[np.ndarray, np.ndarray], ...]
+    """Where bodies are in the frames that are given, position and quaternion (w, x, y, z); empty: at their origins."""
     order: str
     at: str
     """``origin``, ``com`` or ``points``."""
@@ -96,9 +118,13 @@ class BoundPoses:
         inputs = [
             wp.array([body.index for body in self.bodies], dtype=wp.int32, device=context.device),
             wp.array(self.columns, dtype=wp.int32, device=context.device),
+            wp.array(self.place_columns, dtype=wp.int32, device=context.device),
+            wp.array([place for place, _ in self.offsets], dtype=wp.vec3d, device=context.device),
+            wp.array([np.roll(turn, -1) for _, turn in self.offsets], dtype=wp.quatd, device=context.device),
             *(none[wp.float32] if array is None else array for array in given),
         ]
-        kernel = convert_kernel(types, self.order == "xyzw", self.at == "com", self.at == "points")
+        at = self.at == "com", self.at == "points"
+        kernel = convert_kernel(types, self.order == "xyzw", *at, bool(self.offsets))
         launch = context.record(kernel, (context.n_envs, len(self.bodies)), inputs, [world])
         words = ", ".join(self.arrays).replace("_", " ")
         reason = f"{words} of {', '.join(body.name for body in self.bodies)}, bound to arrays of another simulator"
@@ -115,8 +141,10 @@ def declared(
     parts: Mapping[str, Any],
     order: str,
     velocity_at: Any,
+    velocity_at_index: Sequence[int] | np.ndarray | None,
     com: Any,
     index: Mapping[Any, int] | None,
+    offsets: Mapping[Any, tuple[Any, Any]] | None,
 ) -> BoundPoses:
     """Check what :meth:`Simulation.bind_poses` is told.
 
@@ -143,9 +171,18 @@ def declared(
         said = ", ".join(f"{name} {n}" for name, n in widths.items())
         raise SceneError(f"bind_poses: the arrays are of different numbers of bodies: {said}")
     n = next(iter(widths.values()))
-    at, places = _places(velocity_at, com, arrays, n, context)
+    at, places = _places(velocity_at, com, arrays, None if velocity_at_index is not None else n, context)
     chosen, columns = _chosen(bodies, index, n)
-    return BoundPoses(bodies=chosen, columns=columns, arrays=arrays, places=places, order=order, at=at)
+    return BoundPoses(
+        bodies=chosen,
+        columns=columns,
+        arrays=arrays,
+        places=places,
+        place_columns=_place_columns(velocity_at_index, columns, n, places),
+        offsets=_offsets(bodies, chosen, offsets, arrays),
+        order=order,
+        at=at,
+    )
 
 
 def _columns(value: Any, name: str, context: Context, width: int, n_envs: int | None = None) -> wp.array:
@@ -173,8 +210,8 @@ def _columns(value: Any, name: str, context: Context, width: int, n_envs: int | 
     return view(array, (*array.shape[:2], width), array.strides, array.dtype, first * size)
 
 
-def _places(velocity_at: Any, com: Any, arrays: Mapping[str, wp.array], n: int, context: Context):
-    """Where velocities are taken, ``(word, array)``."""
+def _places(velocity_at: Any, com: Any, arrays: Mapping[str, wp.array], n: int | None, context: Context):
+    """Where velocities are taken, ``(word, array)``. ``n``: how many there must be."""
     if isinstance(velocity_at, str):
         if velocity_at not in ("origin", "com"):
             raise SceneError(
@@ -196,13 +233,59 @@ def _places(velocity_at: Any, com: Any, arrays: Mapping[str, wp.array], n: int, 
         host = np.asarray(places, np.float64).reshape(-1, n, 3)
         places = wp.array(np.broadcast_to(host, (context.n_envs, n, 3)).copy(), dtype=wp.float64, device=context.device)
     found = _columns(places, name, context, 3)
-    if found.shape[1] != n:
+    if n is not None and found.shape[1] != n:
         raise SceneError(f"bind_poses: {name} is of {found.shape[1]} bodies, the other arrays are of {n}")
     return at, found
 
 
-def _one_for_all(places: Any, n: int) -> bool:
+def _one_for_all(places: Any, n: int | None) -> bool:
     return isinstance(places, np.ndarray) and places.shape == (n, 3)
+
+
+def _place_columns(
+    index: Sequence[int] | np.ndarray | None, columns: tuple[int, ...], n: int, places: wp.array | None
+) -> tuple[int, ...]:
+    """Whose place is taken for each body."""
+    if index is None:
+        return columns
+    chosen = np.asarray(index)
+    if places is None:
+        raise SceneError("bind_poses: velocity_at_index= says which point of velocity_at= is whose; give that too")
+    if chosen.shape != (n,) or chosen.dtype.kind not in "iu" or not ((chosen >= 0) & (chosen < places.shape[1])).all():
+        raise SceneError(
+            f"bind_poses: velocity_at_index must be {n} whole numbers in 0..{places.shape[1] - 1}, got {index!r}"
+        )
+    return tuple(int(chosen[column]) for column in columns)
+
+
+def _offsets(
+    bodies: Sequence[Body],
+    chosen: Sequence[Body],
+    offsets: Mapping[Any, tuple[Any, Any]] | None,
+    arrays: Mapping[str, wp.array],
+) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+    """Where each body is in the frame that is given for it."""
+    if not offsets:
+        return ()
+    if not {"position", "quaternion"} <= arrays.keys():
+        raise SceneError("bind_poses: offsets= are in frames, which need position= and quaternion=")
+    if "linear_velocity" in arrays and "angular_velocity" not in arrays:
+        raise SceneError("bind_poses: the velocity of what is off the origin needs angular_velocity= too")
+    found = {}
+    for which, (position, quaternion) in offsets.items():
+        body = find(bodies, which)
+        place, turn = np.asarray(position, np.float64), np.asarray(quaternion, np.float64)
+        length = np.linalg.norm(turn)
+        if place.shape != (3,) or turn.shape != (4,) or not (np.isfinite(place).all() and 0 < length < np.inf):
+            raise SceneError(
+                f"bind_poses: offset of body {body.name!r}: expected 3 finite numbers [m] and a quaternion "
+                f"(w, x, y, z), got {position!r} and {quaternion!r}"
+            )
+        if body not in chosen:
+            raise SceneError(f"bind_poses: offset of body {body.name!r}: it is not bound")
+        found[body] = place, turn / length
+    nowhere = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+    return tuple(found.get(body, nowhere) for body in chosen)
 
 
 def _chosen(

@@ -98,12 +98,16 @@ class Simulation:
         device,
         seed: int,
         dtype: str,
+        first_env: int = 0,
         threads: int | None = None,
         posers: Sequence[Callable[[Simulation, float], None]] = (),
+        planners: Sequence[Callable[[Simulation], None]] = (),
         like: Simulation | None = None,
     ):
         if n_envs is not None and (isinstance(n_envs, bool) or int(n_envs) != n_envs or n_envs < 1):
             raise SceneError(f"build: n_envs must be None or a whole number >= 1, got {n_envs!r}")
+        if isinstance(first_env, bool) or int(first_env) != first_env or not 0 <= first_env < MOST_THREADS:
+            raise SceneError(f"build: first_env must be a whole number from 0 to {MOST_THREADS - 1}, got {first_env!r}")
         if dtype not in REAL:
             raise SceneError(f"build: dtype must be one of {', '.join(REAL)}, got {dtype!r}")
         self.bodies, self.sensors = tuple(bodies), tuple(sensors)
@@ -122,6 +126,7 @@ class Simulation:
             n_envs=self.n_envs,
             real=REAL[dtype],
             seed=int(seed),
+            first_env=int(first_env),
             constants={} if like is None else like.context.constants,
             threads=n_threads,
         )
@@ -139,6 +144,9 @@ class Simulation:
         self.posers = list(posers)
         """Called at each step with its time [s], after the motions: they pose bodies."""
         self._move(0.0)
+        self._planners = list(planners)
+        for plan in self._planners:
+            plan(self)
         for attach in attachments:
             attach()
 
@@ -334,10 +342,12 @@ class Simulation:
         angular_velocity=None,
         order: str = "wxyz",
         velocity_at: Any = "origin",
+        velocity_at_index: Sequence[int] | np.ndarray | None = None,
         com=None,
-        index: Mapping[Body | str | int, int] | None = None,
+        index: Mapping[Any, int] | None = None,
+        offsets: Mapping[Any, tuple[Any, Any]] | None = None,
     ) -> None:
-        """Take poses from arrays of another simulator at each step, from the next one on.
+        """Take poses from arrays of another simulator, now and at each step.
 
         They stay where they are, on the simulation's device: Warp or NumPy arrays, or anything with ``__dlpack__``,
         float32 or float64, strided as they may be. One launch converts them, within the step. Called again, it replaces
@@ -353,8 +363,10 @@ class Simulation:
             order: of a quaternion's numbers, ``wxyz`` or ``xyzw``.
             velocity_at: whose velocity it is: of the ``origin``, of the centre of mass (``com``), or of the body's
                 material at points in the world, an array ``(n_envs, n, 3)``.
-            com: centres of mass in the bodies' frames [m], ``(n, 3)`` or as ``position``.
+            velocity_at_index: which of these points is whose, ``(n,)``; default: point k is of place k.
+            com: centres of mass in the frames that are given [m], ``(n, 3)`` or as ``position``.
             index: which of the n places is whose, ``{body: place}``; default: place k is body k, fixed ones left alone.
+            offsets: where bodies are in the frames that are given, ``{body: (position, quaternion)}``; default: there.
 
         Raises:
             SceneError: an array has the wrong shape, type or device, or no memory; a body is fixed, or has a motion.
@@ -365,11 +377,13 @@ class Simulation:
             "linear_velocity": linear_velocity,
             "angular_velocity": angular_velocity,
         }
-        said = {"order": order, "velocity_at": velocity_at, "com": com, "index": index}
+        said = {"order": order, "velocity_at": velocity_at, "velocity_at_index": velocity_at_index, "com": com}
+        said |= {"index": index, "offsets": offsets}
         bound = declared(self.bodies, self.context, poses=poses, parts=parts, **said)
         stage = bound.stage(self.context, self._poses.world)
         self.world.bind(frozenset(body.index for body in bound.bodies))
         self.plan.insert(stage, before="relative poses")
+        stage.launch()
         self._bound = bound
 
     def add_stage(self, stage: Stage) -> None:
@@ -485,14 +499,16 @@ class Simulation:
         """One of the same bodies, with handles of its own on the same sensors, at its start."""
         return Simulation(
             self.bodies,
-            [Sensor(sensor.name, sensor.model, sensor.link) for sensor in self.sensors],
+            [sensor.another() for sensor in self.sensors],
             dt=self.dt,
             n_envs=self.n_envs if self.batched else None,
             device=self.device,
             seed=self.context.seed,
             dtype=self.context.real.__name__,
+            first_env=self.context.first_env,
             threads=self._threads_wanted,
             posers=self.posers,
+            planners=self._planners,
             like=self,
         )
 

@@ -38,6 +38,8 @@ class Context:
     """``wp.float32``, or ``wp.float64`` in the float64 mode. Kernels are built for it by cached factories."""
     seed: int
     """Root seed; a stage derives its own stream from it and its name (:mod:`tactemu.random_streams`)."""
+    first_env: int = 0
+    """Number of the first, where others are simulated elsewhere: an environment draws the same wherever it is."""
     threads: int = 1
     """Threads that share the environments, on a CPU."""
     memory: list[wp.array] = field(default_factory=list)

@@ -19,10 +19,14 @@ from tactemu.physics.models import cheapest, load, models_for
 from tactemu.physics.shapes.registry import load_shape
 from tactemu.physics.shapes.shape import Shape
 from tactemu.scene import rotation
+from tactemu.scene.batch_engine import BatchEngine
 from tactemu.scene.bodies import Body
 from tactemu.scene.engine import MujocoEngine
+from tactemu.scene.engine_tables import MujocoTable, MujocoWarpTable, NewtonTable
 from tactemu.scene.file import LoadedScene, load_device
 from tactemu.scene.mujoco_drives import Drive
+from tactemu.scene.mujoco_warp_engine import MujocoWarpEngine
+from tactemu.scene.newton_engine import NewtonEngine
 from tactemu.scene.placement import PlacedSensor, PlacedSkin
 from tactemu.scene.schema import Body as BodyTable
 from tactemu.scene.schema import Skin
@@ -131,19 +135,26 @@ def build_scene(
 
 def _engine(
     loaded: LoadedScene, scene: Scene, devices: Mapping[str, Device], local_ns: Callable[[str, int], int]
-) -> MujocoEngine | None:
+) -> MujocoEngine | BatchEngine | None:
     table = loaded.tables.engine
     if table is None:
         return None
-    drives = [
-        Drive(skin.title, devices[skin.title], skin.joints, partial(local_ns, skin.title))
-        for skin in loaded.tables.skin
-        if skin.joints
-    ]
-    return MujocoEngine(scene, loaded.folder / table.file, drives, table)
+    moved = [skin for skin in loaded.tables.skin if skin.joints]
+    file = loaded.folder / table.file
+    if isinstance(table, MujocoTable):
+        drives = [Drive(skin.title, devices[skin.title], skin.joints, partial(local_ns, skin.title)) for skin in moved]
+        return MujocoEngine(scene, file, drives, table)
+    assert isinstance(table, MujocoWarpTable | NewtonTable)
+    if moved:
+        raise SceneError(
+            f'skin {moved[0].title!r}: joints: an engine of kind {table.kind!r} knows no motors; "mujoco" moves them'
+        )
+    if isinstance(table, MujocoWarpTable):
+        return MujocoWarpEngine(scene, file, table)
+    return NewtonEngine(scene, file, table)
 
 
-def _carrier(scene: Scene, engine: MujocoEngine | None, part: SkinPart) -> tuple[Body, tuple[int, ...]]:
+def _carrier(scene: Scene, engine: MujocoEngine | BatchEngine | None, part: SkinPart) -> tuple[Body, tuple[int, ...]]:
     """The body that carries a skin, and those that move with it and are not felt, by their places."""
     name = part.body
     if engine is None or any(body.name == name for body in scene.bodies if body not in engine.bodies):

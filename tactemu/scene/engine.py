@@ -20,10 +20,10 @@ import numpy as np
 
 from tactemu.errors import PoseError, SceneError, nearest
 from tactemu.scene.bodies import Body
+from tactemu.scene.engine_tables import MujocoTable
 from tactemu.scene.mujoco_contacts import Contacts, Pad, contacts_of
 from tactemu.scene.mujoco_drives import Drive, check_apart
 from tactemu.scene.mujoco_source import MujocoSource, load_mujoco
-from tactemu.scene.schema import EngineTable
 
 if TYPE_CHECKING:
     from tactemu.physics.sensor import Sensor
@@ -59,11 +59,11 @@ class MujocoEngine:
 
     not_state: ClassVar[tuple[str, ...]] = ()
 
-    def __init__(self, scene: Scene, file: Path, drives: Sequence[Drive] = (), table: EngineTable | None = None):
+    def __init__(self, scene: Scene, file: Path, drives: Sequence[Drive] = (), table: MujocoTable | None = None):
         self._mujoco = load_mujoco()
         if self._mujoco.get_mju_user_warning() is None:  # else MuJoCo writes a file where the user happens to be
             self._mujoco.set_mju_user_warning(_warned)
-        self._table = table or EngineTable(kind="mujoco", file=str(file))
+        self._table = table or MujocoTable(kind="mujoco", file=str(file))
         self.drives = list(drives)
         check_apart(self.drives)
         self.model = self._read(file)
@@ -137,13 +137,11 @@ class MujocoEngine:
         Raises:
             SceneError: there is neither.
         """
-        is_geom = self.source.has("geom", name)
-        if not is_geom and not self.source.has("body", name):
-            raise SceneError(f"engine: no geom or body {name!r}; {self.source.names()}")
         if self._table.felt == "overlap":
-            return self.source.geom(name) if is_geom else self.source.link(name)
+            return self.source.carrier(name)
+        self.source.check(name)
         frame = self.source.pad(name, part)
-        self.pads[frame] = Pad(frame, np.isin(np.arange(self.model.ngeom), self._moving_with(name)))
+        self.pads[frame] = Pad(frame, np.isin(np.arange(self.model.ngeom), self.source.moving_with(name)))
         return frame
 
     def carries(self, sensor: Sensor) -> None:
@@ -152,36 +150,8 @@ class MujocoEngine:
             self.pads[sensor.link].attach(sensor)
 
     def unfelt(self, name: str) -> tuple[int, ...]:
-        """The places in the scene of geoms that the skin of a geom or MuJoCo body does not feel: those that move with
-        it, and those that MuJoCo lets none of them touch."""
-        mine = self._moving_with(name)
-        felt = {
-            int(geom)
-            for geom in self.source.geoms
-            if geom not in mine and (not len(mine) or any(self._may_touch(int(own), int(geom)) for own in mine))
-        }
-        return tuple(body.index for geom, body in self.source.geoms.items() if geom not in felt)
-
-    def _moving_with(self, name: str) -> np.ndarray:
-        model = self.model
-        body = int(model.geom(name).bodyid[0]) if self.source.has("geom", name) else model.body(name).id
-        together = model.body_weldid[model.geom_bodyid] == model.body_weldid[body]
-        if model.body_weldid[body] == 0:  # of what stands still, only what is on the body itself
-            together = model.geom_bodyid == body
-        return np.flatnonzero(together & ((model.geom_contype != 0) | (model.geom_conaffinity != 0)))
-
-    def _may_touch(self, a: int, b: int) -> bool:
-        """Whether MuJoCo would let two geoms touch."""
-        model = self.model
-        types, affinities = model.geom_contype, model.geom_conaffinity
-        if not (types[a] & affinities[b] or types[b] & affinities[a]):
-            return False
-        one, other = (int(model.body_weldid[model.geom_bodyid[geom]]) for geom in (a, b))
-        parents = [int(model.body_weldid[model.body_parentid[body]]) for body in (one, other)]
-        if one and other and (parents[0] == other or parents[1] == one):
-            return False
-        bodies = sorted(int(model.geom_bodyid[geom]) for geom in (a, b))
-        return (bodies[0] << 16) + bodies[1] not in model.exclude_signature
+        """The places in the scene of geoms that the skin of a geom or MuJoCo body does not feel."""
+        return self.source.unfelt(name)
 
     # -- each step ---------------------------------------------------------------------------------------------------
 
@@ -209,7 +179,7 @@ class MujocoEngine:
             here = simulation.pose(body)
             self.data.mocap_pos[index], self.data.mocap_quat[index] = here.position, here.quaternion
         for drive in self.drives:
-            drive.order(self.model, self.data, t_s)
+            drive.order(self.model, self.data, t_s, t_s - max(steps, 1) * dt)
         if steps > 0:
             self._mujoco.mj_step(self.model, self.data, min(steps, most))
             self._check(t_s)

@@ -39,7 +39,7 @@ def _way(text: str, loc: tuple, data: Any) -> str:
     for part in loc:
         if isinstance(part, int):
             text += f"[{part}]"
-        elif part.startswith("<") or (isinstance(data, dict) and data.get("shape") == part):
+        elif part.startswith("<") or (isinstance(data, dict) and part in (data.get("shape"), data.get("kind"))):
             continue  # pydantic names the branch of the union
         else:
             text += f".{part}"

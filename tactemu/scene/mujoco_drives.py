@@ -143,15 +143,20 @@ class Drive:
         """The model starts anew."""
         self._motors.released()
 
-    def order(self, model: Any, data: Any, t_s: float) -> None:
-        """What the firmware wants at ``t_s`` becomes what the actuators do."""
+    def order(self, model: Any, data: Any, t_s: float, since_s: float) -> None:
+        """What the firmware wants at ``t_s`` becomes what the actuators do.
+
+        The speed is the mean since ``since_s``: a short move between two steps is no kick at full speed.
+        """
         if not self._motors.embodied:
             self.report(data, t_s)
         t_ns = self._local_ns(round(t_s * 1e9))
         self._device.joints(t_ns)  # a firmware may do something because time has passed
+        before = self._motors.wants(self._local_ns(round(since_s * 1e9))).positions
         wants = self._motors.wants(t_ns)
         of, ratio = self._motor, self._ratio
-        place, speed = self._zero + ratio * wants.positions[of], ratio * wants.speeds[of]
+        place = self._zero + ratio * wants.positions[of]
+        speed = ratio * (wants.positions - before)[of] / (t_s - since_s) if t_s > since_s else 0.0 * place
         force, most = wants.forces[of] / ratio, wants.most[of] / np.abs(ratio)
         held = np.isnan(force)
         data.ctrl[self._actuators] = np.where(held, self._stiffness * place + self._damping * speed, force)

@@ -58,6 +58,18 @@ def load_mujoco():
     return mujoco
 
 
+def shape_of(kind: str, size: list[float]) -> Shape | None:
+    """The shape of a geom that is no mesh, by MuJoCo's name of its kind and its half sizes [m]; ``None``: none here."""
+    for shape in map(load_shape, SHAPES):
+        if shape.mujoco_geom == kind:
+            return shape.from_mujoco(size)
+    if kind == "ellipsoid":
+        import trimesh
+
+        return Mesh(source=trimesh.creation.icosphere(5), scale=size)
+    return None
+
+
 class MujocoSource:
     """Adds the geoms of a MuJoCo model to a scene, and poses them from MuJoCo's data.
 
@@ -122,6 +134,20 @@ class MujocoSource:
             return data.geom_xpos[index], data.geom_xmat[index].reshape(3, 3)
         return data.xpos[index], data.xmat[index].reshape(3, 3)
 
+    def carrier(self, name: str) -> Body:
+        """The body to put a skin on, of the geom or MuJoCo body of this name.
+
+        Raises:
+            SceneError: there is neither.
+        """
+        self.check(name)
+        return self.geom(name) if self.has("geom", name) else self.link(name)
+
+    def check(self, name: str) -> None:
+        """Raise :class:`SceneError` unless there is a geom or MuJoCo body of this name."""
+        if not self.has("geom", name) and not self.has("body", name):
+            raise SceneError(f"engine: no geom or body {name!r}; {self.names()}")
+
     def has(self, kind: str, name: str) -> bool:
         """Whether the model has a ``geom`` or ``body`` of this name."""
         return self._mujoco.mj_name2id(self._model, getattr(self._mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), name) >= 0
@@ -144,6 +170,39 @@ class MujocoSource:
         """The bodies of all geoms that a MuJoCo body carries."""
         found = self._id("body", which)
         return [body for geom, body in self._geoms.items() if self._model.geom_bodyid[geom] == found]
+
+    def unfelt(self, name: str) -> tuple[int, ...]:
+        """The places in the scene of geoms that the skin of a geom or MuJoCo body does not feel: those that move with
+        it, and those that MuJoCo lets none of them touch."""
+        mine = self.moving_with(name)
+        felt = {
+            int(geom)
+            for geom in self._geoms
+            if geom not in mine and (not len(mine) or any(self._may_touch(int(own), int(geom)) for own in mine))
+        }
+        return tuple(body.index for geom, body in self._geoms.items() if geom not in felt)
+
+    def moving_with(self, name: str) -> np.ndarray:
+        """The geoms that move with a geom or MuJoCo body, and take part in collisions."""
+        model = self._model
+        body = int(model.geom(name).bodyid[0]) if self.has("geom", name) else model.body(name).id
+        together = model.body_weldid[model.geom_bodyid] == model.body_weldid[body]
+        if model.body_weldid[body] == 0:  # of what stands still, only what is on the body itself
+            together = model.geom_bodyid == body
+        return np.flatnonzero(together & ((model.geom_contype != 0) | (model.geom_conaffinity != 0)))
+
+    def _may_touch(self, a: int, b: int) -> bool:
+        """Whether MuJoCo would let two geoms touch."""
+        model = self._model
+        types, affinities = model.geom_contype, model.geom_conaffinity
+        if not (types[a] & affinities[b] or types[b] & affinities[a]):
+            return False
+        one, other = (int(model.body_weldid[model.geom_bodyid[geom]]) for geom in (a, b))
+        parents = [int(model.body_weldid[model.body_parentid[body]]) for body in (one, other)]
+        if one and other and (parents[0] == other or parents[1] == one):
+            return False
+        bodies = sorted(int(model.geom_bodyid[geom]) for geom in (a, b))
+        return (bodies[0] << 16) + bodies[1] not in model.exclude_signature
 
     def _id(self, kind: str, which: str | int) -> int:
         table = getattr(self._mujoco.mjtObj, f"mjOBJ_{kind.upper()}")
@@ -172,15 +231,10 @@ class MujocoSource:
     def _shape(self, geom: int) -> Shape:
         size = [float(value) for value in self._model.geom_size[geom]]
         kind = self._mujoco.mjtGeom(self._model.geom_type[geom]).name.removeprefix("mjGEOM_").lower()
-        for shape in map(load_shape, SHAPES):
-            if shape.mujoco_geom == kind:
-                return shape.from_mujoco(size)
-        if kind == "ellipsoid":
-            import trimesh
-
-            return Mesh(source=trimesh.creation.icosphere(5), scale=size)
         if kind == "mesh":
             return self._mesh(int(self._model.geom_dataid[geom]))
+        if (shape := shape_of(kind, size)) is not None:
+            return shape
         raise SceneError(
             f"geom {self._name('geom', geom)!r} is of kind {kind}, which has no distance here; "
             "name the geoms to add without it: MujocoSource(scene, model, geoms=[...])"
@@ -213,6 +267,24 @@ class MujocoSource:
             self._refresh(one, sim.uses_velocity)
         rows = np.stack([self._rows(one, sim.uses_velocity) for one in per_env], axis=1)
         sim.world.put_all(self._places, rows)
+
+    def bind(self, sim: Simulation, data: Any) -> None:
+        """Take poses from MuJoCo Warp's data at each step, on the device: as its kinematics left them, which its step
+        runs *before* it moves on.
+
+        Args:
+            sim: the built scene, of as many environments as ``data`` has worlds.
+            data: a ``mujoco_warp.Data`` on the simulation's device.
+        """
+        model = self._model
+        index = {body: int(model.geom_bodyid[geom]) for geom, body in self._geoms.items()}
+        index |= {body: link for link, body in self._links.items()}
+        velocities: dict[str, Any] = {}
+        if sim.uses_velocity:
+            velocities = {"linear_velocity": (data.cvel, 3), "angular_velocity": (data.cvel, 0)}
+            velocities |= {"velocity_at": data.subtree_com, "velocity_at_index": model.body_rootid}
+        offsets = {body: (model.geom_pos[geom], model.geom_quat[geom]) for geom, body in self._geoms.items()}
+        sim.bind_poses(position=data.xpos, quaternion=data.xquat, index=index, offsets=offsets, **velocities)
 
     def _refresh(self, data: Any, velocities: bool) -> None:
         self._mujoco.mj_kinematics(self._model, data)
@@ -255,12 +327,5 @@ class MujocoSource:
         for k, geom in enumerate(self._geoms):
             if geom in self.hidden:
                 position[k] = _AWAY
-        rows[:, :3], rows[:, 3:7] = position, _multiplied(data.xquat[bodies], turns)
+        rows[:, :3], rows[:, 3:7] = position, rotation.products(data.xquat[bodies], turns)
         return rows
-
-
-def _multiplied(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Quaternions ``(n, 4)``: the rotations ``b`` followed by ``a``."""
-    real = a[:, 0] * b[:, 0] - np.einsum("ij,ij->i", a[:, 1:], b[:, 1:])
-    rest = a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + np.cross(a[:, 1:], b[:, 1:])
-    return np.concatenate([real[:, None], rest], axis=1)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from tactemu.physics.sensor import Sensor
     from tactemu.physics.sensor_model import SensorModel
     from tactemu.physics.simulation import Simulation
+    from tactemu.physics.split import SplitSimulation
     from tactemu.plan.plan import Dtype
     from tactemu.scene.motion import Motion
     from tactemu.transducers.transducer import Transducer
@@ -35,6 +36,8 @@ class Scene:
         self.sensors: list[Sensor] = []
         self.posers: list[Callable[[Simulation, float], None]] = []
         """What poses bodies at each step of the built scene, with its time [s]: another simulator."""
+        self.planners: list[Callable[[Simulation], None]] = []
+        """What adds stages of its own to a scene that is built: another simulator on its device."""
         self._built: Simulation | None = None
 
     def add_body(
@@ -138,6 +141,7 @@ class Scene:
         device: str | None = "cpu",
         seed: int = 0,
         dtype: Dtype = "float32",
+        first_env: int = 0,
         threads: int | None = None,
         like: Simulation | None = None,
     ) -> Simulation:
@@ -148,6 +152,8 @@ class Scene:
             device: a Warp device, ``cpu`` or ``cuda:0``; ``None``: Warp's current one.
             seed: root of all random streams.
             dtype: numbers of the kernels. In ``float64`` only mesh queries stay single precision.
+            first_env: number of the first of them, where others are simulated elsewhere: an environment has the random
+                numbers of its number, on whatever device.
             threads: of a CPU, that share the environments; ``None``: one for each core, where that pays. Readings are
                 the same whatever their number. :meth:`Simulation.close` ends them.
             like: a simulation of an equal scene with the same options, which shares what never changes.
@@ -159,8 +165,38 @@ class Scene:
 
         simulation = Simulation(
             self.bodies, self.sensors, dt=self.dt, n_envs=n_envs, device=device, seed=seed, dtype=dtype,
-            threads=threads, posers=self.posers, like=like,
+            first_env=first_env, threads=threads, posers=self.posers, planners=self.planners, like=like,
         )  # fmt: skip
         self._outdate("the scene was built again, and its sensors read the new simulation")
         self._built = simulation
         return simulation
+
+    def build_split(
+        self,
+        n_envs: int,
+        devices: Sequence[str],
+        *,
+        seed: int = 0,
+        dtype: Dtype = "float32",
+        first_env: int = 0,
+    ) -> SplitSimulation:
+        """Compile the scene for a batch that several devices share: readings are those of one device, bit for bit.
+
+        Its sensors are read by :meth:`SplitSimulation.read`, and their handles of the scene stay as they were.
+
+        Args:
+            n_envs: environments of all devices.
+            devices: Warp devices, ``["cuda:0", "cuda:1"]``.
+            seed: root of all random streams.
+            dtype: as of :meth:`build`.
+            first_env: as of :meth:`build`.
+
+        Raises:
+            SceneError: as of :meth:`build`; fewer environments than devices.
+        """
+        from tactemu.physics.split import SplitSimulation
+
+        return SplitSimulation(
+            self.bodies, self.sensors, devices, n_envs=n_envs, first_env=first_env, dt=self.dt, seed=seed, dtype=dtype,
+            posers=self.posers, planners=self.planners,
+        )  # fmt: skip

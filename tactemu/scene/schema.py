@@ -13,9 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
 from pydantic import (
     AfterValidator,
-    BaseModel,
     BeforeValidator,
-    ConfigDict,
     Discriminator,
     Field,
     Strict,
@@ -29,12 +27,12 @@ from tactemu.errors import SceneError, nearest
 from tactemu.physics.shapes.registry import SHAPES as SHAPE_CLASSES
 from tactemu.physics.shapes.registry import load_shape
 from tactemu.physics.shapes.shape import Shape
+from tactemu.scene.engine_tables import AnyEngine
 from tactemu.scene.limits import FARTHEST_M, METRES, MOST_RADIUS_M, MOST_S, RATES_HZ, SIZES_M, STEPS_S
 from tactemu.scene.mistakes import listed, mistake
 from tactemu.scene.motion import MOTIONS, Motion, Sequence, Together
+from tactemu.scene.table import Real, Table, one_of
 
-Real = Annotated[float, Strict()]
-"""A number; neither a text nor a truth value is one."""
 Seconds = Annotated[Real, Field(ge=0, le=MOST_S)]
 Coordinate = Annotated[Real, Field(ge=-FARTHEST_M, le=FARTHEST_M)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
@@ -62,23 +60,6 @@ def _strictly(hint: Any, *more: Any) -> Any:
         return hint
     parts = tuple(_strictly(part, *more) for part in inside)
     return Union[parts] if isinstance(hint, types.UnionType) else typing.get_origin(hint)[parts]  # noqa: UP007
-
-
-class Table(BaseModel):
-    """A table of the file. A key that it does not have is an error that names the nearest one."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _known_keys(cls, data: Any) -> Any:
-        if isinstance(data, dict):
-            known = [field.alias or name for name, field in cls.model_fields.items()]
-            for key in data:
-                if key not in known:
-                    hint = nearest(key, known) or f"; it has: {', '.join(known)}"
-                    raise mistake(f"unknown key {key!r}{hint}")
-        return data
 
 
 # -- motion --------------------------------------------------------------------------------------------------------
@@ -181,19 +162,10 @@ SHAPES: dict[str, type[Body]] = {
 """Table of each ``shape``."""
 
 
-def _has_a_shape(data: Any) -> Any:
-    shape = data.get("shape") if isinstance(data, dict) else None
-    if isinstance(data, dict) and (not isinstance(shape, str) or shape not in SHAPES):
-        said = f"unknown shape {shape!r}{nearest(shape, SHAPES)}" if "shape" in data else "missing key 'shape'"
-        raise mistake(f"{said} (shapes: {', '.join(SHAPES)})")
-    return data
-
-
 if TYPE_CHECKING:
     AnyBody = Body
 else:
-    _OneBody = Annotated[Union[tuple(SHAPES.values())], Field(discriminator="shape")]  # noqa: UP007
-    AnyBody = Annotated[_OneBody, BeforeValidator(_has_a_shape)]
+    AnyBody = one_of(SHAPES, "shape")
 
 
 # -- skins ---------------------------------------------------------------------------------------------------------
@@ -338,27 +310,6 @@ class World(Table):
     dtype: Literal["float32", "float64"] = Field(default="float32", description="width of the kernels' numbers")
 
 
-class EngineTable(Table):
-    """``[engine]``: a simulator that moves bodies of its own, which skins feel and may sit on."""
-
-    kind: Literal["mujoco"]
-    file: str = Field(description="its model, by a path relative to the scene file")
-    friction: Real | None = Field(
-        default=None, ge=0, le=10, description="of all on all, in the model and for skins that know friction"
-    )
-    felt: Literal["force", "overlap"] = Field(
-        default="force",
-        description="skins are pressed in until they feel the model's force, or as deep as its geoms overlap",
-    )
-    on_late: Literal["slow", "drop"] = Field(
-        default="slow",
-        description="slower than real time: the model falls behind the clock, or catches up and samples are dropped",
-    )
-    breaks: dict[str, Annotated[Real, Field(gt=0)]] = Field(
-        default={}, description="geoms that are gone once something presses them harder than this [N]"
-    )
-
-
 class TruthTable(Table):
     """``[truth]``: what is remembered of a run."""
 
@@ -376,7 +327,7 @@ class SceneFile(Table):
 
     truth: TruthTable = TruthTable()
     scene: World = World()
-    engine: EngineTable | None = None
+    engine: AnyEngine | None = None
     body: tuple[AnyBody, ...] = ()
     skin: Annotated[tuple[Skin, ...], BeforeValidator(_not_empty)]
     scenario: tuple[EventTable, ...] = ()

@@ -25,6 +25,7 @@ import numpy as np
 import pytest
 
 import tactemu as tt
+from tactemu.collector import no_full_collections
 
 HANDS = Path(__file__).parents[2] / "examples" / "hands"
 PATIENCE = 10
@@ -45,7 +46,7 @@ class Hand:
     name: str
     package: str
     pads: tuple[str, ...]
-    """Geoms of the fingertips that hold; thumb first."""
+    """Geoms of the outer links that hold; thumb first."""
     port: str | None = None
     resolution_n: float = 0.0
     """Two counts of its touch."""
@@ -54,6 +55,10 @@ class Hand:
 
     egg_n: float = 2.5
     """What breaks the egg."""
+    script: str = ""
+    """Of the hand whose controller is meant, where it is another's."""
+    options: tuple[str, ...] = ()
+    """For the controller."""
 
     def address(self, dev: tt.Served) -> list[str]:
         """What its controller is told to open."""
@@ -65,6 +70,9 @@ class Hand:
 PADS = ("thumb_tip", "index_tip")
 ALL = {
     "linker_l6": Hand("linker_l6", "linkerbot", PADS, resolution_n=2 / 500),
+    "linker_o6": Hand(
+        "linker_o6", "linkerbot", PADS, resolution_n=2 / 500, script="linker_l6", options=("--hand", "O6")
+    ),
     "ability_hand": Hand("ability_hand", "ah_wrapper", PADS, newtons=dict.fromkeys(OBJECTS, 8.0), egg_n=12.0),
     "inspire_rh56dftp": Hand("inspire_rh56dftp", "RH56DFTP", PADS, "tcp:0", 2 / 1000),
     "paxini_gripper": Hand(
@@ -128,16 +136,16 @@ def engine_of(dev: tt.Served):
 
 
 def contact_forces(engine, names) -> np.ndarray:
-    """MuJoCo's normal forces of contact on each geom, their sum's length [N]."""
+    """MuJoCo's normal forces of contact on the body of each geom, their sum's length [N]."""
     model, data, wrench = engine.model, engine.data, np.zeros(6)
-    ids = [model.geom(name).id for name in names]
+    ids = [int(model.geom_bodyid[model.geom(name).id]) for name in names]
     totals = np.zeros((len(ids), 3))
     for k, contact in enumerate(data.contact[: data.ncon]):
         mujoco.mj_contactForce(model, data, k, wrench)
         force = wrench[0] * contact.frame[:3]
-        for side, sign in ((contact.geom1, -1), (contact.geom2, 1)):
-            if side in ids:
-                totals[ids.index(side)] += sign * force
+        for geom, sign in ((contact.geom1, -1), (contact.geom2, 1)):
+            if (body := int(model.geom_bodyid[geom])) in ids:
+                totals[ids.index(body)] += sign * force
     return np.linalg.norm(totals, axis=1)
 
 
@@ -162,7 +170,8 @@ def controller(hand: Hand, dev: tt.Served, *options, does: str = "grasp") -> Ite
     """The example's controller, as a process that tells by a line that it touches."""
     if importlib.util.find_spec(hand.package) is None:
         pytest.skip(f"{hand.package} is not installed")
-    command = [sys.executable, str(HANDS / f"{does}_{hand.name}.py"), *hand.address(dev), *map(str, options)]
+    script = HANDS / f"{does}_{hand.script or hand.name}.py"
+    command = [sys.executable, str(script), *hand.address(dev), *hand.options, *map(str, options)]
     with (
         TemporaryDirectory() as folder,  # drivers leave files where they are started
         subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder) as process,
@@ -176,7 +185,8 @@ def controller(hand: Hand, dev: tt.Served, *options, does: str = "grasp") -> Ite
 def hold(hand: Hand, thing: str, pose, folder: Path, *, settle_s=SETTLE_S, hold_s=HOLD_S, dead=(), faults=()) -> Held:
     """Have the hand hold a thing, whose table goes away half-way."""
     newtons = newtons_of(hand, thing)
-    with tt.serve(scene_of(hand, thing, folder), hand.port, faults=faults, adjustable=["dead"]) as dev:
+    scene = scene_of(hand, thing, folder)
+    with no_full_collections(), tt.serve(scene, hand.port, faults=faults, adjustable=["dead"]) as dev:
         engine = engine_of(dev)
         dev.in_loop(lambda: put(engine, pose))
         z = engine.data.body("object").xpos[2]

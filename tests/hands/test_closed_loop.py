@@ -19,7 +19,7 @@ from tactemu.scene import file
 from tactemu.scene.steering import steered
 from tactemu.truth import Passage, Sample, Truth, entries
 from tests.emulator.test_lockstep import go_on
-from tests.hands.holding import ALL, contact_forces, scene_of
+from tests.hands.holding import ALL, HANDS, contact_forces, scene_of
 
 L6 = ALL["linker_l6"]
 MS = 1_000_000
@@ -134,6 +134,33 @@ def test_a_loop_that_is_late_slows_the_model_or_catches_up(on_late, left_out_s, 
         assert ("does not keep up" in caplog.text) == (on_late == "slow")
         engine.pose(simulation, begun + 2.6)  # more than it catches up with at once
         assert engine.behind_s > 0
+
+
+@pytest.mark.parametrize("scene", sorted(HANDS.glob("*.toml")), ids=lambda scene: scene.stem)
+def test_a_hand_of_the_examples_stands_open(scene):
+    """Each model fits its device, and what it is to hold lies on its table."""
+    emulator, _, engine = made(scene)
+    with emulator:
+        emulator.run(0.2)
+        assert len(engine.pads) > 1 and not any(pad.felt() for pad in engine.pads.values())
+        assert np.abs(engine.data.qvel).max() < 0.1
+
+
+def test_an_order_for_a_small_step_is_no_kick(tmp_path):
+    """A motor that is where it should be long before the next step of the scene has not moved at its full speed."""
+    emulator, _, engine = made(scene_of(L6, "ball", tmp_path))
+    write, fastest, dof = emulator.channels[0].wire.transport.driver.write, 0.0, engine.model.joint("index").dofadr[0]
+    with emulator:
+        emulator.at(10 * MS, functools.partial(write, frame(0x05, *[255] * 6)))
+        emulator.at(20 * MS, functools.partial(write, frame(0x01, *[OPEN] * 6)))
+        emulator.run(1.5)
+        for k in range(20):  # at all times between two steps
+            emulator.at(1500 * MS + k * 40_200_000, functools.partial(write, frame(0x01, *[OPEN - 1 - k] * 6)))
+        for _ in range(200):
+            emulator.run(0.004)
+            fastest = max(fastest, abs(engine.data.qvel[dof]))
+    step = 1.6 / 255
+    assert 0.3 * step / 0.004 < fastest < 0.8 * step / 0.004
 
 
 URDF = """

@@ -33,13 +33,13 @@ def _normal_kernel(real):
     @wp.kernel(module="unique", enable_backward=False)
     def _draws(
         key: wp.uint32,
-        resets: wp.array(dtype=wp.int32),
+        streams: wp.array(dtype=wp.vec2i),
         step: wp.int64,
         out: wp.array(dtype=four),
         unit: wp.array(dtype=wp.float64),
     ):
         i = wp.tid()
-        words = draw(key, resets, 0, i, step)
+        words = draw(key, streams, 0, i, step)
         out[i] = normals4(words)
         unit[i] = unit_f64(words[0])
 
@@ -50,9 +50,8 @@ def draws(n: int, key: int = 1, resets: int = 0, step: int = 1, real=wp.float64)
     """Normals ``(n, 4)`` and uniforms ``(n,)``."""
     kernel, four = _normal_kernel(real)
     out, unit = wp.zeros(n, dtype=four, device="cpu"), wp.zeros(n, dtype=wp.float64, device="cpu")
-    wp.launch(
-        kernel, dim=n, inputs=[key, wp.array([resets], dtype=wp.int32, device="cpu"), step, out, unit], device="cpu"
-    )
+    streams = wp.array([(0, resets)], dtype=wp.vec2i, device="cpu")
+    wp.launch(kernel, dim=n, inputs=[key, streams, step, out, unit], device="cpu")
     return out.numpy(), unit.numpy()
 
 

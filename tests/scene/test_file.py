@@ -9,6 +9,7 @@ import pytest
 from tactemu.errors import DeviceError, SceneError
 from tactemu.scene import file, schema
 from tactemu.scene.building import make_devices
+from tactemu.scene.engine_tables import ENGINES
 from tactemu.scene.motion import Press, Sequence
 
 PAGE = Path(__file__).parents[2] / "docs" / "scene-files.md"
@@ -121,7 +122,7 @@ def test_every_toml_block_of_the_documentation_is_right():
 
 
 @pytest.mark.parametrize(
-    "table", [schema.World, schema.Skin, schema.ClockTable, schema.EngineTable, schema.Event, *schema.SHAPES.values()]
+    "table", [schema.World, schema.Skin, schema.ClockTable, schema.Event, *ENGINES.values(), *schema.SHAPES.values()]
 )
 def test_the_documentation_names_every_key(table):
     page = PAGE.read_text()

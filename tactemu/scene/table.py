@@ -1,0 +1,45 @@
+"""What every table of a scene file has in common."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Union
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, Strict, model_validator
+
+from tactemu.errors import nearest
+from tactemu.scene.mistakes import mistake
+
+Real = Annotated[float, Strict()]
+"""A number; neither a text nor a truth value is one."""
+
+
+class Table(BaseModel):
+    """A table of the file. A key that it does not have is an error that names the nearest one."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, data: Any) -> Any:
+        if isinstance(data, dict):
+            known = [field.alias or name for name, field in cls.model_fields.items()]
+            for key in data:
+                if key not in known:
+                    hint = nearest(key, known) or f"; it has: {', '.join(known)}"
+                    raise mistake(f"unknown key {key!r}{hint}")
+        return data
+
+
+def one_of(tables: Mapping[str, type[Table]], key: str) -> Any:
+    """The annotation of a table that is one of several, by what stands under its ``key``."""
+
+    def known(data: Any) -> Any:
+        given = data.get(key) if isinstance(data, dict) else None
+        if isinstance(data, dict) and (not isinstance(given, str) or given not in tables):
+            said = f"unknown {key} {given!r}{nearest(given, tables)}" if key in data else f"missing key {key!r}"
+            raise mistake(f"{said} ({key}s: {', '.join(tables)})")
+        return data
+
+    one = Annotated[Union[tuple(tables.values())], Field(discriminator=key)]  # noqa: UP007
+    return Annotated[one, BeforeValidator(known)]

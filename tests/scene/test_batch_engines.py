@@ -1,0 +1,267 @@
+"""Simulators of many environments: poses and velocities judged by MuJoCo's own kinematics, steps by its own steps."""
+
+import numpy as np
+import pytest
+
+import tactemu as tt
+from tactemu.errors import PoseError, SceneError
+from tactemu.scene import file as scene_file
+from tactemu.scene.building import build_scene, make_devices
+
+mujoco = pytest.importorskip("mujoco")
+mujoco_warp = pytest.importorskip("mujoco_warp")
+newton = pytest.importorskip("newton")
+
+FINGER = """
+<mujoco>
+  <option timestep="0.002"/>
+  <worldbody>
+    <geom name="floor" type="plane" size="1 1 0.1" pos="0 0 -0.5"/>
+    <body name="hand" pos="0.1 0.2 0.3" euler="10 20 30">
+      <freejoint/>
+      <geom name="palm" type="box" size=".02 .03 .01" pos=".01 .02 0" euler="0 40 0" mass=".2"/>
+      <body name="finger" pos="0.06 0 0.01">
+        <joint name="bend" type="hinge" axis="0 1 0.3"/>
+        <geom name="tip" type="capsule" size=".006 .02" pos="0.02 0 0.01" euler="30 0 0" mass=".05"/>
+      </body>
+    </body>
+    <body name="ball" pos="0 0 0.02"><freejoint/><geom name="ball" type="sphere" size=".01" mass=".1"/></body>
+  </worldbody>
+</mujoco>
+"""
+DROP = """
+<mujoco>
+  <option timestep="0.002"/>
+  <worldbody>
+    <geom name="floor" type="plane" size="1 1 0.1"/>
+    <body name="ball" pos="0 0 0.02"><freejoint/><geom name="ball" type="sphere" size=".01" mass=".1"/></body>
+  </worldbody>
+</mujoco>
+"""
+N_ENVS = 3
+LINE = np.stack([np.linspace(-8e-3, 8e-3, 5), np.zeros(5), np.full(5, 0.0)], -1)
+BODIES = "palm", "tip", "ball"
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "finger.xml"
+    path.write_text(FINGER)
+    return path
+
+
+@pytest.fixture
+def drop(tmp_path):
+    path = tmp_path / "drop.xml"
+    path.write_text(DROP)
+    return path
+
+
+def states(model) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and velocities of all joints, different in each environment."""
+    rng = np.random.default_rng(0)
+    qpos = model.qpos0 + 0.3 * rng.normal(size=(N_ENVS, model.nq))
+    for start in (3, 11):
+        qpos[:, start : start + 4] /= np.linalg.norm(qpos[:, start : start + 4], axis=1, keepdims=True)
+    return qpos, rng.normal(size=(N_ENVS, model.nv))
+
+
+def truth(model) -> np.ndarray:
+    """Pose, velocity and turning of each geom in each environment, by finite differences of MuJoCo's kinematics."""
+    data, h = mujoco.MjData(model), 1e-5
+    geoms = [model.geom(name).id for name in BODIES]
+    rows = np.zeros((N_ENVS, len(geoms), 13))
+    for e, (qpos, qvel) in enumerate(zip(*states(model))):
+        places, turns = [], []
+        for time in (-h, 0.0, h):
+            data.qpos[:] = qpos
+            mujoco.mj_integratePos(model, data.qpos, qvel, time)
+            mujoco.mj_kinematics(model, data)
+            places.append(data.geom_xpos[geoms].copy())
+            turns.append(data.geom_xmat[geoms].reshape(-1, 3, 3).copy())
+        rows[e, :, :3], rows[e, :, 7:10] = places[1], (places[2] - places[0]) / (2 * h)
+        spin = (turns[2] - turns[0]) / (2 * h) @ turns[1].transpose(0, 2, 1)
+        rows[e, :, 10:] = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], -1)
+        for k, turn in enumerate(turns[1]):
+            mujoco.mju_mat2Quat(rows[e, k, 3:7], turn.reshape(-1))
+    return rows
+
+
+def compare(sim, carriers, model) -> None:
+    found, expected = sim.pose_array.numpy()[:, [body.index for body in carriers]], truth(model)
+    np.testing.assert_allclose(found[..., :3], expected[..., :3], atol=2e-6)
+    same = np.abs((found[..., 3:7] * expected[..., 3:7]).sum(-1))
+    np.testing.assert_allclose(same, 1.0, atol=1e-6)
+    np.testing.assert_allclose(found[..., 7:], expected[..., 7:], atol=3e-5)
+
+
+def test_poses_of_mujoco_warp(file):
+    model = mujoco.MjModel.from_xml_path(str(file))
+    scene = tt.Scene()
+    source = tt.MujocoSource(scene, model)
+    carriers = [source.geom(name) for name in BODIES]
+    scene.add_sensor(tt.KinematicTaxel(probe_local_pos=LINE, normal_damping=1.0), link=carriers[0])
+    sim = scene.build(N_ENVS)
+    data = mujoco_warp.make_data(model, nworld=N_ENVS)
+    for array, values in zip((data.qpos, data.qvel), states(model)):
+        array.assign(values.astype(np.float32))
+    on_device = mujoco_warp.put_model(model)
+    for refresh in (mujoco_warp.kinematics, mujoco_warp.com_pos, mujoco_warp.com_vel):
+        refresh(on_device, data)
+    source.bind(sim, data)
+    sim.step()
+    compare(sim, carriers, model)
+
+
+def test_poses_of_newton(file):
+    builder, worlds = newton.ModelBuilder(), newton.ModelBuilder()
+    builder.add_mjcf(str(file))
+    worlds.replicate(builder, N_ENVS)
+    theirs = worlds.finalize(device="cpu")
+    scene = tt.Scene()
+    source = tt.NewtonSource(scene, theirs)
+    carriers = [source.shape(name) for name in BODIES]
+    scene.add_sensor(tt.KinematicTaxel(probe_local_pos=LINE, normal_damping=1.0), link=carriers[0])
+    sim = scene.build(N_ENVS)
+    state, model = theirs.state(), mujoco.MjModel.from_xml_path(str(file))
+    q, qd = as_newton(model, *states(model))
+    theirs.joint_q.assign(q)
+    theirs.joint_qd.assign(qd)
+    newton.eval_fk(theirs, theirs.joint_q, theirs.joint_qd, state)
+    source.bind(sim, state)
+    sim.step()
+    compare(sim, carriers, model)
+
+
+def as_newton(model, qpos, qvel) -> tuple[np.ndarray, np.ndarray]:
+    """MuJoCo's joints in Newton's convention: quaternions (x, y, z, w); a free joint's velocity is in the world, of the
+    centre of mass."""
+    q, qd = qpos.copy(), qvel.copy()
+    data = mujoco.MjData(model)
+    for joint in range(model.njnt):
+        if model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_FREE:
+            continue
+        at, speed = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
+        body = model.jnt_bodyid[joint]
+        q[:, at + 3 : at + 7] = qpos[:, [at + 4, at + 5, at + 6, at + 3]]
+        for e in range(len(qpos)):
+            data.qpos[:] = qpos[e]
+            mujoco.mj_kinematics(model, data)
+            turn = data.xmat[body].reshape(3, 3)
+            spin = turn @ qvel[e, speed + 3 : speed + 6]
+            qd[e, speed : speed + 3] += np.cross(spin, turn @ model.body_ipos[body])
+            qd[e, speed + 3 : speed + 6] = spin
+    return q.reshape(-1).astype(np.float32), qd.reshape(-1).astype(np.float32)
+
+
+def held(drop, kind: str, n_envs: int | None = N_ENVS):
+    """A ball that falls on a skin on the floor: ``(engine, sim, skin)``."""
+    scene = tt.Scene(dt=4e-3)
+    engine = {"mujoco-warp": tt.MujocoWarpEngine, "newton": tt.NewtonEngine}[kind](scene, drop)
+    model = tt.KinematicTaxel(probe_local_pos=LINE, probe_radius=5e-3)
+    skin = scene.add_sensor(model, link=engine.carrier("floor", "skin"))
+    return engine, scene.build(n_envs), skin
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("kind", ["mujoco-warp", "newton"])
+def test_an_engine_steps_as_mujoco_does(drop, kind):
+    model = mujoco.MjModel.from_xml_path(str(drop))
+    data = mujoco.MjData(model)
+    engine, sim, skin = held(drop, kind)
+    ball = next(body for body in engine.bodies if body.name == "ball")
+    start = sim.pose_array.numpy()[:, ball.index].copy()
+    np.testing.assert_allclose(start[:, :3], [[0, 0, 0.02]] * N_ENVS, atol=1e-6)
+    for step in range(100):
+        sim.step()
+        for _ in range(2):
+            mujoco.mj_step(model, data)
+        if step in (5, 99):
+            mujoco.mj_kinematics(model, data)
+            found = sim.pose_array.numpy()[:, ball.index, :3]
+            np.testing.assert_allclose(found, [data.geom("ball").xpos] * N_ENVS, atol=2e-5)
+    force = skin.read().force
+    assert (force[:, 2, 2] < -1.0).all() and (force == force[:1]).all()
+
+    saved = sim.state()
+    sim.reset(np.array([False, True, False]))
+    sim.step()
+    fell = sim.pose_array.numpy()[:, ball.index, 2]
+    assert fell[1] > 0.019 and (fell[[0, 2]] < 0.0101).all()
+    sim.prepared(saved)()
+    sim.step()
+    after = sim.pose_array.numpy().copy()
+    sim.prepared(saved)()
+    sim.step()
+    np.testing.assert_array_equal(sim.pose_array.numpy(), after)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("kind", ["mujoco-warp", "newton"])
+def test_an_engine_runs_long_without_a_leak(drop, kind):
+    _engine, sim, skin = held(drop, kind)
+    memory = []
+    for step in range(10_000):
+        sim.step()
+        if step % 1000 == 999:
+            skin.read()
+            with open("/proc/self/statm") as file:
+                memory.append(int(file.read().split()[1]) * 4096)
+    assert memory[-1] - memory[1] < 4e6
+
+
+def test_a_model_that_blows_up_is_said(file):
+    model = mujoco.MjModel.from_xml_path(str(file))
+    scene = tt.Scene()
+    source = tt.MujocoSource(scene, model)
+    skin = scene.add_sensor(tt.ContactDepthProbe(probe_local_pos=LINE), link=source.geom("palm"))
+    sim = scene.build(N_ENVS)
+    data = mujoco_warp.make_data(model, nworld=N_ENVS)
+    source.bind(sim, data)
+    sim.step()
+    places = data.xpos.numpy()
+    places[1, 2] = np.nan
+    data.xpos.assign(places)
+    with pytest.raises(PoseError, match="'tip'"):
+        sim.step()
+    depths = skin.read()
+    assert np.isnan(depths[1]).all() and np.isfinite(depths[[0, 2]]).all()
+
+
+SCENE = """
+[scene]
+dt = 0.004
+[engine]
+kind = "{kind}"
+file = "{file}"
+{more}
+[[skin]]
+device = "flexitac"
+link = "{link}"
+{skin}
+"""
+
+
+@pytest.mark.parametrize("kind", ["mujoco-warp", "newton"])
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"file": "nothing.xml"}, "nothing.xml"),
+        ({"link": "bal"}, "no .*'bal'"),
+        ({"more": "felt = 'force'"}, "felt"),
+        ({"more": "njmax = 0"}, "njmax"),
+        ({"skin": 'joints = { thumb = "bend" }'}, "joints"),
+    ],
+)
+def test_a_file_that_asks_for_what_an_engine_has_not(drop, kind, changes, said):
+    values = {"kind": kind, "file": "drop.xml", "link": "ball", "more": "", "skin": ""} | changes
+    path = drop.parent / "scene.toml"
+    path.write_text(SCENE.format(**values))
+    with pytest.raises(SceneError, match=said):
+        loaded = scene_file.load(path)
+        build_scene(loaded, make_devices(loaded))
+
+
+def test_a_time_step_that_does_not_fit(drop):
+    with pytest.raises(SceneError, match="make dt a multiple"):
+        tt.MujocoWarpEngine(tt.Scene(dt=5e-3), drop)
