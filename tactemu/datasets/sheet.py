@@ -17,8 +17,8 @@ def data_sheet(order: Order, columns: list[Column], dt_s: float, varied: list[st
     )
     return f"""# Tactile dataset of `{order.target}`
 
-Simulated by tactemu {metadata.version("tactemu")}. No real sensor was read: readings are those of the scene's sensor models,
-and what spoils them is what the scene says.
+Simulated by tactemu {metadata.version("tactemu")}. No real sensor was read: readings are those of the scene's sensor
+models, and what spoils them is what the scene says.
 
 - {order.envs} environments of {order.rows} rows each, one every {1e3 * dt_s * order.every:g} ms; seed {order.seed}.
 - Environments differ in their random numbers, and in where bodies start: {_varied(order, varied)}.
