@@ -74,7 +74,7 @@ def cases(device: str, n_envs: int) -> list[Case]:
     if n_envs > 1:
         for friction in (0.0, 0.5):
             title = f"{n_envs} envs of 32 x 32{', friction' if friction else ''}"
-            aim = None if friction or device == "cpu" else 3.0
+            aim = None if device == "cpu" else 2.5 if friction else 0.7
             found.append(
                 Case(title=title, side=32, pitch=5e-4, radius=5e-3, n_envs=n_envs, friction=friction, aim_ms=aim)
             )

@@ -12,8 +12,9 @@ from tests.physics.elastic_layer_rig import LayerRig, coordinates
 pytestmark = pytest.mark.gpu
 
 
-@pytest.mark.parametrize("cells", [(16, 16), (21, 40), (100, 70)])
+@pytest.mark.parametrize("cells", [(16, 16), (29, 32), (21, 40), (100, 70)])
 def test_solvers(cells):
+    """The first two are solved in a block's own memory, the others in the device's."""
     x, y = coordinates(max(cells), 5e-4, (0.2, 0.4))
     overlap = (4e-4 - (x**2 + y**2) / 1.2e-2)[: cells[0], : cells[1]]
     results = []
