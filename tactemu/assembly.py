@@ -16,6 +16,7 @@ from tactemu.emulator import Emulator
 from tactemu.errors import DeviceError, SceneError, TactemuError
 from tactemu.options import number
 from tactemu.plugging import Plug, plugs_of
+from tactemu.random_streams import stream_key
 from tactemu.recordings.playback import Playback, recorded
 from tactemu.recordings.recording import RecordedReadings
 from tactemu.sampling import SampleClock
@@ -60,6 +61,8 @@ class Wishes:
     """Noise, clock and so on as of real devices, where such were measured and the scene says nothing."""
     fresh_ports: bool = False
     """Where nobody names a port, one that nobody else has instead of the usual one."""
+    env: int = 0
+    """Number of the environment, where others are simulated elsewhere: each has random numbers of its own."""
 
     def __post_init__(self):
         ports = self.port.values() if isinstance(self.port, Mapping) else [self.port]
@@ -144,13 +147,14 @@ def assemble(
         loaded = replace(loaded, tables=loaded.tables.model_copy(update={"skin": skins}))
     whole, world = loaded, loaded.tables.scene
     seed = world.seed if wishes.seed is None else wishes.seed
+    wire_seed = stream_key(seed, f"environment {wishes.env}") if wishes.env else seed
     devices = make_devices(loaded)
     given = given_by(source, loaded, devices, lambda scene: _built(scene, wishes, world, seed, like))
     loaded = without(loaded, given)
     events = (*loaded.tables.scenario, *wishes.scenario)
     plugs = plugs_of(loaded.tables.skin, devices, wishes.port, fresh=wishes.fresh_ports)
     truth = truth or Truth()
-    wires = _wires(loaded.tables.skin, events, plugs, wishes, seed, truth)
+    wires = _wires(loaded.tables.skin, events, plugs, wishes, wire_seed, truth)
     laws = {name: (*wishes.adjustable, *laws_needed(events, name)) for name in devices}
     channels: dict[str, Channel] = {}
 
@@ -168,7 +172,7 @@ def assemble(
         device = devices[skin.title]
         felt = fed.get(skin.title) or played.get(skin.title) or placed.get(skin.title) or Untouched()
         own = {plug.connector.name: wires[plug.address] for plug in plugs if plug.skin == skin.title}
-        channels[skin.title] = _channel(skin, device, Senses(felt, device), own, wishes, seed)
+        channels[skin.title] = _channel(skin, device, Senses(felt, device), own, wishes, wire_seed)
     followed = [*played.values(), *([given.readings] if given.readings else [])]
     advanced = Playback(simulation, followed) if followed else simulation
     truth.surroundings = Surroundings(simulation, devices, placed)
@@ -189,7 +193,9 @@ def assemble(
 
 
 def _built(scene: Scene, wishes: Wishes, world: World, seed: int, like: Simulation | None) -> Simulation:
-    simulation = scene.build(device=wishes.compute or world.device, seed=seed, dtype=world.dtype, like=like)
+    simulation = scene.build(
+        device=wishes.compute or world.device, seed=seed, dtype=world.dtype, first_env=wishes.env, like=like
+    )
     if like is None:
         simulation.step()  # loads the kernels, so that the first frame is not late
         simulation.reset()

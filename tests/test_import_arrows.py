@@ -52,6 +52,7 @@ ARROWS = {
         "sensing", "sources", "transports", "truth", "wire",
     ),
     "fit": (*LEAVES, "physics", "scene", "transducers", "truth"),
+    "datasets": (*LEAVES, "assembly", "clock", "physics", "scene", "tactemu"),
     "tune": (*LEAVES, "assembly", "channel", "clock", "emulator", "physics", "plan", "scene"),
     "control": (
         *LEAVES, "assembly", "calls", "channel", "clock", "emulator", "folders", "recordings", "saving", "scenario",
@@ -74,8 +75,8 @@ ARROWS = {
         "truth", "tune", "wire",
     ),
     "cli": (
-        *LEAVES, "assembly", "bench", "channel", "clock", "collector", "control", "conversions", "emulator", "exec",
-        "fit", "frame_text", "judge",
+        *LEAVES, "assembly", "bench", "channel", "clock", "collector", "control", "conversions", "datasets", "emulator",
+        "exec", "fit", "frame_text", "judge",
         "kernels", "page", "priority", "recordings", "scenario", "scene", "serving", "statistics", "tactemu",
         "transports", "truth", "tune", "wire",
     ),

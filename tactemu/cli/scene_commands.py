@@ -105,6 +105,57 @@ def tune(
         typer.echo(encoder.dumps([as_dict(choice) for choice in choices], indent=1))
 
 
+@commands.command()
+def dataset(
+    target: Target,
+    steps: Annotated[int, typer.Option(metavar="N", help="Steps of the simulation, in each environment.")],
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where it goes; an empty folder, or a new one.")],
+    envs: Annotated[int, typer.Option(metavar="N", help="Environments side by side.")] = 64,
+    every: Annotated[int, typer.Option(metavar="N", help="A row only every N steps.")] = 1,
+    shift: Annotated[
+        tuple[float, float, float], typer.Option(metavar="X Y Z", help="Bodies start up to ± so far off [mm].")
+    ] = (1.0, 1.0, 0.2),
+    turn: Annotated[float, typer.Option(metavar="DEG", help="... and turned about z by up to ± so much.")] = 0.0,
+    bytes_envs: Annotated[
+        int | None, typer.Option(metavar="K", help="The wire of the first K environments, too.  [default: 16]")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(metavar="N", help="Root of all random numbers.")] = None,
+    device: Compute = None,
+    strands: Annotated[
+        int, typer.Option(metavar="N", help="Cut the environments in N parts, for memory or for a cluster.")
+    ] = 1,
+    cluster: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="A scheduler of Dask, whose workers reach DIR.")
+    ] = None,
+    compression: Annotated[str, typer.Option(metavar="HOW", help="Of the shards: lz4, zstd or none.")] = "lz4",
+) -> None:
+    """Make a dataset of many environments: what each skin feels, ideal and measured, as Parquet.
+
+    \b
+      tactemu dataset hand.toml --steps 2000 --out presses
+      tactemu dataset hand.toml --envs 4096 --steps 2000 --device cuda:0 --out presses
+      tactemu dataset hand.toml --envs 512 --steps 2000 --strands 8 --cluster tcp://host:8786 --out presses
+
+    Says what it takes before it begins. Stopped or killed, the same command goes on; the same seed makes the same
+    shards.
+    """
+    import math
+
+    from tactemu.cli.making import make_dataset
+    from tactemu.datasets.order import Order
+    from tactemu.kernels import start_quietly
+    from tactemu.scene.file import load
+
+    start_quietly()
+    world, (x, y, z) = load(target).tables.scene, shift
+    order = Order(
+        target=target, envs=envs, steps=steps, every=every, seed=world.seed if seed is None else seed,
+        device=device or world.device, strands=strands, bytes_envs=min(16, envs) if bytes_envs is None else bytes_envs,
+        shift_m=(1e-3 * x, 1e-3 * y, 1e-3 * z), turn_rad=math.radians(turn), compression=compression,
+    )  # fmt: skip
+    raise typer.Exit(make_dataset(order, out, cluster))
+
+
 @commands.command("fit")
 def fit_recordings(
     recordings: Annotated[

@@ -156,18 +156,27 @@ class Sensor(Views, Adjustments):
         Raises:
             SceneError: this model does not offer it.
         """
+        array = self.array(ground_truth)
+        # on the CPU nothing is copied
+        first = array[:1] if array.size and self._simulation.device.is_cuda else array
+        return self.pick(name, self._numpy(first)[:1])[0]
+
+    def pick(self, name: str, values: np.ndarray) -> np.ndarray:
+        """One quantity of what :meth:`array` holds, copied to the host: ``(n_envs, n_taxels)`` or
+        ``(n_envs, n_taxels, 3)``; of a history the latest.
+
+        Raises:
+            SceneError: this model does not offer it.
+        """
         if name not in self.layouts:
             has = ", ".join(self.quantities) or "none"
             kind = type(self.model).__name__
             raise SceneError(f"sensor {self.name!r} ({kind}) has no {name!r}; it offers: {has}")
-        array = self.array(ground_truth)
-        first = array[:1] if array.size and self._simulation.device.is_cuda else array  # on the CPU nothing is copied
-        values = self._numpy(first)[0]
-        values = values[0] if values.ndim == 3 else values
-        values = values[:, self.layouts[name]]
+        values = values[:, 0] if values.ndim == 4 else values
+        values = values[..., self.layouts[name]]
         if name == "touch":
-            return values[:, 0] > 0
-        return values[:, 0].copy() if values.shape[1] == 1 else values.copy()
+            return values[..., 0] > 0
+        return values[..., 0].copy() if values.shape[-1] == 1 else values.copy()
 
     @property
     def _simulation(self) -> Built:

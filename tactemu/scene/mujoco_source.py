@@ -327,12 +327,5 @@ class MujocoSource:
         for k, geom in enumerate(self._geoms):
             if geom in self.hidden:
                 position[k] = _AWAY
-        rows[:, :3], rows[:, 3:7] = position, _multiplied(data.xquat[bodies], turns)
+        rows[:, :3], rows[:, 3:7] = position, rotation.products(data.xquat[bodies], turns)
         return rows
-
-
-def _multiplied(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Quaternions ``(n, 4)``: the rotations ``b`` followed by ``a``."""
-    real = a[:, 0] * b[:, 0] - np.einsum("ij,ij->i", a[:, 1:], b[:, 1:])
-    rest = a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + np.cross(a[:, 1:], b[:, 1:])
-    return np.concatenate([real[:, None], rest], axis=1)

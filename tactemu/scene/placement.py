@@ -69,7 +69,11 @@ class PlacedSensor:
     def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
         """The latest reading in the device's frame, shape ``(n_taxels,)`` or ``(n_taxels, 3)``, SI."""
         values = self.sensor.quantity(name, ground_truth)
-        return rotation.rotate(self._back, values) if self._turned and values.ndim == 2 else values
+        return self.turned(values) if values.ndim == 2 else values
+
+    def turned(self, vectors: np.ndarray) -> np.ndarray:
+        """Vectors of the link's frame, ``(..., 3)``, in the device's."""
+        return rotation.rotate(self._back, vectors) if self._turned else vectors
 
     def around(self, name: str, t_ns: int) -> np.ndarray | float:
         """What a chip beside its taxels feels, in the device's frame.

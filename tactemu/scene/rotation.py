@@ -36,6 +36,14 @@ def multiply(a, b) -> np.ndarray:
     )
 
 
+def products(a, b) -> np.ndarray:
+    """The same for many, ``(n, 4)``, or one and many."""
+    a, b = np.broadcast_arrays(np.atleast_2d(a), np.atleast_2d(b))
+    real = a[:, 0] * b[:, 0] - np.einsum("ij,ij->i", a[:, 1:], b[:, 1:])
+    rest = a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + np.cross(a[:, 1:], b[:, 1:])
+    return np.concatenate([real[:, None], rest], axis=1)
+
+
 def conjugate(q) -> np.ndarray:
     """The inverse of a unit quaternion."""
     return np.array((q[0], -q[1], -q[2], -q[3]))

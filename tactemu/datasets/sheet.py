@@ -1,0 +1,66 @@
+"""The data sheet of a dataset: what is in it, how it was made, and how it is read."""
+
+from __future__ import annotations
+
+import math
+
+import tactemu
+from tactemu.datasets.order import FILE, Order
+from tactemu.datasets.shards import FOLDER, Column
+
+
+def data_sheet(order: Order, columns: list[Column], dt_s: float, varied: list[str]) -> str:
+    """In Markdown."""
+    rows = "\n".join(
+        f"| `{column.name}` | {column.dtype} {' × '.join(map(str, column.shape))} | {column.unit} | {column.meaning} |"
+        for column in columns
+    )
+    return f"""# Tactile dataset of `{order.target}`
+
+Simulated by tactemu {tactemu.__version__}. No real sensor was read: readings are those of the scene's sensor models,
+and what spoils them is what the scene says.
+
+- {order.envs} environments of {order.rows} rows each, one every {1e3 * dt_s * order.every:g} ms; seed {order.seed}.
+- Environments differ in their random numbers, and in where bodies start: {_varied(order, varied)}.
+- Made again from `{FILE}` by the same version it is the same: `tactemu dataset` with the same arguments.
+
+## Readings
+
+`{FOLDER}/*/*.parquet`, a row for each environment at each time:
+
+| column | numbers of a row | unit | what |
+| --- | --- | --- | --- |
+| `env` | int32 | | number of the environment |
+| `step` | int32 | | of the simulation, each {1e3 * dt_s:g} ms |
+| `t_ns` | int64 | ns | simulated time |
+{rows}
+
+Arrays are lists of a fixed size; the shape stands in the metadata of the field. Forces act on the skin.
+
+```python
+import pyarrow.dataset as ds
+
+table = ds.dataset("{FOLDER}").to_table(filter=ds.field("env") == 3)
+```
+{_wire(order)}"""
+
+
+def _varied(order: Order, varied: list[str]) -> str:
+    if not varied or not (any(order.shift_m) or order.turn_rad):
+        return "none elsewhere"
+    shift = ", ".join(f"{1e3 * each:g}" for each in order.shift_m)
+    return (
+        f"{', '.join(varied)} by up to ±({shift}) mm along x, y, z and ±{math.degrees(order.turn_rad):g}° about z, "
+        "uniformly"
+    )
+
+
+def _wire(order: Order) -> str:
+    if not order.bytes_envs:
+        return ""
+    return f"""
+## The wire
+
+`wire/env-*.mcap`, of the first {order.bytes_envs} environments: every frame that the device sent, and with each sample
+the counts that a perfect driver decodes. `tactemu.read_log("wire/env-000000.mcap")`.
+"""

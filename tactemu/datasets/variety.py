@@ -1,0 +1,102 @@
+"""How environments differ beside their noise: where bodies start."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tactemu.datasets.order import Order
+from tactemu.random_streams import generator
+from tactemu.scene import rotation
+from tactemu.scene.file import LoadedScene
+
+if TYPE_CHECKING:
+    from tactemu.physics.simulation import Simulation
+    from tactemu.scene.motion import Motion
+    from tactemu.scene.scene import Scene
+
+
+class Starts:
+    """Where the free bodies of a scene start in each environment: those that are pressed, not those that feel.
+
+    Args:
+        loaded: the scene.
+        order: how far they may be off.
+    """
+
+    def __init__(self, loaded: LoadedScene, order: Order):
+        carriers = {skin.link for skin in loaded.tables.skin}
+        for skin in loaded.tables.skin:
+            carriers |= {place if isinstance(place, str) else place.body for place in skin.links.values()}
+        self._loaded, self._order = loaded, order
+        self.names = [
+            body.name
+            for body in loaded.tables.body
+            if not body.fixed and body.shape != "frame" and body.name not in carriers
+        ]
+        """Of the bodies that start elsewhere in each environment."""
+
+    def drawn(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """Position and quaternion of a body at the start, ``(envs, 3)`` and ``(envs, 4)``."""
+        body = next(each for each in self._loaded.tables.body if each.name == name)
+        order = self._order
+        random = generator(order.seed, f"dataset/{name}").uniform(-1.0, 1.0, (order.envs, 4))
+        half = 0.5 * order.turn_rad * random[:, 3]
+        turn = np.zeros((order.envs, 4))
+        turn[:, 0], turn[:, 3] = np.cos(half), np.sin(half)
+        position = body.position + random[:, :3] * order.shift_m
+        return position, rotation.products(turn, rotation.normalised(body.quaternion))
+
+    def of(self, env: int) -> LoadedScene:
+        """The scene as it is in one environment."""
+        bodies = []
+        for body in self._loaded.tables.body:
+            if body.name in self.names:
+                position, quaternion = (values[env] for values in self.drawn(body.name))
+                body = body.model_copy(update={"position": tuple(position), "quaternion": tuple(quaternion)})
+            bodies.append(body)
+        return replace(self._loaded, tables=self._loaded.tables.model_copy(update={"body": tuple(bodies)}))
+
+
+class Moves:
+    """Poses the bodies of a batch at each step: by their motions, from where each environment has them start."""
+
+    def __init__(self, scene: Scene, motions: Mapping[str, Motion], starts: Starts, first: int, end: int):
+        self._motions, self._starts, self._range = motions, starts, slice(first, end)
+        self._bodies = [body for body in scene.bodies if body.name in {*motions, *starts.names}]
+        scene.posers.append(self)
+
+    def __call__(self, simulation: Simulation, t_s: float) -> None:
+        """Pose them as they are at a time [s]."""
+        if self._bodies:
+            simulation.world.put_all(self._places, np.stack([self._rows(body, t_s) for body in self._bodies]))
+
+    @cached_property
+    def _places(self) -> np.ndarray:
+        return np.array([body.index for body in self._bodies])
+
+    @cached_property
+    def _at(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        n, found = self._range.stop - self._range.start, {}
+        for body in self._bodies:
+            if body.name in self._starts.names:
+                position, quaternion = self._starts.drawn(body.name)
+                found[body.name] = position[self._range], quaternion[self._range]
+            else:
+                found[body.name] = np.tile(body.position, (n, 1)), np.tile(body.quaternion, (n, 1))
+        return found
+
+    def _rows(self, body: Any, t_s: float) -> np.ndarray:
+        position, quaternion = self._at[body.name]
+        rows = np.zeros((len(position), 13))
+        rows[:, :3], rows[:, 3:7] = position, quaternion
+        if body.name in self._motions:
+            by = self._motions[body.name].pose(t_s)
+            rows[:, :3] += by.position
+            rows[:, 3:7] = rotation.products(by.quaternion, quaternion)
+            rows[:, 7:10], rows[:, 10:] = by.linear_velocity, by.angular_velocity
+        return rows

@@ -1,0 +1,202 @@
+"""Datasets: what the wire says is what the shards hold, and neither a kill nor a cut changes any of it."""
+
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tactemu as tt
+from tactemu.datasets import making
+from tactemu.datasets.making import begin, make
+from tactemu.datasets.order import Order
+from tactemu.errors import TactemuError
+from tests.cli.command import here
+
+pq = pytest.importorskip("pyarrow.parquet")
+
+SCENE = """
+[scene]
+dt = 0.002
+
+[[body]]
+name = "pad"
+shape = "box"
+size = [0.04, 0.04, 0.02]
+position = [0.0, 0.0, -0.01]
+fixed = true
+
+[[body]]
+name = "ball"
+shape = "sphere"
+radius = 0.01
+position = [0.0, 0.0, 0.0105]
+
+[body.motion]
+kind = "press"
+depth = 0.002
+speed = 0.02
+
+[[skin]]
+device = "flexitac"
+link = "pad"
+options = { noise = 0.02, probe_gain_resample_range = [0.8, 1.2], dead_taxel_probability = 0.05 }
+"""
+COLUMN = "flexitac.force"
+
+
+@pytest.fixture
+def order(tmp_path) -> Order:
+    path = tmp_path / "press.toml"
+    path.write_text(SCENE)
+    return Order(target=str(path), envs=6, steps=200, every=4, seed=5, bytes_envs=0, shift_m=(2e-3, 2e-3, 2e-4))
+
+
+def made(order: Order, folder: Path, **how) -> dict[str, np.ndarray]:
+    """Make it, and read it back by pyarrow."""
+    begin(order, folder)
+    for _ in make(order, folder, **how):
+        pass
+    return read(folder)
+
+
+def read(folder: Path) -> dict[str, np.ndarray]:
+    """All columns of all shards, sorted by time and environment."""
+    tables = [pq.read_table(path) for path in sorted((folder / "readings").rglob("*.parquet"))]
+    columns: dict[str, list[np.ndarray]] = {}
+    for table in tables:
+        for name in table.column_names:
+            values = table[name].combine_chunks()
+            flat = values.flatten() if hasattr(values, "flatten") and values.type.num_fields else values
+            columns.setdefault(name, []).append(flat.to_numpy(zero_copy_only=False).reshape(len(table), -1))
+    whole = {name: np.concatenate(parts) for name, parts in columns.items()}
+    turn = np.lexsort((whole["env"][:, 0], whole["step"][:, 0]))
+    return {name: values[turn] for name, values in whole.items()}
+
+
+def same(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> None:
+    assert a.keys() == b.keys()
+    for name in a:
+        np.testing.assert_array_equal(a[name], b[name], err_msg=name)
+
+
+def test_the_wire_says_what_the_shards_hold(order, tmp_path):
+    order = replace(order, bytes_envs=2, every=1, turn_rad=0.1)
+    rows = made(order, tmp_path / "out")
+    for env in range(2):
+        log = tt.read_log(tmp_path / "out" / "wire" / f"env-{env:06d}.mcap")["flexitac"]
+        assert len(log.frames) > 10 and log.measured.any() and log.counts.any()
+        mine = rows["env"][:, 0] == env
+        for k, t_ns in enumerate(log.t_ns):
+            here = mine & (rows["t_ns"][:, 0] == t_ns // 2_000_000 * 2_000_000)
+            if t_ns >= 2_000_000:
+                for kind in ("ideal", "measured"):
+                    felt = rows[f"{COLUMN}.{kind}"][here]
+                    np.testing.assert_allclose(felt, [getattr(log, kind)[k].ravel()], rtol=1e-5, atol=1e-6)
+    starts = rows["pose.ball"][:6, :3]
+    assert np.ptp(starts[:, 0]) > 1e-3 and np.ptp(starts[:, 2]) > 1e-5
+
+
+@pytest.fixture
+def small_shards(monkeypatch):
+    monkeypatch.setattr("tactemu.datasets.shards.SHARD_BYTES", 300_000)
+
+
+def test_a_cut_changes_nothing(order, tmp_path, small_shards):
+    whole = made(order, tmp_path / "one")
+    assert len(list((tmp_path / "one").rglob("*.parquet"))) > 2
+    assert whole["step"][::6, 0].tolist() == list(range(4, 201, 4))
+    assert whole[f"{COLUMN}.measured"].any() and (whole[f"{COLUMN}.measured"] != whole[f"{COLUMN}.ideal"]).any()
+    same(made(replace(order, strands=3), tmp_path / "three"), whole)
+
+
+def test_one_that_was_killed_goes_on(order, tmp_path):
+    order = replace(order, steps=1500, every=1)
+    script = (
+        "import sys; from tactemu.datasets import shards; shards.SHARD_BYTES = 500_000\n"
+        "from tactemu.datasets.making import begin, make; from tactemu.datasets.order import Order\n"
+        f"from pathlib import Path; order = Order(**{vars(order)!r})\n"
+        "begin(order, Path(sys.argv[1]))\n"
+        "for _ in make(order, Path(sys.argv[1])): print('shard', flush=True)"
+    )
+
+    def run(folder: str) -> subprocess.Popen:
+        return subprocess.Popen([sys.executable, "-c", script, str(tmp_path / folder)], stdout=subprocess.PIPE)
+
+    begun = run("killed")
+    assert begun.stdout
+    assert len(list(islice((line for line in begun.stdout if line == b"shard\n"), 3))) == 3
+    begun.send_signal(signal.SIGKILL)
+    begun.wait()
+    begun.stdout.close()
+    there = list((tmp_path / "killed").rglob("*.parquet"))
+    for folder in ("killed", "whole"):
+        with run(folder) as process:
+            process.communicate()
+        assert process.returncode == 0
+    assert 0 < len(there) < len(list((tmp_path / "killed").rglob("*.parquet")))
+    same(read(tmp_path / "killed"), read(tmp_path / "whole"))
+
+
+@pytest.mark.nightly
+def test_two_workers_make_the_same(order, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    with pytest.raises(TactemuError, match="no scheduler answers"):
+        made(order, tmp_path / "nowhere", cluster="tcp://127.0.0.1:9")
+    order = replace(order, strands=3, bytes_envs=2)
+    here = made(order, tmp_path / "here")
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        same(made(order, tmp_path / "there", cluster=cluster.scheduler_address), here)
+    for env in range(2):
+        paths = [tmp_path / place / "wire" / f"env-{env:06d}.mcap" for place in ("here", "there")]
+        frames = [[each.frame for each in tt.read_log(path)["flexitac"].frames] for path in paths]
+        assert frames[0] and frames[0] == frames[1]
+
+
+def test_a_disk_that_cannot_hold_it(order, tmp_path, monkeypatch):
+    full = making.shutil.disk_usage(tmp_path)._replace(free=1000)
+    monkeypatch.setattr(making.shutil, "disk_usage", lambda _place: full)
+    with pytest.raises(TactemuError, match=r"1\.0 kB are free on that disk"):
+        begin(order, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_another_dataset_is_not_written_over(order, tmp_path):
+    begin(order, tmp_path / "out")
+    with pytest.raises(TactemuError, match=r"order\.seed: 5 then, 6 now"):
+        begin(replace(order, seed=6), tmp_path / "out")
+    Path(order.target).write_text(SCENE.replace("0.0105", "0.0115"))
+    with pytest.raises(TactemuError, match=r"scene\.body"):
+        begin(order, tmp_path / "out")
+    with pytest.raises(TactemuError, match="other files"):
+        begin(order, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--steps", "0"], "steps: expected a whole number from 1"),
+        (["--steps", "10", "--every", "11"], "every: expected a whole number from 1 to 10"),
+        (["--steps", "10", "--strands", "100"], "strands: expected a whole number from 1 to 64"),
+        (["--steps", "10", "--shift", "1", "1", "-1"], "shift"),
+        (["--steps", "10", "--compression", "gzip"], "compression: expected one of"),
+    ],
+)
+def test_what_is_refused(order, tmp_path, words, said):
+    done = here("dataset", order.target, "--out", str(tmp_path / "out"), *words)
+    assert done.returncode == 2 and said in done.stderr
+
+
+def test_the_command(order, tmp_path):
+    out = tmp_path / "out"
+    words = "dataset", order.target, "--envs", "4", "--steps", "50", "--bytes-envs", "1", "--out", str(out)
+    for _ in range(2):  # the second time all is there
+        done = here(*words)
+        assert done.returncode == 0, done.stderr
+        assert "1 shards, at most" in done.stdout and "done" in done.stdout
+    assert "ball by up to" in (out / "README.md").read_text()
+    assert len(read(out)["env"]) == 200

@@ -1,0 +1,69 @@
+"""Simulators that move the bodies on the device, and batches over several devices.
+
+Run on a machine with a CUDA device: ``python -m pytest tests/gpu/test_engines_on_cuda.py``.
+"""
+
+import numpy as np
+import pytest
+import warp as wp
+
+import tactemu as tt
+from tests.physics.test_split import N_ENVS, run, scene
+from tests.scene.test_batch_engines import DROP, LINE
+
+pytestmark = pytest.mark.gpu
+ENGINES = {"mujoco-warp": "MujocoWarpEngine", "newton": "NewtonEngine"}
+
+
+def dropped(folder, kind: str, n_envs: int, device: str):
+    """A ball above a skin on the floor: ``(engine, sim, skin, ball)``."""
+    path = folder / "drop.xml"
+    path.write_text(DROP)
+    built = tt.Scene(dt=4e-3)
+    engine = getattr(tt, ENGINES[kind])(built, path)
+    model = tt.KinematicTaxel(probe_local_pos=LINE, probe_radius=5e-3, normal_damping=1.0)
+    skin = built.add_sensor(model, link=engine.carrier("floor", "skin"))
+    ball = next(body for body in engine.bodies if body.name == "ball")
+    return engine, built.build(n_envs, device=device), skin, ball
+
+
+@pytest.mark.parametrize("kind", ENGINES)
+def test_an_engine_moves_as_on_the_cpu(tmp_path, kind):
+    """Until the ball has come to rest, with a reset of some environments in between."""
+    courses = {}
+    for device in ("cpu", "cuda:0"):
+        _engine, sim, skin, ball = dropped(tmp_path, kind, 5, device)
+        course, mask = [], wp.array([False, True, False, True, False], dtype=wp.bool, device=device)
+        for step in range(60):
+            if step == 30:
+                sim.reset(mask)
+            sim.step()
+            course.append(np.concatenate([sim.pose_array.numpy()[:, ball.index, :3], skin.read().force[:, 2]], -1))
+        courses[device] = np.stack(course)
+    places, forces = (np.stack([course[..., part] for course in courses.values()]) for part in (slice(3), slice(3, 6)))
+    np.testing.assert_allclose(places[1], places[0], atol=2e-5)
+    np.testing.assert_allclose(forces[1], forces[0], atol=0.03 * np.abs(forces[0]).max())
+
+
+@pytest.mark.parametrize("kind", ENGINES)
+def test_an_engine_runs_long_without_a_leak(tmp_path, kind):
+    _engine, sim, skin, _ball = dropped(tmp_path, kind, 256, "cuda:0")
+    used = []
+    for step in range(10_000):
+        sim.step()
+        if step % 1000 == 999:
+            skin.read()
+            device = wp.get_device("cuda:0")
+            used.append(device.total_memory - device.free_memory)
+    assert used[-1] - used[1] < 16e6
+
+
+@pytest.mark.parametrize("devices", [["cuda:0", "cuda:0"], ["cuda:0", "cuda:1"], ["cuda:1", "cuda:0", "cuda:1"]])
+def test_several_devices_read_as_one(devices):
+    if len(wp.get_cuda_devices()) < len(set(devices)):
+        pytest.skip(f"needs {len(set(devices))} GPUs")
+    built, skin = scene()
+    expected = run(built.build(N_ENVS, seed=3, device="cuda:0"), skin.read)
+    built, skin = scene()
+    split = built.build_split(N_ENVS, devices, seed=3)
+    np.testing.assert_array_equal(run(split, lambda: split.read(skin)), expected)
