@@ -20,6 +20,7 @@ import tactemu as tt
 HAND = Path(__file__).parent / "hands" / "ability_hand_ball.xml"
 JOINTS = "index", "middle", "ring", "pinky", "thumb_flexor", "thumb_rotator"
 PAD = np.stack([*np.meshgrid(np.linspace(-5e-3, 5e-3, 6), np.linspace(-8e-3, 8e-3, 6)), np.full((6, 6), 4e-3)], -1)
+CLOSED = 1.4, 1.4, 1.4, 1.4, 1.0, 0.0  # [rad]
 WANTED_N, HORIZON, FALLEN_M = 2.0, 250, 0.03
 
 
@@ -77,8 +78,12 @@ def main() -> None:
     widths = seen.shape[1], 64, len(JOINTS)
     policy = torch.nn.Sequential(torch.nn.Linear(*widths[:2]), torch.nn.Tanh(), torch.nn.Linear(*widths[1:]))
     policy.to(seen.device)
+    closed = torch.tensor(CLOSED, device=seen.device)
     with torch.no_grad():
-        for name, turn in ("step alone", env.sim.step), ("whole loop", lambda: env.step(policy(env.observation()))):
+        for name, turn in (
+            ("step alone", env.sim.step),
+            ("whole loop", lambda: env.step(closed + policy(env.observation()))),
+        ):
             for _ in range(10):
                 turn()
             wp.synchronize()
@@ -88,7 +93,7 @@ def main() -> None:
             wp.synchronize()
             took = time.perf_counter() - start
             print(f"{name}: {told.steps / took:.0f} steps/s of {told.envs}: {1e6 * took / told.steps:.0f} µs")
-        *_, about = env.step(policy(env.observation()))
+        *_, about = env.step(closed + policy(env.observation()))
         env.sim.check()
         print(f"felt: {about['force'].mean().item():.2f} N on average, {about['force'].max().item():.2f} N at most")
 

@@ -14,6 +14,7 @@ from tactemu.physics.shapes.registry import SHAPES
 if TYPE_CHECKING:  # what an editor sees; the table below says the same to Python
     from tactemu.control.client import Connection as Connection
     from tactemu.control.client import connect as connect
+    from tactemu.datasets.reading import read_dataset as read_dataset
     from tactemu.errors import DeviceError as DeviceError
     from tactemu.errors import MeshError as MeshError
     from tactemu.errors import PoseError as PoseError
@@ -67,6 +68,7 @@ __version__ = "0.1.0"
 _PUBLIC = {
     # public name: module that defines it
     "Scene": "tactemu.scene.scene",
+    "read_dataset": "tactemu.datasets.reading",
     "Body": "tactemu.scene.bodies",
     "MujocoSource": "tactemu.scene.mujoco_source",
     "MujocoWarpEngine": "tactemu.scene.mujoco_warp_engine",

@@ -52,7 +52,7 @@ ARROWS = {
         "sensing", "sources", "transports", "truth", "wire",
     ),
     "fit": (*LEAVES, "physics", "scene", "transducers", "truth"),
-    "datasets": (*LEAVES, "assembly", "clock", "physics", "scene", "tactemu"),
+    "datasets": (*LEAVES, "assembly", "clock", "physics", "plan", "scene"),
     "tune": (*LEAVES, "assembly", "channel", "clock", "emulator", "physics", "plan", "scene"),
     "control": (
         *LEAVES, "assembly", "calls", "channel", "clock", "emulator", "folders", "recordings", "saving", "scenario",
@@ -67,7 +67,7 @@ ARROWS = {
     "page": (*LEAVES, "control", "conversions", "frame_text", "scene", "truth", "wire"),
     "doors": (*LEAVES, "serving"),
     "tactemu": (  # the public names, imported on first use
-        "control", "errors", "exec", "physics", "scene", "serving", "truth",
+        "control", "datasets", "errors", "exec", "physics", "scene", "serving", "truth",
     ),
     "bench": (
         *LEAVES, "assembly", "clock", "collector", "control", "emulator", "exec", "fit", "judge", "kernels",

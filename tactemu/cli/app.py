@@ -25,6 +25,7 @@ A simulated tactile skin on the far end of the wire: real sensors' bytes and CAN
   tactemu poke press --depth 1mm       what runs already is pressed, moved, broken
   tactemu see                          ... and looked at, on a live page
   tactemu tune hand.toml --rate 500    the most accurate setting that keeps a rate here
+  tactemu dataset hand.toml --envs 512 --steps 2000 --out presses   what many feel, as Parquet
   tactemu fit rest.csv --device anyskin --out my_skin.toml   parameters from a recording
   tactemu check my_sensor.py:MySensor  what is wrong with a device of your own
 """,

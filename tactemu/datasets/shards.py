@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -56,7 +57,12 @@ def shards_of(order: Order, columns: list[Column], first: int, end: int) -> list
 
 
 class Rows:
-    """Room for the rows of a shard, filled while it is simulated."""
+    """Room for the rows of a shard, filled while it is simulated, and used again for a later one.
+
+    Args:
+        columns: of the dataset.
+        shard: the first that it is for; no later one is larger.
+    """
 
     def __init__(self, columns: list[Column], shard: Shard):
         self.shard, self._columns = shard, columns
@@ -77,59 +83,79 @@ class Rows:
         import pyarrow.parquet as pq
 
         shard = self.shard
-        envs = np.broadcast_to(np.arange(shard.first_env, shard.end_env, dtype=np.int32), self._step.shape)
+        mine = slice(0, shard.end_row - shard.first_row)
+        envs = np.broadcast_to(np.arange(shard.first_env, shard.end_env, dtype=np.int32), self._step[mine].shape)
         fields = [pa.field("env", pa.int32()), pa.field("step", pa.int32()), pa.field("t_ns", pa.int64())]
-        arrays: list[Any] = [pa.array(values.reshape(-1)) for values in (envs, self._step, self._t_ns)]
-        for column in self._columns:
-            flat = pa.array(self._values[column.name].reshape(-1))
-            size = int(np.prod(column.shape))
-            about = {"shape": " ".join(map(str, column.shape)), "unit": column.unit, "meaning": column.meaning}
-            field = pa.field(column.name, pa.list_(flat.type, size), metadata=about)
-            arrays.append(pa.FixedSizeListArray.from_arrays(flat, type=field.type))
-            fields.append(field)
+        arrays: list[Any] = [pa.array(values.reshape(-1)) for values in (envs, self._step[mine], self._t_ns[mine])]
+        for column in self._columns:  # as bytes: a list of numbers in Parquet is written and read ten times slower
+            values, size = self._values[column.name][mine], column.row_bytes
+            kind = pa.binary(size)
+            arrays.append(pa.FixedSizeBinaryArray.from_buffers(kind, envs.size, [None, pa.py_buffer(values)]))
+            shape = " ".join(map(str, column.shape))
+            about = {"dtype": column.dtype, "shape": shape, "unit": column.unit, "meaning": column.meaning}
+            fields.append(pa.field(column.name, kind, nullable=False, metadata=about))
         table = pa.Table.from_arrays(arrays, schema=pa.schema(fields))
         path.parent.mkdir(parents=True, exist_ok=True)
         begun = path.with_suffix(".begun")
-        pq.write_table(table, begun, compression=compression, use_dictionary=False)
+        pq.write_table(table, begun, compression=compression, use_dictionary=False, write_statistics=False)
         begun.replace(path)
 
 
 class Writer:
-    """Writes shards, and after each what the simulation was then, by a thread of its own.
+    """Writes shards, several at a time, by threads of its own, and after each what the simulation was then.
 
     Args:
         folder: of the dataset.
+        columns: of the dataset.
         compression: of the shards.
+        threads: how many write.
     """
 
-    def __init__(self, folder: Path, compression: str):
-        self._folder, self._compression = folder, compression
-        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="shards")
-        self._writing: Future[None] | None = None
+    def __init__(self, folder: Path, columns: list[Column], compression: str, threads: int):
+        self._folder, self._columns, self._compression = folder, columns, compression
+        self._pool = ThreadPoolExecutor(max_workers=threads, thread_name_prefix="shards")
+        self._most, self._free = threads + 1, []
+        self._writing: deque[Future[Rows]] = deque()
 
-    def put(self, rows: Rows, state: Mapping[str, Any]) -> None:
-        """Write a shard; waits for the one before.
+    def rows(self, shard: Shard) -> Rows:
+        """Room for a shard; waits where all is in use.
 
         Raises:
-            OSError: that could not be written.
+            OSError: an earlier shard could not be written.
         """
-        self.wait()
-        self._writing = self._pool.submit(self._write, rows, state)
+        while self._writing and (self._writing[0].done() or len(self._writing) >= self._most):
+            self._free.append(self._writing.popleft().result())
+        if not self._free:
+            return Rows(self._columns, shard)
+        rows = self._free.pop()
+        rows.shard = shard
+        return rows
+
+    def put(self, rows: Rows, state: Mapping[str, Any]) -> None:
+        """Write a shard, and keep the state once it and all before it are there."""
+        before = self._writing[-1] if self._writing else None
+        self._writing.append(self._pool.submit(self._write, rows, state, before))
 
     def wait(self) -> None:
-        """Until all is written."""
-        if self._writing is not None:
-            self._writing.result()
-            self._writing = None
+        """Until all is written.
+
+        Raises:
+            OSError: it could not be.
+        """
+        while self._writing:
+            self._writing.popleft().result()
 
     def close(self) -> None:
-        """End the thread, once it has written what it has."""
+        """End the threads, once they have written what they have."""
         self._pool.shutdown()
 
-    def _write(self, rows: Rows, state: Mapping[str, Any]) -> None:
+    def _write(self, rows: Rows, state: Mapping[str, Any], before: Future[Rows] | None) -> Rows:
         path = rows.shard.path(self._folder)
         rows.write(path, self._compression)
+        if before is not None:
+            before.result()
         save(state, path.parent / STATE)
+        return rows
 
 
 STATE = "state.npz"

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+from importlib import metadata
 
-import tactemu
 from tactemu.datasets.order import FILE, Order
 from tactemu.datasets.shards import FOLDER, Column
 
@@ -17,8 +17,8 @@ def data_sheet(order: Order, columns: list[Column], dt_s: float, varied: list[st
     )
     return f"""# Tactile dataset of `{order.target}`
 
-Simulated by tactemu {tactemu.__version__}. No real sensor was read: readings are those of the scene's sensor models,
-and what spoils them is what the scene says.
+Simulated by tactemu {metadata.version("tactemu")}. No real sensor was read: readings are those of the scene's sensor
+models, and what spoils them is what the scene says.
 
 - {order.envs} environments of {order.rows} rows each, one every {1e3 * dt_s * order.every:g} ms; seed {order.seed}.
 - Environments differ in their random numbers, and in where bodies start: {_varied(order, varied)}.
@@ -35,12 +35,22 @@ and what spoils them is what the scene says.
 | `t_ns` | int64 | ns | simulated time |
 {rows}
 
-Arrays are lists of a fixed size; the shape stands in the metadata of the field. Forces act on the skin.
+Forces act on the skin. `env`, `step` and `t_ns` are numbers; the other columns hold the bytes of their arrays (little
+endian, C order), whose type and shape stand in the metadata of the field:
 
 ```python
-import pyarrow.dataset as ds
+import tactemu as tt
+
+felt = tt.read_dataset(".", columns=["{columns[0].name}"], envs=[0, 3])["{columns[0].name}"]
+```
+
+or, with PyArrow alone:
+
+```python
+import numpy as np, pyarrow.dataset as ds
 
 table = ds.dataset("{FOLDER}").to_table(filter=ds.field("env") == 3)
+numbers = np.frombuffer(b"".join(table["{columns[0].name}"].to_pylist()), "{columns[0].dtype}")
 ```
 {_wire(order)}"""
 

@@ -16,6 +16,7 @@ from tactemu.datasets.shards import STATE, Column, Rows, Shard, Writer, saved, s
 from tactemu.datasets.variety import Moves, Starts
 from tactemu.errors import TactemuError
 from tactemu.physics.sensor import Sensor
+from tactemu.plan.team import cores
 from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.engine_tables import MujocoTable
 from tactemu.scene.file import LoadedScene, load
@@ -24,6 +25,8 @@ from tactemu.scene.placement import PlacedSkin
 UNITS = {"force": "N", "pressure": "Pa", "depth": "m", "displacement": "m", "torque": "N m", "touch": ""}
 KINDS = {"ideal": True, "measured": False}
 """Whether it is the truth."""
+MOST_WRITERS = 6
+"""Threads that write shards, each of which holds one in memory."""
 TIMED_STEPS = 20
 """By which it is estimated how long all takes."""
 
@@ -121,10 +124,10 @@ class Strand:
             done = state.pop("shards")
             self.simulation.prepared(state)()
         yield from self.shards[:done]
-        writer = Writer(folder, self._order.compression)
+        writer = Writer(folder, self.columns, self._order.compression, min(MOST_WRITERS, max(1, cores() - 1)))
         try:
             for k, shard in enumerate(self.shards[done:], done):
-                rows = Rows(self.columns, shard)
+                rows = writer.rows(shard)
                 for row in range(shard.first_row, shard.end_row):
                     for _ in range(self._order.every):
                         self.simulation.step()

@@ -159,10 +159,10 @@ class Sensor(Views, Adjustments):
         array = self.array(ground_truth)
         # on the CPU nothing is copied
         first = array[:1] if array.size and self._simulation.device.is_cuda else array
-        return self.pick(name, self._numpy(first)[:1])[0]
+        return self.pick(name, self._numpy(first)[:1])[0].copy()
 
     def pick(self, name: str, values: np.ndarray) -> np.ndarray:
-        """One quantity of what :meth:`array` holds, copied to the host: ``(n_envs, n_taxels)`` or
+        """One quantity of what :meth:`array` holds, copied to the host: a view, ``(n_envs, n_taxels)`` or
         ``(n_envs, n_taxels, 3)``; of a history the latest.
 
         Raises:
@@ -176,7 +176,7 @@ class Sensor(Views, Adjustments):
         values = values[..., self.layouts[name]]
         if name == "touch":
             return values[..., 0] > 0
-        return values[..., 0].copy() if values.shape[-1] == 1 else values.copy()
+        return values[..., 0] if values.shape[-1] == 1 else values
 
     @property
     def _simulation(self) -> Built:

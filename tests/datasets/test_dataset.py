@@ -65,14 +65,15 @@ def made(order: Order, folder: Path, **how) -> dict[str, np.ndarray]:
 
 
 def read(folder: Path) -> dict[str, np.ndarray]:
-    """All columns of all shards, sorted by time and environment."""
-    tables = [pq.read_table(path) for path in sorted((folder / "readings").rglob("*.parquet"))]
+    """All columns of all shards by PyArrow, sorted by time and environment."""
     columns: dict[str, list[np.ndarray]] = {}
-    for table in tables:
-        for name in table.column_names:
-            values = table[name].combine_chunks()
-            flat = values.flatten() if hasattr(values, "flatten") and values.type.num_fields else values
-            columns.setdefault(name, []).append(flat.to_numpy(zero_copy_only=False).reshape(len(table), -1))
+    for path in sorted((folder / "readings").rglob("*.parquet")):
+        table = pq.read_table(path)
+        for field in table.schema:
+            values = table[field.name].to_pylist()
+            if field.metadata:
+                values = np.frombuffer(b"".join(values), field.metadata[b"dtype"].decode())
+            columns.setdefault(field.name, []).append(np.reshape(values, (len(table), -1)))
     whole = {name: np.concatenate(parts) for name, parts in columns.items()}
     turn = np.lexsort((whole["env"][:, 0], whole["step"][:, 0]))
     return {name: values[turn] for name, values in whole.items()}
@@ -98,6 +99,15 @@ def test_the_wire_says_what_the_shards_hold(order, tmp_path):
                     felt = rows[f"{COLUMN}.{kind}"][here]
                     np.testing.assert_allclose(felt, [getattr(log, kind)[k].ravel()], rtol=1e-5, atol=1e-6)
     starts = rows["pose.ball"][:6, :3]
+    mine = tt.read_dataset(tmp_path / "out", columns=[f"{COLUMN}.ideal"], envs=[1])
+    assert list(mine) == ["env", "step", "t_ns", f"{COLUMN}.ideal"] and mine[f"{COLUMN}.ideal"].shape[-1] == 3
+    np.testing.assert_array_equal(
+        mine[f"{COLUMN}.ideal"].reshape(order.steps, -1), rows[f"{COLUMN}.ideal"][rows["env"][:, 0] == 1]
+    )
+    with pytest.raises(TactemuError, match=r"no column flexitac\.warmth"):
+        tt.read_dataset(tmp_path / "out", columns=["flexitac.warmth"])
+    with pytest.raises(TactemuError, match="no dataset is there"):
+        tt.read_dataset(tmp_path)
     assert np.ptp(starts[:, 0]) > 1e-3 and np.ptp(starts[:, 2]) > 1e-5
 
 

@@ -5,9 +5,11 @@ import math
 import numpy as np
 import warp as wp
 
-from tactemu.physics.layer.convolution import BLOCK_THREADS, Workspace, lanes_of
+from tactemu.physics.layer import friction
+from tactemu.physics.layer.convolution import Workspace, lanes_of
 from tactemu.physics.layer.friction import friction_kernel
 from tactemu.physics.layer.friction_state import FRICTION_WINDOWS, friction_state_type, friction_windows_type
+from tactemu.physics.layer.on_chip import chip_numbers, fits
 from tactemu.physics.layer.pressure import NORMAL_WINDOWS, Windows, normal_kernel, windows_type
 from tactemu.physics.layer.surface import reach_of, surface_kernel
 from tactemu.physics.layer.tables import LayerMaterial, LayerTables
@@ -23,6 +25,7 @@ class LayerRig:
         self.device = wp.get_device(device)
         self.real, self.pitch, self.n_envs = real, pitch, n_envs
         lanes, slots = lanes or lanes_of(self.device), 1 if self.device.is_cpu else n_envs
+        chip = fits(cells, chip_numbers(*friction.ON_CHIP), real, lanes, self.device)
         self.material = LayerMaterial(young / (2 * (1 + nu)), nu, thickness)
         self.tables = LayerTables(
             self.material, cells, (pitch, pitch), tangential=True, real=real, lanes=lanes, device=self.device
@@ -39,7 +42,7 @@ class LayerRig:
                 dim=[slots],
                 inputs=[turns, *inputs],
                 outputs=outputs,
-                block_dim=BLOCK_THREADS,
+                block_dim=kernel.options["launch_bounds"][0],
                 device=self.device,
                 record_cmd=True,
             ).launch
@@ -57,7 +60,7 @@ class LayerRig:
         inputs += [self.overlap, self.active, self.workspace.struct, self.windows.struct]
         outputs = [self.solved, self.pressure_array, self.box, self.residual_array, self.iterations, self.changed]
         outputs += [self.dirty]
-        self._normal = launch(normal_kernel(real, lanes), inputs, outputs)
+        self._normal = launch(normal_kernel(real, lanes, chip), inputs, outputs)
 
         self.slide, self.body = zeros(wp.types.vector(2, real)), zeros(wp.int32)
         self.state = friction_state_type(real)()
@@ -73,14 +76,14 @@ class LayerRig:
             inputs = [self.tables.struct, real(mu), iterations, limit]
             inputs += [self.pressure_array, self.box, self.changed, self.slide, self.body]
             inputs += [self.workspace.struct, self.rubbing.struct, self.state]
-            self._friction = launch(friction_kernel(real, lanes, coupled), inputs, [self.rubbed])
+            self._friction = launch(friction_kernel(real, lanes, coupled, chip), inputs, [self.rubbed])
 
         reach = wp.vec2i(*reach_of(self.tables.kernels))
         self.surface_arrays = [zeros(real) for _ in range(3)]
         inputs = [self.tables.struct, reach, self.pressure_array, self.state, self.box]
         inputs += [self.rubbed if mu > 0 else self.changed, self.workspace.struct, self.windows.struct]
         self._surface = launch(
-            surface_kernel(real, lanes, mu > 0), inputs, [self.area, self.dirty, *self.surface_arrays]
+            surface_kernel(real, lanes, mu > 0, chip), inputs, [self.area, self.dirty, *self.surface_arrays]
         )
 
     def _one(self, array):

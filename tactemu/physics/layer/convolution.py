@@ -20,12 +20,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
+from tactemu.physics.layer.on_chip import short_hartley
+
 CPU_LANES = 8
-BLOCK_THREADS = 64
-"""Threads of a block on a GPU; on a CPU a block is one thread. For 4096 environments of 32 x 32 on an H200, 32, 64 and
-128 threads take 5.8, 6.3 and 8.6 ms; a single large skin wants more of them."""
-RESIDENT_BLOCKS = 8
-"""Blocks that a multiprocessor shall hold at once: bounds the registers of a thread."""
 SMALLEST_TRANSFORM = 32
 """Length of the shortest transform used; a window has at most half its length."""
 
@@ -33,6 +30,18 @@ SMALLEST_TRANSFORM = 32
 def lanes_of(device: wp.Device) -> int:
     """Numbers per lane on a device."""
     return 1 if device.is_cuda else CPU_LANES
+
+
+class Block(NamedTuple):
+    """Threads that solve an environment together, on a GPU; on a CPU a block is one thread."""
+
+    threads: int
+    resident: int
+    """How many blocks a multiprocessor shall hold at once: bounds the registers of a thread."""
+
+
+BLOCK = Block(64, 8)
+"""Of solvers that work in the device's memory; those that work on the chip have their own."""
 
 
 @functools.cache
@@ -54,12 +63,13 @@ def block_sync():
 @wp.func
 def spread(columns: int, thread: int):
     """How the threads of a block share a window: first row, step of rows, first column, step of columns."""
-    across = wp.min(columns, wp.block_dim())
-    down = wp.block_dim() // across
-    row = thread // across
+    # Compilers see from these bounds which way loops run, and that nothing is negative.
+    across = wp.max(wp.min(columns, wp.block_dim()), 1)
+    down = wp.max(wp.block_dim() // across, 1)
+    row = wp.max(thread // across, 0)
     if row >= down:
         row = wp.static(1 << 30)  # a thread too many: idle
-    return wp.vec4i(row, down, thread % across, across)
+    return wp.vec4i(row, down, wp.max(thread % across, 0), across)
 
 
 @functools.cache
@@ -72,9 +82,7 @@ def workspace_type(real, lanes: int):
         # Ping-pong buffers of the FFT: (2 n_slots, n_max, n_max / 2 / lanes), real and imaginary part.
         re: wp.array3d(dtype=lane)
         im: wp.array3d(dtype=lane)
-        # Transposed intermediate and three spectra: (n_slots, n_max, n_max), the same memory as numbers and as lanes.
-        between: wp.array3d(dtype=real)
-        between_lanes: wp.array3d(dtype=lane)
+        # Three spectra: (n_slots, n_max, n_max), the same memory as numbers and as lanes.
         spectrum: wp.array3d(dtype=real)
         spectrum_lanes: wp.array3d(dtype=lane)
         second: wp.array3d(dtype=real)
@@ -112,12 +120,11 @@ class Workspace:
 
     def __init__(self, n_slots: int, n_max: int, real, lanes: int, device, *, spectra: int = 1):
         self._pairs = [allocate_pair(2 * n_slots, n_max, n_max // 2, real, lanes, device) for _ in range(2)]
-        self._pairs += [allocate_pair(n_slots, n_max, n_max, real, lanes, device) for _ in range(1 + spectra)]
+        self._pairs += [allocate_pair(n_slots, n_max, n_max, real, lanes, device) for _ in range(spectra)]
         self.struct = struct = workspace_type(real, lanes)()
         struct.re, struct.im = (pair.lanes for pair in self._pairs[:2])
-        struct.between, struct.between_lanes = self._pairs[2]
-        struct.spectrum, struct.spectrum_lanes = self._pairs[3]
-        struct.second, struct.second_lanes = self._pairs[min(4, 2 + spectra)]
+        struct.spectrum, struct.spectrum_lanes = self._pairs[2]
+        struct.second, struct.second_lanes = self._pairs[min(3, 1 + spectra)]
         struct.third, struct.third_lanes = self._pairs[-1]
         turns = np.exp(-2j * np.pi * np.arange(n_max) / n_max)
         pairs = np.stack([np.real(turns), np.imag(turns)], axis=1)
@@ -133,26 +140,28 @@ class ConvolutionFunctions(NamedTuple):
     """Warp functions that all threads of a block call together. A transform of ``size = (n_rows, n_columns)``."""
 
     forward: Any
-    """``forward(ws, slot, field, shape, size, spectrum, thread)``: the spectrum (numbers) of the window of ``field``
-    (lanes) of ``shape = (rows, columns)``."""
+    """``forward(ws, slot, field, shape, size, spectrum, spectrum_lanes, thread)``: the spectrum of the window of
+    ``field`` (lanes) of ``shape = (rows, columns)``."""
     scale: Any
     """``scale(spectrum, table, start, size, thread)``: multiplies a spectrum (lanes) by an even kernel's."""
     inverse: Any
-    """``inverse(ws, slot, spectrum, first, shape, size, out, thread)``: the window of ``shape`` that starts
-    at ``first = (row, column)``, which may be negative, of the inverse transform into ``out`` (numbers)."""
+    """``inverse(ws, slot, spectrum, spectrum_lanes, first, shape, size, out, thread)``: the window of ``shape`` that
+    starts at ``first = (row, column)``, which may be negative, of the inverse transform into ``out`` (numbers). The
+    spectrum is lost."""
     convolve: Any
     """``convolve(ws, slot, field, table, start, shape, size, out, thread)``: all three; ``out`` is as the window."""
 
 
 @functools.cache
-def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
+def convolution_functions(real, lanes: int, chip: bool) -> ConvolutionFunctions:
     """The convolution for one float type and lane width. ``rows`` of an inverse and ``columns`` of a forward transform
-    must be multiples of ``2 * lanes``."""
+    must be multiples of ``2 * lanes``. ``chip``: for a workspace of :mod:`.on_chip`."""
     lane = lane_type(real, lanes)
     workspace = workspace_type(real, lanes)
     lanes_array = wp.array2d(dtype=lane)
     numbers_array = wp.array2d(dtype=real)
     turns_array = wp.array(dtype=wp.types.vector(2, real))
+    parts_array = wp.array3d(dtype=lane)
     radix_4, radix_2 = _fft_stages(lane, lanes_array, turns_array)
 
     if lanes == 1:
@@ -198,8 +207,10 @@ def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
                     store(out, c + half, at_mirror, xi + yi - xr + yr)
 
     @wp.func(inline=False)  # one copy of it: a solver calls it dozens of times
-    def hartley(
-        ws: workspace,
+    def long_hartley(
+        re_parts: parts_array,
+        im_parts: parts_array,
+        twiddle: turns_array,
         slot: int,
         field: lanes_array,
         rows: int,
@@ -210,12 +221,13 @@ def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
         out: numbers_array,
         thread: int,
     ):
-        """Twice the transform of length ``n`` along the rows of ``field``; ``out`` is ``(columns, rows_out)``."""
+        """Twice the transform of length ``n`` along the rows of ``field``; ``out`` is ``(columns, rows_out)``;
+        it may be where ``field`` is."""
         half = columns // wp.static(2 * lanes)
         mine = spread(half, thread)
-        n_max = ws.twiddle.shape[0]
-        re = ws.re[2 * slot]
-        im = ws.im[2 * slot]
+        n_max = twiddle.shape[0]
+        re = re_parts[2 * slot]
+        im = im_parts[2 * slot]
         for k in range(mine[0], n, mine[1]):
             for c in range(mine[2], half, mine[3]):
                 if k < rows:
@@ -232,7 +244,16 @@ def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
             turn = n_max // length
             there = 4 * slot + 1 - here
             radix_4(
-                ws.re[here], ws.im[here], ws.re[there], ws.im[there], ws.twiddle, length, stride, half, turn, thread
+                re_parts[here],
+                im_parts[here],
+                re_parts[there],
+                im_parts[there],
+                twiddle,
+                length,
+                stride,
+                half,
+                turn,
+                thread,
             )
             block_sync()
             here = there
@@ -240,11 +261,28 @@ def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
             stride = stride * 4
         if length == 2:
             there = 4 * slot + 1 - here
-            radix_2(ws.re[here], ws.im[here], ws.re[there], ws.im[there], stride, half, thread)
+            radix_2(re_parts[here], im_parts[here], re_parts[there], im_parts[there], stride, half, thread)
             block_sync()
             here = there
-        unpack(ws.re[here], ws.im[here], n, half, first, rows_out, out, thread)
+        unpack(re_parts[here], im_parts[here], n, half, first, rows_out, out, thread)
         block_sync()
+
+    own_hartley = short_hartley(real) if chip else long_hartley
+
+    @wp.func
+    def hartley(
+        ws: workspace,
+        slot: int,
+        field: lanes_array,
+        rows: int,
+        columns: int,
+        n: int,
+        first: int,
+        rows_out: int,
+        out: numbers_array,
+        thread: int,
+    ):
+        own_hartley(ws.re, ws.im, ws.twiddle, slot, field, rows, columns, n, first, rows_out, out, thread)
 
     @wp.func
     def forward(
@@ -254,11 +292,11 @@ def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
         shape: wp.vec2i,
         size: wp.vec2i,
         spectrum: numbers_array,
+        spectrum_lanes: lanes_array,
         thread: int,
     ):
-        hartley(ws, slot, field, shape[0], shape[1], size[0], 0, size[0], ws.between[slot], thread)
-        between = ws.between_lanes[slot]
-        hartley(ws, slot, between, shape[1], size[0], size[1], 0, size[1], spectrum, thread)
+        hartley(ws, slot, field, shape[0], shape[1], size[0], 0, size[0], spectrum, thread)
+        hartley(ws, slot, spectrum_lanes, shape[1], size[0], size[1], 0, size[1], spectrum, thread)
 
     @wp.func
     def scale(spectrum: lanes_array, table: wp.array(dtype=lane), start: int, size: wp.vec2i, thread: int):
@@ -274,16 +312,16 @@ def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
     def inverse(
         ws: workspace,
         slot: int,
-        spectrum: lanes_array,
+        spectrum: numbers_array,
+        spectrum_lanes: lanes_array,
         first: wp.vec2i,
         shape: wp.vec2i,
         size: wp.vec2i,
         out: numbers_array,
         thread: int,
     ):
-        hartley(ws, slot, spectrum, size[0], size[1], size[0], first[0], shape[0], ws.between[slot], thread)
-        between = ws.between_lanes[slot]
-        hartley(ws, slot, between, size[1], shape[0], size[1], first[1], shape[1], out, thread)
+        hartley(ws, slot, spectrum_lanes, size[0], size[1], size[0], first[0], shape[0], spectrum, thread)
+        hartley(ws, slot, spectrum_lanes, size[1], shape[0], size[1], first[1], shape[1], out, thread)
 
     @wp.func
     def convolve(
@@ -297,9 +335,11 @@ def convolution_functions(real, lanes: int) -> ConvolutionFunctions:
         out: numbers_array,
         thread: int,
     ):
-        forward(ws, slot, field, shape, size, ws.spectrum[slot], thread)
-        scale(ws.spectrum_lanes[slot], table, start, size, thread)
-        inverse(ws, slot, ws.spectrum_lanes[slot], wp.vec2i(0, 0), shape, size, out, thread)
+        numbers = ws.spectrum[slot]
+        spectrum = ws.spectrum_lanes[slot]
+        forward(ws, slot, field, shape, size, numbers, spectrum, thread)
+        scale(spectrum, table, start, size, thread)
+        inverse(ws, slot, numbers, spectrum, wp.vec2i(0, 0), shape, size, out, thread)
 
     return ConvolutionFunctions(forward, scale, inverse, convolve)
 

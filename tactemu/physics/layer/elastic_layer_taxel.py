@@ -30,14 +30,17 @@ import warp as wp
 
 from tactemu.errors import SceneError
 from tactemu.options import number
-from tactemu.physics.layer.convolution import BLOCK_THREADS, Workspace, lanes_of
+from tactemu.physics.layer import friction, pressure, surface
+from tactemu.physics.layer.convolution import Workspace, lanes_of
 from tactemu.physics.layer.friction import friction_kernel
 from tactemu.physics.layer.friction_state import (
     FRICTION_WINDOWS,
+    OFF_CHIP,
     friction_state_type,
     friction_windows_type,
 )
 from tactemu.physics.layer.grid import LayerGrid, layer_grids
+from tactemu.physics.layer.on_chip import chip_numbers, fits
 from tactemu.physics.layer.overlap import near_kernel, overlap_kernel, remember_kernel
 from tactemu.physics.layer.pressure import NO_SURFACE, NORMAL_WINDOWS, Windows, normal_kernel, windows_type
 from tactemu.physics.layer.reading import (
@@ -65,7 +68,8 @@ from tactemu.plan.plan import Dtype, Stage
 LEAST_RADIUS = 5.0
 """Of a bent pad, in thicknesses."""
 BLOCKS_AT_ONCE = 1056
-"""Blocks on a GPU: eight for each of 132 multiprocessors; more environments take turns."""
+"""Blocks on a GPU whose scratch lies in its memory: eight for each of 132 multiprocessors; more environments take
+turns."""
 
 
 class LayerReading(NamedTuple):
@@ -249,8 +253,12 @@ class CompiledLayer:
         context, model = self.site.context, self.model
         self.real, self.device, self.n_envs = context.real, context.device, context.n_envs
         self.lanes = lanes_of(self.device)
-        self.n_slots = context.threads if self.device.is_cpu else min(self.n_envs, BLOCKS_AT_ONCE)
         self.rubs = model.friction > 0
+        needs = [pressure.ON_CHIP, *([friction.ON_CHIP] * self.rubs), *([surface.ON_CHIP] * bool(model.displacement))]
+        numbers = max(chip_numbers(*each) for each in needs)
+        self.chip = fits(self.grid.shape, numbers, self.real, self.lanes, self.device)
+        at_once = self.n_envs if self.chip else min(self.n_envs, BLOCKS_AT_ONCE)
+        self.n_slots = context.threads if self.device.is_cpu else at_once
         nu, young = float(model.poisson_ratio), float(model.young_modulus)
         self.material = LayerMaterial(young / (2 * (1 + nu)), nu, float(model.thickness))
         self.tables = self._tables(tangential=self.rubs or model.displacement)
@@ -296,9 +304,10 @@ class CompiledLayer:
     def _allocate(self) -> None:
         real, vec2 = self.real, wp.types.vector(2, self.real)
         spectra = 3 if self.model.displacement else 2 if self.rubs else 1
-        self.workspace = Workspace(self.n_slots, self.tables.n_max, real, self.lanes, self.device, spectra=spectra)
+        slots = 0 if self.chip else self.n_slots
+        self.workspace = Workspace(slots, self.tables.n_max, real, self.lanes, self.device, spectra=spectra)
         struct = windows_type(real, self.lanes)()
-        self.windows = Windows(struct, NORMAL_WINDOWS, self.n_slots, self.grid.shape, real, self.lanes, self.device)
+        self.windows = Windows(struct, NORMAL_WINDOWS, slots, self.grid.shape, real, self.lanes, self.device)
         self.pressure = self._cells(real)
         self.overlap = self.site.context.full(self.pressure.shape, NO_SURFACE, real)
         self.solved = self.site.context.full(self.pressure.shape, math.nan, real)
@@ -316,8 +325,8 @@ class CompiledLayer:
         self.surface = [self._cells(real, self.model.displacement) for _ in range(3)]
         if self.rubs:
             struct = friction_windows_type(real, self.lanes)()
-            shape = self.grid.shape
-            self.rubbing = Windows(struct, FRICTION_WINDOWS, self.n_slots, shape, real, self.lanes, self.device)
+            shape, names = self.grid.shape, OFF_CHIP if self.chip else FRICTION_WINDOWS
+            self.rubbing = Windows(struct, names, self.n_slots, shape, real, self.lanes, self.device)
 
     def _reset(self, mask: wp.array) -> None:
         state = self.state
@@ -339,7 +348,8 @@ class CompiledLayer:
 
     def _blocks(self, kernel, inputs: list, outputs: list) -> Callable[[], None]:
         """A recorded launch with one block of threads per slot."""
-        return self.site.context.record_blocks(kernel, self.n_slots, inputs, outputs, BLOCK_THREADS)
+        threads = kernel.options["launch_bounds"][0]
+        return self.site.context.record_blocks(kernel, self.n_slots, inputs, outputs, threads)
 
     def _reach(self, horizon: float) -> wp.array:
         """How far below each cell bodies are looked for [m]."""
@@ -380,9 +390,10 @@ class CompiledLayer:
         near = self.site.context.record(near_kernel(real, grid.bent), self.n_envs, inputs, outputs, block_dim=32)
         inputs = [site.table.struct, pose, self.last_pose, site.targets, self.active, self.centres, self.covered]
         own = wp.array(grid.cell_axes() if grid.bent else np.zeros((0, 0, 0, 3)), dtype=vec3, device=self.device)
-        inputs += [self.reach, *axes, own, horizon, real(self.tables.length_scale)]
+        parts = 1 if self.device.is_cpu else grid.shape[1]
+        inputs += [self.reach, *axes, own, horizon, real(self.tables.length_scale), parts]
         kernel = overlap_kernel(real, site.table.kinds, self.rubs, grid.bent)
-        rows = (self.n_envs, grid.shape[0])
+        rows = (self.n_envs, grid.shape[0], parts)
         find = self.site.context.record(kernel, rows, inputs, [self.overlap, self.body, self.slide])
 
         if not self.rubs:
@@ -398,7 +409,7 @@ class CompiledLayer:
         inputs += [self.overlap, self.active, self.workspace.struct, self.windows.struct]
         outputs = [self.solved, self.pressure, self.box, self.residual, self.iterations, self.changed]
         outputs += [self.dirty]
-        return self._blocks(normal_kernel(real, self.lanes), inputs, outputs)
+        return self._blocks(normal_kernel(real, self.lanes, self.chip), inputs, outputs)
 
     def _friction(self) -> Callable[[], None]:
         model, real = self.model, self.real
@@ -406,14 +417,14 @@ class CompiledLayer:
         inputs = [self.tables.struct, real(model.friction), int(model.iterations), tolerance]
         inputs += [self.pressure, self.box, self.changed, self.slide, self.body]
         inputs += [self.workspace.struct, self.rubbing.struct, self.state]
-        return self._blocks(friction_kernel(real, self.lanes, bool(model.coupled)), inputs, [self.rubbed])
+        return self._blocks(friction_kernel(real, self.lanes, bool(model.coupled), self.chip), inputs, [self.rubbed])
 
     def _surface(self) -> Callable[[], None]:
         reach = reach_of(self.tables.kernels)
         inputs = [self.tables.struct, wp.vec2i(*reach), self.pressure, self.state, self.box]
         inputs += [self.rubbed if self.rubs else self.changed, self.workspace.struct, self.windows.struct]
         return self._blocks(
-            surface_kernel(self.real, self.lanes, self.rubs), inputs, [self.area, self.dirty, *self.surface]
+            surface_kernel(self.real, self.lanes, self.rubs, self.chip), inputs, [self.area, self.dirty, *self.surface]
         )
 
     def _read(self) -> Callable[[], None]:

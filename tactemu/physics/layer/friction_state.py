@@ -57,6 +57,8 @@ def friction_windows_type(real, lanes: int):
 
 
 _VECTORS = ("hold", "by_pressure", "gap", "free", "last", "softened", "along", "answer")
+OFF_CHIP = ("hold_x", "hold_y", "by_pressure_x", "by_pressure_y")
+"""Those that iterations hardly need: not on the chip (:mod:`.on_chip`) even where the others are."""
 FRICTION_WINDOWS = ("limit", "pressure", "x", "y", "stiffness", *(f"{v}_{axis}" for v in _VECTORS for axis in "xy"))
 
 

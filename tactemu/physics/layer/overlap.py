@@ -88,7 +88,7 @@ def near_kernel(real, bent: bool = False):
 @functools.cache
 def overlap_kernel(real, kinds: frozenset, with_slide: bool, bent: bool = False):
     """Overlap [pitches] of every cell in reach and, for friction, the body there and its slide [pitches] since the last
-    step. One thread per row."""
+    step. A row of cells for one thread, or for several that share it."""
     vec3, vec2 = wp.types.vector(3, real), wp.types.vector(2, real)
     transform = wp.types.transformation(real)
     shapes_type = table_type(real)
@@ -161,17 +161,18 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool, bent: bool = False)
         axes: wp.array3d(dtype=vec3),  # of each cell where the skin is bent: u, v and n
         horizon: real,
         pitch: real,
+        parts: int,
         # Out:
         overlap_out: wp.array3d(dtype=real),
         body_out: wp.array3d(dtype=wp.int32),
         slide_out: wp.array3d(dtype=vec2),
     ):
-        env, y = wp.tid()
+        env, y, part = wp.tid()
         env += first_env
         box = active[env]
         if y < box[0] or y >= box[2]:
             return
-        for x in range(box[1], box[3]):
+        for x in range(box[1] + part, box[3], parts):
             lowest = real(FAR)
             body = int(-1)
             r = centres[y, x]

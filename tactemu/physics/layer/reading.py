@@ -9,10 +9,12 @@ import warp as wp
 
 from tactemu.imperfections.info import Channels
 from tactemu.physics.layer.friction_state import FREE, SLIP, STICK, friction_state_type
+from tactemu.physics.rows import row_writer
 
 CHANNELS: tuple[Channels, ...] = ("scalar", "force", "displacement", "scalar", "scalar")
 """Pressure, force, displacement, slip state, residual."""
 PRESSURE, FORCE, DISPLACEMENT, SLIP_STATE, RESIDUAL = slice(0, 1), slice(1, 4), slice(4, 7), 7, 8
+N_CHANNELS = 9
 
 
 @functools.cache
@@ -39,11 +41,7 @@ def reading_kernel(real, with_surface: bool, with_friction: bool, bent: bool = F
     """Averages of all quantities over each taxel; the larger residual of the two solvers."""
     vec3 = wp.types.vector(3, real)
     skin_struct, friction_state = skin_type(real), friction_state_type(real)
-
-    @wp.func
-    def put(out: wp.array3d(dtype=real), env: int, taxel: int, first: int, value: vec3):
-        for i in range(3):
-            out[env, taxel, first + i] = value[i]
+    row_type, write = wp.types.vector(N_CHANNELS, real), row_writer(real, N_CHANNELS)
 
     @wp.kernel(module="unique", enable_backward=False)
     def read_taxels(
@@ -66,50 +64,53 @@ def reading_kernel(real, with_surface: bool, with_friction: bool, bent: bool = F
     ):
         env, taxel = wp.tid()
         env += first_env
-        if place[taxel] < 0 or changed[env] == 0:
-            return
         row = (place[taxel] // skin.columns) * skin.split
         column = (place[taxel] % skin.columns) * skin.split
         box = dirty[env]
-        if row + skin.split <= box[0] or row >= box[0] + box[2]:
-            return
-        if column + skin.split <= box[1] or column >= box[1] + box[3]:
-            return
-        load = vec3(real(0.0))  # along u, v and into the skin
-        moved = vec3(real(0.0))
-        slip = int(FREE)
-        for y in range(row, row + skin.split):
-            for x in range(column, column + skin.split):
-                load[2] = load[2] + pressure[env, y, x]
-                if wp.static(with_friction):
-                    load[0] = load[0] + friction.x[env, y, x]
-                    load[1] = load[1] + friction.y[env, y, x]
-                    state = friction.slip[env, y, x]
-                    if state == STICK or (state == SLIP and slip == FREE):
-                        slip = state
-                if wp.static(with_surface):
-                    moved += vec3(surface_u[env, y, x], surface_v[env, y, x], surface_w[env, y, x])
-        share = real(1.0) / real(skin.split * skin.split)
-        load *= share * skin.pressure
-        moved *= share * skin.length
-        worst = residual[env]
-        if wp.static(with_friction):
-            worst = wp.where(friction.residual[env] > worst, friction.residual[env], worst)
-        if wp.isnan(worst):
-            load = vec3(real(wp.nan))
-            moved = vec3(real(wp.nan))
-        u = skin.u
-        v = skin.v
-        n = skin.normal
-        if wp.static(bent):
-            u = axes[0, taxel]
-            v = axes[1, taxel]
-            n = axes[2, taxel]
-        reading_out[env, taxel, 0] = load[2]
-        put(reading_out, env, taxel, 1, skin.area * (load[0] * u + load[1] * v - load[2] * n))
-        put(reading_out, env, taxel, 4, moved[0] * u + moved[1] * v - moved[2] * n)
-        reading_out[env, taxel, wp.static(SLIP_STATE)] = real(slip)
-        reading_out[env, taxel, wp.static(RESIDUAL)] = real(worst)
+        wanted = place[taxel] >= 0 and changed[env] > 0
+        wanted = wanted and row + skin.split > box[0] and row < box[0] + box[2]
+        wanted = wanted and column + skin.split > box[1] and column < box[1] + box[3]
+        values = row_type()
+        if wanted:
+            load = vec3(real(0.0))  # along u, v and into the skin
+            moved = vec3(real(0.0))
+            slip = int(FREE)
+            for y in range(row, row + skin.split):
+                for x in range(column, column + skin.split):
+                    load[2] = load[2] + pressure[env, y, x]
+                    if wp.static(with_friction):
+                        load[0] = load[0] + friction.x[env, y, x]
+                        load[1] = load[1] + friction.y[env, y, x]
+                        state = friction.slip[env, y, x]
+                        if state == STICK or (state == SLIP and slip == FREE):
+                            slip = state
+                    if wp.static(with_surface):
+                        moved += vec3(surface_u[env, y, x], surface_v[env, y, x], surface_w[env, y, x])
+            share = real(1.0) / real(skin.split * skin.split)
+            load *= share * skin.pressure
+            moved *= share * skin.length
+            worst = residual[env]
+            if wp.static(with_friction):
+                worst = wp.where(friction.residual[env] > worst, friction.residual[env], worst)
+            if wp.isnan(worst):
+                load = vec3(real(wp.nan))
+                moved = vec3(real(wp.nan))
+            u = skin.u
+            v = skin.v
+            n = skin.normal
+            if wp.static(bent):
+                u = axes[0, taxel]
+                v = axes[1, taxel]
+                n = axes[2, taxel]
+            force = skin.area * (load[0] * u + load[1] * v - load[2] * n)
+            shift = moved[0] * u + moved[1] * v - moved[2] * n
+            values[0] = load[2]
+            for k in range(3):
+                values[1 + k] = force[k]
+                values[4 + k] = shift[k]
+            values[wp.static(SLIP_STATE)] = real(slip)
+            values[wp.static(RESIDUAL)] = real(worst)
+        write(reading_out, env, taxel, values, wanted)
 
     return read_taxels
 

@@ -38,11 +38,11 @@ class SidewaysFunctions(NamedTuple):
 
 
 @functools.cache
-def sideways_functions(real, lanes: int) -> SidewaysFunctions:
-    """The functions for one float type and lane width."""
+def sideways_functions(real, lanes: int, chip: bool) -> SidewaysFunctions:
+    """The functions for one float type and lane width; ``chip``: for a workspace of :mod:`.on_chip`."""
     workspace = workspace_type(real, lanes)
     tables_struct = tables_type(real, lanes)
-    functions = convolution_functions(real, lanes)
+    functions = convolution_functions(real, lanes, chip)
     forward, inverse = functions.forward, functions.inverse
     field = wp.array2d(dtype=lane_type(real, lanes))
     grid = wp.array2d(dtype=real)
@@ -153,10 +153,10 @@ def sideways_functions(real, lanes: int) -> SidewaysFunctions:
         out_y: grid,
         thread: int,
     ):
-        forward(ws, slot, x, shape, size, ws.spectrum[slot], thread)
-        forward(ws, slot, y, shape, size, ws.second[slot], thread)
+        forward(ws, slot, x, shape, size, ws.spectrum[slot], ws.spectrum_lanes[slot], thread)
+        forward(ws, slot, y, shape, size, ws.second[slot], ws.second_lanes[slot], thread)
         mix(ws, slot, tables, start, size, thread)
-        inverse(ws, slot, ws.spectrum_lanes[slot], first, out_shape, size, out_x, thread)
-        inverse(ws, slot, ws.second_lanes[slot], first, out_shape, size, out_y, thread)
+        inverse(ws, slot, ws.spectrum[slot], ws.spectrum_lanes[slot], first, out_shape, size, out_x, thread)
+        inverse(ws, slot, ws.second[slot], ws.second_lanes[slot], first, out_shape, size, out_y, thread)
 
     return SidewaysFunctions(mix, by_pressure, displace, by_traction)

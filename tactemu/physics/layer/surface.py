@@ -10,19 +10,24 @@ import warp as wp
 
 from tactemu.physics.layer.compliance import Kernels
 from tactemu.physics.layer.convolution import (
-    BLOCK_THREADS,
-    RESIDENT_BLOCKS,
+    BLOCK,
+    Block,
     block_sync,
     convolution_functions,
     spread,
     workspace_type,
 )
 from tactemu.physics.layer.friction_state import friction_state_type
+from tactemu.physics.layer.on_chip import chip_functions, chip_numbers
 from tactemu.physics.layer.pressure import windows_type
 from tactemu.physics.layer.sideways import sideways_functions
 from tactemu.physics.layer.tables import tables_type
 from tactemu.physics.layer.window import BOX_STEP, around, transform_level, transform_size
 
+CHIP_BLOCK = Block(128, 2)
+"""On the chip."""
+ON_CHIP = (3, 2)
+"""Spectra and windows there."""
 NEGLIGIBLE = 1e-5
 """A response smaller than this part of that at the load is left out."""
 
@@ -36,12 +41,13 @@ def reach_of(kernels: Kernels) -> tuple[int, int]:
 
 
 @functools.cache
-def surface_kernel(real, lanes: int, with_friction: bool):
+def surface_kernel(real, lanes: int, with_friction: bool, chip: bool):
     """Displacement [pitches] of every cell in reach: along u, along v, and into the skin."""
     workspace, tables_struct = workspace_type(real, lanes), tables_type(real, lanes)
     windows, friction_state = windows_type(real, lanes), friction_state_type(real)
-    functions, sideways = convolution_functions(real, lanes), sideways_functions(real, lanes)
+    functions, sideways = convolution_functions(real, lanes, chip), sideways_functions(real, lanes, chip)
     forward, inverse, displace = functions.forward, functions.inverse, sideways.displace
+    move_in, window = chip_functions(real, workspace, *ON_CHIP)
     grid = wp.array2d(dtype=real)
 
     @wp.func
@@ -79,7 +85,7 @@ def surface_kernel(real, lanes: int, with_friction: bool):
         steps = (end - begin + wp.static(BOX_STEP - 1)) // wp.static(BOX_STEP)
         return wp.vec2i(begin, steps * wp.static(BOX_STEP))
 
-    @wp.kernel(module="unique", enable_backward=False, launch_bounds=(BLOCK_THREADS, RESIDENT_BLOCKS))
+    @wp.kernel(module="unique", enable_backward=False, launch_bounds=CHIP_BLOCK if chip else BLOCK)
     def find_surface(
         turns: wp.vec4i,  # first environment, end, first slot, slots that take turns
         # Layer:
@@ -102,6 +108,12 @@ def surface_kernel(real, lanes: int, with_friction: bool):
     ):
         place, thread = wp.tid()
         slot = turns[2] + place
+        if wp.static(chip):
+            memory = wp.tile_empty(shape=(wp.static(chip_numbers(*ON_CHIP)),), dtype=real, storage="shared")
+            ws = move_in(ws, memory)
+            win.direction = window(memory, 0)
+            win.direction_lanes = win.direction
+            win.answer = window(memory, 1)
         for env in range(turns[0] + place, turns[1], turns[3]):
             if changed[env] > 0:
                 box = boxes[env]
@@ -125,20 +137,27 @@ def surface_kernel(real, lanes: int, with_friction: bool):
                     start = tables.start[level[0], level[1]]
                     mine = spread(box[3], thread)
                     answer = win.answer[slot]
+                    direction = win.direction[slot]
                     load = win.direction_lanes[slot]
-                    fetch(pressure[env], box, win.direction[slot], mine)
-                    forward(ws, slot, load, shape, size, ws.spectrum[slot], thread)
+                    first_numbers = ws.spectrum[slot]
+                    second_numbers = ws.second[slot]
+                    third_numbers = ws.third[slot]
+                    first_lanes = ws.spectrum_lanes[slot]
+                    second_lanes = ws.second_lanes[slot]
+                    third_lanes = ws.third_lanes[slot]
+                    fetch(pressure[env], box, direction, mine)
+                    forward(ws, slot, load, shape, size, first_numbers, first_lanes, thread)
                     if wp.static(with_friction):
-                        fetch(friction.x[env], box, win.direction[slot], mine)
-                        forward(ws, slot, load, shape, size, ws.second[slot], thread)
-                        fetch(friction.y[env], box, win.direction[slot], mine)
-                        forward(ws, slot, load, shape, size, ws.third[slot], thread)
+                        fetch(friction.x[env], box, direction, mine)
+                        forward(ws, slot, load, shape, size, second_numbers, second_lanes, thread)
+                        fetch(friction.y[env], box, direction, mine)
+                        forward(ws, slot, load, shape, size, third_numbers, third_lanes, thread)
                     displace(ws, slot, tables, wp.static(with_friction), start, size, thread)
-                    inverse(ws, slot, ws.second_lanes[slot], first, whole, size, answer, thread)
+                    inverse(ws, slot, second_numbers, second_lanes, first, whole, size, answer, thread)
                     deposit(answer, area, u_out[env], thread)
-                    inverse(ws, slot, ws.third_lanes[slot], first, whole, size, answer, thread)
+                    inverse(ws, slot, third_numbers, third_lanes, first, whole, size, answer, thread)
                     deposit(answer, area, v_out[env], thread)
-                    inverse(ws, slot, ws.spectrum_lanes[slot], first, whole, size, answer, thread)
+                    inverse(ws, slot, first_numbers, first_lanes, first, whole, size, answer, thread)
                     deposit(answer, area, w_out[env], thread)
                 block_sync()
                 if thread == 0:

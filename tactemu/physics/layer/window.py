@@ -19,23 +19,56 @@ SAME, CHANGED, BROKEN = 0, 1, 2
 def block_functions(lanes: int):
     """``(block_sum, block_max)``: over the threads of the block, for all of them.
 
-    On a CPU (more than one lane) a block is one thread. There no tile is made: those of a kernel that runs on several
-    threads would lie in the same memory.
+    On a CPU (more than one lane) a block is one thread.
     """
-
-    @wp.func
-    def tile_sum(x: wp.float64):
-        return wp.tile_sum(wp.tile(x))[0]
-
-    @wp.func
-    def tile_max(x: wp.float64):
-        return wp.tile_max(wp.tile(x))[0]
 
     @wp.func
     def own(x: wp.float64):
         return x
 
-    return (tile_sum, tile_max) if lanes == 1 else (own, own)
+    return (_all_sum, _all_max) if lanes == 1 else (own, own)
+
+
+def _over_block(combine: str) -> str:
+    """C++ that combines ``x`` of all threads of a block, for all of them; those of a warp first."""
+    snippet = """
+#if defined(__CUDA_ARCH__)
+    __shared__ double parts[WP_TILE_BLOCK_DIM / 32];
+    for (int far = 16; far > 0; far /= 2) {
+        const double y = __shfl_xor_sync(0xffffffff, x, far);
+        x = COMBINE;
+    }
+    __syncthreads();
+    if (threadIdx.x % 32 == 0)
+        parts[threadIdx.x / 32] = x;
+    __syncthreads();
+    x = parts[0];
+    for (int warp = 1; warp < WP_TILE_BLOCK_DIM / 32; ++warp) {
+        const double y = parts[warp];
+        x = COMBINE;
+    }
+#endif
+    return x;
+"""
+    return snippet.replace("COMBINE", combine)
+
+
+@wp.func_native(_over_block("x + y"))
+def _native_sum(x: wp.float64) -> wp.float64: ...
+
+
+@wp.func_native(_over_block("x > y ? x : y"))
+def _native_max(x: wp.float64) -> wp.float64: ...
+
+
+@wp.func(inline=False)
+def _all_sum(x: wp.float64):
+    return _native_sum(x)
+
+
+@wp.func(inline=False)
+def _all_max(x: wp.float64):
+    return _native_max(x)
 
 
 @wp.func

@@ -1,0 +1,62 @@
+"""Reading a dataset back: arrays, as they were felt."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from tactemu.datasets.order import FILE
+from tactemu.datasets.shards import FOLDER
+from tactemu.errors import TactemuError
+
+
+def read_dataset(
+    folder: str | Path, columns: Sequence[str] | None = None, envs: Sequence[int] | None = None
+) -> dict[str, np.ndarray]:
+    """The columns of what ``tactemu dataset`` made, as arrays of a row for each environment at each time.
+
+    Args:
+        folder: of the dataset.
+        columns: their names, as its data sheet lists them; ``None``: all. ``env``, ``step`` and ``t_ns`` come too.
+        envs: of these environments only; ``None``: all.
+
+    Returns:
+        By the names of the columns: shape ``(rows, *shape)``. Within a part of the environments rows are in the order
+        of time, and then of the environments.
+
+    Raises:
+        TactemuError: there is no dataset, or no such column; pyarrow is not installed.
+    """
+    try:
+        import pyarrow.dataset as ds
+    except ImportError:
+        raise TactemuError("shards are Parquet, which needs pyarrow: pip install 'tactemu[convert]'") from None
+    folder = Path(folder)
+    paths = sorted((folder / FOLDER).glob("*/*.parquet"))
+    if not (folder / FILE).is_file() or not paths:
+        raise TactemuError(f"{folder}: no dataset is there, or none of its shards")
+    shards = ds.dataset([str(path) for path in paths])
+    known = shards.schema.names
+    wanted = known if columns is None else list(dict.fromkeys(("env", "step", "t_ns", *columns)))
+    if missing := set(wanted) - set(known):
+        raise TactemuError(f"{folder}: no column {', '.join(sorted(missing))}; there are: {', '.join(known)}")
+    chosen = None if envs is None else ds.field("env").isin(list(envs))
+    table = shards.to_table(columns=wanted, filter=chosen)
+    found = {}
+    for name in wanted:
+        column, about = table[name], shards.schema.field(name).metadata or {}
+        if b"dtype" not in about:
+            found[name] = column.to_numpy()
+            continue
+        dtype, shape = np.dtype(about[b"dtype"].decode()), tuple(map(int, about[b"shape"].split()))
+        parts = [_numbers(chunk, dtype, shape) for chunk in column.chunks]
+        found[name] = np.concatenate(parts) if parts else np.empty((0, *shape), dtype)
+    return found
+
+
+def _numbers(chunk, dtype: np.dtype, shape: tuple[int, ...]) -> np.ndarray:
+    size = int(np.prod(shape))
+    flat = np.frombuffer(chunk.buffers()[1], dtype, len(chunk) * size, chunk.offset * size * dtype.itemsize)
+    return flat.reshape(-1, *shape)

@@ -1,0 +1,278 @@
+"""A block's own memory: on a GPU, skins of up to 32 x 32 cells are solved without leaving the multiprocessor.
+
+The spectra, the scratch of the transforms and the vectors of the solvers lie in shared memory; solvers see arrays as
+ever. A transform of 32 or 64 points is one of 4 or 8 and one of 8, each in the registers of a thread; what it reads is
+in the scratch before it writes, so that a spectrum is transformed in place.
+"""
+
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
+import functools
+
+import warp as wp
+
+CELLS = 32
+"""Along the longer side of the largest skin that is solved so."""
+_LONGEST = 2 * CELLS
+_OTHERS = 2048
+"""Bytes of shared memory for other things, at most."""
+_SCRATCH = _LONGEST * CELLS
+_ROW = _LONGEST + 1
+"""Numbers from one row of a spectrum to the next: odd, lest those of a column crowd one bank of the memory."""
+
+
+def chip_numbers(spectra: int, windows: int) -> int:
+    """How many numbers of shared memory a block needs for so many spectra and windows."""
+    return 2 * _SCRATCH + spectra * _LONGEST * _ROW + windows * CELLS * CELLS
+
+
+def fits(cells: tuple[int, int], numbers: int, real, lanes: int, device: wp.Device) -> bool:
+    """Whether a skin is solved on the chip by kernels that need at most so many numbers of shared memory: 107 KiB with
+    friction, which a GPU for data centres has, 73 KiB with displacement, 62 KiB with neither."""
+    if lanes > 1 or max(cells) > CELLS:
+        return False
+    room = device.max_shared_memory_per_block if device.is_cuda else 1 << 18
+    return numbers * wp.types.type_size_in_bytes(real) + _OTHERS <= room
+
+
+@functools.cache
+def chip_functions(real, workspace, spectra: int, windows: int):
+    """``(move_in, window)``: the workspace ``move_in(ws, memory)`` and the ``k``-th window ``window(memory, k)`` in the
+    tile ``memory``, the same for every slot: a block's own."""
+    tile = wp.tile(dtype=real, shape=(chip_numbers(spectra, windows),))
+
+    @wp.func_native(f"""
+    wp::array_t<wp::{real.__name__}> found(memory.data.ptr + first, 0x7fffffff, rows, columns);
+    found.strides[0] = 0;
+    return found;
+    """)
+    def part(memory: tile, first: int, rows: int, columns: int) -> wp.array3d(dtype=real): ...
+
+    @wp.func
+    def window(memory: tile, k: int):
+        first = wp.static(chip_numbers(spectra, 0)) + k * wp.static(CELLS * CELLS)
+        return part(memory, first, wp.static(CELLS), wp.static(CELLS))
+
+    @wp.func
+    def spectrum(memory: tile, k: int):
+        first = wp.static(2 * _SCRATCH) + k * wp.static(_LONGEST * _ROW)
+        return part(memory, first, wp.static(_LONGEST), wp.static(_ROW))
+
+    @wp.func
+    def move_in(ws: workspace, memory: tile):
+        here = ws
+        here.re = part(memory, 0, wp.static(_LONGEST), wp.static(CELLS))
+        here.im = part(memory, wp.static(_SCRATCH), wp.static(_LONGEST), wp.static(CELLS))
+        here.spectrum = spectrum(memory, 0)
+        here.spectrum_lanes = here.spectrum
+        if wp.static(spectra > 1):
+            here.second = spectrum(memory, 1)
+            here.second_lanes = here.second
+        if wp.static(spectra > 2):
+            here.third = spectrum(memory, 2)
+            here.third_lanes = here.third
+        return here
+
+    return move_in, window
+
+
+@functools.cache
+def short_hartley(real):
+    """``hartley(re, im, twiddle, slot, field, rows, columns, n, first, rows_out, out, thread)`` as the long one of
+    :mod:`.convolution`, for ``n`` of 32 or 64, and columns that are a power of two, in the tile."""
+    field_type, turns_type = wp.array2d(dtype=real), wp.array(dtype=wp.types.vector(2, real))
+
+    @wp.func_native(_PLACE.replace("NUMBER", real.__name__))
+    def place(a: field_type) -> wp.int64: ...
+
+    @wp.func_native("return reinterpret_cast<uint64_t>(a.data);")
+    def address(a: turns_type) -> wp.uint64: ...
+
+    @wp.func_native(_TRANSFORM.replace("NUMBER", real.__name__))
+    def transform(
+        field: wp.int64,
+        from_row: int,
+        rows: int,
+        half: int,
+        n: int,
+        first: int,
+        rows_out: int,
+        out: wp.int64,
+        to_row: int,
+        re: wp.int64,
+        im: wp.int64,
+        turns: wp.uint64,
+        n_turns: int,
+        thread: int,
+        threads: int,
+    ): ...
+
+    @wp.func(inline=False)  # one copy of it: a solver calls it dozens of times
+    def transform_here(
+        field: wp.int64,
+        from_row: int,
+        rows: int,
+        half: int,
+        n: int,
+        first: int,
+        rows_out: int,
+        out: wp.int64,
+        to_row: int,
+        re: wp.int64,
+        im: wp.int64,
+        turns: wp.uint64,
+        n_turns: int,
+        thread: int,
+    ):
+        transform(
+            field, from_row, rows, half, n, first, rows_out, out, to_row, re, im, turns, n_turns, thread, wp.block_dim()
+        )
+
+    @wp.func
+    def hartley(
+        re: wp.array3d(dtype=real),
+        im: wp.array3d(dtype=real),
+        twiddle: turns_type,
+        slot: int,
+        field: field_type,
+        rows: int,
+        columns: int,
+        n: int,
+        first: int,
+        rows_out: int,
+        out: field_type,
+        thread: int,
+    ):
+        transform_here(
+            place(field),
+            field.shape[1],
+            rows,
+            columns // 2,
+            n,
+            first,
+            rows_out,
+            place(out),
+            out.shape[1],
+            place(re[slot]),
+            place(im[slot]),
+            address(twiddle),
+            twiddle.shape[0],
+            thread,
+        )
+
+    return hartley
+
+
+_PLACE = """
+#if defined(__CUDA_ARCH__)
+    extern __shared__ char dynamic_smem_base[];
+    return a.data - reinterpret_cast<wp::NUMBER*>(dynamic_smem_base);
+#else
+    return reinterpret_cast<int64_t>(a.data);
+#endif
+"""
+"""Where an array begins, counted in numbers from the block's memory: so that a GPU addresses it with 32 bits."""
+
+_TRANSFORM = """
+    using Number = wp::NUMBER;
+#if defined(__CUDA_ARCH__)
+    extern __shared__ char dynamic_smem_base[];
+    Number* const memory = reinterpret_cast<Number*>(dynamic_smem_base);
+    auto at = [&](const int64_t place) { return memory + static_cast<int>(place); };
+#define WAIT __syncthreads()
+#else
+    auto at = [](const int64_t place) { return reinterpret_cast<Number*>(place); };
+#define WAIT
+#endif
+    const Number* const in = at(field);
+    Number* const result = at(out);
+    Number* const zr = at(re);
+    Number* const zi = at(im);
+    const auto* const powers = reinterpret_cast<const wp::vec_t<2, Number>*>(turns);
+    const int bits = half == 32 ? 5 : half == 16 ? 4 : 3, turn = n_turns / n;
+    const Number root = Number(0.70710678118654752440);
+    struct Short { enum { parts = 4, padded = 0 }; };
+    struct Long { enum { parts = 8, padded = 0 }; };
+    struct Padded { enum { parts = 8, padded = 1 }; };  // elements from 4 on are 0
+    auto fft4 = [](Number* r, Number* m) {
+        const Number ar = r[0] + r[2], ai = m[0] + m[2], br = r[0] - r[2], bi = m[0] - m[2];
+        const Number cr = r[1] + r[3], ci = m[1] + m[3], dr = r[1] - r[3], di = m[1] - m[3];
+        r[0] = ar + cr, m[0] = ai + ci, r[1] = br + di, m[1] = bi - dr;
+        r[2] = ar - cr, m[2] = ai - ci, r[3] = br - di, m[3] = bi + dr;
+    };
+    auto fft8 = [&](Number* r, Number* m, const bool padded) {
+        Number er[4], ei[4], tr[4], ti[4];
+        for (int i = 0; i < 4; ++i) {
+            er[i] = padded ? r[i] : r[i] + r[i + 4], ei[i] = padded ? m[i] : m[i] + m[i + 4];
+            tr[i] = padded ? r[i] : r[i] - r[i + 4], ti[i] = padded ? m[i] : m[i] - m[i + 4];
+        }
+        const Number ur = root * (tr[1] + ti[1]), ui = root * (ti[1] - tr[1]);
+        const Number vr = root * (ti[3] - tr[3]), vi = -root * (ti[3] + tr[3]), wr = ti[2], wi = -tr[2];
+        tr[1] = ur, ti[1] = ui, tr[2] = wr, ti[2] = wi, tr[3] = vr, ti[3] = vi;
+        fft4(er, ei);
+        fft4(tr, ti);
+        for (int i = 0; i < 4; ++i)
+            r[2 * i] = er[i], m[2 * i] = ei[i], r[2 * i + 1] = tr[i], m[2 * i + 1] = ti[i];
+    };
+    auto begin = [&](auto kind) {  // over every eighth point
+        constexpr int parts = decltype(kind)::parts, given = decltype(kind)::padded ? 4 : parts;
+#pragma unroll 1
+        for (int item = thread; item < 8 * half; item += threads) {
+            const int c = item & (half - 1), j = item >> bits;
+            Number r[8], m[8];
+            for (int i = 0; i < given; ++i) {
+                const bool there = 8 * i + j < rows;
+                const Number* const x = in + (8 * i + j) * from_row + c;
+                r[i] = there ? x[0] : Number(0), m[i] = there ? x[half] : Number(0);
+            }
+            if (parts == 8)
+                fft8(r, m, given == 4);
+            else
+                fft4(r, m);
+            for (int i = 0; i < parts; ++i) {
+                const wp::vec_t<2, Number> w = powers[turn * j * i];
+                zr[(8 * i + j) * half + c] = r[i] * w[0] - m[i] * w[1];
+                zi[(8 * i + j) * half + c] = r[i] * w[1] + m[i] * w[0];
+            }
+        }
+    };
+    auto end = [&](auto kind) {  // over the eight that are left, of a row and its mirror; then Hartley, transposed
+        constexpr int parts = decltype(kind)::parts;
+#pragma unroll 1
+        for (int item = thread; item < parts / 2 * half; item += threads) {
+            const int c = item & (half - 1), a = item >> bits, b = a ? parts - a : parts / 2;
+            Number xr[8], xi[8], yr[8], yi[8];
+            for (int i = 0; i < 8; ++i) {
+                xr[i] = zr[(8 * a + i) * half + c], xi[i] = zi[(8 * a + i) * half + c];
+                yr[i] = zr[(8 * b + i) * half + c], yi[i] = zi[(8 * b + i) * half + c];
+            }
+            fft8(xr, xi, false);
+            fft8(yr, yi, false);
+            Number* const one = result + c * to_row;
+            Number* const other = one + half * to_row;
+            auto put = [&](const int k, const Number pr, const Number pi, const Number qr, const Number qi) {
+                const int row = (k - first) & (8 * parts - 1);
+                if (row < rows_out)
+                    one[row] = pr + qr - (pi - qi), other[row] = pi + qi + (pr - qr);
+            };
+            for (int i = 0; i < 8; ++i) {
+                put(a + parts * i, xr[i], xi[i], a ? yr[7 - i] : xr[(8 - i) & 7], a ? yi[7 - i] : xi[(8 - i) & 7]);
+                put(b + parts * i, yr[i], yi[i], a ? xr[7 - i] : yr[7 - i], a ? xi[7 - i] : yi[7 - i]);
+            }
+        }
+    };
+    if (n == 32)
+        begin(Short());
+    else if (rows <= 32)
+        begin(Padded());
+    else
+        begin(Long());
+    WAIT;
+    if (n == 32)
+        end(Short());
+    else
+        end(Long());
+    WAIT;
+#undef WAIT
+"""
