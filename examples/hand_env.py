@@ -82,7 +82,7 @@ def main() -> None:
     with torch.no_grad():
         for name, turn in (
             ("step alone", env.sim.step),
-            ("whole loop", lambda: env.step(closed + policy(env.observation()))),
+            ("whole loop", lambda: env.step(closed + 0.1 * policy(env.observation()))),
         ):
             for _ in range(10):
                 turn()
@@ -93,7 +93,9 @@ def main() -> None:
             wp.synchronize()
             took = time.perf_counter() - start
             print(f"{name}: {told.steps / took:.0f} steps/s of {told.envs}: {1e6 * took / told.steps:.0f} µs")
-        *_, about = env.step(closed + policy(env.observation()))
+        env.reset()
+        for _ in range(80):
+            *_, about = env.step(closed + 0.1 * policy(env.observation()))
         env.sim.check()
         print(f"felt: {about['force'].mean().item():.2f} N on average, {about['force'].max().item():.2f} N at most")
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from tactemu.physics.models import MODELS
 from tactemu.physics.shapes.registry import SHAPES
+from tactemu.version import __version__ as __version__
 
 if TYPE_CHECKING:  # what an editor sees; the table below says the same to Python
     from tactemu.control.client import Connection as Connection
@@ -63,7 +64,6 @@ if TYPE_CHECKING:  # what an editor sees; the table below says the same to Pytho
     from tactemu.truth import Truth as Truth
     from tactemu.truth import read_log as read_log
 
-__version__ = "0.1.0"
 
 _PUBLIC = {
     # public name: module that defines it

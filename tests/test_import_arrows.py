@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 
-LEAVES = ("errors", "firmware_protocols", "options", "random_streams")
+LEAVES = ("errors", "firmware_protocols", "options", "random_streams", "version")
 """What everybody in tactemu may import."""
 
 ARROWS = {
@@ -19,6 +19,7 @@ ARROWS = {
     "errors": (),
     "options": ("errors",),
     "random_streams": (),
+    "version": (),
     "clock": (),
     "collector": (),
     "folders": (),
@@ -67,7 +68,7 @@ ARROWS = {
     "page": (*LEAVES, "control", "conversions", "frame_text", "scene", "truth", "wire"),
     "doors": (*LEAVES, "serving"),
     "tactemu": (  # the public names, imported on first use
-        "control", "datasets", "errors", "exec", "physics", "scene", "serving", "truth",
+        "control", "datasets", "errors", "exec", "physics", "scene", "serving", "truth", "version",
     ),
     "bench": (
         *LEAVES, "assembly", "clock", "collector", "control", "emulator", "exec", "fit", "judge", "kernels",

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass
-from importlib import metadata
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from tactemu.errors import TactemuError
 from tactemu.options import number
+from tactemu.version import __version__
 
 FILE = "dataset.json"
 COMPRESSIONS = "lz4", "zstd", "none"
@@ -69,7 +69,7 @@ def remember(order: Order, about: dict[str, Any], folder: Path) -> None:
     Raises:
         TactemuError: the folder holds something else, or cannot be written.
     """
-    said = json.loads(json.dumps({"tactemu": metadata.version("tactemu"), "order": asdict(order), **about}))
+    said = json.loads(json.dumps({"tactemu": __version__, "order": asdict(order), **about}))
     path = folder / FILE
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from importlib import metadata
 
 from tactemu.datasets.order import FILE, Order
 from tactemu.datasets.shards import FOLDER, Column
+from tactemu.version import __version__
 
 
 def data_sheet(order: Order, columns: list[Column], dt_s: float, varied: list[str]) -> str:
@@ -17,7 +17,7 @@ def data_sheet(order: Order, columns: list[Column], dt_s: float, varied: list[st
     )
     return f"""# Tactile dataset of `{order.target}`
 
-Simulated by tactemu {metadata.version("tactemu")}. No real sensor was read: readings are those of the scene's sensor
+Simulated by tactemu {__version__}. No real sensor was read: readings are those of the scene's sensor
 models, and what spoils them is what the scene says.
 
 - {order.envs} environments of {order.rows} rows each, one every {1e3 * dt_s * order.every:g} ms; seed {order.seed}.

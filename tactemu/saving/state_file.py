@@ -6,7 +6,6 @@ and a file that is much bigger than a state of this run can be is refused before
 
 from __future__ import annotations
 
-import functools
 import io
 import json
 import math
@@ -14,7 +13,6 @@ import os
 import tempfile
 import zipfile
 from collections.abc import Mapping
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +20,7 @@ import numpy as np
 
 from firmware_protocols import state as plain
 from tactemu.errors import StateError
+from tactemu.version import __version__
 
 FORMAT = 1
 _HEADER, _TREE = "header", "tree"
@@ -35,12 +34,7 @@ _KINDS = "biufcV"
 
 def header(made_of: Mapping[str, Any], t_ns: int) -> dict[str, Any]:
     """What stands before a state: by whom it was written, of what scene, at which time."""
-    return {"format": FORMAT, "tactemu": _version(), "t_ns": t_ns, "made_of": flat(made_of)}
-
-
-@functools.cache
-def _version() -> str:
-    return metadata.version("tactemu")
+    return {"format": FORMAT, "tactemu": __version__, "t_ns": t_ns, "made_of": flat(made_of)}
 
 
 def check_header(found: Any, made_of: Mapping[str, Any], where: str) -> None:
