@@ -320,7 +320,7 @@ class MujocoSource:
         if velocities:
             arm = position - data.subtree_com[self._model.body_rootid[bodies]]
             rows[:, 10:] = data.cvel[bodies, :3]
-            rows[:, 7:10] = data.cvel[bodies, 3:] + np.cross(rows[:, 10:], arm)
+            rows[:, 7:10] = data.cvel[bodies, 3:] + rotation.crosses(rows[:, 10:], arm)
         for k, body in enumerate(self._pads, len(rows) - len(self._pads)):
             if body in self.shifts:
                 position[k] += self.shifts[body]
