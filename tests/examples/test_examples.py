@@ -13,8 +13,11 @@ EXPECTED = {
     "own_simulator.py": ["poses: 100 frames", "readings: 100 frames", "pushed with up to 1.00 N"],
     "genesis_skin.py": ["100 frames", "the skin was pushed with up to"],
     "mujoco_skin.py": ["t = 0.80 s, ball at x =", "force on the skin"],
+    "hand_env.py": ["step alone", "whole loop", "felt:"],
     "two_drivers.py": ["read by the anyskin package", "read by the linkerbot SDK", "every one as it was sent"],
 }
+ARGUMENTS = {"hand_env.py": ["--device", "cpu", "--envs", "2", "--steps", "5"]}
+NEEDS = {"mujoco_skin.py": ("mujoco",), "genesis_skin.py": ("genesis",), "hand_env.py": ("torch", "mujoco_warp")}
 
 
 def test_every_example_is_tested():
@@ -29,12 +32,11 @@ def test_every_example_is_tested():
 )
 def test_an_example_runs(name):
     """`two_drivers.py` is what `scripts/try` runs, before all tests."""
-    for package in ("mujoco", "genesis"):
-        if name.startswith(package):
-            pytest.importorskip(package, reason="the example says what to install")
+    for package in NEEDS.get(name, ()):
+        pytest.importorskip(package, reason="the example says what to install")
     done = subprocess.run(
-        [sys.executable, str(ROOT / "examples" / name)], capture_output=True, text=True, timeout=140, env=environment(),
-        check=False,
+        [sys.executable, str(ROOT / "examples" / name), *ARGUMENTS.get(name, ())], capture_output=True, text=True,
+        timeout=140, env=environment(), check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
     for words in EXPECTED[name]:
