@@ -66,7 +66,7 @@ from tactemu.physics.shapes.table import ShapeTable, ShapeTables
 from tactemu.plan.plan import Context, Dtype, Stage
 from tactemu.scene.bodies import Body
 
-DepthQuery = Literal["sdf", "raycast", "voxel", "ray"]
+DepthQuery = Literal["sdf", "raycast", "band", "voxel", "ray"]
 Derive = Callable[[wp.array, str], tuple[wp.array, Stage]]
 """From a reading, of the branch ``truth`` or ``measured``, to what follows from it, and the stage that fills that."""
 
@@ -174,10 +174,11 @@ class SensorModel(ImperfectionOptions, DrawOptions, ABC):
     filter_link_idx: int | Sequence[int] = ()
     """Bodies not to feel."""
     contact_depth_query: DepthQuery | None = None
-    """How depth is found. ``sdf`` (default) and ``raycast``: exact distance to the nearest surface. ``voxel``: a grid
-    of distances with cells of ``voxel_size``. ``ray``: along the taxel's normal, right at any depth."""
+    """How depth is found. ``sdf`` (default) and ``raycast``: exact distance to the nearest surface. ``band``: within
+    2 µm of it, from a grid beside the surface of meshes. ``voxel``: a grid of distances with cells of ``voxel_size``.
+    ``ray``: along the taxel's normal, right at any depth."""
     voxel_size: float | None = None
-    """Cell of the voxel query [m]; ``None``: the shape's largest extent / 64."""
+    """Cell of the voxel query [m], ``None``: the shape's largest extent / 64; of the band, ``None``: / 96."""
     ray_reach: float | None = None
     """How far into the skin the ray query looks [m]; ``None``: to the far side of the sensor's own link."""
 

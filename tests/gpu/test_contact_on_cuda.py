@@ -48,7 +48,7 @@ def poses(step):
     }
 
 
-@pytest.mark.parametrize("query", ["sdf", "voxel", "ray"])
+@pytest.mark.parametrize("query", ["sdf", "band", "voxel", "ray"])
 @pytest.mark.parametrize("kind", SHAPES)
 def test_every_query_reads_the_same(kind, query):
     readings = {}

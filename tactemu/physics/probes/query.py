@@ -163,6 +163,7 @@ def query_trials() -> list[Trial]:
     """The ways to find depth, cheapest first."""
     return [
         Trial("nearest surface"),
+        Trial("band", {"contact_depth_query": "band"}),
         Trial("voxels", {"contact_depth_query": "voxel"}),
         Trial("along the normal", {"contact_depth_query": "ray"}),
     ]

@@ -94,6 +94,9 @@ class MeshFunctions(NamedTuple):
 
     distance: Any
     """``distance(shapes, b, p) -> (signed distance, normal)``"""
+    nearest_node: Any
+    """``nearest_node(shapes, b, p) -> (value, away)``: the signed distance at the nearest node of the coarse grid [m],
+    and how far the distance at ``p`` may differ from it."""
     lower_bound: Any
     """``lower_bound(shapes, b, p)``: never more than the distance of a closed mesh, for one look into the grid."""
 
@@ -162,4 +165,4 @@ def mesh_functions(real, closed: bool) -> MeshFunctions:
             n = gap * (sign / length)
         return real(sign * length) * unit, vec3(real(n[0]), real(n[1]), real(n[2]))
 
-    return MeshFunctions(distance, lower_bound)
+    return MeshFunctions(distance, nearest_node, lower_bound)

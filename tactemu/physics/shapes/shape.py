@@ -80,6 +80,8 @@ class Row:
     """Metres that one stored unit of the mesh stands for."""
     grid: Any = None
     """Distances on a grid (:class:`~tactemu.physics.shapes.voxel_grid.VoxelGrid`)."""
+    band: Any = None
+    """Distances near the surface (:class:`~tactemu.physics.shapes.band.Band`)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,7 +158,7 @@ def table_type(real):
     """The Warp struct that holds all shapes of a scene, one row per body."""
     import warp as wp
 
-    vec3 = wp.types.vector(3, real)
+    vec3, vec4 = wp.types.vector(3, real), wp.types.vector(4, real)
 
     @wp.struct
     class Shapes:
@@ -173,6 +175,12 @@ def table_type(real):
         grid_values: wp.array(dtype=real)
         grid_gradients: wp.array(dtype=vec3)
         grid_has_gradients: wp.array(dtype=wp.int32)
+        band_start: wp.array(dtype=wp.int64)  # first node in band_values
+        band_nodes: wp.array(dtype=wp.vec3i)
+        band_origin: wp.array(dtype=vec3)
+        band_cell: wp.array(dtype=real)
+        band_values: wp.array(dtype=vec4)  # distance, gradient
+        band_smooth: wp.array(dtype=wp.uint8)  # is the cell that begins at the node interpolated?
 
     return Shapes
 

@@ -6,7 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import warp as wp
 
+from tactemu.physics.shapes.band import band_row
 from tactemu.physics.shapes.distance import ShapeFunctions, shape_functions
+from tactemu.physics.shapes.mesh import MESH
 from tactemu.physics.shapes.shape import Row, codes, table_type
 from tactemu.physics.shapes.voxel_grid import VOXELS
 from tactemu.physics.shapes.voxelise import voxelise
@@ -35,31 +37,36 @@ class ShapeTables:
     def __init__(self, scene_bodies: Sequence[Body], context: Context):
         self._bodies, self._context = scene_bodies, context
         self._rows: dict[int, Row] = {}
-        self._grids: dict[tuple[int, float | None], Row] = {}
+        self._grids: dict[tuple[int, str, float | None], Row] = {}
         self._tables: dict = {}
 
     def table(self, used: tuple[Body, ...], query: str | None = None, cell: float | None = None) -> ShapeTable:
         """The table of the bodies ``used``; the others get an empty row and cost nothing."""
         chosen = frozenset(body.index for body in used)
-        voxels = query == "voxel"
-        key = (chosen, voxels, cell if voxels else None)
+        gridded = query if query in ("voxel", "band") else None
+        key = (chosen, gridded, cell if gridded else None)
         if key not in self._tables:
-            rows = [self._row(body, voxels, cell) if body.index in chosen else Row() for body in self._bodies]
+            rows = [self._row(body, gridded, cell) if body.index in chosen else Row() for body in self._bodies]
             self._tables[key] = pack(rows, self._context)
         return self._tables[key]
 
-    def _row(self, body: Body, voxels: bool, cell: float | None) -> Row:
+    def _row(self, body: Body, gridded: str | None, cell: float | None) -> Row:
         assert body.shape is not None  # of a body without geometry nothing is asked
         shape = id(body.shape)  # bodies may share one
         if shape not in self._rows:
             self._rows[shape] = body.shape.row(body.name, self._context.device)
         row = self._rows[shape]
-        if not (voxels and row.kind and row.kind.to_grid):
+        of_use = row.kind is MESH if gridded == "band" else row.kind is not None and row.kind.to_grid
+        if gridded is None or not of_use:
             return row
-        if (shape, cell) not in self._grids:
-            grid = voxelise(pack([row], self._context), row.middle, row.half, cell, body.name, self._context)
-            self._grids[shape, cell] = Row(VOXELS, bound=row.bound, grid=grid)
-        return self._grids[shape, cell]
+        key = shape, gridded, cell
+        if key not in self._grids:
+            if gridded == "band":
+                self._grids[key] = band_row(row, pack, cell, body.name, self._context)
+            else:
+                grid = voxelise(pack([row], self._context), row.middle, row.half, cell, body.name, self._context)
+                self._grids[key] = Row(VOXELS, bound=row.bound, grid=grid)
+        return self._grids[key]
 
 
 def pack(rows: list[Row], context: Context) -> ShapeTable:
@@ -98,4 +105,14 @@ def pack(rows: list[Row], context: Context) -> ShapeTable:
     table.grid_values = upload(packed(lambda g: g.values, ()), real)
     table.grid_gradients = upload(packed(gradients_of, (3,)) if with_gradients else np.zeros((1, 3)), vec3)
     table.grid_has_gradients = upload([int(g is not None and g.gradients is not None) for g in grids], wp.int32)
+    bands = [row.band for row in rows]
+    sizes = [0 if band is None else band.smooth.size for band in bands]
+    nodes = [band.nodes.reshape(-1, 4) for band in bands if band is not None]
+    smooth = [band.smooth.reshape(-1) for band in bands if band is not None]
+    table.band_start = upload(np.cumsum([0, *sizes])[:-1], wp.int64)
+    table.band_nodes = upload([(0, 0, 0) if band is None else band.smooth.shape for band in bands], wp.vec3i)
+    table.band_origin = upload([zero if band is None else band.origin for band in bands], vec3)
+    table.band_cell = upload([1.0 if band is None else band.cell for band in bands], real)
+    table.band_values = upload(np.concatenate(nodes) if nodes else np.zeros((1, 4)), wp.types.vector(4, real))
+    table.band_smooth = upload(np.concatenate(smooth) if smooth else np.zeros(1, np.uint8), wp.uint8)
     return ShapeTable(table, kinds, shape_functions(real, kinds), rows)
