@@ -57,7 +57,8 @@ class Band:
 
 @functools.cache
 def interpolation(real):
-    """The Warp function ``interpolated(corner values, fractions, cell) -> (distance, gradient)`` over a packed band."""
+    """The Warp function ``interpolated(shapes, start, n, i, j, k, f, cell) -> (distance, gradient)``: in the cell that
+    begins at node ``(i, j, k)`` of the band whose first node is ``start``, at ``f`` parts of a cell from there."""
     vec3, vec4, shapes_type = wp.types.vector(3, real), wp.types.vector(4, real), table_type(real)
 
     @wp.func
