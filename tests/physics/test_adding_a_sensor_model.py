@@ -63,5 +63,7 @@ def test_tuner_benches_and_public_names_have_it(tree):
         "print([r.name for r in ladder() if 'pin' in r.name])\n"
     )
     assert run(tree, "-c", code).splitlines() == [
-        "PinTaxel ['pin_taxel, nearest surface', 'pin_taxel, band', 'pin_taxel, voxels']", "['PinTaxel, 256 taxels']", "['L2 pin_taxel']",
-    ]  # fmt: skip
+        "PinTaxel ['pin_taxel, nearest surface', 'pin_taxel, band', 'pin_taxel, voxels']",
+        "['PinTaxel, 256 taxels']",
+        "['L2 pin_taxel']",
+    ]
