@@ -1,5 +1,6 @@
 """Threads that share the environments of a batch: the same bytes, however many, and none left behind."""
 
+import gc
 import os
 import threading
 
@@ -30,6 +31,12 @@ CHAINS = {
     "Capacitive": ("KinematicTaxel", [Material(creep_per_decade=0.1, loop=0.1), Capacitive(baseline_tau=0.1)]),
     "Fluid": ("KinematicTaxel", [Fluid()]),
 }
+
+
+@pytest.fixture(autouse=True)
+def what_other_tests_forgot():
+    """Has ended its threads before ours are counted."""
+    gc.collect()
 
 
 def threads_alive() -> list[str]:
@@ -115,8 +122,6 @@ def test_a_simulation_that_is_forgotten_leaves_no_thread():
     sim.step()
     assert len(threads_alive()) == 2
     del sim, _ball, _skin
-    import gc
-
     gc.collect()
     assert not threads_alive()
 
