@@ -1,23 +1,27 @@
-"""A vector environment of a hand that feels: MuJoCo Warp moves it, tactemu feels, torch decides, all on one device.
+"""A vector environment of a hand that feels: MuJoCo Warp or Newton moves it, tactemu feels, torch decides, all on one
+device.
 
-    pip install 'tactemu[mujoco-warp]' torch
+    pip install 'tactemu[newton]' torch  # or tactemu[mujoco-warp]
     python examples/hand_env.py --envs 4096 --device cuda:0
+    python examples/hand_env.py --envs 4096 --device cuda:0 --engine newton --steps 10000
 
-The interface is that of ``gymnasium.vector.VectorEnv``; environments that end are reset within ``step``.
+The interface is that of ``gymnasium.vector.VectorEnv``; environments that end are reset within ``step``. Nothing in a
+step waits for the device.
 """
 
 import argparse
+import os
 import time
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import torch
 import warp as wp
 
 import tactemu as tt
 
-HAND = Path(__file__).parent / "hands" / "ability_hand_ball.xml"
+ENGINES = {"mujoco-warp": tt.MujocoWarpEngine, "newton": tt.NewtonEngine}
+HAND = Path(__file__).parent / "hands" / "ability_hand_motors.xml"
 JOINTS = "index", "middle", "ring", "pinky", "thumb_flexor", "thumb_rotator"
 PAD = np.stack([*np.meshgrid(np.linspace(-5e-3, 5e-3, 6), np.linspace(-8e-3, 8e-3, 6)), np.full((6, 6), 4e-3)], -1)
 CLOSED = 1.4, 1.4, 1.4, 1.4, 1.0, 0.0  # [rad]
@@ -25,30 +29,36 @@ WANTED_N, HORIZON, FALLEN_M = 2.0, 250, 0.03
 
 
 class HandEnv:
-    """Hold a ball: the fingertips shall feel :data:`WANTED_N` together."""
+    """Hold a ball: the fingertips shall feel :data:`WANTED_N` together. Actions are angles of :data:`JOINTS` [rad]."""
 
-    def __init__(self, num_envs: int, device: str):
-        spec = mujoco.MjSpec.from_file(str(HAND))
-        for joint in JOINTS:
-            motor = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-            motor.set_to_position(kp=0.4, kv=0.02)
-            motor.forcerange = -0.3, 0.3
+    def __init__(self, num_envs: int, device: str, engine: str = "mujoco-warp"):
         self.num_envs = num_envs
         scene = tt.Scene(dt=4e-3)
-        self.engine = tt.MujocoWarpEngine(scene, spec.compile())
+        self.engine = ENGINES[engine](scene, HAND)
+        model = self.engine.source
         fingers = [f"{joint.removesuffix('_flexor')}_tip" for joint in JOINTS[:5]]
         about = {"probe_local_pos": PAD, "probe_radius": 1.5e-3, "normal_stiffness": 200.0, "forces_on_skin": True}
-        model = tt.KinematicTaxel(**about, track_link_idx=(self.engine.source.geom("object").index,))
-        skins = [scene.add_sensor(model, link=self.engine.source.geom(tip)) for tip in fingers]
+        taxels = tt.KinematicTaxel(**about, track_link_idx=(model.carrier("object").index,))
+        skins = [scene.add_sensor(taxels, link=model.carrier(tip)) for tip in fingers]
         self.sim = scene.build(num_envs, device=device)
         self.touch = [torch.from_dlpack(skin.force_array) for skin in skins]  # the steps write into them
-        self.orders = torch.from_dlpack(self.engine.data.ctrl)
-        self.qpos = torch.from_dlpack(self.engine.data.qpos)
+        self.positions = torch.from_dlpack(self.engine.positions)
+        columns = [model.column(joint) for joint in JOINTS]
+        if engine == "newton":  # a target for each position, of all environments in one row
+            orders, motors = self.engine.control.joint_target_q, columns
+        else:
+            orders, motors = self.engine.data.ctrl, [self.engine.model.actuator(joint).id for joint in JOINTS]
+        self.orders = torch.from_dlpack(orders).view(num_envs, -1)
+        self.motors = torch.tensor(motors, device=self.orders.device)
+        self.joints = torch.tensor(columns, device=self.orders.device)
+        ball = model.column("object")
+        self.ball = self.positions[:, ball : ball + 3]
         self.age = torch.zeros(num_envs, dtype=torch.int32, device=self.orders.device)
 
     def observation(self) -> torch.Tensor:
+        """Angles [rad], where the ball is [m], and the push on each taxel [N]: ``(num_envs, 189)``."""
         felt = [force[..., 2].flatten(1) for force in self.touch]
-        return torch.cat([self.qpos, *felt], dim=1)
+        return torch.cat([self.positions[:, self.joints], self.ball, *felt], dim=1)
 
     def reset(self):
         self.sim.reset()
@@ -56,46 +66,62 @@ class HandEnv:
         return self.observation(), {}
 
     def step(self, actions: torch.Tensor):
-        self.orders.copy_(actions)
+        self.orders[:, self.motors] = actions
         self.sim.step()
         self.age += 1
         felt = torch.stack([force[..., 2].abs().flatten(1).sum(1) for force in self.touch]).sum(0)
-        terminated, truncated = self.qpos[:, -5] < FALLEN_M, self.age >= HORIZON
+        terminated, truncated = self.ball[:, 2] < FALLEN_M, self.age >= HORIZON
         done = terminated | truncated
         self.sim.reset(done)
         self.age.masked_fill_(done, 0)
         return self.observation(), -(felt - WANTED_N).abs(), terminated, truncated, {"force": felt}
 
 
+def memory(device: wp.Device) -> str:
+    """What is in use now, of the process and of the GPU."""
+    with open("/proc/self/statm") as file:
+        said = f"{int(file.read().split()[1]) * os.sysconf('SC_PAGESIZE') / 1e6:.0f} MB"
+    return (
+        f"{said} and {(device.total_memory - device.free_memory) / 1e6:.0f} MB of the GPU" if device.is_cuda else said
+    )
+
+
 def main() -> None:
-    ask = argparse.ArgumentParser()
+    ask = argparse.ArgumentParser(
+        description="Closes a hand in many environments, and says how fast, and what it feels."
+    )
     ask.add_argument("--envs", type=int, default=4096)
     ask.add_argument("--device", default="cuda:0")
     ask.add_argument("--steps", type=int, default=1000)
+    ask.add_argument("--engine", choices=ENGINES, default="mujoco-warp")
     told = ask.parse_args()
-    env = HandEnv(told.envs, told.device)
+    env = HandEnv(told.envs, told.device, told.engine)
     seen, _ = env.reset()
     widths = seen.shape[1], 64, len(JOINTS)
+    torch.manual_seed(0)
     policy = torch.nn.Sequential(torch.nn.Linear(*widths[:2]), torch.nn.Tanh(), torch.nn.Linear(*widths[1:]))
     policy.to(seen.device)
     closed = torch.tensor(CLOSED, device=seen.device)
+
+    def act():
+        return env.step(closed + 0.1 * policy(env.observation()))
+
     with torch.no_grad():
-        for name, turn in (
-            ("step alone", env.sim.step),
-            ("whole loop", lambda: env.step(closed + 0.1 * policy(env.observation()))),
-        ):
+        for name, turn in (("step alone", env.sim.step), ("whole loop", act)):
             for _ in range(10):
                 turn()
             wp.synchronize()
-            start = time.perf_counter()
+            before, start = memory(env.sim.device), time.perf_counter()
             for _ in range(told.steps):
                 turn()
             wp.synchronize()
             took = time.perf_counter() - start
             print(f"{name}: {told.steps / took:.0f} steps/s of {told.envs}: {1e6 * took / told.steps:.0f} µs")
+        print(f"memory: {before} when the loop begins, {memory(env.sim.device)} after {told.steps} steps")
         env.reset()
-        for _ in range(80):
-            *_, about = env.step(closed + 0.1 * policy(env.observation()))
+        for _ in range(79):
+            act()
+        *_, about = act()
         env.sim.check()
         print(f"felt: {about['force'].mean().item():.2f} N on average, {about['force'].max().item():.2f} N at most")
 

@@ -36,6 +36,8 @@ class Case:
     """Of Genesis in the same scene, on a machine of this kind."""
     mesh: bool = False
     """The ball as a mesh of 80k faces."""
+    query: str | None = None
+    """How depth is found (``contact_depth_query``); ``None``: as by default."""
     scene: Literal["ours", "genesis"] = "ours"
     spread_mm: float | None = None
     """How far the poses of the environments differ, along x and y (in depth: 1 mm), and they move; ``None``: they are
@@ -46,6 +48,7 @@ class Case:
         """What is measured, in words."""
         envs = f", {self.n_envs} envs" if self.n_envs > 1 else ""
         where = " on a mesh" if self.mesh else ""
+        where += f" by {self.query}" if self.query else ""
         where += " in Genesis's scene" if self.scene == "genesis" else ""
         apart = "" if self.spread_mm is None else f", ±{self.spread_mm:g} mm apart"
         return f"{self.sensor}{where}, {self.side**2} taxels{envs}{apart}"
@@ -87,6 +90,7 @@ GPU_CASES = (
     Case(sensor="ContactDepthProbe", side=16, n_envs=4096, mesh=True),
     Case(sensor="ContactDepthProbe", side=16, n_envs=4096, mesh=True, spread_mm=1, aim_us=800),
     Case(sensor="ContactDepthProbe", side=16, n_envs=4096, mesh=True, spread_mm=10, aim_us=930),
+    Case(sensor="ContactDepthProbe", side=16, n_envs=4096, mesh=True, query="band", spread_mm=10, aim_us=120),
     Case(sensor="ProximityTaxel, 500 points", side=16, n_envs=4096, spread_mm=1, aim_us=150),
     Case(sensor="ElastomerTaxel", side=32, n_envs=4096, spread_mm=1, aim_us=240),
     Case(sensor="ElastomerTaxel with shear", side=32, n_envs=4096, spread_mm=1, aim_us=390),
@@ -126,6 +130,7 @@ def build(case: Case, device: str, **options: Any):
     """``(sim, ball, sensor)`` of a case, the ball pressed in and sliding; ``options``: of :meth:`Scene.build`."""
     scene = tt.Scene(dt=1e-3)
     kind, chosen = sensors()[case.sensor]
+    chosen = {**chosen, "contact_depth_query": case.query} if case.query else chosen
     if case.scene == "genesis":
         place, extent, x = (0.001, 0.002, 0.028), 0.08, np.linspace(-0.012, 0.012, case.side)
         positions = np.stack([*np.meshgrid(x, x), np.full((case.side, case.side), 0.01)], -1)

@@ -60,6 +60,8 @@ def begin(order: Order, folder: Path) -> Estimate:
     """
     if importlib.util.find_spec("pyarrow") is None:
         raise TactemuError("shards are Parquet, which needs pyarrow: pip install 'tactemu[convert]'")
+    loaded = whole_scene(order)
+    varied = Starts(loaded, order).names
     strand = Strand(order, *order.ranges[0])
     with strand.simulation:
         row = 16 + sum(column.row_bytes for column in strand.columns)
@@ -75,8 +77,6 @@ def begin(order: Order, folder: Path) -> Estimate:
             f"{folder}: {size(free)} are free on that disk, and the dataset takes up to {size(estimate.data_bytes)}: "
             "fewer --envs or --steps, or a row only --every few steps"
         )
-    loaded = whole_scene(order)
-    varied = Starts(loaded, order).names
     about = {
         "scene": loaded.tables.model_dump(mode="json", by_alias=True, exclude_defaults=True),
         "columns": [asdict(column) for column in strand.columns],

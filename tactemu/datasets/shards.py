@@ -96,7 +96,7 @@ class Rows:
             fields.append(pa.field(column.name, kind, nullable=False, metadata=about))
         table = pa.Table.from_arrays(arrays, schema=pa.schema(fields))
         path.parent.mkdir(parents=True, exist_ok=True)
-        begun = path.with_suffix(".begun")
+        begun = path.with_name(f".{path.stem}.begun")
         pq.write_table(table, begun, compression=compression, use_dictionary=False, write_statistics=False)
         begun.replace(path)
 
@@ -158,14 +158,15 @@ class Writer:
         return rows
 
 
-STATE = "state.npz"
+STATE = ".state.npz"
+"""Like what is not whole yet, hidden from those who read all of a folder as Parquet."""
 
 
 def save(state: Mapping[str, Any], path: Path) -> None:
     """Keep a simulation's state (:meth:`tactemu.Simulation.state`) and the row it is at; whole, or as it was."""
     counts = {name: np.int64(value) for name, value in state.items() if name != "memory"}
     arrays = {f"memory{k}": array for k, array in enumerate(state["memory"])}
-    begun = path.with_suffix(".begun")
+    begun = path.with_name(f"{path.stem}.begun")
     with begun.open("wb") as file:
         np.savez(file, **counts, **arrays)
         file.flush()

@@ -6,6 +6,7 @@ import math
 
 from tactemu.datasets.order import FILE, Order
 from tactemu.datasets.shards import FOLDER, Column
+from tactemu.datasets.wire import FOLDER as WIRE
 from tactemu.version import __version__
 
 
@@ -52,7 +53,7 @@ import numpy as np, pyarrow.dataset as ds
 table = ds.dataset("{FOLDER}").to_table(filter=ds.field("env") == 3)
 numbers = np.frombuffer(b"".join(table["{columns[0].name}"].to_pylist()), "{columns[0].dtype}")
 ```
-{_wire(order)}"""
+{_wire(order, columns[0].name.rsplit(".", 2)[0])}"""
 
 
 def _varied(order: Order, varied: list[str]) -> str:
@@ -65,12 +66,19 @@ def _varied(order: Order, varied: list[str]) -> str:
     )
 
 
-def _wire(order: Order) -> str:
+def _wire(order: Order, skin: str) -> str:
     if not order.bytes_envs:
         return ""
     return f"""
 ## The wire
 
-`wire/env-*.mcap`, of the first {order.bytes_envs} environments: every frame that the device sent, and with each sample
-the counts that a perfect driver decodes. `tactemu.read_log("wire/env-000000.mcap")`.
+`{WIRE}/env-*.mcap`, of the first {order.bytes_envs} environments: truth logs, with every frame that each device
+sent, and with each sample the counts that a perfect driver decodes. A sample is of the latest step that is not after
+it.
+
+```python
+log = tt.read_log("{WIRE}/env-000000.mcap")["{skin}"]
+counts, when = log.counts, log.t_ns  # (n_samples, ...) as the device counts, and when they were taken [ns]
+frames = [(each.t_ns, each.frame) for each in log.frames if each.kind == "tx"]  # when [ns]; bytes, or a CAN frame
+```
 """

@@ -61,10 +61,11 @@ class Strand:
         self._order = order
         loaded = whole_scene(order)
         devices = make_devices(loaded)
-        scene, placed = build_scene(replace(loaded, motions={}), devices)
+        starts = Starts(loaded, order)
+        scene, placed = build_scene(replace(loaded, motions={}, starts=starts.of_engine), devices)
         if not placed:
             raise TactemuError(f"{order.target}: no skin is on a body; a dataset is of what skins feel")
-        Moves(scene, loaded.motions, Starts(loaded, order), first, end)
+        Moves(scene, loaded.motions, starts, first, end)
         world = loaded.tables.scene
         how = {"device": order.device, "seed": order.seed, "dtype": world.dtype, "first_env": first}
         self.simulation = scene.build(end - first, **how)
@@ -95,7 +96,7 @@ class Strand:
             yield tap.column.name, tap.read(self._hosts)
         poses = self.simulation.world.download() if self._posed else np.empty(0)
         for body in self._posed:
-            yield f"pose.{body.name}", poses[body.index, :, :7]
+            yield f"pose.{body.name}", poses[:, body.index, :7]
 
     def timed(self) -> float:
         """How long one row takes, to simulate and to fill in [s]; it goes on from its start afterwards."""

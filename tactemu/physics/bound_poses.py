@@ -51,8 +51,8 @@ def convert_kernel(types: tuple, scalar_last: bool, at_com: bool, at_points: boo
         e += first_env
         b = bodies[k]
         c = columns[k]
-        origin = wp.vec3d(world[b, e, 0], world[b, e, 1], world[b, e, 2])
-        turn = wp.quatd(world[b, e, 4], world[b, e, 5], world[b, e, 6], world[b, e, 3])
+        origin = wp.vec3d(world[e, b, 0], world[e, b, 1], world[e, b, 2])
+        turn = wp.quatd(world[e, b, 4], world[e, b, 5], world[e, b, 6], world[e, b, 3])
         if wp.static(has_position):
             origin = wp.vec3d(f64(position[e, c, 0]), f64(position[e, c, 1]), f64(position[e, c, 2]))
         if wp.static(has_quaternion):
@@ -67,14 +67,14 @@ def convert_kernel(types: tuple, scalar_last: bool, at_com: bool, at_points: boo
             turn = frame_turn * turns[k]
         if wp.static(has_position):
             for i in range(3):
-                world[b, e, i] = origin[i]
+                world[e, b, i] = origin[i]
         if wp.static(has_quaternion):
-            world[b, e, 3] = turn[3]
+            world[e, b, 3] = turn[3]
             for i in range(3):
-                world[b, e, 4 + i] = turn[i]
+                world[e, b, 4 + i] = turn[i]
         if wp.static(has_spin):
             for i in range(3):
-                world[b, e, 10 + i] = f64(spin[e, c, i])
+                world[e, b, 10 + i] = f64(spin[e, c, i])
         if wp.static(has_velocity):
             v = wp.vec3d(f64(velocity[e, c, 0]), f64(velocity[e, c, 1]), f64(velocity[e, c, 2]))
             if wp.static(at_com or at_points or offset):  # of the body, at another place than its origin
@@ -84,10 +84,10 @@ def convert_kernel(types: tuple, scalar_last: bool, at_com: bool, at_points: boo
                     there = wp.vec3d(f64(place[e, p, 0]), f64(place[e, p, 1]), f64(place[e, p, 2]))
                 if wp.static(at_com):
                     there = frame + wp.quat_rotate(wp.normalize(frame_turn), there)
-                w = wp.vec3d(world[b, e, 10], world[b, e, 11], world[b, e, 12])
+                w = wp.vec3d(world[e, b, 10], world[e, b, 11], world[e, b, 12])
                 v = v + wp.cross(w, origin - there)
             for i in range(3):
-                world[b, e, 7 + i] = v[i]
+                world[e, b, 7 + i] = v[i]
 
     return convert_poses
 

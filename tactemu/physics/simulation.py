@@ -75,6 +75,11 @@ def _areas(sensor: Sensor) -> np.ndarray:
     return np.broadcast_to(np.asarray(given, float).reshape(-1), (probes.n,))
 
 
+def _middle(points: np.ndarray) -> np.ndarray:
+    """Of the box around points ``(n, 3)``; the origin if there are none."""
+    return 0.5 * (points.min(0) + points.max(0)) if len(points) else np.zeros(3)
+
+
 def _as_it_is(array: wp.array, _branch: str) -> tuple[wp.array, list[Stage]]:
     return array, []
 
@@ -177,7 +182,9 @@ class Simulation:
         """Fill the plan. Returns what connects the sensors' handles, to be called when all is well."""
         links = sorted({sensor.link.index for sensor in self.sensors})
         reasons = [f"{s.name} ({why})" for s in self.sensors if (why := s.model.velocity_reason())]
-        self._poses = RelativePoses(links, len(self.bodies), reasons, self.context)
+        skins = {link: [s.probes.positions for s in self.sensors if s.link.index == link] for link in links}
+        middles = np.array([_middle(np.concatenate(each)) for each in skins.values()]).reshape(-1, 3)
+        self._poses = RelativePoses(links, len(self.bodies), reasons, middles, self.context)
         self.plan = Plan(device=self.device, threads=self.context.threads, why_threads=why_threads)
         if self.sensors:
             self.plan.stages += self._poses.stages()
@@ -484,6 +491,9 @@ class Simulation:
         if self._checked_step == self.step_count and not self._in_graph:
             return
         self._checked_step = self.step_count
+        for stage in self.plan.stages:
+            if stage.check is not None:
+                stage.check()
         bad = np.asarray(self._poses.bad.numpy().any(axis=0))
         if not bad.any():
             return

@@ -29,22 +29,25 @@ def on_host(value) -> bool:
 
 
 class World:
-    """The array ``(n_bodies, n_envs, 13)`` behind :meth:`Simulation.set_pose`.
+    """The array ``(n_envs, n_bodies, 13)`` behind :meth:`Simulation.set_pose`.
 
     On the CPU host and device share it. On a GPU the host keeps a pinned copy; a body that was set from the host is
     sent at the next step, one that was set from a device array never leaves the device.
     """
 
     def __init__(self, bodies: Sequence[Body], device_array: wp.array):
-        self.n_bodies, self.n_envs = device_array.shape[:2]
+        self.n_envs, self.n_bodies = device_array.shape[:2]
         self._names = [body.name for body in bodies]
         self._device_array = device_array
         assert device_array.device is not None
         self._shared = device_array.device.is_cpu
-        self._staging = (
-            device_array if self._shared else wp.zeros(device_array.shape, dtype=wp.float64, device="cpu", pinned=True)
-        )
-        self._values = self._staging.numpy()
+        if self._shared:
+            self._values = device_array.numpy().transpose(1, 0, 2)
+        else:  # a body's poses lie together, on the way to the device too
+            shape = (self.n_bodies, self.n_envs, POSE_WIDTH)
+            self._staging = wp.zeros(shape, dtype=wp.float64, device="cpu", pinned=True)
+            self._arrived = wp.zeros(shape, dtype=wp.float64, device=device_array.device)
+            self._values = self._staging.numpy()
         self._start = np.array([pose_row(body.position, body.quaternion) for body in bodies]).reshape(-1, POSE_WIDTH)
         self._dirty: set[int] = set()
         self._device_newer: set[int] = set()
@@ -126,12 +129,11 @@ class World:
         if rows.shape not in ((1, width), (self.n_envs, width)):
             raise self._shape_error(self._names[b], name, part, array, self.n_envs)
         if b in self._dirty:
-            wp.copy(self._device_array[b], self._staging[b])
+            self._send([b])
             self._dirty.discard(b)
-            self._mark_sent()
         if not self._shared:
             self._device_newer.add(b)
-        target = self._device_array[b][:, part.start : part.stop]
+        target = self._device_array[:, b, part.start : part.stop]
         wp.launch(_spread_kernel(rows.dtype), dim=target.shape, inputs=[rows], outputs=[target], device=target.device)
         return None
 
@@ -142,38 +144,41 @@ class World:
             wp.synchronize_event(self._sent)
             self._in_flight = False
         if b in self._device_newer:
-            self._values[b] = self._device_array[b].numpy()
+            self._values[b] = self._device_array[:, b].numpy()
             if not self._exposed:
                 self._device_newer.discard(b)
         self._dirty.add(b)
-
-    def _mark_sent(self) -> None:
-        wp.get_stream(self._device_array.device).record_event(self._sent)
-        self._in_flight = True
 
     def upload(self) -> None:
         """Send what the host has changed. Nothing to do on the CPU."""
         if not self._dirty:
             return
-        for b in self._dirty:
-            wp.copy(self._device_array[b], self._staging[b])
+        self._send(sorted(self._dirty))
         self._dirty.clear()
-        self._mark_sent()
+
+    def _send(self, bodies: Sequence[int]) -> None:
+        device = self._device_array.device
+        for b in bodies:
+            wp.copy(self._arrived[b], self._staging[b])
+            dim = (self.n_envs, POSE_WIDTH)
+            wp.launch(_spread_kernel(wp.float64), dim, [self._arrived[b]], [self._device_array[:, b]], device=device)
+        wp.get_stream(device).record_event(self._sent)
+        self._in_flight = True
 
     def download(self) -> np.ndarray:
-        """All poses as numpy, ``(n_bodies, n_envs, 13)``."""
-        return self._values if self._shared else self._device_array.numpy()
+        """All poses as numpy, ``(n_envs, n_bodies, 13)``."""
+        return self._device_array.numpy()
 
     def pose(self, b: int) -> Pose:
         """The pose of a body in environment 0, as last set."""
-        row = (self._device_array[b].numpy() if b in self._device_newer else self._values[b])[0].copy()
+        row = (self._device_array[0, b].numpy() if b in self._device_newer else self._values[b, 0]).copy()
         position, quaternion, velocity, turning = (row[part] for part in PARTS.values())
         return Pose(position, quaternion / np.linalg.norm(quaternion), velocity, turning)
 
     def poses(self) -> np.ndarray:
         """Position and quaternion of each body in environment 0, as last set, shape ``(n_bodies, 7)``."""
-        values = self.download() if self._device_newer else self._values
-        return values[:, 0, :7].copy()
+        values = self._device_array[0].numpy() if self._device_newer else self._values[:, 0]
+        return values[:, :7].copy()
 
     @property
     def waiting(self) -> bool:
@@ -185,7 +190,7 @@ class World:
         self.upload()
         self._exposed = True
         self.changed_on_device()
-        return self._device_array.transpose((1, 0, 2))
+        return self._device_array
 
     def bind(self, bodies: frozenset[int]) -> None:
         """From now on the device writes the poses of these bodies."""
@@ -222,10 +227,10 @@ class World:
 def _restart_kernel(
     mask: wp.array(dtype=wp.bool), start: wp.array2d(dtype=wp.float64), world: wp.array3d(dtype=wp.float64)
 ):
-    b, e = wp.tid()
+    e, b = wp.tid()
     if mask[e]:
         for k in range(world.shape[2]):
-            world[b, e, k] = start[b, k]
+            world[e, b, k] = start[b, k]
 
 
 @functools.cache

@@ -6,7 +6,10 @@ out does not depend on how many threads there are.
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
 
 import warp as wp
 
@@ -48,7 +51,7 @@ def record(kernel, dim, inputs: list, outputs: list, device, block_dim: int | No
     """A recorded launch of ``kernel``: calling it costs a fraction of ``wp.launch``. Nothing for no threads."""
     block = block_dim if wp.get_device(device).is_cuda else None
     command = wp.launch(kernel, dim, inputs=inputs, outputs=outputs, device=device, record_cmd=True, block_dim=block)
-    return command.launch if command is not None else lambda: None
+    return _ready(command) if command is not None else lambda: None
 
 
 def record_blocks(kernel, n_blocks: int, inputs: list, outputs: list, block_dim: int, device) -> Launch:
@@ -63,4 +66,18 @@ def record_blocks(kernel, n_blocks: int, inputs: list, outputs: list, block_dim:
         record_cmd=True,
     )
     assert command is not None
-    return command.launch
+    return _ready(command)
+
+
+def _ready(command: Any) -> Launch:
+    """What calls a kernel of the CPU with its arguments as they lie in memory: Warp's own ``launch`` packs them anew
+    each time, which takes longer than many a kernel, and holds the interpreter's lock meanwhile."""
+    forward = getattr(getattr(command, "hooks", None), "forward", None)
+    if not command.device.is_cpu or command.block_dim > 1 or forward is None:  # or a Warp that keeps it elsewhere
+        return command.launch
+    bounds, *given = command.params
+    fields = [(f"argument_{k}", type(value)) for k, value in enumerate(given)]
+    arguments = type("Arguments", (ctypes.Structure,), {"_fields_": fields})(*given)
+    launch = partial(forward, ctypes.byref(bounds), ctypes.byref(arguments))
+    launch.command = command  # pyright: ignore[reportAttributeAccessIssue] - keeps the module loaded
+    return launch

@@ -19,12 +19,14 @@ import numpy as np
 import warp as wp
 
 from tactemu.plan.launches import Launch, Launches, record, record_blocks
-from tactemu.plan.team import Team
+from tactemu.plan.team import Team, cores
 
 Dtype = Literal["float32", "float64"]
 """Width of the kernels' numbers."""
 WORTH_SHARING = 2**20
 """Bytes of an array that several threads copy."""
+MOST_COPIERS = 8
+"""Threads that copy readings of a GPU."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,6 +131,8 @@ class Stage:
     back, and can be captured in a CUDA graph."""
     reset: Callable[[wp.array], None] | None = None
     """Clears its state where the mask (bool, shape ``(n_envs,)``) is true. ``None``: it has no state."""
+    check: Callable[[], None] | None = None
+    """Waits for the device and says what went wrong there, if anything did."""
     cost_us: float | None = None
     """Measured by :meth:`Plan.measure`."""
     cheaper: str = ""
@@ -186,11 +190,19 @@ class Plan:
         return legs
 
     def copied(self, values: np.ndarray) -> np.ndarray:
-        """A copy of an array of the CPU; a large one is made by the threads, if there are any now."""
-        if self._team is None or not self._team.running or values.nbytes < WORTH_SHARING:
+        """A copy of an array of the CPU; a large one is made by the threads, if there are any now.
+
+        For a GPU, whose steps need none, they start with the first large one: most of the time of a copy to new memory
+        goes into pages that nobody has touched yet.
+        """
+        if values.nbytes < WORTH_SHARING:
+            return values.copy()
+        if self._team is None and self.device is not None and self.device.is_cuda:
+            self._team = Team(min(cores(), MOST_COPIERS))
+        if self._team is None or not (self._team.running or self._team.size > self.threads):
             return values.copy()
         out = np.empty_like(values)
-        ends = [len(values) * k // self.threads for k in range(self.threads + 1)]
+        ends = [len(values) * k // self._team.size for k in range(self._team.size + 1)]
         self._team.run([[partial(np.copyto, out[a:b], values[a:b])] for a, b in pairwise(ends)])
         return out
 

@@ -133,6 +133,21 @@ def build_scene(
     return scene, skins
 
 
+def read_engine(loaded: LoadedScene) -> BatchEngine | None:
+    """The engine of many environments that moves a scene, with its model, and no scene to move; ``None``: it has none.
+
+    Raises:
+        SceneError: its model cannot be read.
+    """
+    from tactemu.scene.scene import Scene
+
+    if loaded.tables.engine is None or isinstance(loaded.tables.engine, MujocoTable):
+        return None
+    engine = _engine(loaded, Scene(dt=loaded.tables.scene.dt), {}, lambda _skin, t_ns: t_ns)
+    assert isinstance(engine, BatchEngine)
+    return engine
+
+
 def _engine(
     loaded: LoadedScene, scene: Scene, devices: Mapping[str, Device], local_ns: Callable[[str, int], int]
 ) -> MujocoEngine | BatchEngine | None:
@@ -149,9 +164,10 @@ def _engine(
         raise SceneError(
             f'skin {moved[0].title!r}: joints: an engine of kind {table.kind!r} knows no motors; "mujoco" moves them'
         )
-    if isinstance(table, MujocoWarpTable):
-        return MujocoWarpEngine(scene, file, table)
-    return NewtonEngine(scene, file, table)
+    warp = isinstance(table, MujocoWarpTable)
+    engine = MujocoWarpEngine(scene, file, table) if warp else NewtonEngine(scene, file, table)
+    engine.starts = loaded.starts
+    return engine
 
 
 def _carrier(scene: Scene, engine: MujocoEngine | BatchEngine | None, part: SkinPart) -> tuple[Body, tuple[int, ...]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +36,9 @@ class LoadedScene:
     """The file, or the device whose default scene it is."""
     folder: Path
     """What paths in the file are relative to."""
+    starts: Mapping[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    """Where bodies that an engine moves freely start in each environment
+    (:attr:`tactemu.scene.batch_engine.BatchEngine.starts`); default: as its model says."""
 
 
 def load(target: str | Path, device_options: Mapping[str, Any] | None = None, *, code: bool = True) -> LoadedScene:

@@ -171,6 +171,37 @@ class MujocoSource:
         found = self._id("body", which)
         return [body for geom, body in self._geoms.items() if self._model.geom_bodyid[geom] == found]
 
+    @property
+    def free_bodies(self) -> dict[str, int]:
+        """MuJoCo bodies that move freely, by name: where their position and quaternion begin in a row of ``qpos``."""
+        model = self._model
+        free = np.flatnonzero(model.jnt_type == self._mujoco.mjtJoint.mjJNT_FREE)
+        return {self._name("body", int(model.jnt_bodyid[k])): int(model.jnt_qposadr[k]) for k in free}
+
+    def column(self, name: str) -> int:
+        """Where the numbers of a joint, or of a body that moves freely, begin in a row of ``qpos``.
+
+        Raises:
+            SceneError: there is neither.
+        """
+        if self.has("joint", name):
+            return int(self._model.joint(name).qposadr[0])
+        if name in (free := self.free_bodies):
+            return free[name]
+        joints = self._names("joint", range(self._model.njnt))
+        raise SceneError(f"no joint or free body {name!r} in the MuJoCo model (joints: {joints}; free: {list(free)})")
+
+    def root(self, name: str) -> str:
+        """The MuJoCo body that carries a geom or body of this name, and is carried by none itself.
+
+        Raises:
+            SceneError: there is neither.
+        """
+        self.check(name)
+        model = self._model
+        body = int(model.geom(name).bodyid[0]) if self.has("geom", name) else model.body(name).id
+        return self._name("body", int(model.body_rootid[body]))
+
     def unfelt(self, name: str) -> tuple[int, ...]:
         """The places in the scene of geoms that the skin of a geom or MuJoCo body does not feel: those that move with
         it, and those that MuJoCo lets none of them touch."""

@@ -22,6 +22,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from tactemu.errors import SceneError
 from tactemu.scene.batch_engine import BatchEngine
 from tactemu.scene.mujoco_source import MujocoSource, load_mujoco
@@ -81,34 +83,50 @@ class MujocoWarpEngine(BatchEngine):
         """Its geoms and bodies, by their names."""
         return self._source
 
+    @property
+    def start(self) -> np.ndarray:
+        """A row of ``qpos`` as the model has it at its start."""
+        return self._start.qpos
+
     def begin(self, simulation: Simulation) -> _Worlds:
         """As many worlds as the simulation has environments, on its device."""
         self.data = self._warp.put_data(self.model, self._start, nworld=simulation.n_envs, **self._sizes)
-        return _Worlds(self._warp, self._warp.put_model(self.model), self.data, self._source, self.steps)
+        model = self._warp.put_model(self.model)
+        model.opt.warn_overflow = 0  # in our words, and once
+        return _Worlds(self._warp, model, self.data, self._source, self.steps)
 
 
 class _Worlds:
     """Of one simulation."""
 
     def __init__(self, warp: Any, model: Any, data: Any, source: MujocoSource, steps: int):
-        self._warp, self._model, self._data, self._source, self._steps = warp, model, data, source, steps
+        self._warp, self._model, self._source, self._steps = warp, model, source, steps
+        self.data = data
         self._with_velocity = False
 
     def step(self) -> None:
         for _ in range(self._steps):
-            self._warp.step(self._model, self._data)
+            self._warp.step(self._model, self.data)
         self.refresh()
 
+    @property
+    def positions(self) -> wp.array:
+        return self.data.qpos
+
     def arrays(self) -> list[wp.array]:
-        return [array for name in STATE if (array := getattr(self._data, name, None)) is not None and array.size]
+        return [array for name in STATE if (array := getattr(self.data, name, None)) is not None and array.size]
+
+    @property
+    def overflow(self) -> wp.array:
+        return self.data.overflow
 
     def refresh(self) -> None:
-        self._warp.kinematics(self._model, self._data)  # a step leaves them as they were before it
+        self._warp.kinematics(self._model, self.data)  # a step leaves them as they were before it
         if self._with_velocity:
-            self._warp.com_pos(self._model, self._data)
-            self._warp.com_vel(self._model, self._data)
+            self._warp.com_pos(self._model, self.data)
+            self._warp.com_vel(self._model, self.data)
 
     def bind(self, simulation: Simulation) -> None:
         self._with_velocity = simulation.uses_velocity
         self.refresh()
-        self._source.bind(simulation, self._data)
+        self._source.bind(simulation, self.data)

@@ -12,26 +12,29 @@
 A loop and a solver of one's own: :class:`tactemu.NewtonSource`. Needs the extra ``tactemu[newton]``.
 """
 
+# pyright: reportInvalidTypeForm=false
+
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import warp as wp
 
 from tactemu.errors import SceneError
 from tactemu.scene.batch_engine import BatchEngine
 from tactemu.scene.newton_source import NewtonSource
 
 if TYPE_CHECKING:
-    import warp as wp
-
     from tactemu.physics.simulation import Simulation
     from tactemu.scene.engine_tables import NewtonTable
     from tactemu.scene.scene import Scene
 
 TIMESTEP_S = 2e-3
 """Of a model that says none, at most."""
+STATE = "time", "act", "history", "qacc_warmstart"
+"""What of the solver's own lasts from step to step."""
 
 
 class NewtonEngine(BatchEngine):
@@ -50,6 +53,7 @@ class NewtonEngine(BatchEngine):
     """
 
     kind = "newton"
+    scalar_last = True
 
     def __init__(
         self, scene: Scene, file: Path | str | Any, table: NewtonTable | None = None, timestep: float | None = None
@@ -68,15 +72,24 @@ class NewtonEngine(BatchEngine):
         self.state: Any = None
         """Its ``newton.State``."""
         self.control: Any = None
-        """Its ``newton.Control``: targets and forces of joints are written there."""
+        """Its ``newton.Control``: ``joint_target_q`` has a target where :attr:`positions` has a position, for position
+        servos; what other actuators of an MJCF file are told is in ``mujoco.ctrl``, in the order of the file."""
+        self.solver: Any = None
+        """Its ``newton.solvers.SolverMuJoCo``."""
 
     @property
     def source(self) -> NewtonSource:
         """Its shapes and bodies, by their names."""
         return self._source
 
+    @property
+    def start(self) -> np.ndarray:
+        """A row of ``joint_q`` as the model has it at its start."""
+        return np.asarray(self._builder.joint_q, np.float64)
+
     def _read(self, file: Path) -> Any:
         builder = self._newton.ModelBuilder()
+        builder.rigid_gap = 0.0  # else pairs up to 0.1 m apart fill the room for contacts, and MuJoCo uses none of them
         self._newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
         try:
             if not file.is_file():
@@ -93,17 +106,27 @@ class NewtonEngine(BatchEngine):
         worlds.replicate(self._builder, simulation.n_envs)
         self.model = worlds.finalize(device=str(simulation.device))
         self.state, self.control = self.model.state(), self.model.control()
-        self._newton.eval_fk(self.model, self.model.joint_q, self.model.joint_qd, self.state)
-        solver = self._newton.solvers.SolverMuJoCo(self.model, **self._sizes)
-        return _Worlds(self, solver, simulation.n_envs)
+        self.solver = self._newton.solvers.SolverMuJoCo(self.model, **self._sizes)
+        self.solver.mjw_model.opt.warn_overflow = 0  # in our words, and once
+        return _Worlds(self, self._newton, simulation.n_envs)
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def remember(now: wp.array(dtype=wp.int32), so_far: wp.array(dtype=wp.int32)):
+    """Flags that the solver forgets at its next step."""
+    e = wp.tid()
+    so_far[e] = so_far[e] | now[e]
 
 
 class _Worlds:
     """Of one simulation."""
 
-    def __init__(self, engine: NewtonEngine, solver: Any, n_envs: int):
-        self._solver, self._state, self._control = solver, engine.state, engine.control
+    def __init__(self, engine: NewtonEngine, newton: Any, n_envs: int):
+        self._newton, self._model, self._solver = newton, engine.model, engine.solver
+        self._state, self._control = engine.state, engine.control
         self._next = engine.model.state()
+        self.data = engine.solver.mjw_data
+        self.overflow = wp.zeros(n_envs, dtype=wp.int32)
         self._source, self._steps, self._dt = engine.source, engine.steps, engine.timestep
         self._n_envs = n_envs
 
@@ -112,16 +135,24 @@ class _Worlds:
         for _ in range(self._steps):
             now.clear_forces()
             self._solver.step(now, then, self._control, None, self._dt)
+            wp.launch(remember, dim=self._n_envs, inputs=[self.data.overflow], outputs=[self.overflow])
             now, then = then, now
         if now is not self._state:  # the skins look at one of the two
             self._state.assign(now)
 
     def arrays(self) -> list[wp.array]:
-        state, data = self._state, self._solver.mjw_data
-        rows = [state.joint_q, state.joint_qd, state.body_q, state.body_qd, self._control.joint_target_q]
-        rows += [self._control.joint_target_qd, self._control.joint_f]
+        state, control, data = self._state, self._control, self.data
+        rows = [state.joint_q, state.joint_qd, state.body_q, state.body_qd, control.joint_target_q]
+        rows += [control.joint_target_qd, control.joint_f, getattr(getattr(control, "mujoco", None), "ctrl", None)]
         found = [array.reshape((self._n_envs, -1)) for array in rows if array is not None and array.size]
-        return [*found, data.qacc_warmstart, data.time]
+        own = [array for name in STATE if (array := getattr(data, name, None)) is not None and array.size]
+        return [*found, *own]
+
+    @property
+    def positions(self) -> wp.array:
+        return self._state.joint_q.reshape((self._n_envs, -1))
 
     def bind(self, simulation: Simulation) -> None:
-        self._source.bind(simulation, self._state)
+        state = self._state
+        self._newton.eval_fk(self._model, state.joint_q, state.joint_qd, state)
+        self._source.bind(simulation, state)

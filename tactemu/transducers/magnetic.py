@@ -98,7 +98,7 @@ def field_kernel(real, earth: bool, neighbours: bool):
                 place = wp.transform_point(at, other_places[j])
                 total += dipole(chip - place, wp.transform_vector(at, other_moments[j]))
         if wp.static(earth):
-            q = wp.quatd(world[link, e, 4], world[link, e, 5], world[link, e, 6], world[link, e, 3])
+            q = wp.quatd(world[e, link, 4], world[e, link, 5], world[e, link, 6], world[e, link, 3])
             b = wp.quat_rotate_inv(wp.normalize(q), earth_field)
             total += vec3(real(b[0]), real(b[1]), real(b[2]))
         for axis in range(3):

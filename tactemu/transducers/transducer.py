@@ -67,7 +67,7 @@ class Place:
     """Of the taxels [m²], ``(n,)``."""
     link: int
     world: wp.array
-    """Poses of all bodies, ``(n_bodies, n_envs, 13)``: see :mod:`tactemu.physics.poses`."""
+    """Poses of all bodies, ``(n_envs, n_bodies, 13)``: see :mod:`tactemu.physics.poses`."""
     pose: wp.array
     """The bodies as the link sees them, transforms ``(n_envs, n_bodies)``."""
     bodies: Mapping[str, int]

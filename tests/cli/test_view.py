@@ -15,8 +15,9 @@ from tests.cli.command import environment
 pytestmark = pytest.mark.realtime
 
 
-def watch(seconds: float, *arguments: str, term: str = "xterm-256color") -> tuple[int, str]:
-    """Run on a terminal, press Ctrl-C after ``seconds``; exit status and everything that was shown."""
+def watch(seconds: float, *arguments: str, until: str = "", term: str = "xterm-256color") -> tuple[int, str]:
+    """Run on a terminal, press Ctrl-C once ``until`` is shown, after ``seconds`` at most; exit status and everything
+    that was shown."""
     child, terminal = pty.fork()
     if child == 0:
         os.execve(
@@ -32,7 +33,7 @@ def watch(seconds: float, *arguments: str, term: str = "xterm-256color") -> tupl
             break
         if not pressed and b"ready" in shown:
             ends, pressed = time.monotonic() + seconds + 20, time.monotonic() + seconds
-        if pressed and time.monotonic() > pressed:
+        if pressed and (time.monotonic() > pressed or (until and until.encode() in shown and pressed < float("inf"))):
             os.write(terminal, b"\x03")
             pressed = float("inf")
     else:
@@ -44,7 +45,7 @@ def watch(seconds: float, *arguments: str, term: str = "xterm-256color") -> tupl
 
 def test_the_view_shows_the_press_and_ends_cleanly(tmp_path):
     port = tmp_path / "skin"
-    code, shown = watch(3.5, "anyskin", "--port", f"pty:{port}")
+    code, shown = watch(20.0, "anyskin", "--port", f"pty:{port}", until="██")
     assert code == 0
     assert f"anyskin ready on {port}" in shown
     assert "██" in shown, "the press"

@@ -1,8 +1,10 @@
 """Datasets: what the wire says is what the shards hold, and neither a kill nor a cut changes any of it."""
 
+import re
 import signal
 import subprocess
 import sys
+from contextlib import chdir
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -14,6 +16,8 @@ import tactemu as tt
 from tactemu.datasets import making
 from tactemu.datasets.making import begin, make
 from tactemu.datasets.order import Order
+from tactemu.datasets.strand import whole_scene
+from tactemu.datasets.variety import Starts
 from tactemu.errors import TactemuError
 from tests.cli.command import here
 
@@ -47,6 +51,27 @@ link = "pad"
 options = { noise = 0.02, probe_gain_resample_range = [0.8, 1.2], dead_taxel_probability = 0.05 }
 """
 COLUMN = "flexitac.force"
+MODEL = """
+<mujoco>
+  <option timestep="0.002"/>
+  <worldbody>
+    <geom name="floor" type="plane" size="1 1 0.1"/>
+    <body name="ball" pos="0 0 0.012"><freejoint/><geom name="ball" type="sphere" size=".01" mass=".1"/></body>
+    <body name="door" pos="1 0 1"><joint name="hinge"/><geom name="handle" type="sphere" size=".01"/></body>
+  </worldbody>
+</mujoco>
+"""
+MOVED = """
+[scene]
+dt = 0.004
+[engine]
+kind = "{kind}"
+file = "model.xml"
+[[skin]]
+device = "flexitac"
+link = "{link}"
+options = {{ noise = 0.02 }}
+"""
 
 
 @pytest.fixture
@@ -79,6 +104,15 @@ def read(folder: Path) -> dict[str, np.ndarray]:
     return {name: values[turn] for name, values in whole.items()}
 
 
+def said(folder: Path) -> dict:
+    """What the code of the data sheet makes, run in the dataset's folder."""
+    names = {}
+    with chdir(folder):
+        for code in re.findall(r"```python\n(.*?)```", Path("README.md").read_text(), re.DOTALL):
+            exec(code, names)
+    return names
+
+
 def same(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> None:
     assert a.keys() == b.keys()
     for name in a:
@@ -98,6 +132,14 @@ def test_the_wire_says_what_the_shards_hold(order, tmp_path):
                 for kind in ("ideal", "measured"):
                     felt = rows[f"{COLUMN}.{kind}"][here]
                     np.testing.assert_allclose(felt, [getattr(log, kind)[k].ravel()], rtol=1e-5, atol=1e-6)
+    told = said(tmp_path / "out")
+    log = tt.read_log(tmp_path / "out" / "wire" / "env-000000.mcap")["flexitac"]
+    assert len(told["counts"]) == len(told["when"]) == len(log.counts) and told["counts"].any()
+    assert told["frames"] and all(isinstance(frame, bytes) for _when, frame in told["frames"])
+    assert set(told["felt"].shape[1:]) == {384, 3} and len(told["felt"]) == 2 * order.steps
+    np.testing.assert_array_equal(
+        told["numbers"].reshape(order.steps, -1), rows[f"{COLUMN}.ideal"][rows["env"][:, 0] == 3]
+    )
     starts = rows["pose.ball"][:6, :3]
     mine = tt.read_dataset(tmp_path / "out", columns=[f"{COLUMN}.ideal"], envs=[1])
     assert list(mine) == ["env", "step", "t_ns", f"{COLUMN}.ideal"] and mine[f"{COLUMN}.ideal"].shape[-1] == 3
@@ -109,6 +151,58 @@ def test_the_wire_says_what_the_shards_hold(order, tmp_path):
     with pytest.raises(TactemuError, match="no dataset is there"):
         tt.read_dataset(tmp_path)
     assert np.ptp(starts[:, 0]) > 1e-3 and np.ptp(starts[:, 2]) > 1e-5
+
+
+def moved(order: Order, folder: Path, kind: str = "mujoco-warp", link: str = "floor") -> Order:
+    """The same of a scene that an engine moves."""
+    (folder / "model.xml").write_text(MODEL)
+    path = folder / f"{kind}-{link}.toml"
+    path.write_text(MOVED.format(kind=kind, link=link))
+    return replace(order, target=str(path), steps=60, every=1, turn_rad=0.5)
+
+
+def test_what_an_engine_moves_freely_starts_elsewhere_too(order, tmp_path):
+    pytest.importorskip("mujoco_warp")
+    order = moved(order, tmp_path)
+    starts = Starts(whole_scene(order), order)
+    assert starts.names == ["ball"], "and not the door, which hangs on a hinge"
+    places, turns = starts.of(3).starts["ball"]
+    assert len(places) == len(turns) == 6 and len(np.unique(places[:, 0])) == 6
+    off = np.abs(places - (0.0, 0.0, 0.012))
+    assert (off <= order.shift_m).all() and off.max() > 1e-3
+    np.testing.assert_array_equal(turns[:, 1:3], 0.0)
+    assert np.ptp(turns[:, 3]) > 0.1
+    assert Starts(whole_scene(order), replace(order, shift_m=(0.0,) * 3, turn_rad=0.0)).of_engine == {}
+    for link in ("ball", "handle"):  # the ball feels: nothing is left that is pressed
+        felt = moved(order, tmp_path, link=link)
+        assert (
+            Starts(whole_scene(felt), replace(felt, shift_m=(0.0,) * 3, turn_rad=0.0)).names
+            == ["ball"][link == "ball" :]
+        )
+    with pytest.raises(TactemuError, match=r"no body can start elsewhere.*--shift 0 0 0"):
+        begin(moved(order, tmp_path, link="ball"), tmp_path / "out")
+    with pytest.raises(TactemuError, match="no geom or body 'bal'"):
+        begin(moved(order, tmp_path, link="bal"), tmp_path / "out")
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("kind", ["mujoco-warp", "newton"])
+def test_a_cut_changes_nothing_of_what_an_engine_moves(order, tmp_path, kind):
+    pytest.importorskip(kind.replace("-", "_"))
+    order = replace(moved(order, tmp_path, kind), bytes_envs=2)
+    rows = made(order, tmp_path / "one")
+    same(made(replace(order, strands=3), tmp_path / "three"), rows)
+    places, turns = Starts(whole_scene(order), order).of_engine["ball"]
+    begun = rows["step"][:, 0] == 1
+    np.testing.assert_allclose(rows["pose.ball"][begun, :2], places[:, :2], atol=1e-5)
+    np.testing.assert_allclose(np.abs((rows["pose.ball"][begun, 3:] * turns).sum(1)), 1.0, atol=1e-5)
+    assert len(np.unique(rows[f"{COLUMN}.ideal"][rows["step"][:, 0] == 60], axis=0)) == 6, "each feels it elsewhere"
+    for env in range(2):
+        log = tt.read_log(tmp_path / "one" / "wire" / f"env-{env:06d}.mcap")["flexitac"]
+        mine, k = rows["env"][:, 0] == env, len(log.t_ns) - 1
+        last = mine & (rows["t_ns"][:, 0] == log.t_ns[k] // 4_000_000 * 4_000_000)
+        assert log.ideal[k].any()
+        np.testing.assert_allclose(rows[f"{COLUMN}.ideal"][last], [log.ideal[k].ravel()], rtol=1e-5, atol=1e-6)
 
 
 @pytest.fixture

@@ -13,11 +13,19 @@ EXPECTED = {
     "own_simulator.py": ["poses: 100 frames", "readings: 100 frames", "pushed with up to 1.00 N"],
     "genesis_skin.py": ["100 frames", "the skin was pushed with up to"],
     "mujoco_skin.py": ["t = 0.80 s, ball at x =", "force on the skin"],
-    "hand_env.py": ["step alone", "whole loop", "felt:"],
+    "hand_env.py": ["step alone", "whole loop", "memory:", "felt: 6."],
     "two_drivers.py": ["read by the anyskin package", "read by the linkerbot SDK", "every one as it was sent"],
 }
-ARGUMENTS = {"hand_env.py": ["--device", "cpu", "--envs", "2", "--steps", "5"]}
-NEEDS = {"mujoco_skin.py": ("mujoco",), "genesis_skin.py": ("genesis",), "hand_env.py": ("torch", "mujoco_warp")}
+ON_THE_CPU = ["--device", "cpu", "--envs", "2", "--steps", "5"]
+ARGUMENTS = {"hand_env.py": [[*ON_THE_CPU, "--engine", engine] for engine in ("mujoco-warp", "newton")]}
+NEEDS = {"mujoco_skin.py": ("mujoco",), "genesis_skin.py": ("genesis",), "hand_env.py": ("torch", "newton")}
+RUNS = [
+    pytest.param(
+        name, arguments, marks=[pytest.mark.nightly] * (name == "two_drivers.py"), id=" ".join([name, *arguments])
+    )
+    for name in EXPECTED
+    for arguments in ARGUMENTS.get(name, [[]])
+]
 
 
 def test_every_example_is_tested():
@@ -27,15 +35,13 @@ def test_every_example_is_tested():
 
 @pytest.mark.driver
 @pytest.mark.timeout(150)
-@pytest.mark.parametrize(
-    "name", [name if name != "two_drivers.py" else pytest.param(name, marks=pytest.mark.nightly) for name in EXPECTED]
-)
-def test_an_example_runs(name):
+@pytest.mark.parametrize(("name", "arguments"), RUNS)
+def test_an_example_runs(name, arguments):
     """`two_drivers.py` is what `scripts/try` runs, before all tests."""
     for package in NEEDS.get(name, ()):
         pytest.importorskip(package, reason="the example says what to install")
     done = subprocess.run(
-        [sys.executable, str(ROOT / "examples" / name), *ARGUMENTS.get(name, ())], capture_output=True, text=True,
+        [sys.executable, str(ROOT / "examples" / name), *arguments], capture_output=True, text=True,
         timeout=140, env=environment(), check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr

@@ -9,7 +9,7 @@ import warp as wp
 
 import tactemu as tt
 from tests.physics.test_split import N_ENVS, run, scene
-from tests.scene.test_batch_engines import DROP, LINE
+from tests.scene.test_batch_engines import DROP, LINE, MOTORS, hand
 
 pytestmark = pytest.mark.gpu
 ENGINES = {"mujoco-warp": "MujocoWarpEngine", "newton": "NewtonEngine"}
@@ -43,6 +43,43 @@ def test_an_engine_moves_as_on_the_cpu(tmp_path, kind):
     places, forces = (np.stack([course[..., part] for course in courses.values()]) for part in (slice(3), slice(3, 6)))
     np.testing.assert_allclose(places[1], places[0], atol=2e-5)
     np.testing.assert_allclose(forces[1], forces[0], atol=0.03 * np.abs(forces[0]).max())
+
+
+@pytest.mark.parametrize("kind", ENGINES)
+def test_bodies_start_where_each_environment_has_them(tmp_path, kind):
+    places, turns = np.random.default_rng(1).uniform(0.04, 0.06, (5, 3)), np.tile([0.6, 0.0, 0.0, 0.8], (5, 1))
+    path = tmp_path / "drop.xml"
+    path.write_text(DROP)
+    scene = tt.Scene(dt=4e-3)
+    engine = getattr(tt, ENGINES[kind])(scene, path)
+    engine.starts = {"ball": (places, turns)}
+    scene.add_sensor(tt.ContactDepthProbe(probe_local_pos=LINE), link=engine.carrier("floor", "skin"))
+    sim = scene.build(2, device="cuda:0", first_env=3)
+    ball = next(body for body in engine.bodies if body.name == "ball")
+    np.testing.assert_allclose(sim.pose_array.numpy()[:, ball.index, :3], places[3:], atol=1e-6)
+    for _ in range(40):
+        sim.step()
+    sim.reset(wp.array([False, True], dtype=wp.bool, device="cuda:0"))
+    sim.step()
+    heights = sim.pose_array.numpy()[:, ball.index, 2] - places[3:, 2]
+    assert abs(heights[1]) < 1e-3 < abs(heights[0])
+
+
+def test_a_hand_closes_alike():
+    """With either engine as on the CPU, whose steps MuJoCo's own judge."""
+    found = {}
+    for device in ("cpu", "cuda:0"):
+        for kind in ENGINES:
+            engine, sim, skins = hand(kind, device)
+            columns = [engine.source.column(joint) for joint in MOTORS]
+            for _ in range(150):
+                sim.step()
+            force = [np.abs(skin.read().force[..., 2]).sum((1, 2)) for skin in skins]
+            found[device, kind] = engine.positions.numpy()[:, columns], np.array(force)
+    angles, forces = found["cpu", "mujoco-warp"]
+    for others in found.values():
+        np.testing.assert_allclose(others[0], angles, atol=2e-3)
+        np.testing.assert_allclose(others[1], forces, rtol=0.02)
 
 
 @pytest.mark.parametrize("kind", ENGINES)

@@ -142,6 +142,20 @@ def test_views_and_pinned_readings():
     assert views["force"].ptr != views["pressure"].ptr and skin.read().traction.any()
 
 
+def test_large_readings_are_copied_by_threads(monkeypatch):
+    monkeypatch.setattr("tactemu.physics.sensor.WORTH_STAGING", 0)
+    monkeypatch.setattr("tactemu.plan.plan.WORTH_SHARING", 0)
+    sim, ball, skin = layer(DEVICE)
+    kept = []
+    for k in range(3):
+        slide(sim, ball, k)
+        sim.step()
+        kept.append((skin.read(), skin.pick("force", skin.array().numpy())))
+    for reading, force in kept:  # none of them lies in the memory of another
+        assert np.array_equal(reading.force.reshape(N_ENVS, -1, 3), force) and force.any()
+    sim.close()
+
+
 def test_a_step_in_a_graph_of_ones_own():
     """Poses written, a step and a reset in one graph, replayed, give what they give one by one."""
     t = 0.02

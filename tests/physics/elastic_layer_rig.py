@@ -27,9 +27,7 @@ class LayerRig:
         lanes, slots = lanes or lanes_of(self.device), 1 if self.device.is_cpu else n_envs
         chip = fits(cells, chip_numbers(*friction.ON_CHIP), real, lanes, self.device)
         self.material = LayerMaterial(young / (2 * (1 + nu)), nu, thickness)
-        self.tables = LayerTables(
-            self.material, cells, (pitch, pitch), tangential=True, real=real, lanes=lanes, device=self.device
-        )
+        self.tables = LayerTables(self.material, cells, (pitch, pitch), tangential=True, real=real, device=self.device)
         self.workspace = Workspace(slots, self.tables.n_max, real, lanes, self.device, spectra=3)
         shape, turns = (n_envs, *cells), wp.vec4i(0, n_envs, 0, slots)
 
@@ -47,7 +45,7 @@ class LayerRig:
                 record_cmd=True,
             ).launch
 
-        struct = windows_type(real, lanes)()
+        struct = windows_type(real)()
         self.windows = Windows(struct, NORMAL_WINDOWS, slots, cells, real, lanes, self.device)
         self.overlap, self.pressure_array = zeros(real), zeros(real)
         self.solved = wp.full(shape, real(math.nan), dtype=real, device=self.device)
@@ -71,7 +69,7 @@ class LayerRig:
         self.state.iterations = zeros(wp.int32, n_envs)
         self._friction = None
         if mu > 0:
-            struct = friction_windows_type(real, lanes)()
+            struct = friction_windows_type(real)()
             self.rubbing = Windows(struct, FRICTION_WINDOWS, slots, cells, real, lanes, self.device)
             inputs = [self.tables.struct, real(mu), iterations, limit]
             inputs += [self.pressure_array, self.box, self.changed, self.slide, self.body]

@@ -87,7 +87,8 @@ def test_normals_are_those_of_the_surface():
         found[query] = skin.read().force
     largest = np.abs(found["sdf"]).max()
     assert largest > 0.1
-    np.testing.assert_allclose(found["band"], found["sdf"], atol=0.01 * largest)
+    turned = np.sin(np.pi / 64)  # half the angle of neighbouring faces: from one to the other the band passes smoothly
+    np.testing.assert_allclose(found["band"], found["sdf"], atol=turned * largest)
 
 
 def test_of_shapes_that_need_no_band_it_is_the_exact_distance():

@@ -6,6 +6,7 @@ import warp as wp
 
 import tactemu as tt
 from tactemu.errors import PoseError, SceneError
+from tactemu.physics.probes.blocks import Blocks
 from tests.physics.rig import scene_with
 
 GRID = np.stack([*np.meshgrid(np.linspace(-8e-3, 8e-3, 6), np.linspace(-8e-3, 8e-3, 5)), np.zeros((5, 6))], -1)
@@ -41,6 +42,42 @@ def test_an_environment_reads_the_same_alone_and_among_many():
         reading = single.read()
         assert reading.force.shape == (5, 6, 3)
         assert np.array_equal(reading.force, among.force[env]) and np.array_equal(reading.torque, among.torque[env])
+
+
+@pytest.mark.parametrize("which", [0, 40, 69])
+def test_a_body_is_felt_among_many_that_are_far(which):
+    """More bodies than bits in which a skin notes who is near; each environment has its own nearest."""
+    model, place = tt.KinematicTaxel(**KINEMATIC), np.array([[0, 0, 6e-3], [3e-3, 0, 5.5e-3], [0.4, 0, 0]])
+    readings = []
+    for count in (70, 1):
+        scene = tt.Scene(dt=1e-3)
+        pad = scene.add_body(name="pad")
+        bodies = [scene.add_body(tt.Sphere(radius=5e-3), name=f"{k}", position=(1 + k, 0, 0)) for k in range(count)]
+        skin = scene.add_sensor(model, link=pad)
+        sim = scene.build(len(place))
+        sim.step()
+        assert not skin.read().force.any()
+        sim.set_pose(bodies[which if count > 1 else 0], position=place)
+        sim.step()
+        readings.append(skin.read())
+    assert np.array_equal(readings[0].force, readings[1].force) and np.array_equal(*(r.torque for r in readings))
+    assert readings[0].force[:2].any((1, 2, 3)).all() and not readings[0].force[2].any()
+
+
+@pytest.mark.parametrize("n_envs", [1, 3, 4096])
+@pytest.mark.parametrize("n_probes", [0, 1, 31, 72, 256, 300, 5000])
+def test_blocks_of_a_gpu_cover_all_probes(n_envs, n_probes):
+    """As the kernel counts: each probe of each environment is some thread's, once."""
+    blocks = Blocks(n_envs, n_probes)
+    assert blocks.block_dim % 32 == 0 and 32 <= blocks.block_dim <= 256
+    assert blocks.n_threads % blocks.block_dim == 0
+    of_first = [b for b in range(blocks.n_threads // blocks.block_dim) if b >> blocks.shift == 0]
+    step = blocks.block_dim << blocks.shift
+    seen = [
+        i for b in of_first for t in range(blocks.block_dim) for i in range(b * blocks.block_dim + t, n_probes, step)
+    ]
+    assert sorted(seen) == list(range(n_probes))
+    assert (blocks.n_threads // blocks.block_dim - 1) >> blocks.shift == n_envs - 1
 
 
 class FromElsewhere:

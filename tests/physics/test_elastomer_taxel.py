@@ -6,8 +6,8 @@ import warp as wp
 
 import tactemu as tt
 from tactemu.errors import PoseError, SceneError
-from tactemu.physics.probes.taxel_depth import BOX_THREADS, box_kernel
-from tactemu.plan.launches import record_blocks
+from tactemu.physics.probes.taxel_depth import box_kernel
+from tactemu.plan.launches import record
 
 TOP = 0.01
 
@@ -373,13 +373,13 @@ def test_a_pose_that_is_not_finite_on_a_gpu(layout):
 
 @pytest.mark.parametrize("real", [wp.float32, wp.float64])
 def test_the_box_that_a_gpu_finds_is_that_around_what_touches(real):
-    """One block per environment looks over all of its taxels; here a block is one thread."""
+    """The lanes of an environment look over all of its taxels; here it is one lane."""
     rows, cols, rng = 7, 11, np.random.default_rng(5)
     depth = np.where(rng.random((40, rows, cols)) < 0.03, rng.random((40, rows, cols)), 0.0)
     depth[:2], depth[2, 3, 4] = 0.0, np.nan
     box = wp.zeros((40, 4), dtype=wp.int32, device="cpu")
     flat = wp.array(depth.reshape(40, -1), dtype=real, device="cpu")
-    record_blocks(box_kernel(real), 40, [flat, cols], [box], BOX_THREADS, "cpu")()
+    record(box_kernel(real, 1), (40, 1), [0, flat, cols], [box], "cpu")()
     for found, env in zip(box.numpy(), depth):
         y, x = np.nonzero(~(env <= 0))
         if not len(y):

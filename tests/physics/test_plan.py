@@ -15,9 +15,13 @@ COUNT = """
 import warp as wp
 wp.config.quiet = True
 from warp._src import context
+from tactemu.plan import launches as recorded
 launches, modules = [], set()
-launch, load = wp.Launch.launch, context.Module.load
-wp.Launch.launch = lambda self, *a, **k: (launches.append(self.kernel.key), launch(self, *a, **k))[1]
+ready, load = recorded._ready, context.Module.load
+def ready_and_counted(command):
+    launch = ready(command)
+    return lambda: (launches.append(command.kernel.key), launch())
+recorded._ready = ready_and_counted
 def counted(self, *a, **k):
     modules.add(self.name)
     return load(self, *a, **k)

@@ -1,5 +1,7 @@
 """Simulators of many environments: poses and velocities judged by MuJoCo's own kinematics, steps by its own steps."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ import tactemu as tt
 from tactemu.errors import PoseError, SceneError
 from tactemu.scene import file as scene_file
 from tactemu.scene.building import build_scene, make_devices
+from tactemu.scene.engine_tables import MujocoWarpTable, NewtonTable
 
 mujoco = pytest.importorskip("mujoco")
 mujoco_warp = pytest.importorskip("mujoco_warp")
@@ -38,6 +41,11 @@ DROP = """
   </worldbody>
 </mujoco>
 """
+HAND = Path(__file__).parents[2] / "examples" / "hands" / "ability_hand_motors.xml"
+MOTORS = {"index": 1.4, "middle": 1.4, "ring": 1.4, "pinky": 1.4, "thumb_flexor": 1.0, "thumb_rotator": -0.2}
+ENGINES = {"mujoco-warp": tt.MujocoWarpEngine, "newton": tt.NewtonEngine}
+BUILT = ["mujoco-warp", pytest.param("newton", marks=pytest.mark.nightly)]
+"""Newton's solver compiles kernels for a minute where none are cached."""
 N_ENVS = 3
 LINE = np.stack([np.linspace(-8e-3, 8e-3, 5), np.zeros(5), np.full(5, 0.0)], -1)
 BODIES = "palm", "tip", "ball"
@@ -157,7 +165,7 @@ def as_newton(model, qpos, qvel) -> tuple[np.ndarray, np.ndarray]:
 def held(drop, kind: str, n_envs: int | None = N_ENVS):
     """A ball that falls on a skin on the floor: ``(engine, sim, skin)``."""
     scene = tt.Scene(dt=4e-3)
-    engine = {"mujoco-warp": tt.MujocoWarpEngine, "newton": tt.NewtonEngine}[kind](scene, drop)
+    engine = ENGINES[kind](scene, drop)
     model = tt.KinematicTaxel(probe_local_pos=LINE, probe_radius=5e-3)
     skin = scene.add_sensor(model, link=engine.carrier("floor", "skin"))
     return engine, scene.build(n_envs), skin
@@ -196,6 +204,77 @@ def test_an_engine_steps_as_mujoco_does(drop, kind):
     np.testing.assert_array_equal(sim.pose_array.numpy(), after)
 
 
+def hand(kind: str, device: str = "cpu"):
+    """The hand above its ball, which is told to close: ``(engine, sim, skins)``."""
+    scene = tt.Scene(dt=4e-3)
+    engine = ENGINES[kind](scene, HAND)
+    pad = np.stack([*np.meshgrid(np.linspace(-5e-3, 5e-3, 6), np.linspace(-8e-3, 8e-3, 6)), np.full((6, 6), 4e-3)], -1)
+    felt = (engine.source.carrier("object").index,)
+    model = tt.KinematicTaxel(probe_local_pos=pad, probe_radius=1.5e-3, normal_stiffness=200.0, track_link_idx=felt)
+    skins = [scene.add_sensor(model, link=engine.source.carrier(tip)) for tip in ("index_tip", "thumb_tip")]
+    sim = scene.build(2, device=device)
+    if kind == "newton":
+        orders = engine.control.joint_target_q.reshape((2, -1))
+        told = orders.numpy()
+        told[:, [engine.source.column(joint) for joint in MOTORS]] = list(MOTORS.values())
+    else:
+        orders, told = engine.data.ctrl, np.tile(np.array(list(MOTORS.values()), np.float32), (2, 1))
+    orders.assign(told)
+    return engine, sim, skins
+
+
+@pytest.mark.nightly
+def test_a_hand_closes_on_a_ball_alike():
+    """With either engine, and as MuJoCo's own steps close it; fingers that meet nothing stop where they are told."""
+    model = mujoco.MjModel.from_xml_path(str(HAND))
+    data = mujoco.MjData(model)
+    data.ctrl[:] = list(MOTORS.values())
+    mujoco.mj_step(model, data, 300)
+    angles, forces, contacts = {}, {}, {}
+    for kind in ENGINES:
+        engine, sim, skins = hand(kind)
+        columns = [engine.source.column(joint) for joint in MOTORS]
+        contacts[kind] = engine.solver.mjw_data if kind == "newton" else engine.data
+        for _ in range(150):
+            sim.step()
+        angles[kind] = engine.positions.numpy()[:, columns].copy()
+        forces[kind] = [np.abs(skin.read().force[..., 2]).sum((1, 2)) for skin in skins]
+        contacts[kind] = contacts[kind].nacon.numpy()[0]
+        for found in angles[kind]:
+            np.testing.assert_allclose(found, [data.joint(joint).qpos[0] for joint in MOTORS], atol=4e-3)
+            np.testing.assert_allclose(found[1:4], 1.4, atol=4e-3)
+    np.testing.assert_allclose(angles["newton"], angles["mujoco-warp"], atol=2e-3)
+    np.testing.assert_allclose(forces["newton"], forces["mujoco-warp"], rtol=0.02)
+    assert np.min(forces["newton"]) > 1.0
+    assert contacts["newton"] == contacts["mujoco-warp"], "pairs that are apart take no room"
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("kind", ENGINES)
+def test_contacts_for_which_there_is_no_room_are_said(tmp_path, kind, caplog):
+    """Once, with what to give more of; nothing is said where there is room."""
+    balls = "".join(
+        f'<body pos="{0.05 * k} 0 0.02"><freejoint/><geom type="sphere" size=".01" mass=".1"/></body>' for k in range(3)
+    )
+    path = tmp_path / "balls.xml"
+    path.write_text(DROP.replace("</worldbody>", balls + "</worldbody>"))
+    table = {"mujoco-warp": MujocoWarpTable, "newton": NewtonTable}[kind]
+    for nconmax, njmax, said in ((8, 64, []), (2, 64, ["contacts"]), (8, 6, ["constraints"])):
+        scene = tt.Scene(dt=4e-3)
+        engine = ENGINES[kind](scene, path, table(kind=kind, file="balls.xml", nconmax=nconmax, njmax=njmax))
+        scene.add_sensor(tt.ContactDepthProbe(probe_local_pos=LINE), link=engine.carrier("floor", "skin"))
+        sim = scene.build(2)
+        caplog.clear()
+        for _ in range(20):
+            sim.step()
+        sim.check()
+        told = [record.getMessage() for record in caplog.records if "engine: " in record.getMessage()]
+        assert len(told) == len(said)
+        for words, what in zip(told, said):
+            option, room = ("nconmax", nconmax) if what == "contacts" else ("njmax", njmax)
+            assert f"more {what} at once" in words and f"`{option}`" in words and f"room for {room}" in words
+
+
 @pytest.mark.nightly
 @pytest.mark.parametrize("kind", ["mujoco-warp", "newton"])
 def test_an_engine_runs_long_without_a_leak(drop, kind):
@@ -208,6 +287,79 @@ def test_an_engine_runs_long_without_a_leak(drop, kind):
             with open("/proc/self/statm") as file:
                 memory.append(int(file.read().split()[1]) * 4096)
     assert memory[-1] - memory[1] < 4e6
+
+
+@pytest.mark.parametrize("kind", ENGINES)
+def test_where_the_numbers_of_a_joint_are(file, kind):
+    engine = ENGINES[kind](tt.Scene(dt=4e-3), file)
+    source, model = engine.source, mujoco.MjModel.from_xml_path(str(file))
+    assert source.column("bend") == model.joint("bend").qposadr[0] == 7
+    assert source.free_bodies == {"hand": 0, "ball": 8} and source.column("ball") == 8
+    assert [source.root(name) for name in ("tip", "finger", "palm", "ball")] == ["hand", "hand", "hand", "ball"]
+    for name, start in (("hand", 0), ("ball", 8)):
+        np.testing.assert_allclose(np.concatenate(engine.start_of(name)), model.qpos0[start : start + 7], atol=1e-6)
+    with pytest.raises(SceneError, match=r"no joint or free body 'bent'.*bend"):
+        source.column("bent")
+
+
+def test_a_skin_feels_neither_what_moves_with_it_nor_what_its_joint_is_on(tmp_path):
+    """As MuJoCo has it: bodies without a joint are part of what carries them."""
+    nail = (
+        '<body name="pad"><geom name="pad" size=".01"/><body name="nail"><geom name="nail" size=".01"/></body></body>'
+    )
+    path = tmp_path / "welded.xml"
+    path.write_text(
+        FINGER.replace('name="tip" type="capsule"', 'name="bone" type="capsule"').replace(
+            "</body>", nail + "</body>", 1
+        )
+    )
+    unfelt = {}
+    for kind, engine in ENGINES.items():
+        scene = tt.Scene(dt=4e-3)
+        source = engine(scene, path).source
+        unfelt[kind] = {name: {scene.bodies[k].name for k in source.unfelt(name)} for name in ("nail", "palm", "ball")}
+    assert unfelt["newton"] == unfelt["mujoco-warp"]
+    assert unfelt["newton"]["nail"] == {"palm", "bone", "pad", "nail"} and unfelt["newton"]["ball"] == {"ball"}
+
+
+def test_newton_makes_room_for_what_touches(tmp_path):
+    """The gap of a geom is what its file says, and not the 0.1 m that Newton takes for its own contacts."""
+    path = tmp_path / "gap.xml"
+    path.write_text(DROP.replace('type="sphere"', 'type="sphere" gap="0.003"'))
+    engine = tt.NewtonEngine(tt.Scene(dt=4e-3), path)
+    names = [label.rpartition("/")[2] for label in engine.source.model.shape_label]
+    assert dict(zip(names, engine.source.model.shape_gap.numpy())) == pytest.approx({"floor": 0.0, "ball": 0.003})
+
+
+@pytest.mark.parametrize("kind", BUILT)
+def test_bodies_start_where_each_environment_has_them(drop, kind):
+    rng = np.random.default_rng(1)
+    places, turns = rng.normal(size=(5, 3)), rng.normal(size=(5, 4))
+    turns /= np.linalg.norm(turns, axis=1, keepdims=True)
+    scene = tt.Scene(dt=4e-3)
+    engine = ENGINES[kind](scene, drop)
+    engine.starts = {"ball": (places, turns)}
+    scene.add_sensor(tt.ContactDepthProbe(probe_local_pos=LINE), link=engine.carrier("floor", "skin"))
+    sim = scene.build(2, first_env=3)
+    ball = next(body for body in engine.bodies if body.name == "ball")
+
+    def check():
+        found = sim.pose_array.numpy()[:, ball.index]
+        np.testing.assert_allclose(found[:, :3], places[3:], atol=1e-6)
+        np.testing.assert_allclose(np.abs((found[:, 3:7] * turns[3:]).sum(1)), 1.0, atol=1e-6)
+
+    check()
+    began = engine.positions.numpy().copy()
+    engine.positions.fill_(0.0)
+    sim.reset([1])
+    np.testing.assert_array_equal(engine.positions.numpy(), began * [[0], [1]])
+    sim.reset()
+    np.testing.assert_array_equal(engine.positions.numpy(), began)
+    with pytest.raises(SceneError, match=r"up to 5, got \(5, 3\) and \(5, 4\)"):
+        scene.build(2, first_env=4)
+    engine.starts = {"bal": (places, turns)}
+    with pytest.raises(SceneError, match=r"'bal' is no body that moves freely.*'ball'"):
+        scene.build(2)
 
 
 def test_a_model_that_blows_up_is_said(file):

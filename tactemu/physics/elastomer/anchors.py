@@ -87,7 +87,7 @@ def _kernels(real, functions: ShapeFunctions, slope: float, area_weighted: bool)
         latched = int(0)
         pulling = int(0)
         for p in range(first, last):
-            y = wp.transform_point(at, clouds.points[p])
+            y = wp.transform_point(at, vec3(clouds.points[p][0], clouds.points[p][1], clouds.points[p][2]))
             depth, _normal = distance(shapes, link, y)
             depth = -depth
             holds = is_latched[env, p] != wp.uint8(0) and not (depth < -release_margin)

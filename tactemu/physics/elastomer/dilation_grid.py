@@ -1,7 +1,7 @@
 """Dilation on a regular grid: two passes of separable weights over the contact's bounding box.
 
-Pass 1 sums over rows, for every column in contact; pass 2 over columns. One thread computes ``WIDTH`` rows of a column:
-vector instructions on a CPU, neighbouring memory for neighbouring threads on a GPU.
+Pass 1 sums over rows, for every column in contact; pass 2 over columns. On a GPU one thread computes ``WIDTH`` rows of
+a column: neighbouring memory for neighbouring threads. For a CPU: :mod:`.dilation_in_registers`.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -13,6 +13,7 @@ from collections.abc import Callable
 import numpy as np
 import warp as wp
 
+from tactemu.physics.elastomer.dilation_in_registers import dilation_kernel, scratch_numbers
 from tactemu.physics.elastomer.dilation_kernels import (
     DilationOptions,
     blend,
@@ -22,10 +23,13 @@ from tactemu.physics.elastomer.dilation_kernels import (
 )
 from tactemu.physics.elastomer.separable import overlapping_blocks, separable_terms
 from tactemu.physics.probes.grid import Grid
+from tactemu.physics.wide import wide_loads, wide_store
 from tactemu.plan.launches import in_turn
 from tactemu.plan.plan import Context
 
 WIDTH = 8
+BLOCK = 256
+"""Threads of a block on a GPU; how many of these a multiprocessor shall hold at once bounds the registers of each."""
 _TOLERANCE = {wp.float32: 1e-7, wp.float64: 1e-13}
 """Of the separable form, as a part of its strongest term."""
 _NEGLIGIBLE = 1e-30
@@ -89,9 +93,10 @@ def plane_terms(grid: Grid, options: DilationOptions, tolerance: float) -> list[
 @functools.cache
 def _kernels(real):
     vec3 = wp.types.vector(3, real)
-    block = wp.types.vector(WIDTH, real)
+    block, store = wp.types.vector(WIDTH, real), wide_store(real, WIDTH)
+    _, load_2, load_4 = wide_loads(real, WIDTH)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, launch_bounds=(BLOCK, 6))
     def sum_rows(
         first_env: int,
         depth: wp.array3d(dtype=real),
@@ -110,13 +115,13 @@ def _kernels(real):
         total = block()
         if term < 2 * n_terms:
             for k in range(box[env, 0], box[env, 1] + 1):
-                total += depth[env, k, col] * row_blocks[term, at - k]
+                total += depth[env, k, col] * load_2(row_blocks, term, at - k)
         else:
             for k in range(box[env, 0], box[env, 1] + 1):
-                total += power[env, k, col] * row_blocks[term, at - k]
-        partial[env, term, i_block, col] = total
+                total += power[env, k, col] * load_2(row_blocks, term, at - k)
+        store(partial, env, term, i_block, col, total)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, launch_bounds=(BLOCK, 4))
     def sum_columns(
         first_env: int,
         partial: wp.array4d(dtype=block),
@@ -140,10 +145,10 @@ def _kernels(real):
         w = block()
         for term in range(n_terms):
             for k in range(first, last):
-                u += col_terms[term, at - k] * partial[env, term, i_block, k]
-                v += col_terms[n_terms + term, at - k] * partial[env, n_terms + term, i_block, k]
+                u += col_terms[term, at - k] * load_4(partial, env, term, i_block, k)
+                v += col_terms[n_terms + term, at - k] * load_4(partial, env, n_terms + term, i_block, k)
         for k in range(first, last):
-            w += col_terms[2 * n_terms, at - k] * partial[env, 2 * n_terms, i_block, k]
+            w += col_terms[2 * n_terms, at - k] * load_4(partial, env, 2 * n_terms, i_block, k)
         for m in range(WIDTH):
             row = i_block * WIDTH + m
             if row < motion.shape[1]:
@@ -187,24 +192,39 @@ def grid_dilation(
         values[np.abs(values) < _NEGLIGIBLE * np.abs(values).max()] = 0.0
         return values
 
-    block, vec3, device = wp.types.vector(WIDTH, real), wp.types.vector(3, real), context.device
-    row_blocks = wp.array(overlapping_blocks(stack(row_u, row_v, row_n), WIDTH), dtype=block, device=device)
-    col_terms = wp.array(stack(col_u, col_v, col_n), dtype=real, device=device)
-    n_all, n_blocks = 2 * n_terms + 1, -(-grid.rows // WIDTH)
-    as_grid = (context.n_envs, grid.rows, grid.cols)
-    partial = context.zeros((context.n_envs, n_all, n_blocks, grid.cols), block)
-    sum_rows, sum_columns = _kernels(real)
-    first = context.record(
-        sum_rows,
-        partial.shape,
-        [depth.reshape(as_grid), power.reshape(as_grid), box, row_blocks, n_terms],
-        [partial],
-    )
+    terms, vec3 = (stack(row_u, row_v, row_n), stack(col_u, col_v, col_n)), wp.types.vector(3, real)
+    passes = _in_registers if context.device.is_cpu else _two_passes
     axes = [vec3(*(scale * axis)) for axis in (grid.u, grid.v, grid.normal)]
+    as_grid = (context.n_envs, grid.rows, grid.cols)
+    felt = [depth.reshape(as_grid), power.reshape(as_grid), box]
+    return passes(context, grid, *terms, n_terms, felt, axes, is_sensing.reshape(as_grid[1:]), motion.reshape(as_grid))
+
+
+def _two_passes(context, grid, rows, cols, n_terms: int, felt: list, axes: list, is_sensing, motion):
+    """On a GPU: a thread for each block of rows and column."""
+    real, device = context.real, context.device
+    block = wp.types.vector(WIDTH, real)
+    row_blocks = wp.array(overlapping_blocks(rows, WIDTH), dtype=block, device=device)
+    col_terms = wp.array(cols, dtype=real, device=device)
+    n_blocks = -(-grid.rows // WIDTH)
+    partial = context.zeros((context.n_envs, 2 * n_terms + 1, n_blocks, grid.cols), block)
+    sum_rows, sum_columns = _kernels(real)
+    first = context.record(sum_rows, partial.shape, [*felt, row_blocks, n_terms], [partial])
     second = context.record(
         sum_columns,
         (context.n_envs, n_blocks, grid.cols),
-        [partial, box, col_terms, n_terms, *axes, is_sensing.reshape(as_grid[1:])],
-        [motion.reshape(as_grid)],
+        [partial, felt[2], col_terms, n_terms, *axes, is_sensing],
+        [motion],
     )
     return in_turn(first, second)
+
+
+def _in_registers(context, grid, rows, cols, n_terms: int, felt: list, axes: list, is_sensing, motion):
+    """On a CPU: both passes of an environment in one thread."""
+    tables = [
+        wp.array(np.pad(part, ((0, 0), (0, WIDTH))), dtype=context.real, device=context.device) for part in (rows, cols)
+    ]
+    size = scratch_numbers(grid.rows, grid.cols, 2 * n_terms + 1)
+    scratch = wp.zeros((context.threads, size), dtype=context.real, device=context.device)
+    inputs = [*felt, *tables, n_terms, *axes, is_sensing, scratch]
+    return context.record_blocks(dilation_kernel(context.real), context.threads, inputs, [motion], 1)

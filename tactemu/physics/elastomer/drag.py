@@ -18,7 +18,7 @@ import warp as wp
 from tactemu.physics.elastomer.anchors import Anchors
 from tactemu.physics.points.point_cloud import CLUSTER
 from tactemu.physics.probes.grid import Grid
-from tactemu.plan.launches import in_turn
+from tactemu.physics.registers import padded, vectors
 from tactemu.plan.plan import Context
 
 
@@ -92,20 +92,36 @@ def _direct_kernel(real, add: bool, quick: bool):
 
 
 @functools.cache
-def _grid_kernels(real, add: bool):
+def _tables_kernel(real, add: bool):
+    """A thread for a share of the environments, with tables for all points of one."""
     vec3 = wp.types.vector(3, real)
-    vec2 = wp.types.vector(2, real)
-    block = wp.types.vector(WIDTH, real)
+    snippet = _DRAG.replace("CLUSTER", str(CLUSTER)).replace("NEGLIGIBLE", repr(_NEGLIGIBLE))
 
-    @wp.func
-    def gaussian(lambda_s: real, d: real):
-        g = wp.exp(-lambda_s * d * d)
-        return wp.where(g < real(_NEGLIGIBLE), real(0.0), g)
+    @wp.func_native(vectors(real) + snippet.replace("ADD", str(int(add))))
+    def drag(
+        n_pulling: wp.array(dtype=wp.int32),
+        n_active: int,
+        active: wp.array(dtype=wp.int32),
+        place: wp.array(dtype=vec3),
+        pull: wp.array(dtype=vec3),
+        corner: vec3,
+        u_axis: vec3,
+        v_axis: vec3,
+        du: real,
+        dv: real,
+        lambda_s: real,
+        scale: real,
+        is_sensing: wp.array2d(dtype=wp.bool),
+        tables: wp.array(dtype=real),
+        motion: wp.array2d(dtype=vec3),
+    ): ...
 
     @wp.kernel(module="unique", enable_backward=False)
-    def tabulate(
-        first_env: int,
+    def add_shear(
+        turns: wp.vec4i,  # first environment, end, first slot, slots that take turns
         n_pulling: wp.array2d(dtype=wp.int32),
+        n_active: wp.array(dtype=wp.int32),
+        active: wp.array2d(dtype=wp.int32),
         place: wp.array2d(dtype=vec3),
         pull: wp.array2d(dtype=vec3),
         corner: vec3,
@@ -115,68 +131,82 @@ def _grid_kernels(real, add: bool):
         dv: real,
         lambda_s: real,
         scale: real,
+        is_sensing: wp.array2d(dtype=wp.bool),
+        tables: wp.array2d(dtype=real),
         # outputs
-        in_plane: wp.array2d(dtype=vec2),
-        by_row: wp.array3d(dtype=real),
-        by_col: wp.array3d(dtype=block),
+        motion: wp.array3d(dtype=vec3),
     ):
-        env, c = wp.tid()
-        env += first_env
-        first = c * CLUSTER
-        for o in range(first, first + n_pulling[env, c]):
-            y = place[env, o] - corner
-            u = wp.dot(y, u_axis)
-            v = wp.dot(y, v_axis)
-            in_plane[env, o] = scale * vec2(wp.dot(pull[env, o], u_axis), wp.dot(pull[env, o], v_axis))
-            for i in range(by_row.shape[2]):
-                by_row[env, o, i] = gaussian(lambda_s, real(i) * dv - v)
-            for b in range(by_col.shape[2]):
-                g = block()
-                for m in range(WIDTH):
-                    g[m] = gaussian(lambda_s, real(b * WIDTH + m) * du - u)
-                by_col[env, o, b] = g
+        slot, _thread = wp.tid()
+        for env in range(turns[0] + slot, turns[1], turns[3]):
+            drag(
+                n_pulling[env],
+                n_active[env],
+                active[env],
+                place[env],
+                pull[env],
+                corner,
+                u_axis,
+                v_axis,
+                du,
+                dv,
+                lambda_s,
+                scale,
+                is_sensing,
+                tables[turns[2] + slot],
+                motion[env],
+            )
 
-    @wp.kernel(module="unique", enable_backward=False)
-    def add_shear(
-        first_env: int,
-        n_pulling: wp.array2d(dtype=wp.int32),
-        n_active: wp.array(dtype=wp.int32),
-        active: wp.array2d(dtype=wp.int32),
-        in_plane: wp.array2d(dtype=vec2),
-        by_row: wp.array3d(dtype=real),
-        by_col: wp.array3d(dtype=block),
-        u_axis: vec3,
-        v_axis: vec3,
-        is_sensing: wp.array(dtype=wp.bool),
-        cols: int,
-        # outputs
-        motion: wp.array2d(dtype=vec3),
-    ):
-        env, i, j_block = wp.tid()
-        env += first_env
-        u = block()
-        v = block()
-        for a in range(n_active[env]):
-            first = active[env, a] * CLUSTER
-            for o in range(first, first + n_pulling[env, active[env, a]]):
-                share = by_row[env, o, i]
-                p = in_plane[env, o]
-                pu = share * p[0]
-                pv = share * p[1]
-                g = by_col[env, o, j_block]
-                u += pu * g
-                v += pv * g
-        for m in range(WIDTH):
-            j = j_block * WIDTH + m
-            if j < cols:
-                taxel = i * cols + j
-                if is_sensing[taxel]:
-                    total = u[m] * u_axis + v[m] * v_axis
-                    if wp.static(add):
-                        total += motion[env, taxel]
-                    motion[env, taxel] = total
+    return add_shear
 
-    return tabulate, add_shear
+
+_DRAG = """
+    const int rows = motion.shape[0], cols = motion.shape[1];
+    const int tall = (rows + wide - 1) / wide * wide, broad = (cols + wide - 1) / wide * wide;
+    auto gaussian = [&](const Number d) {
+        const Number g = wp::exp(-lambda_s * d * d);
+        return g < Number(NEGLIGIBLE) ? Number(0) : g;
+    };
+    // Of each point: Gaussians of the rows, times the pull along u and along v, and Gaussians of the columns.
+    const int apart = 2 * tall + broad;
+    int count = 0;
+    for (int a = 0; a < n_active; ++a) {
+        const int first = active.data[a] * CLUSTER;
+        for (int o = first; o < first + n_pulling.data[active.data[a]]; ++o, ++count) {
+            Number* const table = tables.data + count * int64_t(apart);
+            const auto y = wp::sub(place.data[o], corner);
+            const Number u = wp::dot(y, u_axis), v = wp::dot(y, v_axis);
+            const Number pu = scale * wp::dot(pull.data[o], u_axis), pv = scale * wp::dot(pull.data[o], v_axis);
+            for (int i = 0; i < tall; ++i) {
+                const Number g = i < rows ? gaussian(Number(i) * dv - v) : Number(0);
+                table[i] = g * pu, table[tall + i] = g * pv;
+            }
+            for (int j = 0; j < broad; ++j)
+                table[2 * tall + j] = j < cols ? gaussian(Number(j) * du - u) : Number(0);
+        }
+    }
+    for (int i = 0; i < tall; i += 4)
+        for (int j = 0; j < broad; j += wide) {
+            Vector a = {}, b = {}, c = {}, d = {}, e = {}, f = {}, g = {}, h = {};  // along u, then v, of four rows
+            const Number* table = tables.data + i;
+            for (int o = 0; o < count; ++o, table += apart) {
+                const Vector line = get(table + 2 * tall - i + j);
+                const Number* const v = table + tall;
+                a += table[0] * line, b += table[1] * line, c += table[2] * line, d += table[3] * line;
+                e += v[0] * line, f += v[1] * line, g += v[2] * line, h += v[3] * line;
+            }
+            const Vector along_u[4] = {a, b, c, d}, along_v[4] = {e, f, g, h};
+            for (int m = 0; m < 4 && i + m < rows; ++m)
+                for (int l = 0; l < wide && j + l < cols; ++l) {
+                    const int64_t at = (i + m) * int64_t(cols) + j + l;
+                    if (!is_sensing.data[at])
+                        continue;
+                    for (int k = 0; k < 3; ++k) {
+                        const Number moved = along_u[m][l] * u_axis[k] + along_v[m][l] * v_axis[k];
+                        motion.data[at][k] = ADD ? moved + motion.data[at][k] : moved;
+                    }
+                }
+        }
+"""
 
 
 @functools.cache
@@ -251,22 +281,16 @@ def direct_shear_motion(drag: Drag, positions: wp.array, normals: wp.array) -> C
 
 
 def tabulated_shear_motion(drag: Drag, grid: Grid) -> Callable[[], None]:
-    """Record the sum for a grid, with the exponentials in tables: for few environments, where memory is cheap."""
+    """Record the sum for a grid on a CPU, with the exponentials in tables, four rows by eight columns in registers."""
     context, anchors = drag.context, drag.anchors
-    real, n_envs = context.real, context.n_envs
-    vec2, vec3 = (wp.types.vector(n, real) for n in (2, 3))
-    n_slots, n_blocks = anchors.place.shape[1], -(-grid.cols // WIDTH)
-    in_plane = context.zeros((n_envs, n_slots), vec2)
-    by_row = context.zeros((n_envs, n_slots, grid.rows), real)
-    by_col = context.zeros((n_envs, n_slots, n_blocks), wp.types.vector(WIDTH, real))
-    tabulate, add_shear = _grid_kernels(real, drag.add)
-    axes = [vec3(*grid.u), vec3(*grid.v)]
-    inputs = [anchors.n_pulling, anchors.place, anchors.pull, vec3(*grid.corner), *axes, grid.du, grid.dv]
-    inputs += [drag.lambda_s, drag.scale]
-    first = context.record(tabulate, anchors.n_pulling.shape, inputs, [in_plane, by_row, by_col])
-    inputs = [*drag.pulling, in_plane, by_row, by_col, *axes, drag.is_sensing, grid.cols]
-    second = context.record(add_shear, (n_envs, grid.rows, n_blocks), inputs, [drag.motion])
-    return in_turn(first, second)
+    vec3 = wp.types.vector(3, context.real)
+    shape = (context.n_envs, grid.rows, grid.cols)
+    each = 2 * padded(grid.rows) + padded(grid.cols)
+    tables = wp.zeros((context.threads, anchors.place.shape[1] * each), dtype=context.real, device=context.device)
+    inputs = [*drag.pulling, anchors.place, anchors.pull, vec3(*grid.corner), vec3(*grid.u), vec3(*grid.v)]
+    inputs += [grid.du, grid.dv, drag.lambda_s, drag.scale, drag.is_sensing.reshape(shape[1:]), tables]
+    kernel = _tables_kernel(context.real, drag.add)
+    return context.record_blocks(kernel, context.threads, inputs, [drag.motion.reshape(shape)], 1)
 
 
 def grid_shear_motion(drag: Drag, grid: Grid) -> Callable[[], None]:

@@ -6,9 +6,9 @@ space of the *Hartley* transform ``H(k) = sum f(x) (cos kx + sin kx)``, which is
 
     even kernel g:  H[g * f](k) = g_cos(k) H[f](k)          odd kernel:  H[g * f](k) = g_sin(k) H[f](-k)
 
-Two real columns make one complex column of a Stockham FFT of radix 4. Columns lie side by side in *lanes* (vectors of
-``lanes`` numbers): on a CPU they fill the SIMD registers, on a GPU ``lanes`` is 1 and the columns go to threads.
-Every pass transforms along the rows and writes its result transposed; two passes there and two back are a convolution.
+Two real columns make one complex column of a Stockham FFT of radix 4. Columns lie side by side in *lanes*: on a CPU
+they fill the vector registers (:mod:`.in_registers`), on a GPU ``lanes`` is 1 and the columns go to threads. Every pass
+transforms along the rows and writes its result transposed; two passes there and two back are a convolution.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -20,16 +20,17 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
+from tactemu.physics.layer.in_registers import SCRATCH, wide_hartley, wide_scale
 from tactemu.physics.layer.on_chip import short_hartley
+from tactemu.physics.registers import WIDTH
 
-CPU_LANES = 8
 SMALLEST_TRANSFORM = 32
 """Length of the shortest transform used; a window has at most half its length."""
 
 
 def lanes_of(device: wp.Device) -> int:
     """Numbers per lane on a device."""
-    return 1 if device.is_cuda else CPU_LANES
+    return 1 if device.is_cuda else WIDTH
 
 
 class Block(NamedTuple):
@@ -44,12 +45,6 @@ BLOCK = Block(64, 8)
 """Of solvers that work in the device's memory; those that work on the chip have their own."""
 
 
-@functools.cache
-def lane_type(real, lanes: int):
-    """The Warp type of ``lanes`` numbers side by side."""
-    return real if lanes == 1 else wp.types.vector(lanes, real)
-
-
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
     __syncthreads();
@@ -60,56 +55,47 @@ def block_sync():
     ...
 
 
-@wp.func
-def spread(columns: int, thread: int):
-    """How the threads of a block share a window: first row, step of rows, first column, step of columns."""
-    # Compilers see from these bounds which way loops run, and that nothing is negative.
-    across = wp.max(wp.min(columns, wp.block_dim()), 1)
-    down = wp.max(wp.block_dim() // across, 1)
-    row = wp.max(thread // across, 0)
-    if row >= down:
-        row = wp.static(1 << 30)  # a thread too many: idle
-    return wp.vec4i(row, down, wp.max(thread % across, 0), across)
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    const int threads = WP_TILE_BLOCK_DIM;
+    const int across = columns < 1 ? 1 : columns < threads ? columns : threads, down = threads / across;
+    const int row = thread / across;
+    return wp::vec_t<4, wp::int32>(row < down ? row : 1 << 30, down, thread % across, across);
+#else
+    return wp::vec_t<4, wp::int32>(0, 1, 0, 1);
+#endif
+""")
+def spread(columns: int, thread: int) -> wp.vec4i:
+    """How the threads of a block share a window: first row, step of rows, first column, step of columns; a thread too
+    many is idle. Compilers see that on a CPU one thread takes all, and leave out what others would need."""
+    ...
 
 
 @functools.cache
-def workspace_type(real, lanes: int):
+def workspace_type(real):
     """Scratch of the convolutions, one slot per block."""
-    lane = lane_type(real, lanes)
 
     @wp.struct
     class Workspace:
-        # Ping-pong buffers of the FFT: (2 n_slots, n_max, n_max / 2 / lanes), real and imaginary part.
-        re: wp.array3d(dtype=lane)
-        im: wp.array3d(dtype=lane)
-        # Three spectra: (n_slots, n_max, n_max), the same memory as numbers and as lanes.
+        # On a GPU the ping-pong buffers of the FFT, real and imaginary part: (2 n_slots, n_max, n_max / 2). On a CPU
+        # what is between two transforms, (n_slots, n_max, n_max), and the buffers of a few columns, (n_slots, 1, ...).
+        re: wp.array3d(dtype=real)
+        im: wp.array3d(dtype=real)
+        # Three spectra: (n_slots, n_max, n_max).
         spectrum: wp.array3d(dtype=real)
-        spectrum_lanes: wp.array3d(dtype=lane)
         second: wp.array3d(dtype=real)
-        second_lanes: wp.array3d(dtype=lane)
         third: wp.array3d(dtype=real)
-        third_lanes: wp.array3d(dtype=lane)
         # exp(-2 pi i j / n_max), j < n_max.
         twiddle: wp.array(dtype=wp.types.vector(2, real))
 
     return Workspace
 
 
-class Pair(NamedTuple):
-    """One piece of memory seen as numbers, ``(n, rows, columns)``, and as lanes, ``(n, rows, columns / lanes)``."""
-
-    numbers: wp.array
-    lanes: wp.array
-
-
-def allocate_pair(n: int, rows: int, columns: int, real, lanes: int, device) -> Pair:
-    """Zeros. Rows are one lane longer than asked for, lest strides that are powers of two crowd one cache set."""
+def padded_zeros(n: int, rows: int, columns: int, real, lanes: int, device) -> wp.array:
+    """``(n, rows, columns or more)``. On a CPU rows are of whole lanes, and one lane longer, lest strides that are
+    powers of two crowd one cache set."""
     padded = -(-columns // lanes) * lanes + (lanes if lanes > 1 else 0)
-    numbers = wp.zeros((n, rows, padded), dtype=real, device=device)
-    if lanes == 1:
-        return Pair(numbers, numbers)
-    shape = (n, rows, padded // lanes)
-    return Pair(numbers, wp.array(ptr=numbers.ptr, shape=shape, dtype=lane_type(real, lanes), device=device))
+    return wp.zeros((n, rows, padded), dtype=real, device=device)
 
 
 class Workspace:
@@ -119,13 +105,13 @@ class Workspace:
     """
 
     def __init__(self, n_slots: int, n_max: int, real, lanes: int, device, *, spectra: int = 1):
-        self._pairs = [allocate_pair(2 * n_slots, n_max, n_max // 2, real, lanes, device) for _ in range(2)]
-        self._pairs += [allocate_pair(n_slots, n_max, n_max, real, lanes, device) for _ in range(spectra)]
-        self.struct = struct = workspace_type(real, lanes)()
-        struct.re, struct.im = (pair.lanes for pair in self._pairs[:2])
-        struct.spectrum, struct.spectrum_lanes = self._pairs[2]
-        struct.second, struct.second_lanes = self._pairs[min(3, 1 + spectra)]
-        struct.third, struct.third_lanes = self._pairs[-1]
+        half = (2 * n_slots, n_max, n_max // 2)
+        shapes = [half, half] if lanes == 1 else [(n_slots, n_max, n_max), (n_slots, 1, SCRATCH * n_max)]
+        shapes += [(n_slots, n_max, n_max)] * spectra
+        self._arrays = [padded_zeros(*shape, real, lanes, device) for shape in shapes]
+        self.struct = struct = workspace_type(real)()
+        struct.re, struct.im, struct.spectrum = self._arrays[:3]
+        struct.second, struct.third = self._arrays[min(3, 1 + spectra)], self._arrays[-1]
         turns = np.exp(-2j * np.pi * np.arange(n_max) / n_max)
         pairs = np.stack([np.real(turns), np.imag(turns)], axis=1)
         struct.twiddle = wp.array(pairs, dtype=wp.types.vector(2, real), device=device)
@@ -133,21 +119,20 @@ class Workspace:
     @property
     def nbytes(self) -> int:
         """Memory held [B]."""
-        return sum(pair.numbers.size * wp.types.type_size_in_bytes(pair.numbers.dtype) for pair in self._pairs)
+        return sum(array.size * wp.types.type_size_in_bytes(array.dtype) for array in self._arrays)
 
 
 class ConvolutionFunctions(NamedTuple):
     """Warp functions that all threads of a block call together. A transform of ``size = (n_rows, n_columns)``."""
 
     forward: Any
-    """``forward(ws, slot, field, shape, size, spectrum, spectrum_lanes, thread)``: the spectrum of the window of
-    ``field`` (lanes) of ``shape = (rows, columns)``."""
+    """``forward(ws, slot, field, shape, size, spectrum, thread)``: the spectrum of the window of ``field`` of
+    ``shape = (rows, columns)``."""
     scale: Any
-    """``scale(spectrum, table, start, size, thread)``: multiplies a spectrum (lanes) by an even kernel's."""
+    """``scale(spectrum, table, start, size, thread)``: multiplies a spectrum by an even kernel's."""
     inverse: Any
-    """``inverse(ws, slot, spectrum, spectrum_lanes, first, shape, size, out, thread)``: the window of ``shape`` that
-    starts at ``first = (row, column)``, which may be negative, of the inverse transform into ``out`` (numbers). The
-    spectrum is lost."""
+    """``inverse(ws, slot, spectrum, first, shape, size, out, thread)``: the window of ``shape`` that starts at
+    ``first = (row, column)``, which may be negative, of the inverse transform into ``out``. The spectrum is lost."""
     convolve: Any
     """``convolve(ws, slot, field, table, start, shape, size, out, thread)``: all three; ``out`` is as the window."""
 
@@ -156,38 +141,14 @@ class ConvolutionFunctions(NamedTuple):
 def convolution_functions(real, lanes: int, chip: bool) -> ConvolutionFunctions:
     """The convolution for one float type and lane width. ``rows`` of an inverse and ``columns`` of a forward transform
     must be multiples of ``2 * lanes``. ``chip``: for a workspace of :mod:`.on_chip`."""
-    lane = lane_type(real, lanes)
-    workspace = workspace_type(real, lanes)
-    lanes_array = wp.array2d(dtype=lane)
-    numbers_array = wp.array2d(dtype=real)
+    workspace = workspace_type(real)
+    numbers = wp.array2d(dtype=real)
     turns_array = wp.array(dtype=wp.types.vector(2, real))
-    parts_array = wp.array3d(dtype=lane)
-    radix_4, radix_2 = _fft_stages(lane, lanes_array, turns_array)
-
-    if lanes == 1:
-
-        @wp.func
-        def store(out: numbers_array, row: int, column: int, value: lane):
-            out[row, column] = value
-
-        @wp.func
-        def multiply(a: lane, b: lane):
-            return a * b
-    else:
-
-        @wp.func
-        def store(out: numbers_array, row: int, column: int, value: lane):
-            for l in range(wp.static(lanes)):
-                out[row * wp.static(lanes) + l, column] = value[l]
-
-        @wp.func
-        def multiply(a: lane, b: lane):
-            return wp.cw_mul(a, b)
+    parts_array = wp.array3d(dtype=real)
+    radix_4, radix_2 = _fft_stages(numbers, turns_array)
 
     @wp.func
-    def unpack(
-        zr: lanes_array, zi: lanes_array, n: int, half: int, first: int, rows_out: int, out: numbers_array, thread: int
-    ):
+    def unpack(zr: numbers, zi: numbers, n: int, half: int, first: int, rows_out: int, out: numbers, thread: int):
         """Hartley coefficients of the two columns in each complex one; ``out[column, k - first]``."""
         mine = spread(half, thread)
         for k in range(mine[0], n // 2 + 1, mine[1]):
@@ -200,11 +161,11 @@ def convolution_functions(real, lanes: int, chip: bool) -> ConvolutionFunctions:
                 yr = zr[mirror, c]
                 yi = zi[mirror, c]
                 if at < rows_out:
-                    store(out, c, at, xr + yr - xi + yi)
-                    store(out, c + half, at, xi + yi + xr - yr)
+                    out[c, at] = xr + yr - xi + yi
+                    out[c + half, at] = xi + yi + xr - yr
                 if mirror != k and at_mirror < rows_out:
-                    store(out, c, at_mirror, xr + yr + xi - yi)
-                    store(out, c + half, at_mirror, xi + yi - xr + yr)
+                    out[c, at_mirror] = xr + yr + xi - yi
+                    out[c + half, at_mirror] = xi + yi - xr + yr
 
     @wp.func(inline=False)  # one copy of it: a solver calls it dozens of times
     def long_hartley(
@@ -212,18 +173,18 @@ def convolution_functions(real, lanes: int, chip: bool) -> ConvolutionFunctions:
         im_parts: parts_array,
         twiddle: turns_array,
         slot: int,
-        field: lanes_array,
+        field: numbers,
         rows: int,
         columns: int,
         n: int,
         first: int,
         rows_out: int,
-        out: numbers_array,
+        out: numbers,
         thread: int,
     ):
         """Twice the transform of length ``n`` along the rows of ``field``; ``out`` is ``(columns, rows_out)``;
         it may be where ``field`` is."""
-        half = columns // wp.static(2 * lanes)
+        half = columns // 2
         mine = spread(half, thread)
         n_max = twiddle.shape[0]
         re = re_parts[2 * slot]
@@ -234,8 +195,8 @@ def convolution_functions(real, lanes: int, chip: bool) -> ConvolutionFunctions:
                     re[k, c] = field[k, c]
                     im[k, c] = field[k, c + half]
                 else:
-                    re[k, c] = lane(real(0.0))
-                    im[k, c] = lane(real(0.0))
+                    re[k, c] = real(0.0)
+                    im[k, c] = real(0.0)
         block_sync()
         length = int(n)
         stride = int(1)
@@ -267,92 +228,98 @@ def convolution_functions(real, lanes: int, chip: bool) -> ConvolutionFunctions:
         unpack(re_parts[here], im_parts[here], n, half, first, rows_out, out, thread)
         block_sync()
 
-    own_hartley = short_hartley(real) if chip else long_hartley
+    in_turn = short_hartley(real) if chip else long_hartley
+    in_registers, scale_in_registers = wide_hartley(real), wide_scale(real)
 
     @wp.func
     def hartley(
         ws: workspace,
         slot: int,
-        field: lanes_array,
+        field: numbers,
         rows: int,
         columns: int,
         n: int,
         first: int,
         rows_out: int,
-        out: numbers_array,
+        out: numbers,
         thread: int,
     ):
-        own_hartley(ws.re, ws.im, ws.twiddle, slot, field, rows, columns, n, first, rows_out, out, thread)
+        if wp.static(lanes > 1):
+            in_registers(ws.im[slot], ws.twiddle, field, rows, columns, n, first, rows_out, out)
+        else:
+            in_turn(ws.re, ws.im, ws.twiddle, slot, field, rows, columns, n, first, rows_out, out, thread)
+
+    @wp.func
+    def between(ws: workspace, slot: int, spectrum: numbers):
+        """Where the first of two passes leaves its result."""
+        if wp.static(lanes > 1):
+            return ws.re[slot]
+        else:
+            return spectrum
 
     @wp.func
     def forward(
-        ws: workspace,
-        slot: int,
-        field: lanes_array,
-        shape: wp.vec2i,
-        size: wp.vec2i,
-        spectrum: numbers_array,
-        spectrum_lanes: lanes_array,
-        thread: int,
+        ws: workspace, slot: int, field: numbers, shape: wp.vec2i, size: wp.vec2i, spectrum: numbers, thread: int
     ):
-        hartley(ws, slot, field, shape[0], shape[1], size[0], 0, size[0], spectrum, thread)
-        hartley(ws, slot, spectrum_lanes, shape[1], size[0], size[1], 0, size[1], spectrum, thread)
+        middle = between(ws, slot, spectrum)
+        hartley(ws, slot, field, shape[0], shape[1], size[0], 0, size[0], middle, thread)
+        hartley(ws, slot, middle, shape[1], size[0], size[1], 0, size[1], spectrum, thread)
 
     @wp.func
-    def scale(spectrum: lanes_array, table: wp.array(dtype=lane), start: int, size: wp.vec2i, thread: int):
-        across = size[1] // wp.static(lanes)
-        begin = start // wp.static(lanes)
-        mine = spread(across, thread)
-        for k in range(mine[0], size[0], mine[1]):
-            for c in range(mine[2], across, mine[3]):
-                spectrum[k, c] = multiply(spectrum[k, c], table[begin + k * across + c])
-        block_sync()
+    def scale(spectrum: numbers, table: wp.array(dtype=real), start: int, size: wp.vec2i, thread: int):
+        if wp.static(lanes > 1):
+            scale_in_registers(spectrum, table, start, size[0], size[1])
+        else:
+            mine = spread(size[1], thread)
+            for k in range(mine[0], size[0], mine[1]):
+                for c in range(mine[2], size[1], mine[3]):
+                    spectrum[k, c] = spectrum[k, c] * table[start + k * size[1] + c]
+            block_sync()
 
     @wp.func
     def inverse(
         ws: workspace,
         slot: int,
-        spectrum: numbers_array,
-        spectrum_lanes: lanes_array,
+        spectrum: numbers,
         first: wp.vec2i,
         shape: wp.vec2i,
         size: wp.vec2i,
-        out: numbers_array,
+        out: numbers,
         thread: int,
     ):
-        hartley(ws, slot, spectrum_lanes, size[0], size[1], size[0], first[0], shape[0], spectrum, thread)
-        hartley(ws, slot, spectrum_lanes, size[1], shape[0], size[1], first[1], shape[1], out, thread)
+        middle = between(ws, slot, spectrum)
+        hartley(ws, slot, spectrum, size[0], size[1], size[0], first[0], shape[0], middle, thread)
+        hartley(ws, slot, middle, size[1], shape[0], size[1], first[1], shape[1], out, thread)
 
     @wp.func
     def convolve(
         ws: workspace,
         slot: int,
-        field: lanes_array,
-        table: wp.array(dtype=lane),
+        field: numbers,
+        table: wp.array(dtype=real),
         start: int,
         shape: wp.vec2i,
         size: wp.vec2i,
-        out: numbers_array,
+        out: numbers,
         thread: int,
     ):
-        numbers = ws.spectrum[slot]
-        spectrum = ws.spectrum_lanes[slot]
-        forward(ws, slot, field, shape, size, numbers, spectrum, thread)
+        spectrum = ws.spectrum[slot]
+        forward(ws, slot, field, shape, size, spectrum, thread)
         scale(spectrum, table, start, size, thread)
-        inverse(ws, slot, numbers, spectrum, wp.vec2i(0, 0), shape, size, out, thread)
+        inverse(ws, slot, spectrum, wp.vec2i(0, 0), shape, size, out, thread)
 
     return ConvolutionFunctions(forward, scale, inverse, convolve)
 
 
-def _fft_stages(lane, lanes_array, turns_array):
+def _fft_stages(numbers, turns_array):
     """Stockham stages ``(x) -> (y)``: ``length`` is left to transform, ``stride`` columns of butterflies are done."""
 
     @wp.func
     def radix_4(
-        xr: lanes_array,
-        xi: lanes_array,
-        yr: lanes_array,
-        yi: lanes_array,
+        xr: numbers,
+        xi: numbers,
+        yr: numbers,
+        yi: numbers,
         turns: turns_array,
         length: int,
         stride: int,
@@ -402,9 +369,7 @@ def _fft_stages(lane, lanes_array, turns_array):
                 yi[o + 3 * stride, c] = ur * w3[1] + ui * w3[0]
 
     @wp.func
-    def radix_2(
-        xr: lanes_array, xi: lanes_array, yr: lanes_array, yi: lanes_array, stride: int, columns: int, thread: int
-    ):
+    def radix_2(xr: numbers, xi: numbers, yr: numbers, yi: numbers, stride: int, columns: int, thread: int):
         mine = spread(columns, thread)
         for item in range(mine[0], stride, mine[1]):
             for c in range(mine[2], columns, mine[3]):

@@ -287,7 +287,6 @@ class CompiledLayer:
                 self.grid.cell,
                 tangential=tangential,
                 real=self.real,
-                lanes=self.lanes,
                 device=self.device,
             )
         return constants[key]
@@ -306,7 +305,7 @@ class CompiledLayer:
         spectra = 3 if self.model.displacement else 2 if self.rubs else 1
         slots = 0 if self.chip else self.n_slots
         self.workspace = Workspace(slots, self.tables.n_max, real, self.lanes, self.device, spectra=spectra)
-        struct = windows_type(real, self.lanes)()
+        struct = windows_type(real)()
         self.windows = Windows(struct, NORMAL_WINDOWS, slots, self.grid.shape, real, self.lanes, self.device)
         self.pressure = self._cells(real)
         self.overlap = self.site.context.full(self.pressure.shape, NO_SURFACE, real)
@@ -324,7 +323,7 @@ class CompiledLayer:
         self.state.iterations = self._per_env(wp.int32)
         self.surface = [self._cells(real, self.model.displacement) for _ in range(3)]
         if self.rubs:
-            struct = friction_windows_type(real, self.lanes)()
+            struct = friction_windows_type(real)()
             shape, names = self.grid.shape, OFF_CHIP if self.chip else FRICTION_WINDOWS
             self.rubbing = Windows(struct, names, self.n_slots, shape, real, self.lanes, self.device)
 

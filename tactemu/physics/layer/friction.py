@@ -48,12 +48,12 @@ ON_CHIP = (2, 14)
 def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
     """The kernel that solves every environment; ``coupled``: pressure moves the surface sideways too; ``chip``: a block
     of threads does in its own memory what iterations need."""
-    workspace, tables_struct = workspace_type(real, lanes), tables_type(real, lanes)
-    windows, state_struct = friction_windows_type(real, lanes), friction_state_type(real)
+    workspace, tables_struct = workspace_type(real), tables_type(real)
+    windows, state_struct = friction_windows_type(real), friction_state_type(real)
     functions = convolution_functions(real, lanes, chip)
     forward, inverse, convolve = functions.forward, functions.inverse, functions.convolve
     sideways, publish = sideways_functions(real, lanes, chip), publish_function(real)
-    settle, mark = memory_functions(real, lanes)
+    settle, mark = memory_functions(real)
     block_sum, _max = block_functions(lanes)
     move_in, window = chip_functions(real, workspace, *ON_CHIP)
     by_pressure, by_traction = sideways.by_pressure, sideways.by_traction
@@ -67,25 +67,18 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
         near.limit = window(memory, 0)
         near.stiffness = window(memory, 1)
         near.x = window(memory, 2)
-        near.x_lanes = near.x
         near.y = window(memory, 3)
-        near.y_lanes = near.y
         near.gap_x = window(memory, 4)
         near.gap_y = window(memory, 5)
         near.free_x = window(memory, 6)
-        near.free_x_lanes = near.free_x
         near.free_y = window(memory, 7)
-        near.free_y_lanes = near.free_y
         near.last_x = window(memory, 8)
         near.last_y = window(memory, 9)
         near.along_x = window(memory, 10)
-        near.along_x_lanes = near.along_x
         near.along_y = window(memory, 11)
-        near.along_y_lanes = near.along_y
         near.answer_x = window(memory, 12)
         near.answer_y = window(memory, 13)
         near.pressure = near.along_x  # needed one after the other, as the next
-        near.pressure_lanes = near.pressure
         near.softened_x = near.answer_x
         near.softened_y = near.answer_y
         return near
@@ -159,13 +152,12 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
         if wp.static(coupled):
             spectrum = ws.spectrum[slot]
             second = ws.second[slot]
-            second_lanes = ws.second_lanes[slot]
-            forward(ws, slot, win.pressure_lanes[slot], shape, size, spectrum, ws.spectrum_lanes[slot], thread)
+            forward(ws, slot, win.pressure[slot], shape, size, spectrum, thread)
             corner = wp.vec2i(0, 0)
             by_pressure(ws, slot, tables, 0, start, size, thread)
-            inverse(ws, slot, second, second_lanes, corner, shape, size, moved_x, thread)
+            inverse(ws, slot, second, corner, shape, size, moved_x, thread)
             by_pressure(ws, slot, tables, 1, start, size, thread)
-            inverse(ws, slot, second, second_lanes, corner, shape, size, moved_y, thread)
+            inverse(ws, slot, second, corner, shape, size, moved_y, thread)
         if wp.static(chip or not coupled):
             for y in range(mine[0], shape[0], mine[1]):
                 for x in range(mine[2], shape[1], mine[3]):
@@ -189,8 +181,8 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
         thread: int,
     ):
         """The gap of the tractions, afresh; returns the sum of squared displacements where cells touch."""
-        pull_x = win.x_lanes[slot]
-        pull_y = win.y_lanes[slot]
+        pull_x = win.x[slot]
+        pull_y = win.y[slot]
         gap_x = win.gap_x[slot]
         gap_y = win.gap_y[slot]
         by_traction(ws, slot, tables, start, pull_x, pull_y, shape, size, wp.vec2i(0, 0), shape, gap_x, gap_y, thread)
@@ -349,8 +341,8 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
         begun = bool(False)
         fresh = bool(True)
         moved = bool(True)  # the gap is not that of the tractions
-        along_x = win.along_x_lanes[slot]
-        along_y = win.along_y_lanes[slot]
+        along_x = win.along_x[slot]
+        along_y = win.along_y[slot]
         answer_x = win.answer_x[slot]
         answer_y = win.answer_y[slot]
         corner = wp.vec2i(0, 0)
@@ -365,12 +357,8 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
             residual = wp.sqrt(free_gap(win, slot, shape, mine) / reference)
             if not (residual > tolerance) or iteration >= cap:
                 break
-            convolve(
-                ws, slot, win.free_x_lanes[slot], tables.soften_x, start, shape, size, win.softened_x[slot], thread
-            )
-            convolve(
-                ws, slot, win.free_y_lanes[slot], tables.soften_y, start, shape, size, win.softened_y[slot], thread
-            )
+            convolve(ws, slot, win.free_x[slot], tables.soften_x, start, shape, size, win.softened_x[slot], thread)
+            convolve(ws, slot, win.free_y[slot], tables.soften_y, start, shape, size, win.softened_y[slot], thread)
             slope, now = turn(win, slot, last, fresh, shape, mine)
             by_traction(
                 ws, slot, tables, start, along_x, along_y, shape, size, corner, shape, answer_x, answer_y, thread

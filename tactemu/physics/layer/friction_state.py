@@ -7,7 +7,7 @@ import functools
 
 import warp as wp
 
-from tactemu.physics.layer.convolution import block_sync, lane_type, spread
+from tactemu.physics.layer.convolution import block_sync, spread
 
 FREE, STICK, SLIP = 0, 1, 2
 """State of a cell."""
@@ -18,9 +18,8 @@ FAR_OFF = 20.0
 
 
 @functools.cache
-def friction_windows_type(real, lanes: int):
+def friction_windows_type(real):
     """Vectors of the conjugate gradients, one window per block: ``(n_slots, rows, columns)``."""
-    lane = lane_type(real, lanes)
 
     @wp.struct
     class FrictionWindows:
@@ -28,28 +27,21 @@ def friction_windows_type(real, lanes: int):
         hold_x: wp.array3d(dtype=real)  # a + s
         hold_y: wp.array3d(dtype=real)
         pressure: wp.array3d(dtype=real)
-        pressure_lanes: wp.array3d(dtype=lane)
         x: wp.array3d(dtype=real)  # traction
-        x_lanes: wp.array3d(dtype=lane)
         y: wp.array3d(dtype=real)
-        y_lanes: wp.array3d(dtype=lane)
         by_pressure_x: wp.array3d(dtype=real)  # v
         by_pressure_y: wp.array3d(dtype=real)
         gap_x: wp.array3d(dtype=real)  # displacement - hold
         gap_y: wp.array3d(dtype=real)
         free_x: wp.array3d(dtype=real)  # the part of the gap that can close, weighted
-        free_x_lanes: wp.array3d(dtype=lane)
         free_y: wp.array3d(dtype=real)
-        free_y_lanes: wp.array3d(dtype=lane)
         last_x: wp.array3d(dtype=real)  # that of the last iteration
         last_y: wp.array3d(dtype=real)
         stiffness: wp.array3d(dtype=real)  # of the circle; 0 where a cell sticks
         softened_x: wp.array3d(dtype=real)
         softened_y: wp.array3d(dtype=real)
         along_x: wp.array3d(dtype=real)  # search direction
-        along_x_lanes: wp.array3d(dtype=lane)
         along_y: wp.array3d(dtype=real)
-        along_y_lanes: wp.array3d(dtype=lane)
         answer_x: wp.array3d(dtype=real)  # displacement by the direction
         answer_y: wp.array3d(dtype=real)
 
@@ -82,9 +74,9 @@ def friction_state_type(real):
 
 
 @functools.cache
-def memory_functions(real, lanes: int):
+def memory_functions(real):
     """``(settle, mark)``: what a solved window leaves for the next step."""
-    windows = friction_windows_type(real, lanes)
+    windows = friction_windows_type(real)
     vec2 = wp.types.vector(2, real)
     int_grid = wp.array2d(dtype=wp.int32)
 

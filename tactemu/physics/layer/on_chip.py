@@ -65,13 +65,10 @@ def chip_functions(real, workspace, spectra: int, windows: int):
         here.re = part(memory, 0, wp.static(_LONGEST), wp.static(CELLS))
         here.im = part(memory, wp.static(_SCRATCH), wp.static(_LONGEST), wp.static(CELLS))
         here.spectrum = spectrum(memory, 0)
-        here.spectrum_lanes = here.spectrum
         if wp.static(spectra > 1):
             here.second = spectrum(memory, 1)
-            here.second_lanes = here.second
         if wp.static(spectra > 2):
             here.third = spectrum(memory, 2)
-            here.third_lanes = here.third
         return here
 
     return move_in, window

@@ -7,6 +7,7 @@ import functools
 
 import warp as wp
 
+from tactemu.physics.finite import is_finite
 from tactemu.physics.layer.pressure import NO_SURFACE
 from tactemu.physics.shapes.rays import ray_function
 from tactemu.physics.shapes.shape import FAR, table_type
@@ -61,7 +62,7 @@ def near_kernel(real, bent: bool = False):
             down = wp.vec2i(0, cells[0])
             along = wp.vec2i(0, cells[1])
             if wp.static(not bent):
-                if wp.isfinite(at[0]):
+                if is_finite(at[0]):
                     if wp.dot(at, n) - bound > horizon:
                         continue
                     down = cells_within(wp.dot(at, v), bound, real(0.0), cell[0], cells[0])
@@ -138,7 +139,7 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool, bent: bool = False)
                 if height < lowest:
                     lowest = height
                     body = b
-            if not wp.isfinite(wp.transform_get_translation(place)[0]):
+            if not is_finite(wp.transform_get_translation(place)[0]):
                 lowest = real(wp.nan)
         return lowest, body
 
@@ -186,7 +187,7 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool, bent: bool = False)
             if covered[y, x]:
                 lowest, body = lowest_surface(shapes, pose, targets, env, r, out, reach[y, x], horizon)
             overlap = -lowest / pitch
-            if body < 0 and wp.isfinite(lowest):
+            if body < 0 and is_finite(lowest):
                 overlap = real(NO_SURFACE)
             overlap_out[env, y, x] = overlap
             if wp.static(with_slide):

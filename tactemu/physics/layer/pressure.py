@@ -23,11 +23,9 @@ import warp as wp
 from tactemu.physics.layer.convolution import (
     BLOCK,
     Block,
-    Pair,
-    allocate_pair,
     block_sync,
     convolution_functions,
-    lane_type,
+    padded_zeros,
     spread,
     workspace_type,
 )
@@ -52,21 +50,17 @@ NO_SURFACE = -1.0e6
 
 
 @functools.cache
-def windows_type(real, lanes: int):
+def windows_type(real):
     """Vectors of the conjugate gradients, one window per block: ``(n_slots, rows, columns)``."""
-    lane = lane_type(real, lanes)
 
     @wp.struct
     class Windows:
         overlap: wp.array3d(dtype=real)
         pressure: wp.array3d(dtype=real)
-        pressure_lanes: wp.array3d(dtype=lane)
         gap: wp.array3d(dtype=real)
         masked: wp.array3d(dtype=real)  # the gap where it must close
-        masked_lanes: wp.array3d(dtype=lane)
         softened: wp.array3d(dtype=real)  # preconditioned
         direction: wp.array3d(dtype=real)
-        direction_lanes: wp.array3d(dtype=lane)
         answer: wp.array3d(dtype=real)  # displacement by the direction
 
     return Windows
@@ -81,28 +75,25 @@ class Windows:
     """Allocates the windows of a Warp struct of arrays and keeps them alive.
 
     Args:
-        struct: the instance whose fields ``name`` and, where there is one, ``name_lanes`` are filled.
-        names: its fields, without ``_lanes``.
+        struct: the instance whose fields are filled.
+        names: of the fields.
         shape: largest window, ``(rows, columns)``.
     """
 
     def __init__(self, struct, names: tuple[str, ...], n_slots: int, shape: tuple[int, int], real, lanes: int, device):
         rows, columns = (-(-n // BOX_STEP) * BOX_STEP for n in shape)
         self.struct = struct
-        self.pairs: dict[str, Pair] = {}
-        for name in names:
-            pair = self.pairs[name] = allocate_pair(n_slots, rows, columns, real, lanes, device)
-            setattr(struct, name, pair.numbers)
-            if hasattr(struct, f"{name}_lanes"):
-                setattr(struct, f"{name}_lanes", pair.lanes)
+        self._arrays = [padded_zeros(n_slots, rows, columns, real, lanes, device) for _ in names]
+        for name, array in zip(names, self._arrays):
+            setattr(struct, name, array)
 
 
 @functools.cache
 def normal_kernel(real, lanes: int, chip: bool):
     """The kernel that solves every environment; one block of threads per slot. ``chip``: all in its own memory."""
-    workspace = workspace_type(real, lanes)
-    tables_struct = tables_type(real, lanes)
-    windows_struct = windows_type(real, lanes)
+    workspace = workspace_type(real)
+    tables_struct = tables_type(real)
+    windows_struct = windows_type(real)
     convolve = convolution_functions(real, lanes, chip).convolve
     survey, publish = survey_function(real, lanes), publish_function(real)
     block_sum, _max = block_functions(lanes)
@@ -114,13 +105,10 @@ def normal_kernel(real, lanes: int, chip: bool):
         near = win
         near.overlap = window(memory, 0)
         near.pressure = window(memory, 1)
-        near.pressure_lanes = near.pressure
         near.gap = window(memory, 2)
         near.masked = window(memory, 3)
-        near.masked_lanes = near.masked
         near.softened = window(memory, 4)
         near.direction = window(memory, 5)
-        near.direction_lanes = near.direction
         near.answer = window(memory, 6)
         return near
 
@@ -276,9 +264,9 @@ def normal_kernel(real, lanes: int, chip: bool):
         thread: int,
     ):
         """Conjugate gradients in one window; returns the residual and the iterations taken."""
-        loads = win.pressure_lanes[slot]
-        masked = win.masked_lanes[slot]
-        direction = win.direction_lanes[slot]
+        loads = win.pressure[slot]
+        masked = win.masked[slot]
+        direction = win.direction[slot]
         convolve(ws, slot, loads, tables.nn, start, shape, size, win.gap[slot], thread)
         fit_load(win, slot, shape, mine)
         fresh = bool(True)

@@ -8,6 +8,7 @@ import functools
 import warp as wp
 
 from tactemu.imperfections.info import Channels
+from tactemu.physics.finite import is_nan
 from tactemu.physics.layer.friction_state import FREE, SLIP, STICK, friction_state_type
 from tactemu.physics.rows import row_writer
 
@@ -92,7 +93,7 @@ def reading_kernel(real, with_surface: bool, with_friction: bool, bent: bool = F
             worst = residual[env]
             if wp.static(with_friction):
                 worst = wp.where(friction.residual[env] > worst, friction.residual[env], worst)
-            if wp.isnan(worst):
+            if is_nan(worst):
                 load = vec3(real(wp.nan))
                 moved = vec3(real(wp.nan))
             u = skin.u

@@ -17,7 +17,8 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from tactemu.physics.layer.convolution import block_sync, convolution_functions, lane_type, spread, workspace_type
+from tactemu.physics.layer.convolution import block_sync, convolution_functions, spread, workspace_type
+from tactemu.physics.layer.in_registers import wide_mix
 from tactemu.physics.layer.tables import tables_type
 
 
@@ -34,35 +35,27 @@ class SidewaysFunctions(NamedTuple):
     tractions become those of the displacement into the skin, along x and along y, in this order."""
     by_traction: Any
     """``by_traction(ws, slot, tables, start, x, y, shape, size, first, out_shape, out_x, out_y, thread)``: displacement
-    in the window of ``out_shape`` at ``first`` by tractions ``x, y`` (lanes) in the window of ``shape`` at (0, 0)."""
+    in the window of ``out_shape`` at ``first`` by tractions ``x, y`` in the window of ``shape`` at (0, 0)."""
 
 
 @functools.cache
 def sideways_functions(real, lanes: int, chip: bool) -> SidewaysFunctions:
     """The functions for one float type and lane width; ``chip``: for a workspace of :mod:`.on_chip`."""
-    workspace = workspace_type(real, lanes)
-    tables_struct = tables_type(real, lanes)
+    workspace = workspace_type(real)
+    tables_struct = tables_type(real)
     functions = convolution_functions(real, lanes, chip)
     forward, inverse = functions.forward, functions.inverse
-    field = wp.array2d(dtype=lane_type(real, lanes))
     grid = wp.array2d(dtype=real)
     quad = wp.types.vector(4, real)
-
-    if lanes == 1:
-
-        @wp.func
-        def normal_response(tables: tables_struct, at: int):
-            return tables.nn[at]
-    else:
-
-        @wp.func
-        def normal_response(tables: tables_struct, at: int):
-            return tables.nn[at // wp.static(lanes)][at % wp.static(lanes)]
+    mix_in_registers = wide_mix(real)
 
     @wp.func
     def mix(ws: workspace, slot: int, tables: tables_struct, start: int, size: wp.vec2i, thread: int):
         x = ws.spectrum[slot]
         y = ws.second[slot]
+        if wp.static(lanes > 1):
+            mix_in_registers(x, y, tables.xx, tables.xy, tables.yy, start, size[0], size[1])
+            return
         mine = spread(size[1], thread)
         for k in range(mine[0], size[0] // 2 + 1, mine[1]):
             mirror_k = (size[0] - k) % size[0]
@@ -134,7 +127,7 @@ def sideways_functions(real, lanes: int, chip: bool) -> SidewaysFunctions:
                             v += tables.yy[at] * ty[2 * i + j] + cross * tx[3 - 2 * i - j]
                         x[rows[i], columns[j]] = u
                         y[rows[i], columns[j]] = v
-                        p[rows[i], columns[j]] = normal_response(tables, at) * pressed[2 * i + j]
+                        p[rows[i], columns[j]] = tables.nn[at] * pressed[2 * i + j]
         block_sync()
 
     @wp.func
@@ -143,8 +136,8 @@ def sideways_functions(real, lanes: int, chip: bool) -> SidewaysFunctions:
         slot: int,
         tables: tables_struct,
         start: int,
-        x: field,
-        y: field,
+        x: grid,
+        y: grid,
         shape: wp.vec2i,
         size: wp.vec2i,
         first: wp.vec2i,
@@ -153,10 +146,10 @@ def sideways_functions(real, lanes: int, chip: bool) -> SidewaysFunctions:
         out_y: grid,
         thread: int,
     ):
-        forward(ws, slot, x, shape, size, ws.spectrum[slot], ws.spectrum_lanes[slot], thread)
-        forward(ws, slot, y, shape, size, ws.second[slot], ws.second_lanes[slot], thread)
+        forward(ws, slot, x, shape, size, ws.spectrum[slot], thread)
+        forward(ws, slot, y, shape, size, ws.second[slot], thread)
         mix(ws, slot, tables, start, size, thread)
-        inverse(ws, slot, ws.spectrum[slot], ws.spectrum_lanes[slot], first, out_shape, size, out_x, thread)
-        inverse(ws, slot, ws.second[slot], ws.second_lanes[slot], first, out_shape, size, out_y, thread)
+        inverse(ws, slot, ws.spectrum[slot], first, out_shape, size, out_x, thread)
+        inverse(ws, slot, ws.second[slot], first, out_shape, size, out_y, thread)
 
     return SidewaysFunctions(mix, by_pressure, displace, by_traction)

@@ -43,8 +43,8 @@ def reach_of(kernels: Kernels) -> tuple[int, int]:
 @functools.cache
 def surface_kernel(real, lanes: int, with_friction: bool, chip: bool):
     """Displacement [pitches] of every cell in reach: along u, along v, and into the skin."""
-    workspace, tables_struct = workspace_type(real, lanes), tables_type(real, lanes)
-    windows, friction_state = windows_type(real, lanes), friction_state_type(real)
+    workspace, tables_struct = workspace_type(real), tables_type(real)
+    windows, friction_state = windows_type(real), friction_state_type(real)
     functions, sideways = convolution_functions(real, lanes, chip), sideways_functions(real, lanes, chip)
     forward, inverse, displace = functions.forward, functions.inverse, sideways.displace
     move_in, window = chip_functions(real, workspace, *ON_CHIP)
@@ -112,7 +112,6 @@ def surface_kernel(real, lanes: int, with_friction: bool, chip: bool):
             memory = wp.tile_empty(shape=(wp.static(chip_numbers(*ON_CHIP)),), dtype=real, storage="shared")
             ws = move_in(ws, memory)
             win.direction = window(memory, 0)
-            win.direction_lanes = win.direction
             win.answer = window(memory, 1)
         for env in range(turns[0] + place, turns[1], turns[3]):
             if changed[env] > 0:
@@ -138,26 +137,22 @@ def surface_kernel(real, lanes: int, with_friction: bool, chip: bool):
                     mine = spread(box[3], thread)
                     answer = win.answer[slot]
                     direction = win.direction[slot]
-                    load = win.direction_lanes[slot]
                     first_numbers = ws.spectrum[slot]
                     second_numbers = ws.second[slot]
                     third_numbers = ws.third[slot]
-                    first_lanes = ws.spectrum_lanes[slot]
-                    second_lanes = ws.second_lanes[slot]
-                    third_lanes = ws.third_lanes[slot]
                     fetch(pressure[env], box, direction, mine)
-                    forward(ws, slot, load, shape, size, first_numbers, first_lanes, thread)
+                    forward(ws, slot, direction, shape, size, first_numbers, thread)
                     if wp.static(with_friction):
                         fetch(friction.x[env], box, direction, mine)
-                        forward(ws, slot, load, shape, size, second_numbers, second_lanes, thread)
+                        forward(ws, slot, direction, shape, size, second_numbers, thread)
                         fetch(friction.y[env], box, direction, mine)
-                        forward(ws, slot, load, shape, size, third_numbers, third_lanes, thread)
+                        forward(ws, slot, direction, shape, size, third_numbers, thread)
                     displace(ws, slot, tables, wp.static(with_friction), start, size, thread)
-                    inverse(ws, slot, second_numbers, second_lanes, first, whole, size, answer, thread)
+                    inverse(ws, slot, second_numbers, first, whole, size, answer, thread)
                     deposit(answer, area, u_out[env], thread)
-                    inverse(ws, slot, third_numbers, third_lanes, first, whole, size, answer, thread)
+                    inverse(ws, slot, third_numbers, first, whole, size, answer, thread)
                     deposit(answer, area, v_out[env], thread)
-                    inverse(ws, slot, first_numbers, first_lanes, first, whole, size, answer, thread)
+                    inverse(ws, slot, first_numbers, first, whole, size, answer, thread)
                     deposit(answer, area, w_out[env], thread)
                 block_sync()
                 if thread == 0:

@@ -14,7 +14,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.physics.layer.compliance import sample_kernels, spectrum, transfer
-from tactemu.physics.layer.convolution import SMALLEST_TRANSFORM, lane_type
+from tactemu.physics.layer.convolution import SMALLEST_TRANSFORM
 
 HARTLEY_GAIN = 16.0
 """Two per pass, four passes."""
@@ -24,20 +24,19 @@ _ODD |= {"nx": (False, True), "ny": (True, False)}
 
 
 @functools.cache
-def tables_type(real, lanes: int):
+def tables_type(real):
     """The Warp struct of the spectra."""
-    lane = lane_type(real, lanes)
 
     @wp.struct
     class Tables:
         start: wp.array2d(dtype=wp.int32)  # [level of rows, level of columns] -> first number of the spectrum
-        nn: wp.array(dtype=lane)  # displacement into the skin by pressure
-        soften: wp.array(dtype=lane)  # its approximate inverse, the preconditioner
+        nn: wp.array(dtype=real)  # displacement into the skin by pressure
+        soften: wp.array(dtype=real)  # its approximate inverse, the preconditioner
         xx: wp.array(dtype=real)  # tangential displacement by traction
         yy: wp.array(dtype=real)
         xy: wp.array(dtype=real)
-        soften_x: wp.array(dtype=lane)
-        soften_y: wp.array(dtype=lane)
+        soften_x: wp.array(dtype=real)
+        soften_y: wp.array(dtype=real)
         nx: wp.array(dtype=real)  # tangential displacement by pressure
         ny: wp.array(dtype=real)
 
@@ -65,7 +64,7 @@ class LayerTables:
         tangential: build the tangential kernels too.
     """
 
-    def __init__(self, material: LayerMaterial, cells, pitch, *, tangential: bool, real, lanes: int, device):
+    def __init__(self, material: LayerMaterial, cells, pitch, *, tangential: bool, real, device):
         self.sizes = tuple(_transform_sizes(n) for n in cells)
         self.n_max = max(sizes[-1] for sizes in self.sizes)
         shape = tuple(sizes[-1] // 2 + 1 for sizes in self.sizes)
@@ -76,16 +75,16 @@ class LayerTables:
         """[Pa]"""
         self.material, self.pitch = material, pitch
         unit = 1.0 / float(kernels.nn[0, 0])
-        self.struct = tables_type(real, lanes)()
+        self.struct = tables_type(real)()
         self.struct.start = wp.array(self._starts(), dtype=wp.int32, device=device)
         names = ("nn", "xx", "yy", "xy", "nx", "ny") if tangential else ("nn",)
         for name in names:
             kernel = getattr(kernels, name) * unit
             flat = self._every_size(lambda n, kernel=kernel, odd=_ODD[name]: spectrum(kernel, n, odd))
-            self._store(name, flat, real, lanes if name == "nn" else 1, device)
+            self._store(name, flat, real, device)
         for name in ("soften", "soften_x", "soften_y") if tangential else ("soften",):
             flat = self._every_size(lambda n, name=name: 1.0 / (unit * self._compliance(n, name)))
-            self._store(name, flat, real, lanes, device)
+            self._store(name, flat, real, device)
 
     def _starts(self) -> np.ndarray:
         lengths = [[ny * nx for nx in self.sizes[1]] for ny in self.sizes[0]]
@@ -98,9 +97,8 @@ class LayerTables:
                 parts.append(np.ravel(factors((ny, nx))) / (HARTLEY_GAIN * ny * nx))
         return np.concatenate(parts)
 
-    def _store(self, name: str, flat: np.ndarray, real, lanes: int, device) -> None:
-        rows = flat.reshape(-1, lanes) if lanes > 1 else flat
-        setattr(self.struct, name, wp.array(rows, dtype=lane_type(real, lanes), device=device))
+    def _store(self, name: str, flat: np.ndarray, real, device) -> None:
+        setattr(self.struct, name, wp.array(flat, dtype=real, device=device))
 
     def _compliance(self, shape, name: str) -> np.ndarray:
         """The compliance at the wave numbers of a transform [m/Pa]; that of the mean is taken at half the lowest."""

@@ -7,6 +7,7 @@ import functools
 
 import warp as wp
 
+from tactemu.physics.finite import is_finite
 from tactemu.physics.layer.convolution import SMALLEST_TRANSFORM, block_sync, spread
 
 BOX_STEP = SMALLEST_TRANSFORM // 2
@@ -137,7 +138,7 @@ def survey_function(real, lanes: int):
                 if o != solved[y, x]:
                     state = wp.max(state, CHANGED)
                     solved[y, x] = o
-                if not wp.isfinite(o):
+                if not is_finite(o):
                     state = BROKEN
         state = int(block_max(wp.float64(state)))
         deepest = real(block_max(wp.float64(deepest)))

@@ -13,6 +13,7 @@ import warp as wp
 from tactemu.physics.points.point_cloud import FAR_AWAY
 from tactemu.physics.points.table import cloud_type
 from tactemu.physics.sensor_model import Site
+from tactemu.physics.side_by_side import lanes, rank, tally
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,7 +27,7 @@ class NearClusters:
 
 
 @functools.cache
-def _kernel(real):
+def _kernel(real, lanes: int):
     vec3 = wp.types.vector(3, real)
     transform = wp.types.transformation(real)
 
@@ -42,21 +43,28 @@ def _kernel(real):
         clusters: wp.array2d(dtype=wp.int32),
         start: wp.array2d(dtype=wp.int32),
     ):
-        env = wp.tid()
+        env, lane = wp.tid()
         env += first_env
         found = int(0)
         for k in range(clouds.bodies.shape[0]):
-            start[env, k] = found
+            if lane == 0:
+                start[env, k] = found
             at = pose[env, clouds.bodies[k]]
-            for c in range(clouds.cloud_start[k], clouds.cloud_start[k + 1]):
-                ball = clouds.ball[c]
-                x = wp.transform_point(at, vec3(ball[0], ball[1], ball[2]))
-                apart = wp.max(wp.max(low - x, x - high), vec3(real(0.0)))
-                limit = ball[3] + reach
-                if not (wp.dot(apart, apart) > limit * limit):
-                    clusters[env, found] = c
-                    found += 1
-        start[env, clouds.bodies.shape[0]] = found
+            for first in range(clouds.cloud_start[k], clouds.cloud_start[k + 1], wp.static(lanes)):
+                c = first + lane
+                wanted = bool(False)
+                if c < clouds.cloud_start[k + 1]:
+                    ball = clouds.ball[c]
+                    x = wp.transform_point(at, vec3(ball[0], ball[1], ball[2]))
+                    apart = wp.max(wp.max(low - x, x - high), vec3(real(0.0)))
+                    limit = ball[3] + reach
+                    wanted = not (wp.dot(apart, apart) > limit * limit)
+                place = found + rank(wanted)
+                found += tally(wanted)
+                if wanted:
+                    clusters[env, place] = c
+        if lane == 0:
+            start[env, clouds.bodies.shape[0]] = found
 
     return list_near
 
@@ -79,4 +87,5 @@ def near_clusters(site: Site, clouds, reach: float | None) -> tuple[NearClusters
     limits.append(FAR_AWAY if reach is None else np.nextafter(reach * (1 + 1e-5), np.inf))
     outputs = [near.clusters, near.start]
     inputs = [clouds, site.view.pose, *limits]
-    return near, context.record(_kernel(context.real), n_envs, inputs, outputs, block_dim=32)
+    side = lanes(context.device)
+    return near, context.record(_kernel(context.real, side), (n_envs, side), inputs, outputs)

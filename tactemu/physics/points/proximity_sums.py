@@ -16,22 +16,28 @@ import warp as wp
 
 from tactemu.physics.points.near import NearClusters
 from tactemu.physics.points.point_cloud import CLUSTER, spatial_order
+from tactemu.physics.points.sums_in_registers import strip_sums_kernel
 from tactemu.physics.points.table import cloud_type
+from tactemu.physics.registers import WIDTH
 from tactemu.physics.sensor_model import Site
+from tactemu.physics.wide import wide_loads
 
 _SIDE_BY_SIDE = 32
 """Taxels that run together on a GPU: they should be near each other, to look at the same points."""
+BLOCK = 256, 6
+"""Threads of a block on a GPU, and how many blocks a multiprocessor shall hold at once: bounds the registers."""
 _AT_ONCE = 4
 """Points fetched at once."""
 
 
 @functools.cache
-def _kernel(real, on_cpu: bool):
-    """On a CPU points out of reach are left out one by one; GPU threads run in step and add zeros, with quick roots."""
+def _kernel(real):
+    """Of a GPU, whose threads run in step: points out of reach add zeros, with quick roots."""
     vec3, vec4 = wp.types.vector(3, real), wp.types.vector(4, real)
     transform = wp.types.transformation(real)
+    fetch, _, _ = wide_loads(real, 4)
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": not on_cpu})
+    @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": True}, launch_bounds=BLOCK)
     def sum_points(
         first_env: int,
         clouds: cloud_type(real),
@@ -65,12 +71,11 @@ def _kernel(real, on_cpu: bool):
                 if wp.dot(away, away) <= reach * reach:
                     for j in range(c * CLUSTER, c * CLUSTER + clouds.counts[c], _AT_ONCE):
                         for m in range(_AT_ONCE):
-                            d = clouds.points[j + m] - p
-                            squared = wp.dot(d, d)
-                            if not wp.static(on_cpu) or squared <= limit * limit:
-                                overlap = wp.max(limit - wp.sqrt(squared), real(0.0))
-                                total += overlap
-                                moment += overlap * d
+                            x = fetch(clouds.points, j + m)
+                            d = vec3(x[0], x[1], x[2]) - p
+                            overlap = wp.max(limit - wp.sqrt(wp.dot(d, d)), real(0.0))
+                            total += overlap
+                            moment += overlap * d
         if wp.isnan(p[0]):
             total = real(wp.nan)
         moment = wp.quat_rotate(q, moment)
@@ -90,7 +95,8 @@ class ProximitySums:
 
     def __init__(self, site: Site, clouds, near: NearClusters):
         self._site, self._clouds, self._near = site, clouds, near
-        order = spatial_order(site.probes.positions, _SIDE_BY_SIDE)
+        self._on_cpu = site.context.device.is_cpu
+        order = spatial_order(site.probes.positions, WIDTH if self._on_cpu else _SIDE_BY_SIDE)
         self._order = wp.array(order, dtype=wp.int32, device=site.context.device)
         self.place = wp.array(np.argsort(order), dtype=wp.int32, device=site.context.device)
         """Where each taxel's sums are, shape ``(n_taxels,)``."""
@@ -110,4 +116,7 @@ class ProximitySums:
         shape = (context.n_envs, len(self._clouds.bodies), site.probes.n)
         sums = context.zeros(shape, wp.types.vector(4, context.real))
         inputs = [self._clouds, near.clusters, near.start, site.view.pose, self._order, site.positions, radius]
-        return sums, context.record(_kernel(context.real, context.device.is_cpu), shape, inputs, [sums])
+        if self._on_cpu:
+            strips = (*shape[:2], -(-shape[2] // WIDTH))
+            return sums, context.record(strip_sums_kernel(context.real), strips, inputs, [sums])
+        return sums, context.record(_kernel(context.real), shape, inputs, [sums])

@@ -15,12 +15,11 @@ from tactemu.plan.plan import Context
 @functools.cache
 def cloud_type(real):
     """The Warp struct of the sorted clouds; see :class:`tactemu.physics.points.point_cloud.Clusters`."""
-    vec3 = wp.types.vector(3, real)
     vec4 = wp.types.vector(4, real)
 
     @wp.struct
     class Clouds:
-        points: wp.array(dtype=vec3)
+        points: wp.array(dtype=vec4)  # x, y, z and 0: 16 bytes are fetched at once
         areas: wp.array(dtype=real)
         counts: wp.array(dtype=wp.int32)  # points of each cluster
         ball: wp.array(dtype=vec4)  # centre and radius of each cluster
@@ -35,14 +34,14 @@ def cloud_type(real):
 def upload_clouds(clusters: Clusters, context: Context):
     """A filled :func:`cloud_type`. Balls are a little enlarged, so that rounding never hides a point."""
     real, device = context.real, context.device
-    vec3, vec4 = wp.types.vector(3, real), wp.types.vector(4, real)
+    vec4 = wp.types.vector(4, real)
     slack = np.array([1.0, 1.0, 1.0, 1.0 + 1e-5])
 
     def upload(values, dtype):
         return wp.array(values, dtype=dtype, device=device)
 
     table = cloud_type(real)()
-    table.points = upload(clusters.positions, vec3)
+    table.points = upload(np.pad(clusters.positions, ((0, 0), (0, 1))), vec4)
     table.areas = upload(clusters.areas, real)
     table.counts = upload(clusters.counts, wp.int32)
     table.ball = upload(clusters.ball * slack, vec4)

@@ -1,55 +1,37 @@
-"""One frame for the kernels of all probes: strips of neighbours, what comes near them, the depth of each probe.
+"""One frame for the kernels of all probes: strips of neighbours, what comes near them, what each probe reads.
 
-A formula is a Warp function ``feel(numbers, probes, depth, gain, normal, body, e, i, out)``. It writes what probe ``i``
-of environment ``e`` reads into ``out``:
-
-* ``numbers``: of the model, a Warp struct or one number.
-* ``depth``: the probe's radius minus its distance, not cut at 0, since NaN (a pose that is not finite) must come out as
-  NaN: ask ``not (depth <= 0)``, for ``max(0, NaN)`` is 0.
-* ``gain``: of the taxel; 1 where no imperfection asks for one.
-* ``normal``, ``body``: of what is nearest, -1 for none.
-
-Where nothing comes near a strip the formula is asked with depth 0.
+On a GPU each thread has its own probe (:mod:`tactemu.physics.probes.blocks`); where bodies are searched, the probes
+near to any are listed first (:mod:`tactemu.physics.probes.near_list`).
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
 # pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
 
 import functools
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-from tactemu.physics.probes.query import contact_function, probes_struct
+from tactemu.physics.probes.blocks import Blocks, block_kernel
+from tactemu.physics.probes.formula import Formula, probe_functions
+from tactemu.physics.probes.near_list import record_listed
+from tactemu.physics.probes.query import is_near, near_bits, probes_struct
 from tactemu.physics.sensor_model import Site
 from tactemu.physics.shapes.rays import thickness_behind
 from tactemu.physics.shapes.shape import FAR, table_type
+from tactemu.plan.launches import Launch
 
 STRIP = 8
 """Probes that one thread handles on the CPU, where a thread is a call."""
 
 
-def strip_length(site: Site) -> int:
-    """Probes that one thread handles: one on a GPU, a run of neighbours on the CPU."""
-    return STRIP if site.context.device.is_cpu else 1
-
-
-def turned(kinds: frozenset, in_strips: bool) -> bool:
-    """Do threads side by side take environments, not probes?
-
-    On a GPU with meshes: searches for one probe in many environments go similar ways, those for neighbouring probes,
-    of which some are near the mesh and some are not, do not. Writing is less orderly then, so not without meshes.
-    """
-    return not in_strips and any(kind.searched for kind in kinds)
-
-
 @functools.cache
 def strip_function(real, kinds: frozenset):
-    """``touches(shapes, pose, targets, probes, e, strip, noise) -> bool``: may any body reach any probe of a strip?
+    """``touches(shapes, pose, near, targets, probes, e, strip, noise) -> bool``.
 
-    The broad phase: one look per strip and body at the balls around them. ``noise`` is added to the radii.
+    May any body reach any probe of a strip? The broad phase: one look per strip and body at the balls around them.
+    ``noise`` is added to the radii.
     """
     vec3 = wp.types.vector(3, real)
     transform = wp.types.transformation(real)
@@ -60,6 +42,7 @@ def strip_function(real, kinds: frozenset):
     def touches(
         shapes: shapes_type,
         pose: wp.array2d(dtype=transform),
+        near: wp.int64,
         targets: wp.array(dtype=wp.int32),
         probes: probes_type,
         e: int,
@@ -69,6 +52,8 @@ def strip_function(real, kinds: frozenset):
         ball = probes.strip_ball[strip]
         centre = vec3(ball[0], ball[1], ball[2])
         for t in range(targets.shape[0]):
+            if not is_near(near, t):
+                continue
             b = targets[t]
             d = centre - wp.transform_get_translation(pose[e, b])
             reach = shapes.bound[b] + ball[3] + noise
@@ -96,28 +81,13 @@ def noise_function(real, has_radius: bool):
 
 
 @functools.cache
-def strip_kernel(
-    real,
-    kinds: frozenset,
-    along_normal: bool,
-    in_strips: bool,
-    feel,
-    numbers_type,
-    at_surface: bool,
-    separate: bool,
-    has_gain: bool,
-    has_radius: bool,
-):
-    """The kernel of a formula: the truth and, if ``separate``, the measured branch with its own radii and gains.
-
-    ``at_surface``: probes have no radius, depth is that of the taxel's own place.
-    """
-    vec3 = wp.types.vector(3, real)
+def strip_kernel(formula: Formula):
+    """The kernel of a formula: the truth and, if separate, the measured branch."""
+    real = formula.real
     transform = wp.types.transformation(real)
-    shapes_type = table_type(real)
-    probes_type = probes_struct(real)
-    nearest = contact_function(real, kinds, along_normal)
-    touches, noise = strip_function(real, kinds), noise_function(real, has_radius)
+    probes_type, shapes_type, numbers_type = probes_struct(real), table_type(real), formula.numbers
+    margin, nearest, write, away = probe_functions(formula)
+    touches, noise = strip_function(real, formula.kinds), noise_function(real, formula.has_radius)
 
     @wp.kernel(module="unique", enable_backward=False)
     def feel_strips(
@@ -126,6 +96,7 @@ def strip_kernel(
         pose: wp.array2d(dtype=transform),
         targets: wp.array(dtype=wp.int32),
         probes: probes_type,
+        bodies_near: wp.array2d(dtype=wp.uint8),
         numbers: numbers_type,
         gain: wp.array2d(dtype=real),
         radius: wp.array2d(dtype=real),
@@ -134,41 +105,29 @@ def strip_kernel(
         raw_out: wp.array3d(dtype=real),
     ):
         e, strip = wp.tid()
-        if wp.static(turned(kinds, in_strips)):
-            strip, e = wp.tid()
         e += first_env
         first = strip * probes.strip
         last = wp.min(first + probes.strip, probes.radii.shape[0])
-        if wp.static(in_strips):
-            if not touches(shapes, pose, targets, probes, e, strip, noise(probes, radius, e, strip)):
-                for i in range(first, last):
-                    feel(numbers, probes, real(0.0), real(1.0), vec3(real(0.0)), -1, e, i, truth_out)
-                    if wp.static(separate):
-                        feel(numbers, probes, real(0.0), real(1.0), vec3(real(0.0)), -1, e, i, raw_out)
-                return
-        for i in range(first, last):
-            r_true = probes.radii[i]
-            if r_true > real(0.0):
-                if wp.static(at_surface):
-                    r_true = real(0.0)
-                r_measured = r_true
-                if wp.static(has_radius):
-                    r_measured = radius[e, i]
-                distance, n, b = nearest(shapes, pose, targets, probes, e, i, wp.max(r_true, r_measured))
-                feel(numbers, probes, r_true - distance, real(1.0), n, b, e, i, truth_out)
-                if wp.static(separate):
-                    g = real(1.0)
-                    if wp.static(has_gain):
-                        g = gain[e, i]
-                    feel(numbers, probes, r_measured - distance, g, n, b, e, i, raw_out)
+        near = near_bits(bodies_near, targets, e)
+        if not touches(shapes, pose, near, targets, probes, e, strip, noise(probes, radius, e, strip)):
+            for i in range(first, last):
+                away(probes, numbers, e, i, truth_out, raw_out)
+            return
+        i = int(first)  # not a range: see the query
+        while i < last:
+            reach = margin(probes, radius, e, i)
+            if reach >= real(0.0):
+                distance, normal, b = nearest(shapes, pose, near, targets, probes, e, i, reach)
+                write(probes, numbers, gain, radius, distance, normal, b, e, i, truth_out, raw_out)
+            i += 1
 
     return feel_strips
 
 
 def record_strips(
     site: Site, feel, numbers_type, numbers: Any, truth: wp.array, raw: wp.array, *, at_surface: bool = False
-) -> Callable[[], None]:
-    """A recorded launch of :func:`strip_kernel` over all probes of a sensor.
+) -> Launch:
+    """The recorded launches of a formula over all probes of a sensor.
 
     Args:
         site: of the sensor.
@@ -182,15 +141,28 @@ def record_strips(
     context = site.context
     gain, radius = (None, None) if at_surface else (site.gain, site.radius)
     none = wp.zeros((0, 0), dtype=context.real, device=context.device)
-    in_strips = context.device.is_cpu
     measured = (raw is not truth, gain is not None, radius is not None)
-    how = (site.along_normal, in_strips, feel, numbers_type, at_surface, *measured)
-    kernel = strip_kernel(context.real, site.table.kinds, *how)
-    inputs = [site.table.struct, site.view.pose, site.targets, probe_arrays(site), numbers]
-    inputs += [none if gain is None else gain, none if radius is None else radius]
-    threads = context.n_envs, -(-site.probes.n // strip_length(site))
-    dim = threads[::-1] if turned(site.table.kinds, in_strips) else threads
-    return context.record(kernel, dim, inputs, [truth, raw])
+    formula = Formula(context.real, site.table.kinds, site.along_normal, feel, numbers_type, at_surface, *measured)
+    gain, radius = none if gain is None else gain, none if radius is None else radius
+    _watch(site, formula.has_radius)
+    scene = [site.table.struct, site.view.pose, site.targets, probe_arrays(site)]
+    if context.device.is_cpu:
+        dim = context.n_envs, -(-site.probes.n // STRIP)
+        return context.record(strip_kernel(formula), dim, [*scene, site.view.near, numbers, gain, radius], [truth, raw])
+    if any(kind.searched for kind in formula.kinds):
+        return record_listed(site, formula, scene, numbers, gain, radius, [truth, raw])
+    blocks = Blocks(context.n_envs, site.probes.n)
+    kernel, inputs = block_kernel(formula, blocks.shift), [*scene, site.view.near, numbers, gain, radius]
+    return context.record(kernel, blocks.n_threads, inputs, [truth, raw], block_dim=blocks.block_dim)
+
+
+def _watch(site: Site, has_noise: bool) -> None:
+    """Have the bodies that are near to this skin told from the others."""
+    probes = site.probes
+    bounds = np.array([row.bound for row in site.table.rows])
+    if site.along_normal or has_noise:  # it may feel farther than its radii say
+        bounds = np.full(len(bounds), FAR)
+    site.view.watch(probes.positions, np.broadcast_to(probes.radii, probes.n), bounds)
 
 
 def probe_arrays(site: Site):
@@ -198,14 +170,15 @@ def probe_arrays(site: Site):
     real = site.context.real
     probes = probes_struct(real)()
     probes.positions, probes.normals, probes.radii = site.positions, site.normals, site.radii
-    probes.strip, probes.strip_ball = strip_length(site), _strip_balls(site)
+    probes.strip = STRIP if site.context.device.is_cpu else 1
+    probes.strip_ball = _strip_balls(site, probes.strip)
     probes.reach = _reach(site) if site.along_normal else wp.zeros(0, dtype=real, device=site.context.device)
     return probes
 
 
-def _strip_balls(site: Site) -> wp.array:
+def _strip_balls(site: Site, length: int) -> wp.array:
     """Centre and radius, probe radii and the ray's reach included, of the ball around each strip; none on a GPU."""
-    length, probes = strip_length(site), site.probes
+    probes = site.probes
     count = -(-probes.n // length) if length > 1 else 0
     balls = np.zeros((count, 4))
     if count:

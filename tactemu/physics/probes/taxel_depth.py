@@ -12,11 +12,10 @@ import warp as wp
 from tactemu.physics.probes.query import probes_struct
 from tactemu.physics.probes.strips import record_strips
 from tactemu.physics.sensor_model import Site
-from tactemu.plan.launches import in_turn, record_blocks
+from tactemu.physics.side_by_side import lanes, most
+from tactemu.plan.launches import in_turn
 
 _NOWHERE = 2**30
-BOX_THREADS = 128
-"""Of a block that looks for the box of an environment, on a GPU."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,33 +45,34 @@ def _clear_kernel():
 
 
 @functools.cache
-def box_kernel(real):
-    """One block of threads per environment: on a GPU atomics of many taxels on few numbers would queue."""
-
-    @wp.func
-    def block_max(x: int):
-        return wp.tile_max(wp.tile(x))[0]
+def box_kernel(real, lanes: int):
+    """A warp per environment: on a GPU atomics of many taxels on few numbers would queue."""
 
     @wp.kernel(module="unique", enable_backward=False)
-    def find_box(depth: wp.array2d(dtype=real), cols: int, box: wp.array2d(dtype=wp.int32)):
-        env, thread = wp.tid()
+    def find_box(first_env: int, depth: wp.array2d(dtype=real), cols: int, box: wp.array2d(dtype=wp.int32)):
+        env, lane = wp.tid()
+        env += first_env
         top = int(_NOWHERE)
         bottom = int(-1)
         left = int(_NOWHERE)
         right = int(-1)
-        for i in range(thread, depth.shape[1], wp.block_dim()):
+        row = lane // cols
+        col = lane - row * cols
+        for i in range(lane, depth.shape[1], wp.static(lanes)):
             if not (depth[env, i] <= real(0.0)):  # NaN is in contact
-                row = i // cols
-                col = i - row * cols
                 top = wp.min(top, row)
                 bottom = wp.max(bottom, row)
                 left = wp.min(left, col)
                 right = wp.max(right, col)
-        top = -block_max(-top)
-        bottom = block_max(bottom)
-        left = -block_max(-left)
-        right = block_max(right)
-        if thread == 0:
+            col += wp.static(lanes)
+            while col >= cols:
+                col -= cols
+                row += 1
+        top = -most(-top)
+        bottom = most(bottom)
+        left = -most(-left)
+        right = most(right)
+        if lane == 0:
             box[env, 0] = top
             box[env, 1] = bottom
             box[env, 2] = left
@@ -145,5 +145,6 @@ def taxel_depth(site: Site, exponent: float) -> tuple[TaxelDepth, Callable[[], N
     found = TaxelDepth(depth=depth, power=power, box=box)
     if on_cpu:
         return found, in_turn(context.record(_clear_kernel(), context.n_envs, [], [box]), find)
-    bound = record_blocks(box_kernel(real), context.n_envs, [depth, cols], [box], BOX_THREADS, context.device)
+    side = lanes(context.device)
+    bound = context.record(box_kernel(real, side), (context.n_envs, side), [depth, cols], [box])
     return found, in_turn(find, bound)

@@ -1,6 +1,6 @@
 """Which groups of an environment hold anything, in order: sums then visit those only, and come out the same each time.
 
-Entries are listed in groups of fixed size by parallel threads; one thread per environment then lists the groups.
+Entries are listed in groups of fixed size by parallel threads; a warp per environment then lists the groups.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
+from tactemu.physics.side_by_side import lanes, rank, tally
 from tactemu.plan.plan import Context
 
 
@@ -26,7 +27,7 @@ class ActiveGroups:
 
 
 @functools.cache
-def _list_kernel():
+def _list_kernel(lanes: int):
     @wp.kernel(module="unique", enable_backward=False)
     def list_groups(
         first_env: int,
@@ -35,14 +36,20 @@ def _list_kernel():
         n_active: wp.array(dtype=wp.int32),
         active: wp.array2d(dtype=wp.int32),
     ):
-        env = wp.tid()
+        env, lane = wp.tid()
         env += first_env
         found = int(0)
-        for g in range(counts.shape[1]):
-            if counts[env, g] > 0:
-                active[env, found] = g
-                found += 1
-        n_active[env] = found
+        for first in range(0, counts.shape[1], wp.static(lanes)):
+            g = first + lane
+            wanted = bool(False)
+            if g < counts.shape[1]:
+                wanted = counts[env, g] > 0
+            at = found + rank(wanted)
+            found += tally(wanted)
+            if wanted:
+                active[env, at] = g
+        if lane == 0:
+            n_active[env] = found
 
     return list_groups
 
@@ -53,6 +60,6 @@ def active_groups(context: Context, counts: wp.array) -> tuple[ActiveGroups, Cal
         n_active=context.zeros(counts.shape[0], wp.int32),
         active=context.zeros(counts.shape, wp.int32),
     )
-    return groups, context.record(
-        _list_kernel(), counts.shape[0], [counts], [groups.n_active, groups.active], block_dim=32
-    )
+    side = lanes(context.device)
+    outputs = [groups.n_active, groups.active]
+    return groups, context.record(_list_kernel(side), (counts.shape[0], side), [counts], outputs)

@@ -23,7 +23,7 @@ import warp as wp
 from tactemu.errors import SceneError
 from tactemu.physics.shapes.mesh import MESH
 from tactemu.physics.shapes.mesh_query import mesh_functions
-from tactemu.physics.shapes.shape import FAR, Kind, Row, table_type
+from tactemu.physics.shapes.shape import FAR, Kind, Row, table_type, unknown_function
 from tactemu.physics.shapes.voxel_grid import MOST_NODES
 from tactemu.plan.plan import Context
 
@@ -33,8 +33,11 @@ NODES = 96
 """Along the longest side, unless a cell size is given."""
 REACH = 1 / 8
 """Of the band to either side, in parts of the longest side."""
-TOLERANCE_M = 5e-7
-"""Of the cells that are interpolated, at the points where they are compared."""
+TOLERANCE_M = 1.8e-6
+"""Of the cells that are interpolated: error where they are compared, and what it may grow by between these points."""
+BETWEEN = 0.1
+"""How far from the points where a cell is compared the error may be larger, in cells: it grows by as much per length as
+the gradients differ."""
 SURE_M = 2e-6
 """Nearer to the surface the exact distance says on which side a point is."""
 SAME_WAY = 0.95
@@ -81,10 +84,18 @@ def interpolation(real):
     return interpolated
 
 
-@functools.cache
 def _distance(real):
-    vec3, shapes_type = wp.types.vector(3, real), table_type(real)
-    exact, interpolated = mesh_functions(real, True).distance, interpolation(real)
+    return _in_band(real, mesh_functions(real, True).distance)
+
+
+def _unsearched(real):
+    return _in_band(real, unknown_function(real))
+
+
+@functools.cache
+def _in_band(real, exact):
+    """The distance, with that of ``exact`` where nothing is interpolated."""
+    vec3, shapes_type, interpolated = wp.types.vector(3, real), table_type(real), interpolation(real)
 
     @wp.func
     def in_band(shapes: shapes_type, b: int, p: vec3):
@@ -109,7 +120,7 @@ def _distance(real):
     return in_band
 
 
-BAND = Kind("band", _distance, MESH.ray, MESH.lower_bound, searched=True)
+BAND = Kind("band", _distance, MESH.ray, MESH.lower_bound, searched=True, unsearched=_unsearched)
 
 
 @functools.cache
@@ -143,7 +154,8 @@ def _cell_kernel(real):
         d, slope = interpolated(shapes, wp.int64(0), n, i, j, k, f, cell)
         p = shapes.band_origin[0] + cell * (vec3(real(i), real(j), real(k)) + f)
         right, way = exact(shapes, 0, p)
-        close = wp.abs(d - right) <= real(TOLERANCE_M)
+        between = real(BETWEEN) * cell * wp.length(slope - way)
+        close = wp.abs(d - right) + between <= real(TOLERANCE_M)
         return close and (wp.abs(right) <= real(SURE_M) or wp.dot(wp.normalize(slope), way) > real(SAME_WAY))
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -171,6 +183,11 @@ def _cell_kernel(real):
             if same:
                 at = vec3(real(corner >> 2), real((corner >> 1) & 1), real(corner & 1))
                 same = agrees(shapes, n, i, j, k, vec3(real(0.25)) + real(0.5) * at)
+        for side in range(6):
+            if same:
+                at = vec3(real(0.5))
+                at[side >> 1] = real(side & 1)
+                same = agrees(shapes, n, i, j, k, at)
         if same:
             out[i, j, k] = wp.uint8(1)
 

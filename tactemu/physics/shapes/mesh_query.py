@@ -3,8 +3,9 @@
 Meshes are stored scaled to unit size, so that nanometres and kilometres are the same to it. Beside each lies a coarse
 grid of distances: as the distance changes by no more than one moves, the nearest node bounds the search (a query costs
 a fifth near the surface), rules out what is far away, and gives the sign wherever it is not in doubt. Where it is, the
-sign is that of the angle-weighted normal of the nearest feature, which is right at sharp edges and vertices; for a
-surface with holes it is that of the winding number.
+sign is that of the nearest face for a point straight above or below it, and else that of the angle-weighted normal of
+the nearest feature, which is right at sharp edges and vertices; for a surface with holes it is that of the winding
+number.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -25,6 +26,9 @@ log = logging.getLogger(__name__)
 
 NODES = 32
 """Nodes of the bounding grid along the longest side."""
+STRAIGHT = 0.9999
+"""Cosine from which on a point is straight above a face, or below it: all of the surface is on the other side of the
+plane through the nearest point, so that the face's own normal tells which."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,18 +142,10 @@ def mesh_functions(real, closed: bool) -> MeshFunctions:
         u = float(0.0)
         v = float(0.0)
         if wp.static(closed):
-            if wp.abs(node) > away:
-                sure = wp.mesh_query_point_no_sign(mesh, q, farthest)
-                sign = wp.where(node < real(0.0), -1.0, 1.0)
-                u = sure.u
-                v = sure.v
-                face = wp.where(sure.result, sure.face, -1)
-            else:
-                hit = wp.mesh_query_point_sign_normal(mesh, q, farthest)
-                sign = hit.sign
-                u = hit.u
-                v = hit.v
-                face = wp.where(hit.result, hit.face, -1)
+            found = wp.mesh_query_point_no_sign(mesh, q, farthest)
+            u = found.u
+            v = found.v
+            face = wp.where(found.result, found.face, -1)
         else:
             wound = wp.mesh_query_point_sign_winding_number(mesh, q, farthest)
             sign = wound.sign
@@ -161,6 +157,14 @@ def mesh_functions(real, closed: bool) -> MeshFunctions:
         gap = q - wp.mesh_eval_position(mesh, face, u, v)
         length = wp.length(gap)
         n = wp.mesh_eval_face_normal(mesh, face)
+        if wp.static(closed):
+            above = wp.dot(gap, n)
+            if wp.abs(node) > away:
+                sign = wp.where(node < real(0.0), -1.0, 1.0)
+            elif wp.abs(above) > STRAIGHT * length:
+                sign = wp.where(above < 0.0, -1.0, 1.0)
+            else:
+                sign = wp.mesh_query_point_sign_normal(mesh, q, 1.01 * length + 1.0e-6).sign
         if length > 1.0e-6:
             n = gap * (sign / length)
         return real(sign * length) * unit, vec3(real(n[0]), real(n[1]), real(n[2]))

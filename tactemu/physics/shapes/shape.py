@@ -54,6 +54,8 @@ class Kind:
     """Does it matter how the body is turned?"""
     searched: bool = False
     """Is it searched, so that threads side by side part ways?"""
+    unsearched: Callable[[Any], Any] | None = None
+    """Of what is searched: builds its distance where that is known without a search, and -1e18 where it is not."""
     to_grid: bool = True
     """Does the voxel query replace it by a grid of distances?"""
     steepest: float = 1.0
@@ -183,6 +185,30 @@ def table_type(real):
         band_smooth: wp.array(dtype=wp.uint8)  # is the cell that begins at the node interpolated?
 
     return Shapes
+
+
+@functools.cache
+def unsearched(kinds: frozenset[Kind]) -> frozenset[Kind]:
+    """The same kinds without any search: distances that need one are -1e18."""
+
+    def without(kind: Kind) -> Kind:
+        return dataclasses.replace(kind, distance=kind.unsearched or unknown_function) if kind.searched else kind
+
+    return frozenset(map(without, kinds))
+
+
+@functools.cache
+def unknown_function(real):
+    """A distance that is never known without a search."""
+    import warp as wp
+
+    vec3, shapes_type = wp.types.vector(3, real), table_type(real)
+
+    @wp.func
+    def unknown(shapes: shapes_type, b: int, p: vec3):
+        return real(-FAR), vec3(real(0.0))
+
+    return unknown
 
 
 def codes(kinds: frozenset[Kind]) -> list[tuple[int, Kind]]:
