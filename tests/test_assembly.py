@@ -1,9 +1,12 @@
 """From scene files to emulators: buses are shared, ports are not, and what a skin says reaches its channel."""
 
+from ipaddress import ip_address
+
 import can
 import numpy as np
 import pytest
 
+import firmware_protocols
 from tactemu.assembly import Wishes, assemble
 from tactemu.clock import VirtualClock
 from tactemu.errors import DeviceError, SceneError, TransportError
@@ -11,6 +14,7 @@ from tactemu.plugging import plugs_of
 from tactemu.scene.building import make_device, make_devices
 from tactemu.scene.file import load, parse
 from tactemu.truth import Truth, read
+from tactemu.wire.carriers.can import CanCarrier
 
 BODIES = """
 [[body]]
@@ -139,6 +143,15 @@ def test_usual_and_fresh_ports():
     assert port("linker_hand_l6", fresh=False).startswith("can:")
     for name in ("anyskin", "linker_hand_l6"):
         assert port(name, fresh=True) != port(name, fresh=True)
+
+
+def test_whatever_the_process_a_fresh_bus_is_a_group_of_multicast(monkeypatch):
+    (connector,) = firmware_protocols.create("linker_hand_l6").ports
+    carrier, pids = CanCarrier(connector), iter(range(0, 2**22, 31))
+    monkeypatch.setattr(carrier, "fresh_number", lambda: (next(pids), 0))
+    groups = {carrier.fresh_port("hand").removeprefix("can:udp_multicast:") for _ in range(2 * 254**2)}
+    assert len(groups) == 254**2
+    assert all(ip_address(group).is_multicast for group in groups), "and each is an address"
 
 
 def test_a_connector_is_found_that_goes_with_the_port():

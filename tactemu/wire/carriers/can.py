@@ -16,6 +16,8 @@ from tactemu.wire.pending import Pending
 
 MULTICAST = "can:udp_multicast:239.74.163.2"
 """python-can's own default group: a CAN bus for machines whose kernel has none."""
+GROUPS = 254**2
+"""From 239.74.1.1 to 239.74.254.254."""
 
 
 class CanCarrier(Carrier):
@@ -90,5 +92,5 @@ class CanCarrier(Carrier):
         processes a port of their own, ``CAN_CONFIG='{"port": 43200}'`` (python-can reads it).
         """
         pid, number = self.fresh_number()
-        group = (pid * 31 + number) % 65_000
-        return f"can:udp_multicast:239.74.{group // 254 + 1}.{group % 254 + 1}"
+        high, low = divmod((pid * 31 + number) % GROUPS, 254)
+        return f"can:udp_multicast:239.74.{high + 1}.{low + 1}"
