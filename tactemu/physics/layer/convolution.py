@@ -152,9 +152,9 @@ def convolution_functions(real, lanes: int, chip: bool) -> ConvolutionFunctions:
         """Hartley coefficients of the two columns in each complex one; ``out[column, k - first]``."""
         mine = spread(half, thread)
         for k in range(mine[0], n // 2 + 1, mine[1]):
-            mirror = (n - k) % n
-            at = (k - first + n) % n
-            at_mirror = (mirror - first + n) % n
+            mirror = -k & (n - 1)
+            at = k - first & (n - 1)
+            at_mirror = mirror - first & (n - 1)
             for c in range(mine[2], half, mine[3]):
                 xr = zr[k, c]
                 xi = zi[k, c]

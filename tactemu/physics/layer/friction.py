@@ -15,6 +15,7 @@ weighted by that stiffness, is the preconditioner. Lengths in pitches, tractions
 # pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
 
 import functools
+from typing import Any
 
 import warp as wp
 
@@ -26,6 +27,7 @@ from tactemu.physics.layer.convolution import (
     spread,
     workspace_type,
 )
+from tactemu.physics.layer.friction_in_registers import CellFunctions, wide_cells
 from tactemu.physics.layer.friction_state import (
     AT_BOUND,
     FAR_OFF,
@@ -44,6 +46,137 @@ ON_CHIP = (2, 14)
 """Spectra and windows on the chip, where skins are solved there: all but ``OFF_CHIP``, some of them in one place."""
 
 
+@wp.func
+def square(a: Any, b: Any):
+    """Of the length of ``(a, b)``."""
+    return wp.float64(a) * wp.float64(a) + wp.float64(b) * wp.float64(b)
+
+
+@functools.cache
+def cell_functions(real, lanes: int) -> CellFunctions:
+    """What is done cell by cell between convolutions; on a CPU in its registers (:mod:`.friction_in_registers`)."""
+    if lanes > 1:
+        return wide_cells(real)
+    windows, vec2 = friction_windows_type(real), wp.types.vector(2, real)
+    block_sum, _max = block_functions(lanes)
+
+    @wp.func
+    def measure(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i):
+        """From displacement by traction to gap; returns the sum of squared displacements where cells touch."""
+        total = wp.float64(0.0)
+        for y in range(mine[0], shape[0], mine[1]):
+            for x in range(mine[2], shape[1], mine[3]):
+                ux = win.gap_x[slot, y, x] + win.by_pressure_x[slot, y, x]
+                uy = win.gap_y[slot, y, x] + win.by_pressure_y[slot, y, x]
+                if win.limit[slot, y, x] > real(0.0):
+                    total += square(ux, uy)
+                win.gap_x[slot, y, x] = ux - win.hold_x[slot, y, x]
+                win.gap_y[slot, y, x] = uy - win.hold_y[slot, y, x]
+        return block_sum(total)
+
+    @wp.func
+    def free_gap(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i):
+        """The part of the gap that tractions can close, and the stiffness of the circles; returns its square."""
+        total = wp.float64(0.0)
+        for y in range(mine[0], shape[0], mine[1]):
+            for x in range(mine[2], shape[1], mine[3]):
+                limit = win.limit[slot, y, x]
+                g = vec2(real(0.0))
+                stiff = real(0.0)
+                if limit > real(0.0):
+                    g = vec2(win.gap_x[slot, y, x], win.gap_y[slot, y, x])
+                    q = vec2(win.x[slot, y, x], win.y[slot, y, x])
+                    outward = wp.dot(g, q) / limit
+                    if wp.length(q) >= real(AT_BOUND) * limit and outward < real(0.0):
+                        n = q / wp.length(q)
+                        g = g - wp.dot(g, n) * n
+                        stiff = -outward / limit
+                weight = real(1.0) / wp.sqrt(real(1.0) + stiff)
+                win.last_x[slot, y, x] = win.free_x[slot, y, x]
+                win.last_y[slot, y, x] = win.free_y[slot, y, x]
+                win.free_x[slot, y, x] = weight * g[0]
+                win.free_y[slot, y, x] = weight * g[1]
+                win.stiffness[slot, y, x] = stiff
+                total += square(weight * weight * g[0], weight * weight * g[1])
+        total = block_sum(total)
+        block_sync()
+        return total
+
+    @wp.func
+    def products(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i):
+        """Of the preconditioned gap with the gap, and with its change since the last iteration."""
+        now = wp.float64(0.0)
+        change = wp.float64(0.0)
+        for y in range(mine[0], shape[0], mine[1]):
+            for x in range(mine[2], shape[1], mine[3]):
+                z = vec2(win.softened_x[slot, y, x], win.softened_y[slot, y, x])
+                m = vec2(win.free_x[slot, y, x], win.free_y[slot, y, x])
+                old = vec2(win.last_x[slot, y, x], win.last_y[slot, y, x])
+                now += wp.float64(wp.dot(m, z))
+                change += wp.float64(wp.dot(m - old, z))
+        return wp.vec2d(block_sum(now), block_sum(change))
+
+    @wp.func
+    def direct(win: windows, slot: int, beta: real, fresh: bool, shape: wp.vec2i, mine: wp.vec4i):
+        """The search direction, along the circles where cells slip, unless ``fresh`` with a part of the last; returns
+        the slope along it."""
+        slope = wp.float64(0.0)
+        for y in range(mine[0], shape[0], mine[1]):
+            for x in range(mine[2], shape[1], mine[3]):
+                d = vec2(real(0.0))
+                if win.limit[slot, y, x] > real(0.0):
+                    stiff = win.stiffness[slot, y, x]
+                    weight = real(1.0) / wp.sqrt(real(1.0) + stiff)
+                    d = -weight * vec2(win.softened_x[slot, y, x], win.softened_y[slot, y, x])
+                    if not fresh:
+                        d += beta * vec2(win.along_x[slot, y, x], win.along_y[slot, y, x])
+                    if stiff > real(0.0):
+                        n = wp.normalize(vec2(win.x[slot, y, x], win.y[slot, y, x]))
+                        d = d - wp.dot(d, n) * n
+                    m = vec2(win.free_x[slot, y, x], win.free_y[slot, y, x]) / weight
+                    slope += wp.float64(wp.dot(m, d))
+                win.along_x[slot, y, x] = d[0]
+                win.along_y[slot, y, x] = d[1]
+        slope = block_sum(slope)
+        block_sync()
+        return slope
+
+    @wp.func
+    def curvature(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i):
+        total = wp.float64(0.0)
+        for y in range(mine[0], shape[0], mine[1]):
+            for x in range(mine[2], shape[1], mine[3]):
+                d = vec2(win.along_x[slot, y, x], win.along_y[slot, y, x])
+                a = vec2(win.answer_x[slot, y, x], win.answer_y[slot, y, x])
+                total += wp.float64(wp.dot(d, a + win.stiffness[slot, y, x] * d))
+        return block_sum(total)
+
+    @wp.func
+    def advance(win: windows, slot: int, step: real, shape: wp.vec2i, mine: wp.vec4i):
+        """Go along the direction, back to the discs; returns how many cells left them."""
+        cut = wp.float64(0.0)
+        for y in range(mine[0], shape[0], mine[1]):
+            for x in range(mine[2], shape[1], mine[3]):
+                limit = win.limit[slot, y, x]
+                if limit > real(0.0):
+                    d = vec2(win.along_x[slot, y, x], win.along_y[slot, y, x])
+                    q = vec2(win.x[slot, y, x], win.y[slot, y, x]) + step * d
+                    length = wp.length(q)
+                    if length > limit:
+                        q = q * (limit / length)
+                        if length > real(1.000001) * limit:
+                            cut += wp.float64(1.0)
+                    win.x[slot, y, x] = q[0]
+                    win.y[slot, y, x] = q[1]
+                win.gap_x[slot, y, x] = win.gap_x[slot, y, x] + step * win.answer_x[slot, y, x]
+                win.gap_y[slot, y, x] = win.gap_y[slot, y, x] + step * win.answer_y[slot, y, x]
+        cut = block_sum(cut)
+        block_sync()
+        return cut
+
+    return CellFunctions(measure, free_gap, products, direct, curvature, advance)
+
+
 @functools.cache
 def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
     """The kernel that solves every environment; ``coupled``: pressure moves the surface sideways too; ``chip``: a block
@@ -54,6 +187,7 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
     forward, inverse, convolve = functions.forward, functions.inverse, functions.convolve
     sideways, publish = sideways_functions(real, lanes, chip), publish_function(real)
     settle, mark = memory_functions(real)
+    measure, free_gap, products, direct, curvature, advance = cell_functions(real, lanes)
     block_sum, _max = block_functions(lanes)
     move_in, window = chip_functions(real, workspace, *ON_CHIP)
     by_pressure, by_traction = sideways.by_pressure, sideways.by_traction
@@ -82,10 +216,6 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
         near.softened_x = near.answer_x
         near.softened_y = near.answer_y
         return near
-
-    @wp.func
-    def square(a: real, b: real):
-        return wp.float64(a) * wp.float64(a) + wp.float64(b) * wp.float64(b)
 
     @wp.func
     def gather(
@@ -186,16 +316,7 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
         gap_x = win.gap_x[slot]
         gap_y = win.gap_y[slot]
         by_traction(ws, slot, tables, start, pull_x, pull_y, shape, size, wp.vec2i(0, 0), shape, gap_x, gap_y, thread)
-        total = wp.float64(0.0)
-        for y in range(mine[0], shape[0], mine[1]):
-            for x in range(mine[2], shape[1], mine[3]):
-                ux = win.gap_x[slot, y, x] + win.by_pressure_x[slot, y, x]
-                uy = win.gap_y[slot, y, x] + win.by_pressure_y[slot, y, x]
-                if win.limit[slot, y, x] > real(0.0):
-                    total += square(ux, uy)
-                win.gap_x[slot, y, x] = ux - win.hold_x[slot, y, x]
-                win.gap_y[slot, y, x] = uy - win.hold_y[slot, y, x]
-        return block_sum(total)
+        return measure(win, slot, shape, mine)
 
     @wp.func
     def drag(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i):
@@ -215,108 +336,16 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
         return far
 
     @wp.func
-    def free_gap(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i):
-        """The part of the gap that tractions can close, and the stiffness of the circles; returns its square."""
-        total = wp.float64(0.0)
-        for y in range(mine[0], shape[0], mine[1]):
-            for x in range(mine[2], shape[1], mine[3]):
-                limit = win.limit[slot, y, x]
-                g = vec2(real(0.0))
-                stiff = real(0.0)
-                if limit > real(0.0):
-                    g = vec2(win.gap_x[slot, y, x], win.gap_y[slot, y, x])
-                    q = vec2(win.x[slot, y, x], win.y[slot, y, x])
-                    outward = wp.dot(g, q) / limit
-                    if wp.length(q) >= real(AT_BOUND) * limit and outward < real(0.0):
-                        n = q / wp.length(q)
-                        g = g - wp.dot(g, n) * n
-                        stiff = -outward / limit
-                weight = real(1.0) / wp.sqrt(real(1.0) + stiff)
-                win.last_x[slot, y, x] = win.free_x[slot, y, x]
-                win.last_y[slot, y, x] = win.free_y[slot, y, x]
-                win.free_x[slot, y, x] = weight * g[0]
-                win.free_y[slot, y, x] = weight * g[1]
-                win.stiffness[slot, y, x] = stiff
-                total += square(weight * weight * g[0], weight * weight * g[1])
-        total = block_sum(total)
-        block_sync()
-        return total
-
-    @wp.func
     def turn(win: windows, slot: int, last: wp.float64, fresh: bool, shape: wp.vec2i, mine: wp.vec4i):
-        """The next search direction, along the circles where cells slip; returns slope and preconditioned square."""
-        now = wp.float64(0.0)
-        change = wp.float64(0.0)
-        for y in range(mine[0], shape[0], mine[1]):
-            for x in range(mine[2], shape[1], mine[3]):
-                z = vec2(win.softened_x[slot, y, x], win.softened_y[slot, y, x])
-                m = vec2(win.free_x[slot, y, x], win.free_y[slot, y, x])
-                old = vec2(win.last_x[slot, y, x], win.last_y[slot, y, x])
-                now += wp.float64(wp.dot(m, z))
-                change += wp.float64(wp.dot(m - old, z))
-        now = block_sum(now)
-        change = block_sum(change)
+        """The next search direction; returns slope and preconditioned square."""
+        square = products(win, slot, shape, mine)
         beta = real(0.0)
         if not fresh and last > wp.float64(0.0):
-            beta = real(wp.max(change / last, wp.float64(0.0)))
-        slope = wp.float64(0.0)
-        again = bool(True)
-        while again:
-            slope = wp.float64(0.0)
-            for y in range(mine[0], shape[0], mine[1]):
-                for x in range(mine[2], shape[1], mine[3]):
-                    d = vec2(real(0.0))
-                    if win.limit[slot, y, x] > real(0.0):
-                        stiff = win.stiffness[slot, y, x]
-                        weight = real(1.0) / wp.sqrt(real(1.0) + stiff)
-                        d = -weight * vec2(win.softened_x[slot, y, x], win.softened_y[slot, y, x])
-                        if not fresh:
-                            d += beta * vec2(win.along_x[slot, y, x], win.along_y[slot, y, x])
-                        if stiff > real(0.0):
-                            n = wp.normalize(vec2(win.x[slot, y, x], win.y[slot, y, x]))
-                            d = d - wp.dot(d, n) * n
-                        m = vec2(win.free_x[slot, y, x], win.free_y[slot, y, x]) / weight
-                        slope += wp.float64(wp.dot(m, d))
-                    win.along_x[slot, y, x] = d[0]
-                    win.along_y[slot, y, x] = d[1]
-            slope = block_sum(slope)
-            again = slope >= wp.float64(0.0) and not fresh  # uphill: without what the last direction adds
-            fresh = True
-        block_sync()
-        return slope, now
-
-    @wp.func
-    def curvature(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i):
-        total = wp.float64(0.0)
-        for y in range(mine[0], shape[0], mine[1]):
-            for x in range(mine[2], shape[1], mine[3]):
-                d = vec2(win.along_x[slot, y, x], win.along_y[slot, y, x])
-                a = vec2(win.answer_x[slot, y, x], win.answer_y[slot, y, x])
-                total += wp.float64(wp.dot(d, a + win.stiffness[slot, y, x] * d))
-        return block_sum(total)
-
-    @wp.func
-    def advance(win: windows, slot: int, step: real, shape: wp.vec2i, mine: wp.vec4i):
-        """Go along the direction, back to the discs; returns how many cells left them."""
-        cut = wp.float64(0.0)
-        for y in range(mine[0], shape[0], mine[1]):
-            for x in range(mine[2], shape[1], mine[3]):
-                limit = win.limit[slot, y, x]
-                if limit > real(0.0):
-                    d = vec2(win.along_x[slot, y, x], win.along_y[slot, y, x])
-                    q = vec2(win.x[slot, y, x], win.y[slot, y, x]) + step * d
-                    length = wp.length(q)
-                    if length > limit:
-                        q = q * (limit / length)
-                        if length > real(1.000001) * limit:
-                            cut += wp.float64(1.0)
-                    win.x[slot, y, x] = q[0]
-                    win.y[slot, y, x] = q[1]
-                win.gap_x[slot, y, x] = win.gap_x[slot, y, x] + step * win.answer_x[slot, y, x]
-                win.gap_y[slot, y, x] = win.gap_y[slot, y, x] + step * win.answer_y[slot, y, x]
-        cut = block_sum(cut)
-        block_sync()
-        return cut
+            beta = real(wp.max(square[1] / last, wp.float64(0.0)))
+        slope = direct(win, slot, beta, fresh, shape, mine)
+        if slope >= wp.float64(0.0) and not fresh:  # uphill: without what the last direction adds
+            slope = direct(win, slot, beta, True, shape, mine)
+        return slope, square[0]
 
     @wp.func
     def solve(

@@ -6,7 +6,7 @@ Tractions along x and y move the surface along both. With the mirrored wave numb
     U_x(k) = xx(k) T_x(k) + xy(k) T_y(-k)          u_x by pressure: U_x(kx, ky) = nx(k) P(-kx, ky)
     U_y(k) = yy(k) T_y(k) + xy(k) T_x(-k)          u_y by pressure: U_y(kx, ky) = ny(k) P(kx, -ky)
 
-``-k`` mirrors both wave numbers.
+``-k`` mirrors both wave numbers. Transforms are as long as a power of two: masked bits find a mirrored place.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -58,9 +58,9 @@ def sideways_functions(real, lanes: int, chip: bool) -> SidewaysFunctions:
             return
         mine = spread(size[1], thread)
         for k in range(mine[0], size[0] // 2 + 1, mine[1]):
-            mirror_k = (size[0] - k) % size[0]
+            mirror_k = -k & (size[0] - 1)
             for c in range(mine[2], size[1], mine[3]):
-                mirror_c = (size[1] - c) % size[1]
+                mirror_c = -c & (size[1] - 1)
                 if k < mirror_k or c <= mirror_c:
                     at = start + k * size[1] + c
                     xx = tables.xx[at]
@@ -87,9 +87,9 @@ def sideways_functions(real, lanes: int, chip: bool) -> SidewaysFunctions:
             for c in range(mine[2], size[1], mine[3]):
                 at = start + k * size[1] + c
                 if axis == 0:
-                    u[k, c] = tables.nx[at] * p[k, (size[1] - c) % size[1]]
+                    u[k, c] = tables.nx[at] * p[k, -c & (size[1] - 1)]
                 else:
-                    u[k, c] = tables.ny[at] * p[(size[0] - k) % size[0], c]
+                    u[k, c] = tables.ny[at] * p[-k & (size[0] - 1), c]
         block_sync()
 
     @wp.func
@@ -101,9 +101,9 @@ def sideways_functions(real, lanes: int, chip: bool) -> SidewaysFunctions:
         y = ws.third[slot]
         mine = spread(size[1] // 2 + 1, thread)
         for k in range(mine[0], size[0] // 2 + 1, mine[1]):
-            rows = wp.vec2i(k, (size[0] - k) % size[0])
+            rows = wp.vec2i(k, -k & (size[0] - 1))
             for c in range(mine[2], size[1] // 2 + 1, mine[3]):
-                columns = wp.vec2i(c, (size[1] - c) % size[1])
+                columns = wp.vec2i(c, -c & (size[1] - 1))
                 at = start + k * size[1] + c
                 # All four mirror images at once, since each is made from the others.
                 tx = quad(real(0.0))
