@@ -10,6 +10,7 @@ import warp as wp
 from tactemu.imperfections.elementwise import threads
 from tactemu.imperfections.random import draw, unit_f64
 from tactemu.imperfections.ring import entries, entry_before, entry_time, slot
+from tactemu.plan.scalars import natural
 
 ROUNDING = wp.constant(wp.int64(1))
 """Times are rounded to whole nanoseconds: an entry that seems this much too new still counts [ns]."""
@@ -100,7 +101,8 @@ def deliver_kernel(dtype: type, linear: bool):
         out: wp.array2d(dtype=dtype),
     ):
         e, group = wp.tid()
-        e += first_env
+        e = natural(e + first_env)
+        group = natural(group)
         write, older, newer = chosen[e][0], chosen[e][1], chosen[e][2]
         for c in range(group, x.shape[1], threads(x.shape[1])):
             v = x[e, c]
@@ -128,7 +130,8 @@ def remember_kernel(dtype: type):
     @wp.kernel(module="unique", enable_backward=False)
     def remember(first_env: int, x: wp.array2d(dtype=dtype), history: wp.array3d(dtype=dtype)):
         e, c = wp.tid()
-        e += first_env
+        e = natural(e + first_env)
+        c = natural(c)
         for k in range(history.shape[1] - 1, 0, -1):
             history[e, k, c] = history[e, k - 1, c]
         history[e, 0, c] = x[e, c]

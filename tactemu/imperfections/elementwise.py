@@ -15,6 +15,7 @@ import warp as wp
 from tactemu.imperfections import coefficients as co
 from tactemu.imperfections.material import play, rise
 from tactemu.imperfections.random import draw, normals
+from tactemu.plan.scalars import is_finite, is_nan, natural
 
 COLUMNS_PER_THREAD = wp.constant(4)
 ALIVE = float("inf")
@@ -54,10 +55,11 @@ def material_kernel(real: type, laws: frozenset[str]):
         out: wp.array2d(dtype=real),
     ):
         e, group = wp.tid()
-        e += first_env
+        e = natural(e + first_env)
+        group = natural(group)
         for c in range(group, x.shape[1], threads(x.shape[1])):
             v = wp.float64(x[e, c])
-            if wp.isfinite(v):
+            if is_finite(v):
                 if wp.static(hysteresis):
                     change = v - load[e, c]
                     up = change
@@ -136,7 +138,8 @@ def electronics_kernel(real: type, laws: frozenset[str]):
         out: wp.array2d(dtype=real),
     ):
         e, group = wp.tid()
-        e += first_env
+        e = natural(e + first_env)
+        group = natural(group)
         lane = int(-1)
         if wp.static(walk):
             walk_normal = normals4(draw(walk_key, streams, e, group, step[0]))
@@ -145,7 +148,7 @@ def electronics_kernel(real: type, laws: frozenset[str]):
         for c in range(group, x.shape[1], threads(x.shape[1])):
             lane += 1
             v = x[e, c]
-            if wp.isfinite(v):
+            if is_finite(v):
                 if wp.static(gain):
                     v = v * gains[e, c // n_channels]
                 if wp.static(temperature):
@@ -178,13 +181,13 @@ def electronics_kernel(real: type, laws: frozenset[str]):
                         v = wp.rint(steps) * q
                 if wp.static(dead):
                     hold = stuck[e, c]
-                    if wp.isnan(hold):
+                    if is_nan(hold):
                         hold = out[e, c]
                         stuck[e, c] = hold
                     elif wp.isinf(hold) and hold < real(0.0):
                         hold = v
                         stuck[e, c] = v
-                    if wp.isfinite(hold):
+                    if is_finite(hold):
                         v = hold
                 if wp.static(filler):
                     if is_filler[c // n_channels] != wp.uint8(0):

@@ -21,6 +21,7 @@ from tactemu.physics.rows import row_writer
 from tactemu.physics.shapes.shape import FAR
 from tactemu.plan.launches import record
 from tactemu.plan.plan import Context, Stage
+from tactemu.plan.scalars import is_finite
 from tactemu.scene.bodies import Body
 
 POSE_WIDTH = 13
@@ -90,7 +91,7 @@ def relative_pose_kernel(real, with_twist: bool, ticks: bool):
             away = x - middles[l]
             near_out[l, e, b] = wp.where(wp.dot(away, away) > reaches[l, b] * reaches[l, b], wp.uint8(0), wp.uint8(1))
             bad_out[l, e, b] = wp.uint8(0)
-            if not wp.isfinite(total) or not wp.isfinite(position[0] + position[1] + position[2]):
+            if not is_finite(total) or not is_finite(position[0] + position[1] + position[2]):
                 position = vec3(real(wp.nan))
                 bad_out[l, e, b] = wp.uint8(1)
                 near_out[l, e, b] = wp.uint8(1)  # so that it is felt as NaN

@@ -23,6 +23,7 @@ import warp as wp
 from tactemu.options import number
 from tactemu.plan.clearing import clear_rows
 from tactemu.plan.plan import Stage
+from tactemu.plan.scalars import is_finite
 from tactemu.transducers.loads import TAKES, load_function, reading_kind, skin_arrays
 from tactemu.transducers.transducer import CAPACITANCE, Kind, Place, Transducer
 
@@ -59,7 +60,7 @@ def gap_kernel(real, vector: bool, push: bool, follows: bool):
         p = wp.where(p < dead_band, real(0.0), p - dead_band)
         change = p / modulus  # 1/(1 − s) − 1: the growth of the capacitance, in those of the open gap
         if wp.static(follows):
-            if wp.isfinite(change):
+            if is_finite(change):
                 at = baseline[e, i]
                 at = at + (wp.float64(change) - at) * (wp.float64(1.0) - wp.exp(-dt[0] / tau))
                 baseline[e, i] = at

@@ -20,6 +20,7 @@ import warp as wp
 from tactemu.options import number
 from tactemu.plan.clearing import clear_rows
 from tactemu.plan.plan import Stage
+from tactemu.plan.scalars import is_finite
 from tactemu.transducers.loads import TAKES, load_function, skin_arrays
 from tactemu.transducers.transducer import PRESSURE, Kind, Place, Transducer
 
@@ -53,7 +54,7 @@ def medium_kernel(real, vector: bool, shared: bool):
             p = p / area
         else:
             p = wp.float64(load(x, normals, areas, e, i))
-        if wp.isfinite(p):
+        if is_finite(p):
             y = late[e, i]
             y = y + (p - y) * (wp.float64(1.0) - wp.exp(-dt[0] / tau))
             late[e, i] = y

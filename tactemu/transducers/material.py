@@ -25,6 +25,7 @@ from tactemu.errors import SceneError
 from tactemu.options import number
 from tactemu.plan.clearing import clear_rows
 from tactemu.plan.plan import Stage
+from tactemu.plan.scalars import is_finite
 from tactemu.transducers.laws import LogMemory
 from tactemu.transducers.transducer import Kind, Place, Transducer
 
@@ -66,7 +67,7 @@ def material_kernel(real, creep: bool, loop: bool, presses: bool):
         e, i, c = wp.tid()
         e += first_env
         v = f64(x[e, i, c])
-        if not wp.isfinite(v):
+        if not is_finite(v):
             out[e, i, c] = x[e, i, c]
             return
         y = v

@@ -23,6 +23,7 @@ import warp as wp
 from tactemu.errors import SceneError
 from tactemu.options import number
 from tactemu.plan.plan import Stage
+from tactemu.plan.scalars import is_finite
 from tactemu.transducers.loads import TAKES, load_function, reading_kind, skin_arrays
 from tactemu.transducers.transducer import RESISTANCE, Kind, Place, Transducer
 
@@ -107,7 +108,7 @@ def readout_kernel(real, push: bool, ghosts: bool):
                 r = real(0.0)
             elif v > real(0.0):
                 r = wp.min(fixed * (real(1.0) - v) / v, opened)
-            out[e, i, 0] = wp.where(wp.isfinite(v), r, v)
+            out[e, i, 0] = wp.where(is_finite(v), r, v)
 
     return read_divider
 

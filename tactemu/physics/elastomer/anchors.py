@@ -23,6 +23,7 @@ from tactemu.physics.shapes.shape import table_type
 from tactemu.physics.shapes.table import ShapeTable
 from tactemu.plan.launches import in_turn
 from tactemu.plan.plan import Context
+from tactemu.plan.scalars import is_nan
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,7 +93,7 @@ def _kernels(real, functions: ShapeFunctions, slope: float, area_weighted: bool)
             depth = -depth
             holds = is_latched[env, p] != wp.uint8(0) and not (depth < -release_margin)
             touches = not holds and depth > contact_threshold
-            if wp.isnan(depth):  # the pose is not finite: say so, and keep the state
+            if is_nan(depth):  # the pose is not finite: say so, and keep the state
                 place[env, first + pulling] = y
                 pull[env, first + pulling] = y
                 pulling += 1

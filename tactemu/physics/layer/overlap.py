@@ -7,10 +7,10 @@ import functools
 
 import warp as wp
 
-from tactemu.physics.finite import is_finite
 from tactemu.physics.layer.pressure import NO_SURFACE
 from tactemu.physics.shapes.rays import ray_function
 from tactemu.physics.shapes.shape import FAR, table_type
+from tactemu.plan.scalars import is_finite, natural
 
 
 @functools.cache
@@ -132,7 +132,7 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool, bent: bool = False)
         lowest = horizon
         body = int(-1)
         for t in range(targets.shape[0]):
-            b = targets[t]
+            b = natural(targets[natural(t)])
             place = pose[env, b]
             if may_touch(shapes, b, place, r, n, lowest):
                 height = enters(shapes, b, place, r, n, reach, horizon)
@@ -169,11 +169,13 @@ def overlap_kernel(real, kinds: frozenset, with_slide: bool, bent: bool = False)
         slide_out: wp.array3d(dtype=vec2),
     ):
         env, y, part = wp.tid()
-        env += first_env
+        env = natural(env + first_env)
+        y = natural(y)
         box = active[env]
         if y < box[0] or y >= box[2]:
             return
         for x in range(box[1] + part, box[3], parts):
+            x = natural(x)
             lowest = real(FAR)
             body = int(-1)
             r = centres[y, x]

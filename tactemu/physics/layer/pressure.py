@@ -42,6 +42,7 @@ from tactemu.physics.layer.window import (
     transform_level,
     transform_size,
 )
+from tactemu.plan.scalars import is_nan
 
 CHIP_BLOCK = Block(128, 3)
 """On the chip: 64, 128 and 256 threads take 1.16, 0.81 and 0.86 ms for 4096 environments of 32 x 32 on an H200."""
@@ -328,7 +329,7 @@ def normal_kernel(real, lanes: int, chip: bool):
             changed = int(0)
             if state == BROKEN or box[3] == 0:
                 publish(win.pressure[slot], box, old, pressure_out[env], thread)
-                if state == BROKEN or wp.isnan(residual):  # every taxel reads NaN, or no longer
+                if state == BROKEN or is_nan(residual):  # every taxel reads NaN, or no longer
                     old = wp.vec4i(0, 0, overlap.shape[1], overlap.shape[2])
                 changed = wp.min(old[3], 1)
                 residual = wp.where(state == BROKEN, wp.float64(wp.nan), wp.float64(0.0))

@@ -8,9 +8,9 @@ import functools
 import warp as wp
 
 from tactemu.imperfections.info import Channels
-from tactemu.physics.finite import is_nan
 from tactemu.physics.layer.friction_state import FREE, SLIP, STICK, friction_state_type
 from tactemu.physics.rows import row_writer
+from tactemu.plan.scalars import is_nan, natural
 
 CHANNELS: tuple[Channels, ...] = ("scalar", "force", "displacement", "scalar", "scalar")
 """Pressure, force, displacement, slip state, residual."""
@@ -64,7 +64,8 @@ def reading_kernel(real, with_surface: bool, with_friction: bool, bent: bool = F
         reading_out: wp.array3d(dtype=real),
     ):
         env, taxel = wp.tid()
-        env += first_env
+        env = natural(env + first_env)
+        taxel = natural(taxel)
         row = (place[taxel] // skin.columns) * skin.split
         column = (place[taxel] % skin.columns) * skin.split
         box = dirty[env]

@@ -7,8 +7,8 @@ import functools
 
 import warp as wp
 
-from tactemu.physics.finite import is_finite
 from tactemu.physics.layer.convolution import SMALLEST_TRANSFORM, block_sync, spread
+from tactemu.plan.scalars import is_finite
 
 BOX_STEP = SMALLEST_TRANSFORM // 2
 """Windows grow in steps of this many cells, so that lanes are full."""

@@ -14,6 +14,7 @@ import warp as wp
 from tactemu.physics.probes.formula import Formula, probe_functions
 from tactemu.physics.probes.query import near_bits, probes_struct
 from tactemu.physics.shapes.shape import table_type
+from tactemu.plan.scalars import natural
 
 MOST = 128
 """Threads of a block."""
@@ -97,10 +98,11 @@ def block_kernel(formula: Formula, shift: int):
         raw_out: wp.array3d(dtype=real),
     ):
         block = block_index()
-        e = block >> wp.static(shift)
+        e = natural(block >> wp.static(shift))
         first = (block - (e << wp.static(shift))) * wp.block_dim() + thread_index()
         near = near_bits(bodies_near, targets, e)
         for i in range(first, probes.radii.shape[0], wp.block_dim() << wp.static(shift)):
+            i = natural(i)
             reach = margin(probes, radius, e, i)
             if reach >= real(0.0):
                 distance, normal, b = nearest(shapes, pose, near, targets, probes, e, i, reach)

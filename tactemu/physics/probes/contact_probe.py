@@ -21,6 +21,7 @@ from tactemu.physics.probes.probes import Probes
 from tactemu.physics.probes.query import query_trials
 from tactemu.physics.sensor_model import Compiled, SensorModel, Site, Trial
 from tactemu.plan.plan import Context, Stage
+from tactemu.plan.scalars import is_nan
 
 
 @functools.cache
@@ -37,7 +38,7 @@ def schmitt_kernel(real):
         bit = real(0.0)
         if d > enter or (bit_out[e, i, 0] > real(0.0) and d > leave):
             bit = real(1.0)
-        if wp.isnan(d):
+        if is_nan(d):
             bit = d
         bit_out[e, i, 0] = bit
 

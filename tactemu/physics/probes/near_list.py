@@ -16,6 +16,7 @@ from tactemu.physics.probes.query import ALL_NEAR, probes_struct, within_functio
 from tactemu.physics.sensor_model import Site
 from tactemu.physics.shapes.shape import FAR, table_type, unsearched
 from tactemu.plan.launches import Launch, in_turn
+from tactemu.plan.scalars import natural
 
 SEARCHES = 64
 """Threads of a block that searches: few, since one that lasts keeps the others' registers."""
@@ -66,8 +67,8 @@ def list_kernel(formula: Formula):
         raw_out: wp.array3d(dtype=real),
     ):
         thread = wp.tid()
-        i = thread // pose.shape[0]
-        e = thread - i * pose.shape[0]  # side by side: the same probe in many environments
+        i = natural(thread // pose.shape[0])
+        e = natural(thread - i * pose.shape[0])  # side by side: the same probe in many environments
         reach = margin(probes, radius, e, i)
         if reach >= real(0.0):
             if not within(shapes, pose, targets, probes, e, i, reach):
@@ -109,8 +110,8 @@ def search_kernel(formula: Formula):
     ):
         k = wp.tid()
         if k < n_near[0]:
-            e = near[k] // probes.radii.shape[0]
-            i = near[k] - e * probes.radii.shape[0]
+            e = natural(near[k] // probes.radii.shape[0])
+            i = natural(near[k] - e * probes.radii.shape[0])
             reach = margin(probes, radius, e, i)
             distance, normal, b = nearest(shapes, pose, ALL_NEAR, targets, probes, e, i, reach)
             write(probes, numbers, gain, radius, distance, normal, b, e, i, truth_out, raw_out)

@@ -12,11 +12,11 @@ import functools
 
 import warp as wp
 
-from tactemu.physics.finite import is_nan
 from tactemu.physics.sensor_model import Trial
 from tactemu.physics.shapes.distance import shape_functions
 from tactemu.physics.shapes.rays import ray_function
 from tactemu.physics.shapes.shape import FAR, table_type
+from tactemu.plan.scalars import is_nan, natural
 
 
 @functools.cache
@@ -99,7 +99,7 @@ def nearest_of_function(real, kinds: frozenset):
         t = int(0)  # Warp's ranges cost a CPU a third of all this
         while t < targets.shape[0]:
             if is_near(near, t):
-                b = targets[t]
+                b = natural(targets[natural(t)])
                 x = pose[e, b]
                 if is_nan(wp.transform_get_translation(x)[0]):
                     best = real(wp.nan)  # and no d is less than NaN
@@ -169,7 +169,7 @@ def first_function(real, kinds: frozenset):
         for t in range(targets.shape[0]):
             if not is_near(near, t):
                 continue
-            b = targets[t]
+            b = natural(targets[natural(t)])
             x = pose[e, b]
             if is_nan(wp.transform_get_translation(x)[0]):
                 best = real(wp.nan)
@@ -242,7 +242,7 @@ def within_function(real, kinds: frozenset, along_normal: bool):
         margin: real,
     ):
         for t in range(targets.shape[0]):
-            b = targets[t]
+            b = natural(targets[natural(t)])
             if wp.static(along_normal):
                 o = probes.positions[i] - wp.transform_get_translation(pose[e, b])
                 across = vec3(wp.cross(o, probes.normals[i]))

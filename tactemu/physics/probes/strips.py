@@ -21,6 +21,7 @@ from tactemu.physics.sensor_model import Site
 from tactemu.physics.shapes.rays import thickness_behind
 from tactemu.physics.shapes.shape import FAR, table_type
 from tactemu.plan.launches import Launch
+from tactemu.plan.scalars import natural
 
 STRIP = 8
 """Probes that one thread handles on the CPU, where a thread is a call."""
@@ -105,7 +106,8 @@ def strip_kernel(formula: Formula):
         raw_out: wp.array3d(dtype=real),
     ):
         e, strip = wp.tid()
-        e += first_env
+        e = natural(e + first_env)
+        strip = natural(strip)
         first = strip * probes.strip
         last = wp.min(first + probes.strip, probes.radii.shape[0])
         near = near_bits(bodies_near, targets, e)
@@ -115,6 +117,7 @@ def strip_kernel(formula: Formula):
             return
         i = int(first)  # not a range: see the query
         while i < last:
+            i = natural(i)
             reach = margin(probes, radius, e, i)
             if reach >= real(0.0):
                 distance, normal, b = nearest(shapes, pose, near, targets, probes, e, i, reach)

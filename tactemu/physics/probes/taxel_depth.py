@@ -14,6 +14,7 @@ from tactemu.physics.probes.strips import record_strips
 from tactemu.physics.sensor_model import Site
 from tactemu.physics.side_by_side import lanes, most
 from tactemu.plan.launches import in_turn
+from tactemu.plan.scalars import natural
 
 _NOWHERE = 2**30
 
@@ -51,7 +52,7 @@ def box_kernel(real, lanes: int):
     @wp.kernel(module="unique", enable_backward=False)
     def find_box(first_env: int, depth: wp.array2d(dtype=real), cols: int, box: wp.array2d(dtype=wp.int32)):
         env, lane = wp.tid()
-        env += first_env
+        env = natural(env + first_env)
         top = int(_NOWHERE)
         bottom = int(-1)
         left = int(_NOWHERE)
@@ -59,6 +60,7 @@ def box_kernel(real, lanes: int):
         row = lane // cols
         col = lane - row * cols
         for i in range(lane, depth.shape[1], wp.static(lanes)):
+            i = natural(i)
             if not (depth[env, i] <= real(0.0)):  # NaN is in contact
                 top = wp.min(top, row)
                 bottom = wp.max(bottom, row)
