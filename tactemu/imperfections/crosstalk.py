@@ -1,10 +1,15 @@
-"""Crosstalk between the taxels of a grid: each reading leaks into its neighbours'."""
+"""Crosstalk between the taxels of a grid: each reading leaks into its neighbours'.
+
+A kernel that is a product of a column and a row but for its middle, as the Gaussian is, is applied along the rows and
+then along the columns: of 33 x 33 taxels that takes 66 products for each instead of 1089.
+"""
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
 # pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
 
 import functools
 import math
+from collections.abc import Iterator
 
 import numpy as np
 import warp as wp
@@ -13,8 +18,9 @@ from tactemu.errors import SceneError
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.laws import is_on
 from tactemu.imperfections.options import ImperfectionOptions
-from tactemu.plan.launches import in_turn
+from tactemu.plan.launches import Launch, in_turn
 from tactemu.plan.plan import Context, Stage
+from tactemu.plan.scalars import natural
 
 _PLANES = {
     # channels: {planes in the kernel: (plane of the normal part or of a scalar, plane of the shear part)}
@@ -26,11 +32,8 @@ _PLANES = {
 
 
 @functools.cache
-def _kernel(real: type, width: int, split: bool, conserving: bool):
-    """Zero-padded cross-correlation of groups of ``width`` channels; one thread per taxel and group.
-
-    ``split``: the normal and the shear part of a vector have planes of their own.
-    """
+def _part_function(real: type, width: int):
+    """``part(x, e, i, first) -> vector``: the ``width`` channels of a taxel from ``first`` on."""
     vector = wp.types.vector(width, real)
 
     @wp.func
@@ -39,6 +42,17 @@ def _kernel(real: type, width: int, split: bool, conserving: bool):
         for k in range(width):
             v[k] = x[e, i, first + k]
         return v
+
+    return part
+
+
+@functools.cache
+def _kernel(real: type, width: int, split: bool, conserving: bool):
+    """Zero-padded cross-correlation of groups of ``width`` channels; one thread per taxel and group.
+
+    ``split``: the normal and the shear part of a vector have planes of their own.
+    """
+    vector, part = wp.types.vector(width, real), _part_function(real, width)
 
     @wp.kernel(module="unique", enable_backward=False)
     def crosstalk(
@@ -81,6 +95,66 @@ def _kernel(real: type, width: int, split: bool, conserving: bool):
             out[e, i, first + k] = total[k]
 
     return crosstalk
+
+
+@functools.cache
+def _line_kernel(real: type, width: int, last: bool, conserving: bool):
+    """One of the two passes of a kernel that is a product; the ``last`` adds what taxels keep themselves."""
+    vector, part = wp.types.vector(width, real), _part_function(real, width)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def crosstalk_along(
+        first_env: int,
+        x: wp.array3d(dtype=real),
+        step: int,  # from a taxel to its neighbour in the line
+        count: int,  # taxels in a line
+        weights: wp.array(dtype=real),
+        own: wp.array3d(dtype=real),  # what each taxel read itself
+        centre: real,
+        kept: wp.array2d(dtype=real),
+        is_filler: wp.array(dtype=wp.uint8),
+        out: wp.array3d(dtype=real),
+    ):
+        e, i = wp.tid()
+        e = natural(e + first_env)
+        i = natural(i)
+        reach = weights.shape[0] // 2
+        place = (i // step) % count
+        total = vector()
+        a = wp.max(0, reach - place)
+        end = wp.min(weights.shape[0], count - place + reach)
+        while a < end:  # Warp's ranges cost a CPU more
+            total += weights[natural(a)] * part(x, e, natural(i + (a - reach) * step), 0)
+            a += 1
+        if wp.static(last):
+            if is_filler[i] == wp.uint8(0):
+                keeps = centre
+                if wp.static(conserving):
+                    keeps += kept[0, i]
+                total += keeps * part(own, e, i, 0)
+            else:
+                total = vector()
+        for k in range(width):
+            out[e, i, k] = total[k]
+
+    return crosstalk_along
+
+
+def separated(plane: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
+    """``(down, along, centre)`` if a plane ``(kh, kw)`` is ``outer(down, along)``, plus ``centre`` in its middle.
+
+    ``None`` for any other, and for a single row or column, which is one pass as it is.
+    """
+    middle = tuple(s // 2 for s in plane.shape)
+    beside = np.abs(plane)
+    beside[middle[0]] = beside[:, middle[1]] = 0.0
+    row, column = np.unravel_index(np.argmax(beside), beside.shape)
+    if not beside[row, column]:
+        return None
+    down, along = plane[:, column], plane[row] / plane[row, column]
+    rest = plane - np.outer(down, along)
+    centre, rest[middle] = float(rest[middle]), 0.0
+    return (down, along, centre) if np.abs(rest).max() <= 1e-12 * np.abs(plane).max() else None
 
 
 def gaussian_plane(strength: float, sigma: float, spacing: tuple[float, float], layout: tuple[int, ...]) -> np.ndarray:
@@ -163,17 +237,49 @@ def compile_crosstalk(
         return x, []
     real, device = context.real, context.device
     kept = kept_at_home(kernel, info.layout, info.filler) if options.crosstalk_conserving else np.zeros((1, 1))
-    out = context.zeros(x.shape, real)
-    on_device = [wp.array(a, dtype=real, device=device) for a in (kernel, kept)]
+    kept = wp.array(kept, dtype=real, device=device)
     filler = wp.array(info.filler.astype(np.uint8), dtype=wp.uint8, device=device)
-    launches = []
+    out = context.zeros(x.shape, real)
+    lines = separated(kernel[0]) if len(kernel) == 1 else None
+    if lines is None:
+        launches = list(_direct(kernel, options, info, context, x, kept, filler, out))
+    else:
+        launches = list(_in_lines(*lines, options, info, context, x, kept, filler, out))
+    reason = f"crosstalk over {kernel.shape[1]} x {kernel.shape[2]} taxels, {len(kernel)} plane(s)"
+    return out, [Stage(name=f"{info.name}: crosstalk", reason=reason, launch=in_turn(*launches))]
+
+
+def _direct(kernel: np.ndarray, options, info: ReadingInfo, context: Context, x, kept, filler, out) -> Iterator[Launch]:
+    """All taxels of the kernel for each taxel, groups of channels one after another."""
+    real, device = context.real, context.device
+    taxels = wp.array(kernel, dtype=real, device=device)
     for width, groups in _groups(info.channels, len(kernel)).items():
         split = bool((groups[:, 1] != groups[:, 2]).any())
         along = info.normal if split and info.normal is not None else np.zeros(width)
         normal = wp.types.vector(width, real)(*along)
-        inputs = [x, info.layout[1], *on_device, wp.array(groups, dtype=wp.int32, device=device), normal, filler]
+        places = wp.array(groups, dtype=wp.int32, device=device)
+        made = _kernel(real, width, split, options.crosstalk_conserving)
         dim = (context.n_envs, info.n_taxels, len(groups))
-        launches.append(context.record(_kernel(real, width, split, options.crosstalk_conserving), dim, inputs, [out]))
+        yield context.record(made, dim, [x, info.layout[1], taxels, kept, places, normal, filler], [out])
 
-    reason = f"crosstalk over {kernel.shape[1]} x {kernel.shape[2]} taxels, {len(kernel)} plane(s)"
-    return out, [Stage(name=f"{info.name}: crosstalk", reason=reason, launch=in_turn(*launches))]
+
+def _in_lines(
+    down: np.ndarray,
+    along: np.ndarray,
+    centre: float,
+    options,
+    info: ReadingInfo,
+    context: Context,
+    x,
+    kept,
+    filler,
+    out,
+) -> Iterator[Launch]:
+    """Along the rows, and then along the columns."""
+    real, (rows, columns) = context.real, info.layout
+    between = context.zeros(x.shape, real)
+    for source, step, count, weights, target in ((x, 1, columns, along, between), (between, columns, rows, down, out)):
+        weights = wp.array(weights, dtype=real, device=context.device)
+        made = _line_kernel(real, x.shape[2], target is out, options.crosstalk_conserving)
+        inputs = [source, step, count, weights, x, centre, kept, filler]
+        yield context.record(made, (context.n_envs, info.n_taxels), inputs, [target])

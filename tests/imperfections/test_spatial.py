@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tactemu.imperfections.crosstalk import separated
 from tests.imperfections.rig import Rig, info, options
 
 
@@ -24,6 +25,27 @@ def test_explicit_kernel_is_a_correlation_with_zeros_outside(shape):
     kernel, field = rng.normal(size=shape), rng.normal(size=(6, 9))
     seen = spread({"crosstalk_kernel": kernel}, field, info((6, 9)))
     np.testing.assert_allclose(seen, correlate(field, kernel), atol=1e-12)
+
+
+@pytest.mark.parametrize("channels", [("scalar",), ("force", "torque")])
+@pytest.mark.parametrize("shape", [(3, 5), (9, 3), (11, 13)])
+def test_a_kernel_that_is_a_product_but_for_its_middle_is_taken_apart(shape, channels):
+    """It may be larger than the grid."""
+    rng = np.random.default_rng(3)
+    kernel = np.outer(rng.uniform(0.1, 1, shape[0]), rng.normal(size=shape[1]))
+    kernel[shape[0] // 2, shape[1] // 2] += 0.7
+    down, along, centre = separated(kernel) or pytest.fail("it is a product")
+    assert down.shape + along.shape == shape and centre == pytest.approx(0.7)
+    about = info((6, 9), channels)
+    field = rng.normal(size=(6, 9, 6 if len(channels) > 1 else 1))
+    seen = spread({"crosstalk_kernel": kernel}, field, about)
+    wanted = np.stack([correlate(field[..., c], kernel) for c in range(field.shape[2])], -1)
+    np.testing.assert_allclose(seen, wanted, atol=1e-12)
+
+
+@pytest.mark.parametrize("kernel", [np.eye(3), [[0, 1, 0], [1, 1, 1], [0, 1, 0]], [[0.2, 0.6, 0.2]], [[0.5]]])
+def test_other_kernels_are_no_products(kernel):
+    assert separated(np.array(kernel, dtype=float)) is None
 
 
 def test_planes_act_on_normal_shear_and_torque():
