@@ -186,7 +186,7 @@ class SensorModel(ImperfectionOptions, DrawOptions, ABC):
     level: ClassVar[int]
     """Of fidelity, 0 (a touch flag) to 4 (a solved contact)."""
     work: ClassVar[float] = 1.0
-    """Roughly what a taxel costs on a CPU, in those of a depth probe that touches a ball (about 10 ns)."""
+    """Roughly what a taxel costs on a CPU, in those of a depth probe that touches a ball (about 5 ns)."""
     channels: ClassVar[tuple[Channels, ...]] = ("scalar",)
     """What a taxel gives, in order: ``scalar`` is one number, ``force``, ``torque``, ``displacement`` three each."""
     unit: ClassVar[str] = ""

@@ -32,7 +32,7 @@ from tactemu.transducers.transducer import Kind, Place
 MOST_THREADS = 2**31
 """Warp counts threads and the places of an array's axis in 31 bits."""
 WORTH_A_THREAD = 2**14
-"""Work of a step (:attr:`SensorModel.work` of all taxels) for which one more thread pays: it takes about 150 µs, and
+"""Work of a step (:attr:`SensorModel.work` of all taxels) for which one more thread pays: it takes about 75 µs, and
 waking a thread up to 50."""
 
 _COUNTS = ("time_ns", "step_count", "_dt_ns", "_checked_step")

@@ -105,7 +105,7 @@ def test_threads_only_where_they_pay(monkeypatch):
     for n_envs, model, expected in (
         (None, "ElasticLayerTaxel", "threads: 1 (one environment)"),
         (4, "ContactDepthProbe", "threads: 1 (a step is too short for more)"),
-        (7, "ElasticLayerTaxel", "threads: 2, 4 of 7 environments at most to each"),
+        (61, "ElasticLayerTaxel", "threads: 2, 31 of 61 environments at most to each"),
         (1000, "ContactDepthProbe", "threads: 3, 334 of 1000 environments at most to each"),
     ):
         sim, _ball, _skin = built(model, None, n_envs)

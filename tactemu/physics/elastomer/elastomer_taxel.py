@@ -78,7 +78,7 @@ class ElastomerTaxel(SensorModel):
     """Surface that each of the ``points`` stands for [m^2]; needed with ``points`` and ``area_weighted``."""
 
     level = 3
-    work = 10
+    work = 5
     channels = ("displacement",)
     unit = "m"
     gain_inside = False

@@ -122,7 +122,7 @@ class ElasticLayerTaxel(SensorModel):
     deeper reads nothing."""
 
     level = 4
-    work = 100
+    work = 12
     channels = CHANNELS
     unit = "Pa, N, m"
     gain_inside = False

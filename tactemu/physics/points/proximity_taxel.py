@@ -123,7 +123,7 @@ class ProximityTaxel(SensorModel):
     """Turn the normal and twist parts so that they too act on the skin."""
 
     level = 2
-    work = 16
+    work = 10
     channels = ("force", "torque")
     unit = "N"
     layouts = {"force": slice(0, 3)}
