@@ -143,18 +143,25 @@ def _line_kernel(real: type, width: int, last: bool, conserving: bool):
 def separated(plane: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
     """``(down, along, centre)`` if a plane ``(kh, kw)`` is ``outer(down, along)``, plus ``centre`` in its middle.
 
-    ``None`` for any other, and for a single row or column, which is one pass as it is.
+    ``None`` for any other, for one whose product is so much larger than the plane that float32 would show it, and for a
+    single row or column, which is one pass as it is.
     """
-    middle = tuple(s // 2 for s in plane.shape)
+    middle, largest = tuple(s // 2 for s in plane.shape), np.abs(plane).max()
     beside = np.abs(plane)
     beside[middle[0]] = beside[:, middle[1]] = 0.0
     row, column = np.unravel_index(np.argmax(beside), beside.shape)
     if not beside[row, column]:
         return None
-    down, along = plane[:, column], plane[row] / plane[row, column]
-    rest = plane - np.outer(down, along)
+    # Scaled before anything is divided: of a narrow Gaussian what is beside the middle is below 1e-100.
+    along = plane[row] / np.abs(plane[row]).max()
+    if not along[column]:
+        return None
+    down = plane[:, column] / along[column]
+    product = np.outer(down, along)
+    rest = plane - product
     centre, rest[middle] = float(rest[middle]), 0.0
-    return (down, along, centre) if np.abs(rest).max() <= 1e-12 * np.abs(plane).max() else None
+    good = np.abs(product).max() <= 16 * largest and np.abs(rest).max() <= 1e-12 * largest
+    return (down, along, centre) if good else None
 
 
 def gaussian_plane(strength: float, sigma: float, spacing: tuple[float, float], layout: tuple[int, ...]) -> np.ndarray:

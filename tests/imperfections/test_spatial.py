@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+import warp as wp
 
-from tactemu.imperfections.crosstalk import separated
+from tactemu.imperfections.crosstalk import gaussian_plane, separated
 from tests.imperfections.rig import Rig, info, options
 
 
@@ -43,7 +44,22 @@ def test_a_kernel_that_is_a_product_but_for_its_middle_is_taken_apart(shape, cha
     np.testing.assert_allclose(seen, wanted, atol=1e-12)
 
 
-@pytest.mark.parametrize("kernel", [np.eye(3), [[0, 1, 0], [1, 1, 1], [0, 1, 0]], [[0.2, 0.6, 0.2]], [[0.5]]])
+@pytest.mark.parametrize("sigma", [4e-3, 2e-3, 5e-4, 2.5e-4, 1e-4, 8e-5, 5.3e-5, 5e-5, 1e-6, 1e-9])
+@pytest.mark.parametrize("strength", [0.3, 1.0, 10.0])
+def test_a_gaussian_of_any_width_stays_within_float32(strength, sigma):
+    """From what reaches the whole grid, over what is below the least number beside its middle, to no neighbours."""
+    plane = gaussian_plane(strength, sigma, (2e-3, 2e-3), (6, 9))
+    field = np.random.default_rng(4).normal(size=(6, 9))
+    rig = Rig(options(crosstalk_strength=strength, crosstalk_sigma=sigma), info((6, 9)), real=wp.float32)
+    seen = rig.step(field.reshape(1, -1, 1)).reshape(6, 9)
+    np.testing.assert_allclose(seen, correlate(field, plane), atol=1e-5 * strength)
+
+
+NEARLY = [[1, 1e3, 1], [1e3, 1, 1e3], [1, 1e3, 1]]
+"""A product with 1e6 in the middle, less nearly as much."""
+
+
+@pytest.mark.parametrize("kernel", [np.eye(3), [[0, 1, 0], [1, 1, 1], [0, 1, 0]], [[0.2, 0.6, 0.2]], [[0.5]], NEARLY])
 def test_other_kernels_are_no_products(kernel):
     assert separated(np.array(kernel, dtype=float)) is None
 

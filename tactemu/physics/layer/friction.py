@@ -27,7 +27,7 @@ from tactemu.physics.layer.convolution import (
     spread,
     workspace_type,
 )
-from tactemu.physics.layer.friction_in_registers import CellFunctions, wide_cells
+from tactemu.physics.layer.friction_in_registers import FrictionCells, wide_friction_cells
 from tactemu.physics.layer.friction_state import (
     AT_BOUND,
     FAR_OFF,
@@ -53,10 +53,10 @@ def square(a: Any, b: Any):
 
 
 @functools.cache
-def cell_functions(real, lanes: int) -> CellFunctions:
+def friction_cells(real, lanes: int) -> FrictionCells:
     """What is done cell by cell between convolutions; on a CPU in its registers (:mod:`.friction_in_registers`)."""
     if lanes > 1:
-        return wide_cells(real)
+        return wide_friction_cells(real)
     windows, vec2 = friction_windows_type(real), wp.types.vector(2, real)
     block_sum, _max = block_functions(lanes)
 
@@ -174,7 +174,7 @@ def cell_functions(real, lanes: int) -> CellFunctions:
         block_sync()
         return cut
 
-    return CellFunctions(measure, free_gap, products, direct, curvature, advance)
+    return FrictionCells(measure, free_gap, products, direct, curvature, advance)
 
 
 @functools.cache
@@ -187,7 +187,7 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
     forward, inverse, convolve = functions.forward, functions.inverse, functions.convolve
     sideways, publish = sideways_functions(real, lanes, chip), publish_function(real)
     settle, mark = memory_functions(real)
-    measure, free_gap, products, direct, curvature, advance = cell_functions(real, lanes)
+    measure, free_gap, products, direct, curvature, advance = friction_cells(real, lanes)
     block_sum, _max = block_functions(lanes)
     move_in, window = chip_functions(real, workspace, *ON_CHIP)
     by_pressure, by_traction = sideways.by_pressure, sideways.by_traction

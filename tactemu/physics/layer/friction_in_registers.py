@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from tactemu.physics.layer.friction_state import AT_BOUND, friction_windows_type
-from tactemu.physics.registers import vectors
+from tactemu.physics.layer.in_registers import over_cells
 
 
-class CellFunctions(NamedTuple):
+class FrictionCells(NamedTuple):
     """Warp functions about all cells of the window of a slot; ``mine`` is the calling thread's share of it, on a GPU.
     Sums are over the whole window."""
 
@@ -34,55 +34,40 @@ class CellFunctions(NamedTuple):
 
 
 @functools.cache
-def wide_cells(real) -> CellFunctions:
+def wide_friction_cells(real) -> FrictionCells:
     """The functions for one float type; windows are whole registers wide."""
     windows = friction_windows_type(real)
 
-    @wp.func_native(_snippet(real, _MEASURE))
+    @wp.func_native(_cells(real, _MEASURE))
     def measure(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i) -> wp.float64: ...
 
-    @wp.func_native(_snippet(real, _FREE_GAP))
+    @wp.func_native(_cells(real, _FREE_GAP))
     def free_gap(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i) -> wp.float64: ...
 
-    @wp.func_native(_snippet(real, _PRODUCTS))
+    @wp.func_native(_cells(real, _PRODUCTS))
     def products(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i) -> wp.vec2d: ...
 
-    @wp.func_native(_snippet(real, _DIRECT))
+    @wp.func_native(_cells(real, _DIRECT))
     def direct(win: windows, slot: int, beta: real, fresh: bool, shape: wp.vec2i, mine: wp.vec4i) -> wp.float64: ...
 
-    @wp.func_native(_snippet(real, _CURVATURE))
+    @wp.func_native(_cells(real, _CURVATURE))
     def curvature(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i) -> wp.float64: ...
 
-    @wp.func_native(_snippet(real, _ADVANCE))
+    @wp.func_native(_cells(real, _ADVANCE))
     def advance(win: windows, slot: int, step: real, shape: wp.vec2i, mine: wp.vec4i) -> wp.float64: ...
 
-    return CellFunctions(measure, free_gap, products, direct, curvature, advance)
+    return FrictionCells(measure, free_gap, products, direct, curvature, advance)
 
 
-def _snippet(real, cells: str) -> str:
-    return vectors(real) + _CELLS + cells.replace("AT_BOUND", f"Number({AT_BOUND})")
+def _cells(real, each: str) -> str:
+    return over_cells(real, "limit", _PAIRS + each.replace("AT_BOUND", f"Number({AT_BOUND})"))
 
 
-_CELLS = """
-    typedef double Doubles __attribute__((vector_size(wide * sizeof(double))));
+_PAIRS = """
     struct Pair { Vector x, y; };
-    const int64_t row = win.limit.strides[1] / sizeof(Number);
-    const int64_t window = slot * (win.limit.strides[0] / sizeof(Number));
-    auto all = [&](auto visit) {
-        for (int y = 0; y < shape[0]; ++y)
-            for (int x = 0; x < shape[1]; x += wide)
-                visit(window + y * row + x);
-    };
     auto pair = [&](const auto& x, const auto& y, int64_t at) { return Pair{get(x.data + at), get(y.data + at)}; };
     auto dot = [](const Pair& a, const Pair& b) { return a.x * b.x + a.y * b.y; };
     auto root = [](const Vector& v) { return __builtin_elementwise_sqrt(v); };
-    auto doubles = [](const Vector& v) { return __builtin_convertvector(v, Doubles); };
-    auto sum = [](const Doubles& v) {
-        double total = 0;
-        for (int l = 0; l < wide; ++l)
-            total += v[l];
-        return total;
-    };
 """
 
 _MEASURE = """

@@ -85,6 +85,47 @@ def wide_mix(real):
     return mix
 
 
+@functools.cache
+def wide_by_pressure(real):
+    """``by_pressure(p, u, table, axis, start, rows, columns)`` of :mod:`.sideways`, in spectra whose rows are longer
+    than ``columns``."""
+    grid_type, table_type = wp.array2d(dtype=real), wp.array(dtype=real)
+
+    @wp.func_native(vectors(real) + _BY_PRESSURE)
+    def by_pressure(p: grid_type, u: grid_type, table: table_type, axis: int, start: int, rows: int, columns: int): ...
+
+    return by_pressure
+
+
+def over_cells(real, like: str, snippet: str) -> str:
+    """A snippet about the cells of the windows ``win`` of a ``slot``, of ``shape``.
+
+    It calls ``all(visit)``, which calls ``visit(at)`` for each eight of them; it adds ``doubles(vector)`` up, and
+    ``sum`` makes one number of that.
+
+    ``like``: one of the windows; the others have the same strides, and are whole registers wide.
+    """
+    return vectors(real) + _CELLS.replace("LIKE", like) + snippet
+
+
+_CELLS = """
+    typedef double Doubles __attribute__((vector_size(wide * sizeof(double))));
+    const int64_t row = win.LIKE.strides[1] / sizeof(Number);
+    const int64_t window = slot * (win.LIKE.strides[0] / sizeof(Number));
+    auto all = [&](auto visit) {
+        for (int y = 0; y < shape[0]; ++y)
+            for (int x = 0; x < shape[1]; x += wide)
+                visit(window + y * row + x);
+    };
+    auto doubles = [](const Vector& v) { return __builtin_convertvector(v, Doubles); };
+    auto sum = [](const Doubles& v) {
+        double total = 0;
+        for (int l = 0; l < wide; ++l)
+            total += v[l];
+        return total;
+    };
+"""
+
 _SCALE = """
     for (int k = 0; k < rows; ++k) {
         Number* const row = spectrum.data + k * (spectrum.strides[0] / sizeof(Number));
@@ -94,7 +135,28 @@ _SCALE = """
     }
 """
 
-_MIX = """
+_TURNED = """
+    auto turned = [](const Vector& v) { return __builtin_shufflevector(v, v, 7, 6, 5, 4, 3, 2, 1, 0); };
+"""
+
+_BY_PRESSURE = (
+    _TURNED
+    + """
+    const int64_t stride = p.strides[0] / sizeof(Number);
+    for (int k = 0; k < rows; ++k) {
+        Number* const from = p.data + (axis ? -k & (rows - 1) : k) * stride;
+        Number* const to = u.data + k * stride;
+        const Number* const factors = table.data + start + k * columns;
+        from[columns] = from[0];  // so that a mirrored row is columns in the opposite order
+        for (int c = 0; c < columns; c += wide)
+            put(to + c, get(factors + c) * (axis ? get(from + c) : turned(get(from + columns - c - wide + 1))));
+    }
+"""
+)
+
+_MIX = (
+    _TURNED
+    + """
     const int64_t stride = x.strides[0] / sizeof(Number);
     for (int k = 0; k <= rows / 2; ++k) {
         const int mirror = (rows - k) % rows;
@@ -117,7 +179,6 @@ _MIX = """
         qx[columns] = qx[0], qy[columns] = qy[0];  // so that a mirrored row is columns in the opposite order
         for (int c = 0; c < columns; c += wide) {
             const int m = columns - c - wide + 1;
-            auto turned = [](const Vector& v) { return __builtin_shufflevector(v, v, 7, 6, 5, 4, 3, 2, 1, 0); };
             const Vector ax = get(px + c), ay = get(py + c), bx = turned(get(qx + m)), by = turned(get(qy + m));
             const Vector fx = get(txx + c), fxy = get(txy + c), fy = get(tyy + c);
             put(px + c, fx * ax + fxy * by), put(py + c, fy * ay + fxy * bx);
@@ -126,6 +187,7 @@ _MIX = """
         qx[0] = qx[columns], qy[0] = qy[columns];
     }
 """
+)
 
 _TRANSFORM = """
     struct Complex { Vector re, im; };

@@ -30,6 +30,7 @@ from tactemu.physics.layer.convolution import (
     workspace_type,
 )
 from tactemu.physics.layer.on_chip import chip_functions, chip_numbers
+from tactemu.physics.layer.pressure_in_registers import PressureCells, wide_pressure_cells
 from tactemu.physics.layer.tables import tables_type
 from tactemu.physics.layer.window import (
     BOX_STEP,
@@ -90,6 +91,88 @@ class Windows:
 
 
 @functools.cache
+def pressure_cells(real, lanes: int) -> PressureCells:
+    """What is done cell by cell between convolutions; on a CPU in its registers (:mod:`.pressure_in_registers`)."""
+    windows_struct = windows_type(real)
+    if lanes > 1:
+        return wide_pressure_cells(real, windows_struct)
+    block_sum, _max = block_functions(lanes)
+
+    @wp.func
+    def mask_gap(win: windows_struct, slot: int, shape: wp.vec2i, mine: wp.vec4i):
+        """Keep the gap where cells touch, or would penetrate; returns the sum of its squares."""
+        total = wp.float64(0.0)
+        for y in range(mine[0], shape[0], mine[1]):
+            for x in range(mine[2], shape[1], mine[3]):
+                g = win.gap[slot, y, x]
+                m = wp.where(win.pressure[slot, y, x] > real(0.0) or g < real(0.0), g, real(0.0))
+                win.masked[slot, y, x] = m
+                total += wp.float64(m) * wp.float64(m)
+        total = block_sum(total)
+        block_sync()
+        return total
+
+    @wp.func
+    def products(win: windows_struct, slot: int, fresh: bool, shape: wp.vec2i, mine: wp.vec4i):
+        """Of the preconditioned gap with the gap and, unless ``fresh``, with what the last direction changed."""
+        square = wp.float64(0.0)
+        change = wp.float64(0.0)
+        for y in range(mine[0], shape[0], mine[1]):
+            for x in range(mine[2], shape[1], mine[3]):
+                m = win.masked[slot, y, x]
+                if m != real(0.0):
+                    z = wp.float64(win.softened[slot, y, x])
+                    square += wp.float64(m) * z
+                    if not fresh:
+                        change += z * wp.float64(win.answer[slot, y, x])
+        return wp.vec2d(block_sum(square), block_sum(change))
+
+    @wp.func
+    def direct(win: windows_struct, slot: int, beta: real, fresh: bool, shape: wp.vec2i, mine: wp.vec4i):
+        """The search direction, unless ``fresh`` with a part of the last; returns the slope along it."""
+        slope = wp.float64(0.0)
+        for y in range(mine[0], shape[0], mine[1]):
+            for x in range(mine[2], shape[1], mine[3]):
+                m = win.masked[slot, y, x]
+                d = real(0.0)
+                if m != real(0.0):
+                    d = -win.softened[slot, y, x]
+                    if not fresh:
+                        d += beta * win.direction[slot, y, x]
+                win.direction[slot, y, x] = d
+                slope += wp.float64(m) * wp.float64(d)
+        slope = block_sum(slope)
+        block_sync()
+        return slope
+
+    @wp.func
+    def curvature(win: windows_struct, slot: int, shape: wp.vec2i, mine: wp.vec4i):
+        total = wp.float64(0.0)
+        for y in range(mine[0], shape[0], mine[1]):
+            for x in range(mine[2], shape[1], mine[3]):
+                total += wp.float64(win.direction[slot, y, x]) * wp.float64(win.answer[slot, y, x])
+        return block_sum(total)
+
+    @wp.func
+    def advance(win: windows_struct, slot: int, step: real, shape: wp.vec2i, mine: wp.vec4i):
+        """Go along the direction; pressures that would pull become 0. Returns how many did."""
+        pulled = wp.float64(0.0)
+        for y in range(mine[0], shape[0], mine[1]):
+            for x in range(mine[2], shape[1], mine[3]):
+                p = win.pressure[slot, y, x] + step * win.direction[slot, y, x]
+                if p < real(0.0):
+                    pulled += wp.float64(1.0)
+                    p = real(0.0)
+                win.pressure[slot, y, x] = p
+                win.gap[slot, y, x] = win.gap[slot, y, x] + step * win.answer[slot, y, x]
+        pulled = block_sum(pulled)
+        block_sync()
+        return pulled
+
+    return PressureCells(mask_gap, products, direct, curvature, advance)
+
+
+@functools.cache
 def normal_kernel(real, lanes: int, chip: bool):
     """The kernel that solves every environment; one block of threads per slot. ``chip``: all in its own memory."""
     workspace = workspace_type(real)
@@ -97,6 +180,7 @@ def normal_kernel(real, lanes: int, chip: bool):
     windows_struct = windows_type(real)
     convolve = convolution_functions(real, lanes, chip).convolve
     survey, publish = survey_function(real, lanes), publish_function(real)
+    mask_gap, products, direct, curvature, advance = pressure_cells(real, lanes)
     block_sum, _max = block_functions(lanes)
     move_in, window = chip_functions(real, workspace, *ON_CHIP)
     grid = wp.array2d(dtype=real)
@@ -159,20 +243,6 @@ def normal_kernel(real, lanes: int, chip: bool):
                 win.gap[slot, y, x] = factor * win.gap[slot, y, x] - win.overlap[slot, y, x]
 
     @wp.func
-    def mask_gap(win: windows_struct, slot: int, shape: wp.vec2i, mine: wp.vec4i):
-        """Keep the gap where cells touch, or would penetrate; returns the sum of its squares."""
-        total = wp.float64(0.0)
-        for y in range(mine[0], shape[0], mine[1]):
-            for x in range(mine[2], shape[1], mine[3]):
-                g = win.gap[slot, y, x]
-                m = wp.where(win.pressure[slot, y, x] > real(0.0) or g < real(0.0), g, real(0.0))
-                win.masked[slot, y, x] = m
-                total += wp.float64(m) * wp.float64(m)
-        total = block_sum(total)
-        block_sync()
-        return total
-
-    @wp.func
     def turn(
         win: windows_struct,
         slot: int,
@@ -183,64 +253,14 @@ def normal_kernel(real, lanes: int, chip: bool):
         mine: wp.vec4i,
     ):
         """The next search direction, conjugate to the last (Polak-Ribiere); returns slope and preconditioned square."""
-        square = wp.float64(0.0)
-        change = wp.float64(0.0)
-        for y in range(mine[0], shape[0], mine[1]):
-            for x in range(mine[2], shape[1], mine[3]):
-                m = win.masked[slot, y, x]
-                if m != real(0.0):
-                    z = wp.float64(win.softened[slot, y, x])
-                    square += wp.float64(m) * z
-                    if not fresh:
-                        change += z * wp.float64(win.answer[slot, y, x])
-        square = block_sum(square)
-        change = block_sum(change)
+        square = products(win, slot, fresh, shape, mine)
         beta = real(0.0)
         if not fresh and last > wp.float64(0.0):
-            beta = real(wp.max(change * step / last, wp.float64(0.0)))
-        slope = wp.float64(0.0)
-        again = bool(True)
-        while again:
-            slope = wp.float64(0.0)
-            for y in range(mine[0], shape[0], mine[1]):
-                for x in range(mine[2], shape[1], mine[3]):
-                    m = win.masked[slot, y, x]
-                    d = real(0.0)
-                    if m != real(0.0):
-                        d = -win.softened[slot, y, x]
-                        if not fresh:
-                            d += beta * win.direction[slot, y, x]
-                    win.direction[slot, y, x] = d
-                    slope += wp.float64(m) * wp.float64(d)
-            slope = block_sum(slope)
-            again = slope >= wp.float64(0.0) and not fresh  # uphill: without what the last direction adds
-            fresh = True
-        block_sync()
-        return slope, square
-
-    @wp.func
-    def curvature(win: windows_struct, slot: int, shape: wp.vec2i, mine: wp.vec4i):
-        total = wp.float64(0.0)
-        for y in range(mine[0], shape[0], mine[1]):
-            for x in range(mine[2], shape[1], mine[3]):
-                total += wp.float64(win.direction[slot, y, x]) * wp.float64(win.answer[slot, y, x])
-        return block_sum(total)
-
-    @wp.func
-    def advance(win: windows_struct, slot: int, step: real, shape: wp.vec2i, mine: wp.vec4i):
-        """Go along the direction; pressures that would pull become 0. Returns how many did."""
-        pulled = wp.float64(0.0)
-        for y in range(mine[0], shape[0], mine[1]):
-            for x in range(mine[2], shape[1], mine[3]):
-                p = win.pressure[slot, y, x] + step * win.direction[slot, y, x]
-                if p < real(0.0):
-                    pulled += wp.float64(1.0)
-                    p = real(0.0)
-                win.pressure[slot, y, x] = p
-                win.gap[slot, y, x] = win.gap[slot, y, x] + step * win.answer[slot, y, x]
-        pulled = block_sum(pulled)
-        block_sync()
-        return pulled
+            beta = real(wp.max(square[1] * step / last, wp.float64(0.0)))
+        slope = direct(win, slot, beta, fresh, shape, mine)
+        if slope >= wp.float64(0.0) and not fresh:  # uphill: without what the last direction adds
+            slope = direct(win, slot, beta, True, shape, mine)
+        return slope, square[0]
 
     @wp.func
     def subtract_overlap(win: windows_struct, slot: int, shape: wp.vec2i, mine: wp.vec4i):

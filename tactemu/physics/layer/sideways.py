@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from tactemu.physics.layer.convolution import block_sync, convolution_functions, spread, workspace_type
-from tactemu.physics.layer.in_registers import wide_mix
+from tactemu.physics.layer.in_registers import wide_by_pressure, wide_mix
 from tactemu.physics.layer.tables import tables_type
 
 
@@ -47,7 +47,7 @@ def sideways_functions(real, lanes: int, chip: bool) -> SidewaysFunctions:
     forward, inverse = functions.forward, functions.inverse
     grid = wp.array2d(dtype=real)
     quad = wp.types.vector(4, real)
-    mix_in_registers = wide_mix(real)
+    mix_in_registers, by_pressure_in_registers = wide_mix(real), wide_by_pressure(real)
 
     @wp.func
     def mix(ws: workspace, slot: int, tables: tables_struct, start: int, size: wp.vec2i, thread: int):
@@ -82,6 +82,12 @@ def sideways_functions(real, lanes: int, chip: bool) -> SidewaysFunctions:
     ):
         p = ws.spectrum[slot]
         u = ws.second[slot]
+        if wp.static(lanes > 1):
+            if axis == 0:
+                by_pressure_in_registers(p, u, tables.nx, axis, start, size[0], size[1])
+            else:
+                by_pressure_in_registers(p, u, tables.ny, axis, start, size[0], size[1])
+            return
         mine = spread(size[1], thread)
         for k in range(mine[0], size[0], mine[1]):
             for c in range(mine[2], size[1], mine[3]):
