@@ -22,6 +22,8 @@ from tactemu.plan.launches import Launch, in_turn
 from tactemu.plan.plan import Context, Stage
 from tactemu.plan.scalars import natural
 
+Lines = tuple[np.ndarray, np.ndarray, float]
+"""Weights of a kernel along a column and along a row, and what its middle has beside their product."""
 _PLANES = {
     # channels: {planes in the kernel: (plane of the normal part or of a scalar, plane of the shear part)}
     "scalar": {1: (0, 0), 2: (0, 0), 3: (0, 0)},
@@ -140,7 +142,7 @@ def _line_kernel(real: type, width: int, last: bool, conserving: bool):
     return crosstalk_along
 
 
-def separated(plane: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
+def separated(plane: np.ndarray) -> Lines | None:
     """``(down, along, centre)`` if a plane ``(kh, kw)`` is ``outer(down, along)``, plus ``centre`` in its middle.
 
     ``None`` for any other, for one whose product is so much larger than the plane that float32 would show it, and for a
@@ -249,14 +251,16 @@ def compile_crosstalk(
     out = context.zeros(x.shape, real)
     lines = separated(kernel[0]) if len(kernel) == 1 else None
     if lines is None:
-        launches = list(_direct(kernel, options, info, context, x, kept, filler, out))
+        launches = _direct(kernel, options, info, context, x, kept, filler, out)
     else:
-        launches = list(_in_lines(*lines, options, info, context, x, kept, filler, out))
+        launches = _in_lines(lines, options, info, context, x, kept, filler, out)
     reason = f"crosstalk over {kernel.shape[1]} x {kernel.shape[2]} taxels, {len(kernel)} plane(s)"
     return out, [Stage(name=f"{info.name}: crosstalk", reason=reason, launch=in_turn(*launches))]
 
 
-def _direct(kernel: np.ndarray, options, info: ReadingInfo, context: Context, x, kept, filler, out) -> Iterator[Launch]:
+def _direct(
+    kernel: np.ndarray, options: ImperfectionOptions, info: ReadingInfo, context: Context, x, kept, filler, out
+) -> Iterator[Launch]:
     """All taxels of the kernel for each taxel, groups of channels one after another."""
     real, device = context.real, context.device
     taxels = wp.array(kernel, dtype=real, device=device)
@@ -271,19 +275,10 @@ def _direct(kernel: np.ndarray, options, info: ReadingInfo, context: Context, x,
 
 
 def _in_lines(
-    down: np.ndarray,
-    along: np.ndarray,
-    centre: float,
-    options,
-    info: ReadingInfo,
-    context: Context,
-    x,
-    kept,
-    filler,
-    out,
+    lines: Lines, options: ImperfectionOptions, info: ReadingInfo, context: Context, x, kept, filler, out
 ) -> Iterator[Launch]:
     """Along the rows, and then along the columns."""
-    real, (rows, columns) = context.real, info.layout
+    (down, along, centre), (rows, columns), real = lines, info.layout, context.real
     between = context.zeros(x.shape, real)
     for source, step, count, weights, target in ((x, 1, columns, along, between), (between, columns, rows, down, out)):
         weights = wp.array(weights, dtype=real, device=context.device)

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
+from tactemu.physics.layer.cells_in_registers import over_cells
 from tactemu.physics.layer.friction_state import AT_BOUND, friction_windows_type
-from tactemu.physics.layer.in_registers import over_cells
 
 
 class FrictionCells(NamedTuple):

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from tactemu.physics.layer.in_registers import over_cells
+from tactemu.physics.layer.cells_in_registers import over_cells
 
 
 class PressureCells(NamedTuple):
