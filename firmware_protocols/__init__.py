@@ -37,6 +37,10 @@ if TYPE_CHECKING:  # what an editor sees; the table below says the same to Pytho
     from firmware_protocols.device import Sense as Sense
     from firmware_protocols.device import Sent as Sent
     from firmware_protocols.device import Stream as Stream
+    from firmware_protocols.facts import Fact as Fact
+    from firmware_protocols.facts import assumed as assumed
+    from firmware_protocols.facts import measured as measured
+    from firmware_protocols.facts import stated as stated
     from firmware_protocols.frames import CanFrame as CanFrame
     from firmware_protocols.frames import Frame as Frame
     from firmware_protocols.layouts import Layout as Layout
@@ -57,6 +61,7 @@ _PUBLIC = {
         "Column", "Convert", "Counts", "Device", "Outs", "Quantity", "Reading", "Restart", "Rollover", "Sense", "Sent",
         "Stream",
     ),
+    "facts": ("Fact", "assumed", "measured", "stated"),
     "frames": ("CanFrame", "Frame"),
     "layouts": ("Layout", "Patch", "grid_layout", "points"),
     "options": ("Option",),

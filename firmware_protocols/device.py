@@ -28,6 +28,7 @@ import numpy as np
 from firmware_protocols import state as plain
 from firmware_protocols.commands import Command
 from firmware_protocols.connectors import Connector
+from firmware_protocols.facts import Fact
 from firmware_protocols.frames import CanFrame
 from firmware_protocols.layouts import Layout
 from firmware_protocols.motors import Motors
@@ -218,8 +219,10 @@ class Device(ABC, Generic[F]):
     """Where each table comes from: repository@commit file, manual page, capture."""
     judge: str = "none"
     """The unmodified driver (package and version) that has read this device."""
+    facts: tuple[Fact, ...] = ()
+    """What is known beside the byte tables, and what each of it rests on."""
     assumed: tuple[str, ...] = ()
-    """What no source states and we chose."""
+    """What no source states and we chose, of a device that does not say where was looked."""
     scene: ClassVar[str] = ""
     """Default scene in the scene file's TOML (``docs/scene-files.md``), for a class outside the tree; it is not
     inherited. Empty: one is made from the layout, a ball that presses the middle of each patch."""

@@ -21,6 +21,7 @@ from firmware_protocols.check.host import Subject
 from firmware_protocols.check.report import Fault
 from firmware_protocols.connectors import Can, Connector
 from firmware_protocols.device import Device, Evidence, Kind, Quantity
+from firmware_protocols.facts import Fact, Part
 from firmware_protocols.frames import CanFrame, frame_of
 from firmware_protocols.framing import Lines, Packets
 from firmware_protocols.motors import Motors
@@ -62,6 +63,9 @@ def _datasheet(subject: Subject, device: Device) -> Iterator[str]:
             yield f"{what}: expected a tuple of sentences, got {found!r}"
         elif not found and what != "assumed":
             yield f"{what} is empty"
+    for fact in device.facts:
+        if not isinstance(fact, Fact) or fact.part not in typing.get_args(Part) or not (fact.what and fact.where):
+            yield f"facts: expected stated(part, what, where), measured(...) or assumed(...), got {fact!r}"
     known = typing.get_args(Evidence)
     for word in getattr(device, "evidence", None) or ():
         if word not in known:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import inspect
 import json as json_module
 import sys
+import typing
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
-from firmware_protocols import Column, Device
+from firmware_protocols import Column, Device, Fact
 from firmware_protocols.check.facts import held
+from firmware_protocols.facts import Basis, Part
 from firmware_protocols.frames import frame_of
 from firmware_protocols.layouts import Layout, Patch
 from firmware_protocols.options import declared, from_words
@@ -73,7 +76,7 @@ def print_datasheet(name: str, options: Mapping[str, Any] | None = None, *, json
             "normals": layout.normals.tolist(),
             "wire_order": layout.wire_order.tolist(),
             "sources": list(device.sources),
-            "assumed": list(device.assumed),
+            "facts": [asdict(fact) for fact in facts_of(device)],
         }
         print(json_module.dumps(entry))
         return
@@ -114,7 +117,25 @@ def datasheet(name: str, device: Device) -> list[str]:
     lines += _options(device) + _commands(device) + taxel_map(device.layout)
     lines += ["", f"Evidence: {', '.join(device.evidence)}", f"Read by: {device.judge}"]
     lines += ["Sources", *(f"  {source}" for source in device.sources)]
-    lines += ["Assumed (no source states it)", *(f"  {item}" for item in device.assumed or ("nothing",))]
+    return lines + _facts(device)
+
+
+def facts_of(device: Device) -> tuple[Fact, ...]:
+    """Return what the device states beside its byte tables, with what each fact rests on."""
+    return (*device.facts, *(Fact("configuration", what, "assumed", "not said") for what in device.assumed))
+
+
+def _facts(device: Device) -> list[str]:
+    """How far each part may be trusted, then every fact."""
+    facts = facts_of(device)
+    bases = typing.get_args(Basis)
+    lines = ["", "Beside the byte tables", f"  {'':<14}" + "".join(f"{basis:>10}" for basis in bases)]
+    for part in typing.get_args(Part):
+        numbers = [sum(fact.part == part and fact.basis == basis for fact in facts) for basis in bases]
+        lines.append(f"  {part:<14}" + "".join(f"{number:>10}" for number in numbers))
+    for basis in bases:
+        own = [f"  {fact.part}: {fact}" for fact in facts if fact.basis == basis]
+        lines += [basis.capitalize(), *own] if own else []
     return lines
 
 

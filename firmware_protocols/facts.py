@@ -1,0 +1,44 @@
+"""What is known about a sensor beside its byte tables, and what each fact rests on.
+
+A device declares them: ``facts = (stated(...), measured(...), assumed(...))``. A datasheet counts them by part, so that
+whoever writes a driver sees how far each part may be trusted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Part = Literal["touch", "identity", "configuration", "timing"]
+"""Values that drivers decode; what the sensor says of itself; settings, power-up state and refusals; rates and clocks."""
+Basis = Literal["stated", "measured", "assumed"]
+"""What a fact rests on, best first: a source, a recording of a real sensor, or nothing but our choice."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fact:
+    """One fact, and what it rests on."""
+
+    part: Part
+    what: str
+    basis: Basis
+    where: str
+    """``repository@commit file:line`` of a source, the recording, or the files that were read in vain."""
+
+    def __str__(self) -> str:
+        return f"{self.what} [{'looked in' if self.basis == 'assumed' else self.basis}: {self.where}]"
+
+
+def stated(part: Part, what: str, where: str) -> Fact:
+    """Return a fact that a source states, at ``repository@commit file:line``."""
+    return Fact(part, what, "stated", where)
+
+
+def measured(part: Part, what: str, recording: str) -> Fact:
+    """Return a fact that a recording of a real sensor shows."""
+    return Fact(part, what, "measured", recording)
+
+
+def assumed(part: Part, what: str, looked: str) -> Fact:
+    """Return a fact that we chose, with the files that were read whole and do not state it."""
+    return Fact(part, what, "assumed", looked.removeprefix("looked in: "))
