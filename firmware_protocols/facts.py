@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Part = Literal["touch", "identity", "configuration", "timing"]
-"""Values that drivers decode; what the sensor says of itself; settings, power-up state and refusals; rates and clocks."""
+"""Values that drivers decode; what the sensor says of itself; settings, power-up state, refusals; rates and clocks."""
 Basis = Literal["stated", "measured", "assumed"]
 """What a fact rests on, best first: a source, a recording of a real sensor, or nothing but our choice."""
 
