@@ -1,17 +1,22 @@
 r"""OSMO glove: three-axis magnetometers under magnetic skins, on the fingers of a glove.
 
-Wire: USB-CDC, opened at 9600. Device to host only: there is no command. Each sensor sends a message 50 times a
-second (the build with an operating system): protobuf (``bowie.Data``), stuffed by COBS and ended by 00.
+Wire: USB-CDC, opened at 9600. Device to host only: there is no command. 50 times a second (the build with an operating
+system) each board of a finger sends three messages, one of each of its two magnetometers and one of its motion chip:
+protobuf (``bowie.Data``), stuffed by COBS and ended by 00.
 
     field  type     content
-    1      varint   index
+    1      varint   index: how often the board has sent its orientation so far
     2      varint   finger, 1 pinky to 5 thumb
-    3      varint   link
-    4      varint   sensor
-    5      message  Mag: 1 seconds, 2 nanoseconds (varints), 3 x, 4 y, 5 z (float32)
-    6      message  Quat, which is not sent here
+    3      varint   link, 1 to 4
+    4      varint   sensor: 1 to 20 finger by finger, link by link; 20 more for the second magnetometer
+    5      message  Mag: 1 seconds, 2 nanoseconds (varints), 3 x, 4 y, 5 z (float32, whole counts)
+    6      message  Quat: 1 seconds, 2 nanoseconds, 3 x, 4 y, 5 z, 6 w, 7 accuracy (float32)
 
-As protobuf does, what is zero is left out. The driver drops and counts a block that is no COBS.
+As protobuf does, what is zero is left out. Each board's clock runs from its own power-up in steps of 15.625 us; boards
+start one after the other, 4.5 s each. A glove of link 1 alone has sensors 1, 5, 9, 13, 17 and 21, 25, 29, 33, 37.
+
+The vendor's reader drops and counts a block that is no COBS. Its ROS nodes pass over messages below 37 bytes, as those
+of the magnetometers are in the first minutes, and over a field of which one axis is exactly 0.
 
 Try it: ``tactemu run osmo_glove``, then the reader of osmo_tactile_glove's labs/glove2robot/utils/bowie.py.
 """
@@ -19,74 +24,127 @@ Try it: ``tactemu run osmo_glove``, then the reader of osmo_tactile_glove's labs
 from __future__ import annotations
 
 import struct
-from typing import Annotated
+from typing import Annotated, Literal
 
-import numpy as np
-
-from firmware_protocols import Column, Counts, Device, Option, Outs, Reading, Serial
+from firmware_protocols import USB, Column, Counts, Device, Option, Outs, Reading, Rollover, Serial
+from firmware_protocols.adc import quantize
 from firmware_protocols.device import Axis
+from firmware_protocols.facts import assumed, stated
 from firmware_protocols.framing import cobs
 from firmware_protocols.layouts import points
 from firmware_protocols.magnetic import LinearMagnet
 
+SOURCE = "jessicayin/osmo_tactile_glove@e0465b6"
 FINGERS = {
     "pinky": (-0.034, 0.075, 0.0), "ring": (-0.012, 0.092, 0.0), "middle": (0.010, 0.100, 0.0),
     "index": (0.032, 0.090, 0.0), "thumb": (0.060, 0.040, 0.0),
 }  # fmt: skip
+LINKS, SECOND = 4, 20
+LINK_M, SECOND_M = 0.02, 0.006
+"""From link to link of a finger, and from the first magnetometer of a board to the second [m]."""
 AXES: tuple[Axis, ...] = ("x", "y", "z")
-RANGE_UT = 2000.0
+COUNTS_PER_UT = 32768 / 5000
+RANGE = round(2000 * COUNTS_PER_UT)
+REST_UT = (-38.0, 21.0, 412.0)
+TICK_NS = 15_625
+START_NS = 4_500_000_000
+"""Time that the glove takes to start one board [ns]."""
 VARINT, MESSAGE, FLOAT = 0, 2, 5
 """Wire types of protobuf."""
 
 
 class OsmoGlove(Device):
-    """A magnetometer at each fingertip."""
+    """Boards on the links of five fingers, two magnetometers and a motion chip each."""
 
     name = "osmo_glove"
     kind = "glove"
-    title = "OSMO tactile glove, five fingertips"
-    ports = (Serial(baud=9600, usb=True),)
+    ports = (Serial(baud=9600, usb=USB(0x2833, 0xB015, "Meta AI", "BowieGlove", "123456789")),)
     rate_hz = 50.0
+    columns = tuple(
+        Column(name=a, axis=a, unit="uT", counts_per_unit=COUNTS_PER_UT, low=-RANGE, high=RANGE) for a in AXES
+    )
+    rollovers = (Rollover(name="index", bits=32, state="index"),)
     evidence = ("firmware", "driver")
-    sources = ("jessicayin/osmo_tactile_glove@e0465b6 firmware bowie.proto; labs/glove2robot/utils/bowie.py",)
-    judge = "own second reader"
-    assumed = (
-        "one sensor at each fingertip, of a flat hand; index counts them from 0, link and sensor are 1",
-        "numbers of Mag's fields, whole seconds and nanoseconds since power-up; Quat is not sent",
-        "microtesla; no rest field, 60 uT/N in the plane, 90 uT/N along the normal, a push raises z; +-2000 uT",
+    sources = (
+        f"{SOURCE} firmware/BowieGlove_rtos: glove.c, bhi360.c, usb_descriptors.c; README",
+        f"{SOURCE} firmware/BowieGlove: bowie.proto; glove.c l.61-85 (twenty boards)",
+        f"{SOURCE} labs/glove2robot/utils/bowie.py; hardware/ros2 bowie_node.py, "
+        "bowie_node_synced.py (sensors of link 1 alone)",
+    )
+    judge = "jessicayin/osmo_tactile_glove@e0465b6 bowie.py, bowie_node.py, bowie_node_synced.py"
+    facts = (
+        stated(
+            "identity", "USB 2833:B015, Meta AI, BowieGlove, 123456789", f"{SOURCE} RTOS usb_descriptors.c l.33-104"
+        ),
+        stated("identity", "twenty boards, numbers of finger, link and sensor", f"{SOURCE} RTOS glove.c l.59-81"),
+        stated("identity", "the second magnetometer's number is 20 higher", f"{SOURCE} RTOS bhi360.c l.198"),
+        stated("identity", "a glove of link 1 alone, two magnetometers each", f"{SOURCE} bowie_node_synced.py l.61-75"),
+        stated("touch", "x, y, z are counts; 5000 / 32768 uT each", f"{SOURCE} RTOS glove.c l.446-448 (in a comment)"),
+        stated("touch", "orientation in steps of 1 / 16384", f"{SOURCE} RTOS glove.c l.414-418"),
+        stated("timing", "50 Hz", f"{SOURCE} firmware/README.md l.5 (glove.c asks the chips for 100)"),
+        stated("timing", "index counts orientations, clocks count 15.625 us", f"{SOURCE} RTOS bhi360.c l.132-168"),
+        stated("timing", "4.5 s to start a board", f"{SOURCE} RTOS glove.c l.83"),
+        assumed("touch", "places on a flat hand; link 1 at the fingertip", f"{SOURCE} glove.c, bowie_data.py"),
+        assumed(
+            "touch", "60 uT/N in the plane, 90 uT/N along the normal, a push raises z; field at rest", "glove.c, README"
+        ),
+        assumed("touch", "the chips' range: +-2000 uT", "glove.c, bhi360.c, common.c (the chip's firmware is binary)"),
+        assumed("touch", "boards stand still: one orientation, accuracy 3", "bhi360.c, bowie_data.py l.947: 1 to 4"),
+        assumed("timing", "magnetometers, then orientation, of one instant", "bhi360.c (the chip's FIFO decides)"),
+        assumed("configuration", "it has been on for 10 minutes", "glove.c, README (its nodes drop what is younger)"),
     )
 
     def __init__(
         self,
         *,
+        sensors: Annotated[
+            Literal["fingertips", "all"], Option("link 1 of each finger, or all four links, as in the firmware")
+        ] = "fingertips",
         gains: Annotated[
             tuple[float, float, float],
             Option("of the force along x, y and z of a sensor, z out of the skin", unit="uT/N"),
         ] = (60.0, 60.0, -90.0),
+        orientation: Annotated[
+            tuple[float, float, float, float], Option("quaternion x, y, z, w of every board", low=-1, high=1)
+        ] = (0.02, -0.05, 0.1, 0.99),
+        uptime_s: Annotated[
+            float, Option("how long the glove has been on when it begins", unit="s", low=90.0, high=1e6)
+        ] = 600.01,
     ):
-        self.layout = points(FINGERS)
-        self.columns = tuple(
-            Column(name=a, axis=a, unit="uT", counts_per_unit=1.0, low=-RANGE_UT, high=RANGE_UT) for a in AXES
-        )
-        self.magnet = LinearMagnet(gain=gains)
+        links = LINKS if sensors == "all" else 1
+        self.title = f"OSMO tactile glove, {10 * links} magnetometers"
+        self.boards = [(finger, link) for finger in range(len(FINGERS)) for link in range(links)]
+        self.layout = points({
+            f"{name} {link + 1}{'ab'[chip]}": (x, y - LINK_M * link - SECOND_M * chip, z)
+            for name, (x, y, z) in FINGERS.items() for link in range(links) for chip in range(2)
+        })  # fmt: skip
+        self.magnet = LinearMagnet(gain=gains, offset=REST_UT)
+        self.orientation = [round(16384 * part) / 16384 for part in orientation]
+        self.uptime_ns = round(uptime_s * 1e9)
+        self.index = round(uptime_s * self.rate_hz)
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:
-        """Field [uT] of each sensor as it is sent, float32 ``(5, 3)``."""
+        """Field of each magnetometer in counts of 5000 / 32768 uT, shape ``(n, 3)``."""
         field = self.magnet(self.layout.to_taxel_frame(reading["force"]))
-        self.counts, self.felt_ns = np.clip(field, -RANGE_UT, RANGE_UT).astype(np.float32), t_ns
+        self.counts, self.felt_ns = quantize(field, COUNTS_PER_UT, -RANGE, RANGE), t_ns
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Outs:
-        """A message of each sensor."""
-        seconds, nanoseconds = divmod(self.felt_ns, 1_000_000_000)
-        messages = []
-        for k in self.layout.wire_order.tolist():
-            mag = _message(seconds, nanoseconds, *self.counts[k].tolist())
-            messages.append(cobs(_message(k, k + 1, 1, 1, mag)))
+        """Three messages of each board."""
+        fields, messages = self.layout.on_wire(self.counts).astype(float).tolist(), []
+        index = self.index - (self.index >> 31 << 32)
+        for k, (finger, link) in enumerate(self.boards):
+            since_ns = (self.felt_ns + self.uptime_ns - START_NS * k) // TICK_NS * TICK_NS
+            time, sensor = divmod(since_ns, 1_000_000_000), LINKS * finger + link + 1
+            first, second = (_message(*time, *field) for field in fields[2 * k : 2 * k + 2])
+            quat = _message(*time, *self.orientation, 3.0)
+            for number, parts in ((sensor, (first,)), (sensor + SECOND, (second,)), (sensor, (None, quat))):
+                messages.append(cobs(_message(index, finger + 1, link + 1, number, *parts)))
+        self.index = self.index + 1 & 0xFFFFFFFF
         return messages
 
 
-def _message(*values: int | float | bytes) -> bytes:
+def _message(*values: int | float | bytes | None) -> bytes:
     """Fields 1, 2, 3 ... in protobuf."""
     data = b""
     for number, value in enumerate(values, 1):
@@ -100,8 +158,8 @@ def _message(*values: int | float | bytes) -> bytes:
 
 
 def _varint(number: int) -> bytes:
-    """Seven bits a byte, the lowest first; bit 7 says that there are more."""
-    data = bytearray()
+    """Seven bits a byte, the lowest first; bit 7 says that there are more. A negative number has 64 bits."""
+    data, number = bytearray(), number & 0xFFFFFFFFFFFFFFFF
     while number > 0x7F:
         data.append(number & 0x7F | 0x80)
         number >>= 7

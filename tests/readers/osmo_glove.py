@@ -1,11 +1,8 @@
 """OSMO glove.
 
 Source: jessicayin/osmo_tactile_glove@e0465b6 (firmware bowie.proto; labs/glove2robot/utils/bowie.py).
-A reading is one message, as the driver hands it out: index, finger, link, sensor, x, y, z (float32).
-
-Not settled by the description: the fields of Mag, named in order but not numbered (taken as 1..5, whole seconds and
-nanoseconds as varints); the fields of Quat (passed over); which sensors there are and in which order they come; the
-meaning of index.
+A reading is one message of a magnetometer, as the driver hands it out: index, finger, link, sensor, x, y, z (float32).
+Messages of an orientation are looked at and passed over. The order in which a board's messages come is not used.
 """
 
 import struct
@@ -63,7 +60,12 @@ def read(port):
         block = line.read_until(b"\0")
         expect(block.endswith(b"\0"), f"no end of a block within {line.timeout} s: {block.hex(' ')}")
         message = fields(unstuffed(block[:-1]))
-        expect(set(message) <= {1, 2, 3, 4, 5, 6} and 5 in message, f"fields {sorted(message)}")
+        expect(set(message) <= {1, 2, 3, 4, 5, 6} and len({5, 6} & set(message)) == 1, f"fields {sorted(message)}")
+        if 6 in message:
+            quat = fields(message[6])
+            length = sum(quat.get(k, 0.0) ** 2 for k in (3, 4, 5, 6)) ** 0.5
+            expect(0.9 < length < 1.1, f"an orientation of length {length}")
+            continue
         mag = fields(message[5])
         expect(set(mag) <= {1, 2, 3, 4, 5}, f"fields of Mag {sorted(mag)}")
         finger, link, sensor = (message.get(k, 0) for k in (2, 3, 4))

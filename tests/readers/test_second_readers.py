@@ -237,9 +237,11 @@ CASES = [
         "osmo_glove",
         "osmo_glove.py",
         shown=lambda device, counts: counts,
-        compared=lambda readings: [[r[4:] for r in readings if r[1] == finger] for finger in range(1, 6)],
+        compared=lambda readings: [
+            [r[4:] for r in readings if r[3] == 4 * finger + 1 + second] for finger in range(5) for second in (0, 20)
+        ],
         guarded=False,
-        count=1100,
+        count=2200,
     ),
     Case("paxini_gen2", "paxini_gen2.py", peak=20.0),
     Case(
