@@ -12,6 +12,9 @@ POLL_NS = 1_000_000
 _LOOK_S = 0.1
 """How long a wait for nothing in particular takes at most."""
 
+_LATE_NS = 20_000_000
+"""A paced clock that is later than this does not hurry to catch up."""
+
 
 class Clock(Protocol):
     """What the loop asks of time."""
@@ -120,6 +123,40 @@ class VirtualClock:
         """Jump to the deadline."""
         if deadline_ns is not None:
             self._now = max(self._now, deadline_ns)
+
+
+class PacedClock(VirtualClock):
+    """A virtual clock at the pace of the machine's: no sample is missed, and a machine that is late makes time slower.
+
+    Each turn of the loop has a time of its own, so that a run with a driver can be done again in virtual time from
+    what the driver sent and when.
+    """
+
+    def __init__(self, start_ns: int = 0):
+        super().__init__(start_ns)
+        self._origin = time.monotonic_ns() - start_ns
+
+    def start(self) -> None:
+        """Keep pace from now on."""
+        self._origin = time.monotonic_ns() - self._now
+
+    def set_ns(self, t_ns: int) -> None:
+        """Go on from this time."""
+        super().set_ns(t_ns)
+        self.start()
+
+    def wait(self, deadline_ns: int | None, filenos: Sequence[int], *, poll: bool = False) -> None:
+        """Sleep until the deadline, at which it then is, or earlier until a file descriptor is readable."""
+        before = self._now
+        real = time.monotonic_ns() - self._origin
+        until = max(real, before) + round(_LOOK_S * 1e9) if deadline_ns is None else max(deadline_ns, before + 1)
+        if poll:
+            until = min(until, max(real, before) + POLL_NS)
+        ready = until > real and select.select(filenos, (), (), (until - real) / 1e9)[0]
+        real = time.monotonic_ns() - self._origin
+        self._now = max(before + 1, min(real, until)) if ready else until
+        if real - self._now > _LATE_NS:
+            self._origin += real - self._now - _LATE_NS
 
 
 class LockstepClock(VirtualClock):

@@ -23,7 +23,7 @@ from urllib.parse import urlsplit
 
 from firmware_protocols import Device
 from tactemu.assembly import Assembled, Wishes, assemble, truth_of
-from tactemu.clock import LockstepClock, RealClock
+from tactemu.clock import LockstepClock, PacedClock, RealClock
 from tactemu.control.again import play_again
 from tactemu.control.control import Control
 from tactemu.control.errand import Errand, Outcome
@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     from tactemu.physics.simulation import Simulation
     from tactemu.scene.scene import Scene
 
-CLOCKS = {"real": RealClock, "lockstep": LockstepClock}
-"""What ``clock`` may be: time runs by itself, or only as far as ``step`` lets it."""
+CLOCKS = {"real": RealClock, "lockstep": LockstepClock, "paced": PacedClock}
+"""What ``clock`` may be: time runs by itself, only as far as ``step`` lets it, or slower rather than miss a sample."""
 
 
 def serve(
@@ -87,7 +87,8 @@ def serve(
         measured: noise, clock and so on as of real devices, where such were measured (docs/transducers.md).
         source: a simulator of your own: a scene, built or not, or a function of time that gives poses or readings
             (:mod:`tactemu.sources`).
-        clock: ``real``, or ``lockstep``: time advances only by :meth:`Served.step`.
+        clock: ``real``; ``lockstep``: time advances only by :meth:`Served.step`; ``paced``: as real, but a machine that
+            is late makes time slower, and no sample is missed.
         name: under which ``tactemu poke --name`` and :func:`tactemu.connect` find it; default: they do not.
         again: truth log of an earlier run: what was done to it live is done again, at the same times; on ports
             ``memory:`` what its driver said is said again, too.

@@ -1,0 +1,40 @@
+"""What unmodified drivers sent comes again, and every byte and value that they got."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.clients.recording import MAX_BYTES, Recording, Row, recordings
+from tests.clients.replay import differences, replay
+
+PATHS = list(recordings())
+
+
+@pytest.mark.parametrize("path", PATHS, ids=lambda path: path.stem)
+def test_a_driver_gets_what_it_got(path: Path):
+    recorded = Recording.load(path)
+    assert path.stem == f"{recorded.about['device']}-{recorded.about['driver']}"
+    assert path.stat().st_size <= MAX_BYTES
+    assert recorded.events and recorded.sent
+    again, made = replay(recorded)
+    assert differences(recorded, again, made) == []
+
+
+@pytest.mark.parametrize("path", PATHS[:1], ids=lambda path: path.stem)
+def test_another_byte_and_another_value_are_seen(path: Path):
+    recorded = Recording.load(path)
+    again, made = replay(recorded)
+    t_ns, wire, frame = recorded.sent[-1]
+    recorded.sent[-1] = t_ns, wire, ("0" if frame[0] != "0" else "1") + frame[1:]
+    row = recorded.rows[-1]
+    recorded.rows[-1] = Row(row.name, row.sample, np.asarray(row.values, float) + 1)
+    found = differences(recorded, again, made)
+    assert [line.partition(":")[0] for line in found] == [wire, f"decoded {row.name} of sample {row.sample}"]
+
+
+@pytest.mark.parametrize("path", PATHS, ids=lambda path: path.stem)
+def test_nothing_that_a_sound_driver_sends_is_left_over(path: Path):
+    about = Recording.load(path).about
+    counted = {name for each in about["counters"].values() for name, count in each.items() if count}
+    assert counted - {"requests"} == set(about.get("expected_counters", {}))
