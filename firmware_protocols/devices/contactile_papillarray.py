@@ -179,7 +179,7 @@ class ContactilePapillArray(Device):
     def feel(self, reading: Reading, t_ns: int) -> Counts:
         """Fx, Fy, Fz [N] and Dx, Dy, Dz [mm] of each pillar as sent, float32 ``(n, 6)``; a push positive."""
         self.felt = self.layout.to_taxel_frame(reading["force"]) * [1, 1, -1]
-        force = np.clip(self.felt - self.zero, -FORCES, FORCES)
+        force = np.clip(self.felt - self.zero, -FORCES, FORCES) + 0.0  # at rest not -0.0
         self.counts = np.hstack([force, force * (DEFLECTIONS / FORCES)]).astype(np.float32)
         return self.counts
 
@@ -193,7 +193,7 @@ class ContactilePapillArray(Device):
             data += [head, *pillars[k * PILLARS : (k + 1) * PILLARS]]
         data.append(self.total_head)
         for forces in self.counts.reshape(n, PILLARS, 6)[..., :3]:
-            torque = np.einsum("apt,pa->t", self.arms, forces)
+            torque = np.einsum("apt,pa->t", self.arms, forces) + 0.0
             data.append(TOTAL.pack(force=forces.sum(axis=0), torque=torque))
         data.append(self.tail)
         return [PACKET.pack(data=b"".join(data))]

@@ -1,37 +1,45 @@
 """DexRobot DexHand021: six boards on CAN-FD, five with a fingertip that feels force and warmth.
 
-Wire: CAN-FD, standard identifiers; b is 1..6 on a left hand, 7..12 on a right one, first the fingers, the thumb first.
+Wire: CAN-FD, standard identifiers. Board b is 1..6 of a left hand, 7..12 of a right one: thumb, palm, index, middle,
+ring, little finger. The palm turns the thumb and spreads the fingers, and has no fingertip.
 
-    id         data                  direction   about
-    180+b      ``FEEDBACK``          to host     of a fingertip's board; the sixth sends only its first 16 bytes
-    100+b      (not published)       to board    motion; in mode 2 answered by feedback
-    000+b      74 mode               to board    feedback from now on: 1 periodic, 2 when asked, 3 when it has changed
-    000+b      A4                    to board    clear errors
-    080+b      03, command, 00, 01   to host     answer to these two
-    600+b      EE, type, bits        to host     an error; never sent
+    id         data                          direction   about
+    180+b      ``FEEDBACK``                  to host     the palm sends only its first 16 bytes
+    100+b      ``MOTION``                    to board    in mode 2 answered by feedback
+    000+b      03 74 mode period on          to board    feedback: 1 periodic, 2 when asked, 3 when it has changed;
+                                                         period [10 ms]; on 1, or 0 for none
+    000+b      03 A4                         to board    clear errors
+    080+b      03, command, 00, 01           to host     answer to these two
+    000+b      01 02                         to board    version of the firmware
+    080+b      four bytes, the last first    to host     answer to that
+    600+b      EE, type, bits                to host     an error; never sent
 
-The published parser takes shorter frames for boards without touch, and warns of a force that is no number.
+A frame may be longer than its message: the C++ library fills up to 64 bytes. Feedback frames below 42 bytes are of
+boards without touch. That library (185f7c8) takes every number of the feedback high byte first and the forces as
+integers; the Python driver, which is younger, takes them as they are here.
 
-Evidence: the published driver; its parser has read frames that were built by hand.
+Evidence: the vendor's two drivers, run.
 
 Try it: ``tactemu run dexrobot_dexhand --port can:socketcan:vcan0``, then ``candump vcan0``.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Literal
 
 import numpy as np
 
-from firmware_protocols import Can, CanFrame, Column, Command, Counts, Device, Option, Outs, Reading
+from firmware_protocols import Can, CanFrame, Column, Command, Counts, Device, Option, Outs, Reading, assumed, stated
 from firmware_protocols.adc import quantize
 from firmware_protocols.layouts import points, stack
+from firmware_protocols.motors import Motors
 from firmware_protocols.tables import Frame
 
 FEEDBACK = Frame("""
     feedback
-    0     00 x 12    motors              i16 x 3 of each of two: current [mA], speed [rpm], position [counts]
-    12    00 x 4     angles              i16 x 2 [0.01 deg]
+    0     <i2 x 2 x 3  motors              of each of two: current [mA], speed [rpm], position [counts]
+    12    <i2 x 2    angles              [0.01 deg]
     16    <f4        normal              [N]
     20    00 x 4     normal_delta        u32
     24    <f4        tangential          [N]
@@ -42,15 +50,36 @@ FEEDBACK = Frame("""
     42    00 x 4     encoders            u16 x 2
     46    00 x 2     unused
 """)
-WITHOUT_TOUCH = 16
+MOTION = Frame("""
+    motion
+    0     u1         mode      44: goals [0.01 deg], 33 and 55: [counts]; others move nothing here
+    1     u1         enabled   bit 0 the first motor, 1 the second
+    2     <i2 x 2    goals
+""")
+MOTION_BYTES, WITHOUT_TOUCH = 6, 16
 FINGERS = ("thumb", "index", "middle", "ring", "little")
-BOARDS = 6
-PERIODIC, WHEN_ASKED, ON_CHANGE = 1, 2, 3
+BOARDS = ("thumb", "palm", *FINGERS[1:])
+JOINTS = {
+    # name: most [deg], counts per degree / (20 / 3), two for each board
+    "th_dip": (90, 2.1), "th_mcp": (90, 2.1), "th_rot": (150, 1.8), "ff_spr": (30, 4.0), "ff_dip": (90, 2.2),
+    "ff_mcp": (90, 1.6), "mf_dip": (90, 2.2), "mf_mcp": (90, 1.6), "rf_dip": (90, 2.2), "rf_mcp": (90, 1.6),
+    "lf_dip": (90, 2.2), "lf_mcp": (90, 1.6),
+}  # fmt: skip
+HIGHEST, HALL = np.array(list(JOINTS.values())).T
+COUNTS_PER_DEGREE = HALL * 20 / 3
+ANGLES, HALLS = (0x44,), (0x33, 0x55)
+TO_BOARD, MOVE, REPLY, STATE = 0x000, 0x100, 0x080, 0x180
+SET_FEEDBACK, CLEAR_ERRORS, ASK_VERSION = b"\x03\x74", b"\x03\xa4", b"\x01\x02"
+FIRMWARE = bytes([1, 0, 0, 0])
+OFF, PERIODIC, WHEN_ASKED, ON_CHANGE = 0, 1, 2, 3
 SPACING, PITCH, FORCE_MAX = 0.025, 0.012, 50.0
+PYZLG, CPP = "DexRobot/pyzlg_dexhand@316575a pyzlg_dexhand/", "DexRobot/dexhand021_linux_sdk_cpp@185f7c8 "
+TESTED = "DexRobot/pyzlg_dexhand@316575a tools/hardware_test/test_dexhand.py"
+LOOKED = "all of pyzlg_dexhand@316575a; dexhand021_linux_sdk_cpp@185f7c8 include, example, libdexhand_sdk_cpp.so"
 
 
 class DexrobotDexHand(Device[CanFrame]):
-    """Fingertips with one sensor of force each."""
+    """Fingertips with one sensor of force each, and twelve motors."""
 
     name = "dexrobot_dexhand"
     kind = "hand"
@@ -63,31 +92,60 @@ class DexrobotDexHand(Device[CanFrame]):
         Column(name="temperature", sense="temperature", unit="degC", counts_per_unit=1.0, low=0, high=85, rest=25),
     )
     evidence = ("driver",)
-    sources = ("DexRobot/pyzlg_dexhand@316575a dexhand_protocol/{__init__,messages,commands}.py",)
-    judge = "cantools, with a DBC of its frames; own second reader"
-    assumed = (
-        "1 Mbit/s, 5 Mbit/s for data; boards 1..5 thumb to little finger; mode 1 at 100 Hz after power-up",
-        "a set-up message begins with the command or with 03 and the command; the mode is the next byte",
-        f"forces to {FORCE_MAX:.0f} N, temperature 0 to 85 deg C; direction 0 towards the tip, clockwise",
-        "motors stand still at 0, what else is marked 00 is not modelled; any motion message is a question",
-        f"one point per fingertip, {SPACING * 1e3:.0f} mm apart, normal +z, tips to +y",
+    sources = (
+        f"{PYZLG}dexhand_interface.py, zcan_wrapper.py, dexhand_protocol/*.py, ../config/config.yaml",
+        f"{CPP}include/Protocols.h, libs/libdexhand_sdk_cpp.so",
+    )
+    judge = "pyzlg_dexhand@316575a; dexhand021_linux_sdk_cpp@185f7c8; cantools, with a DBC of its frames"
+    facts = (
+        stated(
+            "touch", "boards are thumb, palm, index, middle, ring, little", f"{PYZLG}dexhand_interface.py:99 finger_map"
+        ),
+        stated("touch", "the same order, the palm without fingertip", f"{CPP}include/Protocols.h:222, status_data"),
+        stated("touch", "direction 0 is the fingertip", f"{PYZLG}dexhand_interface.py:68"),
+        assumed("touch", f"forces to {FORCE_MAX:.0f} N, direction clockwise, temperature 0 to 85 deg C", LOOKED),
+        assumed("touch", f"one point per fingertip, {SPACING * 1e3:.0f} mm apart, normal +z, tips to +y", LOOKED),
+        assumed("touch", "proximity and the two deltas are 0", LOOKED),
+        stated(
+            "identity",
+            "version: request 01 02, four bytes, the last first",
+            f"{CPP}libdexhand_sdk_cpp.so get_sdk_version",
+        ),
+        assumed("identity", "firmware 1.0.0.0", LOOKED),
+        stated("configuration", "1 and 5 Mbit/s", f"{PYZLG}zcan_wrapper.py:263"),
+        stated(
+            "configuration",
+            "set-up begins with 03; mode, period [10 ms], on",
+            f"{PYZLG}dexhand_protocol/commands.py:107",
+        ),
+        stated(
+            "configuration", "goals in 0.01 deg, or in Hall counts", f"{PYZLG}dexhand_interface.py:504 _scale_angle"
+        ),
+        stated("configuration", "joints reach 90 deg, th_rot 150, ff_spr 30", f"{TESTED}:46"),
+        stated("configuration", "feedback comes without being set up", f"{TESTED}: reads, and never sets a mode"),
+        assumed("configuration", "mode 1 after power-up; in mode 2 a motion message is the question", LOOKED),
+        assumed("configuration", "motors move at 200 deg/s; currents, speeds and encoders are 0", LOOKED),
+        assumed("timing", "100 feedbacks a second after power-up, from every board at once", LOOKED),
     )
 
     def __init__(self, *, side: Annotated[Literal["left", "right"], Option("which hand; sets the ids")] = "left"):
         self.first = 1 if side == "left" else 7
-        boards = range(self.first, self.first + BOARDS)
+        boards = range(self.first, self.first + len(BOARDS))
         self.ports = (
-            Can(data_bitrate=5_000_000, hears=tuple((to | board, 0x7FF) for to in (0x000, 0x100) for board in boards)),
+            Can(data_bitrate=5_000_000, hears=tuple((to | b, 0x7FF) for to in (TO_BOARD, MOVE) for b in boards)),
         )
         places = {finger: ((k - 2) * SPACING, 0.0, 0.0) for k, finger in enumerate(FINGERS)}
         self.layout = stack(*(points({f: at}, pitch=PITCH, link=f) for f, at in places.items()))
-        self.modes = [PERIODIC] * BOARDS
-        self.said = [b""] * BOARDS
+        self.motors = Motors(
+            [0.0] * len(JOINTS), high=HIGHEST, low=0.0, speed_limit=200.0, names=tuple(JOINTS), unit=np.deg2rad(1)
+        )
+        self.modes, self.periods_ns = [PERIODIC] * len(BOARDS), [0] * len(BOARDS)
+        self.said, self.said_ns = [b""] * len(BOARDS), [-(1 << 62)] * len(BOARDS)
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:
         """By sense: normal and tangential force [N], float32, and direction [deg] of each tip; temperature [deg C]."""
         x, y, z = self.layout.to_taxel_frame(reading["force"]).T
-        forces = np.clip(np.stack([-z, np.hypot(x, y)]), 0.0, FORCE_MAX).astype(np.float32)
+        forces = (np.clip(np.stack([-z, np.hypot(x, y)]), 0.0, FORCE_MAX) + 0.0).astype(np.float32)
         direction = np.rint(np.degrees(np.arctan2(x, y))) % 360
         self.counts = np.stack([*forces, direction], axis=1)
         self.warmth = quantize(reading["temperature"], 1.0, 0, 85)
@@ -97,59 +155,89 @@ class DexrobotDexHand(Device[CanFrame]):
         """Feedback of the boards that send it unasked."""
         frames = []
         for board, mode in enumerate(self.modes):
-            frame = self._feedback(board)
-            if mode == PERIODIC or (mode == ON_CHANGE and frame.data != self.said[board]):
+            frame = self._feedback(board, t_ns)
+            due = t_ns - self.said_ns[board] >= self.periods_ns[board]
+            if (mode == PERIODIC and due) or (mode == ON_CHANGE and frame.data != self.said[board]):
                 frames.append(frame)
-                self.said[board] = frame.data
+                self.said[board], self.said_ns[board] = frame.data, t_ns
         return frames
 
-    def _feedback(self, board: int) -> CanFrame:
-        """What one board says, counted from 0; the sixth has no fingertip."""
-        ident = 0x180 | self.first + board
-        if board >= len(FINGERS):
-            return _fd(ident, bytes(WITHOUT_TOUCH))
-        normal, tangential, direction = self.layout.on_wire(self.counts)[board].tolist()
-        warmth = self.layout.on_wire(self.warmth)[board].item()
-        data = FEEDBACK.pack(normal=normal, tangential=tangential, direction=int(direction), temperature=warmth)
-        return _fd(ident, data)
+    def _feedback(self, board: int, t_ns: int) -> CanFrame:
+        """What one board says, counted from 0."""
+        two = slice(2 * board, 2 * board + 2)
+        degrees = self.motors.positions(t_ns)[two]
+        motors = np.zeros((2, 3), np.int64)
+        motors[:, 2] = np.rint(degrees * COUNTS_PER_DEGREE[two])
+        felt = dict.fromkeys(("normal", "tangential", "direction", "temperature"), 0)
+        if touches := BOARDS[board] in FINGERS:
+            tip = FINGERS.index(BOARDS[board])
+            normal, tangential, direction = self.layout.on_wire(self.counts)[tip].tolist()
+            warmth = self.layout.on_wire(self.warmth)[tip].item()
+            felt = {"normal": normal, "tangential": tangential, "direction": int(direction), "temperature": warmth}
+        data = FEEDBACK.pack(motors=motors, angles=quantize(degrees, 100.0, 0, 0x7FFF), **felt)
+        return _fd(STATE | self.first + board, data if touches else data[:WITHOUT_TOUCH])
 
     def receive(self, data: CanFrame, t_ns: int, port: str) -> Outs[CanFrame]:
-        """Set-up, and motion, which moves nothing."""
+        """Set-up and motion."""
         to, board = data.arbitration_id & 0x780, (data.arbitration_id & 0x7F) - self.first
-        if not data.is_fd or data.is_extended_id or to not in (0x000, 0x100) or not 0 <= board < BOARDS:
+        if not data.is_fd or data.is_extended_id or to not in (TO_BOARD, MOVE) or not 0 <= board < len(BOARDS):
             self.counters["ignored"] += 1
             return ()
-        if to == 0x100:
-            self.counters["requests"] += 1
-            return [self._feedback(board)] if self.modes[board] == WHEN_ASKED else ()
-        message = data.data[1:] if data.data[:1] == b"\x03" else data.data
-        if message[:1] == b"\x74" and message[1:2] in (b"\1", b"\2", b"\3"):
-            self.modes[board], self.said[board] = message[1], b""
-        elif message[:1] != b"\xa4":
-            self.counters["unknown_command"] += 1
-            return ()
-        self.counters["requests"] += 1
-        return [_fd(0x080 | self.first + board, bytes([0x03, message[0], 0x00, 0x01]))]
+        sent = self._move(board, data.data, t_ns) if to == MOVE else self._set_up(board, data.data)
+        self.counters["unknown_command" if sent is None else "requests"] += 1
+        return sent or ()
+
+    def _move(self, board: int, data: bytes, t_ns: int) -> list[CanFrame] | None:
+        if len(data) < MOTION_BYTES:
+            return None
+        order, two = MOTION.unpack(data[:MOTION_BYTES]), slice(2 * board, 2 * board + 2)
+        if order["mode"] in (*ANGLES, *HALLS):
+            enabled = [bool(order["enabled"] & bit) for bit in (1, 2)]
+            goals = np.full(len(JOINTS), np.nan)
+            per_degree = 100.0 if order["mode"] in ANGLES else COUNTS_PER_DEGREE[two]
+            goals[two] = np.where(enabled, order["goals"] / per_degree, np.nan)
+            self.motors.go(goals, t_ns)
+        return [self._feedback(board, t_ns)] if self.modes[board] == WHEN_ASKED else []
+
+    def _set_up(self, board: int, data: bytes) -> list[CanFrame] | None:
+        """The answer, ``None`` where none is known."""
+        answer = bytes([*data[:2], 0x00, 0x01])
+        if data[:2] == ASK_VERSION:
+            answer = FIRMWARE[::-1]
+        elif data[:2] == SET_FEEDBACK and len(data) >= 5 and PERIODIC <= data[2] <= ON_CHANGE:
+            self.modes[board], self.said[board] = (data[2] if data[4] else OFF), b""
+            self.periods_ns[board] = data[3] * 10_000_000
+        elif data[:2] != CLEAR_ERRORS:
+            return None
+        return [_fd(REPLY | self.first + board, answer)]
+
+    def joints(self, t_ns: int) -> Mapping[str, float]:
+        """Angles of the twelve joints [rad]."""
+        return self.motors.joints(t_ns)
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """Modes and errors of the first board; the others take the same."""
-        to, reply = f"{self.first:03X}##1", f"{0x80 | self.first:03X}##1"
-        asked = f"{0x100 | self.first:03X}##1 {'00' * 8}"
-        origin = "pyzlg_dexhand@316575a commands.py"
+        """Set-up and motion of the thumb's board; the others take the same."""
+        to, reply, state = (f"{base | self.first:03X}##1" for base in (TO_BOARD, REPLY, STATE))
+        motion = f"{MOVE | self.first:03X}##1 44 03 E803 D007"
+        python, cpp = self.sources
         return (
             *(
-                Command(name=f"feedback {name}", request=f"{to}74{mode:02X}", reply=f"{reply}03740001", origin=origin)
-                for mode, name in ((PERIODIC, "all the time"), (WHEN_ASKED, "when asked"), (ON_CHANGE, "on change"))
+                Command(
+                    name=f"feedback {name}", request=f"{to}0374{mode:02X}0101", reply=f"{reply}03740001", origin=python
+                )
+                for mode, name in ((PERIODIC, "every 10 ms"), (WHEN_ASKED, "when asked"), (ON_CHANGE, "on change"))
             ),
-            Command(name="clear errors", request=f"{to}A4", reply=f"{reply}03A40001", origin=origin),
+            Command(name="feedback off", request=f"{to}0374010100", reply=f"{reply}03740001", origin=python),
+            Command(name="clear errors", request=f"{to}03A4", reply=f"{reply}03A40001", origin=python),
+            Command(name="version", request=f"{to}0102{'00' * 6}", reply=f"{reply}..{{4}}", origin=cpp),
+            Command(name="motion", request=motion, reply=None, about="both motors to 10 and 20 deg", origin=cpp),
             Command(
-                name="motion",
-                request=asked,
-                after=(f"{to}7402",),
-                reply=f"{0x180 | self.first:03X}##1 ..{{48}}",
-                about="moves nothing; asks for feedback",
-                origin=origin,
+                name="motion, as a question",
+                request=motion,
+                after=(f"{to}0374020101",),
+                reply=f"{state}..{{48}}",
+                origin=python,
             ),
         )
 
