@@ -148,7 +148,9 @@ CASES = [
         {"side": "right"},
         kind="can",
         shown=dexhand,
-        compared=lambda readings: [[np.take(r, (1, 3, 5, 7)) for r in readings if r[0] == b] for b in (7, 9, 10, 11, 12)],
+        compared=lambda readings: [
+            [np.take(r, (1, 3, 5, 7)) for r in readings if r[0] == b] for b in (7, 9, 10, 11, 12)
+        ],
         guarded=False,
         count=1100,
     ),
