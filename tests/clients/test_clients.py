@@ -1,5 +1,7 @@
 """What unmodified drivers sent comes again, and every byte and value that they got."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -38,3 +40,9 @@ def test_nothing_that_a_sound_driver_sends_is_left_over(path: Path):
     about = Recording.load(path).about
     counted = {name for each in about["counters"].values() for name, count in each.items() if count}
     assert counted - {"requests"} == set(about.get("expected_counters", {}))
+
+
+def test_the_pages_say_what_devices_and_recordings_say():
+    script = Path(__file__).parents[2] / "scripts" / "device_pages.py"
+    done = subprocess.run([sys.executable, script, "--check"], check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr

@@ -1,4 +1,4 @@
-"""``scripts/judges``: run judges, and say of every device who has read it. ``--all`` writes docs/judges.md."""
+"""``scripts/judges``: run judges, and say of every device who has read it."""
 
 import argparse
 import json
@@ -10,15 +10,7 @@ from collections import defaultdict
 import firmware_protocols as fp
 from tests.judging import ROOT
 
-PAGE = ROOT / "docs" / "judges.md"
 FOLDER = ROOT / "build" / "judges"
-HEAD = """# Who has read each device
-
-Written by `scripts/judges --all`, which runs every judge: an unmodified driver, or another program that is not ours, in
-a process of its own; or a second reader, written by somebody who knew the description of the wire and not the device
-file. *Readings* are those, one after the other, that equalled what was felt: of the test with the fewest, in hundreds.
-
-"""
 UNREAD = ("none", "own second reader")
 """How the ``judge`` of a device begins that no driver reads."""
 
@@ -89,7 +81,7 @@ def main() -> int:
     """The command."""
     parser = argparse.ArgumentParser(prog="scripts/judges", description=__doc__)
     parser.add_argument("device", nargs="*", help="only the judges of these devices")
-    parser.add_argument("--all", action="store_true", help="every judge of every device, and write docs/judges.md")
+    parser.add_argument("--all", action="store_true", help="every judge of every device")
     given = parser.parse_args()
     if bool(given.device) == given.all:
         parser.error("name devices, or --all")
@@ -100,8 +92,6 @@ def main() -> int:
     table = ["| device | read by | carrier | readings | result |", "| --- | --- | --- | --- | --- |"]
     table += [f"| `{name}` | {' | '.join(rest)} |" for name, *rest in lines]
     print("\n".join(table))
-    if given.all:
-        PAGE.write_text(HEAD + "\n".join(table) + "\n")
     return 1 if status or any(line[-1].isupper() or line[-1].startswith("FAILED") for line in lines) else 0
 
 
