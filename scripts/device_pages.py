@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Write docs/judges.md from the client recordings and docs/assumed.md from the device files.
 
-usage: scripts/device_pages.py [--check]      --check writes nothing and fails where a page is not as it would be written
+usage: scripts/device_pages.py [--check]      --check writes nothing; it fails where a page is stale
 """
 
 import sys
@@ -16,11 +16,11 @@ from tests.clients.recording import Recording, recordings
 
 JUDGES = """# Which drivers have read each device
 
-Unmodified drivers, run from open to close on a port of tactemu. What each of them sent, what it got and what it decoded
-is kept as a *client recording* in `tests/data/clients/`; every run of the tests sends the driver's bytes again, in
-virtual time, and requires every answer byte for byte and every decoded value to equal the truth. *Values* are those that
-the driver reported and that equalled a sample, all of them. Nothing that a driver sent was left over (not understood,
-refused, addressed to another), but for what its own search causes, which is named.
+These unmodified drivers ran from open to close on a port of tactemu. What each of them sent, what it got and what it
+decoded is kept as a *client recording* in `tests/data/clients/`. Every run of the tests sends the driver's bytes again,
+in virtual time, and requires every answer byte for byte and every decoded value to equal the truth. *Values* counts
+what the driver reported; each of them equalled a sample. Nothing that a driver sent was left over (not understood, refused,
+addressed to another device), except what its own search causes, which is named.
 
 `python -m tests.clients.record -h` says how a recording is made. Drivers from a package index are run again by
 `scripts/judges NAME`; one that lives in a repository alone by `tactemu exec DEVICE -- COMMAND` with a checkout of it.
