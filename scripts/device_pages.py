@@ -19,8 +19,8 @@ JUDGES = """# Which drivers have read each device
 These unmodified drivers ran from open to close on a port of tactemu. What each of them sent, what it got and what it
 decoded is kept as a *client recording* in `tests/data/clients/`. Every run of the tests sends the driver's bytes again,
 in virtual time, and requires every answer byte for byte and every decoded value to equal the truth. *Values* counts
-what the driver reported; each of them equalled a sample. Nothing that a driver sent was left over (not understood, refused,
-addressed to another device), except what its own search causes, which is named.
+what the driver reported; each of them equalled a sample. Nothing that a driver sent was left over (not understood,
+refused, addressed to another device), except what its own search causes, which is named.
 
 `python -m tests.clients.record -h` says how a recording is made. Drivers from a package index are run again by
 `scripts/judges NAME`; one that lives in a repository alone by `tactemu exec DEVICE -- COMMAND` with a checkout of it.
