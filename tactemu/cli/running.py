@@ -21,6 +21,7 @@ from tactemu.collector import no_full_collections
 from tactemu.control.state import statistics_of
 from tactemu.emulator import Emulator
 from tactemu.errors import SceneError, TransportError, nearest
+from tactemu.files import check_writable
 from tactemu.kernels import start_quietly
 from tactemu.statistics import Lateness
 from tactemu.truth import Truth
@@ -80,6 +81,8 @@ def run_target(
         raise SceneError("--clock virtual runs as fast as it can and would never end; say how long with --seconds")
     if save_at is not None and save is None:
         raise SceneError("--save-at says when: say with --save where to")
+    if save is not None:
+        check_writable(save, "the state")
     page = None if web is None else _door(web)
     if preempt:
         from tactemu.priority import go_first

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import importlib
-import os
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Protocol
 
 from tactemu.errors import TactemuError, nearest
+from tactemu.files import move_into_place
 from tactemu.recordings.export import FORMATS as SUFFIXES
 from tactemu.recordings.export import export
 from tactemu.truth.entries import BodyPose, End, Entry, Header, Sample, is_of
@@ -83,7 +83,7 @@ def convert(
                 raise TactemuError(f"{path}: nothing of {skin or 'any skin'!r}{f' and {sense!r}' if sense else ''}")
             made = sorted(Path(folder).iterdir())
             for each in made:
-                os.replace(each, target.parent / each.name)
+                move_into_place(each, target.parent / each.name)
     except OSError as error:
         raise TactemuError(f"{target}: cannot write it: {error.strerror or error}") from None
     return count, [target.parent / each.name for each in made]

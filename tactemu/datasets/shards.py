@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from tactemu.datasets.order import SHARD_BYTES, Order
+from tactemu.files import move_into_place
 
 FOLDER = "readings"
 
@@ -98,7 +99,7 @@ class Rows:
         path.parent.mkdir(parents=True, exist_ok=True)
         begun = path.with_name(f".{path.stem}.begun")
         pq.write_table(table, begun, compression=compression, use_dictionary=False, write_statistics=False)
-        begun.replace(path)
+        move_into_place(begun, path)
 
 
 class Writer:
@@ -171,7 +172,7 @@ def save(state: Mapping[str, Any], path: Path) -> None:
         np.savez(file, **counts, **arrays)
         file.flush()
         os.fsync(file.fileno())
-    begun.replace(path)
+    move_into_place(begun, path)
 
 
 def saved(path: Path) -> dict[str, Any] | None:

@@ -9,6 +9,7 @@ from tactemu.clock import VirtualClock
 from tactemu.datasets.order import Order
 from tactemu.datasets.strand import whole_scene
 from tactemu.datasets.variety import Starts
+from tactemu.files import move_into_place
 
 FOLDER = "wire"
 
@@ -32,4 +33,4 @@ def write_wire(order: Order, env: int, folder: Path) -> None:
     truth = truth_of(loaded, begun, keep=0)
     with assemble(loaded, wishes, clock=VirtualClock(), truth=truth).emulator as emulator:
         emulator.run(order.steps * loaded.tables.scene.dt)
-    begun.replace(path)
+    move_into_place(begun, path)

@@ -9,8 +9,6 @@ from __future__ import annotations
 import io
 import json
 import math
-import os
-import tempfile
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -20,6 +18,7 @@ import numpy as np
 
 from firmware_protocols import state as plain
 from tactemu.errors import StateError
+from tactemu.files import writing
 from tactemu.version import __version__
 
 FORMAT = 1
@@ -97,24 +96,11 @@ def write(path: str | Path, head: Mapping[str, Any], state: dict[str, Any]) -> i
     texts = {_HEADER: json.dumps(head), _TREE: text}
     members = {name: np.frombuffer(each.encode(), np.uint8) for name, each in texts.items()} | arrays
     try:
-        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as file:
-            try:
-                np.savez(file, **members)  # type: ignore[arg-type]
-                file.close()
-                os.chmod(file.name, 0o666 & ~_umask())
-                os.replace(file.name, path)
-            except BaseException:
-                os.unlink(file.name)
-                raise
+        with writing(path) as file:
+            np.savez(file, **members)  # type: ignore[arg-type]
         return path.stat().st_size
     except OSError as error:
         raise StateError(f"{path}: cannot write the state: {error.strerror}") from None
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 def read(path: str | Path, made_of: Mapping[str, Any], own_bytes: int) -> tuple[dict[str, Any], dict[str, Any]]:
