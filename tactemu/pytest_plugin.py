@@ -10,7 +10,7 @@
 
 ``--tactemu-seed N`` is the seed of devices whose test names none. ``--tactemu-truth-dir DIR`` keeps of each test that
 fails a truth log and a picture for every device; its report names them, and the last lines of the run the folder. Both
-may stand in pytest's ini file, as ``tactemu_seed`` and ``tactemu_truth_dir``.
+may stand in pytest's ini file, as ``tactemu_seed`` and ``tactemu_truth_dir``, or in the environment, in capitals.
 
 Tests that use the fixture have the marker ``tactemu`` (``pytest -m tactemu``). Where it is written by hand, its
 arguments are those of the devices of this test, class or module: ``@pytest.mark.tactemu(rate_hz=200)``.
@@ -19,6 +19,7 @@ arguments are those of the devices of this test, class or module: ``@pytest.mark
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
@@ -184,7 +185,8 @@ def _draw(device: Served, log: Path) -> str:
 
 
 def _setting(config: pytest.Config, name: str) -> str | None:
-    return config.getoption(f"--{name.replace('_', '-')}") or config.getini(name) or None
+    given = config.getoption(f"--{name.replace('_', '-')}") or os.environ.get(name.upper())
+    return given or config.getini(name) or None
 
 
 def _seed(config: pytest.Config) -> int | None:

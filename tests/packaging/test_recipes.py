@@ -40,6 +40,59 @@ def test_every_input_of_the_action_is_used_and_every_one_that_is_used_is_there()
             assert set(re.findall(r"(?m)^ {10}(\w+):", block)) <= declared
 
 
+def steps_of_the_action() -> dict[str, str]:
+    """Its own shell steps by name; what ``uses:`` names is GitHub's and not seen here."""
+    blocks = re.findall(r"    - name: ([^\n]*)\n(.*?)(?=\n    - |\Z)", (ROOT / "action.yml").read_text(), re.DOTALL)
+    found = {name: re.search(r"\n      run: (?:\|\n)?(.*)", body, re.DOTALL) for name, body in blocks}
+    return {name: run[1] for name, run in found.items() if run}
+
+
+def run_step(name: str, folder: Path, **inputs: str) -> subprocess.CompletedProcess[str]:
+    """Run a step as the runner does, which cuts its indent and gives it files for outputs."""
+    files = {"GITHUB_OUTPUT": str(folder.parent / "outputs"), "RUNNER_TEMP": str(folder.parent)}
+    return run("bash", "--noprofile", "--norc", "-eo", "pipefail", "-c", steps_of_the_action()[name], cwd=folder,
+               **files, **inputs)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("command", "passes"),
+    [
+        ("true\ntrue", True),
+        ("false\ntrue", False),
+        ("false | cat\ntrue", False),
+        ("sleep 60 &\ntrap 'kill %1' EXIT\nfalse", False),
+        ("sleep 60 &\ntrap 'kill %1' EXIT\ntrue", True),
+    ],
+)
+def test_a_line_that_fails_fails_the_action(command, passes, tmp_path):
+    folder = tmp_path / "driver"
+    folder.mkdir()
+    done = run_step("Run the tests", folder, COMMAND=command, KEEP="kept", ARTIFACT="failed-0")
+    assert (done.returncode == 0) == passes, done.stdout + done.stderr
+
+
+def test_the_action_keeps_a_folder_with_spaces_wherever_the_tests_run(tmp_path):
+    folder = tmp_path / "driver"
+    (folder / "sub").mkdir(parents=True)
+    test = "def test_wrong(tactile_device):\n    tactile_device('anyskin', 'memory:')\n    assert 0\n"
+    (folder / "sub" / "test_wrong.py").write_text(test)
+    command = f"cd sub\n{shlex.quote(sys.executable)} -m pytest -p no:cacheprovider"
+    inputs = {"COMMAND": command, "KEEP": "what failed", "ARTIFACT": "failed-0", "PYTHONPATH": str(ROOT)}
+    for artifact in ("failed-0", "failed-0-2"):
+        assert run_step("Run the tests", folder, **inputs).returncode == 1
+        outputs = dict(line.split("=", 1) for line in (tmp_path / "outputs").read_text().splitlines())
+        assert outputs == {"kept": str(folder / "what failed"), "artifact": artifact}
+    assert {path.suffix for path in (folder / "what failed").iterdir()} >= {".mcap", ".svg", ".log"}
+    assert list((folder / "sub").glob("what*")) == []
+
+
+@pytest.mark.parametrize(
+    "path", [RECIPES / "github.yml", ROOT / ".github/workflows/ci.yml"], ids=lambda path: path.stem
+)
+def test_no_example_ends_with_a_line_that_hides_what_failed(path):
+    assert not re.search(r"(?m)^ +kill ", path.read_text()), "in a trap, so that the tests decide"
+
+
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
     folder = tmp_path_factory.mktemp("dist")
@@ -83,20 +136,15 @@ def test_the_steps_for_gitlab(wheel, driver):
 @pytest.mark.nightly
 @pytest.mark.timeout(900)
 def test_the_steps_of_the_action(wheel, driver, tmp_path):
-    """Its own shell steps, with the inputs that a workflow gives; what `uses:` names is GitHub's and not seen here."""
-    text = (ROOT / "action.yml").read_text()
+    """Its own shell steps, with the inputs that a workflow gives."""
     assert run(sys.executable, "-m", "venv", tmp_path / "venv").returncode == 0
-    blocks = re.findall(r"    - name: ([^\n]*)\n(.*?)(?=\n    - |\Z)", text, re.DOTALL)
-    steps = {name: re.search(r"\n      run: (?:\|\n)?(.*)", body, re.DOTALL) for name, body in blocks}
     inputs = {
-        "GITHUB_ACTION_PATH": str(wheel), "EXTRAS": "", "KEEP": "tactemu-failed",
+        "GITHUB_ACTION_PATH": str(wheel), "EXTRAS": "", "KEEP": "tactemu-failed", "ARTIFACT": "failed-0",
         "COMMAND": "python -m pip install --quiet pytest\npython -m pytest -p no:cacheprovider",
         "PATH": f"{tmp_path}/venv/bin:/usr/bin:/bin",
     }  # fmt: skip
     for name in ("Install tactemu", "Say what this machine can do", "Run the tests"):
-        step = steps[name]
-        assert step
-        done = run("bash", "-e", "-o", "pipefail", "-c", step[1], cwd=driver, **inputs)
+        done = run_step(name, driver, **inputs)
         assert name == "Run the tests" or done.returncode == 0, done.stdout + done.stderr
     assert done.returncode == 1, "a test failed, and so does the step"
     _judge(done, driver / "tactemu-failed")
