@@ -1,6 +1,7 @@
 r"""PaXini PX-6AX behind the GEN3 serial converter board.
 
-Wire: 921600 8N1. One request, one reply; the board never speaks unasked.
+Wire: 921600 8N1 through a CH343 bridge (1A86:55D3). One request, one reply; the board never speaks unasked. A module
+answers to its number plus 1, no other: an S1813E that was captured, and one that shared its line, to 3, an L5325 to 1.
 
     action       function  address  count        data in the reply
     resultant    FB        0x3F0    3            Fx int8, Fy int8, Fz uint8, 0.1 N each
@@ -10,18 +11,21 @@ Wire: 921600 8N1. One request, one reply; the board never speaks unasked.
     zero         79        3        1            none; 01: what is felt now is zero, 00: accepted, changes nothing
 
 Real boards answer reads with status 01 although the data are good, and writes with 00; other codes as the GEN2 box.
-The requests of version, resultant and zero and their replies are captured frames. One note in fengjh97/paxini says that
-an official example takes data from offset 13; the vendor's viewer takes 14.
+The vendor's viewer and PaXini's application do not look at it, paxini-sdk takes 00 and 01; fengjh97/paxini takes 00
+alone, as the vendor's example in C says, and reads nothing unless ``read_status=0``. It notes that another official
+example takes data from offset 13; the viewer takes 14.
 
-Try it: ``tactemu run paxini_px6ax``, then any driver of the board at 921600.
+Try it: ``tactemu run paxini_px6ax``, then ``SingleSensorBoard(port, device_id=3, sensor="PXSR-STDDP03F")`` of
+``paxini_sdk``.
 """
 
 from __future__ import annotations
 
 from typing import Annotated, Any
 
-from firmware_protocols import Command, Option, Outs, Serial
+from firmware_protocols import USB, Command, Option, Outs, Serial
 from firmware_protocols.devices.paxini_modules import GAP_NS, Model, Px6axDevice
+from firmware_protocols.facts import assumed, measured, stated
 from firmware_protocols.framing import MORE, SOUND, Broken, Packets
 from firmware_protocols.sums import lrc8
 from firmware_protocols.tables import Frame
@@ -63,6 +67,8 @@ PART_CODES = {
 }  # fmt: skip
 """The part code is PXSR-STD and this; hosts pick the model by looking for it in the version text."""
 
+TOOLKIT, ROS2 = "yknxh/paxini-toolkit@1596843", "adnan-saood/paxini_ros2@25009ba"
+
 
 class PaxiniPx6ax(Px6axDevice):
     """Modules behind a GEN3 converter board, which answers requests."""
@@ -70,22 +76,40 @@ class PaxiniPx6ax(Px6axDevice):
     name = "paxini_px6ax"
     title = "PaXini PX-6AX, GEN3 serial converter board"
     kind = "fingertip"
-    ports = (Serial(baud=921600),)
+    ports = (Serial(baud=921600, usb=USB(0x1A86, 0x55D3, "", "USB-Enhanced-SERIAL CH343", node="ttyUSB")),)
     rate_hz = 1000 / 12
     evidence = ("captured", "driver")
     sources = (
         "yknxh/paxini-toolkit@1596843 tests/test_codec.py (captured frames), codec.py SENSOR_TYPES, sim.py (status 01)",
         "paxini-sdk 0.1.0 boards/serial_converter.py, data/registry.json (part codes)",
         "fengjh97/paxini@e8e6bcc paxini_sensor.py l.16-29",
-        "adnan-saood/paxini_ros2@25009ba",
+        f"{TOOLKIT} paxkit/device/usb.py, transport.py",
+        f"{ROS2} paxini_hardware/src/tactile_sensor.cpp, config/sensors.yaml; helper_scripts/UI_sensor.py",
     )
-    judge = "paxini-sdk 0.1.0"
-    assumed = (
-        "places of the taxels: even rows on a flat pad of the size in the model's name",
-        "Fx, Fy along the pad's x, y; the resultant is the sum over the pad",
-        "status codes as the GEN2 box: 1 length, 2 LRC, 3 function, 6 address; a module that is not there is silent",
-        "it converts every 12 ms, as its host polls; a half request is forgotten after 50 ms",
-        "taxels in rows as they lie on the pad",
+    judge = "paxini-sdk 0.1.0; fengjh97/paxini@e8e6bcc (read_status=0)"
+    facts = (
+        stated("identity", "USB 1A86:55D3", f"{TOOLKIT} paxkit/device/transport.py l.11 (seen on a real one)"),
+        stated("identity", "the port's description holds CH343", "fengjh97/paxini@e8e6bcc paxini_sensor.py l.207"),
+        measured("identity", "S1813E: PAXINI PXSR-STDDP03F-v1.0.5", f"{TOOLKIT} tests/fixtures/usb_S1813E_2026-10-04"),
+        measured(
+            "identity", "asked for 0 to 8, it answered to 3", f"{TOOLKIT} tests/test_usb_capture.py, test_codec.py"
+        ),
+        stated("identity", "address: the module's number and 1", f"{ROS2} tactile_sensor.cpp l.117; sensors.yaml"),
+        measured("configuration", "reads: status 01", "paxini-sdk 0.1.0 serial_converter.py l.167 (a PXSR-STDDP03A)"),
+        stated("touch", "0.1 N; x, y int8, z uint8", f"{ROS2} helper_scripts/UI_sensor.py (the vendor's)"),
+        assumed("identity", "manufacturer and product text of the bridge", "transport.py, paxini_sensor.py"),
+        assumed("identity", "other models and a second module: 1, 2 ...", f"{ROS2} sensors.yaml; paxini-sdk 0.1.0"),
+        assumed("touch", "rows on a flat pad (true places: geometry/S1813_elite.csv)", ROS2),
+        assumed(
+            "touch", "the resultant is the sum over the pad; axes along the pad", f"UI_sensor.py; {TOOLKIT} codec.py"
+        ),
+        assumed(
+            "configuration", "status 1 length, 2 LRC, 3 function, 6 address, as GEN2", "paxini-sdk 0.1.0 protocol.py"
+        ),
+        assumed("configuration", "PaXini's command for another address (35) is not known", f"{TOOLKIT} codec.py"),
+        assumed(
+            "timing", "it converts every 12 ms; a half request is forgotten after 50 ms", f"{TOOLKIT} usb.py, sim.py"
+        ),
     )
 
     def __init__(
@@ -94,19 +118,22 @@ class PaxiniPx6ax(Px6axDevice):
         models: Annotated[Model | tuple[Model, ...], Option("one model name, or several")] = "S1813E",
         places: Annotated[
             tuple[int, ...] | None,
-            Option("device id of each module; by default one answers to all, several to 0, 1 ..."),
+            Option("address of each module; default: 3 for one S1813E, else 1, 2 ..."),
         ] = None,
-        version: Annotated[str | None, Option("text at address 6100; default: the first model's part code")] = None,
+        version: Annotated[str | None, Option("text at address 6100; default: part code of the model")] = None,
+        read_status: Annotated[int, Option("status of a good read: 1 as captured, or 0", low=0, high=1)] = READ_DONE,
     ):
-        self._power_up(models, places)
-        text = version or f"PAXINI PXSR-STD{PART_CODES[self.models[0]]}-v1.0.5"
-        self.version = text.encode("ascii")[:VERSION_BYTES].ljust(VERSION_BYTES, b"\0")
+        several = () if isinstance(models, str) else models
+        self._power_up(models, places or ((3,) if models == "S1813E" else range(1, 1 + max(1, len(several)))))
+        self.read_status = read_status
+        texts = (version or f"PAXINI PXSR-STD{PART_CODES[model]}-v1.0.5" for model in self.models)
+        self.versions = [text.encode("ascii")[:VERSION_BYTES].ljust(VERSION_BYTES, b"\0") for text in texts]
         self.packets = Packets(REQUEST.head, _size, _check, counters=self.counters, gap_ns=GAP_NS, broken=True)
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """The actions on a single module of the usual kind, which answers to every id."""
-        if self.places is not None or self.models != ("S1813E",):
+        """The actions on a single module of the usual kind."""
+        if self.options:
             return ()
         captured, tables = "yknxh/paxini-toolkit@1596843 tests/test_codec.py", "paxini-sdk 0.1.0 serial_converter.py"
         return (
@@ -146,7 +173,8 @@ class PaxiniPx6ax(Px6axDevice):
     def _refuse(self, packet: Broken) -> Outs:
         """A status, with whatever stands in the request's fields."""
         status = {"bad_length": BAD_LENGTH, "bad_checksum": BAD_LRC}[packet.why]
-        return [_reply(_fields(packet), status)] if len(packet) >= SHORTEST - 1 else ()
+        fields = _fields(packet) if len(packet) >= SHORTEST - 1 else {"device": -1}
+        return [_reply(fields, status)] if self.module_at(fields["device"]) is not None else ()
 
     def _answer(self, packet: bytes) -> Outs:
         request = REQUEST.unpack(packet)
@@ -154,13 +182,12 @@ class PaxiniPx6ax(Px6axDevice):
         where, data = (request["address"], request["count"]), request["data"]
         module = self.module_at(request["device"])
         reads = request["function"] == READ
-        if reads and where == (VERSION, VERSION_BYTES) and (request["device"] == 0 or module is not None):
-            return [_reply(request, READ_DONE, self.version)]
         if module is None:
             self.counters["other_device"] += 1
             return ()
-        if reads and not data and (content := self.memory(module, *where)) is not None:
-            return [_reply(request, READ_DONE, content)]
+        version = self.versions[module] if where == (VERSION, VERSION_BYTES) else None
+        if reads and not data and (content := version or self.memory(module, *where)) is not None:
+            return [_reply(request, self.read_status, content)]
         if request["function"] == WRITE and where == (ZERO, 1) and data in (b"\0", b"\1"):
             if data == b"\1":
                 self.set_zero(module)

@@ -21,7 +21,7 @@ def ask(device, device_id, function, address, count, data=b"", t_ns=0):
 
 @pytest.mark.parametrize("model", TAXELS)
 def test_every_model(model):
-    device = fp.create("paxini_px6ax", models=model)
+    device = fp.create("paxini_px6ax", models=model, places=[1])
     n = TAXELS[model]
     force = np.zeros((n, 3))
     force[n - 1] = (1.2, -0.7, -3.0)
@@ -64,7 +64,7 @@ def test_zero_off_is_accepted_and_changes_nothing():
 
 @pytest.mark.parametrize(("model", "code"), [("S1813E", b"PXSR-STDDP03F"), ("L5325", b"PXSR-STDCP03A")])
 def test_hosts_find_the_model_in_the_version_text(model, code):
-    status, text = ask(fp.create("paxini_px6ax", models=model), 3, 0xFB, 6100, 100)
+    status, text = ask(fp.create("paxini_px6ax", models=model, places=[3]), 3, 0xFB, 6100, 100)
     assert status == 1 and code in text and len(text) == 100
 
 
@@ -76,6 +76,25 @@ def test_the_reserved_byte_is_not_looked_at():
     body = bytes.fromhex("55aa09000301fbf00300000300")
     (reply,) = send(fp.create("paxini_px6ax"), body + bytes([-sum(body) & 0xFF]))
     assert reply[4:7].hex() == "0300fb" and len(reply) == 18
+
+
+def test_only_its_own_address_is_answered():
+    device = fp.create("paxini_px6ax")
+    for address in range(9):
+        body = bytes([0x55, 0xAA, 9, 0, address, 0, 0xFB, 0xD4, 0x17, 0, 0, 100, 0])
+        assert len(send(device, body + bytes([-sum(body) & 0xFF]))) == (address == 3)
+        assert len(send(device, body + bytes([-sum(body) + 1 & 0xFF]))) == (address == 3), "nor is a bad sum"
+    assert ask(fp.create("paxini_px6ax", models="L5325"), 1, 0xFB, 0x3F0, 3) == (1, bytes(3))
+
+
+def test_drivers_that_take_status_00_alone():
+    device = fp.create("paxini_px6ax", read_status=0)
+    assert ask(device, 3, 0xFB, 0x3F0, 3) == (0, bytes(3))
+
+
+def test_each_module_tells_its_own_model():
+    device = fp.create("paxini_px6ax", models=["L5325", "S1813E"], places=[1, 3])
+    assert b"CP03A" in ask(device, 1, 0xFB, 6100, 100)[1] and b"DP03F" in ask(device, 3, 0xFB, 6100, 100)[1]
 
 
 def test_modules_by_device_id():

@@ -8,7 +8,7 @@ import time
 from paxini_sdk import SingleSensorBoard
 
 logging.disable(logging.WARNING)
-with SingleSensorBoard(sys.argv[1], sensor="PXSR-STDDP03F") as board:
+with SingleSensorBoard(sys.argv[1], device_id=3, sensor="PXSR-STDDP03F") as board:
     many = []
     for _ in range(200):
         many.append([point.as_tuple() for point in board.read_distributed_force()])
