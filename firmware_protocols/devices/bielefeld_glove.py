@@ -1,10 +1,10 @@
 r"""Bielefeld tactile glove: 64 channels.
 
-Wire: 115200 8N1. Device to host only: there is no command. A scan is one ``PACKET`` a channel, from channel 0
-to 63. The driver shows 4095 - value; a scan is complete with the last channel.
+Wire: USB-CDC (04D8:000A), opened at 115200, nothing depends on the speed. Device to host only: there is no command. A
+scan is one ``PACKET`` a channel, from channel 0 to 63. The driver shows 4095 - value; a scan is complete with the last.
 
 The driver wants each packet in one piece, and gives up after 100 ms of silence. No checksum: a bit that is turned over
-in a value is a value. A scan takes 27.8 ms at this speed, 36 scans a second at most.
+in a value is a value. This is the glove with a PIC18; those with a Teensy 3.2 or 4.0 have a protocol of their own.
 
 Try it: ``tactemu run bielefeld_glove``, then the ``SerialInput`` of ubi-agni/TactileGlove on its port.
 """
@@ -15,8 +15,9 @@ from typing import Annotated
 
 import numpy as np
 
-from firmware_protocols import Column, Counts, Device, Option, Outs, Reading, Serial
+from firmware_protocols import USB, Column, Counts, Device, Option, Outs, Reading, Serial
 from firmware_protocols.adc import quantize
+from firmware_protocols.facts import assumed, stated
 from firmware_protocols.layouts import filled
 from firmware_protocols.tables import Frame
 
@@ -27,6 +28,8 @@ PACKET = Frame("""
     2     >u2     value      bits 15..12 the converter's channel, 11..0 what it read
     4     00      end
 """)
+SOURCE = "ubi-agni/TactileGlove@59a0ef6"
+PIC = f"{SOURCE} PIC18 usb_descriptors.c"
 CHANNELS, ADC_MAX = 64, 4095
 INDEX = 0x3C + np.arange(CHANNELS)
 CONVERTER = np.arange(CHANNELS) % 16 << 12
@@ -38,15 +41,25 @@ class BielefeldGlove(Device):
     name = "bielefeld_glove"
     kind = "glove"
     title = "Bielefeld tactile glove"
-    ports = (Serial(baud=115200),)
+    ports = (Serial(baud=115200, usb=USB(0x04D8, 0x000A, "Microchip Technology Inc.", "CDC RS-232 Emulation Demo")),)
     rate_hz = 30.0
     evidence = ("firmware", "driver")
-    sources = ("ubi-agni/TactileGlove@59a0ef6 libio/SerialInput.cpp l.115-157; the firmware in that repository",)
-    judge = "own second reader"
-    assumed = (
-        "places: 64 taxels spread over a field of 80 x 160 mm, in the order of the channels",
-        "the converter's channel is the index modulo 16; 30 scans a second",
-        "a push lowers what the converter reads: shown are 4095 F / (F + 1 N), 0 untouched",
+    sources = (
+        f"{SOURCE} linux/libio/SerialInput.cpp l.115-157; linux/console/main.cpp",
+        f"{SOURCE} firmware/PIC18 tactGlove_main.c ProcessIO, usb_descriptors.c",
+    )
+    judge = f"{SOURCE} linux/libio SerialInput"
+    facts = (
+        stated(
+            "identity", "USB 04D8:000A, the text of Microchip's example, no serial number", f"{PIC} l.174-179, 262-278"
+        ),
+        stated("identity", "the console's port is /dev/ttyACM0", f"{SOURCE} linux/console/main.cpp l.52"),
+        stated("touch", "the converter's channel is the index modulo 16", f"{SOURCE} PIC18 tactGlove_main.c l.250-295"),
+        assumed("touch", "64 taxels over a field of 80 x 160 mm, in order", f"{SOURCE} TaxelMapping.cpp, taxel.cfg"),
+        assumed("touch", "4095 F / (F + 1 N) is shown, 0 untouched", f"{SOURCE} README, calib.py, raw.calib.yaml"),
+        assumed(
+            "timing", "30 scans a second", "tactGlove_main.c (one USB transfer a packet, as fast as the host asks)"
+        ),
     )
 
     def __init__(
