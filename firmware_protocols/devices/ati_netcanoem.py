@@ -1,20 +1,31 @@
 """ATI NETCANOEM: the board between a force-torque transducer and CAN, which tells its six strain gauges.
 
-Wire: classic CAN, standard ids; 7F0 is the base as captured (option ``base``).
+Wire: classic CAN, 250 kbit/s, standard ids: seven bits of base (20 as delivered, option ``base``), four bits of code.
 
     id    data                        direction   about
-    7F0   nothing                     to board    read the gauges
-    7F0   ``FIRST``                   to host     status and three gauges
-    7F1   ``SECOND``                  to host     the other three
-    7F2   row                         to board    read one row of the matrix: 0 Fx, 1 Fy, 2 Fz, 3 Tx, 4 Ty, 5 Tz
-    7F2   ``PAIR`` of gauges 0, 1     to host     and 7F3 of 2, 3, and 7F4 of 4, 5
+    200   nothing                     to board    read the gauges
+    200   ``FIRST``                   to host     status and three gauges
+    201   ``SECOND``                  to host     the other three
+    202   row                         to board    read one row of the matrix: 0 Fx, 1 Fy, 2 Fz, 3 Tx, 4 Ty, 5 Tz
+    202   ``PAIR`` of gauges 0, 1     to host     and 203 of 2, 3, and 204 of 4, 5
+    205   nothing, 8 bytes            both        serial number, ASCII
+    206   slot                        both        calibration that is used from now on, 0 to 15; 0 after power-up
+    207   nothing, ``COUNTS``         both        counts per force and per torque
+    208   nothing, two bytes          both        their units, 02 N, 03 N-m
+    209   index, ``>u2``              both        diagnostic voltage: 0 middle, 2 thermistor, 3 power, 4 DAC, 5 ground
+    20C   nothing                     to board    reset, unanswered: slot 0 again
+    20D   base; nothing               both        base from the next power-up on
+    20E   divisor - 1; nothing        both        2 Mbit/s by divisor from the next power-up on
+    20F   nothing, ``VERSION``        both        firmware
 
-A force is its row times the gauges; counts per newton are not modelled: the rows give newtons and newton metres.
+A force is its row times the gauges, divided by the counts per force. Status: 0 watchdog, 1 2 converter too high, low, 3
+ground, 4 5 supply too high, low, 6 bad calibration, 7 EEPROM, 8 configuration, 11 12 too hot, cold, 14 CAN bus error,
+15 any error.
 
-Evidence: sixteen captured frames, with the gauges read twice and one row. They show neither the question for a row nor
-which gauge stands where.
+Evidence: vendor's manual 9610-05-1030-04, section 7; sixteen captured frames of a board with base 7F, whose status was
+4000 (CAN bus error).
 
-Try it: ``tactemu run ati_netcanoem --port can:socketcan:vcan0``, then ``candump vcan0 & cansend vcan0 7F0#``.
+Try it: ``tactemu run ati_netcanoem --port can:socketcan:vcan0``, then ``candump vcan0 & cansend vcan0 200#``.
 """
 
 from __future__ import annotations
@@ -23,13 +34,28 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from firmware_protocols import Can, CanFrame, Column, Command, Counts, Device, Option, Outs, Reading, Sense, points
+from firmware_protocols import (
+    Can,
+    CanFrame,
+    Column,
+    Command,
+    Counts,
+    Device,
+    Option,
+    Outs,
+    Reading,
+    Sense,
+    assumed,
+    measured,
+    points,
+    stated,
+)
 from firmware_protocols.adc import quantize
 from firmware_protocols.tables import Frame
 
 FIRST = Frame("""
     first gauges
-    0     >u2        status      4000 as captured
+    0     >u2        status
     2     >i2 x 3    gauges      0 2 4
 """)
 SECOND = Frame("""
@@ -40,7 +66,24 @@ PAIR = Frame("""
     part of a row
     0     >f4 x 2    row
 """)
-READ_GAUGES, READ_ROW = 0, 2
+COUNTS = Frame("""
+    counts per unit
+    0     >u4        force
+    4     >u4        torque
+""")
+VERSION = Frame("""
+    firmware version
+    0     u1         major
+    1     u1         minor
+    2     >u2        build
+""")
+GAUGES, ROW, SERIAL, SLOT, PER_UNIT, UNITS, VOLTAGE = 0, 2, 5, 6, 7, 8, 9
+RESET, BASE, BAUD, FIRMWARE = 0xC, 0xD, 0xE, 0xF
+DATA_BYTES = {GAUGES: 0, ROW: 1, SERIAL: 0, SLOT: 1, PER_UNIT: 0, UNITS: 0, VOLTAGE: 1, RESET: 0, BASE: 1, BAUD: 1,
+              FIRMWARE: 0}  # fmt: skip
+BAD_CALIBRATION, ANY_ERROR = 1 << 6, 1 << 15
+NEWTON, NEWTON_METRE = 2, 3
+VOLTAGES = (0x8000, 0, 0x6000, 0x9000, 0x8000, 0)
 SHEAR, AXIAL, TORQUE = 100.0, 60.0, 5000.0
 """Counts of a gauge per newton across and along the axis, and per newton metre."""
 
@@ -63,30 +106,63 @@ class AtiNetcanoem(Device[CanFrame]):
     senses = (Sense("wrench", at=points({"origin": (0.0, 0.0, 0.0)})),)
     columns = tuple(Column(name=f"gauge {k}", low=-0x8000, high=0x7FFF) for k in range(6))
     rate_hz = 1000.0
-    evidence = ("captured",)
-    sources = ("a candump of a course's README, January 2021 (16 frames; which repository is not known)",)
-    judge = "cantools, with a DBC of its frames"
-    assumed = (
-        "the question for a row: 7F2 and its number; which gauge stands where: 0 2 4 and 1 3 5",
-        "three beams: 100 and 60 counts/N across and along, 5000 counts/Nm; 0 at rest; 1 Mbit/s; 1 kHz",
-        "the tool is touched 50 mm above the origin; status 4000; whatever else is sent gets silence",
+    evidence = ("vendor document", "captured")
+    sources = (
+        "ATI manual 9610-05-1030-04, tables 4.2 and 4.3, section 10 (in griloHBG/ati-netcanoem-cpp@8967bbd)",
+        "griloHBG/ati-netcanoem-cpp@8967bbd main.cpp",
+        "ToyotaResearchInstitute/tri_hardware_drivers@02d4579 ati_netcanoem_ft_driver.cpp",
+        "a candump of a course's README, January 2021 (16 frames; which repository is not known)",
+    )
+    judge = "griloHBG/ati-netcanoem-cpp@8967bbd; tri_hardware_drivers@02d4579; cantools, with a DBC of its frames"
+    facts = (
+        stated("touch", "gauges 0 2 4 and 1 3 5, signed; a row is asked by its number", "manual, table 4.2"),
+        stated("touch", "rows times gauges are divided by the counts per force and per torque", "manual, section 10.3"),
+        measured("touch", "form of a reading and of a row", "candump of 16 frames"),
+        assumed("touch", "three beams: 100 and 60 counts/N across and along, 5000 counts/Nm; 0 at rest", "manual"),
+        assumed("touch", "the tool is touched 50 mm above the origin", "manual"),
+        stated("touch", "status 0 is sound; bit 14 is a CAN bus error", "manual, table 4.3"),
+        measured("touch", "status 4000 without bit 15, of a board in use", "candump of 16 frames"),
+        stated("identity", "1000000 counts per force and torque of every Mini45", "manual, section 10.3"),
+        stated("identity", "version 3.8, build 2", "griloHBG/ati-netcanoem-cpp@8967bbd README.md"),
+        assumed("identity", "serial number FT00001 and a NUL", "manual, sections 1 to 11; main.cpp; README.md"),
+        assumed("identity", "diagnostic voltages", "manual, table 4.2 (no scale); both drivers"),
+        stated(
+            "configuration", "base 20, 250 kbit/s as delivered; new ones from the next power-up on", "manual, 7, 7.2"
+        ),
+        stated(
+            "configuration", "slot 0 after power-up and reset; a slot without calibration sets bit 6", "manual, 10.1"
+        ),
+        assumed("configuration", "only slot 0 has a calibration; the rows of others are the same", "manual, 10.1"),
+        assumed("configuration", "a wrong length, row, slot or code gets silence", "manual, section 7; both drivers"),
+        assumed("timing", "1000 conversions a second", "manual, sections 5, 7, 10"),
     )
 
     def __init__(
         self,
         *,
-        base: Annotated[int, Option("first identifier", low=0, high=0x7F0)] = 0x7F0,
+        base: Annotated[
+            int, Option("first seven bits of the identifiers, as delivered 20 (hex)", low=0, high=0x7F)
+        ] = 0x20,
+        serial: Annotated[str, Option("at most 8 characters of ASCII")] = "FT00001",
+        counts_per_force: Annotated[
+            int, Option("of a row times the gauges", unit="1/N", low=1, high=10**9)
+        ] = 1_000_000,
+        counts_per_torque: Annotated[int, Option("likewise", unit="1/Nm", low=1, high=10**9)] = 1_000_000,
+        status: Annotated[int, Option("of each reading; bit 14 (16384) is a CAN bus error", low=0, high=0xFFFF)] = 0,
         order: Annotated[Literal["024135", "012345"], Option("which gauge stands at each place")] = "024135",
         tool: Annotated[
             tuple[float, float, float], Option("where the tool is touched, from the sensor's origin", unit="m")
         ] = (0.0, 0.0, 0.05),
     ):
-        self.base, self.order = base, [int(gauge) for gauge in order]
-        self.ports = (Can(hears=tuple((base + code, 0x7FF) for code in (READ_GAUGES, READ_ROW))),)
+        self.first_id, self.order = self.flash.get("base", base) << 4, [int(gauge) for gauge in order]
+        self.ports = (Can(bitrate=2_000_000 // self.flash.get("divisor", 8), hears=((self.first_id, 0x7F0),)),)
         self.layout = points({"tool": tool})
+        self.serial = serial.encode("ascii")[:8].ljust(8, b"\0")
+        self.per_unit = counts_per_force, counts_per_torque
+        self.status, self.slot = status, 0
         self.sensitivity = sensitivity()
-        self.matrix = (np.round(np.linalg.inv(self.sensitivity), 12) + 0.0).astype(np.float32)
-        self.status = 0x4000
+        rows = np.round(np.linalg.inv(self.sensitivity), 12) + 0.0
+        self.matrix = (rows * np.repeat(self.per_unit, 3)[:, None]).astype(np.float32)
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:
         """Counts of the six gauges, int16 range, shape ``(1, 6)``."""
@@ -94,35 +170,87 @@ class AtiNetcanoem(Device[CanFrame]):
         return self.counts
 
     def receive(self, data: CanFrame, t_ns: int, port: str) -> Outs[CanFrame]:
-        """Gauges, or a row of the matrix."""
-        code, message = data.arbitration_id - self.base, data.data
-        if code not in (READ_GAUGES, READ_ROW) or data != CanFrame(arbitration_id=data.arbitration_id, data=message):
+        """Gauges, calibration, identity, or what is in force from the next power-up on."""
+        code, message = data.arbitration_id - self.first_id, data.data
+        if code not in range(16) or data != CanFrame(arbitration_id=data.arbitration_id, data=message):
             self.counters["ignored"] += 1
             return ()
-        if code == READ_GAUGES and not message:
-            gauges = self.counts[0][self.order]
-            answers = [FIRST.pack(status=self.status, gauges=gauges[:3]), SECOND.pack(gauges=gauges[3:])]
-        elif code == READ_ROW and len(message) == 1 and message[0] < 6:
-            answers = [PAIR.pack(row=pair) for pair in self.matrix[message[0]].reshape(3, 2)]
-        else:
-            self.counters["unknown_command"] += 1
+        if DATA_BYTES.get(code) != len(message):
+            self.counters["bad_length" if code in DATA_BYTES else "unknown_command"] += 1
+            return ()
+        argument = message[0] if message else 0
+        most = {ROW: 5, SLOT: 15, VOLTAGE: 5, BASE: 0x7F}
+        if argument > most.get(code, 0xFF):
+            self.counters["refused"] += 1
             return ()
         self.counters["requests"] += 1
-        return [CanFrame(arbitration_id=self.base + code + k, data=answer) for k, answer in enumerate(answers)]
+        answers = self._answers(code, argument, message)
+        return [CanFrame(arbitration_id=self.first_id + code + k, data=answer) for k, answer in enumerate(answers)]
+
+    def _answers(self, code: int, argument: int, message: bytes) -> list[bytes]:
+        if code == GAUGES:
+            gauges = self.counts[0][self.order]
+            status = self.status | (BAD_CALIBRATION | ANY_ERROR if self.slot else 0)
+            return [FIRST.pack(status=status, gauges=gauges[:3]), SECOND.pack(gauges=gauges[3:])]
+        if code == ROW:
+            return [PAIR.pack(row=pair) for pair in self.matrix[argument].reshape(3, 2)]
+        if code in (SLOT, RESET):
+            self.slot = argument
+            return [message] if code == SLOT else []
+        if code in (BASE, BAUD):
+            self.flash |= {"base": argument} if code == BASE else {"divisor": argument + 1}
+            return [b""]
+        return [
+            {
+                SERIAL: self.serial,
+                PER_UNIT: COUNTS.pack(force=self.per_unit[0], torque=self.per_unit[1]),
+                UNITS: bytes([NEWTON, NEWTON_METRE]),
+                VOLTAGE: VOLTAGES[argument % len(VOLTAGES)].to_bytes(2, "big"),
+                FIRMWARE: VERSION.pack(major=3, minor=8, build=2),
+            }[code]
+        ]
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """Gauges and rows."""
-        ids = [f"{self.base + k:03X}#" for k in range(5)]
+        """Gauges, rows, and all else that the manual lists."""
+        ids = [f"{self.first_id + k:03X}#" for k in range(16)]
+        table = "manual, table 4.2"
         return (
-            Command(name="gauges", request=ids[0], reply=[ids[0] + "40 00 ..{6}", ids[1] + "..{6}"], origin="capture"),
+            Command(name="gauges", request=ids[0], reply=[ids[0] + "..{8}", ids[1] + "..{6}"], origin=table),
             *(
                 Command(
                     name=f"row of {axis}",
                     request=f"{ids[2]}{k:02X}",
-                    reply=[each + "..{8}" for each in ids[2:]],
-                    origin="the capture's answer",
+                    reply=[each + "..{8}" for each in ids[2:5]],
+                    origin=table,
                 )
                 for k, axis in enumerate(("Fx", "Fy", "Fz", "Tx", "Ty", "Tz"))
             ),
+            Command(name="serial number", request=ids[5], reply=ids[5] + "..{8}", origin=table),
+            Command(name="calibration 0", request=ids[6] + "00", reply=ids[6] + "00", origin=table),
+            Command(
+                name="calibration 1",
+                request=ids[6] + "01",
+                reply=ids[6] + "01",
+                about="bad, says status bit 6",
+                origin=table,
+            ),
+            Command(name="counts per unit", request=ids[7], reply=ids[7] + "..{8}", origin=table),
+            Command(name="units", request=ids[8], reply=ids[8] + "02 03", origin=table),
+            *(
+                Command(name=f"voltage of {what}", request=f"{ids[9]}{k:02X}", reply=ids[9] + "..{2}", origin=table)
+                for k, what in ((0, "middle"), (2, "thermistor"), (3, "power"), (4, "DAC"), (5, "ground"))
+            ),
+            Command(name="reset", request=ids[12], origin=table),
+            Command(
+                name="base", request=ids[13] + "7F", reply=ids[13], about="from the next power-up on", origin=table
+            ),
+            Command(
+                name="500 kbit/s",
+                request=ids[14] + "03",
+                reply=ids[14],
+                about="from the next power-up on",
+                origin=table,
+            ),
+            Command(name="firmware version", request=ids[15], reply=ids[15] + "..{4}", origin=table),
         )

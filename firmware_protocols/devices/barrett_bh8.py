@@ -1,119 +1,350 @@
 """Barrett BH8-282: a hand whose three fingers and palm have 24 tactile cells each, asked for puck by puck on CAN.
 
-Wire: classic CAN, 1 Mbit/s, standard ids ``to & 41F | from << 5``; the host is node 0, the pucks of the fingers are 11,
-12 and 13, that of the palm 14.
+Wire: classic CAN, 1 Mbit/s, standard ids ``to & 41F | from << 5``. The host is node 0, the pucks of the fingers are 11,
+12 and 13, that of the spread and the palm 14; 400 is all of them, and so are 405 and 407 (properties GRPA, GRPB, GRPC).
 
-    id      data               direction   about
-    00B-E   EA 00 value (i32)  to puck     set property 106 (TACT), little-endian
-                               value 2     all cells, once
-                               value 3     tare: what is felt now is zero
-    569     five frames        to host     cells of puck 11, sent to group 9; 589, 5A9, 5C9 of 12, 13, 14
+    id      data                        direction   about
+    00B-E   property                    to puck     get
+    00B-E   80 | property, 00, value    to puck     set: two or four bytes, little-endian, signed
+    566     80 | property, 00, value    to host     answer to a get: four bytes of the properties in ``WIDE``, else two
+    563     position, inner link        to host     answer to a get of 48 (P), group 3; 567: inner link, of 96 (JP)
+    568     one frame                   to host     the ten highest cells of the puck, group 8
+    569     five frames                 to host     all cells of the puck, group 9
+    5..     the same                    to host     586 583 587 588 589 of puck 12, 5A. of 13, 5C. of 14
 
-A frame is read as one big-endian number: four bits of sequence, 0 to 4, then five values of 12 bits, in the last frame
-four. Readers divide a value by 256. Value 1 asks for the ten highest cells in a form that is not known here: silence.
+A puck sleeps after power-up, with properties 0 to 7 alone, and wakes when property 5 (STAT) is set to 2.
+Property 106 (TACT) is what is sent of the cells, at once when it is set and again for each get:
 
-Evidence: two published drivers, read and not run.
+    0   nothing; so after power-up
+    1   the ten highest cells: a map of 24 bits, the lowest is cell 0, and ten values of 4 bits [N/cm2], by cell
+    2   all cells, in five frames of 8 bytes, read as one big-endian number: four bits of sequence, 0 to 4, then five
+        values of 12 bits [1/256 N/cm2], in the last frame four and twelve bits of 0
+    3   tare: what is felt now is zero, and the form stays as it was
+
+A position is 800000 | 22 bits of counts, three bytes, most significant first; the inner link of a finger turns two
+fifths of its motor, the spread has none. Cells are numbered from the left in rows from the bottom: of a finger three in
+each of eight rows, of the palm 5 7 7 5.
+
+Motors: 29 (CMD) 13 goes to 0, 18 closes, 20 opens, 19 goes to DP, 14 and 15 close and open by DS; 58 (M) goes there; 8
+(MODE) 5 goes to 52 (E), 4 drives at 44 (V, counts/ms), 3 follows 48 (P). MODE reads 5 as long as a motor moves, then 3
+with HOLD, else 0. SAVE (30) writes the property that it names, or all for -1, to the flash, DEF (32) its default, and
+LOAD (31) reads it.
+
+Evidence: three published drivers, run.
 
 Try it: ``tactemu run barrett_bh8 --port can:socketcan:vcan0``, then
-``candump vcan0 & cansend vcan0 00B#EA0002000000``.
+``candump vcan0 & cansend vcan0 400#85000200; cansend vcan0 00B#EA0002000000``.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Annotated
 
 import numpy as np
 
-from firmware_protocols import Can, CanFrame, Column, Command, Counts, Device, Layout, Option, Outs, Reading
+from firmware_protocols import (
+    Can,
+    CanFrame,
+    Column,
+    Command,
+    Counts,
+    Device,
+    Layout,
+    Option,
+    Outs,
+    Patch,
+    Reading,
+    assumed,
+    stated,
+)
 from firmware_protocols.adc import quantize
-from firmware_protocols.layouts import filled, place, stack
+from firmware_protocols.layouts import place, stack
+from firmware_protocols.motors import Motors
 
 PUCKS = {11: "finger 1", 12: "finger 2", 13: "finger 3", 14: "palm"}
-CELLS, PER_FRAME = 24, 5
-GROUP = 0x409
-TACT, FULL, TARE = 0xEA, 2, 3
+SPREAD = 14
+CELLS, PER_FRAME, HIGHEST = 24, 5, 10
+COUNTS_PER_PASCAL = 256 / 1e4
+ROWS = {True: (5, 7, 7, 5), False: (3,) * 8}
+"""Cells in each row, from the bottom: of the palm, of a finger."""
 PADS = {"finger 1": (-0.03, 0.06), "finger 2": (0.0, 0.06), "finger 3": (0.03, 0.06), "palm": (0.0, 0.0)}
 """Centres [m]."""
 FINGER_SIZE, PALM_SIZE = (0.012, 0.024), (0.040, 0.040)
 
+SET, GROUP = 0x80, 0x400
+TO_POSITIONS, TO_OTHERS, TO_INNER, TO_TOP_TEN, TO_CELLS = 3, 6, 7, 8, 9
+"""Groups to which pucks answer."""
+VERS, ROLE, SN, ID, STAT, MODE, TEMP, THERM, SG = 0, 1, 2, 3, 5, 8, 9, 20, 25
+GRPA, GRPB, GRPC, CMD, SAVE, LOAD, DEF, V, P, DP, E, OT, CT, M = 26, 27, 28, 29, 30, 31, 32, 44, 48, 50, 52, 54, 56, 58
+DS, HOLD, JP, TACT, TACTID = 60, 77, 96, 106, 107
+WIDE = (P, DP, E, OT, CT, M, 66, 68, 74, 88, JP, 98)
+"""Properties of 32 bits."""
+READY, ASLEEP_KNOWS = 2, range(8)
+NOTHING, TOP_TEN, ALL_CELLS, TARE = range(4)
+HI, CLOSE_STEP, OPEN_STEP, CLOSE, MOVE, OPEN = 13, 14, 15, 18, 19, 20
+IDLE, PID, VELOCITY, TRAPEZOIDAL = 0, 3, 4, 5
+
+COMMON = {
+    VERS: 175, ROLE: 0x1205, SN: 1, 4: 0, STAT: READY, 6: 0, 7: 0, MODE: IDLE, TEMP: 30, 10: 0, 11: 60, 12: 0, 14: 0,
+    15: 0, 16: 0, 17: 0, 18: 0, 19: 0, THERM: 30, 21: 480, 22: 0, 23: 50, 24: 0, SG: 2048, GRPA: 0, GRPB: 7, GRPC: 5,
+    42: 0, 43: 2200, V: 0, 46: 200, 47: 200, P: 0, E: 0, OT: 0, M: 0, DS: 25600, 66: 0, 68: 4096, 71: 0, 72: 0, 73: -75,
+    74: 0, 81: 0, 82: 200, 86: 20000, 87: 0, 88: 7, 90: 6, 91: 500, 92: 204, 93: 102, 100: 0, TACT: NOTHING, TACTID: 1,
+}  # fmt: skip
+FINGER = {45: 200, DP: 45000, CT: 195000, HOLD: 0, 78: 50, 79: 500, 80: 2500, JP: 0}
+SPREADS = {45: 50, DP: 17975, CT: 35950, HOLD: 1, 78: 150, 79: 1000, 80: 10000}
+"""Properties at power-up, by number, as a puck of a hand is set up."""
+
 
 class BarrettBh8(Device[CanFrame]):
-    """Four pucks with tactile cells."""
+    """Four pucks with a motor and tactile cells each."""
 
     name = "barrett_bh8"
     kind = "hand"
     title = "Barrett Hand BH8-282"
-    ports = (Can(hears=tuple((puck, 0x7FF) for puck in PUCKS)),)
-    columns = (Column(name="cell", low=0, high=0xFFF, push=1),)
+    ports = (Can(hears=(*((puck, 0x7FF) for puck in PUCKS), (GROUP, 0x7E0))),)
+    senses = ("pressure",)
+    columns = (Column(name="cell", unit="Pa", counts_per_unit=COUNTS_PER_PASCAL, low=0, high=0xFFF, push=1),)
     evidence = ("driver",)
-    sources = ("libbarrett@109faf6 tactile_puck.cpp, puck.h", "Robotnik pyHand@4993a1f")
-    judge = "cantools, with a DBC of its frames; own second reader"
-    assumed = (
-        "set messages: EA 00, then the value; a set without four bytes of value is not known; every other gets silence",
-        "the unit of a value, taken as newtons on a cell; 100 conversions a second; tare is forgotten at power-off",
-        "cells spread evenly, row by row, over 12 x 24 mm on a finger and 40 x 40 mm on the palm, in one plane",
+    sources = (
+        "libbarrett@109faf6 tactile_puck.cpp, puck.h, puck_group.h, hand.cpp, motor_puck-inl.h, property_list.cpp",
+        "a later libbarrett's tactile_puck.cpp, Top10TactParser",
+        "personalrobotics/owd@126b940 openwam/CANbus.cc",
+        "RobotnikAutomation/barrett_hand@4993a1f pyHand_api.py, puck_properties_consts.py, BHandGUI.ui",
+    )
+    judge = "libbarrett@109faf6; cantools, with a DBC of its frames"
+    facts = (
+        stated(
+            "touch", "a value of all cells is 1/256 N/cm2, one of the ten highest 1 N/cm2", "owd CANbus.cc:2450-2500"
+        ),
+        stated("touch", "the last of five frames has 8 bytes, too", "libbarrett tactile_puck.cpp FullTactParser"),
+        stated("touch", "the lowest bit of the map is the first cell", "a later libbarrett's Top10TactParser; pyHand"),
+        stated(
+            "touch", "places of the cells in rows", "BHandGUI.ui; libbarrett sandbox/tactile_test.cpp graphPressures"
+        ),
+        assumed("touch", "4 x 3 mm a cell of a finger, 6 x 10 mm of the palm, flat", "libbarrett, owd, pyHand"),
+        assumed("touch", "whole N/cm2 are cut, not rounded; of equal cells the first", "Top10TactParser, owd, pyHand"),
+        assumed("touch", "tare leaves the form as it was, and is forgotten at power-off", "libbarrett, owd, pyHand"),
+        stated("identity", "role 5 with tactile cells and a Hall encoder (1205)", "libbarrett puck.h:46-54, 186-195"),
+        stated("identity", "version 175 knows every property here", "libbarrett property_list.cpp; owd CANbus.cc:3330"),
+        assumed("identity", "serial number 1, TACTID 1 (-2 is an error)", "libbarrett tactile_puck.cpp, owd, pyHand"),
+        stated(
+            "configuration", "asleep after power-up; properties 0 to 7 then", "libbarrett puck.cpp, property_list.cpp"
+        ),
+        stated("configuration", "sets have two or four bytes of value", "libbarrett puck-inl.h; pyHand set_16, set_32"),
+        stated("configuration", "values of motors' properties, groups 0 7 5", "pyHand set_puck_like"),
+        assumed("configuration", "a get of cells when TACT is 0 gets silence", "libbarrett, owd, pyHand"),
+        stated("timing", "cells come at once after a set, as after a get", "owd CANbus.cc:2799-2802"),
+        stated("timing", "a puck that wakes hears nothing for less than 1 s", "libbarrett puck.h WAKE_UP_TIME"),
+        assumed("timing", "100 conversions a second", "libbarrett, owd, pyHand"),
+        assumed("timing", "motors turn at MV, without load", "libbarrett, owd, pyHand"),
     )
 
     def __init__(
-        self, *, counts_per_newton: Annotated[float, Option("of a cell", unit="1/N", low=1e-6, high=1e6)] = 256.0
+        self,
+        *,
+        wake_s: Annotated[
+            float, Option("how long a puck that wakes hears nothing; drivers wait 1 s", unit="s", low=0, high=1)
+        ] = 0.0,
     ):
         self.layout = stack(*(_pad(name) for name in PUCKS.values()))
-        self.counts_per_newton = counts_per_newton
         self.pushed = self.zero = np.zeros(len(self.layout))
+        self.values = {puck: _properties(puck, self.flash) for puck in PUCKS}
+        self.deaf_ns = round(1e9 * wake_s)
+        self.awake = dict.fromkeys(PUCKS, False)
+        self.wakes_ns = dict.fromkeys(PUCKS, 0)
+        self.motors = Motors(
+            [0.0] * 4,
+            low=0.0,
+            high=[FINGER[CT]] * 3 + [SPREADS[CT]],
+            time_constant_s=0.0,
+            speed_limit=[1000.0 * FINGER[45]] * 3 + [1000.0 * SPREADS[45]],
+            names=("finger_1", "finger_2", "finger_3", "spread"),
+            unit=[2 * math.pi / 4096 / 125] * 3 + [2 * math.pi / 4096 / 17.5],
+        )
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:
         """Counts of each cell above its zero, 0..4095, shape ``(96,)``."""
-        self.pushed = self.layout.push(reading["force"])
-        self.counts = quantize(self.pushed - self.zero, self.counts_per_newton, 0, 0xFFF)
+        self.pushed = reading["pressure"]
+        self.counts = quantize(self.pushed - self.zero, COUNTS_PER_PASCAL, 0, 0xFFF)
         return self.counts
 
     def receive(self, data: CanFrame, t_ns: int, port: str) -> Outs[CanFrame]:
-        """Set the property of one puck."""
-        puck, message = data.arbitration_id, data.data
-        if puck not in PUCKS or data != CanFrame(arbitration_id=puck, data=message):
+        """Get or set a property of one puck, or of a group of them."""
+        to, message = data.arbitration_id, data.data
+        pucks = [
+            puck for puck in PUCKS if to == puck or to - GROUP in [self.values[puck][g] for g in (GRPA, GRPB, GRPC)]
+        ]
+        if not pucks or data != CanFrame(arbitration_id=to, data=message):
             self.counters["ignored"] += 1
             return ()
-        value = int.from_bytes(message[2:6], "little")
-        if len(message) < 6 or message[0] != TACT or value not in (FULL, TARE):
-            self.counters["unknown_command"] += 1
+        is_set = bool(message) and message[0] >= SET
+        if len(message) not in ((4, 6) if is_set else (1,)):
+            self.counters["bad_length"] += 1
             return ()
         self.counters["requests"] += 1
-        cells = self.layout.patches[puck - min(PUCKS)].taxels
-        if value == TARE:
-            self.zero = self.zero.copy()
-            self.zero[cells] = self.pushed[cells]
-            return ()
-        return _frames(puck, self.layout.on_wire(self.counts)[cells].tolist())
+        number, answers = message[0] % SET, []
+        for puck in pucks:
+            if t_ns < self.wakes_ns[puck]:
+                self.counters["asleep"] += 1
+            elif number not in self.values[puck] and number not in (CMD, SAVE, LOAD, DEF):
+                self.counters["unknown_command"] += 1
+            elif not self.awake[puck] and number not in ASLEEP_KNOWS:
+                self.counters["asleep"] += 1
+            elif is_set:
+                answers += self._set(puck, number, int.from_bytes(message[2:], "little", signed=True), t_ns)
+            else:
+                answers += self._get(puck, number, t_ns)
+        return answers
+
+    def joints(self, t_ns: int) -> dict[str, float]:
+        """Where the fingers and the spread are [rad]."""
+        return self.motors.joints(t_ns)
+
+    def _get(self, puck: int, number: int, t_ns: int) -> list[CanFrame]:
+        if number == TACT:
+            return self._cells(puck)
+        value = self.values[puck].get(number, 0)
+        if number in (P, JP):
+            counts = round(self.motors.positions(t_ns)[puck - min(PUCKS)])
+            places = [counts] if puck == SPREAD else [counts, counts * 2 // 5]
+            data = b"".join((0x800000 | each & 0x3FFFFF).to_bytes(3, "big") for each in places)
+            return [_frame(puck, TO_POSITIONS, data) if number == P else _frame(puck, TO_INNER, data[-3:])]
+        if number == STAT:
+            value = READY if self.awake[puck] else 0
+        elif number == MODE and value == TRAPEZOIDAL and not self.motors.moving(t_ns, 0.5)[puck - min(PUCKS)]:
+            value = PID if self.values[puck][HOLD] else IDLE
+        size = 4 if number in WIDE else 2
+        value &= (1 << 8 * size) - 1
+        return [_frame(puck, TO_OTHERS, bytes([SET | number, 0]) + value.to_bytes(size, "little"))]
+
+    def _set(self, puck: int, number: int, value: int, t_ns: int) -> list[CanFrame]:
+        values = self.values[puck]
+        if number == STAT:
+            if value == READY and not self.awake[puck]:
+                self.wakes_ns[puck] = t_ns + self.deaf_ns
+            elif value == 0:
+                self.values[puck] = _properties(puck, self.flash)
+            self.awake[puck] = value == READY
+        elif number == TACT:
+            if value == TARE:
+                cells = self._taxels(puck)
+                self.zero = self.zero.copy()
+                self.zero[cells] = self.pushed[cells]
+            elif NOTHING <= value <= ALL_CELLS:
+                values[TACT] = value
+                return self._cells(puck)
+            else:
+                self.counters["refused"] += 1
+        elif number in (SAVE, LOAD, DEF):
+            for each in values if value == -1 else {value} & set(values):
+                place = f"{puck}.{each}"
+                if number == SAVE:
+                    self.flash[place] = values[each]
+                elif number == DEF:
+                    self.flash.pop(place, None)
+                else:
+                    values[each] = _properties(puck, self.flash)[each]
+        elif number not in (VERS, ROLE, ID):
+            values[number] = value
+            self._move(puck, number, value, t_ns)
+        return []
+
+    def _move(self, puck: int, number: int, value: int, t_ns: int) -> None:
+        """What a property does to the motor."""
+        values, motor = self.values[puck], puck - min(PUCKS)
+        here, orders = self.motors.positions(t_ns)[motor], np.full(4, np.nan)
+        if number == MODE and value == VELOCITY:
+            orders[motor] = 1000.0 * values[V]
+            self.motors.drive(orders, t_ns)
+            return
+        commands = {HI: 0, CLOSE: values[CT], OPEN: values[OT], MOVE: values[DP]}
+        commands |= {CLOSE_STEP: here + values[DS], OPEN_STEP: here - values[DS]}
+        if number == MODE:
+            orders[motor] = values[E] if value == TRAPEZOIDAL else here
+        elif number == M or (number == CMD and value in commands):
+            orders[motor] = value if number == M else commands[value]
+            values[MODE] = TRAPEZOIDAL
+        elif number == P and values[MODE] == PID:
+            orders[motor] = value
+        if not np.isnan(orders[motor]):
+            self.motors.go(orders, t_ns)
+
+    def _taxels(self, puck: int) -> slice:
+        return self.layout.patches[puck - min(PUCKS)].taxels
+
+    def _cells(self, puck: int) -> list[CanFrame]:
+        form, cells = self.values[puck][TACT], self.layout.on_wire(self.counts)[self._taxels(puck)].tolist()
+        return {NOTHING: lambda *_: [], TOP_TEN: _top_ten, ALL_CELLS: _all_cells}[form](puck, cells)
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """All cells, and tare, of each puck."""
-        origin, listed = self.sources[0], []
+        """Cells of each puck awake, tare, and what drivers ask first."""
+        wake = "400#85000200"
+        listed = [
+            Command(name="is it awake", request="00B#05", reply="566#85000000", origin="libbarrett puck.cpp"),
+            Command(name="role", request="00E#01", reply="5C6#81000512", origin="libbarrett puck.h"),
+            Command(name="wake all", request=wake, origin="pyHand initialize"),
+            Command(name="cells of one that sleeps", request="00B#EA000200", origin="libbarrett property_list.cpp"),
+        ]
         for puck, name in PUCKS.items():
-            replies = [f"{GROUP | puck << 5:03X}#" + "..{8}" for _ in range(4)] + [
-                f"{GROUP | puck << 5:03X}#" + "..{7}"
-            ]
-            listed += [
-                Command(name=f"cells of {name}", request=f"{puck:03X}#EA0002000000", reply=replies, origin=origin),
-                Command(name=f"tare {name}", request=f"{puck:03X}#EA0003000000", origin=origin),
-            ]
+            to, cells = f"{puck:03X}#", [f"{GROUP | TO_CELLS | puck << 5:03X}#" + "..{8}"] * 5
+            top = f"{GROUP | TO_TOP_TEN | puck << 5:03X}#" + "..{8}"
+            for what, request, after, reply, origin in (
+                ("cells of", "EA0002000000", (), cells, "libbarrett"),
+                ("cells, in 16 bits, of", "EA000200", (), cells, "pyHand"),
+                ("cells again of", "6A", (f"{to}EA000200",), cells, "libbarrett requestFull"),
+                ("ten highest of", "EA000100", (), top, "pyHand get_top_tact"),
+                ("tare", "EA0003000000", (), None, "libbarrett tare"),
+            ):
+                listed.append(
+                    Command(
+                        name=f"{what} {name}", request=to + request, after=(wake, *after), reply=reply, origin=origin
+                    )
+                )
         return tuple(listed)
 
 
+def _properties(puck: int, flash: dict[str, int]) -> dict[int, int]:
+    """Return the properties of a puck at power-up."""
+    own = {ID: puck, 85: puck - 3, 70: puck - 10}
+    values = COMMON | (SPREADS if puck == SPREAD else FINGER) | own
+    return {number: flash.get(f"{puck}.{number}", value) for number, value in values.items()}
+
+
 def _pad(name: str) -> Layout:
-    size = PALM_SIZE if name == "palm" else FINGER_SIZE
-    return place(filled(CELLS, *size, name=name, link=name), (*PADS[name], 0.0))
+    is_palm = name == "palm"
+    rows, (width, height) = ROWS[is_palm], PALM_SIZE if is_palm else FINGER_SIZE
+    step_x, step_y = width / max(rows), height / len(rows)
+    cells = [
+        ((k - (n - 1) / 2) * step_x, (row - (len(rows) - 1) / 2) * step_y, 0.0)
+        for row, n in enumerate(rows)
+        for k in range(n)
+    ]
+    patch = Patch(name=name, start=0, rows=0, cols=CELLS, pitch=min(step_x, step_y), area=step_x * step_y, link=name)
+    flat = Layout(positions=np.array(cells), normals=np.array([0.0, 0.0, 1.0]), patches=(patch,))
+    return place(flat, (*PADS[name], 0.0))
 
 
-def _frames(puck: int, cells: list[int]) -> list[CanFrame]:
-    """Four bits of sequence and five values of 12 bits each; the last frame has four and ends with four bits of 0."""
+def _frame(puck: int, group: int, data: bytes) -> CanFrame:
+    return CanFrame(arbitration_id=GROUP | group | puck << 5, data=data)
+
+
+def _all_cells(puck: int, cells: list[int]) -> list[CanFrame]:
+    """Return five frames: four bits of sequence, and five values of 12 bits, 0 behind the last cell."""
     frames = []
     for k in range(0, CELLS, PER_FRAME):
-        values = cells[k : k + PER_FRAME]
         bits = k // PER_FRAME
-        for value in values:
+        for value in [*cells[k : k + PER_FRAME], 0][:PER_FRAME]:
             bits = bits << 12 | value
-        spare = -(4 + 12 * len(values)) % 8
-        data = (bits << spare).to_bytes((4 + 12 * len(values) + spare) // 8, "big")
-        frames.append(CanFrame(arbitration_id=GROUP | puck << 5, data=data))
+        frames.append(_frame(puck, TO_CELLS, bits.to_bytes(8, "big")))
     return frames
+
+
+def _top_ten(puck: int, cells: list[int]) -> list[CanFrame]:
+    """Return one frame: which cells, and ten values of whole N/cm2."""
+    highest = sorted(sorted(range(CELLS), key=lambda cell: -cells[cell])[:HIGHEST])
+    bits = sum(1 << cell for cell in highest)
+    for cell in highest:
+        bits = bits << 4 | cells[cell] >> 8
+    return [_frame(puck, TO_TOP_TEN, bits.to_bytes(8, "big"))]

@@ -134,6 +134,8 @@ def mapped(counts: np.ndarray, how: dict[str, Any]) -> np.ndarray:
         values = values[points]
     if columns is not None:
         values = values[:, columns]
+    if "matrix" in how:
+        values = np.asarray(how["matrix"]) @ values.ravel()
     values = values * np.asarray(how.get("scale", 1.0)) + np.asarray(how.get("offset", 0.0))
     return (values.T if how.get("transpose") else values).ravel()
 
