@@ -1,11 +1,16 @@
 """WACOH DynPick: a six-axis force-torque sensor that answers a letter with a line.
 
-Wire: 921600 8N1. The host sends single letters.
+Wire: 921600 8N1 through a CP210x bridge (10C4:EA60). The host sends letters; what they answer ends with CR LF.
 
     R    a digit that counts the answers, then Fx Fy Fz Mx My Mz as four hexadecimal digits each, 2000 (8192) where
-         nothing acts, CR LF: 27 characters
-    p    counts per newton and newton metre of the six axes, CR LF
+         nothing acts: 27 characters
+    S    starts such a line after each conversion; no answer
+    E    stops them; no answer
     O    what acts now is zero from now on; no answer
+    p    counts per newton and newton metre of the six axes, with commas: numbers of six and seven characters, 46 in all
+    T    temperature [1/16 deg C], four hexadecimal digits
+    V    product and firmware, text
+    nF   frequency divider n of 1, 2, 4, 8: each n-th conversion; no answer. 0F: a digit, n
 
 Try it: ``tactemu run dynpick``, then send ``R``.
 """
@@ -16,32 +21,36 @@ from typing import Annotated
 
 import numpy as np
 
-from firmware_protocols import Column, Command, Counts, Device, Option, Outs, Reading, Sense, Serial, points
+from firmware_protocols import USB, Column, Command, Counts, Device, Option, Outs, Reading, Sense, Serial, points
 from firmware_protocols.adc import quantize
 from firmware_protocols.device import Axis
 
 REST, HIGH = 8192, 16383
+COUNTS_PER_DEG = 16.0
+PERIOD_NS, DIVIDERS = 2_000_000, "1248"
+WIDTHS = (6, 6, 6, 7, 7, 7)
+"""Characters of a number in the answer to p."""
 AXES: tuple[Axis, ...] = ("x", "y", "z")
+ORIGIN = points({"origin": (0.0, 0.0, 0.0)})
 
 
 class DynPick(Device):
-    """Force and torque of a tool, a line for each request."""
+    """Force and torque of a tool, a line for each request or conversion."""
 
     name = "dynpick"
     kind = "force-torque sensor"
     title = "WACOH DynPick six-axis force-torque sensor"
-    ports = (Serial(baud=921600),)
-    senses = (Sense("wrench", at=points({"origin": (0.0, 0.0, 0.0)})),)
-    rate_hz = 500.0
+    ports = (Serial(baud=921600, usb=USB(0x10C4, 0xEA60, node="ttyUSB")),)
+    senses = (Sense("wrench", at=ORIGIN), Sense("temperature", at=ORIGIN))
+    rate_hz = 1e9 / PERIOD_NS
     evidence = ("driver",)
-    sources = ("tork-a/dynpick_driver@d5ea649",)
-    judge = "own second reader"
-    assumed = (
-        "the tool is touched 50 mm above the sensor's origin; z points out of the tool side, forces act on the tool",
-        "50 counts/N and 1500 counts/Nm, as numbers with three decimals and commas between them in the answer to p",
-        "the digit goes from 0 to 9; counts end at 0 and 16383; upper-case digits; 500 conversions per second",
-        "other letters are not answered; the zero is forgotten at power-off",
+    sources = (
+        "tork-a/dynpick_driver@d5ea649 src/main.cpp (R, O, p, F), doc/index.rst (USB ids)",
+        "UmemotoCtrl/Matlab-Python-for-Dynpick@4bb2812 DynPick.py (S, E, T, V)",
+        "Amelia10007/dynpick-force-torque-sensor-rs@89f6db0 src/lib.rs (46 characters of p)",
     )
+    judge = "own second reader"
+    assumed = ()
 
     def __init__(
         self,
@@ -49,48 +58,89 @@ class DynPick(Device):
         tool: Annotated[
             tuple[float, float, float], Option("where the tool is touched, from the sensor's origin", unit="m")
         ] = (0.0, 0.0, 0.05),
-        counts_per_newton: Annotated[float, Option("of the three forces", unit="1/N", low=1e-3, high=1e6)] = 50.0,
-        counts_per_newton_metre: Annotated[float, Option("of the torques", unit="1/Nm", low=1e-3, high=1e6)] = 1500.0,
+        counts_per_newton: Annotated[float, Option("of the three forces", unit="1/N", low=1e-3, high=99999)] = 50.0,
+        counts_per_newton_metre: Annotated[
+            float, Option("of the torques", unit="1/Nm", low=1e-3, high=999999)
+        ] = 1500.0,
+        version: Annotated[str, Option("the answer to V: product and firmware")] = "DynPick 1.00",
     ):
         self.layout = points({"tool": tool})
         self.scale = np.array([counts_per_newton] * 3 + [counts_per_newton_metre] * 3)
-        self.columns = tuple(
-            Column(name=f"{letter}{axis}", axis=axis, unit=unit, counts_per_unit=scale, low=0, high=HIGH, rest=REST)
-            for letter, unit, scale in (("F", "N", counts_per_newton), ("M", "Nm", counts_per_newton_metre))
-            for axis in AXES
-        )
+        self.columns = (
+            *(
+                Column(
+                    name=f"{letter}{axis}", axis=axis, sense="wrench", unit=unit, counts_per_unit=scale,
+                    low=0, high=HIGH, rest=REST,
+                )
+                for letter, unit, scale in (("F", "N", counts_per_newton), ("M", "Nm", counts_per_newton_metre))
+                for axis in AXES
+            ),
+            Column(name="T", sense="temperature", unit="degC", counts_per_unit=COUNTS_PER_DEG, low=0, high=0xFFFF),
+        )  # fmt: skip
+        self.version = version
         self.felt = self.zero = np.zeros((1, 6))
-        self.tick = 0
+        self.tick, self.streaming, self.digit, self.divider = 0, False, "", DIVIDERS[0]
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """The three letters."""
-        origin = self.sources[0]
+        """The letters."""
+        tork, umemoto, rust = self.sources
         return (
-            Command(name="read", request="52", reply="30 ..{24} 0D 0A", origin=origin),
-            Command(name="sensitivity", request="70", reply="*", origin=origin),
-            Command(name="zero", request="4F", origin=origin),
+            Command(name="read", request="52", reply="30 ..{24} 0D 0A", origin=tork),
+            Command(name="sensitivity", request="70", reply="..{44} 0D 0A", origin=rust),
+            Command(name="zero", request="4F", origin=tork),
+            Command(name="each second conversion", request="32 46", origin=tork),
+            Command(name="divider", request="30 46", reply="32 0D 0A", after=("32 46",), origin=tork),
+            Command(name="start", request="53", origin=umemoto),
+            Command(name="stop", request="45", origin=umemoto),
+            Command(name="temperature", request="54", reply="..{4} 0D 0A", origin=umemoto),
+            Command(name="version", request="56", reply="*", origin=umemoto),
         )
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:
-        """Fx Fy Fz Mx My Mz, 8192 where nothing acts, shape ``(1, 6)``."""
+        """By sense: Fx Fy Fz Mx My Mz, 8192 where nothing acts, ``(1, 6)``; temperature [1/16 deg C] ``(1,)``."""
         self.felt = reading["wrench"]
         self.counts = quantize(self.felt - self.zero, self.scale, 0, HIGH, rest=REST)
-        return self.counts
+        self.warmth = quantize(reading["temperature"], COUNTS_PER_DEG)
+        return {"wrench": self.counts, "temperature": self.warmth}
+
+    def stream(self, t_ns: int, name: str) -> Outs:
+        """A line, between S and E."""
+        return [_line(self._reading())] if self.streaming else ()
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
-        """Letters."""
-        return [answer for letter in data.decode("latin-1") for answer in self._answer(letter)]
+        """Letters, F behind its digit."""
+        return [_line(answer) for letter in data.decode("latin-1") for answer in self._answer(letter)]
 
-    def _answer(self, letter: str) -> list[bytes]:
+    def _reading(self) -> str:
+        tick, self.tick = self.tick, (self.tick + 1) % 10
+        return f"{tick}" + "".join(f"{count:04X}" for count in self.counts[0].tolist())
+
+    def _answer(self, letter: str) -> list[str]:
+        digit, self.digit = self.digit, letter if letter.isdigit() else ""
+        if self.digit:
+            return []
         self.counters["requests"] += 1
         if letter == "R":
-            line = f"{self.tick}" + "".join(f"{count:04X}" for count in self.counts[0].tolist())
-            self.tick = (self.tick + 1) % 10
-        elif letter == "p":
-            line = ",".join(f"{scale:.3f}" for scale in self.scale.tolist())
+            return [self._reading()]
+        if letter == "p":
+            return [",".join(f"{scale:.5f}"[:width] for scale, width in zip(self.scale.tolist(), WIDTHS))]
+        if letter == "T":
+            return [f"{self.warmth[0]:04X}"]
+        if letter == "V":
+            return [self.version]
+        if letter == "F" and digit == "0":
+            return [self.divider]
+        if letter == "F" and digit and digit in DIVIDERS:
+            self.divider, self.period_ns = digit, int(digit) * PERIOD_NS
+        elif letter in "SE":
+            self.streaming = letter == "S"
+        elif letter == "O":
+            self.zero = self.felt
         else:
-            self.zero = self.felt if letter == "O" else self.zero
-            self.counters["unknown_command"] += letter != "O"
-            return []
-        return [f"{line}\r\n".encode("ascii")]
+            self.counters["unknown_command"] += 1
+        return []
+
+
+def _line(text: str) -> bytes:
+    return f"{text}\r\n".encode("latin-1", "replace")
