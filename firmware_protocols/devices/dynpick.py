@@ -21,7 +21,21 @@ from typing import Annotated
 
 import numpy as np
 
-from firmware_protocols import USB, Column, Command, Counts, Device, Option, Outs, Reading, Sense, Serial, points
+from firmware_protocols import (
+    USB,
+    Column,
+    Command,
+    Counts,
+    Device,
+    Option,
+    Outs,
+    Reading,
+    Sense,
+    Serial,
+    assumed,
+    points,
+    stated,
+)
 from firmware_protocols.adc import quantize
 from firmware_protocols.device import Axis
 
@@ -31,6 +45,9 @@ PERIOD_NS, DIVIDERS = 2_000_000, "1248"
 WIDTHS = (6, 6, 6, 7, 7, 7)
 """Characters of a number in the answer to p."""
 AXES: tuple[Axis, ...] = ("x", "y", "z")
+TORK, UMEMOTO = "tork-a/dynpick_driver@d5ea649", "UmemotoCtrl/Matlab-Python-for-Dynpick@4bb2812"
+RUST, KOBE = "Amelia10007/dynpick-force-torque-sensor-rs@89f6db0", "KobeKosenRobotics/Dynpick_Driver@a8bc768"
+ALL = "main.cpp, test-com.c, DynPick.py, lib.rs, dynpick.cpp (all whole)"
 ORIGIN = points({"origin": (0.0, 0.0, 0.0)})
 
 
@@ -44,13 +61,29 @@ class DynPick(Device):
     senses = (Sense("wrench", at=ORIGIN), Sense("temperature", at=ORIGIN))
     rate_hz = 1e9 / PERIOD_NS
     evidence = ("driver",)
-    sources = (
-        "tork-a/dynpick_driver@d5ea649 src/main.cpp (R, O, p, F), doc/index.rst (USB ids)",
-        "UmemotoCtrl/Matlab-Python-for-Dynpick@4bb2812 DynPick.py (S, E, T, V)",
-        "Amelia10007/dynpick-force-torque-sensor-rs@89f6db0 src/lib.rs (46 characters of p)",
+    sources = (f"{TORK} src/main.cpp, doc/index.rst", f"{UMEMOTO} DynPick.py", f"{RUST} src/lib.rs")
+    judge = f"{TORK}, {UMEMOTO}"
+    facts = (
+        stated("touch", "six numbers of four hexadecimal digits, 8192 is zero", f"{TORK} src/main.cpp:237-249"),
+        stated("touch", "z points towards the tool mount", f"{TORK} urdf/dynpick_WEF-6A200_macro.xacro:40-50"),
+        assumed("touch", "forces act on the tool, which is touched 50 mm above the origin", ALL),
+        stated("touch", "sensors differ: 24.9, 24.6, 24.5 counts/N, 1664.7 counts/Nm", f"{RUST} src/lib.rs:108"),
+        stated("touch", "others: 65.47, 65.44, 65.08 counts/N, 1638.5 counts/Nm", f"{UMEMOTO} DynPick.py:32"),
+        assumed("touch", "50 counts/N and 1500 counts/Nm here; counts end at 0 and 16383; upper-case digits", ALL),
+        stated("touch", "temperature in 1/16 deg C, four hexadecimal digits", f"{UMEMOTO} DynPick.py:136-148"),
+        assumed("touch", "temperatures below 0 deg C read 0", ALL),
+        stated("identity", "10C4:EA60, a CP210x bridge", f"{TORK} doc/index.rst:22-32; {RUST} examples/demo.rs:6-8"),
+        assumed("identity", "the text that answers V", ALL),
+        stated("configuration", "46 characters answer p", f"{TORK} src/main.cpp:51; {RUST} src/lib.rs:134; 45: {KOBE}"),
+        assumed("configuration", "three decimals for a force, two for a torque make 46", ALL),
+        stated("configuration", "some sensors do not answer p", f"{RUST} src/lib.rs:131"),
+        stated("configuration", "dividers 1, 2, 4, 8; 0F: a digit and two characters", f"{TORK} src/main.cpp:202-212"),
+        stated("configuration", "O works on hardware when it is sent three times", f"{TORK} src/main.cpp:48"),
+        assumed("configuration", "once is enough here; the zero is forgotten at power-off", ALL),
+        assumed("configuration", "silent at power-up, divider 1; other letters are not answered", ALL),
+        stated("timing", "921600 baud", f"{TORK} src/main.cpp:71; {UMEMOTO} DynPick.py:27; {RUST} src/lib.rs:81"),
+        assumed("timing", "500 conversions a second; the divider makes them fewer; the digit goes from 0 to 9", ALL),
     )
-    judge = "own second reader"
-    assumed = ()
 
     def __init__(
         self,
@@ -75,7 +108,8 @@ class DynPick(Device):
                 for letter, unit, scale in (("F", "N", counts_per_newton), ("M", "Nm", counts_per_newton_metre))
                 for axis in AXES
             ),
-            Column(name="T", sense="temperature", unit="degC", counts_per_unit=COUNTS_PER_DEG, low=0, high=0xFFFF),
+            Column(name="T", sense="temperature", unit="degC", counts_per_unit=COUNTS_PER_DEG,
+                   low=0, high=0xFFFF, rest=400),
         )  # fmt: skip
         self.version = version
         self.felt = self.zero = np.zeros((1, 6))
