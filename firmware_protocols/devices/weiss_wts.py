@@ -1,18 +1,30 @@
 """Weiss WTS: a tactile matrix with a controller of its own, asked for frames or pushing them.
 
-Wire: 115200 8N1. ``MESSAGE`` in both directions, little-endian; other than a DSACON32m's, its CRC is always there and
-counts the preamble, too. An answer repeats the id and begins with a status, 0; a pushed frame has id 00 and no status.
+Wire: a virtual COM port on USB, which drivers open at 115200. ``MESSAGE`` in both directions, little-endian; other than
+a DSACON32m's, its CRC is always there and counts the preamble, too. An answer repeats the id and begins with a status,
+0; a pushed frame has id 00 and no status.
 
     id  payload              answer, behind the status
+    06  any                  the same
     20  flags, or nothing    ``FRAME``, the next one
-    21  flags, ms 2 bytes    nothing; then frames with id 00 every so many ms
+    21  flags, ms 2 bytes    nothing; then frames with id 00 every so many ms, as often as it scans with 0
     22  -                    nothing; no more frames
-    23  flags, or nothing    nothing; what is felt now is zero
+    23  flags, or nothing    nothing; what is felt now is zero, with 00 no more
     30  -                    ``MATRIX``
+    34  threshold 2 bytes    nothing; a texel below it reads 0
+    35  -                    threshold, 2 bytes
+    36  gain                 nothing
+    37  -                    gain
+    38  -                    type of the sensor, text
     46  -                    temperature [0.1 deg C], 2 bytes
+    50  -                    ``SYSTEM``
+    51  text                 nothing; the tag is kept
+    52  -                    tag, text: a driver names its topic by it
 
-Drivers disagree about a value: two bytes, low one first (wts_driver), or 16 times as much, high byte first (wts-ft); an
-option chooses. 34 to 38 (threshold, gain, type), 50 and 52 (system, tag) are there, too, not what they answer.
+Other ids are answered with the status 14, other lengths with 12 (no payload expected) or 13 (not enough).
+
+Drivers disagree about a value: two bytes, low one first (the vendor's manual, wts_driver, Weiss_tactile), or 16 times
+as much, high byte first (wts-ft); an option chooses.
 
 Try it: ``tactemu run weiss_wts``, then send AA AA AA 30 00 00 CA CF.
 """
@@ -34,8 +46,10 @@ from firmware_protocols import (
     Rollover,
     Sense,
     Serial,
+    assumed,
     grid_layout,
     points,
+    stated,
 )
 from firmware_protocols.adc import int16, quantize
 from firmware_protocols.framing import MORE, SOUND, Packets
@@ -63,13 +77,32 @@ MATRIX = Frame("""
     4     <u2 x 2          cell        width, height [0.01 mm]
     8     <u2              full_scale
 """)
-PUSHED, SINGLE, START, STOP, TARE, MATRIX_INFO, TEMPERATURE = 0x00, 0x20, 0x21, 0x22, 0x23, 0x30, 0x46
-PAYLOAD_BYTES = {SINGLE: (0, 1), START: (3,), STOP: (0,), TARE: (0, 1), MATRIX_INFO: (0,), TEMPERATURE: (0,)}
-DONE = b"\0\0"
+SYSTEM = Frame("""
+    system
+    0     01               type        a WTS; 00: unknown
+    1     01               hardware
+    2     00 10            firmware    1.0.0, four bits each from the highest, then its kind
+    4     <u4              serial
+""")
+LOOP, PUSHED, SINGLE, START, STOP, TARE, MATRIX_INFO = 0x06, 0x00, 0x20, 0x21, 0x22, 0x23, 0x30
+SET_THRESHOLD, THRESHOLD, SET_GAIN, GAIN, TYPE = 0x34, 0x35, 0x36, 0x37, 0x38
+TEMPERATURE, SYSTEM_INFO, SET_TAG, TAG = 0x46, 0x50, 0x51, 0x52
+LONGEST = 64
+PAYLOAD_BYTES = {
+    **dict.fromkeys((STOP, MATRIX_INFO, THRESHOLD, GAIN, TYPE, TEMPERATURE, SYSTEM_INFO, TAG), (0,)),
+    **dict.fromkeys((SINGLE, TARE), (0, 1)),
+    **dict.fromkeys((LOOP, SET_TAG), range(LONGEST)),
+    **{START: (3,), SET_THRESHOLD: (2,), SET_GAIN: (1,)},
+}
+DONE, NONE_EXPECTED, NOT_ENOUGH, UNKNOWN = (status.to_bytes(2, "little") for status in (0, 12, 13, 14))
 
-ROWS, COLS, PITCH = 14, 6, 0.0034
+SCAN_NS = 10_000_000
+PITCH = 0.0034
 FULL_SCALE = 4095
 BOARD = points({"board": (0.0, 0.0, -0.005)})
+CPP, PYTHON = "ksatyaki/wts_driver@82c46ac", "CNCR-NTU/wts-ft@bbb00b0"
+MANUAL = "Weiss Robotics, WTS Command Set Reference Manual, March 2013"
+BOTH = "wts_driver.cpp, common.cpp, serial_comm.cpp, wts_ft_interface.py (all whole)"
 
 
 class WeissWts(Device):
@@ -77,9 +110,9 @@ class WeissWts(Device):
 
     name = "weiss_wts"
     kind = "fingertip"
-    title = "Weiss WTS tactile matrix, 14x6"
-    ports = (Serial(baud=115200),)
+    ports = (Serial(baud=115200, usb=True),)
     senses = ("force", Sense("temperature", at=BOARD))
+    rate_hz = 1e9 / SCAN_NS
     columns = (
         Column(name="texel", low=0, high=FULL_SCALE, push=1),
         Column(name="T", sense="temperature", unit="degC", counts_per_unit=10.0, low=-0x8000, high=0x7FFF, rest=250),
@@ -87,51 +120,76 @@ class WeissWts(Device):
     rollovers = (Rollover(name="time", bits=32, step=1000, clock=True),)
     evidence = ("driver",)
     sources = (
-        "ksatyaki/wts_driver@82c46ac src/wts_driver.cpp (ids, CRC, values with the low byte first)",
-        "CNCR-NTU/wts-ft@bbb00b0 crc16.py, wts_ft_interface.py (values of 16ths, high byte first)",
+        f"{CPP} src/wts_driver.cpp, src/common.cpp (ids, status, CRC, answers)",
+        f"{PYTHON} wts_ft_interface.py (8 x 4; values of 16ths, high byte first)",
+        f"{MANUAL} (ids, byte order, USB)",
     )
-    judge = "own second reader"
-    assumed = (
-        "14 rows of 6 texels of 3.4 mm, row by row from the upper left; 115200 baud; MATRIX is of 16-bit numbers",
-        "1000 counts/N, full scale 4095; the frame as a DSACON32m's, not run-length coded, whatever the flags",
-        "a scan every 10 ms, and as often as frames are pushed; a period of 0 gets no answer",
-        "wrong CRCs, lengths and ids get no answer; the zero is forgotten at power-off",
+    judge = f"{CPP}, {PYTHON}"
+    facts = (
+        stated("touch", "words of several bytes are sent low byte first", f"{MANUAL}, page 4"),
+        stated("touch", "values low byte first from byte 5 of a frame", f"{CPP} src/wts_driver.cpp:349"),
+        stated("touch", "wts-ft reads 16 times as much, high byte first", f"{PYTHON} wts_ft_interface.py:106"),
+        stated("touch", "8 rows of 4, row by row", f"{PYTHON} wts_ft_interface.py:62-63, 104-106"),
+        assumed("touch", "texels of 3.4 mm; 14 rows of 6 by default; 1000 counts/N; full scale 4095", BOTH),
+        assumed("touch", "no frame is compressed, whatever the flags", BOTH),
+        stated("identity", "tag and type are text behind the status", f"{CPP} src/wts_driver.cpp:410, 415"),
+        stated("identity", "layout of the system information", f"{CPP} src/common.cpp:115-136"),
+        stated("identity", "a type has 14 characters", f"{PYTHON} wts_ft_interface.py:85"),
+        assumed("identity", "the texts; hardware 1, firmware 1.0.0, serial number 1", BOTH),
+        stated("configuration", "status 0 to 30; 12 to 14 among them", f"{CPP} include/wts_driver/common.hpp:45-76"),
+        stated("configuration", "34 takes two bytes, 36 one", f"{PYTHON} wts_ft_interface.py:54, 60"),
+        assumed("configuration", "a threshold makes less than itself 0; a gain is kept without effect", BOTH),
+        assumed("configuration", "wrong CRCs get no answer; the tag alone survives power-off", BOTH),
+        stated("timing", "a UART, or a virtual COM port on USB", f"{MANUAL}, page 4"),
+        stated(
+            "timing",
+            "/dev/ttyACM0 at 115200",
+            f"{CPP} src/main.cpp:9; launch/wts_one_sensor.launch:2; {PYTHON} wts_ft_interface.py:52-53",
+        ),
+        stated("timing", "time of a frame in ms", f"{CPP} src/wts_driver.cpp:333-336"),
+        assumed("timing", "a scan every 10 ms, and as often as frames are pushed", BOTH),
     )
 
     def __init__(
         self,
         *,
+        rows: Annotated[int, Option("of texels", low=1, high=64)] = 14,
+        cols: Annotated[int, Option("texels of a row", low=1, high=64)] = 6,
         values: Annotated[
-            Literal["low_first", "sixteenths"], Option("as wts_driver reads them, or as wts-ft does")
+            Literal["low_first", "sixteenths"], Option("as the manual has them, or as wts-ft reads them")
         ] = "low_first",
         counts_per_newton: Annotated[float, Option("of a texel", unit="1/N", low=1e-6)] = 1000.0,
+        tag: Annotated[str, Option("as delivered; 51 changes it")] = "wts",
+        sensor_type: Annotated[str, Option("answer to 38; of itself such as WTS-FT-0614-34")] = "",
+        serial: Annotated[int, Option("number of the device", low=0, high=0xFFFFFFFF)] = 1,
     ):
-        self.layout = grid_layout(ROWS, COLS, PITCH)
+        self.title = f"Weiss WTS tactile matrix, {rows}x{cols}"
+        self.layout = grid_layout(rows, cols, PITCH)
+        self.rows, self.cols, self.serial = rows, cols, serial
         self.sixteenths, self.counts_per_newton = values == "sixteenths", counts_per_newton
-        self.packets = Packets(MESSAGE.head, _size, _check, counters=self.counters, longest=64)
+        self.type = (sensor_type or f"WTS-FT-{cols:02}{rows:02}-34").encode("latin-1", "replace")
+        self.tag = self.flash.get("tag", tag.encode("latin-1", "replace"))
+        self.packets = Packets(MESSAGE.head, _size, _check, counters=self.counters, longest=LONGEST + 8)
         self.pushed = self.zero = np.zeros(len(self.layout))
-        self.pushing, self.singles = False, 0
+        self.warmth = np.zeros(1)
+        self.pushing, self.singles, self.threshold, self.gain = False, 0, 0, 0
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """All whose answer is known."""
-        origin = "wts_driver@82c46ac; CRC by a second program"
+        """All, of a 14 x 6 as it comes."""
+        if self.options.keys() - {"values", "counts_per_newton"}:
+            return ()
+        origin = f"{CPP}; CRC by a second program"
         return tuple(
             Command(name=name, request=f"AA AA AA {request}", reply=reply and f"AA AA AA {reply}", origin=origin)
-            for name, request, reply in (
-                ("matrix", "30 00 00 CA CF", "30 0C 00 00 00 06 00 0E 00 54 01 54 01 FF 0F 59 3E"),
-                ("temperature", "46 00 00 86 B7", "46 04 00 00 00 ..{2} ..{2}"),
-                ("tare", "23 00 00 AC 1C", "23 02 00 00 00 3C D7"),
-                ("frames every 20 ms", "21 03 00 00 14 00 D9 AB", "21 02 00 00 00 28 04"),
-                ("no more frames", "22 00 00 0E 76", "22 02 00 00 00 A7 2E"),
-                ("one frame, after the next scan", "20 01 00 00 8F 83", None),
-            )
+            for name, request, reply in _EXAMPLES
         )
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:
-        """By sense: counts of the texels, 0..4095, ``(84,)``; temperature [0.1 deg C] ``(1,)``."""
+        """By sense: counts of the texels, 0..4095, ``(rows * cols,)``; temperature [0.1 deg C] ``(1,)``."""
         self.pushed = self.layout.push(reading["force"])
-        self.texels = quantize(self.pushed - self.zero, self.counts_per_newton, 0, FULL_SCALE)
+        texels = quantize(self.pushed - self.zero, self.counts_per_newton, 0, FULL_SCALE)
+        self.texels = np.where(texels < self.threshold, 0, texels)
         self.warmth = quantize(reading["temperature"], 10.0, -0x8000, 0x7FFF)
         return {"force": self.texels, "temperature": self.warmth}
 
@@ -149,26 +207,42 @@ class WeissWts(Device):
         return [out for packet in self.packets.cut(data, t_ns) for out in self._obey(packet[3], packet[6:-2])]
 
     def _obey(self, request: int, payload: bytes) -> list[bytes]:
-        period_ms = int.from_bytes(payload[1:3], "little")
-        if len(payload) not in PAYLOAD_BYTES.get(request, ()) or (request == START and not period_ms):
-            self.counters["refused"] += 1
-            return []
-        answer = b""
+        wanted = PAYLOAD_BYTES.get(request)
+        if wanted is None or len(payload) not in wanted:
+            self.counters["unknown_command" if wanted is None else "bad_length"] += 1
+            wrong = UNKNOWN if wanted is None else NONE_EXPECTED if max(wanted) == 0 else NOT_ENOUGH
+            return [MESSAGE.pack(id=request, payload=wrong)]
         if request == SINGLE:
-            self.singles = 1
+            self.singles += 1
             return []
+        return [MESSAGE.pack(id=request, payload=DONE + (self._told(request) or self._do(request, payload)))]
+
+    def _told(self, request: int) -> bytes:
+        """What the board says of itself; nothing where it is told something."""
+        if request == MATRIX_INFO:
+            cell = [round(PITCH * 1e5)] * 2
+            return MATRIX.pack(columns=self.cols, rows=self.rows, cell=cell, full_scale=FULL_SCALE)
+        if request == SYSTEM_INFO:
+            return SYSTEM.pack(serial=self.serial)
+        known = {THRESHOLD: self.threshold.to_bytes(2, "little"), GAIN: bytes([self.gain]), TYPE: self.type}
+        return {**known, TAG: self.tag, TEMPERATURE: int16(self.warmth, "<")}.get(request, b"")
+
+    def _do(self, request: int, payload: bytes) -> bytes:
+        """Obey, and what that answers."""
         if request == START:
-            self.pushing, self.period_ns = True, period_ms * 1_000_000
+            self.pushing = True
+            self.period_ns = 1_000_000 * int.from_bytes(payload[1:], "little") or SCAN_NS
         elif request == STOP:
             self.pushing = False
         elif request == TARE:
-            self.zero = self.pushed
-        elif request == MATRIX_INFO:
-            cell = [round(PITCH * 1e5)] * 2
-            answer = MATRIX.pack(columns=COLS, rows=ROWS, cell=cell, full_scale=FULL_SCALE)
-        else:
-            answer = int16(self.warmth, "<")
-        return [MESSAGE.pack(id=request, payload=DONE + answer)]
+            self.zero = np.zeros(len(self.layout)) if payload == b"\0" else self.pushed
+        elif request == SET_THRESHOLD:
+            self.threshold = int.from_bytes(payload, "little")
+        elif request == SET_GAIN:
+            self.gain = payload[0]
+        elif request == SET_TAG:
+            self.tag = self.flash["tag"] = payload
+        return payload if request == LOOP else b""
 
 
 def _size(data: bytes) -> int:
@@ -177,3 +251,28 @@ def _size(data: bytes) -> int:
 
 def _check(packet: bytes) -> str:
     return SOUND if crc16_weiss(packet[:-2]) == int.from_bytes(packet[-2:], "little") else "bad_checksum"
+
+
+_EXAMPLES = (
+    # name, request, answer, without the preamble
+    ("loop", "06 02 00 12 34 E8 CF", "06 04 00 00 00 12 34 AD 02"),
+    ("matrix", "30 00 00 CA CF", "30 0C 00 00 00 06 00 0E 00 54 01 54 01 FF 0F 59 3E"),
+    ("temperature", "46 00 00 86 B7", "46 04 00 00 00 ..{2} ..{2}"),
+    ("tare", "23 00 00 AC 1C", "23 02 00 00 00 3C D7"),
+    ("no tare", "23 01 00 00 D8 1E", "23 02 00 00 00 3C D7"),
+    ("frames every 20 ms", "21 03 00 00 14 00 D9 AB", "21 02 00 00 00 28 04"),
+    ("frames of each scan", "21 03 00 00 00 00 F5 5C", "21 02 00 00 00 28 04"),
+    ("no more frames", "22 00 00 0E 76", "22 02 00 00 00 A7 2E"),
+    ("one frame, after the next scan", "20 01 00 00 8F 83", None),
+    ("threshold 100", "34 02 00 64 00 8E C7", "34 02 00 00 00 82 C3"),
+    ("threshold", "35 00 00 F1 2C", "35 04 00 00 00 00 00 0C F7"),
+    ("gain 128", "36 01 00 80 6F 99", "36 02 00 00 00 96 10"),
+    ("gain", "37 00 00 B5 F9", "37 03 00 00 00 00 DF 28"),
+    ("type", "38 00 00 EA CF", "38 10 00 00 00 57 54 53 2D 46 54 2D 30 36 31 34 2D 33 34 FB F3"),
+    ("system", "50 00 00 DB 87", "50 0A 00 00 00 01 01 00 10 01 00 00 00 CA 60"),
+    ("new tag", "51 04 00 6C 65 66 74 6F E7", "51 02 00 00 00 EC 62"),
+    ("tag", "52 00 00 9F 52", "52 05 00 00 00 77 74 73 45 40"),
+    ("unknown id", "31 00 00 68 A5", "31 02 00 0E 00 70 81"),
+    ("a payload too many", "30 01 00 00 6B 12", "30 02 00 0C 00 4D 10"),
+    ("a payload too short", "21 01 00 00 4D 16", "21 02 00 0D 00 BE 60"),
+)

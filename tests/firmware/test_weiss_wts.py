@@ -59,3 +59,37 @@ def test_what_is_not_answered():
     for name in ("matrix", "temperature", "tare", "no more frames"):
         (answer,) = request(device, name)
         assert answer[6:8] == b"\0\0"
+
+
+def test_a_threshold_makes_less_than_itself_0():
+    device = fp.create("weiss_wts")
+    request(device, "threshold 100")
+    request(device, "frames of each scan")
+    pushes = np.arange(84) / 100
+    assert device.period_ns == 10_000_000
+    assert texels(sample(device, pushes)[0]) == [10 * k if k >= 10 else 0 for k in range(84)]
+
+
+def test_two_frames_asked_for_are_two():
+    device = fp.create("weiss_wts")
+    request(device, "one frame, after the next scan")
+    request(device, "one frame, after the next scan")
+    assert len(sample(device, 1.0)) == 2
+
+
+def test_a_tag_survives_power_off():
+    device = fp.create("weiss_wts")
+    sample(device)
+    request(device, "new tag")
+    device.power_cycle()
+    sample(device)
+    assert request(device, "tag")[0][8:-2] == b"left"
+
+
+def test_what_is_unknown_is_answered_with_a_status():
+    device = fp.create("weiss_wts")
+    sample(device)
+    assert [request(device, name)[0][6] for name in ("unknown id", "a payload too many", "a payload too short")] == [
+        14, 12, 13
+    ]  # fmt: skip
+    assert device.counters["unknown_command"] == 1 and device.counters["bad_length"] == 2
