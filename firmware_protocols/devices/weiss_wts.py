@@ -23,7 +23,7 @@ a DSACON32m's, its CRC is always there and counts the preamble, too. An answer r
 
 Other ids are answered with the status 14, other lengths with 12 (no payload expected) or 13 (not enough).
 
-Drivers disagree about a value: two bytes, low one first (the vendor's manual, wts_driver, Weiss_tactile), or 16 times
+Drivers disagree about a value: two bytes, low one first (the vendor's manual, wts_driver), or 16 times
 as much, high byte first (wts-ft); an option chooses.
 
 Try it: ``tactemu run weiss_wts``, then send AA AA AA 30 00 00 CA CF.
