@@ -161,7 +161,7 @@ CASES = [
         "bota_sensone.py",
         shown=lambda device, counts: [*counts.item()["wrench"][0], *counts.item()["temperature"]],
     ),
-    Case("dynpick", "dynpick.py", guarded=False),
+    Case("dynpick", "dynpick.py", guarded=False, shown=lambda device, counts: counts.item()["wrench"][0]),
     Case("eflesh_binary", "eflesh_binary.py"),
     Case(
         "contactile_papillarray",
