@@ -71,7 +71,7 @@ class Emulator:
     """
 
     not_state: ClassVar[tuple[str, ...]] = (
-        "catch_up_steps", "clock", "look_ahead_ns", "made_of", "running", "_calls", "_channels", "_resumed",
+        "catch_up_steps", "clock", "look_ahead_ns", "made_of", "_calls", "_channels", "_resumed", "_stop_requested",
     )  # fmt: skip
 
     def __init__(
@@ -93,7 +93,7 @@ class Emulator:
             wire.name = wire.name or "+".join(c.name for c in self.channels if wire in c.wires.values())
         self.clock: Clock = clock or RealClock()
         self.truth = truth or Truth()
-        self.running = False
+        self._stop_requested = False
         self.now_ns = 0
         """Time of the turn: what happens in it happens then."""
         self.look_ahead_ns: int | None = None
@@ -162,15 +162,18 @@ class Emulator:
         self._call(channel, now, "boot", channel.local_ns(now))
 
     def run(self, seconds: float | None = None) -> None:
-        """Run for ``seconds`` of emulation time, or until :meth:`stop`."""
+        """Run for ``seconds`` of emulation time, or until :meth:`stop`, also one that came before."""
         end = None if seconds is None else self.clock.now_ns() + round(seconds * 1e9)
-        self.running = True
-        while self.running and (end is None or self.clock.now_ns() < end):
-            self.step(end)
+        try:
+            while not self._stop_requested and (end is None or self.clock.now_ns() < end):
+                self.step(end)
+        finally:
+            self._stop_requested = False
 
     def stop(self) -> None:
-        """Leave :meth:`run` after the current turn. May be called from a signal handler or another thread."""
-        self.running = False
+        """Leave :meth:`run` after the current turn, or the next one at once. Call it from anywhere, also from a signal
+        handler or another thread."""
+        self._stop_requested = True
         self.call(lambda: None)
 
     def __enter__(self):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import atexit
 import os
 import shutil
 import stat
 import tempfile
 from pathlib import Path
+
+from tactemu.leftovers import remove_at_end
 
 
 def ours_alone(folder: Path) -> bool:
@@ -36,5 +37,5 @@ def temporary_folder(kind: str) -> tuple[Path, str]:
         if ours_alone(folder):
             return folder, ""
     own = tempfile.mkdtemp(prefix=f"tactemu-{kind}-")
-    atexit.register(shutil.rmtree, own, ignore_errors=True)
+    remove_at_end(lambda: shutil.rmtree(own, ignore_errors=True))
     return Path(own), f"and {folder} is not ours alone, {kind} are compiled anew in each run"

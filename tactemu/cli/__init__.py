@@ -21,17 +21,28 @@ def main() -> None:
     try:
         if _answered(sys.argv[1:]):
             return
-        from tactemu.cli.app import app
-        from tactemu.errors import TactemuError
+        if sys.argv[1:2] in (["run"], ["exec"]):
+            from tactemu.cli.signals import starting
 
-        try:
-            words, command = _split(sys.argv[1:])
-            app(words, prog_name="tactemu", obj=command)
-        except TactemuError as error:
-            print(f"tactemu: {error}", file=sys.stderr)
-            sys.exit(2)
+            with starting():
+                _run()
+        else:
+            _run()
     except KeyboardInterrupt:  # while things are imported, or compiled; a loop that runs takes it as its end
         sys.exit(INTERRUPTED)
+
+
+def _run() -> None:
+    """Do the command."""
+    from tactemu.cli.app import app
+    from tactemu.errors import TactemuError
+
+    try:
+        words, command = _split(sys.argv[1:])
+        app(words, prog_name="tactemu", obj=command)
+    except TactemuError as error:
+        print(f"tactemu: {error}", file=sys.stderr)
+        sys.exit(2)
 
 
 def _split(words: list[str]) -> tuple[list[str], list[str]]:

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from tactemu.cli.datasheet import options_of
@@ -62,12 +63,13 @@ def run_command(
     with no_full_collections(), env, listening(dev.control, name, target):
         if not quiet:
             _announce(env, command[0])
-        signals.program = driver = env.popen(command)
+        driver = signals.start(partial(env.popen, command))
         failure = _watch(driver, dev, env)
     status = driver.returncode
     if failure is not None:
         _say(str(failure))
         return FAILED
+    signals.say_what_ended(status)
     return status if status >= 0 else 128 - status
 
 

@@ -106,7 +106,10 @@ def _next(wire: socket.socket, lives: int) -> dict[str, Any] | None:
     ready = dict(poll.poll())
     if wire.fileno() not in ready:
         return None
-    data = wire.recv(_LONGEST)
+    try:
+        data = wire.recv(_LONGEST)
+    except ConnectionResetError:  # it has gone without reading our last answer
+        return None
     return json.loads(data) if data else None
 
 

@@ -60,7 +60,7 @@ class Replay:
             raise TactemuError("the recording has nothing that goes to a driver")
         self.position = 0
         """Index of the next entry."""
-        self.running = False
+        self._stop_requested = False
         self.now_ns = 0
         """Time of the turn."""
         self._calls = Calls()
@@ -72,12 +72,14 @@ class Replay:
         return self.position >= len(self.entries)
 
     def run(self, seconds: float | None = None) -> None:
-        """Play until the end, for ``seconds``, or until :meth:`stop`. Time starts when the driver opens the port."""
+        """Play until the end, for ``seconds``, or until :meth:`stop`, also one that came before.
+
+        Time starts when the driver opens the port.
+        """
         end = None if seconds is None else self.clock.now_ns() + round(seconds * 1e9)
-        self.running = True
         self._calls.open()
         try:
-            while self.running and not (self.done and self.wire.next_due_ns() is None):
+            while not self._stop_requested and not (self.done and self.wire.next_due_ns() is None):
                 now = self.now_ns = self.clock.now_ns()
                 if end is not None and now >= end:
                     break
@@ -86,10 +88,11 @@ class Replay:
                 self._wait(end)
         finally:
             self._calls.close()
+            self._stop_requested = False
 
     def stop(self) -> None:
-        """Leave :meth:`run`; may be called from a signal handler."""
-        self.running = False
+        """Leave :meth:`run`, or the next one at once; may be called from a signal handler."""
+        self._stop_requested = True
         self.call(lambda: None)
 
     def call(self, action: Guest, at_ns: int = 0) -> None:

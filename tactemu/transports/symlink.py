@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import atexit
 import hashlib
 import os
 import secrets
@@ -12,6 +11,7 @@ import threading
 from pathlib import Path
 
 from tactemu.errors import TransportError
+from tactemu.leftovers import remove_at_end
 
 _LIVE: set[StableLink] = set()
 _ENDING = (signal.SIGTERM, signal.SIGHUP)
@@ -103,10 +103,12 @@ def _claimed(path: Path) -> socket.socket:
     return mark
 
 
-@atexit.register
 def _remove_all() -> None:
     for link in list(_LIVE):
         link.remove()
+
+
+remove_at_end(_remove_all)
 
 
 def _catch_termination() -> None:

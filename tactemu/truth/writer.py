@@ -13,12 +13,14 @@ import os
 import stat
 import threading
 import time
+import weakref
 from collections import deque
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 from tactemu.errors import TactemuError
+from tactemu.leftovers import remove_at_end
 from tactemu.truth.entries import End, Entry, Header
 from tactemu.truth.lines import LinesWriter
 from tactemu.truth.packed import PackedWriter
@@ -82,6 +84,8 @@ class LogWriter:
         self._closing = threading.Event()
         self._thread: threading.Thread | None = None
         self._owner = os.getpid()
+        this = weakref.ref(self)
+        remove_at_end(lambda: (writer := this()) and writer._remove_empty())
 
     @property
     def begun(self) -> bool:
@@ -127,8 +131,12 @@ class LogWriter:
         if self._thread is not None:
             self._closing.set()
             self._thread.join()
+        self._remove_empty()
         self._file.close()
-        if self._made and self._thread is None:
+
+    def _remove_empty(self) -> None:
+        """Remove a file that was made for nothing."""
+        if self._owner == os.getpid() and self._made and self._thread is None and not self._file.closed:
             self.path.unlink(missing_ok=True)
 
     def _lose_for_slowness(self, entry: Entry) -> None:

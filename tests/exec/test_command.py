@@ -3,6 +3,7 @@
 import contextlib
 import os
 import pty
+import select
 import shutil
 import signal
 import struct
@@ -15,6 +16,7 @@ import pytest
 
 from tactemu.cli import executing
 from tactemu.exec import reach
+from tactemu.exec.keeping import Keeper
 from tests.cli.command import environment, here, start, tactemu
 
 RUN = ("exec", "-q", "flexitac", "--")
@@ -49,6 +51,7 @@ def test_streams_status_and_preloaded_libraries_pass_through_and_children_are_in
 def test_a_signal_goes_to_the_driver_and_its_end_is_ours():
     script = (
         "import os, signal, sys, time\n"
+        "signal.signal(signal.SIGHUP, signal.SIG_DFL)\n"  # who runs the tests may have it ignored, as nohup does
         "signal.signal(signal.SIGTERM, lambda *_: print('TERM', flush=True))\n"
         "print('up', flush=True); signal.pause(); signal.pause()"
     )
@@ -62,6 +65,44 @@ def test_a_signal_goes_to_the_driver_and_its_end_is_ours():
             assert time.monotonic() - begin < 1.0, "the emulator has its port still"
             time.sleep(0.01)
         assert run.wait(10) == 128 + signal.SIGHUP
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("ignored", [False, True])
+def test_a_hang_up_ends_a_start_unless_it_is_to_be_ignored(ignored):
+    handler = signal.SIG_IGN if ignored else signal.SIG_DFL
+    with start(*RUN, "true", preexec_fn=lambda: signal.signal(signal.SIGHUP, handler)) as run:
+        while not takes_signals(run.pid):
+            assert run.poll() is None
+        run.send_signal(signal.SIGHUP)
+        assert run.wait(30) == (0 if ignored else 128 + signal.SIGHUP)
+        told = f"tactemu: ended by SIGHUP from process {os.getpid()} before it had started\n"
+        assert run.stderr and run.stderr.read() == ("" if ignored else told)
+
+
+@pytest.mark.realtime
+def test_a_user_is_told_which_signal_has_ended_the_driver():
+    with start(*RUN, "sh", "-c", "echo up; exec sleep 60") as run:
+        assert run.stdout and run.stdout.readline() == "up\n"
+        run.send_signal(signal.SIGTERM)
+        assert run.wait(10) == 128 + signal.SIGTERM
+        assert (
+            run.stderr and run.stderr.read() == f"tactemu: SIGTERM from process {os.getpid()} has ended the program\n"
+        )
+
+
+def test_a_start_that_fails_leaves_no_traceback_of_the_keeper(capfd):
+    keeper = Keeper()
+    select.select([keeper._wire], [], [])  # it has said that it is ready, and is not read
+    keeper.close()
+    assert capfd.readouterr() == ("", "")
+
+
+def takes_signals(pid):
+    """Whether a thread takes the signals of a process, whose main thread has blocked these and no others."""
+    blocked = next(line for line in Path(f"/proc/{pid}/status").read_text().splitlines() if line.startswith("SigBlk"))
+    mask = int(blocked.split()[1], 16)
+    return bool(mask >> signal.SIGHUP - 1 & 1) and not mask >> signal.SIGWINCH - 1 & 1
 
 
 def open_files(pid):

@@ -1,0 +1,137 @@
+"""SIGINT and SIGTERM end `tactemu run` and `tactemu exec` whenever they come, and the user is told what came."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from tactemu.clock import RealClock
+from tactemu.emulator import Emulator
+from tests.cli.command import ROOT, environment, start
+
+SLOWEST_S = 4.0
+"""Time for an end on a machine with ten times as much to do as it can [s]; on a quiet one it is below 1 s."""
+
+
+@pytest.fixture
+def cached():
+    """A run that has compiled what the others need."""
+    subprocess.run(
+        [sys.executable, "-m", "tactemu", "exec", "-q", "flexitac", "--", "true"], env=environment(), check=True
+    )
+
+
+def test_a_stop_before_the_loop_ends_it():
+    emulator = Emulator(None, [], clock=RealClock())
+    with emulator:
+        emulator.stop()
+        begin = time.monotonic()
+        emulator.run(5.0)
+        assert time.monotonic() - begin < 1.0
+        emulator.run(0.01)
+        assert emulator.clock.now_ns() >= 10_000_000, "it ended one run, not the next"
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("delay_s", [0, 0, 0.01, 0.02])
+def test_a_signal_right_after_the_port_is_there_ends_the_run(delay_s, tmp_path):
+    with start("run", "anyskin", "--json", "--port", f"pty:{tmp_path}/skin") as run:
+        assert run.stdout and run.stdout.readline()
+        time.sleep(delay_s)
+        run.send_signal(signal.SIGTERM)
+        assert run.wait(10) == 0
+
+
+START = """
+import hashlib, os, signal, sys, time
+from tactemu.cli.signals import ended_by_signals, starting
+with starting():
+    print("up", flush=True)
+    {busy}
+    with ended_by_signals(lambda: print("stopped")):
+        time.sleep({loop})
+"""
+NATIVE = "hashlib.pbkdf2_hmac('sha256', b'', b'', 1 << 27)"
+LOST = "\n    try: time.sleep(60)\n    except KeyboardInterrupt: pass\n    time.sleep({})"
+
+
+def started(busy: str, loop: float = 0) -> subprocess.Popen[str]:
+    code = START.format(busy=busy, loop=loop)
+    run = subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment()
+    )
+    assert run.stdout and run.stdout.readline() == "up\n"
+    return run
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("busy", ["time.sleep(60)", NATIVE, LOST.format(60), "exec('time.sleep(60)')"])
+def test_a_start_ends_whatever_it_is_busy_with(busy, number):
+    with started(busy) as run:
+        time.sleep(0.1)
+        run.send_signal(number)
+        out, errors = run.communicate(timeout=10)
+    assert (run.returncode, out) == (128 + number, "")
+    assert errors == f"tactemu: ended by {number.name} before it had started\n"
+
+
+@pytest.mark.realtime
+def test_a_signal_that_a_library_has_lost_ends_the_loop_at_once():
+    with started(LOST.format(0), loop=0.2) as run:
+        time.sleep(0.1)
+        run.send_signal(signal.SIGTERM)
+        assert run.communicate(timeout=10) == ("stopped\n", "")
+    assert run.returncode == 0
+
+
+@pytest.mark.realtime
+def test_what_was_made_for_nothing_goes_when_a_start_ends_in_native_code(tmp_path):
+    log = tmp_path / "a.mcap"
+    busy = f"from tactemu.truth.writer import LogWriter; held = LogWriter('{log}'); {NATIVE}"
+    with started(busy) as run:
+        while not log.exists():
+            time.sleep(0.01)
+        time.sleep(0.1)
+        run.send_signal(signal.SIGTERM)
+        assert run.wait(10) == 128 + signal.SIGTERM
+    assert not log.exists()
+
+
+@pytest.mark.nightly
+def test_two_hundred_starts_end_at_random_moments(cached, tmp_path):
+    """Half of them `exec`; every tenth compiles its kernels anew. Prints a seed, and what was too slow."""
+    seed = random.randrange(1 << 32)
+    draw, slow = random.Random(seed), []
+    for k in range(200):
+        words = (
+            ("run", "flexitac", "--json", "--port", f"pty:{tmp_path}/skin")
+            if k % 2
+            else ("exec", "-q", "flexitac", "--", "sleep", "60")
+        )
+        number, delay_s = draw.choice([signal.SIGINT, signal.SIGTERM]), draw.uniform(0.3, 8.0)
+        fresh = {"WARP_CACHE_PATH": str(tmp_path / f"kernels{k}")} if k % 10 < 2 else {}
+        run = subprocess.Popen(
+            [sys.executable, "-m", "tactemu", *words], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+            env=environment() | fresh, cwd=ROOT,
+        )  # fmt: skip
+        time.sleep(delay_s)
+        run.send_signal(number)
+        begin = time.monotonic()
+        try:
+            _, errors = run.communicate(timeout=20)
+        except subprocess.TimeoutExpired:
+            run.kill()
+            _, errors = run.communicate()
+        lasted_s = time.monotonic() - begin
+        allowed = (0, 128 + number, -number)
+        if lasted_s > SLOWEST_S or run.returncode not in allowed or "Traceback" in errors:
+            slow.append(
+                (k, words[0], number.name, round(delay_s, 2), round(lasted_s, 2), run.returncode, errors[-300:])
+            )
+    assert not slow, f"seed {seed}: {slow}"
+    assert not os.path.lexists(tmp_path / "skin")
