@@ -1,14 +1,26 @@
 r"""RobotEra XHand 1: twelve joints, and five fingertips of 120 points that feel in three axes.
 
-Wire: RS-485, 3 000 000 8N1. The host is FE, the hand 80; each command is answered once, with the command's number.
+Wire: RS-485, 3 000 000 8N1. The host is FE, a hand 80 + its id, FF all; each command is answered once, with its number,
+from the hand itself.
 
-    13    version     no data
-    02    move        twelve orders; the answer is the state: twelve joints, then five fingertips, 2208 bytes
+    command         data                   answer
+    02    move      twelve orders          the state: twelve joints, then five fingertips, 2208 bytes
+    05    save      -                      10 00
+    12    zero      -, to tip 11 .. 15     none
+    13    version   -                      <u2 patch, u1 minor, u1 major
+    14    restart   -                      none
+    15    read      <u2 register, <u2 n    <u2 register, n bytes
+    16    write     <u2 register, bytes    10 00
+    17    calibrate 48 bytes               00
+
+Registers are bytes: side, serial number, id, name and the joints' calibration. What is written is kept by 05; a new id
+is in force at once. A version is that of a joint (sent to 0 .. B), of a tip (to 11 .. 15), or of the palm.
 
 A bad CRC is dropped without a word. An answer with its request takes 8.4 ms on the line, so that nobody reads more
-than 118 states a second. Points and fingers come one after another, x, y, z of each. In its public driver the function
-that cuts an answer uses other sizes (22 and 366 bytes) than its record formats (24 and 384), and one example writes the
-head as AA 55: neither is what a hand says or hears.
+than 118 states a second. Points and fingers come one after another, x, y, z of each. The vendor's library has z
+unsigned; a public Python class has it signed (option ``z``). In that class the function that cuts an answer uses other
+sizes (22 and 366 bytes) than its record formats (24 and 384), and one example writes the head as AA 55: neither is what
+a hand says or hears.
 
 Try it: ``tactemu run robotera_xhand``, then send the version request ``55 AA FE 80 13 00 00 EF C3`` at 3000000.
 """
@@ -17,15 +29,32 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 
-from firmware_protocols import Column, Command, Counts, Device, Option, Outs, Reading, Rs485, Sense, points
+from firmware_protocols import (
+    Column,
+    Command,
+    Counts,
+    Device,
+    Option,
+    Outs,
+    Reading,
+    Restart,
+    Rs485,
+    Sense,
+    assumed,
+    measured,
+    points,
+    stated,
+)
 from firmware_protocols.adc import quantize
+from firmware_protocols.device import Axis
 from firmware_protocols.framing import MORE, SOUND, Packets
 from firmware_protocols.layouts import filled, place, stack
 from firmware_protocols.motors import Motors
+from firmware_protocols.registers import Refused, RegisterMap, Registers
 from firmware_protocols.sums import crc16_xmodem
 from firmware_protocols.tables import Frame
 
@@ -52,21 +81,42 @@ JOINT = Frame("""
 """)
 TIP = Frame("""
     fingertip, five of them end a state; points row by row
-    0     i1 x 3               force        of the tip: x, y, z
-    3     i1 x taxels x 3      points       x, y, z of each
+    0     u1 x 3               force        of the tip: x, y, z
+    3     u1 x taxels x 3      points       x, y, z of each; x and y are signed
     ..    u1 x 20              temperatures  [deg C]
     ..    00                   more
 """)
 ORDER = struct.Struct("<HhhhfHH8x")
 """Number, gains p, i, d, position [rad], limit of the torque, mode, spare: twelve of them are the data of a move."""
-HOST, HAND, MOVE, VERSION = 0xFE, 0x80, 0x02, 0x13
+MAP = RegisterMap(
+    """
+    20   u1        side       r              L or R, ASCII
+    21   u1 x 32   serial     r              ASCII
+    53   u1        id         0..126  flash
+    54   u1 x 32   name       flash          ASCII
+    86   u1 x 96   places     flash          joints' calibration: stretched, closed, zero, init, 12 x <i2 each
+    182  i1 x 12   low        = 0, -60, -10, -10, 0, 0, 0, 0, 0, 0, 0, 0  flash                     [deg]
+    194  i1 x 12   high       = 105, 90, 105, 10, 110, 110, 110, 110, 110, 110, 110, 110  flash     [deg]
+    """,
+    size=512,
+)
+ZERO, VERSION, RESTART = 0x12, 0x13, 0x14
+ALL, HAND, FIRST_TIP = 0xFF, 0x80, 0x11
+DONE = b"\x10\0"
 JOINTS, POINTS, POSITION = 12, 120, 3
+AXES: tuple[Axis, ...] = ("x", "y", "z")
+JOINT_VERSION = b"\x07\0\0\x01"
+RESTART_NS = 500_000_000
 FINGERS = {
     # name: centre of the pad in the palm's frame [m]
     "thumb": (0.06, 0.03, 0.0), "index": (0.033, 0.09, 0.0), "middle": (0.011, 0.1, 0.0),
     "ring": (-0.011, 0.095, 0.0), "little": (-0.033, 0.08, 0.0),
 }  # fmt: skip
 TIPS = stack(*(points({name: base}, link=name) for name, base in FINGERS.items()))
+
+
+_SDK = "yoimika/xhand_control_python@b61a82d xhand_control_sdk_py"
+_READ = "the SDK's headers, tests and library; wrs xhand_x.py, data_type.py"
 
 
 class RoboteraXhand(Device):
@@ -78,65 +128,144 @@ class RoboteraXhand(Device):
     ports = (Rs485(baud=3_000_000),)
     senses = ("force", Sense("temperature", at=TIPS))
     rate_hz = 118.0
-    columns = (
-        Column(name="x", axis="x", low=-128, high=127),
-        Column(name="y", axis="y", low=-128, high=127),
-        Column(name="z", axis="z", low=-128, high=127, push=1),
-    )
     evidence = ("driver",)
     sources = (
+        f"{_SDK} include/communiation_interface.hpp, data_type.hpp, lib/libxhand_control.so 1.2.10 (the vendor's own)",
         "wanweiwei07/wrs@552ce47 wrs/robot_con/xhand/xhand_x.py, data_type.py",
-        "a later public version of xhand_x.py (a live hand answers with 12 x 24 + 5 x 384 bytes)",
     )
-    judge = "own second reader"
-    assumed = (
-        "10 counts/N along x, y and into the skin; the force of a tip is the sum over its points",
-        "places: 120 points in even rows on flat pads of 16 x 20 mm, thumb first, normal +z",
-        "positions in rad; 5 rad/s, stops at -3 and 3 rad; a joint without gain p, or in another mode than 3, stays",
-        "torque and raw position 0; one temperature for a tip and 25 deg C for joints; sensor byte and last byte 0",
-        "the version's text; answers at once; another length, command or target is not answered",
+    judge = f"RobotEra's libxhand_control.so 1.2.10 ({_SDK}); wanweiwei07/wrs@552ce47; own second reader"
+    facts = (
+        stated("touch", "x and y of a point are int8, z is uint8", f"{_SDK} include/data_type.hpp:62"),
+        assumed("touch", "10 counts/N; the force of a tip is the sum over its points; thumb first", _READ),
+        assumed("touch", "places: 120 points in even rows on flat pads of 16 x 20 mm, normal +z", _READ),
+        assumed("touch", "one temperature for a tip; its last byte is 0", _READ),
+        stated(
+            "identity",
+            "side, serial number, id, name and calibration are registers 20, 21, 53, 54, 86",
+            f"{_SDK} include/communiation_interface.hpp:54",
+        ),
+        measured(
+            "identity",
+            "a version is <u2 patch, u1 minor, u1 major; a broadcast 15 of 186 bytes finds the hand",
+            "robotera_xhand-libxhand_control.mcap",
+        ),
+        stated(
+            "identity", "palm 1.1.3 and joints 1.0.7 are firmwares of 2024", f"{_SDK} tests/src/serial_test.cpp:225"
+        ),
+        assumed("identity", "tips have the joints' version; the serial number's form", _READ),
+        measured(
+            "configuration",
+            "10 00 answers 16 and 05, 00 answers 17, nothing 12; a new id is in force at once",
+            "robotera_xhand-libxhand_control.mcap",
+        ),
+        stated("configuration", "the joints' stops [deg]", f"{_SDK} tests/src/serial_test.cpp:184"),
+        assumed("configuration", "calibration is stored, without effect; 12 to the hand itself is for all tips", _READ),
+        assumed(
+            "configuration",
+            "a joint without gain p, or in another mode than 3, stays; torque, errors 0; 25 deg C",
+            _READ,
+        ),
+        assumed("configuration", "another length, command, register or target is not answered", _READ),
+        assumed("timing", "answers at once; joints move 5 rad/s; a restart takes 0.5 s", _READ),
     )
 
     def __init__(
         self,
         *,
         counts_per_newton: Annotated[float, Option("of each axis of a point", unit="1/N")] = 10.0,
-        version: Annotated[str, Option("the data of the answer to 13, ASCII")] = "1.2.3",
+        z: Annotated[Literal["unsigned", "signed"], Option("0..255 or -128..127")] = "unsigned",
+        side: Annotated[Literal["right", "left"], Option("in register 20: R or L")] = "right",
+        hand_id: Annotated[int, Option("as delivered; register 53 tells and changes it", low=0, high=126)] = 0,
+        serial: Annotated[str, Option("at most 32 characters of ASCII")] = "XH1R00000000001",
+        version: Annotated[str, Option("of the palm: major.minor.patch")] = "1.1.3",
     ):
-        self.counts_per_newton, self.version = counts_per_newton, version.encode("ascii")
+        self.counts_per_newton = counts_per_newton
+        major, minor, patch = (int(number) for number in version.split("."))
+        self.version = struct.pack("<HBB", patch, minor, major)
+        self.low, self.high = np.array([-128, -128, 0]), np.array([127, 127, 255])
+        if z == "signed":
+            self.low[2], self.high[2] = -128, 127
+        self.columns = tuple(
+            Column(name=axis, axis=axis, low=low, high=high, push=int(axis == "z"))
+            for axis, low, high in zip(AXES, self.low.tolist(), self.high.tolist())
+        )
         self.layout = stack(
             *(place(filled(POINTS, 0.016, 0.02, name=name, link=name), base) for name, base in FINGERS.items())
         )
         self.tip = TIP.bind(taxels=POINTS)
         self.packets = Packets(MESSAGE.head, _size, _check, counters=self.counters, gap_ns=50_000_000)
-        self.motors = Motors(np.zeros(JOINTS), low=-3.0, high=3.0, time_constant_s=0.0, speed_limit=5.0)
+        kept = {"id": hand_id, **self.flash}
+        self.registers = Registers(MAP, kept={"side": ord(side[0].upper()), "serial": _text(serial), **kept})
+        low, high = (np.deg2rad(self.registers.all(name)) for name in ("low", "high"))
+        self.motors = Motors(np.zeros(JOINTS), low=low, high=high, time_constant_s=0.0, speed_limit=5.0)
         self.counts = np.zeros((len(self.layout), 3), np.int64)
+        self.felt = self.zero = np.zeros((len(self.layout), 3))
         self.tips, self.warmth = np.zeros((len(FINGERS), 3), np.int64), np.full(len(FINGERS), 25)
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:
-        """x, y, z of each point in raw counts -128..127, shape ``(600, 3)``."""
-        felt = self.layout.to_taxel_frame(reading["force"]) * [1, 1, -1]
-        self.counts = quantize(felt, self.counts_per_newton, -128, 127)
-        self.tips = quantize(felt.reshape(len(FINGERS), POINTS, 3).sum(1), self.counts_per_newton, -128, 127)
+        """x, y -128..127 and z 0..255 of each point in raw counts, shape ``(600, 3)``."""
+        self.felt = self.layout.to_taxel_frame(reading["force"]) * [1, 1, -1]
+        forces = self.felt - self.zero
+        self.counts = self._counts(forces)
+        self.tips = self._counts(forces.reshape(len(FINGERS), POINTS, 3).sum(1))
         self.warmth = quantize(reading["temperature"], 1.0, 0, 255)
         return self.counts
+
+    def _counts(self, forces: np.ndarray) -> np.ndarray:
+        return np.clip(quantize(forces, self.counts_per_newton, -128, 255), self.low, self.high)
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
         """Messages in chunks of any size."""
         return [answer for packet in self.packets.cut(data, t_ns) for answer in self._answer(packet, t_ns)]
 
-    def _answer(self, packet: bytes, t_ns: int) -> list[bytes]:
+    def _answer(self, packet: bytes, t_ns: int) -> list[bytes | Restart]:
         source, target, command, data = packet[2], packet[3], packet[4], packet[7:-2]
-        if target != HAND:
+        own = HAND + self.registers["id"]
+        part = target in range(JOINTS) or target in range(FIRST_TIP, FIRST_TIP + len(FINGERS))
+        if target not in (own, ALL) and not (part and command in (VERSION, ZERO)):
             self.counters["other_address"] += 1
             return []
-        if command == MOVE and len(data) == JOINTS * ORDER.size:
-            self._move(data, t_ns)
-            return [MESSAGE.pack(source=HAND, target=source, command=command, data=self._state(t_ns))]
-        if command == VERSION and not data:
-            return [MESSAGE.pack(source=HAND, target=source, command=command, data=self.version)]
-        self.counters["unknown_command"] += 1
-        return []
+        if command == RESTART and not data:
+            return [Restart(RESTART_NS)]
+        reply = self._obey(command, data, target, t_ns)
+        if reply is None:
+            self.counters["unknown_command"] += 1
+        return [MESSAGE.pack(source=own, target=source, command=command, data=reply)] if reply else []
+
+    def _obey(self, command: int, data: bytes, target: int, t_ns: int) -> bytes | None:
+        """The data of the answer, none, or ``None`` to what is no command."""
+        try:
+            match command, len(data):
+                case (0x02, 288):
+                    self._move(data, t_ns)
+                    return self._state(t_ns)
+                case (0x05, 0):
+                    self.flash.update(self.registers.kept())
+                    return DONE
+                case (0x12, 0):
+                    self._set_zero(target)
+                    return b""
+                case (0x13, 0):
+                    return JOINT_VERSION if target < HAND else self.version
+                case (0x15, 4):
+                    address, n = struct.unpack("<HH", data)
+                    return data[:2] + self.registers.read(address, n)
+                case (0x16, n) if n > 2:
+                    self.registers.write(int.from_bytes(data[:2], "little"), data[2:])
+                    return DONE
+                case (0x17, 48):
+                    return b"\0"
+        except Refused:
+            self.counters["refused"] += 1
+            return b""
+        return None
+
+    def _set_zero(self, target: int) -> None:
+        """What is felt now is zero, of one tip or of all."""
+        zero = self.zero.copy().reshape(len(FINGERS), POINTS, 3)
+        tips = [target - FIRST_TIP] if target < HAND else slice(None)
+        zero[tips] = self.felt.reshape(zero.shape)[tips]
+        self.zero = zero.reshape(self.felt.shape)
 
     def _move(self, data: bytes, t_ns: int) -> None:
         goals = np.full(JOINTS, np.nan)
@@ -148,9 +277,9 @@ class RoboteraXhand(Device):
     def _state(self, t_ns: int) -> bytes:
         positions = self.motors.positions(t_ns).astype(np.float32)
         joints = JOINT.rows(JOINTS, number=np.arange(JOINTS), position=positions, temperature=25)
-        felt = self.layout.on_wire(self.counts).reshape(len(FINGERS), POINTS, 3)
+        felt = self.layout.on_wire(self.counts & 0xFF).reshape(len(FINGERS), POINTS, 3)
         warm = np.repeat(self.warmth[:, None], 20, axis=1)
-        return b"".join(joints + self.tip.rows(len(FINGERS), force=self.tips, points=felt, temperatures=warm))
+        return b"".join(joints + self.tip.rows(len(FINGERS), force=self.tips & 0xFF, points=felt, temperatures=warm))
 
     def joints(self, t_ns: int) -> Mapping[str, float]:
         """Where the joints are [rad]."""
@@ -158,17 +287,48 @@ class RoboteraXhand(Device):
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """The version, and a move that orders nothing: the first joint to 0.5 rad without gains."""
-        origin = "xhand_x.py, data_type.py (ORDER of its records)"
+        """Each command, to a hand as it comes; a move that orders nothing: without gains."""
+        if self.registers["id"] or self.options:
+            return ()
+        done = "10 00"
         return (
             Command(
-                name="version", request="55 AA FE 80 13 00 00 EF C3", reply="55 AA 80 FE 13 * .. ..", origin=origin
+                name="version", request="55 AA FE 80 13 00 00 EF C3", reply="55 AA 80 FE 13 04 00 03 00 01 01 A4 EC",
+                origin=_SENT,
             ),
-            Command(name="state", request=_STILL, reply="55 AA 80 FE 02 A0 08 ..{2208} ..{2}", origin=origin),
-        )
+            Command(
+                name="version of joint 0", request="55 AA FE 00 13 00 00 D7 1E",
+                reply="55 AA 80 FE 13 04 00 07 00 00 01 64 15", origin=_SENT,
+            ),
+            Command(name="state", request=_STILL, reply="55 AA 80 FE 02 A0 08 ..{2208} ..{2}", origin=_RECORDS),
+            Command(
+                name="search", request="55 AA FE FF 15 04 00 14 00 BA 00 A2 4A",
+                reply="55 AA 80 FE 15 BC 00 14 00 52 ..{185} ..{2}", origin=_SENT,
+            ),
+            Command(
+                name="side", request="55 AA FE 80 15 04 00 14 00 01 00 9B E1",
+                reply="55 AA 80 FE 15 03 00 14 00 52 F8 61", origin=_SENT,
+            ),
+            Command(
+                name="name xhand", request="55 AA FE 80 16 07 00 36 00 78 68 61 6E 64 39 00",
+                reply=f"55 AA 80 FE 16 02 00 {done} 5C F1", origin=_SENT,
+            ),
+            Command(
+                name="save", request="55 AA FE 80 05 00 00 2C 32", reply=f"55 AA 80 FE 05 02 00 {done} D4 1B",
+                origin=_SENT,
+            ),
+            Command(name="zero the thumb's tip", request="55 AA FE 11 12 00 00 F4 44", origin=_SENT),
+            Command(name="no such register", request="55 AA FE 80 15 04 00 00 02 01 00 6F E6", origin="CRC by crcmod"),
+        )  # fmt: skip
 
 
+_SENT = "as the vendor's library 1.2.10 sends it, and takes the answer"
+_RECORDS = "xhand_x.py, data_type.py (ORDER of its records)"
 _STILL = "55 AA FE 80 02 20 01" + "00" * 288 + "05 FD"
+
+
+def _text(text: str) -> np.ndarray:
+    return np.frombuffer(text.encode("ascii")[:32].ljust(32, b"\0"), np.uint8)
 
 
 def _size(data: bytes) -> int:

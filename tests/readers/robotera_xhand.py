@@ -1,11 +1,11 @@
 """RobotEra XHand 1 over RS-485.
 
-Source: wanweiwei07/wrs@552ce47 (wrs/robot_con/xhand/xhand_x.py, data_type.py), and a later public version of
-xhand_x.py for the 2208 bytes of an answer.
-A reading is, for each of five fingers, Fx Fy Fz of the tip and x y z of its 120 points, as int8 counts.
+Source: wanweiwei07/wrs@552ce47 (wrs/robot_con/xhand/xhand_x.py, data_type.py), and the records of
+yoimika/xhand_control_python@b61a82d (include/data_type.hpp), where z is unsigned.
+A reading is, for each of five fingers, Fx Fy Fz of the tip and x y z of its 120 points, as int8 and uint8 counts.
 
 Not settled by the description: the last byte of a touch block, the sensor byte and the spare words of a joint (not
-looked at); the form of the answer to 13, so that only its frame is checked; whether a host may ask without moving
+looked at); whether a host may ask without moving
 (here: gains 0).
 """
 
@@ -48,7 +48,7 @@ def read(port):
         expect(len(body) == 12 * 24 + 5 * 384, f"{len(body)} bytes, expected 2208")
         for k in range(12):
             expect(body[24 * k] == k, f"joint {body[24 * k]} in the place of {k}")
-        yield [v for finger in range(5) for v in struct.unpack_from("<363b", body, 288 + 384 * finger)]
+        yield [v for finger in range(5) for v in struct.unpack_from("<" + "bbB" * 121, body, 288 + 384 * finger)]
 
 
 if __name__ == "__main__":
