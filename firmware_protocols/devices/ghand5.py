@@ -1,119 +1,261 @@
 """GLI GHand 5: a hand with three-axis taxels in five fingertips, in Modbus registers.
 
-Wire: USB serial (vendor 3562), Modbus RTU; unit 0x31 is a right hand, 0x32 a left one. What is felt is read with
-function 04, a register two bytes, high byte first:
+Wire: RS-485, 1 000 000 8N1, Modbus RTU; unit 0x31 is a left hand, 0x32 a right one. A register is two bytes, high byte
+first. Input registers (function 04):
 
-    1000  8 registers    name
+    1000  8 registers    name; from 1008 hardware version, 1010 firmware version, all text
+    1018  8              serial number, one number
+    1020  1              1 a left hand, 2 a right one
+    1021  2              state (0 stopped, 1 runs) and error, temperature [deg C]
+    1023  3 a joint      state and error, angle [0.1 deg], speed and torque [%]: thumb IP, MCP, TMC FE, AA, PS, index
+                         DIP, PIP, MCP, AA, middle DIP, PIP, MCP, ring likewise, little finger likewise
     1080  1              bits 8 to 12: thumb .. little finger are valid; low byte: error
     1081  3 a finger     resultant Fx, Fy (signed), Fz, each in the high byte
     1090  57, then 4x47  taxels of the thumb (38), index .. little finger (31 each): bytes Fx, Fy (signed), Fz, row by
                          row; a byte 00 fills up the last register of a finger
 
-All in 0.1 N. The hand also speaks CAN-FD and EtherCAT, and has 13 motors from 1023 on, three registers each; they are
-not in this model.
+Holding registers (functions 03, 06, 16):
 
-Try it: ``tactemu run ghand5``, then send 31 04 10 80 00 10 F1 1E.
+    0000  1              unit, in force at once
+    0001  1              0100 clears faults; the low byte then reads 1, which is done
+    0002  1              1 makes the joints' places their zero
+    0010  1              high byte: mode, 0 position, 1 torque, 2 speed; low byte: 1 stops
+    0011  2 a motor      angle to go to [0.1 deg], speed and torque [%], of the 13 joints that have one
+    002B  1              0100 touch on, 0200 off, 0400 makes what is felt now zero
+    2007  3              motor driver's version
+
+Forces are in 0.1 N. The hand also speaks CAN-FD and EtherCAT; they are not in this model.
+
+Try it: ``tactemu run ghand5``, then send 31 04 10 80 00 10 F1 1E; or ``GHand(ProductType.GHand5, CommType.RS485)``.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Literal
 
 import numpy as np
 
-from firmware_protocols import Column, Command, Counts, Device, Option, Outs, Reading, Serial
+from firmware_protocols import Column, Command, Counts, Device, Option, Outs, Reading, Rs485, assumed, stated
 from firmware_protocols.adc import quantize
 from firmware_protocols.device import Axis
 from firmware_protocols.layouts import filled, place, stack
+from firmware_protocols.motors import Motors
 from firmware_protocols.protocols.modbus import Banks, Rtu, silence_ns
 from firmware_protocols.registers import RegisterMap, Registers
 
-MAP = RegisterMap("""
-    8192  >u2 x 8   name       r
-    8448  u1        state      r  = 31   bit k: finger k is valid
-    8449  u1        error      r
-    8450  u1 x 30   resultant  r         Fx 00 Fy 00 Fz 00 of each finger
-    8480  u1 x 490  taxels     r         row by row
+JOINTS = {
+    # name: stops [deg], in the order of their input registers; no stops: no motor
+    "thumb ip": (), "thumb mcp": (0, 66), "thumb fe": (0, 50), "thumb aa": (20, 90), "thumb ps": (-10, 60),
+    "index dip": (), "index pip": (0, 80), "index mcp": (0, 90), "index aa": (-10, 10),
+    "middle dip": (), "middle pip": (0, 90), "middle mcp": (0, 90),
+    "ring dip": (), "ring pip": (0, 90), "ring mcp": (0, 90),
+    "little dip": (), "little pip": (0, 74), "little mcp": (0, 90),
+}  # fmt: skip
+DRIVEN = [k for k, stops in enumerate(JOINTS.values()) if stops]
+INPUTS = RegisterMap("""
+    8192  u1 x 16   name         r
+    8208  u1 x 16   hardware     r
+    8224  u1 x 16   firmware     r
+    8240  >u4 x 4   serial       r
+    8256  >u2       side         r
+    8258  u1        running      r
+    8259  u1        fault        r
+    8260  >u2       temperature  = 25  r
+    8262  u1 x 108  joints       r
+    8448  u1        state        r  = 31   bit k: finger k is valid
+    8449  u1        error        r
+    8450  u1 x 30   resultant    r         Fx 00 Fy 00 Fz 00 of each finger
+    8480  u1 x 490  taxels       r         row by row
+""")
+HOLDING = RegisterMap("""
+    0      >u2       unit        1..247  = 49  flash
+    2      u1        clear       0..1
+    3      u1        cleared
+    4      >u2       initialise  0..1
+    32     u1        mode        0..2
+    33     u1        stop        0..1
+    34     u1 x 52   orders                       angle [0.1 deg], speed, torque [%] of each motor
+    86     u1        touch       0..4
+    87     u1        touch_done
+    16398  >u2 x 3   drivers     = 1, 0, 0  r
 """)
 """By byte: two for each register."""
-BAUD = 115200
-UNITS = {"right": 0x31, "left": 0x32}
+ORDER, JOINT = np.dtype([("angle", ">i2"), ("speed", "i1"), ("torque", "i1")]), np.dtype(">u1, u1, >i2, i1, i1")
+BAUD = 1_000_000
+UNITS = {"left": 0x31, "right": 0x32}
+ON, OFF, ZERO = 1, 2, 4
+FULL_SPEED = 180.0
 TAXELS = {"thumb": 38, "index": 31, "middle": 31, "ring": 31, "little": 31}
+ALL_VALID = 0x1F
 PAD = (0.012, 0.018)
 BETWEEN_FINGERS = 0.025
 COUNTS_PER_NEWTON = 10.0
 LOW, HIGH = np.array([-128, -128, 0]), np.array([127, 127, 255])
 AXES: tuple[Axis, ...] = ("x", "y", "z")
+_SDK = "gli-sdk/GHand-Python-SDK@3ebbadf"
+_COMM = f"{_SDK} src/ghand/comm/rs485_comm.py"
+_READ = "rs485_comm.py, canfd_comm.py, modbus_codec.py, ghand.py, types.py, config/, README.md, docs/, examples/"
 
 
 class GHand5(Device):
-    """Five fingertips, asked for by register."""
+    """Five fingertips and thirteen motors, asked for by register."""
 
     name = "ghand5"
     kind = "hand"
     title = "GLI GHand 5, five three-axis fingertips"
-    ports = (Serial(baud=BAUD, usb=True),)
+    ports = (Rs485(baud=BAUD),)
     columns = tuple(
         Column(name=f"F{axis}", axis=axis, unit="N", counts_per_unit=COUNTS_PER_NEWTON, low=low, high=high,
                push=1 if axis == "z" else 0)
         for axis, low, high in zip(AXES, LOW.tolist(), HIGH.tolist())
     )  # fmt: skip
     evidence = ("driver",)
-    sources = ("gli-sdk/GHand-Python-SDK@3ebbadf (the vendor's own)",)
-    judge = "pymodbus 3.11 and modbus_tk 1.1.5, which know no hand; own second reader"
-    assumed = (
-        "places of the taxels: even rows on a pad of 12 x 18 mm, fingertips 25 mm apart",
-        "taxels in 0.1 N as the resultants, which are the sum of what the taxels feel; a push is positive",
-        "115200 8N1; functions other than 04 are unknown; registers of no known meaning read 0",
-        "100 conversions per second; every finger is valid, no error",
-    )
+    sources = (f"{_SDK} (the vendor's own)",)
+    judge = f"{_SDK}; pymodbus 3.11 and modbus_tk 1.1.5, which know no hand; own second reader"
+    facts = (
+        stated("touch", "resultants and taxels are 0.1 N", f"{_SDK} src/ghand/comm/ethercat_protocol.py:157"),
+        stated("touch", "taxels of each finger", f"{_SDK} config/ghand5.json:25 (introduction.rst: 52)"),
+        assumed("touch", "places: even rows on a pad of 12 x 18 mm, 25 mm apart; a push is positive; the resultant is "
+                "the sum of what the taxels feel", _READ),
+        assumed("touch", "every finger is valid, no error; touch is on at power-up; off: none is valid, all 0", _READ),
+        stated("identity", "left 31, right 32", f"{_SDK} README.md:159"),
+        stated("identity", "its name is GHand 5: no other is opened", f"{_SDK} src/ghand/ghand.py:254"),
+        stated("identity", "firmware v1.0.0", f"{_SDK} src/ghand/ghand.py:465 (an example)"),
+        assumed("identity", "hardware, serial number, driver's version", _READ),
+        stated("configuration", "1 000 000 baud", f"{_COMM}:73, README.md:134"),
+        stated("configuration", "orders of 0001, 0002, 0010, 0011 .., 002B", f"{_COMM}:323, 497, 541, 552"),
+        stated("configuration", "a new unit is in force at once", f"{_COMM}:304"),
+        stated("configuration", "the joints' stops", f"{_SDK} config/ghand5.json:4"),
+        assumed("configuration", "a new unit is kept; faults never; joints without a motor stand at 0; torque and "
+                "speed modes do not move; registers of no known meaning read 0; 25 deg C", _READ),
+        assumed("timing", "100 conversions per second; 100 % speed is 180 deg/s; answers and orders at once", _READ),
+    )  # fmt: skip
 
     def __init__(
         self,
         *,
-        side: Annotated[Literal["right", "left"], Option("which hand; sets the unit")] = "right",
-        model: Annotated[str, Option("in register 1000; at most 16 characters of ASCII")] = "GHand5",
+        side: Annotated[Literal["right", "left"], Option("which hand; sets the unit")] = "left",
+        model: Annotated[str, Option("in register 1000; at most 16 characters of ASCII")] = "GHand 5",
+        firmware: Annotated[str, Option("in register 1010; at most 16 characters of ASCII")] = "v1.0.0",
+        serial: Annotated[int, Option("in register 1018", low=0)] = 1,
     ):
-        self.unit = UNITS[side]
         pads = [filled(count, *PAD, name=name, link=name) for name, count in TAXELS.items()]
         self.layout = stack(*(place(pad, (k * BETWEEN_FINGERS, 0.0, 0.0)) for k, pad in enumerate(pads)))
-        self.registers = Registers(MAP)
-        self.registers["name"] = np.frombuffer(model.encode("ascii")[:16].ljust(16, b"\0"), ">u2")
+        self.inputs = Registers(INPUTS)
+        for name, text in (("name", model), ("hardware", "v1.0.0"), ("firmware", firmware)):
+            self.inputs[name] = np.frombuffer(text.encode("ascii")[:16].ljust(16, b"\0"), np.uint8)
+        self.inputs["serial"] = np.frombuffer(serial.to_bytes(16, "big"), ">u4")
+        self.inputs["side"] = 1 if side == "left" else 2
+        self.holding = Registers(HOLDING, kept={"unit": UNITS[side], **self.flash})
         self.rtu = Rtu(counters=self.counters, gap_ns=silence_ns(BAUD))
+        low, high = np.array([stops for stops in JOINTS.values() if stops], float).T
+        self.motors = Motors(np.maximum(low, 0.0), low=low, high=high, time_constant_s=0.0, speed_limit=FULL_SPEED)
+        self.forces = self.zero = np.zeros((len(self.layout), 3))
+        self.on = True
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:
         """Fx, Fy, Fz of each taxel [0.1 N], a push positive, shape ``(162, 3)``."""
-        forces = self.layout.to_taxel_frame(reading["force"]) * [1, 1, -1]
+        self.forces = self.layout.to_taxel_frame(reading["force"]) * [1, 1, -1]
+        forces = (self.forces - self.zero) * self.on
         counts = _counts(forces)
         fingers = [patch.taxels for patch in self.layout.patches]
         sums = _counts(np.array([forces[taxels].sum(axis=0) for taxels in fingers]))
-        self.registers["resultant"] = np.stack([sums & 0xFF, 0 * sums], axis=-1).ravel()
+        self.inputs["resultant"] = np.stack([sums & 0xFF, 0 * sums], axis=-1).ravel()
         sent = self.layout.on_wire(counts & 0xFF)
-        self.registers["taxels"] = np.concatenate([_whole(sent[taxels].ravel()) for taxels in fingers])
+        self.inputs["taxels"] = np.concatenate([_whole(sent[taxels].ravel()) for taxels in fingers])
+        self.inputs["state"] = ALL_VALID * self.on
         return counts
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
         """Modbus requests in chunks of any size."""
-        return self.rtu.answers(data, t_ns, {self.unit: Banks(inputs=self.registers, functions=(4,))})
+        self._report(t_ns)
+        banks = Banks(inputs=self.inputs, holding=self, functions=(3, 4, 6, 16))
+        return self.rtu.answers(data, t_ns, {self.holding["unit"]: banks})
+
+    def _report(self, t_ns: int) -> None:
+        """Bring the joints' registers up to date."""
+        moving, orders, joints = self.motors.moving(t_ns), self._orders(), np.zeros(len(JOINTS), JOINT)
+        joints["f0"][DRIVEN], joints["f3"][DRIVEN] = moving, np.where(moving, orders["speed"], 0)
+        joints["f2"][DRIVEN] = np.rint(10 * self.motors.positions(t_ns))
+        self.inputs["joints"] = np.frombuffer(joints.tobytes(), np.uint8)
+        self.inputs["running"] = moving.any()
+
+    def _orders(self) -> np.ndarray:
+        return np.frombuffer(bytes(self.holding.all("orders")), ORDER)
+
+    def read(self, address: int, n: int, t_ns: int) -> bytes:
+        """Holding registers."""
+        return self.holding.read(address, n)
+
+    def write(self, address: int, data: bytes, t_ns: int) -> Sequence[str]:
+        """Store, and do what was ordered."""
+        written = self.holding.write(address, data)
+        self.flash.update(self.holding.kept())
+        if self.holding["clear"]:
+            self.holding["clear"], self.holding["cleared"] = 0, 1
+        if "touch" in written:
+            self._order_touch(self.holding["touch"])
+        if self.holding["stop"]:
+            self.motors.go(self.motors.positions(t_ns), t_ns)
+        elif "orders" in written and self.holding["mode"] == 0:
+            orders, first, end = self._orders(), max(address - 34, 0) // 4, (address + len(data) - 34 + 3) // 4
+            self.motors.limit_speed(FULL_SPEED * np.abs(orders["speed"]) / 100, t_ns)
+            goals = np.full(len(DRIVEN), np.nan)
+            goals[first:end] = orders["angle"][first:end] / 10
+            self.motors.go(goals, t_ns)
+        self.holding.reset("stop", "initialise", "touch")
+        return written
+
+    def _order_touch(self, order: int) -> None:
+        if order == ZERO:
+            self.zero = self.forces
+        elif order in (ON, OFF):
+            self.on = order == ON
+
+    def joints(self, t_ns: int) -> Mapping[str, float]:
+        """Where the joints are that have a motor [rad]."""
+        return dict(zip([list(JOINTS)[k] for k in DRIVEN], np.deg2rad(self.motors.positions(t_ns)).tolist()))
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """What is felt by a right hand."""
-        if self.unit != UNITS["right"]:
+        """What is felt by a left hand, what it says of itself, and orders."""
+        if self.options:
             return ()
-        origin = f"{self.sources[0]}; CRC by a second program"
+        origin = f"{_SDK}; CRC by a second program"
         return tuple(
-            Command(name=name, request=f"31 04 {request}", reply=f"31 04 {reply} ..{{2}}", origin=origin)
-            for name, request, reply in (
-                ("state and resultants", "10 80 00 10 F1 1E", "20 1F 00 ..{30}"),
-                ("taxels of the thumb", "10 90 00 39 31 05", "72 ..{114}"),
-                ("taxels of the index finger", "10 C9 00 2F 60 D8", "5E ..{94}"),
-                ("taxels of the middle finger", "10 F8 00 2F 31 17", "5E ..{94}"),
-                ("taxels of the ring finger", "11 27 00 2F 01 11", "5E ..{94}"),
-                ("taxels of the little finger", "11 56 00 2F 51 0A", "5E ..{94}"),
-                ("name", "10 00 00 08 F0 FC", "10 ..{16}"),
-            )
+            Command(name=name, request=f"31 {request}", reply=f"31 {reply or request}", origin=origin)
+            for name, request, reply in _EXAMPLES
         )
+
+
+_EXAMPLES = (
+    # name, request, answer, without the unit; a write of one register comes back as it was
+    ("state and resultants", "04 10 80 00 10 F1 1E", "04 20 1F 00 ..{30} ..{2}"),
+    ("taxels of the thumb", "04 10 90 00 39 31 05", "04 72 ..{114} ..{2}"),
+    ("taxels of the index finger", "04 10 C9 00 2F 60 D8", "04 5E ..{94} ..{2}"),
+    ("taxels of the middle finger", "04 10 F8 00 2F 31 17", "04 5E ..{94} ..{2}"),
+    ("taxels of the ring finger", "04 11 27 00 2F 01 11", "04 5E ..{94} ..{2}"),
+    ("taxels of the little finger", "04 11 56 00 2F 51 0A", "04 5E ..{94} ..{2}"),
+    ("name", "04 10 00 00 08 F0 FC", "04 10 ..{16} ..{2}"),
+    ("hardware version", "04 10 08 00 08 71 3E", "04 10 ..{16} ..{2}"),
+    ("firmware version", "04 10 10 00 08 F1 39", "04 10 76 31 2E 30 2E 30 00 00 00 00 00 00 00 00 00 00 B5 CC"),
+    ("serial number", "04 10 18 00 08 70 FB", "04 10 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 01 DB E8"),
+    ("side", "04 10 20 00 01 31 30", "04 02 00 01 38 F4"),
+    ("state and temperature", "04 10 21 00 02 20 F1", "04 04 00 00 00 19 0A 4D"),
+    ("joints", "04 10 23 00 36 80 E6", "04 6C ..{108} ..{2}"),
+    ("unit", "03 00 00 00 01 81 FA", "03 02 00 31 39 94"),
+    ("drivers", "03 20 07 00 03 BA 3A", "03 06 00 01 00 00 00 00 48 B4"),
+    ("clear faults", "06 00 01 01 00 DC 6A", ""),
+    ("initialise", "06 00 02 00 01 EC 3A", ""),
+    ("stop", "06 00 10 00 01 4C 3F", ""),
+    ("mode: position", "06 00 10 00 00 8D FF", ""),
+    ("the thumb's MCP to 30 deg", "10 00 11 00 02 04 01 2C 64 64 27 71", "10 00 11 00 02 14 3D"),
+    ("touch on", "06 00 2B 01 00 FD A2", ""),
+    ("touch off", "06 00 2B 02 00 FD 52", ""),
+    ("zero", "06 00 2B 04 00 FE F2", ""),
+    ("read coils: no such function", "01 00 00 00 01 F8 3A", "81 01 81 9F"),
+)
 
 
 def _counts(forces: np.ndarray) -> np.ndarray:

@@ -93,7 +93,7 @@ def test_unienv_rohand():
 GHAND = [(0x1090, 57), (0x10C9, 47), (0x10F8, 47), (0x1127, 47), (0x1156, 47)]
 
 
-@pytest.mark.judge("ghand5", driver="client", carrier="serial, Modbus")
+@pytest.mark.judge("ghand5", driver="client", carrier="RS-485, Modbus")
 @clients
 def test_ghand5(client):
     def taxels(finger, registers):

@@ -41,7 +41,7 @@ VARIANTS = [
     ("flexitac", {"rows": 4, "cols": 2}),
     ("flexitac", {"rows": 16}),
     ("fulai_glove", {"hardware": "3.2", "hand": "right", "identity": False}),
-    ("ghand5", {"side": "left"}),
+    ("ghand5", {"side": "right"}),
     ("icub_skin", {"part": "triangle", "first_board": 3}),
     ("icub_skin", {"triangles_per_board": 16}),
     ("icub_skin", {"part": "hand"}),

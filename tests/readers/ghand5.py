@@ -4,7 +4,7 @@ Source: gli-sdk/GHand-Python-SDK@3ebbadf (its codec files).
 A reading is Fx Fy Fz of each finger, then Fx Fy Fz of each taxel, thumb to little: int8, int8, uint8, 0.1 N.
 
 Options: right or left.
-Not settled by the description: the baud rate (115200 here; on USB nobody uses it); which byte of a taxel stands in the
+Not settled by the description: which byte of a taxel stands in the
 high half of a register (the first here); the low bytes of the first sixteen registers (not looked at); in how many
 requests the taxels are read (one a finger here); the order of the fingers.
 """
@@ -21,8 +21,8 @@ def triples(data):
     return [value for at in range(0, len(data), 3) for value in struct.unpack_from("bbB", data, at)]
 
 
-def read(port, side="right"):
-    hand = Client(open_serial(port, 115200), {"right": 0x31, "left": 0x32}[side])
+def read(port, side="left"):
+    hand = Client(open_serial(port, 1_000_000), {"left": 0x31, "right": 0x32}[side])
     expect(any(hand.registers(4, 0x1000, 8)), "the hand has no name")
     while True:
         state, *forces = hand.registers(4, 0x1080, 16)
