@@ -106,6 +106,8 @@ class Reg:
     def encode(self, values: ArrayLike) -> bytes:
         """``values`` rounded and kept in range, as they lie in memory; one value stands for all."""
         low, high = self.range
+        if type(values) is int and self.count == 1 and self.sign_bit is None:  # the usual case, fast
+            return struct.pack(self.format, min(max(values, low), high))
         numbers = np.broadcast_to(np.minimum(np.maximum(np.asarray(values, float), low), high), self.count)
         if self.type[-2] != "f":
             numbers = np.rint(numbers).astype(np.int64)
@@ -166,6 +168,14 @@ class RegisterMap:
             writes[reg.address : reg.end] = (b"\0" if "w" in reg.access else b"x") * size
         return {"read": bytes(readable), "write": bytes(writes)}
 
+    @cached_property
+    def defaults(self) -> bytes:
+        """The memory with every register at its default."""
+        memory = bytearray(self.size)
+        for reg in self.rows:
+            memory[reg.address : reg.end] = reg.encode(reg.default)
+        return bytes(memory)
+
     def demand(self, what: Literal["read", "write"], address: int, n: int) -> None:
         """Raise :class:`Refused` unless ``n`` bytes from ``address`` allow it."""
         if address < 0 or n < 0 or address + n > self.size:
@@ -195,8 +205,7 @@ class Registers:
 
     def __init__(self, table: RegisterMap, *, kept: Mapping[str, ArrayLike] | None = None):
         self.table = table
-        self._memory = bytearray(table.size)
-        self.reset()
+        self._memory = bytearray(table.defaults)
         for name, values in (kept or {}).items():
             self[name] = values
 

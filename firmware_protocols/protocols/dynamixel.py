@@ -8,6 +8,7 @@ The CRC covers all before it. FF FF FD in what lies between length and CRC gets 
     01 ping             -                          model, firmware; to FE every node answers, one after another
     02 read             address n                  error and n bytes
     03 write            address data               error; none to FE, nor where a node answers ping and read only
+    08 reboot           -                          error, then it powers up again
     82 sync read        address n id ...           each node that is listed, in the order of the list
     8A fast sync read   address n id ...           one packet of FE: for each node error, id, data, crc16 so far
     83 sync write       address n (id data) ...    none
@@ -34,7 +35,7 @@ from firmware_protocols.registers import Memory, Refused, Why
 from firmware_protocols.sums import crc16_umts
 
 HEAD, ALL, STATUS = b"\xff\xff\xfd\x00", 0xFE, 0x55
-PING, READ, WRITE, SYNC_WRITE, BULK_WRITE = 0x01, 0x02, 0x03, 0x83, 0x93
+PING, READ, WRITE, REBOOT, SYNC_WRITE, BULK_WRITE = 0x01, 0x02, 0x03, 0x08, 0x83, 0x93
 SYNC_READ, FAST_SYNC_READ, BULK_READ, FAST_BULK_READ = 0x82, 0x8A, 0x92, 0x9A
 BAD_INSTRUCTION, BAD_CRC, BAD_LENGTH = 2, 3, 5
 ERRORS: dict[Why, int] = {"address": 4, "value": 6, "access": 7, "function": 2}
@@ -68,6 +69,10 @@ class Node(Memory, Protocol):
     @property
     def level(self) -> int:
         """What it answers: 0 ping, 1 also reads, 2 everything."""
+        ...
+
+    def reboot(self, t_ns: int) -> None:
+        """Power up again."""
         ...
 
 
@@ -132,11 +137,14 @@ class DynamixelLine:
         if instruction == PING:
             return _status(node, node.ping)
         data, error = b"", BAD_LENGTH
-        if instruction == READ and len(params) == 4:
+        if instruction == REBOOT and not params:
+            node.reboot(t_ns)
+            error = 0
+        elif instruction == READ and len(params) == 4:
             data, error = self._read(node, *struct.unpack("<HH", params), t_ns)
         elif instruction == WRITE and len(params) > 2:
             error = self._write(node, int.from_bytes(params[:2], "little"), params[2:], t_ns)
-        elif instruction not in (READ, WRITE):
+        elif instruction not in (READ, WRITE, REBOOT):
             self._counters["unknown_command"] += 1
             error = BAD_INSTRUCTION
         answered = level == 2 or (level == 1 and instruction == READ)

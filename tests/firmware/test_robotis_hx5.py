@@ -59,6 +59,53 @@ def test_motors_go_while_enabled(hand):
     assert len(hand.joints(0)) == 20
 
 
+def test_the_second_motors_goals_follow_the_firsts(hand):
+    write(hand, 70, [1])
+    write(hand, 1154, [0, 0, *(3000).to_bytes(2, "little")])
+    joints = hand.joints(2 * SECOND)
+    assert joints["thumb 2"] == pytest.approx(952 * 0.001534) and joints["thumb 1"] == joints["thumb 3"] == 0.0
+
+
+def test_every_node_answers_ping_and_reboot(hand):
+    for ident in range(110, 136):
+        (reply,) = send(hand, packet(ident, 1))
+        model = int.from_bytes(reply[9:11], "little")
+        assert model == (260 if ident == 110 else 0 if ident % 5 == 0 else 1700)
+        assert send(hand, packet(ident, 8)) == [packet(ident, 0x55, b"\0")]
+    assert len(send(hand, packet(0xFE, 1))) == 26
+    assert not hand.counters["unknown_command"]
+
+
+def test_a_reboot_forgets_what_is_not_kept(hand):
+    write(hand, 60, [2, 0], ident=111)
+    write(hand, 84, [244, 1], ident=111)
+    write(hand, 70, [1])
+    for ident in (110, 111):
+        send(hand, packet(ident, 8))
+    assert read(hand, 60, 2, ident=111) == bytes([2, 0]) and read(hand, 84, 2, ident=111) == bytes(2)
+    assert read(hand, 70, 1) == bytes(1) and read(hand, 0, 2) == (260).to_bytes(2, "little")
+    hand.power_cycle()
+    assert read(hand, 60, 2, ident=111) == bytes([2, 0])
+
+
+def test_tables_show_what_their_slots_say(hand):
+    sample(hand, np.arange(45) * 0.1)
+    write(hand, 1024, [120, 99])  # the index's sensor, and nobody
+    write(hand, 1030, [*(72).to_bytes(2, "little")])
+    write(hand, 1042, [9, 0])
+    write(hand, 70, [1])
+    assert list(read(hand, 1078, 9)) == [5 * (9 + cell) for cell in range(9)]
+    assert read(hand, 1087, 6) == bytes(6)
+
+
+def test_a_motor_without_torque_stays(hand):
+    write(hand, 10, [4], ident=134)
+    write(hand, 116, (3000).to_bytes(4, "little"), ident=134)
+    assert hand.joints(SECOND)["little 4"] == 0.0
+    write(hand, 64, [1], SECOND, ident=134)
+    assert hand.joints(3 * SECOND)["little 4"] == pytest.approx(952 * 0.001534)
+
+
 def test_a_left_hand_has_other_ids_and_what_is_kept_is_kept():
     hand = fp.create("robotis_hx5", id=140)
     assert read(hand, 0, 2, ident=140) == (261).to_bytes(2, "little")

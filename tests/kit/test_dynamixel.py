@@ -40,6 +40,9 @@ class Node:
     def write(self, address, data, t_ns):
         return self.registers.write(address, data)
 
+    def reboot(self, t_ns):
+        self.registers = Registers(MAP, kept={"id": self.id})
+
 
 class Bus:
     def __init__(self, ids=(1, 2, 3)):
@@ -72,7 +75,7 @@ def test_frames_of_the_description(bus):
     "instruction, params, error",
     [
         (2, b"\0\0\2\0\0", 5), (2, b"\xff\0\1\0", 4), (3, b"\x07\0", 5), (3, b"\0\0\1\0", 7), (3, b"\x07\0\xfd", 6),
-        (3, b"\x90\0\0", 4), (8, b"", 2), (0x82, b"", 2),
+        (3, b"\x90\0\0", 4), (8, b"", 0), (8, b"\1", 5), (6, b"\xff", 2), (0x82, b"", 2),
     ],
 )  # fmt: skip
 def test_errors(bus, instruction, params, error):
@@ -89,7 +92,7 @@ def test_a_bad_crc_is_answered_by_who_is_meant_and_by_nobody_else(bus):
 
 def test_an_alert_is_in_every_error(bus):
     bus.nodes[0].alert = 0x80
-    assert error_of(bus, 1, 1) == 0x80 and error_of(bus, 1, 8) == 0x82
+    assert error_of(bus, 1, 1) == 0x80 and error_of(bus, 1, 6) == 0x82
 
 
 def test_what_is_answered_and_when(bus):
