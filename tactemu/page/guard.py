@@ -35,7 +35,8 @@ LARGEST = 65_536
 """Bytes of a message of a viewer."""
 HEARD = frozenset(
     {
-        "CommandTriggerMessage", "GuiButtonHoldMessage", "GuiUpdateMessage", "LocalStorageGetItemResponseMessage",
+        "CommandTriggerMessage", "GuiButtonHoldMessage", "GuiFormDirtyMessage", "GuiFormSubmitMessage",
+        "GuiUpdateMessage", "LocalStorageGetItemResponseMessage",
         "SceneNodeClickMessage", "SceneNodeDragMessage", "ViewerCameraMessage",
     }
 )  # fmt: skip

@@ -14,7 +14,6 @@ from tactemu.page.feed import Known, Moment, Rest, Skin
 from tactemu.page.hands import Hands, Say
 from tactemu.page.pictures import Pictures
 from tactemu.page.wire import Wire
-from tactemu.wire.faults import KINDS
 
 SHARES = ("drop", "flip", "truncate", "checksum", "duplicate", "garbage", "late")
 """Faults that are a share of the frames: a slider says which."""
@@ -104,7 +103,9 @@ class Panel:
             hang = gui.add_button("Hang for 1 s")
             share = gui.add_dropdown("fault", SHARES, hint="tactemu faults explains them")
             percent = gui.add_slider("of frames [%]", 0.0, 100.0, 1.0, 0.0)
-            words = gui.add_text("any fault", "", hint="such as: late 20% by 30ms; Enter begins it")
+            with gui.add_form(None) as form:
+                words = gui.add_text("any fault", "", hint="such as: late 20% by 30ms; Enter begins it")
+                begin = gui.add_button("Begin it")
             mend = gui.add_button("Mend all")
         skin = lambda **more: {"skin": self._skin.value, **more}  # noqa: E731
         self._on(unplug, lambda: [("unplug", skin(seconds=1.0))])
@@ -127,10 +128,12 @@ class Panel:
             self._shares.clear()
             percent.value = 0.0
 
-        @words.on_update
-        async def _(event: viser.GuiEvent) -> None:
-            if words.value.partition(" ")[0] in KINDS:
-                self._hands.do("fault", teller(event.client), fault=words.value, skin=self._skin.value)
+        async def ask(event: viser.GuiEvent) -> None:
+            if words.value.strip():
+                self._hands.do("fault", teller(event.client), fault=words.value.strip(), skin=self._skin.value)
+
+        form.on_submit(ask)
+        begin.on_click(ask)
 
     def _add_imperfections(self) -> None:
         gui = self._gui

@@ -94,6 +94,33 @@ def test_what_is_dragged_reaches_the_driver(dev, seen):
     assert not wrong
 
 
+def test_a_fault_begins_on_enter_and_a_mistake_is_told_once(dev, seen):
+    def faults() -> list[str]:
+        return [str(fault) for fault in dev.emulator.wires[0].faults]
+
+    wrong, end = [], time.monotonic() + 60
+    with browsing() as browser:
+        page = opened(browser, seen.url, wrong)
+        status(page, "1 viewer")
+        box = page.locator("form input").first
+        box.click()
+        box.press_sequentially("drop 10% for 50s", delay=60)
+        assert faults() == [], "it began while it was typed"
+        box.press("Enter")
+        while not faults():
+            assert time.monotonic() < end
+        page.wait_for_timeout(500)
+        assert [(each[:8], each[-8:]) for each in faults()] == [("drop 10%", " for 50s")]
+        box.fill("dorp 10%")
+        box.press("Enter")
+        status(page, "did you mean 'drop'")
+        assert page.get_by_text("That cannot be done").count() == 1 and len(faults()) == 1
+        page.get_by_role("button", name="Mend all").click()
+        while faults():
+            assert time.monotonic() < end
+    assert not wrong
+
+
 @pytest.mark.nightly
 def test_of_two_viewers_the_last_to_grab_has_it(dev, seen):
     wrong, done = [], dev.truth.injected["reset"]
