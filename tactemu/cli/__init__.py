@@ -14,20 +14,36 @@ HELP_COLUMNS = 80
 """From this width of the terminal on the help is as the file has it."""
 INTERRUPTED = 130
 """What a shell gives a command that Ctrl-C has ended: 128 + SIGINT."""
+OUTPUT_CLOSED = 141
+"""What a shell gives a command whose output nobody reads any more: 128 + SIGPIPE."""
+EXEC_FAILED = 125
+"""What ``tactemu exec`` ends with when something of its own fails."""
 
 
 def main() -> None:
     """Entry point of ``tactemu``. A mistake of the user's is one message on stderr and exit code 2."""
     try:
-        if _answered(sys.argv[1:]):
-            return
-        if sys.argv[1:2] in (["run"], ["exec"]):
-            from tactemu.cli.signals import starting
+        try:
+            if _answered(sys.argv[1:]):
+                return
+            if sys.argv[1:2] in (["run"], ["exec"]):
+                from tactemu.cli.signals import starting
 
-            with starting():
+                with starting():
+                    _run()
+            else:
                 _run()
-        else:
-            _run()
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:  # whoever read the output has gone, as `head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(OUTPUT_CLOSED)
+    except OSError as error:  # of the machine: a full disk, a folder that is not there, no permission
+        where = f"{error.filename}: " if error.filename else ""
+        print(f"tactemu: {where}{error.strerror or error}", file=sys.stderr)
+        if error.filename is None:  # the output itself
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(EXEC_FAILED if sys.argv[1:2] == ["exec"] else 2)
     except KeyboardInterrupt:  # while things are imported, or compiled; a loop that runs takes it as its end
         sys.exit(INTERRUPTED)
 

@@ -10,7 +10,7 @@ import socket
 import threading
 from pathlib import Path
 
-from tactemu.errors import TransportError
+from tactemu.errors import TransportError, shown
 from tactemu.leftovers import remove_at_end
 
 _LIVE: set[StableLink] = set()
@@ -39,14 +39,15 @@ class StableLink:
             TransportError: the path is taken by something that is not such a link or by a run that is still alive, or
                 cannot be written.
         """
-        self._check()
-        self._claim = self._claim or _claimed(self.path)
         try:
+            self._check()
+            self._claim = self._claim or _claimed(self.path)
             _put(self.path, target)
-        except OSError as error:
+        except (OSError, ValueError) as error:  # ValueError: a zero byte in the path
             self.remove()
             raise TransportError(
-                f"cannot create the port {self.path}: {error.strerror}; choose a path in a folder that you may write"
+                f"cannot create the port {shown(str(self.path))}: {getattr(error, 'strerror', '') or error}; "
+                "choose a path in a folder that you may write"
             ) from None
         self._target, self._maker = target, os.getpid()
         _LIVE.add(self)
