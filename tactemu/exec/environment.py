@@ -25,12 +25,13 @@ from tactemu.exec.bus import WAYS, BusPort
 from tactemu.exec.expose import Exposed, parsed
 from tactemu.exec.keeping import Keeper
 from tactemu.exec.port import Node, UsbPort
+from tactemu.exec.uart import CHIPS
 from tactemu.serving import Served
 from tactemu.transports import Transport
 from tactemu.transports.socketcan import SocketCanTransport
 from tactemu.wire.wire import Wire
 
-_NODE = re.compile(r"(?:/dev/)?(ttyUSB|ttyACM|can)(\d{1,3})")
+_NODE = re.compile(rf"(?:/dev/)?(ttyUSB|ttyACM|can|{'|'.join(CHIPS)})(\d{{1,3}})")
 _ADAPTER = USB(0x0403, 0x6001, manufacturer="FTDI", product="FT232R USB UART", node="ttyUSB")
 """What a board with a plain UART is plugged into."""
 _BOARD = USB(0x1209, 0x0001, manufacturer="tactemu", node="ttyACM")
@@ -40,14 +41,15 @@ _BOARD = USB(0x1209, 0x0001, manufacturer="tactemu", node="ttyACM")
 def exec_environment(
     *devices: Served, nodes: str | Mapping[str, str] = "", way: str = "", expose: Sequence[str] = ()
 ) -> ExecEnvironment:
-    """A view of this machine in which the ports of ``devices`` are USB serial ports and CAN interfaces.
+    """A view of this machine in which the ports of ``devices`` are serial ports and CAN interfaces.
 
     Devices that are not running are started, and stopped at the end; those that are get their former ports back.
 
     Args:
         devices: what :func:`tactemu.serve` returns.
         nodes: ``ttyUSB0`` for the only port, or nodes by skin or ``SKIN/CONNECTOR``; default: as the kernel would name
-            them, ``ttyACM0`` or ``ttyUSB0`` upwards; ``can0`` upwards.
+            them, ``ttyACM0`` or ``ttyUSB0`` upwards; ``can0`` upwards. ``ttyS0``, ``ttyAMA0``, ``ttyTHS1`` and so on
+            are UARTs of the board itself.
         expose: ``tcp:PORT``, ports that are carried between the machine's network and that of a view with CAN buses.
         way: how CAN buses are made, ``native`` (vcan) or ``preload``; default: whichever this kernel offers.
 
@@ -264,12 +266,14 @@ def _nodes_in(nodes: Mapping[str, str]) -> dict[str, tuple[str, int]]:
     """``ttyUSB0`` as kind and number.
 
     Raises:
-        TransportError: it is no name of a USB serial port.
+        TransportError: it is no name of a serial port or a CAN interface.
     """
     found = {}
     for owner, node in nodes.items():
         match = _NODE.fullmatch(node)
         if not match:
-            raise TransportError(f"node {node!r}: expected ttyUSB or ttyACM and a number, such as ttyUSB0")
+            raise TransportError(
+                f"node {node!r}: expected ttyUSB0, ttyACM0, can0, or a UART: {', '.join(CHIPS)} and a number"
+            )
         found[owner] = (match[1], int(match[2]))
     return found

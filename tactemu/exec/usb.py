@@ -8,7 +8,9 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-BUS = "/sys/devices/tactemu"
+from tactemu.exec.uart import ROOT
+
+BUS = ROOT
 """Where our USB host is among the machine's devices."""
 _DRIVERS = {0x0403: "ftdi_sio", 0x10C4: "cp210x", 0x1A86: "ch341", 0x067B: "pl2303"}
 _USB_MAJOR = 189

@@ -7,18 +7,20 @@ linked again. The machine's own serial ports are left out: a driver under test f
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import os
 import re
 import stat
 from pathlib import Path
 
 from tactemu.exec import page, system
+from tactemu.exec.uart import CHIPS, Uart
 from tactemu.exec.uevents import Events
 from tactemu.exec.usb import BUS, Plugged
 
 ROOM = Path("/run/udev/.tactemu")
 """Where emulator and preload library meet; nobody else looks there."""
-_REAL_PORTS = re.compile(r"(ttyUSB|ttyACM|ttyXRUSB|ttyS|ttyAMA|ttyAP|rfcomm)\d+|serial")
+_REAL_PORTS = re.compile(rf"(ttyUSB|ttyACM|ttyXRUSB|ttyAP|rfcomm|{'|'.join(CHIPS)})\d+|serial\d*")
 
 
 class View:
@@ -29,8 +31,10 @@ class View:
         self._cover_dev()
         self._cover_sys()
         self.events = Events(ROOM / "events")
-        self._plugged: dict[str, Plugged] = {}
+        self._plugged: dict[str, Plugged | Uart] = {}
         """By node."""
+        self._covered: set[str] = set()
+        """Folders of other buses than USB that have got room for devices."""
         self._left: dict[str, tuple[int, int]] = {}
         """Pseudo terminals behind nodes that have gone, whom somebody may still have open: its device and number."""
 
@@ -78,7 +82,8 @@ class View:
         """A device is plugged in: node, sysfs, udev's data and links, and then the events.
 
         Args:
-            usb: vid, pid, manufacturer, product, serial, interface, node (``ttyACM``, ``ttyUSB``).
+            usb: vid, pid, manufacturer, product, serial, interface, node (``ttyACM``, ``ttyUSB``; of a UART of the
+                board itself ``ttyS``, ``ttyAMA`` ..., which has none of the rest).
             pty: path of the pseudo terminal.
             number: of the node; ``None``: the lowest that is free, as the kernel does it.
             plug: which socket the device is in.
@@ -92,7 +97,11 @@ class View:
         if node in self._plugged:
             raise ValueError(f"/dev/{node} is there already")
         self._left.pop(node, None)
-        device = Plugged(**{**usb, "node": node}, pty=_number(pty), bus=self._bus, plug=plug)
+        if kind in CHIPS:
+            device = Uart(kind, number, _number(pty))
+            self._make_room(device.covers())
+        else:
+            device = Plugged(**{**usb, "node": node}, pty=_number(pty), bus=self._bus, plug=plug)
         shared = self._open_room(device.pty, number)
         _mount_file(pty, f"/dev/{node}")
         others = self._others()
@@ -107,7 +116,7 @@ class View:
         others = self._others()
         self._erase(before, keep=others)
         system.unmount(f"/dev/{node}")
-        device = Plugged(**{**vars(before), "pty": _number(pty)})
+        device = dataclasses.replace(before, pty=_number(pty))
         shared = self._open_room(device.pty, int(re.sub(r"\D", "", node)))
         system.mount(pty, f"/dev/{node}", flags=system.MS_BIND)
         self._write(device, others)
@@ -129,6 +138,12 @@ class View:
         """The emulator has gone."""
         for node in list(self._plugged):
             self.unplug(node)
+
+    def _make_room(self, folders: list[str]) -> None:
+        for folder in folders:
+            if folder not in self._covered:
+                _cover(folder)
+                self._covered.add(folder)
 
     def _others(self) -> set[str]:
         """Folders and links of what is plugged in: of one board with several ports some are shared."""
@@ -158,7 +173,7 @@ class View:
             path.chmod(0o666)  # whoever may open the port
         return [os.open(shared, os.O_RDWR), os.open(pipe, os.O_RDWR | os.O_NONBLOCK)]
 
-    def _write(self, device: Plugged, others: set[str]) -> None:
+    def _write(self, device: Plugged | Uart, others: set[str]) -> None:
         for path, text in device.files().items():
             if os.path.dirname(path) not in others:
                 os.makedirs(os.path.dirname(path), exist_ok=True)
@@ -176,7 +191,7 @@ class View:
             os.makedirs(os.path.dirname(f"/dev/{link}"), exist_ok=True)
             _link(f"/dev/{link}", f"/dev/{device.node}")
 
-    def _erase(self, device: Plugged, keep: set[str]) -> None:
+    def _erase(self, device: Plugged | Uart, keep: set[str]) -> None:
         """Everything of a port; of its device too, unless another port of it stays."""
         name = ROOM / "ports" / f"{device.pty[0]}:{device.pty[1]}"
         paths = [name.with_suffix(".page"), name.with_suffix(".told")]
@@ -193,7 +208,7 @@ class View:
             with contextlib.suppress(OSError):  # others have links there
                 os.rmdir(folder)
 
-    def _tell(self, action: str, device: Plugged, others: set[str]) -> None:
+    def _tell(self, action: str, device: Plugged | Uart, others: set[str]) -> None:
         told, added = device.kernel_properties(), device.udev_properties()
         folders = [folder for folder in told if folder not in others]
         for folder in folders if action == "add" else reversed(folders):

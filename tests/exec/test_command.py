@@ -28,7 +28,11 @@ def test_what_cannot_be_done_is_said_before_anything_is_built(tmp_path):
     for status, words, text in (
         (125, ("exec", "flexitac"), "name it after --"),
         (125, ("exec", "flexitak", "--", "true"), "did you mean 'flexitac'?"),
-        (125, ("exec", "flexitac", "--node", "COM3", "--", "true"), "expected ttyUSB or ttyACM and a number"),
+        (
+            125,
+            ("exec", "flexitac", "--node", "COM3", "--", "true"),
+            "expected ttyUSB0, ttyACM0, can0, or a UART: ttyS, ttyAMA",
+        ),
         (126, ("exec", "flexitac", "--", str(script)), "not executable"),
         (127, ("exec", "flexitac", "--", "no-such-program"), "not found"),
     ):

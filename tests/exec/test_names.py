@@ -111,3 +111,40 @@ def test_lerobot_finds_the_port_that_is_unplugged(exec_environment):
         env.devices[0].happen(fault="unplug for 1s")
         out, _ = process.communicate("\n", timeout=20)
     assert "The port of this MotorsBus is '/dev/ttyUSB0'" in out
+
+
+UARTS = """
+import json, os, sys
+from serial.tools import list_ports
+listed = {p.device: [p.vid, p.hwid] for p in list_ports.comports()}
+told = {}
+for node in sys.argv[1:]:
+    device = os.path.realpath(f"/sys/class/tty/{node}/device")
+    name = lambda link: os.path.basename(os.path.realpath(f"{device}/{link}"))
+    told[node] = [name("subsystem"), name("driver"), listed.get(f"/dev/{node}"), os.path.exists(f"/dev/{node}"),
+        os.path.samefile(device, f"/sys/bus/{name('subsystem')}/devices/{os.path.basename(device)}")]
+print(json.dumps([told, sorted(os.listdir("/sys/bus/platform/drivers"))[:3] != [], os.path.exists("/dev/serial")]))
+"""
+
+
+@pytest.mark.driver
+def test_a_uart_of_the_board_is_on_its_own_bus():
+    for node, told in (
+        ("ttyAMA0", ["amba", "uart-pl011", [None, "3f201000.serial"], True, True]),
+        ("ttyS1", ["pnp", "serial", [None, "PNP0501"], True, True]),
+        ("ttyTHS1", ["platform", "serial-tegra", None, True, True]),
+        ("/dev/ttymxc2", ["platform", "imx-uart", None, True, True]),
+    ):
+        name = node.removeprefix("/dev/")
+        with tactemu.exec_environment(tactemu.serve("dfrobot_tactile"), nodes=node) as env:
+            done = env.run([sys.executable, "-c", UARTS, name], capture_output=True, text=True)
+            assert json.loads(done.stdout) == [{name: told}, True, False], done.stderr
+
+
+def test_a_uart_is_read_and_comes_back_after_the_cable_was_out():
+    with tactemu.serve("anyskin") as dev, tactemu.exec_environment(dev, nodes="ttyAMA0") as env:
+        read = ["sh", "-c", "head -c 200 /dev/ttyAMA0 | wc -c"]
+        assert env.run(read, capture_output=True, text=True, timeout=30).stdout.split() == ["200"]
+        dev.unplug(0.2)
+        read[2] = f"sleep 0.3; until [ -e /dev/ttyAMA0 ]; do sleep 0.05; done; {read[2]}"
+        assert env.run(read, capture_output=True, text=True, timeout=30).stdout.split() == ["200"]
