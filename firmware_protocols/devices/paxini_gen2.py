@@ -27,6 +27,7 @@ from typing import Annotated
 
 from firmware_protocols import Command, Option, Outs, Sent, Serial
 from firmware_protocols.devices.paxini_modules import GAP_NS, TAXELS, Model, Px6axDevice
+from firmware_protocols.facts import assumed, stated
 from firmware_protocols.framing import MORE, SOUND, Broken, Packets
 from firmware_protocols.sums import lrc8
 from firmware_protocols.tables import Frame
@@ -56,6 +57,8 @@ REPLY = Frame("""
     ..    lrc8 from 4     check
     ..    55 AA 7D 7D     tail
 """)
+PDF = "vendor PDF V1.5"
+DRIVER = "Gabriel-Ning/paxini_driver@113ab44"
 HEAD, TAIL = b"\x55\xaa\x7b\x7b", b"\x55\xaa\x7d\x7d"
 FIXED, REGION = 0x0E, 0x7B
 VERSION, SET_MODE, GET_MODE = (0x60, 0xA001), (0x70, 0xC00C), (0x70, 0xC00D)
@@ -65,6 +68,8 @@ MAINS = {main for main, _ in DATA_LENGTH}
 ZERO = b"\x03\x01"
 MODES = (1, 2, 5)
 LONGEST_DATA = 64
+OBEYED = b"\0"
+"""State of the module in the answer to a zero, whatever the error byte says."""
 
 OK, BAD_LENGTH, BAD_LRC, BAD_MAIN, BAD_SUB, TOO_LONG, BAD_PARAMETER, NO_DATA = range(8)
 
@@ -82,12 +87,21 @@ class PaxiniGen2(Px6axDevice):
         "vendor PDF 'control box protocol V1.5 (simplified)' in Gabriel-Ning/paxini_driver@113ab44, with error codes",
         "Gabriel-Ning/paxini_driver@113ab44 paxini_driver.py l.94-96, 165",
     )
-    judge = "own second reader"
-    assumed = (
-        "places of the taxels: even rows on a flat pad of the size in the model's name; 0.1 N per count as on GEN3",
-        "L5325 has the 120 taxels that the driver reads; other models as on GEN3",
-        "a wrong tail or first byte counts as a wrong length; a port without a module has no data",
-        "a change of mode takes 0.5 s; a half request is forgotten after 50 ms",
+    judge = DRIVER
+    facts = (
+        stated("configuration", "error codes 0 to 7", f"{PDF} appendix"),
+        stated("configuration", "modes and ports of each model", f"{PDF} table 1-0"),
+        stated("configuration", "the answer to the zero has error 06", f"{DRIVER} l.165"),
+        stated("identity", "the version is a text of 29 bytes", f"{PDF} (1d 00)"),
+        stated("identity", "its port is /dev/ttyACM0", f"{DRIVER} paxini.yaml, README"),
+        stated("touch", "an L5325 is read as 120 taxels from 1038, x and y int8, z uint8", f"{DRIVER} l.181-208"),
+        assumed("identity", "the text of the version; USB ids", f"{PDF}; {DRIVER} whole"),
+        assumed("touch", "places: rows on a flat pad of the size in the model's name; 0.1 N", f"{PDF}; {DRIVER} whole"),
+        assumed("touch", "other models have as many taxels as on GEN3", f"{PDF} (names a protocol of the module)"),
+        assumed("configuration", "a wrong tail or first byte is a wrong length; an empty port has no data", PDF),
+        assumed("configuration", "mode 5 at power-up; one module sits on every port", f"{PDF}; {DRIVER} whole"),
+        assumed("timing", "a change of mode takes 0.5 s (2 s at most is stated)", PDF),
+        assumed("timing", "a half request is forgotten after 50 ms", PDF),
     )
 
     def __init__(
@@ -98,7 +112,7 @@ class PaxiniGen2(Px6axDevice):
             tuple[int, ...] | None,
             Option("port of each module, (CON - 1) * 3 + offset; default: one sits on every port"),
         ] = None,
-        version: Annotated[str, Option("answer to the version command")] = "PX-6AX-GEN2 V1.5",
+        version: Annotated[str, Option("answer to the version command")] = "PX-6AX-GEN2-CONTROL-BOX V1.05",
         mode_time_s: Annotated[float, Option("how long a change of mode takes", unit="s", low=0.0)] = 0.5,
         zero_error: Annotated[
             int, Option("error byte in the answer to the zero command", low=0, high=255)
@@ -169,7 +183,7 @@ class PaxiniGen2(Px6axDevice):
         command, data = (request["main"], request["sub"]), request["data"]
         delay_ns = self.mode_time_ns if command == SET_MODE and data and data[0] != self.mode else 0
         error, content = self._obey(command, data)
-        self.counters["refused"] += error != OK
+        self.counters["refused"] += error != OK and content != OBEYED
         frame = REPLY.pack(index=request["index"], main=command[0], sub=command[1], error=error, data=content)
         return [Sent(frame, delay_ns=delay_ns if error == OK else 0)]
 
@@ -210,7 +224,7 @@ class PaxiniGen2(Px6axDevice):
         if data != ZERO:
             return BAD_PARAMETER, b"\x01"
         self.set_zero(module)
-        return self.zero_error, b"\0"
+        return self.zero_error, OBEYED
 
 
 def _size(data: bytes) -> int | str:

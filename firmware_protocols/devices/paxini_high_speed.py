@@ -38,6 +38,7 @@ import numpy as np
 from firmware_protocols import Command, Option, Outs, Restart, Serial
 from firmware_protocols.devices.orca_tips import tip
 from firmware_protocols.devices.paxini_modules import HIGH, LOW, Model, Px6axDevice
+from firmware_protocols.facts import assumed, stated
 from firmware_protocols.framing import MORE, SOUND, Broken, Packets
 from firmware_protocols.layouts import place, stack
 from firmware_protocols.sums import lrc8
@@ -80,6 +81,7 @@ EXTENSION, ORDER, STATUS, NAMES, STATISTICS = 0x6100, 0x6110, 0x6120, 0x6200, 0x
 ZERO_ORDER, ZEROED, FINISHED = b"\x04ZR", 3, 2
 SLOTS, PALM = 28, 20
 TIPS = (2, 6, 10, 14, 18)
+LEROBOT = "lerobot-camera-paxini 0.1.0"
 QUERY = re.compile(rb"ORCA_(ID|INFO)\?\n")
 
 
@@ -90,7 +92,7 @@ class PaxiniHighSpeed(Px6axDevice):
     kind = "hand"
     title = "PaXini PX-6AX, high-speed board"
     ports = (Serial(baud=921_600),)
-    rate_hz = 90.0
+    rate_hz = 1000 / 11
     boot_s = 0.02
     evidence = ("driver",)
     sources = (
@@ -99,12 +101,25 @@ class PaxiniHighSpeed(Px6axDevice):
         "orca-core 0.12.0 hardware/sensing/constants.py, tactile_protocol.py (taxel registers)",
     )
     judge = "paxini-sdk 0.1.0"
-    assumed = (
-        "places of the taxels: even rows on a flat pad of the size in the model's name, modules side by side",
-        "Fx, Fy along the pad's x, y; the resultant is the sum over the pad",
-        "pushes 90 times a second; the version text; it answers again 70 ms after the reply to a restart",
-        "errors: function 3, length 1; a bad sum is not answered; a half request is forgotten after 50 ms",
-        "taxels in rows as they lie on the pad",
+    facts = (
+        stated("timing", "91 pushes a second", f"{LEROBOT} METADATA, configuration_paxini.py l.30"),
+        stated("identity", "the version is a text (15 bytes are read)", "paxini-sdk 0.1.0 registers.py l.13"),
+        stated("identity", "what is fitted, taxels of each", "paxini-sdk 0.1.0 registers.py l.17-43, 108-132"),
+        stated(
+            "touch", "0.1 N; x, y int8, z uint8", "paxini-sdk 0.1.0 high_speed.py l.36-59 (after the vendor's viewer)"
+        ),
+        stated(
+            "configuration", "zero: function 17, register 2, 00 is success", "paxini-sdk 0.1.0 high_speed.py l.288-320"
+        ),
+        assumed("identity", "text of the version", "paxini-sdk 0.1.0, orca-core 0.12.0, both whole"),
+        assumed("identity", "USB ids (a 28E9 in orca-core constants.py l.36, /dev/ttyUSB0 in others)", LEROBOT),
+        assumed("touch", "rows on a flat pad of the size in the model's name, pads side by side", "paxini-sdk 0.1.0"),
+        assumed("touch", "x, y along the pad; the resultant is the sum over the pad", "paxini-sdk 0.1.0 high_speed.py"),
+        assumed(
+            "configuration", "errors: function 3, length 1; a bad sum is not answered", "paxini-sdk 0.1.0 protocol.py"
+        ),
+        assumed("configuration", "resultants and taxels are pushed, once asked for", "paxini-sdk 0.1.0 registers.py"),
+        assumed("timing", "it answers 70 ms after the reply to a restart; 50 ms for a request", "paxini-sdk 0.1.0"),
     )
 
     def __init__(
@@ -233,6 +248,7 @@ class OrcaTouch(PaxiniHighSpeed):
         "orca-core 0.12.0 sensing/models/touch-sensor-{thumb,finger,pinky}/config.yaml (taxels)",
     )
     judge = "orca-core 0.12.0"
+    facts = ()
     assumed = (
         "where the fingertips are on the hand: side by side, 25 mm apart; the resultant is the sum over the taxels",
         "the resultant's axes: the sensor frame's; Fz counts along -z of it",
