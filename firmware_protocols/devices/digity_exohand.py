@@ -33,6 +33,7 @@ from firmware_protocols import (
 )
 from firmware_protocols.adc import quantize
 from firmware_protocols.device import Axis, Quantity
+from firmware_protocols.facts import assumed, stated
 from firmware_protocols.layouts import stack
 from firmware_protocols.tables import Frame
 
@@ -73,6 +74,7 @@ TOUCH = Frame("""
     3     <u8          time      [us]
     11    <u2 x 6      touch     0..4095
 """)
+SDK = "digity 0.2.5"
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 PLACES = ((-0.06, 0.0, 0.0), (-0.033, 0.05, 0.0), (-0.011, 0.06, 0.0), (0.011, 0.055, 0.0), (0.033, 0.04, 0.0))
 """Fingertips of a left hand seen from its palm, fingers up [m]."""
@@ -99,11 +101,21 @@ class DigityExohand(Device):
     evidence = ("driver",)
     sources = ("digity 0.2.5 _humi.py, _serial.py, README (the vendor's own)",)
     judge = "digity 0.2.5"
-    assumed = (
-        "six channels of a finger as 3 rows of 2, 6 mm apart, row by row from the fingertip; a flat hand",
-        "400 counts/N, untouched 0; 131 counts per deg/s (16384 per g is in the driver's example); axes of the link",
-        "a packet: a record of each kind, with one sample; parts 1 angles, 2 motion, 3 touch; one sequence for all",
-        "angles stand still: nothing moves the wearer's fingers; of the four makes of USB chips a CP2102",
+    facts = (
+        stated("identity", "one of four makes of USB chips, found by id or text", f"{SDK} _serial.py l.18-19"),
+        stated("touch", "six counts of 0 to 4095; 16384 per g in its example", f"{SDK} README; _humi.py l.183"),
+        stated("touch", "five angles of a finger in 0.01 deg; arm boards with 3, 2, 2, 3", f"{SDK} _humi.py l.36-47"),
+        stated("timing", "about 50 Hz; sequence of 16 bits; times in us", f"{SDK} README"),
+        assumed("identity", "of the four chips a CP2102", f"{SDK} whole"),
+        assumed(
+            "identity", "low nibbles 1 angles, 2 motion, 3 touch ('communication line')", f"{SDK} README, _types.py"
+        ),
+        assumed(
+            "touch", "six channels as 3 rows of 2, 6 mm apart, from the fingertip; a flat hand", f"{SDK} viz/static"
+        ),
+        assumed("touch", "400 counts/N, untouched 0; 131 counts per deg/s; axes of the link", f"{SDK} whole"),
+        assumed("touch", "angles stand still: nothing moves the wearer's fingers", f"{SDK} whole"),
+        assumed("timing", "a packet: a record of each kind, one sample; one sequence for all boards", f"{SDK} whole"),
     )
 
     def __init__(

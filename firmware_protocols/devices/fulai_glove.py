@@ -16,11 +16,12 @@ Text to the glove, lines ended by CR LF:
     line               answer
     vofa off           - (stops the stream)
     vofa on            - (goes on)
-    bridge info get    OK BRIDGE MODEL=FuLai_SensorGlove FW= HW= PROTOCOL= HAND= HAND_DEFAULT= HAND_SOURCE=
+    bridge info get    OK BRIDGE MODEL=FuLai_SensorGlove FW= HW= PROTOCOL= HAND= HAND_DEFAULT= HAND_SOURCE= IAP=
+    any other          ERR unknown command
 
-Old firmware does not answer the last one (``identity=false``): the driver is then told hand and version by its user, or
-finds the version by the length of three frames. No checksum, no error reply. Taring (30 frames) and newtons are the
-driver's. A 0 before a taxel at 1022 or 4088 makes the tail inside a frame: the driver throws that frame away.
+Old firmware does not know the third (``identity=false``): the driver is then told hand and version by its user, or
+finds the version by the length of three frames. No checksum. Taring (30 frames) and newtons are the driver's. A 0
+before a taxel at 1022 or 4088 makes the tail inside a frame: the driver throws that frame away.
 
 Try it: ``tactemu run fulai_glove``, then ``tactile-stream PORT G-001 left``.
 """
@@ -33,6 +34,7 @@ import numpy as np
 
 from firmware_protocols import Column, Command, Counts, Device, Layout, Option, Outs, Patch, Reading, Serial
 from firmware_protocols.adc import quantize
+from firmware_protocols.facts import assumed, stated
 from firmware_protocols.framing import Lines
 from firmware_protocols.layouts import stack
 from firmware_protocols.tables import Frame
@@ -42,7 +44,9 @@ FRAME = Frame("""
     0     <f4 x slots     adc    0..4095, zone after zone
     ..    00 00 80 7F     tail   float infinity
 """)
+UNKNOWN = b"ERR unknown command\r\n"
 ADC_MAX = 4095
+SDK = "fulai-tactile 1.0.5"
 
 Rows = tuple[tuple[int, int], ...]
 """First column and number of taxels of each row, of a left hand seen from its palm, fingers up."""
@@ -76,11 +80,25 @@ class FulaiGlove(Device):
     evidence = ("driver",)
     sources = ("fulai-tactile 1.0.5 decoder.py, identity.py, layout.py, transport.py (the vendor's own)",)
     judge = "fulai-tactile 1.0.5"
-    assumed = (
-        "zones on a flat hand, 2 mm between the taxels of a finger, 4 mm elsewhere; row 0 towards the fingertips",
-        "a taxel conducts more the harder it is pushed: ADC = rest + (4095 - rest) F / (F + 1 N), rest 100",
-        "100 frames a second; 80 of 3.2, as its frames take 12.3 ms",
-        "commands to the stream are not answered; slots without a taxel read 0; HAND_DEFAULT is the hand itself",
+    facts = (
+        stated(
+            "identity", "the answer, its fields, FW=3.5.0, PROTOCOL=1.5, FLASH, IAP=1", f"{SDK} test_identity.py l.10"
+        ),
+        stated(
+            "identity", "old firmware: ERR unknown command", f"{SDK} test_identity.py l.77 (the vendor's own stand-in)"
+        ),
+        stated("identity", "its port is a /dev/ttyACM* or ttyUSB*", f"{SDK} transport.py l.178"),
+        stated("touch", "frames by version; slots without a taxel", f"{SDK} layout.py; README"),
+        stated("timing", "100 frames a second, 100 counts untouched", f"{SDK} types.py l.175 (its simulation)"),
+        assumed(
+            "touch", "2 mm between the taxels of a finger, 4 mm elsewhere; row 0 at the fingertips", f"{SDK} layout.py"
+        ),
+        assumed("touch", "ADC = rest + (4095 - rest) F / (F + 1 N); slots without a taxel read 0", f"{SDK} whole"),
+        assumed(
+            "configuration", "vofa on and off are not answered; what is unknown is ERR", f"{SDK} session.py, tests"
+        ),
+        assumed("configuration", "it streams from power-up, with DTR or without", f"{SDK} session.py, transport.py"),
+        assumed("timing", "80 frames of 3.2, as one takes 12.3 ms", f"{SDK} whole"),
     )
 
     def __init__(
@@ -88,8 +106,8 @@ class FulaiGlove(Device):
         *,
         hardware: Annotated[Literal["3.0", "3.1", "3.2"], Option("version")] = "3.1",
         hand: Annotated[Literal["left", "right"], Option("the hand that it fits")] = "left",
-        identity: Annotated[bool, Option("answers `bridge info get`; old firmware does not")] = True,
-        firmware: Annotated[str, Option("version that the identity tells, without spaces")] = "1.0",
+        identity: Annotated[bool, Option("knows `bridge info get`; old firmware does not")] = True,
+        firmware: Annotated[str, Option("version that the identity tells, without spaces")] = "3.5.0",
         baseline: Annotated[int, Option("ADC value of an untouched taxel", low=0, high=ADC_MAX - 1)] = 100,
         half_force: Annotated[float, Option("push half way from rest to full scale", unit="N", low=1e-6)] = 1.0,
     ):
@@ -102,8 +120,8 @@ class FulaiGlove(Device):
         self.columns = (Column(name="adc", low=baseline, high=ADC_MAX, rest=baseline, push=1),)
         self.baseline, self.half_force = baseline, half_force
         self.answer = (
-            f"OK BRIDGE MODEL=FuLai_SensorGlove FW={firmware} HW={hardware} PROTOCOL=vofa-justfloat "
-            f"HAND={hand.upper()} HAND_DEFAULT={hand.upper()} HAND_SOURCE=strap\r\n"
+            f"OK BRIDGE MODEL=FuLai_SensorGlove FW={firmware} HW={hardware} PROTOCOL=1.5 "
+            f"HAND={hand.upper()} HAND_DEFAULT=RIGHT HAND_SOURCE=FLASH IAP=1\r\n"
         ).encode("ascii")
         self.identity, self.streaming = identity, True
         self.lines_in = Lines(counters=self.counters)
@@ -127,17 +145,17 @@ class FulaiGlove(Device):
         self.counters["requests"] += 1
         if line in (b"vofa on", b"vofa off"):
             self.streaming = line == b"vofa on"
-        elif line == b"bridge info get":
-            return [self.answer] if self.identity else ()
-        else:
-            self.counters["unknown_command"] += 1
-        return ()
+            return ()
+        if line == b"bridge info get":
+            return [self.answer if self.identity else UNKNOWN]
+        self.counters["unknown_command"] += 1
+        return [UNKNOWN]
 
     @property
     def commands(self) -> tuple[Command, ...]:
         """What the driver sends when it opens and closes."""
         origin = "fulai-tactile 1.0.5 identity.py, session.py"
-        asked = self.answer.hex() if self.identity else None
+        asked = (self.answer if self.identity else UNKNOWN).hex()
         return (
             Command(name="stop", request=b"vofa off\r\n", origin=origin),
             Command(name="identity", request=b"bridge info get\r\n", reply=asked, origin=origin),

@@ -23,7 +23,7 @@ def test_every_version(hardware, hand, identity):
     # Taxels stay below 1022: behind a slot without a taxel that would look like the tail (see the device's docstring).
     with Rig(device, peak=0.25) as rig:
         got = run_driver("fulai_tactile", "fulai_tactile_read.py", rig.port)
-    assert got["identity"] == ([True, "1.0", hardware, hand.upper()] if identity else [False, "", "", "RIGHT"])
+    assert got["identity"] == ([True, "3.5.0", hardware, hand.upper()] if identity else [False, "", "", "RIGHT"])
     assert got["malformed"] == device.counters["unknown_command"] == 0
     slots = np.concatenate([zone[0] + np.arange(max(zone[3:]) + 1) for zone in got["cells"]])
     frames = np.array(got["frames"])

@@ -25,14 +25,19 @@ def test_the_stream_stops_and_goes_on():
     device = fp.create("fulai_glove")
     assert not send(device, b"vofa ") and not send(device, b"off\r\n") and not sample(device)
     assert not send(device, b"vofa on\r\n") and len(sample(device)) == 1
-    assert not send(device, b"reboot\r\n") and device.counters["unknown_command"] == 1
+    assert send(device, b"reboot\r\n") == [b"ERR unknown command\r\n"] and device.counters["unknown_command"] == 1
+
+
+def test_old_firmware_does_not_know_who_it_is():
+    device = fp.create("fulai_glove", identity=False)
+    assert send(device, b"bridge info get\r\n") == [b"ERR unknown command\r\n"] and not device.counters["unknown_command"]
 
 
 def test_identity():
     (line,) = send(fp.create("fulai_glove", hand="right", hardware="3.2", firmware="2.1"), b"bridge info get\r\n")
     assert line == (
-        b"OK BRIDGE MODEL=FuLai_SensorGlove FW=2.1 HW=3.2 PROTOCOL=vofa-justfloat HAND=RIGHT HAND_DEFAULT=RIGHT "
-        b"HAND_SOURCE=strap\r\n"
+        b"OK BRIDGE MODEL=FuLai_SensorGlove FW=2.1 HW=3.2 PROTOCOL=1.5 HAND=RIGHT HAND_DEFAULT=RIGHT "
+        b"HAND_SOURCE=FLASH IAP=1\r\n"
     )
 
 
