@@ -30,7 +30,8 @@ def test_the_stream_stops_and_goes_on():
 
 def test_old_firmware_does_not_know_who_it_is():
     device = fp.create("fulai_glove", identity=False)
-    assert send(device, b"bridge info get\r\n") == [b"ERR unknown command\r\n"] and not device.counters["unknown_command"]
+    assert send(device, b"bridge info get\r\n") == [b"ERR unknown command\r\n"]
+    assert not device.counters["unknown_command"]
 
 
 def test_identity():
