@@ -28,7 +28,15 @@ import numpy as np
 
 from firmware_protocols import Column, Command, Counts, Device, Option, Outs, Reading, Rs485
 from firmware_protocols.adc import quantize
-from firmware_protocols.devices.linker_hand import COUNTS_PER_NEWTON, FINGER_SPACING, PITCH, pads
+from firmware_protocols.devices.linker_hand import (
+    COUNTS_PER_NEWTON,
+    FINGER_SPACING,
+    OLDER_IDENTITY,
+    OLDER_VERSIONS,
+    PITCH,
+    pads,
+)
+from firmware_protocols.facts import assumed, stated
 from firmware_protocols.protocols.modbus import Banks, Rtu, silence_ns
 from firmware_protocols.registers import RegisterMap, Registers
 
@@ -46,6 +54,8 @@ MAP = RegisterMap(
 )
 """By byte: two for each register."""
 BAUD = 115200
+SDK_FILE = "linkerhand-python-sdk@b371361 LinkerHand/core/rs485/linker_hand_l10_rs485.py"
+READ = "linkerhand-python-sdk@b371361 and linkerhand-ros2-sdk@bba0b9d core/rs485, doc"
 
 
 class LinkerHandL10Rs485(Device):
@@ -63,20 +73,31 @@ class LinkerHandL10Rs485(Device):
         "Modbus application protocol V1.1b3; Modbus over serial line V1.02",
     )
     judge = "pymodbus 3.11 and modbus_tk 1.1.5, which know no hand; own second reader"
-    assumed = (
-        f"{COUNTS_PER_NEWTON:.0f} counts/N of normal force per taxel (raw units, no scale published)",
-        f"pitch {PITCH * 1e3} mm, fingertips side by side every {FINGER_SPACING * 1e3:.0f} mm, row 0 at the tip",
-        "functions 03 and 04 show the same registers; those of no known meaning read 0",
-        "no finger is shown until one is selected; then at once, and always what is felt now",
-        "joints answer what was last set, and have no faults; the version is that on CAN (64), less its last number",
-        "writes elsewhere: exception 2; numbers above 255, fingers above 5: exception 3; 100 Hz conversion",
-    )
+    facts = (
+        stated("touch", "70 selects, 8 ms, 96 numbers from 72 on, 82..153 are 12 rows of 6", f"{SDK_FILE}:110-170"),
+        stated("touch", "low bytes", f"{SDK_FILE}:151"),
+        assumed("touch", f"{COUNTS_PER_NEWTON:.0f} counts/N of normal force per taxel (no scale is published)", READ),
+        assumed(
+            "touch", f"pitch {PITCH * 1e3} mm, fingertips side by side every {FINGER_SPACING * 1e3:.0f} mm, row 0 at "
+            "the tip", READ,
+        ),
+        assumed("touch", "the ten numbers before the matrix and those behind it are 0", READ),
+        assumed("touch", "no finger is shown until one is selected; then at once, and always what is felt now", READ),
+        stated("identity", "158: freedom, version, number, direction, software, hardware", f"{SDK_FILE}:69-79"),
+        assumed("identity", "they are those on CAN (64), less the last", READ),
+        stated("configuration", "units; input registers for reading, 16 for writing", f"{SDK_FILE}:15-66, 173-204"),
+        assumed("configuration", "functions 03 and 04 show the same registers", READ),
+        assumed("configuration", "joints answer what was last set, and have no faults; power-up as on CAN", READ),
+        assumed("configuration", "writes elsewhere: exception 2; above 255, fingers above 5: exception 3", READ),
+        stated("timing", "5 ms between calls, 8 ms after 70, 50 ms for an answer", f"{SDK_FILE}:8, 22, 139"),
+        assumed("timing", "100 Hz conversion; an answer begins after the silence of Modbus", READ),
+    )  # fmt: skip
 
     def __init__(self, *, side: Annotated[Literal["left", "right"], Option("which hand; sets the unit")] = "left"):
         self.unit = 0x28 if side == "left" else 0x27
-        self.layout = pads(12, 6, palm=False)
+        self.layout = pads((12, 6))
         self.registers = Registers(MAP)
-        self.registers["version"] = [10, 2, 1, ord(side[0].upper()), 0x12, 0x10]
+        self.registers["version"] = [10, *OLDER_IDENTITY, ord(side[0].upper()), *OLDER_VERSIONS[:2]]
         self.rtu = Rtu(counters=self.counters, gap_ns=silence_ns(BAUD))
         self.counts = np.zeros(len(self.layout), np.uint8)
 

@@ -23,24 +23,24 @@ def judge(name, *rest, **more):
         judge("l6", "L6", "left", "LHL6-03-001-L-B-1-A", every_run=True),
         judge("o6", "O6", "right", "LHO6-03-001-R-F-1-A"),
         judge("l10", "L20lite", "left", "LHL10-03-001-L-B-1-A"),
-        judge("l25", "L25", "right", "LHL25-03-001-R-B-1-A"),
-        judge("l20", "L25", "left", "LHL20-03-001-L-B-1-A"),
-        judge("g20", "L25", "left", "LHG20-03-001-L-B-1-A"),
+        judge("l25", "L25", "right", "LHL25-010-001-R-B-1-A"),
+        judge("l20", "L25", "left", "LHL20-010-001-L-B-1-A"),
+        judge("g20", "L25", "left", "LHG20-010-001-L-B-1-A"),
     ],
 )
 def test_identity_and_200_readings_of_every_finger(name, model, side, serial):
-    device = fp.create(f"linker_hand_{name}", side=side)
+    device = fp.create(f"linker_hand_{name}", side=side, **({"hardware": "V10"} if name == "l20" else {}))
     with Rig(device, kind="can", peak=0.5) as rig:
         got = run_driver("linkerbot", "linkerbot_read.py", model, side, rig.port, INTERFACE, 200, seconds=60)
     assert got["serial"] == serial
     assert (got["firmware"], got["mechanical"], got["pcb"]) == ("V1.2.3", "V2.0.1", "V1.0.4")
     readings = np.array(got["readings"])
-    assert readings.shape == (200, 5, *device.size) and readings.std() > 50
+    assert readings.shape == (200, 5, *device.touch.finger) and readings.std() > 50
     for finger, patch in enumerate(device.layout.patches[:5]):
         assert_consecutive(
             readings[:, finger],
             rig.truth,
-            decode=lambda counts, taxels=patch.taxels: counts[taxels].reshape(device.size),
+            decode=lambda counts, taxels=patch.taxels: counts[taxels].reshape(device.touch.finger),
         )
 
 
