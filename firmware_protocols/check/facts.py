@@ -170,10 +170,12 @@ def _register_change(
         other = replace(reg, type=kind)
         table.rows = tuple(other if each is reg else each for each in rows)
         table.by_name = by_name | {reg.name: other}
+        vars(table).pop("defaults", None)  # made of the rows, and kept
         try:
             yield lambda: True
         finally:
             table.rows, table.by_name = rows, by_name
+            vars(table).pop("defaults", None)
 
     return made
 
