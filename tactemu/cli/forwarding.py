@@ -42,11 +42,15 @@ class Forwarding:
             time.sleep(_LOOK_S)
 
     def run(self) -> None:
-        """Take signals until :meth:`stop`."""
-        while not self._end.is_set():
-            got = signal.sigtimedwait(_TAKEN, _LOOK_S)
-            if got is None:
-                continue
+        """Take signals until :meth:`stop`.
+
+        Not by ``sigtimedwait``: interrupted when its time is over, Python's gives a signal that never came, with what
+        was in memory for its number and its sender.
+        """
+        while True:
+            got = signal.sigwaitinfo(_TAKEN)
+            if self._end.is_set():
+                return
             from_kernel = got.si_code == _FROM_THE_KERNEL
             origin = " from the terminal" if from_kernel else f" from process {got.si_pid}"
             with self._lock:
@@ -57,9 +61,12 @@ class Forwarding:
                     for start in STARTING:
                         start.came(got.si_signo, origin)
 
-    def stop(self) -> None:
-        """Take no more."""
+    def stop(self, thread: threading.Thread) -> None:
+        """Take no more in the thread that runs this."""
         self._end.set()
+        assert thread.ident is not None
+        signal.pthread_kill(thread.ident, signal.SIGUSR2)  # wakes it
+        thread.join()
 
     def say_what_ended(self, status: int) -> None:
         """Tell a user of the signal that was passed on to a program and that it died of."""
@@ -81,6 +88,5 @@ def forwarded_signals() -> Iterator[Forwarding]:
     try:
         yield forwarding
     finally:
-        forwarding.stop()
-        thread.join()
+        forwarding.stop(thread)
         signal.pthread_sigmask(signal.SIG_SETMASK, before)

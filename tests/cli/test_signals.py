@@ -102,6 +102,28 @@ def test_what_was_made_for_nothing_goes_when_a_start_ends_in_native_code(tmp_pat
     assert not log.exists()
 
 
+INTERRUPTED = """
+import signal, threading, time
+from tactemu.cli.forwarding import forwarded_signals
+from tactemu.cli.signals import starting
+signal.signal(signal.SIGALRM, lambda *_: None)
+with starting() as start, forwarded_signals() as signals:
+    thread = next(each for each in threading.enumerate() if each.name == "signals")
+    end = time.monotonic() + 1
+    while time.monotonic() < end:
+        signal.pthread_kill(thread.ident, signal.SIGALRM)
+    print(start.number, thread.is_alive())
+"""
+
+
+def test_a_wait_for_signals_that_is_interrupted_makes_none_up():
+    """It ended one start of fifty on a busy machine, as if Ctrl-C had been pressed."""
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED], check=False, capture_output=True, text=True, env=environment()
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "0 True\n", "")
+
+
 @pytest.mark.nightly
 def test_two_hundred_starts_end_at_random_moments(cached, tmp_path):
     """Half of them `exec`; every tenth compiles its kernels anew. Prints a seed, and what was too slow."""
