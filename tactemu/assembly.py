@@ -61,6 +61,8 @@ class Wishes:
     """Noise, clock and so on as of real devices, where such were measured and the scene says nothing."""
     fresh_ports: bool = False
     """Where nobody names a port, one that nobody else has instead of the usual one."""
+    usual_network: bool = False
+    """But the usual one where it is on the network."""
     env: int = 0
     """Number of the environment, where others are simulated elsewhere: each has random numbers of its own."""
 
@@ -152,7 +154,9 @@ def assemble(
     given = given_by(source, loaded, devices, lambda scene: _built(scene, wishes, world, seed, like))
     loaded = without(loaded, given)
     events = (*loaded.tables.scenario, *wishes.scenario)
-    plugs = plugs_of(loaded.tables.skin, devices, wishes.port, fresh=wishes.fresh_ports)
+    plugs = plugs_of(
+        loaded.tables.skin, devices, wishes.port, fresh=wishes.fresh_ports, usual_network=wishes.usual_network
+    )
     truth = truth or Truth()
     wires = _wires(loaded.tables.skin, events, plugs, wishes, wire_seed, truth)
     laws = {name: (*wishes.adjustable, *laws_needed(events, name)) for name in devices}

@@ -23,7 +23,12 @@ class Plug:
 
 
 def plugs_of(
-    skins: Sequence[Skin], devices: Mapping[str, Device], wish: str | Mapping[str, str] | None, *, fresh: bool = False
+    skins: Sequence[Skin],
+    devices: Mapping[str, Device],
+    wish: str | Mapping[str, str] | None,
+    *,
+    fresh: bool = False,
+    usual_network: bool = False,
 ) -> list[Plug]:
     """Where every connector that is in use goes.
 
@@ -32,12 +37,14 @@ def plugs_of(
         devices: by the skin's name.
         wish: one port for the first connector that fits it, or ports by ``SKIN``, ``PORT`` or ``SKIN/PORT``.
         fresh: where nobody says, a port that nobody else has instead of the usual one.
+        usual_network: but the usual one where it is on the network.
 
     Raises:
         DeviceError: a device has no connector that goes with the port, or none of that name.
         SceneError: two devices would hold one port that cannot be shared.
         TransportError: an address that cannot be, or two devices on one bus that disagree about its speed.
     """
+    fresh_kinds = (fresh and not usual_network, fresh)
     wishes = {} if wish is None or isinstance(wish, str) else dict(wish)
     plugs = []
     for skin in skins:
@@ -50,14 +57,17 @@ def plugs_of(
             for key in (f"{skin.title}/{connector.name}", connector.name):
                 if key in wishes:
                     named[connector.name] = wishes.pop(key)
-        plugs += _plugs_of_one(skin.title, device, single, named, fresh)
+        plugs += _plugs_of_one(skin.title, device, single, named, fresh_kinds)
     if wishes:
         known = [skin.title for skin in skins] + [f"{s.title}/{c.name}" for s in skins for c in devices[s.title].ports]
         raise DeviceError(f"no such port: {', '.join(wishes)} (there are: {', '.join(known)})")
     return _shared([_own_memory(plug, plugs) for plug in plugs])
 
 
-def _plugs_of_one(skin: str, device: Device, single: str | None, named: dict[str, str], fresh: bool) -> list[Plug]:
+def _plugs_of_one(
+    skin: str, device: Device, single: str | None, named: dict[str, str], fresh: tuple[bool, bool]
+) -> list[Plug]:
+    """Where the connectors of one device go; ``fresh``: to new ports, if on the network, and if not."""
     connectors = {connector.name: connector for connector in device.ports}
     for name in named:
         if name not in connectors:
@@ -77,11 +87,11 @@ def _plugs_of_one(skin: str, device: Device, single: str | None, named: dict[str
     ]
 
 
-def _default_port(skin: str, device: Device, connector: Connector, fresh: bool) -> str:
+def _default_port(skin: str, device: Device, connector: Connector, fresh: tuple[bool, bool]) -> str:
     name = skin if len(device.ports) == 1 or not connector.name else f"{skin}-{connector.name}"
     name = skin if connector is device.ports[0] and not any(each.plugged for each in device.ports[1:]) else name
     carrier = carrier_of(connector)
-    return carrier.fresh_port(name) if fresh else carrier.usual_port(name)
+    return carrier.fresh_port(name) if fresh[not carrier.network] else carrier.usual_port(name)
 
 
 def _fitting(device: Device, address: str) -> Connector:

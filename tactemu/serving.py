@@ -152,6 +152,10 @@ class Served(Verbs):
 
     # -- life ------------------------------------------------------------------------------------------------------
 
+    def use_usual_network_ports(self) -> None:
+        """Have what is on the network where `tactemu run` has it, rather than on a fresh port. Call before start."""
+        self._wishes = replace(self._wishes, usual_network=True)
+
     def start(self) -> Served:
         """Compile, open the port, and run in a background thread. Does nothing when it already runs.
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from tactemu.cli.datasheet import options_of
 from tactemu.cli.forwarding import Forwarding
 from tactemu.cli.listening import listening
-from tactemu.cli.running import rate_of
+from tactemu.cli.running import ports_of, rate_of
 from tactemu.collector import no_full_collections
 from tactemu.errors import TactemuError, TransportError
 from tactemu.exec.enter import FAILED, NOT_EXECUTABLE, NOT_FOUND
@@ -31,6 +31,7 @@ def run_command(
     *,
     options: Sequence[str] = (),
     nodes: Sequence[str] = (),
+    ports: Sequence[str] = (),
     rates: Sequence[str] = (),
     seed: int | None = None,
     compute: str | None = None,
@@ -56,9 +57,10 @@ def run_command(
     if status := _unfit(command[0]):
         return status
     dev = serve(
-        target, rate_hz=rate_of(rates), faults=tuple(faults), seed=seed, compute=compute, truth=truth, keep=keep,
-        device_options=options_of(options), by_hand=False, measured=measured,
+        target, port=_network_ports(ports), rate_hz=rate_of(rates), faults=tuple(faults), seed=seed, compute=compute,
+        truth=truth, keep=keep, device_options=options_of(options), by_hand=False, measured=measured,
     )  # fmt: skip
+    dev.use_usual_network_ports()
     env = exec_environment(dev, nodes=nodes_of(nodes), way=way, expose=expose)
     with no_full_collections(), env, listening(dev.control, name, target):
         if not quiet:
@@ -132,6 +134,21 @@ def _announce(env: ExecEnvironment, program: str) -> None:
 
 def _say(text: str) -> None:
     print(f"tactemu: {text}", file=sys.stderr, flush=True)
+
+
+def _network_ports(words: Sequence[str]) -> str | dict[str, str] | None:
+    """The ports asked for with ``--port``, as for `tactemu run`.
+
+    Raises:
+        TransportError: one that is not on the network: it has a node.
+    """
+    ports = ports_of(words)
+    for port in ports.values() if isinstance(ports, dict) else filter(None, [ports]):
+        if port.partition(":")[0] not in ("tcp", "udp", "ws", "dds"):
+            raise TransportError(
+                f"--port {port}: here it is for tcp:, udp:, ws: and dds:; a serial port or a CAN bus has a node, --node"
+            )
+    return ports
 
 
 def nodes_of(words: Sequence[str]) -> str | dict[str, str]:

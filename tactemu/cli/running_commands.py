@@ -162,6 +162,14 @@ def execute(
             "repeatable.",
         ),
     ] = None,
+    port: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--port",
+            metavar="PORT",
+            help="Where a device on the network is: tcp:6000, ws:0, as for `tactemu run`; default: its usual port.",
+        ),
+    ] = None,
     rate: Rates = None,
     seed: Seed = None,
     device: Compute = None,
@@ -213,7 +221,8 @@ def execute(
 
         try:
             status = run_command(
-                target, context.obj or (), options=options or (), nodes=tuple(node or ()), rates=tuple(rate or ()),
+                target, context.obj or (), options=options or (), nodes=tuple(node or ()),
+                ports=tuple(port or ()), rates=tuple(rate or ()),
                 seed=seed, compute=device, faults=tuple(fault or ()), truth=truth, keep=truth_keep, quiet=quiet,
                 way=way, expose=tuple(expose or ()), name=name, signals=signals, measured=measured,
             )  # fmt: skip

@@ -17,6 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, replace
 from typing import Any
+from urllib.parse import urlsplit
 
 from firmware_protocols import USB, Can, Device, Serial
 from tactemu.errors import TransportError
@@ -77,6 +78,8 @@ class ExecEnvironment:
         self._sockets: dict[tuple[Any, ...], int] = {}
         """Number of the socket that each USB device is in."""
         self._ports: dict[str, UsbPort | BusPort] = {}
+        self._on_network: dict[str, Transport] = {}
+        """Ports that a program reaches by an address, by their titles."""
         self._buses: set[str] = set()
         """Names of the CAN interfaces."""
         if way not in ("", *WAYS):
@@ -111,7 +114,9 @@ class ExecEnvironment:
             plugs = [plug for dev in self.devices for plug in self._plugs_of(dev)]
             if self._wishes:
                 known = ", ".join(self._ports) or "none"
+                known += "".join(f"; {title} is at {port.address}" for title, port in self._on_network.items())
                 raise TransportError(f"no such port: {', '.join(self._wishes)} (there are: {known})")
+            self._check_network()
             for dev, wire, port in sorted(plugs, key=lambda plug: plug[2].number is None):  # the rest take what is left
                 before = wire.transport
                 dev.in_loop(lambda wire=wire, port=port: _change(wire, port))
@@ -141,10 +146,10 @@ class ExecEnvironment:
 
     @property
     def nodes(self) -> dict[str, str]:
-        """Path of each port in the view, by skin, or by ``SKIN/CONNECTOR``."""
-        return {
-            title: port.channel if isinstance(port, BusPort) else port.address for title, port in self._ports.items()
-        }
+        """Path of each port in the view, interface of each bus, and address of what is on the network; by skin, or by
+        ``SKIN/CONNECTOR``."""
+        ports = {**self._ports, **self._on_network}
+        return {title: port.channel if isinstance(port, BusPort) else port.address for title, port in ports.items()}
 
     @property
     def keeper(self) -> int:
@@ -186,6 +191,23 @@ class ExecEnvironment:
                     port = self._port(title, channel.device, connector) if serial else self._bus(title, wire)
                     self._ports[title] = port
                     yield dev, wire, port
+                elif wire.carrier.network:
+                    self._on_network[title] = wire.transport
+
+    def _check_network(self) -> None:
+        """Refuse what would be on a network that the driver does not see.
+
+        Raises:
+            TransportError: there is a CAN bus too, and no way to the port.
+        """
+        for title, port in self._on_network.items() if self._buses else ():
+            number = urlsplit(port.address).port if port.scheme in ("tcp", "ws") else None
+            if number is None or number not in self._expose:
+                fix = f"; --expose tcp:{number} leads to it" if number else "; use `tactemu run` for it"
+                raise TransportError(
+                    f"{title} is at {port.address} of this machine, and with the bus {min(self._buses)} the driver has "
+                    f"a network of its own{fix}"
+                )
 
     def _put_on_buses(self, emulator: Any) -> None:
         """The CAN buses of an emulator that is about to start: what they are called here, they are in the view."""

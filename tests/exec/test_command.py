@@ -14,10 +14,13 @@ from pathlib import Path
 
 import pytest
 
+import tactemu
 from tactemu.cli import executing
+from tactemu.errors import TransportError
 from tactemu.exec import reach
 from tactemu.exec.keeping import Keeper
-from tests.cli.command import environment, here, start, tactemu
+from tests.cli.command import environment, here, start
+from tests.cli.command import tactemu as tactemu_command
 
 RUN = ("exec", "-q", "flexitac", "--")
 
@@ -150,6 +153,44 @@ def test_the_drivers_terminal_is_ours_and_ctrl_c_comes_once():
     assert b"words" in rest and b"INT" not in rest and b"Traceback" not in rest
 
 
+ASK = """
+import socket, sys
+place = sys.argv[1]
+kind, host, port = place.partition(":")[0], *place.rpartition("/")[2].rsplit(":", 1)
+if kind == "udp":
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:
+        wire.settimeout(10)
+        wire.sendto(bytes.fromhex("1234000200000001"), (host, int(port)))
+        print(len(wire.recv(100)))
+else:
+    socket.create_connection((host, int(port)), 10).close()
+    print("there")
+"""
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(
+    ("words", "place", "answer"),
+    [
+        (("xela_server",), "ws://127.0.0.1:5000", "there"),
+        (("ati_net_ft",), "udp://127.0.0.1:49152", "36"),
+        (("inspire_rh56dftp", "--port", "tcp:6000"), "127.0.0.1:6000", "there"),
+    ],
+)
+def test_a_device_on_the_network_is_at_its_usual_port_and_it_is_said(words, place, answer):
+    done = tactemu_command("exec", *words, "--", sys.executable, "-c", ASK, place)
+    assert (done.returncode, done.stdout.strip()) == (0, answer), done.stderr
+    assert done.stderr.startswith("tactemu: ") and f" is {'socket://' * place[0].isdigit()}{place}\n" in done.stderr
+
+
+def test_a_device_on_the_network_beside_a_bus_is_refused():
+    bus, server = tactemu.serve("linker_hand_l6"), tactemu.serve("xela_server")
+    with pytest.raises(TransportError, match=r"xela_server is at ws://.* --expose tcp:\d+ leads to it"):
+        tactemu.exec_environment(bus, server, way="preload").start()
+    done = here("exec", "flexitac", "--port", "pty:/tmp/x", "--", "true")
+    assert done.returncode == 125 and "has a node, --node" in done.stderr
+
+
 AGAIN = """
 import fcntl, os, termios, time
 port = os.open("/dev/ttyUSB0", os.O_RDWR | os.O_NOCTTY)
@@ -252,7 +293,7 @@ def test_programs_out_of_reach_are_named(compiled, tmp_path):
     ):
         assert words in reach.out_of_reach(str(path))
     assert not reach.out_of_reach(compiled("hello")) and not reach.out_of_reach(sys.executable)
-    done = tactemu("exec", "flexitac", "--", static)
+    done = tactemu_command("exec", "flexitac", "--", static)
     assert done.stdout == "hello\n"
     assert "hello-static is statically linked: it finds the ports, reads and writes" in done.stderr
 

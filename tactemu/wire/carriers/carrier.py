@@ -31,6 +31,8 @@ class Carrier(ABC):
     """The word by which faults know it: ``serial``, ``can``, ``tcp``, ``udp``."""
     schemes: ClassVar[tuple[str, ...]]
     """Transports that can stand for it beside ``memory:``, the usual one first."""
+    network: ClassVar[bool] = False
+    """It is the machine's network, where a program reaches the device by an address rather than a node."""
     shared: ClassVar[bool] = False
     """Several devices may be on it."""
     one_line: ClassVar[bool] = False

@@ -14,6 +14,7 @@ class DdsCarrier(Carrier):
 
     kind = "dds"
     schemes = ("dds",)
+    network = True
     ordered = False
 
     def duration_ns(self, frame: Frame) -> int:

@@ -11,6 +11,7 @@ class TcpCarrier(Carrier):
 
     kind = "tcp"
     schemes = ("tcp",)
+    network = True
 
     def duration_ns(self, frame: Frame) -> int:
         """The network takes none that we model."""

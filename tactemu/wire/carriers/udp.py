@@ -11,6 +11,7 @@ class UdpCarrier(Carrier):
 
     kind = "udp"
     schemes = ("udp",)
+    network = True
     ordered = False
 
     def duration_ns(self, frame: Frame) -> int:

@@ -11,6 +11,7 @@ class WebSocketCarrier(Carrier):
 
     kind = "websocket"
     schemes = ("ws",)
+    network = True
 
     def duration_ns(self, frame: Frame) -> int:
         """The network takes none that we model."""
