@@ -36,6 +36,7 @@ from firmware_protocols import (
     Serial,
 )
 from firmware_protocols.device import Axis, Quantity
+from firmware_protocols.facts import assumed, stated
 from firmware_protocols.magnetic import LinearMagnet
 from firmware_protocols.tables import Frame
 
@@ -46,6 +47,7 @@ FRAME = Frame("""
     3     <f4 x taxels x 3   field      Bx, By, Bz [uT]
     last  xor8 from 2        check
 """)
+SOURCE = "Jnkdog-debug/eflesh-touch@8bbca5c"
 PLACES = ((1, -1), (-1, -1), (1, 1), (-1, 1), (0, 0))
 PITCH = 0.007
 REST_UT = (7800.0, 6200.0, 6000.0, -3700.0, 4400.0)
@@ -67,15 +69,35 @@ class EfleshBinary(Device):
     rollovers = (Rollover(name="sequence", bits=8, state="sequence"),)
     evidence = ("firmware", "driver")
     sources = (
-        "Jnkdog-debug/eflesh-touch@8bbca5c the .ino; docs/2026-08-20-hardware-layout.md",
-        "Jnkdog-debug/eflesh-touch@8bbca5c eflesh_calib/eflesh_calib/skin_stream.py",
+        f"{SOURCE} the .ino; docs/2026-08-20-hardware-layout.md",
+        f"{SOURCE} eflesh_calib/eflesh_calib/skin_stream.py; eflesh-upper/logger.py",
     )
-    judge = "own second reader"
-    assumed = (
-        "sensors at the corners of a square of 14 mm; axes of the link; Bx and By are 0 at rest",
-        "500 uT/N in the plane, 1000 uT/N along the normal: a push raises the field of a magnet, also of sensor 4's",
-        "silent for 2 s after power-up and after any change of the modem lines with DTR set (rubbish, on hardware)",
-        "with `zero_frames` every third conversion is whole",
+    judge = f"{SOURCE} skin_stream.py, logger.py"
+    facts = (
+        stated("identity", "a CP2102, 10C4:EA60; /dev/ttyUSB0", f"{SOURCE} eflash_binary.ino l.9-10; logger.py l.19"),
+        stated(
+            "touch", "places, polarity and Bz at rest of each sensor", f"{SOURCE} docs/2026-08-20-hardware-layout.md"
+        ),
+        stated(
+            "touch",
+            "steps and full scale of RES_16 and RES_19; what exceeds RES_16 wraps",
+            f"{SOURCE} the .ino l.81-88",
+        ),
+        stated("touch", "a sensor that does not answer reads 0.0 three times", f"{SOURCE} the .ino l.118-122"),
+        stated("timing", "184.6 Hz; rubbish after DTR, wait 2.5 s", f"{SOURCE} docs/2026-08-20-hardware-layout.md"),
+        stated(
+            "timing", "an oversampling that is too slow spoils two frames of three", f"{SOURCE} the .ino l.20-24, 90-92"
+        ),
+        assumed(
+            "touch", "a square of 14 mm; axes of the link; Bx, By 0 at rest", f"{SOURCE} docs/, README, live_probe.py"
+        ),
+        assumed(
+            "touch", "500 uT/N in the plane, 1000 along the normal, more field under a push", f"{SOURCE} docs/, README"
+        ),
+        assumed(
+            "timing", "silent for 2 s after power-up and each change of the lines with DTR set", f"{SOURCE} docs/, .ino"
+        ),
+        assumed("timing", "with `zero_frames` every third conversion is whole, from the first", f"{SOURCE} the .ino"),
     )
 
     def __init__(

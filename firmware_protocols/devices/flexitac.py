@@ -11,8 +11,9 @@ FlexiTac, 12 x 32 taxels as a rule. One frame per scan:
 No length, no checksum, no escape: a driver that first finds AA 55 inside an image that stands still never recovers.
 Taxels below AA (a push of less than 1.7 N here) cannot do that. Zeroing is the driver's: the median of 30 frames.
 
-3D-ViTac, its forerunner, 16 x 16 taxels: a scan is text, 16 lines of 16 decimal numbers with a space between, row by
-row, each line ended by CR LF, and an empty line after them. A reader takes any line below ten characters for the end.
+3D-ViTac, its forerunner, 16 x 16 taxels: a scan is text, 16 lines of 16 decimal numbers of 8 bits, a space behind each,
+row by row, each line ended by CR LF, and an empty line after them. A reader takes any line below ten characters for the
+end.
 
 Try it: ``tactemu run flexitac``, then ``FlexiTacSensor(port).read()``. The stock viewers want 16 x 32 taxels, as other
 boards are flashed: ``tactemu run flexitac rows=16``. The text: ``tactemu run vitac_3d``.
@@ -25,10 +26,13 @@ from typing import Annotated
 import numpy as np
 
 from firmware_protocols import Column, Counts, Device, Option, Outs, Reading, Serial, grid_layout
+from firmware_protocols.facts import assumed, measured, stated
 
 MARKER = b"\xaa\x55"
 ADC_MAX = 1023
 PITCH = 0.002
+HARDWARE = "FlexiTac/FlexiTac_Hardware_Repo@9cf98bf"
+VITAC = "binghao-huang/3D-ViTac_Tactile_Hardware@e151ea6"
 
 
 class FlexiTac(Device):
@@ -41,14 +45,20 @@ class FlexiTac(Device):
     sources = (
         "WT-MM/PyFlexiTac firmware/template.ino BAUD_RATE, loop()",
         "flexitac 0.3.1 sensor.py l.16-38, 82-112, 156-196",
-        "FlexiTac/FlexiTac_Hardware_Repo@9cf98bf 32_16_fast.ino (16 x 32)",
+        f"{HARDWARE} 32_16_fast.ino (16 x 32)",
     )
     judge = "flexitac 0.3.1"
-    assumed = (
-        "2 mm pitch; row 0 at the largest y, column 0 at the smallest x",
-        "a taxel conducts more the harder it is pushed: ADC = rest + (1023 - rest) F / (F + 1 N), rest 80",
-        "100 scans a second (the firmware scans as fast as it can; a host reads one every 9.7 ms, give or take 1.6 to "
-        "1.9: jsheng45/ViTac-Tactile-Sensing@0889c972)",
+    facts = (
+        stated(
+            "identity", "its port is a /dev/ttyUSB0 (an Arduino Nano is flashed)", "flexitac 0.3.1 sensor.py; flash.py"
+        ),
+        stated("touch", "8 bits of 10, row by row", "flexitac 0.3.1 firmware/template.ino; 32_16_fast.ino l.59-78"),
+        stated("touch", "10 to 40 counts untouched", "flexitac 0.3.1 sensor.py l.68"),
+        assumed("touch", "2 mm pitch; row 0 at the largest y, column 0 at the smallest x", f"{HARDWARE} whole"),
+        assumed(
+            "touch", "ADC = rest + (1023 - rest) F / (F + 1 N), rest 80", f"flexitac 0.3.1; {HARDWARE}, both whole"
+        ),
+        measured("timing", "a scan every 9.7 ms, give or take 1.6 to 1.9", "jsheng45/ViTac-Tactile-Sensing@0889c972"),
     )
     shift = 2
     """What the firmware drops of the ADC's bits."""
@@ -68,7 +78,7 @@ class FlexiTac(Device):
         self.columns = (Column(name="touch", low=low, high=high, rest=low, push=1),)
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:
-        """What the driver calls raw: 0..255 (as text 0..1023), shape ``(rows * cols,)``."""
+        """What the driver calls raw: 0..255, shape ``(rows * cols,)``."""
         push = np.maximum(self.layout.push(reading["force"]), 0.0)
         adc = self.baseline + (ADC_MAX - self.baseline) * push / (push + self.half_force)
         self.counts = adc.astype(np.int64) >> self.shift
@@ -85,12 +95,16 @@ class ViTac3d(FlexiTac):
     name = "vitac_3d"
     evidence = ("firmware", "driver")
     sources = (
-        "binghao-huang/3D-ViTac_Tactile_Hardware@e151ea6 arduino_code/MatrixArray.ino loop()",
-        "binghao-huang/3D-ViTac_Tactile_Hardware@e151ea6 python/multi_thread_contact.py",
+        f"{VITAC} arduino_code/MatrixArray.ino loop()",
+        f"{VITAC} python/multi_thread_contact.py",
     )
-    judge = "own second reader"
-    assumed = (*FlexiTac.assumed, "all ten bits of the ADC are sent; no space behind the last number of a line")
-    shift = 0
+    judge = f"{VITAC} python/multi_thread_contact.py"
+    facts = (
+        stated("identity", "its port is /dev/ttyUSB0", f"{VITAC} python/multi_thread_contact.py l.92"),
+        stated("touch", "8 bits of 10, a space behind each number", f"{VITAC} MatrixArray.ino l.83-99"),
+        *(fact for fact in FlexiTac.facts if fact.basis == "assumed"),
+        assumed("timing", "100 scans a second, as FlexiTac", f"{VITAC} MatrixArray.ino, readme (as fast as it can)"),
+    )
 
     def __init__(
         self,
@@ -104,4 +118,4 @@ class ViTac3d(FlexiTac):
     def stream(self, t_ns: int, name: str) -> Outs:
         """One scan, as it is printed."""
         rows = self.layout.on_wire(self.counts).reshape(16, 16).tolist()
-        return ["".join(" ".join(map(str, row)) + "\r\n" for row in [*rows, []]).encode("ascii")]
+        return ["".join("".join(f"{value} " for value in row) + "\r\n" for row in [*rows, []]).encode("ascii")]

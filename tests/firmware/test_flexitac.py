@@ -37,11 +37,12 @@ def test_hears_nothing():
     assert send(device, b"\xaa\x55hello") == [] and device.counters["ignored"] == 1
 
 
-def test_the_forerunner_prints_ten_bits_row_by_row():
+def test_the_forerunner_prints_eight_bits_row_by_row():
     picture = np.zeros((16, 16))
     picture[3, 7] = 1.0
     (text,) = sample(fp.create("vitac_3d"), {"matrix": picture})
     *rows, after, end = text.decode("ascii").split("\r\n")
     assert (len(rows), after, end) == (16, "", "")
-    image = np.array([[int(number) for number in row.split(" ")] for row in rows])
-    assert image[3, 7] == int(80 + 943 / 2) and set(np.delete(image, 3 * 16 + 7)) == {80}
+    assert all(row.endswith(" ") for row in rows), "the firmware prints a space behind each number"
+    image = np.array([[int(number) for number in row[:-1].split(" ")] for row in rows])
+    assert image[3, 7] == int(80 + 943 / 2) >> 2 and set(np.delete(image, 3 * 16 + 7)) == {20}

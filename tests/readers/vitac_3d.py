@@ -4,8 +4,7 @@ Source: binghao-huang/3D-ViTac_Tactile_Hardware@e151ea6 (arduino_code/MatrixArra
 python/multi_thread_contact.py).
 A reading is 16 numbers of each of 16 lines.
 
-Not settled by the description: how wide the numbers are and whether a space stands behind the last (both are read);
-the range of a number (10 bits here, as the sibling board's converter has).
+Numbers are bytes, and a space stands behind each, the last too.
 """
 
 from host import expect, open_serial, run
@@ -25,9 +24,11 @@ def read(port):
     while len(text(line)) >= 10:
         pass  # the driver takes what is shorter for the end of a scan
     while True:
-        scan = [[int(word) for word in text(line).split()] for _ in range(ROWS)]
+        lines = [text(line) for _ in range(ROWS)]
+        expect(all(each.endswith(" ") for each in lines), "no space behind the last number")
+        scan = [[int(word) for word in each.split()] for each in lines]
         expect(all(len(row) == COLUMNS for row in scan), f"lines of {[len(row) for row in scan]} numbers")
-        expect(all(0 <= value <= 1023 for row in scan for value in row), "a number that is none of 10 bits")
+        expect(all(0 <= value <= 255 for row in scan for value in row), "a number that is no byte")
         expect(text(line) == "", "no empty line behind 16 lines")
         yield [value for row in scan for value in row]
 
