@@ -74,7 +74,8 @@ class Can(Connector):
     bitrate: int = 1_000_000
     data_bitrate: int | None = None
     hears: tuple[tuple[int, int], ...] = ()
-    """``(id, mask)`` pairs that the device's controller takes; empty: everything that the host sends."""
+    """``(id, mask)`` pairs that the device's controller takes, of 29 bits where either needs them; empty: all that the
+    host sends."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -98,7 +98,7 @@ CASES = [
         "omnihand.py",
         arguments=("o10",),
         kind="can",
-        shown=lambda device, counts: omnihand_o10(counts),
+        shown=lambda device, counts: omnihand_o10(device.layout.on_wire(counts)),
         compared=lambda readings: list(zip(*map(omnihand_o10, readings))),
         guarded=False,
     ),

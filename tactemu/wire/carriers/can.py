@@ -64,7 +64,7 @@ class CanCarrier(Carrier):
         heard = [connector.hears for connector in connectors]
         if not heard or not all(heard):
             return []
-        return [CanFilter(ident, mask, ident > 0x7FF) for pairs in heard for ident, mask in pairs]
+        return [CanFilter(ident, mask, max(ident, mask) > 0x7FF) for pairs in heard for ident, mask in pairs]
 
     def carries(self, frame: Frame) -> bool:
         """CAN frames."""
