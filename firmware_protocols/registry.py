@@ -151,6 +151,8 @@ def _from_file(target: str) -> object:
 
 
 def _unknown(name: str) -> str:
-    near = get_close_matches(name, names(), n=1)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
-    return f"unknown device {name!r}{hint} (known: {', '.join(names())})"
+    if Path(name).is_dir():
+        return f"{name!r} is a folder; name a device, a scene file or path/to/device.py:Class"
+    if near := get_close_matches(name, names(), n=1):
+        return f"unknown device {name!r}; did you mean {near[0]!r}?"
+    return f"unknown device {name!r}; `tactemu devices` lists them"

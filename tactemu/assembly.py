@@ -34,6 +34,7 @@ from tactemu.sensing import Senses, Untouched
 from tactemu.sources import given_by, without
 from tactemu.truth import Truth
 from tactemu.wire.carriers.carrier import Pacing
+from tactemu.wire.faults import parse
 from tactemu.wire.wire import Wire
 
 if TYPE_CHECKING:
@@ -154,6 +155,7 @@ def assemble(
     given = given_by(source, loaded, devices, lambda scene: _built(scene, wishes, world, seed, like))
     loaded = without(loaded, given)
     events = (*loaded.tables.scenario, *wishes.scenario)
+    _check_faults(loaded)
     plugs = plugs_of(
         loaded.tables.skin, devices, wishes.port, fresh=wishes.fresh_ports, usual_network=wishes.usual_network
     )
@@ -225,6 +227,23 @@ def truth_of(loaded: LoadedScene, path: str | Path | None = None, keep: str | in
         return Truth(path, keep=loaded.tables.truth.keep if keep is None else keep, reads=reads)
     except OSError as error:
         raise TactemuError(f"{path}: cannot write the truth log: {error.strerror}") from None
+
+
+def _check_faults(loaded: LoadedScene) -> None:
+    """Parse the faults of a scene.
+
+    Raises:
+        SceneError: one is wrong; names file and entry.
+    """
+    texts = {
+        f"skin {skin.title!r}.faults[{k}]": text for skin in loaded.tables.skin for k, text in enumerate(skin.faults)
+    }
+    texts |= {f"scenario[{k}].fault": event.fault for k, event in enumerate(loaded.tables.scenario) if event.fault}
+    for where, text in texts.items():
+        try:
+            parse(text)
+        except SceneError as error:
+            raise SceneError(f"{loaded.source}: {where}: {error}") from None
 
 
 def _driven(loaded: LoadedScene, devices: dict[str, Device], local_ns: Callable[[str, int], int]) -> LoadedScene:

@@ -122,8 +122,9 @@ class Channel:
             self.ticks[stream] = Ticks(replace(self.sampling, name=name), burst=burst)
         for stream in self.wishes:
             if stream not in self.device.periods:
-                has = ", ".join(map(repr, self.device.periods))
-                raise DeviceError(f"{self.name}: rate_hz: which stream? {self.device.name} has {has}")
+                named = [name for name in self.device.periods if name]
+                has = f"has the streams {', '.join(named)}" if named else "has one stream; give the rate alone"
+                raise DeviceError(f"{self.name}: rate_hz: no stream {stream!r}: {self.device.name} {has}")
 
     def _ask(self) -> None:
         """What its streams sense, which does not change while it has power."""

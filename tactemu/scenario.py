@@ -78,7 +78,7 @@ def schedule(emulator: Emulator, events: Iterable[EventTable], *, now_s: float =
     """
     concerned = [(channel, event) for event in events for channel in emulator.channels if concerns(event, channel.name)]
     for channel, event in concerned:
-        _check(channel, event)
+        _check(channel, event, "" if now_s else f"scenario at {event.at:g} s: ")
     for channel, event in concerned:
         _plan(emulator, channel, event, round(now_s * 1e9))
 
@@ -95,20 +95,18 @@ def befall(emulator: Emulator, event: EventTable, now_s: float) -> None:
             wire.add_fault(timed_fault(event, now_s))
 
 
-def _check(channel: Channel, event: EventTable) -> None:
+def _check(channel: Channel, event: EventTable, where: str) -> None:
     """Raise where this device cannot have the event."""
     for name, taxels in (("dead", event.dead), ("taxels", event.taxels or ())):
         if taxels and not 0 <= min(taxels) <= max(taxels) < len(channel.device.layout):
             last = len(channel.device.layout) - 1
-            raise SceneError(
-                f"scenario at {event.at:g} s: {name}: expected taxels 0..{last} of {channel.name!r}, got {taxels}"
-            )
+            raise SceneError(f"{where}{name}: expected taxels 0..{last} of {channel.name!r}, got {taxels}")
     if event.dead:
         channel.imperfections.set_dead([], True, event.value)
     for option, value in event.set.items():
         channel.imperfections.set(option, value, (), event.taxels)  # in no environment: whether it fits is known now
     if event.hang and event.until is None:
-        raise SceneError(f"scenario at {event.at:g} s: hang: say until when with `until`")
+        raise SceneError(f"{where}hang: say until when with `until`")
 
 
 def _plan(emulator: Emulator, channel: Channel, event: EventTable, origin_ns: int) -> None:

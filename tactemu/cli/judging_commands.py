@@ -76,7 +76,9 @@ def judge(
         ),
     ] = None,
 ) -> None:
-    """Judge a driver: what does it do when bytes are lost, the sensor restarts, the port goes?
+    """Judge a driver: what it does when the wire goes wrong.
+
+    Bytes are lost, the sensor restarts, the port goes away, and more.
 
     \b
       tactemu judge paxini_px6ax -- python my_driver.py {port}
@@ -131,7 +133,9 @@ def sweep(
         str | None, typer.Option("--cluster", metavar="ADDRESS", help="A Dask scheduler, such as tcp://10.0.0.1:8786.")
     ] = None,
 ) -> None:
-    """Judge many drivers, at many devices and seeds, here or on a cluster.
+    """Judge many drivers, here or on a cluster.
+
+    Each at many devices and seeds.
 
     \b
       tactemu sweep plan.toml
@@ -179,7 +183,9 @@ def proxy(
     seed: Seed = None,
     seconds: Seconds = None,
 ) -> None:
-    """Sit between a real sensor and its driver: pass bytes, inject faults, write truth and a recording.
+    """Inject faults between a real sensor and its driver.
+
+    It passes bytes on, and writes truth and a recording.
 
     \b
       tactemu proxy /dev/ttyACM0 --device anyskin --port pty:/tmp/skin

@@ -58,7 +58,9 @@ def plot(
     skin: Annotated[str | None, typer.Option(metavar="NAME", help="Which skin; default: the first.")] = None,
     sense: Annotated[str | None, typer.Option(metavar="NAME", help="Which of its senses; default: the first.")] = None,
 ) -> None:
-    """Draw a truth log: curves, contact patch, hysteresis, time to the wire, spectrum.
+    """Draw a truth log.
+
+    Curves, contact patch, hysteresis, time to the wire, spectrum.
 
     \b
       tactemu run anyskin --clock virtual --port memory: --seconds 10 --truth truth.mcap

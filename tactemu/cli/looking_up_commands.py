@@ -41,7 +41,9 @@ def check(
     fuzz: Annotated[int, typer.Option(metavar="N", min=0, help="How many spoiled requests are tried.")] = 1000,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,
 ) -> None:
-    """Judge a device by its declarations, its worked examples, and by using it.
+    """Check a device file of your own.
+
+    By its declarations, its worked examples, and by using it.
 
     \b
       tactemu check anyskin
@@ -64,7 +66,9 @@ def check_host(
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,
 ) -> None:
-    """Say what this machine can do: ports, namespaces, CAN, GPU, how late the loop is; and what helps.
+    """Say what this machine can do, and what helps.
+
+    Ports, namespaces, CAN, GPU, how late the loop is.
 
     \b
       tactemu check-host
@@ -82,7 +86,9 @@ def check_host(
 
 @commands.command()
 def faults() -> None:
-    """List what can go wrong on a wire, with the words for `run --fault` and for scene files.
+    """List what can go wrong on a wire.
+
+    With the words for `run --fault` and for scene files.
 
     \b
       tactemu faults
@@ -96,7 +102,9 @@ def faults() -> None:
 
 @commands.command()
 def licences(json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False) -> None:
-    """List tactemu and what is installed because of it: package, version, licence, needed by.
+    """List the licences of tactemu and its dependencies.
+
+    Package, version, licence, and what needs it.
 
     \b
       tactemu licences

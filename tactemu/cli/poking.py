@@ -17,15 +17,15 @@ from tactemu.control.verbs import HAPPENS, VERBS, Argument, Verb
 from tactemu.errors import TactemuError
 
 HELP = """
-Do something to a running emulator: press, move, break, look.
+Press, move, break, or look at what runs.
 
 \b
   tactemu poke                                         who runs, and the verbs
   tactemu poke press --depth 1mm --for 2s
-  tactemu poke press index_tip --depth 1mm --taxel 7 --name hand
+  tactemu poke press index_tip --depth 1mm --taxel 7   of one of several skins
   tactemu poke fault 'drop 5% for 1s'
   tactemu poke unplug --for 500ms
-  tactemu poke set probe_gain=0.9 --taxels 3:7
+  tactemu poke set noise=0.01 --taxels 1:4             of `run --adjustable noise`
   tactemu poke pose ball 0 0 25mm
   tactemu poke sample --json
   tactemu poke step 10                                 of `run --clock lockstep`
@@ -60,8 +60,11 @@ def main(words: Sequence[str]) -> None:
     app(list(words), prog_name="tactemu poke")
 
 
-def _list(context: typer.Context, json: Annotated[bool, JSON] = False) -> None:
+def _list(
+    context: typer.Context, name: Annotated[str | None, NAME] = None, json: Annotated[bool, JSON] = False
+) -> None:
     """Who runs, and what may be done."""
+    context.obj = name, json
     if context.invoked_subcommand is not None:
         return
     there = running()
@@ -106,9 +109,11 @@ def _command(verb: Verb) -> Any:
     ]
     order = {name: k for k, name in enumerate(verb.words)}
     parameters.sort(key=lambda parameter: order.get(parameter.name, len(order)))
+    parameters.append(inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context))
 
-    def run(**given: Any) -> None:
-        _run(verb, **given)
+    def run(context: typer.Context, **given: Any) -> None:
+        name, json = context.obj  # given before the verb
+        _run(verb, **given | {"name": given["name"] or name, "json": given["json"] or json})
 
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
@@ -207,6 +212,7 @@ def _numbers(value: Any) -> str:
 
 
 def _watch(
+    context: typer.Context,
     rate: Annotated[float, typer.Option(metavar="HZ", help="States a second, at most.")] = 10.0,
     name: Annotated[str | None, NAME] = None,
 ) -> None:
@@ -215,6 +221,6 @@ def _watch(
     \b
       tactemu poke watch --rate 30
     """
-    with suppress(KeyboardInterrupt), connect(name) as emulator:
+    with suppress(KeyboardInterrupt), connect(name or context.obj[0]) as emulator:
         for state in emulator.watch(rate):
             print(json_module.dumps(state), flush=True)

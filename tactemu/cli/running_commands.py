@@ -121,7 +121,7 @@ def run(
     context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []},
 )
 def poke(context: typer.Context) -> None:
-    """Do something to a running emulator: press, move, break, look."""
+    """Press, move, break, or look at what runs."""
     from tactemu.cli.poking import main
 
     main(context.args)
@@ -133,7 +133,9 @@ def see(
     port: WebPort = None,
     host: WebHost = None,
 ) -> None:
-    """Show what runs on a live page: bodies, taxels, curves, the wire; drag, press, unplug.
+    """Show what runs on a live page.
+
+    Bodies, taxels, curves, the wire; drag, press, unplug.
 
     \b
       tactemu run hand.toml               # in one terminal; or a test, `tactemu exec`, `tactemu replay`
@@ -198,7 +200,9 @@ def execute(
     name: RunName = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Do not say which port is whose.")] = False,
 ) -> None:
-    """Run a driver that finds the device as hardware: /dev/ttyUSB0, its USB ids, modem lines, unplugging; can0.
+    """Run a driver that finds the device as hardware.
+
+    As /dev/ttyUSB0 with its USB ids, modem lines and unplugging, or as can0.
 
     \b
       tactemu exec robotiq_tsf85 -- python quick_start.py

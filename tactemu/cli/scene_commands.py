@@ -20,7 +20,9 @@ def explain(
     code: Annotated[bool, typer.Option(help="Run the Python files that it names; --no-code refuses them.")] = True,
     schema: Annotated[bool, typer.Option("--schema", help="Print the JSON schema of scene files.")] = False,
 ) -> None:
-    """Say what a scene models, and why: frames, taxels, and the plan with each stage's cost.
+    """Say what a scene models, and why.
+
+    Frames, taxels, and the plan with each stage's cost.
 
     \b
       tactemu explain anyskin
@@ -40,7 +42,9 @@ def explain(
 
 @commands.command()
 def new(file: Annotated[Path, typer.Argument(help="The scene file to write, such as hand.toml.")]) -> None:
-    """Write a scene file to start from: a fingertip and a ball, with comments on every key.
+    """Write a scene file to start from.
+
+    A fingertip and a ball, with comments on every key.
 
     \b
       tactemu new hand.toml
@@ -55,7 +59,7 @@ def new(file: Annotated[Path, typer.Argument(help="The scene file to write, such
 def examples(
     folder: Annotated[Path | None, typer.Argument(help="Copy them into this folder; it is made.")] = None,
 ) -> None:
-    """List the examples that come with tactemu, or copy them into a folder.
+    """List the examples, or copy them into a folder.
 
     \b
       tactemu examples
@@ -81,7 +85,9 @@ def tune(
     device: Compute = None,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,
 ) -> None:
-    """Choose the most accurate sensor model and dials that keep a rate on this machine.
+    """Choose the most accurate setting that keeps a rate.
+
+    It tries sensor models and their dials on this machine.
 
     \b
       tactemu tune hand.toml --rate 500
@@ -129,7 +135,9 @@ def dataset(
     ] = None,
     compression: Annotated[str, typer.Option(metavar="HOW", help="Of the shards: lz4, zstd or none.")] = "lz4",
 ) -> None:
-    """Make a dataset of many environments: what each skin feels, ideal and measured, as Parquet.
+    """Make a dataset of many environments, as Parquet.
+
+    It has what each skin feels, ideal and measured.
 
     \b
       tactemu dataset hand.toml --steps 2000 --out presses
@@ -176,7 +184,9 @@ def fit_recordings(
     ] = None,
     report: Annotated[Path | None, typer.Option(metavar="FILE", help="Report (HTML); default: beside --out.")] = None,
 ) -> None:
-    """Find a sensor's parameters in recordings of it, and write a scene file of it.
+    """Find a sensor's parameters in recordings of it.
+
+    It writes a scene file with them.
 
     \b
       tactemu fit rest.csv --device anyskin --columns t=t_s,field=b0x:b4z --unit field=uT --out my_skin.toml

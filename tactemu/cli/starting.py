@@ -7,6 +7,7 @@ from pathlib import Path
 
 import tactemu
 from tactemu.errors import TactemuError
+from tactemu.files import writing
 
 START = Path(tactemu.__file__).parent / "scene" / "start.toml"
 EXAMPLES = (Path(tactemu.__file__).parent / "examples", Path(tactemu.__file__).parents[1] / "examples")
@@ -63,9 +64,9 @@ def _about(path: Path) -> str:
 
 def _write(path: Path, text: str) -> None:
     try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
-    except FileExistsError:
-        raise TactemuError(f"{path} is there already; name another file") from None
+        if path.exists():
+            raise TactemuError(f"{path} is there already; name another file")
+        with writing(path) as file:
+            file.write(text.encode())
     except OSError as error:
         raise TactemuError(f"{path}: cannot write it: {error.strerror}") from None

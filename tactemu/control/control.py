@@ -234,14 +234,17 @@ class Control:
         befall(self.emulator, Event(**event), self._now_s)
         self.emulator.act()
 
-    def _fault(self, fault: str, skin: str | None = None) -> None:
+    def _fault(self, fault: str, skin: str | None = None) -> Outcome:
         self._happen(fault=fault, skin=skin)
+        return Outcome(settled=True)
 
-    def _unplug(self, seconds: float | None = None, skin: str | None = None) -> None:
+    def _unplug(self, seconds: float | None = None, skin: str | None = None) -> Outcome:
         self._happen(fault="unplug", until=seconds, skin=skin)
+        return Outcome(settled=True)  # the port has gone
 
-    def _mend(self, fault: str | None = None, skin: str | None = None) -> None:
+    def _mend(self, fault: str | None = None, skin: str | None = None) -> Outcome:
         mend(self._wires(skin), fault)
+        return Outcome(settled=True)  # the port is there again
 
     def _set(self, options: Mapping[str, Any], **when: Any) -> None:
         self._happen(set=dict(options), until=when.pop("seconds", None), **when)

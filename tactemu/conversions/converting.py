@@ -80,7 +80,9 @@ def convert(
         with tempfile.TemporaryDirectory(dir=target.parent, prefix=".tactemu-") as folder:
             count = _written(maker(Path(folder) / target.name), chosen)
             if not count:
-                raise TactemuError(f"{path}: nothing of {skin or 'any skin'!r}{f' and {sense!r}' if sense else ''}")
+                raise TactemuError(
+                    f"{path}: nothing{f' of {skin!r}' if skin else ' in it'}{f' and {sense!r}' if sense else ''}"
+                )
             made = sorted(Path(folder).iterdir())
             for each in made:
                 move_into_place(each, target.parent / each.name)

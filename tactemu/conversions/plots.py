@@ -107,7 +107,7 @@ def series_of(path: Path, skin: str | None = None, sense: str | None = None) -> 
             if record.sample in found.taken:
                 found.to_wire_ms.append((record.t_ns - found.taken.pop(record.sample)) / 1e6)
     if found is None:
-        raise TactemuError(f"{path}: no samples of {skin or 'any skin'!r}{f' and {sense!r}' if sense else ''}")
+        raise TactemuError(f"{path}: no samples{f' of {skin!r}' if skin else ''}{f' and {sense!r}' if sense else ''}")
     return found
 
 

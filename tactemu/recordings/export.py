@@ -52,7 +52,7 @@ def _samples(path: Path, target: Path, skin: str | None, sense: str | None) -> i
     found = (entry for entry in entries(path) if isinstance(entry, Sample) and skin in (None, entry.device))
     first = next((sample for sample in found if sense in (None, sample.sense)), None)
     if first is None:
-        raise TactemuError(f"{path}: no samples of {skin or 'any skin'!r}{f' and {sense!r}' if sense else ''}")
+        raise TactemuError(f"{path}: no samples{f' of {skin!r}' if skin else ''}{f' and {sense!r}' if sense else ''}")
     count = 0
     with target.open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file)
@@ -97,7 +97,9 @@ def _can_frames(path: Path, target: Path, skin: str | None) -> int:
                 if isinstance(entry.frame, CanFrame):
                     recorder.add(Entry(entry.t_ns, entry.frame, entry.kind))
         if not recorder.count:
-            raise TactemuError(f"{path}: no CAN frames of {skin or 'any skin'!r}")
+            raise TactemuError(
+                f"{path}: no CAN frames{f' of {skin!r}' if skin else ''}; .csv and .jsonl take every wire"
+            )
     return recorder.count
 
 

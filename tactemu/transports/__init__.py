@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import importlib
 
-from tactemu.errors import TransportError, TransportUnavailable
+from tactemu.errors import TransportError, TransportUnavailable, nearest
 from tactemu.transports.transport import Transport
 
 TRANSPORTS: dict[str, str] = {
@@ -41,8 +41,11 @@ def create(port: str) -> Transport:
     """
     scheme, _, rest = port.partition(":")
     if scheme not in TRANSPORTS:
+        if scheme.startswith(("/", ".", "~")):
+            raise TransportError(f"port {port!r}: a path needs its scheme; did you mean 'pty:{port}'?")
         raise TransportError(
-            f"port {port!r}: unknown scheme {scheme!r}; expected one of {', '.join(sorted(TRANSPORTS))}"
+            f"port {port!r}: unknown scheme {scheme!r}{nearest(scheme, TRANSPORTS)}; expected one of "
+            f"{', '.join(sorted(TRANSPORTS))}"
         )
     module, _, attribute = OF_INTERFACES.get(port[: port.find(":", len(scheme) + 1)], TRANSPORTS[scheme]).partition(":")
     try:

@@ -29,7 +29,7 @@ def records(path: str | Path) -> Iterator[Header | Entry | End]:
     except OSError as error:
         raise TactemuError(f"{path}: cannot read the truth log: {error.strerror}") from None
     except ValueError as error:
-        raise TactemuError(f"{path}: not a truth log: {error}") from None
+        raise TactemuError(f"{path}: {error if 'damaged' in str(error) else f'not a truth log: {error}'}") from None
 
 
 def entries(path: str | Path) -> Iterator[Entry]:

@@ -53,7 +53,7 @@ def test_a_narrow_terminal_gets_narrow_help():
         timeout=30,
         check=True,
     )
-    assert "  check       Judge a device by its declarations," in done.stdout
+    assert "  fit         Find a sensor's parameters in recordings" in done.stdout
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -52,7 +52,7 @@ _MASK_GAP = """
     Doubles total = {};
     all([&](int64_t at) {
         const Vector g = get(win.gap.data + at), p = get(win.pressure.data + at);
-        const Vector m = (p > 0) | (g < 0) ? g : Vector{};
+        const Vector m = ((p > 0) | (g < 0)) ? g : Vector{};
         put(win.masked.data + at, m);
         total += doubles(m) * doubles(m);
     });

@@ -171,6 +171,10 @@ class Fault:
         if wire_kind not in KINDS[self.kind].wires:
             can = ", ".join(name for name, kind in KINDS.items() if wire_kind in kind.wires)
             raise SceneError(f"fault {str(self)!r}: no such thing on a {wire_kind} wire; expected one of: {can}")
+        if self.arbitration_id is not None and wire_kind != "can":
+            raise SceneError(
+                f"fault {str(self)!r}: 'id=': a {wire_kind} wire has no identifiers; name frames by prefix=HEX"
+            )
 
 
 def parse(text: str) -> Fault:

@@ -1,0 +1,65 @@
+"""A mistake is one sentence: the nearest right word, and the next step."""
+
+import pytest
+
+import tactemu as tt
+from tests.cli.command import ROOT, here
+
+PAD = '[[body]]\nname = "pad"\nshape = "box"\nsize = [0.1, 0.1, 0.01]\n[[skin]]\ndevice = "anyskin"\nlink = "pad"\n'
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("run anyskn", "unknown device 'anyskn'; did you mean 'anyskin'?"),
+        ("run qqqqqq", "unknown device 'qqqqqq'; `tactemu devices` lists them; a scene file ends in .toml"),
+        ("run tests", "'tests' is a folder; name a device, a scene file or path/to/device.py:Class"),
+        ("run anyskin --port /tmp/x", "port '/tmp/x': a path needs its scheme; did you mean 'pty:/tmp/x'?"),
+        ("run anyskin --port ptty:/tmp/x", "port 'ptty:/tmp/x': unknown scheme 'ptty'; did you mean 'pty'?"),
+        ("run anyskin --rate touch=100", "no stream 'touch': anyskin has one stream; give the rate alone"),
+        ("run anyskin --fault 'flip 5% id=0x28'", "'id=': a serial wire has no identifiers; name frames by prefix=HEX"),
+    ],
+)
+def test_a_mistake_in_a_command(words, sentence):
+    import shlex
+
+    done = here(*shlex.split(words), cwd=ROOT)
+    assert done.returncode == 2 and sentence in done.stderr and len(done.stderr) < 400, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("table", "where"),
+    [
+        ('faults = ["drop 1%", "drop 101%"]', "skin 'anyskin'.faults[1]: fault 'drop 101%': "),
+        (
+            '[[scenario]]\nat = 1.0\nreset = true\n[[scenario]]\nat = 1.0\nfault = "unplg for 1s"',
+            "scenario[1].fault: fault 'unplg for 1s': ",
+        ),
+    ],
+)
+def test_a_fault_of_a_scene_that_is_wrong_is_named_with_its_place(table, where, tmp_path):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(PAD + table)
+    done = here("run", str(scene), "--port", "memory:", "--seconds", "0.1")
+    assert done.returncode == 2 and f"{scene}: {where}" in done.stderr, done.stderr
+
+
+def test_no_summary_of_a_command_is_cut():
+    lines = here("--help").stdout.splitlines()
+    assert [line for line in lines[1:] if line.endswith("...")] == []
+
+
+def test_the_link_is_gone_when_unplug_returns(tmp_path):
+    port = tmp_path / "port"
+    with tt.serve("anyskin", f"pty:{port}") as dev:
+        for _ in range(20):
+            dev.unplug()
+            assert not port.exists()
+            dev.mend()
+            assert port.exists()
+
+
+def test_a_mistake_in_a_live_command_does_not_speak_of_a_scenario():
+    with tt.serve("anyskin", "memory:", adjustable=["noise"]) as dev:
+        with pytest.raises(tt.TactemuError, match=r"^taxels: expected taxels 0\.\.4 of 'anyskin', got"):
+            dev.set({"noise": 0.1}, taxels=[3, 7])
