@@ -53,7 +53,7 @@ def test_a_narrow_terminal_gets_narrow_help():
         timeout=30,
         check=True,
     )
-    assert "  fit         Find a sensor's parameters in recordings" in done.stdout
+    assert "  check       Check a device file of your own." in done.stdout
 
 
 @pytest.mark.parametrize("command", COMMANDS)
