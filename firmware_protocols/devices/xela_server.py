@@ -7,18 +7,21 @@ messages, each a JSON object: first a greeting, then one for each sample of all 
 
     {"message": 1476, "type": "routine", "time": 1695690788.83, "sensors": 2,
      "1": {"sensor": "1", "model": "uSPa44", "taxels": 16, "time": 1695690788.83,
-           "data": "B8BF,37B0,881E,...", "calibrated": [0.7007, 4.3194, -4.4254, ...]},
+           "data": "B8BF,37B0,881E,...", "calibrated": [0.7007, 4.3194, 4.4254, ...]},
      "2": {...}}
 
     key          about
     message      counts the samples
-    time         clock of the server [s]
+    time         clock of the server [s], Unix time; it starts where the option ``epoch`` says
     sensors      how many there are; each has a key, its position from 1: a reader takes every whole number for one
     data         X,Y,Z of each taxel, row by row, raw counts as four hexadecimal digits
-    calibrated   the same in N, if the server is told to calibrate (option ``calibrated``)
+    calibrated   the same in N, if the server is told to calibrate (option ``calibrated``); a push is positive
 
 Raw counts are those that the CAN bus carries (``xela_uskin``). Readers differ in what they look at: XELA's ROS 2 node
-takes ``data`` and any model, ``example.py`` of xela_setup only ``calibrated``, and only of one uSPa46.
+takes ``data`` and any model, ``example.py`` of xela_setup only ``calibrated``, and only of uSPa46.
+
+XELA's node that is given no address, or 127.0.0.1, connects to the machine's address in its network: give it
+``-i localhost``, or the emulator ``--port ws:0.0.0.0:5000``.
 
 Try it: ``tactemu run xela_server``, then ``websocket.create_connection("ws://127.0.0.1:5000").recv()``.
 """
@@ -33,6 +36,7 @@ import numpy as np
 from firmware_protocols import Column, Counts, Device, Option, Outs, Reading, Rollover, WebSocket, grid_layout
 from firmware_protocols.adc import quantize
 from firmware_protocols.devices.xela_uskin import COUNT_UT, GAIN_UT_PER_N, PITCH, REST_FIELD_UT
+from firmware_protocols.facts import assumed, stated
 from firmware_protocols.layouts import place, stack
 from firmware_protocols.magnetic import LinearMagnet
 
@@ -55,16 +59,31 @@ class XelaServer(Device):
     evidence = ("driver",)
     sources = (
         "mcsix/xela_server_ros2@3a890cf scripts/xela_service and its readme (keys, hexadecimal counts, an example)",
-        "mcsix/xela_server_ros@a115511; penn-figueroa-lab/xela_setup@abd787d example.py (4 rows of 6, calibrated)",
+        "mcsix/xela_server_ros@a115511; penn-figueroa-lab/xela_setup@34d1dc1 example.py (4 rows of 6, calibrated)",
     )
-    judge = "websocket-client 1.9.2, which knows messages; nobody who knows XELA's"
-    assumed = (
-        "raw counts as of xela_uskin, 4.7 mm apart; sensors side by side, 10 mm between them; the order, but of uSPa46",
-        "calibrated: N in the taxel's own frame, z out of the skin, four decimals",
-        "100 Hz; messages are counted from 1, also while nobody listens; the server's clock starts at 0",
-        "the greeting has no other key; curved and older models of other shapes are left out, as are extradots and "
-        "temperatures",
+    judge = (
+        "mcsix/xela_server_ros2@3a890cf scripts/xela_service, penn-figueroa-lab/xela_setup@34d1dc1 example.py "
+        "(recordings); websocket-client 1.9.2, which knows messages"
     )
+    facts = (
+        stated("touch", "X,Y,Z of each taxel, from the top left, line by line; whole numbers 0..65535",
+               "mcsix/xela_server_ros2@3a890cf readme.md (Components), msg/Taxel.msg"),
+        stated("touch", "forces X and Y have a sign that says the direction; Z, a normal pressure, has none: a push is "
+               "positive (one figure of an example is negative)", "xela_server_ros2 readme.md; xela_setup README.md"),
+        assumed("touch", "raw counts and gains as of xela_uskin, taxels 4.7 mm apart, sensors 10 mm; N in the taxel's "
+                "own frame, four decimals", "xela_server_ros2, xela_server_ros, xela_setup, all files"),
+        stated("identity", "model, position and number of taxels of each sensor; nothing else is said of it",
+               "xela_server_ros2@3a890cf scripts/xela_service:456-486"),
+        assumed("identity", "rows and columns of the models but uSPa44 and uSPa46; curved and other models, extradots "
+                "and temperatures are left out", "xela_server_ros2, xela_server_ros, xela_setup, all files"),
+        stated("configuration", "forces only of sensors that have them, and if enabled in xServ.ini",
+               "xela_server_ros2@3a890cf readme.md (xServStream)"),
+        assumed("configuration", "the greeting has no other key; what a client sends changes nothing",
+                "scripts/xela_service:520-545, which looks at its key message alone, and sends nothing"),
+        stated("timing", "the time is Unix time, of the server", "xela_server_ros2@3a890cf readme.md (1695690788.83)"),
+        assumed("timing", "100 messages a second, counted from 1, also while nobody listens",
+                "xela_server_ros2, xela_server_ros, xela_setup, all files (messages 1476 and 5548 are shown)"),
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -75,9 +94,10 @@ class XelaServer(Device):
             tuple[float, float, float],
             Option("of the force along x, y and z of a taxel, z out of the skin", unit="uT/N"),
         ] = GAIN_UT_PER_N,
+        epoch: Annotated[float, Option("Unix time at power-up", unit="s", low=0.0)] = 1_700_000_000.0,
     ):
         self.models = (models,) if isinstance(models, str) else models or ("uSPa46",)
-        self.calibrated = calibrated
+        self.calibrated, self.epoch = calibrated, epoch
         pads, x = [], 0.0
         for k, (rows, cols) in enumerate((SIZES[model] for model in self.models), 1):
             pads.append(place(grid_layout(rows, cols, PITCH, name=str(k)), (x + cols * PITCH / 2, 0.0, 0.0)))
@@ -94,14 +114,15 @@ class XelaServer(Device):
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:
         """Raw counts X, Y, Z of each taxel, 0..65535, shape ``(n, 3)``."""
-        self.newtons = self.layout.to_taxel_frame(reading["force"])
-        self.counts = quantize(self.magnet(self.newtons) / COUNT_UT)
+        force = self.layout.to_taxel_frame(reading["force"])
+        self.newtons = force * [1, 1, -1] + 0.0  # no -0.0, as text
+        self.counts = quantize(self.magnet(force) / COUNT_UT)
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Outs:
         """A message."""
         self.message += 1
-        time = round(t_ns * 1e-9, 6)
+        time = round(self.epoch + t_ns * 1e-9, 6)
         counts, newtons = self.layout.on_wire(self.counts), self.layout.on_wire(self.newtons)
         said = {"message": self.message, "type": "routine", "time": time, "sensors": len(self.models)}
         for position, (model, patch) in enumerate(zip(self.models, self.layout.patches), 1):

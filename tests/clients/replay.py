@@ -6,13 +6,14 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from firmware_protocols import Connector, WebSocket
 from tactemu.assembly import Assembled, Wishes, assemble
 from tactemu.clock import VirtualClock
 from tactemu.emulator import Emulator
 from tactemu.frame_text import text
 from tactemu.scene import file
 from tactemu.transports.memory import MemoryTransport
-from tactemu.transports.transport import Closed, Event, Opened, SettingChanged
+from tactemu.transports.transport import Closed, Event, LinesChanged, Opened, SettingChanged
 from tactemu.truth import Truth
 from tests.clients.recording import Recording, equals, mapped
 
@@ -76,8 +77,9 @@ def replay(recorded: Recording) -> tuple[Recording, Assembled]:
     for name, wire in wires.items():
         assert isinstance(wire.transport._transport, MemoryTransport)
         wire.transport.driver.is_open = about["ports"][name]
+    handshakes = {name for name, connector in _connectors(emulator).items() if isinstance(connector, WebSocket)}
     for t_ns, name, event in recorded.events:
-        emulator.at(t_ns, partial(_do, wires[name].transport.driver, event))
+        emulator.at(t_ns, partial(_do, wires[name].transport.driver, event, name in handshakes))
     with emulator:
         for wire in wires.values():
             wire.transport.driver.sent.clear()  # its own greeting: the recording has the driver's
@@ -87,10 +89,20 @@ def replay(recorded: Recording) -> tuple[Recording, Assembled]:
     return again, made
 
 
-def _do(driver: Any, event: Event) -> None:
+def _connectors(emulator: Emulator) -> dict[str, Connector]:
+    return {
+        f"{channel.name}/{port}" if port else channel.name: channel.device.connector(port)
+        for channel in emulator.channels
+        for port in channel.wires
+    }
+
+
+def _do(driver: Any, event: Event, has_handshake: bool) -> None:
     match event:
         case Opened() | Closed():
-            driver.is_open = isinstance(event, Opened)
+            driver.is_open = isinstance(event, Opened) and not has_handshake
+        case LinesChanged(dtr, _) if has_handshake:
+            driver.is_open = dtr
         case SettingChanged(setting):
             driver.setting = setting
     driver.sent.append(event)

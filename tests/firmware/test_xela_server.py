@@ -25,16 +25,16 @@ def test_messages_are_counted_also_while_nobody_listens():
     device = fp.create("xela_server", models=("uSPa11", "uSPa21"))
     assert [said(device, t_ns=k)["message"] for k in range(3)] == [1, 2, 3]
     message = said(device, t_ns=1_500_000_000)
-    assert (message["type"], message["time"], message["sensors"]) == ("routine", 1.5, 2)
+    assert (message["type"], message["time"], message["sensors"]) == ("routine", 1_700_000_001.5, 2)
     assert [key for key in message if key.isdigit()] == ["1", "2"] and "calibrated" not in message["1"]
 
 
 def test_counts_are_four_digits_and_saturate():
     device = fp.create("xela_server", models=("uSPa11", "uSPa22"), calibrated=True)
     message = said(device, [100.0, 0.0, 0.0, 0.0, 1.5])
-    assert message["1"]["data"] == "5DC0,5DC0,FFFF" and message["1"]["calibrated"] == [0, 0, -100]
+    assert message["1"]["data"] == "5DC0,5DC0,FFFF" and message["1"]["calibrated"] == [0, 0, 100]
     assert message["2"]["taxels"] == 4 and message["2"]["data"].split(",")[-1] == f"{21000 + 7500:04X}"
-    assert message["2"]["calibrated"][-3:] == [0, 0, -1.5]
+    assert message["2"]["calibrated"][-3:] == [0, 0, 1.5]
 
 
 @pytest.mark.parametrize(("model", "taxels"), [("uSPa44", 16), ("uSPa46", 24), ("XR1944", 16), ("uSPa21", 2)])
