@@ -16,7 +16,8 @@ whole numbers, nothing between the commas of a sensor that is not there; one tha
     dumpsensors, dumponboard, resume  #OK
 
 A command ends with CR or LF, as the ROS node sends it, or with a silence: the vendor's tool sends no end, and waits
-0.3 s.
+0.3 s. SEC of the tool (``setepoch,1781003060.4375293,0``) and MSEC of the node (``setperiod,50.0``, without an end)
+have a fraction, which is cut off.
 
 Try it: ``tactemu run seed_fts3``, then read lines.
 """
@@ -30,6 +31,7 @@ import numpy as np
 
 from firmware_protocols import USB, Column, Command, Counts, Device, Option, Outs, Reading, Serial, points
 from firmware_protocols.adc import quantize
+from firmware_protocols.facts import assumed, stated
 from firmware_protocols.framing import Lines
 
 SLOTS = 5
@@ -39,7 +41,9 @@ SILENCE_NS = 100_000_000
 SPAN = 0x7FFF
 
 OK = b"#OK\r\n"
-EPOCH, PERIOD = re.compile(rb"setepoch,(\d{1,10}),(\d{1,3})"), re.compile(rb"setperiod,(\d{1,5})")
+FRACTION = rb"(?:\.\d*)?"
+EPOCH = re.compile(rb"setepoch,(\d{1,10})" + FRACTION + rb",(\d{1,3})" + FRACTION)
+PERIOD = re.compile(rb"setperiod,(\d{1,5})" + FRACTION)
 DUMPS = (b"dumpsensors", b"dumponboard", b"resume")
 
 Fitted = Literal["xyz", "z", "none"]
@@ -55,16 +59,36 @@ class SeedFts3(Device):
     rate_hz = 1000 / SHORTEST_PERIOD_MS
     evidence = ("vendor document", "driver")
     sources = (
+        "kb.seedrobotics.com FTS3 pressure sensor (unit, range, rate; the vendor's manual)",
         "seedrobotics/SensorTools@a4b7613 README, SensorTool.py",
-        "seedrobotics/ros2_sensor_pkg@a920d6c script/read_publish_sensor_node.py l.48-52, 147-215",
+        "seedrobotics/ros2_sensor_pkg@a920d6c script/read_publish_sensor_node.py; seedrobotics/ros_fts README",
     )
-    judge = "own second reader"
-    assumed = (
-        "one number is 1 mN, -32767..32767; z counts a push as positive, x and y act on the skin",
-        "fingertips 20 mm apart; 20 ms between lines after power-up, and if less is asked for; time with it, from 0",
-        "100 ms of silence end a command; an unknown one gets no answer; behind #OK stands a version or nothing",
-        "what dumpsensors and dumponboard write is not described, so that they do nothing, and resume neither",
+    judge = (
+        "seedrobotics/SensorTools@a4b7613 SensorTool.py, seedrobotics/ros2_sensor_pkg@a920d6c (recordings); own second "
+        "reader"
     )
+    facts = (
+        stated("touch", "whole numbers in mN, up to 3 kg; counts by a command that is not spoken here",
+               "kb.seedrobotics.com fts3_pressuresensor; ros_fts README.md:63"),
+        assumed("touch", "-32767..32767; z counts a push as positive, x and y act on the skin; fingertips 20 mm apart",
+                "kb.seedrobotics.com, SensorTools, ros2_sensor_pkg, ros_fts, all files"),
+        assumed("identity", "the version, and that nothing else stands behind #OK",
+                "read_publish_sensor_node.py:213, SensorTool.py, which look at #OK alone"),
+        stated("configuration", "five sensors in each line; empty: a missing sensor, x and y of one with z alone",
+               "SensorTools README.md (Data Format), read_publish_sensor_node.py:150-180"),
+        stated("configuration", "enabletime, disabletime, calibrate, setepoch, setperiod", "SensorTools README.md"),
+        stated("configuration", "seconds of setepoch and milliseconds of setperiod may have a fraction",
+               "SensorTool.py:98, read_publish_sensor_node.py:138-140"),
+        stated("configuration", "0403:6010, the second port", "SensorTool.py:26-50"),
+        assumed("configuration", "100 ms of silence end a command; no answer to an unknown one; fractions are cut off",
+                "SensorTool.py (waits 0.3 s), read_publish_sensor_node.py; README's example 1781003060, 0"),
+        assumed("configuration", "dumpsensors and dumponboard write nothing, so that resume has nothing to do",
+                "read_publish_sensor_node.py:117-126, which logs what comes; README.md, kb.seedrobotics.com"),
+        stated("timing", "lines from power-up, 50 a second, at 1 Mbaud", "kb.seedrobotics.com fts3_pressuresensor"),
+        stated("timing", "at most 50 lines a second", "read_publish_sensor_node.py:141-146, ros_fts README.md:86"),
+        assumed("timing", "after power-up with the time, from 0; less than 20 ms is 20 ms",
+                "SensorTool.py and read_publish_sensor_node.py, which set or take both"),
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -100,10 +124,19 @@ class SeedFts3(Device):
             *(Command(name=each.decode(), request=each.hex(), reply="23 4F 4B 0D 0A", origin=tool) for each in lines),
             *(Command(name=each.decode(), request=each.hex(), reply=version, origin=tool) for each in versions),
             Command(
+                name="setepoch with a fraction",
+                request=b"setepoch,1781003060.4375293,0".hex(),
+                reply="23 4F 4B 0D 0A",
+                origin=tool,
+            ),
+            Command(
                 name="setperiod,20, with CR LF",
                 request="73 65 74 70 65 72 69 6F 64 2C 32 30 0D 0A",
                 reply="23 4F 4B 0D 0A",
                 origin=node,
+            ),
+            Command(
+                name="setperiod with a fraction", request=b"setperiod,50.0".hex(), reply="23 4F 4B 0D 0A", origin=node
             ),
         )
 

@@ -1,7 +1,8 @@
 """SUN fingertip: 5 x 5 taxels, a frame for each letter.
 
-Wire: 500 000 8N1, or 1 000 000 (option). The host sends ``a`` and gets ``FRAME``; a count is 3.3 V / 4096. Nothing
-marks where a frame begins, and there is no sum. The driver wants a port of low latency.
+Wire: 1 000 000 8N1, the wired fingers; what the driver opens by itself is 500 000 (option ``baud``). The host sends
+``a`` and gets ``FRAME``; a count is 3.3 V / 4096. Nothing marks where a frame begins, and there is no sum. The driver
+sets its port to low latency, for 500 frames a second.
 
 Try it: ``tactemu run sun_fingertip``, then send ``a``.
 """
@@ -12,6 +13,7 @@ from typing import Annotated, Literal
 
 from firmware_protocols import Column, Command, Counts, Device, Option, Outs, Reading, Serial, grid_layout
 from firmware_protocols.adc import quantize
+from firmware_protocols.facts import assumed, stated
 from firmware_protocols.tables import Frame
 
 FRAME = Frame("""
@@ -19,6 +21,7 @@ FRAME = Frame("""
     0     <u2 x taxels    counts    0 to 4095
 """)
 REQUEST = b"a"
+DRIVER = "sun_tactile_driver"
 ROWS = COLS = 5
 PITCH = 0.0035
 
@@ -29,19 +32,29 @@ class SunFingertip(Device):
     name = "sun_fingertip"
     kind = "fingertip"
     title = "SUN fingertip, 5x5"
+    rate_hz = 500.0
     evidence = ("driver",)
     sources = ("marcocostanzo/tactile_sensor_ros@149032e",)
-    judge = "own second reader"
-    assumed = (
-        "row by row from the upper left, pitch 3.5 mm",
-        "600 counts above 0 untouched, 400 counts/N along each taxel's normal",
-        "100 conversions per second; a frame is what was converted last; other letters are not answered",
-    )
+    judge = "marcocostanzo/tactile_sensor_ros@149032e read_tactile_serial_node (recording); own second reader"
+    facts = (
+        stated("touch", "25 values of 12 bits, low byte first, x * 3.3 / 4096 V; rows, columns: parameters",
+               f"{DRIVER} src/read_tactile_serial_node.cpp:115-121"),
+        assumed("touch", "row by row from the upper left, pitch 3.5 mm; high bits 0, which the driver masks",
+                "marcocostanzo/tactile_sensor_ros@149032e, all files (the network of read_wrench_node has no file)"),
+        assumed("touch", "600 counts untouched, 400 counts/N more along each taxel's normal",
+                "remove_bias_node.cpp, read_wrench_node.cpp, gen_net_files.m: less a bias, a network does the rest"),
+        stated("configuration", "1 000 000 baud for wired fingers; 500 000 if no parameter says otherwise",
+               f"README.md (Run), {DRIVER} launch/tactile_serial.launch:5, read_tactile_serial_node.cpp:61"),
+        assumed("configuration", "letters but a are not answered; no version, no serial number",
+                "read_tactile_serial_node.cpp, which sends a alone"),
+        stated("timing", "500 frames a second is full speed", "README.md (Setup)"),
+        assumed("timing", "500 conversions a second; a frame is what was converted last", "README.md, all of src"),
+    )  # fmt: skip
 
     def __init__(
         self,
         *,
-        baud: Annotated[Literal[500_000, 1_000_000], Option("of its firmware")] = 500_000,
+        baud: Annotated[Literal[500_000, 1_000_000], Option("of its firmware")] = 1_000_000,
         baseline: Annotated[int, Option("counts untouched", low=0, high=4095)] = 600,
         counts_per_newton: Annotated[float, Option("of a taxel", unit="1/N", low=1e-6)] = 400.0,
     ):

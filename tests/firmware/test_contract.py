@@ -70,7 +70,7 @@ VARIANTS = [
     ("rohand", {"touch": "finger", "unit": 3}),
     ("seed_fts3", {"sensors": ("none", "z", "none", "xyz", "xyz")}),
     ("singletact", {"board": "arduino"}),
-    ("sun_fingertip", {"baud": 1_000_000}),
+    ("sun_fingertip", {"baud": 500_000}),
     ("synria_60", {"unit": 5}),
     ("unitree_dex3", {"side": "right", "cells": (0, 1, 5), "odd_cells": (11,)}),
     ("weiss_dsacon32m", {"mute_s": 8.0}),

@@ -49,6 +49,12 @@ def test_time_goes_on_from_the_epoch():
     assert sample(device, t_ns=5_502_000_000)[0].startswith(b"@,1700000001,1,")
 
 
+def test_fractions_of_the_vendors_programs_are_cut_off():
+    device = fp.create("seed_fts3")
+    assert told(device, b"setepoch,1781003060.4375293,0") == told(device, b"setperiod,33.333333333333336") == [OK]
+    assert device.period_ns == 33_000_000 and sample(device, t_ns=0)[0].startswith(b"@,1781003059,900,")
+
+
 def test_what_is_felt_is_zero_after_calibrate():
     device = fp.create("seed_fts3")
     sample(device, 2.0)

@@ -9,8 +9,8 @@ from tests.firmware.feeding import sample, send
 
 
 def test_a_frame_for_each_letter():
-    device = fp.create("sun_fingertip", baud=1_000_000)
-    assert device.ports[0].baud == 1_000_000
+    device = fp.create("sun_fingertip", baud=500_000)
+    assert device.ports[0].baud == 500_000
     pushes = np.linspace(0, 20, 25)
     assert sample(device, pushes) == []
     frames = send(device, b"ab\naa")
