@@ -1,18 +1,20 @@
 r"""OptoForce (OnRobot) OMD force sensors: domes of 3 axes, one or four of them, or 6 axes, behind the DAQ.
 
-Wire: USB-CDC ("OptoForce DAQ"), opened at 1 000 000 8N1. All numbers big-endian; every packet ends in the 16-bit sum
-of the bytes before it. Host to device ``CONFIGURE``, answered by ``CONFIGURED``, and AB 00 12 08 and its sum, answered
-by ``SERIAL_NUMBER``; ``DATA`` unasked, its length 0A with 3 axes, 1C with 4 x 3, 10 with 6.
+Wire: USB-CDC, 04D8:000A "OptoForce DAQ", opened at 1 000 000 8N1. All numbers big-endian; every packet ends in the
+16-bit sum of the bytes before it. Host to device ``CONFIGURE``, answered by ``CONFIGURED``, and AB 00 12 08 and its
+sum, answered by ``SERIAL_NUMBER``; ``DATA`` unasked, its length 0A with 3 axes, 1C with 4 x 3, 10 with 6.
 
     speed   0 stops, 1, 3, 10, 33, 100: period [ms]
     cutoff  0 none, 1..6: low-pass at 500, 150, 50, 15, 5, 1.5 Hz
     zero    FF: what is felt now is zero, 00: no zero
 
-Status: bits 9..4 overload of Fx Fy Fz Tx Ty Tz, bit 3 more than one sensor, bits 2..0 the sensor.
+Status: bits 9..4 overload of Fx Fy Fz Tx Ty Tz, bit 3 more than one sensor, bits 2..0 the sensor. The manual of the
+same vendor's Ethernet converter (``onrobot_hex``) has the axes the other way round, Fx in bit 4; the driver's author
+had the DAQ's manual, and no sensor to try it.
 
 The driver checks the sum but leaves it to its user (``valid_checksum``), and skips the answer to a configuration.
 
-Try it: ``tactemu run optoforce``, then ``OptoForce16(port, speed_hz=100).connect()``.
+Try it: ``tactemu exec optoforce -- python``, then ``OptoForce16(speed_hz=100).connect()``, which finds it by its text.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from typing import Annotated, Literal
 import numpy as np
 
 from firmware_protocols import (
+    USB,
     Column,
     Command,
     Counts,
@@ -36,6 +39,7 @@ from firmware_protocols import (
     Serial,
 )
 from firmware_protocols.adc import LowPass, quantize
+from firmware_protocols.facts import assumed, measured, stated
 from firmware_protocols.framing import NO_PACKET, SOUND, Broken, Packets
 from firmware_protocols.layouts import points
 from firmware_protocols.sums import sum16
@@ -100,20 +104,35 @@ class OptoForce(Device):
 
     name = "optoforce"
     kind = "force-torque sensor"
-    ports = (Serial(baud=1_000_000, usb=True),)
+    ports = (Serial(baud=1_000_000, usb=USB(0x04D8, 0x000A, product="OptoForce DAQ")),)
     evidence = ("captured", "driver")
     sources = (
         "alknemeyer/optoforce@88cfbf5 (optoforce 0.3.0) __init__.py, reading.py, status.py",
         "shadow-robot/optoforce@fe3c086 (an independent driver that agrees), issue 31 (326 captured bytes, 6 axes)",
     )
-    judge = "optoforce 0.3.0"
-    assumed = (
-        "one taxel per dome, at its top, 10 mm above the base; four domes 20 mm apart; Fz counts a push as positive",
-        "6 axes: the force acts 50 mm above the flange; 1000 counts/Nm, capacity 30 Nm",
-        "overload beyond the built-in sheet's 300, 300, 2000 N",
-        "streams at power-up at 100 Hz through the 15 Hz filter, which is a first-order low-pass",
-        "the answer's code for a wrong sum is 1, for a wrong value 2; counter of packets (not the captured one)",
-    )
+    judge = "optoforce 0.3.0, shadow-robot/optoforce@fe3c086 (recordings)"
+    facts = (
+        stated("touch", "counts of each axis over a number of the sensor's sensitivity report are N",
+               "optoforce 0.3.0 reading.py:4-6, shadow-robot/optoforce README.md (Quickstart), config/*.yaml"),
+        assumed("touch", "a taxel per dome, at its top, 10 mm above the base; four domes 20 mm apart; Fz counts a push "
+                "as positive; with 6 axes the force acts 50 mm above the flange", "both drivers, all files; issue 31"),
+        assumed("touch", "6 axes: 1000 counts/Nm, capacity 30 Nm; overload beyond 300, 300, 2000 N",
+                "optoforce 0.3.0 __init__.py:211 (it has no sheet for torques), shadow-robot config/*.yaml"),
+        stated("identity", "04D8:000A, OptoForce DAQ; serial numbers as ISE174",
+               "shadow-robot/optoforce optoforce.rules, README.md; optoforce 0.3.0 __init__.py:55"),
+        stated("identity", "the answer to AB 00 12 08 00 C5: eight characters, blanks are cut off",
+               "shadow-robot/optoforce src/optoforce/optoforce.py:83, 191-201, 316-321"),
+        stated("configuration", "speeds, cutoffs and zero of CONFIGURE; its answer has seven bytes",
+               "optoforce 0.3.0 __init__.py:33-52, shadow-robot optoforce.py:53-75"),
+        stated("configuration", "bits of the status word", "optoforce 0.3.0 status.py (untested, as it says)"),
+        stated("configuration", "the maker's Ethernet box powers up at 100 Hz with the 15 Hz filter, both drivers' "
+               "defaults", "Optoforce_ethernet_converter_manual.pdf 8.5, 8.6; both drivers"),
+        assumed("configuration", "the DAQ does, too; the filter is a first-order low-pass; AA 00 50 01 answers, 0 "
+                "accepted, 1 wrong sum, 2 wrong value", "both drivers, which skip the answer"),
+        measured("timing", "the counter of a captured 6-axis sensor counts samples of 1 kHz",
+                 "shadow-robot/optoforce issue 31, 326 bytes"),
+        assumed("timing", "by default it counts packets (option ``counter``)", "both drivers, which do not look at it"),
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -122,7 +141,7 @@ class OptoForce(Device):
         counts_per_newton: Annotated[
             tuple[float, float, float], Option("of Fx, Fy, Fz, as on the calibration sheet", unit="1/N", low=1e-6)
         ] = FORCE_COUNTS,
-        serial_number: Annotated[str, Option("eight characters")] = "ISE00001",
+        serial_number: Annotated[str, Option("up to eight characters")] = "ISE001",
         counter: Annotated[
             Literal["packets", "samples"], Option("what the counter counts; samples of 1 kHz in a captured sensor")
         ] = "packets",
