@@ -31,6 +31,7 @@ import numpy as np
 
 from firmware_protocols import Column, Command, Counts, Device, Option, Outs, Reading, Rollover, Serial, grid_layout
 from firmware_protocols.device import Axis
+from firmware_protocols.facts import assumed, stated
 from firmware_protocols.framing import Lines
 from firmware_protocols.layouts import stack
 from firmware_protocols.tables import Frame
@@ -72,15 +73,15 @@ TOTAL = Frame("""
 PILLAR_SLIP = Frame("""
     slip of a pillar
     0     01 00             kind
-    2     00                slip          i1
-    3     00 x 4            friction      <f4
+    2     00                slip          i1; -2 no contact at the start, -1 lost, 1 contact, 2 loaded, 3 slipped
+    3     00 00 80 BF       friction      <f4; -1: no estimate
 """)
 SENSOR_SLIP = Frame("""
     slip of a sensor
     0     01 00             kind
     2     00                state         u1
-    3     00 x 4            friction      <f4
-    7     00 x 4            grip          <f4 [N]
+    3     00 00 80 BF       friction      <f4; -1: no estimate
+    7     00 00 80 BF       grip          <f4 [N]; -1: no estimate of friction
 """)
 ROWS, PILLARS, PITCH = 3, 9, 0.007
 BETWEEN_SENSORS = 0.04
@@ -88,6 +89,7 @@ BETWEEN_SENSORS = 0.04
 BLOCKS = (1, 3, 4, 5, 6)
 FORCES, DEFLECTIONS = np.array([4.0, 4.0, 15.0]), np.array([1.0, 1.0, 2.5])
 """Ranges of a pillar along x, y, z [N], [mm]."""
+LIBRARY = "m-rosette/contactile_gripper_ros2@146709d"
 RATES_HZ = {b"f100": 100, b"f250": 250, b"f500": 500, b"f1000": 1000}
 ZERO, SLIP = b"z", (b"S", b"s")
 AXES: tuple[Axis, ...] = ("x", "y", "z")
@@ -111,25 +113,40 @@ class ContactilePapillArray(Device):
     sources = (
         "langxin11/contactile_pts_lab@2797753 docs/manuals (PTSCOM_2.0_SPEC_SEP22, PTS_2.1_SPEC_JAN25)",
         "langxin11/contactile_pts_lab@5bb5ea0 python_ws/pts_protocol.py",
-        "m-rosette/contactile_gripper_ros2@146709d, the vendor's library (sense of offsets, entry of kind 0, commands)",
+        "m-rosette/contactile_gripper_ros2@146709d papillarray_ros2_v2: the vendor's library and its headers (sense of "
+        "offsets, entry of kind 0, commands, slip), launch/papillarray.launch.py",
     )
-    judge = "own second reader"
-    assumed = (
-        "pillars row by row from the sensor's upper left; axes of a sensor's own frame, a push positive in Fz and Dz",
-        "the total is the sum over the pillars; torque r x F, with r from the middle of the sensor, F as it is sent",
-        "pillars are springs: deflection follows force, as the ranges do (4 N 1 mm in the plane, 15 N 2.5 mm along z)",
-        "saturation at the range, in both directions; zero is at once (the vendor: up to 2 s), of deflections too",
-        "slip is not modelled: states, friction and grip force are 0, detection on or off; kind 7 has no description",
-        "the entry of kind 0 has no offset (unless asked for): the library takes either",
-        "sensors 40 mm apart, each on a link of its own; the rate is 1000 Hz after each power-up",
-    )
+    judge = "libPTSDK.a of m-rosette/contactile_gripper_ros2@146709d (recording); own second reader"
+    facts = (
+        stated("touch", "N, mm and N mm, all along X, Y, Z of the sensor", f"{LIBRARY} lib/PTSDKSensor.h:78-150"),
+        stated("touch", "3 x 3 pillars, 7 mm apart; ranges 4 N and 15 N, 1 mm and 2.5 mm", "PTS_2.1_SPEC_JAN25"),
+        assumed("touch", "pillars row by row from the sensor's upper left; a push is positive in Fz and Dz, as contact "
+                "is Fz over 0.5 N", f"PTSCOM_2.0_SPEC_SEP22, PTS_2.1_SPEC_JAN25; {LIBRARY} lib/PTSDKConstants.h:23"),
+        assumed("touch", "the total is the sum over the pillars; torque r x F, with r from the middle of the sensor, F "
+                "as sent", f"PTSCOM_2.0_SPEC_SEP22; {LIBRARY} lib, all headers"),
+        assumed("touch", "pillars are springs: deflection follows force, as the ranges do; both saturate there",
+                "PTS_2.1_SPEC_JAN25"),
+        stated("touch", "-1: no estimate of friction, and so no grip force", f"{LIBRARY} lib/PTSDKConstants.h:31"),
+        assumed("touch", "slip is not modelled: states stay 0, detection on or off; kind 7 is not sent",
+                "PTSCOM_2.0_SPEC_SEP22, which does not describe it"),
+        stated("identity", "no version, no serial number: the library asks for none", f"{LIBRARY} lib/PTSDKListener.h"),
+        stated("configuration", "at most 4 sensors", f"{LIBRARY} lib/PTSDKConstants.h:17"),
+        stated("configuration", "any baud rate; the launch file has 9600 on /dev/ttyACM0",
+               f"{LIBRARY} launch/papillarray.launch.py"),
+        assumed("configuration", "the entry of kind 0 has no offset (unless asked for): the library takes either",
+                "PTSCOM_2.0_SPEC_SEP22; the library, run"),
+        assumed("configuration", "zero is at once (the vendor: about 2 s), of deflections too",
+                f"{LIBRARY} lib/PTSDKListener.h (sendBiasRequest)"),
+        stated("timing", "100, 250, 500 or 1000 packets a second, 1000 by default",
+               f"{LIBRARY} lib/PTSDKListener.h (setSamplingRate)"),
+        assumed("timing", "the rate is 1000 after each power-up; the time is of power-up",
+                f"PTSCOM_2.0_SPEC_SEP22; {LIBRARY} lib, all headers"),
+    )  # fmt: skip
 
     def __init__(
         self,
         *,
-        sensors: Annotated[
-            int, Option("on the controller; the library's buffer ends at 2048 bytes", low=1, high=5)
-        ] = 2,
+        sensors: Annotated[int, Option("on the controller; the library takes no more", low=1, high=4)] = 2,
         end_offset: Annotated[bool, Option("the entry of kind 0 has an offset as the others have")] = False,
     ):
         self.title = f"Contactile PapillArray v2 controller, {sensors} sensors of 3x3 pillars"
