@@ -5,12 +5,12 @@ vendor's library sends them, or with a silence; each is answered r,0,X,0, where 
 
     command                  about
     C                        configure: ends the stream; the others are taken only then
-    c,0,1,0,4                communication
-    f,SINC,0,0,1             filter: 51200 / SINC frames per second, SINC 64 to 2048
+    c,TEMP,CAL,FORMAT,BAUD   temperature compensated, calibrated, 0 binary or 1 CSV, 4: 460800; 0,1,0,4 as sent
+    f,SINC,CHOP,FAST,FIR     filter: 51200 / SINC frames per second, SINC 64 to 2048; SINC,0,0,1 as sent
     b,FX,FY,FZ,TX,TY,TZ      offset [N, Nm]
-    p?                       first a line p,0,SERIAL,0,0,MODEL
+    p?                       first a line p,0,SERIAL,0,0,MODEL, SERIAL of three digits: the library shows SN000123
     s                        sent after these by the library
-    R                        run: ``FRAME`` s
+    R                        run: ``FRAME`` s; answered while it runs, too: the library sends it again after a tare
 
 Status bits as the library names them: 1 throttled, 2 overrange, 4 invalid, 8 raw.
 
@@ -39,6 +39,7 @@ from firmware_protocols import (
     points,
 )
 from firmware_protocols.device import Axis
+from firmware_protocols.facts import assumed, stated
 from firmware_protocols.framing import Lines
 from firmware_protocols.tables import Frame
 
@@ -73,18 +74,34 @@ class BotaSensone(Device):
     boot_s = 0.1
     evidence = ("driver",)
     sources = (
-        "tud-phi/bota_ft_sensors@4b98f94 senseone.py, after the vendor's example",
+        "tud-phi/bota_ft_sensors@4b98f94 python/senseone.py, python/bota_serial_example.py (the vendor's)",
         "bota-driver 1.1.16 (the vendor's library), as it speaks: LF, filter, offset, p?, status bits, restart",
     )
-    judge = "bota-driver 1.1.16; own second reader"
-    assumed = (
-        "the tool is touched 50 mm above the sensor's origin; z points out of the tool side, forces act on the tool",
-        "saturation and overrange where the options say; other status bits stay 0; the offset is added",
-        "512 after power-up, that is 100 frames a second; answers end with CR LF; 20 ms of silence end a command",
-        "no answer to commands that are unknown, beyond their limits, or not taken; s and c change nothing",
-        "in the answer to p? the library takes serial number and model from where they are; the zeros are not known",
-        "offset and filter are forgotten by a restart, which takes 0.1 s",
-    )
+    judge = "bota-driver 1.1.16, tud-phi/bota_ft_sensors@4b98f94 senseone.py (recordings); own second reader"
+    facts = (
+        stated("touch", "forces, torques and temperature as floats, N, Nm and degrees",
+               "tud-phi/bota_ft_sensors@4b98f94 python/senseone.py:170-180; bota-driver 1.1.16, as it shows them"),
+        assumed("touch", "the tool is touched 50 mm above the sensor's origin; z points out of the tool side, forces "
+                "act on the tool", "bota_ft_sensors, all files; bota-driver's help texts"),
+        assumed("touch", "saturation and overrange where the options say; other status bits stay 0",
+                "bota_ft_sensors, all files; bota-driver, which names the bits"),
+        stated("identity", "p? gives what the library shows behind SN000, and the model; no firmware version",
+               "bota-driver 1.1.16, run: SN000123, BFT-SENS-SER-M8, version x.x.x"),
+        assumed("identity", "the zeros in the answer to p?", "bota-driver 1.1.16, which takes both by place"),
+        stated("configuration", "the fields of c and f; C, c, f and R are answered r,0,X,0",
+               "python/senseone.py:10-20, 105-145"),
+        assumed("configuration", "b adds an offset, s and c change nothing: no CSV, no other baud rate",
+                "bota-driver 1.1.16, run; bota_ft_sensors send 0,1,0,4 alone"),
+        assumed("configuration", "R is answered while it runs: the library waits 2 s for that, and warns without it",
+                "bota-driver 1.1.16, tare() and activate(), run"),
+        assumed("configuration", "no answer to commands that are unknown, beyond their limits, or not taken; 20 ms of "
+                "silence end a command; answers end with CR LF", "bota_ft_sensors, all files; bota-driver, run"),
+        stated("configuration", "opening the port restarts it", "bota-driver 1.1.16: it says so, and waits 3 s"),
+        stated("timing", "a frame each SINC * 19.53125 us; the time counts us",
+               "python/senseone.py:127, 178; bota-driver: 512 is 100 Hz, 256 is 200 Hz"),
+        assumed("timing", "512 after power-up; offset and filter are forgotten by a restart, which takes 0.1 s",
+                "bota_ft_sensors, all files; bota-driver, which sets both each time"),
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -94,7 +111,7 @@ class BotaSensone(Device):
         ] = (0.0, 0.0, 0.05),
         force_range: Annotated[float, Option("along each axis", unit="N", low=1e-3)] = 500.0,
         torque_range: Annotated[float, Option("about each axis", unit="Nm", low=1e-3)] = 15.0,
-        serial_number: Annotated[int, Option("SN000001 is 1", low=0, high=999_999)] = 1,
+        serial_number: Annotated[int, Option("SN000001 is 1", low=0, high=999)] = 1,
         model: Annotated[str, Option("as the vendor calls it, ASCII")] = "BFT-SENS-SER-M8",
     ):
         self.layout = points({"tool": tool})
@@ -109,7 +126,7 @@ class BotaSensone(Device):
         )
         self.lines_in = Lines(counters=self.counters, longest=96)
         self.offset = np.zeros(6)
-        self.identity = f"p,0,{serial_number},0,0,{model}\r\n".encode("ascii")
+        self.identity = f"p,0,{serial_number:03d},0,0,{model}\r\n".encode("ascii")
         self.configuring = self.running = False
 
     @property
@@ -184,6 +201,8 @@ class BotaSensone(Device):
         self.counters["requests"] += 1
         if line == b"C":
             self.configuring, self.running = True, False
+        elif line == b"R" and self.running:
+            pass
         elif not self.configuring or not self._configured(line):
             self.counters["refused"] += 1
             return []

@@ -35,6 +35,7 @@ def test_it_answers_as_it_should_and_only_then():
     assert told(device, b"C", b"c,0,1,0,4", b"s") == [b"r,0,C,0\r\n", b"r,0,c,0\r\n", b"r,0,s,0\r\n"]
     assert sample(device) == []
     assert told(device, b"R") == [b"r,0,R,0\r\n"] and len(sample(device)) == 1
+    assert told(device, b"R") == [b"r,0,R,0\r\n"] and len(sample(device)) == 1, "after a tare it is told again"
     assert told(device, b"f,512,0,0,1") == [] and told(device, b"C") == [b"r,0,C,0\r\n"] and sample(device) == []
 
 
@@ -72,3 +73,8 @@ def test_it_restarts_where_its_port_is_opened():
     device = fp.create("bota_sensone")
     assert device.lines(True, True, 0, "") == [Restart()] and device.lines(False, False, 0, "") == ()
     assert device.boot(0) == [b"App Init\r\n"]
+
+
+def test_the_serial_number_has_three_digits():
+    device = fp.create("bota_sensone", serial_number=7)
+    assert told(device, b"C", b"p?")[1].startswith(b"p,0,007,0,0,BFT-SENS-SER-M8\r\n")
