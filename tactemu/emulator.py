@@ -139,7 +139,13 @@ class Emulator:
         for wire in self.wires:
             wire.close()
         self._calls.close()
-        self.truth.close()
+        self.truth.close(self.summary())
+
+    def summary(self) -> list[dict[str, Any]]:
+        """What each device has done: samples, what became of frames both ways, what was injected."""
+        from tactemu.control.state import statistics_of
+
+        return [statistics_of(self, channel) for channel in self.channels]
 
     def _power_on(self, channel: Channel) -> None:
         """The device loses its memory and boots; until then it neither samples nor hears."""

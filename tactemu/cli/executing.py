@@ -13,6 +13,7 @@ from pathlib import Path
 from tactemu.cli.datasheet import options_of
 from tactemu.cli.forwarding import Forwarding
 from tactemu.cli.listening import listening
+from tactemu.cli.reports import not_understood
 from tactemu.cli.running import ports_of, rate_of
 from tactemu.collector import no_full_collections
 from tactemu.errors import TactemuError, TransportError
@@ -72,6 +73,9 @@ def run_command(
         _say(str(failure))
         return FAILED
     signals.say_what_ended(status)
+    for entry in () if quiet else dev.emulator.summary():
+        if text := not_understood(entry):
+            _say(f"{entry['skin']} did not understand all that it was sent: {text}")
     return status if status >= 0 else 128 - status
 
 

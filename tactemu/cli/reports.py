@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from statistics import median
 from typing import Any
 
@@ -65,6 +65,18 @@ def sentence(entry: dict[str, Any]) -> str:
         counts = [f"{name.replace('_', ' ')} {count}" for name, count in entry[group].items() if count]
         text += f"; {group}: {', '.join(counts)}" if counts else ""
     return text
+
+
+HARMLESS = ("requests", "unplugged")
+"""Counters of a device that say nothing of what it has not understood."""
+_OF_THE_WIRE = ("misheard", "overrun", "collision")
+
+
+def not_understood(entry: Mapping[str, Any]) -> str:
+    """What a device made nothing of, of its summary, such as ``unknown command 3, refused 1``; empty: all was sound."""
+    counts = {name: count for name, count in entry["device"].items() if name not in HARMLESS}
+    counts |= {name: entry["wire"][name] for name in _OF_THE_WIRE if name in entry["wire"]}
+    return ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in counts.items() if count)
 
 
 def advice(emulator: Emulator, channel: Channel) -> str:

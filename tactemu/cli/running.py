@@ -219,7 +219,7 @@ def run_emulator(
             emulator.run(seconds)
         if save is not None:
             emulator.save(save)
-        summaries = [statistics_of(emulator, channel) for channel in emulator.channels]
+        summaries = emulator.summary()
     for entry in summaries:
         say("summary", **entry)
     for channel in emulator.channels:

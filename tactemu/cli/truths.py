@@ -10,25 +10,38 @@ from typing import Any
 import numpy as np
 
 from tactemu.errors import TactemuError
-from tactemu.truth import COMMAND, BodyPose, Entry, Injection, Passage, PortEvent, Sample, entries
+from tactemu.truth import COMMAND, BodyPose, Entry, Injection, Passage, PortEvent, Sample
+from tactemu.truth.entries import End, Header
+from tactemu.truth.reading import records
+
+COUNTED = ("missed", "stretched", "silent", "wire", "device")
+"""What a run counts that the entries of its log do not say."""
 
 
 def summarise(path: str | Path) -> dict[str, dict[str, Any]]:
-    """Per device: samples, rate, frames both ways, drops by reason, faults by name, events, largest reading. Under ""
+    """Per device: samples, rate, frames both ways, drops by reason, faults by name, events, largest reading; and what
+    the run itself counted: samples that were missed, what the wire and the firmware made of what they got. Under ""
     what was done to the emulator live, if anything was.
-
 
     Raises:
         TactemuError: the file cannot be read, or is no truth log.
     """
     found: dict[str, _Tally] = {}
     commands: Counter[str] = Counter()
-    for entry in entries(path):
-        if isinstance(entry, PortEvent) and entry.is_command:
+    end = End()
+    for entry in records(path):
+        if isinstance(entry, Header):
+            continue
+        if isinstance(entry, End):
+            end = entry
+        elif isinstance(entry, PortEvent) and entry.is_command:
             commands[verb_of(entry)] += 1
         elif not isinstance(entry, BodyPose):
             found.setdefault(entry.device, _Tally()).add(entry)
     summary: dict[str, dict[str, Any]] = {device: tally.summary() for device, tally in found.items()}
+    for told in end.summary:
+        counted = {name: told[name] for name in COUNTED if name in told}
+        summary[told["skin"]] = summary.get(told["skin"], {}) | counted
     return summary | ({"": {"commands": dict(commands)}} if commands else {})
 
 

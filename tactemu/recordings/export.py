@@ -104,17 +104,19 @@ def _can_frames(path: Path, target: Path, skin: str | None) -> int:
 
 
 def _everything(path: Path, target: Path, skin: str | None) -> int:
-    log, count = LogWriter(target), 0
+    log, count, end = LogWriter(target), 0, End()
     log.patient = True
     try:
         for record in records(path):
             if isinstance(record, Header) or not log.begun:
                 log.begin(record if isinstance(record, Header) else Header())
-            if not isinstance(record, Header | End) and is_of(record, skin):
+            if isinstance(record, End):
+                end = record
+            elif not isinstance(record, Header) and is_of(record, skin):
                 log.put(record, size_of(record))
                 count += 1
     finally:
-        log.close()
+        log.close([each for each in end.summary if skin in (None, each["skin"])])
     if log.error is not None:
         raise TactemuError(f"{target}: cannot write the export: {log.error}")
     return count

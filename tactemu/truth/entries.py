@@ -6,7 +6,7 @@ that several skins share, or befalls it, has all their names (``left+right``).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, Protocol
 
@@ -104,9 +104,12 @@ class Header(NamedTuple):
 
 
 class End(NamedTuple):
-    """How a log ends that lost entries."""
+    """How a log ends."""
 
-    lost: int
+    lost: int = 0
+    """Entries that could not be written."""
+    summary: Sequence[Mapping[str, Any]] = ()
+    """What each device did, as `tactemu run --json` says it at its end; empty: nobody said."""
 
 
 Entry = Sample | Passage | Injection | PortEvent | BodyPose
@@ -148,6 +151,19 @@ def checked_header(version: Any, origin_ns: Any, scene: Any = None) -> Header:
     if not isinstance(scene, dict | None):
         raise ValueError(f"scene: expected an object, got {scene!r:.60}")
     return Header(origin_ns, version, scene)
+
+
+def checked_end(lost: Any, summary: Any) -> End:
+    """The end of a log.
+
+    Raises:
+        ValueError: it is none.
+    """
+    if not _is_integer(lost) or not 0 <= lost <= LARGEST_TIME:
+        raise ValueError(f"lost: expected a number, got {lost!r:.60}")
+    if not isinstance(summary, list) or not all(isinstance(each, dict) and "skin" in each for each in summary):
+        raise ValueError(f"summary: expected a list of objects with a skin, got {summary!r:.60}")
+    return End(lost, summary)
 
 
 def _is_integer(value: Any) -> bool:

@@ -23,6 +23,7 @@ from tactemu.truth.entries import (
     PortEvent,
     Sample,
     Sink,
+    checked_end,
     checked_header,
 )
 
@@ -74,8 +75,8 @@ class LinesWriter:
 
     def finish(self, end: End) -> None:
         """Write what is left."""
-        if end.lost:
-            self._line({"kind": "end", "lost": end.lost})
+        if end.lost or end.summary:
+            self._line({"kind": "end", "lost": end.lost} | ({"summary": list(end.summary)} if end.summary else {}))
         self.flush()
 
     def _line(self, row: dict[str, Any]) -> None:
@@ -162,7 +163,7 @@ def _entry(row: Any, *, first: bool) -> Header | Entry | End:
     if kind == "log" and first:
         return checked_header(row.get("version"), row.get("origin_ns"), row.get("scene"))
     if kind == "end":
-        return End(_number(row, "lost"))
+        return checked_end(row.get("lost"), row.get("summary", []))
     t_ns, device = _number(row, "t_ns"), _text(row, "device", "")
     if kind == "pose":
         position, quaternion = (tuple(_numbers(row, name).tolist()) for name in ("position", "quaternion"))

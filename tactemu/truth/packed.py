@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import IO, Any
 
-from tactemu.truth.entries import BodyPose, End, Entry, Header, Sample, Sink, checked_header
+from tactemu.truth.entries import BodyPose, End, Entry, Header, Sample, Sink, checked_end, checked_header
 from tactemu.truth.messages import Decoder, Message, message_of, metadata_of
 
 _CHUNK_BYTES = 1 << 18
@@ -78,9 +78,10 @@ class PackedWriter:
 
     def finish(self, end: End) -> None:
         """Finish the chunk, and write the index."""
-        if end.lost:
+        if end.lost or end.summary:
             self._writer.flush()
-            self._writer.add_metadata(_END, {"lost": str(end.lost)})
+            summary = {"summary": json.dumps(list(end.summary), separators=(",", ":"))} if end.summary else {}
+            self._writer.add_metadata(_END, {"lost": str(end.lost)} | summary)
         self._writer.finish()
 
 
@@ -115,7 +116,7 @@ def _entries(content: mmap.mmap | IO[bytes]) -> Iterator[Header | Entry | End]:
                 yield _header(record.metadata)
                 known = True
             elif isinstance(record, Metadata) and record.name == _END:
-                yield End(int(record.metadata["lost"]))
+                yield checked_end(int(record.metadata["lost"]), json.loads(record.metadata.get("summary", "[]")))
             elif isinstance(record, Chunk) and known:
                 read = _forgotten(content, read) if isinstance(content, mmap.mmap) else 0
                 for each in _unpacked(record):

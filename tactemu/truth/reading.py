@@ -108,6 +108,8 @@ class Log(Mapping[str, SkinLog]):
     """What is where: bodies with their shapes, skins with their taxels (``docs/truth-log.md``)."""
     commands: tuple[PortEvent, ...] = ()
     """What was done to the emulator while it ran."""
+    summary: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """What each device did, by skin, as `tactemu run --json` says it at its end; empty where the run was killed."""
 
     def __getitem__(self, device: str) -> SkinLog:
         """The part of one skin.
@@ -133,14 +135,14 @@ def read_log(path: str | Path) -> Log:
         TactemuError: no such file, or no log; the message says where it is wrong.
     """
     found: dict[str, dict[type, list]] = {}
-    header, lost = Header(), 0
+    header, end = Header(), End()
     poses: dict[str, list[BodyPose]] = {}
     commands: list[PortEvent] = []
     for entry in records(path):
         if isinstance(entry, Header):
             header = entry
         elif isinstance(entry, End):
-            lost = entry.lost
+            end = entry
         elif isinstance(entry, BodyPose):
             poses.setdefault(entry.body, []).append(entry)
         elif isinstance(entry, PortEvent) and entry.is_command:
@@ -150,7 +152,8 @@ def read_log(path: str | Path) -> Log:
             kinds[type(entry)].append(entry)
     skins = {device: _skin(kinds) for device, kinds in found.items()}
     bodies = {body: _poses(those) for body, those in poses.items()}
-    return Log(skins, header.origin_ns, lost, bodies, header.scene, tuple(commands))
+    summary = {each["skin"]: each for each in end.summary}
+    return Log(skins, header.origin_ns, end.lost, bodies, header.scene, tuple(commands), summary)
 
 
 def _poses(poses: list[BodyPose]) -> Poses:

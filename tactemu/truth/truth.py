@@ -268,10 +268,10 @@ class Truth:
         """A state was restored: what memory keeps is of what came after it, counters go on from it."""
         self._memory.forget()
 
-    def close(self) -> None:
-        """Finish the file. Safe to call twice."""
+    def close(self, summary: Sequence[Mapping[str, Any]] = ()) -> None:
+        """Finish the file, with a summary of each device if there is one. Safe to call twice."""
         for writer in self._writers:
-            writer.close()
+            writer.close(summary)
 
     def _log(self, entry: Entry) -> None:
         size = size_of(entry)

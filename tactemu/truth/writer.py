@@ -15,7 +15,7 @@ import threading
 import time
 import weakref
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -83,6 +83,7 @@ class LogWriter:
         self._unsaved = self._failed = 0
         self._closing = threading.Event()
         self._thread: threading.Thread | None = None
+        self._summary: Sequence[Mapping[str, Any]] = ()
         self._owner = os.getpid()
         this = weakref.ref(self)
         remove_at_end(lambda: (writer := this()) and writer._remove_empty())
@@ -124,10 +125,14 @@ class LogWriter:
         self._handed_over += size
         self._entries.append((entry, size))
 
-    def close(self) -> None:
-        """Write what waits, and finish the file. Safe to call twice; a forked child leaves its parent's log alone."""
+    def close(self, summary: Sequence[Mapping[str, Any]] = ()) -> None:
+        """Write what waits, and finish the file, with a summary of each device if there is one.
+
+        Safe to call twice; a forked child leaves its parent's log alone.
+        """
         if self._owner != os.getpid() or self._file.closed:
             return
+        self._summary = summary
         if self._thread is not None:
             self._closing.set()
             self._thread.join()
@@ -189,7 +194,7 @@ class LogWriter:
 
     def _finish(self) -> None:
         assert self._format is not None
-        self._format.finish(End(self.lost))
+        self._format.finish(End(self.lost, self._summary))
         self._unsaved = 0
 
     def _attempt(self, step: Callable[[], Any]) -> None:

@@ -7,7 +7,8 @@ import pytest
 
 from tactemu.cli.truths import summarise
 from tactemu.errors import TactemuError
-from tactemu.truth import Truth
+from tactemu.recordings.export import export
+from tactemu.truth import Truth, read_log
 from tests.cli.command import tactemu
 
 
@@ -41,6 +42,19 @@ def test_summary_counts_the_entries(log):
 def test_command_prints_it(log):
     assert "flip 2" in tactemu("truth", str(log)).stdout
     assert json.loads(tactemu("truth", str(log), "--json").stdout) == summarise(log)
+
+
+@pytest.mark.parametrize("suffix", [".mcap", ".jsonl"])
+def test_a_run_writes_what_it_has_counted(tmp_path, suffix):
+    path = tmp_path / f"truth{suffix}"
+    run = ("run", "anyskin", "--port", "memory:", "--clock=virtual", "--seconds", "0.5", "--json")
+    said = [json.loads(line) for line in tactemu(*run, "--truth", str(path)).stdout.splitlines()]
+    last = next(line for line in said if line.pop("event") == "summary")
+    assert read_log(path).summary == {"anyskin": last}
+    told = summarise(path)["anyskin"]
+    assert (told["missed"], told["wire"], told["device"]) == (0, {"sent": 49, "sent_bytes": 4018}, {})
+    export(path, other := path.with_name("other.mcap" if suffix == ".jsonl" else "other.jsonl"))
+    assert summarise(other) == summarise(path), "and so does a copy of the other format"
 
 
 @pytest.mark.parametrize("content", [b"{\n", b'{"t_ns": 1}\n', b"\xff\xfe", b"[1]\n", b"3\n"])

@@ -19,6 +19,7 @@ from tactemu.cli import executing
 from tactemu.errors import TransportError
 from tactemu.exec import reach
 from tactemu.exec.keeping import Keeper
+from tactemu.truth import read_log
 from tests.cli.command import environment, here, start
 from tests.cli.command import tactemu as tactemu_command
 
@@ -181,6 +182,28 @@ def test_a_device_on_the_network_is_at_its_usual_port_and_it_is_said(words, plac
     done = tactemu_command("exec", *words, "--", sys.executable, "-c", ASK, place)
     assert (done.returncode, done.stdout.strip()) == (0, answer), done.stderr
     assert done.stderr.startswith("tactemu: ") and f" is {'socket://' * place[0].isdigit()}{place}\n" in done.stderr
+
+
+ASK_WRONGLY = """
+import serial, time
+with serial.Serial("/dev/ttyUSB0", 921600) as port:
+    port.write(b"?!")
+    time.sleep(0.5)
+"""
+
+
+@pytest.mark.realtime
+def test_what_a_device_did_not_understand_is_said_and_stands_in_the_log(tmp_path):
+    log = tmp_path / "truth.mcap"
+    run = ("exec", "dynpick", "--truth", str(log), "--", sys.executable, "-c")
+    done = tactemu_command(*run, ASK_WRONGLY)
+    assert done.stderr.splitlines()[1:] == [
+        "tactemu: dynpick did not understand all that it was sent: unknown command 2"
+    ]
+    assert read_log(log).summary["dynpick"]["device"] == {"requests": 2, "unknown_command": 2}
+    done = tactemu_command(*run, ASK_WRONGLY.replace("?!", "R"))
+    assert done.stderr.splitlines()[1:] == []
+    assert read_log(log).summary["dynpick"]["device"] == {"requests": 1}
 
 
 def test_a_device_on_the_network_beside_a_bus_is_refused():
