@@ -6,18 +6,25 @@ triangles 0 to 4 are the fingertips, whose 12 pads all feel, and 8 to 11 the pal
 
 Host to board b (1..14), id 0x200 | b, never answered, bytes behind these ignored:
 
-    4D type period noload                    type 0: temperature compensation, 1 palm or fingertip, 2 none; period
+    4D type period noload                    type as in ``GAINS``, 7 test mode, all others without compensation; period
                                              in ms; clears all triangles
-    50 first last shift enable cdcL cdcH     for triangles first..last; stops transmission and recalibrates:
+    50 first last shift enable cdcL cdcH     for triangles first..last; stops transmission and recalibrates the board:
                                              what is felt now becomes no load
     07 00, 07 01                             start, stop
-    4C, 4E                                   obsolete set-up; 4C starts at once, every 40 ms, all triangles
+    4C, 4E                                   obsolete set-up; 4C starts at once, every 40 ms, all triangles, as powered
+                                             up, recalibrated
+    1C major minor                           210#1C 0B 01 19 00 02 00 ok: MTB4, version 1.25.0, protocol 2.0, whether
+                                             that is what was asked for
+    FF, of class 7: 70F#FF                   710#FF 0B 01 19 00: who is there
 
-Board to host, two frames of the same id per enabled triangle and period: ``HEAD`` and ``TAIL``. Old firmware (option
-``firmware``) knows the obsolete set-up alone, and sends under class 3 in place of 4.
+F in place of b is all boards. Board to host, two frames of the same id per enabled triangle and period: ``HEAD`` and
+``TAIL``; triangles 0 to 15 that are not fitted are sent as not connected. Old firmware (option ``firmware``) knows the
+obsolete set-up alone, and sends under class 3 in place of 4.
 
-Flags: 1 the chip does not acknowledge, 2 triangle not connected. A pad reads
-``noload - ((raw - offset - drift) >> shift)``, clamped to 0..255; ``drift`` is what the thermal pads say (type 0 only).
+A pad reads ``noload - ((raw - offset - drift) >> shift)``, clamped to 0..255, and is out of range from twice the change
+on that reaches an end. ``drift`` is ``((thermal - its offset) >> 2) * gain >> 5``, of pad 6. In test mode a pad is the
+low byte of its raw value. Flags: 1 the chip does not acknowledge, 2 triangle not connected. Every fifth triangle that
+does not acknowledge recalibrates the board.
 
 Each board samples at its own period, also while it is silent: what it feels when 50 comes is its new no load.
 
@@ -35,7 +42,22 @@ from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
-from firmware_protocols import Can, CanFrame, Column, Command, Counts, Device, Layout, Option, Outs, Reading, Stream
+from firmware_protocols import (
+    Can,
+    CanFrame,
+    Column,
+    Command,
+    Counts,
+    Device,
+    Layout,
+    Option,
+    Outs,
+    Reading,
+    Stream,
+    assumed,
+    measured,
+    stated,
+)
 from firmware_protocols.adc import quantize
 from firmware_protocols.can_frames import CanFrames
 from firmware_protocols.devices.icub_triangles import (
@@ -67,9 +89,22 @@ TAIL = Frame("""
 """)
 TRIANGLES = 16
 NO_ACK, NOT_CONNECTED = 1, 2
-COMPENSATED, OF_A_HAND = 0, 1
+TO_ALL = 0xF
 NEW, OLD = 4, 3
 """Classes of identifiers."""
+TEMPERATURE, PALM_OR_TIP, ERGO_HAND, TEST_MODE, TEMPERATURE_V2 = 0, 1, 3, 7, 8
+GAINS = {
+    TEMPERATURE: (70, 96, 83, 38, 38, 70, 0, 45, 77, 164, 0, 77),
+    PALM_OR_TIP: (0,) * PADS,
+    ERGO_HAND: (58, 91, 39, 23, 35, 90, 0, 38, 68, 115, 0, 86),
+    TEMPERATURE_V2: (58, 91, 39, 23, 35, 90, 0, 38, 68, 115, 0, 86),
+}
+"""Of each pad by type, in 1/128 of what the thermal pad drifts."""
+ERGO_ORDER = np.array([0, 4, 8, 12, 16, 9, 10, 11, 13, 15, 1, 2, 3, 5, 6, 7])
+"""The chip that each triangle of an ergoCub hand is sent from; 0 to 4 are fingertips, which it does not compensate."""
+ORDER = np.arange(16)
+CHIPS, ABSENT, SCANS = 17, 0xFFFF, 5
+BOARD_TYPE, VERSION, PROTOCOL = 11, (1, 25, 0), (2, 0)
 FINGERS = ("index", "middle", "ring", "little", "thumb")
 HAND = (0, 1, 2, 3, 4, 8, 9, 10, 11)
 """Numbers of a hand's fingertips and palm triangles."""
@@ -89,7 +124,7 @@ PATTERN = np.array(
 _MASK = 1 << np.arange(PADS)
 REST, RAW_MAX = 0x6000, 0xFFFF
 RAW_PER_NEWTON, RAW_PER_DEG = 600.0, 20.0
-NO_LOAD, SHIFT = 240, 2
+NO_LOAD, OLD_NO_LOAD, SHIFT = 245, 240, 2
 
 
 class Blank(NamedTuple):
@@ -105,9 +140,9 @@ class Blank(NamedTuple):
 
 
 @lru_cache(256)
-def _blank(_tables: tuple[str, str], ident: int, enabled: bytes, numbers: bytes) -> Blank:
+def _blank(_tables: tuple[str, str], ident: int, enabled: bytes) -> Blank:
     """Of the triangles that are enabled, by the tables of head and tail."""
-    which = np.frombuffer(numbers, int)[np.frombuffer(enabled, bool)]
+    which = np.flatnonzero(np.frombuffer(enabled, bool))
     head, tail = HEAD.pack(pads=[0] * 7), TAIL.pack(pads=[0] * 5, out_of_range=0, ending=0)
     data = np.frombuffer((head + tail) * len(which), np.uint8).reshape(-1, 2, 8)
     frames = CanFrames.of(np.repeat(ident | which, 2), data.reshape(-1, 8))
@@ -133,56 +168,108 @@ class Board:
     """How far below its calibration each pad rests."""
     family: int = NEW
     """Class of its identifiers."""
-    kind: int = COMPENSATED
+    kind: int = TEMPERATURE
     no_load: int = NO_LOAD
     period_ns: int = 50 * MS
     transmitting: bool = False
     raw: np.ndarray = field(init=False)
-    """What the converter reads of every pad, shape ``(n_triangles, 12)``."""
+    """What the converter reads of every pad, shape ``(17, 12)``."""
     pads: np.ndarray = field(init=False)
     """What is sent of it, uint8, since the first conversion."""
 
     def __post_init__(self):
         n = len(self.flags)
-        self.raw = np.full((n, PADS), REST)
-        self.shift = np.full((n, 1), SHIFT)
-        self.enabled = np.ones(n, bool)
-        self.flagged = self.flags[:, None] != 0
+        self.raw = np.full((CHIPS, PADS), ABSENT)
+        self.shift = np.full(TRIANGLES, SHIFT)
+        self.enabled = np.ones(TRIANGLES, bool)
+        self.unheard, self.calibrates = 0, False
         self.pad_of = np.concatenate([PADS * k + np.array(pads) for k, pads in enumerate(self.feeling)])
         self.taxel_of = np.full((n, PADS), len(self.pad_of))
         self.taxel_of.ravel()[self.pad_of] = np.arange(len(self.pad_of))
         self.pattern = np.where(self.taxel_of < len(self.pad_of), self.pattern, 0)
-        self.offset = self.raw + self.pattern
         sizes = np.array([len(pads) for pads in self.feeling])
         self.sizes, self.starts = sizes[:, None], np.cumsum(sizes) - sizes
+        drifts = RAW_PER_DEG * np.array(GAINS[TEMPERATURE]) / 128
+        drifts[list(THERMAL)] = RAW_PER_DEG
+        self.per_deg = np.where(self.sizes == PADS, RAW_PER_DEG, drifts)
+        self.offset = np.full((CHIPS, PADS), ABSENT)
+        self.raw[self.numbers] = np.where(self.flags[:, None] == NOT_CONNECTED, ABSENT, REST)
+        self.offset[self.numbers] = np.where(self.flags[:, None] == NOT_CONNECTED, ABSENT, REST + self.pattern)
 
     def convert(self, push: np.ndarray, temperature: np.ndarray) -> np.ndarray:
-        """What every pad reads, uint8, shape ``(n_triangles, 12)``; of pushes [N] and temperatures [deg C] by taxel."""
+        """Return what every pad of the fitted triangles reads, uint8, shape ``(n_triangles, 12)``.
+
+        Args:
+            push: of each taxel [N].
+            temperature: of each taxel [deg C].
+        """
         warmth = np.add.reduceat(temperature, self.starts)[:, None] / self.sizes - 25.0
         pushed = np.append(RAW_PER_NEWTON * push, 0.0)  # what a thermal pad feels
-        self.raw = quantize(REST + RAW_PER_DEG * warmth + pushed[self.taxel_of], high=RAW_MAX)
+        fitted = quantize(REST + self.per_deg * warmth + pushed[self.taxel_of], high=RAW_MAX - 1)
+        if self.flags.any():
+            fitted[self.flags == NO_ACK], fitted[self.flags == NOT_CONNECTED] = 0, ABSENT
+        self.raw[self.numbers] = fitted
+        if self.calibrates:
+            self.calibrate()
+        sent_as, drift = self._sent_as(), 0
         change = self.raw - self.offset
-        if self.kind == COMPENSATED:
-            first, second = THERMAL
-            change -= (change[:, first] + change[:, second])[:, None] // 2
-        values = np.minimum(np.maximum(self.no_load - (change >> self.shift), 0), 255)
-        self.pads = np.where(self.flagged, self.no_load, values).astype(np.uint8)
-        return self.pads
+        if self.kind in GAINS:
+            gain = np.array(GAINS[self.kind])
+            if self.kind == ERGO_HAND:
+                gain = np.where((sent_as > 4)[:, None], gain, 0)
+            thermal = change[:, THERMAL[:1]]
+            drift = np.where(thermal > 0, (thermal >> 2) * gain >> 5, -(-thermal >> 2) * gain >> 5)
+        shift = self.shift[np.minimum(sent_as, TRIANGLES - 1)][:, None]
+        change = change - drift
+        self.pads = np.minimum(np.maximum(self.no_load - (change >> shift), 0), 255).astype(np.uint8)
+        self.out = (change <= -(255 - self.no_load << shift) * 2) | (change >= (self.no_load << shift) * 2)
+        if self.kind == TEST_MODE:
+            self.pads, self.out = (self.raw & 0xFF).astype(np.uint8), np.zeros_like(self.out)
+        return self.pads[self.numbers]
+
+    def calibrate(self) -> None:
+        """Make what is felt now no load; a chip that does not acknowledge keeps what it had."""
+        own, heard = self.numbers, (self.flags != NO_ACK)[:, None]
+        fitted = self.raw[own] + np.where(self.flags[:, None] == NOT_CONNECTED, 0, self.pattern)
+        self.offset[own] = np.where(heard, fitted, self.offset[own])
+        self.calibrates = False
 
     def frames(self) -> CanFrames:
         """Head and tail of every enabled triangle."""
         which, ident = self.enabled, self.family << 8 | self.address << 4
-        blank = _blank((HEAD.text, TAIL.text), ident, which.tobytes(), self.numbers.tobytes())
-        data, pads = blank.data.copy(), self.pads[which]
+        blank = _blank((HEAD.text, TAIL.text), ident, which.tobytes())
+        chips = (ERGO_ORDER if self.kind == ERGO_HAND else ORDER)[which]
+        data, pads, raw = blank.data.copy(), self.pads[chips], self.raw[chips]
+        mask = self.out[chips, None] @ _MASK
         data[:, 0, blank.head_pads] = pads[:, :7]
         data[:, 1, blank.tail_pads] = pads[:, 7:]
-        data[:, 1, blank.ending] = self.flags[which, None]
-        if self.raw.min() <= 0 or self.raw.max() >= RAW_MAX:
-            out = (self.raw <= 0) | (self.raw >= RAW_MAX)
-            mask = out[which, None] @ _MASK
-            data[:, 1, blank.out_of_range] = mask >> 4
-            data[:, 1, blank.ending] |= ((mask & 0xF) << 4).astype(np.uint8)
+        data[:, 1, blank.out_of_range] = mask >> 4
+        flags = np.zeros((len(chips), 1), np.uint8)
+        if self.kind != TEST_MODE:
+            unheard = ((raw == 0) & (self.offset[chips] != 0)).any(1)
+            flags[:, 0] = NO_ACK * unheard + NOT_CONNECTED * (raw == ABSENT).all(1)
+            self.unheard += int(unheard.sum())
+        if self.unheard >= SCANS:
+            self.unheard, self.calibrates = 0, True
+        data[:, 1, blank.ending] = (mask & 0xF) << 4 | flags
         return blank.frames.with_data(data.reshape(-1, 8))
+
+    def _sent_as(self) -> np.ndarray:
+        """Return the number under which each chip is sent, 16 for none, shape ``(17,)``."""
+        numbers = np.full(CHIPS, TRIANGLES)
+        numbers[ERGO_ORDER if self.kind == ERGO_HAND else ORDER] = ORDER
+        return numbers
+
+    def answer(self, klass: int, data: bytes) -> bytes | None:
+        """Return what the board says of itself, or None where it is not asked."""
+        match klass, tuple(data):
+            case 2, [0x1C, *wanted] if self.family == NEW:
+                major, minor = (*wanted, 0, 0)[:2]
+                is_wanted = major == PROTOCOL[0] and minor <= PROTOCOL[1]
+                return bytes([0x1C, BOARD_TYPE, *VERSION, *PROTOCOL, is_wanted])
+            case 7, [0xFF, *_] if self.family == NEW:
+                return bytes([0xFF, BOARD_TYPE, *VERSION])
+        return None
 
     def obey(self, data: bytes) -> bool:
         """Obey one message; ``False``: it is none that the board knows."""
@@ -194,17 +281,22 @@ class Board:
                 self.enabled[:] = False
             case [0x50, first, last, shift, enable, _, _, *_] if self.family == NEW and first <= last < TRIANGLES:
                 self.transmitting = False
-                which = (first <= self.numbers) & (self.numbers <= last)
-                self.enabled[which], self.shift[which] = bool(enable & 1), min(shift, 15)
-                self.offset[which] = self.raw[which] + self.pattern[which]
+                self.enabled[first : last + 1], self.shift[first : last + 1] = bool(enable & 1), min(shift, 15)
+                self.calibrate()
             case [0x4C, *_]:
                 self.period_ns, self.transmitting = 40 * MS, True
                 self.enabled[:] = True
+                if self.family == NEW:
+                    self.kind, self.no_load = TEMPERATURE, NO_LOAD
+                self.calibrate()
             case [0x4E, *_]:
                 pass
             case _:
                 return False
         return True
+
+
+_SKIN = "icub-firmware@b429921 embot_app_application_theSkin.cpp"
 
 
 class IcubSkin(Device[CanFrame]):
@@ -222,19 +314,77 @@ class IcubSkin(Device[CanFrame]):
         "icub-main app/skinGui conf (triangle_10pad)",
         "clear-nus/icub_grasp_dataset@87dceeca (recordings of a hand: `pattern`)",
     )
-    judge = "candump, canbusload (can-utils); own second reader"
-    assumed = (
-        f"{RAW_PER_NEWTON:.0f} raw counts/N and {RAW_PER_DEG:.0f} per deg C; a pad is out of range at "
-        "the ends of a 16-bit converter",
-        "forearm: a cylinder of 40 mm radius, 3 strips of 8 triangles, 3 triangles a board (a robot's is a free form)",
-        "upper arm: 45 mm radius, 5 strips of 7; torso: flat, 4 strips of 11; 16 triangles a board",
-        "`pattern`: fingertips as recorded; the triangles of other parts like them, one finger after another",
-        "hand: index, middle, ring, little, thumb, each 4 x 3 pads row by row at 4 mm around 7 mm; palm triangles in a "
-        "row, ten taxels each (a hand V2.1 has 104 in all); numbers 0 to 4 and 8 to 11; type 1 after power-up",
-        "old firmware: the frames of the new one, 40 ms",
-        "pad coordinates of the triangle as its drawing tool places them; edge 30 mm",
-        "types other than 0 do not compensate; the cdc offset shifts nothing that calibration does not take away",
-        "slots without a triangle are not sent; a triangle with a flag is sent at no load; 4E does nothing",
+    judge = "icub-main@24c1a00 CanBusSkin, SkinConfigReader; candump, canbusload (can-utils); own second reader"
+    facts = (
+        stated("touch", "compensation, ends, range, order of an ergoCub hand, test mode", f"{_SKIN}:70-110, 330-520"),
+        stated(
+            "touch",
+            "errors that recalibrate, flags of a triangle",
+            f"{_SKIN}:500-530; embot_prot_can_skin_periodic.cpp",
+        ),
+        stated(
+            "touch",
+            "a triangle that is not fitted reads FFFF, and is not connected",
+            "icub-firmware AD7147.c TrianglesInit",
+        ),
+        assumed(
+            "touch",
+            f"{RAW_PER_NEWTON:.0f} raw counts/N and {RAW_PER_DEG:.0f} per deg C of a thermal pad",
+            "theSkin, AD7147.c",
+        ),
+        assumed(
+            "touch",
+            "a pad drifts by its gain of type 0 / 128 of a thermal pad, one of a fingertip like that",
+            "theSkin",
+        ),
+        assumed(
+            "touch",
+            "a chip that does not acknowledge reads 0 and did so after it was calibrated",
+            "AD7147.c, I2C_Multi_SDA.c",
+        ),
+        assumed("touch", "the cdc offset shifts nothing that calibration does not take away", "theSkin, AD7147.c"),
+        measured(
+            "touch",
+            "`pattern`: fingertips as recorded; other parts like them, one finger after another",
+            "icub_grasp_dataset",
+        ),
+        assumed(
+            "touch",
+            "forearm: a cylinder of 40 mm radius, 3 strips of 8 triangles, 3 a board; upper arm: 45 mm, 5 strips of 7; "
+            "torso: flat, 4 strips of 11; 16 triangles a board; edge 30 mm; pads as the drawing tool places them",
+            "icub-main app/skinGui conf (free forms of one robot)",
+        ),
+        assumed(
+            "touch",
+            "hand: index, middle, ring, little, thumb, each 4 x 3 pads row by row at 4 mm around 7 mm; palm triangles "
+            "in a row, ten taxels each (a hand V2.1 has 104 in all); numbers 0 to 4 and 8 to 11",
+            "icub-main app/skinGui conf",
+        ),
+        stated(
+            "identity",
+            "MTB4 is 11, version 1.25.0, protocol 2.0",
+            "icub-firmware main-appcan.cpp:20; iCubCanProto_types.h",
+        ),
+        stated(
+            "configuration", "type 0, 50 ms, no load 245, shift 2, all enabled, silent", f"{_SKIN}:150-165; AD7147.h"
+        ),
+        stated(
+            "configuration",
+            "50 recalibrates all, 4C sets all back and starts; 4E does nothing",
+            f"{_SKIN}:255-310, 720-765",
+        ),
+        stated(
+            "configuration",
+            "a frame is for a board by four bits, F for all, from any host",
+            "embot_prot_can.cpp:100-117",
+        ),
+        assumed(
+            "configuration", "old firmware: no load 240, 40 ms, the frames of the new one", "icub-firmware (not in it)"
+        ),
+        assumed(
+            "configuration", "boot loader, addresses and additional information get silence", "left out; bootloader.cpp"
+        ),
+        stated("timing", "period in ms, 40 after 4C", "embot_prot_can_analog_polling.cpp:217, 281"),
     )
 
     def __init__(
@@ -289,12 +439,12 @@ class IcubSkin(Device[CanFrame]):
                 PATTERN[np.arange(start, start + len(flags[own])) % len(PATTERN)]
                 if pattern == "measured"
                 else np.zeros(PADS, int),
-                OLD if firmware == "old" else NEW,
-                OF_A_HAND if part == "hand" else COMPENSATED,
+                *((OLD, TEMPERATURE, OLD_NO_LOAD) if firmware == "old" else ()),
             )
-        self.ports = (Can(hears=tuple((0x200 | board.address, 0x7FF) for board in self.boards.values())),)
+        addresses = [*(board.address for board in self.boards.values()), TO_ALL]
+        self.ports = (Can(hears=tuple((klass << 8 | each, 0x70F) for klass in (2, 7) for each in addresses)),)
         self.streams = {name: Stream(1e9 / board.period_ns) for name, board in self.boards.items()}
-        self.counts = np.full(len(self.layout), NO_LOAD, np.uint8)
+        self.counts = np.full(len(self.layout), OLD_NO_LOAD if firmware == "old" else NO_LOAD, np.uint8)
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:
         """What each taxel reads, uint8, shape ``(n_taxels,)``: no load minus what presses; other boards as before."""
@@ -310,28 +460,45 @@ class IcubSkin(Device[CanFrame]):
         return self.boards[name].frames() if self.boards[name].transmitting else ()
 
     def receive(self, data: CanFrame, t_ns: int, port: str) -> Outs[CanFrame]:
-        """Set-up, start and stop of one board; nothing is ever answered."""
-        name = f"board {data.arbitration_id & 0xF}"
-        board = self.boards.get(name)
-        if board is None or data != CanFrame(arbitration_id=0x200 | board.address, data=data.data):
+        """Set-up, start and stop of one board or all, unanswered; and what they are."""
+        klass, host, to = data.arbitration_id >> 8, data.arbitration_id >> 4 & 0xF, data.arbitration_id & 0xF
+        boards = {name: board for name, board in self.boards.items() if to in (board.address, TO_ALL)}
+        if not boards or klass not in (2, 7) or data != CanFrame(arbitration_id=data.arbitration_id, data=data.data):
             self.counters["ignored"] += 1
-        elif board.obey(data.data):
-            self.counters["requests"] += 1
-            self.periods[name] = board.period_ns
-        else:
-            self.counters["unknown_command"] += 1
-        return ()
+            return ()
+        answers, obeyed = [], 0
+        for name, board in boards.items():
+            if (answer := board.answer(klass, data.data)) is not None:
+                answers.append(CanFrame(arbitration_id=klass << 8 | board.address << 4 | host, data=answer))
+            elif klass == 2 and board.obey(data.data):
+                obeyed += 1
+                self.periods[name] = board.period_ns
+        self.counters["requests" if answers or obeyed else "unknown_command"] += 1
+        return answers
 
     @property
     def commands(self) -> tuple[Command, ...]:
         """The set-up in the order of the robot's driver, for the first board; the others take the same. All silent."""
         board = next(iter(self.boards.values()))
         to, known = f"{0x200 | board.address:03X}#", _SET_UP if board.family == NEW else _SET_UP[2:]
-        return tuple(
+        set_up = (
             Command(name=name, request=to + data, about=about, origin=origin) for name, data, about, origin in known
+        )
+        if board.family == OLD:
+            return tuple(set_up)
+        back = f"{board.address:X}0#"
+        version = f"2{back}1C 0B 01 19 00 02 00 "
+        return (
+            *set_up,
+            Command(name="version", request=to + "1C", reply=version + "00", origin=_VERSION),
+            Command(name="version, protocol 2.0", request=to + "1C 02 00", reply=version + "01", origin=_VERSION),
+            Command(
+                name="who is there", request=f"70{board.address:X}#FF", reply=f"7{back}FF 0B 01 19 00", origin=_VERSION
+            ),
         )
 
 
+_VERSION = "icub-firmware@b429921 embot_prot_can.cpp:354, embot_prot_can_bootloader.cpp BROADCAST"
 _DRIVER, _MESSAGES = "icub-main@24c1a00 CanBusSkin.cpp", "icub-firmware-shared@62f2818 iCubCanProto_classes.h"
 _SET_UP = (
     ("board set-up", "4D 00 32 F0", "compensated, 50 ms, no load 240; clears triangles", _DRIVER),

@@ -7,8 +7,8 @@ A reading is twelve values of each triangle, 0..255.
 
 Options: board 1..14; the first and the last triangle that send.
 Not settled by the description: the form of "enable" in command 50 (1 here) and its shift (2 here); in which order the
-triangles of a board come (head before tail is checked, and every triangle once in a reading); bits of the range mask
-(must be 0 here).
+triangles of a board come (head before tail is checked, and every triangle once in a reading). Which taxels are out of
+range is not looked at.
 """
 
 import struct
@@ -38,7 +38,7 @@ def read(channel, board="1", first="0", last="15"):
                 heads[triangle] = data[1:8]
                 continue
             expect(data[0] == 0xC0 and triangle in heads, f"byte 0 of triangle {triangle} is {data[0]:02X}")
-            expect(data[6:] == b"\0\0", f"triangle {triangle} reports {data[6:].hex(' ')}")
+            expect(not data[7] & 0xF, f"triangle {triangle} reports error {data[7] & 0xF}")
             found[triangle] = heads.pop(triangle) + data[1:6]
             if len(found) == len(wanted):
                 yield [value for k in sorted(found) for value in found[k]]
