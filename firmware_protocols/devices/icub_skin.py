@@ -384,6 +384,7 @@ class IcubSkin(Device[CanFrame]):
         assumed(
             "configuration", "boot loader, addresses and additional information get silence", "left out; bootloader.cpp"
         ),
+        assumed("configuration", "a hand's board has type 1 after power-up, as drivers set it", "theSkin has 0 on all"),
         stated("timing", "period in ms, 40 after 4C", "embot_prot_can_analog_polling.cpp:217, 281"),
     )
 
@@ -439,7 +440,9 @@ class IcubSkin(Device[CanFrame]):
                 PATTERN[np.arange(start, start + len(flags[own])) % len(PATTERN)]
                 if pattern == "measured"
                 else np.zeros(PADS, int),
-                *((OLD, TEMPERATURE, OLD_NO_LOAD) if firmware == "old" else ()),
+                OLD if firmware == "old" else NEW,
+                PALM_OR_TIP if part == "hand" else TEMPERATURE,
+                OLD_NO_LOAD if firmware == "old" else NO_LOAD,
             )
         addresses = [*(board.address for board in self.boards.values()), TO_ALL]
         self.ports = (Can(hears=tuple((klass << 8 | each, 0x70F) for klass in (2, 7) for each in addresses)),)

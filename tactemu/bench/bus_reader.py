@@ -17,7 +17,7 @@ from tactemu.wire.can_runs import run_ns
 
 BUFFER = 4 << 20
 """Receive buffer asked for, of each bus [bytes]; the kernel gives no more than net.core.rmem_max."""
-_SET_UP = ("4D0014F000000000", "50000F0201002200", "07000000")
+_SET_UP = ("4D0014F000000000", "5000060201002200", "07000000")
 _STOP = "07010000"
 _AT_ONCE = 64
 _SO_TIMESTAMPNS, _SO_RXQ_OVFL = 35, 40
