@@ -36,7 +36,7 @@ Try it: ``tactemu run icub_skin --port can:socketcan:vcan0``, then for each boar
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Annotated, Literal, NamedTuple
 
@@ -420,6 +420,8 @@ class IcubSkin(Device[CanFrame]):
             raise ValueError(f"boards have addresses 1..14, got {first_board}..{last}: put more triangles on each")
         if unknown := [name for name in (*no_ack, *not_connected) if name not in names]:
             raise ValueError(f"no triangle {unknown[0]!r}; there are {names[0]} to {names[-1]} (board.triangle)")
+        if firmware == "old":
+            self.columns = (replace(self.columns[0], rest=OLD_NO_LOAD),)
         self.layout = _layout(part, names)
         self.title = f"iCub skin, {part.replace('_', ' ')} of {n} triangles"
         if part in ("hand", "triangle"):
