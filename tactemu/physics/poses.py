@@ -25,6 +25,8 @@ from tactemu.plan.scalars import is_finite
 from tactemu.scene.bodies import Body
 
 POSE_WIDTH = 13
+LONGEST = 1.0e150
+"""Of a quaternion, whose square must be a number."""
 
 
 @functools.cache
@@ -48,7 +50,8 @@ def relative_pose_kernel(real, with_twist: bool, ticks: bool):
     def unit_quaternion(row: wp.array(dtype=wp.float64)):
         q = wp.quatd(row[4], row[5], row[6], row[3])
         length = wp.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-        return q * (wp.float64(1.0) / wp.where(length < wp.float64(1.0e-6), wp.float64(wp.nan), length))
+        usable = length >= wp.float64(1.0e-6) and length <= wp.float64(LONGEST)
+        return q * (wp.float64(1.0) / wp.where(usable, length, wp.float64(wp.nan)))
 
     @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
     def relative_poses(
@@ -239,7 +242,8 @@ def complaint(bodies: Sequence[Body], values: np.ndarray, bad: np.ndarray, step:
         real: type of the kernels' numbers.
     """
     with np.errstate(invalid="ignore", over="ignore"):
-        usable = np.isfinite(values).all(-1) & (np.linalg.norm(values[..., 3:7], axis=-1) >= 1e-6)
+        length = np.linalg.norm(values[..., 3:7], axis=-1)
+        usable = np.isfinite(values).all(-1) & (length >= 1e-6) & (length <= LONGEST)
     wrong = np.argwhere(~usable)
     if len(wrong):
         e, b = wrong[np.lexsort(wrong.T)[0]]  # the first body, then its first environment

@@ -67,3 +67,21 @@ def test_a_grid_of_distances_given_directly_must_make_sense():
         tt.VoxelGrid(values=np.zeros((3, 3)), origin=(0, 0, 0), cell=1.0)
     with pytest.raises(SceneError, match="finite"):
         tt.VoxelGrid(values=np.full((3, 3, 3), np.nan), origin=(0, 0, 0), cell=1.0)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 5.0, 20.0, 45.0])
+def test_a_ray_finds_a_ball_in_a_turned_grid_that_it_enters_from_outside(degrees):
+    """Beyond the grid's box the step along a line must be no longer than the way to the ball."""
+    radius, cell = 0.006, 2e-4
+    x = np.arange(-0.008, 0.008 + cell / 2, cell)
+    values = np.sqrt(x[:, None, None] ** 2 + x[None, :, None] ** 2 + x[None, None, :] ** 2) - radius
+    ball = tt.VoxelGrid(values=values, origin=(x[0],) * 3, cell=cell)
+    across = np.linspace(-0.0024, 0.0024, 13)
+    points = np.stack([*np.meshgrid(across, across), np.zeros((13, 13))], -1).reshape(-1, 3)
+    half = np.radians(degrees) / 2
+    turned = (np.cos(half), np.sin(half), 0.0, 0.0)
+    place = (0.0, 0.0, radius - 5e-4)
+    ours = depth_of(ball, points, 1e-9, position=place, quaternion=turned, contact_depth_query="ray", dtype="float64")
+    across2 = points[:, 0] ** 2 + points[:, 1] ** 2
+    exact = np.maximum(0, np.sqrt(radius**2 - across2) - place[2])
+    assert np.abs(ours - exact).max() < 2e-5

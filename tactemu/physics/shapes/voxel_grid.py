@@ -110,7 +110,12 @@ class VoxelGrid(Shape):
 
 
 @functools.cache
-def _distance(real):
+def _distance(real, least: bool = False):
+    """The distance to what the grid holds; ``least``: never more than it beyond the grid, for a line to be followed.
+
+    Beyond the grid the nearest point ``c`` of its box is asked. A solid inside the box is at least as far as
+    ``sqrt(|p - c|^2 + d(c)^2)``, since the angle at ``c`` is no less than a right one.
+    """
     import warp as wp
 
     shapes_type = table_type(real)
@@ -161,7 +166,9 @@ def _distance(real):
         if wp.dot(beyond, beyond) > real(0.0):
             away = beyond + d * normal
             far = wp.length(away)
-            if far > real(0.0):
+            if wp.static(least):
+                d = wp.sqrt(wp.dot(beyond, beyond) + wp.max(d, real(0.0)) * wp.max(d, real(0.0)))
+            elif far > real(0.0):
                 normal = away / far
                 d = far
         return d, normal
@@ -180,7 +187,7 @@ def _ray(real):
         cell = shapes.grid_cell[b]
         return real(1.0e-3) * wp.min(cell[0], wp.min(cell[1], cell[2]))
 
-    return traced_ray(real, _distance(real), part_of_cell)
+    return traced_ray(real, _distance(real, least=True), part_of_cell)
 
 
 VOXELS = Kind("voxels", _distance, _ray, to_grid=False, steepest=1.75)  # a trilinear slope may reach sqrt(3)
