@@ -1,6 +1,7 @@
 r"""PaXini PX-6AX behind the high-speed board with 28 places, and ORCA Touch, whose connector board speaks the same.
 
-Wire: 921600 8N1. Registers are read and written; while register 17 is 1 the board also pushes what it measures.
+Wire: 921600 8N1; ORCA's board is USB-CDC. Registers are read and written; while register 17 is 1 the board also pushes
+what it measures.
 
     register        content
     0000            version, 16 characters
@@ -18,13 +19,14 @@ read zero; writes there are confirmed, without effect. Function 17 on register 2
 
 ORCA's board has more: its version is ``ORCA1.0-`` and a commit; 6100 reads ``OX`` and what it can do; 6200 + 20 x slot
 names the fingertip; 6400 counts requests since power-up; 6110 takes 04 5A 52 and a mask of fingertips to zero,
-6120 tells how that went. To text it says who it is:
+6120 tells how that went. A real one also sends its joints' encoders (AA A9) unasked, 466 times a second, all FFFF
+where none are wired: they are not in this model. To text it says who it is:
 
     ORCA_ID?        ORCA:SENSOR
     ORCA_INFO?      ORCA:SENSOR;SIDE=R;HW=1;FW=1;SN=...;BID=...
 
 Try it: ``tactemu run paxini_high_speed``, then ``HighSpeedHandBoard(port)`` of ``paxini_sdk``; ``tactemu run
-orca_touch``, then ``TactileClient(HandSerialLink(port, baudrate=921600))`` of ``orca_core``.
+orca_touch``, then ``TactileClient(HandSerialLink(port))`` of ``orca_core``.
 """
 
 from __future__ import annotations
@@ -35,7 +37,7 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
-from firmware_protocols import Command, Option, Outs, Restart, Serial
+from firmware_protocols import USB, Command, Option, Outs, Restart, Serial
 from firmware_protocols.devices.orca_tips import tip
 from firmware_protocols.devices.paxini_modules import HIGH, LOW, Model, Px6axDevice
 from firmware_protocols.facts import assumed, stated
@@ -236,6 +238,29 @@ class PaxiniHighSpeed(Px6axDevice):
         )
 
 
+_ORCA = "orca-core 0.12.0 hardware/sensing"
+_READ = "orca-core 0.12.0 constants.py, hardware/ (whole); orcahand/orca_core@c783006 scripts/, docs/"
+_ORCA_FACTS = (
+    stated("touch", "0.1 N per count; Fz of a resultant ends at 255", f"{_ORCA}/constants.py:152, 158"),
+    stated("touch", "taxels of each fingertip, their order and places", f"{_ORCA}/models/touch-sensor-*/config.yaml"),
+    assumed("touch", "fingertips side by side, 25 mm apart; the resultant is the sum over the taxels, in the frame "
+            "of the fingertip, Fz along its -z", _READ),
+    stated("identity", "USB 2F5D:2202, CDC", "orca-core 0.12.0 constants.py:94"),
+    stated("identity", "the line that tells side, hardware, firmware, serial number and board; CFG is left out",
+           "orca-core 0.12.0 constants.py:110, hardware/sensing/serial_discovery.py:113"),
+    assumed("identity", "hardware 1, firmware 1, board id 0, the commit in the version, USB texts; a board of "
+            "firmware 1.0 that can tell names", _READ),
+    stated("configuration", "a zero that went well, of each fingertip", f"{_ORCA}/constants.py:136"),
+    assumed("configuration", "a zero is done at once, and a restart forgets it, which a fingertip with power does "
+            "not; errors as on PaXini's board; counters of errors are 0", _READ),
+    stated("timing", "a push each 20 ms (firmware 1.0; an older sentence and the repository's check_sensors.py say "
+           "about 1 kHz)", f"{_ORCA}/constants.py:364"),
+    stated("timing", "encoders at 466 Hz, FFFF where none are wired: not sent here",
+           f"{_ORCA}/constants.py:351, serial_discovery.py:448"),
+    stated("timing", "a restart 50 ms after its answer, 70 ms until it answers again", f"{_ORCA}/constants.py:101"),
+)  # fmt: skip
+
+
 class OrcaTouch(PaxiniHighSpeed):
     """The five fingertips of an ORCA Touch hand behind ORCA's connector board."""
 
@@ -248,14 +273,7 @@ class OrcaTouch(PaxiniHighSpeed):
         "orca-core 0.12.0 sensing/models/touch-sensor-{thumb,finger,pinky}/config.yaml (taxels)",
     )
     judge = "orca-core 0.12.0"
-    facts = ()
-    assumed = (
-        "where the fingertips are on the hand: side by side, 25 mm apart; the resultant is the sum over the taxels",
-        "the resultant's axes: the sensor frame's; Fz counts along -z of it",
-        "hardware 1, firmware 1, board id 0; the commit in the version; capabilities: fingertip names",
-        "a zero is done at once and always well, and a restart forgets it, which a fingertip with power does not",
-        "errors and a restart as on PaXini's board; counters of errors are 0; no joint encoders on this port",
-    )
+    facts = _ORCA_FACTS
     parts: ClassVar[Mapping[str, str]] = {
         "thumb": "DP18A", "index": "DP18B", "middle": "DP18B", "ring": "DP18B", "pinky": "DP18C",
     }  # fmt: skip
@@ -273,6 +291,7 @@ class OrcaTouch(PaxiniHighSpeed):
         self._power_up(tuple(self.parts.values()), TIPS, stack(*tips))
         self._power_up_board("ORCA1.0-0abc")
         self.words: dict[bytes, str] = {b"ID": "", b"INFO": f";SIDE={side[0].upper()};HW=1;FW=1;SN={serial};BID=0"}
+        self.ports = (Serial(baud=2_000_000, usb=USB(0x2F5D, 0x2202, serial=serial)),)
         self.heard, self.zeros, self.requests = b"", 0, 0
 
     def _blocks(self) -> Iterator[tuple[int, bytes]]:
@@ -303,7 +322,9 @@ class OrcaTouch(PaxiniHighSpeed):
             outs.append(f"ORCA:SENSOR{self.words[found[1]]}\n".encode("ascii"))
             end = found.end()
         self.heard = heard[end:][-10:]
-        return [*outs, *super().receive(data, t_ns, port)]
+        replies = super().receive(data, t_ns, port)
+        self.counters["skipped_bytes"] -= sum(len(found[0]) for found in QUERY.finditer(heard))
+        return [*outs, *replies]
 
     @property
     def commands(self) -> tuple[Command, ...]:

@@ -90,7 +90,13 @@ def test_orca_says_who_it_is_whatever_else_is_said():
     assert send(board, b"ID?\nORCA_ID?\nORCA_") == [b"ORCA:SENSOR\n"] * 2
     (info,) = send(board, b"INFO?\n")
     assert info.startswith(b"ORCA:SENSOR;SIDE=L;") and info.endswith(b"\n")
+    assert board.counters["skipped_bytes"] == 1, "what is no text and no packet"
     assert send(board, b"ORCA_XX?\n") == []
+
+
+def test_orca_is_found_by_its_usb_ids():
+    (port,) = fp.create("orca_touch", serial="OH-7").ports
+    assert (port.usb.vid, port.usb.pid, port.usb.serial, port.is_cdc) == (0x2F5D, 0x2202, "OH-7", True)
 
 
 def test_orca_zeroes_single_fingertips():
