@@ -1,27 +1,32 @@
 """OYMotion ROHand: a hand with dots or three-axis points in its fingers and palm, over Modbus RTU.
 
-Wire: RS-485, 115200 8N1, Modbus RTU, unit 2; functions 03, 06, 16. Registers, six values being thumb, index, middle,
-ring, little finger and the thumb's root:
+Wire: RS-485 or RS-232, 115200 8N1, Modbus RTU, unit 2; functions 03, 06, 16. Registers, six values being thumb, index,
+middle, ring, little finger and the thumb's root; the second generation's numbers are behind a bar where they differ:
 
-    register  numbers  access  about
-    1000      1        r       protocol: 01xx first, 02xx second generation
-    1001      1        r       firmware
-    1003      1        r       hardware, 2001
-    1005      1        rw      unit, from the next power-up
-    1006      1        r       why the last request was refused with exception 4
-    1012-14   1 each   rw      orders: calibrate the motors, initialise, restart; read 0 again
-    1016      1        rw      order: zero the forces
-    1085      6        r       0 opening, 1 closing, 2 there
-    1105      6        r       currents [mA]
-    1115      5        rw      force limits [mN]
-    1120      5        r       force of each finger [mN], first generation
-    1125      6        rw      speeds, 65535 is the fastest
-    1135      6        rw      positions to go to, 0 open .. 65535 closed
-    1145      6        r       positions
-    1155      6        rw      angles to go to, int16 [0.01 deg]
-    1165      6        r       angles
-    1265      1        r       high byte: 0 dots, 1 three-axis points
-    2000 + 100 part    r       touch of the thumb, index, middle, ring, little finger, palm (part 0 to 5)
+    register     numbers  access  about
+    1000         1        r       protocol: 01xx first, 02xx second generation
+    1001, 1002   1 each   r       firmware, its revision
+    1003         1        r       hardware, 2001
+    1005         1        rw      unit: kept, and a restart
+    1006         1        r       why the last request was refused with exception 4
+    1008, 1009   1 each   rw      self-test and beeps, 1 on; kept
+    1012, 1013   1 each   w       orders: calibrate the motors, initialise; read 0 again
+    1014         1        w       0 restarts; any other value waits for new firmware, without a word
+         |1016   1        w       1 zeros the forces; in the first generation reserved
+    1045         4 x 10   rw      gains P, I, D, G [0.01] of six motors; kept
+    1085         6        r       0 opening, 1 closing, 2 there
+    1095         6        rw      limits of the currents [mA]
+    1105         6        r       currents [mA]
+    1115         5|6      rw      force limits | targets [mN]
+    1120|1175    5|6      r       force of each finger [mN]
+    1125         6        rw      speeds, 65535 is the fastest
+    1135         6        rw      positions to go to, 0 open .. 65535 closed
+    1145         6        r       positions
+    1155         6        rw      angles to go to, int16 [0.01 deg]
+    1165         6        r       angles
+    1185|1195    6        rw      current of a stalled motor [mA]; 1195|1205 time until it stops, 1205|1215 retries [ms]
+         |1265   1        rw      high byte: 0 dots, 1 three-axis points
+         |2000 + 100 part  r      touch of the thumb, index, middle, ring, little finger, palm (part 0 to 5)
 
     part                   thumb  index, middle, ring  little  palm
     dots                   36     60 each              32      56
@@ -55,7 +60,9 @@ from firmware_protocols import (
     Reading,
     Restart,
     Rs485,
+    assumed,
     grid_layout,
+    stated,
 )
 from firmware_protocols.adc import quantize
 from firmware_protocols.layouts import place, stack
@@ -64,35 +71,61 @@ from firmware_protocols.protocols.modbus import Banks, Rtu, silence_ns
 from firmware_protocols.registers import Refused, RegisterMap, Registers
 
 BAUD = 115200
-MAP = RegisterMap(
-    """
-    2000  >u2      protocol      r
-    2002  >u2      firmware      = 256  r
-    2006  >u2      hardware      = 8193  r
-    2010  >u2      unit          1..247  = 2  flash
-    2012  >u2      cause         0..6  r
-    2025  u1       calibrate     0..1
-    2027  u1       initialise    0..1
-    2029  u1       restart       0..1
-    2033  u1       zero          0..1
-    2170  >u2 x 6  status        = 2  r
-    2210  >u2 x 6  current       r
-    2230  >u2 x 5  force_limit   = 15000
-    2240  >u2 x 5  force         r
-    2250  >u2 x 6  speed         = 65535
+COMMON = """
+    2000  >u2      protocol       r
+    2002  >u2      firmware       = 256  r
+    2006  >u2      hardware       = 8193  r
+    2011  u1       unit           1..247  = 2  flash
+    2012  >u2      cause          0..6  r
+    2017  u1       self_test      0..1  = 1  flash
+    2019  u1       beep           0..1  = 1  flash
+    2024  u1 x 2   calibrate
+    2026  u1 x 2   initialise
+    2028  u1 x 2   restart
+    2090  >u2 x 6  p              = 25000  flash
+    2110  >u2 x 6  i              = 200  flash
+    2130  >u2 x 6  d              = 25000  flash
+    2150  >u2 x 6  g              = 100  flash
+    2170  >u2 x 6  status         = 2  r
+    2190  >u2 x 6  current_limit  = 1178
+    2210  >u2 x 6  current        r
+    2250  >u2 x 6  speed          = 65535
     2270  >u2 x 6  position_set
-    2290  >u2 x 6  position      r
-    2310  >i2 x 6  angle_set     = 3670, 17837, 17606, 17656, 17486, 0
-    2330  >i2 x 6  angle         r
-    2530  u1       force_type    r
-    4000  u1 x 36  thumb         r
-    4200  u1 x 60  index         r
-    4400  u1 x 60  middle        r
-    4600  u1 x 60  ring          r
-    4800  u1 x 32  little        r
-    5000  u1 x 56  palm          r
+    2290  >u2 x 6  position       r
+    2310  >i2 x 6  angle_set      = 3670, 17837, 17606, 17656, 17486, 0
+    2330  >i2 x 6  angle          r
+"""
+FIRST = RegisterMap(
+    COMMON
+    + """
+    2004  >u2      revision       = 309  r
+    2230  >u2 x 5  force_limit    = 15000
+    2240  >u2 x 5  force          r
+    2370  >u2 x 6  stall_current  = 200
+    2390  >u2 x 6  stall_time     = 300
+    2410  >u2 x 6  retry_time     = 500
     """,
-    writable=((2024, 2034),),
+    size=2468,
+    writable=((2010, 2034), (2040, 2170), (2190, 2210), (2250, 2290), (2310, 2330), (2350, 2468)),
+)
+SECOND = RegisterMap(
+    COMMON
+    + """
+    2033  u1       zero           0..1
+    2230  >u2 x 6  force_limit    = 15000
+    2350  >u2 x 6  force          r
+    2390  >u2 x 6  stall_current  = 200
+    2410  >u2 x 6  stall_time     = 300
+    2430  >u2 x 6  retry_time     = 500
+    2530  u1       force_type
+    4000  u1 x 36  thumb          r
+    4200  u1 x 60  index          r
+    4400  u1 x 60  middle         r
+    4600  u1 x 60  ring           r
+    4800  u1 x 32  little         r
+    5000  u1 x 56  palm           r
+    """,
+    writable=((2010, 2034), (2040, 2170), (2190, 2210), (2230, 2290), (2310, 2330), (2370, 2568)),
 )
 """By byte: two for each register."""
 PARTS = {
@@ -105,7 +138,7 @@ PARTS = {
 }
 """Rows and columns of dots, and three-axis points."""
 RESTART_NS = 100_000_000
-ORDERS = ("calibrate", "initialise", "restart", "zero")
+ORDERS = ("calibrate", "initialise", "restart")
 TARGETS = ("position_set", "angle_set")
 BAD_VALUE = 3
 
@@ -122,6 +155,11 @@ BASES = {
 }  # fmt: skip
 
 
+_DEMOS, _FIRMWARE = "oymotion/roh_gen2_demos@026e86b", "oymotion/roh_firmware@4697700"
+_DOC = f"{_FIRMWARE} protocol/OHandModBusRTUProtocol_EN.md"
+_READ = "roh_gen2_demos (whole), OHandModBusRTUProtocol_EN.md, RELEASE_INFO.md, unienv-rohand"
+
+
 class RoHand(Device):
     """The hand: touch, and fingers that follow their commands."""
 
@@ -130,21 +168,38 @@ class RoHand(Device):
     kind = "hand"
     evidence = ("vendor document", "driver")
     sources = (
-        "oymotion/roh_gen2_demos@026e86b common/roh_registers_v2.py, heat_map_dot.py l.8-14, "
-        "force_on_rohand/force_chart.py l.120-175, 332-372 (touch)",
-        "oymotion/roh_firmware@4697700 protocol/OHandModBusRTUProtocol_EN.md (line, exceptions)",
+        f"{_DEMOS} common/roh_registers_v2.py, heat_map_dot.py l.8-14, "
+        "force_on_rohand/force_chart.py l.120-175, 332-372, loop_test/loop_test.py (second generation)",
+        f"{_FIRMWARE} protocol/OHandModBusRTUProtocol_EN.md (first generation: registers, defaults, line, exceptions)",
         "unienv-rohand 0.0.1a2 roh_registers_v1.py, rohand.py (1085..1174, units, angles open and closed)",
     )
-    judge = "unienv-rohand 0.0.1a2 (forces of fingers), pymodbus 3.11 and modbus_tk 1.1.5; own second reader"
-    assumed = (
-        "places of dots and points: flat grids, normal +z, 9x4, 12x5, 8x4 and 7x8 dots; 2 mm on fingers, 5 mm on the "
-        "palm (the vendor's drawing has dots that are none); three-axis points 12 mm apart, single ones mid-finger",
-        "50 counts/N of a dot, 100 counts/N of a three-axis point, direction in degrees 0..359; never invalid",
-        "both generations have the first one's registers 1085..1174, the second 0 at 1120; others read 0",
-        "a full stroke takes 1 s at full speed; 200 mA while moving; limits have no effect; the hand is ready at once",
-        "a new unit is saved at once; calibrating and initialising do nothing; the zero is forgotten at power-off",
-        "versions but for the generation; a restart begins 0.1 s later; 100 Hz conversion; the line is RS-485",
+    judge = (
+        f"force_chart.py, loop_test.py ({_DEMOS}); unienv-rohand 0.0.1a2 (forces of fingers); "
+        "pymodbus 3.11 and modbus_tk 1.1.5; own second reader"
     )
+    facts = (
+        stated("touch", "dots, parts, bytes of each generation's touch", f"{_DEMOS} force_chart.py:120"),
+        stated("touch", "forces of fingers are mN (first generation)", f"{_DOC}:242"),
+        assumed("touch", "forces of fingers are mN in the second generation, too, the sum over a finger", _READ),
+        assumed("touch", "places: flat grids, 9x4, 12x5, 8x4 and 7x8 dots; 2 mm on fingers, "
+                "5 mm on the palm (the vendor's drawing has dots that are none); three-axis points 12 mm apart, "
+                "single ones mid-finger", _READ),
+        assumed("touch", "50 counts/N of a dot, 100 counts/N of a three-axis point, direction 0..359 deg; never "
+                "invalid", _READ),
+        stated("identity", "hardware 2001", f"{_DEMOS} force_on_rohand/force_chart.py:29"),
+        stated("identity", "firmware 3.1.309 of the first generation", f"{_FIRMWARE} firmware/RELEASE_INFO.md:25"),
+        assumed("identity", "firmware of the second generation 1.0, boot loader 0", _READ),
+        stated("configuration", "RS-232 and RS-485, 115200", f"{_DOC}:12"),
+        stated("configuration", "registers of the second generation", f"{_DEMOS} common/roh_registers_v2.py:7"),
+        stated("configuration", "registers and factory defaults of the first generation", f"{_DOC}:122"),
+        stated("configuration", "a new unit is kept, and restarts the hand", f"{_DOC}:127"),
+        stated("configuration", "1014: 0 restarts, else an update", f"{_DOC}:136"),
+        assumed("configuration", "the second generation has the first one's defaults; force targets 15000", _READ),
+        assumed("configuration", "limits, gains, calibrating, initialising and stalls do nothing; the hand is ready "
+                "at once; the zero is forgotten at power-off; reserved registers are stored; others read 0", _READ),
+        assumed("timing", "a full stroke takes 1 s at full speed; 200 mA while moving; a restart is 0.1 s later; "
+                "100 Hz conversion", _READ),
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -155,9 +210,14 @@ class RoHand(Device):
         self.touch = touch
         self.layout = _hand(touch)
         self.columns = _columns(touch)
-        self.registers = Registers(MAP, kept={"unit": unit, **self.flash})
-        self.registers["protocol"] = 0x0100 if touch == "finger" else 0x0200
-        self.registers["force_type"] = touch == "three_axis"
+        first = touch == "finger"
+        self.registers = Registers(FIRST if first else SECOND, kept={"unit": unit, **self.flash})
+        self.registers["protocol"] = 0x0100 if first else 0x0200
+        if first:
+            self.registers["firmware"] = 0x0301
+        else:
+            self.registers["force_type"] = touch == "three_axis"
+        self.updating = False
         self.unit = self.registers["unit"]
         self.ports = (Rs485(baud=BAUD),)
         self.rtu = Rtu(counters=self.counters, gap_ns=silence_ns(BAUD))
@@ -197,6 +257,9 @@ class RoHand(Device):
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
         """Modbus requests in chunks of any size."""
+        if self.updating:
+            self.counters["ignored"] += 1
+            return ()
         return self.rtu.answers(data, t_ns, {self.unit: Banks(holding=self, functions=(3, 6, 16))})
 
     def wake(self, t_ns: int) -> Outs:
@@ -213,7 +276,11 @@ class RoHand(Device):
         wire = self.layout.on_wire(self.counts)
         if self.touch == "finger":
             self.registers["force"] = wire
-        elif address + n > MAP.by_name["thumb"].address:
+            return self.registers.read(address, n)
+        push = -(self.felt - self.zero)[:, 2]
+        sums = [push[patch.taxels].sum() for patch in self.layout.patches if patch.name != "palm"]
+        self.registers["force"] = np.append(np.maximum(sums, 0.0) * MILLINEWTONS, 0.0)
+        if address + n > self.registers.table.by_name["thumb"].address:
             for patch in self.layout.patches:
                 self._show(patch.name, wire[patch.taxels])
         return self.registers.read(address, n)
@@ -222,7 +289,7 @@ class RoHand(Device):
         """Dots as they are; points as three registers each, low byte first."""
         if counts.ndim == 2:
             counts = counts[:, 0] if part == "palm" else np.frombuffer(counts.astype("<u2").tobytes(), np.uint8)
-        self.registers[part] = np.pad(counts, (0, MAP.by_name[part].count - len(counts)))
+        self.registers[part] = np.pad(counts, (0, self.registers.table.by_name[part].count - len(counts)))
 
     def write(self, address: int, data: bytes, t_ns: int) -> Sequence[str]:
         """Store, and do what was ordered; a value out of its range is exception 4."""
@@ -244,9 +311,10 @@ class RoHand(Device):
             self.registers["position_set"] = self.motors.goals
         if "speed" in written:
             self.motors.limit_speed(np.array(self.registers.all("speed")) / FULL_STROKE_S, t_ns)
-        if self.registers["zero"]:
-            self.zero = self.felt
-        if self.registers["restart"]:
+        if self.touch != "finger" and self.registers["zero"]:
+            self.zero, self.registers["zero"] = self.felt, 0
+        self.updating = any(self.registers.all("restart"))
+        if "unit" in written or ("restart" in written and not self.updating):
             self.wake_ns = t_ns + RESTART_NS
         self.registers.reset(*ORDERS)
         return written
@@ -305,14 +373,14 @@ _EXAMPLES = (
     ("cause of exception 4", "03 03 EE 00 01 E4 48", "03 02 00 00 FC 44", _DOCUMENT),
     ("states", "03 04 3D 00 06 55 07", "03 0C ..{12} ..{2}", _V1),
     ("currents", "03 04 51 00 06 95 1A", "03 0C ..{12} ..{2}", _V1),
-    ("forces", "03 04 60 00 05 84 D4", "03 0A ..{10} ..{2}", _V1),
+    ("forces", "03 04 97 00 06 75 27", "03 0C ..{12} ..{2}", _DEMO),
     ("positions", "03 04 79 00 06 15 12", "03 0C ..{12} ..{2}", _V1),
     ("angles", "03 04 8D 00 06 54 E0", "03 0C ..{12} ..{2}", _V1),
     ("zero the forces", "10 03 F8 00 01 02 00 01 55 D8", "10 03 F8 00 01 80 4F", _DEMO),
     ("unit 248: exception 4", "06 03 ED 00 F8 18 0A", "86 04 B3 A3", _DOCUMENT),
     ("calibrate", "06 03 F4 00 01 09 8F", "", _DOCUMENT),
     ("initialise", "06 03 F5 00 01 58 4F", "", _DOCUMENT),
-    ("restart", "06 03 F6 00 01 A8 4F", "", _DOCUMENT),
+    ("restart", "06 03 F6 00 00 69 8F", "", _DOCUMENT),
     ("limit a force", "06 04 5B 3A 98 EA 10", "", _V1),
     ("slow the thumb", "06 04 65 40 00 A9 16", "", _V1),
     ("bend the thumb", "06 04 6F 80 00 D9 14", "", _V1),

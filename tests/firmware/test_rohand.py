@@ -54,13 +54,13 @@ def test_zero_is_taken_off_and_forgotten(device):
 
 def test_a_restart_comes_after_the_answer(device):
     write(device, 1135, 65535)
-    assert write(device, 1014, 1, t_ns=10**9)[0] == 16
+    assert write(device, 1014, 0, t_ns=10**9)[0] == 16
     assert device.wake_ns == 1_100_000_000 and device.wake(device.wake_ns) == [Restart()]
 
 
 @pytest.mark.parametrize(
     ("pdu", "code", "cause"),
-    [("0603ed0000", 4, 3), ("0603f60002", 4, 3), ("0603e80001", 2, 0), ("0607d00001", 2, 0), ("0403e80001", 1, 0)],
+    [("0603ed0000", 4, 3), ("0603f00002", 4, 3), ("0603e80001", 2, 0), ("0607d00001", 2, 0), ("0403e80001", 1, 0)],
 )
 def test_exceptions_and_their_cause(device, pdu, code, cause):
     request = bytes.fromhex(pdu)
@@ -68,9 +68,35 @@ def test_exceptions_and_their_cause(device, pdu, code, cause):
     assert read(device, 1006, 1) == [cause]
 
 
-def test_a_new_unit_answers_from_the_next_power_up_on(device):
-    write(device, 1005, 7)
-    assert read(device, 1005, 1) == [7]
+def test_another_value_than_0_waits_for_new_firmware(device):
+    assert write(device, 1014, 1)[0] == 16 and device.wake_ns is None
+    assert send(device, rtu(2, bytes.fromhex("0303ed0001"))) == [] and device.counters["ignored"] == 1
+    device.power_cycle()
+    assert read(device, 1005, 1) == [2]
+
+
+def test_generations_have_maps_of_their_own(device):
+    first = fp.create("rohand", touch="finger")
+    sample(device, {"index": [[0.0] * 5] * 11 + [[1.5, 0, 0, 0, 1.0]]})
+    sample(first, {"index": [[2.5]]})
+    assert read(device, 1175, 6) == read(first, 1120, 5) + [0] == [0, 2500, 0, 0, 0, 0]
+    assert write(device, 1120, 9000)[0] == 16 and write(first, 1120, 9000) == b"\x90\x02"
+    assert write(first, 1175, 40)[0] == 16 and write(device, 1175, 40) == b"\x90\x02"
+    assert ask(first, bytes.fromhex("0304f10001")) == b"\x83\x02"
+
+
+def test_what_is_set_is_kept(device):
+    write(device, 1008, 0, 0)
+    write(device, 1045, 123)
+    write(device, 1095, 900)
+    device.power_cycle()
+    assert read(device, 1008, 2) == [0, 0] and read(device, 1045, 2) == [123, 25000]
+    assert read(device, 1095, 2) == [1178, 1178]
+
+
+def test_a_new_unit_is_kept_and_restarts_the_hand(device):
+    write(device, 1005, 0x0107, t_ns=10**9)
+    assert device.wake(device.wake_ns) == [Restart()] and device.wake_ns == 1_100_000_000
     device.power_cycle()
     assert send(device, rtu(2, bytes.fromhex("0303ed0001"))) == []
     assert ask(device, bytes.fromhex("0303ed0001"), unit=7) == bytes.fromhex("03020007")
