@@ -4,8 +4,8 @@ Wire: USB-CDC, opened at 115200. The hand sends, unasked, two messages after eac
 which are not answered. A message with a bad check is dropped.
 
     1    hand    14 microphones of 12 bits, in 12 and 9 bytes
-    2    hand    pressures and temperatures by channel, seven positions of 12 bits in 11 bytes, speeds, motion
-    3    host    seven positions 0..4095, then seven speeds 0..100: little, ring, middle, index, three axes of the thumb
+    2    hand    pressures [hPa] and temperatures by channel, seven positions of 12 bits in 11 bytes, speeds, motion
+    3    host    seven positions 0..4095, then seven speeds 0..250: little, ring, middle, index, three axes of the thumb
 
 Channels: little 0..2, ring 4..6, middle 8..10, index 12..14, thumb 16..18, palm 20..23, row by row, a finger's first at
 its top; 3, 7, 11, 15 and 19 are not in use. An older firmware has 19 channels, the same without the palm; a host tells
@@ -31,8 +31,10 @@ from firmware_protocols import (
     Reading,
     Sense,
     Serial,
+    assumed,
     grid_layout,
     points,
+    stated,
 )
 from firmware_protocols.adc import pack_12_bits, quantize
 from firmware_protocols.framing import MORE, NO_PACKET, SOUND, Packets
@@ -52,7 +54,7 @@ MESSAGE = Frame("""
 """)
 GENERAL = Frame("""
     general, the data of message 2; by channel
-    0     <f4 x channels    pressures
+    0     <f4 x channels    pressures       [hPa]
     ..    <f4 x channels    temperatures    [deg C]
     ..    bytes x 11        positions       12 bits each, low bits first
     ..    u1 x 7            speeds
@@ -72,8 +74,12 @@ FINGERS = {
 ACTUATORS = ("pinky", "ring", "middle", "index", "thumb_radial_extension", "thumb_flexion", "thumb_grasp")
 PALM_CHANNELS = range(20, 24)
 HEARD = np.full(14, 2048)
-COUNTS_PER_SPEED = 41.0
+COUNTS_PER_SPEED, FASTEST = 41.0, 250
 PER_G, PER_DEGREE = 4096 / 9.80665, 32.8
+
+
+_PACKAGE = "nibotics-hand 0.1.0"
+_READ = "nibotics-hand 0.1.0 (all of it: definitions.py, hand.py, protocol.py, sensor_data.py, METADATA)"
 
 
 class NiboticsPrvs01(Device):
@@ -85,21 +91,29 @@ class NiboticsPrvs01(Device):
     ports = (Serial(baud=115200, usb=True),)
     rate_hz = 100.0
     evidence = ("driver",)
-    sources = ("nibotics-hand 0.1.0 protocol.py, definitions.py, hand.py",)
+    sources = ("nibotics-hand 0.1.0 protocol.py, definitions.py, hand.py, README (METADATA)",)
     judge = "nibotics-hand 0.1.0"
-    assumed = (
-        "pressures in Pa of what pushes, 0 at rest (no unit is stated); channels that are not in use read 0",
-        "places: three in a row at 15 mm on each finger, 2 x 2 at 25 mm on the palm, in one plane, normal +z",
-        "a place stands for the square of its pitch; both messages 100 times a second; microphones read 2048",
-        "4096 counts/g, 32.8 counts/(deg/s), in the palm's axes",
-        "speed n is 41 n counts/s; a speed reads as ordered while its motor moves, else 0; speeds above 100 are 100",
-    )
+    facts = (
+        stated("touch", "pressures are hPa, temperatures deg C", f"{_PACKAGE} README (METADATA), Sensor Data"),
+        stated("touch", "channels of each finger and the palm; 19 and 24 of them",
+               f"{_PACKAGE} definitions.py:42, protocol.py:8"),
+        assumed("touch", "0 at rest (two channels are called icp1, icp2: a barometer would read 1013); channels that "
+                "are not in use read 0; a place stands for the square of its pitch", _READ),
+        assumed("touch", "places: three in a row at 15 mm on each finger, 2 x 2 at 25 mm on the palm, in one plane, "
+                "normal +z", _READ),
+        stated("configuration", "speeds 0..250, positions 0..4095, in that order", f"{_PACKAGE} hand.py:52, README"),
+        assumed("configuration", "4096 counts/g, 32.8 counts/(deg/s), in the palm's axes; microphones 2048", _READ),
+        assumed("configuration", "an order holds until the next; speeds above 250 are 250; it stands open at power-up",
+                _READ),
+        assumed("timing", "both messages 100 times a second; speed n is 41 n counts/s; a speed reads as ordered while "
+                "its motor moves, else 0", _READ),
+    )  # fmt: skip
 
     def __init__(
         self,
         *,
         channels: Annotated[Literal[24, 19], Option("of its firmware; 19 is older and has no palm")] = 24,
-        counts_per_pascal: Annotated[float, Option("pressure as it is sent", unit="1/Pa")] = 1.0,
+        counts_per_pascal: Annotated[float, Option("pressure as it is sent", unit="1/Pa")] = 0.01,
     ):
         self.counts_per_pascal = counts_per_pascal
         pads = [place(grid_layout(3, 1, 0.015, name=name, link=name), base) for name, base in FINGERS.items()]
@@ -115,7 +129,7 @@ class NiboticsPrvs01(Device):
         self.packets = Packets(b"\xaa\x01", _size, _check, counters=self.counters)
         self.pressures, self.temperatures = np.zeros(channels, np.float32), np.zeros(channels, np.float32)
         self.motion = np.zeros((2, 3), np.int64)
-        self.motors = Motors(np.zeros(7), low=0, high=4095, time_constant_s=0.0, speed_limit=100 * COUNTS_PER_SPEED)
+        self.motors = Motors(np.zeros(7), low=0, high=4095, time_constant_s=0.0, speed_limit=FASTEST * COUNTS_PER_SPEED)
         self.speeds = np.full(7, 100)
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:
@@ -146,7 +160,7 @@ class NiboticsPrvs01(Device):
             if order is None:
                 self.counters["unknown_command"] += 1
                 continue
-            self.speeds = np.minimum(order["speeds"], 100)
+            self.speeds = np.minimum(order["speeds"], FASTEST)
             self.motors.limit_speed(self.speeds * COUNTS_PER_SPEED, t_ns)
             self.motors.go(order["positions"], t_ns)
         return ()

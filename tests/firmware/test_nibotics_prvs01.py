@@ -50,6 +50,14 @@ def test_a_message_with_a_bad_check_is_dropped_and_the_next_one_is_not(spoiled):
     assert hand.motors.goals.tolist() == [100] * 7
 
 
+def test_speeds_go_to_250_and_pressures_are_hectopascals():
+    hand = fp.create("nibotics_prvs01")
+    send(hand, order([4095] * 7, [250, 255, 125, 0, 0, 0, 0]))
+    assert hand.motors.positions(200_000_000)[:3].tolist() == pytest.approx([2050, 2050, 1025])
+    counts = hand.feel(reading_of(hand, pressure=np.full(19, 12345.0), temperature=25.0), 0)
+    assert counts.tolist() == pytest.approx([123.45] * 19)
+
+
 def test_messages_of_other_kinds_are_counted():
     hand = fp.create("nibotics_prvs01")
     send(hand, message(9, b"") + message(3, bytes(20)))
