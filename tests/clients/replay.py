@@ -73,7 +73,7 @@ def replay(recorded: Recording) -> tuple[Recording, Assembled]:
     emulator = made.emulator
     again = Recording(about)
     tap(emulator, again)
-    wires = ports_of(emulator)
+    wires = {name: wire for name, wire in ports_of(emulator).items() if name in names}
     for name, wire in wires.items():
         assert isinstance(wire.transport._transport, MemoryTransport)
         wire.transport.driver.is_open = about["ports"][name]
