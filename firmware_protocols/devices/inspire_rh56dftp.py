@@ -57,8 +57,11 @@ from firmware_protocols import (
     Sense,
     Sent,
     Tcp,
+    assumed,
     grid_layout,
+    measured,
     points,
+    stated,
 )
 from firmware_protocols.adc import quantize
 from firmware_protocols.layouts import place, stack
@@ -117,6 +120,12 @@ BASES = {
 ACTUATORS = ("little", "ring", "middle", "index", "thumb bend", "thumb turn")
 
 
+_READ = (
+    "plusml-rh56dftp 0.1.7 RH56DFTP/, ftp_registers.py; inspire-rh56dftp 0.1.0 client.py, registers.py, scheduler.py; "
+    "pyrh56 0.4.0 driver.py, protocol.py, registers.py"
+)
+
+
 class InspireRh56dftp(Device):
     """The hand: tactile matrices, and actuators that follow their commands."""
 
@@ -139,21 +148,33 @@ class InspireRh56dftp(Device):
         "plusml-rh56dftp 0.1.7 and inspire-rh56dftp 0.1.0 (TCP), pymodbus 3.11 and modbus_tk 1.1.5 (RTU), "
         "pyrh56 0.4.0 (native)"
     )
-    assumed = (
-        "places of the points: all matrices in one plane, normal +z, 1.5 mm pitch on the fingers, 4 mm on the palm",
-        "1000 counts/N, converted 50 times a second (of a hand that is polled faster, 21 to 97 % of a pad's frames "
-        "repeat: ojas-mediratta/InspireHand-Tactile-Sensing@5d0a83d3)",
-        "a full stroke takes 0.6 s at speed 1000 and is 1.6 rad; it begins at once (a hand: after 60 to 70 ms)",
-        "force limits have an effect with `stop_s` only, looked at once a conversion; an RH56DFX goes on for 27 ms and "
-        "pushes no harder than 1729 g (recordings); gestures are stored without effect",
-        "200 mA while moving; TCP is answered at once",
-        f"in an engine force limits act {LEVER_M * 1e3:.0f} mm from each joint, and {MOST_FORCE} g are {FULL_MA} mA; "
-        f"a finger gives way by 0.3 rad at that force; status {AT_ITS_FORCE} is a finger that stands at its limit",
-        "force of a finger: the sum over its matrices; errors never",
-        "unit and line speed change at the next power-up, if saved; 1002 takes 3 and 4 for 921600, as sources differ",
-        "writes outside the table: exception 2; values out of range: exception 3; nothing answers above 5999",
-        "the line speaks one protocol, as delivered; a save takes 1 s natively only, and never fails",
-    )
+    facts = (
+        stated("touch", "matrices, their sizes and addresses; 0..4096",
+               "inspire-rh56dftp 0.1.0 registers.py:28, plusml-rh56dftp 0.1.7 ftp_registers.py"),
+        stated("touch", "numbers are high byte first over TCP", "inspire-rh56dftp 0.1.0 client.py:265 (tried on "
+                "a hand)"),
+        assumed("touch", "places of the points: all matrices in one plane, normal +z, 1.5 mm pitch on the fingers, "
+                "4 mm on the palm", _READ),
+        assumed("touch", "1000 counts/N; force of a finger: the sum over its matrices", _READ),
+        stated("configuration", "status 3 is a finger that stands at its limit; the first answer to a save and the one "
+               "a second later", "pyrh56 0.4.0 rh56_sdk/registers.py:66, driver.py:547"),
+        assumed("configuration", "unit and line speed change at the next power-up, if saved; 1002 takes 3 and 4 for "
+                "921600, as sources differ", _READ),
+        assumed("configuration", "writes outside the table: exception 2; values out of range: exception 3; nothing "
+                "answers above 5999; errors never", _READ),
+        assumed("configuration", "force limits have an effect with `stop_s` only, looked at once a conversion; "
+                "gestures "
+                "are stored without effect; the line speaks one protocol, as delivered; a save never fails", _READ),
+        assumed("configuration", f"in an engine force limits act {LEVER_M * 1e3:.0f} mm from each joint, and "
+                f"{MOST_FORCE} g are {FULL_MA} mA; a finger gives way by 0.3 rad at that force", _READ),
+        measured("timing", "a finger stops after 27 ms, at 1729 g at most (an RH56DFX), and begins after 60 to 70 ms",
+                 "correlllab/rh56_controller@e4ef2568 experiment_data"),
+        stated("timing", "of a hand that is polled faster, 21 to 97 % of a pad's frames repeat: 50 conversions "
+                "a second",
+               "ojas-mediratta/InspireHand-Tactile-Sensing@5d0a83d3"),
+        assumed("timing", "a full stroke takes 0.6 s at speed 1000 and is 1.6 rad; it begins at once; 200 mA while "
+                "moving; TCP is answered at once", _READ),
+    )  # fmt: skip
 
     def __init__(
         self,

@@ -7,7 +7,8 @@ Wire: RS-485, 4 000 000 8N1, Modbus RTU, unit 1 as delivered. Functions 03 and 0
 
 Exceptions are 1 (function), 2 (address, and what can only be read or written), 3 (value). A broadcast is obeyed and not
 answered. Values are of the ADC, or mN, as ``kind`` says; an ADC value below ``mask`` reads 0. Writing 1 to ``zero``
-makes what is felt now zero, 2 takes that back. Its driver also subtracts on its own side what it reads 0.1 s later.
+makes what is felt now zero, 2 brings the zero of power-up back. Its driver also subtracts on its own side what it reads
+0.1 s later.
 
 Try it: ``tactemu run synria_60``, then ``TactilePressureSDK(port)`` of ``tactile_sdk``.
 """
@@ -19,7 +20,19 @@ from typing import Annotated
 
 import numpy as np
 
-from firmware_protocols import Column, Command, Counts, Device, Option, Outs, Reading, Rs485, grid_layout
+from firmware_protocols import (
+    Column,
+    Command,
+    Counts,
+    Device,
+    Option,
+    Outs,
+    Reading,
+    Rs485,
+    assumed,
+    grid_layout,
+    stated,
+)
 from firmware_protocols.adc import quantize
 from firmware_protocols.protocols.modbus import Banks, Rtu
 from firmware_protocols.registers import Refused, RegisterMap, Registers
@@ -35,7 +48,7 @@ MAP = RegisterMap(
     30   >u2       points        = 60  r
     32   >u2       area          = 250  flash           of a point [0.1 mm2]
     34   >u2       auto_zero     0..1  w  flash         at power-up
-    36   >u2       zero          0..2                   1 now, 2 as delivered
+    36   >u2       zero          0..2  w                1 now, 2 as at power-up
     200  >u2       fit           1..11  = 1             calibration: its point
     202  u1 x 2    fit_adc       r
     204  u1 x 2    fit_force                            [mN]
@@ -56,6 +69,10 @@ SIZES = {READ_TEXT: 5, READ_ALL: 4}
 ADC, ADC_MAX = 0, 4095
 
 
+_README = "tactile-pressure-sdk 2.0.0 METADATA"
+_READ = "tactile-pressure-sdk 2.0.0 (all of it: client.py, models.py, api/, protocol/, transport/, METADATA)"
+
+
 class Synria60(Device):
     """One module."""
 
@@ -68,19 +85,28 @@ class Synria60(Device):
     evidence = ("driver",)
     sources = ("tactile-pressure-sdk 2.0.0 tactile_sdk/protocol/constants.py, modbus_rtu.py, api/ (the vendor's own)",)
     judge = "tactile-pressure-sdk 2.0.0"
-    assumed = (
-        "6 x 10 points at 5 mm (25 mm2 each is what register 16 says), normal +z, row by row; 200 conversions a second",
-        "ADC values of 12 bits, 100 counts/N; mN are exact and end at 65535; defaults of all registers but 15 and 16",
-        "what is written is kept without power, the zero is not; texts as the driver's documentation has them",
-        "values that are pushed (register 11) have a form that nobody describes: they are not sent",
-        "calibration is stored, without effect",
-    )
+    facts = (
+        stated("touch", "ADC values of 12 bits (or 16, as the firmware is); mN end at 65535", f"{_README} l.999"),
+        stated("touch", "one module's ADC reads 559 at 100 mN, 2284 at 1000 mN of a point", f"{_README} l.975"),
+        assumed("touch", "the ADC is linear, mN are exact", _READ),
+        stated("touch", "a point has 25 mm2, 60 of them", f"{_README} l.455, l.742"),
+        assumed("touch", "6 x 10 points at 5 mm, normal +z, row by row", _READ),
+        stated("identity", "texts", "tactile-pressure-sdk 2.0.0 tactile_sdk/models.py:25"),
+        stated("configuration", "4 000 000 8N1, unit 1; registers 17 and 18 are write-only", f"{_README} l.743, l.991"),
+        stated("configuration", "2 in register 18 brings back the zero of power-up", f"{_README} l.948"),
+        assumed("configuration", "defaults of all registers but 15 and 16; what is written is kept without power, the "
+                "zero is not", _READ),
+        assumed("configuration", "values that are pushed (register 11) have a form that nobody describes: they are not "
+                "sent; calibration is stored, without effect", _READ),
+        stated("timing", "a host reads it 1480 times a second at most", f"{_README} l.1000"),
+        assumed("timing", "200 conversions a second, answers at once", _READ),
+    )  # fmt: skip
 
     def __init__(
         self,
         *,
         unit: Annotated[int, Option("as delivered; register 1 tells and changes it", low=1, high=247)] = 1,
-        counts_per_newton: Annotated[float, Option("of the ADC", unit="1/N")] = 100.0,
+        counts_per_newton: Annotated[float, Option("of the ADC", unit="1/N")] = 2284.0,
         model: Annotated[str, Option("ASCII")] = "ST-00-01",
         firmware: Annotated[str, Option("version, ASCII")] = "v1.0.1",
     ):
@@ -89,14 +115,14 @@ class Synria60(Device):
         self.layout = grid_layout(6, 10, 0.005, name="module")
         self.registers = Registers(MAP, kept={"unit": unit, **self.flash})
         self.rtu = Rtu(counters=self.counters, sizes=SIZES)
-        self.push = self.zero = np.zeros(len(self.layout))
+        self.push = self.zero = self.first = np.zeros(len(self.layout))
         self.counts, self.settled = np.zeros(len(self.layout), np.int64), False
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:
         """ADC values 0..4095 or mN 0..65535, as ``kind`` says, shape ``(60,)``."""
         self.push = self.layout.push(reading["force"])
         if not self.settled and self.registers["auto_zero"]:
-            self.zero = self.push
+            self.zero = self.first = self.push
         self.settled = True
         return self._convert()
 
@@ -134,7 +160,7 @@ class Synria60(Device):
         written = self.registers.write(address, data)
         self.flash.update({name: self.registers.all(name) for name in written if MAP.by_name[name].flash})
         if "zero" in written and self.registers["zero"]:
-            self.zero = self.push if self.registers["zero"] == 1 else np.zeros_like(self.push)
+            self.zero = self.push if self.registers["zero"] == 1 else self.first
         self._convert()
         return written
 

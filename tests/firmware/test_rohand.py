@@ -79,7 +79,7 @@ def test_generations_have_maps_of_their_own(device):
     first = fp.create("rohand", touch="finger")
     sample(device, {"index": [[0.0] * 5] * 11 + [[1.5, 0, 0, 0, 1.0]]})
     sample(first, {"index": [[2.5]]})
-    assert read(device, 1175, 6) == read(first, 1120, 5) + [0] == [0, 2500, 0, 0, 0, 0]
+    assert read(device, 1175, 6) == [*read(first, 1120, 5), 0] == [0, 2500, 0, 0, 0, 0]
     assert write(device, 1120, 9000)[0] == 16 and write(first, 1120, 9000) == b"\x90\x02"
     assert write(first, 1175, 40)[0] == 16 and write(device, 1175, 40) == b"\x90\x02"
     assert ask(first, bytes.fromhex("0304f10001")) == b"\x83\x02"

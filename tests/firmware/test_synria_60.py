@@ -26,7 +26,7 @@ def values(module, unit=1) -> np.ndarray:
 
 @pytest.fixture
 def module():
-    return fp.create("synria_60")
+    return fp.create("synria_60", counts_per_newton=100.0)
 
 
 def test_zero_and_back(module):
@@ -45,6 +45,11 @@ def test_zero_at_power_up_is_kept(module):
     sample(module, 2.0)
     sample(module, 3.0)
     assert set(values(module)) == {100}
+    write(module, 0x12, 1)
+    assert not values(module).any()
+    write(module, 0x12, 2)
+    assert set(values(module)) == {100}, "the zero of power-up is back"
+    assert ask(module, b"\x03\x00\x12\x00\x01") == b"\x83\x02", "it can only be written"
 
 
 def test_a_broadcast_is_obeyed_and_not_answered(module):
