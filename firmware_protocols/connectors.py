@@ -76,6 +76,9 @@ class Can(Connector):
     hears: tuple[tuple[int, int], ...] = ()
     """``(id, mask)`` pairs that the device's controller takes, of 29 bits where either needs them; empty: all that the
     host sends."""
+    addressed: tuple[tuple[int, int], ...] = ()
+    """Such pairs of the frames that are meant for this device. One that its controller does not take is counted as
+    ``ignored``: the driver wants something of it that it does not have."""
 
 
 @dataclass(frozen=True, kw_only=True)

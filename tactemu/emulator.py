@@ -227,6 +227,8 @@ class Emulator:
                     channel.device.counters["unheard"] += 1
                 elif data is not None:
                     self._call(channel, now, "receive", data, local, port, port=port)
+                elif channel.wires[port].passes_by(channel.name, event):
+                    channel.device.counters["ignored"] += 1
             case LinesChanged(dtr, rts):
                 self._call(channel, now, "lines", dtr, rts, local, port, port=port)
             case Opened() | Closed():

@@ -132,7 +132,11 @@ class DexrobotDexHand(Device[CanFrame]):
         self.first = 1 if side == "left" else 7
         boards = range(self.first, self.first + len(BOARDS))
         self.ports = (
-            Can(data_bitrate=5_000_000, hears=tuple((to | b, 0x7FF) for to in (TO_BOARD, MOVE) for b in boards)),
+            Can(
+                data_bitrate=5_000_000,
+                hears=tuple((to | b, 0x7FF) for to in (TO_BOARD, MOVE) for b in boards),
+                addressed=tuple((b, 0x7F) for b in boards),
+            ),
         )
         places = {finger: ((k - 2) * SPACING, 0.0, 0.0) for k, finger in enumerate(FINGERS)}
         self.layout = stack(*(points({f: at}, pitch=PITCH, link=f) for f, at in places.items()))

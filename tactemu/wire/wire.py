@@ -486,6 +486,10 @@ class Wire:
             return heard.data
         return self._through(heard.data, source, to_driver=False) or None
 
+    def passes_by(self, source: str, heard: Heard) -> bool:
+        """Whether a frame of the driver's was meant for a device that does not let it in."""
+        return heard.source == DRIVER and self.carrier.passes_by(self.connectors[source], heard.data)
+
     def _through(self, frame: Frame, source: str, *, to_driver: bool) -> Frame:
         """A frame as heard at the other end, whose settings may differ."""
         connector = self.connectors.get(source, self.carrier.connector)

@@ -55,16 +55,19 @@ class CanCarrier(Carrier):
         """What the controller's filters take; without filters, all that the driver sends and nothing of others."""
         if not connector.hears:
             return not of_peer
-        return isinstance(frame, CanFrame) and any(
-            frame.arbitration_id & mask == ident for ident, mask in connector.hears
-        )
+        return _is_one_of(connector.hears, frame)
+
+    def passes_by(self, connector: Any, frame: Frame) -> bool:
+        """Of its own identifiers what its filters do not take."""
+        return _is_one_of(connector.addressed, frame)
 
     def filters(self, connectors: Iterable[Any]) -> list[CanFilter]:
-        """What all the controllers together take, if each has filters."""
-        heard = [connector.hears for connector in connectors]
-        if not heard or not all(heard):
+        """What all the controllers together take, if each has filters, and what is meant for them."""
+        connectors = list(connectors)
+        if not connectors or not all(connector.hears for connector in connectors):
             return []
-        return [CanFilter(ident, mask, max(ident, mask) > 0x7FF) for pairs in heard for ident, mask in pairs]
+        pairs = [pair for connector in connectors for pair in (*connector.hears, *connector.addressed)]
+        return [CanFilter(ident, mask, max(ident, mask) > 0x7FF) for ident, mask in pairs]
 
     def carries(self, frame: Frame) -> bool:
         """CAN frames."""
@@ -94,3 +97,7 @@ class CanCarrier(Carrier):
         pid, number = self.fresh_number()
         high, low = divmod((pid * 31 + number) % GROUPS, 254)
         return f"can:udp_multicast:239.74.{high + 1}.{low + 1}"
+
+
+def _is_one_of(pairs: Iterable[tuple[int, int]], frame: Frame) -> bool:
+    return isinstance(frame, CanFrame) and any(frame.arbitration_id & mask == ident for ident, mask in pairs)

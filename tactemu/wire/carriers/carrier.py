@@ -82,6 +82,10 @@ class Carrier(ABC):
         """Whether a device's connector lets a frame in; ``of_peer``: another device sent it."""
         return not of_peer
 
+    def passes_by(self, connector: Any, frame: Frame) -> bool:
+        """Whether a frame of the driver's that the connector does not let in was meant for its device."""
+        return False
+
     def collides(self, talker: str) -> bool:
         """Whether the driver talks into what ``talker`` has on the line ("" for an idle line), so that it is lost."""
         return False
