@@ -5,7 +5,8 @@ The channel owns the sampling period of each stream: the user's wish, else what 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
@@ -188,6 +189,21 @@ class Channel:
                 ticks.start(now_ns, period)
         if self.device.ports is not self._ports:
             self.plug()
+
+    def counted(self, injected: Counter[str]) -> Callable[[], dict[str, Any]]:
+        """What gives the statistics and counters of this device as they are now, as plain data; other threads than the
+        loop's may call it. ``injected``: the faults that befell it, by name."""
+        statistics = self.statistics.copy()
+        counts = {
+            "wire": sum((wire.counters for wire in self.wires.values()), Counter()),
+            "device": Counter(self.device.counters),
+            "injected": injected,
+        }
+        return lambda: {
+            "skin": self.name,
+            **statistics.as_dict(),
+            **{name: dict(sorted(each.items())) for name, each in counts.items()},
+        }
 
     def plug(self) -> None:
         """Tell the wires what is plugged into them."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -23,17 +22,7 @@ def statistics_of(emulator: Emulator, channel: Channel) -> dict[str, Any]:
 
 def look_at(emulator: Emulator, channel: Channel) -> Callable[[], dict[str, Any]]:
     """What gives :func:`statistics_of` as it is now, and may be called in another thread than the loop's."""
-    statistics = channel.statistics.copy()
-    counts = {
-        "wire": sum((wire.counters for wire in channel.wires.values()), Counter()),
-        "device": Counter(channel.device.counters),
-        "injected": emulator.truth.injected_at(channel.name),
-    }
-    return lambda: {
-        "skin": channel.name,
-        **statistics.as_dict(),
-        **{name: dict(sorted(each.items())) for name, each in counts.items()},
-    }
+    return channel.counted(emulator.truth.injected_at(channel.name))
 
 
 def state_of(control: Control) -> Callable[[], dict[str, Any]]:
