@@ -49,7 +49,7 @@ class CanFrame:
             is_extended_id=len(ident) > 3,
             is_remote_frame=remote,
             is_fd=is_fd,
-            bitrate_switch=is_fd and rest[1:2] == "1",
+            bitrate_switch=is_fd and bool(int(rest[1:2] or "0", 16) & 1),
             is_error_frame=error,
         )
 

@@ -12,6 +12,9 @@ from firmware_protocols.frames import FD_LENGTHS, frame_of, text_of
 PROTOCOL_ERROR = 0x8
 """How SocketCAN tells a program of a disturbed frame: the class of the error in place of the identifier."""
 _ERROR_FLAG, _ID_BITS, _STANDARD_IDS = 0x2000_0000, 0x1FFF_FFFF, 0x7FF
+_FD_FLAG = 4
+"""Flag of an FD frame that says that it is one. Linux sets it since 6.1, so that `candump` shows 5 and 4 in place of 1
+and 0, which the reader takes too."""
 _ERROR_DATA = "00" * 8
 
 
@@ -19,6 +22,9 @@ def text(frame: Frame) -> str:
     """The frame as logs write it."""
     if isinstance(frame, CanFrame) and frame.is_error_frame:
         return f"{_ERROR_FLAG | on_the_bus(frame).arbitration_id:08X}#{_ERROR_DATA}"
+    if isinstance(frame, CanFrame) and frame.is_fd:
+        ident, _, data = str(frame).partition("##")
+        return f"{ident}##{_FD_FLAG | frame.bitrate_switch:X}{data[1:]}"
     return text_of(frame)
 
 

@@ -105,6 +105,15 @@ def test_text_of_a_frame_and_back(frame):
     assert parse(text(frame)) == frame
 
 
+@pytest.mark.parametrize(
+    ("switch", "now", "formerly"), [(True, "18FF0001##5AABB", "18FF0001##1AABB"), (False, "123##4", "123##0")]
+)
+def test_flags_of_an_fd_frame_are_those_of_candump_and_those_of_before_are_read(switch, now, formerly):
+    frame = parse(formerly)
+    assert (frame.is_fd, frame.bitrate_switch, text(frame)) == (True, switch, now)
+    assert parse(now) == frame
+
+
 def test_an_error_frame_is_written_as_candump_shows_it(tmp_path):
     """``candump -L`` has the class of the error (8: protocol) with the error flag, and eight bytes."""
     disturbed = CanFrame(arbitration_id=0x27, data=b"\x01", is_error_frame=True)

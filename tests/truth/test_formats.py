@@ -44,7 +44,7 @@ def test_entries_come_back_in_order(path):
             "flip",
             "flip 5% [to_driver]",
             "00",
-            ("01", "18FF0001##111111111111111111111111111111111"),
+            ("01", "18FF0001##511111111111111111111111111111111"),
         ),
         Injection(26, "thumb", "flip", "byte 3 bit 1"),
         Injection(27, "thumb", "set", "noise", "0", ("0.1",)),
