@@ -5,12 +5,13 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import logging
+import os
 import socket
 import struct
 import time
 from collections.abc import Sequence
 
-from firmware_protocols import CanFrame, Frame
+from firmware_protocols import Can, CanFrame, Connector, Frame
 from firmware_protocols.can_frames import CAN_FRAME, CanFrames
 from tactemu.errors import TransportError, TransportUnavailable
 from tactemu.frame_text import PROTOCOL_ERROR
@@ -26,11 +27,11 @@ _LONGEST_NAME = 15
 _SIZE, _FD_SIZE = CAN_FRAME.itemsize, 72
 _CAN_FRAME, _CANFD_FRAME = struct.Struct("=IB3x8s"), struct.Struct("=IBB2x64s")
 _FILTER = struct.Struct("=II")
-_SIOCGIFFLAGS, _IFF_UP = 0x8913, 1
+_SIOCGIFFLAGS, _SIOCGIFMTU, _IFF_UP = 0x8913, 0x8921, 1
 """Of ``linux/sockios.h`` and ``net/if.h``."""
 _EXTENDED, _REMOTE, _ERROR = 1 << 31, 1 << 30, 1 << 29
-_SWITCHED = 1
-"""Of the flags of a CAN-FD frame: its data went at the data rate."""
+_SWITCHED, _FD_FLAG = 1, 4
+"""Of the flags of a CAN-FD frame: its data went at the data rate; it is one."""
 
 
 class SocketCanTransport(Transport):
@@ -47,6 +48,8 @@ class SocketCanTransport(Transport):
         self._out: socket.socket | None = None
         """The same, where the kernel has CAN."""
         self._filters: tuple[CanFilter, ...] = ()
+        self._bitrate, self._data_bitrate = 0, 0
+        """Of the device [bit/s]; the latter 0 where it sends no CAN-FD frames."""
         self._index = 0
         """Linux's number of the network interface: one that is made again under its name has another."""
         self._away = False
@@ -59,11 +62,17 @@ class SocketCanTransport(Transport):
         """
         self._filters = tuple(filters)
 
+    def fit(self, connector: Connector) -> None:
+        """A device with a data rate needs an interface that carries CAN-FD."""
+        if isinstance(connector, Can):
+            self._bitrate, self._data_bitrate = connector.bitrate, connector.data_bitrate or 0
+
     def open(self) -> None:
         """Join the bus.
 
         Raises:
-            TransportError: there is no such interface, or it is down; the message names the fix.
+            TransportError: there is no such interface, it is down, or it carries no CAN-FD though the device needs it;
+                the message names the fix.
         """
         if self._in is not None:
             return
@@ -83,7 +92,20 @@ class SocketCanTransport(Transport):
             OSError: there is no such interface.
         """
         made = joined(self.channel, self._filters)
+        if self._data_bitrate and (mtu := mtu_of(self.channel)) < _FD_SIZE:
+            made.close()
+            raise TransportUnavailable(
+                f"cannot open can:{self.address}: {self.channel} carries no CAN-FD (MTU {mtu}), which the device "
+                f"needs; {self._fd_fix()}"
+            )
         return made, made
+
+    def _fd_fix(self) -> str:
+        name = self.channel
+        if not os.path.exists(f"/sys/class/net/{name}/device"):  # a vcan
+            return f"sudo ip link set {name} down && sudo ip link set {name} mtu 72 up"
+        rates = f"bitrate {self._bitrate} dbitrate {self._data_bitrate}"
+        return f"sudo ip link set {name} down && sudo ip link set {name} up type can {rates} fd on"
 
     def close(self) -> None:
         """Leave the bus."""
@@ -214,6 +236,17 @@ def joined(name: str, filters: Sequence[CanFilter] = ()) -> socket.socket:
     return made
 
 
+def mtu_of(name: str) -> int:
+    """The longest frame of a network interface: 16 for CAN, 72 for CAN-FD, more for CAN XL.
+
+    Raises:
+        OSError: there is no such interface.
+    """
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as any_socket:
+        told = fcntl.ioctl(any_socket, _SIOCGIFMTU, struct.pack("16si20x", name.encode()[:15], 0))
+    return struct.unpack_from("i", told, 16)[0]
+
+
 def is_down(name: str) -> bool:
     """Whether there is such a network interface, and nobody has brought it up."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as any_socket:
@@ -237,7 +270,7 @@ def _packed(frame: CanFrame) -> bytes:
     identifier = PROTOCOL_ERROR if frame.is_error_frame else frame.arbitration_id
     identifier |= frame.is_extended_id << 31 | frame.is_remote_frame << 30 | frame.is_error_frame << 29
     if frame.is_fd:
-        return _CANFD_FRAME.pack(identifier, len(frame.data), frame.bitrate_switch, frame.data)
+        return _CANFD_FRAME.pack(identifier, len(frame.data), _FD_FLAG | frame.bitrate_switch, frame.data)
     if frame.is_error_frame:
         return _CAN_FRAME.pack(identifier, 8, bytes(8))
     return _CAN_FRAME.pack(identifier, len(frame.data), frame.data)

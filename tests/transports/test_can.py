@@ -6,11 +6,13 @@ import os
 import socket
 import struct
 import time
+from pathlib import Path
 
 import can
 import pytest
 
-from firmware_protocols import CanFrame
+from firmware_protocols import Can, CanFrame
+from tactemu.errors import TransportError
 from tactemu.transports import create, socketcan
 from tactemu.transports.transport import CanFilter, Closed, Opened, Received
 
@@ -124,6 +126,29 @@ def test_an_interface_that_goes_and_comes_back_is_opened_again(interface, caplog
         "can:socketcan:can9: the interface is gone; waiting for it to come back",
         "can:socketcan:can9: the interface is back",
     ] * 2
+
+
+@pytest.mark.parametrize(
+    ("mtu", "data_bitrate", "works"), [(72, 5_000_000, True), (16, None, True), (16, 5_000_000, False)]
+)
+def test_a_device_with_fd_frames_needs_an_interface_that_carries_them(interface, monkeypatch, mtu, data_bitrate, works):
+    monkeypatch.setattr(socketcan, "mtu_of", lambda name: mtu, raising=False)
+    port = create("can:socketcan:can9")
+    port.fit(Can(bitrate=1_000_000, data_bitrate=data_bitrate))
+    if works:
+        with port:
+            assert port.listening
+        return
+    with pytest.raises(TransportError, match=r"can9 carries no CAN-FD \(MTU 16\).*sudo ip link set can9 .* mtu 72 up"):
+        port.open()
+    monkeypatch.setattr("os.path.exists", lambda path: path == "/sys/class/net/can9/device")
+    with pytest.raises(TransportError, match="ip link set can9 up type can bitrate 1000000 dbitrate 5000000 fd on"):
+        port.open()
+    assert not port.listening
+
+
+def test_the_mtu_of_an_interface_is_the_kernels():
+    assert socketcan.mtu_of("lo") == int(Path("/sys/class/net/lo/mtu").read_text())
 
 
 def test_an_interface_that_is_only_down_keeps_its_socket(interface, monkeypatch):

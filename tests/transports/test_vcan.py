@@ -158,6 +158,10 @@ def test_an_fd_frame_on_a_classic_interface_is_dropped_not_fatal(port):
         subprocess.run(["ip", "link", "set", "vcan0", "mtu", "68" if ETHERNET else "16"], check=True)
         subprocess.run(["ip", "link", "set", "vcan0", "up"], check=True)
         assert port.write(FRAMES[0]) and not port.write(FRAMES[3])
+        with pytest.raises(TransportError, match=r"vcan0 carries no CAN-FD .* mtu 72 up"):
+            other = create("can:socketcan:vcan0")
+            other.fit(Can(data_bitrate=5_000_000))
+            other.open()
     finally:
         subprocess.run(["ip", "link", "set", "vcan0", "down"], check=True)
         subprocess.run(["ip", "link", "set", "vcan0", "mtu", "72", "up"], check=True)
