@@ -7,17 +7,23 @@ answer repeats the request's id; frames have id 00.
     01  -                    ``CONTROLLER``, one byte shorter than the host's struct
     02  -                    ``SENSOR``
     0B  matrix               ``MATRIX``
+    0F  ``ADJUST``           ``DONE``; the counts of a texel follow the sensitivity
     12  matrix               ``SENSITIVITY``
+    13  ``LIMIT``            ``DONE``; a texel below the threshold reads 0
     14  matrix               ``THRESHOLD``
-    03  flags, rate 2 bytes  ``CONFIGURED``. Flag 80 acquires: one frame with rate 0, else frames come unasked, about
-                             30 per second whatever the rate. Flag 01: run-length coded. All 0 stops
+    03  flags, rate 2 bytes  ``DONE``. Flag 80 acquires: one frame with rate 0, else frames come unasked, about 30 per
+                             second whatever the rate. Flag 01: run-length coded. All 0 stops
+
+0F and 13 hold until power-off; with flag 80 they are kept, are the factory's from then on, and get no answer (a mistake
+of the firmware). Flag 02 means all matrices, flag 01 the factory's value. What is wrong is answered with an error: 12
+too short, 13 unknown id, 14 too long, 24 no such matrix, 27 out of range. Up to release 288, but for 269, one frame is
+not to be had: they come unasked until stopped (option ``software``).
 
 A run-length coded frame holds units of two bytes: bits 11..0 the value, 15..12 how many texels have it. A frame of 486
 different values is 985 bytes, 86 ms of the line; one without a touch 79 bytes.
 
-After power-up the box is mute for about 8 s (option ``mute_s``), then it says 1B 5B 35 6E. It does not answer writes
-that it is to keep (0F, 13: a mistake of the firmware); they are not in this model. The library skips up to five frames
-before an answer, and gives up on anything else.
+After power-up the box is mute for about 8 s (option ``mute_s``), then it says 1B 5B 35 6E three times in 0.82 s. The
+library skips up to five frames before an answer, and gives up on anything else.
 
 Try it: ``tactemu run weiss_dsacon32m``, then send AA AA AA 02 00 00.
 """
@@ -37,8 +43,12 @@ from firmware_protocols import (
     Outs,
     Reading,
     Rollover,
+    Sent,
     Serial,
+    assumed,
     grid_layout,
+    measured,
+    stated,
 )
 from firmware_protocols.adc import quantize
 from firmware_protocols.framing import MORE, SOUND, Packets
@@ -60,16 +70,28 @@ FRAME = Frame("""
     4     u1                    flags             01: run-length coded
     5     bytes                 texels            of two bytes, 0 to 4095
 """)
-CONFIGURED = Frame("""
-    answer to 03
-    0     00 00                 error
+DONE = Frame("""
+    error
+    0     <u2                   error             0: none
+""")
+ADJUST = Frame("""
+    sensitivity to be set
+    0     u1                    flags
+    1     u1                    matrix
+    2     <f4                   sensitivity       0 to 1
+""")
+LIMIT = Frame("""
+    threshold to be set
+    0     u1                    flags
+    1     u1                    matrix
+    2     <u2                   threshold         0 to 4095
 """)
 CONTROLLER = Frame("""
     answer to 01
     0     00 00                 error
     2     <u4                   serial
     6     01                    hardware
-    7     00 01                 software
+    7     <u2                   software          release
     9     00                    status
     10    00                    features
     11    00                    type
@@ -102,21 +124,34 @@ MATRIX = Frame("""
 SENSITIVITY = Frame("""
     answer to 12
     0     00 00                 error
-    2     00                    flags
-    3     00 00 80 3F           current           1
-    7     00 00 80 3F           factory           1
+    2     02                    flags             the user may change it
+    3     <f4                   current
+    7     <f4                   factory
 """)
 THRESHOLD = Frame("""
     answer to 14
     0     00 00                 error
-    2     00 00                 threshold
+    2     <u2                   threshold
 """)
 PUSHED, CONTROLLER_INFO, SENSOR_INFO, CONFIGURE, MATRIX_INFO = 0x00, 0x01, 0x02, 0x03, 0x0B
-GET_SENSITIVITY, GET_THRESHOLD = 0x12, 0x14
-PAYLOAD_BYTES = {CONTROLLER_INFO: 0, SENSOR_INFO: 0, CONFIGURE: 3, MATRIX_INFO: 1, GET_SENSITIVITY: 1, GET_THRESHOLD: 1}
+SET_SENSITIVITY, GET_SENSITIVITY, SET_THRESHOLD, GET_THRESHOLD = 0x0F, 0x12, 0x13, 0x14
+PAYLOAD_BYTES = {
+    CONTROLLER_INFO: 0, SENSOR_INFO: 0, CONFIGURE: 3, MATRIX_INFO: 1,
+    SET_SENSITIVITY: 6, GET_SENSITIVITY: 1, SET_THRESHOLD: 4, GET_THRESHOLD: 1,
+}  # fmt: skip
+SETTINGS = {SET_SENSITIVITY: (ADJUST, "sensitivity", 1.0), SET_THRESHOLD: (LIMIT, "threshold", 4095)}
+PERSISTENT, ALL, RESET = 0x80, 0x02, 0x01
+TOO_SHORT, UNKNOWN, TOO_LONG, NO_MATRIX, OUT_OF_RANGE = 12, 13, 14, 24, 27
+LAST_STREAMING, SOUND_BEFORE = 288, 269
+"""Releases: the last one that cannot send one frame, and the one before that can."""
+FACTORY_SENSITIVITY = 0.5
 ACQUIRE, RUN_LENGTH = 0x80, 0x01
 LONGEST_RUN = 15
 GREETING = b"\x1b\x5b\x35\x6e"
+GREETINGS_NS = (0, 410_000_000, 820_000_000)
+SDH = "ipab-slmc/SDHLibrary-CPP@0217d4e sdh/"
+BOTH = "dsa.cpp, dsa.h, demo-dsa.cpp, CHANGELOG.txt (all whole)"
+RECORDINGS = "peter-kiechle/tactile-sensors@7bbb341 pressure_profiles"
 
 PITCH, COLUMNS = 0.0034, 6
 PARTS = {"proximal": (14, 0.03), "distal": (13, 0.09)}
@@ -135,16 +170,33 @@ class WeissDsacon32m(Device):
     columns = (Column(name="texel", low=0, high=4095, push=1),)
     rollovers = (Rollover(name="time", bits=32, step=1000, clock=True),)
     evidence = ("driver",)
-    sources = (
-        "ipab-slmc/SDHLibrary-CPP@0217d4e dsa.cpp l.101-148, 280-323, 540-556, 870; dsa.h l.61; crc.h; crc.cpp l.64",
-    )
-    judge = "own second reader"
-    assumed = (
-        "texels of 3.4 mm, flat matrices; proximal before distal, finger by finger, row by row; fingers 40 mm apart",
-        "1000 counts/N; full scale 4095, sensitivity 1, threshold 0, versions 1, everything else in the answers 0",
-        "frames without flag 80 stop whatever the rate; bit 0 of a frame's flags is that of the request",
-        "it scans 30 times a second all the time; one frame is that of the next scan",
-        "12 and 14 name a matrix as 0B does; wrong CRCs, lengths, ids and matrices get no answer",
+    sources = (f"{SDH}dsa.cpp, dsa.h, crc.h, crc.cpp (the vendor's own)", f"{RECORDINGS} (gain, threshold, period)")
+    judge = "ipab-slmc/SDHLibrary-CPP@0217d4e cDSA"
+    facts = (
+        stated("touch", "texels row by row, matrix by matrix", f"{SDH}dsa.cpp:488, 973"),
+        stated("touch", "matrix = 2 finger + part, proximal before distal", f"{SDH}dsa.h:644"),
+        measured("touch", "14 x 6 and 13 x 6 texels of 3.4 mm in turn", RECORDINGS),
+        measured("touch", "a texel below the threshold reads 0", RECORDINGS),
+        measured("touch", "counts follow the sensitivity linearly from 0.1 to 1", RECORDINGS),
+        measured("touch", "the corners of a 13 x 6 do not exist and read 0; here they are texels", RECORDINGS),
+        assumed("touch", "1000 counts/N at the factory's sensitivity; full scale 4095; flat, 40 mm apart", BOTH),
+        stated("identity", "18 bytes of the host's 19 answer 01", f"{SDH}dsa.cpp:319-324"),
+        stated("identity", "software is a release, such as 268 or 288", f"{SDH}dsa.cpp:424, 908, 936"),
+        stated("identity", "firmware 2.9.0.0 has sound single frames: release 290 here", f"{SDH}dsa.h:536-539"),
+        assumed("identity", "serial number 1001, hardware 1, everything else in the answers 0", BOTH),
+        stated("configuration", "one frame with rate 0; any other rate: 30 a second", f"{SDH}dsa.h:521-524"),
+        stated("configuration", "up to 288, but for 269, it streams instead", f"{SDH}dsa.cpp:424"),
+        stated("configuration", "layouts of 0F and 13, their flags", f"{SDH}dsa.cpp:845-867, 912-923"),
+        stated("configuration", "what is kept gets no answer", f"{SDH}dsa.cpp:870, 925"),
+        stated("configuration", "factory's sensitivity 0.5; the user may change it", f"{SDH}dsa.h:209, 570"),
+        stated("configuration", "error codes", f"{SDH}dsa.h:120-147"),
+        assumed("configuration", "which error tells what; factory's threshold 0; bad CRCs get no answer", BOTH),
+        assumed("configuration", "bit 0 of a frame's flags is that of the request", BOTH),
+        stated("timing", "115200 baud", f"{SDH}dsa.cpp:617"),
+        stated("timing", "mute for 8 s, 1B 5B 35 6E three times in 0.82 s", f"{SDH}dsa.cpp:681-684"),
+        assumed("timing", "the three come when it has begun to answer", BOTH),
+        measured("timing", "a frame each 32 ms", RECORDINGS),
+        assumed("timing", "it scans 30 times a second all the time; one frame is that of the next scan", BOTH),
     )
 
     def __init__(
@@ -152,7 +204,10 @@ class WeissDsacon32m(Device):
         *,
         serial: Annotated[int, Option("of the controller and its sensor", low=0, high=0xFFFFFFFF)] = 1001,
         mute_s: Annotated[float, Option("silence after power-up; hardware: about 8", unit="s", low=0)] = 0.0,
-        counts_per_newton: Annotated[float, Option("of a texel", unit="1/N", low=1e-6)] = 1000.0,
+        counts_per_newton: Annotated[
+            float, Option("of a texel at the sensitivity of the factory, 0.5", unit="1/N", low=1e-6)
+        ] = 1000.0,
+        software: Annotated[int, Option("release of the firmware", low=1, high=0xFFFF)] = 290,
     ):
         grids = [
             grid_layout(rows, COLUMNS, PITCH, name=name, link=name, origin=(BETWEEN_FINGERS * (finger - 1), y, 0.0))
@@ -161,7 +216,12 @@ class WeissDsacon32m(Device):
             for name in [f"finger {finger} {part}"]
         ]
         self.layout = stack(*grids)
-        self.serial, self.boot_s, self.counts_per_newton = serial, mute_s, counts_per_newton
+        self.serial, self.boot_s, self.counts_per_newton, self.software = serial, mute_s, counts_per_newton, software
+        self.matrix_of = np.repeat(np.arange(len(grids)), [len(grid) for grid in grids])
+        self.factory = {
+            "sensitivity": [FACTORY_SENSITIVITY] * len(grids), "threshold": [0] * len(grids), **self.flash
+        }  # fmt: skip
+        self.current = {name: list(values) for name, values in self.factory.items()}
         self.packets = Packets(MESSAGE.head, _size, _check, counters=self.counters, longest=64)
         self.pushing = self.once = False
         self.flags = 0
@@ -178,8 +238,7 @@ class WeissDsacon32m(Device):
                 ("controller", "01 00 00", "AA AA AA 01 12 00 00 00 ..{16} ..{2}"),
                 ("sensor", "02 00 00", "AA AA AA 02 0C 00 00 00 06 00 ..{8} ..{2}"),
                 ("matrix 5", "0B 01 00 05 6E AB", "AA AA AA 0B 34 00 00 00 ..{8} 06 00 0D 00 ..{38} ..{2}"),
-                ("sensitivity of matrix 0", "12 01 00 00 8F DB", "AA AA AA 12 0B 00 00 00 ..{9} ..{2}"),
-                ("threshold of matrix 0", "14 01 00 00 03 C1", "AA AA AA 14 04 00 00 00 ..{2} ..{2}"),
+                *_EXAMPLES,
                 ("one frame", "03 03 00 80 00 00 8D 02", done),
                 ("one frame, run-length coded", "03 03 00 81 00 00 2F 68", done),
                 ("frames unasked", "03 03 00 80 1E 00 8E 1C", done),
@@ -189,7 +248,10 @@ class WeissDsacon32m(Device):
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:
         """Counts of each texel, 0..4095, shape ``(486,)``."""
-        self.counts = quantize(self.layout.push(reading["force"]), self.counts_per_newton, 0, 4095)
+        sensitivity, threshold = (np.array(self.current[name])[self.matrix_of] for name in ("sensitivity", "threshold"))
+        scale = self.counts_per_newton / FACTORY_SENSITIVITY * sensitivity
+        counts = quantize(self.layout.push(reading["force"]), scale, 0, 4095)
+        self.counts = np.where(counts < threshold, 0, counts)
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Outs:
@@ -205,41 +267,68 @@ class WeissDsacon32m(Device):
 
     def boot(self, t_ns: int) -> Outs:
         """What the box says when it has come up."""
-        return [GREETING]
+        return [Sent(GREETING, delay_ns=delay_ns) for delay_ns in GREETINGS_NS]
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
         """Messages in chunks of any size."""
         return [out for packet in self.packets.cut(data, t_ns) for out in self._obey(packet[3], packet[6:-2])]
 
     def _obey(self, request: int, payload: bytes) -> Outs:
-        if PAYLOAD_BYTES.get(request) != len(payload):
-            self.counters["unknown_command"] += 1
-            return ()
+        wanted = PAYLOAD_BYTES.get(request, -1)
+        if len(payload) != wanted:
+            self.counters["unknown_command" if wanted < 0 else "bad_length"] += 1
+            return _error(request, UNKNOWN if wanted < 0 else TOO_SHORT if len(payload) < wanted else TOO_LONG)
+        if request in SETTINGS:
+            return self._set(request, payload)
         if request == CONFIGURE:
             self._configure(*payload)
-            return [MESSAGE.pack(id=CONFIGURE, payload=CONFIGURED.pack())]
-        if (answer := self._told(request, payload)) is None:
+            return _error(CONFIGURE, 0)
+        if payload and payload[0] >= len(self.layout.patches):
             self.counters["refused"] += 1
-            return ()
-        return [MESSAGE.pack(id=request, payload=answer)]
+            return _error(request, NO_MATRIX)
+        return [MESSAGE.pack(id=request, payload=self._told(request, *payload))]
 
     def _configure(self, flags: int, rate_low: int, rate_high: int) -> None:
         acquire, rate = bool(flags & ACQUIRE), rate_low | rate_high << 8
-        self.flags, self.pushing, self.once = flags, acquire and rate > 0, acquire and rate == 0
+        streams = rate > 0 or (self.software <= LAST_STREAMING and self.software != SOUND_BEFORE)
+        self.flags, self.pushing, self.once = flags, acquire and streams, acquire and not streams
 
-    def _told(self, request: int, payload: bytes) -> bytes | None:
-        """What the box says of itself, or of a matrix; ``None`` of one that it does not have."""
+    def _set(self, request: int, payload: bytes) -> Outs:
+        table, name, high = SETTINGS[request]
+        given = table.unpack(payload)
+        assert given is not None, "its length has been checked"
+        every, value = len(self.layout.patches), given[name]
+        wrong = 0 if given["flags"] & RESET or 0 <= value <= high else OUT_OF_RANGE
+        wrong = wrong or (0 if given["flags"] & ALL or given["matrix"] < every else NO_MATRIX)
+        if wrong:
+            self.counters["refused"] += 1
+            return _error(request, wrong)
+        for matrix in range(every) if given["flags"] & ALL else (given["matrix"],):
+            self.current[name][matrix] = self.factory[name][matrix] if given["flags"] & RESET else value
+        if given["flags"] & PERSISTENT:
+            self.factory[name] = self.flash[name] = list(self.current[name])
+            return ()
+        return _error(request, 0)
+
+    def _told(self, request: int, matrix: int = 0) -> bytes:
+        """What the box says of itself, or of a matrix."""
         patches = self.layout.patches
         if request == CONTROLLER_INFO:
-            return CONTROLLER.pack(serial=self.serial)
+            return CONTROLLER.pack(serial=self.serial, software=self.software)
         if request == SENSOR_INFO:
             return SENSOR.pack(matrices=len(patches), serial=self.serial)
-        if payload[0] >= len(patches):
-            return None
         if request == MATRIX_INFO:
-            patch = patches[payload[0]]
+            patch = patches[matrix]
             return MATRIX.pack(texel=[1000 * patch.pitch] * 2, cells=[patch.cols, patch.rows])
-        return SENSITIVITY.pack() if request == GET_SENSITIVITY else THRESHOLD.pack()
+        if request == GET_SENSITIVITY:
+            return SENSITIVITY.pack(
+                current=self.current["sensitivity"][matrix], factory=self.factory["sensitivity"][matrix]
+            )
+        return THRESHOLD.pack(threshold=self.current["threshold"][matrix])
+
+
+def _error(request: int, error: int) -> list[bytes]:
+    return [MESSAGE.pack(id=request, payload=DONE.pack(error=error))]
 
 
 def _size(data: bytes) -> int:
@@ -263,3 +352,18 @@ def _run_length(values: np.ndarray) -> np.ndarray:
     lengths = np.full(units.sum(), LONGEST_RUN)
     lengths[np.cumsum(units) - 1] = runs - LONGEST_RUN * (units - 1)
     return np.repeat(values[begins], units) | lengths << 12
+
+
+_EXAMPLES = (
+    # name, request without the preamble, answer
+    ("sensitivity of matrix 0", "12 01 00 00 8F DB", "AA AA AA 12 0B 00 00 00 02 00 00 00 3F 00 00 00 3F 61 E9"),
+    ("threshold of matrix 0", "14 01 00 00 03 C1", "AA AA AA 14 04 00 00 00 00 00 C6 91"),
+    ("sensitivity 0.75 of matrix 4", "0F 06 00 00 04 00 00 40 3F 3A A9", "AA AA AA 0F 02 00 00 00 81 76"),
+    ("sensitivity of the factory", "0F 06 00 03 00 00 00 00 00 41 14", "AA AA AA 0F 02 00 00 00 81 76"),
+    ("threshold 100 of all", "13 04 00 02 00 64 00 92 4C", "AA AA AA 13 02 00 00 00 70 04"),
+    ("threshold 150 of matrix 1, kept", "13 04 00 80 01 96 00 30 A5", None),
+    ("matrix 6: no such", "0B 01 00 06 0D 9B", "AA AA AA 0B 02 00 18 00 62 52"),
+    ("sensitivity 2: out of range", "0F 06 00 00 00 00 00 00 40 C8 3C", "AA AA AA 0F 02 00 1B 00 9D 8D"),
+    ("unknown id", "7F 00 00", "AA AA AA 7F 02 00 0D 00 D3 74"),
+    ("threshold, too short", "13 02 00 00 00 70 04", "AA AA AA 13 02 00 0C 00 B5 54"),
+)

@@ -49,11 +49,59 @@ def test_one_frame_is_one_and_stop_is_none():
     assert send(device, STOP) == [DONE] and sample(device) == []
 
 
-def test_what_is_not_answered():
+def request(device, name: str) -> list[bytes]:
+    return send(device, next(command.request for command in device.commands if command.name == name))
+
+
+@pytest.mark.parametrize(
+    ("name", "error", "counter"),
+    [
+        ("matrix 6: no such", 24, "refused"),
+        ("sensitivity 2: out of range", 27, "refused"),
+        ("unknown id", 13, "unknown_command"),
+        ("threshold, too short", 12, "bad_length"),
+    ],
+)
+def test_what_is_wrong_is_answered_with_an_error(name, error, counter):
     device = fp.create("weiss_dsacon32m")
-    assert send(device, "aaaaaa0b0100060d9b") == [] and device.counters["refused"] == 1
+    (answer,) = request(device, name)
+    assert answer[6:8] == bytes([error, 0]) and device.counters[counter] == 1
+
+
+def test_a_wrong_sum_is_not_answered():
+    device = fp.create("weiss_dsacon32m")
     assert send(device, "aaaaaa0b010006ffff") == [] and device.counters["bad_checksum"] == 1
-    assert send(device, "aaaaaa7f0000") == [] and device.counters["unknown_command"] == 1
+
+
+def test_sensitivity_and_threshold_are_of_a_matrix_until_power_off():
+    device = fp.create("weiss_dsacon32m")
+    send(device, PUSH)
+    request(device, "sensitivity 0.75 of matrix 4")
+    request(device, "threshold 100 of all")
+    (frame,) = sample(device, 0.08)
+    of = np.repeat(range(6), [84, 78] * 3)
+    assert texels(frame) == [120 if matrix == 4 else 0 for matrix in of]
+    device.power_cycle()
+    send(device, PUSH)
+    assert texels(sample(device, 0.08)[0]) == [80] * 486
+
+
+def test_what_is_kept_is_the_factory_s_from_then_on():
+    device = fp.create("weiss_dsacon32m")
+    assert request(device, "threshold 150 of matrix 1, kept") == []
+    device.power_cycle()
+    send(device, PUSH)
+    assert texels(sample(device, 0.1)[0]) == [100] * 84 + [0] * 78 + [100] * 324
+    request(device, "threshold 100 of all")
+    send(device, "aaaaaa130400030000001a04")  # wrong sum: nothing
+    assert texels(sample(device, 0.099)[0]) == [0] * 486
+
+
+@pytest.mark.parametrize(("software", "frames"), [(290, 1), (288, 3), (269, 1), (268, 3)])
+def test_an_old_release_streams_where_one_frame_is_asked_for(software, frames):
+    device = fp.create("weiss_dsacon32m", software=software)
+    send(device, ONE)
+    assert sum(len(sample(device)) for _ in range(3)) == frames
 
 
 def test_the_clock_rolls_over():
@@ -65,4 +113,4 @@ def test_the_clock_rolls_over():
 
 def test_the_silence_after_power_up():
     device = fp.create("weiss_dsacon32m", mute_s=8.0)
-    assert device.boot_s == 8.0 and device.boot(0) == [b"\x1b[5n"]
+    assert device.boot_s == 8.0 and [out.frame for out in device.boot(0)] == [b"\x1b[5n"] * 3
