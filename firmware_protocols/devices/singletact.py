@@ -1,13 +1,19 @@
 """SingleTact: one capacitive pad that feels a force, behind its USB board or an Arduino.
 
 Wire: USB serial, 115200. It only answers, ``ANSWER`` to ``REQUEST``: operation 01 reads ``count`` bytes of a memory,
-02 writes ``data`` into it. Hosts send a 16th byte, 00, behind a request to read, which is skipped.
+02 writes ``data`` into it, 04 a calibration, 03 switches pins. Hosts send a 16th byte, 00, behind a request to read.
 
     location  content
-    0..127    settings, which hosts read as four times 32 bytes
+    0..127    ``SETTINGS``, then zeros; hosts read them as four times 32 bytes
     128..133  ``DATA``
+    134..191  zeros
 
-The driver sets DTR for 1 s, clears it for 1 s and sets RTS when it opens, and ignores what is 00 here but the settings.
+512 counts are the range of the pad (10 N here) at a scaling of 100. A write of settings is answered when they are in
+flash, 50 ms later, and makes what is felt now 255: so hosts tare. From firmware 2 to 254 its last byte is the sum of
+the others; one with another sum is not obeyed. The pad answers to address 4, too.
+
+The board's answer to another address comes after 100 ms, with what its buffer held before; the time in answers without
+data is that of the last read. Hosts move DTR and RTS when they open, to restart an Arduino, and wait for 2 s.
 
 Try it: ``tactemu run singletact``, then send FF FF FF FF 04 64 01 01 80 06 FF FE FE FE FE.
 """
@@ -17,6 +23,7 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 from firmware_protocols import (
+    USB,
     Column,
     Command,
     Counts,
@@ -25,8 +32,11 @@ from firmware_protocols import (
     Outs,
     Reading,
     Rollover,
+    Sent,
     Serial,
+    assumed,
     points,
+    stated,
 )
 from firmware_protocols.adc import quantize
 from firmware_protocols.framing import MORE, SOUND, Packets
@@ -38,20 +48,19 @@ REQUEST = Frame("""
     4     u1              address    on the I2C behind the board
     5     u1              timeout    usually 64
     6     u1              id         the answer repeats it
-    7     u1              operation  01 read, 02 write
+    7     u1              operation  01 read, 02 write, 03 switch, 04 calibrate
     8     u1              location
     9     u1              count
-    10    bytes           data       of a write
+    10    bytes           data       but of a read
     ..    FF FE FE FE FE  tail
 """)
 ANSWER = Frame("""
     answer
-    0     u1              first      AA from the USB board, FF from an Arduino
-    1     FF FF FF        head
+    0     u1 x 4          head       AA from the USB board, FF from an Arduino
     4     u1              address
-    5     00              unused
+    5     00              timeout
     6     u1              id
-    7     >u4 wrap        time       [ms]
+    7     >u4 wrap        time       [0.1 ms]
     11    u1              count = len(data)
     12    bytes           data       of a read
     ..    FE FE FE FE     tail
@@ -59,14 +68,40 @@ ANSWER = Frame("""
 DATA = Frame("""
     what is felt
     0     >u2             iteration
-    2     00 00           unused
+    2     >u2 wrap        time       [0.1 ms]
     4     >u2             value      255: no force
 """)
-READ, WRITE = 1, 2
-REQUEST_BYTES = 15
-SETTINGS = 128
-FIRST = {"usb": 0xAA, "arduino": 0xFF}
+SETTINGS = Frame("""
+    settings as delivered
+    0     u1              address
+    1     00 00           hardware
+    3     >u2             serial
+    5     05              accumulator
+    6     05              gain       5: a pad of 1, 10 or 100 N; 1: of 4.5, 45 or 450 N
+    7     u1              firmware
+    8     00 00           discharge  timer and output current
+    10    >u2             scaling    100: as it is
+    12    01              elements
+    13    01              calibrated
+    14    00              unused
+""")
+READ, WRITE, SWITCH, CALIBRATE = 1, 2, 3, 4
+REQUEST_BYTES, LONGEST_READ, LONGEST_WRITE = 15, 61, 28
+MEMORY, WRITABLE = 192, 128
+SCALING, UNITY = slice(10, 12), 100
+FLASH_NS, DEAD_NS, TICK_NS = 50_000_000, 100_000_000, 100_000
+HEADS = {"usb": 0xAA, "arduino": 0xFF}
+PIDS = {"usb": 0x8036, "arduino": 0x0043}
+EVERY = 4
+"""An address to which all pads answer."""
+TAIL = b"\xfe" * 4
+FILLER = b"\0"
+"""What hosts send behind a request to read; the board drops it."""
 REST, FULL = 255, 1023
+NET, PYTHON = "SingleTact/NETInterface@30c0e82", "philip-long/singletact-python-wrapper@659796f"
+FIRMWARE, ROS2 = "SingleTact/WinAppArduinoInterface@5e9c026", "matteogrisenti/SingleTact_ROS2_Package@5296909"
+PI = "SingleTact/RaspberryPiDemo@f3c2357 pps-singletact.py"
+ALL = "SingleTactDemo.ino, SingleTactLibrary/*.cs, Demo/GUI.cs, pps-singletact.py, both Python drivers (all whole)"
 
 
 class SingleTact(Device):
@@ -75,23 +110,46 @@ class SingleTact(Device):
     name = "singletact"
     kind = "fingertip"
     title = "SingleTact, one pad"
-    ports = (Serial(baud=115200, usb=True),)
     columns = (Column(name="value", low=0, high=FULL, rest=REST, push=1),)
     rollovers = (
         Rollover(name="iteration", bits=16, state="iteration"),
-        Rollover(name="time", bits=32, step=1000, clock=True),
+        Rollover(name="time", bits=32, step=10_000, clock=True),
     )
-    evidence = ("driver",)
+    evidence = ("firmware", "driver")
     sources = (
-        "philip-long/singletact-python-wrapper@659796f singletact_library.py",
-        "SingleTact/NETInterface@30c0e82 l.402-405 (AA from the USB board; the vendor's own)",
+        f"{FIRMWARE} SingleTactDemo.ino (the Arduino's firmware; the vendor's own)",
+        f"{NET} SingleTactLibrary (the vendor's own)",
+        f"{PI} (the data; the vendor's own)",
+        f"{PYTHON} singletact_library.py",
+        f"{ROS2} SingleTactInterface.py, SingleTactPortDriver.py",
     )
-    judge = "own second reader"
-    assumed = (
-        "51.2 counts/N above 255, up to 1023; a pad of 15 mm",
-        "100 conversions per second, which the iteration counts, high byte first; the time is in ms",
-        "settings are 0 until written, and again after power-up; a write is answered without data",
-        "silence for another address, for bytes beyond the data, and for a write of what is no setting",
+    judge = f"{PYTHON}, {ROS2}"
+    facts = (
+        stated("touch", "255 is no force, high byte first", f"{PI}:303-305"),
+        stated("touch", "512 counts are the full range", f"{NET} SingleTact Demo/GUI.cs:241, 281"),
+        stated("touch", "ranges of 1, 10, 100 or 4.5, 45, 450 N", f"{NET} SingleTact Demo/GUI.cs:122-140"),
+        assumed("touch", "10 N; a pad of 8 mm; values end at 0 and 1023", ALL),
+        stated("touch", "frame index, time, value in the six bytes", f"{PI}:303-305"),
+        stated("identity", "2341:8036 is the USB board, another 2341 an Arduino", f"{NET} ComPortFinder.cs:42-51"),
+        assumed("identity", "an Arduino Uno, 2341:0043", ALL),
+        stated("identity", "an answer of the USB board begins with AA", f"{NET} ArduinoSingleTactDriver.cs:359-362"),
+        assumed("identity", "so do its three other bytes, as one driver wants them", f"{ALL}; {ROS2} reads AA AA"),
+        stated("identity", "where serial number, firmware and gain are", f"{NET} SingleTactSettings.cs:19-34"),
+        assumed("identity", "serial number 1, firmware 1, timer and current 0", ALL),
+        stated("configuration", "settings are in flash, which takes 50 ms", f"{NET} ArduinoSingleTactDriver.cs:132"),
+        stated("configuration", "a write of settings tares", f"{NET} SingleTact.cs:210-214"),
+        stated("configuration", "firmware 2 to 254: a sum as last byte", f"{NET} SingleTact.cs:70-82"),
+        assumed("configuration", "a wrong sum is answered and not obeyed; the tare is forgotten at power-off", ALL),
+        stated("configuration", "scaling is at least 100", f"{NET} SingleTact Demo/GUI.cs:193-195"),
+        assumed("configuration", "values follow the scaling, 100 is 1", ALL),
+        stated("configuration", "0 to 191 are valid", f"{NET} ArduinoSingleTactDriver.cs:239"),
+        stated("configuration", "all answer to 4", f"{NET} SingleTact.cs:217"),
+        stated("configuration", "03 and 04 are answered without data", f"{FIRMWARE} SingleTactDemo.ino:317-410"),
+        stated("configuration", "another address: the old buffer", f"{FIRMWARE} SingleTactDemo.ino:277-302"),
+        assumed("configuration", "the USB board does as the Arduino; silence beyond 191", ALL),
+        stated("timing", "the clock counts 0.1 ms", f"{FIRMWARE} SingleTactDemo.ino:114; {NET} SingleTact.cs:184"),
+        stated("timing", "a write repeats the time of the last read", f"{FIRMWARE} SingleTactDemo.ino:226-266"),
+        assumed("timing", "100 conversions a second, which the iteration counts; reads take no time", ALL),
     )
 
     def __init__(
@@ -99,74 +157,108 @@ class SingleTact(Device):
         *,
         board: Annotated[Literal["usb", "arduino"], Option("what is between the pad and the host")] = "usb",
         address: Annotated[int, Option("of the pad on the board's I2C", low=0, high=0x7F)] = 4,
-        counts_per_newton: Annotated[float, Option("above the rest", unit="1/N", low=1e-6)] = 51.2,
+        counts_per_newton: Annotated[float, Option("above the rest, scaling 100", unit="1/N", low=1e-6)] = 51.2,
+        serial: Annotated[int, Option("number of the pad", low=0, high=0xFFFF)] = 1,
+        firmware: Annotated[int, Option("from 2 on, settings end with a sum", low=0, high=0xFF)] = 1,
     ):
-        self.layout = points({"pad": (0.0, 0.0, 0.0)}, pitch=0.015)
-        self.address, self.counts_per_newton = address, counts_per_newton
-        self.answer = ANSWER.bind(first=FIRST[board], address=address)
+        self.ports = (Serial(baud=115200, usb=USB(0x2341, PIDS[board])),)
+        self.layout = points({"pad": (0.0, 0.0, 0.0)}, pitch=0.008)
+        self.counts_per_newton, self.firmware = counts_per_newton, firmware
+        self.head = [HEADS[board]] * 4
         self.packets = Packets(REQUEST.head, _size, _check, counters=self.counters)
-        self.settings = bytes(SETTINGS)
-        self.iteration = 0
+        delivered = SETTINGS.pack(address=address, serial=serial, firmware=firmware, scaling=UNITY)
+        self.settings = self.flash.get("settings", delivered.ljust(WRITABLE, b"\0"))
+        self.buffer = bytes(LONGEST_READ + len(TAIL))
+        self.iteration, self.pushed, self.zero, self.felt_ns, self.read_ns = 0, 0.0, 0.0, 0, 0
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """Readings and settings, of a pad at the usual address."""
-        if self.address != 4:
-            return ()
-        asked = (
-            ("what is felt", "01 01 80 06", "01 ..{4} 06 ..{6}"),
-            ("settings from 0", "02 01 00 20", "02 ..{4} 20 ..{32}"),
-            ("settings from 32", "03 01 20 20", "03 ..{4} 20 ..{32}"),
-            ("settings from 64", "04 01 40 20", "04 ..{4} 20 ..{32}"),
-            ("settings from 96", "05 01 60 20", "05 ..{4} 20 ..{32}"),
-            ("write two settings", "06 02 10 02 12 34", "06 ..{4} 00"),
-        )
+        """Readings and settings, as delivered."""
+        origin = f"{PYTHON} singletact_library.py"
         return tuple(
             Command(
                 name=name,
                 request=f"FF FF FF FF 04 64 {request} FF FE FE FE FE",
-                reply=f".. FF FF FF 04 00 {reply} FE FE FE FE",
-                origin="singletact-python-wrapper@659796f singletact_library.py",
+                reply=f"{reply} FE FE FE FE",
+                origin=origin,
             )
-            for name, request, reply in asked
+            for name, request, reply in _EXAMPLES
         )
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:
         """The value, 0..1023, shape ``(1,)``."""
-        self.iteration = (self.iteration + 1) & 0xFFFF
-        push = self.layout.push(reading["force"])
-        self.counts = quantize(push, self.counts_per_newton, 0, FULL, rest=REST)
+        self.iteration, self.felt_ns = (self.iteration + 1) & 0xFFFF, t_ns
+        self.pushed = float(self.layout.push(reading["force"])[0])
+        scale = self.counts_per_newton * int.from_bytes(self.settings[SCALING], "big") / UNITY
+        self.counts = quantize([self.pushed - self.zero], scale, 0, FULL, rest=REST)
         return self.counts
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
         """Requests in chunks of any size."""
         return [out for packet in self.packets.cut(data, t_ns) for out in self._obey(packet, t_ns)]
 
-    def _obey(self, packet: bytes, t_ns: int) -> list[bytes]:
-        request = REQUEST.unpack(packet)
+    def _obey(self, packet: bytes, t_ns: int) -> Outs:
+        request = REQUEST.unpack(packet.removesuffix(FILLER))
         assert request is not None, "the cutter has checked it"
-        if request["address"] != self.address:
-            self.counters["other_device"] += 1
-            return []
-        memory = self.settings + DATA.pack(iteration=self.iteration, value=int(self.counts[0]))
-        reads, first, data = request["operation"] == READ, request["location"], request["data"]
-        end = first + request["count"]
-        if end > (len(memory) if reads else SETTINGS):
+        operation, first, count, data = (request[name] for name in ("operation", "location", "count", "data"))
+        reads, here = operation == READ, request["address"] in (EVERY, self.settings[0])
+        end = first + count
+        self.counters["other_device"] += not here
+        longest, last = (LONGEST_READ, MEMORY) if reads else (LONGEST_WRITE, WRITABLE if operation == WRITE else 0x200)
+        if not 0 < count <= longest or end > last:
             self.counters["refused"] += 1
-            return []
-        if not reads:
-            self.settings = self.settings[:first] + data + self.settings[end:]
-        content = memory[first:end] if reads else b""
-        return [self.answer.pack(id=request["id"], time=t_ns // 1_000_000, data=content)]
+            return ()
+        if reads:
+            self.read_ns = t_ns
+            self.buffer = (self._memory()[first:end] if here else self.buffer[:count]) + TAIL + self.buffer[count + 4 :]
+            return [self._answer(request, count, 0 if here else DEAD_NS)]
+        if here and operation == WRITE:
+            self._store(first, data)
+        self.buffer = TAIL + self.buffer[len(TAIL) :]
+        return [self._answer(request, 0, 0 if operation == SWITCH or not here else FLASH_NS)]
+
+    def _answer(self, request: dict, count: int, delay_ns: int) -> Sent | bytes:
+        fields = {"address": request["address"], "id": request["id"], "time": self.read_ns // TICK_NS}
+        answer = ANSWER.pack(head=self.head, data=self.buffer[:count], **fields)
+        return Sent(answer, delay_ns=delay_ns) if delay_ns else answer
+
+    def _memory(self) -> bytes:
+        felt = DATA.pack(iteration=self.iteration, time=self.felt_ns // TICK_NS, value=int(self.counts[0]))
+        return (self.settings + felt).ljust(MEMORY, b"\0")
+
+    def _store(self, first: int, data: bytes) -> None:
+        if 2 <= self.firmware <= 254:
+            data, last = data[:-1], data[-1]
+            if sum(data) & 0xFF != last:
+                self.counters["bad_checksum"] += 1
+                return
+        self.settings = self.settings[:first] + data + self.settings[first + len(data) :]
+        self.flash["settings"], self.zero = self.settings, self.pushed
 
 
 def _size(data: bytes) -> int | str:
     if len(data) < 10:
         return MORE
-    if data[7] not in (READ, WRITE):
+    if data[7] not in (READ, WRITE, SWITCH, CALIBRATE):
         return "unknown_command"
-    return REQUEST_BYTES + (data[9] if data[7] == WRITE else 0)
+    if data[7] == READ:
+        return REQUEST_BYTES + data.startswith(FILLER, REQUEST_BYTES)
+    return REQUEST_BYTES + data[9]
 
 
 def _check(packet: bytes) -> str:
-    return SOUND if REQUEST.unpack(packet) else "bad_tail"
+    return SOUND if REQUEST.unpack(packet.removesuffix(FILLER)) else "bad_tail"
+
+
+_HEAD = ".. .. .. .. 04 00"
+_EXAMPLES = (
+    # name, request behind address and timeout, answer without its tail
+    ("what is felt", "01 01 80 06", f"{_HEAD} 01 ..{{4}} 06 ..{{6}}"),
+    ("settings from 0", "02 01 00 20", f"{_HEAD} 02 ..{{4}} 20 ..{{32}}"),
+    ("settings from 32", "03 01 20 20", f"{_HEAD} 03 ..{{4}} 20 ..{{32}}"),
+    ("settings from 64", "04 01 40 20", f"{_HEAD} 04 ..{{4}} 20 ..{{32}}"),
+    ("settings from 96", "05 01 60 20", f"{_HEAD} 05 ..{{4}} 20 ..{{32}}"),
+    ("write two settings", "06 02 10 02 12 34", f"{_HEAD} 06 ..{{4}} 00"),
+    ("switch all pins", f"07 03 08 10 {'07 ' * 16}", f"{_HEAD} 07 ..{{4}} 00"),
+    ("calibration", f"08 04 00 10 {'00 FF ' * 8}", f"{_HEAD} 08 ..{{4}} 00"),
+)

@@ -5,8 +5,8 @@ Sources: philip-long/singletact-python-wrapper@659796f (singletact_library.py), 
 A reading is the 16-bit value; without a force it is 255.
 
 Not settled by the description: it calls the read command 16 bytes long but names 15 (a 00 fills it up here); the byte
-behind the address and two bytes of the data (ignored); the byte order of the iteration (taken as that of the value);
-whether the driver subtracts the 255 (not done here).
+behind the address (ignored); whether the driver subtracts the 255 (not done here). Time in the answer and in the data
+are compared: the data's is that of the conversion.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ def ask(line, number, location, count):
     command = bytes([ADDRESS, TIMEOUT, number, READ, location, count, 0xFF])
     line.write(b"\xff" * 4 + command + b"\xfe" * 4 + b"\0")
     head = exactly(line, 12)
-    expect(head[0] in (0xFF, 0xAA) and head[1:4] == b"\xff" * 3, f"an answer begins {head[:4].hex(' ')}")
+    expect(head[0] in (0xFF, 0xAA) and head[1:4] in (b"\xff" * 3, b"\xaa" * 3), f"an answer begins {head[:4].hex(' ')}")
     expect(head[4] == ADDRESS, f"address {head[4]}")
     expect(head[6] == number, f"answer to question {head[6]}, asked {number}")
     expect(head[11] == count, f"{head[11]} bytes announced, asked {count}")
@@ -49,6 +49,8 @@ def read(port):
         stamp, data = ask(line, next(numbers), 128, 6)
         expect(stamp >= before, f"time {stamp} after {before}")
         before = stamp
+        felt = struct.unpack(">H", data[2:4])[0]
+        expect((stamp - felt) & 0xFFFF < 10_000, f"felt at {felt}, told at {stamp & 0xFFFF}, in 0.1 ms")
         yield [struct.unpack(">H", data[4:])[0]]
 
 
