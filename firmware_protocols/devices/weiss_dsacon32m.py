@@ -22,8 +22,8 @@ not to be had: they come unasked until stopped (option ``software``).
 A run-length coded frame holds units of two bytes: bits 11..0 the value, 15..12 how many texels have it. A frame of 486
 different values is 985 bytes, 86 ms of the line; one without a touch 79 bytes.
 
-After power-up the box is mute for about 8 s (option ``mute_s``), then it has said 1B 5B 35 6E three times in 0.82 s.
-The library skips up to five frames before an answer, and gives up on anything else.
+After power-up the box is mute for about 8 s (option ``mute_s``), then it says 1B 5B 35 6E three times. The
+library skips up to five frames before an answer, and gives up on anything else.
 
 Try it: ``tactemu run weiss_dsacon32m``, then send AA AA AA 02 00 00.
 """
@@ -43,7 +43,6 @@ from firmware_protocols import (
     Outs,
     Reading,
     Rollover,
-    Sent,
     Serial,
     assumed,
     grid_layout,
@@ -148,7 +147,6 @@ FACTORY_SENSITIVITY = 0.5
 ACQUIRE, RUN_LENGTH = 0x80, 0x01
 LONGEST_RUN = 15
 GREETING = b"\x1b\x5b\x35\x6e"
-GREETINGS_NS = (0, 410_000_000, 820_000_000)
 SDH = "ipab-slmc/SDHLibrary-CPP@0217d4e sdh/"
 BOTH = "dsa.cpp, dsa.h, demo-dsa.cpp, CHANGELOG.txt (all whole)"
 RECORDINGS = "peter-kiechle/tactile-sensors@7bbb341 pressure_profiles"
@@ -194,7 +192,7 @@ class WeissDsacon32m(Device):
         assumed("configuration", "bit 0 of a frame's flags is that of the request", BOTH),
         stated("timing", "115200 baud", f"{SDH}dsa.cpp:617"),
         stated("timing", "mute for 8 s, 1B 5B 35 6E three times in 0.82 s", f"{SDH}dsa.cpp:681-684"),
-        assumed("timing", "it answers from the third on; with mute_s=0 there is but one", BOTH),
+        assumed("timing", "the three come at once, when it begins to answer", BOTH),
         measured("timing", "a frame each 32 ms", RECORDINGS),
         assumed("timing", "it scans 30 times a second all the time; one frame is that of the next scan", BOTH),
     )
@@ -216,8 +214,7 @@ class WeissDsacon32m(Device):
             for name in [f"finger {finger} {part}"]
         ]
         self.layout = stack(*grids)
-        self.serial, self.counts_per_newton, self.software = serial, counts_per_newton, software
-        self.boot_s, self.deaf_ns = max(0.0, mute_s - GREETINGS_NS[-1] / 1e9), 0
+        self.serial, self.boot_s, self.counts_per_newton, self.software = serial, mute_s, counts_per_newton, software
         self.matrix_of = np.repeat(np.arange(len(grids)), [len(grid) for grid in grids])
         self.factory = {
             "sensitivity": [FACTORY_SENSITIVITY] * len(grids), "threshold": [0] * len(grids), **self.flash
@@ -268,14 +265,10 @@ class WeissDsacon32m(Device):
 
     def boot(self, t_ns: int) -> Outs:
         """What the box says when it has come up."""
-        delays_ns = GREETINGS_NS if self.options.get("mute_s") else GREETINGS_NS[:1]
-        self.deaf_ns = t_ns + delays_ns[-1]
-        return [Sent(GREETING, delay_ns=delay_ns) for delay_ns in delays_ns]
+        return [GREETING] * 3
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
-        """Messages in chunks of any size, once it has said for the last time that it is there."""
-        if t_ns < self.deaf_ns:
-            return ()
+        """Messages in chunks of any size."""
         return [out for packet in self.packets.cut(data, t_ns) for out in self._obey(packet[3], packet[6:-2])]
 
     def _obey(self, request: int, payload: bytes) -> Outs:

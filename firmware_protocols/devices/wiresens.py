@@ -1,21 +1,40 @@
 r"""WiReSens: a matrix of resistive taxels read by a small wireless board, here on its serial port.
 
-Wire: 250000 8N1 as the toolkit's configuration comes. Device to host only: there is no command. A scan is sent in
-``PACKET`` s of so many values as the host's configuration says, at most 120.
+Wire: 250000 8N1. Text first, as the board starts; it then waits for its configuration, JSON on a line or before a
+second of silence, or has one in its memory (option ``saved``), and sends ``PACKET`` s for ever. What it gets then is
+not read. Of the configuration it takes ``id`` and ``numNodes``, values in a packet; ``startCoord`` and ``endCoord``
+must be those of the matrix: [read wire, ground wire] is [column, row].
+
+A packet is full before it is sent: what a scan has too many is at the head of the next scan's first packet. A push
+lowers a value, from 2.5 V of 3.3 V down to 0.
 
 The receiver splits the stream at 77 72 ("wr") and drops pieces of another length. So a packet that holds 77 72 anywhere
-else is lost: each whose number does, 29303 the first.
+else is lost: each whose number does, 29303 the first; and the first, behind the text. From then on its scans are made
+of two, as it counts values and does not look where they begin.
 
-Try it: ``tactemu run wiresens``, then the ``SerialReceiver`` of WiReSensPy with 64 values in a packet.
+Try it: ``tactemu run wiresens values=120``, then the ``SerialReceiver`` of WiReSensPy.
 """
 
 from __future__ import annotations
 
+import json
 from typing import Annotated
 
 import numpy as np
 
-from firmware_protocols import Column, Counts, Device, Option, Outs, Reading, Rollover, Serial, grid_layout
+from firmware_protocols import (
+    Column,
+    Counts,
+    Device,
+    Option,
+    Outs,
+    Reading,
+    Rollover,
+    Serial,
+    assumed,
+    grid_layout,
+    stated,
+)
 from firmware_protocols.adc import quantize
 from firmware_protocols.tables import Frame
 
@@ -27,7 +46,14 @@ PACKET = Frame("""
     ..    <u4              number     of the packet
     ..    77 72            end        wr
 """)
-ADC_MAX = 4095
+ADC_MAX, REST = 4095, 3103
+SILENCE_NS, LONGEST = 1_000_000_000, 4096
+WAITING = b"Building kit\r\nWaiting for serial input...\r\n"
+SAVED, TAKEN = b"Loaded data from EEPROM\r\n", b"JSON String saved to EEPROM\r\n"
+READY = b"Initializing Toolkit\r\nSet Resistance to 31250.00\r\n"
+PYTHON, FIRMWARE = "WiReSens-Toolkit/WiReSensPy@2e9297c", "WiReSens-Toolkit/WiReSensToolkit-Arduino@e3cb34a"
+CPP = f"{FIRMWARE} src/WiSensToolkit.cpp"
+BOTH = "WiSensToolkit.cpp, WiSensToolkit.h, GenericReceiver.py, Sensor.py, TouchSensorWireless.py, utils.py (all whole)"
 
 
 class Wiresens(Device):
@@ -37,13 +63,27 @@ class Wiresens(Device):
     kind = "fingertip"
     ports = (Serial(baud=250_000),)
     rate_hz = 30.0
-    evidence = ("driver",)
-    sources = ("WiReSens-Toolkit/WiReSensPy@2e9297c GenericReceiver.py l.33-57",)
-    judge = "own second reader"
-    assumed = (
-        "16 x 16 taxels, 5 mm apart, 64 values in a packet; row 0 at the largest y, column 0 at the smallest x",
-        "values beyond the last taxel are 0; packets are numbered from 0; 30 scans a second",
-        "a push raises the value: 4095 F / (F + 1 N), 0 untouched",
+    evidence = ("firmware", "driver")
+    sources = (f"{CPP} (the board's firmware)", f"{PYTHON} GenericReceiver.py, Sensor.py, utils.py")
+    judge = f"{PYTHON} programSensor, SerialReceiver"
+    facts = (
+        stated("touch", "row by row: y is the ground wire, x the read wire", f"{CPP}:566-640"),
+        stated(
+            "touch", "the rest of a scan is at the head of the next packet", f"{CPP}:566-640; {PYTHON} Sensor.py:86-104"
+        ),
+        stated("touch", "a push lowers the value, 0 is saturated", f"{CPP}:509-522"),
+        stated("touch", "2.5 V is no push, 3.3 V are 4096", f"{CPP}:523-530"),
+        assumed("touch", "16 x 16 taxels, 5 mm apart; a push of 1 N halves the value, linearly", BOTH),
+        stated("identity", "sensor id 1 as shipped", f"{PYTHON} WiSensConfigClean.json, WiSensConfig.json"),
+        stated("configuration", "JSON on a line sets id and values in a packet", f"{CPP}:98-131"),
+        stated("configuration", "the host sends it without an end of line", f"{PYTHON} utils.py:69"),
+        stated("configuration", "what the board says before", f"{CPP}:78-117, 282"),
+        stated("configuration", "120 values as shipped", f"{PYTHON} WiSensConfigClean.json"),
+        assumed("configuration", "64 values by default, which fill 16 x 16", BOTH),
+        assumed("configuration", "a matrix of another size is refused; intermittent sending is not there", BOTH),
+        stated("timing", "250000 baud", f"{FIRMWARE} README.md; {PYTHON} WiSensConfigClean.json"),
+        stated("timing", "packets are numbered from 0", f"{FIRMWARE} src/WiSensToolkit.h:559"),
+        assumed("timing", "30 scans a second", BOTH),
     )
 
     def __init__(
@@ -52,27 +92,70 @@ class Wiresens(Device):
         rows: Annotated[int, Option("of the matrix", low=1, high=64)] = 16,
         cols: Annotated[int, Option("of the matrix", low=1, high=64)] = 16,
         values: Annotated[int, Option("in a packet, as the configuration says", low=1, high=120)] = 64,
-        sensor: Annotated[int, Option("its number", low=-128, high=127)] = 0,
-        half_force: Annotated[float, Option("push half way to full scale", unit="N", low=1e-6)] = 1.0,
+        sensor: Annotated[int, Option("its number", low=-128, high=127)] = 1,
+        half_force: Annotated[float, Option("push that halves the value", unit="N", low=1e-6)] = 1.0,
+        saved: Annotated[bool, Option("it has its configuration, and waits for none")] = True,
     ):
         self.title = f"WiReSens {rows} x {cols} tactile matrix"
         self.layout = grid_layout(rows, cols, 0.005, name="matrix")
-        self.columns = (Column(name="touch", low=0, high=ADC_MAX, push=1),)
-        self.half_force, self.sensor, self.number = half_force, sensor, 0
-        self.packet, self.starts = PACKET.bind(values=values), np.arange(0, rows * cols, values)
-        self.rollovers = (Rollover(name="number", bits=32, step=len(self.starts), state="number"),)
-        self.sent = np.zeros((len(self.starts), values), np.int64)
+        self.columns = (Column(name="touch", low=0, high=ADC_MAX, rest=REST, push=-1),)
+        self.counts_per_newton, self.sensor, self.number = REST / (2 * half_force), sensor, 0
+        self.last = [cols - 1, rows - 1]
+        self.packet, self.values, self.saved, self.running = PACKET.bind(values=values), values, saved, saved
+        self.rollovers = (Rollover(name="number", bits=32, step=max(1, rows * cols // values), state="number"),)
+        self.kept, self.text = np.zeros(0, np.int64), b""
+
+    def boot(self, t_ns: int) -> Outs:
+        """What the board says."""
+        return [WAITING + SAVED + READY if self.saved else WAITING]
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:
         """0..4095 of each taxel."""
         push = np.maximum(self.layout.push(reading["force"]), 0.0)
-        self.counts = quantize(push / (push + self.half_force), ADC_MAX)
+        self.counts = quantize(-push, self.counts_per_newton, 0, ADC_MAX, rest=REST)
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Outs:
-        """The packets of one scan."""
-        n = len(self.starts)
-        self.sent.flat[: len(self.layout)] = self.layout.on_wire(self.counts)
+        """The packets that this scan fills."""
+        if not self.running:
+            return ()
+        values = np.concatenate([self.kept, self.layout.on_wire(self.counts)])
+        n = len(values) // self.values
+        starts = (np.arange(n) * self.values - len(self.kept)) % len(self.layout)
+        touch, self.kept = np.split(values, [n * self.values])
         numbers = (self.number + np.arange(n)) & 0xFFFFFFFF
         self.number = (self.number + n) & 0xFFFFFFFF
-        return self.packet.rows(n, sensor=self.sensor, start=self.starts, touch=self.sent, number=numbers)
+        return self.packet.rows(
+            n, sensor=self.sensor, start=starts, touch=touch.reshape(n, self.values), number=numbers
+        )
+
+    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+        """The configuration, while it waits for one."""
+        if self.running:
+            self.counters["ignored"] += 1
+            return ()
+        line, ended, _ = (self.text + data).partition(b"\n")
+        self.text, self.wake_ns = line[:LONGEST], None if ended else t_ns + SILENCE_NS
+        return self._configure() if ended else ()
+
+    def wake(self, t_ns: int) -> Outs:
+        """A second of silence ends the configuration."""
+        return self._configure()
+
+    def _configure(self) -> Outs:
+        text, self.text = self.text, b""
+        if not text:
+            return ()
+        try:
+            told = json.loads(text)
+            sensor, values = int(told["id"]), int(told["numNodes"])
+            fits = [list(told[name]) for name in ("startCoord", "endCoord")] == [[0, 0], self.last]
+        except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
+            self.counters["bad_request"] += 1
+            return [b"deserializeJson() failed: InvalidInput\r\n"]
+        if not (fits and 1 <= values <= 120 and -128 <= sensor <= 127):
+            self.counters["refused"] += 1
+            return ()
+        self.counters["requests"] += 1
+        self.sensor, self.values, self.packet, self.running = sensor, values, PACKET.bind(values=values), True
+        return [TAKEN + READY]
