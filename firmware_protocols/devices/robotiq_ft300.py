@@ -3,8 +3,8 @@
 Wire: 19200 8N1. From power-up it sends ``STREAM``, until it hears 50 bytes FF in a row. It answers Modbus RTU, unit 9,
 functions 03 and 16, too; a register is two bytes of ``MAP``. 0200 in register 410 starts the stream.
 
-    180..185  force and torque as in ``STREAM``    500..509  firmware, two characters each; hosts want an F first
-    190..192  acceleration                         510..513  serial number, two characters each
+    180..185  force and torque as in ``STREAM``    500..502  firmware: FTS and three numbers, a byte each
+    190..192  acceleration                         510..513  serial number: FTS, 00, then low and high word
     410       stream                               514       year of production
 
 Hosts that find the sensor by themselves pass over ports that any process has open. Few check the sum: a force that is
@@ -29,7 +29,9 @@ from firmware_protocols import (
     Reading,
     Sense,
     Serial,
+    assumed,
     points,
+    stated,
 )
 from firmware_protocols.adc import quantize
 from firmware_protocols.device import Axis
@@ -47,17 +49,22 @@ MAP = RegisterMap("""
     360   >i2 x 6   wrench        r   register 180: Fx Fy Fz [0.01 N], Mx My Mz [0.001 Nm]
     380   >i2 x 3   acceleration  r   register 190: x y z [0.001 g]
     820   >u2       stream            register 410: 512 starts
-    1000  >u2 x 10  firmware      r   register 500
-    1020  >u2 x 4   serial        r   register 510
+    1000  u1 x 20   firmware      r   register 500
+    1020  u1 x 4    letters       r   register 510
+    1024  >u2 x 2   serial        r   register 512: low word, high word
     1028  >u2       year          r   register 514
 """)
 BAUD, UNIT = 19200, 9
+LETTERS = tuple(b"FTS")
 START, STOPS = 0x0200, 50
 STOP = STOPS * b"\xff"
 WRENCH_COUNTS, COUNTS_PER_MS2 = np.array([100.0] * 3 + [1000.0] * 3), 1000 / 9.80665
 LOW, HIGH = -0x8000, 0x7FFF
 ORIGIN = points({"origin": (0.0, 0.0, 0.0)})
 AXES: tuple[Axis, ...] = ("x", "y", "z")
+ROS, C, PYTHON = "ros-industrial-attic/robotiq@45196f6", "secorolab/robotiq_ft@f63b3d8", "ft300python 1.0.2"
+COM = f"{ROS} robotiq_ft_sensor/src/rq_sensor_com.cpp"
+ALL = "rq_sensor_com.cpp, rq_sensor_state.cpp, rq_sensor.cpp, ft300_modbusrtu.py, ft300_stream.py (all whole)"
 
 
 class RobotiqFt300(Device):
@@ -77,15 +84,27 @@ class RobotiqFt300(Device):
     )  # fmt: skip
     evidence = ("driver",)
     sources = (
-        "secorolab/robotiq_ft@f63b3d8 (the vendor's C driver)",
-        "ft300python 1.0.2 ft300_modbusrtu.py, ft300_stream.py (acceleration; the stream's scale)",
+        f"{ROS} robotiq_ft_sensor (the vendor's C driver)",
+        f"{C} src/rq_sensor_com.c (the same in C)",
+        f"{PYTHON} ft300_modbusrtu.py, ft300_stream.py (acceleration)",
     )
-    judge = "ft300python 1.0.2"
-    assumed = (
-        "the tool is touched 50 mm above the sensor's origin; z points out of the tool side, forces act on the tool",
-        "100 frames a second, between which it answers Modbus, too; values saturate where 16 bits end",
-        "serial number and firmware as two characters a register, 0 where no register is; other addresses are refused",
-        "anything else than 0200 in register 410 stops nothing, and starts nothing",
+    judge = f"{ROS}, {C}, {PYTHON}"
+    facts = (
+        stated("touch", "20 4E, six numbers low byte first, CRC", f"{COM}:406-431"),
+        stated("touch", "0.01 N and 0.001 Nm", f"{COM}:426, 431"),
+        stated("touch", "acceleration in 0.001 g, force and torque in registers", f"{PYTHON} ft300_modbusrtu.py"),
+        assumed("touch", "touched 50 mm above the origin, z out of the tool side, forces act on the tool", ALL),
+        assumed("touch", "values saturate where 16 bits end", ALL),
+        stated("identity", "firmware: three letters, then three numbers, a byte each", f"{COM}:651-656"),
+        stated("identity", "serial number: three letters, low word, high word", f"{COM}:666-682"),
+        stated("identity", "firmware begins with F", f"{COM}:273-281"),
+        assumed("identity", "FTS, firmware 1.0.0, serial number 1, year 2024; 00 where no register is", ALL),
+        stated("configuration", "50 bytes FF stop it; 0200 in register 410 starts it", f"{COM}:70-71, 517"),
+        stated("configuration", "it may stream when a driver comes", f"{COM}:257-267"),
+        assumed("configuration", "it streams from power-up on, answers Modbus while it streams", ALL),
+        assumed("configuration", "other values of register 410 do nothing; other addresses and functions refused", ALL),
+        stated("timing", "19200 8N1, unit 9", f"{COM}:812, 1189"),
+        assumed("timing", "100 frames a second", ALL),
     )
 
     def __init__(
@@ -97,14 +116,15 @@ class RobotiqFt300(Device):
         streams: Annotated[
             bool, Option("from power-up, as hardware does; Modbus alone can be spoken otherwise")
         ] = True,
-        serial_number: Annotated[str, Option("at most eight characters of ASCII")] = "FTS00001",
-        firmware: Annotated[str, Option("at most 20 characters of ASCII, F first")] = "FTS-1.0.0",
+        serial_number: Annotated[int, Option("which hosts print behind FTS", low=0, high=0xFFFFFFFF)] = 1,
+        firmware: Annotated[tuple[int, int, int], Option("version, behind FTS", low=0, high=0xFF)] = (1, 0, 0),
         year: Annotated[int, Option("of production", low=0, high=0xFFFF)] = 2024,
     ):
         self.layout = points({"tool": tool})
         self.registers = Registers(MAP)
-        self.registers["firmware"] = _characters(firmware, 20)
-        self.registers["serial"] = _characters(serial_number, 8)
+        self.registers["firmware"] = [*LETTERS, *firmware, *[0] * 14]
+        self.registers["letters"] = [*LETTERS, 0]
+        self.registers["serial"] = [serial_number & 0xFFFF, serial_number >> 16]
         self.registers["year"] = year
         self.rtu = Rtu(counters=self.counters, gap_ns=silence_ns(BAUD))
         self.streaming, self.stops = streams, 0
@@ -112,12 +132,12 @@ class RobotiqFt300(Device):
     @property
     def commands(self) -> tuple[Command, ...]:
         """Of both drivers, behind the stop that they begin with."""
-        python, vendor, stop = "ft300python 1.0.2; CRC by pymodbus", "robotiq_ft@f63b3d8; CRC by pymodbus", STOP.hex()
+        python, vendor, stop = f"{PYTHON}; CRC by pymodbus", f"{C}; CRC by pymodbus", STOP.hex()
         asked = (
             ("force and torque", "09 03 00 B4 00 06 84 A6", "09 03 0C ..{12} ..{2}", python),
             ("acceleration", "09 03 00 BE 00 03 64 A7", "09 03 06 ..{6} ..{2}", python),
-            ("firmware", "09 03 01 F4 00 04 05 4F", "09 03 08 46 ..{7} ..{2}", vendor),
-            ("serial number", "09 03 01 FE 00 04 25 4D", "09 03 08 ..{8} ..{2}", python),
+            ("firmware", "09 03 01 F4 00 04 05 4F", "09 03 08 46 54 53 ..{3} 00 00 ..{2}", vendor),
+            ("serial number", "09 03 01 FE 00 04 25 4D", "09 03 08 46 54 53 00 ..{4} ..{2}", vendor),
             ("year", "09 03 02 02 00 01 25 3A", "09 03 02 ..{2} ..{2}", python),
             ("stream", "09 10 01 9A 00 01 02 02 00 CD CA", "09 10 01 9A 00 01 21 52", python),
         )
@@ -142,19 +162,15 @@ class RobotiqFt300(Device):
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
         """Bytes that stop the stream, and Modbus, in chunks of any size."""
-        heard = STOP[: self.stops] + data
-        _, stopped, rest = heard.partition(STOP)
+        _, stopped, heard = (STOP[: self.stops] + data).rpartition(STOP)
         self.stops = len(heard) - len(heard.rstrip(STOP[:1]))
         if stopped:
             self.counters["requests"] += 1
             self.rtu.reset()
-            self.streaming, self.stops, data = False, 0, rest
+            self.streaming, data = False, heard
+        if self.rtu.is_idle:
+            data = data.lstrip(STOP[:1])  # hosts go on with the stop after the stream has ended
         answers = self.rtu.answers(data, t_ns, {UNIT: Banks(holding=self.registers, functions=(3, 16))})
         if self.registers["stream"] == START:
             self.registers["stream"], self.streaming = 0, True
         return answers
-
-
-def _characters(text: str, longest: int) -> np.ndarray:
-    """Registers of two characters each, as many as they are."""
-    return np.frombuffer(text.encode("ascii")[:longest].ljust(longest, b"\0"), ">u2")

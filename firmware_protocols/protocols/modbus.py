@@ -232,6 +232,11 @@ class Rtu:
         """Forget what has come in."""
         self._buffer = b""
 
+    @property
+    def is_idle(self) -> bool:
+        """Return True while no part of a frame waits for its end."""
+        return not self._buffer
+
     def answers(self, data: bytes, t_ns: int, units: Mapping[int, Banks]) -> list[bytes]:
         """Frames that answer the requests that these bytes complete; ``units`` are those of this device."""
         frames = []

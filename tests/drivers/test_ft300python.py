@@ -27,9 +27,9 @@ class Pulled(Rig):
 
 
 def test_200_frames_and_200_answers():
-    with Pulled(fp.create("robotiq_ft300", serial_number="AB12CD34", year=2022)) as rig:
+    with Pulled(fp.create("robotiq_ft300", serial_number=0x12345678, year=2022)) as rig:
         got = run_driver("ft300python", "ft300_read.py", rig.port, 200, seconds=90, environment="ft300python")
-    assert got["about"] == [2022, [0x4142, 0x3132, 0x4344, 0x3334]]
+    assert got["about"] == [2022, [0x4654, 0x5300, 0x5678, 0x1234]]
     for name in ("streamed", "asked"):
         places = assert_consecutive(
             got[name], rig.truth, decode=lambda counts: [n / c for n, c in zip(counts.item()["wrench"][0], SCALE)]

@@ -37,6 +37,21 @@ def test_one_at_a_time_stops_as_well_and_the_register_starts():
     assert len(sample(device)) == 1
 
 
+def test_more_bytes_than_stop_it_are_no_broken_frame():
+    device = fp.create("robotiq_ft300")
+    for t_ns, n in enumerate((70, 30, 110, 7)):
+        assert send(device, STOP[:1] * n, t_ns * 10**9) == []
+    assert send(device, READ, 5 * 10**9) != [] and set(device.counters) == {"requests"}
+    assert sample(device) == []
+
+
+def test_identity_is_letters_and_binary_numbers():
+    device = fp.create("robotiq_ft300", serial_number=0x00012345, firmware=(3, 2, 255))
+    assert [device.registers.read(at, n) for at, n in ((1000, 6), (1020, 8))] == [
+        b"FTS\3\2\xff", b"FTS\0\x23\x45\0\1"
+    ]  # fmt: skip
+
+
 def test_a_torque_follows_from_where_the_tool_is_touched():
     device = fp.create("robotiq_ft300", tool=(0.0, 0.0, 0.1), streams=False)
     assert sample(device, force=(2.0, -3.0, -5.0)) == []
