@@ -4,18 +4,19 @@ Wire: RS-485, 8N1, 9600, 57600, 115200 or 921600 baud, Modbus RTU; functions 03,
 
     input register  about
     0, 1            vendor and product, 3343
-    5, 6            version, state
+    5, 6            version, state: 1
     7..             ADC value of each taxel, 0..4095: 32 or 36, row by row from the bottom
     43              0: 4 x 8, 1: 6 x 6
 
     holding register  about
-    2, 3, 4           unit, line speed, parity and stop bits
-    6                 threshold 0..4095: what is less reads 0
-    7                 order: restart
+    2                 unit: the answer comes from the new one already
+    3, 4              line speed (3: 9600, 7: 57600, 8: 115200, 9: 921600), stop bits and parity
+    6                 threshold 0..4095, 50 as delivered: what is less reads 0
+    7                 whatever is written: all but the unit as delivered
     8                 0: 20 readings a second, 1: 50
 
 The vendor's driver turns the bytes of what it writes to holding registers, so these are *low byte first*, and turns the
-order of the rows that it reads: its first row is the last one in the registers.
+order of the rows that it reads: its first row is the last one in the registers. It opens /dev/ttyAMA0.
 
 Try it: ``tactemu run dfrobot_tactile``, then ``01 04 00 07 00 20 40 13`` for 32 values.
 """
@@ -28,9 +29,21 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from firmware_protocols import Column, Command, Counts, Device, Option, Outs, Reading, Restart, Rs485, grid_layout
+from firmware_protocols import (
+    Column,
+    Command,
+    Counts,
+    Device,
+    Option,
+    Outs,
+    Reading,
+    Rs485,
+    assumed,
+    grid_layout,
+    stated,
+)
 from firmware_protocols.adc import quantize
-from firmware_protocols.protocols.modbus import Banks, Rtu, silence_ns
+from firmware_protocols.protocols.modbus import Banks, Rtu, rtu, silence_ns
 from firmware_protocols.registers import RegisterMap, Registers
 
 INPUTS = RegisterMap(
@@ -38,6 +51,7 @@ INPUTS = RegisterMap(
     0   >u2       vendor   = 13123  r
     2   >u2       product  = 13123  r
     10  >u2       version  = 256  r
+    12  >u2       state    = 1  r
     14  >u2 x 36  values   0..4095  r
     86  >u2       model    0..1  r
     """
@@ -45,16 +59,20 @@ INPUTS = RegisterMap(
 HOLDING = RegisterMap(
     """
     4   <u2  unit       1..247  = 1  flash
-    6   <u2  speed      0..3  flash
-    8   u1 x 2  format  flash
-    12  <u2  threshold  0..4095  flash
-    14  <u2  restart    0..1
-    16  <u2  rate       0..1
+    6   <u2  speed      3..9  = 8  flash
+    8   u1   stop       0..3  = 1  flash
+    9   u1   parity     0..3  flash
+    12  <u2  threshold  0..4095  = 50  flash
+    14  <u2  reset
+    16  <u2  rate       0..1  flash
     """
 )
 """By byte: two for each register."""
 SIZES = {"4x8": (4, 8), "6x6": (6, 6)}
-PERIODS_NS, RESTART_NS = (50_000_000, 20_000_000), 100_000_000
+PERIODS_NS, SPEEDS = (50_000_000, 20_000_000), {9600: 3, 57600: 7, 115200: 8, 921600: 9}
+DRIVER = "DFRobot/DFRobot_TactileSensor@962a7b3"
+PYTHON, HEADER = f"{DRIVER} python/raspberrypi/DFRobot_Tactile_Sensor.py", f"{DRIVER} src/DFRobot_TactileSensor.h"
+ALL = "DFRobot_Tactile_Sensor.py, DFRobot_TactileSensor.cpp, .h, get_tactile_data.py, README.md (all whole)"
 COUNTS_PER_NEWTON, PITCH = 400.0, 0.005
 
 
@@ -67,16 +85,37 @@ class DfrobotTactile(Device):
     columns = (Column(name="touch", low=0, high=4095, push=1),)
     evidence = ("driver",)
     sources = (
-        "DFRobot/DFRobot_TactileSensor@962a7b3 python/raspberrypi/DFRobot_Tactile_Sensor.py l.88, 120-150",
+        f"{DRIVER} python/raspberrypi, src (the vendor's own)",
         "Modbus application protocol V1.1b3; Modbus over serial line V1.02",
     )
-    judge = "pymodbus 3.11 and modbus_tk 1.1.5, which know no sensor; own second reader"
-    assumed = (
-        f"{COUNTS_PER_NEWTON:.0f} counts/N, pitch {PITCH * 1e3:.0f} mm; 4 x 8 is four rows of eight",
-        "unit 1 and 115200 baud as delivered; vendor as product; version 0100; state, and all other registers: 0",
-        "the threshold makes less than itself 0; a reset is a restart 0.1 s later",
-        "line speed (0..3) and format are stored without effect, a new unit answers from the next power-up on; all are "
-        "kept at once but for the rate, which is 20 Hz at power-up",
+    judge = f"{DRIVER} python/raspberrypi"
+    facts = (
+        stated("touch", "a value in a register, rows from the bottom", f"{PYTHON}:131-150"),
+        stated("touch", "0: 4 rows of 8, 1: 6 rows of 6", f"{PYTHON}:91-116"),
+        stated("touch", "threshold 0 to 4095, 50 as delivered", f"{HEADER}:120"),
+        assumed("touch", "what is less than the threshold reads 0; values 0 to 4095, 400 counts/N, 5 mm", ALL),
+        stated("identity", "product 3343", f"{HEADER}:91"),
+        assumed("identity", "the same number as vendor; version 0100", ALL),
+        stated("identity", "a state of 1 is what the driver calls true", f"{PYTHON}:216"),
+        assumed("identity", "it is 1 all the time", ALL),
+        stated("configuration", "line speeds 3, 7, 8, 9", f"{HEADER}:30-33"),
+        stated("configuration", "stop bits 0 to 3 in the high byte, parity in the low one", f"{PYTHON}:190"),
+        stated(
+            "configuration", "parity even 2, odd 3 in Python; even 1, odd 2 in C++", f"{PYTHON}:78-80; {HEADER}:41-43"
+        ),
+        stated(
+            "configuration",
+            "a new speed holds at once; here it is stored without effect",
+            f"{DRIVER} get_tactile_data.py:61",
+        ),
+        stated("configuration", "a new unit holds at once: hosts await no answer from the old", f"{PYTHON}:160-173"),
+        assumed("configuration", "the answer comes from the new unit", ALL),
+        stated("configuration", "register 7 restores threshold, address, line, rate", f"{HEADER}:135"),
+        stated("configuration", "but its address does not change; so here", f"{DRIVER} get_tactile_data.py:51"),
+        stated("configuration", "unit 1, 115200 as delivered", f"{DRIVER} examples/getTactileData/getTactileData.ino"),
+        assumed("configuration", "settings survive power-off; all other registers 0", ALL),
+        stated("timing", "20 or 50 readings a second", f"{HEADER}:80-83"),
+        assumed("timing", "20 as delivered", ALL),
     )
 
     def __init__(
@@ -92,10 +131,10 @@ class DfrobotTactile(Device):
         self.ports = (Rs485(baud=baud),)
         self.inputs = Registers(INPUTS)
         self.inputs["model"] = model == "6x6"
-        self.registers = Registers(HOLDING, kept={"unit": unit, **self.flash})
-        self.unit = self.registers["unit"]
+        self.delivered = {"unit": unit, "speed": SPEEDS[baud]}
+        self.registers = Registers(HOLDING, kept={**self.delivered, **self.flash})
         self.rtu = Rtu(counters=self.counters, gap_ns=silence_ns(baud))
-        self.period_ns = PERIODS_NS[0]
+        self.period_ns = PERIODS_NS[self.registers["rate"]]
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:
         """ADC values 0..4095, shape ``(n,)``; 0 below the threshold."""
@@ -106,8 +145,11 @@ class DfrobotTactile(Device):
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
         """Modbus requests in chunks of any size."""
+        unit = self.registers["unit"]
         banks = Banks(holding=self, inputs=self.inputs, functions=(3, 4, 6, 16))
-        return self.rtu.answers(data, t_ns, {self.unit: banks})
+        answers = self.rtu.answers(data, t_ns, {unit: banks})
+        new = self.registers["unit"]
+        return answers if new == unit or not answers else [*answers[:-1], rtu(new, answers[-1][1:-2])]
 
     def read(self, address: int, n: int, t_ns: int) -> bytes:
         """Holding registers."""
@@ -116,22 +158,17 @@ class DfrobotTactile(Device):
     def write(self, address: int, data: bytes, t_ns: int) -> Sequence[str]:
         """Store, and do what was ordered."""
         written = self.registers.write(address, data)
-        if "rate" in written:
-            self.period_ns = PERIODS_NS[self.registers["rate"]]
-        if self.registers["restart"]:
-            self.wake_ns = t_ns + RESTART_NS
-        self.registers.reset("restart")
+        if "reset" in written:
+            unit = self.registers["unit"]
+            self.registers = Registers(HOLDING, kept={**self.delivered, "unit": unit})
+        self.period_ns = PERIODS_NS[self.registers["rate"]]
         self.flash.update(self.registers.kept())
         return written
-
-    def wake(self, t_ns: int) -> Outs:
-        """The restart that was ordered."""
-        return [Restart()]
 
     @property
     def commands(self) -> tuple[Command, ...]:
         """Of a sensor as it comes."""
-        if self.unit != 1:
+        if self.registers["unit"] != 1:
             return ()
         return tuple(
             Command(name=name, request=f"01 {request}", reply=f"01 {reply or request}", origin=origin)
@@ -145,18 +182,19 @@ _EXAMPLES = (
     ("vendor", "04 00 00 00 01 31 CA", "04 02 33 43 EC 31", _DRIVER),
     ("product", "04 00 01 00 01 60 0A", "04 02 33 43 EC 31", _DRIVER),
     ("version", "04 00 05 00 01 21 CB", "0402..{2} ..{2}", _DRIVER),
-    ("state", "04 00 06 00 01 D1 CB", "04 02 00 00 B9 30", _DRIVER),
+    ("state", "04 00 06 00 01 D1 CB", "04 02 00 01 78 F0", _DRIVER),
     ("32 values", "04 00 07 00 20 40 13", "0440..{64} ..{2}", _DRIVER),
     ("36 values", "04 00 07 00 24 41 D0", "0448..{72} ..{2}", _DRIVER),
     ("model", "04 00 2B 00 01 41 C2", "0402..{2} ..{2}", _DRIVER),
     ("unit", "03 00 02 00 01 25 CA", "03 02 01 00 B9 D4", _DRIVER),
     ("unit 1 again, bytes turned", "06 00 02 01 00 29 9A", "", _DRIVER),
-    ("line speed", "06 00 03 02 00 78 AA", "", _DRIVER),
-    ("parity and stop bits", "06 00 04 00 00 C8 0B", "", _DRIVER),
+    ("line speed 115200, bytes turned", "06 00 03 08 00 7E 0A", "", _DRIVER),
+    ("one stop bit, no parity", "06 00 04 01 00 C9 9B", "", _DRIVER),
     ("threshold 300, bytes turned", "06 00 06 2C 01 B4 CB", "", _DRIVER),
     ("50 readings a second, bytes turned", "06 00 08 01 00 09 98", "", _DRIVER),
-    ("restart, bytes turned", "06 00 07 01 00 39 9B", "", _DRIVER),
+    ("settings as delivered", "06 00 07 00 00 38 0B", "", _DRIVER),
     ("unit and line speed", "10 00 02 00 02 04 01 00 03 00 73 7A", "10 00 02 00 02 E0 08", _DRIVER),
+    ("line speed 2: illegal value", "06 00 03 02 00 78 AA", "86 03 02 61", _STANDARD),
     ("threshold 4096: illegal value", "06 00 06 00 10 68 07", "86 03 02 61", _STANDARD),
     ("beyond the map: illegal address", "04 00 2C 00 01 F0 03", "84 02 C2 C1", _STANDARD),
     ("write a product: illegal address", "06 00 01 00 01 19 CA", "86 02 C3 A1", _STANDARD),

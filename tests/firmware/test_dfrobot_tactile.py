@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import firmware_protocols as fp
-from firmware_protocols import Restart
 from firmware_protocols.protocols.modbus import rtu
 from tests.firmware.feeding import sample, send
 
@@ -37,14 +36,27 @@ def test_the_last_row_comes_first(device):
 def test_settings_are_kept_low_byte_first(device):
     ask(device, "0600062c01")
     ask(device, "0600080100")
-    ask(device, "0600020700")
     assert device.period_ns == 20_000_000 and ask(device, "0300060001") == bytes.fromhex("03022c01")
     sample(device, np.where(np.arange(32) < 16, 299 / 400, 300 / 400))
     assert values(device, 32).tolist() == [300] * 16 + [0] * 16
-    assert ask(device, "0600070100", t_ns=5) == bytes.fromhex("0600070100")
-    assert device.wake_ns == 100_000_005 and device.wake(device.wake_ns) == [Restart()]
     device.power_cycle()
-    assert ask(device, "0300060001", unit=7) == bytes.fromhex("03022c01") and device.period_ns == 50_000_000
+    assert ask(device, "0300060001", unit=1) == bytes.fromhex("03022c01") and device.period_ns == 20_000_000
+
+
+def test_register_7_restores_all_but_the_unit(device):
+    for pdu in ("0600062c01", "0600080100", "0600030900", "0600040302"):
+        ask(device, pdu)
+    assert send(device, rtu(1, bytes.fromhex("0600020700"))) == [rtu(7, bytes.fromhex("0600020700"))]
+    assert send(device, rtu(1, bytes.fromhex("0300020001"))) == [] and device.counters["other_unit"] == 1
+    assert ask(device, "0600070000", unit=7) == bytes.fromhex("0600070000")
+    device.power_cycle()
+    assert ask(device, "0300020007", unit=7)[2:] == bytes.fromhex("0700 0800 0100 0000 3200 0000 0000")
+    assert device.period_ns == 50_000_000
+
+
+def test_pushes_below_50_counts_read_0_as_delivered(device):
+    sample(device, np.where(np.arange(32) < 16, 49 / 400, 50 / 400))
+    assert values(device, 32).tolist() == [50] * 16 + [0] * 16
 
 
 @pytest.mark.parametrize(("pdu", "code"), [("0600060010", 3), ("0600080200", 3), ("0600010001", 2), ("010000000a", 1)])
