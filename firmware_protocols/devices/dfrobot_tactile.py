@@ -63,7 +63,7 @@ HOLDING = RegisterMap(
     8   u1   stop       0..3  = 1  flash
     9   u1   parity     0..3  flash
     12  <u2  threshold  0..4095  = 50  flash
-    14  <u2  reset
+    14  u1 x 2  reset
     16  <u2  rate       0..1  flash
     """
 )

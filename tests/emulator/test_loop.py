@@ -1,5 +1,7 @@
 """The loop alone: deadlines, missed samples, commands, order; a recording wire and a made-up device."""
 
+from collections import Counter
+
 import numpy as np
 import pytest
 
@@ -40,7 +42,7 @@ class ListWire:
     name = ""
 
     def __init__(self):
-        self.sent, self.events, self.opened = [], [], 0
+        self.sent, self.events, self.opened, self.counters = [], [], 0, Counter()
 
     def open(self):
         self.opened += 1
