@@ -362,7 +362,8 @@ class Emulator:
                     frames.setdefault(to.partition("/")[0], []).append(out)  # type: ignore[attr-defined]
         for to, together in frames.items():
             if to not in channel.wires:
-                channel.device.counters["unplugged"] += len(together)
+                if channel.device.connector(to).plugged:  # the others are in use only if asked for
+                    channel.device.counters["unplugged"] += len(together)
             elif release_ns is None:
                 channel.wires[to].send(together, now, source=channel.name, sample=sample)
             else:

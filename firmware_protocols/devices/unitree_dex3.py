@@ -5,15 +5,18 @@ RS-485 line into them.
 
     topic                     type         about
     rt/dex3/left/state        HandState_   state, unasked
-    rt/lf/dex3/left/state     HandState_   a slower copy, port "lf", which some programs read instead
+    rt/lf/dex3/left/state     HandState_   a slower copy, port "lf", which the vendor's C++ example reads instead:
+                                           ``--port lf=dds:0``
     rt/dex3/left/cmd          HandCmd_     orders; never answered
 
-``left`` or ``right``. Mode byte of an order: bits 3..0 the motor, 6..4 status (1: on), 7 timeout (1: stop). A motor
-that is on goes to ``q`` [rad], any other stays.
+``left`` or ``right``. Motors: thumb 0, 1, 2, middle 0, 1, index 0, 1. Mode byte of an order: bits 3..0 the motor, 6..4
+status (0 locked, 1 on), 7 timeout: the motor stops 1 s after the last order. A motor that is on goes to ``q`` [rad],
+between its stops; without stiffness (``kp`` 0, as the vendor's example stops) it stays, as any other does.
 
 A pad has twelve slots of float32: 30000 where there is no cell, about 100000 at rest, more when it is pressed (users
-take 150000 and more for pressed). Nine pads of twelve, of which a hand has 33 cells: one user's notes have slots 0, 2,
-9 and 11 of the pads 0, 2, 4, 6, 7, 8 and slots 3, 6, 8 of the pads 1, 3, 5 (options ``cells``, ``odd_cells``).
+take 150000 and more for pressed; the vendor divides by 10000 for display). Nine pads of twelve, of which a hand has 33
+cells: one user's notes have slots 0, 2, 9 and 11 of the pads 0, 2, 4, 6, 7, 8 and slots 3, 6, 8 of the pads 1, 3, 5
+(options ``cells``, ``odd_cells``).
 
 The SDK's default sample has seven pads, hands send nine. Its reader waits for ever on a silent topic.
 
@@ -42,6 +45,7 @@ from firmware_protocols import (
     Sent,
     Topic,
 )
+from firmware_protocols.facts import assumed, stated
 from firmware_protocols.idl import layout
 from firmware_protocols.motors import Motors
 
@@ -70,7 +74,13 @@ COMMAND = layout(IDL, "HandCmd_", motor_cmd=MOTORS)
 NO_CELL, REST, FULL = 30_000.0, 100_000.0, 400_000.0
 ODD_PADS = (1, 3, 5)
 STATUS, ON, TIMEOUT = 0x70, 0x10, 0x80
-LIMIT_RAD, ROOM = 1.75, 25
+TIMEOUT_NS = 1_000_000_000
+STOPS_RAD = {
+    "left": ((-1.05, -0.724, 0.0, -1.57, -1.75, -1.57, -1.75), (1.05, 1.05, 1.75, 0.0, 0.0, 0.0, 0.0)),
+    "right": ((-1.05, -1.05, -1.75, 0.0, 0.0, 0.0, 0.0), (1.05, 0.742, 0.0, 1.57, 1.75, 1.57, 1.75)),
+}
+"""Least and greatest angle of each motor."""
+ROOM = 25
 SLOWER = 25
 """State messages for one of the slower copy."""
 COLS, PITCH, PAD_PITCH = 3, 0.005, 0.025
@@ -88,18 +98,30 @@ class UnitreeDex3(Device):
     evidence = ("driver", "vendor document")
     sources = (
         "unitree-sdk2py-dimos 1.0.3 idl/unitree_hg (types), core/channel.py; unitree_sdk2_python@37116c5",
-        "unitree_sdk2@21d0a3b example/g1/dex3/g1_dex3_example.cpp l.53-57, 118-121 (mode byte, nine pads)",
-        "vendor page 'Dexterous Hand' (six places of 3 x 4, 33 cells)",
+        "unitree_sdk2@21d0a3b example/g1/dex3/g1_dex3_example.cpp (mode byte, stops, nine pads, topics)",
+        "vendor page 'Dexterous Hand' (six places of 3 x 4, 33 cells, mode byte, values, order of the motors)",
     )
-    judge = "unitree-sdk2py-dimos 1.0.3 with cyclonedds 11.0.1"
-    assumed = (
-        "which slots have a cell (one user's notes; options)",
-        "places: pads side by side, 25 mm apart, each of 4 rows of 3 slots, 5 mm apart",
-        "10000 per N from 100000 at rest, up to 400000; 250 states a second, every 25th also as the slower copy",
-        "motors: one time constant of 0.1 s, stops at 1.75 rad either way; a motor's state has the mode of its order",
-        "no volts, amperes, torques; all temperatures 25; the IMU is level and tells nothing; nothing lost, no errors",
-        "orders for another number of motors than 7 are ignored, as are dq, tau, kp and kd",
-    )
+    judge = "unitree-sdk2py-dimos 1.0.3 with cyclonedds 11.0.1 (recording)"
+    facts = (
+        stated("touch", "100000 and more is a value, 30000 none; nine pads of twelve", "vendor page 'Dexterous Hand'; "
+               "unitree_sdk2@21d0a3b g1_dex3_example.cpp:42"),
+        assumed("touch", "which slots have a cell (one user's notes; options): the vendor has it in a picture",
+                "unitree_sdk2, unitree_sdk2_python, all files; vendor page, its text"),
+        assumed("touch", "pads side by side, 25 mm apart, each of 4 rows of 3 slots, 5 mm apart (one user: 3 of 4)",
+                "as above"),
+        assumed("touch", "10000 per N from 100000 at rest, up to 400000", "as above: 10 g to 2500 g, no law"),
+        stated("identity", "its topics say left or right, nothing else does", "g1_dex3_example.cpp:35-37"),
+        stated("configuration", "status 0 locks, 1 is on; timeout 1: it stops after 1 s without an order",
+               "vendor page 'Dexterous Hand' (RIS_Mode_t); g1_dex3_example.cpp:45-49"),
+        stated("configuration", "stops of each motor", "g1_dex3_example.cpp:26-29"),
+        stated("configuration", "orders that stop have q 0 and no stiffness", "g1_dex3_example.cpp:179-203"),
+        assumed("configuration", "one time constant of 0.1 s, whatever kp and kd are; dq and tau are not looked at; a "
+                "motor's state has the mode of its order; other numbers of motors than 7 are ignored",
+                "unitree_sdk2, unitree_sdk2_python, all files"),
+        assumed("configuration", "no volts, amperes, torques; all temperatures 25; the IMU is level and tells nothing; "
+                "nothing lost, no errors", "as above"),
+        assumed("timing", "250 states a second, every 25th also as the slower copy", "as above, and the vendor page"),
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -119,7 +141,8 @@ class UnitreeDex3(Device):
         self.layout = _pads(live)
         self.slots = [pad * SLOTS + slot for pad, slots in enumerate(live) for slot in slots]
         self.counts_per_newton = counts_per_newton
-        self.motors = Motors(np.zeros(MOTORS), low=-LIMIT_RAD, high=LIMIT_RAD, time_constant_s=0.1)
+        low, high = STOPS_RAD[side]
+        self.motors = Motors(np.zeros(MOTORS), low=low, high=high, time_constant_s=0.1)
         self.modes = list(range(MOTORS))
         self.sent = 0
 
@@ -128,8 +151,10 @@ class UnitreeDex3(Device):
         """Orders, as the vendor's example makes them; none is answered."""
         origin = "g1_dex3_example.cpp l.53-57, 118-121; HandCmd_ as cyclonedds 11.0.1 serialises it"
         on, stop = (
-            "07 00 00 00" + "".join(f"{mode | k:02X} 00 00 00 00 00 00 3F" + "00" * 20 for k in range(7)) + "00" * 16
-            for mode in (0x10, 0x90)
+            "07 00 00 00"
+            + "".join(f"{mode | k:02X} 00 00 00 {q} {8 * '00'} {kp} {8 * '00'}" for k in range(7))
+            + "00" * 16
+            for mode, q, kp in ((0x10, "00 00 00 3F", "00 00 C0 3F"), (0x90, "00 00 00 00", "00 00 00 00"))
         )
         return (
             Command(name="all to 0.5 rad", request=on, origin=origin),
@@ -170,10 +195,17 @@ class UnitreeDex3(Device):
             self.counters["bad_request"] += 1
             return ()
         self.counters["requests"] += 1
-        mode = order["motor_cmd"]["mode"]
-        moves = mode & (STATUS | TIMEOUT) == ON
+        mode, moves = order["motor_cmd"]["mode"], order["motor_cmd"]["kp"] > 0
+        moves &= mode & STATUS == ON
         self.motors.go(np.where(moves, order["motor_cmd"]["q"], self.motors.positions(t_ns)), t_ns)
         self.modes = mode.tolist()
+        self.wake_ns = t_ns + TIMEOUT_NS if (mode & TIMEOUT).any() else None
+        return ()
+
+    def wake(self, t_ns: int) -> Outs:
+        """No order for a while: motors that watch for that stop."""
+        here, goals = self.motors.positions(t_ns), self.motors.goals
+        self.motors.go(np.where(np.array(self.modes) & TIMEOUT, here, goals), t_ns)
         return ()
 
     def joints(self, t_ns: int) -> Mapping[str, float]:

@@ -18,7 +18,8 @@ publisher.Init()
 order = unitree_hg_msg_dds__HandCmd_()
 for k in range(7):
     order.motor_cmd[k].mode = k | 0x10
-    order.motor_cmd[k].q = k / 10
+    order.motor_cmd[k].q = (k if k < 3 else -k) / 10
+    order.motor_cmd[k].kp = 1.5
 end = time.monotonic() + seconds
 while len(states) < count and time.monotonic() < end:
     publisher.Write(order)
