@@ -1,39 +1,83 @@
-"""Wonik Allegro Hand V5 Sense: sixteen pressure channels on CAN, touch alone.
+"""Wonik Allegro Hand V5 Sense: sixteen pressure channels and sixteen joints on CAN.
 
 Wire: classic CAN, standard ids, which are the numbers of the vendor's driver times four.
 
-    id    number   data       direction   about
-    150   54       ``EIGHT``  to host     channels 0 to 7
-    154   55       ``EIGHT``  to host     channels 8 to 15
-    204   81       -          to hand     periods of what it sends; what they mean here is not known: not looked at
-    200   80       remote     to hand     information; 220 (number 88) serial number: answers not known, silence
+    id        number   data               direction   about
+    150       54       ``EIGHT``          to host     channels 0 to 7
+    154       55       ``EIGHT``          to host     channels 8 to 15
+    200       80       remote             to hand     information; the answer, of the same id, is ``INFORMATION``
+    200       80       remote             to hand     information: ``INFORMATION`` under the same id
+    204       81       ``<u2 x 3``        to hand     periods [ms] of joints, IMU and temperatures; 0 stops them
+    80 .. 8C  20 .. 23 ``POSE``           to host     joints: index, middle, ring, thumb; on remote, too
+    100, 104  40, 41   -                  to hand     servo on, off
+    180 ..    60 ..    ``POSE``           to hand     torques of a finger; with 228 01 its positions
+    380 ..    E0 ..    ``POSE``           to hand     positions of a finger
+    224       89       -                  to hand     calibration: where the joints are is 0
+    228       -        01 or 00, zeros    to hand     positions in place of torques on or off
+    22C, 1A0  68       8, 6 bytes         to hand     gravity, settings: not looked at
 
 Channel 0 is the palm; 3, 7, 11 and 15 are the fingertips of index, middle, ring and thumb; the others lie on the links
 between. The driver multiplies a byte by 4, takes FF as invalid and shows it as 0, low-passes and divides by 10.
 
-Not modelled, since no table of them was at hand: joints, and the older frames 158 and 15C (four u16 each, big-endian).
+Torques move nothing here. Not modelled, since the driver asks for none of them: the older frames 158 and 15C (four u16
+each, big-endian), motor currents 000 and 00C (eight i8 each, 240 mA / 127), IMU, temperatures.
 
-Evidence: the vendor's ROS driver, read and not run.
+Evidence: the vendor's ROS driver, run.
 
 Try it: ``tactemu run allegro_v5_sense --port can:socketcan:vcan0``, then ``candump vcan0``.
 """
 
 from __future__ import annotations
 
-from typing import Annotated
+import struct
+from collections.abc import Mapping
+from typing import Annotated, Literal
 
 import numpy as np
 
-from firmware_protocols import Can, CanFrame, Column, Counts, Device, Option, Outs, Reading, points
+from firmware_protocols import (
+    Can,
+    CanFrame,
+    Column,
+    Command,
+    Counts,
+    Device,
+    Option,
+    Outs,
+    Reading,
+    assumed,
+    points,
+    stated,
+)
 from firmware_protocols.adc import quantize
 from firmware_protocols.layouts import stack
+from firmware_protocols.motors import Motors
 from firmware_protocols.tables import Frame
 
 EIGHT = Frame("""
     eight channels
     0     u1 x 8     channels     0 to 254, FF invalid
 """)
+POSE = Frame("""
+    joints of a finger
+    0     <i2 x 4    joints       [0.088 deg], from the palm to the tip
+""")
+INFORMATION = Frame("""
+    information
+    0     <u2        hardware
+    2     <u2        firmware
+    4     00 x 2     reserved
+    6     u1         servo        bit 0: on
+    7     00         reserved
+""")
 IDS = (0x150, 0x154)
+INFO, SERIAL, PERIODS, ON, OFF, CALIBRATE, POSITIONS = 0x200, 0x220, 0x204, 0x100, 0x104, 0x224, 0x228
+TORQUE, GO, JOINTS = 0x180, 0x380, 0x80
+"""Of the first finger; the others follow every four."""
+SETTINGS = (0x22C, 0x1A0)
+DATA_BYTES = {PERIODS: 6, ON: 0, OFF: 0, CALIBRATE: 0, POSITIONS: 8, SETTINGS[0]: 8, SETTINGS[1]: 6}
+RAD_PER_COUNT = np.radians(0.088)
+STOPS_COUNTS, COUNTS_PER_SECOND = 2045, 4000.0
 INVALID = 0xFF
 FINGERS = ("index", "middle", "ring", "thumb")
 PITCH, SPACING, COUNTS_PER_NEWTON = 0.018, 0.03, 25.0
@@ -56,20 +100,57 @@ class AllegroV5Sense(Device[CanFrame]):
     title = "Wonik Allegro Hand V5 Sense, touch"
     ports = (Can(),)
     evidence = ("driver",)
-    sources = ("Wonikrobotics-git/allegro_hand_ros2_V5_Sense@db81588 AllegroHandDrv.cpp l.417, candef.h",)
-    judge = "cantools, with a DBC of its frames; own second reader"
-    assumed = (
-        f"{COUNTS_PER_NEWTON:.0f} counts/N; sent 100 times a second from power-up on; 1 Mbit/s",
-        "which finger has which tip; the channels between lie on the finger whose tip follows",
-        f"a point each, {PITCH * 1e3:.0f} mm apart along a finger, fingers {SPACING * 1e3:.0f} mm apart, in one plane",
+    sources = (
+        "Wonikrobotics-git/allegro_hand_ros2_V5_Sense@db81588 AllegroHandDrv.cpp, candrv/socket_can.cpp, candef.h",
+    )
+    judge = "allegro_hand_ros2_V5_Sense@db81588 AllegroHandDrv; cantools, with a DBC of its frames; own second reader"
+    facts = (
+        stated(
+            "touch", "numbers of tips and palm, bytes times 4, FF invalid", "AllegroHandDrv.cpp _parseMessage, maps"
+        ),
+        assumed("touch", f"{COUNTS_PER_NEWTON:.0f} counts/N", "AllegroHandDrv.cpp, socket_can.cpp, allegro_node.cpp"),
+        assumed(
+            "touch", "which finger has which tip; channels between lie on the finger whose tip follows", "the same"
+        ),
+        assumed(
+            "touch",
+            f"a point each, {PITCH * 1e3:.0f} mm apart along a finger, fingers {SPACING * 1e3:.0f} mm apart, flat",
+            "the same; urdf",
+        ),
+        stated("identity", "forms of information and serial number; the fourth character is the side", "_parseMessage"),
+        assumed("identity", "hardware 0500, firmware 0100 (hex); serial number V5SR0001", "AllegroHandDrv.cpp"),
+        stated("configuration", "periods [ms] of joints, IMU, temperatures; 0 stops", "AllegroHandDrv.cpp:init, ~"),
+        stated("configuration", "228 01 makes 180 to 18C positions", "socket_can.cpp command_set_pose_direct"),
+        assumed(
+            "configuration", "IMU and temperatures are not sent, whatever their period", "AllegroHandDrv.cpp asks 0"
+        ),
+        assumed("timing", "touch 100 times a second from power-up on, whatever the periods; 1 Mbit/s", "the same"),
+        assumed("timing", f"joints turn at {COUNTS_PER_SECOND * 0.088:.0f} deg/s between -180 and 180 deg", "the same"),
     )
 
-    def __init__(self, *, invalid: Annotated[tuple[int, ...], Option("channels that say FF", low=0, high=15)] = ()):
+    def __init__(
+        self,
+        *,
+        invalid: Annotated[tuple[int, ...], Option("channels that say FF", low=0, high=15)] = (),
+        side: Annotated[Literal["right", "left"], Option("which hand: a letter of the serial number")] = "right",
+    ):
         self.layout = stack(
             *(points({name: (x, y, 0.0)}, pitch=0.012, link=link) for name, (link, x, y) in places().items())
         )
         self.invalid = list(invalid)
         self.columns = (Column(name="channel", low=0, high=0xFE, push=0 if invalid else 1),)
+        self.serial = b"V5S" + (b"R" if side == "right" else b"L") + b"0001"
+        self.servo, self.takes_positions, self.joints_ns = False, False, 0
+        self.zero = np.zeros(16)
+        self.motors = Motors(
+            [0.0] * 16,
+            low=-STOPS_COUNTS,
+            high=STOPS_COUNTS,
+            time_constant_s=0.0,
+            speed_limit=COUNTS_PER_SECOND,
+            names=[f"{finger} {k}" for finger in FINGERS for k in range(4)],
+            unit=RAD_PER_COUNT,
+        )
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:
         """Raw counts of the normal force of each channel, 0..254; 0 of an invalid one; shape ``(16,)``."""
@@ -82,3 +163,89 @@ class AllegroV5Sense(Device[CanFrame]):
         sent = self.layout.on_wire(np.where(np.isin(np.arange(16), self.invalid), INVALID, self.counts))
         eights = zip(IDS, sent.reshape(2, 8))
         return [CanFrame(arbitration_id=ident, data=EIGHT.pack(channels=eight)) for ident, eight in eights]
+
+    def receive(self, data: CanFrame, t_ns: int, port: str) -> Outs[CanFrame]:
+        """What it is, what it sends, and where its joints go."""
+        ident, message = data.arbitration_id, data.data
+        remote = CanFrame(arbitration_id=ident, is_remote_frame=True)
+        finger = next((k for k in range(4) for first in (JOINTS, TORQUE, GO) if ident == first + 4 * k), None)
+        wants = data == remote and (ident in (INFO, SERIAL) or (finger is not None and ident < TORQUE))
+        if data not in (remote, CanFrame(arbitration_id=ident, data=message)):
+            self.counters["ignored"] += 1
+            return ()
+        if not wants and not (ident in DATA_BYTES or (finger is not None and ident >= TORQUE)):
+            self.counters["ignored"] += 1
+            return ()
+        if not wants and (data == remote or len(message) != DATA_BYTES.get(ident, 8)):
+            self.counters["bad_length"] += 1
+            return ()
+        self.counters["requests"] += 1
+        if wants:
+            return [self._answer(ident, finger, t_ns)]
+        if ident in (ON, OFF):
+            self.servo = ident == ON
+        elif ident == CALIBRATE:
+            self.zero = self.motors.positions(t_ns)
+        elif ident == POSITIONS:
+            self.takes_positions = message[0] == 1
+        elif ident == PERIODS:
+            self.joints_ns = struct.unpack_from("<H", message)[0] * 1_000_000
+            self.wake_ns = t_ns + self.joints_ns if self.joints_ns else None
+        elif finger is not None and (ident >= GO or self.takes_positions):
+            goals = np.full(16, np.nan)
+            goals[4 * finger :][:4] = np.array(struct.unpack("<4h", message)) + self.zero[4 * finger :][:4]
+            self.motors.go(goals, t_ns)
+        return ()
+
+    def wake(self, t_ns: int) -> Outs[CanFrame]:
+        """Joints of all fingers, every period."""
+        self.wake_ns = t_ns + self.joints_ns
+        return [self._answer(JOINTS + 4 * finger, finger, t_ns) for finger in range(4)]
+
+    def joints(self, t_ns: int) -> Mapping[str, float]:
+        """Where the joints are [rad]."""
+        return self.motors.joints(t_ns)
+
+    def _answer(self, ident: int, finger: int | None, t_ns: int) -> CanFrame:
+        if ident == INFO:
+            data = INFORMATION.pack(hardware=0x0500, firmware=0x0100, servo=self.servo)
+        elif finger is None:
+            data = self.serial
+        else:
+            counts = np.round(self.motors.positions(t_ns) - self.zero)
+            data = POSE.pack(joints=np.clip(counts[4 * finger :][:4], -0x8000, 0x7FFF).astype(int))
+        return CanFrame(arbitration_id=ident, data=data)
+
+    @property
+    def commands(self) -> tuple[Command, ...]:
+        """What the driver sends from open to close."""
+        driver, socket = "AllegroHandDrv.cpp", "candrv/socket_can.cpp"
+        side = self.serial[3:4].hex()
+        return (
+            Command(name="servo off", request="104#", origin=driver),
+            Command(name="information", request="200#R", reply="200#0005000100000000", origin=driver),
+            Command(name="serial number", request="220#R", reply=f"220#563553{side}30303031", origin=driver),
+            Command(name="joints every 3 ms", request="204#030000000000", reply=_are_poses, origin=driver),
+            Command(name="servo on", request="100#", origin=driver),
+            Command(name="is it on", request="200#R", after=["100#"], reply="200#0005000100000100", origin=driver),
+            Command(name="joints of the thumb", request="08C#R", reply="08C#..{8}", origin=socket),
+            Command(name="calibration", request="224#", origin=driver),
+            Command(name="torques of the index", request="180#F0000000000010FF", about="moves nothing", origin=socket),
+            Command(name="positions in place of torques", request="228#0100000000000000", origin=driver),
+            Command(
+                name="positions of the index",
+                request="180#6400640064006400",
+                after=["228#0100000000000000"],
+                origin=driver,
+            ),
+            Command(name="positions of the middle", request="384#6400640064006400", origin=socket),
+            Command(name="gravity", request="22C#0000000000000000", origin=driver),
+            Command(name="device number", request="1A0#810000000000", origin=socket),
+            Command(name="stop", request="204#000000000000", origin=driver),
+        )
+
+
+def _are_poses(frames: list[CanFrame]) -> bool:
+    """Return whether these are whole rounds of the fingers' joints, or none yet."""
+    idents = [JOINTS + 4 * finger for finger in range(4)] * (len(frames) // 4)
+    return [frame.arbitration_id for frame in frames] == idents
