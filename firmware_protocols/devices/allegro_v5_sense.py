@@ -5,8 +5,8 @@ Wire: classic CAN, standard ids, which are the numbers of the vendor's driver ti
     id        number   data               direction   about
     150       54       ``EIGHT``          to host     channels 0 to 7
     154       55       ``EIGHT``          to host     channels 8 to 15
-    200       80       remote             to hand     information; the answer, of the same id, is ``INFORMATION``
     200       80       remote             to hand     information: ``INFORMATION`` under the same id
+    220       88       remote             to hand     serial number: 8 ASCII, the fourth is the side, R or L
     204       81       ``<u2 x 3``        to hand     periods [ms] of joints, IMU and temperatures; 0 stops them
     80 .. 8C  20 .. 23 ``POSE``           to host     joints: index, middle, ring, thumb; on remote, too
     100, 104  40, 41   -                  to hand     servo on, off
