@@ -8,8 +8,8 @@ Wire: classic CAN, 1 Mbit/s, standard ids. Nobody asks; a scan of five frames co
 
 Counts rise under a push; readers take a first scan as zero.
 
-Evidence: a published reader, and recordings of a fingertip that slides over fabric: a scan every 28.08 ms (26 to 30),
-means of 60 to 239 counts above zero under one grip, the second proximity always FFFF.
+Evidence: two published readers, one of them run, and recordings of a fingertip that slides over fabric: a scan every
+28.08 ms (26 to 30), means of 60 to 239 counts above zero under one grip, the second proximity always FFFF.
 
 Try it: ``tactemu run cyskin_cpm_finger --port can:socketcan:vcan0``, then ``candump vcan0``.
 """
@@ -21,7 +21,7 @@ from typing import Annotated
 
 import numpy as np
 
-from firmware_protocols import Can, CanFrame, Column, Counts, Device, Option, Outs, Reading
+from firmware_protocols import Can, CanFrame, Column, Counts, Device, Option, Outs, Reading, assumed, measured, stated
 from firmware_protocols.adc import quantize
 from firmware_protocols.layouts import filled
 from firmware_protocols.tables import Frame
@@ -41,6 +41,10 @@ WIDTH, LENGTH = 0.012, 0.024
 COUNTS_PER_NEWTON, REST = 200.0, 10_000
 
 
+_DRIVER = "wngfra/fingerSense@a3e6926 tactile_sensor_driver.cc"
+_SLIDE = "wngfra/FabricSlide@eceb771 data"
+
+
 class CyskinCpmFinger(Device[CanFrame]):
     """A fingertip that speaks unasked."""
 
@@ -52,13 +56,28 @@ class CyskinCpmFinger(Device[CanFrame]):
     evidence = ("driver",)
     sources = (
         "wngfra/can2wifi2ros@b429108 (the reader on an Arduino)",
+        "wngfra/fingerSense@a3e6926 tactile_sensor_driver.cc",
         "wngfra/FabricSlide@eceb771 data (recordings: scan period, range)",
     )
-    judge = "cantools, with a DBC of its frames; own second reader"
-    assumed = (
-        f"{COUNTS_PER_NEWTON:.0f} counts/N of normal force, {REST} counts untouched; proximity 0",
-        f"taxels spread evenly over {WIDTH * 1e3:.0f} x {LENGTH * 1e3:.0f} mm; the table names the taxel at each place",
-        "what the host sends is ignored",
+    judge = "wngfra/fingerSense@a3e6926 tactile_sensor_driver; cantools, with a DBC of its frames; own second reader"
+    facts = (
+        stated(
+            "touch", "identifiers, order of frames and taxels, low byte first", f"{_DRIVER}:35, 51-107; can2wifi2ros"
+        ),
+        measured("touch", "60 to 239 counts above zero under one grip; the second proximity always FFFF", _SLIDE),
+        assumed(
+            "touch",
+            f"{COUNTS_PER_NEWTON:.0f} counts/N, {REST} counts untouched; proximity 0",
+            "both drivers; FabricSlide",
+        ),
+        assumed(
+            "touch",
+            f"taxels spread evenly over {WIDTH * 1e3:.0f} x {LENGTH * 1e3:.0f} mm; the table names each",
+            "both drivers",
+        ),
+        stated("configuration", "1 Mbit/s; it speaks by itself, nothing is sent to it", f"{_DRIVER}:25"),
+        assumed("configuration", "what the host sends is ignored", "both drivers send nothing"),
+        measured("timing", "a scan every 28.08 ms (26 to 30)", _SLIDE),
     )
 
     def __init__(self, *, rest: Annotated[int, Option("counts untouched", low=0, high=0xFFFF)] = REST):

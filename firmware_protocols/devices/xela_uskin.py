@@ -16,8 +16,8 @@ A third reader knows taxels 0x741, 0x750, 0x754 and 0x775, which fits a 4 x 6 wi
 
 Values are raw magnetic counts, uncalibrated, about 18 000 to 30 000 at rest. A press raises Z: published readers
 subtract the rest and take what falls for no touch. One of them takes exactly sixteen frames for a sample, whatever they
-are, and fails at ids from 0x720 on. Evidence: two published drivers, one for each generation; neither firmware nor
-manual was seen.
+are, and fails at ids from 0x720 on. Evidence: two published drivers, one for each generation, run; neither firmware
+nor manual was seen.
 
 Try it: ``tactemu run xela_uskin --port can:socketcan:vcan0``, then ``cansend vcan0 201#0700; candump vcan0``.
 """
@@ -29,7 +29,20 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from firmware_protocols import Can, CanFrame, Column, Command, Counts, Device, Option, Outs, Reading, grid_layout
+from firmware_protocols import (
+    Can,
+    CanFrame,
+    Column,
+    Command,
+    Counts,
+    Device,
+    Option,
+    Outs,
+    Reading,
+    assumed,
+    grid_layout,
+    stated,
+)
 from firmware_protocols.adc import quantize
 from firmware_protocols.magnetic import LinearMagnet
 from firmware_protocols.tables import Frame
@@ -47,6 +60,19 @@ REST_FIELD_UT = (2400.0, 2400.0, 2100.0)
 GAIN_UT_PER_N = (300.0, 300.0, -500.0)
 
 
+_ARQ = "uskin_can_drivers@081807b"
+_ASSUMED = (
+    assumed(
+        "touch",
+        "0.1 uT per count, 300 uT/N in the plane, 500 uT/N along the normal, 24000/24000/21000 counts at rest",
+        "both drivers (maxima by trial: 45000, 25000, 25600; Z at least 18300), xela_models",
+    ),
+    assumed("touch", "unused bytes 0", "both drivers, which do not look at them"),
+    assumed("configuration", "silent after power-up; whatever else is sent gets silence", "both drivers"),
+    assumed("timing", "100 Hz", "both drivers"),
+)
+
+
 class XelaUskin(Device[CanFrame]):
     """Sixteen three-axis taxels, one CAN frame each."""
 
@@ -60,10 +86,13 @@ class XelaUskin(Device[CanFrame]):
         "ARQ-CRISP/uskin_can_drivers@081807b convertCanIDtoIndex (ids 'grid', 4x6 product)",
         "mcsix/xela_models@4cc8e17; xela_sensor_node.py (pitch)",
     )
-    judge = "cantools, with a DBC of its frames; own second reader"
-    assumed = (
-        "0.1 uT per count, 300 uT/N in the plane, 500 uT/N along the normal, 24000/24000/21000 counts at rest",
-        "100 Hz; unused bytes 0; a 4x4 product with ids 'grid' (that generation's known product is 4x6)",
+    judge = "o2as/ur-o2as@97adced XelaSensor; cantools, with a DBC of its frames; own second reader"
+    facts = (
+        stated("touch", "a frame for a taxel, three numbers, high byte first, ids 710 on", "xela_sensor.py:37-52"),
+        stated("touch", "4.7 mm from taxel to taxel", "ur-o2as xela_sensor_node.py taxel_area"),
+        *_ASSUMED,
+        assumed("touch", "a 4x4 product with ids 'grid' (that generation's known product is 4x6)", "both drivers"),
+        stated("configuration", "07 00 starts", "xela_sensor.py:23"),
     )
 
     def __init__(
@@ -131,7 +160,18 @@ class XelaUskin4x6(XelaUskin):
     name = "xela_uskin_4x6"
     title = "XELA uSkin 4x6"
     rows, cols = 4, 6
-    assumed = (XelaUskin.assumed[0], "100 Hz; unused bytes 0; the pitch of the 4x4", "start and stop as the 4x4")
+    judge = "ARQ-CRISP/uskin_can_drivers@081807b UskinSensor; own second reader"
+    facts = (
+        stated(
+            "touch", "ids by row and column, column by column; 135 ends a sample", f"{_ARQ} uskinCanDriver.cpp:133-150"
+        ),
+        stated("touch", "three numbers, high byte first", f"{_ARQ} can_communication.cpp convert_16bit_hex_to_dec"),
+        *_ASSUMED,
+        assumed("touch", "the pitch of the 4x4", f"{_ARQ}, all files"),
+        stated(
+            "configuration", "07 00 starts, 07 01 stops, to 201", f"{_ARQ} can_communication.cpp requestData, stopData"
+        ),
+    )
 
     def __init__(
         self,
