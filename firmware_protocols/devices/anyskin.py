@@ -12,8 +12,9 @@ Chips in wire order: centre, left, right, up, down. Chip axes are turned in the 
 as the vendor's viewer draws them (screen y points down, so drawn right-handed axes have z into the skin).
 
 Evidence: firmware (arduino/5X_binary_burst_stream.ino: ``sizeof(data)`` per chip, then println) and both published
-drivers, which decode it. ADC: MLX90393 at gain 7, resolution 0: 0.150 uT (x, y) and 0.242 uT (z) per count, int16;
-temperature 25 + (raw - 46244) / 45.2 deg C, uint16.
+drivers, which decode it. ADC: MLX90393, int16, steps as measured on boards of a LEAP hand: 0.300 uT (x, y) and 0.484 uT
+(z). The library at 5505644 sets gain 6, resolution 0, steps of 0.200 and 0.323 uT (``step_scale=1.3333``); which one a
+board was flashed with cannot be told from outside. Temperature 25 + (raw - 46244) / 45.2 deg C, uint16.
 
 A driver takes a frame only when *more* than 82 bytes wait, so a frame is seen when the next one has begun. It has no
 time-out: on a silent port it waits for ever.
@@ -23,16 +24,19 @@ Try it: ``tactemu run anyskin``, then ``AnySkinBase(num_mags=5, port=..., burst_
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Annotated, Literal
 
 import numpy as np
 
-from firmware_protocols import Column, Counts, Device, Layout, Option, Outs, Patch, Reading, Serial
+from firmware_protocols import USB, Column, Counts, Device, Layout, Option, Outs, Patch, Reading, Serial
 from firmware_protocols.adc import quantize
 from firmware_protocols.device import Axis, Quantity
+from firmware_protocols.facts import assumed, measured, stated
 from firmware_protocols.magnetic import LinearMagnet
 
+ANYSKIN = "raunaqbhirangi/anyskin@cb13b5b"
+LIBRARY = "tesshellebrekers/arduino-MLX90393@5505644 MLX90393.cpp"
+BOARDS = "adafruit/ArduinoCore-samd@04849ba"
 PITCH = 0.007
 PLACES = ((0, 0), (-1, 0), (1, 0), (0, 1), (0, -1))
 DRAWN_TURNS_DEG = (-90, -90, 180, 90, 0)
@@ -63,30 +67,35 @@ class AnySkin(Device):
     name = "anyskin"
     title = "AnySkin, 5 magnetometers (ReSkin: same stream)"
     kind = "fingertip"
-    ports = (Serial(baud=115200, usb=True),)
+    ports = (Serial(baud=115200, usb=USB(0x239A, 0x80CB, "Adafruit", "QT Py M0")),)
     senses = ("force", "temperature")
-    columns = (
-        Column(name="T", unit="degC", counts_per_unit=1.0, low=-998.1, high=451.8, rest=25.0),
-        *(
-            Column(name=f"B{axis}", axis=axis, unit="uT", counts_per_unit=1.0, low=-0x8000 * lsb, high=0x7FFF * lsb)
-            for axis, lsb in zip(AXES, FIELD_LSB_UT)
-        ),
-    )
     evidence = ("firmware", "driver")
     sources = (
-        "raunaqbhirangi/anyskin@cb13b5b arduino/5X_binary_burst_stream.ino",
-        "raunaqbhirangi/anyskin@cb13b5b anyskin/sensor.py l.51-126; visualizations/anyskin_viz.py l.38-47",
+        f"{ANYSKIN} arduino/5X_binary_burst_stream.ino",
+        f"{ANYSKIN} anyskin/sensor.py l.51-126; visualizations/anyskin_viz.py l.38-47",
         "reskin_sensor@b82de2a reskin_sensor/sensor.py",
-        "tesshellebrekers/arduino-MLX90393@5505644 MLX90393.cpp convertRaw",
+        f"{LIBRARY} begin, convertRaw",
         "Melexis MLX90393 data sheet (sensitivity, temperature)",
     )
     judge = "anyskin 1.0.0, reskin-sensor 2.0.2"
-    assumed = (
-        "pitch of the chips 7 mm (the sources have pixels only)",
-        "chip z into the skin, so that axes are right-handed as the viewer draws them; gain 7, "
-        "resolution 0 (boards on a LEAP hand: `step_scale=2`, sissihrx/anyskin-leaphand@89bbd0fd)",
-        "60 uT/N in the plane, 90 uT/N along the normal: a push raises Bz; field at rest",
-        "100 Hz (the firmware runs as fast as its loop)",
+    facts = (
+        stated("identity", "an Adafruit QT Py M0, 239A:80CB; /dev/ttyACM0", f"{ANYSKIN} README; {BOARDS} boards.txt"),
+        stated("touch", "order, turns of the axes and places of the chips", f"{ANYSKIN} anyskin_viz.py l.38-47"),
+        stated("touch", "temperature 25 + (raw - 46244) / 45.2; gain 6, resolution 0", f"{LIBRARY} l.46-65, 412"),
+        measured("touch", "steps of 0.300 and 0.484 uT", "sissihrx/anyskin-leaphand@89bbd0fd (five recordings)"),
+        stated("configuration", "it streams once the port is open", f"{ANYSKIN} 5X_binary_burst_stream.ino l.27-30"),
+        assumed(
+            "touch", "pitch of the chips 7 mm (pixels only); chip z into the skin", f"{ANYSKIN} README, anyskin_viz.py"
+        ),
+        assumed(
+            "touch", "60 uT/N in the plane, 90 along the normal, a push raises Bz; field at rest", f"{ANYSKIN} whole"
+        ),
+        assumed(
+            "touch",
+            "which gain and resolution AnySkin's own boards are flashed with",
+            f"{ANYSKIN} (its submodule db58ef7)",
+        ),
+        assumed("timing", "100 Hz (the firmware runs as fast as its loop)", f"{ANYSKIN} .ino, README; {LIBRARY}"),
     )
 
     def __init__(
@@ -101,17 +110,20 @@ class AnySkin(Device):
             Option("force through `gains`, or the field that a transducer of the scene makes"),
         ] = "force",
         step_scale: Annotated[
-            Literal[1, 2, 4, 8, 16], Option("gain and resolution registers: steps of 0.150/0.242 uT ... 2.4/3.872 uT")
-        ] = 1,
+            float,
+            Option("gain and resolution registers: steps over 0.150/0.242 uT (4/3, 2, 4, 16 ...)", low=1.0, high=40.0),
+        ] = 2.0,
     ):
         self.sees: Quantity = sees
         self.senses = (self.sees, "temperature")
         self.step = FIELD_LSB_UT * step_scale
-        if step_scale > 1:
-            self.columns = (self.columns[0], *(
-                replace(column, low=-0x8000 * step, high=0x7FFF * step)
-                for column, step in zip(self.columns[1:], self.step.tolist())
-            ))  # fmt: skip
+        self.columns = (
+            Column(name="T", unit="degC", counts_per_unit=1.0, low=-998.1, high=451.8, rest=25.0),
+            *(
+                Column(name=f"B{a}", axis=a, unit="uT", counts_per_unit=1.0, low=-0x8000 * step, high=0x7FFF * step)
+                for a, step in zip(AXES, self.step.tolist())
+            ),
+        )
         turns = -np.radians(DRAWN_TURNS_DEG)
         self.layout = Layout(
             positions=PITCH * np.array([(x, y, 0.0) for x, y in PLACES]),

@@ -154,12 +154,16 @@ def counts_per_newton(device: Device, recorded: Recorded) -> float:
     return unit * float(np.median(moved[moved > 0])) if (moved > 0).any() else 1.0
 
 
+DEFAULT_STEP_SCALE = 2
+"""The option `step_scale` of a device that was given none."""
+
+
 def step_scale(recorded: Recorded, found: Findings) -> int | None:
     """Which register setting of a MLX90393 the steps are of."""
     seen = found.value("resolution x")
     scales = [1, 2, 4, 8, 16]
     near = [scale for scale in scales if abs(seen / (0.150e-6 * scale) - 1) < 0.05]
-    return near[0] if near and near[0] > 1 else None
+    return near[0] if near and near[0] != DEFAULT_STEP_SCALE else None
 
 
 def _short(value: float) -> float:

@@ -41,8 +41,19 @@ def test_pyserial_lists_them(env):
     )
     assert found["/dev/ttyACM1"][:2] == [0x16D0, 0x14CC]
     assert found["/dev/ttyUSB0"][:2] == [0x10C4, 0xEA60]
-    assert found["/dev/ttyACM0"][3:5] == ["tactemu", "AnySkin, 5 magnetometers (ReSkin: same stream)"]
+    assert found["/dev/ttyACM0"][3:5] == ["Adafruit", "QT Py M0"]
     assert len({told[2] for told in found.values()}) == len(found) == 3, "serial numbers, and no port of the machine"
+
+
+@pytest.mark.driver
+def test_a_board_that_declares_no_ids_has_the_number_for_tests():
+    with tactemu.serve("paxini_gen2") as dev, tactemu.exec_environment(dev) as env:
+        found = script(
+            env,
+            "import json; from serial.tools.list_ports import comports\n"
+            "print(json.dumps([[p.vid, p.pid, p.manufacturer, p.product] for p in comports()]))",
+        )
+        assert found == [[0x1209, 1, "tactemu", "PaXini PX-6AX, GEN2 control box"]]
 
 
 @pytest.mark.driver

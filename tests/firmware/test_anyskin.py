@@ -38,18 +38,24 @@ def test_the_viewer_draws_arrows_along_the_force(force):
 
 
 def test_adc_steps_and_saturates():
-    assert np.allclose(change((0.0, 0.0, -0.5))[:, 2], 45.0, atol=0.242), "a push raises Bz"
-    assert not change((0.0, 0.0, 0.0001)).any(), "0.009 uT is less than half a count of 0.242 uT"
+    assert np.allclose(change((0.0, 0.0, -0.5))[:, 2], 45.0, atol=0.484), "a push raises Bz"
+    assert not change((0.0, 0.0, 0.0001)).any(), "0.009 uT is less than half a count of 0.484 uT"
     device = fp.create("anyskin")
     sample(device, 1e4)
-    assert np.allclose(device.counts[:, 3], 32767 * 0.242)
+    assert np.allclose(device.counts[:, 3], 32767 * 0.484)
 
 
 def test_gains_are_options():
-    assert np.allclose(change((0.0, 0.0, -1.0), gains=(0.0, 0.0, 10.0))[:, 2], -10.0, atol=0.242)
+    assert np.allclose(change((0.0, 0.0, -1.0), gains=(0.0, 0.0, 10.0))[:, 2], -10.0, atol=0.484)
 
 
 def test_nothing_is_ever_answered():
     device = fp.create("anyskin")
     assert not device.commands and not send(device, b"hello\r\n")
     assert device.counters["ignored"] == 1
+
+
+def test_the_gain_that_the_library_sets():
+    device = fp.create("anyskin", step_scale=4 / 3)
+    sample(device, 1e4)
+    assert np.allclose(device.counts[:, 3], 32767 * 0.242 * 4 / 3) and np.isclose(device.columns[1].high, 32767 * 0.2)
