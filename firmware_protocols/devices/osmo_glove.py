@@ -29,12 +29,13 @@ from typing import Annotated, Literal
 from firmware_protocols import USB, Column, Counts, Device, Option, Outs, Reading, Rollover, Serial
 from firmware_protocols.adc import quantize
 from firmware_protocols.device import Axis
-from firmware_protocols.facts import assumed, stated
+from firmware_protocols.facts import assumed, measured, stated
 from firmware_protocols.framing import cobs
 from firmware_protocols.layouts import points
 from firmware_protocols.magnetic import LinearMagnet
 
 SOURCE = "jessicayin/osmo_tactile_glove@e0465b6"
+GUIDE = "jessicayin/osmo_tactile_glove@284b722 hardware_guides"
 FINGERS = {
     "pinky": (-0.034, 0.075, 0.0), "ring": (-0.012, 0.092, 0.0), "middle": (0.010, 0.100, 0.0),
     "index": (0.032, 0.090, 0.0), "thumb": (0.060, 0.040, 0.0),
@@ -76,6 +77,7 @@ class OsmoGlove(Device):
         stated(
             "identity", "USB 2833:B015, Meta AI, BowieGlove, 123456789", f"{SOURCE} RTOS usb_descriptors.c l.33-104"
         ),
+        measured("identity", "a real one is listed so, as ttyACM0", f"{GUIDE} flash_firmware.md, step 6"),
         stated("identity", "twenty boards, numbers of finger, link and sensor", f"{SOURCE} RTOS glove.c l.59-81"),
         stated("identity", "the second magnetometer's number is 20 higher", f"{SOURCE} RTOS bhi360.c l.198"),
         stated("identity", "a glove of link 1 alone, two magnetometers each", f"{SOURCE} bowie_node_synced.py l.61-75"),
@@ -83,6 +85,7 @@ class OsmoGlove(Device):
         stated("touch", "orientation in steps of 1 / 16384", f"{SOURCE} RTOS glove.c l.414-418"),
         stated("timing", "50 Hz", f"{SOURCE} firmware/README.md l.5 (glove.c asks the chips for 100)"),
         stated("timing", "index counts orientations, clocks count 15.625 us", f"{SOURCE} RTOS bhi360.c l.132-168"),
+        stated("timing", "the build without an operating system asks for 25 Hz", f"{SOURCE} BowieGlove glove.c l.299"),
         stated("timing", "4.5 s to start a board", f"{SOURCE} RTOS glove.c l.83"),
         assumed("touch", "places on a flat hand; link 1 at the fingertip", f"{SOURCE} glove.c, bowie_data.py"),
         assumed(
