@@ -119,5 +119,5 @@ def test_what_needs_time_waits_for_it():
         assert dev.truth.injected["reset"] == 1
     with tt.serve("anyskin", "memory:") as dev, pytest.raises(TactemuError, match="time runs by itself"):
         dev.step()
-    with pytest.raises(TactemuError, match="clock: expected one of real, lockstep, got 'virtual'"):
+    with pytest.raises(TactemuError, match="clock: expected one of real, lockstep, paced, got 'virtual'"):
         tt.serve("anyskin", clock="virtual")
