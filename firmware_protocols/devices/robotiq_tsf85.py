@@ -7,7 +7,7 @@ Wire: USB-CDC (16D0:14CC), opened at 115200 8N1; nothing depends on the speed. O
     58       period [ms]  autosend, synchronous; 00 stops
     59       period [ms]  autosend, asynchronous; 00 stops
     E3       -            firmware version, ASCII
-    E2       -            bootloader
+    E2       -            bootloader; hardware leaves the port and comes back as HID 04B4:B71D
 
 A reading describes itself: fields of one type byte (type in the high nibble, finger in bits 3..2, index in bits 1..0)
 and big-endian values. A driver that meets an unknown type has lost the rest of the packet.
@@ -19,9 +19,10 @@ and big-endian values. A driver that meets an unknown type has lost the rest of 
     40    3 int16    angular velocity
     50    3 int16    magnetometer (not sent unless asked for: the vendor's viewer loses what follows it)
     60    1 int16    temperature
-    70    1 uint64   timestamp
+    70    1 uint64   timestamp [us]
 
 All raw counts: no source gives a unit. On open, the vendor's Python sets DTR, clears RTS, asks E3 and sends 58.
+Hardware sends up to 1000 packets a second, in which the static counts change 60 times a second; here in each.
 
 Try it: ``tactemu run robotiq_tsf85``, then ``RobotiqTactileSensor(port=...).configure(update_period_ms=10)``.
 """
@@ -45,6 +46,8 @@ from firmware_protocols import (
     Restart,
     Sense,
     Serial,
+    assumed,
+    stated,
 )
 from firmware_protocols.adc import int16, quantize
 from firmware_protocols.framing import MORE, Packets
@@ -70,6 +73,11 @@ ACCELERATION_PER_MS2 = 16384 / 9.80665
 RATE_PER_RAD_S = 131 * 180 / np.pi
 TEMPERATURE_PER_DEG = 100
 
+VENDOR = "robotiq/tactile_sensors@8cb0219"
+PROTOCOL, QUICK = f"{VENDOR} sensor_quickstart/protocol.py", f"{VENDOR} sensor_quickstart/quick_connect.py"
+ALL = (
+    "sensor_quickstart/*.py, web/app.js, sdk_cpp/*, firmware/bootloader_host.py, all READMEs, pyrobotiqtactile (whole)"
+)
 CHIPS = points({"finger 0": (-OPENING / 2, 0.0, PAD_HEIGHT), "finger 1": (OPENING / 2, 0.0, PAD_HEIGHT)})
 
 
@@ -83,18 +91,32 @@ class RobotiqTsf85(Device):
     senses = ("force", *(Sense(each, at=CHIPS) for each in ("temperature", "acceleration", "angular_velocity")))
     evidence = ("driver",)
     sources = (
-        "robotiq/tactile_sensors@8cb0219 sensor_quickstart/protocol.py l.18-37, 82-125, 185-250 (the vendor's own)",
-        "robotiq/tactile_sensors@8cb0219 sdk_cpp/RobotiqTactileSensor.cpp l.97-104",
+        f"{VENDOR} sensor_quickstart, sdk_cpp, firmware (the vendor's own)",
         "pyrobotiqtactile 0.1.2",
     )
-    judge = "pyrobotiqtactile 0.1.2"
-    assumed = (
-        "5 mm pitch; the pads face each other 85 mm apart, 60 mm above the palm, row 0 at the fingertip",
-        "2000 counts/N over a baseline of 1000; dynamic: change of the finger's static sum since the last sample, / 16",
-        "acceleration 16384 per g, angular velocity 131 per deg/s, temperature 100 per deg C, timestamp in us",
-        "the magnetometer reads zero (a scene has no magnetic field); the crc8 byte is 00 and is not checked",
-        "autosend is not acknowledged; synchronous and asynchronous stream alike; E2 restarts the firmware",
-        "a command with another data length than its own is skipped",
+    judge = f"pyrobotiqtactile 0.1.2, {VENDOR} sensor_quickstart"
+    facts = (
+        stated("touch", "fields, their types, big-endian", f"{PROTOCOL}:172-250"),
+        stated("touch", "7 rows of 4, row-major, first at the top left", f"{VENDOR} sdk_cpp/README.md:132-143"),
+        assumed("touch", "5 mm pitch; pads 85 mm apart, 60 mm above the palm, row 0 at the fingertip", ALL),
+        assumed("touch", "2000 counts/N over 1000; dynamic: change of a finger's static sum / 16", ALL),
+        stated("touch", "an accelerometer at rest reads 44, 16244, 728", f"{VENDOR} sdk_cpp/README.md:70"),
+        assumed("touch", "so 16384 per g; which of its axes is up is ours", ALL),
+        assumed("touch", "131 per deg/s, 100 per deg C; the magnetometer reads 0", ALL),
+        stated("identity", "16D0:14CC, older ones 04B4:F232", f"{QUICK}:39-42"),
+        stated("identity", "E3 is answered with ASCII", f"{PROTOCOL}:112-116"),
+        stated("identity", "1.1.8 is the latest firmware", f"{VENDOR} firmware/bootloader_host.py:51"),
+        assumed("identity", "the answer is nothing but the version", ALL),
+        stated("configuration", "58 with 0 stops", f"{QUICK}:255-262"),
+        stated("configuration", "E2 makes it a HID bootloader", f"{VENDOR} firmware/bootloader_host.py:41-42, 419-436"),
+        assumed("configuration", "here E2 restarts the firmware", ALL),
+        stated("configuration", "the crc8 byte is 00", f"{PROTOCOL}:90"),
+        assumed("configuration", "it is not checked; 58 and 59 stream alike, unanswered; other lengths skipped", ALL),
+        assumed("configuration", "both fingers in one packet; drivers take one each, too", ALL),
+        stated("timing", "1 kHz, static counts at 60 Hz", f"{VENDOR} README.md:5-6"),
+        stated("timing", "a timestamp of 8 bytes, 2 in older firmware", f"{QUICK}:80, 562"),
+        stated("timing", "it counts microseconds", f"{QUICK}:746-748"),
+        assumed("timing", "static counts change with each packet", ALL),
     )
 
     def __init__(
@@ -109,7 +131,7 @@ class RobotiqTsf85(Device):
         baseline: Annotated[
             int, Option("static counts at rest; drivers subtract their own", low=0, high=0xFFFF)
         ] = 1000,
-        version: Annotated[str, Option("the ASCII answer to E3")] = "TSF-85 1.0.0",
+        version: Annotated[str, Option("the ASCII answer to E3")] = "1.1.8",
     ):
         self.columns = (Column(name="static", low=0, high=0xFFFF, rest=baseline, push=1),)
         self.together, self.magnetometer, self.version = packets == "together", magnetometer, version.encode("ascii")
