@@ -70,7 +70,7 @@ def _areas(sensor: Sensor) -> np.ndarray:
     probes, given = sensor.probes, getattr(sensor.model, "taxel_area", None)
     if given is None and probes.is_grid:
         given = abs(probes.spacing[0] * probes.spacing[1])
-    if given is None:
+    if given is None or not np.all(np.asarray(given) > 0):  # a grid of one row or column has no spacing
         given = np.pi * np.asarray(probes.radii).reshape(-1) ** 2
     return np.broadcast_to(np.asarray(given, float).reshape(-1), (probes.n,))
 

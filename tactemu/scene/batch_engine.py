@@ -115,6 +115,8 @@ class BatchEngine(ABC):
 
     def __init__(self, scene: Scene, file: Path, timestep: float):
         self.file = file
+        if not timestep > 0:
+            raise SceneError(f"engine: {file.name} has a time step of {timestep:g} s; it must be > 0")
         self.steps = round(scene.dt / timestep)
         """Of the model, in each step of the scene."""
         if self.steps < 1 or abs(self.steps * timestep - scene.dt) > 1e-6 * timestep:

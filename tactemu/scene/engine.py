@@ -67,6 +67,8 @@ class MujocoEngine:
         self.drives = list(drives)
         check_apart(self.drives)
         self.model = self._read(file)
+        if not self.model.opt.timestep > 0:
+            raise SceneError(f"engine: {file}: timestep is {self.model.opt.timestep:g} s; it must be > 0")
         self.data = self._mujoco.MjData(self.model)
         for drive in self.drives:
             drive.bind(self.model)

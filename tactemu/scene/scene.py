@@ -115,7 +115,7 @@ class Scene:
             raise SceneError(f"sensor {name!r}: there is already a sensor of this name; give another")
         sensor = Sensor(name, model, self.body(link), tuple(transducers))
         for each in sensor.transducers:
-            each.check(f"sensor {name!r}")
+            each.check_all(f"sensor {name!r}")
         _ = sensor.chain  # refuses what does not fit
         self.sensors.append(sensor)
         self._outdate(f"sensor {name!r} was added after the scene was built")

@@ -3,12 +3,13 @@
 With ``x_j`` where magnet j is, ``m_j`` its moment, ``u_i`` the displacement of the skin at taxel i::
 
     u_i = c F_i                              c compliance; where the model gives displacement, u_i itself
-    x_j = x_j⁰ + Σ_i w_ij u_i                w_ij ∝ exp(−|x_j⁰ − x_i|²/2s²) in the plane of the skin, Σ_i w_ij = 1
+    x_j = x_j⁰ + Σ_i w_ij u_i          w_ij = g_ij / max(1, Σ_i g_ij), g_ij = exp(−|x_j⁰ − x_i|²/2s²), 0 beyond 4 s
     B_k = µ0/4π Σ_j (3 (m_j·r) r/|r|⁵ − m_j/|r|³) + R⁻¹ B_earth + neighbours,   r = chip_k − x_j
 
 A chip stands ``chip_depth`` below each taxel. All chips see all magnets: crosstalk follows. Magnets far from every
-taxel do not move with the skin. Neighbours are dipoles fixed to other bodies, which move with those; the earth's field
-turns as the link does.
+taxel do not move with the skin. A magnet is a ball of 1e6 A/m: outside its field is the dipole's, inside it is
+``µ0/4π 2 m/a³`` with the ball's radius ``a``. Neighbours are dipoles fixed to other bodies, which move with those; the
+earth's field turns as the link does.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -21,13 +22,20 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from tactemu.errors import SceneError
-from tactemu.options import number, numbers
+from tactemu.errors import SceneError, shown
+from tactemu.options import number, numbers, triple
 from tactemu.plan.plan import Stage
 from tactemu.transducers.transducer import FIELD, Kind, Place, Transducer
 
-NEAREST = 8
-"""Taxels that move one magnet."""
+REACH = 4.0
+"""Taxels so many ``spread`` away from a magnet do not move it."""
+MAGNETISATION = 1e6
+"""Of a magnet [A/m], about that of neodymium: it says how large a magnet of a given moment is."""
+
+
+def radius_of(moments: np.ndarray) -> np.ndarray:
+    """Return the radius of a ball of :data:`MAGNETISATION` that has each moment [m], shape ``(m,)``."""
+    return np.cbrt(np.linalg.norm(moments, axis=-1) * 3 / (4 * np.pi * MAGNETISATION))
 
 
 @functools.cache
@@ -65,8 +73,10 @@ def field_kernel(real, earth: bool, neighbours: bool):
     transform = wp.types.transformation(real)
 
     @wp.func
-    def dipole(r: vec3, m: vec3):
+    def dipole(r: vec3, m: vec3, radius: real):
         square = wp.dot(r, r)
+        if square < radius * radius:
+            return real(2.0) / (radius * radius * radius) * m
         near = real(1.0) / (square * wp.sqrt(square))
         return near * (real(3.0) * wp.dot(m, r) / square * r - m)
 
@@ -75,6 +85,7 @@ def field_kernel(real, earth: bool, neighbours: bool):
         first_env: int,
         places: wp.array2d(dtype=vec3),
         moments: wp.array(dtype=vec3),
+        radii: wp.array(dtype=real),
         chips: wp.array(dtype=vec3),
         world: wp.array3d(dtype=wp.float64),
         link: int,
@@ -83,6 +94,7 @@ def field_kernel(real, earth: bool, neighbours: bool):
         bodies: wp.array(dtype=wp.int32),
         other_places: wp.array(dtype=vec3),
         other_moments: wp.array(dtype=vec3),
+        other_radii: wp.array(dtype=real),
         # outputs
         field: wp.array3d(dtype=real),
     ):
@@ -91,12 +103,12 @@ def field_kernel(real, earth: bool, neighbours: bool):
         chip = chips[k]
         total = vec3(real(0.0))
         for j in range(moments.shape[0]):
-            total += dipole(chip - places[e, j], moments[j])
+            total += dipole(chip - places[e, j], moments[j], radii[j])
         if wp.static(neighbours):
             for j in range(bodies.shape[0]):
                 at = pose[e, bodies[j]]
                 place = wp.transform_point(at, other_places[j])
-                total += dipole(chip - place, wp.transform_vector(at, other_moments[j]))
+                total += dipole(chip - place, wp.transform_vector(at, other_moments[j]), other_radii[j])
         if wp.static(earth):
             q = wp.quatd(world[e, link, 4], world[e, link, 5], world[e, link, 6], world[e, link, 3])
             b = wp.quat_rotate_inv(wp.normalize(q), earth_field)
@@ -133,7 +145,7 @@ class Magnetic(Transducer):
 
     takes = ("displacement", "force")
     valid = (
-        "Chips that are farther from a magnet than its own size. Magnets keep their direction as the skin tilts, and "
+        "Chips outside the magnets, each a ball of 1e6 A/m. Magnets keep their direction as the skin tilts, and "
         "the skin between taxels follows them by a Gaussian."
     )
     source = "Field of a point dipole. Skins: AnySkin (arXiv:2409.08276), eFlesh (arXiv:2506.09994)."
@@ -143,9 +155,18 @@ class Magnetic(Transducer):
             number(where, name, getattr(self, name), at_least=0 if name != "spread" else None, unit="m")
         number(where, "spread", self.spread, above=0, unit="m")
         for name in ("magnets", "moments"):
-            given = numbers(where, name, getattr(self, name) or np.zeros((0, 3)))
+            given = numbers(where, name, getattr(self, name) if len(getattr(self, name)) else np.zeros((0, 3)))
             if given.ndim != 2 or given.shape[1] != 3:
                 raise SceneError(f"{where}: {name} must be a list of three numbers each, got shape {given.shape}")
+        if min(self.grid) < 1 or any(n != int(n) for n in self.grid):
+            raise SceneError(f"{where}: grid must be 2 whole numbers >= 1, got {shown(self.grid)}")
+        for each in self.neighbours:
+            if len(each) != 3 or not isinstance(each[0], str):
+                raise SceneError(f"{where}: neighbours must be (body, place, moment) each, got {shown(each)}")
+            for vector in each[1:]:
+                triple(where, f"neighbours of {each[0]!r}", vector)
+        if not len(self.moments):
+            raise SceneError(f"{where}: moments must be one for all, or one for each magnet; there is none")
         if len(self.magnets) and len(self.moments) not in (1, len(self.magnets)):
             raise SceneError(f"{where}: {len(self.moments)} moments for {len(self.magnets)} magnets; one, or one each")
 
@@ -164,10 +185,13 @@ class Magnetic(Transducer):
         return places, np.broadcast_to(np.asarray(self.moments, float), places.shape).copy()
 
     def shares(self, places: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The nearest taxels of each magnet, and how much of each one's displacement it has; ``(m, k)`` both."""
+        """The taxels that move each magnet, nearest first, and how much of each one's displacement it has; both
+        ``(m, k)``, with as many columns as any magnet needs."""
         apart = np.linalg.norm(places[:, None] - positions[None], axis=-1)
-        nearest = np.argsort(apart, axis=1, kind="stable")[:, :NEAREST]
-        weights = np.exp(-0.5 * (np.take_along_axis(apart, nearest, axis=1) / self.spread) ** 2)
+        most = max(1, int((apart <= REACH * self.spread).sum(axis=1).max(initial=0)))
+        nearest = np.argsort(apart, axis=1, kind="stable")[:, :most]
+        away = np.take_along_axis(apart, nearest, axis=1)
+        weights = np.where(away <= REACH * self.spread, np.exp(-0.5 * (away / self.spread) ** 2), 0.0)
         whole = np.maximum(weights.sum(axis=1, keepdims=True), 1.0)  # between taxels in full, far from all not at all
         return nearest.astype(np.int32), weights / whole
 
@@ -186,9 +210,11 @@ class Magnetic(Transducer):
         kernel = field_kernel(real, any(self.earth), bool(len(self.neighbours)))
         per_moment = 1e-7  # µ0/4π
         inputs = [
-            moved, place.constant(per_moment * moments, vec3), place.constant(chips, vec3), place.world, place.link,
+            moved, place.constant(per_moment * moments, vec3), place.constant(radius_of(moments)),
+            place.constant(chips, vec3), place.world, place.link,
             wp.vec3d(*self.earth), place.pose, place.constant(bodies, wp.int32),
             place.constant(other_places, vec3), place.constant(per_moment * other_moments, vec3),
+            place.constant(radius_of(other_moments)),
         ]  # fmt: skip
         launch = context.record(kernel, field.shape[:2], inputs, [field])
         why = f"{len(rest)} dipoles at {len(chips)} chips"

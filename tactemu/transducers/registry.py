@@ -57,7 +57,7 @@ def make(where: str, table: Mapping[str, Any]) -> Transducer:
             raise SceneError(f"{where}: {kind} has no {name!r}{hint}")
     try:
         transducer = made(**{name: _fixed(value) for name, value in options.items()})
-        transducer.check(where)
+        transducer.check_all(where)
     except (TypeError, ValueError) as error:
         raise SceneError(f"{where}: {kind}: {error}") from None
     return transducer

@@ -11,14 +11,18 @@ It is called for the ground truth and for the measured branch, unless both are o
 
 from __future__ import annotations
 
+import dataclasses
+import typing
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import warp as wp
 
+from tactemu.errors import SceneError, shown
+from tactemu.options import number, numbers
 from tactemu.plan.plan import Context, Stage
 
 Channels = Literal["scalar", "force", "displacement"]
@@ -82,6 +86,12 @@ class Place:
         return wp.array(values, dtype=dtype or self.context.real, device=self.context.device)
 
 
+def _options(cls: type[Transducer]) -> dict[str, Any]:
+    """Return the types of a transducer's options, by name."""
+    hints = typing.get_type_hints(cls)
+    return {field.name: hints[field.name] for field in dataclasses.fields(cls)}
+
+
 @dataclass(frozen=True, kw_only=True)
 class Transducer(ABC):
     """Options of one transducer. SI units; vectors in the frame of the link."""
@@ -93,8 +103,23 @@ class Transducer(ABC):
     source: ClassVar[str] = ""
     """Where its equations come from."""
 
+    def check_all(self, where: str) -> None:
+        """Check every number, then what the class itself asks of its options.
+
+        Raises:
+            SceneError: an option is no finite number, has another shape than declared, or no meaning.
+        """
+        for name, hint in _options(type(self)).items():
+            value, parts = getattr(self, name, None), typing.get_args(hint)
+            if typing.get_origin(hint) is tuple:
+                if numbers(where, name, value).shape != (len(parts),):
+                    raise SceneError(f"{where}: {name} must be {len(parts)} numbers, got {shown(value)}")
+            elif hint is float or (float in parts and value is not None):
+                number(where, name, value)
+        self.check(where)
+
     def check(self, where: str) -> None:
-        """Check the options.
+        """Check what the class asks of its options beside being finite.
 
         Raises:
             SceneError: one has no meaning.

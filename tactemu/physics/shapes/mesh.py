@@ -11,12 +11,13 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from tactemu.errors import SceneError
+from tactemu.errors import MeshError, SceneError
 from tactemu.physics.shapes.rays import bound_function
 from tactemu.physics.shapes.shape import FAR, Kind, Length, Row, Shape, box_outline, table_type
 from tactemu.physics.shapes.surface import sample_triangles
-from tactemu.physics.shapes.triangles import Triangles, load_mesh
+from tactemu.physics.shapes.triangles import Triangles, extent_of_file, load_mesh
 from tactemu.physics.shapes.voxel_grid import VoxelGrid
+from tactemu.scene.limits import SIZES_M
 
 MOST_CROSSINGS = 16
 """Surfaces behind the skin that a line may cross."""
@@ -76,6 +77,15 @@ class Mesh(Shape):
     ) -> "Mesh":
         if not (folder / path).is_file():
             raise SceneError(f"path: no such mesh file: {str(folder / path)!r}")
+        try:
+            extent = extent_of_file(folder / path, scale, "path")
+        except MeshError as error:
+            raise SceneError(str(error)) from None
+        if not extent <= SIZES_M[1]:
+            raise SceneError(
+                f"path: {path} is {extent:g} m long; a body has at most {SIZES_M[1]:g} m. Is the file in millimetres? "
+                "Then give scale = 0.001"
+            )
         return cls(source=folder / path, scale=scale)
 
     def _triangles(self, name: str) -> Triangles:

@@ -5,6 +5,7 @@ What is wrong with a mesh is said before anything is computed: what has no dista
 surface with holes is used with a warning, inside being what it mostly encloses.
 """
 
+import functools
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -36,16 +37,33 @@ class Triangles:
         return float(np.linalg.norm(self.vertices, axis=1).max())
 
 
+@functools.lru_cache(maxsize=4)
+def _read_file(path: Path, _changed_ns: int, _size: int) -> Any:
+    """Read a mesh file once, though its extent, its outline and its triangles are asked for one after another."""
+    import trimesh
+
+    return cast(Any, trimesh.load(path, force="mesh", process=False))
+
+
+def extent_of_file(path: Path, scale: float, name: str) -> float:
+    """Return the longest side of the box around a mesh file's vertices [m].
+
+    Raises:
+        MeshError: the file cannot be read.
+    """
+    vertices, _ = _read(path, name)
+    return float(np.ptp(np.asarray(vertices, float), axis=0).max(initial=0.0) * scale) if len(vertices) else 0.0
+
+
 def _read(source, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Vertices and faces of a path, a ``trimesh.Trimesh`` or a pair of arrays."""
     if isinstance(source, str | Path):
         path = Path(source)
         if not path.is_file():
             raise MeshError(f"{name}: no such file (looked in {Path.cwd()}); give the full path")
-        import trimesh
-
+        status = path.stat()
         try:
-            source = cast(Any, trimesh.load(path, force="mesh", process=False))
+            source = _read_file(path.resolve(), status.st_mtime_ns, status.st_size)
         except Exception as error:
             raise MeshError(f"{name}: trimesh cannot read it ({error}); try STL, OBJ, PLY, OFF or GLB") from None
     if hasattr(source, "vertices") and hasattr(source, "faces"):
