@@ -119,7 +119,7 @@ class Emulator:
             for channel in self.channels:
                 channel.plug()
             for wire in self.wires:
-                wire.stands = self.clock.stands
+                wire.stands, wire.is_real_time = self.clock.stands, not self.clock.virtual
                 wire.open()
             self._calls.open()
             self.clock.start()

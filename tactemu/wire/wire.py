@@ -8,6 +8,7 @@ does the device.
 
 from __future__ import annotations
 
+import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -32,6 +33,12 @@ CLOSING = 1011
 """Code of a connection that a fault closes: something went wrong inside."""
 MAX_BYTES_A_TURN = 16_384
 """Of what arrives in one turn of the loop: a flood is worked off in pieces, and the loop goes on meanwhile."""
+
+MAX_TRAFFIC_FRAMES_A_FLUSH = 4
+"""Maximum number of frames that a node of a fault queues per flush: a device does not wait long for them."""
+TRAFFIC_SHARE = 0.4
+"""Largest share of the loop's time that such frames may take, so that devices sample at their rate on a machine too
+slow for all of them; those that it leaves out are counted as missed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +77,8 @@ class Wire:
     """
 
     not_state: ClassVar[tuple[str, ...]] = (
-        "transport", "pacing", "backlog_ns", "stands", "name", "_asked", "_opened", "_plugged", "_comes_back",
+        "transport", "pacing", "backlog_ns", "stands", "is_real_time", "name", "_asked", "_opened", "_plugged",
+        "_comes_back", "_traffic_ns",
     )  # fmt: skip
 
     def __init__(
@@ -99,6 +107,10 @@ class Wire:
         """Who is on it, for the truth log of what arrives and of what befalls the wire; default: who sent last."""
         self.stands: Callable[[], bool] = bool
         """Whether time stands: then what the driver says is heard at once, and answers leave at once."""
+        self.is_real_time = False
+        """Whether the caller's time passes by itself."""
+        self._traffic_ns = 0
+        """When frames of other nodes were sent last."""
         self._asked = False
         """The driver has said something while time stands."""
         self._source = ""
@@ -263,7 +275,8 @@ class Wire:
     def flush(self, now_ns: int) -> int:
         """Write every frame whose last bit has gone; returns how many were written."""
         self._now_ns = self._flushed_ns = now_ns
-        self._add_traffic(now_ns)
+        began_ns = time.perf_counter_ns() if self.is_real_time and self._injector.traffic else 0
+        frames = self._add_traffic(now_ns)
         written = self._settle(self.line, now_ns) if self._asked else 0
         self._asked = False
         while (pending := self.line.take(now_ns)) is not None:
@@ -274,20 +287,33 @@ class Wire:
         if (closing := self._injector.closing) is not None:
             self._injector.closing = None
             self.transport.hang_up(closing.amount or CLOSING)
+        if began_ns and frames:
+            self._bound_traffic(now_ns, time.perf_counter_ns() - began_ns)
         return written
 
-    def _add_traffic(self, now_ns: int) -> None:
-        """Let other nodes of the bus queue the frames that they have ready."""
+    def _bound_traffic(self, now_ns: int, took_ns: int) -> None:
+        """Leave out frames of other nodes when they take the loop more than :data:`TRAFFIC_SHARE` of its time."""
+        rest_ns = round(took_ns / TRAFFIC_SHARE) - (now_ns - self._traffic_ns)
+        self._traffic_ns = now_ns
+        if rest_ns > 0:
+            for node in self._injector.traffic:
+                node.leave_out(now_ns + rest_ns)
+            self._traffic_ns += rest_ns
+
+    def _add_traffic(self, now_ns: int) -> int:
+        """Let other nodes of the bus queue the frames that they have ready; returns how many."""
+        count = 0
         for node in self._injector.traffic:
-            while (
-                self.line.backlog_ns(node.source, now_ns) <= self.backlog_ns
-                and (ready := node.take(now_ns)) is not None
-            ):
+            for _ in range(MAX_TRAFFIC_FRAMES_A_FLUSH):
+                if self.line.backlog_ns(node.source, now_ns) > self.backlog_ns or (ready := node.take(now_ns)) is None:
+                    break
                 due_ns, frame = ready
+                count += 1
                 self.line.put(frame, due_ns, node.source)
                 self._note(due_ns, node.source, node.fault.kind, str(node.fault), after=[frame])
             if missed := node.take_missed():
                 self.counters[f"{node.fault.kind}_missed"] += missed
+        return count
 
     def _pass_on(self, pending: Pending, now_ns: int) -> int:
         """What has left the line goes to whom it is for; returns how many frames the driver took."""

@@ -1,5 +1,6 @@
 """Faults: their words, their law, their counters."""
 
+import time
 from collections import Counter
 from itertools import pairwise
 
@@ -8,9 +9,11 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+import tactemu
 from firmware_protocols import Can, CanFrame, Serial, Tcp, Udp
 from tactemu.errors import SceneError
 from tactemu.frame_text import text
+from tactemu.transports.can import CanTransport
 from tactemu.transports.memory import MemoryTransport
 from tactemu.transports.transport import DROPPED, RAISED, Closed, Opened
 from tactemu.truth import Truth, read_log
@@ -569,3 +572,23 @@ def test_traffic_that_a_late_loop_leaves_out_is_counted():
     sent, missed = wire.counters["load"], wire.counters["load_missed"]
     assert missed > 5 * sent > 0
     assert (sent + missed) * 0.115 / 950 == pytest.approx(0.8, rel=0.05), "what was asked for"
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("fault", ["load 90%", "babble 60%"])
+def test_traffic_leaves_a_device_its_rate_on_a_machine_too_slow_for_it(fault, monkeypatch):
+    """One frame takes this machine 1 ms, of which the fault wants several thousand a second."""
+    write = CanTransport.write
+
+    def slow(self, frame):
+        end = time.perf_counter() + 1e-3
+        while time.perf_counter() < end:
+            pass
+        return write(self, frame)
+
+    monkeypatch.setattr(CanTransport, "write", slow)
+    with tactemu.serve("barrett_bh8", port="can:virtual:slow", faults=[fault]) as dev:
+        time.sleep(2.0)
+        kind, counted = fault.split()[0], dev.emulator.summary()[0]
+    assert counted["samples"] > 100, "of 200, formerly fewer than 20"
+    assert counted["wire"][f"{kind}_missed"] > counted["wire"][kind] > 10

@@ -66,6 +66,12 @@ class Traffic:
         missed, self._missed_ns = divmod(self._missed_ns, self._spacing_ns)
         return missed
 
+    def leave_out(self, until_ns: int) -> None:
+        """Send nothing before ``until_ns``: the caller is too slow for it."""
+        if until_ns > self._next_ns:
+            self._missed_ns += until_ns - self._next_ns
+            self._next_ns = until_ns
+
     def next_ns(self) -> int | None:
         """When it sends next; ``None`` when it is over."""
         over = self.fault.stop_ns is not None and self._next_ns >= self.fault.stop_ns
