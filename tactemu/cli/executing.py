@@ -13,7 +13,7 @@ from pathlib import Path
 from tactemu.cli.datasheet import options_of
 from tactemu.cli.forwarding import Forwarding
 from tactemu.cli.listening import listening
-from tactemu.cli.reports import not_understood
+from tactemu.cli.reports import nobody_came, not_understood
 from tactemu.cli.running import ports_of, rate_of
 from tactemu.collector import no_full_collections
 from tactemu.errors import TactemuError, TransportError
@@ -73,9 +73,8 @@ def run_command(
         _say(str(failure))
         return FAILED
     signals.say_what_ended(status)
-    for entry in () if quiet else dev.emulator.summary():
-        if text := not_understood(entry):
-            _say(f"{entry['skin']} did not understand all that it was sent: {text}")
+    if not quiet:
+        _sum_up(dev)
     return status if status >= 0 else 128 - status
 
 
@@ -134,6 +133,15 @@ def _announce(env: ExecEnvironment, program: str) -> None:
         _say(f"{env.missing}. Names, sysfs, reading and writing work; nobody answers {missed}")
     elif why := out_of_reach(program):
         _say(f"{why}: it finds the ports, reads and writes; what it does not get are {missed}")
+
+
+def _sum_up(dev: Served) -> None:
+    """Say what was not understood, and who was not found."""
+    for channel, entry in zip(dev.emulator.channels, dev.emulator.summary()):
+        if text := not_understood(entry):
+            _say(f"{channel.name} did not understand all that it was sent: {text}")
+        if text := nobody_came(channel):
+            _say(f"{channel.name}: {text}")
 
 
 def _say(text: str) -> None:

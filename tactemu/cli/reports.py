@@ -70,6 +70,7 @@ def sentence(entry: dict[str, Any]) -> str:
 HARMLESS = ("requests", "unplugged")
 """Counters of a device that say nothing of what it has not understood."""
 _OF_THE_WIRE = ("misheard", "overrun", "collision")
+_LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
 
 def not_understood(entry: Mapping[str, Any]) -> str:
@@ -77,6 +78,18 @@ def not_understood(entry: Mapping[str, Any]) -> str:
     counts = {name: count for name, count in entry["device"].items() if name not in HARMLESS}
     counts |= {name: entry["wire"][name] for name in _OF_THE_WIRE if name in entry["wire"]}
     return ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in counts.items() if count)
+
+
+def nobody_came(channel: Channel) -> str:
+    """What to try when nobody has reached a device on the network that listens on loopback; else empty."""
+    for wire in channel.wires.values():
+        port, host = wire.transport, getattr(wire.transport, "host", "")
+        if host in _LOOPBACK and not (wire.was_opened or wire.counters["received"]):
+            return (
+                f"nobody came to {port.address}; a driver that connects to another address of this machine, or from "
+                f"elsewhere, needs --port {port.scheme}:0.0.0.0:{getattr(port, 'port', 0)}"
+            )
+    return ""
 
 
 def advice(emulator: Emulator, channel: Channel) -> str:

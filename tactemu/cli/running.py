@@ -15,7 +15,7 @@ from rich.console import Console
 
 from tactemu.channel import Channel
 from tactemu.cli.datasheet import options_of
-from tactemu.cli.reports import Say, advice, say_in_words, say_json
+from tactemu.cli.reports import Say, advice, nobody_came, say_in_words, say_json
 from tactemu.cli.signals import ended_by_signals
 from tactemu.collector import no_full_collections
 from tactemu.control.state import statistics_of
@@ -224,6 +224,8 @@ def run_emulator(
         say("summary", **entry)
     for channel in emulator.channels:
         if text := advice(emulator, channel):
+            say("advice", skin=channel.name, text=text)
+        if text := nobody_came(channel):
             say("advice", skin=channel.name, text=text)
     if lost := emulator.truth.lost:
         say("advice", skin="truth log", text=f"{lost} entries are missing: the disk was full, or too slow")

@@ -78,7 +78,7 @@ class Wire:
 
     not_state: ClassVar[tuple[str, ...]] = (
         "transport", "pacing", "backlog_ns", "stands", "is_real_time", "name", "_asked", "_opened", "_plugged",
-        "_comes_back", "_traffic_ns",
+        "_comes_back", "_traffic_ns", "was_opened",
     )  # fmt: skip
 
     def __init__(
@@ -125,6 +125,8 @@ class Wire:
         """How the devices were told last that the modem lines are."""
         self._held_open = False
         """Whether they know of a driver that has the port open."""
+        self.was_opened = False
+        """Whether a driver has had the port open."""
         self._opened = self._plugged = False
         """Whether the port is to be there, and whether it is."""
         self._comes_back = False
@@ -416,6 +418,7 @@ class Wire:
         known = self._comes_back and (isinstance(event, Opened) or event == self._lines)
         match event:
             case Opened() | Closed():
+                self.was_opened = True
                 self._held_open, self._comes_back = isinstance(event, Opened), known
             case LinesChanged():
                 self._lines, self._comes_back = event, False

@@ -125,6 +125,7 @@ def test_a_wait_for_signals_that_is_interrupted_makes_none_up():
 
 
 @pytest.mark.nightly
+@pytest.mark.timeout(7200)
 def test_two_hundred_starts_end_at_random_moments(cached, tmp_path):
     """Half of them `exec`; every tenth compiles its kernels anew. Prints a seed, and what was too slow."""
     seed = random.randrange(1 << 32)

@@ -181,7 +181,18 @@ else:
 def test_a_device_on_the_network_is_at_its_usual_port_and_it_is_said(words, place, answer):
     done = tactemu_command("exec", *words, "--", sys.executable, "-c", ASK, place)
     assert (done.returncode, done.stdout.strip()) == (0, answer), done.stderr
+    assert "nobody came" not in done.stderr
     assert done.stderr.startswith("tactemu: ") and f" is {'socket://' * place[0].isdigit()}{place}\n" in done.stderr
+
+
+def test_a_driver_that_looks_elsewhere_for_a_device_on_the_network_is_told_where_it_is():
+    done = tactemu_command("exec", "xela_server", "--port", "ws:0", "--", "true")
+    first, last = done.stderr.splitlines()
+    place = first.rpartition("/")[2]
+    assert last.startswith(
+        f"tactemu: xela_server: nobody came to ws://{place}; a driver that connects to another address"
+    )
+    assert last.endswith(f"needs --port ws:0.0.0.0:{place.rpartition(':')[2]}")
 
 
 ASK_WRONGLY = """
