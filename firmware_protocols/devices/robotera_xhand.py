@@ -83,8 +83,7 @@ TIP = Frame("""
     fingertip, five of them end a state; points row by row
     0     u1 x 3               force        of the tip: x, y, z
     3     u1 x taxels x 3      points       x, y, z of each; x and y are signed
-    ..    u1 x 20              temperatures  [deg C]
-    ..    00                   more
+    ..    u1 x 21              temperatures  [deg C]: of twenty places, then of the tip
 """)
 ORDER = struct.Struct("<HhhhfHH8x")
 """Number, gains p, i, d, position [rad], limit of the torque, mode, spare: twelve of them are the data of a move."""
@@ -116,6 +115,7 @@ TIPS = stack(*(points({name: base}, link=name) for name, base in FINGERS.items()
 
 
 _SDK = "yoimika/xhand_control_python@b61a82d xhand_control_sdk_py"
+_EXAMPLE = "yoimika/xhand_control_python@b61a82d xhand_control_example.py"
 _READ = "the SDK's headers, tests and library; wrs xhand_x.py, data_type.py"
 
 
@@ -138,7 +138,7 @@ class RoboteraXhand(Device):
         stated("touch", "x and y of a point are int8, z is uint8", f"{_SDK} include/data_type.hpp:62"),
         assumed("touch", "10 counts/N; the force of a tip is the sum over its points; thumb first", _READ),
         assumed("touch", "places: 120 points in even rows on flat pads of 16 x 20 mm, normal +z", _READ),
-        assumed("touch", "one temperature for a tip; its last byte is 0", _READ),
+        assumed("touch", "one temperature for a tip, which its last byte and all others show", _READ),
         stated(
             "identity",
             "side, serial number, id, name and calibration are registers 20, 21, 53, 54, 86",
@@ -152,7 +152,8 @@ class RoboteraXhand(Device):
         stated(
             "identity", "palm 1.1.3 and joints 1.0.7 are firmwares of 2024", f"{_SDK} tests/src/serial_test.cpp:225"
         ),
-        assumed("identity", "tips have the joints' version; the serial number's form", _READ),
+        stated("identity", "a serial number has 16 characters", f"{_EXAMPLE}:71"),
+        assumed("identity", "tips have the joints' version; the serial number's letters", _READ),
         measured(
             "configuration",
             "10 00 answers 16 and 05, 00 answers 17, nothing 12; a new id is in force at once",
@@ -176,7 +177,7 @@ class RoboteraXhand(Device):
         z: Annotated[Literal["unsigned", "signed"], Option("0..255 or -128..127")] = "unsigned",
         side: Annotated[Literal["right", "left"], Option("in register 20: R or L")] = "right",
         hand_id: Annotated[int, Option("as delivered; register 53 tells and changes it", low=0, high=126)] = 0,
-        serial: Annotated[str, Option("at most 32 characters of ASCII")] = "XH1R00000000001",
+        serial: Annotated[str, Option("at most 32 characters of ASCII")] = "XH1R000000000001",
         version: Annotated[str, Option("of the palm: major.minor.patch")] = "1.1.3",
     ):
         self.counts_per_newton = counts_per_newton
@@ -278,7 +279,7 @@ class RoboteraXhand(Device):
         positions = self.motors.positions(t_ns).astype(np.float32)
         joints = JOINT.rows(JOINTS, number=np.arange(JOINTS), position=positions, temperature=25)
         felt = self.layout.on_wire(self.counts & 0xFF).reshape(len(FINGERS), POINTS, 3)
-        warm = np.repeat(self.warmth[:, None], 20, axis=1)
+        warm = np.repeat(self.warmth[:, None], 21, axis=1)
         return b"".join(joints + self.tip.rows(len(FINGERS), force=self.tips & 0xFF, points=felt, temperatures=warm))
 
     def joints(self, t_ns: int) -> Mapping[str, float]:

@@ -4,9 +4,8 @@ Source: wanweiwei07/wrs@552ce47 (wrs/robot_con/xhand/xhand_x.py, data_type.py), 
 yoimika/xhand_control_python@b61a82d (include/data_type.hpp), where z is unsigned.
 A reading is, for each of five fingers, Fx Fy Fz of the tip and x y z of its 120 points, as int8 and uint8 counts.
 
-Not settled by the description: the last byte of a touch block, the sensor byte and the spare words of a joint (not
-looked at); whether a host may ask without moving
-(here: gains 0).
+Not settled by the description: the sensor byte and the spare words of a joint (not looked at); whether a host may ask
+without moving (here: gains 0).
 """
 
 import struct
