@@ -45,7 +45,6 @@ from firmware_protocols import (
     Rs485,
     Sense,
     assumed,
-    measured,
     points,
     stated,
 )
@@ -144,20 +143,20 @@ class RoboteraXhand(Device):
             "side, serial number, id, name and calibration are registers 20, 21, 53, 54, 86",
             f"{_SDK} include/communiation_interface.hpp:54",
         ),
-        measured(
+        stated(
             "identity",
             "a version is <u2 patch, u1 minor, u1 major; a broadcast 15 of 186 bytes finds the hand",
-            "robotera_xhand-libxhand_control.mcap",
+            f"{_SDK} lib/libxhand_control.so 1.2.10 takes this alone",
         ),
         stated(
             "identity", "palm 1.1.3 and joints 1.0.7 are firmwares of 2024", f"{_SDK} tests/src/serial_test.cpp:225"
         ),
         stated("identity", "a serial number has 16 characters", f"{_EXAMPLE}:71"),
         assumed("identity", "tips have the joints' version; the serial number's letters", _READ),
-        measured(
+        stated(
             "configuration",
             "10 00 answers 16 and 05, 00 answers 17, nothing 12; a new id is in force at once",
-            "robotera_xhand-libxhand_control.mcap",
+            f"{_SDK} lib/libxhand_control.so 1.2.10 takes this alone",
         ),
         stated("configuration", "the joints' stops [deg]", f"{_SDK} tests/src/serial_test.cpp:184"),
         assumed("configuration", "calibration is stored, without effect; 12 to the hand itself is for all tips", _READ),

@@ -57,7 +57,7 @@ def test_rohand_dots(client):
     with Rig(fast("rohand"), peak=5.0) as rig:
         many = ask(client, rig, 2, ["holding", 2100, 30], times=200)
         (once,) = ask(client, rig, 2, ["holding", 1265, 1], *(["holding", *part] for part in PARTS))
-        refused = ask(client, rig, 2, ["write_one", 1005, 300], ["holding", 1006, 1], ["holding", 9000, 1])
+        refused = ask(client, rig, 2, ["write_one", 1005, 248], ["holding", 1006, 1], ["holding", 9000, 1])
     patches = [patch.taxels for patch in rig.device.layout.patches]
     assert_consecutive([dots(reads[0]) for reads in many], rig.truth, decode=lambda counts: counts[patches[1]])
     assert once[0] == [0]
