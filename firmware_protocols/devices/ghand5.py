@@ -18,7 +18,7 @@ Holding registers (functions 03, 06, 16):
 
     0000  1              unit, in force at once
     0001  1              0100 clears faults; the low byte then reads 1, which is done
-    0002  1              1 makes the joints' places their zero
+    0002  1              1 initialises the joints
     0010  1              high byte: mode, 0 position, 1 torque, 2 speed; low byte: 1 stops
     0011  2 a motor      angle to go to [0.1 deg], speed and torque [%], of the 13 joints that have one
     002B  1              0100 touch on, 0200 off, 0400 makes what is felt now zero
@@ -127,8 +127,8 @@ class GHand5(Device):
         stated("configuration", "orders of 0001, 0002, 0010, 0011 .., 002B", f"{_COMM}:323, 497, 541, 552"),
         stated("configuration", "a new unit is in force at once", f"{_COMM}:304"),
         stated("configuration", "the joints' stops", f"{_SDK} config/ghand5.json:4"),
-        assumed("configuration", "a new unit is kept; faults never; joints without a motor stand at 0; torque and "
-                "speed modes do not move; registers of no known meaning read 0; 25 deg C", _READ),
+        assumed("configuration", "a new unit is kept; faults never; to initialise does nothing; joints without a "
+                "motor stand at 0; torque and speed modes do not move; other registers read 0; 25 deg C", _READ),
         assumed("timing", "100 conversions per second; 100 % speed is 180 deg/s; answers and orders at once", _READ),
     )  # fmt: skip
 
