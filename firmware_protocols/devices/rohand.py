@@ -25,7 +25,7 @@ middle, ring, little finger and the thumb's root; the second generation's number
     1155         6        rw      angles to go to, int16 [0.01 deg]
     1165         6        r       angles
     1185|1195    6        rw      current of a stalled motor [mA]; 1195|1205 time until it stops, 1205|1215 retries [ms]
-         |1265   1        rw      high byte: 0 dots, 1 three-axis points
+         |1265   1        r       high byte: 0 dots, 1 three-axis points
          |2000 + 100 part  r      touch of the thumb, index, middle, ring, little finger, palm (part 0 to 5)
 
     part                   thumb  index, middle, ring  little  palm
@@ -117,7 +117,7 @@ SECOND = RegisterMap(
     2390  >u2 x 6  stall_current  = 200
     2410  >u2 x 6  stall_time     = 300
     2430  >u2 x 6  retry_time     = 500
-    2530  u1       force_type
+    2530  u1       force_type     r
     4000  u1 x 36  thumb          r
     4200  u1 x 60  index          r
     4400  u1 x 60  middle         r
@@ -180,7 +180,7 @@ class RoHand(Device):
     facts = (
         stated("touch", "dots, parts, bytes of each generation's touch", f"{_DEMOS} force_chart.py:120"),
         stated("touch", "forces of fingers are mN (first generation)", f"{_DOC}:242"),
-        assumed("touch", "forces of fingers are mN in the second generation, too, the sum over a finger", _READ),
+        assumed("touch", "forces of fingers of the second generation: mN, the sum over dots; 0 of three-axis points", _READ),
         assumed("touch", "places: flat grids, 9x4, 12x5, 8x4 and 7x8 dots; 2 mm on fingers, "
                 "5 mm on the palm (the vendor's drawing has dots that are none); three-axis points 12 mm apart, "
                 "single ones mid-finger", _READ),
@@ -277,12 +277,13 @@ class RoHand(Device):
         if self.touch == "finger":
             self.registers["force"] = wire
             return self.registers.read(address, n)
-        push = -(self.felt - self.zero)[:, 2]
-        sums = [push[patch.taxels].sum() for patch in self.layout.patches if patch.name != "palm"]
-        self.registers["force"] = np.append(np.maximum(sums, 0.0) * MILLINEWTONS, 0.0)
         if address + n > self.registers.table.by_name["thumb"].address:
             for patch in self.layout.patches:
                 self._show(patch.name, wire[patch.taxels])
+        elif self.touch == "dots":
+            push = -(self.felt - self.zero)[:, 2]
+            sums = [push[patch.taxels].sum() for patch in self.layout.patches if patch.name != "palm"]
+            self.registers["force"] = np.append(np.maximum(sums, 0.0) * MILLINEWTONS, 0.0)
         return self.registers.read(address, n)
 
     def _show(self, part: str, counts: np.ndarray) -> None:
