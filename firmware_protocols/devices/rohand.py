@@ -180,7 +180,7 @@ class RoHand(Device):
     facts = (
         stated("touch", "dots, parts, bytes of each generation's touch", f"{_DEMOS} force_chart.py:120"),
         stated("touch", "forces of fingers are mN (first generation)", f"{_DOC}:242"),
-        assumed("touch", "forces of fingers of the second generation: mN, the sum over dots; 0 of three-axis points", _READ),
+        assumed("touch", "second generation: forces are mN, sums over dots; 0 of three-axis points", _READ),
         assumed("touch", "places: flat grids, 9x4, 12x5, 8x4 and 7x8 dots; 2 mm on fingers, "
                 "5 mm on the palm (the vendor's drawing has dots that are none); three-axis points 12 mm apart, "
                 "single ones mid-finger", _READ),
