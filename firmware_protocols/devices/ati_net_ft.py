@@ -20,9 +20,9 @@ The HEX looks at the low half of an argument: the vendor's ROS driver repeats 16
     ATI      1 000 000   1 000 000        usually; the page netftapi2.xml says which
     HEX      10 000      100 000
 
-Status, ATI: bit 31 any error, 30 out of range, 16 monitor condition ... (option). HEX: bits 0-2 the sensor that has an
-error, from 1, 3 several have, 4-9 overload of Fx Fy Fz Tx Ty Tz, 10-12 sensor not found (1) or broken (2), 13-15
-converter's error (1) or no communication (2).
+Status, ATI: bit 31 any error, 17 (Axia: 30) saturated, 16 monitor condition latched ... (option). HEX: bits 0-2 the
+sensor that has an error, from 1, 3 several have, 4-9 overload of Fx Fy Fz Tx Ty Tz, 10-12 sensor not found (1) or
+broken (2), 13-15 converter's error (1) or no communication (2).
 
 Port "tcp" is TCP port 49151, one client at a time. Requests have 20 bytes, the first is the command.
 
@@ -98,11 +98,13 @@ CALIBRATION = Frame("""
     12    >u2 x 6         scale      of the counts in an answer to 00
 """)
 PAGE = (
-    '<?xml version="1.0"?>\n<netft><prodname>Net F/T</prodname><runstat>0x{status:08x}</runstat><runft>{counts}</runft>'
-    "<setbias>{bias}</setbias><setuserfilter>0</setuserfilter><scfgfu>N</scfgfu><scfgtu>Nm</scfgtu>"
-    "<cfgcpf>{force}</cfgcpf><cfgcpt>{torque}</cfgcpt><cfgmr>{rated}</cfgmr><comrdte>Enabled</comrdte>"
-    "<comrdtrate>{rate}</comrdtrate><comrdtbsiz>{buffered}</comrdtbsiz></netft>\n"
+    '<?xml version="1.0"?><netft>\n<prodname>Net F/T</prodname><runstat>0x{status:08x}</runstat>'
+    "<runft>{counts}</runft><runrate>7000</runrate>\n<scfgfu>N</scfgfu><scfgtu>Nm</scfgtu>\n"
+    "<cfgcpf>{force}</cfgcpf><cfgcpt>{torque}</cfgcpt>\n<cfgmr>{rated}</cfgmr>\n<setcfgsel>0</setcfgsel>"
+    "<setmce>0</setmce>\n<setbias>{bias}</setbias>\n<setuserfilter>0</setuserfilter>\n<netip>192.168.1.1</netip>\n"
+    "<comrdte>Enabled</comrdte><comrdtrate>{rate}</comrdtrate><comrdtbsiz>{buffered}</comrdtbsiz>\n</netft>\n"
 )
+LIVE = "a live page of a box with firmware 2.2.59, in a public repository's test_ft_config.py"
 STOP, START, FILTER, PERIOD = 0x00, 0x02, 0x81, 0x82
 AXIA_START, START_BUFFERED, CLEAR_LATCH, BIAS = 0x01, 0x03, 0x41, 0x42
 BIAS_ON, BIAS_OFF = 0xFF, 0x00
@@ -244,19 +246,23 @@ class AtiNetFt(Rdt):
         assumed("touch", "16-bit counts are the nearest whole numbers, the scale the least for the rated load",
                 f"{NET_FT} chapter 11, {AXIA} 10.5 (\"dependent on the sensor's model\")"),
         stated("identity", "units over TCP: 2 is N, 3 is Nm", f"{AXIA} 10.5"),
-        assumed("identity", "product name and units on the page, N and Nm (as in the console's table 8.3)",
-                f"{AXIA} 11.1; pynetft takes both, rpi_ati_net_ft N-m alone, a Rust client Nm alone"),
+        stated("identity", "root, units N and Nm (rpi_ati_net_ft wants N-m), rated loads, flags of the page", LIVE),
+        assumed("identity", "product name; runft and setbias in counts (a live box has its six gages in setbias)",
+                f"{AXIA} 11.1 (DINT[6] both); {LIVE}, trimmed"),
         stated("configuration", "0041 and 0042 have no answer; the latest command decides", f"{NET_FT} table 10.1"),
         stated("configuration", "bit 0 of the last word over TCP biases, bit 1 clears the latch; 02 and 03 answer "
                "12 34, command, status", f"{AXIA} 10.2, 10.8"),
         stated("configuration", "status bits: 0 temperature, 1 supply, 2 gage broken, 3 busy, 16 condition latched, "
-               "27 gage out of range, 28 simulated, 29 checksum, 30 out of range, 31 any", f"{AXIA} tables 4.7, 4.9"),
+               "27 gage out of range, 28 simulated, 29 checksum, 30 out of range, 31 any; Net F/T: 17 saturated",
+               f"{AXIA} tables 4.7, 4.9; 9620-05-NET FT-22 17.1"),
         assumed("configuration", "a bias goes on with the stream; none is set at power-up, no filter, status 0",
                 f"{NET_FT} 10.1, pynetft (starts again after a bias), netft_rdt_driver.cpp (has none)"),
         assumed("configuration", "02 and 03 are refused, 0004 and the pages .cgi, by which a box is set, are unknown",
                 "our choice: no driver that was run sends them"),
-        assumed("configuration", "root of the page, elements that are not listed above are missing",
-                f"{AXIA} 11.1 lists about 60, without an example; gbartyzel's driver looks below netft"),
+        assumed("configuration", "about 50 more elements of the page are missing; one configuration, the first",
+                f"{AXIA} 11.1"),
+        stated("timing", "7000 over a whole number of records a second, rounded up: 150 is 152",
+               f"the same repository's instructions, measured; {NET_FT} chapter 10"),
         stated("timing", "records are numbered from 1 after each start, roll over to 0; samples from power-up, 7000 a "
                "second, never reset", f"{AXIA} 12.1.2"),
         stated("timing", "0 records: until 0000", f"{AXIA} 12.1.1"),
@@ -270,7 +276,9 @@ class AtiNetFt(Rdt):
         tool: Point = TOOL,
         counts_per_force: Annotated[int, Option("as calibrated", unit="1/N", low=1, high=2**31 - 1)] = 1_000_000,
         counts_per_torque: Annotated[int, Option("as calibrated", unit="1/Nm", low=1, high=2**31 - 1)] = 1_000_000,
-        records_per_second: Annotated[int, Option("as set in the box", unit="Hz", low=1, high=7000)] = 1000,
+        records_per_second: Annotated[
+            int, Option("as set in the box, rounded up to 7000 over a whole number", unit="Hz", low=1, high=7000)
+        ] = 1000,
         status: Status = 0,
         force_range: Rated = 330.0,
         torque_range: RatedTorque = 30.0,
@@ -279,9 +287,9 @@ class AtiNetFt(Rdt):
         rated = [round(force_range * counts_per_force)] * 3 + [round(torque_range * counts_per_torque)] * 3
         scale = [min(math.ceil(most / 0x7FFF), 0xFFFF) or 1 for most in rated]
         self._power_up(tool, counts_per_force, counts_per_torque, scale, status)
-        self.rate_hz = float(records_per_second)
+        self.rate_hz = self.sample_hz / (self.sample_hz // records_per_second)
         self.pages = Pages(counters=self.counters)
-        self.rated, self.buffered = rated, buffered
+        self.rated, self.buffered = [f"{most:g}" for most in [force_range] * 3 + [torque_range] * 3], buffered
         self.records_a_datagram, self.held = 1, b""
 
     @property
@@ -315,7 +323,7 @@ class AtiNetFt(Rdt):
     def _page(self) -> bytes:
         each = (self.counts[0], quantize(self.bias[0], self.scale, -(2**31), 2**31 - 1), self.rated)
         counts, bias, rated = (";".join(map(str, values)) for values in each)
-        force, torque, rate = int(self.scale[0]), int(self.scale[3]), round(self.rate_hz)
+        force, torque, rate = int(self.scale[0]), int(self.scale[3]), int(self.rate_hz)
         return PAGE.format(
             status=self.status, counts=counts, bias=bias, rated=rated, force=force, torque=torque, rate=rate,
             buffered=self.buffered,

@@ -145,10 +145,18 @@ def test_the_page_says_how_it_is_set_and_forgets_half_a_request():
     (answer,) = send(device, ask, port="http")
     for said in (b"cfgcpf>2000<", b"cfgcpt>3000<", b"comrdtrate>500<", b"scfgfu>N<", b"scfgtu>Nm<"):
         assert said in answer
-    for said in (b"runstat>0x00000000<", b"comrdte>Enabled<", b"cfgmr>660000;660000;660000;90000;90000;90000<"):
+    for said in (b"runstat>0x00000000<", b"comrdte>Enabled<", b"cfgmr>330;330;330;30;30;30<"):
         assert said in answer
     sample(device, 5.0)
     send(device, "12340042 00000000")
     sample(device, 7.0)
     (answer,) = send(device, ask, port="http")
     assert b"runft>0;0;-4000;0;0;0<" in answer and b"setbias>0;0;-10000;0;0;0<" in answer
+
+
+@pytest.mark.parametrize(("asked", "adopted"), [(7000, 7000), (1000, 1000), (150, 152), (99, 100), (1, 1)])
+def test_rates_are_rounded_up_to_what_divides_7000(asked, adopted):
+    device = fp.create("ati_net_ft", records_per_second=asked)
+    assert device.period_ns == round(1e9 / 7000 * (7000 // asked))
+    (answer,) = send(device, b"GET /netftapi2.xml HTTP/1.1\r\nHost: box\r\n\r\n", port="http")
+    assert b"comrdtrate>%d<" % adopted in answer
