@@ -1,7 +1,8 @@
 r"""PaXini PX-6AX behind the GEN3 serial converter board.
 
 Wire: 921600 8N1 through a CH343 bridge (1A86:55D3). One request, one reply; the board never speaks unasked. A module
-answers to its number plus 1, no other: an S1813E that was captured, and one that shared its line, to 3, an L5325 to 1.
+answers to its number plus 1: an S1813E that was captured, and one that shared its line, to 3, an L5325 to 1. FF is
+everybody's: here a single module answers to it, several do not.
 
     action       function  address  count        data in the reply
     resultant    FB        0x3F0    3            Fx int8, Fy int8, Fz uint8, 0.1 N each
@@ -58,7 +59,7 @@ REPLY = Frame("""
 SHORTEST, LONGEST_DATA = 14, 64
 READ, WRITE = 0xFB, 0x79
 VERSION, VERSION_BYTES = 6100, 100
-ZERO = 3
+ZERO, EVERYBODY = 3, 0xFF
 
 WRITTEN, READ_DONE, BAD_LENGTH, BAD_LRC, BAD_FUNCTION, BAD_ADDRESS = 0, 1, 1, 2, 3, 6
 PART_CODES = {
@@ -94,12 +95,15 @@ class PaxiniPx6ax(Px6axDevice):
         measured(
             "identity", "asked for 0 to 8, it answered to 3", f"{TOOLKIT} tests/test_usb_capture.py, test_codec.py"
         ),
+        stated(
+            "identity", "3 is common; FF is a broadcast", "lerobot-camera-paxini 0.1.0 configuration_paxini.py l.39"
+        ),
         stated("identity", "address: the module's number and 1", f"{ROS2} tactile_sensor.cpp l.117; sensors.yaml"),
         measured("configuration", "reads: status 01", "paxini-sdk 0.1.0 serial_converter.py l.167 (a PXSR-STDDP03A)"),
         stated("touch", "0.1 N; x, y int8, z uint8", f"{ROS2} helper_scripts/UI_sensor.py (the vendor's)"),
         assumed("identity", "manufacturer and product text of the bridge", "transport.py, paxini_sensor.py"),
         assumed("identity", "other models and a second module: 1, 2 ...", f"{ROS2} sensors.yaml; paxini-sdk 0.1.0"),
-        assumed("touch", "rows on a flat pad (true places: geometry/S1813_elite.csv)", ROS2),
+        assumed("touch", "rows on a flat pad; the true places stand in paxini-sdk data/ and are not used yet", ROS2),
         assumed(
             "touch", "the resultant is the sum over the pad; axes along the pad", f"UI_sensor.py; {TOOLKIT} codec.py"
         ),
@@ -181,6 +185,8 @@ class PaxiniPx6ax(Px6axDevice):
         assert request is not None, "the cutter has checked it"
         where, data = (request["address"], request["count"]), request["data"]
         module = self.module_at(request["device"])
+        if request["device"] == EVERYBODY and len(self.models) == 1:
+            module = 0
         reads = request["function"] == READ
         if module is None:
             self.counters["other_device"] += 1

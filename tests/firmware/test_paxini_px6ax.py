@@ -87,6 +87,12 @@ def test_only_its_own_address_is_answered():
     assert ask(fp.create("paxini_px6ax", models="L5325"), 1, 0xFB, 0x3F0, 3) == (1, bytes(3))
 
 
+def test_a_single_module_answers_to_a_broadcast():
+    assert ask(fp.create("paxini_px6ax"), 0xFF, 0xFB, 0x3F0, 3) == (1, bytes(3))
+    body = bytes([0x55, 0xAA, 9, 0, 0xFF, 0, 0xFB, 0xF0, 0x03, 0, 0, 3, 0])
+    assert send(fp.create("paxini_px6ax", models=["S1813E", "M2020"]), body + bytes([-sum(body) & 0xFF])) == []
+
+
 def test_drivers_that_take_status_00_alone():
     device = fp.create("paxini_px6ax", read_status=0)
     assert ask(device, 3, 0xFB, 0x3F0, 3) == (0, bytes(3))
