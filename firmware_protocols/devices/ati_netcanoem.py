@@ -18,9 +18,9 @@ Wire: classic CAN, 250 kbit/s, standard ids: seven bits of base (20 as delivered
     20E   divisor - 1; nothing        both        2 Mbit/s by divisor from the next power-up on
     20F   nothing, ``VERSION``        both        firmware
 
-A force is its row times the gauges, divided by the counts per force. Status: 0 watchdog, 1 2 converter too high, low, 3
-ground, 4 5 supply too high, low, 6 bad calibration, 7 EEPROM, 8 configuration, 11 12 too hot, cold, 14 CAN bus error,
-15 any error.
+Bytes behind what is listed are ignored. A force is its row times the gauges, divided by the counts per force; the rows
+are those of a Mini45 SI-580-20. Status: 0 watchdog, 1 2 converter too high, low, 3 ground, 4 5 supply too high, low, 6
+bad calibration, 7 EEPROM, 8 configuration, 11 12 too hot, cold, 14 CAN bus error, 15 any error.
 
 Evidence: vendor's manual 9610-05-1030-04, section 7; sixteen captured frames of a board with base 7F, whose status was
 4000 (CAN bus error).
@@ -84,17 +84,18 @@ DATA_BYTES = {GAUGES: 0, ROW: 1, SERIAL: 0, SLOT: 1, PER_UNIT: 0, UNITS: 0, VOLT
 BAD_CALIBRATION, ANY_ERROR = 1 << 6, 1 << 15
 NEWTON, NEWTON_METRE = 2, 3
 VOLTAGES = (0x8000, 0, 0x6000, 0x9000, 0x8000, 0)
-SHEAR, AXIAL, TORQUE = 100.0, 60.0, 5000.0
-"""Counts of a gauge per newton across and along the axis, and per newton metre."""
-
-
-def sensitivity() -> np.ndarray:
-    """Counts of each gauge per N and Nm, shape ``(6, 6)``: three beams, an even gauge across and an odd one along."""
-    rows = []
-    for angle in 2 * np.pi / 3 * np.arange(3):
-        sin, cos = np.sin(angle), np.cos(angle)
-        rows += [[-SHEAR * sin, SHEAR * cos, 0, 0, 0, TORQUE], [0, 0, AXIAL, TORQUE * cos, TORQUE * sin, 0]]
-    return np.array(rows)
+MINI45 = np.array(
+    """
+    10.0835583 114.459548 980.330335 -31561.5308 1061.32636 31461.1601
+    -1084.03836 35437.2111 460.271838 -18530.1499 -255.517816 -17976.089
+    37692.0271 24.827954 40565.9105 -2225.79045 38187.8589 -319.026033
+    -26.1841023 247.507591 -638.468458 -92.0704656 627.375533 -129.739674
+    715.795266 1.51704258 -395.805429 236.24811 -370.835901 -209.272225
+    14.1880353 -435.510512 15.2161441 -448.583974 -15.3689784 -456.04746
+""".split(),
+    float,
+).reshape(6, 6)
+"""Rows of Fx, Fy, Fz, Tx, Ty, Tz of a Mini45 SI-580-20, for 1000000 counts per N and Nm."""
 
 
 class AtiNetcanoem(Device[CanFrame]):
@@ -111,29 +112,44 @@ class AtiNetcanoem(Device[CanFrame]):
         "ATI manual 9610-05-1030-04, tables 4.2 and 4.3, section 10 (in griloHBG/ati-netcanoem-cpp@8967bbd)",
         "griloHBG/ati-netcanoem-cpp@8967bbd main.cpp",
         "ToyotaResearchInstitute/tri_hardware_drivers@02d4579 ati_netcanoem_ft_driver.cpp",
+        "lapo5/ROS2-HAL-ATI-Mini45@c352310 HAL_ATI_FT_Mini45.py, defines.py, can_init.sh, FT10484_Net.xml",
         "a candump of a course's README, January 2021 (16 frames; which repository is not known)",
     )
-    judge = "griloHBG/ati-netcanoem-cpp@8967bbd; tri_hardware_drivers@02d4579; cantools, with a DBC of its frames"
+    judge = (
+        "griloHBG/ati-netcanoem-cpp@8967bbd; tri_hardware_drivers@02d4579; lapo5/ROS2-HAL-ATI-Mini45@c352310; cantools"
+    )
     facts = (
         stated("touch", "gauges 0 2 4 and 1 3 5, signed; a row is asked by its number", "manual, table 4.2"),
         stated("touch", "rows times gauges are divided by the counts per force and per torque", "manual, section 10.3"),
         measured("touch", "form of a reading and of a row", "candump of 16 frames"),
-        assumed("touch", "three beams: 100 and 60 counts/N across and along, 5000 counts/Nm; 0 at rest", "manual"),
+        stated(
+            "touch", "matrix of a Mini45 SI-580-20, 1000000 counts per N and Nm", "FT10484_Net.xml, its calibration"
+        ),
+        measured("touch", "an odd gauge has most of Tz, as in the captured row", "candump of 16 frames"),
+        assumed("touch", "gauges are 0 at rest", "manual; FT10484_Net.xml (offsets of the converter only)"),
         assumed("touch", "the tool is touched 50 mm above the origin", "manual"),
         stated("touch", "status 0 is sound; bit 14 is a CAN bus error", "manual, table 4.3"),
         measured("touch", "status 4000 without bit 15, of a board in use", "candump of 16 frames"),
         stated("identity", "1000000 counts per force and torque of every Mini45", "manual, section 10.3"),
         stated("identity", "version 3.8, build 2", "griloHBG/ati-netcanoem-cpp@8967bbd README.md"),
-        assumed("identity", "serial number FT00001 and a NUL", "manual, sections 1 to 11; main.cpp; README.md"),
+        stated(
+            "identity", "serial numbers have the form FT10484, and a 0 behind", "FT10484_Net.xml; HAL_ATI_FT_Mini45.py"
+        ),
+        assumed("identity", "serial number FT00001", "manual, sections 1 to 11; main.cpp; README.md"),
         assumed("identity", "diagnostic voltages", "manual, table 4.2 (no scale); both drivers"),
         stated(
-            "configuration", "base 20, 250 kbit/s as delivered; new ones from the next power-up on", "manual, 7, 7.2"
+            "configuration",
+            "base 20, 250 kbit/s as delivered; new ones from the next power-up on",
+            "manual, 7, 7.2; lapo5",
         ),
         stated(
             "configuration", "slot 0 after power-up and reset; a slot without calibration sets bit 6", "manual, 10.1"
         ),
         assumed("configuration", "only slot 0 has a calibration; the rows of others are the same", "manual, 10.1"),
-        assumed("configuration", "a wrong length, row, slot or code gets silence", "manual, section 7; both drivers"),
+        stated("configuration", "bytes behind a request are ignored", "lapo5/ROS2-HAL-ATI-Mini45, which sends one"),
+        assumed(
+            "configuration", "too few bytes, a wrong row, slot or code get silence", "manual, section 7; the drivers"
+        ),
         assumed("timing", "1000 conversions a second", "manual, sections 5, 7, 10"),
     )
 
@@ -160,9 +176,8 @@ class AtiNetcanoem(Device[CanFrame]):
         self.serial = serial.encode("ascii")[:8].ljust(8, b"\0")
         self.per_unit = counts_per_force, counts_per_torque
         self.status, self.slot = status, 0
-        self.sensitivity = sensitivity()
-        rows = np.round(np.linalg.inv(self.sensitivity), 12) + 0.0
-        self.matrix = (rows * np.repeat(self.per_unit, 3)[:, None]).astype(np.float32)
+        self.sensitivity = np.linalg.inv(MINI45 / 1e6)
+        self.matrix = (MINI45 / 1e6 * np.repeat(self.per_unit, 3)[:, None]).astype(np.float32)
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:
         """Counts of the six gauges, int16 range, shape ``(1, 6)``."""
@@ -175,10 +190,10 @@ class AtiNetcanoem(Device[CanFrame]):
         if code not in range(16) or data != CanFrame(arbitration_id=data.arbitration_id, data=message):
             self.counters["ignored"] += 1
             return ()
-        if DATA_BYTES.get(code) != len(message):
+        if DATA_BYTES.get(code, 9) > len(message):
             self.counters["bad_length" if code in DATA_BYTES else "unknown_command"] += 1
             return ()
-        argument = message[0] if message else 0
+        argument = message[0] if DATA_BYTES[code] else 0
         most = {ROW: 5, SLOT: 15, VOLTAGE: 5, BASE: 0x7F}
         if argument > most.get(code, 0xFF):
             self.counters["refused"] += 1
@@ -196,7 +211,7 @@ class AtiNetcanoem(Device[CanFrame]):
             return [PAIR.pack(row=pair) for pair in self.matrix[argument].reshape(3, 2)]
         if code in (SLOT, RESET):
             self.slot = argument
-            return [message] if code == SLOT else []
+            return [message[:1]] if code == SLOT else []
         if code in (BASE, BAUD):
             self.flash |= {"base": argument} if code == BASE else {"divisor": argument + 1}
             return [b""]
