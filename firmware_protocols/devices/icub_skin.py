@@ -16,6 +16,7 @@ Host to board b (1..14), id 0x200 | b, never answered, bytes behind these ignore
     1C major minor                           210#1C 0B 01 19 00 02 00 ok: MTB4, version 1.25.0, protocol 2.0, whether
                                              that is what was asked for
     FF, of class 7: 70F#FF                   710#FF 0B 01 19 00: who is there
+    0C, of class 7: 701#0C                   710#0C 00 and four characters, to 07: additional information
 
 F in place of b is all boards. Board to host, two frames of the same id per enabled triangle and period: ``HEAD`` and
 ``TAIL``; triangles 0 to 15 that are not fitted are sent as not connected. Old firmware (option ``firmware``) knows the
@@ -105,6 +106,7 @@ ERGO_ORDER = np.array([0, 4, 8, 12, 16, 9, 10, 11, 13, 15, 1, 2, 3, 5, 6, 7])
 ORDER = np.arange(16)
 CHIPS, ABSENT, SCANS = 17, 0xFFFF, 5
 BOARD_TYPE, VERSION, PROTOCOL = 11, (1, 25, 0), (2, 0)
+INFORMATION = b"skin".ljust(32, b"\0")
 FINGERS = ("index", "middle", "ring", "little", "thumb")
 HAND = (0, 1, 2, 3, 4, 8, 9, 10, 11)
 """Numbers of a hand's fingertips and palm triangles."""
@@ -260,16 +262,18 @@ class Board:
         numbers[ERGO_ORDER if self.kind == ERGO_HAND else ORDER] = ORDER
         return numbers
 
-    def answer(self, klass: int, data: bytes) -> bytes | None:
-        """Return what the board says of itself, or None where it is not asked."""
+    def answers(self, klass: int, data: bytes) -> list[bytes]:
+        """Return what the board says of itself where it is asked."""
         match klass, tuple(data):
             case 2, [0x1C, *wanted] if self.family == NEW:
                 major, minor = (*wanted, 0, 0)[:2]
                 is_wanted = major == PROTOCOL[0] and minor <= PROTOCOL[1]
-                return bytes([0x1C, BOARD_TYPE, *VERSION, *PROTOCOL, is_wanted])
+                return [bytes([0x1C, BOARD_TYPE, *VERSION, *PROTOCOL, is_wanted])]
             case 7, [0xFF, *_] if self.family == NEW:
-                return bytes([0xFF, BOARD_TYPE, *VERSION])
-        return None
+                return [bytes([0xFF, BOARD_TYPE, *VERSION])]
+            case 7, [0x0C, *_] if self.family == NEW:
+                return [bytes([0x0C, k, *INFORMATION[4 * k :][:4]]) for k in range(8)]
+        return []
 
     def obey(self, data: bytes) -> bool:
         """Obey one message; ``False``: it is none that the board knows."""
@@ -381,10 +385,9 @@ class IcubSkin(Device[CanFrame]):
         assumed(
             "configuration", "old firmware: no load 240, 40 ms, the frames of the new one", "icub-firmware (not in it)"
         ),
-        assumed(
-            "configuration", "boot loader, addresses and additional information get silence", "left out; bootloader.cpp"
-        ),
+        assumed("configuration", "boot loader, addresses and times get silence", "left out; bootloader.cpp"),
         assumed("configuration", "a hand's board has type 1 after power-up, as drivers set it", "theSkin has 0 on all"),
+        assumed("identity", "additional information: skin", "set by a user; embot_prot_can_bootloader.cpp"),
         stated("timing", "period in ms, 40 after 4C", "embot_prot_can_analog_polling.cpp:217, 281"),
     )
 
@@ -473,8 +476,9 @@ class IcubSkin(Device[CanFrame]):
             return ()
         answers, obeyed = [], 0
         for name, board in boards.items():
-            if (answer := board.answer(klass, data.data)) is not None:
-                answers.append(CanFrame(arbitration_id=klass << 8 | board.address << 4 | host, data=answer))
+            ident = klass << 8 | board.address << 4 | host
+            if found := board.answers(klass, data.data):
+                answers += [CanFrame(arbitration_id=ident, data=each) for each in found]
             elif klass == 2 and board.obey(data.data):
                 obeyed += 1
                 self.periods[name] = board.period_ns
@@ -497,6 +501,12 @@ class IcubSkin(Device[CanFrame]):
             *set_up,
             Command(name="version", request=to + "1C", reply=version + "00", origin=_VERSION),
             Command(name="version, protocol 2.0", request=to + "1C 02 00", reply=version + "01", origin=_VERSION),
+            Command(
+                name="additional information",
+                request=f"70{board.address:X}#0C",
+                reply=[f"7{back}0C {k:02X} ..{{4}}" for k in range(8)],
+                origin=_VERSION,
+            ),
             Command(
                 name="who is there", request=f"70{board.address:X}#FF", reply=f"7{back}FF 0B 01 19 00", origin=_VERSION
             ),
