@@ -62,7 +62,7 @@ class DynPick(Device):
     rate_hz = 1e9 / PERIOD_NS
     evidence = ("driver",)
     sources = (f"{TORK} src/main.cpp, doc/index.rst", f"{UMEMOTO} DynPick.py", f"{RUST} src/lib.rs")
-    judge = f"{TORK}, {UMEMOTO}"
+    judge = f"{TORK}, {UMEMOTO}, {RUST}"
     facts = (
         stated("touch", "six numbers of four hexadecimal digits, 8192 is zero", f"{TORK} src/main.cpp:237-249"),
         stated("touch", "z points towards the tool mount", f"{TORK} urdf/dynpick_WEF-6A200_macro.xacro:40-50"),
@@ -75,7 +75,12 @@ class DynPick(Device):
         stated("identity", "10C4:EA60, a CP210x bridge", f"{TORK} doc/index.rst:22-32; {RUST} examples/demo.rs:6-8"),
         assumed("identity", "the text that answers V", ALL),
         stated("configuration", "46 characters answer p", f"{TORK} src/main.cpp:51; {RUST} src/lib.rs:134; 45: {KOBE}"),
-        assumed("configuration", "three decimals for a force, two for a torque make 46", ALL),
+        assumed("configuration", "three decimals for a force, two for a torque and CR LF make 46", ALL),
+        stated(
+            "configuration",
+            "the Rust driver, untested on p, takes no CR LF behind the last",
+            f"{RUST} src/lib.rs:131-149",
+        ),
         stated("configuration", "some sensors do not answer p", f"{RUST} src/lib.rs:131"),
         stated("configuration", "dividers 1, 2, 4, 8; 0F: a digit and two characters", f"{TORK} src/main.cpp:202-212"),
         stated("configuration", "O works on hardware when it is sent three times", f"{TORK} src/main.cpp:48"),
