@@ -22,7 +22,8 @@ and big-endian values. A driver that meets an unknown type has lost the rest of 
     70    1 uint64   timestamp [us]
 
 All raw counts: no source gives a unit. On open, the vendor's Python sets DTR, clears RTS, asks E3 and sends 58.
-Hardware sends up to 1000 packets a second, in which the static counts change 60 times a second; here in each.
+Hardware sends up to 1000 packets a second, in which the static counts change 60 times a second; here in each (option
+``static_hz``).
 
 Try it: ``tactemu run robotiq_tsf85``, then ``RobotiqTactileSensor(port=...).configure(update_period_ms=10)``.
 """
@@ -116,7 +117,7 @@ class RobotiqTsf85(Device):
         stated("timing", "1 kHz, static counts at 60 Hz", f"{VENDOR} README.md:5-6"),
         stated("timing", "a timestamp of 8 bytes, 2 in older firmware", f"{QUICK}:80, 562"),
         stated("timing", "it counts microseconds", f"{QUICK}:746-748"),
-        assumed("timing", "static counts change with each packet", ALL),
+        assumed("timing", "static counts change with each packet, which static_hz=60 ends", ALL),
     )
 
     def __init__(
@@ -132,6 +133,9 @@ class RobotiqTsf85(Device):
             int, Option("static counts at rest; drivers subtract their own", low=0, high=0xFFFF)
         ] = 1000,
         version: Annotated[str, Option("the ASCII answer to E3")] = "1.1.8",
+        static_hz: Annotated[
+            float, Option("of the static counts; hardware: 60; 0: each packet", unit="Hz", low=0)
+        ] = 0.0,
     ):
         self.columns = (Column(name="static", low=0, high=0xFFFF, rest=baseline, push=1),)
         self.together, self.magnetometer, self.version = packets == "together", magnetometer, version.encode("ascii")
@@ -139,7 +143,8 @@ class RobotiqTsf85(Device):
         self.layout = _two_fingers(OPENING)
         self.parser = Packets(PACKET.head, _size, counters=self.counters)
         self.autosend: int | None = None
-        self.counts = np.full(len(self.layout), baseline)
+        self.counts = self.now = np.full(len(self.layout), baseline)
+        self.hold_ns, self.due_ns = round(1e9 / static_hz) if static_hz else 0, 0
 
     @property
     def commands(self) -> tuple[Command, ...]:
@@ -160,10 +165,13 @@ class RobotiqTsf85(Device):
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:
         """Static counts, uint16 range, shape ``(56,)``: finger 0 row by row, then finger 1."""
-        before = self.counts
-        self.counts = quantize(self.layout.push(reading["force"]), self.counts_per_newton, rest=self.baseline)
+        before = self.now
+        self.now = quantize(self.layout.push(reading["force"]), self.counts_per_newton, rest=self.baseline)
+        if t_ns >= self.due_ns:
+            self.counts = self.now
+            self.due_ns = (t_ns // self.hold_ns + 1) * self.hold_ns if self.hold_ns else 0
         static = self.layout.on_wire(self.counts).reshape(FINGERS, -1).astype(">u2")
-        change = (self.counts - before).reshape(FINGERS, -1).sum(axis=1)
+        change = (self.now - before).reshape(FINGERS, -1).sum(axis=1)
         chips = (
             reading["acceleration"] * ACCELERATION_PER_MS2,
             reading["angular_velocity"] * RATE_PER_RAD_S,

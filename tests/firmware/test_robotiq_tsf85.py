@@ -91,3 +91,13 @@ def test_pads_face_each_other():
     assert np.allclose(layout.normals[:28], [1, 0, 0]) and np.allclose(layout.normals[28:], [-1, 0, 0])
     assert left[0, 2] > left[-1, 2] and len({tuple(p) for p in layout.positions}) == 56
     assert layout.links == ("left", "right")
+
+
+def test_static_counts_change_60_times_a_second_and_all_else_in_each_packet():
+    device = fp.create("robotiq_tsf85", static_hz=60)
+    send(device, "9a 00 58 01 01")
+    seen = []
+    for ms in range(100):
+        (packet,) = sample(device, 1e-3 * ms, t_ns=ms * 1_000_000)
+        seen.append((packet[5:61], packet[-8:]))
+    assert len({static for static, _ in seen}) == 6 and len({stamp for _, stamp in seen}) == 100
