@@ -147,6 +147,11 @@ class SingleTact(Device):
         stated("configuration", "03 and 04 are answered without data", f"{FIRMWARE} SingleTactDemo.ino:317-410"),
         stated("configuration", "another address: the old buffer", f"{FIRMWARE} SingleTactDemo.ino:277-302"),
         assumed("configuration", "the USB board does as the Arduino; silence beyond 191", ALL),
+        stated(
+            "configuration",
+            "DTR restarts an Arduino, for 2 s; here it goes on",
+            f"{NET} ArduinoSingleTactDriver.cs:63-67",
+        ),
         stated("timing", "the clock counts 0.1 ms", f"{FIRMWARE} SingleTactDemo.ino:114; {NET} SingleTact.cs:184"),
         stated("timing", "a write repeats the time of the last read", f"{FIRMWARE} SingleTactDemo.ino:226-266"),
         assumed("timing", "100 conversions a second, which the iteration counts; reads take no time", ALL),
