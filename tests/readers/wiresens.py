@@ -4,8 +4,8 @@ Source: WiReSens-Toolkit/WiReSensPy@2e9297c (GenericReceiver.py:33-57).
 A reading is one scan: the values of its packets by start index, the first of which is 0.
 
 Options: values in a packet, as the host's configuration has it.
-Not settled by the description: whether packet numbers count the packets of all sensors or of one (of one here); which sensor ids there are
-(one is read).
+Not settled by the description: whether packet numbers count the packets of all sensors or of one (of one here); which
+sensor ids there are (one is read).
 """
 
 import struct
