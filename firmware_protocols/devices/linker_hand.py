@@ -22,7 +22,8 @@ an answer repeats id and command. ``f`` = 0 thumb .. 4 little finger, 5 palm.
 A matrix of R rows and C columns is asked for by two bytes in the palm, and on all fingers of the sensors 5 and 7; the
 fingers of the others want one byte, R << 4 | C. Sensor 5: fingers 23 x 9 (tip 11 rows, middle 6, root 6: three sums),
 palm 28 x 20 (upper and lower half: two sums). Sensor 7: fingers 12 x 6, palm 14 x 16, one sum each. Other palms: 14 x
-15 beside 12 x 6 and 10 x 10 beside 10 x 4, without sums. Four quantities: 20..23, from the L20 on 90..93.
+15 beside 12 x 6 and 10 x 10 beside 10 x 4, without sums. A palm that is asked for as C x R comes column by column. Four
+quantities: 20..23, of the hands in the vendor's table 90..93.
 
 L10: ``i`` of the serial number is 0, 6, 12, 18. Its ten joints come in two parts: angles 01 (6) and 04 (4); torques
 02 03, speeds 05 06, temperatures 33 34 and faults 35 36 (5 and 5); 09 answers as 01, 04, 02, 03. L6: 83 01 x 6 clears
@@ -282,6 +283,11 @@ MOTOR_FACTS = (
 TABLE_FACTS = (
     stated("touch", "sensors 5 and 7: sizes, two bytes, a third for sums behind FF", f"{TABLE} H70, H71"),
     stated("touch", "frames of row, column, five numbers; sums u16 LE", f"{ROS2} linker_hand_g20_can.py:485-556"),
+    stated("touch", "the palm of 5 is 20 x 28, and asked for so", f"{TABLE} H70; C++ library"),
+    stated(
+        "touch", "it is 28 x 20, and asked for so", f"{ROS2} linker_hand_g20_can.py:557, doc/Topic-Reference.md:136"
+    ),
+    assumed("touch", "it is 28 x 20; asked for the other way round, a palm comes so", READ),
     assumed("touch", "a sum is that of the counts, at most FFFF; letter B beside sensors 5 and 7", READ),
     stated("identity", "21 characters in four frames; a frame that is not full ends them", f"{TABLE} H77; C++ library"),
     stated("identity", "C1, C2, C4 answer three numbers; C3 the id, FF is a broadcast", f"{TABLE} H78..H81"),
@@ -467,12 +473,15 @@ class LinkerHand(Device[CanFrame]):
         if not parts and part != PALM:
             whole = [bytes([k << 4]) + row.tobytes() for k, row in enumerate(matrix)]
             return whole if payload == bytes([rows << 4 | columns]) else None
-        if payload[:2] != bytes(size) or len(payload) > 2 + bool(parts):
+        sums = b"\xff" + _sums(matrix, parts)
+        if payload[:2] == bytes([columns, rows]) and part == PALM and rows != columns:
+            matrix, rows, columns = matrix.T, columns, rows
+        if payload[:2] != bytes([rows, columns]) or len(payload) > 2 + bool(parts):
             return None
         flat = matrix.tobytes()
         starts = range(0, len(flat), VALUES_PER_FRAME)
         pieces = [bytes(divmod(k, columns)) + flat[k : k + VALUES_PER_FRAME] for k in starts]
-        return [*pieces, b"\xff" + _sums(matrix, parts)] if len(payload) > 2 else pieces
+        return [*pieces, sums] if len(payload) > 2 else pieces
 
     def _joints(self, view: View, payload: bytes, t_ns: int) -> list[bytes] | None:
         """Set joints, or clear their faults, and answer how they are."""

@@ -233,6 +233,12 @@ def test_a_matrix_with_places_and_sums(name, options, sensor, finger, palm, part
         assert with_sums[:-1] == frames and with_sums[-1][:2] == bytes([code, 0xFF])
         wanted = [min(int(part.sum()), 0xFFFF) for part in np.split(felt, np.cumsum(rows)[:-1])]
         assert np.frombuffer(with_sums[-1][2:], "<u2").tolist() == wanted
+    rows, columns = palm
+    felt = device.counts[device.layout.patches[5].taxels].reshape(palm)
+    turned = ask(device, f"028#B6{columns:02X}{rows:02X}" + "01" * bool(palm_parts))
+    turned_felt = felt if rows == columns else felt.T
+    assert b"".join(bytes.fromhex(frame[10:]) for frame in turned if frame[6:8] != "FF") == turned_felt.tobytes()
+    assert not palm_parts or turned[-1] == ask(device, f"028#B6{rows:02X}{columns:02X}01")[-1]
     assert device.layout.patches[5].link == "palm"
 
 
