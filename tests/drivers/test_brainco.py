@@ -40,7 +40,7 @@ def test_revo3(touch):
     ("device", "carrier"), [("brainco_revo2", "RS-485, Modbus"), ("brainco_revo2_canfd", "CAN-FD, Modbus")]
 )
 def test_revo2(device, carrier, kind, side):
-    hand = fp.create(device, touch=kind, side=side, single_proximity="little")
+    hand = fp.create(device, touch=kind, side=side)
     hand.period_ns = 2_000_000
     on_can = device.endswith("canfd")
     with Rig(hand, kind="can" if on_can else "serial", peak=2.0) as rig:
