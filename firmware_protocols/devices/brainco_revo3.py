@@ -22,9 +22,11 @@ The vendor's SDK reads two points of a matrix in one register, the first one in 
 The vendor's document has 60 registers a module, at 5240, 5300, 5360, 5420 ... (option ``packing=single``). Points are
 taken to follow row by row.
 
-Identity: 101 line speed [Mbit/s], 108 unit, 135 kind of touch; 240..260 and 270..290 the joints' limits [0.01 deg];
-3030, 3040, 3050 firmware, hardware and serial number, 20 characters each, two in a register. The serial number of a
-left Ultra Touch begins BCUTL4.
+Identity: 101 the hand, 1 right, 2 left; 108 unit; 109 line (0 1 M, 1 2 M, 2 3 M, 4 5 Mbit/s); 110 CAN-FD (3 is
+5 Mbit/s); 135 kind of touch; 240..260 and 270..290 the joints' limits [0.01 deg]; 1800..1804 state, current [mA],
+voltage [10 mV], power [10 mW], temperature; 2000..2170 the joints, which stand still at 0; 3020 which of them are
+there; 3060 and 3300 serial numbers and versions of their motors; 3030, 3040, 3050 firmware, hardware and serial number,
+20 characters each, two in a register. The serial number of a left Ultra Touch begins BCUTL4.
 
 Try it: ``tactemu run brainco_revo3``, then
 ``await bc_revo3_sdk.Manager().connect_auto(port=..., protocol=ProtocolType.Modbus, slave_id=0x7E)``.
@@ -37,21 +39,56 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from firmware_protocols import Column, Command, Counts, Device, Layout, Option, Outs, Reading, Rs485, grid_layout
+from firmware_protocols import (
+    Column,
+    Command,
+    Counts,
+    Device,
+    Layout,
+    Option,
+    Outs,
+    Reading,
+    Rs485,
+    assumed,
+    grid_layout,
+    stated,
+)
 from firmware_protocols.adc import quantize
 from firmware_protocols.layouts import filled, place, stack
 from firmware_protocols.protocols.modbus import Banks, Rtu, silence_ns
 from firmware_protocols.registers import RegisterMap, Registers
 
+BAUDS = {1000000: 0, 2000000: 1, 3000000: 2, 5000000: 4}
 MAP = RegisterMap(
     """
-    202    >u2         baud        1..5  = 5  r
+    120    u1 x 44     zero_offsets
+    202    >u2         hand        1..2  = 2  r
+    210    >u2 x 3     switches    0..1  = 1
+    218    >u2         baud        0..4  = 4  r
+    220    >u2         can_baud    0..3  = 3  r
+    224    u1 x 2      calibrates
+    232    >u2         strongest   = 1500
+    236    u1 x 6      states
     216    >u2         unit        1..247  = 126  r
     270    >u2         kind        r
+    400    >u2 x 22    protected   = 1500
+    480    u1 x 42     lowest      r
     540    >i2 x 21    highest     = 9000  r
+    600    u1 x 42     slowest     r
+    642    >i2 x 21    fastest     = 20000  r
+    3600   >u2 x 5     system      = 0, 300, 2400, 720, 25  r
+    4000   u1 x 42     motor_states  r
+    4060   u1 x 42     speeds      r
+    4120   u1 x 42     positions   r
+    4180   u1 x 42     currents    r
+    4240   u1 x 42     errors      r
+    4300   >u2 x 21    warmths     = 25  r
+    6040   >u2 x 2     online      = 31, 65535  r
     6060   u1 x 20     firmware    r
     6080   u1 x 20     hardware    r
     6100   u1 x 20     serial      r
+    6120   u1 x 420    motor_serials  r
+    6600   u1 x 42     motor_firmware  = 1  r
     8000   >u2 x 11    array_on    0..1  = 1
     8022   >u2 x 12    array_zero  0..1
     8046   >u2         shown       0..1
@@ -96,6 +133,10 @@ ARRAY_SCALES, MATRIX_SCALES, MILLINEWTONS = np.array([200.0, 200.0, 1000.0]), np
 ZERO, UNDO = 1, 2
 
 
+SDK = "BrainCoTech/brainco-revo3-sdk@7ba96eb "
+LOOKED = f"all of {SDK}docs, python; bc-revo3-sdk 2.3.2 and 1.5.1 main_mod.pyi"
+
+
 class BraincoRevo3(Device):
     """The hand's touch. Its joints do not move."""
 
@@ -104,17 +145,45 @@ class BraincoRevo3(Device):
     kind = "hand"
     evidence = ("vendor document", "driver")
     sources = (
-        "BrainCoTech/brainco-revo3-sdk@7ba96eb docs/device/REVO3_TOUCH_API.md (registers of touch)",
-        "bc-revo3-sdk 2.3.2: what it reads and writes (identity, points per module, regions, packing)",
+        f"{SDK}docs/device/REVO3_TOUCH_API.md, REVO3_MOTOR_API.md (registers)",
+        "bc-revo3-sdk 2.3.2 and 1.5.1: what they read and write (identity, points per module, regions, packing)",
     )
-    judge = "bc-revo3-sdk 2.3.2"
-    assumed = (
-        "places of the points: row by row, flat, normal +z, 2 mm pitch on fingers, 4 mm on the palm; matrices 10 x 6",
-        "a point is 200 counts/N (ADC, raw) or [mN] of an array, 0..4095; 50 counts/N (ADC) or [10 mN] of a matrix",
-        "the regions of a module are equal runs of its points; both forces and points can be read whatever 4023 says",
-        "functions 03 and 04 show the same registers; all others (joints, modules' serial numbers) read 0",
-        "a zero holds until the next restart; 4025..4036 have no effect; modules that are off read 0",
-        "joints' limits 0 and 90 deg; firmware and hardware as text; it answers at once; 100 Hz conversion",
+    judge = "bc-revo3-sdk 2.3.2; bc-revo3-sdk 1.5.1 by the examples of BrainCoTech/brainco-revo3-sdk@7ba96eb"
+    facts = (
+        stated("touch", "registers, points of each module, units of force", f"{SDK}docs/device/REVO3_TOUCH_API.md"),
+        assumed(
+            "touch",
+            "places: row by row, flat, normal +z, 2 mm pitch on fingers, 4 mm on the palm; matrices 10 x 6",
+            LOOKED,
+        ),
+        assumed("touch", "a point is 200 counts/N (ADC, raw), 0..4095, or of a matrix 50 counts/N (ADC)", LOOKED),
+        assumed("touch", "regions are equal runs of points; forces and points can be read whatever 4023 says", LOOKED),
+        assumed(
+            "touch",
+            "a zero holds until the next restart; 4025..4036 have no effect; modules that are off read 0",
+            LOOKED,
+        ),
+        stated(
+            "identity", "101 is the hand: 1 right, 2 left", "bc-revo3-sdk 1.5.1 revo3_get_hand_type(), main_mod.pyi:575"
+        ),
+        stated(
+            "identity",
+            "109 and 110 are the lines, and their codes",
+            "bc-revo3-sdk 1.5.1 revo3_get_rs485_baudrate(), each code tried",
+        ),
+        stated(
+            "identity", "motors: status, versions, which are there", f"{SDK}docs/device/REVO3_MOTOR_API.md:292, 350"
+        ),
+        assumed(
+            "identity", "firmware 0.1.2, hardware V1.0; motors 1.1; modules and motors have no serial number", LOOKED
+        ),
+        assumed("configuration", "limits 0 and 90 deg, 200 rpm, 1500 mA; 24 V, 0.3 A, 25 deg C; switches on", LOOKED),
+        assumed(
+            "configuration",
+            "functions 03 and 04 show the same registers; all others read 0; joints do not move",
+            LOOKED,
+        ),
+        assumed("timing", "it answers at once; 100 conversions a second", LOOKED),
     )
 
     def __init__(
@@ -124,9 +193,13 @@ class BraincoRevo3(Device):
         packing: Annotated[
             Literal["pairs", "single"], Option("points of a matrix in a register: as the SDK, or the document has it")
         ] = "pairs",
-        serial: Annotated[str, Option("20 characters of ASCII; the SDK takes the model from it")] = "BCUTL40000000000",
+        side: Annotated[Literal["left", "right"], Option("which hand; sets the serial number")] = "left",
+        serial: Annotated[
+            str, Option("20 characters of ASCII; the SDK takes the model from it; default: by side")
+        ] = "",
         baud: Annotated[Literal[1000000, 2000000, 3000000, 5000000], Option("line speed")] = 5000000,
     ):
+        serial = serial or f"BCUT{side[0].upper()}40000000000"
         self.touch, self.packing, self.array = touch, packing, touch == "array"
         self.ports = (Rs485(baud=baud),)
         self.columns = (Column(name="touch", low=0, high=4095 if self.array else 255, push=1),)
@@ -134,7 +207,8 @@ class BraincoRevo3(Device):
         self.modules = np.repeat(np.arange(11), ARRAY_POINTS if self.array else MATRIX_POINTS)
         """Of each point."""
         self.registers = registers = Registers(MAP)
-        registers["kind"], registers["baud"] = 1 if self.array else 2, baud // 1_000_000
+        registers["kind"], registers["baud"] = 1 if self.array else 2, BAUDS[baud]
+        registers["hand"] = 2 if side == "left" else 1
         registers["array_size" if self.array else "matrix_size"] = ARRAY_POINTS if self.array else MATRIX_POINTS
         for name, text in (("firmware", "0.1.2"), ("hardware", "V1.0"), ("serial", serial)):
             registers[name] = list(text.encode("ascii")[:20].ljust(20, b"\0"))
@@ -236,7 +310,7 @@ _EXAMPLES = (
     ("serial number", "04 0B EA 00 0A 58 12", "04 14 ..{20} ..{2}", _SDK),
     ("kind of touch", "03 00 87 00 01 3F EC", "03 02 00 01 6C 4E", _SDK),
     ("hardware", "04 0B E0 00 0A 78 10", "04 14 ..{20} ..{2}", _SDK),
-    ("line speed", "03 00 65 00 01 9F DA", "03 02 00 05 6D 8D", _SDK),
+    ("hand", "03 00 65 00 01 9F DA", "03 02 00 02 2C 4F", _SDK),
     ("lower limits", "03 00 F0 00 15 8F F9", "03 2A ..{42} ..{2}", _SDK),
     ("upper limits", "03 01 0E 00 15 EF F5", "03 2A ..{42} ..{2}", _SDK),
     ("firmware", "04 0B D6 00 0A 98 1E", "04 14 ..{20} ..{2}", _SDK),
