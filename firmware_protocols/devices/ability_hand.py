@@ -41,7 +41,20 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from firmware_protocols import Column, Command, Counts, Device, Option, Outs, Reading, Restart, Serial, grid_layout
+from firmware_protocols import (
+    Column,
+    Command,
+    Counts,
+    Device,
+    Option,
+    Outs,
+    Reading,
+    Restart,
+    Serial,
+    assumed,
+    grid_layout,
+    stated,
+)
 from firmware_protocols.adc import pack_12_bits, quantize
 from firmware_protocols.framing import Ppp, ppp
 from firmware_protocols.layouts import place, stack
@@ -118,6 +131,11 @@ Baud = Literal[
 ]  # fmt: skip
 
 
+API = "psyonicinc/ability-hand-api@34c9a93 "
+ICD = f"{API}Documentation/ABILITY-HAND-ICD.pdf"
+LOOKED = f"{ICD}; all of {API}python"
+
+
 class AbilityHand(Device):
     """The hand in API mode."""
 
@@ -128,23 +146,58 @@ class AbilityHand(Device):
     columns = (Column(name="touch", unit="N", low=0, high=4095, push=1),)
     evidence = ("vendor document", "driver")
     sources = (
-        "psyonicinc/ability-hand-api@34c9a93 Documentation/ABILITY-HAND-ICD.pdf 3.3.3, 3.4.3, 3.4.6, 3.5.3",
-        "ability-hand 0.2.2 ah_api.py, ah_parser.py l.20-100, ppp_stuffing.py, serial_connection.py l.50-69, 135-225",
-        "ability-hand 0.2.2 ah_examples/write_registers.py, send_misc_msg.py",
+        f"{API}Documentation/ABILITY-HAND-ICD.pdf 3.3.3, 3.4.3, 3.4.6, 3.5.3",
+        f"{API}python/ah_wrapper (ability-hand 0.2.2): ah_api.py, ah_parser.py, ppp_stuffing.py, serial_connection.py",
+        f"{API}python/ah_examples/write_registers.py, send_misc_msg.py",
     )
-    judge = "ability-hand 0.2.2"
-    assumed = (
-        "velocities in replies as the ICD says (3.4.3); the vendor's parsers divide all six by 4 x 32767 / 3000, which "
-        "fits the fingers within 4 % and not the rotator",
-        "places of the six sites: 3 x 2, row by row at 7 mm on each fingertip, all pads in one plane, normal +z",
-        "touch is converted 250 times a second; the ICD calls the constants of its force formula placeholders",
-        "a control message without six targets moves nothing; a reset is not answered, Bluetooth commands are",
-        "motors: one time constant of 0.1 s, 200 deg/s per A, 300 deg/s at full duty, stops at 0 and 100 deg",
-        f"in an engine: {NM_PER_AMPERE} Nm/A at the joint, {STRENGTH_NM} Nm at most, currents as the motors need them",
-        "after 300 ms without a command the joints hold; the hot/cold mask is 0; the first format is 10",
-        "grip 0 opens, every other closes all fingers; registers 1..63 hold the example's gains, without effect, and "
-        "forget at power-off; the unique id is 0; a failed reply has the register's value, 0 where there is none",
-        "without stuffing a silence of 1 ms ends a message; C2, C3 and 7C change nothing; fast mode is not spoken",
+    judge = "psyonicinc/ability-hand-api@34c9a93 python; ability-hand 0.2.2"
+    facts = (
+        stated(
+            "touch",
+            "twelve bits a site, two in three bytes; the formula of force",
+            f"{API}python/ah_wrapper/ah_parser.py:85, 53",
+        ),
+        stated("touch", "the constants of the formula are placeholders", f"{ICD} 3.5.3"),
+        assumed(
+            "touch", "six sites 3 x 2, row by row at 7 mm on each fingertip, all pads in one plane, normal +z", LOOKED
+        ),
+        stated(
+            "identity",
+            "the unique id are two registers behind those of the joints",
+            f"{ICD}; {API}python/ah_examples/write_registers.py",
+        ),
+        assumed("identity", "the unique id is 0", LOOKED),
+        stated(
+            "configuration", "line speeds, 460800 first; address 50", f"{API}python/ah_wrapper/serial_connection.py:44"
+        ),
+        stated("configuration", "registers' values as delivered", f"{API}python/ah_examples/write_registers.py:27"),
+        assumed(
+            "configuration",
+            "registers have no effect and are forgotten at power-off; a failed reply has the register's value",
+            LOOKED,
+        ),
+        stated("configuration", "velocities in replies are of the rotor, 4 per rad/s", f"{ICD} 3.4.3"),
+        assumed(
+            "configuration",
+            "a control message without six targets moves nothing; Bluetooth commands are answered",
+            LOOKED,
+        ),
+        stated("configuration", "a reset is not waited for", f"{API}python/ah_examples/send_misc_msg.py:27"),
+        assumed(
+            "configuration",
+            "motors: one time constant of 0.1 s, 200 deg/s per A, 300 deg/s at full duty, stops at 0 and 100 deg",
+            LOOKED,
+        ),
+        assumed("configuration", f"in an engine: {NM_PER_AMPERE} Nm/A at the joint, {STRENGTH_NM} Nm at most", LOOKED),
+        assumed(
+            "configuration",
+            "grip 0 opens, every other closes all fingers; the hot/cold mask is 0; the first format is 10",
+            LOOKED,
+        ),
+        assumed("configuration", "C2, C3 and 7C change nothing; fast mode is not spoken", LOOKED),
+        stated("timing", "it leaves API control 300 ms after the last command", f"{ICD} 3.3.3"),
+        assumed("timing", "the joints hold then; touch is converted 250 times a second", LOOKED),
+        assumed("timing", "without stuffing a silence of 1 ms ends a message", LOOKED),
     )
 
     def __init__(
