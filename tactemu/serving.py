@@ -204,6 +204,10 @@ class Served(Verbs):
             self._server.close()
         self.emulator.close()
         self._raise()
+        if lost := self.truth.lost:
+            raise TactemuError(
+                f"{self._truth_path}: the truth log lacks {lost} entries: the disk was full, or too slow"
+            )
 
     def __enter__(self) -> Served:
         return self.start()

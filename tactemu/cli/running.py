@@ -20,7 +20,7 @@ from tactemu.cli.signals import ended_by_signals
 from tactemu.collector import no_full_collections
 from tactemu.control.state import statistics_of
 from tactemu.emulator import Emulator
-from tactemu.errors import SceneError, TransportError, nearest
+from tactemu.errors import SceneError, StateError, TransportError, nearest
 from tactemu.files import check_writable
 from tactemu.kernels import start_quietly
 from tactemu.statistics import Lateness
@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 _OWNER = re.compile(r"[^:=]+=")
 """In front of a port: a skin's name, or its connector's."""
 REPORT_PERIOD_NS = 1_000_000_000
+INCOMPLETE = 4
+"""Exit code of a run that happened, but for which a file that was asked for is not whole."""
 
 
 def run_target(
@@ -217,8 +219,7 @@ def run_emulator(
             _report_regularly(emulator, say)
         with view:
             emulator.run(seconds)
-        if save is not None:
-            emulator.save(save)
+        unsaved = save is not None and _unsaved(emulator, save)
         summaries = emulator.summary()
     for entry in summaries:
         say("summary", **entry)
@@ -229,6 +230,18 @@ def run_emulator(
             say("advice", skin=channel.name, text=text)
     if lost := emulator.truth.lost:
         say("advice", skin="truth log", text=f"{lost} entries are missing: the disk was full, or too slow")
+    if lost or unsaved:
+        raise SystemExit(INCOMPLETE)
+
+
+def _unsaved(emulator: Emulator, save: Path) -> bool:
+    """Save the state at the end of a run that has happened already; returns whether that failed, which is said."""
+    try:
+        emulator.save(save)
+    except StateError as error:
+        print(f"tactemu: {error}", file=sys.stderr)
+        return True
+    return False
 
 
 def _addresses(channel: Channel) -> str | dict[str, str]:

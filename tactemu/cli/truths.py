@@ -42,7 +42,9 @@ def summarise(path: str | Path) -> dict[str, dict[str, Any]]:
     for told in end.summary:
         counted = {name: told[name] for name in COUNTED if name in told}
         summary[told["skin"]] = summary.get(told["skin"], {}) | counted
-    return summary | ({"": {"commands": dict(commands)}} if commands else {})
+    live: dict[str, Any] = {"commands": dict(commands)} if commands else {}
+    live |= {"cut": True} if end.is_cut else {}
+    return summary | ({"": live} if live else {})
 
 
 def verb_of(command: PortEvent) -> str:

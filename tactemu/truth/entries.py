@@ -101,6 +101,8 @@ class Header(NamedTuple):
     version: int = VERSION
     scene: Mapping[str, Any] | None = None
     """What is where, as plain data (``docs/truth-log.md``); ``None``: nobody said."""
+    ends: bool = False
+    """The log closes with its end; without it, it was cut off. Logs of before this was written do not say."""
 
 
 class End(NamedTuple):
@@ -110,6 +112,8 @@ class End(NamedTuple):
     """Entries that could not be written."""
     summary: Sequence[Mapping[str, Any]] = ()
     """What each device did, as `tactemu run --json` says it at its end; empty: nobody said."""
+    is_cut: bool = False
+    """The file stops without its end: its writer was killed, or the disk was full."""
 
 
 Entry = Sample | Passage | Injection | PortEvent | BodyPose
@@ -136,7 +140,7 @@ class Sink(Protocol):
         ...
 
 
-def checked_header(version: Any, origin_ns: Any, scene: Any = None) -> Header:
+def checked_header(version: Any, origin_ns: Any, scene: Any = None, ends: Any = False) -> Header:
     """The head of a log, if this program can read what follows.
 
     Raises:
@@ -150,7 +154,7 @@ def checked_header(version: Any, origin_ns: Any, scene: Any = None) -> Header:
         raise ValueError(f"origin_ns: expected an integer of 64 bits, got {origin_ns!r:.60}")
     if not isinstance(scene, dict | None):
         raise ValueError(f"scene: expected an object, got {scene!r:.60}")
-    return Header(origin_ns, version, scene)
+    return Header(origin_ns, version, scene, bool(ends))
 
 
 def checked_end(lost: Any, summary: Any) -> End:

@@ -50,7 +50,7 @@ class LinesWriter:
     def begin(self, header: Header) -> None:
         """Write the first line."""
         scene = {} if header.scene is None else {"scene": header.scene}
-        self._line({"kind": "log", "version": header.version, "origin_ns": header.origin_ns} | scene)
+        self._line({"kind": "log", "version": header.version, "origin_ns": header.origin_ns, "ends": True} | scene)
 
     def add(self, entry: Entry) -> Iterator[None]:
         """Write an entry; yields now and then, so that a large one can be written in slices of time."""
@@ -75,8 +75,7 @@ class LinesWriter:
 
     def finish(self, end: End) -> None:
         """Write what is left."""
-        if end.lost or end.summary:
-            self._line({"kind": "end", "lost": end.lost} | ({"summary": list(end.summary)} if end.summary else {}))
+        self._line({"kind": "end", "lost": end.lost} | ({"summary": list(end.summary)} if end.summary else {}))
         self.flush()
 
     def _line(self, row: dict[str, Any]) -> None:
@@ -161,7 +160,7 @@ def _entry(row: Any, *, first: bool) -> Header | Entry | End:
         raise ValueError(f"expected an object, got {_short(row)}")
     kind = row.get("kind")
     if kind == "log" and first:
-        return checked_header(row.get("version"), row.get("origin_ns"), row.get("scene"))
+        return checked_header(row.get("version"), row.get("origin_ns"), row.get("scene"), row.get("ends"))
     if kind == "end":
         return checked_end(row.get("lost"), row.get("summary", []))
     t_ns, device = _number(row, "t_ns"), _text(row, "device", "")

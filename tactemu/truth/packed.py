@@ -46,7 +46,7 @@ class PackedWriter:
         self._writer.start(library="tactemu")
         origin = {} if header.origin_ns is None else {"origin_ns": str(header.origin_ns)}
         scene = {} if header.scene is None else {"scene": json.dumps(header.scene, separators=(",", ":"))}
-        self._writer.add_metadata(_HEAD, {"version": str(header.version)} | origin | scene)
+        self._writer.add_metadata(_HEAD, {"version": str(header.version), "ends": "1"} | origin | scene)
 
     def add(self, entry: Entry) -> Iterator[None]:
         """Write an entry; yields now and then, so that a large one can be written in slices of time."""
@@ -78,10 +78,9 @@ class PackedWriter:
 
     def finish(self, end: End) -> None:
         """Finish the chunk, and write the index."""
-        if end.lost or end.summary:
-            self._writer.flush()
-            summary = {"summary": json.dumps(list(end.summary), separators=(",", ":"))} if end.summary else {}
-            self._writer.add_metadata(_END, {"lost": str(end.lost)} | summary)
+        self._writer.flush()
+        summary = {"summary": json.dumps(list(end.summary), separators=(",", ":"))} if end.summary else {}
+        self._writer.add_metadata(_END, {"lost": str(end.lost)} | summary)
         self._writer.finish()
 
 
@@ -103,20 +102,23 @@ def read(file: IO[bytes]) -> Iterator[Header | Entry | End]:
 
 def _entries(content: mmap.mmap | IO[bytes]) -> Iterator[Header | Entry | End]:
     from mcap.exceptions import McapError
-    from mcap.records import Channel, Chunk, Metadata, Schema
+    from mcap.records import Channel, Chunk, Footer, Metadata, Schema
     from mcap.records import Message as Record
     from mcap.stream_reader import StreamReader
 
     decoders: dict[int, Decoder] = {}
     definitions: dict[int, str] = {}
-    known, read = False, 0
+    known, read, closed = False, 0, False
+    end: End | None = None
     try:  # a stream of a memory map reads no more than there is, whatever length a record claims
         for record in StreamReader(content, emit_chunks=True, record_size_limit=None).records:  # type: ignore[arg-type]
             if isinstance(record, Metadata) and record.name == _HEAD:
                 yield _header(record.metadata)
                 known = True
             elif isinstance(record, Metadata) and record.name == _END:
-                yield checked_end(int(record.metadata["lost"]), json.loads(record.metadata.get("summary", "[]")))
+                end = checked_end(int(record.metadata["lost"]), json.loads(record.metadata.get("summary", "[]")))
+            elif isinstance(record, Footer):
+                closed = True
             elif isinstance(record, Chunk) and known:
                 read = _forgotten(content, read) if isinstance(content, mmap.mmap) else 0
                 for each in _unpacked(record):
@@ -131,9 +133,10 @@ def _entries(content: mmap.mmap | IO[bytes]) -> Iterator[Header | Entry | End]:
             raise ValueError(str(error) or "cut off before it begins") from None
         if content.read(1):
             raise ValueError(f"damaged before byte {content.tell()}: {error!r}") from None
-        return  # cut off
     if not known:
         raise ValueError("an MCAP file, but no truth log of tactemu")
+    if end is not None:
+        yield end._replace(is_cut=not closed)
 
 
 def _forgotten(content: mmap.mmap, before: int) -> int:
@@ -172,4 +175,5 @@ def _header(metadata: dict[str, str]) -> Header:
         int(metadata.get("version", "0")),
         None if origin is None else int(origin),
         json.loads(metadata.get("scene", "null")),
+        "ends" in metadata,
     )

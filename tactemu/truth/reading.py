@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,9 +15,13 @@ from tactemu.truth import lines, packed
 from tactemu.truth.entries import BodyPose, End, Entry, Header, Injection, Passage, PortEvent, Sample
 from tactemu.truth.writer import check_suffix
 
+_logger = logging.getLogger(__name__)
+
 
 def records(path: str | Path) -> Iterator[Header | Entry | End]:
     """The entries of a log, with what stands before and behind them. Memory does not grow with the log.
+
+    A log that was cut off is said to be so in a warning, and ends with an :class:`End` that says it.
 
     Raises:
         TactemuError: as :func:`entries`.
@@ -25,7 +30,17 @@ def records(path: str | Path) -> Iterator[Header | Entry | End]:
     check_suffix(path)
     try:
         with path.open("rb") as file:
-            yield from (lines if path.suffix == ".jsonl" else packed).read(file)
+            is_open, end = False, None
+            for record in (lines if path.suffix == ".jsonl" else packed).read(file):
+                is_open = record.ends if isinstance(record, Header) else is_open
+                if isinstance(record, End):
+                    end = record
+                else:
+                    yield record
+        end = End(is_cut=is_open) if end is None else end
+        if end.is_cut:
+            _logger.warning("%s: cut off: it ends without its end; what it holds is whole up to there", path)
+        yield end
     except OSError as error:
         raise TactemuError(f"{path}: cannot read the truth log: {error.strerror}") from None
     except ValueError as error:
@@ -110,6 +125,8 @@ class Log(Mapping[str, SkinLog]):
     """What was done to the emulator while it ran."""
     summary: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """What each device did, by skin, as `tactemu run --json` says it at its end; empty where the run was killed."""
+    is_cut: bool = False
+    """The file stops without its end: its writer was killed, or the disk was full."""
 
     def __getitem__(self, device: str) -> SkinLog:
         """The part of one skin.
@@ -153,7 +170,7 @@ def read_log(path: str | Path) -> Log:
     skins = {device: _skin(kinds) for device, kinds in found.items()}
     bodies = {body: _poses(those) for body, those in poses.items()}
     summary = {each["skin"]: each for each in end.summary}
-    return Log(skins, header.origin_ns, end.lost, bodies, header.scene, tuple(commands), summary)
+    return Log(skins, header.origin_ns, end.lost, bodies, header.scene, tuple(commands), summary, end.is_cut)
 
 
 def _poses(poses: list[BodyPose]) -> Poses:

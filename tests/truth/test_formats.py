@@ -139,9 +139,10 @@ def test_lines_are_as_documented(tmp_path):
     log.wrote(11, "a", b"\x01", sample=0)
     log.close()
     assert (tmp_path / "t.jsonl").read_text().splitlines() == [
-        '{"kind":"log","version":2,"origin_ns":7}',
+        '{"kind":"log","version":2,"origin_ns":7,"ends":true}',
         '{"t_ns":10,"device":"a","kind":"sample","sample":0,"ideal":[[0.1,0.0,1.0]],"measured":[[0.1,0.0,1e-09]],"counts":[5]}',
         '{"t_ns":11,"device":"a","kind":"tx","data":"01","sample":0}',
+        '{"kind":"end","lost":0}',
     ]
 
 

@@ -151,4 +151,4 @@ def test_a_run_that_never_begins_leaves_the_older_log_alone(tmp_path):
     again = Truth(path)
     again.begin(12)
     again.close()
-    assert path.read_text() == '{"kind":"log","version":2,"origin_ns":12}\n'
+    assert path.read_text() == '{"kind":"log","version":2,"origin_ns":12,"ends":true}\n{"kind":"end","lost":0}\n'
