@@ -99,8 +99,8 @@ def run(
       tactemu run hand.toml --save pressed.npz --seconds 3      # and then --restore pressed.npz
 
     One line says where the port is; then a live picture, or log lines when the output is no terminal.
-    Exit code 0 after Ctrl-C, SIGTERM or --seconds; 128 + n after signal n before the port is there; 4 when a file that was asked for is not whole; 2 when something
-    in the request is wrong.
+    Exit code 0 after Ctrl-C, SIGTERM or --seconds; 128 + n after signal n before the port is there; 2 when something
+    in the request is wrong; 4 when it ran, but a file that was asked for is not whole.
     """
     from tactemu.cli.running import Web, run_target
     from tactemu.errors import SceneError
