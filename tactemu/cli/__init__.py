@@ -28,7 +28,9 @@ def main() -> None:
                 return
             if sys.argv[1:2] in (["run"], ["exec"]):
                 from tactemu.cli.signals import starting
+                from tactemu.collector import leave_quickly
 
+                leave_quickly()
                 with starting():
                     _run()
             else:
