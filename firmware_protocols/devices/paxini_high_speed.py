@@ -84,6 +84,7 @@ ZERO_ORDER, ZEROED, FINISHED = b"\x04ZR", 3, 2
 SLOTS, PALM = 28, 20
 TIPS = (2, 6, 10, 14, 18)
 LEROBOT = "lerobot-camera-paxini 0.1.0"
+PLUGIN = "lerobot-robot-so101-paxini 0.1.0 paxini_sensor.py"
 QUERY = re.compile(rb"ORCA_(ID|INFO)\?\n")
 
 
@@ -102,7 +103,7 @@ class PaxiniHighSpeed(Px6axDevice):
         "lerobot-robot-so101-paxini 0.1.0 and lerobot-camera-paxini 0.1.0 (requests, 91 pushes a second)",
         "orca-core 0.12.0 hardware/sensing/constants.py, tactile_protocol.py (taxel registers)",
     )
-    judge = "paxini-sdk 0.1.0"
+    judge = "paxini-sdk 0.1.0, lerobot-robot-so101-paxini 0.1.0"
     facts = (
         stated("timing", "91 pushes a second", f"{LEROBOT} METADATA, configuration_paxini.py l.30"),
         stated("identity", "the version is a text (15 bytes are read)", "paxini-sdk 0.1.0 registers.py l.13"),
@@ -113,9 +114,14 @@ class PaxiniHighSpeed(Px6axDevice):
         stated(
             "configuration", "zero: function 17, register 2, 00 is success", "paxini-sdk 0.1.0 high_speed.py l.288-320"
         ),
+        stated("touch", "some pushes have taxels of 0 beside a resultant (not done here)", f"{PLUGIN} l.717-723"),
         assumed("identity", "text of the version", "paxini-sdk 0.1.0, orca-core 0.12.0, both whole"),
         assumed("identity", "USB ids (a 28E9 in orca-core constants.py l.36, /dev/ttyUSB0 in others)", LEROBOT),
-        assumed("touch", "rows on a flat pad of the size in the model's name, pads side by side", "paxini-sdk 0.1.0"),
+        assumed(
+            "touch",
+            "rows on a flat pad, side by side; the true places stand in paxini-sdk data/ and are not used yet",
+            "paxini-sdk 0.1.0",
+        ),
         assumed("touch", "x, y along the pad; the resultant is the sum over the pad", "paxini-sdk 0.1.0 high_speed.py"),
         assumed(
             "configuration", "errors: function 3, length 1; a bad sum is not answered", "paxini-sdk 0.1.0 protocol.py"
