@@ -285,7 +285,7 @@ TABLE_FACTS = (
     stated("touch", "frames of row, column, five numbers; sums u16 LE", f"{ROS2} linker_hand_g20_can.py:485-556"),
     stated("touch", "the palm of 5 is 20 x 28, and asked for so", f"{TABLE} H70; C++ library"),
     stated(
-        "touch", "it is 28 x 20, and asked for so", f"{ROS2} linker_hand_g20_can.py:557, doc/Topic-Reference.md:136"
+        "touch", "it is 28 x 20, and asked for so", f"{ROS2} linker_hand_g20_can.py:557, doc/Topic-Reference.md:131"
     ),
     assumed("touch", "it is 28 x 20; asked for the other way round, a palm comes so", READ),
     assumed("touch", "a sum is that of the counts, at most FFFF; letter B beside sensors 5 and 7", READ),
