@@ -130,7 +130,8 @@ class Judge:
         if not outcome.has(*self.options.fail_on) or not self.options.shrink:
             return outcome
         if smallest.may_be(trial):
-            outcome.case = smallest.find(trial, tape, outcome, self._again, self.target, self.command)
+            kinds = self.options.fail_on
+            outcome.case = smallest.find(trial, tape, outcome, self._again, self.target, self.command, kinds)
             outcome.confirmed = outcome.case is not None
         if not outcome.confirmed:
             again = judged(self.record(trial))
@@ -151,13 +152,19 @@ class Judge:
             self.driver = None
 
     def start(self) -> str:
-        """Start the driver anew and let it tare; returns why it does not read, or nothing."""
+        """Start the driver anew and let it tare; returns why it does not read, or nothing.
+
+        Raises:
+            TactemuError: the command cannot be run, and never could.
+        """
         self.end()
         self.stand.rest()
         ports = self.stand.ports
         try:
             driver = self.driver = Driver(command_of(self.command, ports), ports)
         except TactemuError as error:
+            if not self.starts:  # the command is wrong, and not the driver
+                raise
             return f"died: {error}"
         deadline = time.monotonic() + self.options.start_s
         while not driver.rows and driver.exit is None and not driver.flooded and time.monotonic() < deadline:

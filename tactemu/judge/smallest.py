@@ -28,11 +28,21 @@ def may_be(trial: Trial) -> bool:
 
 
 def find(
-    trial: Trial, tape: Tape, outcome: Outcome, run: Run, target: str, command: Sequence[str]
+    trial: Trial,
+    tape: Tape,
+    outcome: Outcome,
+    run: Run,
+    target: str,
+    command: Sequence[str],
+    kinds: Sequence[str] = FAILING,
 ) -> dict[str, Any] | None:
-    """The smallest case as plain data; ``None`` if nothing that was tried alone causes the finding."""
-    kinds = [finding.kind for finding in outcome.findings if finding.kind in FAILING]
-    kind = kinds[0]
+    """Return the smallest case of the worst finding of these kinds as plain data.
+
+    ``None``: there is no such finding, or nothing that was tried alone causes it.
+    """
+    kind = next((finding.kind for finding in outcome.findings if finding.kind in kinds), None)
+    if kind is None:
+        return None
     groups = _by_frame(trial.faults)
     suspects = _suspects(groups, tape, outcome)
     runs = 0

@@ -46,7 +46,8 @@ def judged(tape: Tape) -> Outcome:
         out.verdict = f"skipped: {out.skipped}"
         return out
     if tape.trouble:
-        out.findings.append(Finding(_kind_of_trouble(tape.trouble), tape.trouble))
+        kind = _kind_of_trouble(tape.trouble)
+        out.findings.append(Finding(kind, tape.trouble.removeprefix(f"{kind}: ")))
         out.verdict = str(out.findings[0])
         return out
     reading = Reading(columns, known)

@@ -139,10 +139,10 @@ def test_with_what_is_no_driver_there_is_a_word_and_nothing_left(case):
     assert terminals() == before
 
 
-def test_a_program_that_is_not_there():
-    with Judge("optoforce", ["/no/such/driver"]) as judge:
-        (outcome,) = judge.run()
-    assert "cannot run the driver" in outcome.verdict
+def test_a_program_that_is_not_there_is_a_mistake_in_the_command():
+    told = ended([sys.executable, "-m", "tactemu", "judge", "optoforce", "--", "no-such-driver", "{port}"])
+    assert told.returncode == 2 and "cannot run the driver: no-such-driver" in told.stderr, told.stderr
+    assert "Traceback" not in told.stderr
 
 
 # -- all of them -------------------------------------------------------------------------------------------------------

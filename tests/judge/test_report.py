@@ -9,7 +9,9 @@ import pytest
 from tactemu.errors import TactemuError
 from tactemu.judge import smallest
 from tactemu.judge.junit import junit
+from tactemu.judge.outcome import ABOUT, FAILING, Finding, Outcome
 from tactemu.judge.page import page
+from tactemu.judge.plan import Trial
 from tactemu.judge.report import Report
 from tactemu.judge.tape import Tape
 from tactemu.judge.verdicts import judged
@@ -83,6 +85,22 @@ def test_a_baseline_lets_only_what_is_new_fail(report, tmp_path):
 def test_what_does_not_come_again_does_not_fail(report):
     report.outcomes[1].confirmed = False
     assert not report.failed and "not again" in page(report)
+
+
+@pytest.mark.parametrize("kind", list(ABOUT))
+def test_each_kind_of_finding_that_may_fail_a_run_has_a_smallest_case(kind):
+    """Also those that fail none by default: with ``--fail-on all`` the case is looked for."""
+    trial = Trial("flipped", "why", ["flip frame 10 byte 3 bit 1", "flip frame 20 byte 4 bit 2"])
+    told = tape(hit=[110])
+    outcome = Outcome("flipped", findings=[Finding(kind, "so")])
+    case = smallest.find(trial, told, outcome, lambda alone: (told, outcome), "optoforce", ["d"], tuple(ABOUT))
+    assert case is not None and case["finding"] == kind and len(case["faults"]) == 1
+    if kind not in FAILING:
+        assert smallest.find(trial, told, outcome, lambda alone: (told, outcome), "optoforce", ["d"]) is None
+
+
+def test_trouble_is_named_once():
+    assert judged(Tape("clean", {}, trouble="died: it was killed")).verdict == "died: it was killed"
 
 
 def test_a_case_is_kept_and_told(tmp_path):
