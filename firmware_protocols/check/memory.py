@@ -89,7 +89,8 @@ def _walked(subject: Subject, reg: Reg) -> Iterator[str]:
     host, memory = _memory(subject)
     before = memory.numbers(reg, host.t_ns) if "r" in reg.access else None
     default = np.broadcast_to(np.asarray(reg.default, float), reg.count)
-    if reg.access == "rw" and reg.name not in host.device.options and not np.allclose(before or [], default):
+    delivered = reg.name in host.device.options or (reg.flash and host.device.options)  # as an option may have it
+    if reg.access == "rw" and not delivered and not np.allclose(before or [], default):
         yield f"reads {before} after power-up, declared default {reg.default}"
     if "w" not in reg.access:
         if _written(memory, reg, default, host.t_ns):

@@ -109,7 +109,10 @@ class Recording:
                 if kind == "driver":
                     found.events.append((message.log_time, name, _event(data)))
                 elif kind == "device":
-                    found.sent.append((message.log_time, name, data.decode() if encoding == "can" else data.hex()))
+                    frame = (
+                        text(parse(data.decode())) if encoding == "can" else data.hex()
+                    )  # flags as they are told now
+                    found.sent.append((message.log_time, name, frame))
                 else:
                     found.rows.append(Row(name, message.log_time, np.frombuffer(data, encoding)))
         return found
