@@ -3,7 +3,7 @@
     @pytest.mark.judge("ability_hand", driver="ability-hand", carrier="serial, PPP", every_run=True)
 
 ``driver`` is its distribution, in ``environment`` if it needs one of its own; devices, driver and environment may be
-names of the test's parameters. ``script`` is what it runs, where a test file has judges of many devices.
+names of the test's parameters.
 
 A run of all tests has the judges that stand for a carrier and framing (``every_run``), and those a change concerns:
 the device's file has changed, or one beside it that it imports, or the test and scripts that it names. Changed is what
@@ -44,7 +44,6 @@ class Judge:
     driver: str
     carrier: str
     environment: str = ""
-    script: str = ""
     every_run: bool = False
 
 
@@ -102,8 +101,6 @@ def files_of(device: str) -> frozenset[str]:
 def concerns(changed: frozenset[str], judge: Judge, test: Path) -> bool:
     """Whether a change is one for a judge in the file ``test``."""
     ours = frozenset[str]().union(*map(files_of, judge.devices))
-    if judge.script:
-        return not changed.isdisjoint(ours | {str((test.parent / judge.script).relative_to(ROOT))})
     scripts = {Path(path).name for path in changed if path.startswith("tests/drivers/")}
     named = any(f'"{name}"' in test.read_text() for name in scripts)
     return named or not changed.isdisjoint(ours | {str(test.relative_to(ROOT))})

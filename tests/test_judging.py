@@ -1,6 +1,5 @@
 """Which judges a run has, and that each test of one says what it is."""
 
-import dataclasses
 import subprocess
 from collections import Counter
 
@@ -16,12 +15,12 @@ JUDGE = judging.Judge(devices=("ability_hand",), driver="ability-hand", carrier=
 OF_THE_EMULATOR = {
     # what these judge is no device, but faults, time and plugs
     "test_baud_and_plug.py", "test_environments.py", "test_replayed.py",
-    "test_time_at_the_driver.py", "test_under_faults.py", "test_worked_examples.py",
+    "test_time_at_the_driver.py", "test_under_faults.py",
 }  # fmt: skip
 
 
 def test_judges_of_devices_are_marked():
-    files = [*(ROOT / "tests/drivers").glob("test_*.py"), *(ROOT / "tests/readers").glob("test_*.py")]
+    files = (ROOT / "tests/drivers").glob("test_*.py")
     unmarked = {path.name for path in files if "mark.judge(" not in path.read_text()}
     assert unmarked == OF_THE_EMULATOR, "mark its tests: pytest.mark.judge(device, driver=..., carrier=...)"
 
@@ -47,16 +46,6 @@ def test_one_judge_stands_for_a_carrier_and_twelve_for_all(request):
 def test_a_change_runs_the_judges_that_it_concerns(changed, run, monkeypatch):
     monkeypatch.setattr(judging, "changed_files", lambda: frozenset(changed))
     assert judging.is_run(JUDGE, TEST, "changed") == run
-
-
-@pytest.mark.parametrize(
-    ("path", "run"),
-    [("tests/readers/ability_hand.py", True), ("tests/readers/test_readers.py", False), ("tests/readers/b.py", False)],
-)
-def test_of_judges_in_one_file_those_run_whose_script_has_changed(path, run, monkeypatch):
-    monkeypatch.setattr(judging, "changed_files", lambda: frozenset([path]))
-    judge = dataclasses.replace(JUDGE, script="ability_hand.py")
-    assert judging.is_run(judge, ROOT / "tests/readers/test_readers.py", "changed") == run
 
 
 def test_a_device_has_the_files_that_it_imports():

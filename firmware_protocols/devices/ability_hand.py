@@ -150,7 +150,7 @@ class AbilityHand(Device):
         f"{API}python/ah_wrapper (ability-hand 0.2.2): ah_api.py, ah_parser.py, ppp_stuffing.py, serial_connection.py",
         f"{API}python/ah_examples/write_registers.py, send_misc_msg.py",
     )
-    judge = "psyonicinc/ability-hand-api@34c9a93 python; ability-hand 0.2.2"
+    judge = "psyonicinc/ability-hand-api@34c9a93, ability-hand 0.2.2"
     facts = (
         stated(
             "touch",

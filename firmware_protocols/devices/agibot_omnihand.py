@@ -325,7 +325,7 @@ class AgibotOmniHandO10(AgibotOmniHand):
         f"{O10}src/proto.h, src/implementation/c_agibot_hand_can/c_agibot_hand_can.cc, src/kinematics_solver",
         f"{O10}document/pic/tactile_sensor_array.jpg, document/en/API_CPP.md, python/example/demo_tactile_sensor.py",
     )
-    judge = "AgibotTech/Omnihand-2025-SDK@bcbccf4; own second reader"
+    judge = "AgibotTech/Omnihand-2025-SDK@bcbccf4"
     facts = _facts(
         f"all of {O10}src, document, python, node",
         stated("touch", "a count is a gram", f"{O10}python/example/demo_tactile_sensor.py:12"),
@@ -391,7 +391,7 @@ class AgibotOmniHandPro(AgibotOmniHand):
         Column(name="angle", low=0, high=359),
     )
     sources = (f"{PRO}src/proto.h, src/c_agibot_hand.cc, src/kinematics_solver, document/API_CPP.md",)
-    judge = "AgibotTech/OmniHand-Pro-2025@3c7048e; cantools, with a DBC of its frames; own second reader"
+    judge = "AgibotTech/OmniHand-Pro-2025@3c7048e"
     facts = _facts(
         f"all of {PRO}src, document, python, node",
         stated(

@@ -103,7 +103,7 @@ class AllegroV5Sense(Device[CanFrame]):
     sources = (
         "Wonikrobotics-git/allegro_hand_ros2_V5_Sense@db81588 AllegroHandDrv.cpp, candrv/socket_can.cpp, candef.h",
     )
-    judge = "allegro_hand_ros2_V5_Sense@db81588 AllegroHandDrv; cantools, with a DBC of its frames; own second reader"
+    judge = "Wonikrobotics-git/allegro_hand_ros2_V5_Sense@db81588"
     facts = (
         stated(
             "touch", "numbers of tips and palm, bytes times 4, FF invalid", "AllegroHandDrv.cpp _parseMessage, maps"

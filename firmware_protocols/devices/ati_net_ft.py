@@ -235,9 +235,7 @@ class AtiNetFt(Rdt):
         "LouKordos/ati-netft-cpp@73a6349 netft_sensor.hpp (TCP), gpldecha/netft_rdt_driver@115cf5a (RDT)",
         "rpiRobotics/rpi_ati_net_ft and gbartyzel/ros2_net_ft_driver (what they look for in the page)",
     )
-    judge = (
-        "pynetft 2.1.3, NetFT 2.0.1; LouKordos/ati-netft-cpp@73a6349 and gpldecha/netft_rdt_driver@115cf5a (recordings)"
-    )
+    judge = "pynetft 2.1.3, NetFT 2.0.1, LouKordos/ati-netft-cpp@73a6349, gpldecha/netft_rdt_driver@115cf5a"
     facts = (
         stated("touch", "counts over counts per unit are N and Nm; over TCP also times the axis's scale",
                f"{AXIA} 10.5, netft_sensor.hpp:203"),
@@ -379,10 +377,7 @@ class OnrobotHex(Rdt):
         "jsbyysheng/onrobot_hex_ft_sensor@b8ae330 example/highspeed_udp.c, example/tcp.c, src/etherdaq_driver.cpp",
         "Fiiila/Optoforce_ethernet_client@ffaab55 UDP_client.py, TCP_client.py",
     )
-    judge = (
-        "Fiiila/Optoforce_ethernet_client@ffaab55, jsbyysheng/onrobot_hex_ft_sensor@b8ae330 (its C examples and ROS "
-        "driver; recordings); NetFT 2.0.1, which is made for ATI's"
-    )
+    judge = "Fiiila/Optoforce_ethernet_client@ffaab55, jsbyysheng/onrobot_hex_ft_sensor@b8ae330, NetFT 2.0.1"
     facts = (
         stated("touch", "10 000 counts per N, 100 000 per Nm; over TCP counts times scale over counts per unit",
                f"{HEX_MANUAL} 8.3, 9.1.2"),

@@ -116,7 +116,8 @@ class AtiNetcanoem(Device[CanFrame]):
         "a candump of a course's README, January 2021 (16 frames; which repository is not known)",
     )
     judge = (
-        "griloHBG/ati-netcanoem-cpp@8967bbd; tri_hardware_drivers@02d4579; lapo5/ROS2-HAL-ATI-Mini45@c352310; cantools"
+        "griloHBG/ati-netcanoem-cpp@8967bbd, ToyotaResearchInstitute/tri_hardware_drivers@02d4579, "
+        "lapo5/ROS2-HAL-ATI-Mini45@c352310"
     )
     facts = (
         stated("touch", "gauges 0 2 4 and 1 3 5, signed; a row is asked by its number", "manual, table 4.2"),

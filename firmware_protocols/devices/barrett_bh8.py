@@ -114,7 +114,9 @@ class BarrettBh8(Device[CanFrame]):
         "personalrobotics/owd@126b940 openwam/CANbus.cc",
         "RobotnikAutomation/barrett_hand@4993a1f pyHand_api.py, puck_properties_consts.py, BHandGUI.ui",
     )
-    judge = "libbarrett@109faf6; owd@126b940; Robotnik pyHand@4993a1f; cantools, with a DBC of its frames"
+    judge = (
+        "BarrettTechnology/libbarrett@109faf6, personalrobotics/owd@126b940, RobotnikAutomation/barrett_hand@4993a1f"
+    )
     facts = (
         stated(
             "touch", "a value of all cells is 1/256 N/cm2, one of the ten highest 1 N/cm2", "owd CANbus.cc:2450-2500"

@@ -48,7 +48,7 @@ class BielefeldGlove(Device):
         f"{SOURCE} linux/libio/SerialInput.cpp l.115-157; linux/console/main.cpp",
         f"{SOURCE} firmware/PIC18 tactGlove_main.c ProcessIO, usb_descriptors.c",
     )
-    judge = f"{SOURCE} linux/libio SerialInput"
+    judge = SOURCE
     facts = (
         stated(
             "identity", "USB 04D8:000A, the text of Microchip's example, no serial number", f"{PIC} l.174-179, 262-278"

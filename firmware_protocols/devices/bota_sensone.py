@@ -77,7 +77,7 @@ class BotaSensone(Device):
         "tud-phi/bota_ft_sensors@4b98f94 python/senseone.py, python/bota_serial_example.py (the vendor's)",
         "bota-driver 1.1.16 (the vendor's library), as it speaks: LF, filter, offset, p?, status bits, restart",
     )
-    judge = "bota-driver 1.1.16, tud-phi/bota_ft_sensors@4b98f94 senseone.py (recordings); own second reader"
+    judge = "bota-driver 1.1.16, tud-phi/bota_ft_sensors@4b98f94"
     facts = (
         stated("touch", "forces, torques and temperature as floats, N, Nm and degrees",
                "tud-phi/bota_ft_sensors@4b98f94 python/senseone.py:170-180; bota-driver 1.1.16, as it shows them"),

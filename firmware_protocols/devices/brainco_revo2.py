@@ -177,7 +177,7 @@ class Revo2(Device[Any]):
         f"{EXAMPLES}common_socketcan.py, revo2, revo2_canfd",
         "serial numbers in public logs: BCXTL2313J2500008, BCXTR2124J2600024",
     )
-    judge = "bc-stark-sdk 2.0.8 by the examples of BrainCoTech/stark-serialport-example@b27b922"
+    judge = "bc-stark-sdk 2.0.8"
     facts = (
         stated(
             "touch", "order and size of all values", "bc-stark-sdk 2.0.8 main_mod.pyi TouchFingerItem, RegAddrRevo2"
@@ -399,7 +399,6 @@ class BraincoRevo2CanFd(Revo2):
 
     name = "brainco_revo2_canfd"
     title = "BrainCo Revo2 Touch hand on CAN-FD"
-    judge = f"{Revo2.judge}; own second reader"
 
     def _plug(self) -> None:
         self.ports = (Can(data_bitrate=5_000_000, hears=((self.unit << 16, 0x1FFF0000),)),)

@@ -148,7 +148,7 @@ class BraincoRevo3(Device):
         f"{SDK}docs/device/REVO3_TOUCH_API.md, REVO3_MOTOR_API.md (registers)",
         "bc-revo3-sdk 2.3.2 and 1.5.1: what they read and write (identity, points per module, regions, packing)",
     )
-    judge = "bc-revo3-sdk 2.3.2; bc-revo3-sdk 1.5.1 by the examples of BrainCoTech/brainco-revo3-sdk@7ba96eb"
+    judge = "bc-revo3-sdk 2.3.2, bc-revo3-sdk 1.5.1"
     facts = (
         stated("touch", "registers, points of each module, units of force", f"{SDK}docs/device/REVO3_TOUCH_API.md"),
         assumed(

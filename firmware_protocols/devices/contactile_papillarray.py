@@ -116,7 +116,7 @@ class ContactilePapillArray(Device):
         "m-rosette/contactile_gripper_ros2@146709d papillarray_ros2_v2: the vendor's library and its headers (sense of "
         "offsets, entry of kind 0, commands, slip), launch/papillarray.launch.py",
     )
-    judge = "libPTSDK.a of m-rosette/contactile_gripper_ros2@146709d (recording); own second reader"
+    judge = "m-rosette/contactile_gripper_ros2@146709d (Contactile's libPTSDK.a)"
     facts = (
         stated("touch", "N, mm and N mm, all along X, Y, Z of the sensor", f"{LIBRARY} lib/PTSDKSensor.h:78-150"),
         stated("touch", "3 x 3 pillars, 7 mm apart; ranges 4 N and 15 N, 1 mm and 2.5 mm", "PTS_2.1_SPEC_JAN25"),

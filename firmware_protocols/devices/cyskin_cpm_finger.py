@@ -59,7 +59,7 @@ class CyskinCpmFinger(Device[CanFrame]):
         "wngfra/fingerSense@a3e6926 tactile_sensor_driver.cc",
         "wngfra/FabricSlide@eceb771 data (recordings: scan period, range)",
     )
-    judge = "wngfra/fingerSense@a3e6926 tactile_sensor_driver; cantools, with a DBC of its frames; own second reader"
+    judge = "wngfra/fingerSense@a3e6926"
     facts = (
         stated(
             "touch", "identifiers, order of frames and taxels, low byte first", f"{_DRIVER}:35, 51-107; can2wifi2ros"

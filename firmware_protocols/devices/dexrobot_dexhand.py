@@ -96,7 +96,7 @@ class DexrobotDexHand(Device[CanFrame]):
         f"{PYZLG}dexhand_interface.py, zcan_wrapper.py, dexhand_protocol/*.py, ../config/config.yaml",
         f"{CPP}include/Protocols.h, libs/libdexhand_sdk_cpp.so",
     )
-    judge = "pyzlg_dexhand@316575a; dexhand021_linux_sdk_cpp@185f7c8; cantools, with a DBC of its frames"
+    judge = "DexRobot/pyzlg_dexhand@316575a, DexRobot/dexhand021_linux_sdk_cpp@185f7c8"
     facts = (
         stated(
             "touch", "boards are thumb, palm, index, middle, ring, little", f"{PYZLG}dexhand_interface.py:99 finger_map"

@@ -88,7 +88,7 @@ class DfrobotTactile(Device):
         f"{DRIVER} python/raspberrypi, src (the vendor's own)",
         "Modbus application protocol V1.1b3; Modbus over serial line V1.02",
     )
-    judge = f"{DRIVER} python/raspberrypi"
+    judge = DRIVER
     facts = (
         stated("touch", "a value in a register, rows from the bottom", f"{PYTHON}:131-150"),
         stated("touch", "0: 4 rows of 8, 1: 6 rows of 6", f"{PYTHON}:91-116"),

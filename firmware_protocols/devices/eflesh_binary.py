@@ -72,7 +72,7 @@ class EfleshBinary(Device):
         f"{SOURCE} the .ino; docs/2026-08-20-hardware-layout.md",
         f"{SOURCE} eflesh_calib/eflesh_calib/skin_stream.py; eflesh-upper/logger.py",
     )
-    judge = f"{SOURCE} skin_stream.py, logger.py"
+    judge = SOURCE
     facts = (
         stated("identity", "a CP2102, 10C4:EA60; /dev/ttyUSB0", f"{SOURCE} eflash_binary.ino l.9-10; logger.py l.19"),
         stated(

@@ -252,7 +252,7 @@ class FeetechSts3215(Device):
         "the vendor's memory table for STS servos, as public wikis copy it; huggingface/lerobot pull 3373",
         "ftservo/ftservo-wiki@9522ce1 official-specs.json (speeds)",
     )
-    judge = "feetech-servo-sdk 1.0.0, lerobot 0.4.4 (its motor bus)"
+    judge = "feetech-servo-sdk 1.0.0, lerobot 0.4.4"
     facts = (
         assumed("touch", "full torque 2.94 Nm; load is what the motor does against an outside load", _READ),
         stated("identity", "model 777; firmwares of all servos agree", "lerobot 0.4.4 motors/feetech/tables.py, "

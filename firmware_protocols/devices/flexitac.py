@@ -47,7 +47,7 @@ class FlexiTac(Device):
         "flexitac 0.3.1 sensor.py l.16-38, 82-112, 156-196",
         f"{HARDWARE} 32_16_fast.ino (16 x 32)",
     )
-    judge = "flexitac 0.3.1"
+    judge = "flexitac 0.3.1, FlexiTac/FlexiTac_Hardware_Repo@9cf98bf"
     facts = (
         stated(
             "identity", "its port is a /dev/ttyUSB0 (an Arduino Nano is flashed)", "flexitac 0.3.1 sensor.py; flash.py"
@@ -98,7 +98,7 @@ class ViTac3d(FlexiTac):
         f"{VITAC} arduino_code/MatrixArray.ino loop()",
         f"{VITAC} python/multi_thread_contact.py",
     )
-    judge = f"{VITAC} python/multi_thread_contact.py"
+    judge = VITAC
     facts = (
         stated("identity", "its port is /dev/ttyUSB0", f"{VITAC} python/multi_thread_contact.py l.92"),
         stated("touch", "8 bits of 10, a space behind each number", f"{VITAC} MatrixArray.ino l.83-99"),

@@ -112,7 +112,7 @@ class GHand5(Device):
     )  # fmt: skip
     evidence = ("driver",)
     sources = (f"{_SDK} (the vendor's own)",)
-    judge = f"{_SDK}; pymodbus 3.11 and modbus_tk 1.1.5, which know no hand; own second reader"
+    judge = _SDK
     facts = (
         stated("touch", "resultants and taxels are 0.1 N", f"{_SDK} src/ghand/comm/ethercat_protocol.py:157"),
         stated("touch", "taxels of each finger", f"{_SDK} config/ghand5.json:25 (introduction.rst: 52)"),

@@ -318,7 +318,7 @@ class IcubSkin(Device[CanFrame]):
         "icub-main app/skinGui conf (triangle_10pad)",
         "clear-nus/icub_grasp_dataset@87dceeca (recordings of a hand: `pattern`)",
     )
-    judge = "icub-main@24c1a00 CanBusSkin, SkinConfigReader; candump, canbusload (can-utils); own second reader"
+    judge = "robotology/icub-main@24c1a00"
     facts = (
         stated("touch", "compensation, ends, range, order of an ergoCub hand, test mode", f"{_SKIN}:70-110, 330-520"),
         stated(

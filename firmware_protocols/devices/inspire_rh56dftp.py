@@ -144,10 +144,7 @@ class InspireRh56dftp(Device):
         "Modbus application protocol V1.1b3; Modbus over serial line V1.02",
         "correlllab/rh56_controller@e4ef2568 experiment_data (recordings of force stops)",
     )
-    judge = (
-        "plusml-rh56dftp 0.1.7 and inspire-rh56dftp 0.1.0 (TCP), pymodbus 3.11 and modbus_tk 1.1.5 (RTU), "
-        "pyrh56 0.4.0 (native)"
-    )
+    judge = "plusml-rh56dftp 0.1.7, inspire-rh56dftp 0.1.0, pyrh56 0.4.0, pymodbus 3.11.3, modbus_tk 1.1.5"
     facts = (
         stated("touch", "matrices, their sizes and addresses; 0..4096",
                "inspire-rh56dftp 0.1.0 registers.py:28, plusml-rh56dftp 0.1.7 ftp_registers.py"),

@@ -244,6 +244,7 @@ Shown = Annotated[Literal["present", "set"], Option("what speeds and torques ans
 READ = "linkerhand-python-sdk@b371361 and -ros2-sdk@bba0b9d core/can, doc; linkerbot 0.5.4 hand; the vendor's table"
 """Files that were read whole for what is assumed."""
 ROS2, PYTHON = "linkerhand-ros2-sdk@bba0b9d", "linkerhand-python-sdk@b371361"
+SDKS = f"linkerbot 0.5.4, linker-bot/{PYTHON}, linker-bot/linkerhand-cpp-sdk@a0100cf"
 L21_TOPIC = f"{ROS2} doc/Topic-Reference.md:140, what an L21 published"
 FACTS = (
     stated("touch", "raw 0..255, more under more force", f"{TABLE} G70"),
@@ -333,7 +334,7 @@ class LinkerHand(Device[CanFrame]):
     sources = SOURCES
     facts = (*FACTS, *OLDER_FACTS, *MOTOR_FACTS)
     kind = "hand"
-    judge = "linkerbot 0.5.4; linkerhand-python-sdk@b371361, -ros2-sdk@bba0b9d, -cpp-sdk@a0100cf"
+    judge = f"{SDKS}, linker-bot/{ROS2}"
     model: ClassVar[str]
     sensor: ClassVar[str] = "12x6"
     """Key of its own touch sensor."""
@@ -635,7 +636,6 @@ class LinkerHandL10(LinkerHand):
     name = "linker_hand_l10"
     title = "LinkerHand L10, 5 fingertips 12x6"
     model = "L10"
-    judge = LinkerHand.judge + "; linkerbot as an L20 Lite, which has the same ten joints"
     palms = {}
     has_motors = False
     facts = (
@@ -696,6 +696,7 @@ class LinkerHandL25(TableHand):
 
     name = "linker_hand_l25"
     title = "LinkerHand L25, 5 fingertips 12x6"
+    judge = SDKS
     model = "L25"
     facts = (*FACTS, *TABLE_FACTS, *L25_FACTS)
     zero_asks = True
@@ -734,6 +735,7 @@ class LinkerHandL20(LinkerHand):
 
     name = "linker_hand_l20"
     title = "LinkerHand L20, 5 fingertips 12x6"
+    judge = SDKS
     model = "L20"
     facts = (*FACTS, *L20_FACTS, *TABLE_FACTS)
     degrees_of_freedom = 0

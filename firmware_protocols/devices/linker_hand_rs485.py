@@ -72,7 +72,7 @@ class LinkerHandL10Rs485(Device):
         "linker-bot/linkerhand-python-sdk@b371361 LinkerHand/linker_hand_api.py l.22-24 (units)",
         "Modbus application protocol V1.1b3; Modbus over serial line V1.02",
     )
-    judge = "linkerhand-python-sdk@b371361 (pymodbus 3.5.1)"
+    judge = "linker-bot/linkerhand-python-sdk@b371361"
     facts = (
         stated("touch", "70 selects, 8 ms, 96 numbers from 72 on, 82..153 are 12 rows of 6", f"{SDK_FILE}:110-170"),
         stated("touch", "low bytes", f"{SDK_FILE}:151"),

@@ -110,7 +110,7 @@ class OptoForce(Device):
         "alknemeyer/optoforce@88cfbf5 (optoforce 0.3.0) __init__.py, reading.py, status.py",
         "shadow-robot/optoforce@fe3c086 (an independent driver that agrees), issue 31 (326 captured bytes, 6 axes)",
     )
-    judge = "optoforce 0.3.0, shadow-robot/optoforce@fe3c086 (recordings)"
+    judge = "optoforce 0.3.0, shadow-robot/optoforce@fe3c086"
     facts = (
         stated("touch", "counts of each axis over a number of the sensor's sensitivity report are N",
                "optoforce 0.3.0 reading.py:4-6, shadow-robot/optoforce README.md (Quickstart), config/*.yaml"),

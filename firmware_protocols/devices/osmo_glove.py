@@ -72,7 +72,7 @@ class OsmoGlove(Device):
         f"{SOURCE} labs/glove2robot/utils/bowie.py; hardware/ros2 bowie_node.py, "
         "bowie_node_synced.py (sensors of link 1 alone)",
     )
-    judge = "jessicayin/osmo_tactile_glove@e0465b6 bowie.py, bowie_node.py, bowie_node_synced.py"
+    judge = SOURCE
     facts = (
         stated(
             "identity", "USB 2833:B015, Meta AI, BowieGlove, 123456789", f"{SOURCE} RTOS usb_descriptors.c l.33-104"

@@ -87,7 +87,7 @@ class PaxiniPx6ax(Px6axDevice):
         f"{TOOLKIT} paxkit/device/usb.py, transport.py",
         f"{ROS2} paxini_hardware/src/tactile_sensor.cpp, config/sensors.yaml; helper_scripts/UI_sensor.py",
     )
-    judge = "paxini-sdk 0.1.0, lerobot-robot-so101-paxini 0.1.0; fengjh97/paxini@e8e6bcc (read_status=0)"
+    judge = "paxini-sdk 0.1.0, lerobot-robot-so101-paxini 0.1.0, fengjh97/paxini@e8e6bcc"
     facts = (
         stated("identity", "USB 1A86:55D3", f"{TOOLKIT} paxkit/device/transport.py l.11 (seen on a real one)"),
         stated("identity", "the port's description holds CH343", "fengjh97/paxini@e8e6bcc paxini_sensor.py l.207"),

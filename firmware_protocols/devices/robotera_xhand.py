@@ -132,7 +132,7 @@ class RoboteraXhand(Device):
         f"{_SDK} include/communiation_interface.hpp, data_type.hpp, lib/libxhand_control.so 1.2.10 (the vendor's own)",
         "wanweiwei07/wrs@552ce47 wrs/robot_con/xhand/xhand_x.py, data_type.py",
     )
-    judge = f"RobotEra's libxhand_control.so 1.2.10 ({_SDK}); wanweiwei07/wrs@552ce47; own second reader"
+    judge = "yoimika/xhand_control_python@b61a82d (RobotEra's libxhand_control.so 1.2.10), wanweiwei07/wrs@552ce47"
     facts = (
         stated("touch", "x and y of a point are int8, z is uint8", f"{_SDK} include/data_type.hpp:62"),
         assumed("touch", "10 counts/N; the force of a tip is the sum over its points; thumb first", _READ),

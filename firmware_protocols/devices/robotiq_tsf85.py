@@ -95,7 +95,7 @@ class RobotiqTsf85(Device):
         f"{VENDOR} sensor_quickstart, sdk_cpp, firmware (the vendor's own)",
         "pyrobotiqtactile 0.1.2",
     )
-    judge = f"pyrobotiqtactile 0.1.2, {VENDOR} sensor_quickstart"
+    judge = f"pyrobotiqtactile 0.1.2, {VENDOR}"
     facts = (
         stated("touch", "fields, their types, big-endian", f"{PROTOCOL}:172-250"),
         stated("touch", "7 rows of 4, row-major, first at the top left", f"{VENDOR} sdk_cpp/README.md:132-143"),

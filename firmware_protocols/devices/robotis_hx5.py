@@ -356,7 +356,7 @@ class RobotisHx5(Device):
         "howon720/robotis_hand_hx5_d20@00b3a75 tactile_sensor.cpp (order of the cells)",
         "dynamixel-sdk 4.1.0 protocol2_packet_handler.py",
     )
-    judge = "dynamixel_hardware_interface@db2b903 with robotis_hand@d59e479; dynamixel-sdk 4.1.0"
+    judge = "ROBOTIS-GIT/dynamixel_hardware_interface@db2b903, dynamixel-sdk 4.1.0"
     facts = (
         stated("touch", "nine raw bytes of each fingertip", f"{DHI}{MODELS_AT}/hx5_d20_r_synctable_1_device_5.model"),
         stated(

@@ -173,10 +173,7 @@ class RoHand(Device):
         f"{_FIRMWARE} protocol/OHandModBusRTUProtocol_EN.md (first generation: registers, defaults, line, exceptions)",
         "unienv-rohand 0.0.1a2 roh_registers_v1.py, rohand.py (1085..1174, units, angles open and closed)",
     )
-    judge = (
-        f"force_chart.py, loop_test.py ({_DEMOS}); unienv-rohand 0.0.1a2 (forces of fingers); "
-        "pymodbus 3.11 and modbus_tk 1.1.5; own second reader"
-    )
+    judge = "oymotion/roh_gen2_demos@026e86b, unienv-rohand 0.0.1a2"
     facts = (
         stated("touch", "dots, parts, bytes of each generation's touch", f"{_DEMOS} force_chart.py:120"),
         stated("touch", "forces of fingers are mN (first generation)", f"{_DOC}:242"),

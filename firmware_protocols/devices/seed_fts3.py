@@ -63,10 +63,7 @@ class SeedFts3(Device):
         "seedrobotics/SensorTools@a4b7613 README, SensorTool.py",
         "seedrobotics/ros2_sensor_pkg@a920d6c script/read_publish_sensor_node.py; seedrobotics/ros_fts README",
     )
-    judge = (
-        "seedrobotics/SensorTools@a4b7613 SensorTool.py, seedrobotics/ros2_sensor_pkg@a920d6c (recordings); own second "
-        "reader"
-    )
+    judge = "seedrobotics/SensorTools@a4b7613, seedrobotics/ros2_sensor_pkg@a920d6c"
     facts = (
         stated("touch", "whole numbers in mN, up to 3 kg; counts by a command that is not spoken here",
                "kb.seedrobotics.com fts3_pressuresensor; ros_fts README.md:63"),

@@ -35,7 +35,7 @@ class SunFingertip(Device):
     rate_hz = 500.0
     evidence = ("driver",)
     sources = ("marcocostanzo/tactile_sensor_ros@149032e",)
-    judge = "marcocostanzo/tactile_sensor_ros@149032e read_tactile_serial_node (recording); own second reader"
+    judge = "marcocostanzo/tactile_sensor_ros@149032e"
     facts = (
         stated("touch", "25 values of 12 bits, low byte first, x * 3.3 / 4096 V; rows, columns: parameters",
                f"{DRIVER} src/read_tactile_serial_node.cpp:115-121"),

@@ -101,7 +101,7 @@ class UnitreeDex3(Device):
         "unitree_sdk2@21d0a3b example/g1/dex3/g1_dex3_example.cpp (mode byte, stops, nine pads, topics)",
         "vendor page 'Dexterous Hand' (six places of 3 x 4, 33 cells, mode byte, values, order of the motors)",
     )
-    judge = "unitree-sdk2py-dimos 1.0.3 with cyclonedds 11.0.1 (recording)"
+    judge = "unitree-sdk2py-dimos 1.0.3"
     facts = (
         stated("touch", "100000 and more is a value, 30000 none; nine pads of twelve", "vendor page 'Dexterous Hand'; "
                "unitree_sdk2@21d0a3b g1_dex3_example.cpp:42"),

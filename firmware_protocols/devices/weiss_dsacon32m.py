@@ -169,7 +169,7 @@ class WeissDsacon32m(Device):
     rollovers = (Rollover(name="time", bits=32, step=1000, clock=True),)
     evidence = ("driver",)
     sources = (f"{SDH}dsa.cpp, dsa.h, crc.h, crc.cpp (the vendor's own)", f"{RECORDINGS} (gain, threshold, period)")
-    judge = "ipab-slmc/SDHLibrary-CPP@0217d4e cDSA"
+    judge = "ipab-slmc/SDHLibrary-CPP@0217d4e"
     facts = (
         stated("touch", "texels row by row, matrix by matrix", f"{SDH}dsa.cpp:488, 973"),
         stated("touch", "matrix = 2 finger + part, proximal before distal", f"{SDH}dsa.h:644"),

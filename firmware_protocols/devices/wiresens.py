@@ -65,7 +65,7 @@ class Wiresens(Device):
     rate_hz = 30.0
     evidence = ("firmware", "driver")
     sources = (f"{CPP} (the board's firmware)", f"{PYTHON} GenericReceiver.py, Sensor.py, utils.py")
-    judge = f"{PYTHON} programSensor, SerialReceiver"
+    judge = PYTHON
     facts = (
         stated("touch", "row by row: y is the ground wire, x the read wire", f"{CPP}:566-640"),
         stated(

@@ -61,10 +61,7 @@ class XelaServer(Device):
         "mcsix/xela_server_ros2@3a890cf scripts/xela_service and its readme (keys, hexadecimal counts, an example)",
         "mcsix/xela_server_ros@a115511; penn-figueroa-lab/xela_setup@34d1dc1 example.py (4 rows of 6, calibrated)",
     )
-    judge = (
-        "mcsix/xela_server_ros2@3a890cf scripts/xela_service, penn-figueroa-lab/xela_setup@34d1dc1 example.py "
-        "(recordings); websocket-client 1.9.2, which knows messages"
-    )
+    judge = "mcsix/xela_server_ros2@3a890cf, penn-figueroa-lab/xela_setup@34d1dc1, websocket-client 1.9.2"
     facts = (
         stated("touch", "X,Y,Z of each taxel, from the top left, line by line; whole numbers 0..65535",
                "mcsix/xela_server_ros2@3a890cf readme.md (Components), msg/Taxel.msg"),

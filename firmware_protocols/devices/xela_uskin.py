@@ -86,7 +86,7 @@ class XelaUskin(Device[CanFrame]):
         "ARQ-CRISP/uskin_can_drivers@081807b convertCanIDtoIndex (ids 'grid', 4x6 product)",
         "mcsix/xela_models@4cc8e17; xela_sensor_node.py (pitch)",
     )
-    judge = "o2as/ur-o2as@97adced XelaSensor; cantools, with a DBC of its frames; own second reader"
+    judge = "o2as/ur-o2as@97adced"
     facts = (
         stated("touch", "a frame for a taxel, three numbers, high byte first, ids 710 on", "xela_sensor.py:37-52"),
         stated("touch", "4.7 mm from taxel to taxel", "ur-o2as xela_sensor_node.py taxel_area"),
@@ -160,7 +160,7 @@ class XelaUskin4x6(XelaUskin):
     name = "xela_uskin_4x6"
     title = "XELA uSkin 4x6"
     rows, cols = 4, 6
-    judge = "ARQ-CRISP/uskin_can_drivers@081807b UskinSensor; own second reader"
+    judge = "ARQ-CRISP/uskin_can_drivers@081807b"
     facts = (
         stated(
             "touch", "ids by row and column, column by column; 135 ends a sample", f"{_ARQ} uskinCanDriver.cpp:133-150"

@@ -1,5 +1,6 @@
 """What unmodified drivers sent comes again, and every byte and value that they got."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import firmware_protocols as fp
 from tests.clients.recording import MAX_BYTES, Recording, Row, recordings
 from tests.clients.replay import differences, replay
 
@@ -40,6 +42,17 @@ def test_nothing_that_a_sound_driver_sends_is_left_over(path: Path):
     about = Recording.load(path).about
     counted = {name for each in about["counters"].values() for name, count in each.items() if count}
     assert counted - {"requests"} == set(about.get("expected_counters", {}))
+
+
+@pytest.mark.parametrize("path", PATHS, ids=lambda path: path.stem)
+def test_the_device_names_the_drivers_that_have_read_it(path: Path):
+    about = Recording.load(path).about
+    named = fp.create(about["device"]).judge
+    if commit := about.get("commit"):
+        assert f"{about['repository'].split()[0]}@{commit}" in named
+    else:
+        packages = [name for name, version in re.findall(r"(\S+) ([\d.]+\w*)", named) if version == about["version"]]
+        assert any(about["driver"].startswith(name) for name in packages), f"{about['driver']} {about['version']}"
 
 
 def test_the_pages_say_what_devices_and_recordings_say():

@@ -8,12 +8,10 @@ import sys
 from collections import defaultdict
 
 import firmware_protocols as fp
+from tests.clients.recording import FOLDER as FOLDER_OF_RECORDINGS
 from tests.judging import ROOT
 
 FOLDER = ROOT / "build" / "judges"
-UNREAD = ("none", "own second reader")
-"""How the ``judge`` of a device begins that no driver reads."""
-
 TRIES = 2
 """Of a judge that fails: drivers have time-outs, and a machine may be busy."""
 
@@ -31,7 +29,7 @@ def run(names: list[str]) -> tuple[list[Verdict], int]:
     parts = [[*pytest, "judge and not vcan"], [*can, *pytest, "judge and vcan"]]
     statuses, verdicts = [], {}
     for part in parts:
-        tests = ["tests/drivers", "tests/readers"]
+        tests = ["tests/drivers"]
         for _ in range(TRIES):
             status = subprocess.run([*part, *tests], check=False, cwd=ROOT).returncode
             lines = file.read_text().splitlines() if file.exists() else []
@@ -57,10 +55,14 @@ def rows(verdicts: list[Verdict], names: list[str]) -> list[tuple[str, str, str,
             outcomes = [verdict["outcome"] for verdict in found[key]]
             fewest = min((v["readings"] for v in found[key] if v["readings"]), default=0)
             lines.append((*key, readings(fewest), result(outcomes, fewest)))
-        judge = fp.create(name).judge
         if not of_it:
-            lines.append((name, judge, "", "", "not read" if judge.startswith(UNREAD) else "NO TEST"))
+            lines.append((name, fp.create(name).judge, "", "", without_test(name)))
     return lines
+
+
+def without_test(name: str) -> str:
+    """Of a device that no packaged driver reads: its recordings are tests of every run (``tests/clients``)."""
+    return "recorded" if any(FOLDER_OF_RECORDINGS.glob(f"{name}-*.mcap")) else "not read"
 
 
 def readings(count: int) -> str:

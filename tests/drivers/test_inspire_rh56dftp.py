@@ -53,22 +53,6 @@ def test_inspire_rh56dftp_over_tcp(unit, id_error):
     assert got["moved"] and got["angles"] == [0, 200, 400, 600, 800, 1000]
 
 
-@pytest.mark.judge("inspire_rh56dftp", driver="pymodbus", carrier="RS-485, Modbus")
-def test_pymodbus_rtu():
-    with Rig(hand(), peak=4.5) as rig:
-        got = run_driver("pymodbus", "pymodbus_read.py", rig.port)
-    assert_consecutive(got["many"], rig.truth, decode=lambda counts: counts[PALM])
-    assert got["refused"] == 1 and got["silent"]
-
-
-@pytest.mark.judge("inspire_rh56dftp", driver="modbus_tk", carrier="RS-485, Modbus")
-def test_modbus_tk_rtu():
-    with Rig(hand(), peak=4.5) as rig:
-        got = run_driver("modbus_tk", "modbus_tk_read.py", rig.port)
-    assert_consecutive(got["many"], rig.truth, decode=lambda counts: counts[INDEX_TOP])
-    assert got["refused"] == 2
-
-
 @pytest.mark.judge("inspire_rh56dftp", driver="pyrh56", carrier="RS-485, EB 90", every_run=True)
 def test_pyrh56_native(tmp_path):
     """Byte registers come in order, whatever half of a Modbus register the first would be in."""

@@ -86,22 +86,24 @@ RTU = "RS-485, Modbus"
 
 
 @pytest.mark.parametrize(
-    ("package", "where"),
+    ("package", "where", "refused"),
     [
         pytest.param(
             "pymodbus",
             PALM,
+            1,
             marks=pytest.mark.judge("inspire_rh56dftp", driver="pymodbus", carrier=RTU, every_run=True),
         ),
         pytest.param(
-            "modbus_tk", INDEX_TOP, marks=pytest.mark.judge("inspire_rh56dftp", driver="modbus_tk", carrier=RTU)
+            "modbus_tk", INDEX_TOP, 2, marks=pytest.mark.judge("inspire_rh56dftp", driver="modbus_tk", carrier=RTU)
         ),
     ],
 )
-def test_modbus_rtu(serve, package, where):
+def test_modbus_rtu(serve, package, where, refused):
     with serve("inspire_rh56dftp", noise=0.5) as dev:
         got = run_driver(package, f"{package}_read.py", dev.port)
     assert_consecutive(got["many"], counts_of(dev), decode=lambda counts: counts[where])
+    assert got["refused"] == refused and got.get("silent", True)
 
 
 @pytest.mark.judge("flexitac", driver="flexitac", carrier="serial, marker", every_run=True)

@@ -28,7 +28,7 @@ def test_crcs_have_the_catalogue_s_check_values(name, value):
 
 
 def test_the_crc_of_no_catalogue():
-    assert SUMS["crc16_weiss"].function(CHECK) == 0x6EB4, "by tests/readers/weiss_dsacon32m.py"
+    assert SUMS["crc16_weiss"].function(CHECK) == 0x6EB4, "as SDHLibrary-CPP computes it"
 
 
 def test_plain_sums():
