@@ -136,6 +136,11 @@ class PacedClock(VirtualClock):
         super().__init__(start_ns)
         self._origin = time.monotonic_ns() - start_ns
 
+    @property
+    def end_ns(self) -> int:
+        """Now: what comes next is not known, so nothing is computed ahead of it."""
+        return self._now
+
     def start(self) -> None:
         """Keep pace from now on."""
         self._origin = time.monotonic_ns() - self._now
