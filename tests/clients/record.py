@@ -36,7 +36,7 @@ from tactemu.exec.environment import exec_environment
 from tactemu.scene.default import tables_for
 from tactemu.serving import Served, serve
 from tests.clients.recording import FOLDER, Recording, Row, equals, mapped
-from tests.clients.replay import differences, ports_of, replay, tap
+from tests.clients.replay import OF_THE_WIRE, differences, ports_of, replay, tap
 
 NEEDED = ("device", "driver", "repository", "licence", "language", "calls")
 KNOWN = {
@@ -45,7 +45,6 @@ KNOWN = {
 }  # fmt: skip
 HARMLESS = ("requests",)
 """Counters of a device that do not say that something was not understood."""
-OF_THE_WIRE = ("misheard", "overrun", "collision")
 LEAST_ROWS = 20
 
 

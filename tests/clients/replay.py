@@ -17,6 +17,8 @@ from tactemu.transports.transport import Closed, Event, LinesChanged, Opened, Se
 from tactemu.truth import Truth
 from tests.clients.recording import Recording, equals, mapped
 
+OF_THE_WIRE = ("misheard", "overrun", "collision")
+"""Counters of a wire that stand beside those of a device in a recording."""
 AFTER_NS = 50_000_000
 """How long the replay goes on after the last event."""
 
@@ -120,6 +122,12 @@ def differences(recorded: Recording, again: Recording, made: Assembled) -> list[
             found.append(
                 f"{name}: frame {at} of {len(before)} (now {len(now)}) was {was or 'none'}, is {new or 'none'}"
             )
+    for channel in made.emulator.channels:
+        now = {name: count for name, count in channel.device.counters.items() if count}
+        counted = recorded.about["counters"].get(channel.name, {})
+        was = {name: count for name, count in counted.items() if name not in OF_THE_WIRE}
+        if now != was:
+            found.append(f"{channel.name}: counted {was}, now {now}")
     samples = {(sample.sense, sample.number): sample for sample in made.emulator.truth.samples}
     wrong = 0
     for row in recorded.rows:
