@@ -25,11 +25,18 @@ if TYPE_CHECKING:
 FIRST_M, MOST_M = 20e-6, 5e-3
 """How deep a skin is pressed at a first touch, and at most [m]."""
 LEAST_N = 1e-6
-EXPONENT, LEAST, MOST = 2.0, 1.0, 5.0
+EXPONENT, LEAST, MOST, STEEPEST = 2.0, 1.0, 5.0, 500.0
 """Force goes with this power of the depth until it is known, and with no less and no more: of a flat face it is 1, of a
-ball on springs 2, of what comes to lie on ever more taxels even more."""
-KNOWN = 0.01
-"""Depths that differ by this share tell the power."""
+ball on springs 2, of what comes to lie on ever more taxels even more. What is so light that its taxels hardly touch is
+steeper by far, which can be told while MuJoCo's contact stands still."""
+KNOWN, KNOWN_STILL = 0.01, 1e-4
+"""Depths that differ by this share tell the power: in general, and of a contact that stands still."""
+STILL = 0.01
+"""A contact stands still while its force and its overlap change by less than this share."""
+ENOUGH = 2e-3
+"""A contact that stands still is left as it is once the skin feels its force within this share."""
+BOUND_STEPS = 8
+"""Steps for which a depth that was too small or too large bounds the next ones: taxels may roll meanwhile."""
 SLIDES = 0.95
 """Drag from this share of friction on is left to how MuJoCo's bodies slide."""
 STIFFEST, SOFTEST, TELLING = 1.0, 0.03, 0.01
@@ -88,6 +95,10 @@ class Pad:
         """Of MuJoCo's contacts, along their normals [N]."""
         self._exponent, self._before = EXPONENT, (0.0, 0.0)
         """Of force with depth, and depth and force at the step before, if they are known."""
+        self._still = (0.0, 0.0)
+        """Force and overlap of MuJoCo's contact since it stands still."""
+        self._bounds: list[tuple[float, float, int]] = []
+        """Depths tried since then, with the force that the skin felt there [m, N], and how many steps ago."""
         self._felt: float | None = None
         """As restored, of a step that was not computed here."""
         self._friction = 0.0
@@ -107,6 +118,7 @@ class Pad:
         """Nothing touches it."""
         self.depth, self.shift, self.force, self._felt = 0.0, np.zeros(3), 0.0, None
         self._exponent, self._before = EXPONENT, (0.0, 0.0)
+        self._still, self._bounds = (0.0, 0.0), []
         self.along, self._give, self._pulled = np.zeros(3), 0.0, (np.zeros(3), np.zeros(3))
 
     def press(self, contacts: Contacts, position: np.ndarray, turn: np.ndarray) -> None:
@@ -137,12 +149,15 @@ class Pad:
         inward = pulls.sum(axis=0)
         length = float(np.linalg.norm(inward))
         overlap = float(contacts.depths[which] @ contacts.forces[which]) / self.force
-        if felt > 0 and self.depth > 0:
+        self._bound(felt, overlap)
+        if self._bounds and abs(felt - self.force) <= ENOUGH * self.force:
+            depth = self.depth
+        elif felt > 0 and self.depth > 0:
             self._learn(felt)
-            self.depth *= float(np.clip((self.force / felt) ** (1 / self._exponent), 0.5, 2.0))
+            depth = self.depth * float(np.clip((self.force / felt) ** (1 / self._exponent), 0.5, 2.0))
         else:
-            self.depth = max(2 * self.depth, overlap, FIRST_M)
-        self.depth = min(self.depth, MOST_M)
+            depth = max(2 * self.depth, FIRST_M) if self._bounds else max(2 * self.depth, overlap, FIRST_M)
+        self.depth = min(self._between(depth), MOST_M)
         self.shift = inward / length * (self.depth - overlap) if length > 0.2 * self.force else np.zeros(3)
         if self._friction and felt > 0:
             drag = -(sides[:, None] * contacts.drags[which]).sum(axis=0)
@@ -166,12 +181,32 @@ class Pad:
         along *= min(1.0, most / (SOFTEST * stiff) / max(float(np.linalg.norm(along)), FIRST_M))
         self._pulled, self.along = (along - self.along, has), along
 
+    def _bound(self, felt: float, overlap: float) -> None:
+        """Remember the depth of this step while MuJoCo's contact stands still."""
+        force, deep = self._still
+        if abs(self.force - force) > STILL * force or abs(overlap - deep) > STILL * abs(deep):
+            self._still, self._bounds = (self.force, overlap), []
+        elif self.depth > 0:
+            kept = [(depth, had, steps + 1) for depth, had, steps in self._bounds if steps < BOUND_STEPS]
+            agree = [each for each in kept if (each[0] < self.depth) == (each[1] < felt) or each[1] == felt == 0]
+            self._bounds = [*agree, (self.depth, felt, 0)]
+
+    def _between(self, depth: float) -> float:
+        """A depth, or halfway between the nearest that were too small and too large, if it is not between them."""
+        low = max((tried for tried, felt, _ in self._bounds if felt < self.force), default=0.0)
+        high = min((tried for tried, felt, _ in self._bounds if felt > self.force), default=np.inf)
+        if depth == self.depth or low < depth < high or not low < high < np.inf:
+            return depth
+        return (low + high) / 2
+
     def _learn(self, felt: float) -> None:
         """How force goes with depth here, from this step and the one before."""
         depth, force = self._before
-        if depth > 0 and abs(self.depth / depth - 1) > KNOWN:
+        known, most = (KNOWN_STILL, STEEPEST) if self._bounds else (KNOWN, MOST)
+        if depth > 0 and abs(self.depth / depth - 1) > known:
             slope = np.log(felt / force) / np.log(self.depth / depth)
-            self._exponent = float(np.clip(slope, LEAST, MOST))
+            if slope >= LEAST or not self._bounds:  # a solver that has not converged yet is noise
+                self._exponent = float(np.clip(slope, LEAST, most))
         self._before = self.depth, felt
 
     def felt(self) -> float:
@@ -186,11 +221,16 @@ class Pad:
     def state(self) -> dict[str, Any]:
         """What the next step follows from."""
         numbers = {"depth": self.depth, "force": self.force, "felt": self.felt(), "exponent": self._exponent}
-        return numbers | {"shift": self.shift.copy(), "before": list(self._before)}
+        tried = {"before": list(self._before), "still": list(self._still), "bounds": [list(b) for b in self._bounds]}
+        along = {"along": self.along.copy(), "give": self._give, "pulled": np.array(self._pulled)}
+        return {**numbers, **tried, **along, "shift": self.shift.copy()}
 
     def take(self, state: dict[str, Any]) -> None:
         """Go on from a state."""
         self.depth, self.shift, self.force = float(state["depth"]), np.array(state["shift"]), float(state["force"])
         self._felt, self._exponent = float(state["felt"]), float(state["exponent"])
-        depth, force = state["before"]
-        self._before = float(depth), float(force)
+        self._before, self._still = tuple(map(float, state["before"])), tuple(map(float, state["still"]))
+        self._bounds = [(float(depth), float(felt), int(steps)) for depth, felt, steps in state["bounds"]]
+        self.along, self._give = np.array(state["along"]), float(state["give"])
+        moved, had = np.array(state["pulled"])
+        self._pulled = moved, had

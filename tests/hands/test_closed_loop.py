@@ -82,6 +82,37 @@ def test_what_a_pad_feels_is_mujocos_contact_force(thing, tmp_path):
     assert np.abs(total - (0, 0, weight)).max() < 0.05 * holding, "the grasp balances"
 
 
+LIGHT = """<mujoco><option timestep="{dt}"/><worldbody>
+<body name="pad"><geom name="plate" type="box" size=".03 .03 .005" pos="0 0 -.005"/></body>
+<body name="ball" pos="{place} .0151"><freejoint/><geom name="ball" type="sphere" size=".015" mass="{mass}"/></body>
+</worldbody></mujoco>"""
+
+
+def lying(folder, mass: float, dt: float = 1e-3, place: str = "0.002 0.001", model: str = "kinematic_taxel"):
+    """A ball on a flat skin; its emulator and its pad."""
+    (folder / "light.xml").write_text(LIGHT.format(dt=dt, place=place, mass=mass))
+    scene = folder / "light.toml"
+    engine = '[engine]\nkind = "mujoco"\nfile = "light.xml"\n'
+    scene.write_text(f'[scene]\ndt = {dt}\n{engine}[[skin]]\ndevice = "flexitac"\nmodel = "{model}"\nlink = "pad"\n')
+    emulator, _, engine = made(scene)
+    return emulator, *engine.pads.values()
+
+
+@pytest.mark.parametrize("place", ["0.002 0.001", "0 0", "0.0013 0.0004"])
+@pytest.mark.parametrize("mass", [1e-4, 5e-4, 2e-3, 1.0])
+def test_what_is_light_and_lies_still_reads_its_weight(mass, place, tmp_path):
+    """A limit cycle of up to 860 times the weight stood here."""
+    emulator, pad = lying(tmp_path, mass, place=place)
+    felt = []
+    with emulator:
+        emulator.run(0.3)
+        for _ in range(100):
+            emulator.run(1e-3)
+            felt.append(pad.felt())
+    np.testing.assert_allclose(felt, mass * 9.81, rtol=0.02)  # float32 poses of a nanometre are 1 % of 0.1 g
+    assert np.mean(felt) == pytest.approx(mass * 9.81, rel=0.01)
+
+
 def test_a_script_gives_the_same_bytes_in_lockstep_and_in_virtual_time(tmp_path):
     logs = []
     for clock in (VirtualClock(), LockstepClock()):
