@@ -92,8 +92,7 @@ MAP = RegisterMap(
     1612  u1 x 6      status         r                             0 opening, 1 closing, 2 there
     1618  u1 x 6      temperature    0..100  = 25  r               [deg C]
     1700  u1 x 4      ip             = 192, 168, 11, 210  flash    from the next power-up
-    2320  <u2         gesture
-    2322  <u2         run_gesture
+    2320  u1 x 4      gesture                                      number and run: two registers as written
     3000  <i2 x 1062  touch          r
     """,
     size=6000,

@@ -50,7 +50,7 @@ MESSAGE = Frame("""
     4     u1             length_check    crc8 of the length
     5     <u2            kind
     7     bytes          data
-    last  crc8 from 5    check
+    last  crc8 from 2    check           from 5 gives the same: up to there it is 0
 """)
 GENERAL = Frame("""
     general, the data of message 2; by channel
