@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,20 +22,49 @@ from tactemu.judge.excitation import columns_of
 ROLES = ("value", "flag", "counter", "time", "other")
 
 
-def _int16(x: np.ndarray) -> np.ndarray:
-    return np.rint(x).astype(np.int64).astype(np.int16)
+Transform = Callable[[np.ndarray], np.ndarray]
 
 
-TRANSFORMS = {
+def _whole(x: np.ndarray) -> np.ndarray:
+    return np.rint(x).astype(np.int64)
+
+
+def _swapped(kind: str, unit: str = "u1") -> Transform:
+    """Return a transform that reverses the order of the units (bytes, or words) of integers of a NumPy type."""
+
+    def swap(x: np.ndarray) -> np.ndarray:
+        values = _whole(x).astype(kind)
+        parts = np.ascontiguousarray(values).view(unit).reshape(*values.shape, -1)
+        return np.ascontiguousarray(parts[..., ::-1]).view(kind)[..., 0].astype(float)
+
+    return swap
+
+
+def _unsigned(bits: int) -> Transform:
+    return lambda x: (_whole(x) & (1 << bits) - 1).astype(float)
+
+
+def _signed(bits: int) -> Transform:
+    half = 1 << bits - 1
+    return lambda x: (((_whole(x) + half) & (1 << bits) - 1) - half).astype(float)
+
+
+TRANSFORMS: dict[str, Transform] = {
     "line": lambda x: x,
-    "int16 with its bytes swapped": lambda x: _int16(x).byteswap().astype(float),
-    "uint16 with its bytes swapped": lambda x: _int16(x).view(np.uint16).byteswap().astype(float),
-    "int16 read as unsigned": lambda x: _int16(x).view(np.uint16).astype(float),
-    "int8 read as unsigned": lambda x: np.rint(x).astype(np.int64).astype(np.uint8).astype(float),
+    **{f"{sign}int{bits} with its bytes swapped": _swapped(f"<{sign[:1] or 'i'}{bits // 8}")
+       for bits in (16, 32) for sign in ("", "u")},
+    "int32 with its words swapped": _swapped("<i4", "<u2"),
+    **{f"int{bits} read as unsigned": _unsigned(bits) for bits in (16, 8, 24, 32)},
+    **{f"uint{bits} read as signed": _signed(bits) for bits in (16, 8, 24, 32)},
+    **{f"its lowest {bits} bits alone": _unsigned(bits) for bits in (15, 14, 13, 12, 11, 10, 9, 7)},
     "absolute value": np.abs,
-}
+}  # fmt: skip
 """How a count becomes what the driver's line starts from. All but the first are mistakes, or might be."""
-MISTAKES = {name for name in TRANSFORMS if "swapped" in name or "unsigned" in name}
+TABLES = ("curve", "fold", "clipped")
+"""Ways to read a channel that are kept as a table of counts and values."""
+MISTAKES = {name for name in TRANSFORMS if name not in ("line", "absolute value")} | {"fold"}
+FLAT = 0.2
+"""Share of a channel's counts over which a right column may read the same; a coarse scale has steps of this size."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +89,7 @@ class Column:
     channel: int = -1
     """Of :attr:`Columns.channels`; of a mix the one that weighs most."""
     how: str = "line"
-    """A key of :data:`TRANSFORMS`, ``mix``, ``curve`` or ``filter``."""
+    """A key of :data:`TRANSFORMS`, an entry of :data:`TABLES`, ``mix`` or ``filter``."""
     gain: float = 1.0
     offset: float = 0.0
     tolerance: float = 0.0
@@ -70,7 +99,7 @@ class Column:
     weights: dict[str, float] = field(default_factory=dict)
     """Of a mix, by number of the channel."""
     table: list[list[float]] = field(default_factory=list)
-    """Of a curve: counts, and values."""
+    """Counts and values of a column whose :attr:`how` is in :data:`TABLES`."""
     share: float = 0.0
     """Of the clean rows that it is true of."""
     also: list[int] = field(default_factory=list)
@@ -82,7 +111,7 @@ class Column:
             at = np.array([int(k) for k in self.weights])
             return counts[:, at] @ np.array(list(self.weights.values())) + self.offset
         x = counts[:, self.channel]
-        if self.how == "curve":
+        if self.how in TABLES:
             known, values = np.array(self.table).T
             return np.interp(x, known, values)
         transform = TRANSFORMS.get(self.how, TRANSFORMS["line"])
@@ -94,12 +123,14 @@ class Column:
         Of a curve as far as its neighbours in the table, between which it must lie; beyond the table's ends three times
         as far as it goes on rising there.
         """
-        if self.how != "curve" or len(self.table) < 2:
+        if self.how not in ("curve", "fold") or len(self.table) < 2:
             return np.full(len(counts), self.tolerance)
         x = counts[:, self.channel]
         known, values = np.array(self.table).T
         high = np.clip(np.searchsorted(known, x), 1, len(known) - 1)
         step = np.abs(values[high] - values[high - 1])
+        if self.how == "fold":  # where it falls back lies somewhere between two entries
+            step = np.maximum(step, self.tolerance)
         beyond = np.maximum(0.0, np.maximum(known[0] - x, x - known[-1])) / (known[high] - known[high - 1])
         between = np.where(np.isin(x, known), 0.0, step)
         return self.tolerance + between + 3 * step * beyond
@@ -179,8 +210,11 @@ class Columns:
     def _how(self, column: Column) -> str:
         if column.how == "mix":
             return f"a sum of {len(column.weights)} channels"
-        if column.how == "curve":
-            return "by a curve that rises or falls"
+        if column.how in TABLES:
+            words = {"fold": "by a curve that rises and falls", "clipped": "clipped"}
+            flat = flat_part(column)
+            part = f", the same value over {flat:.0%} of the counts" if flat > FLAT or column.how == "clipped" else ""
+            return words.get(column.how, "by a curve that rises or falls") + part
         words = column.how + ", " if column.how in MISTAKES or column.how == "absolute value" else ""
         return f"{words}{self._scale(column)}{', filtered' if self.steps else ''}"
 
@@ -332,6 +366,28 @@ def misnamed(columns: Columns) -> list[str]:
         if axis and named and axis != named and column.how != "mix":
             said.append(f"column {column.name!r} holds the {axis} axis")
     return said
+
+
+def flat_part(column: Column) -> float:
+    """Return the share of a channel's counts over which a column read from a table reads one and the same value."""
+    if column.how not in TABLES or len(column.table) < 2:
+        return 0.0
+    known, values = np.array(column.table).T
+    same = np.abs(np.diff(values)) <= 1e-6 * np.ptp(values)
+    longest, length = 0.0, 0.0
+    for is_same, step in zip(same, np.diff(known)):
+        length = length + float(step) if is_same else 0.0
+        longest = max(longest, length)
+    return longest / float(np.ptp(known))
+
+
+def clipped(columns: Columns) -> list[str]:
+    """Return the columns that read the same value over a good part of their channel's counts, in words."""
+    return [
+        f"column {column.name!r} reads one value over {flat_part(column):.0%} of the counts that were sent"
+        for column in columns.values
+        if column.how == "clipped" or flat_part(column) > FLAT
+    ]
 
 
 def misscaled(columns: Columns) -> list[str]:

@@ -32,6 +32,12 @@ FILTERED = 3e-3
 """Of a column's span: so far a filter may be from where it goes when a sample was held."""
 _STILL = 4
 """Samples in a row that are equal when one was held."""
+_CLIPPED, _INNER = 0.02, 12
+"""A limit is one that so many rows stand at; and the rows between the limits that a line needs."""
+_LEVELS = 5
+"""A column of fewer values is not rounded but switched, and tells of no line."""
+_SMOOTH, _FALLS_BACK = 5, 0.05
+"""Rows whose median shows whether a curve is monotone, and the share of its span by which noise falls back."""
 _MIX = 24
 """Channels that a mix may consist of."""
 
@@ -91,6 +97,7 @@ class _Fitting:
         self.names, self.channels, self.steps = names, channels, steps
         self.sure = _SURE_OF_STEPS if steps else _SURE
         self.random = np.random.default_rng(seed)
+        self._kept: dict[tuple, np.ndarray] = {}
         self.t = np.array([said.t for said in rows])
         self.y = np.array([[said.row[name] for name in names] for said in rows])
         self.x = np.array([sample.counts for sample in samples]).reshape(len(samples), width)
@@ -142,16 +149,33 @@ class _Fitting:
     def _aligned(self) -> np.ndarray:
         """Of each row the number of its sample, as far as the delay is always the same; -1: before the first."""
         ry = _ranks(self.y[:, self.open[:16]])
+        score, lag = self._lag(ry, self.ranked)
+        if score < 0.5 * ry.shape[1]:
+            if (wandering := self._by_sequence()) is not None:
+                return wandering
+            if len(integer := self._integer(self.x)):  # perhaps every column is read wrong
+                tried = [
+                    self._lag(ry, _ranks(transform(self.x[:, integer])))
+                    for how, transform in TRANSFORMS.items()
+                    if how != "line"
+                ]
+                score, lag = max([(score, lag), *((each, at) for each, at in tried if each > 0.5 * ry.shape[1])])
+        return self.newest - lag
+
+    def _lag(self, ry: np.ndarray, ranked: np.ndarray) -> tuple[float, int]:
+        """Return how like the columns are to channels at the delay where they are most, and that delay."""
         scores = []
         for lag in range(min(_LAGS, max(1, len(self.x) - LEAST_ROWS))):
             index = self.newest - lag
             ok = index >= 0
-            like = np.abs(ry[ok].T @ self.ranked[index[ok]]) / max(1, ok.sum()) if ok.sum() >= LEAST_ROWS else 0.0
+            like = np.abs(ry[ok].T @ ranked[index[ok]]) / max(1, ok.sum()) if ok.sum() >= LEAST_ROWS else 0.0
             scores.append(float(np.sum(np.max(like, axis=1))) if np.ndim(like) else 0.0)
-        lag = int(np.argmax(scores))
-        if scores[lag] < 0.5 * ry.shape[1] and (wandering := self._by_sequence()) is not None:
-            return wandering
-        return self.newest - lag
+        return max(scores), int(np.argmax(scores))
+
+    def _integer(self, x: np.ndarray) -> np.ndarray:
+        """Return the channels that are tried after mistakes: none where counts are no whole numbers."""
+        live = self.live[:8]
+        return self.live[:256] if np.array_equal(x[:, live], np.rint(x[:, live])) else np.zeros(0, int)
 
     def _by_sequence(self, width: int = 9) -> np.ndarray | None:
         """Where the delay wanders: somewhere nine rows in a row are nine samples in a row; from there on by value."""
@@ -208,11 +232,11 @@ class _Fitting:
         like = np.abs(_ranks(y[:, None])[:, 0] @ self.ranked[index[ok]]) / max(1, len(y))
         for how, transform in TRANSFORMS.items():
             if how == "line":
-                first = np.argsort(-like)[:3]
+                first = np.argsort(-like.round(9), kind="stable")[:3]
                 likely = self.live[first[like[first] > ALIKE * like[first[0]]]]
             else:
-                integer = self.live[:256] if np.array_equal(x[:, self.live[:8]], np.rint(x[:, self.live[:8]])) else []
-                turned = _ranks(transform(x[:, integer])) if len(integer) else np.zeros((len(y), 0))
+                integer = self._integer(x)
+                turned = self._turned(how, x, integer) if len(integer) else np.zeros((len(y), 0))
                 same = np.abs(_ranks(y[:, None])[:, 0] @ turned) / max(1, len(y))
                 likely = np.array(integer)[np.argsort(-same)[:2]] if len(integer) else []
             fits = [(c, line(transform(x[:, c]), y, self.random, steps=self.steps)) for c in likely]
@@ -223,12 +247,45 @@ class _Fitting:
                 best.also = [int(c) for c, fit in fits if fit[3] > self.sure and c != best.channel]
                 break
         if best.share < self.sure:
+            best = self._clipped(k, x, y, like) or best
+        if best.share < self.sure:
             best = self._curve(k, x, y, int(self.live[np.argmax(like)])) or best
         if best.share < least:
             return Column(self.names[k])
         if best.also:  # two channels are the same: nobody can tell which it is
             best.also = [best.channel, *best.also]
         return best
+
+    def _turned(self, how: str, x: np.ndarray, channels: np.ndarray) -> np.ndarray:
+        """Return the ranks of the channels after a mistake; kept, since each column asks for the same."""
+        key = (how, len(x), float(x.sum()))
+        if key not in self._kept:
+            self._kept[key] = _ranks(TRANSFORMS[how](x[:, channels]))
+        return self._kept[key]
+
+    def _clipped(self, k: int, x: np.ndarray, y: np.ndarray, like: np.ndarray) -> Column | None:
+        """Return a line of a channel between limits beyond which the column stays where it is."""
+        low, high = float(y.min()), float(y.max())
+        ends = [end for end in (low, high) if (y == end).sum() >= max(5, _CLIPPED * len(y))]
+        inner = ~np.isin(y, ends)
+        if not ends or inner.sum() < _INNER:
+            return None
+        first = np.argsort(-like)[:3]
+        for c in self.live[first[like[first] > ALIKE * like[first[0]]]]:
+            counts = x[:, c]
+            gain, offset, tolerance, share = line(counts[inner], y[inner], self.random, steps=self.steps)
+            if share < self.sure:
+                continue
+            whole = gain * counts + offset
+            limits = (low if low in ends else -np.inf, high if high in ends else np.inf)
+            beyond = np.abs(np.clip(whole, *limits) - whole) > 3 * tolerance + 2 * abs(gain)
+            share = float((np.abs(np.clip(whole, *limits) - y) <= tolerance).mean())
+            if share < self.sure or beyond.mean() < _CLIPPED:
+                continue
+            at = sorted({float(counts.min()), float(counts.max()), *((end - offset) / gain for end in ends)})
+            table = [[float(a), float(np.clip(gain * a + offset, *limits))] for a in at]
+            return Column(self.names[k], "value", int(c), "clipped", gain, offset, tolerance, table=table, share=share)
+        return None
 
     def _curve(self, k: int, x: np.ndarray, y: np.ndarray, c: int) -> Column | None:
         """A table of the channel, if the column rises or falls with it."""
@@ -243,11 +300,12 @@ class _Fitting:
         if len(known) > 256:
             chosen = np.linspace(0, len(known) - 1, 256).round().astype(int)
             known, table = known[chosen], table[chosen]
+        how = "curve" if _is_monotone(values[order]) else "fold"
         off = np.abs(np.interp(counts, known, table) - values)
         tolerance = max(3 * float(np.quantile(off, 0.99)), 0.01 * float(np.ptp(values)))
         share = float((off <= tolerance).mean())
         return Column(
-            self.names[k], "value", c, "curve", tolerance=tolerance, share=share,
+            self.names[k], "value", c, how, tolerance=tolerance, share=share,
             table=[[float(a), float(b)] for a, b in zip(known, table)],
         )  # fmt: skip
 
@@ -314,9 +372,20 @@ def line(
     return float(gain), float(offset), float(tolerance), float((off <= tolerance).mean())
 
 
+def _is_monotone(values: np.ndarray) -> bool:
+    """Return whether values in the order of their counts only rise, or only fall, but for single outliers."""
+    if len(values) < 2 * _SMOOTH:
+        return True
+    smooth = np.median(np.lib.stride_tricks.sliding_window_view(values, _SMOOTH), axis=1)
+    back = [float((np.maximum.accumulate(sign * smooth) - sign * smooth).max()) for sign in (1, -1)]
+    return min(back) <= _FALLS_BACK * float(np.ptp(smooth))
+
+
 def _resolution(y: np.ndarray) -> float:
     """The step to which a column is rounded; 0 where it is not."""
     values = np.unique(y)
+    if len(values) < _LEVELS:
+        return 0.0
     gaps = np.diff(values)
     gap = float(gaps[gaps > 1e-9 * np.ptp(y)].min(initial=np.inf))
     if not np.isfinite(gap):
@@ -326,10 +395,20 @@ def _resolution(y: np.ndarray) -> float:
 
 
 def _ranks(values: np.ndarray) -> np.ndarray:
-    """Ranks along the first axis, of mean 0 and deviation 1."""
-    ranks = values.argsort(axis=0).argsort(axis=0).astype(float)
-    ranks -= ranks.mean(axis=0) if len(ranks) else 0.0
-    return ranks / np.maximum(ranks.std(axis=0), 1e-12) if len(ranks) else ranks
+    """Return ranks along the first axis, of mean 0 and deviation 1; equal values have the mean of their ranks."""
+    if not len(values):
+        return values.astype(float)
+    order = values.argsort(axis=0)
+    ordered = np.take_along_axis(values, order, axis=0)
+    at = np.broadcast_to(np.arange(len(values))[:, None], values.shape)
+    first, last = np.ones((2, *values.shape), bool)
+    first[1:] = last[:-1] = ordered[1:] != ordered[:-1]
+    low = np.maximum.accumulate(np.where(first, at, 0), axis=0)
+    high = np.minimum.accumulate(np.where(last, at, len(values))[::-1], axis=0)[::-1]
+    ranks = np.empty(values.shape)
+    np.put_along_axis(ranks, order, (low + high) / 2, axis=0)
+    ranks -= ranks.mean(axis=0)
+    return ranks / np.maximum(ranks.std(axis=0), 1e-12)
 
 
 def _role(name: str, y: np.ndarray) -> Column:

@@ -21,11 +21,12 @@ ABOUT = {
     "again": "again or out of order",
     "order": "axes exchanged",
     "scale": "another scale",
+    "clipped": "clipped or flat",
     "floods": "floods",
     "unlearned": "cannot be told",
 }
 """Kinds of finding, worst first, with the words of the reports."""
-FAILING = ("wrong", "stale", "lost sync", "died", "silent", "floods", "unlearned")
+FAILING = ("wrong", "stale", "lost sync", "died", "silent", "clipped", "floods", "unlearned")
 """Those that fail a run unless ``--fail-on`` says otherwise."""
 
 

@@ -12,7 +12,7 @@ from collections import Counter
 import numpy as np
 
 from tactemu.judge.columns import MISTAKES as MISTAKEN
-from tactemu.judge.columns import Columns, misnamed, misscaled
+from tactemu.judge.columns import Columns, clipped, misnamed, misscaled
 from tactemu.judge.counting import LEAK_BYTES, count, listen, template, weigh
 from tactemu.judge.following import SETTLED, Questions, Reading, left_times, recovered
 from tactemu.judge.outcome import ABOUT, Finding, Known, Outcome
@@ -148,6 +148,8 @@ class _Rules:
                 yield Finding("wrong", f"column {column.name!r} holds {name} as {column.how}")
         if exchanged := misnamed(self.columns):
             yield Finding("order", ", ".join(exchanged[:4]))
+        if same := clipped(self.columns):
+            yield Finding("clipped", ", ".join(same[:3]))
         if scaled := misscaled(self.columns):
             yield Finding("scale", ", ".join(scaled[:3]))
         if self.known.keeps and not self.known.asks and out.lost >= 2 and out.lost > LOSES * out.sent:

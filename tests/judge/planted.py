@@ -173,6 +173,10 @@ def polled(variant, port):
             continue
         values = payload[7 : 7 + 168].ljust(168, b"\0")
         old = list(struct.unpack("<84H", values))
+        if variant == "mask":
+            old = [value & 0x7FF for value in old]
+        if variant == "clip":
+            old = [min(value, 1600) for value in old]
         hand_out(v=old)
         time.sleep(0.008)
 

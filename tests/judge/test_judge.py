@@ -165,6 +165,8 @@ PLANTS = {
     ("polled", "anyreply"): ("wrong", True),
     ("polled", "nocrc"): ("wrong", True),
     ("polled", "deaf"): ("lost sync", True),
+    ("polled", "mask"): ("wrong", False),
+    ("polled", "clip"): ("clipped", False),
     ("modbus", "unit"): ("wrong", True),
     ("modbus", "exception"): ("stale", True),
     ("modbus", "short"): ("wrong", True),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tactemu.errors import TactemuError
-from tactemu.judge.columns import Channel, Column, Columns, axis_in, misnamed, misscaled
+from tactemu.judge.columns import Channel, Column, Columns, axis_in, clipped, misnamed, misscaled
 from tactemu.judge.learning import Unlearnable, learn
 from tactemu.judge.tape import Frame, Said, Sample
 
@@ -69,6 +69,11 @@ def int16(x):
 @pytest.mark.parametrize(
     ("how", "made"),
     [
+        ("its lowest 11 bits alone", lambda x: float(int(x) & 0x7FF)),
+        ("its lowest 7 bits alone", lambda x: float(int(x) & 0x7F)),
+        ("clipped", lambda x: min(x, -800.0) / 20),
+        ("clipped", lambda x: float(np.clip(x, -2500, 2500))),
+        ("fold", lambda x: float((x + 3000) ** 1.5 if x < 500 else (x - 500) ** 1.5)),
         ("int16 with its bytes swapped", lambda x: float(int16(x).byteswap())),
         ("uint16 with its bytes swapped", lambda x: float(np.uint16(int16(x)).byteswap())),
         ("int16 read as unsigned", lambda x: float(np.uint16(int16(x)))),
@@ -80,6 +85,50 @@ def int16(x):
 def test_one_column_of_three_is_strange(how, made):
     columns = learned(lambda x, k: {"a": x[0], "b": made(x[1]), "c": x[2]})
     assert [(column.channel, column.how) for column in columns.values] == [(0, "line"), (1, how), (2, "line")]
+
+
+@pytest.mark.parametrize(
+    ("how", "made"),
+    [
+        ("int32 read as unsigned", lambda x: float(int(x) & 0xFFFFFFFF) / 1e6),
+        ("int32 with its bytes swapped", lambda x: float(np.int32(int(x)).byteswap())),
+        (
+            "int32 with its words swapped",
+            lambda x: float(np.array([int(x)], "<i4").view("<u2")[::-1].copy().view("<i4")[0]),
+        ),
+        ("clipped", lambda x: float(np.clip(x / 1e6, -20, 20))),
+        ("clipped", lambda x: float(np.clip(x / 1e6, -50, 50))),
+    ],
+)
+def test_channels_of_32_bits(how, made):
+    columns = learned(lambda x, k: {f"c{i}": made(x[i]) for i in range(6)}, taken=samples(6, 200_000_000))
+    assert [(column.channel, column.how) for column in columns.values] == [(k, how) for k in range(6)]
+
+
+@pytest.mark.parametrize("limit", [0.05, 0.3, 1.0, 2.0])
+def test_a_column_with_hardly_a_row_between_its_limits_is_said_to_be_flat(limit):
+    columns = learned(
+        lambda x, k: {f"c{i}": float(np.clip(x[i] / 1e6, -limit, limit)) for i in range(6)},
+        taken=samples(6, 200_000_000),
+    )
+    assert [column.channel for column in columns.values] == list(range(6)) and len(clipped(columns)) == 6
+
+
+def test_a_channel_of_12_bits_of_which_11_are_read():
+    taken = [Sample(s.t, s.number, np.mod(s.counts, 65536.0)) for s in samples(9, 100_000)]
+    columns = learned(lambda x, k: {f"c{i}": float(np.uint16(x[i]).astype(np.int16)) for i in range(9)}, taken=taken)
+    assert [(c.channel, c.how) for c in columns.values] == [(k, "uint16 read as signed") for k in range(9)]
+    taken = [Sample(s.t, s.number, np.mod(s.counts, 4096.0)) for s in samples(9, 100_000)]
+    columns = learned(lambda x, k: {f"c{i}": float(int(x[i]) & 0x7FF) for i in range(9)}, taken=taken)
+    assert [(c.channel, c.how) for c in columns.values] == [(k, "its lowest 11 bits alone") for k in range(9)]
+    columns = learned(lambda x, k: {f"c{i}": min(x[i], 1600.0) for i in range(9)}, taken=taken)
+    assert [(c.channel, c.how) for c in columns.values] == [(k, "clipped") for k in range(9)]
+    assert "reads one value over 61% of the counts" in clipped(columns)[0]
+
+
+def test_a_curve_and_a_coarse_scale_are_not_flat():
+    columns = learned(lambda x, k: {"a": float(round(np.sqrt(x[0] + 3000))), "b": round(x[1] / 500) * 5.0})
+    assert [column.how for column in columns.values] == ["curve", "line"] and clipped(columns) == []
 
 
 def test_a_sum_of_channels():

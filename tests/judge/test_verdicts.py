@@ -3,10 +3,11 @@
 import pytest
 
 from tactemu.errors import TactemuError
+from tactemu.judge.columns import Columns
 from tactemu.judge.outcome import FAILING
-from tactemu.judge.tape import Tape
+from tactemu.judge.tape import Said, Tape
 from tactemu.judge.verdicts import judged
-from tests.judge.stories import PERIOD, row, tape, usual
+from tests.judge.stories import PERIOD, counts, row, tape, usual
 
 OLD = [(160 + k * 0.5, row(149)) for k in range(60)]
 
@@ -112,6 +113,21 @@ def test_the_order_of_the_worst_is_first_and_each_failing_kind_is_known():
     outcome = judged(tape(usual(last=110) + [(k + 0.1, row(k, fx=0.123)) for k in range(110, 200)], exit=3))
     assert [finding.kind for finding in outcome.findings] == ["wrong", "died"] and outcome.fails(FAILING)
     assert outcome.bad[0]["truth"]["fx"] == pytest.approx(row(110)["fx"]) and outcome.bad[0]["odd"] == ["fx"]
+
+
+@pytest.mark.parametrize(
+    ("how", "kinds"), [("curve", ["clipped"]), ("clipped", ["clipped"]), ("fold", ["wrong"]), ("line", [])]
+)
+def test_columns_that_are_flat_or_fall_back_are_findings_of_the_clean_run(how, kinds):
+    told = tape(name="clean", action="clean", trial={"recovers": False})
+    columns = told.columns["columns"]
+    table = {"fold": [[-3000.0, 0.0], [0.0, 1500.0], [1.0, 0.0], [3000.0, 1500.0]]}.get(
+        how, [[-3000.0, 0.0], [0.0, 1500.0], [3000.0, 1500.0]]
+    )
+    told.columns = {**told.columns, "columns": [{**columns[0], "how": how, "table": table}, *columns[1:]]}
+    told.rows = [Said(s.t, {**s.row, "fx": float(Columns.from_dict(told.columns).expected(counts(k)[None])[0, 0])})
+                 for k, s in enumerate(told.rows)]  # fmt: skip
+    assert [finding.kind for finding in judged(told).findings] == kinds
 
 
 @pytest.mark.parametrize(
