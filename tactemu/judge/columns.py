@@ -51,12 +51,12 @@ def _signed(bits: int) -> Transform:
 
 TRANSFORMS: dict[str, Transform] = {
     "line": lambda x: x,
-    **{f"{sign}int{bits} with its bytes swapped": _swapped(f"<{sign[:1] or 'i'}{bits // 8}")
-       for bits in (16, 32) for sign in ("", "u")},
-    "int32 with its words swapped": _swapped("<i4", "<u2"),
+    **{f"{sign}int16 with its bytes swapped": _swapped(f"<{sign or 'i'}2") for sign in ("", "u")},
     **{f"int{bits} read as unsigned": _unsigned(bits) for bits in (16, 8, 24, 32)},
     **{f"uint{bits} read as signed": _signed(bits) for bits in (16, 8, 24, 32)},
     **{f"its lowest {bits} bits alone": _unsigned(bits) for bits in (15, 14, 13, 12, 11, 10, 9, 7)},
+    **{f"{sign}int32 with its bytes swapped": _swapped(f"<{sign or 'i'}4") for sign in ("", "u")},
+    "int32 with its words swapped": _swapped("<i4", "<u2"),
     "absolute value": np.abs,
 }  # fmt: skip
 """How a count becomes what the driver's line starts from. All but the first are mistakes, or might be."""

@@ -34,6 +34,8 @@ _STILL = 4
 """Samples in a row that are equal when one was held."""
 _CLIPPED, _INNER = 0.02, 12
 """A limit is one that so many rows stand at; and the rows between the limits that a line needs."""
+_CLOSER = 0.1
+"""Of two mistakes that explain a column the later is taken if it leaves less than this share of the other's rest."""
 _LEVELS = 5
 """A column of fewer values is not rounded but switched, and tells of no line."""
 _SMOOTH, _FALLS_BACK = 5, 0.05
@@ -229,7 +231,8 @@ class _Fitting:
         ok = index >= 0
         x, y = self.x[index[ok]], self.y[ok, k]
         best = Column(self.names[k])
-        like = np.abs(_ranks(y[:, None])[:, 0] @ self.ranked[index[ok]]) / max(1, len(y))
+        ranks, rest = _ranks(y[:, None])[:, 0], np.inf
+        like = np.abs(ranks @ self.ranked[index[ok]]) / max(1, len(y))
         for how, transform in TRANSFORMS.items():
             if how == "line":
                 first = np.argsort(-like.round(9), kind="stable")[:3]
@@ -237,14 +240,17 @@ class _Fitting:
             else:
                 integer = self._integer(x)
                 turned = self._turned(how, x, integer) if len(integer) else np.zeros((len(y), 0))
-                same = np.abs(_ranks(y[:, None])[:, 0] @ turned) / max(1, len(y))
+                same = np.abs(ranks @ turned) / max(1, len(y))
                 likely = np.array(integer)[np.argsort(-same)[:2]] if len(integer) else []
+            likely = [c for c in likely if how == "line" or not _is_line(x[:, c], transform(x[:, c]))]
             fits = [(c, line(transform(x[:, c]), y, self.random, steps=self.steps)) for c in likely]
             for c, (gain, offset, tolerance, share) in fits:
-                if share > best.share + 0.02:
-                    best = Column(self.names[k], "value", int(c), how, gain, offset, tolerance, share=share)
-            if best.share > self.sure:
-                best.also = [int(c) for c, fit in fits if fit[3] > self.sure and c != best.channel]
+                off = max(float(np.abs(gain * transform(x[:, c]) + offset - y).mean()), 1e-6 * float(np.ptp(y)))
+                closer = min(share, best.share) > self.sure and off < _CLOSER * rest
+                if share > best.share + 0.02 or closer:
+                    best, rest = Column(self.names[k], "value", int(c), how, gain, offset, tolerance, share=share), off
+                    best.also = [int(c) for c, fit in fits if min(share, fit[3]) > self.sure and c != best.channel]
+            if how == "line" and best.share > self.sure:
                 break
         if best.share < self.sure:
             best = self._clipped(k, x, y, like) or best
@@ -370,6 +376,14 @@ def line(
     else:
         tolerance = max(3 * float(np.quantile(rest, 0.99)), 0.55 * printed, least)
     return float(gain), float(offset), float(tolerance), float((off <= tolerance).mean())
+
+
+def _is_line(x: np.ndarray, turned: np.ndarray) -> bool:
+    """Return whether a mistake makes no difference to these counts but a gain and an offset."""
+    if not np.ptp(x) or not np.ptp(turned):
+        return True
+    gain, offset = np.polyfit(x, turned, 1)
+    return bool(np.abs(gain * x + offset - turned).max() <= 1e-6 * np.ptp(turned))
 
 
 def _is_monotone(values: np.ndarray) -> bool:

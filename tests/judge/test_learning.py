@@ -126,6 +126,16 @@ def test_a_channel_of_12_bits_of_which_11_are_read():
     assert "reads one value over 61% of the counts" in clipped(columns)[0]
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_rows_that_came_late_are_no_mistake_of_the_driver(seed):
+    """Where some rows are of the sample before, a mistake that makes no difference to the counts must not win."""
+    random = np.random.default_rng(seed)
+    taken = [Sample(s.t, s.number, np.mod(s.counts, 4096.0)) for s in samples(9, 100_000, seed)]
+    older = random.random(N) < 0.06
+    columns = learned(lambda x, k: {f"c{i}": taken[max(0, k - older[k])].counts[i] for i in range(9)}, taken=taken)
+    assert [(column.channel, column.how) for column in columns.values] == [(k, "line") for k in range(9)]
+
+
 def test_a_curve_and_a_coarse_scale_are_not_flat():
     columns = learned(lambda x, k: {"a": float(round(np.sqrt(x[0] + 3000))), "b": round(x[1] / 500) * 5.0})
     assert [column.how for column in columns.values] == ["curve", "line"] and clipped(columns) == []
