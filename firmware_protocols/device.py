@@ -221,8 +221,6 @@ class Device(ABC, Generic[F]):
     """The unmodified driver (package and version) that has read this device."""
     facts: tuple[Fact, ...] = ()
     """What is known beside the byte tables, and what each of it rests on."""
-    assumed: tuple[str, ...] = ()
-    """What no source states and we chose, of a device that does not say where was looked."""
     scene: ClassVar[str] = ""
     """Default scene in the scene file's TOML (``docs/scene-files.md``), for a class outside the tree; it is not
     inherited. Empty: one is made from the layout, a ball that presses the middle of each patch."""

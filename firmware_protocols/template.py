@@ -8,7 +8,7 @@ The frames themselves are tables below: `tactemu devices` prints them.)
     others   silence
 
 Evidence: where the table comes from, and what is only assumed. (Captured, vendor document, firmware, driver: best
-first. Every source once more in ``sources``; every guess in ``assumed``.)
+first. Every source once more in ``sources``; every guess in ``facts``.)
 
 Try it: ``tactemu run path/to/this_file.py:VendorModel``, then a line that makes the real driver read.
 """
@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from firmware_protocols import Column, Command, Counts, Device, Option, Outs, Reading, Serial, grid_layout
+from firmware_protocols import Column, Command, Counts, Device, Option, Outs, Reading, Serial, assumed, grid_layout
 from firmware_protocols.adc import quantize
 from firmware_protocols.tables import Frame
 
@@ -48,7 +48,7 @@ class VendorModel(Device):
     evidence = ("assumed",)
     sources = ("no sensor: this file shows how one is written",)
     judge = "none"  # the unmodified driver that has read this device
-    assumed = ("everything",)
+    facts = (assumed("touch", "everything", "nothing: it is an example"),)
 
     def __init__(
         self,

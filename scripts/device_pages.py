@@ -11,7 +11,6 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
 import firmware_protocols as fp
-from tactemu.cli.datasheet import facts_of
 from tests.clients.recording import Recording, recordings
 
 JUDGES = """# Which drivers have read each device
@@ -70,7 +69,7 @@ def judges() -> str:
 
 def assumed() -> str:
     """Return the page of facts."""
-    facts = {name: facts_of(fp.create(name)) for name in sorted(fp.DEVICES)}
+    facts = {name: fp.create(name).facts for name in sorted(fp.DEVICES)}
     lines = ["| device | stated | measured | assumed |", "| --- | ---: | ---: | ---: |"]
     total = [0, 0, 0]
     for name, own in facts.items():

@@ -57,11 +57,11 @@ def _datasheet(subject: Subject, device: Device) -> Iterator[str]:
             yield f"{what} is empty"
     if device.kind not in typing.get_args(Kind):
         yield f"kind {device.kind!r}: expected one of {typing.get_args(Kind)}"
-    for what in ("sources", "assumed", "evidence"):
+    for what in ("sources", "evidence"):
         found = getattr(device, what, None)
         if not isinstance(found, tuple) or not all(isinstance(each, str) and each.strip() for each in found):
             yield f"{what}: expected a tuple of sentences, got {found!r}"
-        elif not found and what != "assumed":
+        elif not found:
             yield f"{what} is empty"
     for fact in device.facts:
         if not isinstance(fact, Fact) or fact.part not in typing.get_args(Part) or not (fact.what and fact.where):

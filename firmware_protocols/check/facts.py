@@ -70,7 +70,7 @@ def words_of(cls: type[Device]) -> str:
     parts += [reg.about for table in held(cls, RegisterMap) for reg in table.rows]
     own = [each for each in cls.__mro__ if issubclass(each, Device) and each is not Device]
     parts += [sys.modules[each.__module__].__doc__ or "" for each in own]
-    parts += [text for each in own for text in (*getattr(each, "assumed", ()), each.__doc__ or "")]
+    parts += [each.__doc__ or "" for each in own]
     parts += [fact.what for each in own for fact in vars(each).get("facts", ()) if hasattr(fact, "what")]
     text = " ".join(" ".join(parts).lower().replace("-", " ").split())
     return text.replace("row major", "row by row").replace("column major", "column by column")

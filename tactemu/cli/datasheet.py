@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from firmware_protocols import Column, Device, Fact
+from firmware_protocols import Column, Device
 from firmware_protocols.check.facts import held
 from firmware_protocols.facts import Basis, Part
 from firmware_protocols.frames import frame_of
@@ -76,7 +76,7 @@ def print_datasheet(name: str, options: Mapping[str, Any] | None = None, *, json
             "normals": layout.normals.tolist(),
             "wire_order": layout.wire_order.tolist(),
             "sources": list(device.sources),
-            "facts": [asdict(fact) for fact in facts_of(device)],
+            "facts": [asdict(fact) for fact in device.facts],
         }
         print(json_module.dumps(entry))
         return
@@ -120,14 +120,9 @@ def datasheet(name: str, device: Device) -> list[str]:
     return lines + _facts(device)
 
 
-def facts_of(device: Device) -> tuple[Fact, ...]:
-    """Return what the device states beside its byte tables, with what each fact rests on."""
-    return (*device.facts, *(Fact("configuration", what, "assumed", "not said") for what in device.assumed))
-
-
 def _facts(device: Device) -> list[str]:
     """How far each part may be trusted, then every fact."""
-    facts = facts_of(device)
+    facts = device.facts
     bases = typing.get_args(Basis)
     lines = ["", "Beside the byte tables", f"  {'':<14}" + "".join(f"{basis:>10}" for basis in bases)]
     for part in typing.get_args(Part):

@@ -9,7 +9,7 @@ class OnRequest(Device):
     ports = (Serial(baud=115200),)
     rate_hz = 0.0
     columns = (Column(name="push", unit="N", counts_per_unit=1e4, low=-0x8000, high=0x7FFF, push=1),)
-    evidence, sources, assumed = ("assumed",), ("tests",), ("everything",)
+    evidence, sources = ("assumed",), ("tests",)
     commands = tuple(Command(name=f"ask {k}", request="3F") for k in range(20))
 
     def __init__(self):
