@@ -139,7 +139,7 @@ class AgibotOmniHand(Device[CanFrame]):
         self.stored = {message: np.zeros(n, int) for message in (MODE, THRESHOLD, TORQUE, SPEED)}
         self.stored[THRESHOLD] += 1000
         self.periods_ms = {message: np.zeros(n, int) for message in REPORTS}
-        self.due_ns = dict.fromkeys(REPORTS, 0)
+        self.due_ns: dict[int, int] = dict.fromkeys(REPORTS, 0)
 
     def _order(self, side: str, rows: int, cols: int) -> np.ndarray:
         """Which taxel is sent at each place."""

@@ -192,9 +192,9 @@ class DexrobotDexHand(Device[CanFrame]):
         return sent or ()
 
     def _move(self, board: int, data: bytes, t_ns: int) -> list[CanFrame] | None:
-        if len(data) < MOTION_BYTES:
+        if len(data) < MOTION_BYTES or (order := MOTION.unpack(data[:MOTION_BYTES])) is None:
             return None
-        order, two = MOTION.unpack(data[:MOTION_BYTES]), slice(2 * board, 2 * board + 2)
+        two = slice(2 * board, 2 * board + 2)
         if order["mode"] in (*ANGLES, *HALLS):
             enabled = [bool(order["enabled"] & bit) for bit in (1, 2)]
             goals = np.full(len(JOINTS), np.nan)

@@ -206,6 +206,7 @@ USED = tuple(6 * f + k for f in range(5) for k in (0, 1, 2, 5) if f == 0 or k !=
 def _by_table() -> dict[int, View]:
     """The vendor's table: quantity, command of the roll joints, of the thumb, of whole fingers."""
     views = {}
+    accesses: dict[str, Literal["", "set", "clear"]] = {"faults": "clear", "temperatures": ""}
     for quantity, joint, finger, merged in (
         ("angles", 0x01, 0x41, 0),
         ("speeds", 0x09, 0x49, 0x81),
@@ -213,7 +214,7 @@ def _by_table() -> dict[int, View]:
         ("faults", 0x19, 0x59, 0x83),
         ("temperatures", 0x21, 0x61, 0x84),
     ):
-        access = {"faults": "clear", "temperatures": ""}.get(quantity, "set")
+        access = accesses.get(quantity, "set")
         for k, name in enumerate(IN_TABLE):
             one_each = tuple((6 * f + IN_FINGER.index(name),) for f in range(5))
             least = 1 if name == "roll" else 0  # the thumb alone has such a joint

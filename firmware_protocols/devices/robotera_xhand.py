@@ -186,7 +186,7 @@ class RoboteraXhand(Device):
         if z == "signed":
             self.low[2], self.high[2] = -128, 127
         self.columns = tuple(
-            Column(name=axis, axis=axis, low=low, high=high, push=int(axis == "z"))
+            Column(name=axis, axis=axis, low=low, high=high, push=1 if axis == "z" else 0)
             for axis, low, high in zip(AXES, self.low.tolist(), self.high.tolist())
         )
         self.layout = stack(
