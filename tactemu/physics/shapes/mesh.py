@@ -42,14 +42,14 @@ class Mesh(Shape):
 
         triangles = self._triangles(name)
         query = build_query(triangles, device)
-        used = triangles.vertices[triangles.faces].reshape(-1, 3)
         return Row(
-            MESH if triangles.closed else OPEN_MESH,
+            OPEN_MESH if query.wound else MESH,
             bound=triangles.bound,
-            middle=tuple(0.5 * (used.min(0) + used.max(0))),
-            half=tuple(0.5 * np.ptp(used, axis=0)),
+            middle=tuple(query.middle),
+            half=tuple(query.half),
             mesh=query.mesh,
             mesh_unit=query.unit,
+            features=query.features,
             grid=VoxelGrid(values=query.values, origin=query.origin, cell=query.cell),
         )
 
@@ -117,10 +117,11 @@ def _ray(real):
         if back == real(FAR):
             return real(FAR), real(-FAR)
         unit = shapes.mesh_unit[b]
+        middle = shapes.mesh_middle[b]
         way = wp.vec3(wp.float32(d[0]), wp.float32(d[1]), wp.float32(d[2]))
         s = -back
         for _ in range(wp.static(MOST_CROSSINGS)):
-            q = (o + s * d) / unit
+            q = (o - middle + s * d) / unit
             origin = wp.vec3(wp.float32(q[0]), wp.float32(q[1]), wp.float32(q[2]))
             hit = wp.mesh_query_ray(shapes.mesh[b], origin, way, wp.float32(1.0e6))
             if not hit.result:
@@ -138,3 +139,4 @@ def _ray(real):
 
 MESH = Kind("mesh", functools.partial(_distance, True), _ray, _lower_bound, searched=True)
 OPEN_MESH = Kind("open mesh", functools.partial(_distance, False), _ray, searched=True)
+"""With holes, or with faces within its solid."""

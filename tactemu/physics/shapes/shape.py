@@ -77,9 +77,11 @@ class Row:
     half: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Half its extents [m]."""
     mesh: Any = None
-    """A ``wp.Mesh`` on the device, scaled to unit size."""
+    """A ``wp.Mesh`` on the device, about its middle and scaled to unit size."""
     mesh_unit: float = 1.0
     """Metres that one stored unit of the mesh stands for."""
+    features: Any = None
+    """Vertices and normals of the mesh (:class:`~tactemu.physics.shapes.mesh_features.Features`)."""
     grid: Any = None
     """Distances on a grid (:class:`~tactemu.physics.shapes.voxel_grid.VoxelGrid`)."""
     band: Any = None
@@ -170,6 +172,12 @@ def table_type(real):
         bound: wp.array(dtype=real)  # radius of a ball around the origin that holds the shape
         mesh: wp.array(dtype=wp.uint64)
         mesh_unit: wp.array(dtype=real)  # meshes are stored with unit size: metres per stored unit
+        mesh_middle: wp.array(dtype=vec3)  # and about this point of the body's frame, their coarse grid too
+        mesh_first: wp.array(dtype=wp.vec2i)  # its first vertex and its first face in the following
+        mesh_points: wp.array(dtype=vec3)
+        mesh_point_normals: wp.array(dtype=vec3)
+        mesh_side_normals: wp.array2d(dtype=vec3)  # per face: its own, and those of its three sides
+        mesh_beside: wp.array(dtype=wp.vec3i)  # the face beyond each side, from the mesh's first; -1: none
         grid_start: wp.array(dtype=wp.int64)  # first node in grid_values; a mesh has a coarse grid
         grid_nodes: wp.array(dtype=wp.vec3i)
         grid_origin: wp.array(dtype=vec3)

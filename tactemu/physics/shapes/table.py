@@ -1,5 +1,6 @@
 """The table of a scene's shapes on the device: one row per body, meshes and grids packed beside it."""
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -9,11 +10,16 @@ import warp as wp
 from tactemu.physics.shapes.band import band_row
 from tactemu.physics.shapes.distance import ShapeFunctions, shape_functions
 from tactemu.physics.shapes.mesh import MESH
-from tactemu.physics.shapes.shape import Row, codes, table_type
+from tactemu.physics.shapes.shape import FAR, Row, codes, table_type
 from tactemu.physics.shapes.voxel_grid import VOXELS
 from tactemu.physics.shapes.voxelise import voxelise
 from tactemu.plan.plan import Context
 from tactemu.scene.bodies import Body
+
+log = logging.getLogger(__name__)
+
+LARGE_M = 100.0
+"""Reach of a body from which on a scene in float32 warns: its resolution there is 8 µm."""
 
 
 @dataclass
@@ -55,6 +61,7 @@ class ShapeTables:
         shape = id(body.shape)  # bodies may share one
         if shape not in self._rows:
             self._rows[shape] = body.shape.row(body.name, self._context.device)
+            _warn_if_large(body.name, self._rows[shape].bound, self._context)
         row = self._rows[shape]
         of_use = row.kind is MESH if gridded == "band" else row.kind is not None and row.kind.to_grid
         if gridded is None or not of_use:
@@ -67,6 +74,16 @@ class ShapeTables:
                 grid = voxelise(pack([row], self._context), row.middle, row.half, cell, body.name, self._context)
                 self._grids[key] = Row(VOXELS, bound=row.bound, grid=grid)
         return self._grids[key]
+
+
+def _warn_if_large(name: str, bound: float, context: Context) -> None:
+    """Say what float32 makes of a body that reaches so far."""
+    if context.real is wp.float32 and LARGE_M <= bound < FAR:
+        step = float(np.spacing(np.float32(bound)))
+        log.warning(
+            "body %r reaches %g m from its origin, where float32 resolves %.1g m: contacts smaller than that are lost; "
+            'build the scene with dtype="float64"', name, bound, step,
+        )  # fmt: skip
 
 
 def pack(rows: list[Row], context: Context) -> ShapeTable:
@@ -89,6 +106,9 @@ def pack(rows: list[Row], context: Context) -> ShapeTable:
     def gradients_of(grid):
         return np.zeros((*np.shape(grid.values), 3)) if grid.gradients is None else grid.gradients
 
+    def joined(parts, name, *width):
+        return np.concatenate([getattr(each, name) for each in parts]) if parts else np.zeros((1, *width))
+
     kinds = frozenset(row.kind for row in rows if row.kind is not None)
     code = {None: -1} | {kind: number for number, kind in codes(kinds)}
     table = table_type(real)()
@@ -98,6 +118,15 @@ def pack(rows: list[Row], context: Context) -> ShapeTable:
     table.bound = upload([row.bound for row in rows], real)
     table.mesh = upload([0 if row.mesh is None else row.mesh.id for row in rows], wp.uint64)
     table.mesh_unit = upload([row.mesh_unit for row in rows], real)
+    table.mesh_middle = upload([row.middle for row in rows], vec3)
+    parts = list({id(row.features): row.features for row in rows if row.features is not None}.values())
+    points, faces = ([0, *np.cumsum([len(getattr(each, key)) for each in parts])] for key in ("points", "beside"))
+    first = {id(each): (points[k], faces[k]) for k, each in enumerate(parts)}
+    table.mesh_first = upload([first.get(id(row.features), (0, 0)) for row in rows], wp.vec2i)
+    table.mesh_points = upload(joined(parts, "points", 3), vec3)
+    table.mesh_point_normals = upload(joined(parts, "point_normals", 3), vec3)
+    table.mesh_side_normals = upload(joined(parts, "side_normals", 4, 3), vec3)
+    table.mesh_beside = upload(joined(parts, "beside", 3), wp.vec3i)
     table.grid_start = upload(starts, wp.int64)
     table.grid_nodes = upload([(0, 0, 0) if g is None else np.shape(g.values) for g in grids], wp.vec3i)
     table.grid_origin = upload([zero if g is None else np.asarray(g.origin, float) for g in grids], vec3)

@@ -8,7 +8,7 @@ surface with holes is used with a warning, inside being what it mostly encloses.
 import functools
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
@@ -30,6 +30,19 @@ class Triangles:
     """Shape ``(m, 3)``, int32, counter-clockwise seen from outside."""
     closed: bool
     """Does every edge belong to two triangles?"""
+    slivers: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), np.int32))
+    """Triangles without an area that lie between the faces, shape ``(k, 3)``."""
+
+    def shells(self) -> int:
+        """Count the surfaces that share no vertex with another."""
+        label = np.arange(len(self.vertices))
+        while True:
+            least = label.copy()
+            np.minimum.at(least, self.faces, label[self.faces].min(1)[:, None])
+            least = least[least]
+            if np.array_equal(least, label):
+                return len(np.unique(label[self.faces]))
+            label = least
 
     @property
     def bound(self) -> float:
@@ -97,11 +110,11 @@ def load_mesh(source, scale: float | Sequence[float] = 1.0, name: str = "mesh") 
     given = len(faces)
     faces = _without_points(_merged(vertices, faces))
     closed = len(faces) > 0 and _is_closed(faces, name)
-    faces = _without_slivers(vertices, faces, given, name)
+    faces, slivers = _without_slivers(vertices, faces, given, name)
     if closed and _volume(vertices, faces) < 0.0:
         log.warning("%s is inside out: its faces are turned round", name)
-        faces = np.ascontiguousarray(faces[:, ::-1])
-    return Triangles(name, np.ascontiguousarray(vertices), faces, closed)
+        faces, slivers = np.ascontiguousarray(faces[:, ::-1]), slivers[:, ::-1]
+    return Triangles(name, np.ascontiguousarray(vertices), faces, closed, slivers)
 
 
 def _checked_arrays(vertices: np.ndarray, faces: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -143,7 +156,7 @@ def _without_points(faces: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(faces[(a != b) & (b != c) & (c != a)])
 
 
-def _without_slivers(vertices: np.ndarray, faces: np.ndarray, given: int, name: str) -> np.ndarray:
+def _without_slivers(vertices: np.ndarray, faces: np.ndarray, given: int, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Drop triangles without an area: Warp finds no distance to them, and their edges are those of neighbours.
 
     Judged after the edges, since such a triangle may well close a surface.
@@ -159,7 +172,7 @@ def _without_slivers(vertices: np.ndarray, faces: np.ndarray, given: int, name: 
     dropped = given - int(proper.sum())
     if dropped:
         log.warning("%s: %d of %d triangles have no area and are dropped", name, dropped, given)
-    return np.ascontiguousarray(faces[proper])
+    return np.ascontiguousarray(faces[proper]), faces[~proper]
 
 
 def _is_closed(faces: np.ndarray, name: str) -> bool:
