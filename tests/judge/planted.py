@@ -159,8 +159,8 @@ def polled(variant, port):
                 payload = None
             if variant != "anyreply" and payload is not None and (head[3] != 0x20 or payload[:2] != b"\0\0"):
                 payload = None
-            if variant not in ("late", "deaf", "anyreply") and time.monotonic() - asked < 0.012:
-                payload = None  # it takes 16 ms on the line: this one was on its way before the question
+            if variant not in ("late", "deaf", "anyreply") and time.monotonic() - asked < 0.0005:
+                payload = None  # no controller answers so soon: this one was on its way before the question
             break
         if payload is None:
             if variant in ("late", "deaf", "timeout"):
