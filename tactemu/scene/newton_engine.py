@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
 
 import numpy as np
 import warp as wp
@@ -46,10 +47,11 @@ class NewtonEngine(BatchEngine):
         scene: where they are added.
         file: the model, MJCF (``.xml``) or URDF, or a ``newton.ModelBuilder`` of one environment.
         table: the options.
-        timestep: of the solver [s]; default: the largest part of the scene's ``dt`` that is at most 2 ms.
+        timestep: of the solver [s]; default: the file's (``<option timestep=...>``); where it says none, the largest
+            part of the scene's ``dt`` that is at most 2 ms.
 
     Raises:
-        SceneError: Newton is not installed, or cannot read the file.
+        SceneError: Newton is not installed, cannot read the file, or ``dt`` is no multiple of the time step.
     """
 
     kind = "newton"
@@ -65,7 +67,11 @@ class NewtonEngine(BatchEngine):
             self._builder.shape_material_mu = [table.friction] * len(self._builder.shape_material_mu)
         self._sizes = {} if table is None else table.sizes
         name = Path(file if isinstance(file, str | Path) else "model")
-        super().__init__(scene, name, timestep or scene.dt / max(1, int(np.ceil(scene.dt / TIMESTEP_S - 1e-9))))
+        if timestep is None and isinstance(file, str | Path):
+            timestep = _timestep(Path(file))
+        if timestep is None:
+            timestep = scene.dt / max(1, int(np.ceil(scene.dt / TIMESTEP_S - 1e-9)))
+        super().__init__(scene, name, timestep)
         self._source = NewtonSource(scene, self._builder.finalize(device="cpu"))
         self.model: Any = None
         """The ``newton.Model`` of the scene that was built last, on its device."""
@@ -109,6 +115,29 @@ class NewtonEngine(BatchEngine):
         self.solver = self._newton.solvers.SolverMuJoCo(self.model, **self._sizes)
         self.solver.mjw_model.opt.warn_overflow = 0  # in our words, and once
         return _Worlds(self, self._newton, simulation.n_envs)
+
+
+def _timestep(file: Path) -> float | None:
+    """Return the time step of an MJCF file and what it includes [s], which Newton leaves out, or None.
+
+    Raises:
+        SceneError: it is no number.
+    """
+    if file.suffix.lower() == ".urdf":
+        return None
+    try:
+        root = ElementTree.parse(file).getroot()
+    except (OSError, ElementTree.ParseError):
+        return None
+    said = [each.get("timestep") for each in root.iter("option") if each.get("timestep")]
+    try:
+        found = [float(text) for text in said if text]
+    except ValueError:
+        raise SceneError(f"engine: {file}: timestep must be a number, got {said[-1]!r:.40}") from None
+    found += [
+        step for each in root.iter("include") if (step := _timestep(file.parent / each.get("file", ""))) is not None
+    ]
+    return found[-1] if found else None
 
 
 @wp.kernel(module="unique", enable_backward=False)

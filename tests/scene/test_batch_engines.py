@@ -417,3 +417,17 @@ def test_a_file_that_asks_for_what_an_engine_has_not(drop, kind, changes, said):
 def test_a_time_step_that_does_not_fit(drop):
     with pytest.raises(SceneError, match="make dt a multiple"):
         tt.MujocoWarpEngine(tt.Scene(dt=5e-3), drop)
+
+
+@pytest.mark.parametrize("included", [False, True])
+def test_newton_takes_the_time_step_of_the_file(tmp_path, included):
+    """Newton's own reader leaves it out."""
+    path, option = tmp_path / "slow.xml", '<option timestep="0.003"/>'
+    (tmp_path / "option.xml").write_text(f"<mujoco>{option}</mujoco>")
+    said = '<include file="option.xml"/>' if included else option
+    path.write_text(DROP.replace('<option timestep="0.002"/>', said))
+    with pytest.raises(SceneError, match=r"time step of 0\.003 s, the scene's dt is 0\.001 s; make dt a multiple"):
+        tt.NewtonEngine(tt.Scene(dt=1e-3), path)
+    assert tt.NewtonEngine(tt.Scene(dt=6e-3), path).steps == 2
+    path.write_text(DROP.replace('<option timestep="0.002"/>', ""))
+    assert tt.NewtonEngine(tt.Scene(dt=5e-3), path).steps == 3, "it says none"
