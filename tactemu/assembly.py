@@ -17,8 +17,7 @@ from tactemu.errors import DeviceError, SceneError, TactemuError
 from tactemu.options import number
 from tactemu.plugging import Plug, plugs_of
 from tactemu.random_streams import stream_key
-from tactemu.recordings.playback import Playback, recorded
-from tactemu.recordings.recording import RecordedReadings
+from tactemu.recordings.playback import Playback, RecordedReadings, recorded
 from tactemu.sampling import SampleClock
 from tactemu.scenario import faults_of, laws_needed, schedule
 from tactemu.scene.as_measured import all_measured

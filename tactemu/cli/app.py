@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 
-import tactemu
 from tactemu.cli import judging_commands, log_commands, looking_up_commands, running_commands, scene_commands
 from tactemu.cli.benches import bench
+from tactemu.version import __version__
 
 app = typer.Typer(
     name="tactemu",
@@ -42,7 +42,7 @@ app.add_typer(bench, name="bench")
 
 def _version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"tactemu {tactemu.__version__}")
+        typer.echo(f"tactemu {__version__}")
         raise typer.Exit
 
 

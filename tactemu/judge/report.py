@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import tactemu
 from tactemu.errors import TactemuError
 from tactemu.judge.outcome import FAILING, Outcome
+from tactemu.version import __version__
 
 VERSION = 1
 
@@ -62,7 +62,7 @@ class Report:
     def as_dict(self) -> dict[str, Any]:
         """As plain data."""
         return {
-            "version": VERSION, "tactemu": tactemu.__version__, "device": self.device, "command": self.command,
+            "version": VERSION, "tactemu": __version__, "device": self.device, "command": self.command,
             "seed": self.seed, "seconds": round(self.seconds, 3), "asks": self.asks,
             "columns": [{"name": name, "holds": holds} for name, holds in self.columns],
             "left_behind": self.left_behind, "failed": [outcome.name for outcome in self.failed],

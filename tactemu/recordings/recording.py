@@ -12,15 +12,12 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Literal
-
-import numpy as np
+from typing import Any, Literal
 
 from firmware_protocols import CanFrame, Frame
 from tactemu.errors import TactemuError
 from tactemu.frame_text import checked, parse
-from tactemu.scene.placement import ROOM
-from tactemu.truth import Passage, PortEvent, entries, read_log
+from tactemu.truth import Passage, PortEvent, entries
 from tactemu.truth.writer import SUFFIXES
 
 CANDUMP_FORMATS = (".log", ".dump", ".candump")
@@ -174,50 +171,3 @@ def _from_zero(entries: Iterable[Entry]) -> list[Entry]:
     entries = sorted(entries, key=lambda entry: entry.t_ns)
     start = entries[0].t_ns if entries else 0
     return [Entry(entry.t_ns - start, entry.frame, entry.kind, entry.device) for entry in entries]
-
-
-class RecordedReadings:
-    """Readings from a truth log in place of physics: a source and, for the loop, the simulation that goes with it.
-
-    Between two samples the earlier one holds; before the first, the first does.
-
-    Args:
-        path: a truth log (``tactemu run --truth FILE``).
-        device: whose samples; may be left out where the log has one device only.
-
-    Raises:
-        TactemuError: the file is no truth log, or has no samples of this device.
-    """
-
-    not_state: ClassVar[tuple[str, ...]] = ("times_ns", "_measured", "_ideal")
-
-    imperfections = None
-    """They are in the recording, or in the sensor that it was made of."""
-
-    def __init__(self, path: str | Path, device: str = ""):
-        log = read_log(path)
-        names = sorted(name for name, skin in log.items() if len(skin.t_ns))
-        if not device and len(names) == 1:
-            device = names[0]
-        if device not in names:
-            raise TactemuError(
-                f"{path}: no samples of {device or 'one device'!r}; it has: {', '.join(names) or 'none'}"
-            )
-        skin = log[device]
-        if object in (skin.measured.dtype, skin.ideal.dtype):
-            raise TactemuError(f"{path}: the samples of {device!r} do not all have one shape")
-        self.times_ns = skin.t_ns
-        self._measured, self._ideal = np.asarray(skin.measured, float), np.asarray(skin.ideal, float)
-        self._now = 0
-
-    def advance_to(self, t_ns: int) -> None:
-        """Move to this time."""
-        self._now = max(0, int(np.searchsorted(self.times_ns, t_ns, side="right")) - 1)
-
-    def around(self, name: str, t_ns: int, link: str = "") -> Any:
-        """Not recorded: room temperature, at rest."""
-        return ROOM[name]
-
-    def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
-        """The recorded reading at the present time, whatever quantity it was; shape ``(n_taxels[, 3])``."""
-        return (self._ideal if ground_truth else self._measured)[self._now]

@@ -19,14 +19,10 @@ from tactemu.physics.models import cheapest, load, models_for
 from tactemu.physics.shapes.registry import load_shape
 from tactemu.physics.shapes.shape import Shape
 from tactemu.scene import rotation
-from tactemu.scene.batch_engine import BatchEngine
 from tactemu.scene.bodies import Body
-from tactemu.scene.engine import MujocoEngine
-from tactemu.scene.engine_tables import MujocoTable, MujocoWarpTable, NewtonTable
+from tactemu.scene.engine_registry import BatchEngine, Engine, JointMotors, open_engine
+from tactemu.scene.engine_tables import BatchTable
 from tactemu.scene.file import LoadedScene, load_device
-from tactemu.scene.mujoco_drives import Drive
-from tactemu.scene.mujoco_warp_engine import MujocoWarpEngine
-from tactemu.scene.newton_engine import NewtonEngine
 from tactemu.scene.placement import PlacedSensor, PlacedSkin
 from tactemu.scene.schema import Body as BodyTable
 from tactemu.scene.schema import Skin
@@ -113,7 +109,7 @@ def build_scene(
             quaternion=body.quaternion,
             motion=loaded.motions.get(body.name),
         )
-    engine = _engine(loaded, scene, devices, local_ns)
+    engine = None if loaded.tables.engine is None else open_engine(scene, loaded, _motors(loaded, devices, local_ns))
     friction = loaded.tables.engine.friction if loaded.tables.engine else None
     skins = {}
     for skin in loaded.tables.skin:
@@ -141,36 +137,22 @@ def read_engine(loaded: LoadedScene) -> BatchEngine | None:
     """
     from tactemu.scene.scene import Scene
 
-    if loaded.tables.engine is None or isinstance(loaded.tables.engine, MujocoTable):
+    if not isinstance(loaded.tables.engine, BatchTable):
         return None
-    engine = _engine(loaded, Scene(dt=loaded.tables.scene.dt), {}, lambda _skin, t_ns: t_ns)
-    assert isinstance(engine, BatchEngine)
-    return engine
+    return open_engine(Scene(dt=loaded.tables.scene.dt), loaded, _motors(loaded, {}, lambda _skin, t_ns: t_ns))
 
 
-def _engine(
-    loaded: LoadedScene, scene: Scene, devices: Mapping[str, Device], local_ns: Callable[[str, int], int]
-) -> MujocoEngine | BatchEngine | None:
-    table = loaded.tables.engine
-    if table is None:
-        return None
-    moved = [skin for skin in loaded.tables.skin if skin.joints]
-    file = loaded.folder / table.file
-    if isinstance(table, MujocoTable):
-        drives = [Drive(skin.title, devices[skin.title], skin.joints, partial(local_ns, skin.title)) for skin in moved]
-        return MujocoEngine(scene, file, drives, table)
-    assert isinstance(table, MujocoWarpTable | NewtonTable)
-    if moved:
-        raise SceneError(
-            f'skin {moved[0].title!r}: joints: an engine of kind {table.kind!r} knows no motors; "mujoco" moves them'
-        )
-    warp = isinstance(table, MujocoWarpTable)
-    engine = MujocoWarpEngine(scene, file, table) if warp else NewtonEngine(scene, file, table)
-    engine.starts = loaded.starts
-    return engine
+def _motors(
+    loaded: LoadedScene, devices: Mapping[str, Device], local_ns: Callable[[str, int], int]
+) -> list[JointMotors]:
+    return [
+        JointMotors(skin.title, devices[skin.title], skin.joints, partial(local_ns, skin.title))
+        for skin in loaded.tables.skin
+        if skin.joints
+    ]
 
 
-def _carrier(scene: Scene, engine: MujocoEngine | BatchEngine | None, part: SkinPart) -> tuple[Body, tuple[int, ...]]:
+def _carrier(scene: Scene, engine: Engine | None, part: SkinPart) -> tuple[Body, tuple[int, ...]]:
     """The body that carries a skin, and those that move with it and are not felt, by their places."""
     name = part.body
     if engine is None or any(body.name == name for body in scene.bodies if body not in engine.bodies):

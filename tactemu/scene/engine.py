@@ -28,6 +28,8 @@ from tactemu.scene.mujoco_source import MujocoSource, load_mujoco
 if TYPE_CHECKING:
     from tactemu.physics.sensor import Sensor
     from tactemu.physics.simulation import Simulation
+    from tactemu.scene.engine_registry import JointMotors
+    from tactemu.scene.file import LoadedScene
     from tactemu.scene.scene import Scene
 
 
@@ -39,6 +41,14 @@ CATCH_UP_S = 1.0
 """... or, with ``on_late = "drop"``, this much of the model's time [s]."""
 STIFF = 1e3
 """Damping of what is broken, so that it stays where it is."""
+
+
+def open_engine(scene: Scene, loaded: LoadedScene, motors: Sequence[JointMotors]) -> MujocoEngine:
+    """Open the engine of a scene file: see :data:`tactemu.scene.engine_registry.OPENERS`."""
+    table = loaded.tables.engine
+    assert isinstance(table, MujocoTable)
+    drives = [Drive(each.skin, each.device, each.joints, each.local_ns) for each in motors]
+    return MujocoEngine(scene, loaded.folder / table.file, drives, table)
 
 
 class MujocoEngine:

@@ -19,6 +19,7 @@ Needs the extra ``tactemu[mujoco-warp]``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,13 +27,16 @@ import numpy as np
 
 from tactemu.errors import SceneError
 from tactemu.scene.batch_engine import BatchEngine
+from tactemu.scene.engine_registry import without_motors
+from tactemu.scene.engine_tables import MujocoWarpTable
 from tactemu.scene.mujoco_source import MujocoSource, load_mujoco
 
 if TYPE_CHECKING:
     import warp as wp
 
     from tactemu.physics.simulation import Simulation
-    from tactemu.scene.engine_tables import MujocoWarpTable
+    from tactemu.scene.engine_registry import JointMotors
+    from tactemu.scene.file import LoadedScene
     from tactemu.scene.scene import Scene
 
 
@@ -41,6 +45,20 @@ STATE = (
     "mocap_pos", "mocap_quat", "userdata",
 )  # fmt: skip
 """What MuJoCo's integration depends on: ``mjSTATE_INTEGRATION``."""
+
+
+def open_engine(scene: Scene, loaded: LoadedScene, motors: Sequence[JointMotors]) -> MujocoWarpEngine:
+    """Open the engine of a scene file: see :data:`tactemu.scene.engine_registry.OPENERS`.
+
+    Raises:
+        SceneError: a skin has joints.
+    """
+    table = loaded.tables.engine
+    assert isinstance(table, MujocoWarpTable)
+    without_motors(table.kind, motors)
+    engine = MujocoWarpEngine(scene, loaded.folder / table.file, table)
+    engine.starts = loaded.starts
+    return engine
 
 
 class MujocoWarpEngine(BatchEngine):

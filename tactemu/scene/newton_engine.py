@@ -16,6 +16,7 @@ A loop and a solver of one's own: :class:`tactemu.NewtonSource`. Needs the extra
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
@@ -25,17 +26,34 @@ import warp as wp
 
 from tactemu.errors import SceneError
 from tactemu.scene.batch_engine import BatchEngine
+from tactemu.scene.engine_registry import without_motors
+from tactemu.scene.engine_tables import NewtonTable
 from tactemu.scene.newton_source import NewtonSource
 
 if TYPE_CHECKING:
     from tactemu.physics.simulation import Simulation
-    from tactemu.scene.engine_tables import NewtonTable
+    from tactemu.scene.engine_registry import JointMotors
+    from tactemu.scene.file import LoadedScene
     from tactemu.scene.scene import Scene
 
 TIMESTEP_S = 2e-3
 """Of a model that says none, at most."""
 STATE = "time", "act", "history", "qacc_warmstart"
 """What of the solver's own lasts from step to step."""
+
+
+def open_engine(scene: Scene, loaded: LoadedScene, motors: Sequence[JointMotors]) -> NewtonEngine:
+    """Open the engine of a scene file: see :data:`tactemu.scene.engine_registry.OPENERS`.
+
+    Raises:
+        SceneError: a skin has joints.
+    """
+    table = loaded.tables.engine
+    assert isinstance(table, NewtonTable)
+    without_motors(table.kind, motors)
+    engine = NewtonEngine(scene, loaded.folder / table.file, table)
+    engine.starts = loaded.starts
+    return engine
 
 
 class NewtonEngine(BatchEngine):

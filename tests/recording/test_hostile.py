@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from tactemu.cli.truths import summarise
 from tactemu.errors import TactemuError
-from tactemu.recordings.recording import CAN_FORMATS, RecordedReadings, load
+from tactemu.recordings.playback import RecordedReadings
+from tactemu.recordings.recording import CAN_FORMATS, load
 from tactemu.truth import Truth, read_log
 from tests.cli.command import here
 from tests.truth.telling import tell

@@ -7,8 +7,9 @@ import pytest
 from firmware_protocols import CanFrame
 from tactemu.errors import TactemuError
 from tactemu.frame_text import parse, text
+from tactemu.recordings.playback import RecordedReadings
 from tactemu.recordings.recorder import CAN_FORMATS, Recorder
-from tactemu.recordings.recording import Entry, RecordedReadings, load
+from tactemu.recordings.recording import Entry, load
 from tactemu.truth import Truth
 
 CANDUMP = """\
