@@ -14,10 +14,13 @@ from typing import Any, Literal
 import numpy as np
 import warp as wp
 
-import tactemu as tt
 from tactemu.physics.models import MODELS, load
 from tactemu.physics.sensor_model import SensorModel
+from tactemu.physics.shapes.box import Box
+from tactemu.physics.shapes.mesh import Mesh
+from tactemu.physics.shapes.sphere import Sphere
 from tactemu.plan.launches import record
+from tactemu.scene.scene import Scene
 
 SIDE = 0.04
 
@@ -128,7 +131,7 @@ GENESIS_OPTIONS: dict[str, dict[str, Any]] = {
 
 def build(case: Case, device: str, **options: Any):
     """``(sim, ball, sensor)`` of a case, the ball pressed in and sliding; ``options``: of :meth:`Scene.build`."""
-    scene = tt.Scene(dt=1e-3)
+    scene = Scene(dt=1e-3)
     kind, chosen = sensors()[case.sensor]
     chosen = {**chosen, "contact_depth_query": case.query} if case.query else chosen
     if case.scene == "genesis":
@@ -137,7 +140,7 @@ def build(case: Case, device: str, **options: Any):
         chosen = {**chosen, **GENESIS_OPTIONS[kind.__name__]}
     else:
         place, extent, positions = (0.0, 0.0, 0.029), SIDE, grid(case.side)
-    pad = scene.add_body(tt.Box(size=(extent, extent, 0.02)), fixed=True, name="pad")
+    pad = scene.add_body(Box(size=(extent, extent, 0.02)), fixed=True, name="pad")
     ball = scene.add_body(_ball(case.mesh), name="ball", position=place)
     sensor = scene.add_sensor(kind(probe_local_pos=positions, **chosen), link=pad, name="skin")
     sim = scene.build(case.n_envs, device=device, **options)
@@ -152,10 +155,10 @@ def build(case: Case, device: str, **options: Any):
 
 def _ball(mesh: bool):
     if not mesh:
-        return tt.Sphere(radius=0.02)
+        return Sphere(radius=0.02)
     import trimesh
 
-    return tt.Mesh(source=trimesh.creation.icosphere(6, radius=0.02))
+    return Mesh(source=trimesh.creation.icosphere(6, radius=0.02))
 
 
 @wp.kernel(module="unique", enable_backward=False)

@@ -15,9 +15,13 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-import tactemu as tt
 from tactemu.bench.physics_cases import Case, Mover, build
 from tactemu.bench.timing import Report
+from tactemu.physics.probes.kinematic_taxel import KinematicTaxel
+from tactemu.physics.shapes.box import Box
+from tactemu.physics.shapes.capsule import Capsule
+from tactemu.physics.shapes.sphere import Sphere
+from tactemu.scene.scene import Scene
 
 ENVS = {"cpu": 64, "cuda": 4096}
 SECONDS = 0.5
@@ -70,8 +74,8 @@ def scenes(n_envs: int, device: str) -> dict[str, Callable[[], tuple[Any, list, 
 
 def hand(n_envs: int, device: str):
     """A palm, five fingers of three bones with a skin on the last, and a ball, all of them posed in each step."""
-    scene = tt.Scene(dt=1e-3)
-    bodies = [scene.add_body(tt.Box(size=(0.08, 0.09, 0.02)), name="palm")]
+    scene = Scene(dt=1e-3)
+    bodies = [scene.add_body(Box(size=(0.08, 0.09, 0.02)), name="palm")]
     y, x = (np.linspace(-a, a, n) for a, n in zip((6e-3, 5e-3), PADS))
     pad = np.stack([*np.meshgrid(x, y), np.full(PADS, 6e-3)], -1)
     skins = []
@@ -79,11 +83,11 @@ def hand(n_envs: int, device: str):
         for bone in range(BONES):
             place = (0.02 * (finger - 2), 0.05 + 0.03 * bone, 0.0)
             bodies.append(
-                scene.add_body(tt.Capsule(radius=6e-3, length=0.02), name=f"bone {finger} {bone}", position=place)
+                scene.add_body(Capsule(radius=6e-3, length=0.02), name=f"bone {finger} {bone}", position=place)
             )
-        model = tt.KinematicTaxel(probe_local_pos=pad, probe_radius=2e-3)
+        model = KinematicTaxel(probe_local_pos=pad, probe_radius=2e-3)
         skins.append(scene.add_sensor(model, link=bodies[-1], name=f"finger {finger}"))
-    bodies.append(scene.add_body(tt.Sphere(radius=0.03), name="ball", position=(0.0, 0.11, 0.035)))
+    bodies.append(scene.add_body(Sphere(radius=0.03), name="ball", position=(0.0, 0.11, 0.035)))
     sim = scene.build(n_envs, device=device)
     poses = sim.pose_array
     start = wp.clone(poses)

@@ -5,12 +5,11 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
-import tactemu
 from tactemu.errors import TactemuError
 from tactemu.files import writing
 
-START = Path(tactemu.__file__).parent / "scene" / "start.toml"
-EXAMPLES = (Path(tactemu.__file__).parent / "examples", Path(tactemu.__file__).parents[1] / "examples")
+START = Path(__file__).parents[1] / "scene" / "start.toml"
+EXAMPLES = (Path(__file__).parents[1] / "examples", Path(__file__).parents[2] / "examples")
 """In the installed package, and in a source tree."""
 
 

@@ -312,7 +312,7 @@ class Control:
         )
 
     def _state(self) -> Outcome:
-        return Outcome(result=state.state_of(self))
+        return Outcome(result=state.state_of(self.emulator, self.steered))
 
     def _describe(self) -> Outcome:
         return Outcome(result=described(self.emulator))

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
 from tactemu.channel import Channel
 from tactemu.emulator import Emulator
+from tactemu.scene.steering import Steered
 from tactemu.truth import Sample
-
-if TYPE_CHECKING:
-    from tactemu.control.control import Control
 
 
 def statistics_of(emulator: Emulator, channel: Channel) -> dict[str, Any]:
@@ -25,14 +23,14 @@ def look_at(emulator: Emulator, channel: Channel) -> Callable[[], dict[str, Any]
     return channel.counted(emulator.truth.injected_at(channel.name))
 
 
-def state_of(control: Control) -> Callable[[], dict[str, Any]]:
-    """What gives the time [s], bodies with their world poses, skins with their ports and latest samples, as they are
-    now. Call in the loop; what it gives may be called in another thread."""
-    emulator, around = control.emulator, control.emulator.truth.surroundings
+def state_of(emulator: Emulator, steered: Mapping[str, Steered]) -> Callable[[], dict[str, Any]]:
+    """Return a function that gives the present state: the time [s], bodies with their world poses, skins with their
+    ports and latest samples. Call this in the loop; the function may be called in another thread."""
+    around = emulator.truth.surroundings
     poses = np.zeros((0, 7)) if around is None else around.poses()
     names = [] if around is None else around.names
     t_s = emulator.now_ns / 1e9
-    taken = {name: motion.taken for name, motion in control.steered.items()}
+    taken = {name: motion.taken for name, motion in steered.items()}
     samples = {channel.name: emulator.truth.latest_of(channel.name) for channel in emulator.channels}
     return lambda: {
         "t_s": t_s,

@@ -9,9 +9,14 @@ from typing import Any
 
 import numpy as np
 
-import tactemu as tt
+from tactemu.physics.layer.elastic_layer_taxel import ElasticLayerTaxel
+from tactemu.physics.shapes.box import Box
+from tactemu.physics.shapes.cylinder import Cylinder
+from tactemu.physics.shapes.mesh import Mesh
+from tactemu.physics.shapes.sphere import Sphere
 from tactemu.plan.plan import Dtype
 from tactemu.scene import rotation
+from tactemu.scene.scene import Scene
 
 TOP = 0.005
 """Height of the skin's surface [m]."""
@@ -46,7 +51,7 @@ class TestSkin:
     @property
     def layer(self) -> dict[str, Any]:
         """Its material, as options of ElasticLayerTaxel."""
-        return {name: getattr(self, name) for name in tt.ElasticLayerTaxel.material}
+        return {name: getattr(self, name) for name in ElasticLayerTaxel.material}
 
 
 @dataclass(frozen=True)
@@ -98,13 +103,13 @@ def indenters() -> dict[str, Indenter]:
     wedge, pebble = _wedge(), _pebble()
     lying = rotation.from_rotation_vector(np.array([np.pi / 2, 0, 0]))
     return {
-        "sphere": Indenter(tt.Sphere(radius=5e-3), upright, 5e-3, rolling_radius=5e-3),
-        "box": Indenter(tt.Box(size=cube), upright, 3e-3),
-        "box edge": _tilted(tt.Box(size=block), _box_corners(block), (0, np.pi / 4, 0)),
-        "cylinder": Indenter(tt.Cylinder(radius=4e-3, length=8e-3), tuple(lying), 4e-3, rolling_radius=4e-3),
-        "tilted box": _tilted(tt.Box(size=cube), _box_corners(cube), (0, np.radians(5), 0)),
-        "thin wedge": Indenter(tt.Mesh(source=wedge), upright, 0.0),
-        "free form": Indenter(tt.Mesh(source=pebble), upright, -float(pebble[0][:, 2].min())),
+        "sphere": Indenter(Sphere(radius=5e-3), upright, 5e-3, rolling_radius=5e-3),
+        "box": Indenter(Box(size=cube), upright, 3e-3),
+        "box edge": _tilted(Box(size=block), _box_corners(block), (0, np.pi / 4, 0)),
+        "cylinder": Indenter(Cylinder(radius=4e-3, length=8e-3), tuple(lying), 4e-3, rolling_radius=4e-3),
+        "tilted box": _tilted(Box(size=cube), _box_corners(cube), (0, np.radians(5), 0)),
+        "thin wedge": Indenter(Mesh(source=wedge), upright, 0.0),
+        "free form": Indenter(Mesh(source=pebble), upright, -float(pebble[0][:, 2].min())),
     }
 
 
@@ -177,9 +182,9 @@ def all_cases(quick: bool = False) -> list[Case]:
 
 def build(skin: TestSkin, case: Case, model: Any, dtype: Dtype = "float32", device: str = "cpu"):
     """A built scene with one skin and the case's object; returns simulation, body and sensor."""
-    scene = tt.Scene(dt=DT)
+    scene = Scene(dt=DT)
     extent = 2 * skin.side * skin.pitch
-    pad = scene.add_body(tt.Box(size=(extent, extent, 2 * TOP)), fixed=True, name="pad")
+    pad = scene.add_body(Box(size=(extent, extent, 2 * TOP)), fixed=True, name="pad")
     body = scene.add_body(indenters()[case.object].shape, name="object", position=(0, 0, 1.0))
     sensor = scene.add_sensor(model, link=pad, name="skin")
     return scene.build(dtype=dtype, device=device), body, sensor

@@ -12,9 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-import tactemu as tt
 from tactemu.bench.trade.cases import TOP, Case, TestSkin, build
 from tactemu.bench.trade.errors import Observation
+from tactemu.physics.layer.elastic_layer_taxel import ElasticLayerTaxel
+from tactemu.physics.shapes.mesh import Mesh
+from tactemu.physics.shapes.sphere import Sphere
+from tactemu.scene.scene import Scene
 
 TOLERANCE = 1e-5
 _VERSION = 2
@@ -83,9 +86,7 @@ class Truths:
 
     def _solve(self, case: Case) -> Observation:
         fine = fine_skin(self.skin, self.factor)
-        model = tt.ElasticLayerTaxel(
-            probe_local_pos=fine.positions(), **fine.layer, iterations=400, tolerance=TOLERANCE
-        )
+        model = ElasticLayerTaxel(probe_local_pos=fine.positions(), **fine.layer, iterations=400, tolerance=TOLERANCE)
         sim, body, sensor = build(fine, case, model)
         for pose in case.poses():
             sim.set_pose(body, **pose)
@@ -133,26 +134,26 @@ def checks(cells: int = 256) -> list[Check]:
         )
     for deep, force in NEO_HOOKEAN.items():
         skin = TestSkin(side=cells, pitch=4 * np.sqrt(radius * deep) / cells, friction=0.0)
-        got = _force(skin, tt.Sphere(radius=radius), radius, deep)
+        got = _force(skin, Sphere(radius=radius), radius, deep)
         found.append(Check(f"finite strain: ball of 5 mm, {deep * 1e3:.1f} mm deep, nu 0.49", got / force - 1))
     return found
 
 
-def _paraboloid(skin: TestSkin, radius: float) -> tt.Mesh:
+def _paraboloid(skin: TestSkin, radius: float) -> Mesh:
     """A finely sampled paraboloid over the whole skin, its vertex at the origin."""
     x = np.linspace(-0.55, 0.55, 257) * skin.side * skin.pitch
     xx, yy = np.meshgrid(x, x)
     z = (xx**2 + yy**2) / (2 * radius)
-    return tt.Mesh(source=_height_field(xx, yy, z, float(z.max()) + radius))
+    return Mesh(source=_height_field(xx, yy, z, float(z.max()) + radius))
 
 
 def _force(skin: TestSkin, shape, lowest: float, depth: float) -> float:
     """Normal force on a shape whose lowest point is ``lowest`` below its origin, without friction."""
-    scene = tt.Scene()
+    scene = Scene()
     pad = scene.add_body(None, name="pad", fixed=True)
     body = scene.add_body(shape, name="object", position=(0, 0, 1))
     options = {"iterations": 400, "tolerance": 1e-6, "displacement": False, "look_depth": 4 * depth}
-    model = tt.ElasticLayerTaxel(probe_local_pos=skin.positions(), **skin.layer, **options)
+    model = ElasticLayerTaxel(probe_local_pos=skin.positions(), **skin.layer, **options)
     sensor = scene.add_sensor(model, link=pad)
     sim = scene.build()
     sim.set_pose(body, position=(0, 0, TOP + lowest - depth))
