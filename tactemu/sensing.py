@@ -26,6 +26,11 @@ class Skin(Protocol):
         ...
 
     @property
+    def wrench(self) -> np.ndarray | None:
+        """Force and torque [N, Nm], shape ``(6,)``, in place of what follows from its forces; ``None``: they count."""
+        ...
+
+    @property
     def imperfections(self) -> Imperfections | JoinedImperfections | None:
         """What spoils its readings; ``None`` for a recording."""
         ...
@@ -58,6 +63,8 @@ class Senses:
             return self.skin.quantity(sense.quantity, ground_truth)
         at: Any = sense.at
         match sense.quantity:
+            case "wrench" if (wrench := self.skin.wrench) is not None:
+                return np.broadcast_to(wrench, (len(at), 6))
             case "wrench":
                 return resultant(self._layout.positions, self.skin.quantity("force", ground_truth), at.positions)
             case "vibration":
@@ -91,6 +98,7 @@ class Untouched:
 
     not_state: ClassVar[tuple[str, ...]] = ()
     imperfections = None
+    wrench = None
 
     def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
         """Nothing, shape ``(0, 3)`` or ``(0,)``."""

@@ -8,7 +8,8 @@ A source is one of
   or ``(position, quaternion)``, whose velocities are then how it differs from the last;
 * a function of time [s] that gives *readings*: what the taxels feel, as an array in the device's order, shape ``(n,)``
   or ``(n, 3)``, SI, vectors in the device's frame, forces on the skin; or a table of such by quantity, where
-  ``temperature``, ``acceleration`` and ``angular_velocity`` may stand too; or a table of either by skin.
+  ``temperature``, ``acceleration`` and ``angular_velocity`` may stand too, and for a force-torque sensor ``wrench``
+  [N, Nm], shape ``(6,)``, which then counts and not the forces; or a table of either by skin.
 
 A function is called for times that rise, for each once: by whoever calls ``start`` until that returns (first for 0 s),
 then by the emulator's thread. While it computes the device neither samples nor answers; samples whose time passes
@@ -195,11 +196,14 @@ def _pose(name: str, given: Any, before: Pose | None, t_s: float, dt: float) -> 
 class OwnSkin:
     """What one skin feels by the user's function: readings as they are, spoilt by nothing."""
 
-    not_state: ClassVar[tuple[str, ...]] = ("name", "_n", "_contact")
+    not_state: ClassVar[tuple[str, ...]] = ("name", "_n", "_contact", "_wrenches")
     imperfections = None
 
     def __init__(self, name: str, device: Device):
         self.name, self._n, self._contact = name, len(device.layout), device.contact
+        self._wrenches = any(sense.quantity == "wrench" for sense in device.sensed)
+        self.wrench: np.ndarray | None = None
+        """In place of what follows from the forces [N, Nm]."""
         self._values: dict[str, np.ndarray] = {}
         self._around: dict[str, Any] = dict(ROOM)
 
@@ -210,14 +214,17 @@ class OwnSkin:
             SourceError: a quantity is missing or unknown, of another shape, or not finite.
         """
         table = given if isinstance(given, Mapping) else {self._contact[0]: given}
-        if not set(self._contact) <= set(table) or not set(table) <= {*CONTACT, *ROOM}:
-            expected = ", ".join((*self._contact, *(f"{name} (optional)" for name in ROOM)))
+        optional = (*ROOM, "wrench") if self._wrenches else tuple(ROOM)
+        if not set(self._contact) <= set(table) or not set(table) <= {*CONTACT, *optional}:
+            expected = ", ".join((*self._contact, *(f"{name} (optional)" for name in optional)))
             raise SourceError(f"source at {t_s:g} s: skin {self.name!r}: expected {expected}; got {_seen(given)}")
         self._values = {name: self._checked(name, table[name], t_s) for name in self._contact}
         self._around = {name: self._checked(name, table[name], t_s) if name in table else ROOM[name] for name in ROOM}
+        self.wrench = self._checked("wrench", table["wrench"], t_s) if "wrench" in table else None
 
     def _checked(self, name: str, value: Any, t_s: float) -> np.ndarray:
-        shape = {"temperature": (), "acceleration": (3,), "angular_velocity": (3,)}.get(name, (self._n,))
+        shapes = {"temperature": (), "acceleration": (3,), "angular_velocity": (3,), "wrench": (6,)}
+        shape = shapes.get(name, (self._n,))
         shape = (self._n, 3) if name in VECTORS else shape
         where = f"source at {t_s:g} s: skin {self.name!r}: {name}"
         try:

@@ -52,6 +52,16 @@ def test_readings_of_a_function_are_sampled_as_they_are():
         np.testing.assert_array_equal(sample.measured, sample.ideal)
 
 
+def test_a_wrench_counts_and_not_the_forces():
+    wrench = np.array([1.0, -2.0, 3.0, 0.1, -0.2, 0.3])
+    samples = samples_of(lambda t_s: {"force": np.ones((1, 3)), "wrench": wrench}, device="dynpick")
+    assert {tuple(np.asarray(s.ideal)[0]) for s in samples if s.sense == "wrench"} == {tuple(wrench)}
+    with pytest.raises(SourceError, match=r"wrench: expected shape \(6,\)"):
+        samples_of(lambda t_s: {"force": np.ones((1, 3)), "wrench": wrench[:3]}, device="dynpick")
+    with pytest.raises(SourceError, match="got a table of 'force', 'wrench'"):
+        samples_of(lambda t_s: {"force": ramp(t_s), "wrench": wrench})
+
+
 def test_a_function_is_called_for_each_time_once_in_one_thread_and_time_rises():
     calls = []
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from firmware_protocols import Device, Reading, calls
 from firmware_protocols.check.readings import METRES_PER_NEWTON, reading_of
+from firmware_protocols.device import CONTACT
 
 Mode = Literal["rest", "random", "steps"]
 STEP = 32
@@ -24,60 +25,104 @@ _STRONGEST = 1e7
 """Force at which a device is given up that shows nothing [N]."""
 _SETTLE = 12
 """Conversions, a fifth of a second apart, after which a device's own filter has come to rest."""
+_JUMP = 0.1
+"""A channel that goes from a tenth of this share of its room beyond it at twice the force is no measure of it."""
+WRENCH = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+_FEW, _FEW_EVERY = 2, 6
+"""Taxels that are touched in one of so many samples, all others at rest: sums over a skin are not full then."""
 
 
 class Span:
-    """How far a device may be driven: the largest push, pull and sideways force on each taxel [N]."""
+    """How far a device may be driven: the largest push, pull and sideways force on each taxel [N].
+
+    A force-torque sensor is driven by each component of its wrench [N, Nm]: one point of contact cannot move all six
+    by themselves.
+    """
 
     def __init__(self, make: Callable[[], Device]):
         device = make()
         self.device, self.n = device, len(device.layout)
         self._make = make
-        layout = device.layout
-        self.axes = {"push": -layout.normals, "x": layout.x_axes, "y": layout.y_axes}
-        """Directions of a force on the skin, shape ``(n_taxels, 3)``."""
+        layout, quantities = device.layout, {sense.quantity for sense in device.sensed}
+        self.axes: dict[str, np.ndarray] = {}
+        """Directions: of a force on the skin, shape ``(n_taxels, 3)``; of a wrench, shape ``(6,)``."""
+        if self.n and quantities & {*CONTACT, "vibration"}:
+            self.axes |= {"push": -layout.normals, "x": layout.x_axes, "y": layout.y_axes}
+        if self.n and "wrench" in quantities:
+            self.axes |= dict(zip(WRENCH, np.eye(6)))
         self.limits: dict[str, tuple[float, float]] = {}
-        """Least and greatest force by axis [N]."""
-        if self.n:
-            self._rest = self._counts("push", 0.0)
+        """Least and greatest force or torque by axis [N, Nm]."""
+        if self.axes:
+            self._rest = self._counts(next(iter(self.axes)), 0.0)
             self.limits = {axis: (-self._limit(axis, -1.0), self._limit(axis, 1.0)) for axis in self.axes}
 
     def forces(self, shares: np.ndarray) -> np.ndarray:
         """Forces [N] for shares in [0, 1] of what each axis bears, both of shape ``(n_taxels, 3)``."""
         total = np.zeros((self.n, 3))
-        for k, (axis, (low, high)) in enumerate(self.limits.items()):
+        taxels = [axis for axis in self.axes if axis not in WRENCH]
+        for k, axis in enumerate(taxels):
+            low, high = self.limits[axis]
             total += (low + (high - low) * shares[:, k])[:, None] * self.axes[axis]
         return total
 
-    def _counts(self, axis: str, newtons: float) -> np.ndarray:
-        """What a fresh device shows of this force on every taxel, once it has come to rest."""
-        device, forces, counts = self._make(), newtons * self.axes[axis], []
+    @property
+    def has_wrench(self) -> bool:
+        """Whether the device senses forces and torques of the whole skin."""
+        return WRENCH[0] in self.axes
+
+    def wrench(self, shares: np.ndarray) -> np.ndarray:
+        """Return a wrench [N, Nm] for shares in [0, 1], both of shape ``(6,)``."""
+        low, high = np.array([self.limits[axis] for axis in WRENCH]).T
+        return low + (high - low) * shares
+
+    def _reading(self, stream: str, axis: str = "", amount: float = 0.0) -> Reading:
+        """Return what the senses of a stream see of so much along an axis."""
+        along = amount * self.axes[axis] if axis else np.zeros(6)
+        wrench, forces = (along, np.zeros((self.n, 3))) if along.ndim == 1 else (np.zeros(6), along)
+        senses = self.device.senses_of(stream)
+        given = {sense.key: wrench for sense in senses if sense.quantity == "wrench"}
+        return reading_of(self.device, forces, stream, **given)
+
+    def _counts(self, axis: str, amount: float) -> np.ndarray:
+        """Return what a fresh device that was at rest at first shows of this on every taxel, once it has settled."""
+        device, counts = self._make(), []
         for stream in device.periods:
-            reading, felt = reading_of(device, forces, stream), None
-            for k in range(_SETTLE):
-                felt = calls.feel(device, Reading(reading.values, stream), 200_000_000 * k)
+            calls.feel(device, self._reading(stream), 0)  # firmware that takes its baseline takes it here
+            reading, felt = self._reading(stream, axis, amount), None
+            for k in range(1, _SETTLE):
+                felt = calls.feel(device, reading, 200_000_000 * k)
             counts += flattened(felt)
-        return np.concatenate([each.ravel() for each in counts]) if counts else np.zeros(0)
+        return np.concatenate([each.ravel() for each in counts]).astype(float) if counts else np.zeros(0)
 
     def _limit(self, axis: str, sign: float) -> float:
-        """The force along an axis at which the first channel has gone as far as it shall, or the last that it shows."""
+        """Return the amount along an axis at which the first channel has gone as far as it shall, or shows no more.
+
+        A channel that goes far when the amount is only doubled is an angle or a switch, and no measure of it.
+        """
         room = self._room()
 
-        def share(newtons: float) -> float:
-            moved = self._counts(axis, sign * newtons) - self._rest
-            return float(np.max(np.abs(moved) / np.where(moved > 0, room[1], room[0]), initial=0.0))
+        def shares(amount: float) -> np.ndarray:
+            moved = self._counts(axis, sign * amount) - self._rest
+            return np.abs(moved) / np.where(moved > 0, room[1], room[0])
 
-        newtons, before = 1e-3, 0.0
-        while newtons < _STRONGEST and (now := share(newtons)) < 1.0:
-            if before > 0.02 and now <= before:  # it shows no more
-                return newtons / 4
-            newtons, before = newtons * 2, now
-        if newtons >= _STRONGEST:
-            return 0.0
-        low = newtons / 2
+        amount, before = 1e-3, np.zeros(len(self._rest))
+        measures, switched = np.ones(len(before), bool), 0.0
+        while amount < _STRONGEST:
+            now = shares(amount)
+            jumps = measures & (now > _JUMP) & (before < 0.1 * _JUMP)
+            measures, switched = measures & ~jumps, switched or amount * jumps.any()
+            if (now >= 1.0)[measures].any():
+                break
+            reached, was = (each.max(initial=0.0, where=measures) for each in (now, before))
+            if was > 0.02 and reached <= was:  # it shows no more
+                return amount / 4
+            amount, before = amount * 2, now
+        if amount >= _STRONGEST:
+            return switched
+        low = amount / 2
         for _ in range(6):
-            middle = (low + newtons) / 2
-            low, newtons = (low, middle) if share(middle) >= 1.0 else (middle, newtons)
+            middle = (low + amount) / 2
+            low, amount = (low, middle) if (shares(middle) >= 1.0)[measures].any() else (middle, amount)
         return low
 
     def _room(self) -> np.ndarray:
@@ -96,8 +141,7 @@ class Span:
         return np.maximum(span, 1e-3 * (whole[1] - whole[0])) * share
 
     def _felt(self, stream: str) -> Any:
-        device = self._make()
-        return calls.feel(device, reading_of(device, 0.0, stream), 0)
+        return calls.feel(self._make(), self._reading(stream), 0)
 
 
 def flattened(counts: Any) -> list[np.ndarray]:
@@ -114,10 +158,9 @@ def senses_of(device: Device, stream: str) -> list[str]:
 def columns_of(device: Device, sense: str, shape: tuple[int, ...]) -> list[Any]:
     """The declared columns of a sense's counts, one for each number of a point; ``None`` where there is none."""
     width = int(np.prod(shape[1:]))
-    own = [column for column in device.columns if column.sense == sense and not column.shared]
-    if len(own) != width:
-        own = [column for column in device.columns if not column.shared]
-    return own if len(own) == width else [None] * width
+    own = [column for column in device.columns if not column.shared]
+    named, unnamed = ([column for column in own if column.sense == each] for each in (sense, ""))
+    return next((list(found) for found in (named, unnamed, own) if len(found) == width), [None] * width)
 
 
 class Excitation:
@@ -149,13 +192,19 @@ class Excitation:
         span, resting = self.spans[name], self.mode == "rest"
         random = np.random.default_rng((self.seed, k, t_ns))
         if resting:
-            forces, around = np.zeros((span.n, 3)), (25.0, (0.0, 0.0, 9.80665), (0.0, 0.0, 0.0))
+            forces, wrench = np.zeros((span.n, 3)), np.zeros(6)
+            around = (25.0, (0.0, 0.0, 9.80665), (0.0, 0.0, 0.0))
         else:
             forces = self.beyond * span.forces(random.random((span.n, 3)))
             around = (random.uniform(10.0, 40.0), random.uniform(-9.0, 9.0, 3), random.uniform(-1.0, 1.0, 3))
+            wrench = self.beyond * span.wrench(random.random(6)) if span.has_wrench else np.zeros(6)
+            if span.n > 2 * _FEW and not random.integers(_FEW_EVERY):
+                forces[random.permutation(span.n)[_FEW:]] = 0.0
         if name in self.dead and span.n:
             forces[self.dead[name] % span.n] = 0.0
-        felt = {quantity: _quantity(quantity, span.device, forces) for quantity in span.device.contact}
+        felt: dict[str, Any] = {quantity: _quantity(quantity, span.device, forces) for quantity in span.device.contact}
+        if span.has_wrench:
+            felt["wrench"] = wrench
         return felt | dict(zip(("temperature", "acceleration", "angular_velocity"), around))
 
 

@@ -32,6 +32,8 @@ class RecordedReadings:
 
     imperfections = None
     """They are in the recording, or in the sensor that it was made of."""
+    wrench = None
+    """It follows from the forces."""
 
     def __init__(self, path: str | Path, device: str = ""):
         log = read_log(path)

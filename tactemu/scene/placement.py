@@ -112,6 +112,9 @@ class PlacedSkin:
 
     not_state: ClassVar[tuple[str, ...]] = ("n_taxels",)
 
+    wrench = None
+    """It follows from the forces."""
+
     def __init__(self, parts: Sequence[PlacedSensor], n_taxels: int):
         self.parts = list(parts)
         self.n_taxels = n_taxels
