@@ -1,312 +1,298 @@
-"""``planted.py KIND VARIANT PORT...``: drivers with one defect each, and clean ones, for the judge to find.
+"""``python -m tests.judge.planted [WORD...]``: judge drivers with planted mistakes; each mistake must be named.
 
-KIND is ``stream`` (optoforce), ``two`` (two of them), ``polled`` (weiss_wts), ``modbus`` (dfrobot_tactile),
-``tcp`` (inspire_rh56dftp) or ``can`` (xela_uskin). They print one JSON line for each reading, and what is wrong
-on stderr.
+A row is a mistake in a driver, and the kind of finding that the judge must report. WORDs choose rows: those in which
+each word is the line, the driver, the mistake or an expected kind (``planted udp``, ``planted udp scale``). The command
+runs one judge after the other, in real time, and prints a table; it fails when fewer than 95 % of the rows are named.
 """
 
+from __future__ import annotations
+
+import argparse
 import json
-import socket
-import struct
+import multiprocessing
+import os
+import signal
 import sys
+import tempfile
 import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+
+from tactemu import cli
+
+DRIVERS_FOLDER = Path(__file__).with_name("drivers")
+REQUIRED_SHARE = 0.95
+ROW_TIMEOUT_S = 300.0
+"""Longest time for one row; a judge that hangs is a row that is not named."""
+STOP_TIMEOUT_S = 10.0
+"""Time that an interrupted judge has to end its driver."""
 
 
-def hand_out(**row):
-    print(json.dumps(row), flush=True)
+@dataclass(frozen=True)
+class Driver:
+    """A script in ``drivers``, and the device that it reads."""
+
+    line: str
+    script: str
+    device: str
+    options: tuple[str, ...] = ()
+    """Options of the device."""
+    words: tuple[str, ...] = ("{port}",)
+    """Arguments of the script behind the variant."""
+    port: str | None = None
+
+    def command(self, variant: str) -> list[str]:
+        """Return the command line of the driver, with the port left open."""
+        return [sys.executable, str(DRIVERS_FOLDER / self.script), variant, *self.words]
 
 
-def say(text):
-    print(text, file=sys.stderr, flush=True)
+DRIVERS = {
+    "stream": Driver("stream", "over_stream.py", "optoforce", ("axes=6",), ("{port}", "6")),
+    "polled": Driver("polled", "over_polled.py", "weiss_wts"),
+    "letters": Driver("polled", "over_letters.py", "dynpick"),
+    "resultant": Driver("polled", "over_resultant.py", "paxini_px6ax"),
+    "modbus": Driver("modbus", "over_modbus.py", "dfrobot_tactile"),
+    "wrench": Driver("modbus", "over_modbus.py", "robotiq_ft300", ("streams=false",), ("{port}", "ft300")),
+    "tcp": Driver("tcp", "over_tcp.py", "inspire_rh56dftp", port="tcp:127.0.0.1:0"),
+    "can": Driver("can", "over_can.py", "xela_uskin"),
+    "hand": Driver("can", "over_can_hand.py", "dexrobot_dexhand", words=("{interface}", "{channel}")),
+    "gauges": Driver("can", "over_can_asked.py", "ati_netcanoem"),
+    "udp": Driver("udp", "over_udp.py", "ati_net_ft", ("records_per_second=125",)),
+    "records": Driver("udp", "over_udp.py", "ati_net_ft", ("records_per_second=125",), ("{port}", "asked")),
+}
+
+NO_FAULT = ("clean",)
+OUTAGES = ("hang", "silence", "unplug")
+MISTAKES: list[tuple[str, str, Sequence[str], str]] = [
+    # variant: what is wrong; kinds that name it; trials that can show it; drivers in which it is planted
+    ("mask: upper bits lost", "wrong", NO_FAULT, "stream polled modbus can udp"),
+    ("clip: values stop at a limit", "clipped", NO_FAULT, "stream polled modbus wrench can hand udp"),
+    ("unsigned: sign lost", "wrong", NO_FAULT, "stream wrench gauges udp"),
+    ("magnitude: sign dropped", "wrong", NO_FAULT, "stream letters wrench gauges udp"),
+    ("endian: bytes of one value turned", "wrong", NO_FAULT, "stream polled modbus can udp"),
+    ("ten: ten times the unit", "scale", NO_FAULT, "stream wrench hand udp"),
+    ("thousand: a thousand times the unit", "scale", NO_FAULT, "letters wrench hand udp"),
+    ("kilogram: kilograms for newtons", "scale", NO_FAULT, "stream letters hand udp"),
+    ("percent: three percent too large", "scale", NO_FAULT, "letters udp"),
+    ("flip: sign of the last axis turned", "scale|order|wrong", NO_FAULT, "stream letters wrench udp"),
+    ("exchanged: two axes exchanged", "order", NO_FAULT, "stream letters wrench can hand udp"),
+    ("missing: last channel not handed out", "unread", NO_FAULT, "stream polled modbus can udp"),
+    ("halfmissing: half of the channels not handed out", "unread", NO_FAULT, "polled can"),
+    ("zero: last channel always 0", "unread|clipped", NO_FAULT, "stream polled modbus can udp"),
+    ("twice: last channel is the one before", "unread", NO_FAULT, "polled modbus can udp"),
+    ("frozen: last channel stays at its first value", "unread|clipped", NO_FAULT, "stream letters wrench can udp"),
+    ("frozenresultant: the resultant stays at its first value", "unread|clipped", NO_FAULT, "resultant"),
+    ("before: always the answer before", "stale", NO_FAULT, "polled letters modbus wrench gauges records"),
+    ("behind: always twenty readings late", "late", NO_FAULT, "stream can udp"),
+    ("slow: takes longer than a period", "late|loses", NO_FAULT, "stream udp"),
+    ("hundredth: each hundredth reading lost", "loses", NO_FAULT, "stream can udp"),
+    ("leak: memory grows with readings", "leaks", ("high rate", "memory"), "stream polled modbus can udp"),
+    ("leakforeign: memory grows with foreign frames", "leaks", ("foreign frames",), "can"),
+    ("second: survives one outage, not two", "died|lost sync", (*OUTAGES, "bus off", "reset"),
+     "stream polled modbus can udp"),
+    ("wrap: dead when a counter is full", "lost sync", ("wraps",), "stream polled udp"),
+    ("samplewrap: dead when the other counter is full", "lost sync", ("wraps",), "udp"),
+    ("reordered: datagrams out of order", "again", ("reordered",), "udp"),
+    ("old: an old datagram is new", "again", ("old frame",), "udp"),
+    ("noresync: never looks for the head again", "lost sync|wrong",
+     ("byte lost", "one cut", "garbage", "late answer"), "stream polled letters modbus"),
+    ("stale: the last reading while nothing comes", "stale", OUTAGES, "stream can udp"),
+    ("timeout: the last reading when no answer comes", "stale", ("dropped", "burst", *OUTAGES),
+     "polled letters modbus gauges records"),
+    ("nosum: no sum is checked", "wrong", ("flipped",), "stream"),
+    ("nocrc: no CRC is checked", "wrong", ("flipped",), "polled modbus wrench"),
+    ("deaf: waits for ever", "lost sync", ("dropped", "requests lost", "reset", "hang"),
+     "polled modbus can gauges udp"),
+    ("dies: an exception that nobody catches", "died", ("dropped", "burst", "exception", "error frames"),
+     "stream polled modbus can udp"),
+    ("diesshort: a short datagram kills it", "died", ("cut",), "udp"),
+    ("short: short frames are filled up", "wrong", ("cut", "short"), "modbus can udp"),
+    ("blocks: no word while nothing comes", "blocks", ("hang", "silence"), "stream can udp"),
+    ("spins: a whole core while nothing comes", "spins", ("hang", "silence"), "can udp"),
+    ("late: a late answer is taken for the next", "lost sync|stale", ("late answer",), "polled"),
+    ("anyreply: answers to other commands are readings", "wrong", ("another answer",), "polled"),
+    ("unit: answers of other units are readings", "wrong", ("unit",), "modbus"),
+    ("exception: the last reading for an exception", "stale", ("exception",), "modbus"),
+    ("transaction: answers to other transactions", "wrong", ("transaction", "late answer"), "tcp"),
+    ("mixed: any sixteen frames are a scan", "wrong", ("dropped", "doubled", "busy bus"), "can"),
+    ("oldrow: rows of an earlier scan", "wrong", ("dropped",), "can"),
+    ("foreign: frames of others are taxels", "wrong", ("foreign frames",), "can"),
+]  # fmt: skip
 
 
-# -- a stream: 16 bytes, a counter, a sum ------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Row:
+    """A mistake in a driver."""
 
-HEAD = bytes.fromhex("aa07080a")
+    driver: str
+    variant: str
+    about: str
+    kinds: tuple[str, ...]
+    trials: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """Return the driver and the mistake."""
+        return f"{self.driver} {self.variant}"
+
+    def is_chosen(self, words: Sequence[str]) -> bool:
+        """Return True if every word is the line, driver, mistake or an expected kind."""
+        mine = {DRIVERS[self.driver].line, self.driver, self.variant, *self.kinds}
+        return all(word in mine for word in words)
 
 
-def stream(variant, port):
-    import serial
+def rows(words: Sequence[str] = ()) -> list[Row]:
+    """Return the rows that the words choose, those of one driver together."""
+    every = [
+        Row(driver, variant, about, tuple(kinds.split("|")), tuple(trials))
+        for text, kinds, trials, drivers in MISTAKES
+        for variant, about in [text.split(": ")]
+        for driver in drivers.split()
+    ]
+    places = list(DRIVERS)
+    return sorted((row for row in every if row.is_chosen(words)), key=lambda row: places.index(row.driver))
 
-    line = serial.Serial(port, 1_000_000, timeout=0.4)
-    data, last, kept, count, old, smooth = b"", None, [], 0, None, (0, 0, 0)
-    while True:
+
+# -- one judge ---------------------------------------------------------------------------------------------------------
+
+
+CONTEXT = multiprocessing.get_context("forkserver")
+CONTEXT.set_forkserver_preload(["tactemu.cli", "tactemu.cli.judging", "tactemu.judge.running"])
+
+
+def judge_words(driver: Driver, variant: str, report: Path, *more: str) -> list[str]:
+    """Return the command line of the judge, with the program's name left out."""
+    port = [f"--port={driver.port}"] if driver.port else []
+    options = [f"--json={report}", *port, *more]
+    return ["judge", driver.device, *driver.options, *options, "--", *driver.command(variant)]
+
+
+def be_judge(words: Sequence[str], told: str) -> None:
+    """Run the command line in this process, with stderr in a file."""
+    file = os.open(told, os.O_WRONLY | os.O_CREAT)
+    for number, of in ((0, os.open(os.devnull, os.O_RDONLY)), (1, os.open(os.devnull, os.O_WRONLY)), (2, file)):
+        os.dup2(of, number)
+    sys.argv = ["tactemu", *words]
+    cli.main()
+
+
+def run(words: Sequence[str], timeout_s: float) -> str:
+    """Run a judge; return the end of what it writes on stderr. An interrupt ends the judge, too."""
+    with tempfile.NamedTemporaryFile("r") as told:
+        process = CONTEXT.Process(target=be_judge, args=(words, told.name))
+        process.start()
         try:
-            more = line.read(max(1, min(512, line.in_waiting)))
-        except serial.SerialException as error:
-            if variant == "stale" and old:
-                for _ in range(60):  # "it will come back": and until then the last reading is handed out
-                    hand_out(**old)
-                    time.sleep(0.01)
-            say(f"port lost: {error}")
-            sys.exit(1)
-        if not more:
-            if variant == "stale" and old:
-                hand_out(**old)
-            elif variant != "blocks":
-                say("nothing comes")
-            continue
-        data += more
-        while len(data) >= 16:
-            if data[:4] != HEAD:
-                if variant == "noresync":
-                    data = data[16:]
-                    continue
-                at = data.find(HEAD, 1)
-                data = data[at:] if at > 0 else data[-3:]
-                continue
-            packet, data = data[:16], data[16:]
-            if variant != "nosum" and sum(packet[:14]) & 0xFFFF != int.from_bytes(packet[14:], "big"):
-                say("bad sum")
-                data = packet[4:] + data  # a frame may have been cut: the next one's head may be in it
-                continue
-            number, status, x, y, z = struct.unpack(">HHhhh", packet[4:14])
-            if variant == "dies" and last is not None and number != (last + 1) & 0xFFFF:
-                raise RuntimeError("a packet is missing")
-            if variant == "wrap" and last is not None and number < last:
-                continue  # "an old packet"
-            last = number
-            count += 1
-            if variant == "hundredth" and count % 100 == 0:
-                continue
-            if variant == "endian":
-                z = struct.unpack("<h", struct.pack(">h", z))[0]
-            if variant == "unsigned":
-                z &= 0xFFFF
-            if variant == "swapped":
-                x, y = y, x
-            if variant == "leak":
-                kept.append(bytearray(10_000))
-            if variant == "slow":
-                time.sleep(0.02)
-            if variant == "filter":
-                x, y, z = (round(0.6 * was + 0.4 * now, 2) for was, now in zip(smooth, (x, y, z)))
-                smooth = (x, y, z)
-            old = {"n": number, "status": status, "fx": x, "fy": y, "fz": z}
-            hand_out(**old)
+            process.join(timeout_s)
+            late = process.is_alive()
+        finally:
+            stop(process)
+        last = "\n".join(told.read().splitlines()[-12:])
+        return f"takes longer than {timeout_s:g} s\n{last}" if late else last
 
 
-def two(variant, *ports):
-    """Two of them, each on a port of its own."""
-    import serial
-
-    lines = [serial.Serial(port, 1_000_000, timeout=1) for port in ports]
-    while True:
-        row = {}
-        for name, line in zip("lr", lines):
-            row[name] = None
-            while row[name] is None:
-                line.read_until(HEAD)
-                packet = HEAD + line.read(12)
-                if len(packet) == 16 and sum(packet[:14]) & 0xFFFF == int.from_bytes(packet[14:], "big"):
-                    row[name] = struct.unpack(">3h", packet[8:14])
-                else:
-                    say("bad sum")
-        hand_out(**row)
+def stop(process: BaseProcess) -> None:
+    """End a judge as its user would, and by force if it does not end."""
+    for number in (signal.SIGINT, signal.SIGKILL):
+        if process.is_alive() and process.pid:
+            os.kill(process.pid, number)
+            process.join(STOP_TIMEOUT_S)
 
 
-# -- polled: a message with an id, a length and a CRC ------------------------------------------------------------------
+@dataclass(frozen=True)
+class Result:
+    """The findings of one judge."""
+
+    row: Row
+    found: tuple[tuple[str, str], ...]
+    """Kind and trial of each finding that came again."""
+    about: str
+    """What the judge says: verdicts of the trials, or the end of its output."""
+    seconds: float
+
+    @property
+    def is_named(self) -> bool:
+        """Return True if a finding is of the expected kind."""
+        return any(kind in self.row.kinds for kind, _ in self.found)
+
+    @property
+    def got(self) -> str:
+        """Return the kinds that were found."""
+        return ", ".join(dict.fromkeys(kind for kind, _ in self.found)) or "nothing"
 
 
-def quiet(line, wait=True):
-    """What is still coming belongs to the question that failed."""
-    while wait and line.read(1):
-        line.reset_input_buffer()
+def judged(row: Row, more: Sequence[str] = ()) -> Result:
+    """Judge the driver of a row."""
+    began = time.monotonic()
+    with tempfile.TemporaryDirectory() as folder:
+        report = Path(folder) / "report.json"
+        only = [f"--only={trial}" for trial in row.trials]
+        words = judge_words(DRIVERS[row.driver], row.variant, report, "--fail-on=all", "--rest=0.3", *only, *more)
+        last = run(words, ROW_TIMEOUT_S)
+        trials = json.loads(report.read_text())["trials"] if report.exists() else []
+    found = [
+        (finding["kind"], trial["name"])
+        for trial in trials
+        if trial["confirmed"] is not False
+        for finding in trial["findings"]
+    ]
+    verdicts = "; ".join(f"{trial['name']}: {trial['verdict']}" for trial in trials)
+    return Result(row, tuple(found), verdicts or last or "no report", time.monotonic() - began)
 
 
-def table_of(byte):
-    crc = byte << 8
-    for _ in range(8):
-        crc = (crc << 1 ^ 0x1021 if crc & 0x8000 else crc << 1) & 0xFFFF
-    return crc
+# -- the command -------------------------------------------------------------------------------------------------------
 
 
-TABLE = [table_of(byte) for byte in range(256)]
+def results(chosen: Sequence[Row], more: Sequence[str]) -> Iterator[Result]:
+    """Judge one row after the other, and print each as it comes."""
+    print(f"{'':>7} {'driver, mistake':30} {'expected':18} {'got':30} named")
+    for number, row in enumerate(chosen, 1):
+        if sys.stderr.isatty():
+            print(f"{number:3}/{len(chosen):3} {row.name} ...", end="\r", file=sys.stderr, flush=True)
+        result = judged(row, more)
+        named = "yes" if result.is_named else "NO"
+        words = f"{row.name:30} {'|'.join(row.kinds):18} {result.got:30} {named:5} {result.seconds:4.0f} s"
+        print(f"{number:3}/{len(chosen):3} {words}", flush=True)
+        yield result
 
 
-def crc16(data):
-    crc = 0xFFFF
-    for byte in data:
-        crc = crc >> 8 ^ TABLE[(crc ^ byte) & 0xFF]
-    return crc
+def summary(found: Sequence[Result], total: int) -> bool:
+    """Print the rows that are not named, and the count; return True if enough are."""
+    for result in found:
+        if not result.is_named:
+            expected = " or ".join(result.row.kinds)
+            print(f"\n{result.row.name} ({result.row.about}): {expected} expected\n  {result.about}")
+    named = sum(result.is_named for result in found)
+    stopped = f"; stopped after {len(found)} of {total} rows" if len(found) < total else ""
+    print(f"\n{named} of {len(found)} planted mistakes are named{stopped}")
+    return named >= REQUIRED_SHARE * len(found) and len(found) == total
 
 
-def polled(variant, port):
-    import serial
+def main() -> int:
+    """Judge the rows that the command line chooses."""
+    parser = argparse.ArgumentParser(prog="python -m tests.judge.planted", description=__doc__)
+    parser.add_argument("words", nargs="*", metavar="WORD", help="a line, driver, mistake or expected kind")
+    parser.add_argument("--list", action="store_true", help="list the rows, and judge none")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the judge")
+    given = parser.parse_args()
+    chosen = rows(given.words)
+    if not chosen:
+        parser.error(f"no row is {' '.join(given.words)}; --list shows all")
+    if given.list:
+        for row in chosen:
+            print(f"{row.name:30} {'|'.join(row.kinds):18} {', '.join(row.trials):40} {row.about}")
+        print(f"{len(chosen)} rows")
+        return 0
+    found: list[Result] = []
+    try:
+        for result in results(chosen, [f"--seed={given.seed}"]):
+            found.append(result)
+    except KeyboardInterrupt:
+        summary(found, len(chosen))
+        return 130
+    return 0 if summary(found, len(chosen)) else 1
 
-    line = serial.Serial(port, 115200, timeout=0.15)
-    ask, old = bytes.fromhex("aaaaaa200100008f83"), None
-    while True:
-        if variant not in ("late", "deaf"):
-            line.reset_input_buffer()
-        line.write(ask)
-        asked = time.monotonic()
-        while True:
-            head = line.read(6)
-            if variant == "deaf" and len(head) < 6:
-                continue  # it waits for the answer, for ever
-            if len(head) < 6:
-                payload = None
-                break
-            size = int.from_bytes(head[4:6], "little")
-            if head[:3] != b"\xaa\xaa\xaa" or size > 1024:
-                payload = None
-                break
-            rest = line.read(size + 2)
-            payload = rest[:-2]
-            sound = len(rest) == size + 2 and crc16(head + payload) == int.from_bytes(rest[-2:], "little")
-            if not sound and variant != "nocrc":
-                payload = None
-            if variant != "anyreply" and payload is not None and (head[3] != 0x20 or payload[:2] != b"\0\0"):
-                payload = None
-            if variant not in ("late", "deaf", "anyreply") and time.monotonic() - asked < 0.0005:
-                payload = None  # no controller answers so soon: this one was on its way before the question
-            break
-        if payload is None:
-            if variant in ("late", "deaf", "timeout"):
-                time.sleep(0.005)
-            if variant == "timeout" and old is not None:
-                hand_out(v=old)
-            else:
-                say("no good answer")
-                quiet(line, variant not in ("late", "deaf"))
-            continue
-        values = payload[7 : 7 + 168].ljust(168, b"\0")
-        old = list(struct.unpack("<84H", values))
-        if variant == "mask":
-            old = [value & 0x7FF for value in old]
-        if variant == "clip":
-            old = [min(value, 1600) for value in old]
-        hand_out(v=old)
-        time.sleep(0.008)
-
-
-# -- Modbus on a line --------------------------------------------------------------------------------------------------
-
-
-def crc_modbus(data):
-    crc = 0xFFFF
-    for byte in data:
-        crc ^= byte
-        for _ in range(8):
-            crc = crc >> 1 ^ 0xA001 if crc & 1 else crc >> 1
-    return crc.to_bytes(2, "little")
-
-
-def modbus(variant, port):
-    import serial
-
-    line = serial.Serial(port, 115200, timeout=0.15)
-    ask = bytes([1, 4, 0, 7, 0, 32])
-    ask += crc_modbus(ask)
-    old = None
-    while True:
-        line.reset_input_buffer()
-        line.write(ask)
-        answer = line.read(3)
-        if len(answer) == 3:
-            answer += line.read(2 if answer[1] & 0x80 else answer[2] + 2)
-        good = len(answer) >= 5 and answer[-2:] == crc_modbus(answer[:-2])
-        if variant == "nocrc":
-            good = len(answer) >= 5
-        good &= answer[:1] == b"\1" or variant == "unit"
-        if good and answer[1] == 0x84:
-            if variant == "exception" and old is not None:
-                hand_out(v=old)
-            else:
-                say("the device says that it failed")
-            time.sleep(0.01)
-            continue
-        if not good or answer[1] != 4 or (answer[2] != 64 and variant != "short"):
-            if variant == "timeout" and old is not None:
-                hand_out(v=old)
-            else:
-                say("no good answer")
-                quiet(line)
-            continue
-        old = list(struct.unpack(">32H", answer[3:-2].ljust(64, b"\0")[:64]))
-        hand_out(v=old)
-        time.sleep(0.008)
-
-
-def tcp(variant, port):
-    host, _, number = port.rpartition("//")[2].rpartition(":")
-    line = socket.create_connection((host, int(number)), timeout=0.3)
-    transaction = 0
-    while True:
-        transaction = transaction + 1 & 0xFFFF
-        line.sendall(struct.pack(">HHHBBHH", transaction, 0, 6, 1, 3, 4128, 48))
-        try:
-            answer = b""
-            while len(answer) < 9 or len(answer) < 6 + int.from_bytes(answer[4:6], "big"):
-                more = line.recv(4096)
-                if not more:
-                    say("closed")
-                    sys.exit(1)
-                answer += more
-        except TimeoutError:
-            say("no answer")
-            continue
-        number, _, _size, unit, function, count = struct.unpack(">HHHBBB", answer[:9])
-        if (number != transaction and variant != "transaction") or unit != 1 or function != 3 or count != 96:
-            say("not the answer to this question")
-            continue
-        hand_out(v=list(struct.unpack(">48H", answer[9:105])))
-        time.sleep(0.008)
-
-
-# -- CAN: sixteen frames make a scan -----------------------------------------------------------------------------------
-
-
-def can(variant, port):
-    import can as python_can
-
-    interface, _, channel = port.partition(":")
-    bus = python_can.Bus(interface=interface, channel=channel)
-    start = python_can.Message(arbitration_id=0x201, data=[7, 0], is_extended_id=False)
-    bus.send(start)
-    rows, got, begun = {}, 0, 0.0
-    while True:
-        message = bus.recv(0.5)
-        if message is None:
-            say("nothing comes")
-            bus.send(start)  # it may have restarted, and waits to be asked
-            continue
-        ident, data = message.arbitration_id, bytes(message.data)
-        if message.is_error_frame or message.is_extended_id or (ident & 0x7F0 != 0x710 and variant != "foreign"):
-            continue
-        taxel = ident & 0x0F
-        if len(data) != 8 and variant != "short":
-            say("a short frame")
-            rows, got = {}, 0
-            continue
-        if taxel == 0 and variant not in ("mixed", "oldrow"):
-            if rows and len(rows) < 16:
-                say("a scan is not whole")
-            rows, begun = {}, message.timestamp
-        if message.timestamp - begun > 0.006 and variant not in ("mixed", "oldrow"):
-            continue  # rows have no number: those of the next scan come a period later
-        values = struct.unpack(">3H", data.ljust(8, b"\0")[1:7])
-        if variant == "bytes" and taxel == 5:
-            values = (values[0], (values[1] & 0xFF) << 8 | values[1] >> 8, values[2])
-        if variant not in ("mixed", "oldrow") and rows.get(taxel, values) != values:
-            say("two of one taxel in a scan")
-            begun = 0.0  # nobody can tell which is which: wait for the next
-        rows[taxel] = values
-        got += 1
-        whole = len(rows) == 16 and taxel == 15 and begun > 0
-        if variant == "mixed":
-            whole = got == 16
-        if variant == "oldrow":
-            whole = taxel == 15 and len(rows) == 16
-        if whole:
-            hand_out(**{f"t{k}": rows.get(k, (0, 0, 0)) for k in range(16)})
-            got = 0
-            if variant != "oldrow":
-                rows = {}
-
-
-KINDS = {"stream": stream, "two": two, "polled": polled, "modbus": modbus, "tcp": tcp, "can": can}
 
 if __name__ == "__main__":
-    KINDS[sys.argv[1]](*sys.argv[2:])
+    sys.exit(main())

@@ -1,6 +1,6 @@
-"""Drivers with one defect each, judged live, and those with which there is nothing to judge.
+"""Drivers judged live by the whole command, and those with which there is nothing to judge.
 
-Every defect of every kind is the nightly part: ``pytest -m nightly tests/judge``.
+Every mistake in every kind of line is :mod:`tests.judge.planted`, drivers without mistakes :mod:`tests.judge.clean`.
 """
 
 import contextlib
@@ -19,19 +19,8 @@ from tactemu.judge.running import Judge, Options
 
 pytestmark = [pytest.mark.realtime, pytest.mark.timeout(300)]
 
-PLANTED = str(Path(__file__).with_name("planted.py"))
-DEVICES = {
-    "stream": ("optoforce", None), "polled": ("weiss_wts", None), "modbus": ("dfrobot_tactile", None),
-    "tcp": ("inspire_rh56dftp", "tcp:127.0.0.1:0"), "can": ("xela_uskin", None),
-}  # fmt: skip
-
-
-def run(kind, variant, *only, **options):
-    """Outcomes by trial of a planted driver."""
-    device, port = DEVICES[kind]
-    command = [sys.executable, PLANTED, kind, variant, "{port}"]
-    with Judge(device, command, Options(only=only, port=port, **options)) as judge:
-        return {outcome.name: outcome for outcome in judge.run()}
+DRIVERS = Path(__file__).with_name("drivers")
+NO_SUM = [sys.executable, str(DRIVERS / "over_stream.py"), "nosum", "{port}"]
 
 
 def ended(command):
@@ -40,7 +29,7 @@ def ended(command):
 
 def test_a_sum_that_nobody_checks_with_report_case_and_replay(tmp_path):
     """The whole command: exit codes, files, the smallest case, and the case alone."""
-    command = ["--", sys.executable, PLANTED, "stream", "nosum", "{port}"]
+    command = ["--", *NO_SUM]
     files = {name: tmp_path / f"r.{name}" for name in ("html", "junit", "json")}
     arguments = [f"--{name}={path}" for name, path in files.items()]
     base = [sys.executable, "-m", "tactemu", "judge", "optoforce"]
@@ -61,7 +50,7 @@ def test_a_sum_that_nobody_checks_with_report_case_and_replay(tmp_path):
 @pytest.mark.nightly
 def test_a_case_is_tried_alone_and_a_baseline_forgives_it(tmp_path):
     base = [sys.executable, "-m", "tactemu", "judge", "optoforce"]
-    command = ["--", sys.executable, PLANTED, "stream", "nosum", "{port}"]
+    command = ["--", *NO_SUM]
     report = tmp_path / "report.json"
     assert ended([*base, "--only=flipped", f"--json={report}", f"--cases={tmp_path / 'c'}", *command]).returncode == 1
     (case,) = (tmp_path / "c").iterdir()
@@ -145,65 +134,12 @@ def test_a_program_that_is_not_there_is_a_mistake_in_the_command():
     assert "Traceback" not in told.stderr
 
 
-# -- all of them -------------------------------------------------------------------------------------------------------
-
-PLANTS = {
-    # kind, variant: trial in which it must be named, the words, whether a fault causes it
-    ("stream", "noresync"): ("lost sync", True),
-    ("stream", "nosum"): ("wrong", True),
-    ("stream", "stale"): ("stale", False),
-    ("stream", "endian"): ("wrong", False),
-    ("stream", "unsigned"): ("wrong", False),
-    ("stream", "swapped"): ("order", False),
-    ("stream", "leak"): ("leaks", False),
-    ("stream", "blocks"): ("blocks", False),
-    ("stream", "wrap"): ("lost sync", False),
-    ("stream", "hundredth"): ("loses", False),
-    ("stream", "dies"): ("died", True),
-    ("polled", "timeout"): ("stale", True),
-    ("polled", "late"): ("lost sync", True),
-    ("polled", "anyreply"): ("wrong", True),
-    ("polled", "nocrc"): ("wrong", True),
-    ("polled", "deaf"): ("lost sync", True),
-    ("polled", "mask"): ("wrong", False),
-    ("polled", "clip"): ("clipped", False),
-    ("modbus", "unit"): ("wrong", True),
-    ("modbus", "exception"): ("stale", True),
-    ("modbus", "short"): ("wrong", True),
-    ("modbus", "nocrc"): ("wrong", True),
-    ("modbus", "timeout"): ("stale", True),
-    ("tcp", "transaction"): ("wrong", True),
-    ("can", "mixed"): ("wrong", True),
-    ("can", "foreign"): ("wrong", False),
-    ("can", "oldrow"): ("wrong", True),
-    ("can", "short"): ("wrong", True),
-    ("can", "bytes"): ("wrong", False),
-}  # fmt: skip
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize(("kind", "variant"), PLANTS)
-def test_a_planted_defect_is_named(kind, variant):
-    finding, caused = PLANTS[kind, variant]
-    outcomes = run(kind, variant).values()
-    named = [outcome for outcome in outcomes if outcome.has(finding) and outcome.confirmed is not False]
-    assert named, {outcome.name: outcome.verdict for outcome in outcomes}
-    if caused:
-        assert any(outcome.case and len(outcome.case["bytes"]) for outcome in named)
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("kind", DEVICES)
-@pytest.mark.parametrize("seed", range(4))
-def test_a_clean_driver_is_not_accused(kind, seed):
-    failing = {o.name: o.verdict for o in run(kind, "clean", seed=seed).values() if o.fails(Options().fail_on)}
-    assert not failing
-
-
 @pytest.mark.nightly
 def test_a_driver_that_filters_is_learned_from_what_is_held():
-    outcomes = run("stream", "filter", only=["flipped", "hang", "reset"])
-    assert not any(outcome.fails(Options().fail_on) for outcome in outcomes.values()), outcomes
+    command = [sys.executable, str(DRIVERS / "over_stream.py"), "filter", "{port}"]
+    with Judge("optoforce", command, Options(only=["flipped", "hang", "reset"])) as judge:
+        outcomes = list(judge.run())
+    assert not any(outcome.fails(Options().fail_on) for outcome in outcomes), [o.verdict for o in outcomes]
 
 
 TWO_SKINS = """
@@ -233,7 +169,7 @@ position = [-0.03, 0.0, 0.003]
 @pytest.mark.nightly
 def test_two_skins_may_be_out_of_step_but_not_wrong(tmp_path):
     (tmp_path / "two.toml").write_text(TWO_SKINS)
-    command = [sys.executable, PLANTED, "two", "clean", "{left}", "{right}"]
+    command = [sys.executable, str(DRIVERS / "over_two_ports.py"), "clean", "{left}", "{right}"]
     with Judge(str(tmp_path / "two.toml"), command, Options(only=["flipped", "dropped", "hang", "unplug"])) as judge:
         outcomes = list(judge.run())
     assert [column.channel for column in judge.columns.values] == list(range(6)) and len(outcomes) == 5

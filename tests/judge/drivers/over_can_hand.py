@@ -1,0 +1,47 @@
+"""``over_can_hand.py VARIANT INTERFACE CHANNEL``: drivers of dexrobot_dexhand, forces in newtons over CAN-FD."""
+
+import struct
+import sys
+
+import can
+from mistakes import Mistakes, say
+
+BOARDS = (1, 3, 4, 5, 6)
+IN_UNITS = ("ten", "thousand", "kilogram", "percent", "units")
+
+
+def start(bus):
+    """Have all fingers send every 10 ms."""
+    for board in BOARDS:
+        data = [3, 0x74, 1, 1, 1]
+        bus.send(can.Message(arbitration_id=board, data=data, is_extended_id=False, is_fd=True, bitrate_switch=True))
+
+
+def main(variant, interface, channel):
+    bus = can.Bus(interface=interface, channel=channel, fd=True)
+    start(bus)
+    mistakes, row = Mistakes(variant, limit=20.0), {}
+    while True:
+        message = bus.recv(0.5)
+        if message is None:
+            say("nothing comes")
+            start(bus)
+            continue
+        board = message.arbitration_id - 0x180
+        if message.is_error_frame or message.is_extended_id or board not in BOARDS or len(message.data) < 48:
+            continue
+        if row and message.timestamp - min(at for at, _, _ in row.values()) > 0.006:
+            row = {}
+        normal, tangential = struct.unpack_from("<f4xf", bytes(message.data), 16)
+        row[board] = message.timestamp, normal, tangential
+        if len(row) == len(BOARDS):
+            normals = [mistakes.in_unit(row[k][1], 1.0) for k in BOARDS]
+            tangentials = [mistakes.in_unit(row[k][2], 1.0) for k in BOARDS]
+            if variant == "exchanged":
+                normals, tangentials = tangentials, normals
+            mistakes.hand_out(normal=mistakes.values(normals), tangential=tangentials)
+            row = {}
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,128 @@
+"""``over_polled.py VARIANT PORT``: drivers of weiss_wts, asked by messages with an id, a length and a CRC."""
+
+import struct
+import sys
+import time
+
+import serial
+from mistakes import Mistakes, hand_out, say
+
+
+def quiet(line, wait=True):
+    """Drop what is still coming: it belongs to the question that failed."""
+    while wait and line.read(1):
+        line.reset_input_buffer()
+
+
+def table_of(byte):
+    crc = byte << 8
+    for _ in range(8):
+        crc = (crc << 1 ^ 0x1021 if crc & 0x8000 else crc << 1) & 0xFFFF
+    return crc
+
+
+TABLE = [table_of(byte) for byte in range(256)]
+
+
+def crc16(data):
+    crc = 0xFFFF
+    for byte in data:
+        crc = crc >> 8 ^ TABLE[(crc ^ byte) & 0xFF]
+    return crc
+
+
+def open_again(port):
+    """Return the port once it is there again."""
+    while True:
+        try:
+            return serial.Serial(port, 115200, timeout=0.15)
+        except serial.SerialException:
+            time.sleep(0.02)
+
+
+class Driver:
+    """Asks for a frame, again and again."""
+
+    def __init__(self, variant, port):
+        self.variant, self.port, self.line = variant, port, serial.Serial(port, 115200, timeout=0.15)
+        self.mistakes = Mistakes(variant)
+        self.old, self.last_ms, self.unplugged = None, -1, 0
+
+    def ask(self):
+        """Return the payload of a good answer, or None."""
+        variant, line = self.variant, self.line
+        if variant not in ("late", "deaf", "noresync"):
+            line.reset_input_buffer()
+        line.write(bytes.fromhex("aaaaaa200100008f83"))
+        asked = time.monotonic()
+        if variant == "noresync":
+            answer = line.read(6 + 2 + 5 + 168 + 2)
+            sound = len(answer) == 183 and answer[:3] == b"\xaa\xaa\xaa"
+            return answer[6:-2] if sound and crc16(answer[:-2]) == int.from_bytes(answer[-2:], "little") else None
+        head = line.read(6)
+        while variant == "deaf" and len(head) < 6:
+            head += line.read(6 - len(head))  # it waits for the answer, for ever
+        if len(head) < 6:
+            return None
+        size = int.from_bytes(head[4:6], "little")
+        if head[:3] != b"\xaa\xaa\xaa" or size > 1024:
+            return None
+        rest = line.read(size + 2)
+        payload = rest[:-2]
+        sound = len(rest) == size + 2 and crc16(head + payload) == int.from_bytes(rest[-2:], "little")
+        if not sound and variant != "nocrc":
+            return None
+        if variant != "anyreply" and (head[3] != 0x20 or payload[:2] != b"\0\0"):
+            return None
+        if variant not in ("late", "deaf", "anyreply") and time.monotonic() - asked < 0.0005:
+            return None  # no controller answers so soon: this one was on its way before the question
+        return payload
+
+    def failed(self):
+        """Say that there was no good answer, and come to rest."""
+        variant = self.variant
+        if variant in ("late", "deaf", "timeout"):
+            time.sleep(0.005)
+        if variant == "dies":
+            raise RuntimeError("no good answer")
+        if variant == "timeout" and self.old is not None:
+            hand_out(**self.old)
+        else:
+            say("no good answer")
+            quiet(self.line, variant not in ("late", "deaf", "noresync"))
+
+    def read(self):
+        """Ask once, and hand out what comes."""
+        payload = self.ask()
+        if payload is None:
+            return self.failed()
+        now_ms = int.from_bytes(payload[2:6], "little")
+        if self.variant == "wrap" and now_ms < self.last_ms:
+            return None  # "an old frame"
+        self.last_ms = now_ms
+        counts = struct.unpack("<84H", payload[7 : 7 + 168].ljust(168, b"\0"))
+        self.old = {"v": self.mistakes.values(counts)}
+        self.mistakes.hand_out(**self.old)
+        time.sleep(0.008)
+        return None
+
+
+def main(variant, port):
+    driver = Driver(variant, port)
+    while True:
+        try:
+            driver.read()
+        except serial.SerialException as error:
+            driver.unplugged += 1
+            if variant != "second":
+                say(f"port lost: {error}")
+                sys.exit(1)
+            if driver.unplugged == 1:
+                say("port lost, opening it again")
+                driver.line = open_again(port)
+            else:
+                sys.exit(0)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
