@@ -16,10 +16,12 @@ from tactemu.cli.datasheet import options_of
 from tactemu.cli.signals import ended_by_signals
 from tactemu.errors import TactemuError
 from tactemu.judge import smallest
+from tactemu.judge.budget import ENOUGH_S
 from tactemu.judge.driver import reading_command
 from tactemu.judge.junit import junit
 from tactemu.judge.outcome import ABOUT, FAILING, Outcome
 from tactemu.judge.page import page
+from tactemu.judge.processes import age_s
 from tactemu.judge.report import Report, written
 from tactemu.judge.running import Judge, Options
 from tactemu.judge.verdicts import judged
@@ -96,8 +98,10 @@ def judge_driver(
     command = (
         reading_command(reads) if reads else [sys.executable if command[0] == "python" else command[0], *command[1:]]
     )
+    began, limit = time.monotonic() - age_s(), budget_of(budget)  # imports count: on a busy machine they take seconds
     chosen = Options(
-        rest_s=rest, seed=seed or 0, budget_s=budget_of(budget), only=tuple(only), fail_on=kinds_of(fail_on),
+        rest_s=rest, seed=seed or 0, budget_s=began + limit - time.monotonic() if limit else None,
+        every=(limit or 0.0) >= ENOUGH_S, only=tuple(only), fail_on=kinds_of(fail_on),
         columns=columns, record=record, device_options=options_of(options), port=ports_of(ports), patience_s=patience,
     )  # fmt: skip
     report = Report(target, list(command), chosen.seed, chosen.fail_on)
@@ -105,7 +109,6 @@ def judge_driver(
         report.compare(baseline)
     case = smallest.read(replay) if replay is not None else None
     console = Console(stderr=True)
-    began = time.monotonic()
     interrupted = False
     with ended_by_signals(_interrupt), console.status("starting the driver") as status:
         with Judge(target, command, chosen, lambda text: status.update(f"{text} …")) as judge:
@@ -155,14 +158,14 @@ def _print_outcome(console: Console, report: Report, outcome: Outcome) -> None:
     failing = report.failures(outcome)
     color = "red" if failing else "yellow" if outcome.findings else "dim" if outcome.skipped else "green"
     mark = "✗" if failing else "!" if outcome.findings else "-" if outcome.skipped else "✓"
-    once = " (once, and not again)" if outcome.confirmed is False else ""
     known = " (as in the baseline)" if outcome.findings and not failing and report.known else ""
     late = (
         f"  p50 {outcome.p50_ms:.1f} ms, p99 {outcome.p99_ms:.1f} ms"
         if outcome.name == "clean" and outcome.p50_ms
         else ""
     )
-    console.print(f"[{color}]{mark} {outcome.name:18}[/] {escape(outcome.verdict)}{once}{known}{late}", highlight=False)
+    words = escape(outcome.verdict + outcome.doubt)
+    console.print(f"[{color}]{mark} {outcome.name:18}[/] {words}{known}{late}", highlight=False)
     if outcome.said and outcome.verdict.startswith("noticed"):
         console.print(f"  {'':18} [dim]{escape(outcome.said[0])}[/]", highlight=False)
 

@@ -18,12 +18,18 @@ from tactemu.judge.matching import Match
 from tactemu.judge.outcome import Known, Outcome
 from tactemu.judge.tape import Tape
 
+OWN_LATE_MS = 2.0
+"""Lateness of our own process with a sample's frames from which on nobody may ask the driver for the sample [ms]."""
 LEAK_BYTES, LEAK_FLOOR = 500, 1_000_000
 """Growth for each reading, and in all, from which on memory is said to leak [byte]."""
+LEAK_AT_ONCE = 100_000_000
+"""Growth in a trial which is a finding however short the trial is [byte]."""
 LEAK_STEPS = 0.15
 """Share of looks at the memory at which it must have grown: a buffer that is doubled once is no leak."""
 HARMLESS = ("duplicate", "garbage", "split", "chunk", "merge", "late", "stray", "reorder", "latency")
 """Faults after which the frame itself is still there."""
+DELAYING = ("split", "chunk", "merge", "late", "latency", "reorder", "load")
+"""Faults by which frames leave later than they would."""
 MIXING = ("stray", "reorder")
 """Of them those that can spoil a sample that comes in several frames."""
 
@@ -123,8 +129,29 @@ def _lost(tape: Tape, seen: set[int]) -> tuple[int, int]:
         if change.what in HARMLESS and not (in_frames and change.what in MIXING):
             continue
         harmed.add(int(np.searchsorted(times, change.t, side="right")) - 1)
-    window = {k for k in carried if min(seen) < k < max(seen) and times[k] >= tape.on}
+    held_up = _held_up(tape, number, times)
+    window = {k for k in carried if min(seen) < k < max(seen) and times[k] >= tape.on} - held_up
     return len(window - seen - harmed), len(window)
+
+
+def _held_up(tape: Tape, number: Mapping[int, int], times: np.ndarray) -> set[int]:
+    """Return the samples whose frames left late because our own process was held up, and those right after them.
+
+    A driver may refuse them: the frames of a sample are further apart than those of the device, or closer together.
+    """
+    if tape.trial.get("action") == "rate" or any(change.what in DELAYING for change in tape.changes):
+        return set()  # a full line or the fault makes them late
+    done = np.zeros(len(times), np.int64)
+    for frame in tape.frames:
+        k = None if frame.sample is None or frame.answer else number.get(frame.sample)
+        if k is not None and frame.way == "tx":
+            done[k] = max(done[k], frame.done or frame.t)
+    sent = np.flatnonzero(done)
+    if not len(sent):
+        return set()
+    took = done[sent] - times[sent]
+    late = sent[took > np.quantile(took, 0.05) + 1e6 * OWN_LATE_MS]
+    return {*late.tolist(), *(late + 1).tolist()}
 
 
 def _keep_bad(out: Outcome, match: Match, tape: Tape, reading: Reading, old: bool = False) -> None:
@@ -135,9 +162,11 @@ def _keep_bad(out: Outcome, match: Match, tape: Tape, reading: Reading, old: boo
     if near is not None:
         expected = reading.columns.expected(tape.samples[near].counts[None])[0]
         truth = dict(zip(reading.columns.names, expected.tolist()))
-    row = dict(list(match.said.row.items())[:64])
+    names = list(dict.fromkeys((*match.odd[:16], *match.said.row)))[:64]
+    row = {name: match.said.row[name] for name in names if name in match.said.row}
+    truth = {name: truth[name] for name in names if name in truth}
     out.bad.append({
-        "t": match.said.t, "row": row, "odd": list(match.odd)[:16], "truth": dict(list(truth.items())[:64]), "old": old,
+        "t": match.said.t, "row": row, "odd": list(match.odd)[:16], "truth": truth, "old": old,
         "sample": None if near is None else tape.samples[near].number,
     })  # fmt: skip
 
@@ -169,6 +198,14 @@ def weigh(out: Outcome, tape: Tape) -> None:
         took = (during[-1].t - during[0].t) / 1e9
         out.cpu = (during[-1].cpu - during[0].cpu) / took if took > 0 else 0.0
     out.leak = _growth(tape)
+    out.grown = _grown(tape)
+
+
+def _grown(tape: Tape) -> int:
+    """Return the growth from the last look before the fault until the driver was well again [byte]."""
+    before = [weight.bytes for weight in tape.weights if weight.t <= tape.on][-1:]
+    sizes = before + [weight.bytes for weight in tape.weights if tape.on < weight.t <= tape.end]
+    return sizes[-1] - sizes[0] if sizes else 0
 
 
 def _growth(tape: Tape) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import secrets
 import select
 import signal
@@ -16,6 +17,7 @@ from collections.abc import Mapping, Sequence
 
 from tactemu.errors import TactemuError
 from tactemu.judge import processes
+from tactemu.judge.lateness import Delay
 from tactemu.judge.rows import LONGEST, Rows
 from tactemu.judge.tape import Note, Said, Weight
 
@@ -27,23 +29,28 @@ KEPT = 200_000
 NOTE = 300
 """Characters of a note that are kept."""
 WEIGH_S = 0.05
+_BUS = re.compile(r"(?!dds:|memory:)(?P<interface>[A-Za-z]\w*):(?!//)(?P<channel>.+)")
+"""The port of a CAN device, as python-can names it."""
 
 
 def command_of(command: Sequence[str], ports: Mapping[str, str]) -> list[str]:
-    """The command with ``{port}``, or ``{NAME}`` of several, replaced.
+    """Return the command with ``{port}`` replaced; on CAN ``{interface}``, ``{channel}``; of several ports ``{NAME}``.
 
     Raises:
         TactemuError: there are several ports, and none is named.
     """
-    single = next(iter(ports.values())) if len(set(ports.values())) == 1 else None
+    values = {}
+    if len(set(ports.values())) == 1:
+        values["port"] = next(iter(ports.values()))
+        bus = _BUS.fullmatch(values["port"])
+        values |= bus.groupdict() if bus else {}
+    values |= ports
     words = []
     for word in command:
-        if "{port}" in word:
-            if single is None:
-                raise TactemuError(f"which port? there are {', '.join(f'{{{name}}}' for name in ports)}")
-            word = word.replace("{port}", single)
-        for name, port in ports.items():
-            word = word.replace(f"{{{name}}}", port)
+        if "{port}" in word and "port" not in values:
+            raise TactemuError(f"which port? there are {', '.join(f'{{{name}}}' for name in ports)}")
+        for name, value in values.items():
+            word = word.replace(f"{{{name}}}", value)
         words.append(word)
     return words
 
@@ -70,6 +77,8 @@ class Driver:
         self.rows: list[Said] = []
         self.notes: list[Note] = []
         self.weights: list[Weight] = []
+        self.delays: list[Delay] = []
+        """How late our own thread and the driver's processes were scheduled, at each look at their weight."""
         self.flooded = False
         self.dropped = 0
         """Rows and notes that are not kept."""
@@ -134,10 +143,12 @@ class Driver:
                 break
             for stream in ready:
                 self._read(stream, now)
-            if time.monotonic() >= weigh:
+            if (overslept := time.monotonic() - weigh) >= 0:
                 weigh = max(weigh + WEIGH_S, time.monotonic())
                 if self.process.returncode is None:
-                    self.weights.append(Weight(now, *processes.weight(self.process.pid)))
+                    pid = self.process.pid
+                    self.weights.append(Weight(now, *processes.weight(pid)))
+                    self.delays.append(Delay(now, round(1e9 * overslept), processes.queued_ns(pid)))
         for stream in (*self._streams, self._stop):
             os.close(stream)
 

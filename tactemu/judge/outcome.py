@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -105,11 +105,15 @@ class Outcome:
     """Share of a core."""
     leak: float = 0.0
     """Growth for each reading [byte]."""
+    grown: int = 0
+    """Growth from before the fault until the driver was well again [byte]."""
     bad: list[dict[str, Any]] = field(default_factory=list)
     """The first rows that are no sample, each beside the sample that it is nearest to."""
     seconds: float = 0.0
     confirmed: bool | None = None
     """Whether the findings came again in a second run; ``None``: not tried."""
+    untried: str = ""
+    """Why they were not tried again, although they do not count before they came again."""
     skipped: str = ""
     case: dict[str, Any] | None = None
     """The smallest case, as :mod:`tactemu.judge.smallest` found it."""
@@ -117,6 +121,19 @@ class Outcome:
     def has(self, *kinds: str) -> bool:
         """Whether there is a finding of one of these kinds."""
         return any(finding.kind in kinds for finding in self.findings)
+
+    def seen_again(self, other: Outcome, kinds: Collection[str]) -> None:
+        """Keep of the findings of these kinds only those that another run of the trial has, too, if there are any."""
+        came = {finding.kind for finding in other.findings}
+        self.confirmed = any(finding.kind in came for finding in self.findings if finding.kind in kinds)
+        if self.confirmed:
+            self.findings = [each for each in self.findings if each.kind in came or each.kind not in kinds]
+            self.verdict = "; ".join(map(str, self.findings))
+
+    @property
+    def doubt(self) -> str:
+        """The reason why its findings do not count, for the reports; empty where they do."""
+        return f" ({self.untried or 'once, and not again'})" if self.confirmed is False else ""
 
     def fails(self, kinds: Sequence[str]) -> bool:
         """Whether it fails a run."""

@@ -89,10 +89,8 @@ def _verdict(report: Report, outcome: Outcome) -> str:
     words = []
     for finding in outcome.findings:
         known = " (as in the baseline)" if (outcome.name, finding.kind) in report.known else ""
-        once = " (once, and not again)" if outcome.confirmed is False else ""
-        words.append(
-            f'<span class="{"bad" if finding.kind in failing else "odd"}">{escape(str(finding))}{known}{once}</span>'
-        )
+        mark = "bad" if finding.kind in failing else "odd"
+        words.append(f'<span class="{mark}">{escape(str(finding))}{known}{escape(outcome.doubt)}</span>')
     return "<br>".join(words)
 
 

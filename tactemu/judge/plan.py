@@ -93,19 +93,12 @@ class Plan:
         self.facts, self.every = facts, every
         self.random = np.random.default_rng(seed)
 
-    def trials(self, budget_s: float | None = None) -> list[Trial]:
-        """All that make sense, in order; those that the budget has no room for say so, as those that make none do."""
+    def trials(self) -> list[Trial]:
+        """Return all trials; those that make no sense say why."""
         found = [*self._frames(), *self._streams(), *self._answers(), *self._requests(), *self._bus()]
         found += [*self._outages(), *self._device()]
-        left = budget_s
         for trial in found:
             trial.takes_s = trial.takes_s or self._estimate(trial)
-            if left is None or trial.skipped:
-                continue
-            if trial.takes_s > left:
-                trial.skipped = f"takes {trial.takes_s:.1f} s, {max(left, 0):.1f} s of the budget are left"
-            else:
-                left -= trial.takes_s
         return found
 
     def _estimate(self, trial: Trial) -> float:

@@ -52,6 +52,30 @@ def weight(pid: int) -> tuple[int, float]:
     return size, cpu
 
 
+def queued_ns(pid: int) -> int:
+    """Return the time for which threads of a process and its descendants were ready to run and waited for a processor.
+
+    Linux counts it where it was built with schedstats; elsewhere it is 0.
+    """
+    waited = 0
+    for each in family(pid):
+        with contextlib.suppress(OSError):
+            for task in os.listdir(f"/proc/{each}/task"):
+                with (
+                    contextlib.suppress(OSError, IndexError, ValueError),
+                    open(f"/proc/{each}/task/{task}/schedstat") as file,
+                ):
+                    waited += int(file.read().split()[1])
+    return waited
+
+
+def age_s() -> float:
+    """Return the time since this process began, its imports included [s]."""
+    with open("/proc/self/stat") as file:
+        began = int(file.read().rsplit(")", 1)[1].split()[19]) / _TICK
+    return time.clock_gettime(time.CLOCK_BOOTTIME) - began
+
+
 def end(mark: str, seconds: float = 2.0) -> int:
     """Kill every process that carries the mark; returns how many there were."""
     deadline, ended = time.monotonic() + seconds, set()

@@ -7,6 +7,7 @@ since a run takes a second.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,8 @@ from tactemu.judge.tape import Change, Tape
 
 MOST_RUNS = 8
 VERSION = 1
+_CAN_HEAD = re.compile(r"([0-9A-Fa-f]+#(#[0-9A-Fa-f])?)?")
+"""Identifier and flags of a CAN frame; nothing of other frames."""
 
 Run = Callable[[Trial], tuple[Tape, Outcome]]
 
@@ -177,8 +180,8 @@ def in_words(case: dict[str, Any]) -> str:
     lines = [f"Sensor: {case['device']} (emulated by tactemu). Driver: {' '.join(case['command'])}"]
     lines += [f"What goes wrong on the wire: {'; '.join(case['faults'])} (frames counted from 1, bytes from 0)"]
     for each in case["bytes"][:2]:
-        lines += [f"  sent:    {_shortened(each['before'])}"]
-        lines += [f"  arrived: {' + '.join(map(_shortened, each['after'])) or 'nothing'}"]
+        sent, *arrived = _around(each["before"], each["after"])
+        lines += [f"  sent:    {sent}", f"  arrived: {' + '.join(arrived) or 'nothing'}"]
     lines += [f"What the driver does: {case['verdict']}"]
     if case["row"]:
         names = case["odd"] or list(case["row"])
@@ -189,8 +192,28 @@ def in_words(case: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _shortened(data: str, most: int = 96) -> str:
-    return data if len(data) <= most else f"{data[: most - 24]} … {data[-20:]} ({len(data) // 2} bytes)"
+def _around(before: str, after: Sequence[str], most: int = 96) -> list[str]:
+    """Return what was sent and what arrived of it, long frames cut around the first byte in which they differ."""
+    if max(map(len, (before, *after))) <= most:
+        return [before, *after]
+    match = _CAN_HEAD.match(before)
+    head = match[0] if match else ""
+    sent, *arrived = (data.removeprefix(head) for data in (before, *after))
+    same = max((_same(sent, each) for each in arrived if each != sent), default=0)
+    start = max(0, same - most // 2) // 2 * 2
+    # A piece that goes on where another ended has a beginning of its own.
+    return [_cut(head, data, start if data[:start] == sent[:start] else 0, most) for data in (sent, *arrived)]
+
+
+def _same(one: str, other: str) -> int:
+    """Return how many characters two texts share at their beginning."""
+    return next((k for k, (a, b) in enumerate(zip(one, other)) if a != b), min(len(one), len(other)))
+
+
+def _cut(head: str, data: str, start: int, most: int) -> str:
+    left, right = "… " if start else "", " …" if start + most < len(data) else ""
+    where = f" (from byte {start // 2} of {len(data) // 2})" if left or right else ""
+    return f"{head}{left}{data[start : start + most]}{right}{where}"
 
 
 __all__ = ["Change", "find", "in_words", "may_be", "read", "trial_of", "write"]

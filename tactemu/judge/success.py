@@ -142,7 +142,7 @@ def _tried(
     with serve(target, port, faults=faults.get(kind, ()), seed=seed, adjustable=["dead"]) as dev:
         if kind == "dead":
             _kill(dev, strength / 100, seed)
-        driver = Driver(command_of(_on_can(command, dev), dev.ports), dev.ports)
+        driver = Driver(command_of(command, dev.ports), dev.ports)
         try:
             return bool(success(dev))
         except TactemuError:
@@ -159,11 +159,6 @@ def _kill(dev: Served, share: float, seed: int) -> None:
         if n := len(channel.device.layout):
             chosen = np.random.default_rng((seed, n)).permutation(n)[: round(share * n)]
             dev.dead(chosen.tolist(), 0.0, skin=channel.name)
-
-
-def _on_can(command: Sequence[str], dev: Served) -> list[str]:
-    words = {f"{{{name}}}": value for name, value in dev.can.items()} if len(set(dev.ports.values())) == 1 else {}
-    return [words.get(word, word) for word in command]
 
 
 def as_text(points: Mapping[tuple[str, float], Point]) -> list[str]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -47,6 +48,8 @@ class Frame(NamedTuple):
     """Number of the sample that it carries; of an answer, of the latest when the driver asked."""
     answer: bool = False
     """It was sent because the driver had said something, or by itself between samples."""
+    done: int = 0
+    """Time at which it had been handed over, later than ``t`` where our own process was held up; 0: unknown."""
 
 
 class Change(NamedTuple):
@@ -240,7 +243,8 @@ class Recorder:
                 self._sampled(t, entry)
             case Passage(kind="tx"):
                 sample = self._asked if entry.sample is None else entry.sample
-                self.frames.append(Frame(t, "tx", text(entry.frame), sample, entry.sample is None))
+                done = max(t, time.monotonic_ns())
+                self.frames.append(Frame(t, "tx", text(entry.frame), sample, entry.sample is None, done))
                 self._bound(self.frames)
             case Passage(kind="rx"):
                 self._asked = self.samples[-1].number if self.samples else None

@@ -13,15 +13,13 @@ import numpy as np
 
 from tactemu.judge.columns import MISTAKES as MISTAKEN
 from tactemu.judge.columns import Columns, clipped, misnamed, misscaled
-from tactemu.judge.counting import LEAK_BYTES, count, listen, template, weigh
+from tactemu.judge.counting import LEAK_AT_ONCE, LEAK_BYTES, count, listen, template, weigh
 from tactemu.judge.following import SETTLED, Questions, Reading, left_times, recovered
 from tactemu.judge.outcome import ABOUT, Finding, Known, Outcome
 from tactemu.judge.tape import Tape
 
 LATE_MS = 5.0
 """A driver may always be so late at its median; half a period, if that is more."""
-OWN_LATE_MS = 2.0
-"""Where our own loop was later than this, nobody judges how late the driver is."""
 SPINS = 0.3
 """Share of a core that a driver takes which waits in a loop."""
 BLOCKS = 0.8
@@ -179,19 +177,17 @@ class _Rules:
 
     def _late(self):
         out = self.out
-        limit = max(LATE_MS, 0.5 * self.known.period_ms if not self.known.asks else LATE_MS)
-        if (
-            self.action == "clean"
-            and self.tape.late_ms <= OWN_LATE_MS
-            and out.p50_ms is not None
-            and out.p50_ms > limit
-        ):
+        limit = max(LATE_MS, 0.5 * self.known.period_ms if not self.known.asks else LATE_MS) + self.tape.late_ms
+        if self.action == "clean" and out.p50_ms is not None and out.p50_ms > limit:
             of = "after the answer's last byte" if self.known.asks else "after the frame's last byte"
             yield Finding("late", f"{out.p50_ms:.1f} ms {of} at the median, {out.p99_ms:.1f} ms at the 99th percentile")
 
     def _leaks(self):
         if self.out.leak > LEAK_BYTES:
             yield Finding("leaks", f"memory grows by {self.out.leak:.0f} bytes with each reading")
+        elif self.out.grown >= LEAK_AT_ONCE:
+            took = (self.tape.off - self.tape.on) / 1e9
+            yield Finding("leaks", f"memory grows by {self.out.grown / 1e6:.0f} MB within {took:.1f} s")
 
 
 def known_of(tape: Tape, columns: Columns, *, asks: bool, period_ms: float) -> Known:

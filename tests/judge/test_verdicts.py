@@ -62,6 +62,18 @@ STORIES = {
         tape([(k + 1.2, row(k)) for k in range(298)], name="clean", action="clean", end=300, late_ms=9.0,
              trial={"recovers": False}), [],
     ),
+    "late by more than our own loop": (
+        tape([(k + 3.2, row(k)) for k in range(296)], name="clean", action="clean", end=300, late_ms=9.0,
+             trial={"recovers": False}), ["late"],
+    ),
+    "what our own loop held up is refused": (
+        tape(usual(last=300, without=range(5, 300, 50)), name="clean", action="clean", on=1, off=300, end=300,
+             trial={"recovers": False}, held_up=range(5, 300, 50)), [],
+    ),
+    "memory grows by 264 MB within half a second": (
+        tape(weights=[(k, 30_000_000 + 6_000_000 * (k - 106), 0.0) for k in range(106, 151, 5)], name="foreign frames",
+             action="traffic"), ["leaks"],
+    ),
     "every hundredth is missing": (
         tape(usual(last=300, without=range(5, 300, 50)), name="clean", action="clean", on=1, off=300, end=300,
              trial={"recovers": False}), ["loses"],
@@ -107,6 +119,14 @@ def test_a_driver_that_asks_may_repeat_but_not_answer_with_what_it_had():
     assert [finding.kind for finding in judged(soon).findings] == ["stale"], (
         "an error's answer comes sooner than others"
     )
+
+
+def test_of_a_wide_row_what_is_odd_is_kept():
+    """Beyond the first 64 columns, too."""
+    wide = tape([*usual(without=[110]), (110.1, row(110, fz=7777.0))])
+    wide.rows = [said._replace(row={f"c{k}": 1.0 for k in range(100)} | dict(said.row)) for said in wide.rows]
+    (bad,) = judged(wide).bad
+    assert len(bad["row"]) == 64 and bad["row"]["fz"] == 7777.0 and bad["truth"]["fz"] == pytest.approx(row(110)["fz"])
 
 
 def test_the_order_of_the_worst_is_first_and_each_failing_kind_is_known():

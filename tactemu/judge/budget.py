@@ -1,0 +1,97 @@
+"""The time for a whole run: the order in which trials are worth it, and the deadline that ends them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+from tactemu.judge.plan import Trial
+
+TELLING = (
+    "flip", "unplug", "hang", "silence", "drop", "truncate", "replace", "stray", "load", "late", "reset", "lose",
+    "wrap", "garbage", "split", "rate", "busoff", "reorder", "halfopen", "stop", "baud", "chunk", "merge", "saturate",
+)  # fmt: skip
+"""Kinds of fault and actions, in the order in which they tell most of a driver; others come after them."""
+END_S = 0.4
+"""Time that the end of the driver and the report take [s]."""
+ENOUGH_S = 120.0
+"""A budget from which on every position of a frame is tried [s]."""
+
+
+class BudgetSpent(Exception):
+    """The deadline has passed while a trial was on."""
+
+
+def kind_of(trial: Trial) -> str:
+    """Return the kind of a trial's first fault, or its action."""
+    return trial.faults[0].split()[0] if trial.faults else trial.action
+
+
+def ordered(trials: Sequence[Trial]) -> list[Trial]:
+    """Return the trials with the most telling kinds first, and one of each kind before a second of any.
+
+    Trials that are skipped from the beginning come last.
+    """
+    seen: dict[str, int] = {}
+
+    def rank(trial: Trial) -> tuple[bool, int, int]:
+        kind = kind_of(trial)
+        turn = seen[kind] = seen.get(kind, -1) + (not trial.skipped)
+        return bool(trial.skipped), turn, TELLING.index(kind) if kind in TELLING else len(TELLING)
+
+    return sorted(trials, key=rank)  # it calls `rank` once for each, in the order of the plan
+
+
+class Budget:
+    """A deadline for the whole run, and the experience of how long trials really take.
+
+    Args:
+        seconds: from now on; None: no limit.
+    """
+
+    def __init__(self, seconds: float | None):
+        self.seconds = seconds
+        self._end = float("inf") if seconds is None else time.monotonic() + seconds - END_S
+        self._limit = float("inf")
+        """The time that ends the trial that is on."""
+        self._expected, self._took = 0.0, 0.0
+
+    @property
+    def left_s(self) -> float:
+        """Time until the deadline [s]."""
+        return self._end - time.monotonic()
+
+    def expected_s(self, seconds: float) -> float:
+        """Return the likely time of trials that should take ``seconds``, as slow as those before them [s]."""
+        return seconds * max(1.0, self._took / self._expected if self._expected else 1.0)
+
+    def lacks(self, seconds: float, times: int = 1) -> str:
+        """Return why something that should take ``seconds``, done so many times, has no room; empty if it has."""
+        if self.seconds is None:
+            return ""
+        takes, left = self.expected_s(seconds), self.left_s
+        if takes * times <= left:
+            return ""
+        again = " and may have to be repeated" if times > 1 else ""
+        return f"takes {takes:.1f} s{again}, {max(left, 0):.1f} s of the budget are left"
+
+    def begin(self, reserve_s: float = 0.0) -> None:
+        """Let :meth:`sleep` raise from ``reserve_s`` before the deadline on."""
+        self._limit = self._end - reserve_s
+        self.sleep(0.0)
+
+    def end(self, expected_s: float = 0.0, took_s: float = 0.0) -> None:
+        """Let :meth:`sleep` raise no more; what the trial should have taken and took is for the next ones."""
+        self._limit = float("inf")
+        self._expected, self._took = self._expected + expected_s, self._took + took_s
+
+    def sleep(self, seconds: float) -> None:
+        """Sleep.
+
+        Raises:
+            BudgetSpent: the deadline has passed, or would pass.
+        """
+        if time.monotonic() + seconds > self._limit:
+            raise BudgetSpent
+        if seconds > 0:
+            time.sleep(seconds)

@@ -1,0 +1,49 @@
+"""Our own side's share of what a driver seems to be late by, so that no driver is accused of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from tactemu.judge.tape import Tape
+
+
+class Delay(NamedTuple):
+    """One look at the machine."""
+
+    t: int
+    overslept_ns: int
+    """Time by which the thread that reads the driver's rows came late."""
+    queued_ns: int
+    """Time for which the driver's processes were ready to run and no processor was free, in all."""
+
+
+def late_ms(tape: Tape, delays: Sequence[Delay]) -> float:
+    """Return the delay of a row for which the driver is not to blame [ms].
+
+    It is the largest of: the lateness of the emulator's loop with the frames, the lateness of the thread that reads
+    the rows, both but for one in a hundred, and the time for which the driver had to wait for a processor, per row.
+    """
+    during = [delay for delay in delays if tape.on <= delay.t <= tape.end]
+    overslept = sorted(delay.overslept_ns for delay in during)
+    own = overslept[len(overslept) * 99 // 100] / 1e6 if overslept else 0.0
+    return max(_loop_ms(tape), own, _queued_ms(tape, during))
+
+
+def _loop_ms(tape: Tape) -> float:
+    """Return the lateness of the emulator's loop with its frames, beyond the quickest [ms]."""
+    at = {sample.number: sample.t for sample in tape.samples}
+    waits = sorted(
+        f.t - at[f.sample]
+        for f in tape.frames
+        if f.way == "tx" and not f.answer and f.sample in at and f.t >= tape.on and tape.on
+    )
+    return (waits[len(waits) * 99 // 100] - waits[0]) / 1e6 if waits else 0.0
+
+
+def _queued_ms(tape: Tape, during: Sequence[Delay]) -> float:
+    """Return the driver's waiting for a processor, per row [ms]."""
+    if len(during) < 2:
+        return 0.0
+    rows = sum(during[0].t < said.t <= during[-1].t for said in tape.rows)
+    return max(0, during[-1].queued_ns - during[0].queued_ns) / 1e6 / max(1, rows)

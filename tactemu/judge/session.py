@@ -1,0 +1,191 @@
+"""A driver at its device: started, watched and ended; all that both sides have seen becomes a tape."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from typing import Self
+
+from tactemu.errors import TactemuError
+from tactemu.judge.budget import Budget
+from tactemu.judge.columns import Columns
+from tactemu.judge.driver import Driver, command_of
+from tactemu.judge.following import Reading, left_times, recovered
+from tactemu.judge.lateness import late_ms
+from tactemu.judge.options import Options
+from tactemu.judge.outcome import Known
+from tactemu.judge.plan import Facts
+from tactemu.judge.stand import Stand
+from tactemu.judge.tape import Tape
+
+LOOK_S = 0.02
+"""Time from look to look at what the driver prints [s]."""
+LONGEST_S = 8.0
+"""Time for a driver that says nothing at all to be well again, granted once: it may have a time-out [s]."""
+
+
+class DriverSession:
+    """One driver at one device; use it in a ``with`` statement.
+
+    Args:
+        target: a device's name, a device file, or a scene file.
+        command: the driver's, ``{port}`` where it takes the port.
+        options: how.
+        say: told what is going on.
+    """
+
+    def __init__(
+        self,
+        target: str,
+        command: Sequence[str],
+        options: Options | None = None,
+        say: Callable[[str], object] = lambda text: None,
+    ):
+        self.target, self.command, self.options, self.say = target, list(command), options or Options(), say
+        opts = self.options
+        self.budget = Budget(opts.budget_s)
+        self.stand = Stand(target, opts.port, seed=opts.seed, options=opts.device_options, rate_hz=opts.rate_hz)
+        self.driver: Driver | None = None
+        self.columns, self.known, self.facts = Columns(), Known(), Facts()
+        self.starts: list[float] = []
+        """How long the driver took to print its first row [s]."""
+        self.left_behind = 0
+        """Processes that had left the driver's session."""
+        self._longest = LONGEST_S
+        self._numbers = 0
+
+    def __enter__(self) -> Self:
+        self.stand.__enter__()
+        return self
+
+    def __exit__(self, *_) -> None:
+        try:
+            self.end()
+        finally:
+            self.stand.__exit__()
+
+    # -- its life ------------------------------------------------------------------------------------------------------
+
+    def end(self) -> None:
+        """End the driver and all that it started."""
+        if self.driver is not None:
+            self.left_behind = max(self.left_behind, self.driver.end())
+            self.driver = None
+
+    def start(self) -> str:
+        """Start the driver anew and let it tare; returns why it does not read, or nothing.
+
+        Raises:
+            TactemuError: the command cannot be run, and never could.
+        """
+        self.end()
+        self.stand.rest()
+        ports = self.stand.ports
+        try:
+            driver = self.driver = Driver(command_of(self.command, ports), ports)
+        except TactemuError as error:
+            if not self.starts:  # the command is wrong, and not the driver
+                raise
+            return f"died: {error}"
+        deadline = time.monotonic() + self.options.start_s
+        while not driver.rows and driver.exit is None and not driver.flooded and time.monotonic() < deadline:
+            self.budget.sleep(LOOK_S / 2)
+        if not driver.rows:
+            return self._why_nothing(driver)
+        self.starts.append((driver.rows[0].t - driver.started) / 1e9)
+        end = time.monotonic() + self.options.rest_s
+        while time.monotonic() < end and driver.exit is None and not driver.flooded:
+            self.budget.sleep(LOOK_S)
+        self.stand.excite(self.columns.steps)
+        time.sleep(0.1 + 2 * self.facts.row_s)
+        if driver.flooded or driver.exit is not None:
+            return self._why_nothing(driver)
+        return ""
+
+    def _why_nothing(self, driver: Driver) -> str:
+        time.sleep(0.05)  # for the last words
+        last = [note.text for note in driver.notes][-3:]
+        words = f": {' | '.join(last)}" if last else ""
+        if driver.flooded:
+            return "floods: it prints more than 8 MB in 5 s that is no reading"
+        if driver.exit is not None:
+            return f"exits with status {driver.exit} before it is judged{words}"
+        opened = any(what == "opened" for _, what in self.stand.recorder.events)
+        if driver.notes:
+            return f"prints nothing that holds numbers within {self.options.start_s:g} s{words}"
+        return f"prints nothing within {self.options.start_s:g} s{'' if opened else ', and does not open the port'}"
+
+    def _well(self, since: int, seconds: float, reading: Reading | None = None) -> bool:
+        """Whether ten right rows in a row come of samples after ``since``, within some seconds."""
+        assert self.driver is not None
+        reading = reading or Reading(self.columns, self.known)
+        deadline = time.monotonic() + seconds
+        while True:
+            tape = self._tape(since - 500_000_000)
+            fresh = Reading(self.columns, self.known)
+            fresh.feed(tape)
+            if recovered(tape, fresh.matches, self.known, since, left_times(tape)) is not None:
+                return True
+            if self.driver.exit is not None or time.monotonic() > deadline:
+                return False
+            self.budget.sleep(LOOK_S + 0.5 * self.facts.row_s)
+
+    def _ready(self) -> str:
+        """Have a driver that reads well; returns why there is none."""
+        now = time.monotonic_ns()
+        if (
+            self.driver is not None
+            and self.driver.exit is None
+            and self._well(now - 50_000_000, 1.0 + 12 * self.facts.row_s)
+        ):
+            return ""
+        for _ in range(2):  # a busy machine may have it slip once
+            if why := self.start():
+                return why
+            if self._well(time.monotonic_ns(), 2.0 + 12 * self.facts.row_s):
+                return ""
+        return "died: does not read well after a new start"
+
+    def _rows_since(self, t: int) -> int:
+        assert self.driver is not None
+        return sum(said.t > t for said in self.driver.rows[-5000:])
+
+    # -- tapes ---------------------------------------------------------------------------------------------------------
+
+    def _tape(self, since: int) -> Tape:
+        """What was seen since a time, on both sides."""
+        recorder, driver = self.stand.recorder, self.driver
+        tape = Tape()
+        if driver is not None:  # rows first: no row is there before its sample
+            tape.rows, tape.notes = _since(driver.rows, since), _since(driver.notes, since)
+            tape.weights = _since(driver.weights, since)
+            tape.exit = driver.exit
+        tape.samples, tape.frames = _since(recorder.samples, since), _since(recorder.frames, since)
+        tape.changes = _since(recorder.changes, since)
+        return tape
+
+    def _filled(self, tape: Tape) -> Tape:
+        tape.known, tape.columns = asdict(self.known), self.columns.as_dict()
+        tape.late_ms = late_ms(tape, self.driver.delays if self.driver is not None else ())
+        return tape
+
+    def _write(self, tape: Tape) -> None:
+        if self.options.record is not None:
+            try:
+                self.options.record.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise TactemuError(f"{self.options.record}: cannot be made: {error.strerror}") from None
+            name = tape.name.replace(" ", "-")
+            tape.write(self.options.record / f"{self._numbers:02d}-{name}.jsonl")
+            self._numbers += 1
+
+
+def _since(entries: list, t: int) -> list:
+    """Entries from a time on; they are in the order of time, and another thread adds more."""
+    entries = list(entries)
+    low, high = 0, len(entries)
+    while low < high:
+        middle = (low + high) // 2
+        low, high = (middle + 1, high) if entries[middle].t < t else (low, middle)
+    return entries[low:]
