@@ -34,8 +34,9 @@ _FLUSH_S = 2.0
 _LOOK_S = 0.02
 """How often the thread looks for entries."""
 _SLICE_S, _REST_S, _HURRIED_REST_S = 5e-5, 5e-4, 5e-5
-_HURRY_BYTES = 4_000_000
-"""From here on the thread rests less. Before, a turn of the loop meets one slice of its work at most."""
+_LONGEST_SLICE_S = 1e-3
+_HURRY_BYTES = 1_000_000
+"""The more waits, the less the thread rests; from here on as little as it can."""
 
 _logger = logging.getLogger(__name__)
 
@@ -81,6 +82,8 @@ class LogWriter:
         self._entries: deque[tuple[Entry, int]] = deque()
         self._handed_over = self._taken = self._refused = 0
         self._unsaved = self._failed = 0
+        self._slice_s = _SLICE_S
+        """How long the thread works before it rests."""
         self._closing = threading.Event()
         self._thread: threading.Thread | None = None
         self._summary: Sequence[Mapping[str, Any]] = ()
@@ -165,6 +168,7 @@ class LogWriter:
     def _write_waiting(self) -> None:
         assert self._format is not None
         since = time.perf_counter()
+        self._slice_s = _SLICE_S
         while self._entries:
             entry, size = self._entries.popleft()
             self._unsaved += 1
@@ -176,12 +180,18 @@ class LogWriter:
             since = self._rest(since)
 
     def _rest(self, since: float) -> float:
-        """Let the loop have the interpreter after a slice of work. Nobody needs it when the run is over."""
+        """Let the loop have the interpreter after a slice of work. It needs none when the run is over.
+
+        On a busy machine a rest lasts longer than it should, and the next slice as much longer: its share stays.
+        """
         now = time.perf_counter()
-        if now - since < _SLICE_S or self._closing.is_set():
+        if now - since < self._slice_s or self._closing.is_set():
             return since
-        time.sleep(_REST_S if self.waiting < _HURRY_BYTES else _HURRIED_REST_S)
-        return time.perf_counter()
+        rest_s = max(_HURRIED_REST_S, _REST_S * (1 - self.waiting / _HURRY_BYTES))
+        time.sleep(rest_s)
+        rested = time.perf_counter()
+        self._slice_s = min(_SLICE_S * (rested - now) / rest_s, _LONGEST_SLICE_S)
+        return rested
 
     def _save(self) -> None:
         assert self._format is not None

@@ -10,6 +10,7 @@ from firmware_protocols import CanFrame
 from tactemu.errors import TactemuError
 from tactemu.truth import Injection, Passage, PortEvent, Truth, entries, read
 from tactemu.truth.entries import Header
+from tactemu.truth.lines import array_text
 from tactemu.truth.writer import LogWriter
 from tests.truth.telling import CAN, COUNTS, IDEAL, Around, tell
 
@@ -144,6 +145,16 @@ def test_lines_are_as_documented(tmp_path):
         '{"t_ns":11,"device":"a","kind":"tx","data":"01","sample":0}',
         '{"kind":"end","lost":0}',
     ]
+
+
+@pytest.mark.parametrize("shape", [(), (0,), (1,), (200,), (70, 3), (2, 2, 3)])
+def test_numbers_of_a_line_are_json_and_the_same_bits(shape):
+    bits = np.random.default_rng(0).integers(0, 1 << 32, shape, np.uint32)
+    for values in (bits.view(np.float32), bits):
+        back = json.loads("".join(array_text(values)))
+        np.testing.assert_array_equal(np.array(back, values.dtype).reshape(shape), values)
+    short = np.full(shape, 0.1, np.float32)
+    assert json.loads("".join(array_text(short))) == np.full(shape, 0.1).tolist(), "the shortest decimal"
 
 
 def test_lines_of_before_there_was_a_version(tmp_path):

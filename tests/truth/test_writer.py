@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import tactemu as tt
-from tactemu.truth import Truth, entries, writer
+from tactemu.truth import Sample, Truth, entries, writer
+from tactemu.truth.lines import LinesWriter
 from tactemu.truth.packed import PackedWriter
 
 SUFFIXES = [".mcap", ".jsonl"]
@@ -78,6 +79,35 @@ def test_a_slow_disk_loses_entries_which_the_log_counts(tmp_path, monkeypatch, c
     assert 50 < log.lost == back.lost == 103 - len(back["a"].t_ns) < 100
     assert back["a"].sample[-3:].tolist() == [100, 101, 102], "a gap in the numbers shows what is missing"
     assert len(caplog.records) == 1 and "entries are lost from" in caplog.text
+
+
+class BusyMachine:
+    """A clock on which work costs 10 us a look, and each rest lasts 10 ms longer than it should."""
+
+    def __init__(self):
+        self.now_s = self.rested_s = 0.0
+
+    def perf_counter(self):
+        self.now_s += 1e-5
+        return self.now_s
+
+    def sleep(self, seconds):
+        self.now_s += seconds + 0.01
+        self.rested_s += seconds + 0.01
+
+
+def test_the_thread_has_its_share_of_a_busy_machine(tmp_path, monkeypatch):
+    """It fell behind by the length of the run, which the end of the run then waited for."""
+    log = writer.LogWriter(tmp_path / "t.jsonl")
+    log._format = LinesWriter(log._file)
+    for k in range(100):
+        log.put(Sample(k, "a", *np.zeros((2, 1000, 3), np.float32), np.zeros(1000, int), k), 32_000)
+    clock = BusyMachine()
+    monkeypatch.setattr(writer, "time", clock)
+    log._write_waiting()
+    worked_s = clock.now_s - clock.rested_s
+    assert worked_s > 0.1 and clock.rested_s < 15 * worked_s
+    log.close()
 
 
 def test_where_time_is_virtual_the_loop_waits_instead(tmp_path, monkeypatch):
