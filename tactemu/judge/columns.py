@@ -6,7 +6,6 @@ It is learned from a run without faults (:mod:`tactemu.judge.learning`), shown, 
 from __future__ import annotations
 
 import json
-import re
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -200,7 +199,16 @@ class Columns:
                 if column.also:
                     about = "could be any of " + ", ".join(self.channels[k].name for k in column.also[:6])
                 lines.append((column.name, about))
+        if left := [channel.name for channel in self.unread()]:
+            more = f" and {len(left) - 6} more" if len(left) > 6 else ""
+            lines.append(("-", f"in no column: {', '.join(left[:6])}{more}"))
         return lines
+
+    def unread(self) -> list[Channel]:
+        """Return the channels that no column holds, or could hold."""
+        held = {k for column in self.columns for k in column.also} | {column.channel for column in self.values}
+        held |= {int(k) for column in self.values for k in column.weights}
+        return [channel for k, channel in enumerate(self.channels) if k not in held]
 
     def _name(self, column: Column) -> str:
         return (
@@ -304,7 +312,7 @@ def _runs(values: Sequence[Column]) -> list[list[Column]]:
     for column in values:
         last = runs[-1][-1] if runs else None
         alone = last is None or column.also or last.also or len(values) <= 12
-        follows = last is not None and column.how == last.how == "line" and column.channel == last.channel + 1
+        follows = last is not None and column.how == last.how != "mix" and column.channel == last.channel + 1
         if last is not None and not alone and follows and np.isclose(column.gain, last.gain, rtol=1e-3):
             runs[-1].append(column)
         else:
@@ -348,26 +356,6 @@ def _taxel(device: Device, k: int) -> str:
     return f"taxel {k}"
 
 
-_AXIS = re.compile(r"(?:^|[^a-z])(?:[abdfghmpt]|force|torque|field|mag)?([xyz])(?=[_\d.\]]*$)")
-
-
-def axis_in(name: str) -> str:
-    """The axis that a column's name says it holds: ``fx``, ``force.y``, ``Bz3``; "" for none."""
-    match = _AXIS.search(name.lower())
-    return match[1] if match else ""
-
-
-def misnamed(columns: Columns) -> list[str]:
-    """Columns that are named after an axis and hold another, in words."""
-    said = []
-    for column in columns.values:
-        axis = columns.channels[column.channel].axis if column.channel < len(columns.channels) else ""
-        named = axis_in(column.name)
-        if axis and named and axis != named and column.how != "mix":
-            said.append(f"column {column.name!r} holds the {axis} axis")
-    return said
-
-
 def flat_part(column: Column) -> float:
     """Return the share of a channel's counts over which a column read from a table reads one and the same value."""
     if column.how not in TABLES or len(column.table) < 2:
@@ -379,25 +367,3 @@ def flat_part(column: Column) -> float:
         length = length + float(step) if is_same else 0.0
         longest = max(longest, length)
     return longest / float(np.ptp(known))
-
-
-def clipped(columns: Columns) -> list[str]:
-    """Return the columns that read the same value over a good part of their channel's counts, in words."""
-    return [
-        f"column {column.name!r} reads one value over {flat_part(column):.0%} of the counts that were sent"
-        for column in columns.values
-        if column.how == "clipped" or flat_part(column) > FLAT
-    ]
-
-
-def misscaled(columns: Columns) -> list[str]:
-    """Columns in nearly the unit that the device declares, but not quite, in words."""
-    said = []
-    for column in columns.values:
-        channel = columns.channels[column.channel] if column.channel < len(columns.channels) else Channel("")
-        if not channel.counts_per_unit or column.how not in ("line", *MISTAKES) or not channel.unit:
-            continue
-        ratio = column.gain * channel.counts_per_unit
-        if abs(channel.counts_per_unit - 1) > 0.01 and 0.5 < abs(ratio) < 2 and abs(abs(ratio) - 1) > 0.005:
-            said.append(f"column {column.name!r} reads {ratio:.4g} {channel.unit} for 1 {channel.unit}")
-    return said

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tactemu.judge.checks import is_named
 from tactemu.judge.columns import TRANSFORMS, Channel, Column, Columns
 from tactemu.judge.tape import Frame, Said, Sample
 
@@ -249,7 +250,9 @@ class _Fitting:
                 closer = min(share, best.share) > self.sure and off < _CLOSER * rest
                 if share > best.share + 0.02 or closer:
                     best, rest = Column(self.names[k], "value", int(c), how, gain, offset, tolerance, share=share), off
-                    best.also = [int(c) for c, fit in fits if min(share, fit[3]) > self.sure and c != best.channel]
+                    same = [(int(k), fit) for k, fit in fits if min(share, fit[3]) > self.sure and k != best.channel]
+                    best.also = [k for k, _ in same]
+                    self._decide_by_name(best, same)
             if how == "line" and best.share > self.sure:
                 break
         if best.share < self.sure:
@@ -261,6 +264,18 @@ class _Fitting:
         if best.also:  # two channels are the same: nobody can tell which it is
             best.also = [best.channel, *best.also]
         return best
+
+    def _decide_by_name(self, best: Column, same: list[tuple[int, tuple[float, float, float, float]]]) -> None:
+        """Give a column that could hold several channels the one that its name tells."""
+        told = [
+            k for k in (best.channel, *best.also) if k < len(self.channels) and is_named(best.name, self.channels[k])
+        ]
+        if not best.also or len(told) != 1:
+            return
+        best.also = []
+        for k, (gain, offset, tolerance, share) in same:
+            if k == told[0]:
+                best.channel, best.gain, best.offset, best.tolerance, best.share = k, gain, offset, tolerance, share
 
     def _turned(self, how: str, x: np.ndarray, channels: np.ndarray) -> np.ndarray:
         """Return the ranks of the channels after a mistake; kept, since each column asks for the same."""

@@ -22,6 +22,7 @@ ABOUT = {
     "order": "axes exchanged",
     "scale": "another scale",
     "clipped": "clipped or flat",
+    "unread": "channels unread",
     "floods": "floods",
     "unlearned": "cannot be told",
 }

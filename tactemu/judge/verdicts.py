@@ -11,8 +11,9 @@ from collections import Counter
 
 import numpy as np
 
+from tactemu.judge.checks import clipped, forgotten, mirrored, misnamed, misscaled, still
 from tactemu.judge.columns import MISTAKES as MISTAKEN
-from tactemu.judge.columns import Columns, clipped, misnamed, misscaled
+from tactemu.judge.columns import Columns
 from tactemu.judge.counting import LEAK_AT_ONCE, LEAK_BYTES, count, listen, template, weigh
 from tactemu.judge.following import SETTLED, Questions, Reading, left_times, recovered
 from tactemu.judge.outcome import ABOUT, Finding, Known, Outcome
@@ -144,12 +145,14 @@ class _Rules:
             if column.how in MISTAKEN:
                 name = self.columns.channels[column.channel].name
                 yield Finding("wrong", f"column {column.name!r} holds {name} as {column.how}")
-        if exchanged := misnamed(self.columns):
+        if exchanged := misnamed(self.columns) or mirrored(self.columns):
             yield Finding("order", ", ".join(exchanged[:4]))
-        if same := clipped(self.columns):
+        if same := [*still(self.columns), *clipped(self.columns)]:
             yield Finding("clipped", ", ".join(same[:3]))
         if scaled := misscaled(self.columns):
             yield Finding("scale", ", ".join(scaled[:3]))
+        if left := [channel.name for channel in forgotten(self.columns)]:
+            yield Finding("unread", f"{len(left)} channels are in no column, such as {', '.join(left[:3])}")
         if self.known.keeps and not self.known.asks and out.lost >= 2 and out.lost > LOSES * out.sent:
             yield Finding("loses", f"{out.lost} of {out.sent} good readings, without a fault")
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from tactemu.errors import TactemuError
-from tactemu.judge.columns import Channel, Column, Columns, axis_in, clipped, misnamed, misscaled
+from tactemu.judge.checks import axis_in, clipped, forgotten, mirrored, misnamed, misscaled, side_in, still, unit_in
+from tactemu.judge.columns import Channel, Column, Columns
 from tactemu.judge.learning import Unlearnable, learn
 from tactemu.judge.tape import Frame, Said, Sample
 
@@ -190,13 +191,118 @@ def test_too_few_rows_and_rows_of_nothing():
     assert learned(lambda x, k: {"a": float(random.normal())}).values == []
 
 
+WRENCH = [Channel(f"F{axis}", axis, "N", 50.0) for axis in "xyz"]
+WRENCH += [Channel(f"M{axis}", axis, "Nm", 1500.0) for axis in "xyz"]
+SIX = ("fx", "fy", "fz", "tx", "ty", "tz")
+
+
+def wrench_of(make=lambda six: six, names=SIX, taken=None):
+    """What is learned of a wrench's six columns in newtons and newton metres, changed by ``make``."""
+    scales = np.array([50.0] * 3 + [1500.0] * 3)
+    taken = taken or samples(6)
+    return learned(lambda x, k: dict(zip(names, make(list(x / scales)))), taken=taken, channels=WRENCH)
+
+
+def exchanged(a, b):
+    def make(six):
+        six[a], six[b] = six[b], six[a]
+        return six
+
+    return make
+
+
+def times(*factors):
+    return lambda six: [value * factor for value, factor in zip(six, (*factors, *[1.0] * 6))]
+
+
 def test_names_and_scales_that_contradict_the_device():
     columns = learned(lambda x, k: {"fx": x[1] / 20, "fy": x[0] / 20, "fz": 1.1 * x[2] / 20})
     assert misnamed(columns) == ["column 'fx' holds the y axis", "column 'fy' holds the x axis"]
     assert misscaled(columns) == ["column 'fz' reads 1.1 N for 1 N"]
     assert dict(columns.describe())["fx"] == "pad[0].y, in N"
-    names = ("fx", "force.y", "Bz3", "axis", "x", "max", "index", "px_0", "velocity")
-    assert [axis_in(name) for name in names] == ["x", "y", "z", "", "x", "", "", "x", ""]
+    names = ("fx", "force.y", "Bz3", "axis", "x", "max", "index", "px_0", "velocity", "fx_mN", "force.z [N]", "ty.3")
+    assert [axis_in(name) for name in names] == ["x", "y", "z", "", "x", "", "", "x", "", "x", "z", "y"]
+    names = ("fx", "force.y", "tz", "Mx", "torque_x_Nm", "z", "Bx")
+    assert [side_in(name) for name in names] == ["N", "N", "Nm", "Nm", "Nm", "", ""]
+
+
+def test_a_wrench_whose_components_are_exchanged_or_mirrored():
+    assert misnamed(wrench_of()) == mirrored(wrench_of()) == []
+    assert misnamed(wrench_of(exchanged(3, 4))) == ["column 'tx' holds the y axis", "column 'ty' holds the x axis"]
+    assert misnamed(wrench_of(exchanged(0, 3))) == ["column 'fx' holds Mx", "column 'tx' holds Fx"]
+    assert mirrored(wrench_of(times(1, 1, 1, 1, 1, -1))) == ["the sign of 'tz' goes with no frame of the other columns"]
+    for turned in ((1, -1, -1, 1, -1, -1), (-1, -1, -1, -1, -1, -1), (-1, 1, 1, 1, -1, 1)):
+        assert mirrored(wrench_of(times(*turned))) == [], "another frame, or the reaction"
+
+
+def test_of_channels_that_are_one_the_name_of_the_column_decides():
+    """A force on one point of contact moves Fx and My together."""
+    taken = [Sample(s.t, s.number, s.counts[[0, 1, 2, 1, 0, 5]] * [1, 1, 1, -1, 1, 1]) for s in samples(6)]
+    columns = wrench_of(taken=taken)
+    assert [column.channel for column in columns.values] == list(range(6)) and misnamed(columns) == []
+    assert not any(column.also for column in columns.values)
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [
+        (1000, "reads 1000 N for 1 N, looks like mN read as N"),
+        (0.001, "reads 0.001 N for 1 N, looks like kN read as N"),
+        (10, "reads 10 N for 1 N, a power of ten off"),
+        (-0.1, "reads 0.1 N for 1 N, a power of ten off"),
+        (9.80665, "reads 9.807 N for 1 N, looks like N taken for kgf"),
+        (1 / 9.80665, "reads 0.102 N for 1 N, looks like kgf read as N"),
+        (1000 / 9.80665, "reads 102 N for 1 N, looks like gf read as N"),
+        (98.0665, "reads 98.07 N for 1 N, off by 9.80665 and a power of ten"),
+        (4.4482216, "reads 4.448 N for 1 N, looks like N taken for lbf"),
+        (2.204623, "reads 2.205 N for 1 N, off by 2.20462 and a power of ten"),
+        (1.03, "reads 1.03 N for 1 N"),
+    ],
+)
+def test_a_unit_that_is_wrong_by_a_power_of_ten_or_by_gravity(factor, said):
+    assert misscaled(wrench_of(times(factor))) == [f"column 'fx' {said}"]
+
+
+def test_a_unit_in_the_name_makes_its_factor_right_and_any_other_wrong():
+    names = ("fx_mN", "fy[gf]", "fz (N)", "tx_Nmm", "ty", "tz.0")
+    assert misscaled(wrench_of(times(1000, 1000 / 9.80665, 1, 1000), names)) == []
+    assert misscaled(wrench_of(names=names)) == [
+        "column 'fx_mN' reads 1 mN for 1000 mN, looks like N read as mN",
+        "column 'fy[gf]' reads 1 gf for 102 gf, looks like N read as gf",
+        "column 'tx_Nmm' reads 1 Nmm for 1000 Nmm, looks like Nm read as Nmm",
+    ]
+    assert misscaled(wrench_of(times(*[50.0] * 3, *[1500.0] * 3))) == [], "counts"
+    assert misscaled(wrench_of(times(50.0), ("fx_N", *SIX[1:]))) == ["column 'fx_N' reads 50 N for 1 N"]
+    assert misscaled(wrench_of(times(3.7))) == [], "a scale of the driver's own"
+    names = ("f_n", "n", "fx", "f.g", "max_N", "f_kgf.2")
+    assert [unit_in(name, "N") for name in names] == ["", "", "", "g", "N", "kgf"]
+
+
+def test_channels_that_are_in_no_column_and_columns_that_never_move():
+    pads = [Channel(f"pad[{k}].F{axis}", axis, "N", 10.0) for k in range(31) for axis in "xyz"]
+    taken = samples(93)
+
+    def read(make):
+        return learned(lambda x, k: dict(enumerate_names(make(x))), taken=taken, channels=pads)
+
+    columns = read(lambda x: x)
+    assert forgotten(columns) == still(columns) == [] and "-" not in dict(columns.describe())
+    columns = read(lambda x: x[:90])
+    assert [channel.name for channel in forgotten(columns)] == ["pad[30].Fx", "pad[30].Fy", "pad[30].Fz"]
+    assert dict(columns.describe())["-"] == "in no column: pad[30].Fx, pad[30].Fy, pad[30].Fz"
+    assert still(read(lambda x: [*x[:92], 0.0])) == ["column 'v.92' always reads 0"]
+    assert still(read(lambda x: [*x, 0.0])) == [], "a picture with a corner that holds no taxel"
+    assert forgotten(read(lambda x: x[2::3])) == [], "the pushes alone"
+
+
+def test_a_resultant_that_is_frozen():
+    def of(make):
+        return still(learned(make, taken=samples(9), channels=CHANNELS))
+
+    assert of(lambda x, k: {"f.0": x[0], "f.1": x[1], "f.2": -7.0}) == ["column 'f.2' always reads -7"]
+    assert of(lambda x, k: {"v": x[0], "resultant": 3.0, "id": 7.0, "f": 0.0}) == ["column 'resultant' always reads 3"]
+    found = of(lambda x, k: {"fx": 0.0, "tx": 0.0, "status": 0.0, "fz": x[2]})
+    assert found == ["column 'fx' always reads 0"], "the device measures forces, and no torques"
 
 
 def test_columns_are_kept_in_a_file_that_people_edit(tmp_path):

@@ -1,0 +1,230 @@
+"""Checks of learned columns against their own names and what the device declares; each returns sentences.
+
+A name may tell an axis (``fx``, ``force.y``, ``Bz3``), force or torque (``tz``), and a unit (``fx_mN``, ``p [kPa]``).
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+
+from tactemu.judge.columns import FLAT, MISTAKES, Channel, Column, Columns, flat_part
+
+GRAVITY, POUND = 9.80665, 4.4482216152605
+UNITS: dict[str, dict[str, float]] = {
+    "N": {"N": 1.0, "mN": 1e3, "uN": 1e6, "kN": 1e-3, "cN": 1e2, "gf": 1e3 / GRAVITY, "g": 1e3 / GRAVITY,
+          "kgf": 1 / GRAVITY, "kg": 1 / GRAVITY, "lbf": 1 / POUND, "lb": 1 / POUND, "ozf": 16 / POUND},
+    "Nm": {"Nm": 1.0, "mNm": 1e3, "Nmm": 1e3, "Ncm": 1e2, "cNm": 1e2, "kgfcm": 1e2 / GRAVITY},
+    "Pa": {"Pa": 1.0, "hPa": 1e-2, "kPa": 1e-3, "MPa": 1e-6, "mbar": 1e-2, "bar": 1e-5, "psi": 1 / 6894.757},
+    "uT": {"uT": 1.0, "nT": 1e3, "mT": 1e-3, "T": 1e-6, "G": 1e-2, "mG": 10.0},
+    "m": {"m": 1.0, "cm": 1e2, "mm": 1e3, "um": 1e6},
+    "m/s²": {"ms2": 1.0, "g": 1 / GRAVITY, "mg": 1e3 / GRAVITY},
+    "rad/s": {"rads": 1.0, "dps": 180 / np.pi, "mdps": 180e3 / np.pi},
+    "degC": {"C": 1.0, "degC": 1.0, "K": 1.0, "F": 1.8, "mC": 1e3},
+}  # fmt: skip
+"""By the unit that a device declares: how many of each unit are one of it."""
+_FACTORS = {"9.80665": GRAVITY, "4.44822": POUND, "2.20462": GRAVITY / POUND}
+"""Factors that, with any power of ten, are forgotten or applied twice."""
+_RIGHT, _KNOWN = 0.005, 0.002
+"""Relative distance from a right scale, and from one that a mistake is known by."""
+_NEARLY_ALL = 0.75
+"""A driver that reads this share of the channels of a kind reads them all, but for a mistake."""
+_AXIS = re.compile(r"(?:^|[^a-z])([abdfghmpt]|force|torque|moment|field|mag)?[_.]?([xyz])(?=[_\d.\]]*$)")
+_SIDES = {"f": "N", "force": "N", "t": "Nm", "m": "Nm", "torque": "Nm", "moment": "Nm"}
+_TOTAL = re.compile(r"(?:^|[^a-z])(?:(?:f|force|forces|ft|wrench)\.\d|(?:resultant|net_force)(?:\.\d)?)$")
+
+
+def axis_in(name: str) -> str:
+    """Return the axis that a column's name tells; "" for none."""
+    match = _AXIS.search(_stem(name).lower())
+    return match[2] if match else ""
+
+
+def side_in(name: str) -> str:
+    """Return the unit of a wrench's half that a column's name tells: N or Nm; "" for neither."""
+    match = _AXIS.search(_stem(name).lower())
+    return _SIDES.get(match[1] or "", "") if match else ""
+
+
+def unit_in(name: str, unit: str) -> str:
+    """Return the unit that a column's name states, of those that a channel of ``unit`` may be given in; "" for none."""
+    words = [word for word in re.split(r"[^A-Za-z]+", name.replace("µ", "u").replace("m/s", "ms")) if word]
+    for word in words[1:]:
+        for known in UNITS.get(_declared(unit), ()):
+            if word == known or (len(known) > 1 and word.lower() == known.lower()):
+                return known
+    return ""
+
+
+def _declared(unit: str) -> str:
+    return {"m/s^2": "m/s²", "T": "uT"}.get(unit, unit)
+
+
+def _stem(name: str) -> str:
+    """Return a column's name without the unit at its end."""
+    found = re.fullmatch(r"(.*[^A-Za-z])([A-Za-zµ]+)([^A-Za-z]*)", name)
+    if found and any(unit_in(name, unit).lower() == found[2].replace("µ", "u").lower() for unit in UNITS):
+        return found[1].rstrip(" _.[(") + found[3].lstrip(" _])")
+    return name
+
+
+def is_named(name: str, channel: Channel) -> bool:
+    """Return whether a column's name tells just this channel's axis and half of a wrench."""
+    axis, side = axis_in(name), side_in(name)
+    return bool(axis) and axis == channel.axis and (not side or channel.unit not in ("N", "Nm") or side == channel.unit)
+
+
+def misnamed(columns: Columns) -> list[str]:
+    """Return the columns that are named after an axis and hold another, in words."""
+    said = []
+    wrench = {channel.unit for channel in columns.channels} >= {"N", "Nm"}
+    for column in columns.values:
+        channel = _channel(columns, column)
+        named, side = axis_in(column.name), side_in(column.name)
+        if column.how == "mix" or not channel.axis or not named:
+            continue
+        if wrench and side and channel.unit in ("N", "Nm") and side != channel.unit:
+            said.append(f"column {column.name!r} holds {channel.name}")
+        elif channel.axis != named:
+            said.append(f"column {column.name!r} holds the {channel.axis} axis")
+    return said
+
+
+def mirrored(columns: Columns) -> list[str]:
+    """Return the columns of a wrench whose sign does not go with the other five, in words.
+
+    Turned axes and reactions change forces and torques alike: the products of their three signs stay equal.
+    """
+    said = []
+    for skin in dict.fromkeys(channel.skin for channel in columns.channels):
+        halves: dict[str, list[Column]] = {"N": [], "Nm": []}
+        for column in columns.values:
+            channel = _channel(columns, column)
+            if channel.skin == skin and channel.unit in halves and is_named(column.name, channel):
+                halves[channel.unit].append(column)
+        if [len({column.channel for column in half}) for half in halves.values()] != [3, 3]:
+            continue
+        if len(halves["N"]) + len(halves["Nm"]) == 6 and all(
+            _product(halves["N"], sign) != _product(halves["Nm"], sign) for sign in _signs(columns)
+        ):
+            said.append(f"the sign of {_odd(halves)} goes with no frame of the other columns")
+    return said
+
+
+def _signs(columns: Columns) -> Iterable[Callable[[Column], float]]:
+    """Return two measures of a column's sign: against the counts, and against the unit that the device declares."""
+    return (
+        lambda column: np.sign(column.gain),
+        lambda column: np.sign(column.gain * (_channel(columns, column).counts_per_unit or 1.0)),
+    )
+
+
+def _product(half: Sequence[Column], sign: Callable[[Column], float]) -> float:
+    return float(np.prod([sign(column) for column in half]))
+
+
+def _odd(halves: dict[str, list[Column]]) -> str:
+    """Return the one column of another sign than five, or all that are negative."""
+    six = [column for half in halves.values() for column in half]
+    fewer = min(([c for c in six if (c.gain < 0) == negative] for negative in (True, False)), key=len)
+    return ", ".join(repr(column.name) for column in fewer)
+
+
+def clipped(columns: Columns) -> list[str]:
+    """Return the columns that read the same value over a good part of their channel's counts, in words."""
+    return [
+        f"column {column.name!r} reads one value over {flat_part(column):.0%} of the counts that were sent"
+        for column in columns.values
+        if column.how == "clipped" or flat_part(column) > FLAT
+    ]
+
+
+def misscaled(columns: Columns) -> list[str]:
+    """Return the columns in another unit than their name states or the device declares, in words."""
+    said = []
+    for column in columns.values:
+        channel = _channel(columns, column)
+        if not channel.counts_per_unit or not channel.unit or column.how not in ("line", "clipped", *MISTAKES):
+            continue
+        ratio = abs(column.gain * channel.counts_per_unit)
+        stated = unit_in(column.name, channel.unit)
+        known = UNITS.get(_declared(channel.unit), {})
+        right = known.get(stated, 1.0)
+        off = ratio / right
+        if abs(off - 1) <= _RIGHT or (not stated and abs(abs(column.gain) - 1) < 1e-6):  # counts are nobody's mistake
+            continue
+        unit, like = stated or channel.unit, _known_by(ratio, right, known, stated or channel.unit)
+        if stated or like or 0.5 < off < 2:
+            one = f"1 {channel.unit}" if right == 1.0 else f"{right:.4g} {unit}"
+            said.append(f"column {column.name!r} reads {ratio:.4g} {unit} for {one}{like}")
+    return said
+
+
+def _known_by(ratio: float, right: float, known: dict[str, float], unit: str) -> str:
+    """Return the mistake that makes such a scale, in words; "" for none that is known."""
+    for name, per in known.items():
+        if name != unit and abs(ratio / per - 1) < _KNOWN:
+            return f", looks like {name} read as {unit}"
+    for name, per in known.items():
+        if name != unit and abs(ratio * per / right - 1) < _KNOWN:
+            return f", looks like {unit} taken for {name}"
+    if _is_power(ratio / right):
+        return ", a power of ten off"
+    for text, factor in _FACTORS.items():
+        if _is_power(ratio / right / factor) or _is_power(ratio / right * factor):
+            return f", off by {text} and a power of ten"
+    return ""
+
+
+def _is_power(ratio: float) -> bool:
+    """Return whether this is a power of ten."""
+    power = float(np.log10(ratio))
+    return abs(power - round(power)) < np.log10(1 + _KNOWN) and abs(power) < 9.5
+
+
+def _kind(channel: Channel) -> str:
+    return re.sub(r"\[[\d,]*\]|\b\d+\b", "", channel.name)
+
+
+def forgotten(columns: Columns) -> list[Channel]:
+    """Return the channels that no column holds though nearly all others of their kind are held."""
+    missing = columns.unread()
+    if len(missing) <= sum(column.role == "other" for column in columns.columns):
+        return []  # they may be in what cannot be told
+    kinds = [_kind(channel) for channel in columns.channels]
+    left = [_kind(channel) for channel in missing]
+    few = {kind for kind in left if left.count(kind) <= (1 - _NEARLY_ALL) * kinds.count(kind)}
+    return [channel for channel in missing if _kind(channel) in few]
+
+
+def still(columns: Columns) -> list[str]:
+    """Return the columns that never moved though what they are named after did, in words."""
+    said = []
+    alike, lists = (Counter(pattern(column.name) for column in columns.columns) for pattern in (_pattern, _list))
+    holding = Counter(_pattern(column.name) for column in columns.values)
+    lost = bool(forgotten(columns))
+    sides = {(channel.axis, channel.unit == "Nm") for channel in columns.channels if channel.axis}
+    for column in columns.flags:
+        pattern, side = _pattern(column.name), side_in(column.name)
+        among = lost and holding[pattern] >= _NEARLY_ALL * alike[pattern]
+        total = _TOTAL.search(column.name.lower()) and lists[_list(column.name)] in (1, 3, 6)
+        if among or total or (side and (axis_in(column.name), side == "Nm") in sides):
+            said.append(f"column {column.name!r} always reads {column.constant:g}")
+    return said
+
+
+def _pattern(name: str) -> str:
+    """Return a name without its numbers: columns of one array share it."""
+    return re.sub(r"\d+", "#", name)
+
+
+def _list(name: str) -> str:
+    """Return a name without its last number: columns of one list share it."""
+    return re.sub(r"\d+(?=\D*$)", "#", name)
+
+
+def _channel(columns: Columns, column: Column) -> Channel:
+    return columns.channels[column.channel] if column.channel < len(columns.channels) else Channel("")
