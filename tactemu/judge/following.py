@@ -13,6 +13,8 @@ from tactemu.judge.tape import Tape
 
 SETTLED = 10
 """Right rows in a row after which a driver is well again."""
+TELLING = 2
+"""Samples between two questions that tell an answer to the one from an answer to the other."""
 GRACE_MS = 100.0
 """A reading that is handed out again so long after it was sent, while nothing comes, is stale; or three times as long
 as the driver takes at its 99th percentile."""
@@ -86,6 +88,9 @@ class Questions:
         self._asked = np.array([f.t for f in tape.frames if f.way == "rx"])
         self._answered = np.sort(np.array([f.t for f in tape.frames if f.way == "tx"]))
         self._usual_ns = 1e6 * ask_ms
+        rows = sum(said.t > tape.on for said in tape.rows)
+        self._per_row = max(1, round(sum(f.t > tape.on for f in tape.frames if f.way == "rx") / max(1, rows)))
+        """Questions that are asked for one row."""
 
     def behind(self, match: Match) -> int | None:
         """How many samples were taken since the one that a row is, until the question that it answers; None: unknown.
@@ -93,14 +98,30 @@ class Questions:
         A row is heard a little after it was printed, and the next question may have been asked in between: only one
         that is half of the usual time old, or that has been answered since, is what the row answers.
         """
-        if match.sample is None or not len(self._asked):
+        last = self._last(match)
+        if match.sample is None or last < 0:
             return None
+        return self._newest(last) - match.sample
+
+    def _last(self, match: Match) -> int:
+        """Return the number of the question that a row answers; -1: none was asked."""
+        if not len(self._asked):
+            return -1
         answered = self._answered[: np.searchsorted(self._answered, match.said.t, side="right")]
         since = max(match.said.t - 0.5 * self._usual_ns, answered[-1] if len(answered) else 0)
-        last = int(np.searchsorted(self._asked, since)) - 1
-        if last < 0:
+        return int(np.searchsorted(self._asked, since)) - 1
+
+    def _newest(self, question: int) -> int:
+        """Return the index of the newest sample when a question was asked."""
+        return int(np.searchsorted(self._times, self._asked[question], side="right")) - 1
+
+    def is_one_behind(self, match: Match) -> bool | None:
+        """Return True where a row is the answer to the question before; ``None`` where too few samples lie between."""
+        last = self._last(match)
+        if match.sample is None or last < self._per_row:
             return None
-        return int(np.searchsorted(self._times, self._asked[last], side="right")) - 1 - match.sample
+        newest, before = self._newest(last), self._newest(last - self._per_row)
+        return match.sample <= before if newest - before >= TELLING else None
 
     def old(self, match: Match, known: Known) -> bool:
         """Whether a row was already old when it was asked for."""

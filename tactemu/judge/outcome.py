@@ -62,6 +62,8 @@ class Known:
     """Of a driver that asks: by how many samples a row may be older than the question."""
     ask_ms: float = 0.0
     """Of a driver that asks: from the question to the row, in the quickest tenth."""
+    numbered: bool = False
+    """Frames carry a number or a time, by which a driver can tell an old one from a new one."""
     usual: list[str] = field(default_factory=list)
     """What the driver says when nothing is wrong, digits aside."""
 

@@ -32,6 +32,8 @@ class Trial:
     rate_hz: float = 0.0
     preset: str = ""
     """The counter or clock that is about to be full."""
+    times: int = 1
+    """How often it happens, each time after the driver is well again."""
     recovers: bool = True
     """Whether the driver should be well again afterwards, in the same process."""
     skipped: str = ""
@@ -69,6 +71,8 @@ class Facts:
     identifiers: Sequence[int] = ()
     """CAN identifiers in use."""
     taxels: int = 1
+    numbered: bool = False
+    """Frames carry a number or a time, by which a driver can tell an old one from a new one."""
 
 
 def positions(size: int, random: np.random.Generator, every: bool = False) -> list[int]:
@@ -258,7 +262,8 @@ class Plan:
             yield Trial("silence", "nothing passes, the port stays", ["silence"], "hang", HANG_S)
         yield Trial("hang", "the device neither samples nor answers", action="hang", seconds=HANG_S)
         if facts.wire in ("serial", "tcp", "websocket"):
-            yield Trial("unplug", "the port goes, and comes back", ["unplug"], "unplug", UNPLUG_S, takes_s=1.8)
+            about = "the port goes, and comes back; once more when the driver is well again"
+            yield Trial("unplug", about, ["unplug"], "unplug", UNPLUG_S, times=2, takes_s=3.6)
         else:
             about = "a bus does not go away" if facts.wire == "can" else f"there is no plug on {facts.wire}"
             yield Trial("unplug", "the port goes, and comes back", skipped=about)

@@ -9,13 +9,14 @@ from dataclasses import asdict, replace
 from tactemu.judge import smallest
 from tactemu.judge.budget import ENOUGH_S, BudgetSpent, ordered
 from tactemu.judge.columns import Columns
+from tactemu.judge.counters import Counter
 from tactemu.judge.excitation import STEP
 from tactemu.judge.learning import Unlearnable, learn
 from tactemu.judge.options import Options
 from tactemu.judge.outcome import ABOUT, Known, Outcome
 from tactemu.judge.plan import Facts, Plan, Trial
 from tactemu.judge.session import LOOK_S, DriverSession
-from tactemu.judge.tape import Tape
+from tactemu.judge.tape import Change, Tape
 from tactemu.judge.verdicts import judged, known_of
 
 CLEAN_ROWS, CLEAN_S, SLOW_S = 320, 4.0, 12.0
@@ -164,7 +165,9 @@ class Judge(DriverSession):
             tape = self._clean_tape(on)
             if tape.exit is None and self._learn(tape, steps=True):
                 return self._nothing(trouble)
-        self.known = known_of(tape, self.columns, asks=self.facts.asks, period_ms=1e3 * self.stand.period_s)
+        self.known = known_of(
+            tape, self.columns, asks=self.facts.asks, period_ms=1e3 * self.stand.period_s, numbered=self.facts.numbered
+        )
         self.facts = self.stand.facts(on, self._rows_since(on))
         tape = self._filled(tape)
         if tape.exit is not None:
@@ -229,25 +232,22 @@ class Judge(DriverSession):
         """Have it happen; the tape of it."""
         self.say(trial.name)
         tape = Tape(trial.name, trial.as_dict(), asdict(self.known), self.columns.as_dict())
-        why = self._wrap(trial) if trial.action == "wrap" else self._ready()
-        if why:
+        counter = Counter(self.stand, trial.preset, self.budget.sleep) if trial.action == "wrap" else None
+        if why := self._near_its_end(counter) if counter else self._ready():
             tape.trouble = why
+            return tape
+        if counter and (why := self._bring_near(counter, trial)):
+            tape.trial["skipped"] = why
             return tape
         driver = self.driver
         assert driver is not None
         unread, events = self.stand.recorder.unread, len(driver.notes)
-        on = self.stand.begin(trial)
-        try:
-            if trial.action == "stop":
-                driver.stop(True)
-            self._wait_for_edits(trial, on)
-        finally:
-            if trial.action == "stop":
-                driver.stop(False)
-            off = self.stand.finish()
-        changes = [change.t for change in self.stand.recorder.changes[-2000:] if on <= change.t]
-        off = max(changes, default=off) if trial.faults and not trial.action else off
-        self._wait_until_well(off, trial)
+        on, off = self._happen(trial, counter)
+        well = self._wait_until_well(off, trial)
+        for _ in range(trial.times - 1):
+            if well:
+                _, off = self._happen(trial)
+                well = self._wait_until_well(off, trial)
         found = self._tape(on - round(BEFORE_S * 1e9))
         found.name, found.trial = tape.name, tape.trial
         found.on, found.off, found.end = on, off, time.monotonic_ns()
@@ -259,6 +259,25 @@ class Judge(DriverSession):
         if keep:
             self._write(found)
         return found
+
+    def _happen(self, trial: Trial, counter: Counter | None = None) -> tuple[int, int]:
+        """Do what the trial does, once; returns when it began and when the last of it was over."""
+        driver = self.driver
+        assert driver is not None
+        on = self.stand.begin(trial)
+        try:
+            if trial.action == "stop":
+                driver.stop(True)
+            if counter is not None:
+                self._wait_for_wrap(counter, trial)
+            else:
+                self._wait_for_edits(trial, on)
+        finally:
+            if trial.action == "stop":
+                driver.stop(False)
+            off = self.stand.finish()
+        changes = [change.t for change in self.stand.recorder.changes[-2000:] if on <= change.t]
+        return on, max(changes, default=off) if trial.faults and not trial.action else off
 
     def _wait_for_edits(self, trial: Trial, on: int) -> None:
         """Until the action is over and every edit was made, or no more frames come."""
@@ -281,33 +300,49 @@ class Judge(DriverSession):
     def _patience(self) -> float:
         return max(self.options.patience_s, 14 * self.facts.row_s, 1.5e-3 * self.known.p99_ms + 0.5)
 
-    def _wait_until_well(self, off: int, trial: Trial) -> None:
+    def _wait_until_well(self, off: int, trial: Trial) -> bool:
+        """Return whether the driver is well again before nobody waits any more."""
         assert self.driver is not None
         driver, patience = self.driver, self._patience
-        if self._well(off, patience) or driver.exit is not None:
+        well = self._well(off, patience)
+        if well or driver.exit is not None:
             time.sleep(0.03 + 0.5 * self.facts.row_s)  # for a row that is on its way, and last words
-            return
+            return well
         if not any(said.t > off for said in driver.rows[-100:]) and self._longest > patience:
             # It says nothing at all: it may wait for a time-out of its own. One is waited for, once.
             begun = time.monotonic()
-            if self._well(off, self._longest - patience):
+            well = self._well(off, self._longest - patience)
+            if well:
                 self.options = replace(self.options, patience_s=1.5 * (patience + time.monotonic() - begun))
             else:
                 self._longest = patience
+        return well
 
-    def _wrap(self, trial: Trial) -> str:
-        """Start the driver so that the counter is full soon after it reads well."""
-        bits = next((bits for name, bits in self.facts.rollovers if name == trial.preset), 16)
-        start_s = max(self.starts[-3:], default=0.5)
-        ahead = start_s + self.options.rest_s + 0.7 + 14 * self.facts.row_s
-        frames = round(ahead / max(1e-4, self.facts.period_s))
-        if frames >= 1 << bits:
-            return self._ready()  # it is full several times anyway
+    def _near_its_end(self, counter: Counter) -> str:
+        """Start the driver so that the counter is full soon after it reads well; returns why it does not read."""
         self.end()
-        self.stand.preset(trial.preset, bits, frames)
+        start_s = max(self.starts[-3:], default=0.5)
+        counter.set_ahead(start_s + self.options.rest_s + 1.2 + 28 * self.facts.row_s)
         if why := self.start():
             return why
         return "" if self._well(time.monotonic_ns(), 2.0) else "died: does not read well after a new start"
+
+    def _bring_near(self, counter: Counter, trial: Trial) -> str:
+        """Let the counter be full soon, also where the driver's start has set it back; returns why it cannot."""
+        if why := counter.bring_near(0.4 + 18 * self.facts.row_s, trial.seconds):
+            return why
+        if self._well(time.monotonic_ns(), 0.3 + 16 * self.facts.row_s):
+            return ""
+        return f"the driver's start sets the {counter.name} back, and it does not read on when the number jumps"
+
+    def _wait_for_wrap(self, counter: Counter, trial: Trial) -> None:
+        """Wait until the counter has been full, and put that on record."""
+        driver = self.driver
+        assert driver is not None
+        if passed := counter.wait_until_full(lambda: driver.exit is None, trial.seconds + 1.0):
+            before, after = map(str, passed)
+            change = Change(time.monotonic_ns(), "wrap", f"{counter.name} wraps", None, before, (after,))
+            self.stand.recorder.changes.append(change)
 
 
 def _edits(trial: Trial) -> int:

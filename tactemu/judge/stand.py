@@ -13,7 +13,7 @@ from typing import Any
 from firmware_protocols import Can, Device
 from tactemu.errors import TactemuError
 from tactemu.judge.columns import Channel, channels_of
-from tactemu.judge.excitation import STEP, Excitation, Span
+from tactemu.judge.excitation import STEP, WIDE, Excitation, Span
 from tactemu.judge.plan import Facts, Trial
 from tactemu.judge.tape import Recorder
 from tactemu.scene import file
@@ -21,6 +21,8 @@ from tactemu.scene.building import make_devices
 from tactemu.serving import Served, serve
 from tactemu.wire.wire import Wire
 
+BEYOND, BEYOND_WIDE = 5.0, 20.0
+"""Factor of the forces that saturate a device; wide channels are excited over a tenth of their range."""
 _TURN_S = 10.0
 """Within which the emulator's loop does what it is told."""
 
@@ -118,7 +120,7 @@ class Stand:
             rollovers=[(r.name, r.bits) for r in device.rollovers if r.state],
             replies=_literal_replies(device) if asks else (),
             identifiers=sorted({int(f.partition("#")[0], 16) for f in tx if "#" in f}),
-            taxels=sum(len(c.device.layout) for c in self.emulator.channels),
+            taxels=sum(len(c.device.layout) for c in self.emulator.channels), numbered=bool(device.rollovers),
         )  # fmt: skip
 
     # -- what is done to it --------------------------------------------------------------------------------------------
@@ -191,11 +193,16 @@ class Stand:
                 self.rate(trial.rate_hz)
                 self._undo.append(lambda: self.rate(self._usual_rate))
             case "saturate":
-                self.excitation.beyond = 5.0
+                self.excitation.beyond = BEYOND_WIDE if self._is_wide else BEYOND
                 self._undo.append(lambda: setattr(self.excitation, "beyond", 1.0))
             case "dead":
                 self.excitation.dead = dict.fromkeys(self.excitation.spans, self.excitation.seed)
                 self._undo.append(self.excitation.dead.clear)
+
+    @property
+    def _is_wide(self) -> bool:
+        columns = [column for channel in self.emulator.channels for column in channel.device.columns]
+        return any(column.high - column.low > WIDE for column in columns)
 
     def finish(self) -> int:
         """Switch off what is on; returns when."""
@@ -216,17 +223,6 @@ class Stand:
         """Sample faster than the device does by itself, for as long as it is judged."""
         self._usual_rate = hz
         self.do(lambda: self.rate(hz))
-
-    def preset(self, name: str, bits: int, frames: int = 20) -> None:
-        """Let a counter be full after so many frames."""
-
-        def act() -> None:
-            for channel in self.emulator.channels:
-                for each in channel.device.rollovers:
-                    if each.name == name and each.state:
-                        channel.device.preset(name, (1 << bits) - frames * max(1, each.step))
-
-        self.do(act)
 
 
 def _literal_replies(device: Device) -> list[str]:

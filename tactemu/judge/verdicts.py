@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from functools import cached_property
 
 import numpy as np
 
+from tactemu.judge import proof
 from tactemu.judge.checks import clipped, forgotten, mirrored, misnamed, misscaled, still
 from tactemu.judge.columns import MISTAKES as MISTAKEN
 from tactemu.judge.columns import Columns
@@ -31,6 +33,10 @@ LOSES = 0.004
 """Share of good readings lost without any fault."""
 COLLATERAL = 0.05, 0.25
 """Share of good readings, and of those hit, that may be lost beside those that were hit."""
+OUT_OF_TURN = ("reordered", "old frame")
+"""Trials in which frames come after newer ones; where they carry a number, a driver can leave them out."""
+ONE_BEHIND, LEAST_ANSWERS = 0.8, 20
+"""Share and number of rows that answer the question before, of a driver that never takes its newest answer."""
 CAME_AGAIN = ("doubled", "late answer", "old frame")
 """Trials in which an old answer does come; where answers have no number, nobody can tell one or two."""
 
@@ -42,7 +48,7 @@ def judged(tape: Tape) -> Outcome:
     out = Outcome(tape.name, trial.get("why", ""), skipped=trial.get("skipped", ""))
     out.seconds = (tape.end - tape.on) / 1e9
     if out.skipped:
-        out.verdict = f"skipped: {out.skipped}"
+        out.verdict = f"not tried: {out.skipped}"
         return out
     if tape.trouble:
         kind = _kind_of_trouble(tape.trouble)
@@ -56,7 +62,8 @@ def judged(tape: Tape) -> Outcome:
     listen(out, tape, known)
     weigh(out, tape)
     out.recovered_s = recovered(tape, reading.matches, known, tape.off, left)
-    out.findings = _Rules(out, tape, columns, known).findings()
+    out.findings = _Rules(out, tape, reading, columns, known).findings()
+    out.skipped = "" if out.findings else proof.missing(tape, columns, known)
     out.verdict = "; ".join(map(str, out.findings)) or _otherwise(out)
     return out
 
@@ -69,6 +76,8 @@ def _kind_of_trouble(text: str) -> str:
 
 
 def _otherwise(out: Outcome) -> str:
+    if out.skipped:
+        return f"not tried: {out.skipped}"
     if out.notes or out.marked:
         return "noticed"
     return "right" if not out.lost else f"right; {out.lost} readings beside those hit never came"
@@ -77,8 +86,8 @@ def _otherwise(out: Outcome) -> str:
 class _Rules:
     """From counts to findings."""
 
-    def __init__(self, out: Outcome, tape: Tape, columns: Columns, known: Known):
-        self.out, self.tape, self.columns, self.known = out, tape, columns, known
+    def __init__(self, out: Outcome, tape: Tape, reading: Reading, columns: Columns, known: Known):
+        self.out, self.tape, self.reading, self.columns, self.known = out, tape, reading, columns, known
         self.trial = tape.trial
         self.action = tape.trial.get("action", "")
         self.noticed = out.notes + out.marked > 0
@@ -93,9 +102,14 @@ class _Rules:
     def _outage(self) -> bool:
         return self.action in ("hang", "unplug", "halfopen", "stop", "baud")
 
+    @property
+    def _may_leave(self) -> bool:
+        """A driver may end with a word when the port goes, but not when it came back from such an outage before."""
+        return self.action in ("unplug", "halfopen") and self.noticed and proof.outages(self.tape) < 2
+
     def _ends(self):
-        _out, exit = self.out, self.tape.exit
-        if exit is None or (self.action in ("unplug", "halfopen") and self.noticed):
+        exit = self.tape.exit
+        if exit is None or self._may_leave:
             return
         how = f"signal {-exit}" if exit < 0 else f"exit status {exit}"
         last = next((note.text for note in reversed(self.tape.notes) if note.err), "")
@@ -121,8 +135,8 @@ class _Rules:
     def _sync(self):
         out, exit = self.out, self.tape.exit
         after = any(said.t > self.tape.off for said in self.tape.rows)
-        if self.action in ("unplug", "halfopen") and self.noticed and not after:
-            return  # it says so, and leaves the rest to its user
+        if self._may_leave and not after:
+            return
         if out.recovered_s is None and exit is None and self.trial.get("recovers", True):
             waited = (self.tape.end - self.tape.off) / 1e9
             yield Finding("lost sync", f"no {SETTLED} right rows in a row within {waited:.1f} s after it was over")
@@ -137,10 +151,23 @@ class _Rules:
             words = f"takes {out.cpu:.0%} of a core" if spins else "waits"
             yield Finding("spins" if spins else "blocks", f"{words} for ever while nothing comes, without a word")
 
+    @cached_property
+    def _behind(self) -> tuple[int, int] | None:
+        """Rows that are the answer to the question before, and rows that can tell, where nearly all are."""
+        if self.action != "clean" or not self.known.asks:
+            return None
+        questions = Questions(self.tape, self.known.ask_ms)
+        told = [questions.is_one_behind(match) for match in self.reading.matches if match.said.t > self.tape.on]
+        yes, no = told.count(True), told.count(False)
+        return (yes, yes + no) if yes + no >= LEAST_ANSWERS and yes > ONE_BEHIND * (yes + no) else None
+
     def _clean(self):
         out = self.out
         if self.action != "clean":
             return
+        if self._behind:
+            told, answers = self._behind
+            yield Finding("stale", f"{told} of {answers} rows: each is the answer to the question before")
         for column in self.columns.values:
             if column.how in MISTAKEN:
                 name = self.columns.channels[column.channel].name
@@ -160,9 +187,13 @@ class _Rules:
         out, known = self.out, self.known
         usual = known.asks or not known.keeps or (known.repeats and self.action != "clean")
         odd = out.older + (0 if usual else out.again) - out.stale
-        allowed = {"doubled": out.injected, "old frame": out.injected, "reordered": out.injected}.get(self.tape.name, 0)
-        if odd > allowed + 1 and not self._outage and self.action not in ("reset", "wrap"):
-            yield Finding("again", f"{odd} rows are readings that were handed out before")
+        told = known.numbered and self.tape.name in OUT_OF_TURN
+        allowed = out.injected if self.tape.name in ("doubled", *OUT_OF_TURN) and not told else 0
+        if odd > allowed + 1 and not self._outage and self.action not in ("reset", "wrap", "saturate"):
+            words = (
+                "older than those before them, as their numbers say" if told else "readings that were handed out before"
+            )
+            yield Finding("again", f"{odd} rows are {words}")
 
     def _collateral(self):
         out = self.out
@@ -181,7 +212,8 @@ class _Rules:
     def _late(self):
         out = self.out
         limit = max(LATE_MS, 0.5 * self.known.period_ms if not self.known.asks else LATE_MS) + self.tape.late_ms
-        if self.action == "clean" and out.p50_ms is not None and out.p50_ms > limit:
+        is_late = out.p50_ms is not None and out.p50_ms > limit
+        if self.action == "clean" and is_late and not self._behind:
             of = "after the answer's last byte" if self.known.asks else "after the frame's last byte"
             yield Finding("late", f"{out.p50_ms:.1f} ms {of} at the median, {out.p99_ms:.1f} ms at the 99th percentile")
 
@@ -193,11 +225,11 @@ class _Rules:
             yield Finding("leaks", f"memory grows by {self.out.grown / 1e6:.0f} MB within {took:.1f} s")
 
 
-def known_of(tape: Tape, columns: Columns, *, asks: bool, period_ms: float) -> Known:
+def known_of(tape: Tape, columns: Columns, *, asks: bool, period_ms: float, numbered: bool = False) -> Known:
     """What a run without faults shows, for the trials after it."""
     times = [said.t for said in tape.rows if tape.on < said.t <= tape.end]
     row_ms = float(np.median(np.diff(times))) / 1e6 if len(times) > 2 else period_ms
-    known = Known(asks=asks, period_ms=period_ms, row_ms=row_ms, behind=1_000_000)
+    known = Known(asks=asks, period_ms=period_ms, row_ms=row_ms, behind=1_000_000, numbered=numbered)
     usual = Counter(template(note.text) for note in tape.notes if note.t > tape.on)
     usual.update(template(json.dumps(dict(said.row))) for said in tape.rows if columns.row(said.row) is None)
     known.usual = [text for text, count in usual.most_common(200) if count >= OFTEN]

@@ -1,0 +1,209 @@
+"""Proof that the event of a trial happened, from its tape. Without it the trial says nothing about the driver."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from tactemu.judge.columns import Columns
+from tactemu.judge.outcome import Known
+from tactemu.judge.tape import Change, Frame, Tape
+from tactemu.wire.faults import parse
+
+MOST_OF_IT = 0.5
+"""Share of an outage for which nothing may come, or the driver's process must stand still."""
+STOPPED_MOVING = 0.3
+"""Share of its former spread below which a channel has stopped moving."""
+AT_ITS_END, LEAST_AT_END = 0.05, 3
+"""Share and number of samples that show one and the same extreme value where a channel is saturated."""
+RATE_TOLERANCE, FASTER = 0.25, 1.2
+"""How far a sampling rate may be from the one that was set, and how many times more readings arrive at a higher one."""
+FOLLOWS, FRAMES_NEEDED, FRAMES_COMPARED = 0.4, 40, 400
+"""A byte belongs to a value if it correlates so much with a channel over the frames that are compared."""
+
+
+def missing(tape: Tape, columns: Columns, known: Known) -> str:
+    """Return why the event of a trial did not happen, or cannot be shown to have happened; empty where it did."""
+    check = _BY_NAME.get(tape.name) or _BY_ACTION.get(tape.trial.get("action", ""), _no_check)
+    if tape.trial.get("faults") and not _changes(tape):
+        return "none of its faults hit anything"
+    return check(tape, columns, known)
+
+
+def _no_check(tape: Tape, columns: Columns, known: Known) -> str:
+    return ""
+
+
+def _changes(tape: Tape, *kinds: str) -> list[Change]:
+    """Return the faults that were injected in the trial, of some kinds or all."""
+    return [change for change in tape.changes if change.t >= tape.on and (not kinds or change.what in kinds)]
+
+
+def outages(tape: Tape) -> int:
+    """Return how often the port went away in the trial."""
+    return len({change.t for change in _changes(tape, "unplug")})  # several skins lose their ports at one time
+
+
+# -- edits of frames ---------------------------------------------------------------------------------------------------
+
+
+def _flipped(tape: Tape, columns: Columns, known: Known) -> str:
+    """Where bytes follow the channels that the driver reads, a flip must have hit one of them."""
+    changes = [change for change in _changes(tape, "flip") if change.after]
+    for size in {len(change.before) for change in changes}:
+        places = _places_of_values(tape, columns, size)
+        own = [change for change in changes if len(change.before) == size]
+        if not places or any(_differing(change) & places for change in own):
+            return ""
+    return "no flip hit a byte of a value that the driver reads" if changes else ""
+
+
+def _differing(change: Change) -> set[int]:
+    before, after = bytes.fromhex(change.before), bytes.fromhex(change.after[0])
+    return {k for k, (one, other) in enumerate(zip(before, after)) if one != other}
+
+
+def _places_of_values(tape: Tape, columns: Columns, size: int) -> set[int]:
+    """Return the positions of bytes that follow a channel which the driver reads, and of bytes beside them that vary.
+
+    Low bytes of a value follow nothing, so those next to one that does are taken for its own.
+    """
+    read = sorted({int(k) for c in columns.values for k in (c.weights or (c.channel,))})
+    samples = {sample.number: sample.counts for sample in tape.samples if len(sample.counts) > max(read, default=0)}
+    harmed = {change.before for change in tape.changes} | {after for c in tape.changes for after in c.after}
+    frames = [
+        frame
+        for frame in tape.frames
+        if frame.way == "tx" and len(frame.data) == size and frame.sample in samples and frame.data not in harmed
+    ][:FRAMES_COMPARED]
+    if len(frames) < FRAMES_NEEDED or not read:
+        return set()
+    sent = np.array([list(bytes.fromhex(frame.data)) for frame in frames], np.uint8)
+    counts = np.array([samples[frame.sample][read] for frame in frames])
+    follows = _correlation(sent.astype(float), counts) | _correlation(sent.view(np.int8).astype(float), counts)
+    varies = np.ptp(sent, axis=0) > 0
+    near = follows | np.append(follows[1:], False) | np.append(False, follows[:-1])
+    return set(np.flatnonzero(near & varies).tolist())
+
+
+def _correlation(sent: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Return for each byte whether it follows any of the channels."""
+
+    def standard(x: np.ndarray) -> np.ndarray:
+        spread = x.std(axis=0)
+        return np.where(spread > 0, (x - x.mean(axis=0)) / np.where(spread > 0, spread, 1.0), 0.0)
+
+    return (np.abs(standard(sent).T @ standard(counts)) / len(sent) > FOLLOWS).any(axis=1)
+
+
+def _late_answer(tape: Tape, columns: Columns, known: Known) -> str:
+    """The driver must have asked again before the answer came."""
+    asked = [frame.t for frame in tape.frames if frame.way == "rx"]
+    waits = [(change.t, change.t + parse(change.fault).by_ns) for change in _changes(tape, "late")]
+    overtaken = any(ready < t < came for ready, came in waits for t in asked)
+    return "" if overtaken else "the driver waited for each late answer: none came after another question"
+
+
+# -- outages -----------------------------------------------------------------------------------------------------------
+
+
+def _hang(tape: Tape, columns: Columns, known: Known) -> str:
+    """Nothing came of the device, although something would have."""
+    if tape.trial.get("faults"):
+        return ""
+    if known.asks and not any(frame.way == "rx" and tape.on < frame.t < tape.off for frame in tape.frames):
+        return "the driver asked for nothing meanwhile"
+    quiet = _longest_gap([frame.t for frame in tape.frames if frame.way == "tx"], tape)
+    return "" if quiet > MOST_OF_IT else "frames went on"
+
+
+def _stopped(tape: Tape, columns: Columns, known: Known) -> str:
+    quiet = _longest_gap([said.t for said in tape.rows], tape)
+    return "" if quiet > MOST_OF_IT else "the driver's process did not stand still"
+
+
+def _longest_gap(times: Sequence[int], tape: Tape) -> float:
+    """Return the longest time between events, as a share of the time that the trial lasted."""
+    inside = [tape.on, *(t for t in times if tape.on < t < tape.off), tape.off]
+    return max(b - a for a, b in itertools.pairwise(inside)) / max(1, tape.off - tape.on)
+
+
+def _wrong_baud(tape: Tape, columns: Columns, known: Known) -> str:
+    """What is heard at another speed has another length, or nothing is heard at all."""
+    during = [frame for frame in tape.frames if tape.on < frame.t < tape.off]
+    usual = {(frame.way, len(frame.data)) for frame in tape.frames if frame.t < tape.on}
+    misheard = [frame for frame in during if (frame.way, len(frame.data)) not in usual]
+    return "" if misheard or not during else "what passed was heard as before"
+
+
+# -- the device --------------------------------------------------------------------------------------------------------
+
+
+def _reset(tape: Tape, columns: Columns, known: Known) -> str:
+    return "" if _changes(tape, "reset") else "the device did not restart"
+
+
+def _wrap(tape: Tape, columns: Columns, known: Known) -> str:
+    return "" if _changes(tape, "wrap") else f"the {tape.trial.get('preset')} was not full while the driver read"
+
+
+def _saturated(tape: Tape, columns: Columns, known: Known) -> str:
+    """Several samples show one extreme that no sample showed before."""
+    before, during = _counts(tape, 0, tape.on), _counts(tape, tape.on, tape.off)
+    if not len(before) or not len(during):
+        return "no sample was taken meanwhile"
+    for sign in (1.0, -1.0):
+        end = (sign * during).max(axis=0)
+        often = (sign * during == end).sum(axis=0)
+        if ((end > (sign * before).max(axis=0)) & (often >= max(LEAST_AT_END, AT_ITS_END * len(during)))).any():
+            return ""
+    return "no channel came to an end of its range"
+
+
+def _dead(tape: Tape, columns: Columns, known: Known) -> str:
+    """A channel that moved before stands still, once the device's own filter has settled."""
+    before, during = _counts(tape, 0, tape.on), _counts(tape, (tape.on + tape.off) // 2, tape.off)
+    if not len(before) or not len(during):
+        return "no sample was taken meanwhile"
+    moved = before.std(axis=0)
+    stopped = (moved > 0) & (during.std(axis=0) < STOPPED_MOVING * moved)
+    return "" if stopped.any() and not stopped.all() else "no channel stood still while others moved"
+
+
+def _counts(tape: Tape, since: int, until: int) -> np.ndarray:
+    return np.array([sample.counts for sample in tape.samples if since < sample.t <= until])
+
+
+def _rate(tape: Tape, columns: Columns, known: Known) -> str:
+    wanted = tape.trial.get("rate_hz", 0.0)
+    rate = _per_second([sample.t for sample in tape.samples], tape.on, tape.off)
+    if wanted and abs(rate - wanted) > RATE_TOLERANCE * wanted:
+        return f"the device took {rate:.0f} samples a second"
+    own = 1e3 / known.period_ms
+    carried = _per_second(_carried(tape.frames), tape.on, tape.off)
+    if tape.name == "high rate" and carried < FASTER * own:
+        return f"{carried:.0f} readings a second arrive, at its own rate {own:.0f}"
+    return ""
+
+
+def _carried(frames: Sequence[Frame]) -> list[int]:
+    """Return when the first frame of each sample left."""
+    first: dict[int, int] = {}
+    for frame in frames:
+        if frame.way == "tx" and frame.sample is not None:
+            first.setdefault(frame.sample, frame.t)
+    return list(first.values())
+
+
+def _per_second(times: Sequence[int], since: int, until: int) -> float:
+    return sum(since < t <= until for t in times) / max(1e-9, (until - since) / 1e9)
+
+
+Check = Callable[[Tape, Columns, Known], str]
+_BY_NAME: dict[str, Check] = {"flipped": _flipped, "late answer": _late_answer, "memory": _no_check}
+_BY_ACTION: dict[str, Check] = {
+    "hang": _hang, "stop": _stopped, "baud": _wrong_baud, "reset": _reset, "wrap": _wrap, "saturate": _saturated,
+    "dead": _dead, "rate": _rate,
+}  # fmt: skip
