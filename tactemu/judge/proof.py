@@ -18,8 +18,11 @@ STOPPED_MOVING = 0.3
 """Share of its former spread below which a channel has stopped moving."""
 AT_ITS_END, LEAST_AT_END = 0.05, 3
 """Share and number of samples that show one and the same extreme value where a channel is saturated."""
-RATE_TOLERANCE, FASTER = 0.25, 1.2
-"""How far a sampling rate may be from the one that was set, and how many times more readings arrive at a higher one."""
+RISES, FALLS = 1.1, 0.9
+"""How many times more readings must arrive at a higher rate, and how many times fewer be taken at a lower one."""
+SECOND_NS = 1_000_000_000
+BEGUN_BEFORE_NS = SECOND_NS
+"""Greatest time by which the emulator's loop dates an action before it was over."""
 FOLLOWS, FRAMES_NEEDED, FRAMES_COMPARED = 0.4, 40, 400
 """A byte belongs to a value if it correlates so much with a channel over the frames that are compared."""
 
@@ -73,15 +76,16 @@ def _places_of_values(tape: Tape, columns: Columns, size: int) -> set[int]:
     read = sorted({int(k) for c in columns.values for k in (c.weights or (c.channel,))})
     samples = {sample.number: sample.counts for sample in tape.samples if len(sample.counts) > max(read, default=0)}
     harmed = {change.before for change in tape.changes} | {after for c in tape.changes for after in c.after}
-    frames = [
-        frame
+    carried = [
+        (frame.data, samples[frame.sample])
         for frame in tape.frames
-        if frame.way == "tx" and len(frame.data) == size and frame.sample in samples and frame.data not in harmed
+        if frame.way == "tx" and len(frame.data) == size and frame.data not in harmed
+        if frame.sample is not None and frame.sample in samples
     ][:FRAMES_COMPARED]
-    if len(frames) < FRAMES_NEEDED or not read:
+    if len(carried) < FRAMES_NEEDED or not read:
         return set()
-    sent = np.array([list(bytes.fromhex(frame.data)) for frame in frames], np.uint8)
-    counts = np.array([samples[frame.sample][read] for frame in frames])
+    sent = np.array([list(bytes.fromhex(data)) for data, _ in carried], np.uint8)
+    counts = np.array([each[read] for _, each in carried])
     follows = _correlation(sent.astype(float), counts) | _correlation(sent.view(np.int8).astype(float), counts)
     varies = np.ptp(sent, axis=0) > 0
     near = follows | np.append(follows[1:], False) | np.append(False, follows[:-1])
@@ -95,7 +99,8 @@ def _correlation(sent: np.ndarray, counts: np.ndarray) -> np.ndarray:
         spread = x.std(axis=0)
         return np.where(spread > 0, (x - x.mean(axis=0)) / np.where(spread > 0, spread, 1.0), 0.0)
 
-    return (np.abs(standard(sent).T @ standard(counts)) / len(sent) > FOLLOWS).any(axis=1)
+    together = np.abs(standard(sent).T @ standard(counts)) / len(sent)
+    return np.any(together > FOLLOWS, axis=1)
 
 
 def _late_answer(tape: Tape, columns: Columns, known: Known) -> str:
@@ -142,7 +147,9 @@ def _wrong_baud(tape: Tape, columns: Columns, known: Known) -> str:
 
 
 def _reset(tape: Tape, columns: Columns, known: Known) -> str:
-    return "" if _changes(tape, "reset") else "the device did not restart"
+    begun = tape.on - BEGUN_BEFORE_NS
+    happened = any(change.what == "reset" and change.t >= begun for change in tape.changes)
+    return "" if happened else "the device did not restart"
 
 
 def _wrap(tape: Tape, columns: Columns, known: Known) -> str:
@@ -150,26 +157,30 @@ def _wrap(tape: Tape, columns: Columns, known: Known) -> str:
 
 
 def _saturated(tape: Tape, columns: Columns, known: Known) -> str:
-    """Several samples show one extreme that no sample showed before."""
-    before, during = _counts(tape, 0, tape.on), _counts(tape, tape.on, tape.off)
-    if not len(before) or not len(during):
-        return "no sample was taken meanwhile"
-    for sign in (1.0, -1.0):
+    """Several samples show one extreme that none shows afterwards."""
+    during, usual = _counts(tape, tape.on, tape.off), _afterwards(tape)
+    for sign in (1.0, -1.0) if len(during) and len(usual) else ():
         end = (sign * during).max(axis=0)
-        often = (sign * during == end).sum(axis=0)
-        if ((end > (sign * before).max(axis=0)) & (often >= max(LEAST_AT_END, AT_ITS_END * len(during)))).any():
+        often = (sign * during == end).sum(axis=0) >= max(LEAST_AT_END, AT_ITS_END * len(during))
+        if (often & (end > (sign * usual).max(axis=0))).any():
             return ""
     return "no channel came to an end of its range"
 
 
 def _dead(tape: Tape, columns: Columns, known: Known) -> str:
-    """A channel that moved before stands still, once the device's own filter has settled."""
-    before, during = _counts(tape, 0, tape.on), _counts(tape, (tape.on + tape.off) // 2, tape.off)
-    if not len(before) or not len(during):
-        return "no sample was taken meanwhile"
-    moved = before.std(axis=0)
-    stopped = (moved > 0) & (during.std(axis=0) < STOPPED_MOVING * moved)
-    return "" if stopped.any() and not stopped.all() else "no channel stood still while others moved"
+    """A channel that moves afterwards stands still, once the device's own filter has settled."""
+    during, usual = _counts(tape, (tape.on + tape.off) // 2, tape.off), _afterwards(tape)
+    if len(during) and len(usual):
+        moves = usual.std(axis=0)
+        stopped = (moves > 0) & (during.std(axis=0) < STOPPED_MOVING * moves)
+        if stopped.any() and not stopped[moves > 0].all():
+            return ""
+    return "no channel stood still while others moved"
+
+
+def _afterwards(tape: Tape) -> np.ndarray:
+    """Return the counts of the time in which the driver reads on; what was before may be another trial."""
+    return _counts(tape, (tape.off + tape.end) // 2, tape.end)
 
 
 def _counts(tape: Tape, since: int, until: int) -> np.ndarray:
@@ -177,15 +188,14 @@ def _counts(tape: Tape, since: int, until: int) -> np.ndarray:
 
 
 def _rate(tape: Tape, columns: Columns, known: Known) -> str:
-    wanted = tape.trial.get("rate_hz", 0.0)
-    rate = _per_second([sample.t for sample in tape.samples], tape.on, tape.off)
-    if wanted and abs(rate - wanted) > RATE_TOLERANCE * wanted:
-        return f"the device took {rate:.0f} samples a second"
-    own = 1e3 / known.period_ms
-    carried = _per_second(_carried(tape.frames), tape.on, tape.off)
-    if tape.name == "high rate" and carried < FASTER * own:
-        return f"{carried:.0f} readings a second arrive, at its own rate {own:.0f}"
-    return ""
+    """More readings arrive than usually, or fewer samples are taken."""
+    rises = tape.name == "high rate"
+    times = _carried(tape.frames) if rises else [sample.t for sample in tape.samples]
+    during = _per_second(times, tape.on, tape.off)
+    usual = max(_per_second(times, tape.on - SECOND_NS, tape.on), _per_second(times, tape.off, tape.end))
+    if during > RISES * usual if rises else during < FALLS * usual:
+        return ""
+    return f"{during:.0f} readings a second {'arrived' if rises else 'were taken'}, {usual:.0f} otherwise"
 
 
 def _carried(frames: Sequence[Frame]) -> list[int]:

@@ -1,0 +1,79 @@
+"""A counter is brought near its end also where a driver has set it back; what is no wrap is not taken for one."""
+
+import threading
+import time
+from types import SimpleNamespace
+
+import pytest
+
+from firmware_protocols.device import Rollover
+from tactemu.judge.counters import TURN_PARTS, Counter
+
+SPEED = 500.0
+
+
+class Counting:
+    """A device whose counter goes on by itself, or does not."""
+
+    def __init__(self, bits, speed=SPEED, value=0):
+        self.rollovers = (Rollover(name="sequence", bits=bits, state="sequence"),)
+        self.speed, self.size = speed, 1 << bits
+        self.presets = []
+        self.begin(value)
+
+    def begin(self, value):
+        self._value, self._since = value, time.monotonic()
+
+    @property
+    def sequence(self):
+        return (self._value + int(self.speed * (time.monotonic() - self._since))) % self.size
+
+    def preset(self, name, value):
+        self.presets.append((self.sequence, value))
+        self.begin(value)
+
+
+def counter_of(device):
+    emulator = SimpleNamespace(channels=[SimpleNamespace(device=device)], now_ns=0)
+    return Counter(SimpleNamespace(emulator=emulator, do=lambda action: action(), period_s=1 / SPEED), "sequence")
+
+
+@pytest.mark.parametrize("bits", [8, 16, 32, 63])
+def test_a_counter_that_was_set_back_is_brought_near_its_end_by_jumps_forward(bits):
+    device = Counting(bits)
+    counter = counter_of(device)
+    assert counter.bring_near(0.2, 0.4) == ""
+    for before, after in device.presets:
+        assert 0 < (after - before) % device.size <= device.size // TURN_PARTS
+    before, after = counter.wait_until_full(lambda: True, 30.0)
+    assert after < device.size // TURN_PARTS < before
+
+
+def test_a_counter_that_is_near_its_end_is_left_alone():
+    device = Counting(32, value=(1 << 32) - 400)
+    assert counter_of(device).bring_near(0.1, 3.0) == "" and not device.presets
+
+
+def test_a_counter_that_stands_still_is_said():
+    assert "stands still" in counter_of(Counting(32, speed=0.0)).bring_near(0.2, 0.4)
+
+
+def test_a_counter_that_is_set_back_has_not_been_full():
+    device = Counting(32, value=5_000_000)
+    timer = threading.Timer(0.1, lambda: device.begin(0))
+    timer.start()
+    assert counter_of(device).wait_until_full(lambda: True, 0.3) is None
+    timer.join()
+
+
+def test_a_clock_is_set_by_what_is_added_to_its_time():
+    device = SimpleNamespace(rollovers=(Rollover(name="tick", bits=16, step=1000, clock=True, state="tick"),), tick=0)
+    device.preset = lambda name, value: setattr(device, name, value)
+    channel = SimpleNamespace(device=device, local_ns=lambda now: now)
+    stand = SimpleNamespace(
+        emulator=SimpleNamespace(channels=[channel], now_ns=3_000_000_000), do=lambda action: action(), period_s=0.01
+    )
+    counter = Counter(stand, "tick")
+    assert counter.value == 3000
+    counter.set_ahead(2.0)
+    assert counter.value == (1 << 16) - 2000
