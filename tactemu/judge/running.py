@@ -329,9 +329,10 @@ class Judge(DriverSession):
 
     def _bring_near(self, counter: Counter, trial: Trial) -> str:
         """Let the counter be full soon, also where the driver's start has set it back; returns why it cannot."""
-        if why := counter.bring_near(0.4 + 18 * self.facts.row_s, trial.seconds):
+        ahead_s = 0.4 + 20 * self.facts.row_s + 5e-3 * self.known.p99_ms
+        if why := counter.bring_near(ahead_s, max(ahead_s, trial.seconds)):
             return why
-        if self._well(time.monotonic_ns(), 0.3 + 16 * self.facts.row_s):
+        if self._well(time.monotonic_ns(), ahead_s):
             return ""
         return f"the driver's start sets the {counter.name} back, and it does not read on when the number jumps"
 
