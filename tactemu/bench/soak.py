@@ -54,9 +54,9 @@ class Tally(Truth):
         super().__init__(keep=KEPT)
         self.size = self.check = 0
 
-    def wrote(self, t_ns: int, device: str, frame: Frame, sample: int | None = None) -> None:
+    def wrote(self, t_ns: int, device: str, frame: Frame, sample: int | None = None, late_ns: int = 0) -> None:
         """A frame left for the driver."""
-        super().wrote(t_ns, device, frame, sample)
+        super().wrote(t_ns, device, frame, sample, late_ns)
         assert isinstance(frame, bytes)
         self.size, self.check = self.size + len(frame), zlib.crc32(frame, self.check)
 

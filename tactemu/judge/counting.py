@@ -28,8 +28,6 @@ LEAK_STEPS = 0.15
 """Share of looks at the memory at which it must have grown: a buffer that is doubled once is no leak."""
 HARMLESS = ("duplicate", "garbage", "split", "chunk", "merge", "late", "stray", "reorder", "latency")
 """Faults after which the frame itself is still there."""
-DELAYING = ("split", "chunk", "merge", "late", "latency", "reorder", "load")
-"""Faults by which frames leave later than they would."""
 MIXING = ("stray", "reorder")
 """Of them those that can spoil a sample that comes in several frames."""
 
@@ -129,29 +127,19 @@ def _lost(tape: Tape, seen: set[int]) -> tuple[int, int]:
         if change.what in HARMLESS and not (in_frames and change.what in MIXING):
             continue
         harmed.add(int(np.searchsorted(times, change.t, side="right")) - 1)
-    held_up = _held_up(tape, number, times)
+    held_up = _held_up(tape, number)
     window = {k for k in carried if min(seen) < k < max(seen) and times[k] >= tape.on} - held_up
     return len(window - seen - harmed), len(window)
 
 
-def _held_up(tape: Tape, number: Mapping[int, int], times: np.ndarray) -> set[int]:
+def _held_up(tape: Tape, number: Mapping[int, int]) -> set[int]:
     """Return the samples whose frames left late because our own process was held up, and those right after them.
 
     A driver may refuse them: the frames of a sample are further apart than those of the device, or closer together.
     """
-    if tape.trial.get("action") == "rate" or any(change.what in DELAYING for change in tape.changes):
-        return set()  # a full line or the fault makes them late
-    done = np.zeros(len(times), np.int64)
-    for frame in tape.frames:
-        k = None if frame.sample is None or frame.answer else number.get(frame.sample)
-        if k is not None and frame.way == "tx":
-            done[k] = max(done[k], frame.done or frame.t)
-    sent = np.flatnonzero(done)
-    if not len(sent):
-        return set()
-    took = done[sent] - times[sent]
-    late = sent[took > np.quantile(took, 0.05) + 1e6 * OWN_LATE_MS]
-    return {*late.tolist(), *(late + 1).tolist()}
+    late = {f.sample for f in tape.frames if f.way == "tx" and f.late_ns > 1e6 * OWN_LATE_MS}
+    held_up = {k for sample, k in number.items() if sample in late}
+    return held_up | {k + 1 for k in held_up}
 
 
 def _keep_bad(out: Outcome, match: Match, tape: Tape, reading: Reading, old: bool = False) -> None:

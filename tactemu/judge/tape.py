@@ -48,8 +48,8 @@ class Frame(NamedTuple):
     """Number of the sample that it carries; of an answer, of the latest when the driver asked."""
     answer: bool = False
     """It was sent because the driver had said something, or by itself between samples."""
-    done: int = 0
-    """Time at which it had been handed over, later than ``t`` where our own process was held up; 0: unknown."""
+    late_ns: int = 0
+    """Time by which our own process was late in handing it over, after its last bit had left the line."""
 
 
 class Change(NamedTuple):
@@ -243,8 +243,8 @@ class Recorder:
                 self._sampled(t, entry)
             case Passage(kind="tx"):
                 sample = self._asked if entry.sample is None else entry.sample
-                done = max(t, time.monotonic_ns())
-                self.frames.append(Frame(t, "tx", text(entry.frame), sample, entry.sample is None, done))
+                late_ns = entry.late_ns + max(0, time.monotonic_ns() - t)
+                self.frames.append(Frame(t, "tx", text(entry.frame), sample, entry.sample is None, late_ns))
                 self._bound(self.frames)
             case Passage(kind="rx"):
                 self._asked = self.samples[-1].number if self.samples else None

@@ -54,6 +54,8 @@ class Passage(NamedTuple):
     """Number of the sample that it carries; ``None``: of none, or nobody said."""
     why: str = ""
     """Why it never left."""
+    late_ns: int = 0
+    """Time by which the emulator's loop was late with it, after its last bit had left the line; in no file."""
 
 
 class Injection(NamedTuple):

@@ -177,22 +177,22 @@ class Truth:
             self._log_poses(t_ns)
         return number
 
-    def wrote(self, t_ns: int, device: str, frame: Frame, sample: int | None = None) -> None:
+    def wrote(self, t_ns: int, device: str, frame: Frame, sample: int | None = None, late_ns: int = 0) -> None:
         """A frame left for the driver; ``sample`` is the number of the one that it carries, if it does."""
         self.counts["tx"] += 1
         self._latest_frames[device] = frame
         self._memory.add_frame(t_ns, device, frame)
         if self._told:
-            self._log(Passage(t_ns, device, "tx", frame, sample))
+            self._log(Passage(t_ns, device, "tx", frame, sample, late_ns=late_ns))
 
-    def wrote_all(self, t_ns: int, device: str, frames: CanFrames, sample: int | None = None) -> None:
+    def wrote_all(self, t_ns: int, device: str, frames: CanFrames, sample: int | None = None, late_ns: int = 0) -> None:
         """Several frames of one sample left at a time."""
         self.counts["tx"] += len(frames)
         self._latest_frames[device] = frames
         self._memory.add_frame(t_ns, device, frames)
         if self._told:
             for frame in frames:
-                self._log(Passage(t_ns, device, "tx", frame, sample))
+                self._log(Passage(t_ns, device, "tx", frame, sample, late_ns=late_ns))
 
     def received(self, t_ns: int, device: str, frame: Frame) -> None:
         """Something arrived from the driver."""

@@ -347,7 +347,7 @@ class Wire:
         if frames:
             self.counters["sent"] += sent
             self.counters["sent_bytes"] += int(frames.array["len"].sum())
-            self.truth.wrote_all(now_ns, source, frames, pending.sample)
+            self.truth.wrote_all(now_ns, source, frames, pending.sample, now_ns - pending.end_ns)
         return sent
 
     def _write(self, pending: Pending, now_ns: int) -> bool:
@@ -361,7 +361,7 @@ class Wire:
             return False
         self.counters["sent"] += 1
         self.counters["sent_bytes"] += len(payload(heard))
-        self.truth.wrote(now_ns, source, heard, pending.sample)
+        self.truth.wrote(now_ns, source, heard, pending.sample, now_ns - pending.end_ns)
         return True
 
     def _hand_over(self, frame: Frame, now_ns: int) -> bool:

@@ -36,7 +36,7 @@ def tape(rows=None, *, name="flipped", action="", on=100, off=150, end=200, asks
     silent = more.pop("silent", range(0))
     told.frames = [Frame(k * PERIOD, "tx", f"{k:04x}", k) for k in range(300) if k not in silent]
     for k in more.pop("held_up", ()):
-        told.frames[k] = told.frames[k]._replace(done=k * PERIOD + 6_000_000)
+        told.frames[k] = told.frames[k]._replace(late_ns=6_000_000)
     rows = [(k + 0.1, row(k)) for k in range(end)] if rows is None else rows
     told.rows = [Said(round(t * PERIOD), dict(each)) for t, each in rows]
     told.notes = [Note(round(t * PERIOD), text, True) for t, text in notes]

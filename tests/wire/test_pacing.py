@@ -1,11 +1,15 @@
 """A wire has a speed: when frames leave, what does not fit, and what is heard at another speed."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from firmware_protocols import USB, Can, CanFrame, Rs485, Sent, Serial
 from tactemu.transports.memory import WAITING_LIMIT, MemoryTransport
 from tactemu.transports.transport import CHUNK, DROPPED, RAISED, Closed, Opened, SerialSetting
+from tactemu.truth import Truth
+from tactemu.truth.entries import Passage
 from tactemu.wire.can_bits import frame_ns
 from tactemu.wire.uart import misheard
 from tactemu.wire.wire import DRIVER, Heard, Wire
@@ -49,6 +53,24 @@ def test_a_frame_is_there_when_its_last_bit_is(usb):
     assert driver.read() == []
     assert wire.flush(1_000_000 + FRAME_NS) == 1
     assert driver.read() == [FRAME]
+
+
+@pytest.mark.parametrize("spec", [UART, Can(bitrate=1_000_000)], ids=["uart", "can"])
+def test_a_frame_tells_by_how_much_the_loop_was_late(spec):
+    """Not the line, nor a fault that holds it back: those are no lateness."""
+    frame = FRAME if spec is UART else CanFrame(arbitration_id=0x123, data=b"12345678")
+    told, truth = [], Truth()
+    truth.tap(SimpleNamespace(put=told.append))
+    wire = Wire(MemoryTransport(), spec, truth=truth, faults=["late frame 2 by 9ms"])
+    wire.open()
+    for k, late_ns in enumerate((0, 0, 3_000_000)):
+        now = 100_000_000 * k
+        wire.send([frame], now)
+        wire.flush(now)
+        while (due := wire.next_due_ns()) is not None:
+            now = due + late_ns
+            wire.flush(now)
+    assert [entry.late_ns for entry in told if isinstance(entry, Passage)] == [0, 0, 3_000_000]
 
 
 @pytest.mark.parametrize("pacing", [True, "strict"])
