@@ -105,7 +105,8 @@ def test_the_most_accurate_that_fits_is_picked_with_both_neighbours():
 def test_when_nothing_keeps_the_rate_accuracy_decides_among_those_as_fast():
     """FlexiTac at 11 kHz: springs had won over a layer that costs 6 % more, and a proximity sensor by 0.2 %."""
     rate = 11_000.0
-    costs = {"proximity": (40, 0.87, 83.9), "springs": (13, 0.39, 84.0), "layer": (40, 0.031, 87.0), "x4": (229, 0.01, 120)}
+    costs = {"proximity": (40, 0.87, 83.9), "springs": (13, 0.39, 84.0), "layer": (40, 0.031, 87.0)}
+    costs["x4"] = (229, 0.01, 120)
     entries = [measured(n, step, error, rate, sample_us=sample) for n, (step, error, sample) in costs.items()]
     entries.append(measured("late", 41, 0.01, rate, late_us=600, sample_us=87.0))  # loses 45 % behind slow steps
     choice = pick("skin", "truth", Pace(rate, 1e-3), None, entries)

@@ -250,8 +250,8 @@ class MujocoEngine:
             if pad.short_steps >= SHORT_STEPS and frame not in self._named_short:
                 self._named_short.add(frame)
                 _logger.warning(
-                    "engine: skin %s reads %.4g N of MuJoCo's %.4g N at %.3f s: it is pressed in by %g mm, the limit; make "
-                    "it stiffer (docs/hands.md), or the load lighter", frame.name.removesuffix(" (pad)"),
+                    "engine: skin %s reads %.4g N of MuJoCo's %.4g N at %.3f s: it is pressed in by %g mm, the limit; "
+                    "make it stiffer (docs/hands.md), or the load lighter", frame.name.removesuffix(" (pad)"),
                     pad.felt(), pad.force, t_s, 1e3 * MAX_DEPTH_M,
                 )  # fmt: skip
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from tactemu.physics.sensor import Sensor
 
 FIRST_M, MAX_DEPTH_M = 20e-6, 5e-3
-"""Depth of a skin at a first touch, and at most [m]; bounds how far a skin goes whose reading no depth brings to the force."""
+"""Depth of a skin at a first touch, and at most [m]: no depth brings the reading of some skins to the force."""
 SHORT_STEPS = 10
 """Steps at the greatest depth after which a skin that still reads too little is reported."""
 LEAST_N = 1e-6

@@ -35,7 +35,7 @@ from tactemu.transducers.transducer import Kind, Place, Transducer
 FREE = wp.constant(wp.float64(0.025))
 """Share of a press's peak below which it has ended."""
 LIGHT = wp.constant(wp.float64(0.001))
-"""Share of what the presses before were, below which a press counts in proportion: a touch of next to nothing does not."""
+"""Share of the presses before, below which a press counts in proportion: a touch of next to nothing does not."""
 TURN = wp.constant(wp.float64(0.1))
 """Share of the peak over which loading turns into unloading."""
 MOST_PRESSES = wp.constant(wp.float64(1000.0))

@@ -94,7 +94,7 @@ class Choice:
 
 
 def pick(skin: str, truth: str, pace: Pace, line_hz: float | None, measured: list[Measured]) -> Choice:
-    """Choose the most accurate setting of those that keep the rate, or else of the fastest; the cheapest of the alike."""
+    """Choose the most accurate setting that keeps the rate, else of the fastest ones; of those alike the cheapest."""
     among = [entry for entry in measured if entry.keeps_rate] or _fastest(measured)
     least = min(entry.error for entry in among)
     chosen = min((e for e in among if e.error <= ALIKE * least), key=lambda e: e.load)

@@ -71,7 +71,7 @@ class Cost:
         return self.load(rate_hz, dt) <= MOST_LOAD and self.lost(rate_hz, dt) <= MOST_LOST
 
     def highest_rate(self, dt: float) -> float:
-        """Return a rate that the loop keeps, nearly the highest, in two digits [Hz]; 0: its steps alone are too much."""
+        """Return nearly the highest rate that the loop keeps, in two digits [Hz]; 0: steps alone are too much."""
         rate = (1e6 * MOST_LOAD - self.step_us / dt) / self.sample_us
         while rate >= 1:
             digit = 10.0 ** (floor(log10(rate)) - 1)

@@ -188,7 +188,7 @@ def swept(made, peak):
 
 
 def test_light_presses_after_a_hard_knock_have_their_loop_and_are_counted():
-    """After a press a hundred times as hard a loop of 0.1 was 0, and what was left behind stood at 6.9 times their peak."""
+    """After one a hundred times as hard a loop of 0.1 was 0, and what it left stood at 6.9 times their peak."""
     made = skin(Material(loop=0.1, baseline=0.1))
     assert swept(made, 0.008)[0] == pytest.approx(0.1, rel=0.02)
     _gap, rest = swept(made, 0.8)
