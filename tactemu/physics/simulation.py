@@ -478,9 +478,13 @@ class Simulation:
         for pose in self.posers:
             pose(self, t_s)
 
-    def pose(self, body: Body) -> Pose:
-        """Where a body is and how it moves, as last set, in the world of environment 0."""
-        return self.world.pose(body.index)
+    def pose(self, body: Body | str | int) -> Pose:
+        """Return where a body, given by itself, its name or index, is and how it moves, as last set, in environment 0.
+
+        Raises:
+            SceneError: there is no such body.
+        """
+        return self.world.pose(find(self.bodies, body).index)
 
     def check(self) -> None:
         """Wait for the device, and raise if a pose of the last step was not usable.

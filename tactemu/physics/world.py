@@ -216,9 +216,11 @@ class World:
         self.changed_on_device()
 
     def reset(self, envs) -> None:
-        """Put all bodies back where they started, from the host."""
+        """Put bodies back where they started, from the host, but for those that are bound."""
         where = self.env_indices(envs)
         for b, row in enumerate(self._start):
+            if b in self.bound:
+                continue
             self._before_write(b)
             self._values[b, where] = row
 

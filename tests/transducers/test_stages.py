@@ -49,6 +49,12 @@ def test_every_transducer_says_what_it_is_and_where_it_holds():
         assert make("skin", {"kind": name}) == kind()
 
 
+@pytest.mark.parametrize("name", TRANSDUCERS)
+def test_a_skin_without_taxels_reads_an_empty_array(name):
+    options = {"shared": True} if name == "fluid" else {}
+    assert pressed(skin(make("skin", {"kind": name, **options}), probes=np.zeros((0, 3))), 0.5).shape[0] == 0
+
+
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_the_field_of_a_skin_is_that_of_its_dipoles_where_they_have_moved(dtype):
     rng = np.random.default_rng(2)
