@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import shutil
 import sys
+from contextlib import nullcontext
 
 HELP = os.path.join(os.path.dirname(__file__), "help.txt")
 HELP_COLUMNS = 80
@@ -27,11 +28,12 @@ def main() -> None:
             if _answered(sys.argv[1:]):
                 return
             if sys.argv[1:2] in (["run"], ["exec"]):
+                from tactemu.cli.forwarding import forwarded_signals
                 from tactemu.cli.signals import starting
                 from tactemu.collector import leave_quickly
 
                 leave_quickly()
-                with starting():
+                with starting(), forwarded_signals() if sys.argv[1] == "exec" else nullcontext():
                     _run()
             else:
                 _run()

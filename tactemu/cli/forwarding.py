@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 import signal
-import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from tactemu.cli.signals import ENDING, STARTING, handler_before
+
+if TYPE_CHECKING:
+    import subprocess
 
 _TAKEN = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGUSR1, signal.SIGUSR2)
 _LOOK_S = 0.05
 _FROM_THE_KERNEL = 0x80
 """Origin of a signal that a terminal sends: to all who run on it, the program too."""
+
+
+FORWARDING: list[Forwarding] = []
+"""The forwarding of this program's signals, if it does that."""
 
 
 class Forwarding:
@@ -80,13 +87,18 @@ class Forwarding:
 
 @contextmanager
 def forwarded_signals() -> Iterator[Forwarding]:
-    """Signals are taken by a thread of their own. Before anything that makes threads is imported: NumPy does."""
+    """Take signals in a thread of their own, which sees who sent them.
+
+    Enter it before anything that makes threads is imported: NumPy does.
+    """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, _TAKEN)
     forwarding = Forwarding()
+    FORWARDING.append(forwarding)
     thread = threading.Thread(target=forwarding.run, name="signals", daemon=True)
     thread.start()
     try:
         yield forwarding
     finally:
         forwarding.stop(thread)
+        FORWARDING.remove(forwarding)
         signal.pthread_sigmask(signal.SIG_SETMASK, before)

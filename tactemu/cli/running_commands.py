@@ -217,20 +217,18 @@ def execute(
     Exit code: that of the program, 128 + n after signal n; 125 when something of tactemu's fails, 126 when the program
     cannot be executed, 127 when there is none of that name. See docs/exec.md.
     """
-    from tactemu.cli.forwarding import forwarded_signals
+    from tactemu.cli.executing import run_command
+    from tactemu.cli.forwarding import FORWARDING
     from tactemu.errors import TactemuError
 
-    with forwarded_signals() as signals:
-        from tactemu.cli.executing import run_command
-
-        try:
-            status = run_command(
-                target, context.obj or (), options=options or (), nodes=tuple(node or ()),
-                ports=tuple(port or ()), rates=tuple(rate or ()),
-                seed=seed, compute=device, faults=tuple(fault or ()), truth=truth, keep=truth_keep, quiet=quiet,
-                way=way, expose=tuple(expose or ()), name=name, signals=signals, measured=measured,
-            )  # fmt: skip
-        except TactemuError as error:
-            typer.echo(f"tactemu: {error}", err=True)
-            status = 125
+    try:
+        status = run_command(
+            target, context.obj or (), options=options or (), nodes=tuple(node or ()),
+            ports=tuple(port or ()), rates=tuple(rate or ()),
+            seed=seed, compute=device, faults=tuple(fault or ()), truth=truth, keep=truth_keep, quiet=quiet,
+            way=way, expose=tuple(expose or ()), name=name, signals=FORWARDING[-1], measured=measured,
+        )  # fmt: skip
+    except TactemuError as error:
+        typer.echo(f"tactemu: {error}", err=True)
+        status = 125
     raise typer.Exit(status)

@@ -12,6 +12,7 @@ import pytest
 
 from tactemu.clock import RealClock
 from tactemu.emulator import Emulator
+from tactemu.truth import read_log
 from tests.cli.command import ROOT, environment, start
 
 SLOWEST_S = 4.0
@@ -125,6 +126,32 @@ def test_a_wait_for_signals_that_is_interrupted_makes_none_up():
     assert (done.returncode, done.stdout, done.stderr) == (0, "0 True\n", "")
 
 
+EARLY = """
+import os, signal, sys, time
+signal.signal(signal.{0}, signal.SIG_DFL)
+class Finder:
+    def find_spec(self, name, *_):
+        if name == "tactemu.cli.app":
+            os.kill(os.getpid(), signal.{0})
+            time.sleep(60)
+sys.meta_path.insert(0, Finder())
+sys.argv = ["tactemu", "exec", "flexitac", "--", "true"]
+from tactemu.cli import main
+main()
+"""
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_who_sent_a_signal_is_told_from_the_first_import_on(number):
+    with subprocess.Popen(
+        [sys.executable, "-c", EARLY.format(number.name)], stderr=subprocess.PIPE, text=True, env=environment()
+    ) as run:
+        _, errors = run.communicate(timeout=20)
+    assert errors == f"tactemu: ended by {number.name} from process {run.pid} before it had started\n"
+    assert run.returncode == 128 + number
+
+
 def takes_signals(pid: int) -> bool:
     """Whether a process has a handler for SIGTERM."""
     caught = next(line for line in Path(f"/proc/{pid}/status").read_text().splitlines() if line.startswith("SigCgt"))
@@ -138,8 +165,9 @@ def test_two_hundred_starts_end_at_random_moments(cached, tmp_path):
     seed = random.randrange(1 << 32)
     draw, slow = random.Random(seed), []
     for k in range(200):
+        log = tmp_path / f"truth{k}.jsonl"
         words = (
-            ("run", "flexitac", "--json", "--port", f"pty:{tmp_path}/skin")
+            ("run", "flexitac", "--json", "--port", f"pty:{tmp_path}/skin", "--truth", str(log))
             if k % 2
             else ("exec", "-q", "flexitac", "--", "sleep", "60")
         )
@@ -161,6 +189,7 @@ def test_two_hundred_starts_end_at_random_moments(cached, tmp_path):
             _, errors = run.communicate()
         lasted_s = time.monotonic() - begin
         allowed = (0, 128 + number, -number)
+        assert not (log.exists() and read_log(log).is_cut)
         if lasted_s > SLOWEST_S or run.returncode not in allowed or "Traceback" in errors:
             slow.append(
                 (k, words[0], number.name, round(delay_s, 2), round(lasted_s, 2), run.returncode, errors[-300:])
