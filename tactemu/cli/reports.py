@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import sys
+import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from statistics import median
 from typing import Any
 
@@ -21,6 +23,29 @@ MISSED_SHARE = 0.01
 """Of its samples that a device may miss before the report says what to do."""
 BUSY_SHARE = 0.5
 """Of the time between samples: from here on the simulation is called the reason."""
+
+LONG_S = 2.0
+"""Processor time from which on a user is told what takes so long [s]; wall time would depend on the machine's load."""
+
+
+@contextmanager
+def told_if_long(text: str) -> Iterator[None]:
+    """Write one line to stderr if what runs inside takes more than :data:`LONG_S`."""
+    done, begun_s = threading.Event(), time.process_time()
+
+    def watch() -> None:
+        while not done.wait(0.1):
+            if time.process_time() - begun_s > LONG_S:
+                print(f"tactemu: {text}", file=sys.stderr, flush=True)
+                return
+
+    thread = threading.Thread(target=watch, name="told if long", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
 
 
 def say_json(event: str, **entry: Any) -> None:

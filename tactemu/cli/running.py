@@ -15,7 +15,7 @@ from rich.console import Console
 
 from tactemu.channel import Channel
 from tactemu.cli.datasheet import options_of
-from tactemu.cli.reports import Say, advice, nobody_came, say_in_words, say_json
+from tactemu.cli.reports import Say, advice, nobody_came, say_in_words, say_json, told_if_long
 from tactemu.cli.signals import ended_by_signals
 from tactemu.collector import no_full_collections
 from tactemu.control.state import statistics_of
@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 _OWNER = re.compile(r"[^:=]+=")
 """In front of a port: a skin's name, or its connector's."""
 REPORT_PERIOD_NS = 1_000_000_000
+MANY_BODIES = 1000
+"""Number of bodies from which on a scene takes long to build."""
 INCOMPLETE = 4
 """Exit code of a run that happened, but for which a file that was asked for is not whole."""
 
@@ -97,10 +99,12 @@ def run_target(
         measured=measured,
     )  # fmt: skip
     loaded = steered(load(target, options_of(options)))
+    n_bodies = len(loaded.tables.body)
     start_quietly()
     log = truth_of(loaded, truth, keep)
     try:
-        control = Control(assemble(loaded, wishes, clock=clocks[clock](), truth=log))
+        with told_if_long(f"building {n_bodies:,} bodies") if n_bodies >= MANY_BODIES else nullcontext():
+            control = Control(assemble(loaded, wishes, clock=clocks[clock](), truth=log))
         if restore is not None:
             control.emulator.restore(restore)
         if again is not None:

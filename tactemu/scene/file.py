@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -210,8 +211,9 @@ def _references(tables: SceneFile):
     elsewhere = tables.engine is not None  # its bodies are known when its file is read
     skins = [skin.title for skin in tables.skin]
     for kind, names in (("body", bodies), ("skin", skins)):
-        for name in sorted({n for n in names if names.count(n) > 1}):
-            yield f"{kind} {name!r}: the name is used {names.count(name)} times; give each {kind} a `name` of its own"
+        for name, count in sorted(Counter(names).items()):
+            if count > 1:
+                yield f"{kind} {name!r}: the name is used {count} times; give each {kind} a `name` of its own"
     for skin in tables.skin:
         if (skin.link is None) == (skin.readings is None):
             yield f"skin {skin.title!r}: give it a `link` to a body, or `readings` from a truth log (one of the two)"

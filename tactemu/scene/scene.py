@@ -33,6 +33,8 @@ class Scene:
     def __init__(self, dt: float = 1e-3):
         self.dt = number("Scene", "dt", dt, at_least=1e-9, unit="s")
         self.bodies: list[Body] = []
+        self._names: set[str] = set()
+        """Names of the bodies."""
         self.sensors: list[Sensor] = []
         self.posers: list[Callable[[Simulation, float], None]] = []
         """What poses bodies at each step of the built scene, with its time [s]: another simulator."""
@@ -69,7 +71,7 @@ class Scene:
         index = len(self.bodies)
         kind = type(shape).__name__.lower() if shape is not None else "frame"
         name = name or f"{kind}{index}"
-        if any(body.name == name for body in self.bodies):
+        if name in self._names:
             raise SceneError(f"body {name!r}: there is already a body of this name; give another")
         if fixed and motion is not None:
             raise SceneError(f"body {name!r}: it is fixed and has a motion; drop one of the two")
@@ -85,6 +87,7 @@ class Scene:
         qw, qx, qy, qz = map(float, wxyz)
         body = Body(index, name, shape, fixed, (x, y, z), (qw, qx, qy, qz), motion)
         self.bodies.append(body)
+        self._names.add(name)
         self._outdate(f"body {name!r} was added after the scene was built")
         return body
 

@@ -1,9 +1,12 @@
 """When the rate is missed, the report says so, and which dial to turn."""
 
+import time
+
 import pytest
 
 from tactemu.assembly import Wishes, assemble
-from tactemu.cli.reports import advice
+from tactemu.cli import reports
+from tactemu.cli.reports import advice, told_if_long
 from tactemu.scene.file import load
 
 
@@ -34,3 +37,15 @@ def test_a_busy_machine_is_told_from_a_dear_simulation(emulator, monkeypatch):
     text = advice(emulator, channel)
     assert "takes 16000 of the 10000 us between them, most of it in 'anyskin: springs' (set `contact_depth" in text
     assert "dt" in text and "tactemu tune" in text
+
+
+def test_what_takes_long_is_told_in_one_line(monkeypatch, capsys):
+    with told_if_long("building"):
+        pass
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(reports, "LONG_S", 0.0)
+    with told_if_long("building 20,000 bodies"):
+        end = time.monotonic() + 20
+        while not (told := capsys.readouterr().err) and time.monotonic() < end:
+            time.sleep(0.01)
+    assert told == "tactemu: building 20,000 bodies\n" and capsys.readouterr().err == ""
