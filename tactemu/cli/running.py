@@ -148,11 +148,12 @@ def _seen(listen: Callable[[], AbstractContextManager[Server | None]], page: Doo
     with listen() as server:
         if server is None:
             raise TransportError("--web: there is no control socket, which the page needs")
-        with beside(page, server.place.name):
+        with beside(page, server.place.name) as over:
             print(f"see {link}", file=sys.stderr, flush=True)
             try:
                 yield
             finally:
+                over.set()
                 server.close()  # which the page takes for the end
 
 

@@ -9,6 +9,7 @@ import secrets
 import socket
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -91,21 +92,34 @@ def _bound(host: str, port: int) -> socket.socket:
 
 
 @contextlib.contextmanager
-def beside(opened: Door, name: str) -> Iterator[None]:
-    """A process that shows the run of that name while it lasts; it has the token from a pipe: others see commands."""
+def beside(opened: Door, name: str) -> Iterator[threading.Event]:
+    """Run a process that shows the run of that name while it lasts; it has the token from a pipe: others see commands.
+
+    Set the event before the run ends: a user is told of a page that ends sooner.
+    """
     number = opened.listener.fileno()
     command = [sys.executable, "-m", "tactemu.cli.seeing", str(number), name]
     process = subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, pass_fds=[number], start_new_session=True
     )
     assert process.stdin is not None
+    over = threading.Event()
+
+    def watch() -> None:
+        process.wait()
+        if not over.is_set():
+            sys.stderr.write(f"tactemu: the page has ended; `tactemu see {name}` opens it again\n")
+            sys.stderr.flush()
+
     try:
         with contextlib.suppress(OSError):
             process.stdin.write(opened.token.encode())
             process.stdin.close()
         opened.listener.close()
-        yield
+        threading.Thread(target=watch, name="page", daemon=True).start()
+        yield over
     finally:
+        over.set()
         try:
             process.wait(_END_S)
         except (subprocess.TimeoutExpired, KeyboardInterrupt):

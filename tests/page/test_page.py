@@ -255,3 +255,22 @@ def test_what_it_lacks_is_said_in_words(monkeypatch):
     monkeypatch.setattr(opening.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(TactemuError, match=r'pip install "tactemu\[web\]"'):
         opening.door()
+
+
+@pytest.mark.parametrize("is_over", [False, True])
+def test_a_page_that_ends_before_its_run_is_said(is_over, monkeypatch, capfd, tmp_path):
+    """As when its process is killed."""
+    page = tmp_path / "page"
+    page.write_text("#!/bin/sh\nsleep 0.3\n")
+    page.chmod(0o700)
+    monkeypatch.setattr(sys, "executable", str(page))
+    told = ""
+    with opening.beside(opening.Door(socket.create_server(("127.0.0.1", 0)), "token"), "thumb") as over:
+        if is_over:
+            over.set()
+        end = time.monotonic() + 20
+        while not is_over and not told and time.monotonic() < end:
+            told = capfd.readouterr().err
+            time.sleep(0.01)
+    assert told == ("" if is_over else "tactemu: the page has ended; `tactemu see thumb` opens it again\n")
+    assert not capfd.readouterr().err
