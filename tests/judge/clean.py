@@ -19,7 +19,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.judge.planted import DRIVERS, judge_words, run
+from tests.judge.planted import DRIVERS, end_on_signals, judge_words, run
 
 LINES = ("stream", "polled", "modbus", "can", "udp")
 LOADS = range(4, 11)
@@ -100,6 +100,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0, help="seed of the first plan of each line")
     given = parser.parse_args()
     plans: list[Plan] = []
+    end_on_signals()
     try:
         for number in range(given.plans):
             line, seed = LINES[number % len(LINES)], given.seed + number // len(LINES)

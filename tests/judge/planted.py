@@ -174,6 +174,7 @@ def be_judge(words: Sequence[str], told: str) -> None:
     file = os.open(told, os.O_WRONLY | os.O_CREAT)
     for number, of in ((0, os.open(os.devnull, os.O_RDONLY)), (1, os.open(os.devnull, os.O_WRONLY)), (2, file)):
         os.dup2(of, number)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     sys.argv = ["tactemu", *words]
     cli.main()
 
@@ -241,6 +242,12 @@ def judged(row: Row, more: Sequence[str] = ()) -> Result:
     return Result(row, tuple(found), verdicts or last or "no report", time.monotonic() - began)
 
 
+def end_on_signals() -> None:
+    """Have SIGTERM end the program as Ctrl-C does, also where the shell has it ignore that."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
+
+
 # -- the command -------------------------------------------------------------------------------------------------------
 
 
@@ -285,6 +292,7 @@ def main() -> int:
         print(f"{len(chosen)} rows")
         return 0
     found: list[Result] = []
+    end_on_signals()
     try:
         for result in results(chosen, [f"--seed={given.seed}"]):
             found.append(result)
