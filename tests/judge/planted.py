@@ -81,7 +81,7 @@ MISTAKES: list[tuple[str, str, Sequence[str], str]] = [
     ("missing: last channel not handed out", "unread", NO_FAULT, "stream polled modbus can udp"),
     ("halfmissing: half of the channels not handed out", "unread", NO_FAULT, "polled can"),
     ("zero: last channel always 0", "unread|clipped", NO_FAULT, "stream polled modbus can udp"),
-    ("twice: last channel is the one before", "unread", NO_FAULT, "polled modbus can udp"),
+    ("twice: last channel is the one before", "unread|order", NO_FAULT, "polled modbus can udp"),
     ("frozen: last channel stays at its first value", "unread|clipped", NO_FAULT, "stream letters wrench can udp"),
     ("frozenresultant: the resultant stays at its first value", "unread|clipped", NO_FAULT, "resultant"),
     ("before: always the answer before", "stale", NO_FAULT, "polled letters modbus wrench gauges records"),
