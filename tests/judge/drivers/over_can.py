@@ -19,7 +19,8 @@ class Driver:
         self.variant, self.bus = variant, can.Bus(interface=interface, channel=channel)
         self.bus.send(START)
         self.mistakes = Mistakes(variant, kept_bits=14, limit=26_000)
-        self.rows, self.got, self.begun, self.started, self.old, self.foreign = {}, 0, 0.0, 0, None, []
+        self.rows, self.got, self.begun, self.old, self.foreign = {}, 0, 0.0, None, []
+        self.outages, self.is_quiet = 0, False
 
     def nothing(self):
         """Say that nothing comes, and start the board once more: it may have restarted."""
@@ -28,8 +29,9 @@ class Driver:
             hand_out(**self.old)
         elif variant not in ("spins", "blocks"):
             say("nothing comes")
-        self.started += 1
-        if variant != "deaf" and not (variant == "second" and self.started > 1):
+        self.outages += not self.is_quiet
+        self.is_quiet = True
+        if variant != "deaf" and not (variant == "second" and self.outages > 1):
             self.bus.send(START)
 
     def hears(self, message):
@@ -92,6 +94,7 @@ class Driver:
         while True:
             message = self.bus.recv(wait)
             if message is not None:
+                self.is_quiet = False
                 if self.hears(message):
                     self.take(message)
             elif self.variant != "spins":

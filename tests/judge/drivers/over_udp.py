@@ -24,7 +24,7 @@ class Driver:
         self.line.settimeout({"spins": 0.0, "blocks": None}.get(self.variant, 0.3))
         self.mistakes = Mistakes(self.variant, bits=32, kept_bits=24, limit=2_000_000, exchange=(3, 4))
         self.last = self.last_sample = self.old = None
-        self.starts = 0
+        self.outages, self.is_quiet = 0, False
         self.line.send(ONE if self.asks else START)
 
     def nothing(self):
@@ -33,8 +33,9 @@ class Driver:
             hand_out(**self.old)
         else:
             say("nothing comes")
-        self.starts += 1
-        if self.variant != "deaf" and not (self.variant == "second" and self.starts > 1):
+        self.outages += not self.is_quiet
+        self.is_quiet = True
+        if self.variant != "deaf" and not (self.variant == "second" and self.outages > 1):
             self.last = self.last_sample = None
             self.line.send(ONE if self.asks else START)
 
@@ -73,6 +74,7 @@ class Driver:
 
     def take(self, record):
         """Hand out a record."""
+        self.is_quiet = False
         number, sample, status, *counts = struct.unpack(">3I6i", record)
         if not self.is_new(number, sample):
             say(f"record {number} is old")
