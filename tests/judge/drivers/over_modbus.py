@@ -2,6 +2,7 @@
 
 import struct
 import sys
+import termios
 import time
 
 import serial
@@ -14,6 +15,9 @@ MODELS = {
 }
 NAMES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 IN_UNITS = ("ten", "thousand", "kilogram", "percent", "units")
+
+GONE = (OSError, termios.error)
+"""Exceptions by which pyserial tells that a port is gone."""
 
 
 def crc_modbus(data):
@@ -104,7 +108,7 @@ def main(variant, port, model="dfrobot"):
     while True:
         try:
             driver.read()
-        except serial.SerialException as error:
+        except GONE as error:
             driver.unplugged += 1
             if variant != "second":
                 say(f"port lost: {error}")

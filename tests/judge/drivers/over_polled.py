@@ -2,10 +2,14 @@
 
 import struct
 import sys
+import termios
 import time
 
 import serial
 from mistakes import Mistakes, hand_out, say
+
+GONE = (OSError, termios.error)
+"""Exceptions by which pyserial tells that a port is gone."""
 
 
 def quiet(line, wait=True):
@@ -112,7 +116,7 @@ def main(variant, port):
     while True:
         try:
             driver.read()
-        except serial.SerialException as error:
+        except GONE as error:
             driver.unplugged += 1
             if variant != "second":
                 say(f"port lost: {error}")

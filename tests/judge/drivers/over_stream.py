@@ -2,6 +2,7 @@
 
 import struct
 import sys
+import termios
 import time
 
 import serial
@@ -10,6 +11,8 @@ from mistakes import Mistakes, hand_out, say
 NAMES = ("fx", "fy", "fz", "tx", "ty", "tz")
 PER_UNIT = (26.416666666666668, 28.803333333333335, 3.0245, 1000.0, 1000.0, 1000.0)
 IN_UNITS = ("ten", "thousand", "kilogram", "percent", "units")
+GONE = (OSError, termios.error)
+"""Exceptions by which pyserial tells that a port is gone."""
 
 
 def open_again(port):
@@ -30,7 +33,7 @@ def main(variant, port, axes="3"):
     while True:
         try:
             more = line.read(max(1, min(512, line.in_waiting)))
-        except serial.SerialException as error:
+        except GONE as error:
             unplugged += 1
             if variant == "second" and unplugged == 1:
                 say("port lost, opening it again")
