@@ -18,7 +18,7 @@ class Driver:
         interface, _, channel = port.partition(":")
         self.variant, self.bus = variant, can.Bus(interface=interface, channel=channel)
         self.bus.send(START)
-        self.mistakes = Mistakes(variant, kept_bits=14, limit=26_000)
+        self.mistakes = Mistakes(variant, kept_bits=12, limit=26_000)
         self.rows, self.got, self.begun, self.old, self.foreign = {}, 0, 0.0, None, []
         self.outages, self.is_quiet = 0, False
 
