@@ -76,7 +76,7 @@ class Mistakes:
             one, other = self.exchange
             counts[one], counts[other] = counts[other], counts[one]
         if variant == "leak":
-            self.kept.append(b"x" * 10_000)
+            self.kept.append(b"x" * 100_000)
         return counts
 
     def in_unit(self, value, per_unit):
