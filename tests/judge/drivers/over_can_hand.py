@@ -30,13 +30,16 @@ def main(variant, interface, channel):
         board = message.arbitration_id - 0x180
         if message.is_error_frame or message.is_extended_id or board not in BOARDS or len(message.data) < 48:
             continue
-        if row and message.timestamp - min(at for at, _, _ in row.values()) > 0.006:
+        if board == BOARDS[0]:
             row = {}
+        elif BOARDS[len(row)] != board:  # the fingers of a sample come in turn
+            row = {}
+            continue
         normal, tangential = struct.unpack_from("<f4xf", bytes(message.data), 16)
-        row[board] = message.timestamp, normal, tangential
+        row[board] = normal, tangential
         if len(row) == len(BOARDS):
-            normals = [mistakes.in_unit(row[k][1], 1.0) for k in BOARDS]
-            tangentials = [mistakes.in_unit(row[k][2], 1.0) for k in BOARDS]
+            normals = [mistakes.in_unit(row[k][0], 1.0) for k in BOARDS]
+            tangentials = [mistakes.in_unit(row[k][1], 1.0) for k in BOARDS]
             if variant == "exchanged":
                 normals, tangentials = tangentials, normals
             mistakes.hand_out(normal=mistakes.values(normals), tangential=tangentials)
