@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import time
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from tactemu.judge.processes import queued_ns
 from tactemu.judge.tape import Tape
 
 
@@ -16,6 +19,30 @@ class Delay(NamedTuple):
     """Time by which the thread that reads the driver's rows came late."""
     queued_ns: int
     """Time for which the driver's processes were ready to run and no processor was free, in all."""
+
+
+MOST_QUEUED = 3.0
+"""Multiple of a waiting time by which it may be prolonged on a busy machine."""
+
+
+class Patience:
+    """A time to wait for the driver, longer by the time for which it and this process wait for a processor.
+
+    Args:
+        seconds: on a machine that is not busy.
+    """
+
+    def __init__(self, seconds: float):
+        self.seconds = seconds
+        self._began, self._queued_ns = time.monotonic(), queued_ns(os.getpid())
+
+    def is_over(self) -> bool:
+        """Return True once the time has passed."""
+        more = time.monotonic() - self._began - self.seconds
+        if more <= 0.0:
+            return False
+        queued_s = (queued_ns(os.getpid()) - self._queued_ns) / 1e9  # the driver is a descendant of this process
+        return more > min(queued_s, MOST_QUEUED * self.seconds)
 
 
 def late_ms(tape: Tape, delays: Sequence[Delay]) -> float:

@@ -12,7 +12,7 @@ from tactemu.judge.budget import Budget
 from tactemu.judge.columns import Columns
 from tactemu.judge.driver import Driver, command_of
 from tactemu.judge.following import Reading, left_times, recovered
-from tactemu.judge.lateness import late_ms
+from tactemu.judge.lateness import Patience, late_ms
 from tactemu.judge.options import Options
 from tactemu.judge.outcome import Known
 from tactemu.judge.plan import Facts
@@ -88,8 +88,8 @@ class DriverSession:
             if not self.starts:  # the command is wrong, and not the driver
                 raise
             return f"died: {error}"
-        deadline = time.monotonic() + self.options.start_s
-        while not driver.rows and driver.exit is None and not driver.flooded and time.monotonic() < deadline:
+        patience = Patience(self.options.start_s)
+        while not driver.rows and driver.exit is None and not driver.flooded and not patience.is_over():
             self.budget.sleep(LOOK_S / 2)
         if not driver.rows:
             return self._why_nothing(driver)
@@ -117,17 +117,20 @@ class DriverSession:
         return f"prints nothing within {self.options.start_s:g} s{'' if opened else ', and does not open the port'}"
 
     def _well(self, since: int, seconds: float, reading: Reading | None = None) -> bool:
-        """Whether ten right rows in a row come of samples after ``since``, within some seconds."""
+        """Whether ten right rows in a row come of samples after ``since``, within some seconds.
+
+        The time for which the driver and this process wait for a processor does not count, within limits.
+        """
         assert self.driver is not None
         reading = reading or Reading(self.columns, self.known)
-        deadline = time.monotonic() + seconds
+        patience = Patience(seconds)
         while True:
             tape = self._tape(since - 500_000_000)
             fresh = Reading(self.columns, self.known)
             fresh.feed(tape)
             if recovered(tape, fresh.matches, self.known, since, left_times(tape)) is not None:
                 return True
-            if self.driver.exit is not None or time.monotonic() > deadline:
+            if self.driver.exit is not None or patience.is_over():
                 return False
             self.budget.sleep(LOOK_S + 0.5 * self.facts.row_s)
 

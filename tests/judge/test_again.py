@@ -2,6 +2,7 @@
 
 import os
 import time
+from types import SimpleNamespace
 
 import pytest
 
@@ -9,7 +10,7 @@ from tactemu.errors import TactemuError
 from tactemu.judge import smallest
 from tactemu.judge.budget import Budget, BudgetSpent, kind_of, ordered
 from tactemu.judge.driver import command_of
-from tactemu.judge.lateness import Delay, late_ms
+from tactemu.judge.lateness import Delay, Patience, late_ms
 from tactemu.judge.outcome import FAILING, Finding, Outcome
 from tactemu.judge.plan import Plan, Trial
 from tactemu.judge.processes import queued_ns
@@ -143,6 +144,17 @@ def test_how_late_our_own_side_was_is_known_of_drivers_that_ask_too():
     assert late_ms(quiet, [*looks, Delay(96 * PERIOD, 9_000_000, looks[-1].queued_ns)]) == pytest.approx(9.0)
     assert late_ms(quiet, [look._replace(queued_ns=7_000_000 * (look.t // PERIOD)) for look in looks]) > 6.5
     assert late_ms(quiet, []) == 0.0
+
+
+def test_waiting_for_a_processor_prolongs_patience_within_limits(monkeypatch):
+    clock, queued = [100.0], [5.0]
+    monkeypatch.setattr("tactemu.judge.lateness.time", SimpleNamespace(monotonic=lambda: clock[0]))
+    monkeypatch.setattr("tactemu.judge.lateness.queued_ns", lambda pid: 1e9 * queued[0])
+    patience = Patience(2.0)
+    over = []
+    for clock[0], queued[0] in ((101.9, 5.0), (102.1, 5.0), (102.1, 6.0), (103.5, 6.0), (107.9, 99.0), (108.1, 99.0)):
+        over.append(patience.is_over())
+    assert over == [False, True, False, True, False, True]
 
 
 def test_the_wait_for_a_processor_only_grows():
