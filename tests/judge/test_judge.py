@@ -121,7 +121,7 @@ def test_with_what_is_no_driver_there_is_a_word_and_nothing_left(case):
     ) as judge:
         began = time.monotonic()
         (outcome,) = judge.run()
-        assert time.monotonic() - began < 25
+        assert time.monotonic() - began < 120, "also when each is tried twice on a busy machine"
         mark = judge.driver.mark if judge.driver else ""
     assert verdict in outcome.verdict and last in outcome.verdict, outcome.verdict
     assert outcome.fails(judge.options.fail_on) and MARK and not marked(mark)
