@@ -30,8 +30,8 @@ _FACTORS = {"9.80665": GRAVITY, "4.44822": POUND, "2.20462": GRAVITY / POUND}
 """Factors that, with any power of ten, are forgotten or applied twice."""
 _RIGHT, _KNOWN = 0.005, 0.002
 """Relative distance from a right scale, and from one that a mistake is known by."""
-_NEARLY_ALL = 0.75
-"""A driver that reads this share of the channels of a kind reads them all, but for a mistake."""
+_HALF, _NEARLY_ALL = 0.5, 0.75
+"""A driver that reads this share of some channels, or columns of an array, should read them all."""
 _AXIS = re.compile(r"(?:^|[^a-z])([abdfghmpt]|force|torque|moment|field|mag)?[_.]?([xyz])(?=[_\d.\]]*$)")
 _SIDES = {"f": "N", "force": "N", "t": "Nm", "m": "Nm", "torque": "Nm", "moment": "Nm"}
 _TOTAL = re.compile(r"(?:^|[^a-z])(?:(?:f|force|forces|ft|wrench)\.\d|(?:resultant|net_force)(?:\.\d)?)$")
@@ -71,6 +71,11 @@ def _stem(name: str) -> str:
     return name
 
 
+def words_in(name: str) -> set[str]:
+    """Return the words of three letters and more in a name, such as ``normal``."""
+    return set(re.findall(r"[a-z]{3,}", name.lower()))
+
+
 def is_named(name: str, channel: Channel) -> bool:
     """Return whether a column's name tells just this channel's axis and half of a wrench."""
     axis, side = axis_in(name), side_in(name)
@@ -81,9 +86,13 @@ def misnamed(columns: Columns) -> list[str]:
     """Return the columns that are named after an axis and hold another, in words."""
     said = []
     wrench = {channel.unit for channel in columns.channels} >= {"N", "Nm"}
+    words = {word for channel in columns.channels for word in words_in(channel.name.rpartition(".")[2])}
     for column in columns.values:
         channel = _channel(columns, column)
         named, side = axis_in(column.name), side_in(column.name)
+        told = words_in(column.name) & words
+        if column.how != "mix" and told and not told & words_in(channel.name):
+            said.append(f"column {column.name!r} holds {channel.name}")
         if column.how == "mix" or not channel.axis or not named:
             continue
         if wrench and side and channel.unit in ("N", "Nm") and side != channel.unit:
@@ -185,19 +194,24 @@ def _is_power(ratio: float) -> bool:
     return abs(power - round(power)) < np.log10(1 + _KNOWN) and abs(power) < 9.5
 
 
-def _kind(channel: Channel) -> str:
-    return re.sub(r"\[[\d,]*\]|\b\d+\b", "", channel.name)
-
-
 def forgotten(columns: Columns) -> list[Channel]:
-    """Return the channels that no column holds though nearly all others of their kind are held."""
+    """Return the channels that no column holds though half of their like are held.
+
+    Alike are the channels of one kind over the taxels of a patch, and those of one unit at a single point.
+    """
     missing = columns.unread()
-    if len(missing) <= sum(column.role == "other" for column in columns.columns):
+    arrays = {_pattern(column.name) for column in columns.values}
+    strange = sum(column.role == "other" and _pattern(column.name) in arrays for column in columns.columns)
+    if len(missing) <= strange:
         return []  # they may be in what cannot be told
-    kinds = [_kind(channel) for channel in columns.channels]
-    left = [_kind(channel) for channel in missing]
-    few = {kind for kind in left if left.count(kind) <= (1 - _NEARLY_ALL) * kinds.count(kind)}
-    return [channel for channel in missing if _kind(channel) in few]
+    whole, left = (Counter(map(_like, channels)) for channels in (columns.channels, missing))
+    return [channel for channel in missing if left[_like(channel)] <= _HALF * whole[_like(channel)]]
+
+
+def _like(channel: Channel) -> tuple[str, str]:
+    """Return what a channel shares with those that belong to it."""
+    kind = re.sub(r"\[[\d,]*\]|(?:^|(?<=\.))\d+(?=\.|$)", "", channel.name)
+    return (kind, "") if kind != channel.name else (channel.skin, channel.unit)
 
 
 def still(columns: Columns) -> list[str]:

@@ -293,6 +293,24 @@ def test_channels_that_are_in_no_column_and_columns_that_never_move():
     assert still(read(lambda x: [*x[:92], 0.0])) == ["column 'v.92' always reads 0"]
     assert still(read(lambda x: [*x, 0.0])) == [], "a picture with a corner that holds no taxel"
     assert forgotten(read(lambda x: x[2::3])) == [], "the pushes alone"
+    assert forgotten(read(lambda x: x[:30])) == [], "some of the taxels"
+    assert len(forgotten(read(lambda x: [*x[:91], x[90], x[90]]))) == 2, "one of them three times"
+
+
+def test_a_component_of_a_wrench_that_no_column_holds():
+    assert [channel.name for channel in forgotten(wrench_of(names=SIX[:5]))] == ["Mz"]
+    assert forgotten(wrench_of(names=SIX[:3])) == [], "forces alone"
+
+
+def test_a_column_that_is_named_after_another_channel():
+    hand = [Channel(f"tip[{k}].{name}", "", "N", 1.0) for k in range(4) for name in ("normal", "tangential")]
+    words = (("normal", 0), ("tangential", 1))
+    for first, said in ((0, []), (1, ["column 'normal.0' holds tip[0].tangential"])):
+        columns = learned(
+            lambda x, k, first=first: {f"{n}.{i}": x[2 * i + (at ^ first)] for n, at in words for i in range(4)},
+            taken=samples(8), channels=hand,
+        )  # fmt: skip
+        assert misnamed(columns)[:1] == said
 
 
 def test_a_resultant_that_is_frozen():
