@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -197,21 +198,28 @@ def _is_power(ratio: float) -> bool:
 def forgotten(columns: Columns) -> list[Channel]:
     """Return the channels that no column holds though half of their like are held.
 
-    Alike are the channels of one kind over the taxels of a patch, and those of one unit at a single point.
+    Alike are the channels of one kind over the taxels of a patch, and those of one unit at a single point. Of a hand
+    of which less than half is read, parts are left out on purpose.
     """
     missing = columns.unread()
     arrays = {_pattern(column.name) for column in columns.values}
     strange = sum(column.role == "other" and _pattern(column.name) in arrays for column in columns.columns)
     if len(missing) <= strange:
         return []  # they may be in what cannot be told
-    whole, left = (Counter(map(_like, channels)) for channels in (columns.channels, missing))
-    return [channel for channel in missing if left[_like(channel)] <= _HALF * whole[_like(channel)]]
+
+    def is_half_read(alike: Callable[[Channel], Any]) -> Callable[[Channel], bool]:
+        whole, left = (Counter(map(alike, channels)) for channels in (columns.channels, missing))
+        return lambda channel: left[alike(channel)] <= _HALF * whole[alike(channel)]
+
+    of_patch = is_half_read(_like)
+    of_device = is_half_read(lambda channel: (_like(channel)[0].rpartition(".")[2], channel.skin))
+    return [channel for channel in missing if of_patch(channel) and of_device(channel)]
 
 
 def _like(channel: Channel) -> tuple[str, str]:
     """Return what a channel shares with those that belong to it."""
     kind = re.sub(r"\[[\d,]*\]|(?:^|(?<=\.))\d+(?=\.|$)", "", channel.name)
-    return (kind, "") if kind != channel.name else (channel.skin, channel.unit)
+    return (kind, channel.skin) if kind != channel.name else (channel.unit, channel.skin)
 
 
 def still(columns: Columns) -> list[str]:

@@ -297,6 +297,13 @@ def test_channels_that_are_in_no_column_and_columns_that_never_move():
     assert len(forgotten(read(lambda x: [*x[:91], x[90], x[90]]))) == 2, "one of them three times"
 
 
+def test_half_of_one_patch_of_many_is_read_on_purpose():
+    hand = [Channel(f"finger {f}[{k}].touch", "", "", None) for f in range(8) for k in range(6)]
+    for n, left in ((3, 0), (45, 3)):
+        columns = learned(lambda x, k, n=n: dict(enumerate_names(x[:n])), taken=samples(48), channels=hand)
+        assert len(forgotten(columns)) == left
+
+
 def test_a_component_of_a_wrench_that_no_column_holds():
     assert [channel.name for channel in forgotten(wrench_of(names=SIX[:5]))] == ["Mz"]
     assert forgotten(wrench_of(names=SIX[:3])) == [], "forces alone"
