@@ -175,6 +175,43 @@ def test_shells_within_each_other_have_the_right_side_and_are_named(second, capl
     assert table_of(mesh, "float32")[0].rows[0].kind is OPEN_MESH
 
 
+@pytest.mark.parametrize("query", ["sdf", "band", "voxel"])
+def test_depth_inside_of_shells_that_intersect_is_to_the_surface_of_their_union(query):
+    """4 mm off the middle of one of two balls 10 mm apart it was 4 mm, to a face within the other; 6 mm are right."""
+    _parts, mesh = balls((0.01, 0), (0.01, 0.01))
+    more = {"voxel_size": 4e-4} if query == "voxel" else {}
+    points = [[-4e-3, 0, 0], [0, 6e-3, 0], [0.014, 0, 0]]
+    depth = depth_of(tt.Mesh(source=mesh), points, 1e-3, contact_depth_query=query, **more)
+    np.testing.assert_allclose(depth, [7e-3, 5e-3, 7e-3], atol=6e-5)  # of polyhedra with 1280 faces
+
+
+@pytest.mark.parametrize("dtype", REALS)
+def test_depth_inside_of_nested_shells_is_to_the_outer_one(dtype):
+    parts, mesh = balls((0.01, 0), (0.006, 0))
+    points = np.random.default_rng(4).uniform(-0.01, 0.01, (3000, 3))
+    d, _n, given = ask(mesh, points, dtype)
+    outer, _way = truth(parts[0], given)
+    np.testing.assert_allclose(d, outer, atol=5e-9)
+
+
+def test_depth_near_where_shells_meet_is_off_by_a_face_at_most():
+    parts, mesh = balls((0.01, 0), (0.01, 0.01))
+    rng = np.random.default_rng(6)
+    points = rng.uniform([-0.01, -0.01, -0.01], [0.02, 0.01, 0.01], (4000, 3))
+    middles = np.array([[0, 0, 0], [0.01, 0, 0]])
+    way = points[:, None] - middles
+    far = np.linalg.norm(way, axis=2)
+    points, way, far = (each[(far < 0.0099).any(1)] for each in (points, way, far))
+    foot = middles + 0.01 * way / far[..., None]
+    seen = np.linalg.norm(foot[:, :, None] - middles, axis=-1).min(-1) > 0.01 - 1e-12
+    ring = np.hypot(points[:, 0] - 0.005, np.linalg.norm(points[:, 1:], axis=1) - np.sqrt(0.75e-4))
+    right = np.minimum(ring, np.where(seen & (far < 0.01), 0.01 - far, np.inf).min(1))
+    d, _n, _given = ask(mesh, points, "float64")
+    short = right + d
+    assert short.min() > -1e-4 and short.max() < parts[0].edges_unique_length.max()
+    assert np.mean(np.abs(short) < 6e-5) > 0.7
+
+
 def test_shells_side_by_side_are_no_matter(caplog):
     _parts, mesh = balls((0.01, 0), (0.01, 0.0205))
     assert table_of(mesh, "float32")[0].rows[0].kind is MESH and not caplog.text

@@ -17,7 +17,7 @@ is that of the winding number.
 
 import functools
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,6 +33,8 @@ NODES = 32
 """Nodes of the bounding grid along the longest side."""
 MOST_ASKED = 20_000
 """Faces of a closed mesh that are asked whether they lie within its solid."""
+PLACES = ((0.33, 0.33), (0.98, 0.01), (0.01, 0.98), (0.01, 0.01), (0.49, 0.02), (0.02, 0.49), (0.49, 0.49))
+"""Places on each of them, by the weights of two corners: its middle, and near its corners and sides."""
 BESIDE = 1.0e-5
 """How far from a face that is asked, in units of the mesh."""
 MOST_TURNS = 24
@@ -66,11 +68,13 @@ def build_query(triangles: Triangles, device) -> MeshQuery:
     low, high = used.min(0), used.max(0)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     unit = float(half.max())
+    points = wp.array(((triangles.vertices - middle) / unit).astype(np.float32), dtype=wp.vec3, device=device)
+    mesh = _hierarchy(points, triangles, device)
+    wound = not triangles.closed
+    if not wound and (kept := _without_buried(triangles, mesh, device)) is not triangles:
+        wound, triangles = True, kept
+        mesh = _hierarchy(points, triangles, device)
     features = features_of(triangles, middle)
-    points = wp.array((features.points / unit).astype(np.float32), dtype=wp.vec3, device=device)
-    indices = wp.array(triangles.faces.reshape(-1), dtype=wp.int32, device=device)
-    mesh = wp.Mesh(points=points, indices=indices, support_winding_number=True)
-    wound = not triangles.closed or _has_faces_within(triangles, mesh, device)
     if not wound:
         mesh = _quicker(mesh)
     cell = 2.0 * unit / (NODES - 3)
@@ -78,6 +82,11 @@ def build_query(triangles: Triangles, device) -> MeshQuery:
     origin = -half - cell
     values = _node_values(mesh, unit, wound, features, origin, cell, tuple(map(int, nodes)), device)
     return MeshQuery(mesh, unit, wound, features, middle, half, values, origin, cell)
+
+
+def _hierarchy(points: wp.array, triangles: Triangles, device) -> wp.Mesh:
+    indices = wp.array(triangles.faces.reshape(-1), dtype=wp.int32, device=device)
+    return wp.Mesh(points=points, indices=indices, support_winding_number=True)
 
 
 def _quicker(mesh: wp.Mesh) -> wp.Mesh:
@@ -93,35 +102,49 @@ def _quicker(mesh: wp.Mesh) -> wp.Mesh:
 @functools.cache
 def _within_kernel():
     @wp.kernel(module="unique", enable_backward=False)
-    def is_within(mesh: wp.uint64, every: int, out: wp.array(dtype=wp.uint8)):
-        i = wp.tid()
+    def count_within(mesh: wp.uint64, every: int, places: wp.array(dtype=wp.vec2), out: wp.array(dtype=wp.int32)):
+        """Count the places on a face that have solid on their outer side."""
+        i, k = wp.tid()
         face = i * every
         beside = wp.mesh_eval_face_normal(mesh, face) * wp.static(BESIDE)
-        third = 1.0 / 3.0
-        p = wp.mesh_eval_position(mesh, face, third, third) + beside
+        p = wp.mesh_eval_position(mesh, face, places[k][0], places[k][1]) + beside
         hit = wp.mesh_query_point_sign_winding_number(mesh, p, 2.0 * wp.static(BESIDE))
         if hit.result and hit.sign < 0.0:
-            out[i] = wp.uint8(1)
+            wp.atomic_add(out, i, 1)
 
-    return is_within
+    return count_within
 
 
-def _has_faces_within(triangles: Triangles, mesh: wp.Mesh, device) -> bool:
-    """Is there solid on the outer side of faces of a closed mesh? So it is where shells intersect, or nest with the
-    same sense, and where one shell goes through itself. Said once, since the depth there is not that of the union."""
+def _without_buried(triangles: Triangles, mesh: wp.Mesh, device) -> Triangles:
+    """Return a closed mesh without the faces that lie within its solid, or the same one if there are none.
+
+    There are some where shells intersect, or nest with the same sense, and where one shell goes through itself. A face
+    that is partly within stays, and with it a depth that is too small near by: said once.
+    """
+
+    places = wp.array(PLACES, dtype=wp.vec2, device=device)
+
+    def within(every: int) -> np.ndarray:
+        found = wp.zeros(-(-len(triangles.faces) // every), dtype=wp.int32, device=device)
+        dim = (found.shape[0], len(PLACES))
+        wp.launch(_within_kernel(), dim=dim, inputs=[mesh.id, every, places], outputs=[found], device=device)
+        return found.numpy()
+
     every = -(-len(triangles.faces) // MOST_ASKED)
-    within = wp.zeros(-(-len(triangles.faces) // every), dtype=wp.uint8, device=device)
-    wp.launch(_within_kernel(), dim=within.shape, inputs=[mesh.id, every], outputs=[within], device=device)
-    found = int(within.numpy().sum())
-    if found:
-        shells = triangles.shells()
-        what = f"{shells} closed shells that intersect or nest" if shells > 1 else "a shell that goes through itself"
-        log.warning(
-            "%s has %s (%d of %d faces asked lie within the solid): the side is that of the winding number, and depth "
-            "is measured to the nearest face, one within the solid too; give each shell as a body of its own, or unite "
-            "them (trimesh.boolean.union)", triangles.name, what, found, len(within),
-        )  # fmt: skip
-    return found > 0
+    found = within(every)
+    if not found.any():
+        return triangles
+    if every > 1:
+        found = within(1)
+    buried = found == len(PLACES)
+    shells = triangles.shells()
+    what = f"{shells} closed shells that intersect or nest" if shells > 1 else "a shell that goes through itself"
+    log.warning(
+        "%s has %s: the side is that of the winding number; %d of %d faces lie within the solid and are left out, %d "
+        "are there in part, and depth behind these is too small; give each shell as a body of its own, or unite them "
+        "(trimesh.boolean.union)", triangles.name, what, buried.sum(), len(found), ((found > 0) & ~buried).sum(),
+    )  # fmt: skip
+    return replace(triangles, faces=triangles.faces[~buried])
 
 
 @functools.cache
