@@ -84,13 +84,14 @@ class Questions:
     """Of a driver that asks: what was the newest when it asked for a row."""
 
     def __init__(self, tape: Tape, ask_ms: float):
-        self._times = np.array([sample.t for sample in tape.samples])
         self._asked = np.array([f.t for f in tape.frames if f.way == "rx"])
         self._answered = np.sort(np.array([f.t for f in tape.frames if f.way == "tx"]))
         self._usual_ns = 1e6 * ask_ms
         rows = sum(said.t > tape.on for said in tape.rows)
         self._per_row = max(1, round(sum(f.t > tape.on for f in tape.frames if f.way == "rx") / max(1, rows)))
         """Questions that are asked for one row."""
+        self._newest = _newest(tape, self._asked)
+        """Index of the newest sample by question."""
 
     def behind(self, match: Match) -> int | None:
         """How many samples were taken since the one that a row is, until the question that it answers; None: unknown.
@@ -101,7 +102,7 @@ class Questions:
         last = self._last(match)
         if match.sample is None or last < 0:
             return None
-        return self._newest(last) - match.sample
+        return int(self._newest[last]) - match.sample
 
     def _last(self, match: Match) -> int:
         """Return the number of the question that a row answers; -1: none was asked."""
@@ -111,20 +112,37 @@ class Questions:
         since = max(match.said.t - 0.5 * self._usual_ns, answered[-1] if len(answered) else 0)
         return int(np.searchsorted(self._asked, since)) - 1
 
-    def _newest(self, question: int) -> int:
-        """Return the index of the newest sample when a question was asked."""
-        return int(np.searchsorted(self._times, self._asked[question], side="right")) - 1
-
-    def is_one_behind(self, match: Match) -> bool | None:
-        """Return True where a row is the answer to the question before; ``None`` where too few samples lie between."""
+    def is_one_behind(self, match: Match, matcher: Matcher) -> bool | None:
+        """Return True where a row is the answer to the question before; ``None`` where nothing tells them apart."""
         last = self._last(match)
         if match.sample is None or last < self._per_row:
             return None
-        newest, before = self._newest(last), self._newest(last - self._per_row)
-        return match.sample <= before if newest - before >= TELLING else None
+        newest, before = int(self._newest[last]), int(self._newest[last - self._per_row])
+        if newest - before < TELLING:
+            return None
+        is_newest, is_before = matcher.fits(match.said, newest), matcher.fits(match.said, before)
+        if is_newest or is_before:  # samples that are held may be both
+            return None if is_newest and is_before else is_before
+        return match.sample <= before
 
     def old(self, match: Match, known: Known) -> bool:
         """Whether a row was already old when it was asked for."""
         a_row = known.row_ms / max(known.period_ms, 1e-6)
         behind = self.behind(match)
         return behind is not None and behind > known.behind + max(1.0, 0.5 * a_row)
+
+
+def _newest(tape: Tape, asked: np.ndarray) -> np.ndarray:
+    """Return the index of the newest sample for each question: the one of its answer, or by time where none came.
+
+    A busy loop takes samples between the arrival of a question and its answer.
+    """
+    newest = np.searchsorted(np.array([sample.t for sample in tape.samples]), asked, side="right") - 1
+    index = {sample.number: k for k, sample in enumerate(tape.samples)}
+    question, is_open = -1, False
+    for frame in sorted(tape.frames, key=lambda frame: frame.t):
+        if frame.way == "rx":
+            question, is_open = question + 1, True
+        elif is_open and frame.answer and frame.sample in index:
+            newest[question], is_open = index[frame.sample], False
+    return newest

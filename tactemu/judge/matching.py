@@ -95,6 +95,13 @@ class Matcher:
         odd = tuple(name for name, ok in zip(names, near[best]) if not ok)
         return Match(said, None, marked, odd, int(low + best))
 
+    def fits(self, said: Said, sample: int) -> bool:
+        """Return whether all columns of a row agree with a sample, given by its index."""
+        y = self.columns.row(said.row)
+        if y is None or not 0 <= sample < self._filled:
+            return False
+        return bool((np.abs(self._expected[sample] - y) <= self._slack[sample]).all())
+
     def between(self, said: Said, back: int) -> bool:
         """Whether every column lies within what the last ``back`` samples before the row span: a filter on its way."""
         y = self.columns.row(said.row)

@@ -277,7 +277,8 @@ class Plan:
 
     def _device(self):
         facts = self.facts
-        yield Trial("reset", "the device restarts, with what it says then", action="reset", seconds=0.3, takes_s=0.8)
+        about = "the device restarts, with what it says then; once more when the driver is well again"
+        yield Trial("reset", about, action="reset", seconds=0.3, times=2, takes_s=1.6)
         for name, bits in facts.rollovers:
             yield Trial(
                 f"{name} wraps", f"its {bits} bits are full", action="wrap", preset=name,

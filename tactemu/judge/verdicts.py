@@ -157,7 +157,8 @@ class _Rules:
         if self.action != "clean" or not self.known.asks:
             return None
         questions = Questions(self.tape, self.known.ask_ms)
-        told = [questions.is_one_behind(match) for match in self.reading.matches if match.said.t > self.tape.on]
+        during = [match for match in self.reading.matches if match.said.t > self.tape.on]
+        told = [questions.is_one_behind(match, self.reading.matcher) for match in during]
         yes, no = told.count(True), told.count(False)
         return (yes, yes + no) if yes + no >= LEAST_ANSWERS and yes > ONE_BEHIND * (yes + no) else None
 
