@@ -151,7 +151,7 @@ class Rdt(Device):
         self.low_pass = LowPass()
         self.felt = self.bias = np.zeros((1, 6))
         self.counts = np.zeros((1, 6), np.int64)
-        self.left = self.sequence = 0
+        self.left = self.sequence = self.samples_before = 0
 
     def feel(self, reading: Reading, t_ns: int) -> Counts:
         """Counts of Fx, Fy, Fz, Tx, Ty, Tz on the tool, less the bias, int32 range, shape ``(1, 6)``."""
@@ -173,7 +173,7 @@ class Rdt(Device):
         return [record]
 
     def _sample(self, t_ns: int) -> int:
-        return t_ns * self.sample_hz // 1_000_000_000
+        return t_ns * self.sample_hz // 1_000_000_000 + self.samples_before
 
     def _status(self) -> int:
         return self.status
@@ -226,7 +226,7 @@ class AtiNetFt(Rdt):
     name = "ati_net_ft"
     title = "ATI Net F/T, force and torque"
     ports = (*Rdt.ports, Tcp(name="http", port=80, plugged=False))
-    rollovers = (*Rdt.rollovers, Rollover(name="sample", bits=32, step=7000, clock=True))
+    rollovers = (*Rdt.rollovers, Rollover(name="sample", bits=32, step=7000, clock=True, state="samples_before"))
     sample_hz = 7000
     evidence = ("vendor document", "driver")
     sources = (
@@ -368,7 +368,7 @@ class OnrobotHex(Rdt):
 
     name = "onrobot_hex"
     title = "OnRobot (OptoForce) HEX, force and torque over UDP"
-    rollovers = (*Rdt.rollovers, Rollover(name="sample", bits=16, step=1000, clock=True))
+    rollovers = (*Rdt.rollovers, Rollover(name="sample", bits=16, step=1000, clock=True, state="samples_before"))
     sample_hz = 1000
     rate_hz = 100.0
     evidence = ("vendor document", "driver")

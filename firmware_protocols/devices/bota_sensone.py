@@ -70,7 +70,7 @@ class BotaSensone(Device):
     title = "Bota SensONE force-torque sensor, serial"
     ports = (Serial(baud=460800),)
     senses = (Sense("wrench", at=ORIGIN), Sense("temperature", at=ORIGIN))
-    rollovers = (Rollover(name="time", bits=32, step=1_000_000, clock=True),)
+    rollovers = (Rollover(name="time", bits=32, step=1_000_000, clock=True, state="clock_us"),)
     boot_s = 0.1
     evidence = ("driver",)
     sources = (
@@ -125,6 +125,7 @@ class BotaSensone(Device):
             Column(name="T", sense="temperature", unit="degC", counts_per_unit=1.0, low=-1e6, high=1e6, rest=25.0),
         )
         self.lines_in = Lines(counters=self.counters, longest=96)
+        self.clock_us = 0
         self.offset = np.zeros(6)
         self.identity = f"p,0,{serial_number:03d},0,0,{model}\r\n".encode("ascii")
         self.configuring = self.running = False
@@ -176,7 +177,7 @@ class BotaSensone(Device):
         """A frame, while it runs."""
         if not self.running:
             return ()
-        time, temperature = t_ns // 1000, self.temperature[0]
+        time, temperature = t_ns // 1000 + self.clock_us, self.temperature[0]
         return [FRAME.pack(status=self.status, wrench=self.wrench[0], time=time, temperature=temperature)]
 
     def boot(self, t_ns: int) -> Outs:

@@ -113,7 +113,7 @@ class SingleTact(Device):
     columns = (Column(name="value", low=0, high=FULL, rest=REST, push=1),)
     rollovers = (
         Rollover(name="iteration", bits=16, state="iteration"),
-        Rollover(name="time", bits=32, step=10_000, clock=True),
+        Rollover(name="time", bits=32, step=10_000, clock=True, state="clock_ticks"),
     )
     evidence = ("firmware", "driver")
     sources = (
@@ -175,6 +175,7 @@ class SingleTact(Device):
         self.settings = self.flash.get("settings", delivered.ljust(WRITABLE, b"\0"))
         self.buffer = bytes(LONGEST_READ + len(TAIL))
         self.iteration, self.pushed, self.zero, self.felt_ns, self.read_ns = 0, 0.0, 0.0, 0, 0
+        self.clock_ticks = 0
 
     @property
     def commands(self) -> tuple[Command, ...]:
@@ -223,12 +224,18 @@ class SingleTact(Device):
         return [self._answer(request, 0, 0 if operation == SWITCH or not here else FLASH_NS)]
 
     def _answer(self, request: dict, count: int, delay_ns: int) -> Sent | bytes:
-        fields = {"address": request["address"], "id": request["id"], "time": self.read_ns // TICK_NS}
+        fields = {
+            "address": request["address"],
+            "id": request["id"],
+            "time": self.read_ns // TICK_NS + self.clock_ticks,
+        }
         answer = ANSWER.pack(head=self.head, data=self.buffer[:count], **fields)
         return Sent(answer, delay_ns=delay_ns) if delay_ns else answer
 
     def _memory(self) -> bytes:
-        felt = DATA.pack(iteration=self.iteration, time=self.felt_ns // TICK_NS, value=int(self.counts[0]))
+        felt = DATA.pack(
+            iteration=self.iteration, time=self.felt_ns // TICK_NS + self.clock_ticks, value=int(self.counts[0])
+        )
         return (self.settings + felt).ljust(MEMORY, b"\0")
 
     def _store(self, first: int, data: bytes) -> None:

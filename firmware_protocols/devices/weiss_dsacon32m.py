@@ -166,7 +166,7 @@ class WeissDsacon32m(Device):
     ports = (Serial(baud=115200),)
     rate_hz = 30.0
     columns = (Column(name="texel", low=0, high=4095, push=1),)
-    rollovers = (Rollover(name="time", bits=32, step=1000, clock=True),)
+    rollovers = (Rollover(name="time", bits=32, step=1000, clock=True, state="clock_ms"),)
     evidence = ("driver",)
     sources = (f"{SDH}dsa.cpp, dsa.h, crc.h, crc.cpp (the vendor's own)", f"{RECORDINGS} (gain, threshold, period)")
     judge = "ipab-slmc/SDHLibrary-CPP@0217d4e"
@@ -222,7 +222,7 @@ class WeissDsacon32m(Device):
         self.current = {name: list(values) for name, values in self.factory.items()}
         self.packets = Packets(MESSAGE.head, _size, _check, counters=self.counters, longest=64)
         self.pushing = self.once = False
-        self.flags = 0
+        self.flags = self.clock_ms = 0
 
     @property
     def commands(self) -> tuple[Command, ...]:
@@ -260,7 +260,9 @@ class WeissDsacon32m(Device):
         units = self.layout.on_wire(self.counts)
         if self.flags & RUN_LENGTH:
             units = _run_length(units)
-        frame = FRAME.pack(time=t_ns // 1_000_000, flags=self.flags & RUN_LENGTH, texels=units.astype("<u2").tobytes())
+        frame = FRAME.pack(
+            time=t_ns // 1_000_000 + self.clock_ms, flags=self.flags & RUN_LENGTH, texels=units.astype("<u2").tobytes()
+        )
         return [MESSAGE.pack(id=PUSHED, payload=frame)]
 
     def boot(self, t_ns: int) -> Outs:

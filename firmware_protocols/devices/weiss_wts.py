@@ -117,7 +117,7 @@ class WeissWts(Device):
         Column(name="texel", low=0, high=FULL_SCALE, push=1),
         Column(name="T", sense="temperature", unit="degC", counts_per_unit=10.0, low=-0x8000, high=0x7FFF, rest=250),
     )
-    rollovers = (Rollover(name="time", bits=32, step=1000, clock=True),)
+    rollovers = (Rollover(name="time", bits=32, step=1000, clock=True, state="clock_ms"),)
     evidence = ("driver",)
     sources = (
         f"{CPP} src/wts_driver.cpp, src/common.cpp (ids, status, CRC, answers)",
@@ -173,6 +173,7 @@ class WeissWts(Device):
         self.pushed = self.zero = np.zeros(len(self.layout))
         self.warmth = np.zeros(1)
         self.pushing, self.singles, self.threshold, self.gain = False, 0, 0, 0
+        self.clock_ms = 0
 
     @property
     def commands(self) -> tuple[Command, ...]:
@@ -197,7 +198,7 @@ class WeissWts(Device):
         """Frames that were asked for, then one that is pushed."""
         texels = self.layout.on_wire(self.texels)
         values = (16 * texels).astype(">u2") if self.sixteenths else texels.astype("<u2")
-        frame = FRAME.pack(time=t_ns // 1_000_000, values=values.tobytes())
+        frame = FRAME.pack(time=t_ns // 1_000_000 + self.clock_ms, values=values.tobytes())
         asked, self.singles = self.singles, 0
         answers = [MESSAGE.pack(id=SINGLE, payload=DONE + frame)] * asked
         return answers + [MESSAGE.pack(id=PUSHED, payload=frame)] * self.pushing

@@ -35,7 +35,7 @@ COLLATERAL = 0.05, 0.25
 """Share of good readings, and of those hit, that may be lost beside those that were hit."""
 OUT_OF_TURN = ("reordered", "old frame")
 """Trials in which frames come after newer ones; where they carry a number, a driver can leave them out."""
-ONE_BEHIND, LEAST_ANSWERS = 0.8, 20
+ONE_BEHIND, LEAST_ANSWERS = 0.7, 20
 """Share and number of rows that answer the question before, of a driver that never takes its newest answer."""
 CAME_AGAIN = ("doubled", "late answer", "old frame")
 """Trials in which an old answer does come; where answers have no number, nobody can tell one or two."""
