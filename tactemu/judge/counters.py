@@ -14,7 +14,9 @@ range takes a longer way for one backwards."""
 NUMBERS_PER_JUMP = 3
 """Numbers that pass between two jumps, so that the driver sees each."""
 JUMP_TIMEOUT_S = 2.0
-SPEED_LOOKS, LOOK_S = 40, 0.008
+SOONEST_S = 0.05
+"""Time to the end of the range that suffices for a trial to begin [s]."""
+SPEED_LOOKS, LOOK_S = 20, 0.008
 """Looks at a counter, and the time between them, by which its speed is measured."""
 
 
@@ -36,6 +38,8 @@ class Counter:
             if each.name == name and each.state
         ]
         self.size = 1 << self._all[0][1].bits
+        self.jumps = 0
+        """Jumps that :meth:`bring_near` has made."""
 
     @property
     def value(self) -> int:
@@ -73,16 +77,17 @@ class Counter:
         return passed / (time.monotonic() - began)
 
     def bring_near(self, seconds: float, latest_s: float) -> str:
-        """Let it be full in some seconds, unless it will be by itself until ``latest_s``; returns why it cannot.
+        """Let it be full in some seconds, unless it soon will be by itself; returns why it cannot.
 
         It only goes forward, in jumps that a driver which looks for missing numbers takes for those.
         """
         speed = self.speed()
         ahead = min(max(1, round(seconds * speed)), self.size // 2)
-        counts = bool(speed) and self._passes(lambda: self.size - self.value >= ahead, seconds)
-        if counts and self.size - self.value <= latest_s * speed:
+        if speed and SOONEST_S * speed < self.size - self.value <= latest_s * speed:
             return ""
+        counts = bool(speed) and self._passes(lambda: self.size - self.value >= ahead, seconds)
         while counts and (left := self.size - self.value - ahead) > 0:
+            self.jumps += 1
             self.set(self.value + min(left, self.size // TURN_PARTS))
             start = self.value
             counts = self._passes(lambda start=start: (self.value - start) % self.size >= NUMBERS_PER_JUMP)

@@ -282,7 +282,7 @@ class Plan:
         for name, bits in facts.rollovers:
             yield Trial(
                 f"{name} wraps", f"its {bits} bits are full", action="wrap", preset=name,
-                seconds=1.0 + 20 * facts.row_s, takes_s=3.5,
+                seconds=10.0 + 40 * facts.row_s, takes_s=4.0,
             )  # fmt: skip
         if not facts.rollovers:
             yield Trial("counter wraps", "a counter is full", skipped="the device declares none that can be set")
