@@ -134,7 +134,10 @@ def starting() -> Iterator[Starting]:
 
 @contextmanager
 def ended_by_signals(stop: Callable[[], None] | None = None) -> Iterator[Callable[[], bool]]:
-    """The first signal calls ``stop``, a second one ends the process; gives a function that says whether one came."""
+    """The first signal calls ``stop``, a second one ends the process; gives a function that says whether one came.
+
+    SIGHUP, of a terminal that closes, is one of them, unless whoever started the program has it ignored, as ``nohup``.
+    """
     seen: list[int] = []
 
     def note(number: int, _frame: object) -> None:
@@ -143,7 +146,8 @@ def ended_by_signals(stop: Callable[[], None] | None = None) -> Iterator[Callabl
             stop()
         signal.signal(number, signal.SIG_DFL)
 
-    before = {number: signal.signal(number, note) for number in ENDING}
+    taken = [*ENDING, *([] if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else [signal.SIGHUP])]
+    before = {number: signal.signal(number, note) for number in taken}
     try:
         if STARTING and STARTING[-1].over():
             note(STARTING[-1].number, None)

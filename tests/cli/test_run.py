@@ -10,6 +10,7 @@ import pytest
 import serial
 
 from tactemu.cli.running import rate_of
+from tactemu.control import place
 from tactemu.errors import SceneError
 from tests.cli.command import ROOT, here, start, tactemu
 
@@ -24,9 +25,13 @@ def port(tmp_path) -> Path:
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_port_is_there_until_a_signal_ends_it(port, number):
-    process = start("run", "anyskin", "--port", f"pty:{port}", "--json")
+    name = f"ended-by-{number}-{os.getpid()}"
+    process = start(
+        "run", "anyskin", "--port", f"pty:{port}", "--json", "--name", name,
+        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),  # it may be ignored here, as nohup does
+    )  # fmt: skip
     try:
         line = ready(process)
         assert line == {
@@ -47,6 +52,7 @@ def test_a_port_is_there_until_a_signal_ends_it(port, number):
     assert summary["samples"] >= 5
     assert summary["wire"]["sent"] >= 5
     assert not os.path.lexists(port)
+    assert not list(place.folder().glob(f"{name}.*"))
 
 
 @pytest.mark.realtime
