@@ -14,6 +14,11 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any
 
+LARGEST = 1e12
+"""Largest magnitude of a number that is no integer, in SI units; it keeps sums from overflowing."""
+LARGEST_INT = 2**63 - 1
+"""Largest magnitude of an integer; serial numbers and times in nanoseconds fit."""
+
 
 @dataclass(frozen=True)
 class Option:
@@ -79,16 +84,10 @@ def _checked(known: dict[str, Declared], name: str, value: Any) -> Any:
         value = TypeAdapter(each.annotation, config=config).validate_python(_worded(value, each.annotation))
     except ValidationError as error:
         first = error.errors()[0]
-        raise ValueError(f"option {name}: {first['msg'][0].lower()}{first['msg'][1:]}, got {value!r}") from None
-    low, high = each.option.low, each.option.high
-    numbers = value if isinstance(value, list | tuple) else [value]
-    if any(isinstance(number, int | float) and _outside(number, low, high) for number in numbers):
-        bounds = " and ".join(
-            part
-            for part in (f">= {low:g}" if low is not None else "", f"<= {high:g}" if high is not None else "")
-            if part
-        )
-        raise ValueError(f"option {name}: expected {bounds}, got {value!r}")
+        raise ValueError(f"option {name}: {first['msg'][0].lower()}{first['msg'][1:]}, got {_shown(value)}") from None
+    for number in value if isinstance(value, list | tuple) else [value]:
+        if isinstance(number, int | float):
+            _check_bounds(name, number, each.option, value)
     return value
 
 
@@ -102,8 +101,20 @@ def _worded(value: Any, annotation: Any) -> Any:
     return value
 
 
-def _outside(number: float, low: float | None, high: float | None) -> bool:
-    return (low is not None and number < low) or (high is not None and number > high)
+def _check_bounds(name: str, number: float, option: Option, value: Any) -> None:
+    """Raise ValueError where a number is outside the bounds of its option, or no number of a device is so large."""
+    largest = LARGEST_INT if isinstance(number, int) else LARGEST
+    low = -largest if option.low is None else option.low
+    high = largest if option.high is None else option.high
+    if not low <= number <= high:
+        named = (f">= {low:g}" if option.low is not None or number < low else "",
+                 f"<= {high:g}" if option.high is not None or number > high else "")  # fmt: skip
+        raise ValueError(f"option {name}: expected {' and '.join(filter(None, named))}, got {_shown(value)}")
+
+
+def _shown(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 80 else f"{text[:60]} ... ({len(text)} characters)"
 
 
 def from_words(words: typing.Iterable[str]) -> dict[str, str]:

@@ -224,6 +224,8 @@ class Frame:
             raise ValueError(f"{self.name}: rows() is for frames of fixed size, {self._open!r} is open")
         if values.keys() != self._names or self.size is None:
             self._refuse(values)
+        if n == 0:
+            return []
         frames = np.empty((n, self.size), np.uint8)
         at = 0
         for part in self._parts:

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+import types
+import typing
+from collections.abc import Collection
+from functools import cache
+from typing import Any
 
 import numpy as np
 
 from tactemu.errors import SceneError, shown
+
+LARGEST = 1e12
+"""Largest magnitude of a number in SI units. No skin needs it, and the product of three still fits into a float32."""
 
 
 def number(
@@ -20,7 +29,7 @@ def number(
     whole: bool = False,
     unit: str = "",
 ) -> float:
-    """A finite number, within its bounds.
+    """A finite number, within its bounds; none is larger than :data:`LARGEST`.
 
     Args:
         where: the sensor, the model or the motion, for the message.
@@ -41,9 +50,13 @@ def number(
         got = math.nan if isinstance(value, bool | str) else float(value)
     except (TypeError, ValueError, OverflowError):
         got = math.nan
+    if LARGEST < got < math.inf and at_most is None:
+        bounds.append(f"<= {LARGEST:g}")
+    elif -math.inf < got < -LARGEST and above is None and at_least is None:
+        bounds.append(f">= {-LARGEST:g}")
     too_low = (above is not None and not got > above) or (at_least is not None and not got >= at_least)
     too_high = at_most is not None and not got <= at_most
-    if not math.isfinite(got) or too_low or too_high or (whole and got != int(got)):
+    if not abs(got) <= LARGEST or too_low or too_high or (whole and got != int(got)):
         kind = ["a whole number"] if whole else [] if bounds else ["a finite number"]
         expected = " ".join([*kind, " and ".join(bounds), unit])
         raise SceneError(f"{where}: {name} must be {' '.join(expected.split())}, got {shown(value)}")
@@ -51,7 +64,9 @@ def number(
 
 
 def numbers(where: str, name: str, value) -> np.ndarray:
-    """A float64 array of finite numbers, of any shape; neither texts nor truth values are numbers.
+    """A float64 array of finite numbers, none larger than :data:`LARGEST`, of any shape.
+
+    Neither texts nor truth values are numbers.
 
     Raises:
         SceneError: it is not.
@@ -65,6 +80,8 @@ def numbers(where: str, name: str, value) -> np.ndarray:
         raise SceneError(f"{where}: {name} must be numbers in a regular shape, got {shown(value)}")
     if not np.isfinite(array).all():
         raise SceneError(f"{where}: {name} must be finite, got {shown(value)}")
+    if (np.abs(array) > LARGEST).any():
+        raise SceneError(f"{where}: {name} must be from {-LARGEST:g} to {LARGEST:g}, got {shown(value)}")
     return array
 
 
@@ -78,3 +95,38 @@ def triple(where: str, name: str, value) -> np.ndarray:
     if array.shape != (3,):
         raise SceneError(f"{where}: {name} must be 3 numbers, got {shown(value)}")
     return array
+
+
+def check_declared(where: str, options: Any, unbounded: Collection[str] = ()) -> None:
+    """Check the options of a dataclass by the types with which they are declared: numbers, switches, tuples.
+
+    Args:
+        where: the sensor, the model or the transducer, for the message.
+        options: an instance of the dataclass.
+        unbounded: names of numbers that may be infinite.
+
+    Raises:
+        SceneError: an option is no finite number, no switch, or has another shape than declared.
+    """
+    for name, hint in _types(type(options)).items():
+        value, parts = getattr(options, name), typing.get_args(hint)
+        if isinstance(hint, types.UnionType) and len(parts) == 2 and type(None) in parts:
+            if value is None:
+                continue
+            hint = next(part for part in parts if part is not type(None))
+        if hint is bool and not isinstance(value, bool | np.bool_):
+            raise SceneError(f"{where}: {name} must be true or false, got {shown(value)}")
+        if hint in (int, float) and not (name in unbounded and value == math.inf):
+            number(where, name, value, whole=hint is int)
+        if typing.get_origin(hint) is tuple and numbers(where, name, value).shape != (len(typing.get_args(hint)),):
+            raise SceneError(f"{where}: {name} must be {len(typing.get_args(hint))} numbers, got {shown(value)}")
+
+
+@cache
+def _types(options: type) -> dict[str, Any]:
+    """The types of the options of a dataclass, by name; none where its file names types that only checkers import."""
+    try:
+        hints = typing.get_type_hints(options)
+    except NameError:
+        return {}
+    return {field.name: hints[field.name] for field in dataclasses.fields(options)}

@@ -97,7 +97,7 @@ FACADES = {
     "scene/placement.py": ("physics", "imperfections"),  # a built sensor on its link
     "scene/mujoco_source.py": ("physics",),  # poses a built scene
     "scene/engine_registry.py": ("physics",),  # the type of a built sensor
-    "scene/engine.py": ("physics", "plan"),  # likewise, at each of its steps, and a row of its plan
+    "scene/engine.py": ("physics",),  # likewise, at each of its steps
     "scene/batch_engine.py": ("physics", "plan"),  # likewise, as a stage of its plan
     "scene/mujoco_warp_engine.py": ("physics",),
     "scene/newton_engine.py": ("physics",),

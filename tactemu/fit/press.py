@@ -32,7 +32,7 @@ class Presses:
 
 
 def presses_of(load: np.ndarray, t: np.ndarray) -> Presses:
-    """Cut a measured load into presses of like size, above the noise: those that the material's stage counts."""
+    """Cut a load into presses, by the rules of the material's stage."""
     top = np.maximum.accumulate(load)
     pressed, begun = np.zeros(len(load), bool), False
     above, below = load > PRESSED * top, load < 0.5 * PRESSED * top

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tactemu.errors import SceneError
+from tactemu.errors import SceneError, shown
 from tactemu.imperfections.info import ReadingInfo
-from tactemu.options import numbers
+from tactemu.options import LARGEST, numbers
 from tactemu.plan.plan import Context
 
 
@@ -61,7 +61,6 @@ def environments(envs_idx, n_envs: int) -> np.ndarray:
 
 SIGNED = {"bias", "temperature_offset", "temperature_sensitivity", "saturation_range", "probe_gain"}
 """Options that may be negative."""
-LARGEST = float(np.finfo(np.float32).max)
 
 
 class Table:
@@ -86,11 +85,10 @@ class Table:
             SceneError: a value that does not fit, or is negative where the option has no sign.
         """
         envs = environments(envs_idx, self.array.shape[0])
-        if taxels is not None:
-            value = self._whole(value, envs, np.asarray(taxels, np.int64))
-        rows = self._rows(value, len(envs))
+        whole = value if taxels is None else self._whole(value, envs, np.asarray(taxels, np.int64))
+        rows = self._rows(whole, len(envs))
         if self.option not in SIGNED and (rows < 0.0).any():
-            raise SceneError(f"sensor {self._info.name!r}: {self.option} must be zero or positive, got {value!r}")
+            raise SceneError(f"sensor {self._info.name!r}: {self.option} must be zero or positive, got {shown(value)}")
         if rows.shape[-1] > self.array.shape[1]:
             raise SceneError(
                 f"sensor {self._info.name!r}: {self.option} was built with one number for all columns; list it in"
@@ -121,18 +119,18 @@ class Table:
             return spread(value, self._info, self.option)
         except SceneError:
             per_env = numbers(f"sensor {self._info.name!r}", self.option, value)
-            if per_env.ndim == 0 or len(per_env) != n:
+            if per_env.ndim == 0 or not n or len(per_env) != n:
                 raise
             rows = [spread(v, self._info, self.option) for v in per_env]
             return np.stack(rows)
 
 
 class Range:
-    """Two numbers per environment, low and high: ``(n_envs, 1)`` each. ``None`` is the whole range of a float32."""
+    """Two numbers per environment, low and high: ``(n_envs, 1)`` each. ``None`` is as wide as numbers go."""
 
-    def __init__(self, value, info: ReadingInfo, option: str, context: Context):
+    def __init__(self, value, info: ReadingInfo, option: str, context: Context, *, wide: bool = False):
         self._info, self._option = info, option
-        self.low, self.high = (Table(bound, info, option, context) for bound in self._bounds(value))
+        self.low, self.high = (Table(bound, info, option, context, wide=wide) for bound in self._bounds(value))
 
     def set(self, value, envs_idx: Sequence[int] | None = None, taxels: Sequence[int] | None = None) -> None:
         """Gives the environments named new bounds, for all of them or (each bound an array) one each.
@@ -146,7 +144,7 @@ class Range:
 
     def _bounds(self, value) -> tuple:
         where = f"sensor {self._info.name!r}"
-        limits = numbers(where, self._option, (-LARGEST, LARGEST) if value is None else value)
+        limits = np.array((-LARGEST, LARGEST)) if value is None else numbers(where, self._option, value)
         if limits.shape[:1] != (2,) or (limits[0] > limits[1]).any():
             raise SceneError(f"{where}: {self._option} must be (low, high), low <= high, got {value!r}")
         return limits[0], limits[1]

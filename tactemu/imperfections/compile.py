@@ -225,7 +225,8 @@ class Imperfections(Adjustments):
 
         clipped = None
         if "saturation_range" in laws:
-            clipped = Range(options.saturation_range, self.info, "saturation_range", context)
+            wide = "saturation_range" in options.adjustable
+            clipped = Range(options.saturation_range, self.info, "saturation_range", context, wide=wide)
             self._built["saturation_range"] = clipped
         walked = self._zeros(self._flat, wp.float64) if "random_walk" in laws else None
         if walked is not None:

@@ -18,10 +18,13 @@ from tactemu.errors import SceneError
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.laws import is_on
 from tactemu.imperfections.options import ImperfectionOptions
+from tactemu.options import numbers
 from tactemu.plan.launches import Launch, in_turn
 from tactemu.plan.plan import Context, Stage
 from tactemu.plan.scalars import natural
 
+MOST_SIGMA = 100
+"""Widest Gaussian, in pitches of the taxels; bounds the size of its kernel."""
 Lines = tuple[np.ndarray, np.ndarray, float]
 """Weights of a kernel along a column and along a row, and what its middle has beside their product."""
 _PLANES = {
@@ -198,15 +201,17 @@ def planes(options: ImperfectionOptions, info: ReadingInfo) -> np.ndarray | None
     if explicit is None:
         if not options.crosstalk_sigma > 0.0 or info.spacing is None:
             raise SceneError(f"{where}crosstalk_strength needs crosstalk_sigma > 0 [m] and a regular grid")
+        if options.crosstalk_sigma > MOST_SIGMA * min(info.spacing):
+            raise SceneError(
+                f"{where}crosstalk_sigma must be at most {MOST_SIGMA} pitches, got {options.crosstalk_sigma:g} m"
+            )
         return gaussian_plane(options.crosstalk_strength, options.crosstalk_sigma, info.spacing, info.layout)[None]
     if strength:
         raise SceneError(f"{where}give crosstalk_strength or crosstalk_kernel, not both")
-    kernel = np.asarray(explicit, dtype=np.float64)
+    kernel = numbers(f"sensor {info.name!r}", "crosstalk_kernel", explicit)
     kernel = kernel[None] if kernel.ndim == 2 else kernel
     if kernel.ndim != 3 or not 1 <= len(kernel) <= 3 or any(s % 2 == 0 for s in kernel.shape[1:]):
         raise SceneError(f"{where}crosstalk_kernel must be 1 to 3 planes of odd size, got shape {kernel.shape}")
-    if not np.all(np.isfinite(kernel)):
-        raise SceneError(f"{where}crosstalk_kernel must be finite")
     if len(kernel) > 1 and info.normal is None and set(info.channels) != {"scalar"}:
         raise SceneError(f"{where}a crosstalk_kernel with {len(kernel)} planes needs a plane grid, for its normal")
     return kernel

@@ -12,6 +12,7 @@ from tactemu.errors import SceneError
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.options import ImperfectionOptions
 from tactemu.imperfections.ring import Ring, entries, entry_before, entry_time, ring_depth, slot
+from tactemu.options import numbers
 from tactemu.plan.plan import Context, Stage
 
 
@@ -78,12 +79,12 @@ def slots(options: ImperfectionOptions, info: ReadingInfo) -> np.ndarray:
     """
     order, index = options.scan_order, np.arange(info.n_taxels)
     if not isinstance(order, str):
-        given = np.asarray(order).reshape(-1)
-        if given.shape != index.shape or not np.issubdtype(given.dtype, np.integer) or (given < 0).any():
+        given = numbers(f"sensor {info.name!r}", "scan_order", order).reshape(-1)
+        if given.shape != index.shape or (given < 0).any() or (given != np.rint(given)).any():
             raise SceneError(
                 f"sensor {info.name!r}: scan_order must give one slot (0, 1, ...) for each taxel, got {order!r}"
             )
-        return given
+        return given.astype(np.int64)
     if order == "taxel":
         return index
     if order not in ("row", "column") or len(info.layout) != 2:

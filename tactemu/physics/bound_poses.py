@@ -130,7 +130,7 @@ class BoundPoses:
         reason = f"{words} of {', '.join(body.name for body in self.bodies)}, bound to arrays of another simulator"
         if any(self.arrays[name].dtype is wp.float32 for name in ("position",) if name in self.arrays):
             reason += "; float32 places a body to 0.06 µm at 1 m from the origin, 0.6 µm at 10 m"
-        return Stage(name="bound poses", reason=reason, launch=launch, reset=lambda _mask: launch())
+        return Stage(name="bound poses", reason=reason, launch=launch)
 
 
 def declared(

@@ -42,5 +42,3 @@ def check_drawing(where: str, options: DrawOptions) -> None:
     for name in ("debug_probe_center_radius", "debug_point_cloud_radius"):
         number(where, name, getattr(options, name), above=0, unit="m")
     number(where, "debug_probe_sphere_opacity", options.debug_probe_sphere_opacity, at_least=0, at_most=1)
-    if not isinstance(options.draw_debug, bool):
-        raise SceneError(f"{where}: draw_debug must be true or false, got {options.draw_debug!r}")

@@ -10,6 +10,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING
 
+from tactemu.errors import SceneError
+
 if TYPE_CHECKING:
     from tactemu.physics.sensor_model import SensorModel
 
@@ -45,5 +47,12 @@ def models_for(quantity: str) -> dict[str, type[SensorModel]]:
 
 
 def cheapest(quantity: str) -> str:
-    """Name of the first model that gives a quantity; no module behind it is imported."""
-    return next(name for name in MODELS if quantity in load(name).layouts)
+    """Name of the first model that gives a quantity; no module behind it is imported.
+
+    Raises:
+        SceneError: none gives it.
+    """
+    for name in MODELS:
+        if quantity in load(name).layouts:
+            return name
+    raise SceneError(f"no sensor model gives {quantity}; a transducer may (docs/transducers.md)")

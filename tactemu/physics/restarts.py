@@ -61,8 +61,8 @@ class Restarts:
             clear_rows(array, self._mask)
 
     def _all(self) -> None:
+        self._clear()
         self._world.reset_rows(self._mask)
-        self._clear()  # after the world, into which it converts bound poses
 
     def _on_gpu(self) -> None:
         capturing = wp.get_stream(self._device).is_capturing

@@ -14,6 +14,7 @@ from tactemu.errors import PoseError, SceneError
 from tactemu.imperfections import Imperfections, ReadingInfo
 from tactemu.imperfections.compile import Transduce
 from tactemu.kernels import start
+from tactemu.options import check_declared
 from tactemu.physics.bound_poses import BoundPoses, declared
 from tactemu.physics.drawing import check_drawing
 from tactemu.physics.points.point_cloud import PointCloud
@@ -206,6 +207,7 @@ class Simulation:
         check_query(sensor)
         check_drawing(f"sensor {sensor.name!r}", sensor.model)
         sensor.model.validate(sensor.probes)
+        check_declared(f"sensor {sensor.name!r}", sensor.model, sensor.model.unbounded)
 
     def _site(self, sensor: Sensor, gain, radius) -> Site:
         felt = bodies_felt(sensor, self.bodies)
@@ -478,13 +480,9 @@ class Simulation:
         for pose in self.posers:
             pose(self, t_s)
 
-    def pose(self, body: Body | str | int) -> Pose:
-        """Return where a body, given by itself, its name or index, is and how it moves, as last set, in environment 0.
-
-        Raises:
-            SceneError: there is no such body.
-        """
-        return self.world.pose(find(self.bodies, body).index)
+    def pose(self, body: Body) -> Pose:
+        """Where a body is and how it moves, as last set, in the world of environment 0."""
+        return self.world.pose(body.index)
 
     def check(self) -> None:
         """Wait for the device, and raise if a pose of the last step was not usable.

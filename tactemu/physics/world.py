@@ -216,11 +216,9 @@ class World:
         self.changed_on_device()
 
     def reset(self, envs) -> None:
-        """Put bodies back where they started, from the host, but for those that are bound."""
+        """Put all bodies back where they started, from the host."""
         where = self.env_indices(envs)
         for b, row in enumerate(self._start):
-            if b in self.bound:
-                continue
             self._before_write(b)
             self._values[b, where] = row
 

@@ -33,7 +33,7 @@ def as_measured(skin: Skin) -> Skin:
         raise SceneError(f"{where}: nothing was measured of a real {skin.device!r}{hint}")
     found: dict[str, Any] = tomllib.loads((MEASURED / f"{skin.device}.toml").read_text(encoding="utf-8"))
     own = skin.model_dump(by_alias=True, exclude_unset=True)
-    needed, given = ([table.get("kind") for table in tables.get("transducer", ())] for tables in (found, own))
+    needed, given = ([str(table.get("kind")) for table in tables.get("transducer", ())] for tables in (found, own))
     if given and not set(needed) <= set(given):
         raise SceneError(
             f"{where}: its numbers are of a skin that is {', '.join(needed)}; add that transducer, or none"

@@ -19,11 +19,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from tactemu.errors import PoseError, SceneError, nearest
-from tactemu.plan.launches import Launches
-from tactemu.plan.plan import Stage
 from tactemu.scene.bodies import Body
 from tactemu.scene.engine_tables import MujocoTable
-from tactemu.scene.mujoco_contacts import MAX_DEPTH_M, SHORT_STEPS, Contacts, Pad, contacts_of
+from tactemu.scene.mujoco_contacts import Contacts, Pad, contacts_of
 from tactemu.scene.mujoco_drives import Drive, check_apart
 from tactemu.scene.mujoco_source import MujocoSource, load_mujoco
 
@@ -101,18 +99,7 @@ class MujocoEngine:
             self.model.pair_friction[:, :2] = self._table.friction
         self._left_out_s = 0.0
         """How much later than the clock the model is."""
-        self._named_short: set[Body] = set()
-        """Skins that have been reported to read too little."""
         scene.posers.append(self.pose)
-        scene.planners.append(self._join)
-
-    def _join(self, simulation: Simulation) -> None:
-        """List the engine in the plan; it runs before the plan does."""
-        reason = f"{Path(self._table.file).name}: steps of {1e3 * self.model.opt.timestep:g} ms"
-        if self.pads:
-            reason += f"; skins are pressed in by at most {1e3 * MAX_DEPTH_M:g} mm until they read its forces"
-        stages = simulation.plan.stages
-        stages.insert(0, Stage(name=self._table.kind, reason=reason, launch=Launches()))
 
     def _read(self, file: Path) -> Any:
         mujoco = self._mujoco
@@ -247,13 +234,6 @@ class MujocoEngine:
         for frame, pad in self.pads.items():
             pad.press(contacts, *self.source.place(self.data, frame))
             self.source.shifts[frame] = pad.shift
-            if pad.short_steps >= SHORT_STEPS and frame not in self._named_short:
-                self._named_short.add(frame)
-                _logger.warning(
-                    "engine: skin %s reads %.4g N of MuJoCo's %.4g N at %.3f s: it is pressed in by %g mm, the limit; "
-                    "make it stiffer (docs/hands.md), or the load lighter", frame.name.removesuffix(" (pad)"),
-                    pad.felt(), pad.force, t_s, 1e3 * MAX_DEPTH_M,
-                )  # fmt: skip
 
     def _break(self, broken: Sequence[int]) -> None:
         """Break these geoms, and mend all others: what is broken stays where it is, and nothing touches it."""

@@ -144,7 +144,7 @@ def parse(text: str, *, source: str = "scene", folder: Path | None = None) -> Lo
     try:
         data = tomllib.loads(text)
     except ValueError as error:  # TOMLDecodeError, and numbers of thousands of digits
-        raise SceneError(f"{source}: not valid TOML: {error!s:.200}") from None
+        raise SceneError(f"{source}: not valid TOML: {str(error).partition(';')[0]:.200}") from None
     except RecursionError:
         raise SceneError(f"{source}: not a scene: tables or lists are nested too deep") from None
     if not data:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from pydantic import ValidationError
@@ -31,7 +32,19 @@ def listed(error: ValidationError, data: Any, where: str, at: tuple[str, ...] = 
         at: the way from there to ``data``.
     """
     start = "".join(f".{part}" for part in at)
-    return "\n".join(f"{where}{_way(start, entry['loc'], data)}: {_said(entry)}" for entry in error.errors())
+    return "\n".join(f"{where}{_way(start, loc, data)}: {said}" for loc, said in _each(error))
+
+
+def _each(error: ValidationError) -> Iterator[tuple[tuple, str]]:
+    """Yield the way to each mistake and what is said of it; a list that is too short is one mistake."""
+    short: dict[tuple, tuple[int, Any]] = {}
+    for entry in error.errors():
+        if entry["type"] == "missing" and isinstance(entry["loc"][-1], int):
+            short[entry["loc"][:-1]] = entry["loc"][-1] + 1, entry["input"]
+        else:
+            yield entry["loc"], _said(entry)
+    for loc, (length, given) in short.items():
+        yield loc, f"expected {length} values, got {shown(given)}"
 
 
 def _way(text: str, loc: tuple, data: Any) -> str:

@@ -22,10 +22,8 @@ from tactemu.scene.mujoco_source import load_mujoco
 if TYPE_CHECKING:
     from tactemu.physics.sensor import Sensor
 
-FIRST_M, MAX_DEPTH_M = 20e-6, 5e-3
-"""Depth of a skin at a first touch, and at most [m]: no depth brings the reading of some skins to the force."""
-SHORT_STEPS = 10
-"""Steps at the greatest depth after which a skin that still reads too little is reported."""
+FIRST_M, MOST_M = 20e-6, 5e-3
+"""How deep a skin is pressed at a first touch, and at most [m]."""
 LEAST_N = 1e-6
 EXPONENT, LEAST, MOST, STEEPEST = 2.0, 1.0, 5.0, 500.0
 """Force goes with this power of the depth until it is known, and with no less and no more: of a flat face it is 1, of a
@@ -101,8 +99,6 @@ class Pad:
         """Force and overlap of MuJoCo's contact since it stands still."""
         self._bounds: list[tuple[float, float, int]] = []
         """Depths tried since then, with the force that the skin felt there [m, N], and how many steps ago."""
-        self.short_steps = 0
-        """Number of steps for which the skin has read too little at the greatest depth."""
         self._felt: float | None = None
         """As restored, of a step that was not computed here."""
         self._friction = 0.0
@@ -122,7 +118,7 @@ class Pad:
         """Nothing touches it."""
         self.depth, self.shift, self.force, self._felt = 0.0, np.zeros(3), 0.0, None
         self._exponent, self._before = EXPONENT, (0.0, 0.0)
-        self._still, self._bounds, self.short_steps = (0.0, 0.0), [], 0
+        self._still, self._bounds = (0.0, 0.0), []
         self.along, self._give, self._pulled = np.zeros(3), 0.0, (np.zeros(3), np.zeros(3))
 
     def press(self, contacts: Contacts, position: np.ndarray, turn: np.ndarray) -> None:
@@ -161,9 +157,7 @@ class Pad:
             depth = self.depth * float(np.clip((self.force / felt) ** (1 / self._exponent), 0.5, 2.0))
         else:
             depth = max(2 * self.depth, FIRST_M) if self._bounds else max(2 * self.depth, overlap, FIRST_M)
-        is_short = self.depth == MAX_DEPTH_M and felt < (1 - ENOUGH) * self.force
-        self.short_steps = self.short_steps + 1 if is_short else 0
-        self.depth = min(self._between(depth), MAX_DEPTH_M)
+        self.depth = min(self._between(depth), MOST_M)
         self.shift = inward / length * (self.depth - overlap) if length > 0.2 * self.force else np.zeros(3)
         if self._friction and felt > 0:
             drag = -(sides[:, None] * contacts.drags[which]).sum(axis=0)

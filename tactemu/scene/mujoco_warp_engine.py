@@ -45,8 +45,6 @@ STATE = (
     "mocap_pos", "mocap_quat", "userdata",
 )  # fmt: skip
 """What MuJoCo's integration depends on: ``mjSTATE_INTEGRATION``."""
-POSES = ("xpos", "xquat", "cvel", "subtree_com")
-"""Poses and velocities that skins look at: those of the start are restored by a reset, before any step."""
 
 
 def open_engine(scene: Scene, loaded: LoadedScene, motors: Sequence[JointMotors]) -> MujocoWarpEngine:
@@ -134,7 +132,7 @@ class _Worlds:
         return self.data.qpos
 
     def arrays(self) -> list[wp.array]:
-        return [array for name in STATE + POSES if (array := getattr(self.data, name, None)) is not None and array.size]
+        return [array for name in STATE if (array := getattr(self.data, name, None)) is not None and array.size]
 
     @property
     def overflow(self) -> wp.array:

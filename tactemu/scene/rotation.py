@@ -17,10 +17,12 @@ def normalised(quaternion) -> np.ndarray:
         ValueError: not four finite numbers, or of length zero.
     """
     q = np.asarray(quaternion, np.float64)
-    length = math.sqrt(float(q @ q)) if q.shape == (4,) else math.nan
-    if not math.isfinite(length) or length == 0.0:
+    largest = np.abs(q).max() if q.shape == (4,) else math.nan
+    if not 0.0 < largest < math.inf:
         raise ValueError(f"expected a quaternion (w, x, y, z) that is finite and not zero, got {quaternion}")
-    return q / length
+    if not 1e-100 < largest < 1e100:  # so that no square under- or overflows
+        q = q / largest
+    return q / math.sqrt(float(q @ q))
 
 
 def multiply(a, b) -> np.ndarray:

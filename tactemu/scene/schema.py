@@ -31,12 +31,20 @@ from tactemu.scene.engine_tables import AnyEngine
 from tactemu.scene.limits import FARTHEST_M, METRES, MOST_RADIUS_M, MOST_S, RATES_HZ, SIZES_M, STEPS_S
 from tactemu.scene.mistakes import listed, mistake
 from tactemu.scene.motion import MOTIONS, Motion, Sequence, Together
-from tactemu.scene.table import Real, Table, one_of
+from tactemu.scene.table import AnyReal, Real, Table, one_of
 
 Seconds = Annotated[Real, Field(ge=0, le=MOST_S)]
 Coordinate = Annotated[Real, Field(ge=-FARTHEST_M, le=FARTHEST_M)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
-Quaternion = tuple[Real, Real, Real, Real]
+
+
+def _turning(quaternion: tuple[float, ...]) -> tuple[float, ...]:
+    if not any(quaternion):
+        raise mistake("expected a quaternion (w, x, y, z) that is not zero")
+    return quaternion
+
+
+Quaternion = Annotated[tuple[Real, Real, Real, Real], AfterValidator(_turning)]
 
 
 def _printable(text: str) -> str:
@@ -211,8 +219,8 @@ class JointTable(Table):
     """The joint of an engine's model that a motor of the device moves."""
 
     joint: str = Field(description="its name in the model")
-    zero: Real = Field(default=0.0, description="where it is when the motor is at 0 [rad, m]")
-    ratio: Real = Field(default=1.0, description="how far it goes for each [rad, m] of the motor; may be negative")
+    zero: AnyReal = Field(default=0.0, description="where it is when the motor is at 0 [rad, m]")
+    ratio: AnyReal = Field(default=1.0, description="how far it goes for each [rad, m] of the motor; may be negative")
 
     @model_validator(mode="after")
     def _moves(self):
@@ -282,7 +290,7 @@ class EventTable(Table):
         default=None, description="those whose options `set` changes; default: all"
     )
     dead: tuple[Annotated[int, Strict()], ...] = Field(default=(), description="taxels that die")
-    value: Real | None = Field(default=None, description="what dead taxels read; default: their last reading")
+    value: AnyReal | None = Field(default=None, description="what dead taxels read; default: their last reading")
     hang: bool = Field(default=False, description="the device neither samples nor answers until `until`")
     reset: bool = Field(default=False, description="the device restarts as after power-up")
 

@@ -8,10 +8,13 @@ from typing import Annotated, Any, Union
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, Strict, model_validator
 
 from tactemu.errors import nearest
+from tactemu.options import LARGEST
 from tactemu.scene.mistakes import mistake
 
 Real = Annotated[float, Strict()]
 """A number; neither a text nor a truth value is one."""
+AnyReal = Annotated[float, Strict(), Field(ge=-LARGEST, le=LARGEST)]
+"""A number of a key that has no bounds of its own."""
 
 
 class Table(BaseModel):

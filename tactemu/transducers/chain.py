@@ -47,8 +47,6 @@ class Chain:
 
     def compile(self, place: Place, array: wp.array) -> tuple[wp.array, list[Stage]]:
         """The last array and all stages, from the model's ``(n_envs, n_taxels, channels)``."""
-        if not len(place.positions):  # Warp cuts nothing out of an array without rows
-            return place.zeros(self.kind.n_channels), []
         kind, stages = self.taken, []
         x: Any = array[:, :, self.columns]
         for each in self.transducers:

@@ -31,6 +31,8 @@ REACH = 4.0
 """Taxels so many ``spread`` away from a magnet do not move it."""
 MAGNETISATION = 1e6
 """Of a magnet [A/m], about that of neodymium: it says how large a magnet of a given moment is."""
+MOST_IN_A_ROW = 256
+"""Most magnets along a side of ``grid``; bounds memory."""
 
 
 def radius_of(moments: np.ndarray) -> np.ndarray:
@@ -155,20 +157,23 @@ class Magnetic(Transducer):
             number(where, name, getattr(self, name), at_least=0 if name != "spread" else None, unit="m")
         number(where, "spread", self.spread, above=0, unit="m")
         for name in ("magnets", "moments"):
-            given = numbers(where, name, getattr(self, name) if len(getattr(self, name)) else np.zeros((0, 3)))
-            if given.ndim != 2 or given.shape[1] != 3:
+            given = numbers(where, name, getattr(self, name))
+            if given.shape != (0,) and (given.ndim != 2 or given.shape[1] != 3):
                 raise SceneError(f"{where}: {name} must be a list of three numbers each, got shape {given.shape}")
-        if min(self.grid) < 1 or any(n != int(n) for n in self.grid):
-            raise SceneError(f"{where}: grid must be 2 whole numbers >= 1, got {shown(self.grid)}")
+        for n in self.grid:
+            number(where, "grid", n, at_least=1, at_most=MOST_IN_A_ROW, whole=True)
+        if isinstance(self.neighbours, str) or not isinstance(self.neighbours, Sequence):
+            raise SceneError(f"{where}: neighbours must be a list, got {shown(self.neighbours)}")
         for each in self.neighbours:
-            if len(each) != 3 or not isinstance(each[0], str):
+            if not isinstance(each, Sequence) or len(each) != 3 or not isinstance(each[0], str):
                 raise SceneError(f"{where}: neighbours must be (body, place, moment) each, got {shown(each)}")
             for vector in each[1:]:
                 triple(where, f"neighbours of {each[0]!r}", vector)
         if not len(self.moments):
             raise SceneError(f"{where}: moments must be one for all, or one for each magnet; there is none")
-        if len(self.magnets) and len(self.moments) not in (1, len(self.magnets)):
-            raise SceneError(f"{where}: {len(self.moments)} moments for {len(self.magnets)} magnets; one, or one each")
+        n = len(self.magnets) or round(self.grid[0] * self.grid[1])
+        if len(self.moments) not in (1, n):
+            raise SceneError(f"{where}: {len(self.moments)} moments for {n} magnets; one, or one each")
 
     def gives(self, taken: Kind) -> Kind:
         return FIELD

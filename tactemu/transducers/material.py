@@ -1,18 +1,15 @@
 """Material: what a soft skin remembers of load, on each number of a reading by itself.
 
-With the load ``v``, its peak ``P`` since the press began, and ``n`` presses that have ended::
+With the load ``v``, its peak since the skin was last free ``P``, and ``n`` presses before::
 
     creep        v + Σ_k c w_k (z_k − v g1),   dz_k/dt = (v − z_k)/τ_k        c per decade of time; g1: after 1 s
     loop         + h P 4 s (1 − s) b,   s = v/P                               b: 0 loading, 1 unloading
     worked in    (1 − a ln(1 + n)) (...)
-    baseline     + d L ln(1 + n),   dL/dt = −L/T                              T: ``last``
-
-    a press ends     n → n + u,   L → P where |P| ≥ |L|, else L + u (P − L)/2    u = min(1, |P| / (LIGHT |L|))
+    baseline     + d L ln(1 + n)                                             L: the last peak
 
 ``c`` falls with load as ``(|v|/reference)^-p``. The exponentials follow the logarithm within 0.03 decades from
-``first`` to ``last`` and end there: all is bounded. A press begins once the load is more than twice the least since the
-press before, and ends below ``FREE`` of its own peak. What a hard knock leaves behind thus fades with time, and by half
-with each press of like presses that follow; presses that are lighter than it have their own loop, and count.
+``first`` to ``last`` and end there: all is bounded. A press begins at ``PRESSED`` of the largest peak and ends below
+half of that.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -32,10 +29,7 @@ from tactemu.plan.scalars import is_finite
 from tactemu.transducers.laws import LogMemory
 from tactemu.transducers.transducer import Kind, Place, Transducer
 
-FREE = wp.constant(wp.float64(0.025))
-"""Share of a press's peak below which it has ended."""
-LIGHT = wp.constant(wp.float64(0.001))
-"""Share of the presses before, below which a press counts in proportion: a touch of next to nothing does not."""
+PRESSED = wp.constant(wp.float64(0.05))
 TURN = wp.constant(wp.float64(0.1))
 """Share of the peak over which loading turns into unloading."""
 MOST_PRESSES = wp.constant(wp.float64(1000.0))
@@ -61,11 +55,10 @@ def material_kernel(real, creep: bool, loop: bool, presses: bool):
         softening: wp.float64,
         baseline: wp.float64,
         before: wp.float64,
-        fade: wp.float64,
         # state
         crept: wp.array4d(dtype=wp.float64),
         peak: wp.array3d(dtype=wp.float64),
-        least: wp.array3d(dtype=wp.float64),
+        largest: wp.array3d(dtype=wp.float64),
         branch: wp.array3d(dtype=wp.float64),
         last: wp.array3d(dtype=wp.float64),
         count: wp.array3d(dtype=wp.float64),
@@ -92,24 +85,16 @@ def material_kernel(real, creep: bool, loop: bool, presses: bool):
         if wp.static(loop or presses):
             p = peak[e, i, c]
             size = wp.abs(v)
-            if p == f64(0.0):
-                low = wp.min(least[e, i, c], size)
-                least[e, i, c] = low
-                if size > f64(2.0) * low:
-                    p = v
-            elif size > wp.abs(p) or v * p < f64(0.0):
+            top = wp.max(largest[e, i, c], size)
+            largest[e, i, c] = top
+            if size < f64(0.5) * PRESSED * top:
+                if wp.abs(p) > PRESSED * top:
+                    count[e, i, c] = wp.min(count[e, i, c] + f64(1.0), MOST_PRESSES)
+                    last[e, i, c] = p
+                    p = f64(0.0)
+                    branch[e, i, c] = f64(0.0)
+            if size > wp.abs(p) or v * p < f64(0.0):
                 p = v
-            left = last[e, i, c] * wp.exp(-dt[0] / fade)
-            if size < FREE * wp.abs(p):
-                counts = f64(1.0)
-                if wp.abs(p) < LIGHT * wp.abs(left):
-                    counts = wp.abs(p / (LIGHT * left))
-                count[e, i, c] = wp.min(count[e, i, c] + counts, MOST_PRESSES)
-                left = wp.where(wp.abs(p) < wp.abs(left), left + counts * f64(0.5) * (p - left), p)
-                least[e, i, c] = size
-                branch[e, i, c] = f64(0.0)
-                p = f64(0.0)
-            last[e, i, c] = left
             if wp.static(loop):
                 if p != f64(0.0):
                     s = wp.clamp(v / p, f64(0.0), f64(1.0))
@@ -124,7 +109,7 @@ def material_kernel(real, creep: bool, loop: bool, presses: bool):
             if wp.static(presses):
                 worked = wp.log(f64(1.0) + wp.min(count[e, i, c] + before, MOST_PRESSES))
                 y = y * (f64(1.0) - softening * worked)
-                y = y + baseline * left * wp.log(f64(1.0) + count[e, i, c])
+                y = y + baseline * last[e, i, c] * wp.log(f64(1.0) + count[e, i, c])
         out[e, i, c] = real(y)
 
     return remember_load
@@ -143,7 +128,7 @@ class Material(Transducer):
     first: float = 0.1
     """Where the logarithm begins [s]."""
     last: float = 1000.0
-    """Where it ends, and time in which what presses leave behind fades to 1/e [s]."""
+    """Where it ends [s]."""
     loop: float = 0.0
     """Widest gap between unloading and loading, of the peak of that press."""
     softening: float = 0.0
@@ -182,7 +167,7 @@ class Material(Transducer):
         inputs = [
             x, context.dt, place.constant(memory.taus, wp.float64), place.constant(memory.weights, wp.float64),
             float(memory.grown(1.0)), self.creep_per_decade, self.creep_exponent, self.reference, self.loop,
-            self.softening, self.baseline, self.presses_before, self.last, crept, *states,
+            self.softening, self.baseline, self.presses_before, crept, *states,
         ]  # fmt: skip
         kernel = material_kernel(context.real, creep, loop, presses)
         launch = context.record(kernel, shape, inputs, [out])

@@ -154,6 +154,12 @@ class Piezoresistive(Transducer):
         for name in ("ghosts", "threshold"):
             number(where, name, getattr(self, name), at_least=0, at_most=1)
         number(where, "gain", self.gain, at_least=0)
+        for name in ("temperature", "temperature_reference"):
+            number(where, name, getattr(self, name), at_least=-273.15, at_most=1000, unit="degree C")
+        for name in ("half_per_k", "gain_per_k", "zero_per_k"):
+            number(where, name, getattr(self, name), at_least=-1, at_most=1, unit="1/K")
+        warmed = self.half_per_k * (self.temperature - self.temperature_reference) / self.exponent
+        number(where, "half_per_k times the warming over exponent", warmed, at_least=-50, at_most=50)
         if self.rated_n is not None:
             number(where, "rated_n", self.rated_n, above=0, unit="N")
 

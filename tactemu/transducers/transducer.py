@@ -11,18 +11,15 @@ It is called for the ground truth and for the measured branch, unless both are o
 
 from __future__ import annotations
 
-import dataclasses
-import typing
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 import warp as wp
 
-from tactemu.errors import SceneError, shown
-from tactemu.options import number, numbers
+from tactemu.options import check_declared
 from tactemu.plan.plan import Context, Stage
 
 Channels = Literal["scalar", "force", "displacement"]
@@ -86,12 +83,6 @@ class Place:
         return wp.array(values, dtype=dtype or self.context.real, device=self.context.device)
 
 
-def _options(cls: type[Transducer]) -> dict[str, Any]:
-    """Return the types of a transducer's options, by name."""
-    hints = typing.get_type_hints(cls)
-    return {field.name: hints[field.name] for field in dataclasses.fields(cls)}
-
-
 @dataclass(frozen=True, kw_only=True)
 class Transducer(ABC):
     """Options of one transducer. SI units; vectors in the frame of the link."""
@@ -104,18 +95,12 @@ class Transducer(ABC):
     """Where its equations come from."""
 
     def check_all(self, where: str) -> None:
-        """Check every number, then what the class itself asks of its options.
+        """Check every option by its declared type, then what the class itself asks of its options.
 
         Raises:
-            SceneError: an option is no finite number, has another shape than declared, or no meaning.
+            SceneError: an option has another type or shape than declared, or no meaning.
         """
-        for name, hint in _options(type(self)).items():
-            value, parts = getattr(self, name, None), typing.get_args(hint)
-            if typing.get_origin(hint) is tuple:
-                if numbers(where, name, value).shape != (len(parts),):
-                    raise SceneError(f"{where}: {name} must be {len(parts)} numbers, got {shown(value)}")
-            elif hint is float or (float in parts and value is not None):
-                number(where, name, value)
+        check_declared(where, self)
         self.check(where)
 
     def check(self, where: str) -> None:

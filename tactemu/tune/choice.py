@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from math import ceil
 from typing import Any
 
 from tactemu.tune.cost import MOST_LOAD, MOST_LOST, Cost
@@ -17,8 +16,6 @@ ERRORS = {
 }
 ALIKE = 1.05
 """Errors within this factor are alike: the cheaper setting is taken."""
-AS_FAST = 1.15
-"""Loads within this factor are alike: one setting measured twice on a busy machine differs by as much."""
 
 
 @dataclass(frozen=True)
@@ -94,11 +91,14 @@ class Choice:
 
 
 def pick(skin: str, truth: str, pace: Pace, line_hz: float | None, measured: list[Measured]) -> Choice:
-    """Choose the most accurate setting that keeps the rate, else of the fastest ones; of those alike the cheapest."""
-    among = [entry for entry in measured if entry.keeps_rate] or _fastest(measured)
-    least = min(entry.error for entry in among)
-    chosen = min((e for e in among if e.error <= ALIKE * least), key=lambda e: e.load)
-    faster = [e for e in measured if AS_FAST * e.load < chosen.load]
+    """The most accurate setting that keeps the rate, the cheapest of those that are alike; else the fastest."""
+    fitting = [entry for entry in measured if entry.keeps_rate]
+    if fitting:
+        least = min(entry.error for entry in fitting)
+        chosen = min((e for e in fitting if e.error <= ALIKE * least), key=lambda e: e.load)
+    else:
+        chosen = min(measured, key=lambda e: e.load)
+    faster = [e for e in measured if e.load < chosen.load and e is not chosen]
     better = [e for e in measured if e.error * ALIKE < chosen.error]
     return Choice(
         skin=skin,
@@ -112,12 +112,6 @@ def pick(skin: str, truth: str, pace: Pace, line_hz: float | None, measured: lis
     )
 
 
-def _fastest(measured: Sequence[Measured]) -> list[Measured]:
-    """Return the settings whose loads are alike and least, less those that lose many more samples."""
-    alike = [entry for entry in measured if entry.load <= AS_FAST * min(each.load for each in measured)]
-    return [entry for entry in alike if AS_FAST * (1 - entry.lost) >= 1 - min(each.lost for each in alike)]
-
-
 def say(choice: Choice, error: str, report: Callable[[str], None]) -> None:
     """Tell it in lines of text."""
     rate, steps = choice.pace.rate_hz, 1 / choice.pace.dt
@@ -129,23 +123,13 @@ def say(choice: Choice, error: str, report: Callable[[str], None]) -> None:
     if choice.keeps_rate:
         report(f"chosen: {choice.chosen}")
     else:
-        report(f"no setting keeps {rate:g} Hz here. {_next_step(choice)}")
-        report(f"chosen, as the most accurate of the {len(_fastest(choice.all))} fastest: {choice.chosen}")
+        report(f"no setting keeps {rate:g} Hz here; the fastest is {choice.chosen}. Lower the rate, or raise dt")
     if choice.line_hz is not None:
         report(f"the line carries {choice.line_hz:.0f} Hz of it at its speed, and drops the rest, whatever the model")
     if choice.cheaper is not None:
         report(f"if that is too slow: {choice.cheaper}")
     if choice.finer is not None:
         report(f"more accurate{'' if choice.finer.keeps_rate else ', too slow here'}: {choice.finer}")
-
-
-def _next_step(choice: Choice) -> str:
-    """Say what a user may do where nothing keeps the rate."""
-    cost, dt = choice.chosen.cost, choice.pace.dt
-    if highest := cost.highest_rate(dt):
-        return f"The setting chosen keeps {highest:g} Hz: ask for that (--rate {highest:g}), or use a faster machine"
-    longer = 1e-3 * ceil(1e-3 * cost.step_us / MOST_LOAD)
-    return f"The steps alone are too much for it: raise dt to {longer:g} s, and ask again"
 
 
 def as_dict(choice: Choice) -> dict[str, Any]:
@@ -165,7 +149,6 @@ def as_dict(choice: Choice) -> dict[str, Any]:
     return {
         "skin": choice.skin, "truth": choice.truth, "rate_hz": choice.pace.rate_hz, "dt": choice.pace.dt,
         "line_hz": choice.line_hz, "keeps_rate": choice.keeps_rate,
-        "highest_rate_hz": choice.chosen.cost.highest_rate(choice.pace.dt),
         "chosen": entry(choice.chosen), "cheaper": entry(choice.cheaper), "finer": entry(choice.finer),
         "all": [entry(measured) for measured in choice.all],
     }  # fmt: skip

@@ -13,7 +13,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import floor, log10
 from statistics import median
 
 import numpy as np
@@ -69,16 +68,6 @@ class Cost:
     def keeps(self, rate_hz: float, dt: float) -> bool:
         """Does the loop keep the rate?"""
         return self.load(rate_hz, dt) <= MOST_LOAD and self.lost(rate_hz, dt) <= MOST_LOST
-
-    def highest_rate(self, dt: float) -> float:
-        """Return nearly the highest rate that the loop keeps, in two digits [Hz]; 0: steps alone are too much."""
-        rate = (1e6 * MOST_LOAD - self.step_us / dt) / self.sample_us
-        while rate >= 1:
-            digit = 10.0 ** (floor(log10(rate)) - 1)
-            if self.keeps(rounded := digit * floor(rate / digit), dt):
-                return rounded
-            rate *= 0.95
-        return 0.0
 
 
 def stopwatch(on_cpu: bool) -> Callable[[], float]:

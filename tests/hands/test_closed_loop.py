@@ -113,25 +113,6 @@ def test_what_is_light_and_lies_still_reads_its_weight(mass, place, tmp_path):
     assert np.mean(felt) == pytest.approx(mass * 9.81, rel=0.01)
 
 
-@pytest.mark.parametrize(("mass", "reaches"), [(15.0, False), (30.0, True)])
-def test_a_skin_at_its_greatest_depth_is_reported_once(mass, reaches, tmp_path, caplog):
-    """Of 30 kg a FlexiTac read 216 N, silently; the plan, the log and the poses in the truth log say how deep it is."""
-    lying(tmp_path, mass)
-    path = tmp_path / "truth.mcap"
-    with caplog.at_level(logging.WARNING):
-        emulator, simulation, engine = made(tmp_path / "light.toml", truth=Truth(str(path)))
-        with emulator:
-            emulator.run(0.4)
-    (pad,) = engine.pads.values()
-    said = "engine: skin flexitac reads 21" in caplog.text and "it is pressed in by 5 mm" in caplog.text
-    assert said == (pad.felt() < 0.99 * mass * 9.81) == (pad.depth == 5e-3) == reaches
-    assert len(caplog.records) == reaches
-    assert "pressed in by at most 5 mm" in str(simulation.plan)
-    where = tt.read_log(path).bodies["flexitac (pad)"].position[-1]
-    np.testing.assert_allclose(where, pad.shift, atol=1e-7)
-    assert where[2] == pytest.approx(pad.depth, abs=2e-3), "less what the geoms overlap"
-
-
 def test_a_script_gives_the_same_bytes_in_lockstep_and_in_virtual_time(tmp_path):
     logs = []
     for clock in (VirtualClock(), LockstepClock()):

@@ -44,25 +44,6 @@ def test_outside_of_an_acute_edge_is_outside():
     assert ours.max() < 3 * MM  # Genesis reads 5.1 to 5.8 mm here
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_beside_an_edge_the_normal_is_the_way_from_it(dtype):
-    """Quirk 2, second half: its raycast has the normal of one of the faces that meet there, by the order of its tree.
-    1 mm out of an edge of a cube, between both faces, and out of a corner."""
-    import trimesh
-
-    cube = trimesh.creation.box((20 * MM,) * 3)
-    for way, off in (([1, 0, 1], 45.0), ([1, 1, 1], 54.7)):
-        model = tt.KinematicTaxel(probe_local_pos=[[0, 0, 0]], probe_radius=2 * MM)
-        sim, body, skin = scene_with(tt.Mesh(source=cube), model, dtype=dtype)
-        out = np.array(way) / np.linalg.norm(way)
-        sim.set_pose(body, position=-(10 * MM * np.array(way) + 1 * MM * out))
-        sim.step()
-        force = skin.read().force[0]
-        assert np.linalg.norm(force) == pytest.approx(1.0, rel=1e-5)
-        np.testing.assert_allclose(force, out, atol=1e-5)
-        assert np.degrees(np.arccos(out.max())) == pytest.approx(off, abs=0.1)  # of each of its faces
-
-
 def test_depth_does_not_end_at_a_grid():
     """Quirk 3: its distance grid ends 10 % beyond the object; 3 mm beside a box it reads 0 where 7 mm is right."""
     x = np.arange(21.0)

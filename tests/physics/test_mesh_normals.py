@@ -12,7 +12,7 @@ import tactemu as tt
 from tactemu.physics.shapes.distance import shape_functions
 from tactemu.physics.shapes.mesh import MESH, OPEN_MESH
 from tactemu.physics.shapes.shape import table_type
-from tests.physics.rig import depth_of, scene_with
+from tests.physics.rig import depth_of
 
 REALS = {"float32": wp.float32, "float64": wp.float64}
 
@@ -117,21 +117,6 @@ def test_normals_near_faces_edges_and_vertices(name, height):
             right, way = truth(mesh, given)
             np.testing.assert_allclose(d, right, rtol=0, atol=off)
             assert np.linalg.norm(n - way, axis=1).max() < angle
-
-
-@pytest.mark.parametrize(("dtype", "over_face", "over_edge"), [("float64", 1e-9, 1e-9), ("float32", 1e-3, 6e-3)])
-def test_forces_1_um_over_a_mesh_that_is_turned_point_along_its_normals(dtype, over_face, over_edge):
-    """From poses to forces: in float32 the pose is rounded, too."""
-    mesh, quaternion, position = MESHES["box"](), np.array([0.95, 0.12, -0.2, 0.1]), np.array([0.003, -0.002, 0.004])
-    turn = trimesh.transformations.quaternion_matrix(quaternion)[:3, :3]
-    for points, angle in zip(probes(mesh, 1e-6), (over_face, over_edge)):
-        model = tt.KinematicTaxel(probe_local_pos=points @ turn.T + position, probe_radius=5e-3)
-        sim, body, skin = scene_with(tt.Mesh(source=mesh), model, dtype=dtype)
-        sim.set_pose(body, position=position, quaternion=quaternion)
-        sim.step()
-        force = skin.read().force.astype(float)
-        way = force / np.linalg.norm(force, axis=1, keepdims=True) @ turn
-        assert np.linalg.norm(way - truth(mesh, points)[1], axis=1).max() < angle
 
 
 def balls(*radii_and_places, turned=()):

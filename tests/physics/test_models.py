@@ -126,7 +126,7 @@ def test_a_scene_file_takes_a_class_of_the_users_own(tmp_path, monkeypatch):
         ("contact_probe", {"release_threshold": np.nan}, "release_threshold must be a finite number m, got nan"),
         ("proximity_taxel", {"stiffness": "much"}, "stiffness must be >= 0, got 'much'"),
         ("kinematic_taxel", {"normal_exponent": 0}, "normal_exponent must be > 0, got 0"),
-        ("elastic_layer_taxel", {"iterations": 2.5}, "iterations must be a whole number >= 1, got 2.5"),
+        ("elastic_layer_taxel", {"iterations": 2.5}, "iterations must be a whole number >= 1 and <= 100000, got 2.5"),
         ("elastic_layer_taxel", {"poisson_ratio": 0.51}, "poisson_ratio must be >= 0 and <= 0.5, got 0.51"),
         ("elastic_layer_taxel", {"young_modulus": np.inf}, "young_modulus must be > 0 Pa, got inf"),
         ("elastic_layer_taxel", {"thickness": np.nan}, "thickness must be > 0 m, got nan"),

@@ -362,29 +362,6 @@ def test_bodies_start_where_each_environment_has_them(drop, kind):
         scene.build(2)
 
 
-@pytest.mark.parametrize("kind", BUILT)
-@pytest.mark.parametrize("envs", [None, [1]])
-def test_a_reset_puts_bodies_where_the_model_has_them_before_any_step(drop, kind, envs):
-    """They were logged at the world's origin at t = 0: an emulator resets its scene when it starts."""
-    scene = tt.Scene(dt=4e-3)
-    engine = ENGINES[kind](scene, drop)
-    scene.add_sensor(tt.KinematicTaxel(probe_local_pos=LINE), link=engine.source.carrier("floor"))
-    sim = scene.build(N_ENVS)
-    ball = next(body.index for body in sim.bodies if body.name == "ball")
-    for _ in range(2):
-        sim.reset(envs)
-        where = sim.pose_array.numpy()[slice(None) if envs is None else envs, ball, :7]
-        np.testing.assert_allclose(where, np.broadcast_to([0, 0, 0.02, 1, 0, 0, 0], where.shape), atol=1e-7)
-        for _ in range(5):
-            sim.step()
-        assert (sim.pose_array.numpy()[:, ball, 2] < 0.02).all()
-        sim.reset([1])
-        assert (sim.pose_array.numpy()[[0, 2], ball, 2] < 0.02).all()
-    if envs is None:
-        sim.reset()
-        assert sim.pose("ball").position == pytest.approx([0, 0, 0.02])
-
-
 def test_a_model_that_blows_up_is_said(file):
     model = mujoco.MjModel.from_xml_path(str(file))
     scene = tt.Scene()

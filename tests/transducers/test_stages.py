@@ -49,12 +49,6 @@ def test_every_transducer_says_what_it_is_and_where_it_holds():
         assert make("skin", {"kind": name}) == kind()
 
 
-@pytest.mark.parametrize("name", TRANSDUCERS)
-def test_a_skin_without_taxels_reads_an_empty_array(name):
-    options = {"shared": True} if name == "fluid" else {}
-    assert pressed(skin(make("skin", {"kind": name, **options}), probes=np.zeros((0, 3))), 0.5).shape[0] == 0
-
-
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_the_field_of_a_skin_is_that_of_its_dipoles_where_they_have_moved(dtype):
     rng = np.random.default_rng(2)
@@ -183,52 +177,6 @@ def test_presses_work_a_skin_in_and_leave_something_behind_within_bounds():
     assert rests == pytest.approx(0.02 * 0.8 * np.log(2 + n), rel=1e-6)
     left = np.concatenate([[0.0], rests[:-1]])
     assert peaks == pytest.approx(0.8 * (1 - 0.03 * np.log1p(n)) + left, rel=1e-6)
-
-
-def swept(made, peak):
-    """One press up to ``peak`` and back: the widest gap of its loop, and what the skin reads when it is free again."""
-    up = np.linspace(0, peak, 41)[1:]
-    loading = [-pressed(made, force)[0, 2] for force in up]
-    unloading = [-pressed(made, force)[0, 2] for force in up[::-1]][::-1]
-    return np.max(np.subtract(unloading, loading)) / peak, -pressed(made, 0.0)[0, 2] / peak
-
-
-def test_light_presses_after_a_hard_knock_have_their_loop_and_are_counted():
-    """After one a hundred times as hard a loop of 0.1 was 0, and what it left stood at 6.9 times their peak."""
-    made = skin(Material(loop=0.1, baseline=0.1))
-    assert swept(made, 0.008)[0] == pytest.approx(0.1, rel=0.02)
-    _gap, rest = swept(made, 0.8)
-    assert rest == pytest.approx(0.1 * np.log(3))
-    after = [swept(made, 0.008) for _ in range(12)]
-    gaps, rests = np.transpose(after)
-    assert gaps == pytest.approx(0.1, rel=0.02)
-    left, counts = 1 + 99 * 0.5 ** np.arange(1, 13), 2 + np.arange(1, 13)
-    assert rests == pytest.approx(0.1 * left * np.log1p(counts), rel=1e-3)
-    assert rests[-1] < 0.3 and (np.diff(rests[:10]) < 0).all()
-
-
-def test_what_a_knock_leaves_fades_with_time_and_not_at_the_next_press():
-    made = skin(Material(baseline=0.1, last=10.0))
-    _gap, rest = swept(made, 0.8)
-    left, made[0].dt = 0.8 * rest, 5.0
-    later = -pressed(made, 0.0)[0, 2]
-    assert later == pytest.approx(left * np.exp(-0.5), rel=1e-6)
-
-
-def test_touches_of_next_to_nothing_wear_nothing():
-    made = skin(Material(softening=0.1, baseline=0.1))
-    rest = 0.8 * swept(made, 0.8)[1]
-    for _ in range(20):
-        pressed(made, 1e-9)
-        assert -pressed(made, 0.0)[0, 2] == pytest.approx(rest, rel=1e-3)
-
-
-def test_a_load_that_dies_away_is_one_press():
-    made = skin(Material(baseline=0.1))
-    pressed(made, 0.8)
-    for k in range(40):
-        pressed(made, 0.8 * 0.5**k)
-    assert -pressed(made, 0.0)[0, 2] == pytest.approx(0.1 * 0.8 * np.log(2), rel=1e-3)
 
 
 def test_noise_and_resolution_are_those_of_the_last_transducer():

@@ -67,6 +67,10 @@ from tactemu.plan.plan import Dtype, Stage
 
 LEAST_RADIUS = 5.0
 """Of a bent pad, in thicknesses."""
+MOST_ITERATIONS = 100_000
+"""Most iterations of a solver in a step; bounds the time of a step."""
+MOST_OVERSAMPLING = 64
+"""Most cells along each side of a taxel; bounds memory."""
 BLOCKS_AT_ONCE = 1056
 """Blocks on a GPU whose scratch lies in its memory: eight for each of 132 multiprocessors; more environments take
 turns."""
@@ -128,6 +132,7 @@ class ElasticLayerTaxel(SensorModel):
     gain_inside = False
     layouts = {"pressure": PRESSURE, "force": FORCE, "displacement": DISPLACEMENT, "touch": PRESSURE}
     material = ("young_modulus", "poisson_ratio", "thickness", "friction")
+    unbounded = ("thickness",)
     examples = {"": {"tolerance": 1e-4}}
     valid = (
         "A flat pad of a soft, linear material on a rigid base, pressed to 0.4 of its thickness (forces within 2 % of "
@@ -170,8 +175,8 @@ class ElasticLayerTaxel(SensorModel):
                 number(where, name, getattr(self, name), above=0, unit=unit)
         number(where, "poisson_ratio", self.poisson_ratio, at_least=0, at_most=0.5)
         number(where, "friction", self.friction, at_least=0)
-        for name in ("iterations", "oversampling"):
-            number(where, name, getattr(self, name), at_least=1, whole=True)
+        for name, most in (("iterations", MOST_ITERATIONS), ("oversampling", MOST_OVERSAMPLING)):
+            number(where, name, getattr(self, name), at_least=1, at_most=most, whole=True)
         if self.look_depth is not None:
             number(where, "look_depth", self.look_depth, above=0, unit="m")
         if self.contact_depth_query not in (None, "ray"):

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tactemu.errors import SceneError
+from tactemu.options import number
 from tactemu.physics.points.point_cloud import PointCloud, farthest_points, split_evenly
 from tactemu.physics.sensor_model import Site
 from tactemu.random_streams import generator
@@ -14,18 +15,20 @@ from tactemu.scene.bodies import Body
 
 FEWER_POINTS = "lower `n_sample_points`"
 """What makes a cloud cost less, for the plan."""
+MOST_POINTS = 1_000_000
+"""Most points that are sampled on bodies; bounds memory."""
 
 
 def _counts(given: int | Sequence[int], n_bodies: int, sensor: str) -> list[int]:
-    if isinstance(given, int | np.integer):
-        counts = split_evenly(int(given), n_bodies) if given > 0 else [0]
-    else:
-        counts = [int(count) for count in given]
+    counts = [
+        int(number(sensor, "n_sample_points", count, at_least=1, at_most=MOST_POINTS, whole=True))
+        for count in (given if isinstance(given, list | tuple | np.ndarray) else [given])
+    ]
+    if isinstance(given, list | tuple | np.ndarray):
         if len(counts) != n_bodies:
             raise SceneError(f"{sensor}: n_sample_points must be one number or {n_bodies}, got {len(counts)}")
-    if min(counts, default=1) < 1:
-        raise SceneError(f"{sensor}: n_sample_points must be >= 1, got {given!r}")
-    return counts
+        return counts
+    return split_evenly(counts[0], n_bodies)
 
 
 def _given_clouds(points, area: float, site: Site) -> list[PointCloud]:
