@@ -94,7 +94,7 @@ def sentence(entry: dict[str, Any]) -> str:
 
 HARMLESS = ("requests", "unplugged")
 """Counters of a device that say nothing of what it has not understood."""
-_OF_THE_WIRE = ("misheard", "overrun", "collision")
+_OF_THE_WIRE = ("misheard", "overrun", "overflow", "collision")
 _LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
 

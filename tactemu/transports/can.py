@@ -14,7 +14,7 @@ import logging
 import os
 import socket
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Sequence
 from typing import Any
 
@@ -24,14 +24,13 @@ from firmware_protocols import CanFrame, Frame
 from tactemu.errors import TransportError, TransportUnavailable
 from tactemu.transports.can_messages import frame_of, message_of
 from tactemu.transports.forks import keep_from_children
+from tactemu.transports.receive_queue import ReceiveQueue
 from tactemu.transports.transport import CanFilter, Event, Received, Transport
 
 _logger = logging.getLogger(__name__)
 
-_AT_ONCE_S = 0.001
-"""For how long one look takes frames [s], so that a flood of them leaves time for the rest."""
-_ECHOES = 256
-"""Own frames that are waited for on an interface that returns them."""
+MAX_ECHOES = 16_384
+"""Maximum number of own frames that are waited for on an interface that returns them: as many as its queue may hold."""
 
 
 class CanTransport(Transport):
@@ -46,7 +45,9 @@ class CanTransport(Transport):
         self.address = rest
         self._bus: can.BusABC | None = None
         self._fileno = -1
-        self._echoes: deque[CanFrame] | None = deque(maxlen=_ECHOES) if self.interface == "udp_multicast" else None
+        self._queue: ReceiveQueue | None = None
+        self._echoes: deque[CanFrame] | None = deque() if self.interface == "udp_multicast" else None
+        self._echo_counts: Counter[CanFrame] = Counter()
         self._filters: tuple[CanFilter, ...] = ()
 
     def hear_only(self, filters: Sequence[CanFilter]) -> None:
@@ -76,9 +77,13 @@ class CanTransport(Transport):
             self._fileno = -1
         if self.interface == "udp_multicast":
             _hear_own_group_only(self._fileno)
+        self._queue = ReceiveQueue(self._fileno)
 
     def close(self) -> None:
         """Leave the bus."""
+        if self._queue is not None:
+            self._queue.close()
+            self._queue = None
         if self._bus is not None:
             self._bus.shutdown()
             self._bus, self._fileno = None, -1
@@ -89,9 +94,11 @@ class CanTransport(Transport):
 
     def poll(self, reading: bool = True) -> list[Event]:
         """Frames of the other nodes."""
-        events: list[Event] = []
-        end = time.monotonic() + _AT_ONCE_S
-        while reading and self._bus is not None:
+        if self._bus is None or self._queue is None:
+            return []
+        events: list[Event] = [*self._queue.overflowed()]
+        end = self._queue.look_until_s()
+        while reading:
             try:
                 message = self._bus.recv(0)
             except can.CanError:  # an adapter that is away for a while comes back as it was
@@ -123,6 +130,9 @@ class CanTransport(Transport):
             return False
         if self._echoes is not None and not frame.is_error_frame:
             self._echoes.append(frame)
+            self._echo_counts[frame] += 1
+            if len(self._echoes) > MAX_ECHOES:
+                self._forget_echo()
         return True
 
     @property
@@ -132,11 +142,20 @@ class CanTransport(Transport):
 
     def _is_echo(self, frame: CanFrame) -> bool:
         """Multicast returns our own frames, in order; a lost one must not hide those after it."""
-        if not self._echoes or frame not in self._echoes:
+        if not self._echoes or frame not in self._echo_counts:
             return False
-        while self._echoes.popleft() != frame:
+        while self._forget_echo() != frame:
             pass
         return True
+
+    def _forget_echo(self) -> CanFrame:
+        """Wait no more for the oldest own frame, and return it."""
+        assert self._echoes is not None
+        oldest = self._echoes.popleft()
+        self._echo_counts[oldest] -= 1
+        if not self._echo_counts[oldest]:
+            del self._echo_counts[oldest]
+        return oldest
 
     def _options(self) -> dict[str, Any]:
         """What python-can is asked for beside interface and channel."""

@@ -16,12 +16,11 @@ from firmware_protocols.can_frames import CAN_FRAME, CanFrames
 from tactemu.errors import TransportError, TransportUnavailable
 from tactemu.frame_text import PROTOCOL_ERROR
 from tactemu.transports.forks import keep_from_children
+from tactemu.transports.receive_queue import ReceiveQueue
 from tactemu.transports.transport import CanFilter, Closed, Event, Opened, Received, Transport
 
 _logger = logging.getLogger(__name__)
 
-_AT_ONCE_S = 0.001
-"""For how long one look takes frames [s], so that a flood of them leaves time for the rest."""
 _LONGEST_NAME = 15
 """Of a network interface on Linux [bytes]."""
 _SIZE, _FD_SIZE = CAN_FRAME.itemsize, 72
@@ -47,6 +46,7 @@ class SocketCanTransport(Transport):
         self._in: socket.socket | None = None
         self._out: socket.socket | None = None
         """The same, where the kernel has CAN."""
+        self._queue: ReceiveQueue | None = None
         self._filters: tuple[CanFilter, ...] = ()
         self._bitrate, self._data_bitrate = 0, 0
         """Of the device [bit/s]; the latter 0 where it sends no CAN-FD frames."""
@@ -83,6 +83,7 @@ class SocketCanTransport(Transport):
         except OSError as error:
             raise TransportUnavailable(f"cannot open can:{self.address}: {error}; {self._fix()}") from error
         keep_from_children(self)
+        self._queue = ReceiveQueue(self._in.fileno())
         self._index = self._index_now()
 
     def _join(self) -> tuple[socket.socket, socket.socket]:
@@ -109,10 +110,10 @@ class SocketCanTransport(Transport):
 
     def close(self) -> None:
         """Leave the bus."""
-        for each in (self._in, self._out):
+        for each in (self._in, self._out, self._queue):
             if each is not None:
                 each.close()
-        self._in = self._out = None
+        self._in = self._out = self._queue = None
         self._away = False
 
     def filenos(self, reading: bool = True) -> list[int]:
@@ -124,7 +125,9 @@ class SocketCanTransport(Transport):
         events: list[Event] = []
         if self._away and self._come_back():
             events.append(Opened())
-        end = 0.0
+        if self._queue is not None:
+            events += self._queue.overflowed()
+        end = self._queue.look_until_s() if self._queue is not None else 0.0
         while reading and self._in is not None:
             try:
                 data = self._in.recv(_FD_SIZE)
@@ -136,9 +139,7 @@ class SocketCanTransport(Transport):
                 break
             if (frame := _frame_of(data)) is not None and self._is_heard(frame):
                 events.append(Received(frame))
-            now = time.monotonic()
-            end = end or now + _AT_ONCE_S
-            if now > end:
+            if time.monotonic() > end:
                 break
         return events
 

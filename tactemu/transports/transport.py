@@ -70,11 +70,21 @@ class Noted:
     what: str
 
 
+@dataclass(frozen=True, slots=True)
+class Overflowed:
+    """The kernel dropped frames because its receive queue was full: the loop was too late to take them."""
+
+    count: int
+
+    def __str__(self) -> str:
+        return f"overflow: {self.count} frames"
+
+
 class Part(bytes):
     """The beginning of a frame; what is written next goes on with it. To a stream of bytes it is like any other."""
 
 
-Event = Opened | Closed | Received | SettingChanged | LinesChanged | Noted
+Event = Opened | Closed | Received | SettingChanged | LinesChanged | Noted | Overflowed
 
 RAISED, DROPPED = LinesChanged(True, True), LinesChanged(False, False)
 """What the kernel does to the modem lines of a port when it is opened, and when it is closed."""

@@ -17,6 +17,7 @@ from firmware_protocols import Frame
 from tactemu.errors import TransportError
 from tactemu.transports import inet
 from tactemu.transports.forks import keep_from_children
+from tactemu.transports.receive_queue import ReceiveQueue
 from tactemu.transports.transport import CHUNK, DROPPED, RAISED, Closed, Event, Opened, Received, Transport
 
 _RECEIVE_BUFFER = 65_536
@@ -38,6 +39,7 @@ class UdpTransport(Transport):
         self.host, self.port = inet.parse(self.scheme, rest)
         self.address = f"udp://{inet.join(self.host, self.port)}"
         self._socket: socket.socket | None = None
+        self._queue: ReceiveQueue | None = None
         self._peer: Any = None
         """Address of the driver."""
 
@@ -60,7 +62,7 @@ class UdpTransport(Transport):
         port.setblocking(False)
         port.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
         port.setsockopt(*_ERRORS[family], 1)
-        self._socket = port
+        self._socket, self._queue = port, ReceiveQueue(port.fileno(), size=0)
         keep_from_children(self)
         self.port = port.getsockname()[1]
         self.address = f"udp://{inet.join(self.host, self.port)}"
@@ -68,6 +70,9 @@ class UdpTransport(Transport):
 
     def close(self) -> None:
         """Let go of the port."""
+        if self._queue is not None:
+            self._queue.close()
+            self._queue = None
         if self._socket is not None:
             self._socket.close()
         self._socket = self._peer = None
@@ -78,7 +83,7 @@ class UdpTransport(Transport):
 
     def poll(self, reading: bool = True) -> list[Event]:
         """Datagrams of one peer. One that another sent waits for the next look: its answer is not for the first."""
-        events: list[Event] = []
+        events: list[Event] = [] if self._queue is None else [*self._queue.overflowed()]
         room, number = CHUNK if reading else 0, 0
         if self._peer in self._refused():
             self._peer = None

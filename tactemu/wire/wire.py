@@ -12,12 +12,22 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from firmware_protocols import Connector, Frame, Sent
 from firmware_protocols.can_frames import CanFrames
 from firmware_protocols.frames import payload
-from tactemu.transports.transport import DROPPED, Closed, Event, LinesChanged, Opened, Received, Transport
+from tactemu.transports.transport import (
+    DROPPED,
+    Closed,
+    Event,
+    LinesChanged,
+    Noted,
+    Opened,
+    Overflowed,
+    Received,
+    Transport,
+)
 from tactemu.truth import Truth
 from tactemu.wire.carriers import carrier_of
 from tactemu.wire.carriers.carrier import DRIVER, Pacing
@@ -36,6 +46,8 @@ MAX_BYTES_A_TURN = 16_384
 
 MAX_TRAFFIC_FRAMES_A_FLUSH = 4
 """Maximum number of frames that a node of a fault queues per flush: a device does not wait long for them."""
+MAX_LOOKS_AT_CLOSE = 100
+"""Maximum number of looks at a port that closes, for frames that are left there; bounds the time of closing."""
 TRAFFIC_SHARE = 0.4
 """Largest share of the loop's time that such frames may take, so that devices sample at their rate on a machine too
 slow for all of them; those that it leaves out are counted as missed."""
@@ -72,6 +84,8 @@ class Wire:
     ``counters``: ``sent`` and ``sent_bytes``, ``received`` and ``received_bytes``, ``dropped_readings`` and
     ``dropped_frames`` (the line is full), ``dropped_unread`` (the driver does not read), ``unheard`` (nobody has the
     port open), ``misheard`` (the settings differ), ``overrun`` (the driver was a second ahead of the line),
+    ``unprocessed`` (it had been sent when the port closed, and no device had it yet), ``overflow`` (frames that the
+    kernel dropped because the loop was too late to take them),
     ``collision`` (it talks while a device does), ``load_missed`` and ``babble_missed`` (frames of other nodes that a
     late loop left out: the share that was asked for is not reached), and injected faults by their kind.
     """
@@ -115,7 +129,7 @@ class Wire:
         """The driver has said something while time stands."""
         self._source = ""
         self._arrived: deque[tuple[int, Heard]] = deque()
-        self._held_ns = {"to_driver": 0, "from_driver": 0}
+        self._held_ns: dict[Literal["to_driver", "from_driver"], int] = {"to_driver": 0, "from_driver": 0}
         """Until when a fault holds a byte stream up."""
         self._now_ns = 0
         self._flushed_ns = 0
@@ -161,12 +175,34 @@ class Wire:
         self._comes_back = self._held_open and not self._plugged and (self._down is None or self._down.kind != "unplug")
 
     def close(self) -> None:
-        """Remove the port. Safe to call twice."""
+        """Remove the port, and count what the driver has sent in vain. Safe to call twice."""
+        if self._plugged:
+            self._count_unprocessed()
         self._opened = self._plugged = False
         self.transport.close()
         self.line.clear()
         self.inbound.clear()
         self._arrived.clear()
+
+    def _count_unprocessed(self) -> None:
+        waiting: list[object] = list(self.inbound.withdraw(DRIVER))
+        waiting += [heard for _, heard in self._arrived if heard.source == DRIVER]
+        for _ in range(MAX_LOOKS_AT_CLOSE):  # what the loop was too late to take
+            events = self.transport.poll()
+            waiting += [event for event in events if isinstance(event, Received)]
+            for event in events:
+                self._count_overflow(event)
+            if not events:
+                break
+        if waiting:
+            self.counters["unprocessed"] += len(waiting)
+
+    def _count_overflow(self, event: Event | Heard) -> bool:
+        """Count what the kernel dropped; return False if the event is another."""
+        if not isinstance(event, Overflowed):
+            return False
+        self.counters["overflow"] += event.count
+        return True
 
     def attach(self, source: str, connector: Connector) -> None:
         """A device is on the wire, or its firmware has changed its settings: they hold for what is sent from now on."""
@@ -395,6 +431,9 @@ class Wire:
             if isinstance(event, Received):
                 if self._down is None:
                     self._take(event.data, now_ns)
+                continue
+            if self._count_overflow(event):
+                events.append(Noted(str(event)))
                 continue
             if isinstance(event, Closed):
                 self._hear_all(events)
