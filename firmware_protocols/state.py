@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-_NOT_STATE = ("layout", "options")
+NOT_STATE = ("layout", "options")
 """Made anew, and equal, from the options."""
 _PLAIN = (type(None), bool, int, float, str, bytes)
 _CONTAINERS: dict[type, str] = {list: "list", tuple: "tuple", set: "set", frozenset: "frozenset"}
@@ -37,7 +37,7 @@ def save(device: Any) -> dict[str, Any]:
         NotPlain: an attribute holds what cannot be saved; names it.
     """
     writer = Writer(lambda module: _belongs(module, device), _known(device))
-    state = {name: value for name, value in vars(device).items() if name not in _NOT_STATE}
+    state = {name: value for name, value in vars(device).items() if name not in NOT_STATE}
     return {name: writer.write(value, name) for name, value in state.items()}
 
 
@@ -57,12 +57,12 @@ def read(device: Any, state: dict[str, Any]) -> dict[str, Any]:
         ValueError: the state is not one of this device.
     """
     reader = Reader(lambda module: _belongs(module, device), _known(device), _own_modules(device))
-    return {name: reader.read(value) for name, value in state.items() if name not in _NOT_STATE}
+    return {name: reader.read(value) for name, value in state.items() if name not in NOT_STATE}
 
 
 def take(device: Any, attributes: dict[str, Any]) -> None:
     """Go on with these attributes."""
-    kept = {name: value for name, value in vars(device).items() if name in _NOT_STATE}
+    kept = {name: value for name, value in vars(device).items() if name in NOT_STATE}
     vars(device).clear()
     vars(device).update(kept | attributes)
 
@@ -198,7 +198,7 @@ class Writer:
                 return {"~": "record", "class": name, "items": [self.write(v, f"{where}[]") for v in value]}
             if isinstance(value, bytes):
                 return {"~": "marked", "class": name, "value": bytes(value)}
-            state = {name: self.write(each, f"{where}.{name}") for name, each in _attributes(value).items()}
+            state = {name: self.write(each, f"{where}.{name}") for name, each in attributes_of(value).items()}
             return {"~": "object", "class": name, "state": state}
         raise NotPlain(
             f"self.{where} is a {kind.__module__}.{kind.__qualname__}: a device's state is numbers, text, bytes, "
@@ -206,16 +206,17 @@ class Writer:
         )
 
 
-def _attributes(value: Any) -> dict[str, Any]:
+def attributes_of(value: Any) -> dict[str, Any]:
     """What an object is made of; its class may say what suffices to make it again (``__getstate__``, as for pickle)."""
-    if _says_itself(type(value)):
+    if says_itself(type(value)):
         return value.__getstate__()
     slots = [name for cls in type(value).__mro__ for name in getattr(cls, "__slots__", ())]
     names = [*(name for name in slots if hasattr(value, name)), *getattr(value, "__dict__", {})]
     return {name: getattr(value, name) for name in names}
 
 
-def _says_itself(cls: type) -> bool:
+def says_itself(cls: type) -> bool:
+    """Return True if a class makes its objects anew from what they gave of themselves."""
     return hasattr(cls, "__setstate__") and not is_dataclass(cls)  # frozen ones with slots have it of themselves
 
 
@@ -267,7 +268,7 @@ class Reader:
     def make(self, kind: str, value: dict[str, Any]) -> Any:
         """What consists of parts."""
         if kind in ("bytearray", "array"):
-            made = bytearray(value["value"]) if kind == "bytearray" else value["value"].copy()
+            made = bytearray(memoryview(value["value"])) if kind == "bytearray" else value["value"].copy()
             return self.keep(value, made)
         if kind == "object":
             return self._object(value)
@@ -292,13 +293,15 @@ class Reader:
         cls = self._class(value["class"], object)
         made = self.keep(value, object.__new__(cls))
         state = {name: self._read(each) for name, each in value["state"].items()}
-        if _says_itself(cls):
+        if says_itself(cls):
             made.__setstate__(state)
             return made
         if is_dataclass(cls) and (missing := {each.name for each in fields(cls) if each.init} - state.keys()):
             raise ValueError(f"a {value['class']} without {', '.join(sorted(missing))}")
         for name, each in state.items():
             object.__setattr__(made, name, each)
+        if is_dataclass(cls) and (check := getattr(made, "__post_init__", None)) is not None:
+            check()
         return made
 
     def _class(self, name: str, kind: type) -> Any:

@@ -63,7 +63,8 @@ class Agenda(Generic[Entry]):
             ValueError: something that the loop cannot do.
         """
         for t_ns, number, action in state["entries"]:
-            if type(t_ns) is not int or type(number) is not int or not self._knows(action):
+            is_planned = type(t_ns) is int and type(number) is int and isinstance(action, Action)
+            if not (is_planned and self._knows(action)):
                 raise ValueError(f"cannot do {action!r:.60} at {t_ns!r:.20}")
         guests = [entry for entry in self._entries if not isinstance(entry[2], Action)]
         entries = [*state["entries"], *guests]

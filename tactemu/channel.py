@@ -58,6 +58,10 @@ class Ticks:
     due_ns: int = 0
     """When the skin is looked at next; the loop asks for it at every turn."""
 
+    def __post_init__(self):
+        if self.burst < 1 or len(self.seen) >= self.burst:
+            raise ValueError(f"expected fewer looks than {self.burst} of a conversion, got {len(self.seen)}")
+
     def start(self, now_ns: int, period_ns: int) -> None:
         """Count anew from now."""
         self.sampling = self.sampling.restarted(now_ns, period_ns)
@@ -115,12 +119,14 @@ class Channel:
         self.held: dict[str, tuple[int, dict[str, np.ndarray]]] = {}
         """By stream, what was read at the last refresh, and the number of that."""
         self._ports = self.device.ports
-        self.ticks: dict[str, Ticks] = {}
+        ticks: dict[str, Ticks] = {}
+        self.ticks: Mapping[str, Ticks] = ticks
+        """By stream."""
         self._ask()
         for stream in self.device.periods:
             name = f"{self.sampling.name}/{stream}" if stream else self.sampling.name
             burst = max((sense.burst for sense in self._senses[stream]), default=1)
-            self.ticks[stream] = Ticks(replace(self.sampling, name=name), burst=burst)
+            ticks[stream] = Ticks(replace(self.sampling, name=name), burst=burst)
         for stream in self.wishes:
             if stream not in self.device.periods:
                 named = [name for name in self.device.periods if name]

@@ -14,6 +14,8 @@ transport it runs.
 
 from __future__ import annotations
 
+import inspect
+import typing
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
@@ -34,6 +36,9 @@ if TYPE_CHECKING:
     from tactemu.plan.plan import Plan
 
 
+MAX_LAG_NS = 10_000_000_000
+"""Longest time that the simulation makes up in whole steps when nothing has asked for it; bounds the wait of whatever
+asks after a long idle time."""
 _SAMPLING_NS = 1_000_000
 """After so long what is due of others leaves before the next sample is taken."""
 
@@ -291,11 +296,23 @@ class Emulator:
 
     def _advance(self, channel: Channel, stream: str, t_ns: int) -> None:
         """Bring the simulation to ``t_ns``; late in real time, in few steps."""
-        if self.simulation is None:
-            return
-        behind = not self.clock.virtual and self.clock.now_ns() - t_ns > channel.period_ns(stream)
-        stretched = self.simulation.advance_to(t_ns, self.catch_up_steps if behind else None)
-        channel.statistics.stretched += stretched
+        period_ns = channel.period_ns(stream)
+        is_late = not self.clock.virtual and self.clock.now_ns() - t_ns > period_ns
+        channel.statistics.stretched += self.advance_to(t_ns, is_late=is_late, period_ns=period_ns)
+
+    def advance_to(self, t_ns: int, *, is_late: bool = False, period_ns: int = 0) -> bool:
+        """Bring the simulation to ``t_ns``, in bounded time; return True if a step was stretched for it.
+
+        Args:
+            t_ns: emulation time.
+            is_late: take at most :attr:`catch_up_steps`.
+            period_ns: time that is made up in whole steps, at least, if that is more than :data:`MAX_LAG_NS`.
+        """
+        simulation = self.simulation
+        if simulation is None:
+            return False
+        most = self.catch_up_steps if is_late else max(period_ns, MAX_LAG_NS) // max(simulation.dt_ns, 1) + 1
+        return simulation.advance_to(t_ns, most)
 
     def _look_ahead(self, end_ns: int | None) -> int | None:
         """While nothing is due, one simulation step towards the next sample, which then finds its state ready.
@@ -440,7 +457,24 @@ class Emulator:
             ACTIONS[action.name](self, channel, *action.args)
 
     def _knows(self, action: Action) -> bool:
-        return isinstance(action, Action) and action.name in ACTIONS and action.channel in self._channels
+        if action.name not in ACTIONS or not _takes(ACTIONS[action.name], action.args):
+            return False
+        if (channel := self._channels.get(action.channel)) is None:
+            return False
+        every = range(len(channel.device.layout))
+        match action.name, action.args:
+            case "set", (option, value, *taxels):
+                channel.imperfections.set(option, value, (), *taxels)  # in no environment
+            case "kill", (taxels, value):
+                channel.imperfections.set_dead([], True, value)  # of no taxel
+                return all(taxel in every for taxel in taxels)
+            case "revive", (taxels,):
+                return all(taxel in every for taxel in taxels)
+            case "convert", (stream, _):
+                return stream in channel.ticks
+            case "send", (port, *_):
+                return port in channel.wires
+        return True
 
     # -- saving --------------------------------------------------------------------------------------------------------
 
@@ -518,6 +552,16 @@ class Emulator:
         filenos = [fileno for wire in self.wires for fileno in wire.filenos()] + self._calls.filenos
         poll = any(not wire.filenos() for wire in self.wires)
         self.clock.wait(min(deadlines, default=None), filenos, poll=poll)
+
+
+def _takes(function: Callable[..., None], args: Sequence[Any]) -> bool:
+    """Return True if an action may be called with these arguments of a saved state."""
+    from tactemu.saving.leaves import fits
+
+    hints = typing.get_type_hints(function)
+    names = list(inspect.signature(function).parameters)[2:]
+    needed = len(names) - len(function.__defaults__ or ())
+    return needed <= len(args) <= len(names) and all(fits(value, hints[name]) for name, value in zip(names, args))
 
 
 def _by_sense(counts: Counts, measured: Mapping[str, Any]) -> Sequence[tuple[str, np.ndarray, str]]:

@@ -111,17 +111,13 @@ class Control:
             TactemuError: it cannot be done; nothing has changed.
         """
         changes = VERBS[verb].changes
-        if changes and self.simulation is not None:
-            self.simulation.advance_to(self.emulator.now_ns, self._most_steps)
+        if changes:
+            self.emulator.advance_to(self.emulator.now_ns, is_late=not self.emulator.clock.virtual)
         outcome = getattr(self, f"_{verb}")(**arguments)
         if changes or verb == "restore":
             text = json.dumps({"verb": verb, "args": dict(arguments), "by": by})
             self.emulator.truth.event(self.emulator.now_ns, "", COMMAND + text)
         return outcome or Outcome()
-
-    @property
-    def _most_steps(self) -> int | None:
-        return None if self.emulator.clock.virtual else self.emulator.catch_up_steps
 
     @property
     def _now_s(self) -> float:

@@ -545,7 +545,12 @@ class Simulation:
         """All that lasts from step to step, arrays copied to the host."""
         self.world.upload()
         counts = {name: getattr(self, name) for name in _COUNTS}
-        return counts | {"memory": [array.numpy().copy() for array in self.context.memory]}
+        return counts | {"memory": tuple(array.numpy().copy() for array in self.context.memory)}
+
+    def other_state(self) -> dict[str, Any]:
+        """Return examples of numbers that are not finite, of the arrays that may have some."""
+        context = self.context
+        return {"memory": tuple(np.full(int(k in context.infinite), np.nan) for k in range(len(context.memory)))}
 
     def prepared(self, state: dict[str, Any]) -> Callable[[], None]:
         """What takes on a state, of this or another process, once it is called.
@@ -570,6 +575,8 @@ class Simulation:
                     array.numpy()[...] = values
                 else:
                     array.assign(values)
+            self.context.step.fill_(self.step_count)
+            self.context.time_ns.fill_(self.time_ns)
             self.world.resumed()
 
         return take

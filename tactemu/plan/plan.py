@@ -46,6 +46,8 @@ class Context:
     """Threads that share the environments, on a CPU."""
     memory: list[wp.array] = field(default_factory=list)
     """All that lasts from step to step, in the order in which it was made: what is saved of a simulation."""
+    infinite: set[int] = field(default_factory=set)
+    """Places in :attr:`memory` of arrays in which infinity or NaN has a meaning."""
     constants: dict[Any, Any] = field(default_factory=dict)
     """What takes long to make and never changes, by what it is made from: forks of a simulation share it."""
     dt: wp.array = field(init=False)
@@ -67,7 +69,9 @@ class Context:
         return self._kept(wp.zeros(shape, dtype=dtype, device=self.device))
 
     def full(self, shape, value, dtype) -> wp.array:
-        """A new array of one value that is part of the state."""
+        """A new array of one value that is part of the state; a value that is not finite may come again in it."""
+        if not np.isfinite(value):
+            self.infinite.add(len(self.memory))
         return self._kept(wp.full(shape, dtype(value), dtype=dtype, device=self.device))
 
     def array(self, values, dtype) -> wp.array:

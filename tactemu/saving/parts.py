@@ -9,6 +9,7 @@ A part may say otherwise, by methods:
 
 * ``more_parts()``: further parts, by name, that no attribute leads to;
 * ``state()``, and ``prepared(state)``, which checks, changes nothing and returns what does: in place of attributes;
+* ``other_state()``: values that its state may have at other times, beside those of now;
 * ``resumed()``: called when all parts have their state.
 """
 
@@ -22,7 +23,9 @@ import numpy as np
 
 from firmware_protocols import Device
 from firmware_protocols import state as plain
-from tactemu.errors import StateError
+from tactemu.errors import StateError, TactemuError
+from tactemu.saving.leaves import LeafCheck
+from tactemu.saving.rehearsal import rehearse
 
 VALUES = (
     "firmware_protocols", "tactemu.agenda", "tactemu.channel", "tactemu.sampling", "tactemu.scene.motion",
@@ -68,15 +71,15 @@ def state_of(parts: Mapping[str, Any]) -> dict[str, Any]:
         raise StateError(f"cannot be saved: {error}") from None
 
 
-def prepared(parts: Mapping[str, Any], state: Mapping[str, Any]) -> Callable[[], None]:
-    """Check that :func:`state_of` returned ``state`` for such parts; what is returned gives it to them.
+def prepared(parts: Mapping[str, Any], state: Mapping[str, Any], t_ns: int) -> Callable[[], None]:
+    """Check that :func:`state_of` may have returned ``state`` for such parts at ``t_ns``; return what gives it to them.
 
     Raises:
         StateError: says what does not fit. Nothing has been changed.
     """
     _check_names("the emulator", "part", parts, state)
-    reader = _Reader(_belongs, parts)
-    takes = [_prepared(part, name, state[name], reader) for name, part in parts.items()]
+    reader, leaves = _Reader(_belongs, parts), LeafCheck(t_ns)
+    takes = [_prepared(part, name, state[name], reader, leaves) for name, part in parts.items()]
 
     def take() -> None:
         for each in takes:
@@ -98,33 +101,40 @@ def _written(part: Any, name: str, writer: _Writer) -> dict[str, Any]:
     return {key: writer.write(value, f"{name}.{key}".lstrip(".")) for key, value in attributes.items()}
 
 
-def _prepared(part: Any, name: str, state: Any, reader: _Reader) -> Callable[[], None]:
-    name = name or "the loop"
+def _prepared(part: Any, name: str, state: Any, reader: _Reader, leaves: LeafCheck) -> Callable[[], None]:
+    where = name or "the loop"
     if not isinstance(state, dict):
-        raise StateError(f"{name}: expected a table, got {type(state).__name__}")
+        raise StateError(f"{where}: expected a table, got {type(state).__name__}")
     try:
         if isinstance(part, Device):
-            _check_device(part, name, state)
-            return partial(plain.take, part, plain.read(part, state))
-        if not hasattr(part, "state"):
-            _check_names(name, "attribute", _own(part), state)
+            return partial(plain.take, part, _device_attributes(part, where, state, leaves))
+        here = part.state() if hasattr(part, "state") else _own(part)
+        _check_names(where, "attribute", here, state)
         attributes = {key: reader.read(value) for key, value in state.items()}
-        if hasattr(part, "state"):
-            return part.prepared(attributes)
-    except (ValueError, TypeError, LookupError, AttributeError) as error:
-        raise StateError(f"{name}: {error}") from None
-    for key, value in _own(part).items():
-        if not _alike(value, attributes[key]):
-            kinds = type(value).__name__, type(attributes[key]).__name__
-            raise StateError(f"{name}: {key}: expected {kinds[0]}, got {kinds[1]}")
-    return partial(vars(part).update, attributes)
+        more = [part.other_state()] if hasattr(part, "other_state") else []
+        leaves.attributes(type(part), attributes, [here, *more], name)
+        return part.prepared(attributes) if hasattr(part, "state") else partial(vars(part).update, attributes)
+    except StateError:
+        raise
+    except (TactemuError, ValueError, TypeError, LookupError, AttributeError, OverflowError) as error:
+        raise StateError(f"{where}: {error}") from None
 
 
-def _check_device(device: Device, name: str, state: Mapping[str, Any]) -> None:
-    """A state has all that the firmware has from the moment it powers up."""
-    fresh = vars(type(device)(**device.options)).keys() - {"layout", "options"}
-    if missing := sorted(fresh - state.keys()):
-        raise StateError(f"{name}: the state of {device.name} lacks {', '.join(missing)}")
+def _device_attributes(device: Device, where: str, state: Mapping[str, Any], leaves: LeafCheck) -> dict[str, Any]:
+    """Return the attributes in the state of a device.
+
+    Raises:
+        ValueError, StateError: a device of this kind does not have such, or raises with them.
+    """
+    fresh, other = type(device)(**device.options), type(device)(**device.options)
+    there = [{key: each for key, each in vars(one).items() if key not in plain.NOT_STATE} for one in (device, fresh)]
+    if missing := sorted(there[1].keys() - state.keys()):
+        raise ValueError(f"the state of {device.name} lacks {', '.join(missing)}")
+    attributes = plain.read(device, dict(state))
+    leaves.attributes(type(device), attributes, there, where)
+    plain.take(other, plain.read(other, dict(state)))
+    rehearse(other, fresh.periods.keys(), leaves.t_ns)
+    return attributes
 
 
 def _check_names(where: str, what: str, here: Mapping[str, Any], there: Mapping[str, Any]) -> None:
@@ -132,14 +142,6 @@ def _check_names(where: str, what: str, here: Mapping[str, Any], there: Mapping[
         raise StateError(f"{where}: has no {what} {name!r}, which the state has")
     for name in here.keys() - there.keys():
         raise StateError(f"{where}: the state lacks the {what} {name!r}")
-
-
-def _alike(here: Any, there: Any) -> bool:
-    """Whether two values of one attribute are of one kind; what may be missing is ``None`` at times."""
-    numbers = (int, float)
-    if here is None or there is None or (type(here) in numbers and type(there) in numbers):
-        return True
-    return type(here) is type(there) or not isinstance(here, bool | int | float | str | list | dict)
 
 
 def _is_part(value: Any) -> bool:

@@ -11,7 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from tactemu.errors import StateError
 from tactemu.saving import parts, state_file
+
+MAX_TURN_NS = 600_000_000_000
+"""Longest turn of the loop in which a state can be saved: one in which kernels are compiled."""
 
 
 def take(emulator: Any) -> dict[str, Any]:
@@ -48,11 +52,19 @@ def restore(emulator: Any, state: Mapping[str, Any] | str | Path) -> None:
     else:
         memory = sum(array.numpy().nbytes for array in _memory(there))
         header, tree = state_file.read(state, made_of, memory)
-    give = parts.prepared(there, tree)
+    _check_time(header["t_ns"], tree)
+    give = parts.prepared(there, tree, header["t_ns"])
     give()
     emulator.clock.set_ns(header["t_ns"])
     emulator.now_ns = header["t_ns"]
     emulator.truth.origin_ns = emulator.clock.origin_ns
+
+
+def _check_time(t_ns: int, tree: Mapping[str, Any]) -> None:
+    loop = tree.get("")
+    now_ns = loop.get("now_ns") if isinstance(loop, Mapping) else None
+    if type(now_ns) is not int or not 0 <= t_ns - now_ns <= MAX_TURN_NS:
+        raise StateError(f"the loop: now_ns: expected the time of the state, {t_ns}, got {now_ns!r:.40}")
 
 
 def _simulation(there: Mapping[str, Any]) -> Any:

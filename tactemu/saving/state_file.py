@@ -22,6 +22,8 @@ from tactemu.files import writing
 from tactemu.version import __version__
 
 FORMAT = 1
+MAX_TIME_NS = 10 * 366 * 86_400_000_000_000
+"""Latest time of a state, ten years: times of a run that begins there still fit 64 bits."""
 _HEADER, _TREE = "header", "tree"
 _MOST_TEXT = 16 << 20
 """Bytes of JSON. A hand of a thousand taxels has half a megabyte."""
@@ -52,8 +54,8 @@ def check_header(found: Any, made_of: Mapping[str, Any], where: str) -> None:
                 f"{here['tactemu']} (format {FORMAT}); a state is for the version that wrote it"
             )
     t_ns = found["t_ns"]
-    if type(t_ns) is not int or not 0 <= t_ns < 2**63:
-        raise StateError(f"{where}: its time is {t_ns!r:.40}")
+    if type(t_ns) is not int or not 0 <= t_ns <= MAX_TIME_NS:
+        raise StateError(f"{where}: its time is {t_ns!r:.40} ns; expected 0 to {MAX_TIME_NS}")
     there = found["made_of"]
     if not isinstance(there, dict):
         raise StateError(f"{where}: does not say what it is of")

@@ -145,7 +145,7 @@ def test_a_tree_that_is_not_ours(emulator, tmp_path, saved):
     again = {"dict": [["~", "array"], ["n", 10**6], ["value", {"array": "a0"}]]}
     assert "a0" in told(lambda t: t[device]["dict"].append(["x", again])), "an array is there once"
     plan = {"dict": [["~", "list"], ["n", 10**6], ["items", [[0, 1, "rm"]]]]}
-    assert "cannot do 'rm'" in told(lambda t: of(t["_agenda"], "entries").__setitem__(1, plan))
+    assert "entries[0]: expected tuple, got list" in told(lambda t: of(t["_agenda"], "entries").__setitem__(1, plan))
     deep = b'{"dict": [["", ' + b"[" * 100_000 + b"]" * 100_000 + b"]]}"
     assert "not the text" in refused(emulator, path, packed(parts | {"tree": np.frombuffer(deep, np.uint8)}))
 

@@ -136,6 +136,10 @@ class Fault:
     """What the port is called when it comes back."""
     text: str = ""
 
+    def __post_init__(self):
+        if self.kind not in KINDS or self.every < 1 or not 0 <= self.probability <= 1:
+            raise SceneError(f"fault {str(self)!r}: no such kind or share of frames")
+
     def __str__(self) -> str:
         return self.text or self.kind
 
