@@ -145,7 +145,7 @@ class Simulation:
         self.world = World(self.bodies, self._poses.world)
         self._moving = [body for body in self.bodies if body.motion is not None]
         self.restarts = Restarts(self.plan, self.world, self._arrays, self.device)
-        self._bound: BoundPoses | None = None
+        self._bound: tuple[BoundPoses, Stage] | None = None
         self._in_graph = False
         self.posers = list(posers)
         """Called at each step with its time [s], after the motions: they pose bodies."""
@@ -390,10 +390,16 @@ class Simulation:
         said |= {"index": index, "offsets": offsets}
         bound = declared(self.bodies, self.context, poses=poses, parts=parts, **said)
         stage = bound.stage(self.context, self._poses.world)
-        self.world.bind(frozenset(body.index for body in bound.bodies))
         self.plan.insert(stage, before="relative poses")
-        stage.launch()
-        self._bound = bound
+        self._bound = bound, stage
+        self._take_bound()
+
+    def _take_bound(self) -> None:
+        """Take the poses that are bound as the other simulator has them now."""
+        if self._bound is not None:
+            bound, stage = self._bound
+            self.world.bind(frozenset(body.index for body in bound.bodies))
+            stage.launch()
 
     def add_stage(self, stage: Stage) -> None:
         """Run one more stage at the end of each step, and run it now."""
@@ -582,7 +588,8 @@ class Simulation:
         return take
 
     def reset(self, envs: Any = None) -> None:
-        """Clear all state, put bodies back where they started, and let readings be 0 until the next step.
+        """Clear all state, put bodies back where they started, and let readings be 0 until the next step. Bodies whose
+        poses are bound stay where the other simulator has them.
 
         Args:
             envs: the environments to reset: indices, a mask, or a mask (bool or uint8) in an array on the simulation's
@@ -598,3 +605,4 @@ class Simulation:
             self.context.step.fill_(0)
             self.context.time_ns.fill_(0)
             self._move(0.0)
+        self._take_bound()

@@ -39,6 +39,10 @@ class Worlds(Protocol):
     def step(self) -> None:
         """Move all by the engine's ``steps``, and leave poses and velocities as they are then. Allocates nothing."""
 
+    def refresh(self) -> None:
+        """Leave poses and velocities as the positions are, without a step. Allocates nothing."""
+        ...
+
     def arrays(self) -> Sequence[wp.array]:
         """What lasts from step to step; the first axis is of the environments."""
         ...
@@ -164,6 +168,8 @@ class BatchEngine(ABC):
         def reset(mask: wp.array) -> None:
             for array, start in zip(arrays, starts):
                 restore_rows(array, start, mask)
+            with wp.ScopedDevice(simulation.device):
+                worlds.refresh()
 
         reason = f"{self.file.name}: {self.steps} steps of {1e3 * self.timestep:g} ms in each"
         stage = Stage(name=self.kind, reason=reason, launch=step, reset=reset, check=check)

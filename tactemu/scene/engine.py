@@ -23,7 +23,7 @@ from tactemu.scene.bodies import Body
 from tactemu.scene.engine_tables import MujocoTable
 from tactemu.scene.mujoco_contacts import Contacts, Pad, contacts_of
 from tactemu.scene.mujoco_drives import Drive, check_apart
-from tactemu.scene.mujoco_source import MujocoSource, load_mujoco
+from tactemu.scene.mujoco_source import MujocoSource, check_ranges, load_mujoco
 
 if TYPE_CHECKING:
     from tactemu.physics.sensor import Sensor
@@ -77,6 +77,7 @@ class MujocoEngine:
         self.drives = list(drives)
         check_apart(self.drives)
         self.model = self._read(file)
+        check_ranges(self.model, file)
         if not self.model.opt.timestep > 0:
             raise SceneError(f"engine: {file}: timestep is {self.model.opt.timestep:g} s; it must be > 0")
         self.data = self._mujoco.MjData(self.model)

@@ -58,6 +58,31 @@ def load_mujoco():
     return mujoco
 
 
+_RANGES = {
+    "jnt_range": ("joint", "range"), "jnt_actfrcrange": ("joint", "actuatorfrcrange"),
+    "tendon_range": ("tendon", "range"), "tendon_actfrcrange": ("tendon", "actuatorfrcrange"),
+    "actuator_ctrlrange": ("actuator", "ctrlrange"), "actuator_forcerange": ("actuator", "forcerange"),
+    "actuator_actrange": ("actuator", "actrange"),
+}  # fmt: skip
+"""Ranges of a model, with the kind of element and the name of the attribute."""
+
+
+def check_ranges(model: Any, file: Any) -> None:
+    """Check that no range of a compiled model is reversed, which MuJoCo takes for no limit at all.
+
+    Raises:
+        SceneError: names the element.
+    """
+    for field, (kind, attribute) in _RANGES.items():
+        ranges = getattr(model, field)
+        for k in np.flatnonzero(ranges[:, 0] > ranges[:, 1]):
+            low, high = ranges[k].tolist()
+            name = getattr(model, kind)(int(k)).name or f"number {k}"
+            raise SceneError(
+                f"engine: {file}: {kind} {name!r}: {attribute} is from {low:g} to {high:g}; the lower end comes first"
+            )
+
+
 def shape_of(kind: str, size: list[float]) -> Shape | None:
     """The shape of a geom that is no mesh, by MuJoCo's name of its kind and its half sizes [m]; ``None``: none here."""
     for shape in map(load_shape, SHAPES):

@@ -29,7 +29,7 @@ from tactemu.errors import SceneError
 from tactemu.scene.batch_engine import BatchEngine
 from tactemu.scene.engine_registry import without_motors
 from tactemu.scene.engine_tables import MujocoWarpTable
-from tactemu.scene.mujoco_source import MujocoSource, load_mujoco
+from tactemu.scene.mujoco_source import MujocoSource, check_ranges, load_mujoco
 
 if TYPE_CHECKING:
     import warp as wp
@@ -82,6 +82,7 @@ class MujocoWarpEngine(BatchEngine):
         self._warp: Any = self._module("mujoco_warp", "mujoco-warp")
         try:
             self.model = mujoco.MjModel.from_xml_path(str(file)) if isinstance(file, str | Path) else file
+            check_ranges(self.model, file if isinstance(file, str | Path) else "the model")
             self._start = mujoco.MjData(self.model)
             mujoco.mj_forward(self.model, self._start)
             if table is not None and table.friction is not None:

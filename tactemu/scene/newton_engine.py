@@ -16,6 +16,7 @@ A loop and a solver of one's own: :class:`tactemu.NewtonSource`. Needs the extra
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -122,6 +123,7 @@ class NewtonEngine(BatchEngine):
             read(str(file))
         except Exception as error:  # whatever its parsers raise
             raise SceneError(f"engine: {file}: Newton cannot read it: {str(error).strip()}") from None
+        _check_ranges(builder, file)
         return builder
 
     def begin(self, simulation: Simulation) -> _Worlds:
@@ -133,6 +135,20 @@ class NewtonEngine(BatchEngine):
         self.solver = self._newton.solvers.SolverMuJoCo(self.model, **self._sizes)
         self.solver.mjw_model.opt.warn_overflow = 0  # in our words, and once
         return _Worlds(self, self._newton, simulation.n_envs)
+
+
+def _check_ranges(builder: Any, file: Path) -> None:
+    """Check that no joint's range is reversed.
+
+    Raises:
+        SceneError: names the joint.
+    """
+    for k, (low, high) in enumerate(zip(builder.joint_limit_lower, builder.joint_limit_upper)):
+        if low > high:
+            name = builder.joint_label[bisect_right(builder.joint_qd_start, k) - 1].rpartition("/")[2]
+            raise SceneError(
+                f"engine: {file}: joint {name!r}: range is from {low:g} to {high:g}; the lower end comes first"
+            )
 
 
 def _timestep(file: Path) -> float | None:
@@ -186,6 +202,9 @@ class _Worlds:
             now, then = then, now
         if now is not self._state:  # the skins look at one of the two
             self._state.assign(now)
+
+    def refresh(self) -> None:
+        """Do nothing: poses and velocities are among the arrays."""
 
     def arrays(self) -> list[wp.array]:
         state, control, data = self._state, self._control, self.data

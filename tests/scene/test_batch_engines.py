@@ -9,6 +9,7 @@ import tactemu as tt
 from tactemu.errors import PoseError, SceneError
 from tactemu.scene import file as scene_file
 from tactemu.scene.building import build_scene, make_devices
+from tactemu.scene.engine import MujocoEngine
 from tactemu.scene.engine_tables import MujocoWarpTable, NewtonTable
 
 mujoco = pytest.importorskip("mujoco")
@@ -431,3 +432,37 @@ def test_newton_takes_the_time_step_of_the_file(tmp_path, included):
     assert tt.NewtonEngine(tt.Scene(dt=6e-3), path).steps == 2
     path.write_text(DROP.replace('<option timestep="0.002"/>', ""))
     assert tt.NewtonEngine(tt.Scene(dt=5e-3), path).steps == 3, "it says none"
+
+
+@pytest.mark.parametrize("kind", BUILT)
+def test_bodies_are_where_the_model_has_them_before_the_first_step(drop, tmp_path, kind):
+    """In memory and in the log of a scene file, also after a reset."""
+    scene = drop.with_name("scene.toml")
+    skin = 'name = "pad"\ndevice = "flexitac"\nlink = "floor"\nposition = [0.0, 0.0, 0.0]'
+    scene.write_text(f'[scene]\ndt = 0.002\n[engine]\nkind = "{kind}"\nfile = "drop.xml"\n[[skin]]\n{skin}\n')
+    with tt.serve(scene, port="memory:", clock="lockstep", truth=tmp_path / "log.mcap") as dev:
+        dev.step(seconds=0.02)
+    first, second = tt.read_log(tmp_path / "log.mcap").bodies["ball"].position[:2]
+    np.testing.assert_allclose(first, [0, 0, 0.02], atol=1e-9)
+    assert second[2] < first[2]
+    of_engine = tt.Scene(dt=0.002)
+    source = ENGINES[kind](of_engine, drop).source
+    simulation = of_engine.build(2)
+    ball = (source.geom("ball") if kind == "mujoco-warp" else source.shape("ball")).index
+    for reset in (None, [1]):
+        simulation.step()
+        simulation.reset(reset)
+        heights = simulation.pose_array.numpy()[:, ball, 2]
+        assert heights[1] == pytest.approx(0.02, abs=1e-9)
+        assert (heights[0] < 0.02 - 1e-9) == (reset is not None)
+
+
+@pytest.mark.parametrize("kind", ["mujoco", *ENGINES])
+def test_a_reversed_range_is_refused(tmp_path, kind):
+    path = tmp_path / "reversed.xml"
+    joint = '<joint name="bend" type="hinge" axis="0 1 0.3" range="1.6 0"/>'
+    text = FINGER.replace('<joint name="bend" type="hinge" axis="0 1 0.3"/>', joint)
+    path.write_text(text.replace("<mujoco>", '<mujoco><compiler angle="radian"/>'))
+    engine = {"mujoco": MujocoEngine, **ENGINES}[kind]
+    with pytest.raises(SceneError, match=r"joint 'bend': range is from 1\.6 to 0; the lower end comes first"):
+        engine(tt.Scene(dt=0.002), path)
