@@ -225,9 +225,10 @@ class Control:
     # -- what goes wrong
 
     def _happen(self, **event: Any) -> None:
-        if (skin := event.get("skin")) is not None:
-            self.channel(skin)
-        befall(self.emulator, Event(**event), self._now_s)
+        checked = Event(**event)
+        if checked.skin is not None:
+            self.channel(checked.skin)
+        befall(self.emulator, checked, self._now_s)
         self.emulator.act()
 
     def _fault(self, fault: str, skin: str | None = None) -> Outcome:

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 from tactemu.errors import SceneError, shown
 from tactemu.options import number, numbers
+from tactemu.scene import rotation
 from tactemu.scene.limits import FARTHEST_M, METRES, MOST_DEPTH_M, MOST_S, SPEEDS
 from tactemu.units import LENGTHS_M, SPEEDS_M_S, TIMES_S, scaled
 
@@ -84,6 +85,15 @@ def _vector(width: int, most: float) -> Callable[[str, str, Any], list[float]]:
         return array.tolist()
 
     return check
+
+
+def _quaternion(verb: str, name: str, value: Any) -> list[float]:
+    array = _vector(4, 1e6)(verb, name, value)
+    try:
+        rotation.normalised(array)
+    except ValueError:
+        raise SceneError(f"{verb}: {name} must not be zero, got {shown(value)}; no turn is [1, 0, 0, 0]") from None
+    return array
 
 
 def _taxels(verb: str, name: str, value: Any) -> list[int]:
@@ -162,6 +172,6 @@ Flag = Annotated[bool, Kind("yes|no", _truth, _flag, "true or false")]
 Position = Annotated[Any, Kind("X Y Z", _vector(3, FARTHEST_M), _of_vector(LENGTHS_M), "3 numbers [m]", 3)]  # type: ignore[arg-type]
 Velocity = Annotated[Any, Kind("X Y Z", _vector(3, 1e3), _of_vector(SPEEDS_M_S), "3 numbers [m/s]", 3)]  # type: ignore[arg-type]
 Turning = Annotated[Any, Kind("X Y Z", _vector(3, 1e4), _of_vector({}), "3 numbers [rad/s]", 3)]  # type: ignore[arg-type]
-Quaternion = Annotated[Any, Kind("W X Y Z", _vector(4, 1e6), _of_vector({}), "4 numbers", 4)]  # type: ignore[arg-type]
+Quaternion = Annotated[Any, Kind("W X Y Z", _quaternion, _of_vector({}), "4 numbers", 4)]  # type: ignore[arg-type]
 Taxels = Annotated[Any, Kind("TAXELS", _taxels, _read_taxels, "list of whole numbers")]
 Options = Annotated[Mapping[str, Any], Kind("NAME=VALUE", _options, read_options, "table", 0)]  # type: ignore[arg-type]

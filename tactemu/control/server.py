@@ -11,6 +11,7 @@ from __future__ import annotations
 import base64
 import contextlib
 import json
+import logging
 import os
 import queue
 import select
@@ -34,6 +35,8 @@ from tactemu.truth import Sample
 from tactemu.truth.lines import array_text
 from tactemu.truth.lines import row_of as row_of_entry
 from tactemu.truth.tap import Tap
+
+_logger = logging.getLogger(__name__)
 
 MOST_CLIENTS = 16
 LONGEST_LINE = 65_536
@@ -330,7 +333,8 @@ class Server:
             self.counters["errors"] += 1
             answer = {"ok": False, "error": str(error)}
         except Exception as error:  # of a device or a source of the user's own
-            answer = {"ok": False, "error": f"{type(error).__name__}: {error}"}
+            _logger.debug("control: a command failed", exc_info=error)
+            answer = {"ok": False, "error": f"the command failed: {error}"}
         if not isinstance(ident, tuple):
             client.under_way -= 1
             self._put(client, {"id": ident, **answer})

@@ -43,9 +43,9 @@ class DeadTaxels:
         taxels = np.atleast_1d(np.asarray(taxels, dtype=np.int64))
         if taxels.size and not 0 <= taxels.min() <= taxels.max() < info.n_taxels:
             raise SceneError(f"sensor {info.name!r}: taxels must be 0..{info.n_taxels - 1}, got {taxels}")
-        if value is not None and not np.isfinite(value):
-            raise SceneError(f"sensor {info.name!r}: a dead taxel reads a finite number, got {value!r}")
         flat = self.stuck.numpy()
+        if value is not None and not abs(value) <= np.finfo(np.float64 if flat.dtype == np.float64 else np.float32).max:
+            raise SceneError(f"sensor {info.name!r}: a dead taxel reads a finite {flat.dtype} number, got {value!r}")
         stuck = flat.reshape(len(flat), info.n_taxels, info.n_channels)
         fate = (DIES if value is None else float(value)) if dead else ALIVE
         stuck[np.ix_(environments(envs_idx, len(stuck)), taxels)] = fate
