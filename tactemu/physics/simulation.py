@@ -573,6 +573,8 @@ class Simulation:
             if (values.shape, values.dtype) != (here.shape, here.dtype):
                 there = f"{values.shape} {values.dtype}"
                 raise ValueError(f"array {k}: expected {here.shape} {here.dtype}, got {there}")
+            if array is self.context.step and values.min() < 0:
+                raise ValueError(f"array {k}: expected a number of steps, got {values.min()}")
 
         def take() -> None:
             vars(self).update(counts)
@@ -581,8 +583,6 @@ class Simulation:
                     array.numpy()[...] = values
                 else:
                     array.assign(values)
-            self.context.step.fill_(self.step_count)
-            self.context.time_ns.fill_(self.time_ns)
             self.world.resumed()
 
         return take

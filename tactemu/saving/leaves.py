@@ -22,8 +22,9 @@ import numpy as np
 
 from firmware_protocols import state as plain
 from tactemu.errors import StateError, shown
-from tactemu.scene.limits import MOST_S
 
+MAX_AHEAD_NS = 10**15
+"""Largest integer beyond the time of the state: eleven days, farther than which nothing can be scheduled."""
 MAX_FLOAT = 1e12
 """Largest magnitude of a float; its cube still fits float32."""
 MAX_GROWTH = 1e3
@@ -41,7 +42,7 @@ class LeafCheck:
 
     def __init__(self, t_ns: int):
         self.t_ns = t_ns
-        self._max_int = t_ns + round(MOST_S * 1e9)
+        self._max_int = t_ns + MAX_AHEAD_NS
         self._seen: set[int] = set()
         self._held: list[Any] = []
 

@@ -12,7 +12,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 from firmware_protocols import Connector, Frame, Sent
 from firmware_protocols.can_frames import CanFrames
@@ -129,8 +129,8 @@ class Wire:
         """The driver has said something while time stands."""
         self._source = ""
         self._arrived: deque[tuple[int, Heard]] = deque()
-        self._held_ns: dict[Literal["to_driver", "from_driver"], int] = {"to_driver": 0, "from_driver": 0}
-        """Until when a fault holds a byte stream up."""
+        self._held_ns: Counter[str] = Counter()
+        """Until when a fault holds a byte stream up, by its direction."""
         self._now_ns = 0
         self._flushed_ns = 0
         """Until when the line has had its chance: what waits since is late by its caller, not by the line."""
