@@ -21,7 +21,7 @@ NEEDED = {
 }  # fmt: skip
 """Arguments with which a command is done, so that the odd one is looked at."""
 OF_PYTHON = re.compile(
-    r"Traceback|\w+(Error|Exception|Warning)\b|<class|object at 0x|NoneType|ndarray|numpy|pydantic|unhashable"
+    r"Traceback|\w+(Error|Exception|Warning)\b|<class|object at 0x|NoneType|ndarray|numpy|pydantic|unhashable|is not defined"
     r"|has no attribute|\b(dict|list|tuple|str|int|float|bool)\b object|_\w+\(\)"
 )
 

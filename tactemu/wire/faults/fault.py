@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from typing import Any, Literal
 
-from tactemu.errors import SceneError
+from tactemu.errors import SceneError, shown
 from tactemu.units import scaled
 
 Direction = Literal["to_driver", "from_driver", "both"]
@@ -193,7 +193,7 @@ def parse(text: str) -> Fault:
     kind, *rest = words
     if kind not in KINDS:
         raise SceneError(
-            f"fault {text!r}: unknown kind {kind!r}{_near(kind, KINDS)}; expected one of: {', '.join(KINDS)}"
+            f"fault {shown(text)}: unknown kind {shown(kind)}{_near(kind, KINDS)}; expected one of: {', '.join(KINDS)}"
         )
     return _Words(text, kind, rest).fault()
 
