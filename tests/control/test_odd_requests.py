@@ -21,8 +21,8 @@ NEEDED = {
 }  # fmt: skip
 """Arguments with which a command is done, so that the odd one is looked at."""
 OF_PYTHON = re.compile(
-    r"Traceback|\w+(Error|Exception|Warning)\b|<class|object at 0x|NoneType|ndarray|numpy|pydantic|unhashable|is not defined"
-    r"|has no attribute|\b(dict|list|tuple|str|int|float|bool)\b object|_\w+\(\)"
+    r"Traceback|\w+(Error|Exception|Warning)\b|<class|object at 0x|NoneType|ndarray|numpy|pydantic|is not defined"
+    r"|unhashable|has no attribute|\b(dict|list|tuple|str|int|float|bool)\b object|_\w+\(\)"
 )
 
 
