@@ -41,7 +41,7 @@ class Driver:
             raise RuntimeError("an error frame")
         if message.is_error_frame or message.is_extended_id or (ident & 0x7F0 != 0x710 and variant != "foreign"):
             if variant == "leakforeign":
-                self.foreign.append(b"x" * 100_000)
+                self.foreign.append(b"x" * 400_000)
             return False
         if len(message.data) != 8 and variant != "short":
             say("a short frame")
