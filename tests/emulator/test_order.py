@@ -28,7 +28,7 @@ def leave(frames: int, **clock) -> tuple[np.ndarray, np.ndarray]:
     emulator = Emulator(None, [channel], clock=VirtualClock(), truth=truth)
     numbers, late = [], []
 
-    def note(t_ns, _device, frame, sample=None):
+    def note(t_ns, _device, frame, sample=None, _late_ns=0):
         (number,) = struct.unpack("<I", frame)
         numbers.append(number)
         late.append(t_ns - number * device.period_ns)

@@ -42,6 +42,13 @@ def table_of(mesh, dtype):
     return scene.build(dtype=dtype)._shapes.table((body,)), body.index
 
 
+@pytest.fixture(autouse=True)
+def on_the_cpu():
+    """Launch where the scenes of these tests are, on a machine with a GPU too."""
+    with wp.ScopedDevice("cpu"):
+        yield
+
+
 def ask(mesh, points, dtype):
     """Distances and normals, and the points as the scene's float type has them."""
     table, b = table_of(mesh, dtype)
