@@ -121,7 +121,7 @@ class Wire:
         """Who is on it, for the truth log of what arrives and of what befalls the wire; default: who sent last."""
         self.stands: Callable[[], bool] = bool
         """Whether time stands: then what the driver says is heard at once, and answers leave at once."""
-        self.is_real_time = False
+        self.is_real_time = True
         """Whether the caller's time passes by itself."""
         self._traffic_ns = 0
         """When frames of other nodes were sent last."""
@@ -285,7 +285,7 @@ class Wire:
             self._lose(whole, now_ns, source, "unheard", "nobody listens", sample)
         elif self._down is not None:
             self._lose(whole, now_ns, source, "unheard", str(self._down), sample)
-        elif self.line.backlog_ns(source, min(now_ns, self._flushed_ns)) > self.backlog_ns:
+        elif self.line.backlog_ns(source, self._seen_ns(now_ns)) > self.backlog_ns:
             self.counters["dropped_readings"] += 1
             self._lose(whole, now_ns, source, "dropped_frames", "line full", sample)
         elif isinstance(frames, CanFrames) and not self._injector.spoils:
@@ -300,6 +300,10 @@ class Wire:
                 for spoilt, held_ns in self._injector.spoil(frame, now_ns, source, "to_driver"):
                     at = self._after_held("to_driver", ready_ns, held_ns)
                     self.line.put(spoilt, at, source, turn=turn, sample=sample)
+
+    def _seen_ns(self, now_ns: int) -> int:
+        """Return the time up to which the line has moved on: a real loop may be late with it, a virtual one never is."""
+        return min(now_ns, self._flushed_ns) if self.is_real_time else now_ns
 
     def _after_held(self, direction: str, ready_ns: int, held_ns: int) -> int:
         """When a frame leaves that a fault holds back by ``held_ns``; on a byte stream, what follows waits for it."""
