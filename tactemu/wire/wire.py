@@ -302,7 +302,7 @@ class Wire:
                     self.line.put(spoilt, at, source, turn=turn, sample=sample)
 
     def _seen_ns(self, now_ns: int) -> int:
-        """Return the time up to which the line has moved on: a real loop may be late with it, a virtual one never is."""
+        """Return the time that the line has reached: a real loop may be late with it, a virtual one never is."""
         return min(now_ns, self._flushed_ns) if self.is_real_time else now_ns
 
     def _after_held(self, direction: str, ready_ns: int, held_ns: int) -> int:
