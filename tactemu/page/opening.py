@@ -17,7 +17,7 @@ from tactemu.errors import TactemuError
 
 LOOPBACK = "127.0.0.1"
 _USUAL_PORT = 8080
-_END_S = 5.0
+_END_S = 2.0
 """How long the process may take to end when its run has."""
 
 
