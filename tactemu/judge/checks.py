@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from tactemu.judge.columns import FLAT, MISTAKES, Channel, Column, Columns, flat_part
+from tactemu.judge.columns import ABSOLUTE, FLAT, MISTAKES, Channel, Column, Columns, flat_part
 
 GRAVITY, POUND = 9.80665, 4.4482216152605
 UNITS: dict[str, dict[str, float]] = {
@@ -35,6 +35,8 @@ _HALF, _NEARLY_ALL = 0.5, 0.75
 """A driver that reads this share of some channels, or columns of an array, should read them all."""
 _AXIS = re.compile(r"(?:^|[^a-z])([abdfghmpt]|force|torque|moment|field|mag)?[_.]?([xyz])(?=[_\d.\]]*$)")
 _SIDES = {"f": "N", "force": "N", "t": "Nm", "m": "Nm", "torque": "Nm", "moment": "Nm"}
+_ABSOLUTE = {"abs", "absolute", "magnitude"}
+"""Words by which a column is named after an absolute value."""
 _TOTAL = re.compile(r"(?:^|[^a-z])(?:(?:f|force|forces|ft|wrench)\.\d|(?:resultant|net_force)(?:\.\d)?)$")
 
 
@@ -81,6 +83,18 @@ def is_named(name: str, channel: Channel) -> bool:
     """Return whether a column's name tells just this channel's axis and half of a wrench."""
     axis, side = axis_in(name), side_in(name)
     return bool(axis) and axis == channel.axis and (not side or channel.unit not in ("N", "Nm") or side == channel.unit)
+
+
+def misread(columns: Columns) -> list[str]:
+    """Return the columns that hold a channel after a mistake, in words.
+
+    An absolute value is none if the column's name says so.
+    """
+    return [
+        f"column {column.name!r} holds {_channel(columns, column).name} as {column.how}"
+        for column in columns.values
+        if column.how in MISTAKES and not (column.how == ABSOLUTE and words_in(column.name) & _ABSOLUTE)
+    ]
 
 
 def misnamed(columns: Columns) -> list[str]:

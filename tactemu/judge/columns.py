@@ -48,6 +48,7 @@ def _signed(bits: int) -> Transform:
     return lambda x: (((_whole(x) + half) & (1 << bits) - 1) - half).astype(float)
 
 
+ABSOLUTE = "absolute value"
 TRANSFORMS: dict[str, Transform] = {
     "line": lambda x: x,
     **{f"{sign}int16 with its bytes swapped": _swapped(f"<{sign or 'i'}2") for sign in ("", "u")},
@@ -56,12 +57,12 @@ TRANSFORMS: dict[str, Transform] = {
     **{f"its lowest {bits} bits alone": _unsigned(bits) for bits in (15, 14, 13, 12, 11, 10, 9, 7)},
     **{f"{sign}int32 with its bytes swapped": _swapped(f"<{sign or 'i'}4") for sign in ("", "u")},
     "int32 with its words swapped": _swapped("<i4", "<u2"),
-    "absolute value": np.abs,
+    ABSOLUTE: np.abs,
 }  # fmt: skip
 """How a count becomes what the driver's line starts from. All but the first are mistakes, or might be."""
 TABLES = ("curve", "fold", "clipped")
 """Ways to read a channel that are kept as a table of counts and values."""
-MISTAKES = {name for name in TRANSFORMS if name not in ("line", "absolute value")} | {"fold"}
+MISTAKES = {name for name in TRANSFORMS if name != "line"} | {"fold"}
 FLAT = 0.2
 """Share of a channel's counts over which a right column may read the same; a coarse scale has steps of this size."""
 
@@ -95,6 +96,8 @@ class Column:
     """In units of the column."""
     constant: float = 0.0
     """Of a flag."""
+    zero: float = 0.0
+    """The count of which an absolute value is 0."""
     weights: dict[str, float] = field(default_factory=dict)
     """Of a mix, by number of the channel."""
     table: list[list[float]] = field(default_factory=list)
@@ -114,7 +117,7 @@ class Column:
             known, values = np.array(self.table).T
             return np.interp(x, known, values)
         transform = TRANSFORMS.get(self.how, TRANSFORMS["line"])
-        return self.gain * transform(x) + self.offset
+        return self.gain * transform(x - self.zero) + self.offset
 
     def slack(self, counts: np.ndarray) -> np.ndarray:
         """How far a right value may be from :meth:`of`, shape ``(n_samples,)``.
@@ -223,7 +226,7 @@ class Columns:
             flat = flat_part(column)
             part = f", the same value over {flat:.0%} of the counts" if flat > FLAT or column.how == "clipped" else ""
             return words.get(column.how, "by a curve that rises or falls") + part
-        words = column.how + ", " if column.how in MISTAKES or column.how == "absolute value" else ""
+        words = column.how + ", " if column.how in MISTAKES else ""
         return f"{words}{self._scale(column)}{', filtered' if self.steps else ''}"
 
     def _scale(self, column: Column) -> str:

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tactemu.judge.checks import is_named
-from tactemu.judge.columns import TRANSFORMS, Channel, Column, Columns
+from tactemu.judge.columns import ABSOLUTE, TRANSFORMS, Channel, Column, Columns
 from tactemu.judge.tape import Frame, Said, Sample
 
 LEAST_ROWS = 20
@@ -37,6 +37,8 @@ _CLIPPED, _INNER = 0.02, 12
 """A limit is one that so many rows stand at; and the rows between the limits that a line needs."""
 _CLOSER = 0.1
 """Of two mistakes that explain a column the later is taken if it leaves less than this share of the other's rest."""
+_OPPOSITE, _WHOLE = 0.01, 0.2
+"""How far two gains of opposite signs may differ, and how far from a whole count their lines may meet."""
 _LEVELS = 5
 """A column of fewer values is not rounded but switched, and tells of no line."""
 _SMOOTH, _FALLS_BACK = 5, 0.05
@@ -156,13 +158,12 @@ class _Fitting:
         if score < 0.5 * ry.shape[1]:
             if (wandering := self._by_sequence()) is not None:
                 return wandering
-            if len(integer := self._integer(self.x)):  # perhaps every column is read wrong
-                tried = [
-                    self._lag(ry, _ranks(transform(self.x[:, integer])))
-                    for how, transform in TRANSFORMS.items()
-                    if how != "line"
-                ]
-                score, lag = max([(score, lag), *((each, at) for each, at in tried if each > 0.5 * ry.shape[1])])
+            tried = [  # perhaps every column is read wrong
+                self._lag(ry, _ranks(_transformed(how, self.x[:, channels])))
+                for how in TRANSFORMS
+                if how != "line" and len(channels := self._tried(how, self.x))
+            ]
+            score, lag = max([(score, lag), *((each, at) for each, at in tried if each > 0.5 * ry.shape[1])])
         return self.newest - lag
 
     def _lag(self, ry: np.ndarray, ranked: np.ndarray) -> tuple[float, int]:
@@ -175,10 +176,11 @@ class _Fitting:
             scores.append(float(np.sum(np.max(like, axis=1))) if np.ndim(like) else 0.0)
         return max(scores), int(np.argmax(scores))
 
-    def _integer(self, x: np.ndarray) -> np.ndarray:
-        """Return the channels that are tried after mistakes: none where counts are no whole numbers."""
+    def _tried(self, how: str, x: np.ndarray) -> np.ndarray:
+        """Return the channels that are tried after a mistake; only a sign is lost where counts are no whole numbers."""
         live = self.live[:8]
-        return self.live[:256] if np.array_equal(x[:, live], np.rint(x[:, live])) else np.zeros(0, int)
+        whole = how == ABSOLUTE or np.array_equal(x[:, live], np.rint(x[:, live]))
+        return self.live[:256] if whole else np.zeros(0, int)
 
     def _by_sequence(self, width: int = 9) -> np.ndarray | None:
         """Where the delay wanders: somewhere nine rows in a row are nine samples in a row; from there on by value."""
@@ -239,17 +241,19 @@ class _Fitting:
                 first = np.argsort(-like.round(9), kind="stable")[:3]
                 likely = self.live[first[like[first] > ALIKE * like[first[0]]]]
             else:
-                integer = self._integer(x)
-                turned = self._turned(how, x, integer) if len(integer) else np.zeros((len(y), 0))
+                tried = self._tried(how, x)
+                turned = self._turned(how, x, tried) if len(tried) else np.zeros((len(y), 0))
                 same = np.abs(ranks @ turned) / max(1, len(y))
-                likely = np.array(integer)[np.argsort(-same)[:2]] if len(integer) else []
-            likely = [c for c in likely if how == "line" or not _is_line(x[:, c], transform(x[:, c]))]
-            fits = [(c, line(transform(x[:, c]), y, self.random, steps=self.steps)) for c in likely]
+                likely = np.array(tried)[np.argsort(-same)[:2]] if len(tried) else []
+            zeros = {c: self._zero(x[:, c], y) if how == ABSOLUTE else 0.0 for c in likely}
+            likely = [c for c in likely if how == "line" or not _is_line(x[:, c], transform(x[:, c] - zeros[c]))]
+            fits = [(c, line(transform(x[:, c] - zeros[c]), y, self.random, steps=self.steps)) for c in likely]
             for c, (gain, offset, tolerance, share) in fits:
-                off = max(float(np.abs(gain * transform(x[:, c]) + offset - y).mean()), 1e-6 * float(np.ptp(y)))
+                found = Column(self.names[k], "value", int(c), how, gain, offset, tolerance, zero=zeros[c], share=share)
+                off = max(float(np.abs(found.of(x) - y).mean()), 1e-6 * float(np.ptp(y)))
                 closer = min(share, best.share) > self.sure and off < _CLOSER * rest
                 if share > best.share + 0.02 or closer:
-                    best, rest = Column(self.names[k], "value", int(c), how, gain, offset, tolerance, share=share), off
+                    best, rest = found, off
                     same = [(int(k), fit) for k, fit in fits if min(share, fit[3]) > self.sure and k != best.channel]
                     best.also = [k for k, _ in same]
                     self._decide_by_name(best, same)
@@ -281,8 +285,19 @@ class _Fitting:
         """Return the ranks of the channels after a mistake; kept, since each column asks for the same."""
         key = (how, len(x), float(x.sum()))
         if key not in self._kept:
-            self._kept[key] = _ranks(TRANSFORMS[how](x[:, channels]))
+            self._kept[key] = _ranks(_transformed(how, x[:, channels]))
         return self._kept[key]
+
+    def _zero(self, x: np.ndarray, y: np.ndarray) -> float:
+        """Return the count at which two lines of opposite gains meet; 0 where the rows are on no such lines."""
+        gain, offset, tolerance, share = line(x, y, self.random, steps=self.steps)
+        left = np.abs(gain * x + offset - y) > tolerance
+        other, its_offset, _, its_share = line(x[left], y[left], self.random, steps=self.steps)
+        if not other or not np.isclose(other, -gain, rtol=_OPPOSITE) or share + its_share * left.mean() < self.sure:
+            return 0.0
+        zero = (its_offset - offset) / (gain - other)
+        whole = np.array_equal(x, np.rint(x)) and abs(zero - round(zero)) < _WHOLE
+        return float(round(zero)) if whole else float(zero)
 
     def _clipped(self, k: int, x: np.ndarray, y: np.ndarray, like: np.ndarray) -> Column | None:
         """Return a line of a channel between limits beyond which the column stays where it is."""
@@ -391,6 +406,11 @@ def line(
     else:
         tolerance = max(3 * float(np.quantile(rest, 0.99)), 0.55 * printed, least)
     return float(gain), float(offset), float(tolerance), float((off <= tolerance).mean())
+
+
+def _transformed(how: str, x: np.ndarray) -> np.ndarray:
+    """Return counts after a mistake; an absolute value is taken about the middle, until its zero is known."""
+    return TRANSFORMS[how](x - (np.median(x, axis=0) if how == ABSOLUTE else 0.0))
 
 
 def _is_line(x: np.ndarray, turned: np.ndarray) -> bool:

@@ -13,8 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from tactemu.judge import proof
-from tactemu.judge.checks import clipped, forgotten, mirrored, misnamed, misscaled, still
-from tactemu.judge.columns import MISTAKES as MISTAKEN
+from tactemu.judge.checks import clipped, forgotten, mirrored, misnamed, misread, misscaled, still
 from tactemu.judge.columns import Columns
 from tactemu.judge.counting import LEAK_AT_ONCE, LEAK_BYTES, count, listen, template, weigh
 from tactemu.judge.following import SETTLED, Questions, Reading, left_times, recovered
@@ -169,10 +168,7 @@ class _Rules:
         if self._behind:
             told, answers = self._behind
             yield Finding("stale", f"{told} of {answers} rows: each is the answer to the question before")
-        for column in self.columns.values:
-            if column.how in MISTAKEN:
-                name = self.columns.channels[column.channel].name
-                yield Finding("wrong", f"column {column.name!r} holds {name} as {column.how}")
+        yield from (Finding("wrong", text) for text in misread(self.columns))
         if exchanged := misnamed(self.columns) or mirrored(self.columns):
             yield Finding("order", ", ".join(exchanged[:4]))
         if same := [*still(self.columns), *clipped(self.columns)]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tactemu.errors import TactemuError
-from tactemu.judge.checks import axis_in, clipped, forgotten, mirrored, misnamed, misscaled, side_in, still, unit_in
+from tactemu.judge.checks import axis_in, clipped, forgotten, mirrored, misnamed, misread, misscaled, side_in, still, unit_in
 from tactemu.judge.columns import Channel, Column, Columns
 from tactemu.judge.learning import Unlearnable, learn
 from tactemu.judge.tape import Frame, Said, Sample
@@ -79,6 +79,7 @@ def int16(x):
         ("uint16 with its bytes swapped", lambda x: float(np.uint16(int16(x)).byteswap())),
         ("int16 read as unsigned", lambda x: float(np.uint16(int16(x)))),
         ("absolute value", abs),
+        ("absolute value", lambda x: 0.05 * abs(x - 700) + 3),
         ("curve", lambda x: float(np.sqrt(x + 3001.0))),
         ("line", lambda x: round(x / 100) * 100.0),
     ],
@@ -113,6 +114,19 @@ def test_a_column_with_hardly_a_row_between_its_limits_is_said_to_be_flat(limit)
         taken=samples(6, 200_000_000),
     )
     assert [column.channel for column in columns.values] == list(range(6)) and len(clipped(columns)) == 6
+
+
+@pytest.mark.parametrize("whole", [True, False])
+@pytest.mark.parametrize("zero", [0, 8192])
+def test_a_sign_that_is_dropped_in_every_column(zero, whole):
+    taken = [Sample(s.t, s.number, s.counts * (1 if whole else 0.0137) + zero) for s in samples(6)]
+    columns = learned(lambda x, k: {f"f{i}": abs(x[i] - zero) for i in range(6)}, taken=taken)
+    assert [(c.channel, c.how) for c in columns.values] == [(k, "absolute value") for k in range(6)]
+    assert [c.zero for c in columns.values] == pytest.approx([zero] * 6, abs=1e-6)
+    assert columns.expected(taken[5].counts[None])[0] == pytest.approx(np.abs(taken[5].counts - zero), abs=1e-6)
+    assert misread(columns)[1] == "column 'f1' holds pad[0].y as absolute value"
+    columns = learned(lambda x, k: {f"abs_f{i}": abs(x[i] - zero) for i in range(6)}, taken=taken)
+    assert not misread(columns)
 
 
 def test_a_channel_of_12_bits_of_which_11_are_read():
