@@ -4,7 +4,18 @@ import numpy as np
 import pytest
 
 from tactemu.errors import TactemuError
-from tactemu.judge.checks import axis_in, clipped, forgotten, mirrored, misnamed, misread, misscaled, side_in, still, unit_in
+from tactemu.judge.checks import (
+    axis_in,
+    clipped,
+    forgotten,
+    mirrored,
+    misnamed,
+    misread,
+    misscaled,
+    side_in,
+    still,
+    unit_in,
+)
 from tactemu.judge.columns import Channel, Column, Columns
 from tactemu.judge.learning import Unlearnable, learn
 from tactemu.judge.tape import Frame, Said, Sample

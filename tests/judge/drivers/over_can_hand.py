@@ -7,6 +7,8 @@ import can
 from mistakes import Mistakes, say
 
 BOARDS = (1, 3, 4, 5, 6)
+SCAN_S = 0.005
+"""Longest time from the first finger of a scan to the last [s]: half a period."""
 IN_UNITS = ("ten", "thousand", "kilogram", "percent", "units")
 
 
@@ -20,7 +22,7 @@ def start(bus):
 def main(variant, interface, channel):
     bus = can.Bus(interface=interface, channel=channel, fd=True)
     start(bus)
-    mistakes, row = Mistakes(variant, limit=20.0), {}
+    mistakes, row, began = Mistakes(variant, limit=20.0), {}, 0.0
     while True:
         message = bus.recv(0.5)
         if message is None:
@@ -31,8 +33,8 @@ def main(variant, interface, channel):
         if message.is_error_frame or message.is_extended_id or board not in BOARDS or len(message.data) < 48:
             continue
         if board == BOARDS[0]:
-            row = {}
-        elif BOARDS[len(row)] != board:  # the fingers of a sample come in turn
+            row, began = {}, message.timestamp
+        elif BOARDS[len(row)] != board or message.timestamp - began > SCAN_S:  # in turn, and soon one after the other
             row = {}
             continue
         normal, tangential = struct.unpack_from("<f4xf", bytes(message.data), 16)
