@@ -15,6 +15,7 @@ import numpy as np
 
 from tactemu.judge.checks import is_named
 from tactemu.judge.columns import ABSOLUTE, TRANSFORMS, Channel, Column, Columns
+from tactemu.judge.lines import is_line, is_monotone, line, ranks
 from tactemu.judge.tape import Frame, Said, Sample
 
 LEAST_ROWS = 20
@@ -29,8 +30,6 @@ _FEW = 0.25
 """At first, when half of the rows may still be beside the wrong samples."""
 _SOME = 0.6
 """A column of which less is explained holds something else."""
-FILTERED = 3e-3
-"""Of a column's span: so far a filter may be from where it goes when a sample was held."""
 _STILL = 4
 """Samples in a row that are equal when one was held."""
 _CLIPPED, _INNER = 0.02, 12
@@ -39,10 +38,6 @@ _CLOSER = 0.1
 """Of two mistakes that explain a column the later is taken if it leaves less than this share of the other's rest."""
 _OPPOSITE, _WHOLE = 0.01, 0.2
 """How far two gains of opposite signs may differ, and how far from a whole count their lines may meet."""
-_LEVELS = 5
-"""A column of fewer values is not rounded but switched, and tells of no line."""
-_SMOOTH, _FALLS_BACK = 5, 0.05
-"""Rows whose median shows whether a curve is monotone, and the share of its span by which noise falls back."""
 _MIX = 24
 """Channels that a mix may consist of."""
 
@@ -112,7 +107,7 @@ class _Fitting:
         self.newest = self._newest(samples, frames)
         if steps:
             self._only_at_rest()
-        self.ranked = _ranks(self.x[:, self.live]) if len(self.live) else np.zeros((0, 0))
+        self.ranked = ranks(self.x[:, self.live]) if len(self.live) else np.zeros((0, 0))
 
     def _newest(self, samples: Sequence[Sample], frames: Sequence[Frame]) -> np.ndarray:
         """Of each row the sample that the last frame before it carried; without frames, the last that was taken."""
@@ -153,13 +148,13 @@ class _Fitting:
 
     def _aligned(self) -> np.ndarray:
         """Of each row the number of its sample, as far as the delay is always the same; -1: before the first."""
-        ry = _ranks(self.y[:, self.open[:16]])
+        ry = ranks(self.y[:, self.open[:16]])
         score, lag = self._lag(ry, self.ranked)
         if score < 0.5 * ry.shape[1]:
             if (wandering := self._by_sequence()) is not None:
                 return wandering
             tried = [  # perhaps every column is read wrong
-                self._lag(ry, _ranks(_transformed(how, self.x[:, channels])))
+                self._lag(ry, ranks(_transformed(how, self.x[:, channels])))
                 for how in TRANSFORMS
                 if how != "line" and len(channels := self._tried(how, self.x))
             ]
@@ -234,8 +229,8 @@ class _Fitting:
         ok = index >= 0
         x, y = self.x[index[ok]], self.y[ok, k]
         best = Column(self.names[k])
-        ranks, rest = _ranks(y[:, None])[:, 0], np.inf
-        like = np.abs(ranks @ self.ranked[index[ok]]) / max(1, len(y))
+        own, rest = ranks(y[:, None])[:, 0], np.inf
+        like = np.abs(own @ self.ranked[index[ok]]) / max(1, len(y))
         for how, transform in TRANSFORMS.items():
             if how == "line":
                 first = np.argsort(-like.round(9), kind="stable")[:3]
@@ -243,10 +238,10 @@ class _Fitting:
             else:
                 tried = self._tried(how, x)
                 turned = self._turned(how, x, tried) if len(tried) else np.zeros((len(y), 0))
-                same = np.abs(ranks @ turned) / max(1, len(y))
+                same = np.abs(own @ turned) / max(1, len(y))
                 likely = np.array(tried)[np.argsort(-same)[:2]] if len(tried) else []
             zeros = {c: self._zero(x[:, c], y) if how == ABSOLUTE else 0.0 for c in likely}
-            likely = [c for c in likely if how == "line" or not _is_line(x[:, c], transform(x[:, c] - zeros[c]))]
+            likely = [c for c in likely if how == "line" or not is_line(x[:, c], transform(x[:, c] - zeros[c]))]
             fits = [(c, line(transform(x[:, c] - zeros[c]), y, self.random, steps=self.steps)) for c in likely]
             for c, (gain, offset, tolerance, share) in fits:
                 found = Column(self.names[k], "value", int(c), how, gain, offset, tolerance, zero=zeros[c], share=share)
@@ -285,7 +280,7 @@ class _Fitting:
         """Return the ranks of the channels after a mistake; kept, since each column asks for the same."""
         key = (how, len(x), float(x.sum()))
         if key not in self._kept:
-            self._kept[key] = _ranks(_transformed(how, x[:, channels]))
+            self._kept[key] = ranks(_transformed(how, x[:, channels]))
         return self._kept[key]
 
     def _zero(self, x: np.ndarray, y: np.ndarray) -> float:
@@ -336,7 +331,7 @@ class _Fitting:
         if len(known) > 256:
             chosen = np.linspace(0, len(known) - 1, 256).round().astype(int)
             known, table = known[chosen], table[chosen]
-        how = "curve" if _is_monotone(values[order]) else "fold"
+        how = "curve" if is_monotone(values[order]) else "fold"
         off = np.abs(np.interp(counts, known, table) - values)
         tolerance = max(3 * float(np.quantile(off, 0.99)), 0.01 * float(np.ptp(values)))
         share = float((off <= tolerance).mean())
@@ -369,95 +364,9 @@ class _Fitting:
             )  # fmt: skip
 
 
-def line(
-    x: np.ndarray, y: np.ndarray, random: np.random.Generator, tries: int = 60, steps: bool = False
-) -> tuple[float, float, float, float]:
-    """Gain, offset, tolerance and share of the rows for the line that most rows are on.
-
-    Counts that are whole numbers are told apart: the tolerance is less than half a count, unless the driver prints
-    fewer digits than that, or filters (``steps``): then it is what is left of the filter's way.
-    """
-    spread = float(np.ptp(y)) if len(y) else 0.0
-    if not spread or not np.isfinite(spread) or not np.ptp(x):
-        return 0.0, 0.0, 0.0, 0.0
-    count = 1.0 if np.array_equal(x, np.rint(x)) else 0.0
-    printed = _resolution(y)
-    i, k = random.integers(len(x), size=(2, tries))
-    apart = np.abs(x[i] - x[k]) > 0.1 * np.ptp(x)
-    i, k = i[apart], k[apart]
-    if not len(i):
-        return 0.0, 0.0, 0.0, 0.0
-    gains = (y[i] - y[k]) / (x[i] - x[k])
-    near = np.maximum((FILTERED if steps else 1e-5) * spread, 1.05 * np.abs(gains) * count + 1.1 * printed)
-    inside = np.abs(y - y[i, None] - gains[:, None] * (x - x[i, None])) <= near[:, None]
-    best = int(np.argmax(inside.sum(axis=1)))
-    if inside[best].mean() < 0.2 or not gains[best]:
-        return 0.0, 0.0, 0.0, 0.0
-    gain, offset = np.polyfit(x[inside[best]], y[inside[best]], 1)
-    off = np.abs(y - gain * x - offset)
-    rest = off[inside[best]]
-    least = max(1e-6 * spread, 1e-12)
-    if steps:
-        tolerance = max(3 * float(np.quantile(rest, 0.99)), 0.55 * printed, 0.45 * abs(gain) * count, least)
-    elif printed > 1.5 * abs(gain) * count:  # the driver rounds more coarsely than the device, and so is the line known
-        tolerance = max(0.8 * printed, least)
-    elif count:
-        tolerance = max(0.45 * abs(gain), least)
-    else:
-        tolerance = max(3 * float(np.quantile(rest, 0.99)), 0.55 * printed, least)
-    return float(gain), float(offset), float(tolerance), float((off <= tolerance).mean())
-
-
 def _transformed(how: str, x: np.ndarray) -> np.ndarray:
     """Return counts after a mistake; an absolute value is taken about the middle, until its zero is known."""
     return TRANSFORMS[how](x - (np.median(x, axis=0) if how == ABSOLUTE else 0.0))
-
-
-def _is_line(x: np.ndarray, turned: np.ndarray) -> bool:
-    """Return whether a mistake makes no difference to these counts but a gain and an offset."""
-    if not np.ptp(x) or not np.ptp(turned):
-        return True
-    gain, offset = np.polyfit(x, turned, 1)
-    return bool(np.abs(gain * x + offset - turned).max() <= 1e-6 * np.ptp(turned))
-
-
-def _is_monotone(values: np.ndarray) -> bool:
-    """Return whether values in the order of their counts only rise, or only fall, but for single outliers."""
-    if len(values) < 2 * _SMOOTH:
-        return True
-    smooth = np.median(np.lib.stride_tricks.sliding_window_view(values, _SMOOTH), axis=1)
-    back = [float((np.maximum.accumulate(sign * smooth) - sign * smooth).max()) for sign in (1, -1)]
-    return min(back) <= _FALLS_BACK * float(np.ptp(smooth))
-
-
-def _resolution(y: np.ndarray) -> float:
-    """The step to which a column is rounded; 0 where it is not."""
-    values = np.unique(y)
-    if len(values) < _LEVELS:
-        return 0.0
-    gaps = np.diff(values)
-    gap = float(gaps[gaps > 1e-9 * np.ptp(y)].min(initial=np.inf))
-    if not np.isfinite(gap):
-        return 0.0
-    steps = (values - values[0]) / gap
-    return gap if np.allclose(steps, np.rint(steps), atol=1e-3) and steps[-1] < 1e7 else 0.0
-
-
-def _ranks(values: np.ndarray) -> np.ndarray:
-    """Return ranks along the first axis, of mean 0 and deviation 1; equal values have the mean of their ranks."""
-    if not len(values):
-        return values.astype(float)
-    order = values.argsort(axis=0)
-    ordered = np.take_along_axis(values, order, axis=0)
-    at = np.broadcast_to(np.arange(len(values))[:, None], values.shape)
-    first, last = np.ones((2, *values.shape), bool)
-    first[1:] = last[:-1] = ordered[1:] != ordered[:-1]
-    low = np.maximum.accumulate(np.where(first, at, 0), axis=0)
-    high = np.minimum.accumulate(np.where(last, at, len(values))[::-1], axis=0)[::-1]
-    ranks = np.empty(values.shape)
-    np.put_along_axis(ranks, order, (low + high) / 2, axis=0)
-    ranks -= ranks.mean(axis=0)
-    return ranks / np.maximum(ranks.std(axis=0), 1e-12)
 
 
 def _role(name: str, y: np.ndarray) -> Column:

@@ -1,0 +1,98 @@
+"""Lines and curves through numbers, and their ranks."""
+
+from __future__ import annotations
+
+import numpy as np
+
+FILTERED = 3e-3
+"""Of a column's span: so far a filter may be from where it goes when a sample was held."""
+_LEVELS = 5
+"""A column of fewer values is not rounded but switched, and tells of no line."""
+_SMOOTH, _FALLS_BACK = 5, 0.05
+"""Rows whose median shows whether a curve is monotone, and the share of its span by which noise falls back."""
+
+
+def line(
+    x: np.ndarray, y: np.ndarray, random: np.random.Generator, tries: int = 60, steps: bool = False
+) -> tuple[float, float, float, float]:
+    """Gain, offset, tolerance and share of the rows for the line that most rows are on.
+
+    Counts that are whole numbers are told apart: the tolerance is less than half a count, unless the driver prints
+    fewer digits than that, or filters (``steps``): then it is what is left of the filter's way.
+    """
+    spread = float(np.ptp(y)) if len(y) else 0.0
+    if not spread or not np.isfinite(spread) or not np.ptp(x):
+        return 0.0, 0.0, 0.0, 0.0
+    count = 1.0 if np.array_equal(x, np.rint(x)) else 0.0
+    printed = _resolution(y)
+    i, k = random.integers(len(x), size=(2, tries))
+    apart = np.abs(x[i] - x[k]) > 0.1 * np.ptp(x)
+    i, k = i[apart], k[apart]
+    if not len(i):
+        return 0.0, 0.0, 0.0, 0.0
+    gains = (y[i] - y[k]) / (x[i] - x[k])
+    near = np.maximum((FILTERED if steps else 1e-5) * spread, 1.05 * np.abs(gains) * count + 1.1 * printed)
+    inside = np.abs(y - y[i, None] - gains[:, None] * (x - x[i, None])) <= near[:, None]
+    best = int(np.argmax(inside.sum(axis=1)))
+    if inside[best].mean() < 0.2 or not gains[best]:
+        return 0.0, 0.0, 0.0, 0.0
+    gain, offset = np.polyfit(x[inside[best]], y[inside[best]], 1)
+    off = np.abs(y - gain * x - offset)
+    rest = off[inside[best]]
+    least = max(1e-6 * spread, 1e-12)
+    if steps:
+        tolerance = max(3 * float(np.quantile(rest, 0.99)), 0.55 * printed, 0.45 * abs(gain) * count, least)
+    elif printed > 1.5 * abs(gain) * count:  # the driver rounds more coarsely than the device, and so is the line known
+        tolerance = max(0.8 * printed, least)
+    elif count:
+        tolerance = max(0.45 * abs(gain), least)
+    else:
+        tolerance = max(3 * float(np.quantile(rest, 0.99)), 0.55 * printed, least)
+    return float(gain), float(offset), float(tolerance), float((off <= tolerance).mean())
+
+
+def is_line(x: np.ndarray, turned: np.ndarray) -> bool:
+    """Return whether a mistake makes no difference to these counts but a gain and an offset."""
+    if not np.ptp(x) or not np.ptp(turned):
+        return True
+    gain, offset = np.polyfit(x, turned, 1)
+    return bool(np.abs(gain * x + offset - turned).max() <= 1e-6 * np.ptp(turned))
+
+
+def is_monotone(values: np.ndarray) -> bool:
+    """Return whether values in the order of their counts only rise, or only fall, but for single outliers."""
+    if len(values) < 2 * _SMOOTH:
+        return True
+    smooth = np.median(np.lib.stride_tricks.sliding_window_view(values, _SMOOTH), axis=1)
+    back = [float((np.maximum.accumulate(sign * smooth) - sign * smooth).max()) for sign in (1, -1)]
+    return min(back) <= _FALLS_BACK * float(np.ptp(smooth))
+
+
+def _resolution(y: np.ndarray) -> float:
+    """The step to which a column is rounded; 0 where it is not."""
+    values = np.unique(y)
+    if len(values) < _LEVELS:
+        return 0.0
+    gaps = np.diff(values)
+    gap = float(gaps[gaps > 1e-9 * np.ptp(y)].min(initial=np.inf))
+    if not np.isfinite(gap):
+        return 0.0
+    steps = (values - values[0]) / gap
+    return gap if np.allclose(steps, np.rint(steps), atol=1e-3) and steps[-1] < 1e7 else 0.0
+
+
+def ranks(values: np.ndarray) -> np.ndarray:
+    """Return ranks along the first axis, of mean 0 and deviation 1; equal values have the mean of their ranks."""
+    if not len(values):
+        return values.astype(float)
+    order = values.argsort(axis=0)
+    ordered = np.take_along_axis(values, order, axis=0)
+    at = np.broadcast_to(np.arange(len(values))[:, None], values.shape)
+    first, last = np.ones((2, *values.shape), bool)
+    first[1:] = last[:-1] = ordered[1:] != ordered[:-1]
+    low = np.maximum.accumulate(np.where(first, at, 0), axis=0)
+    high = np.minimum.accumulate(np.where(last, at, len(values))[::-1], axis=0)[::-1]
+    ranks = np.empty(values.shape)
+    np.put_along_axis(ranks, order, (low + high) / 2, axis=0)
+    ranks -= ranks.mean(axis=0)
+    return ranks / np.maximum(ranks.std(axis=0), 1e-12)
