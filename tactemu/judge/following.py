@@ -135,7 +135,8 @@ class Questions:
 def _newest(tape: Tape, asked: np.ndarray) -> np.ndarray:
     """Return the index of the newest sample for each question: the one of its answer, or by time where none came.
 
-    A busy loop takes samples between the arrival of a question and its answer.
+    A busy loop takes samples between the arrival of a question and its answer, and a device may answer with the sample
+    that it takes next. A frame that is no answer and older than the question tells nothing.
     """
     newest = np.searchsorted(np.array([sample.t for sample in tape.samples]), asked, side="right") - 1
     index = {sample.number: k for k, sample in enumerate(tape.samples)}
@@ -143,6 +144,6 @@ def _newest(tape: Tape, asked: np.ndarray) -> np.ndarray:
     for frame in sorted(tape.frames, key=lambda frame: frame.t):
         if frame.way == "rx":
             question, is_open = question + 1, True
-        elif is_open and frame.answer and frame.sample in index:
+        elif is_open and frame.sample in index and (frame.answer or index[frame.sample] >= newest[question]):
             newest[question], is_open = index[frame.sample], False
     return newest

@@ -47,6 +47,14 @@ def test_an_answer_that_is_always_the_one_before_is_stale():
     assert kinds(asking(1, each=1)) != ["stale"], "a sample for each question: it may be the device's own delay"
 
 
+def test_a_device_that_answers_with_its_next_sample_makes_no_row_new():
+    for behind, expected in ((1, ["stale"]), (0, [])):
+        told = asking(behind)
+        told.frames = [Frame(round((k - asked / 2) * PERIOD) + 1, "rx" if asked else "tx", "00", k)
+                       for k in range(4, 200, 4) for asked in (True, False)]  # fmt: skip
+        assert kinds(told) == expected
+
+
 def test_some_answers_that_are_old_do_not_make_a_driver_always_late():
     told = asking(0)
     told.rows[::2] = asking(1).rows[::2]
