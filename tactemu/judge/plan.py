@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from firmware_protocols import Rollover
 from tactemu.judge import crafted
 
 GAP = 4
@@ -64,8 +65,8 @@ class Facts:
     frames_per_row: int = 1
     row_s: float = 0.01
     period_s: float = 0.01
-    rollovers: Sequence[tuple[str, int]] = ()
-    """Counters and clocks that can be set: name, bits."""
+    rollovers: Sequence[Rollover] = ()
+    """Counters and clocks on the wire."""
     replies: Sequence[str] = ()
     """Answers of the device to other commands, as hex."""
     identifiers: Sequence[int] = ()
@@ -279,10 +280,11 @@ class Plan:
         facts = self.facts
         about = "the device restarts, with what it says then; once more when the driver is well again"
         yield Trial("reset", about, action="reset", seconds=0.3, times=2, takes_s=1.6)
-        for name, bits in facts.rollovers:
+        for each in facts.rollovers:
+            about = "" if each.state else "the device declares nothing that sets it"
             yield Trial(
-                f"{name} wraps", f"its {bits} bits are full", action="wrap", preset=name,
-                seconds=10.0 + 40 * facts.row_s, takes_s=4.0,
+                f"{each.name} wraps", f"its {each.bits} bits are full", action="wrap", preset=each.name,
+                seconds=10.0 + 40 * facts.row_s, takes_s=4.0, skipped=about,
             )  # fmt: skip
         if not facts.rollovers:
             yield Trial("counter wraps", "a counter is full", skipped="the device declares none that can be set")

@@ -117,7 +117,7 @@ class Stand:
             wire=wire.carrier.kind, usb=bool(getattr(connector, "usb", None)), asks=asks, talks=talks, sets_rate=sets,
             frames=tx[-400:], requests=rx[-64:], frames_per_row=max(1, round(len(tx) / max(1, readings))),
             row_s=seconds / max(1, readings), period_s=self.period_s,
-            rollovers=[(r.name, r.bits) for r in device.rollovers if r.state],
+            rollovers=device.rollovers,
             replies=_literal_replies(device) if asks else (),
             identifiers=sorted({int(f.partition("#")[0], 16) for f in tx if "#" in f}),
             taxels=sum(len(c.device.layout) for c in self.emulator.channels), numbered=bool(device.rollovers),

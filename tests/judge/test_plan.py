@@ -5,13 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from firmware_protocols import Rollover
 from firmware_protocols.sums import crc16_modbus
 from tactemu.judge import crafted
 from tactemu.judge.plan import Facts, Plan, positions
 from tactemu.wire.faults import parse
 from tactemu.wire.faults.frames import SPOIL
 
-STREAM = Facts(usb=True, frames=["aa07080a" + "00" * 12] * 50, rollovers=[("counter", 16)])
+ROLLOVERS = [Rollover(name="counter", bits=16, state="sent"), Rollover(name="tick", bits=32, clock=True)]
+STREAM = Facts(usb=True, frames=["aa07080a" + "00" * 12] * 50, rollovers=ROLLOVERS)
 RTU = bytes([1, 4, 8, 0, 1, 0, 2, 0, 3, 0, 4])
 RTU += crc16_modbus(RTU).to_bytes(2, "little")
 POLLED = Facts(asks=True, talks=True, frames=[RTU.hex()] * 50, requests=["010400070020" + "4013"] * 50, taxels=32)
@@ -39,6 +41,7 @@ def test_what_makes_no_sense_says_why():
     assert "sum of its own" in plan(replace(POLLED, wire="tcp"))["requests damaged"].skipped
     assert "does not go away" in plan(CAN)["unplug"].skipped
     assert plan(STREAM)["counter wraps"].preset == "counter" and plan(CAN)["counter wraps"].skipped
+    assert "nothing that sets it" in plan(STREAM)["tick wraps"].skipped and not plan(STREAM)["counter wraps"].skipped
     assert "one taxel" in plan(STREAM)["dead taxel"].skipped
 
 
