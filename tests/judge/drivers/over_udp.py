@@ -1,5 +1,7 @@
 """``over_udp.py VARIANT PORT [asked]``: drivers of ati_net_ft, which streams records or is asked for each."""
 
+import contextlib
+import select
 import socket
 import struct
 import sys
@@ -70,7 +72,14 @@ class Driver:
             self.take(record.ljust(SIZE, b"\0")[:SIZE] if self.variant == "short" else record)
         if self.asks:
             time.sleep(0.008)
+            self.discard()
             self.line.send(ONE)
+
+    def discard(self):
+        """Discard what came beside the answer, such as a second copy of it: the next is of the next question."""
+        with contextlib.suppress(ConnectionError):
+            while select.select([self.line], [], [], 0)[0]:
+                self.line.recv(2048)
 
     def take(self, record):
         """Hand out a record."""
