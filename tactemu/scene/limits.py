@@ -11,6 +11,8 @@ SPEEDS = (1e-9, 1e3)
 """Of a motion [m/s]."""
 MOST_M = 10.0
 """Of a way that a body goes [m]."""
+MOST_RAD = 1e9
+"""Of an angle that a body turns by [rad]."""
 MOST_DEPTH_M = 0.5
 """That a body is pressed in [m]."""
 FARTHEST_M = 100.0

@@ -9,7 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactemu.errors import SceneError
+from tactemu.options import number
 from tactemu.scene import rotation
+from tactemu.scene.limits import FARTHEST_M, METRES, MOST_M, MOST_RAD
 from tactemu.scene.motion.free import FromFunction
 from tactemu.scene.motion.pose import Motion, Pose, Vector
 
@@ -41,6 +43,10 @@ class Joint(Motion):
         length = math.sqrt(sum(each * each for each in self.axis))
         if not 0 < length < math.inf:
             raise SceneError(f"joint.axis: expected a direction, got {list(self.axis)}")
+        for each in self.pivot:
+            number(self.kind, "pivot", each, at_least=-FARTHEST_M, at_most=FARTHEST_M, unit=METRES)
+        most, unit = (MOST_M, METRES) if self.slide else (MOST_RAD, "rad")
+        number(self.kind, "zero", self.zero, at_least=-most, at_most=most, unit=unit)
 
     def pose(self, t_s: float) -> Pose:
         return Pose()

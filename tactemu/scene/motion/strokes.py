@@ -10,7 +10,7 @@ import numpy as np
 
 from tactemu.options import number
 from tactemu.scene import rotation
-from tactemu.scene.limits import METRES, MOST_DEPTH_M, MOST_RADIUS_M, SIZES_M
+from tactemu.scene.limits import METRES, MOST_DEPTH_M, MOST_RAD, MOST_RADIUS_M, SIZES_M
 from tactemu.scene.motion.pose import UNTURNED, ZERO, Motion, Pose, Vector
 from tactemu.scene.motion.way import (
     Way,
@@ -25,8 +25,6 @@ from tactemu.scene.motion.way import (
 
 MOST_RATE = 1e4
 """Of a spin [rad/s]."""
-MOST_ANGLE = 1e9
-"""Of a spin [rad]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -205,7 +203,7 @@ class Spin(Motion):
         check_times(self, "delay")
         number(self.kind, "rate", self.rate, at_least=-MOST_RATE, at_most=MOST_RATE, unit="rad/s")
         if self.angle is not None:
-            number(self.kind, "angle", self.angle, at_least=0, at_most=MOST_ANGLE, unit="rad")
+            number(self.kind, "angle", self.angle, at_least=0, at_most=MOST_RAD, unit="rad")
         check_direction(self, "axis")
 
     @property
