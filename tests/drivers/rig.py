@@ -35,10 +35,16 @@ EQUAL: list[int] = []
 
 
 class Rig:
-    """Runs ``device`` on ``kind`` (serial, tcp, can) in a thread; ``truth`` lists the counts of every sample."""
+    """Runs ``device`` on ``kind`` (serial, tcp, can) in a thread; ``truth`` lists the counts of every sample.
 
-    def __init__(self, device: Device, *, kind: str = "serial", seed: int = 0, peak: float = 3.0):
-        self.device, self.kind, self.peak = device, kind, peak
+    With ``patient``, on a serial port, a stream makes no sample while bytes wait to be read: a driver that a busy
+    machine keeps from reading throws away what has gathered, or has no room for it.
+    """
+
+    def __init__(
+        self, device: Device, *, kind: str = "serial", seed: int = 0, peak: float = 3.0, patient: bool = False
+    ):
+        self.device, self.kind, self.peak, self.patient = device, kind, peak, patient
         self.truth: list[np.ndarray] = []
         self.sampled_ns: list[int] = []
         self.error: BaseException | None = None
@@ -86,11 +92,13 @@ class Rig:
     def _loop(self):
         start = time.monotonic_ns()
         while not self._stop.is_set():
-            running = [due for stream, due in self._due.items() if self.device.periods[stream]]
+            held = self.patient and self._link.unread() > 0
+            running = [due for stream, due in self._due.items() if self.device.periods[stream] and not held]
             alarm = [] if self.device.wake_ns is None else [self.device.wake_ns]
             next_ns = min([*running, *alarm, *(when for when, _ in self._pending)], default=start + 10**9)
             wait = next_ns - (time.monotonic_ns() - start)
-            ready, _, _ = select.select(self._link.filenos(), [], [], min(max(wait / 1e9, 0.0), 0.05))
+            longest_s = 0.002 if held else 0.05
+            ready, _, _ = select.select(self._link.filenos(), [], [], min(max(wait / 1e9, 0.0), longest_s))
             now = time.monotonic_ns() - start
             if ready:
                 for event in self._link.read():
@@ -99,7 +107,7 @@ class Rig:
                 self.device.wake_ns = None
                 self._queue(self.device.wake(now), now)
             for stream, period in self.device.periods.items():
-                if period and now >= self._due[stream]:
+                if period and now >= self._due[stream] and not held:
                     self._convert(stream, now)
                     self._due[stream] = max(self._due[stream] + period, now - period)
             self._send(now)
@@ -148,12 +156,15 @@ class _Pty:
             return [os.read(self.master, 4096)]
         return []
 
+    def unread(self):
+        return struct.unpack("i", fcntl.ioctl(self.slave, termios.FIONREAD, b"\0" * 4))[0]
+
     def write(self, frame):
         """Write a frame whole, or nothing of it while 3900 bytes wait to be read.
 
         A busy kernel has more on the way than it counts, and takes a part; it takes the rest when it has moved that.
         """
-        if struct.unpack("i", fcntl.ioctl(self.slave, termios.FIONREAD, b"\0" * 4))[0] < 3900:
+        if self.unread() < 3900:
             while frame:
                 assert select.select([], [self.master], [], 10)[1], "the driver does not read"
                 frame = frame[os.write(self.master, frame) :]
