@@ -30,6 +30,8 @@ OFTEN = 3
 """What a driver says so often when nothing is wrong says nothing when something is."""
 LOSES = 0.004
 """Share of good readings lost without any fault."""
+BUSY = 0.5
+"""Fewer readings than this share of those that came were sent in time, on a machine that is too busy."""
 COLLATERAL = 0.05, 0.25
 """Share of good readings, and of those hit, that may be lost beside those that were hit."""
 OUT_OF_TURN = ("reordered", "old frame")
@@ -63,7 +65,7 @@ def judged(tape: Tape) -> Outcome:
     out.recovered_s = recovered(tape, reading.matches, known, tape.off, left)
     out.findings = _Rules(out, tape, reading, columns, known).findings()
     out.skipped = "" if out.findings else proof.missing(tape, columns, known)
-    out.verdict = "; ".join(map(str, out.findings)) or _otherwise(out)
+    out.verdict = "; ".join(map(str, out.findings)) or _otherwise(out, known)
     return out
 
 
@@ -74,11 +76,13 @@ def _kind_of_trouble(text: str) -> str:
     return "silent"
 
 
-def _otherwise(out: Outcome) -> str:
+def _otherwise(out: Outcome, known: Known) -> str:
     if out.skipped:
         return f"not tried: {out.skipped}"
     if out.notes or out.marked:
         return "noticed"
+    if out.name == "clean" and known.keeps and not known.asks and out.sent < BUSY * out.right:
+        return "right; this machine was too busy to tell whether readings were lost"
     return "right" if not out.lost else f"right; {out.lost} readings beside those hit never came"
 
 

@@ -159,3 +159,17 @@ def test_what_is_no_tape_is_refused_in_words(text, tmp_path):
     path.write_text(text)
     with pytest.raises(TactemuError, match=r"x\.jsonl.*not a recorded trial"):
         Tape.read(path)
+
+
+def test_losses_in_a_clean_run_are_not_judged_where_hardly_a_reading_was_sent_in_time():
+    clean = {
+        "name": "clean",
+        "action": "clean",
+        "on": 1,
+        "off": 200,
+        "known": {"keeps": True},
+        "trial": {"recovers": False},
+    }
+    lossy = usual(without=range(10, 200, 50))
+    assert "loses" in judged(tape(lossy, **clean)).verdict and judged(tape(**clean)).verdict == "right"
+    assert "too busy to tell" in judged(tape(lossy, held_up=range(0, 200, 2), **clean)).verdict
