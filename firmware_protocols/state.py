@@ -300,8 +300,9 @@ class Reader:
             raise ValueError(f"a {value['class']} without {', '.join(sorted(missing))}")
         for name, each in state.items():
             object.__setattr__(made, name, each)
-        if is_dataclass(cls) and (check := getattr(made, "__post_init__", None)) is not None:
-            check()
+        frozen = is_dataclass(cls) and cls.__dataclass_params__.frozen  # pyright: ignore[reportAttributeAccessIssue]
+        if frozen and hasattr(made, "__post_init__"):
+            made.__post_init__()  # a frozen one can only check there; others may begin anew
         return made
 
     def _class(self, name: str, kind: type) -> Any:

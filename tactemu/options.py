@@ -29,7 +29,7 @@ def number(
     whole: bool = False,
     unit: str = "",
 ) -> float:
-    """A finite number, within its bounds; none is larger than :data:`LARGEST`.
+    """A finite number, within its bounds; without ``at_most`` none is larger than :data:`LARGEST`.
 
     Args:
         where: the sensor, the model or the motion, for the message.
@@ -50,13 +50,14 @@ def number(
         got = math.nan if isinstance(value, bool | str) else float(value)
     except (TypeError, ValueError, OverflowError):
         got = math.nan
+    largest = LARGEST if at_most is None else max(LARGEST, at_most)
     if LARGEST < got < math.inf and at_most is None:
         bounds.append(f"<= {LARGEST:g}")
     elif -math.inf < got < -LARGEST and above is None and at_least is None:
         bounds.append(f">= {-LARGEST:g}")
     too_low = (above is not None and not got > above) or (at_least is not None and not got >= at_least)
     too_high = at_most is not None and not got <= at_most
-    if not abs(got) <= LARGEST or too_low or too_high or (whole and got != int(got)):
+    if not abs(got) <= largest or too_low or too_high or (whole and got != int(got)):
         kind = ["a whole number"] if whole else [] if bounds else ["a finite number"]
         expected = " ".join([*kind, " and ".join(bounds), unit])
         raise SceneError(f"{where}: {name} must be {' '.join(expected.split())}, got {shown(value)}")
@@ -103,7 +104,7 @@ def check_declared(where: str, options: Any, unbounded: Collection[str] = ()) ->
     Args:
         where: the sensor, the model or the transducer, for the message.
         options: an instance of the dataclass.
-        unbounded: names of numbers that may be infinite.
+        unbounded: names of numbers that may be larger than :data:`LARGEST`, or infinite.
 
     Raises:
         SceneError: an option is no finite number, no switch, or has another shape than declared.
@@ -116,7 +117,7 @@ def check_declared(where: str, options: Any, unbounded: Collection[str] = ()) ->
             hint = next(part for part in parts if part is not type(None))
         if hint is bool and not isinstance(value, bool | np.bool_):
             raise SceneError(f"{where}: {name} must be true or false, got {shown(value)}")
-        if hint in (int, float) and not (name in unbounded and value == math.inf):
+        if hint in (int, float) and not (name in unbounded and isinstance(value, int | float) and value > LARGEST):
             number(where, name, value, whole=hint is int)
         if typing.get_origin(hint) is tuple and numbers(where, name, value).shape != (len(typing.get_args(hint)),):
             raise SceneError(f"{where}: {name} must be {len(typing.get_args(hint))} numbers, got {shown(value)}")

@@ -138,7 +138,7 @@ class GHand5(Device):
         side: Annotated[Literal["right", "left"], Option("which hand; sets the unit")] = "left",
         model: Annotated[str, Option("in register 1000; at most 16 characters of ASCII")] = "GHand 5",
         firmware: Annotated[str, Option("in register 1010; at most 16 characters of ASCII")] = "v1.0.0",
-        serial: Annotated[int, Option("in register 1018", low=0)] = 1,
+        serial: Annotated[int, Option("in register 1018", low=0, high=2**128 - 1)] = 1,
     ):
         pads = [filled(count, *PAD, name=name, link=name) for name, count in TAXELS.items()]
         self.layout = stack(*(place(pad, (k * BETWEEN_FINGERS, 0.0, 0.0)) for k, pad in enumerate(pads)))

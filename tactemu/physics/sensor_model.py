@@ -201,7 +201,7 @@ class SensorModel(ImperfectionOptions, DrawOptions, ABC):
     material: ClassVar[tuple[str, ...]] = ()
     """Options that state what the skin is made of. Readings are then physical, and no gain is fitted."""
     unbounded: ClassVar[tuple[str, ...]] = ()
-    """Numbers that may be infinite."""
+    """Numbers that may be larger than those of any skin, or infinite."""
     examples: ClassVar[Mapping[str, Mapping[str, Any]]] = {"": {"probe_radius": 0.002}}
     """What benches and tests run, on probes 2.5 mm apart: words behind the class's name, and options."""
     valid: ClassVar[str] = ""

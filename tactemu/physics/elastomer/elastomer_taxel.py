@@ -89,6 +89,7 @@ class ElastomerTaxel(SensorModel):
         "How markers move along the skin, once scales and fall-offs are fitted; the motion along the normal is a bulge "
         "to look at, not the skin's surface (90 % off). What sticks never slips."
     )
+    unbounded = ("lambda_d", "lambda_s")
     source = "A model of optical skins. Option names and numbers are those of the sensor of this name in Genesis."
 
     @classmethod
@@ -97,7 +98,9 @@ class ElastomerTaxel(SensorModel):
 
     def validate(self, probes: Probes) -> None:
         where = "ElastomerTaxel"
-        for name in ("lambda_d", "lambda_s", "dilate_scale", "shear_scale", "elastomer_thickness"):
+        for name in ("lambda_d", "lambda_s"):
+            number(where, name, getattr(self, name), at_least=0, at_most=1e24, unit="1/m^2")
+        for name in ("dilate_scale", "shear_scale", "elastomer_thickness"):
             number(where, name, getattr(self, name), at_least=0)
         number(where, "normal_exponent", self.normal_exponent, above=0)
         number(where, "compressibility", self.compressibility, at_least=0, at_most=1)
