@@ -13,7 +13,9 @@ from typing import Any
 
 import numpy as np
 
-import tactemu as tt
+from tactemu.physics.probes.kinematic_taxel import KinematicTaxel
+from tactemu.physics.shapes.sphere import Sphere
+from tactemu.scene.scene import Scene
 from tactemu.transducers.registry import load
 
 EXAMPLES: dict[str, tuple[str, dict[str, Any]]] = {
@@ -33,10 +35,10 @@ ROUNDS = 5
 
 def build(n_envs: int, device: str, transducers: Sequence = ()) -> Any:
     """A simulation of five taxels that a ball presses."""
-    scene = tt.Scene(dt=1e-3)
+    scene = Scene(dt=1e-3)
     pad = scene.add_body(None, name="pad", fixed=True)
-    ball = scene.add_body(tt.Sphere(radius=0.02), name="ball", position=(0, 0, 0.0215))
-    model = tt.KinematicTaxel(probe_local_pos=PLACES, probe_radius=3e-3, forces_on_skin=True)
+    ball = scene.add_body(Sphere(radius=0.02), name="ball", position=(0, 0, 0.0215))
+    model = KinematicTaxel(probe_local_pos=PLACES, probe_radius=3e-3, forces_on_skin=True)
     scene.add_sensor(model, link=pad, name="skin", transducers=transducers)
     sim = scene.build(n_envs, device=device)
     for _ in range(3):
