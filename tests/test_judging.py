@@ -14,7 +14,7 @@ JUDGE = judging.Judge(devices=("ability_hand",), driver="ability-hand", carrier=
 
 OF_THE_EMULATOR = {
     # what these judge is no device, but faults, time and plugs
-    "test_baud_and_plug.py", "test_environments.py", "test_replayed.py",
+    "test_baud_and_plug.py", "test_environments.py", "test_replayed.py", "test_rig.py",
     "test_time_at_the_driver.py", "test_under_faults.py",
 }  # fmt: skip
 

@@ -55,6 +55,7 @@ class Replay:
         if not speed > 0:
             raise TactemuError(f"speed: expected more than 0, got {speed}")
         self.wire, self.clock, self.speed, self.loop = wire, clock, speed, loop
+        wire.is_real_time = not clock.virtual
         self.entries = recording.towards_driver()
         if not self.entries:
             raise TactemuError("the recording has nothing that goes to a driver")

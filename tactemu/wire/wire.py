@@ -121,7 +121,7 @@ class Wire:
         """Who is on it, for the truth log of what arrives and of what befalls the wire; default: who sent last."""
         self.stands: Callable[[], bool] = bool
         """Whether time stands: then what the driver says is heard at once, and answers leave at once."""
-        self.is_real_time = True
+        self.is_real_time = False
         """Whether the caller's time passes by itself."""
         self._traffic_ns = 0
         """When frames of other nodes were sent last."""

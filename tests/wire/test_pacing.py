@@ -136,6 +136,7 @@ def test_a_stall_of_the_loop_makes_no_burst():
 def test_readings_that_a_stalled_loop_owes_are_not_dropped(spec):
     """A loop stalls for 300 ms with 15 readings due, of a device with a long delay: nothing was in the line's way."""
     wire, driver = plugged(spec)
+    wire.is_real_time = True
     wire.flush(0)
     frames = [CanFrame(arbitration_id=k, data=b"x") if isinstance(spec, Can) else bytes([k]) for k in range(15)]
     for k, frame in enumerate(frames):
