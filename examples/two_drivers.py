@@ -21,8 +21,8 @@ from rich.console import Console, Group
 from rich.text import Text
 
 import tactemu
-from tactemu.cli.heatmap import draw, felt
-from tactemu.kernels import start_quietly
+from tactemu.base.kernels import start_quietly
+from tactemu.session.heatmap import draw, felt
 
 DEPTH = 1.5e-3
 TIME_LIMIT_S = 90

@@ -67,7 +67,7 @@ def pytest_collection_modifyitems(config, items):
 def _has_gpu():
     import warp
 
-    from tactemu import kernels
+    from tactemu.base import kernels
 
     kernels.start()
     return warp.is_cuda_available()

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 import firmware_protocols
-from tactemu.assembly import Wishes, assemble
-from tactemu.clock import VirtualClock
-from tactemu.errors import DeviceError, SceneError, TransportError
-from tactemu.plugging import plugs_of
+from tactemu.base.clock import VirtualClock
+from tactemu.base.errors import DeviceError, SceneError, TransportError
+from tactemu.emulator.assembly import Wishes, assemble
+from tactemu.emulator.port_assignment import plugs_of
 from tactemu.scene.building import make_device, make_devices
 from tactemu.scene.file import load, parse
 from tactemu.truth import Truth, read
-from tactemu.wire.carriers.can import CanCarrier
+from tactemu.wire.line_models.can import CanCarrier
 
 BODIES = """
 [[body]]

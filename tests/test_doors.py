@@ -10,16 +10,16 @@ import can
 import pytest
 import serial
 
-from tactemu.doors.can_bus import TactemuBus
-from tactemu.doors.protocol_tactemu import Serial
-from tactemu.doors.target import served
-from tactemu.errors import SceneError
+from tactemu.base.errors import SceneError
+from tactemu.integrations.can_bus import TactemuBus
+from tactemu.integrations.protocol_tactemu import Serial
+from tactemu.integrations.target import served
 
 ROOT = Path(__file__).parents[1]
 
 PYSERIAL = """
 import os, serial, tempfile
-serial.protocol_handler_packages.append("tactemu.doors")
+serial.protocol_handler_packages.append("tactemu.integrations")
 port = serial.serial_for_url("tactemu://anyskin?rate_hz=200", baudrate=115200, timeout=5)
 assert len(port.read(82 * 20)) == 82 * 20
 port.dtr = False
@@ -75,7 +75,7 @@ def test_a_program_that_knows_python_can(installed):
 
 
 def test_a_program_that_insists_on_socketcan():
-    command = [sys.executable, "-m", "tactemu.doors"]
+    command = [sys.executable, "-m", "tactemu.integrations"]
     folder = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT).stdout.strip()
     program(PYTHON_CAN, "socketcan", "can5", path=[folder], TACTEMU_SOCKETCAN="can5=linker_hand_l6")
     refused = "import can\ntry: can.Bus(interface='socketcan', channel='nosuch0')\nexcept OSError: pass\nelse: raise 0"

@@ -6,8 +6,8 @@ import threading
 
 import pytest
 
-from tactemu.errors import TactemuError
-from tactemu.files import check_writable, move_into_place, writing
+from tactemu.base.errors import TactemuError
+from tactemu.base.files import check_writable, move_into_place, writing
 from tests.cli.command import tactemu
 
 

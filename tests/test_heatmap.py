@@ -5,7 +5,7 @@ import pytest
 from rich.console import Console
 
 import firmware_protocols as fp
-from tactemu.cli.heatmap import SHADES, draw, draw_all, felt, flattened
+from tactemu.session.heatmap import SHADES, draw, draw_all, felt, flattened
 
 
 def rows(text) -> list[str]:

@@ -124,7 +124,7 @@ def imported_modules(path: Path) -> set[str]:
 
 
 def room_of(module: str) -> str | None:
-    """``tactemu.physics.sensor`` lives in ``physics``; ``None``: in nobody's room, it is not ours."""
+    """``tactemu.sensors.sensor`` lives in ``physics``; ``None``: in nobody's room, it is not ours."""
     package, _, rest = module.partition(".")
     if package == "tactemu":
         return rest.partition(".")[0] or "tactemu"

@@ -2,9 +2,9 @@
 
 import pytest
 
-from tactemu.assembly import Wishes, assemble
-from tactemu.clock import VirtualClock
-from tactemu.errors import SceneError, TactemuError
+from tactemu.base.clock import VirtualClock
+from tactemu.base.errors import SceneError, TactemuError
+from tactemu.emulator.assembly import Wishes, assemble
 from tactemu.scene.file import load, parse
 from tactemu.truth import Truth
 

@@ -21,7 +21,7 @@ def test_every_public_name_is_there(name):
 
 def test_serve_is_the_function_however_often_it_is_used():
     assert callable(tactemu.serve)
-    module = importlib.import_module("tactemu.serving")
+    module = importlib.import_module("tactemu.session.serving")
     assert tactemu.serve is module.serve
 
 

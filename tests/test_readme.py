@@ -121,8 +121,8 @@ def test_every_folder_is_on_the_map_for_contributors():
 def test_plans_layouts_and_statistics_are_shown_in_notebooks():
     import xml.etree.ElementTree as xml
 
+    from tactemu.base.statistics import ChannelStatistics
     from tactemu.plan.plan import Plan, Stage
-    from tactemu.statistics import ChannelStatistics
 
     for name in ("anyskin", "inspire_rh56dftp", "feetech_sts3215"):
         layout = fp.load(name)().layout

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from tactemu.assembly import Wishes, assemble
-from tactemu.clock import VirtualClock
-from tactemu.errors import SceneError
-from tactemu.scenario import faults_of, timed_fault
+from tactemu.base.clock import VirtualClock
+from tactemu.base.errors import SceneError
+from tactemu.emulator.assembly import Wishes, assemble
+from tactemu.emulator.scenario import faults_of, timed_fault
 from tactemu.scene.file import default_scene, parse
 from tactemu.scene.schema import Event
-from tactemu.serving import serve
+from tactemu.session.serving import serve
 from tactemu.truth import Truth
 
 SCENE = """

@@ -13,11 +13,11 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from tactemu.bench.trade.settings import ladder
 from tactemu.imperfections import ImperfectionOptions
-from tactemu.physics.drawing import DrawOptions
-from tactemu.physics.models import MODELS, cheapest, load
-from tactemu.physics.sensor_model import SensorModel
+from tactemu.sensors.drawing import DrawOptions
+from tactemu.sensors.models import MODELS, cheapest, load
+from tactemu.sensors.sensor_model import SensorModel
+from tactemu.tune.trade.settings import ladder
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGE = DOCS / "sensors.md"

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import serial
 
-from tactemu.errors import SceneError, TactemuError, TransportError
-from tactemu.serving import serve
+from tactemu.base.errors import SceneError, TactemuError, TransportError
+from tactemu.session.serving import serve
 
 pytestmark = pytest.mark.realtime
 

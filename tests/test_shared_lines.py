@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import tactemu as tt
-from tactemu.assembly import Wishes, assemble
-from tactemu.clock import VirtualClock
-from tactemu.errors import DeviceError, SceneError
+from tactemu.base.clock import VirtualClock
+from tactemu.base.errors import DeviceError, SceneError
+from tactemu.emulator.assembly import Wishes, assemble
 from tactemu.scene.file import parse
 
 DEVICES = Path(__file__).parent / "devices"

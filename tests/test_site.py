@@ -42,7 +42,10 @@ def test_what_is_written_from_the_code():
     assert "`probe_radius`" not in hooks._schema() and "| `rate_hz` |" in hooks._schema()
     assert all(f"| `{name}` |" in hooks._faults() for name in hooks.KINDS)
     api = hooks._api()
-    assert "::: tactemu.physics.probes.kinematic_taxel.KinematicTaxel" in api and "::: tactemu.serving.serve" in api
+    assert (
+        "::: tactemu.sensors.probes.kinematic_taxel.KinematicTaxel" in api
+        and "::: tactemu.session.serving.serve" in api
+    )
     assert "<svg" in hooks._device("anyskin") and hooks._chart().count('"mode":"markers"') == 5
 
 

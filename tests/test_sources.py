@@ -8,12 +8,12 @@ import pytest
 
 import tactemu as tt
 from firmware_protocols import create
-from tactemu.assembly import Wishes, assemble
-from tactemu.clock import VirtualClock
-from tactemu.errors import SceneError, SourceError
-from tactemu.scene.engine import MujocoEngine
+from tactemu.base.clock import VirtualClock
+from tactemu.base.errors import SceneError, SourceError
+from tactemu.emulator.assembly import Wishes, assemble
+from tactemu.engines.engine import MujocoEngine
 from tactemu.scene.file import load, parse
-from tactemu.serving import serve
+from tactemu.session.serving import serve
 
 N = 5  # chips of an AnySkin
 

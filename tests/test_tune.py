@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from tactemu.assembly import Wishes, assemble
-from tactemu.collector import no_full_collections
-from tactemu.errors import SceneError
+from tactemu.base.errors import SceneError
+from tactemu.base.gc_tuning import no_full_collections
+from tactemu.emulator.assembly import Wishes, assemble
 from tactemu.scene.file import load, parse
 from tactemu.tune.choice import ALIKE, Measured, Pace, pick
 from tactemu.tune.cost import MOST_LOAD, Cost, measure_loop

@@ -28,9 +28,9 @@ def main() -> None:
             if _answered(sys.argv[1:]):
                 return
             if sys.argv[1:2] in (["run"], ["exec"]):
+                from tactemu.base.gc_tuning import leave_quickly
                 from tactemu.cli.forwarding import forwarded_signals
                 from tactemu.cli.signals import starting
-                from tactemu.collector import leave_quickly
 
                 leave_quickly()
                 with starting(), forwarded_signals() if sys.argv[1] == "exec" else nullcontext():
@@ -54,8 +54,8 @@ def main() -> None:
 
 def _run() -> None:
     """Do the command."""
+    from tactemu.base.errors import TactemuError
     from tactemu.cli.app import app
-    from tactemu.errors import TactemuError
 
     try:
         words, command = _split(sys.argv[1:])

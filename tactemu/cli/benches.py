@@ -52,7 +52,7 @@ def loop(
 ) -> None:
     """First frame with an empty and a filled kernel cache; lateness at 100 Hz and 1 kHz; answers to requests; a hand
     that MuJoCo moves: steps a second, and from contact to wire, with and without a page."""
-    from tactemu.bench.loop import run
+    from benchmarks.loop import run
 
     if only not in ("", "open", "closed"):
         raise typer.BadParameter(f"expected open or closed, got {only!r}", param_hint="--only")
@@ -70,8 +70,8 @@ def physics(
     out: Out = None,
 ) -> None:
     """Step and read per sensor, beside the figures aimed at and Genesis's in its own scene; whole loops."""
-    from tactemu.bench.physics import page_of, run
-    from tactemu.kernels import start_quietly
+    from tactemu.base.kernels import start_quietly
+    from tactemu.tune.speed.physics import page_of, run
 
     start_quietly()
     figures = run(typer.echo, device=device, starts=starts, only=only, largest=largest, loops=loops or page is not None)
@@ -87,8 +87,8 @@ def soak(
     out: Out = None,
 ) -> None:
     """Memory, file descriptors, lateness and lost frames at 1 kHz with 5 % faults."""
-    from tactemu.bench.soak import run
-    from tactemu.kernels import start_quietly
+    from benchmarks.soak import run
+    from tactemu.base.kernels import start_quietly
 
     start_quietly()
     save(run(typer.echo, minutes=minutes, interval_s=interval), out)
@@ -100,7 +100,7 @@ def control(
     out: Out = None,
 ) -> None:
     """10,000 commands a minute to one of two skins at 1 kHz: lateness, effect, the other skin's bytes."""
-    from tactemu.bench.control import run
+    from benchmarks.control import run
 
     save(run(typer.echo, seconds=seconds), out)
 
@@ -110,7 +110,7 @@ def wire(
     repeats: Annotated[int, typer.Option(metavar="N", min=1, help="Runs of each stage.")] = 7, out: Out = None
 ) -> None:
     """What a frame costs from the device to the port, and how many a core can send."""
-    from tactemu.bench.wire import run
+    from tactemu.tune.speed.wire import run
 
     save(run(typer.echo, repeats=repeats), out)
 
@@ -121,8 +121,8 @@ def execute(
     out: Out = None,
 ) -> None:
     """What a program that `tactemu exec` starts pays: its start, a read, a write; and what unplugging leaves."""
-    from tactemu.bench.exec import run
-    from tactemu.kernels import start_quietly
+    from benchmarks.exec import run
+    from tactemu.base.kernels import start_quietly
 
     start_quietly()
     save(run(typer.echo, cycles=cycles), out)
@@ -137,7 +137,7 @@ def page(
     out: Out = None,
 ) -> None:
     """Lateness with and without a page that four look at; pictures of 4,200 taxels a second, sent and drawn."""
-    from tactemu.bench.page import run
+    from benchmarks.page import run
 
     save(run(typer.echo, pairs=pairs, seconds=seconds, only=only, preempt=preempt), out)
 
@@ -152,8 +152,8 @@ def bus(
     out: Out = None,
 ) -> None:
     """iCub boards of 70 taxels at 50 Hz, six on a bus: each frame read by another process, and how late."""
-    from tactemu.bench.bus import run
-    from tactemu.kernels import start_quietly
+    from benchmarks.bus import run
+    from tactemu.base.kernels import start_quietly
 
     start_quietly()
     save(run(typer.echo, boards=boards, seconds=seconds, way=way), out)
@@ -167,8 +167,8 @@ def state(
     out: Out = None,
 ) -> None:
     """What a saved state takes of disk and time, and a fork of memory, for some devices and every sensor model."""
-    from tactemu.bench.state import run
-    from tactemu.kernels import start_quietly
+    from benchmarks.state import run
+    from tactemu.base.kernels import start_quietly
 
     start_quietly()
     save(run(typer.echo, repeats=repeats, forks=forks, only=only), out)
@@ -186,8 +186,8 @@ def trade(
     fresh: Annotated[bool, typer.Option("--fresh", help="Measure all again instead of going on.")] = False,
 ) -> None:
     """Error against truth and cost of every setting, with a table and a picture. A stopped run goes on where it was."""
-    from tactemu.bench.trade.trade import run_trade
     from tactemu.cli.progress import show_progress
+    from tactemu.tune.trade.trade import run_trade
 
     run_trade(typer.echo, scene, out=out, quick=quick, device=device, only=only, fresh=fresh, progress=show_progress)
 
@@ -199,8 +199,8 @@ def reality(
     out: Out = None,
 ) -> None:
     """Error of every level of fidelity against presses on a real skin, with and without laws of its material."""
-    from tactemu.bench.trade.reality import run
-    from tactemu.kernels import start_quietly
+    from benchmarks.reality import run
+    from tactemu.base.kernels import start_quietly
 
     start_quietly()
     save(run(typer.echo, data, page), out)
@@ -232,7 +232,7 @@ def layer(
     out: Out = None,
 ) -> None:
     """Warm steps of ElasticLayerTaxel: on growing grids, growing skins, growing contacts, and in batches."""
-    from tactemu.bench.layer import run
+    from benchmarks.layer import run
 
     save(run(typer.echo, device=device, n_envs=envs, only=only), out)
 
@@ -244,6 +244,6 @@ def judge(
     out: Out = None,
 ) -> None:
     """Trials of `tactemu judge` a minute: of a clean driver, alone, two at once, and by two workers of Dask."""
-    from tactemu.bench.judge import run
+    from benchmarks.judge import run
 
     save(run(typer.echo, runs=runs, workers=dask), out)

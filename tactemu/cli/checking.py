@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from firmware_protocols.check import FUZZ, Report, check
 from firmware_protocols.options import from_words
-from tactemu.errors import DeviceError
+from tactemu.base.errors import DeviceError
 
 
 def check_device(target: str, words: Sequence[str], *, fuzz: int = FUZZ, json: bool = False) -> Report:

@@ -20,10 +20,10 @@ from firmware_protocols.layouts import Layout, Patch
 from firmware_protocols.options import declared, from_words
 from firmware_protocols.registers import RegisterMap
 from firmware_protocols.tables import Frame
-from tactemu.cli.heatmap import flattened
-from tactemu.errors import DeviceError
+from tactemu.base.errors import DeviceError
 from tactemu.scene.building import make_device
-from tactemu.wire.carriers import carrier_of
+from tactemu.session.heatmap import flattened
+from tactemu.wire.line_models import carrier_of
 
 MAX_LISTED = 100
 """Taxels that are listed one by one; of more than these, patches are."""

@@ -10,17 +10,17 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
+from tactemu.base.errors import TactemuError, TransportError
+from tactemu.base.gc_tuning import no_full_collections
 from tactemu.cli.datasheet import options_of
 from tactemu.cli.forwarding import Forwarding
-from tactemu.cli.listening import listening
 from tactemu.cli.reports import nobody_came, not_understood
 from tactemu.cli.running import ports_of, rate_of
-from tactemu.collector import no_full_collections
-from tactemu.errors import TactemuError, TransportError
+from tactemu.cli.socket import listening
 from tactemu.exec.enter import FAILED, NOT_EXECUTABLE, NOT_FOUND
 from tactemu.exec.environment import ExecEnvironment, exec_environment
 from tactemu.exec.reach import out_of_reach
-from tactemu.serving import Served, serve
+from tactemu.session.serving import Served, serve
 
 _LOOK_S = 0.1
 """How often the emulator is looked after while the driver runs."""

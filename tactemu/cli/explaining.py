@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import time
 
+from tactemu.base.kernels import start_quietly
 from tactemu.cli.datasheet import frame_page, ports_of, rates_of, taxel_map
-from tactemu.kernels import start_quietly
 from tactemu.scene import file
 
 MAX_MAP_LINES = 60
@@ -23,7 +23,7 @@ def explain_target(target: str, *, compute: str | None, cost: bool, code: bool =
     Raises:
         TactemuError: the scene is wrong, or names Python files and ``code`` is false.
     """
-    from tactemu.scenario import laws_needed
+    from tactemu.emulator.scenario import laws_needed
     from tactemu.scene.building import build_scene, make_devices
 
     loaded = file.load(target, code=code)

@@ -12,9 +12,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from tactemu.base.errors import TactemuError
 from tactemu.cli.datasheet import options_of
 from tactemu.cli.signals import ended_by_signals
-from tactemu.errors import TactemuError
 from tactemu.judge import smallest
 from tactemu.judge.budget import ENOUGH_S
 from tactemu.judge.driver import reading_command
@@ -218,11 +218,11 @@ def run_proxy(
     from contextlib import ExitStack
 
     from firmware_protocols import Serial
+    from tactemu.emulator.replay import USUAL_BAUD, line_of
     from tactemu.judge.proxy import Proxy, RealBus, RealSerial
-    from tactemu.recordings.recorder import Recorder
-    from tactemu.recordings.replay import USUAL_BAUD, line_of
     from tactemu.scene.building import make_device
     from tactemu.truth import Truth
+    from tactemu.truth.recorder import Recorder
 
     model = make_device(device, options_of(options)) if device else None
     own = next((each.baud for each in model.ports if isinstance(each, Serial)), None) if model else None

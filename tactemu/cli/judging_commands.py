@@ -98,7 +98,7 @@ def judge(
     from tactemu.cli.judging import budget_of, judge_driver
 
     if success is not None:
-        from tactemu.cli.succeeding import judge_success
+        from tactemu.cli.success import judge_success
 
         raise typer.Exit(
             judge_success(

@@ -78,7 +78,7 @@ def check_host(
     Everything is tried, which takes some seconds. Exit code 0 when what is named is there (default: all but vcan, the
     guest and a GPU), 1 when it is not, 2 when there is nothing of that name.
     """
-    from tactemu.cli.hosting import check_host
+    from tactemu.cli.check_host import check_host
 
     if not check_host(wanted or (), json=json):
         raise typer.Exit(1)

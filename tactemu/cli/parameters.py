@@ -48,8 +48,8 @@ Rates = Annotated[
 
 
 def _seconds(text: str, option: str = "--seconds") -> float:
-    from tactemu.options import number
-    from tactemu.scene.limits import MOST_S
+    from tactemu.base.options import number
+    from tactemu.geometry.limits import MOST_S
 
     try:
         given: float | str = float(text)

@@ -31,9 +31,9 @@ def record_stream(source: str, file: Path, *, baud: int | None, seconds: float |
     Raises:
         TactemuError: the source or the file cannot be had.
     """
-    from tactemu.clock import RealClock
-    from tactemu.recordings.recorder import Recorder
-    from tactemu.recordings.replay import USUAL_BAUD, line_of, record
+    from tactemu.base.clock import RealClock
+    from tactemu.emulator.replay import USUAL_BAUD, line_of, record
+    from tactemu.truth.recorder import Recorder
 
     clock = RealClock()
     end_ns = None if seconds is None else round(seconds * 1e9)
@@ -67,14 +67,14 @@ def replay_file(
     Raises:
         TactemuError: the recording or the port cannot be had.
     """
-    from tactemu.cli.listening import listening
-    from tactemu.clock import RealClock
+    from tactemu.base.clock import RealClock
+    from tactemu.base.errors import TransportError
+    from tactemu.cli.socket import listening
     from tactemu.control.replaying import ReplayControl
-    from tactemu.errors import TransportError
-    from tactemu.recordings.recording import load
-    from tactemu.recordings.replay import Replay, replay_spec
+    from tactemu.emulator.replay import Replay, replay_spec
     from tactemu.transports import create
-    from tactemu.wire.carriers import carrier_of
+    from tactemu.truth.recording import load
+    from tactemu.wire.line_models import carrier_of
     from tactemu.wire.wire import Wire
 
     recording = load(file, skin)

@@ -13,8 +13,8 @@ from typing import Any
 
 from rich.console import Console
 
-from tactemu.channel import Channel
-from tactemu.emulator import Emulator, Simulated
+from tactemu.emulator.channel import Channel
+from tactemu.emulator.emulator import Emulator, Simulated
 
 Say = Callable[..., None]
 """``say(event, skin=..., **entry)``."""

@@ -13,22 +13,22 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from tactemu.channel import Channel
+from tactemu.base.errors import SceneError, StateError, TransportError, nearest
+from tactemu.base.files import check_writable
+from tactemu.base.gc_tuning import no_full_collections
+from tactemu.base.kernels import start_quietly
+from tactemu.base.statistics import Lateness
 from tactemu.cli.datasheet import options_of
 from tactemu.cli.reports import Say, advice, nobody_came, say_in_words, say_json, told_if_long
 from tactemu.cli.signals import ended_by_signals
-from tactemu.collector import no_full_collections
 from tactemu.control.state import statistics_of
-from tactemu.emulator import Emulator
-from tactemu.errors import SceneError, StateError, TransportError, nearest
-from tactemu.files import check_writable
-from tactemu.kernels import start_quietly
-from tactemu.statistics import Lateness
+from tactemu.emulator.channel import Channel
+from tactemu.emulator.emulator import Emulator
 from tactemu.truth import Truth
 
 if TYPE_CHECKING:
     from tactemu.control.server import Server
-    from tactemu.page.opening import Door
+    from tactemu.view.page.opening import Door
 
 _OWNER = re.compile(r"[^:=]+=")
 """In front of a port: a skin's name, or its connector's."""
@@ -70,11 +70,11 @@ def run_target(
     Raises:
         TactemuError: the request cannot be met; nothing is left behind.
     """
-    from tactemu.assembly import Wishes, assemble, truth_of
-    from tactemu.cli.listening import listening
-    from tactemu.clock import LockstepClock, RealClock, VirtualClock
+    from tactemu.base.clock import LockstepClock, RealClock, VirtualClock
+    from tactemu.cli.socket import listening
     from tactemu.control.again import play_again
     from tactemu.control.control import Control
+    from tactemu.emulator.assembly import Wishes, assemble, truth_of
     from tactemu.scene.file import load
     from tactemu.scene.steering import steered
 
@@ -89,7 +89,7 @@ def run_target(
         check_writable(save, "the state")
     page = None if web is None else _door(web)
     if preempt:
-        from tactemu.priority import go_first
+        from tactemu.base.priority import go_first
 
         if clock != "real":
             raise SceneError(f"--preempt: is for real time, not for --clock {clock}, which nothing makes late")
@@ -132,7 +132,7 @@ class Web:
 
 
 def _door(web: Web) -> Door:
-    from tactemu.page.opening import door, warning
+    from tactemu.view.page.opening import door, warning
 
     if text := warning(web.host):
         print(f"tactemu: {text}", file=sys.stderr)
@@ -142,7 +142,7 @@ def _door(web: Web) -> Door:
 @contextmanager
 def _seen(listen: Callable[[], AbstractContextManager[Server | None]], page: Door) -> Iterator[None]:
     """Listen, with a page beside it."""
-    from tactemu.page.opening import beside
+    from tactemu.view.page.opening import beside
 
     link = page.url
     with listen() as server:
@@ -158,7 +158,7 @@ def _seen(listen: Callable[[], AbstractContextManager[Server | None]], page: Doo
 
 
 def _shown(log: Truth, where: str | bool) -> AbstractContextManager[None]:
-    from tactemu.conversions.live import shown
+    from tactemu.view.conversions.live import shown
 
     return shown(log, where if isinstance(where, str) else None)
 
@@ -282,7 +282,7 @@ def _report_regularly(emulator: Emulator, say: Say) -> None:
 
 
 def _view(emulator: Emulator, console: Console):
-    from tactemu.cli.view import LiveView
+    from tactemu.session.live_view import LiveView
 
     view = LiveView(emulator, console)
     view.rehearse()

@@ -102,8 +102,8 @@ def run(
     Exit code 0 after Ctrl-C, SIGTERM or --seconds; 128 + n after signal n before the port is there; 2 when something
     in the request is wrong; 4 when it ran, but a file that was asked for is not whole.
     """
+    from tactemu.base.errors import SceneError
     from tactemu.cli.running import Web, run_target
-    from tactemu.errors import SceneError
 
     if virtual:
         raise SceneError("--virtual is now --clock virtual")
@@ -122,7 +122,7 @@ def run(
 )
 def poke(context: typer.Context) -> None:
     """Press, move, break, or look at what runs."""
-    from tactemu.cli.poking import main
+    from tactemu.cli.control import main
 
     main(context.args)
 
@@ -145,7 +145,7 @@ def see(
 
     Until Ctrl-C. When the emulator ends, the page keeps its last picture, and shows the next run of that name.
     """
-    from tactemu.cli.seeing import see_emulator
+    from tactemu.cli.page import see_emulator
 
     see_emulator(name, host=host, port=port)
 
@@ -217,9 +217,9 @@ def execute(
     Exit code: that of the program, 128 + n after signal n; 125 when something of tactemu's fails, 126 when the program
     cannot be executed, 127 when there is none of that name. See docs/exec.md.
     """
+    from tactemu.base.errors import TactemuError
     from tactemu.cli.executing import run_command
     from tactemu.cli.forwarding import FORWARDING
-    from tactemu.errors import TactemuError
 
     try:
         status = run_command(

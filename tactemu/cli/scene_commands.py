@@ -50,7 +50,7 @@ def new(file: Annotated[Path, typer.Argument(help="The scene file to write, such
       tactemu new hand.toml
       tactemu run hand.toml
     """
-    from tactemu.cli.starting import new_scene
+    from tactemu.cli.new import new_scene
 
     new_scene(file)
 
@@ -65,7 +65,7 @@ def examples(
       tactemu examples
       tactemu examples tactile
     """
-    from tactemu.cli.starting import copy_examples, list_examples
+    from tactemu.cli.new import copy_examples, list_examples
 
     if folder is None:
         list_examples()
@@ -95,8 +95,8 @@ def tune(
 
     Measures every setting on the scene, says what it costs and how wrong it is, and writes the choice into the file.
     """
+    from tactemu.base.kernels import start_quietly
     from tactemu.cli.progress import show_progress
-    from tactemu.kernels import start_quietly
     from tactemu.tune.choice import as_dict
     from tactemu.tune.tuner import run_tune
 
@@ -149,9 +149,9 @@ def dataset(
     """
     import math
 
-    from tactemu.cli.making import make_dataset
-    from tactemu.datasets.order import Order
-    from tactemu.kernels import start_quietly
+    from tactemu.base.kernels import start_quietly
+    from tactemu.cli.dataset import make_dataset
+    from tactemu.datasets.spec import Order
     from tactemu.scene.file import load
 
     start_quietly()
@@ -207,7 +207,7 @@ def fit_recordings(
 
 def _pairs(option: str, text: str | None) -> dict[str, str] | None:
     """``a=b,c=d`` as a table."""
-    from tactemu.errors import TactemuError
+    from tactemu.base.errors import TactemuError
 
     if text is None:
         return None

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tactemu.errors import TactemuError
+from tactemu.base.errors import TactemuError
 from tactemu.truth import COMMAND, BodyPose, Entry, Injection, Passage, PortEvent, Sample
 from tactemu.truth.entries import End, Header
 from tactemu.truth.reading import records
@@ -135,7 +135,7 @@ def convert_log(path: Path, to: str, *, skin: str | None, sense: str | None) -> 
         TactemuError: no log, nothing of the kind in it, or a file that cannot be written.
     """
     from tactemu.cli.progress import show_count
-    from tactemu.conversions import convert
+    from tactemu.view.conversions import convert
 
     count, files = convert(path, to, skin=skin, sense=sense, watch=show_count)
     print(f"{count} rows written to {', '.join(map(str, files))}")
@@ -148,7 +148,7 @@ def plot_log(path: Path, target: Path, *, skin: str | None, sense: str | None) -
         TactemuError: matplotlib is missing, no log, nothing of the kind in it, or a file that cannot be written.
     """
     try:
-        from tactemu.conversions.plots import plot
+        from tactemu.view.conversions.plots import plot
     except ModuleNotFoundError as error:
         raise TactemuError(f"plot needs the package {error.name}: pip install 'tactemu[plots]'") from None
 

@@ -11,9 +11,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from tactemu.base.errors import SceneError, TactemuError, shown
 from tactemu.control.control import Control
-from tactemu.control.verbs import VERBS
-from tactemu.errors import SceneError, TactemuError, shown
+from tactemu.control.control_commands import VERBS
 from tactemu.transports.memory import MemoryTransport
 from tactemu.truth import COMMAND, Passage, PortEvent, entries
 

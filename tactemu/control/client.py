@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from tactemu.control.place import PROTOCOL, chosen, uid_of_peer
-from tactemu.control.verbs import Verbs
-from tactemu.errors import TactemuError, TransportError
+from tactemu.base.errors import TactemuError, TransportError
+from tactemu.control.control_commands import Verbs
+from tactemu.control.endpoints import PROTOCOL, chosen, uid_of_peer
 
 _ARRAY = {"dtype", "shape", "base64"}
 """Keys of an array that comes as bytes."""

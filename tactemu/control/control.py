@@ -14,17 +14,17 @@ from typing import Any
 
 import numpy as np
 
-from tactemu.assembly import Assembled
-from tactemu.channel import Channel
-from tactemu.clock import LockstepClock
+from tactemu.base.clock import LockstepClock
+from tactemu.base.errors import SceneError, TactemuError
 from tactemu.control import state
+from tactemu.control.control_commands import VERBS
 from tactemu.control.description import described
-from tactemu.control.errand import Errand, Outcome
-from tactemu.control.verbs import VERBS
-from tactemu.emulator import Emulator
-from tactemu.errors import SceneError, TactemuError
-from tactemu.saving import snapshots
-from tactemu.scenario import befall
+from tactemu.control.loop_task import Errand, Outcome
+from tactemu.emulator.assembly import Assembled
+from tactemu.emulator.channel import Channel
+from tactemu.emulator.emulator import Emulator
+from tactemu.emulator.saving import snapshots
+from tactemu.emulator.scenario import befall
 from tactemu.scene.placement import PlacedSkin
 from tactemu.scene.schema import Event
 from tactemu.scene.steering import Leg, Steered, nearest_body, pressing_way
@@ -53,7 +53,7 @@ def mend(wires: Sequence[Wire], fault: str | None) -> None:
 
 
 class Control:
-    """Does what :class:`~tactemu.control.verbs.Verbs` declares."""
+    """Does what :class:`~tactemu.control.control_commands.Verbs` declares."""
 
     def __init__(self, assembled: Assembled):
         self.emulator: Emulator = assembled.emulator

@@ -9,8 +9,8 @@ from firmware_protocols import Device
 from firmware_protocols.check.facts import held
 from firmware_protocols.frames import frame_of, text_of
 from firmware_protocols.tables import Frame
-from tactemu.channel import Channel
-from tactemu.emulator import Emulator
+from tactemu.emulator.channel import Channel
+from tactemu.emulator.emulator import Emulator
 
 
 def described(emulator: Emulator) -> Callable[[], dict[str, Any]]:

@@ -8,11 +8,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from tactemu.errors import SceneError, shown
-from tactemu.options import number, numbers
-from tactemu.scene import rotation
-from tactemu.scene.limits import FARTHEST_M, METRES, MOST_DEPTH_M, MOST_S, SPEEDS
-from tactemu.units import LENGTHS_M, SPEEDS_M_S, TIMES_S, scaled
+from tactemu.base.errors import SceneError, shown
+from tactemu.base.options import number, numbers
+from tactemu.base.units import LENGTHS_M, SPEEDS_M_S, TIMES_S, scaled
+from tactemu.geometry import rotation
+from tactemu.geometry.limits import FARTHEST_M, METRES, MOST_DEPTH_M, MOST_S, SPEEDS
 
 MOST_TAXELS = 1_000_000
 

@@ -6,17 +6,17 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from tactemu.base.errors import TactemuError
 from tactemu.control.control import mend
-from tactemu.control.errand import Errand, Outcome
-from tactemu.errors import TactemuError
-from tactemu.recordings.replay import Replay
-from tactemu.scenario import timed_fault
+from tactemu.control.loop_task import Errand, Outcome
+from tactemu.emulator.replay import Replay
+from tactemu.emulator.scenario import timed_fault
 from tactemu.scene.schema import Event
 from tactemu.truth.tap import Tap
 
 
 class ReplayControl:
-    """Does those of the :class:`~tactemu.control.verbs.Verbs` that need no simulation and no firmware."""
+    """Does those of the :class:`~tactemu.control.control_commands.Verbs` that need no simulation and no firmware."""
 
     def __init__(self, replay: Replay):
         self.replay = replay

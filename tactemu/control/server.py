@@ -25,12 +25,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from tactemu.control.errand import Errand
-from tactemu.control.place import PROTOCOL, Place, uid_of_peer
+from tactemu.base.errors import TactemuError, nearest, shown
+from tactemu.base.options import number
+from tactemu.control.control_commands import VERBS
+from tactemu.control.endpoints import PROTOCOL, Place, uid_of_peer
+from tactemu.control.loop_task import Errand
 from tactemu.control.state import row_of
-from tactemu.control.verbs import VERBS
-from tactemu.errors import TactemuError, nearest, shown
-from tactemu.options import number
 from tactemu.truth import Sample
 from tactemu.truth.lines import array_text
 from tactemu.truth.lines import row_of as row_of_entry

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from tactemu.channel import Channel
-from tactemu.emulator import Emulator
+from tactemu.emulator.channel import Channel
+from tactemu.emulator.emulator import Emulator
 from tactemu.scene.steering import Steered
 from tactemu.truth import Sample
 

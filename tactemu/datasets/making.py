@@ -9,12 +9,12 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from tactemu.datasets.order import Order, remember
-from tactemu.datasets.sheet import data_sheet
-from tactemu.datasets.strand import Strand, whole_scene
+from tactemu.base.errors import TactemuError
+from tactemu.datasets.dataset_card import data_sheet
+from tactemu.datasets.partition import Strand, whole_scene
+from tactemu.datasets.spec import Order, remember
 from tactemu.datasets.variety import Starts
 from tactemu.datasets.wire import path_of, write_wire
-from tactemu.errors import TactemuError
 
 SHEET = "README.md"
 RETRIES = 3

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tactemu.datasets.order import FILE
+from tactemu.base.errors import TactemuError
 from tactemu.datasets.shards import FOLDER
-from tactemu.errors import TactemuError
+from tactemu.datasets.spec import FILE
 
 
 def read_dataset(

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from tactemu.datasets.order import SHARD_BYTES, Order
-from tactemu.files import move_into_place
+from tactemu.base.files import move_into_place
+from tactemu.datasets.spec import SHARD_BYTES, Order
 
 FOLDER = "readings"
 

@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tactemu.datasets.order import Order
-from tactemu.errors import TactemuError
-from tactemu.random_streams import generator
-from tactemu.scene import rotation
+from tactemu.base.errors import TactemuError
+from tactemu.base.random_streams import generator
+from tactemu.datasets.spec import Order
+from tactemu.geometry import rotation
 from tactemu.scene.building import read_engine
 from tactemu.scene.file import LoadedScene
 
 if TYPE_CHECKING:
-    from tactemu.physics.simulation import Simulation
-    from tactemu.scene.motion import Motion
+    from tactemu.geometry.motion import Motion
     from tactemu.scene.scene import Scene
+    from tactemu.sensors.simulation import Simulation
 
 
 Start = tuple[np.ndarray, np.ndarray]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tactemu.assembly import Wishes, assemble, truth_of
-from tactemu.clock import VirtualClock
-from tactemu.datasets.order import Order
-from tactemu.datasets.strand import whole_scene
+from tactemu.base.clock import VirtualClock
+from tactemu.base.files import move_into_place
+from tactemu.datasets.partition import whole_scene
+from tactemu.datasets.spec import Order
 from tactemu.datasets.variety import Starts
-from tactemu.files import move_into_place
+from tactemu.emulator.assembly import Wishes, assemble, truth_of
 
 FOLDER = "wire"
 

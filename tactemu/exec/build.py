@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from tactemu.folders import temporary_folder
+from tactemu.base.folders import temporary_folder
 
 SOURCES = Path(__file__).parent / "preload"
 BUILT = "preload.so"

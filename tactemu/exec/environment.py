@@ -20,14 +20,14 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from firmware_protocols import USB, Can, Device, Serial
-from tactemu.errors import TransportError
+from tactemu.base.errors import TransportError
 from tactemu.exec.build import NoLibrary, library
 from tactemu.exec.bus import WAYS, BusPort
 from tactemu.exec.expose import Exposed, parsed
 from tactemu.exec.keeping import Keeper
 from tactemu.exec.port import Node, UsbPort
 from tactemu.exec.uart import CHIPS
-from tactemu.serving import Served
+from tactemu.session.serving import Served
 from tactemu.transports import Transport
 from tactemu.transports.socketcan import SocketCanTransport
 from tactemu.wire.wire import Wire

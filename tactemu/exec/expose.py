@@ -14,7 +14,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from tactemu.errors import TransportError
+from tactemu.base.errors import TransportError
 
 _HERE = "127.0.0.1"
 _CHUNK = 65_536

@@ -13,7 +13,7 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from tactemu.errors import TactemuError, TransportUnavailable
+from tactemu.base.errors import TactemuError, TransportUnavailable
 from tactemu.exec import enter
 
 _PYTHON = (sys.executable, "-I", "-S")

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from firmware_protocols import Device
-from tactemu.errors import TactemuError
+from tactemu.base.errors import TactemuError
 from tactemu.fit.estimates import Findings, linear
 from tactemu.fit.magnets import find_magnets
 from tactemu.fit.places import find_places

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from tactemu.errors import TactemuError
+from tactemu.base.errors import TactemuError
 from tactemu.fit import sets
 from tactemu.fit.sets.aims import Aim, Recordings
 

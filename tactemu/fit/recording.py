@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from tactemu.errors import TactemuError, nearest
+from tactemu.base.errors import TactemuError, nearest
 
 READINGS = ("field", "counts", "pressure", "resistance", "capacitance", "reading")
 TRUTHS = ("t", "x", "y", "z", "depth", "force", "mass", "temperature", "untouched")

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from tactemu.errors import TactemuError
+from tactemu.base.errors import TactemuError
 
 
 def least_squares(residuals: Any, begin: Any, **options: Any) -> Any:

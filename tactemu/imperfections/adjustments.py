@@ -9,8 +9,8 @@ class Adjustments(ABC):
     """The setters under the names that Genesis has: of a sensor's handle, and of its ``imperfections``.
 
     ``envs_idx`` is ``None`` (all environments), a list of numbers or a mask. A value is one number, one per column, or
-    one of these for each environment named. Each setter raises :class:`~tactemu.errors.SceneError` if the option was
-    off when the scene was built and is not in ``adjustable``, or if the value does not fit.
+    one of these for each environment named. Each setter raises :class:`~tactemu.base.errors.SceneError` if the option
+    was off when the scene was built and is not in ``adjustable``, or if the value does not fit.
     """
 
     @abstractmethod

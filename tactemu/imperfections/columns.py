@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tactemu.errors import SceneError, shown
+from tactemu.base.errors import SceneError, shown
+from tactemu.base.options import LARGEST, numbers
 from tactemu.imperfections.info import ReadingInfo
-from tactemu.options import LARGEST, numbers
 from tactemu.plan.plan import Context
 
 

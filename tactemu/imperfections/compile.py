@@ -22,7 +22,8 @@ from typing import Any, Protocol
 import numpy as np
 import warp as wp
 
-from tactemu.errors import SceneError
+from tactemu.base.errors import SceneError
+from tactemu.base.random_streams import stream_key
 from tactemu.imperfections import resets
 from tactemu.imperfections.adjustments import Adjustments
 from tactemu.imperfections.coefficients import compile_coefficients
@@ -39,7 +40,6 @@ from tactemu.imperfections.scan import compile_scan
 from tactemu.plan.clearing import clear_rows
 from tactemu.plan.launches import Launches
 from tactemu.plan.plan import Context, Stage
-from tactemu.random_streams import stream_key
 
 Transduce = Callable[[wp.array], tuple[wp.array, list[Stage], ReadingInfo]]
 """From what a model gives to what the electronics sees, and what that is."""

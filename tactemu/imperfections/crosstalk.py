@@ -14,11 +14,11 @@ from collections.abc import Iterator
 import numpy as np
 import warp as wp
 
-from tactemu.errors import SceneError
+from tactemu.base.errors import SceneError
+from tactemu.base.options import numbers
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.laws import is_on
 from tactemu.imperfections.options import ImperfectionOptions
-from tactemu.options import numbers
 from tactemu.plan.launches import Launch, in_turn
 from tactemu.plan.plan import Context, Stage
 from tactemu.plan.scalars import natural

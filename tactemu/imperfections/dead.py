@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from tactemu.errors import SceneError
+from tactemu.base.errors import SceneError
+from tactemu.base.random_streams import stream_key
 from tactemu.imperfections.columns import environments
 from tactemu.imperfections.elementwise import ALIVE, DIES
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.options import ImperfectionOptions
 from tactemu.imperfections.resets import dead_kernel
 from tactemu.plan.plan import Context
-from tactemu.random_streams import stream_key
 
 
 class DeadTaxels:

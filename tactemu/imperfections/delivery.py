@@ -7,17 +7,17 @@ import functools
 import numpy as np
 import warp as wp
 
-from tactemu.errors import SceneError
+from tactemu.base.errors import SceneError
+from tactemu.base.options import numbers
+from tactemu.base.random_streams import stream_key
 from tactemu.imperfections.columns import environments
 from tactemu.imperfections.delivery_kernels import deliver_kernel, remember_kernel, select_kernel
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.options import ImperfectionOptions
 from tactemu.imperfections.ring import Ring, ring_depth
-from tactemu.options import numbers
 from tactemu.plan.clearing import clear_rows
 from tactemu.plan.launches import in_turn
 from tactemu.plan.plan import Context, Stage
-from tactemu.random_streams import stream_key
 
 
 class Delay:

@@ -8,10 +8,10 @@ from typing import get_args
 
 import numpy as np
 
-from tactemu.errors import SceneError
+from tactemu.base.errors import SceneError
+from tactemu.base.options import numbers
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.options import ImperfectionOptions, Law
-from tactemu.options import numbers
 
 _TYPES = {field.name: str(field.type) for field in fields(ImperfectionOptions)}
 _SINGLE = tuple(name for name, kind in _TYPES.items() if kind in ("float", "float | None", "int"))

@@ -122,4 +122,4 @@ class ImperfectionOptions:
 
     adjustable: Sequence[Law] = ()
     """Options that are built although they are zero, with a number per column, so that their setters can switch them
-    on while running; ``dead`` for :meth:`~tactemu.physics.sensor.Sensor.set_dead`."""
+    on while running; ``dead`` for :meth:`~tactemu.sensors.sensor.Sensor.set_dead`."""

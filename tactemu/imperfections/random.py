@@ -2,8 +2,8 @@
 
 Nothing is stored and no order matters. The generator is Philox4x32-10 (Salmon, Moraes, Dror and Shaw, "Parallel random
 numbers: as easy as 1, 2, 3", SC 2011). One call gives four independent words. The counter is (step low, step high,
-index, environment); the key is that of the stream (:mod:`tactemu.random_streams`) and the number of resets. Both float
-widths see the same words.
+index, environment); the key is that of the stream (:mod:`tactemu.base.random_streams`) and the number of resets. Both
+float widths see the same words.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false

@@ -12,7 +12,7 @@ import math
 
 import warp as wp
 
-from tactemu.errors import SceneError
+from tactemu.base.errors import SceneError
 from tactemu.plan.plan import Context
 
 FRESH = -1

@@ -8,11 +8,11 @@ import functools
 import numpy as np
 import warp as wp
 
-from tactemu.errors import SceneError
+from tactemu.base.errors import SceneError
+from tactemu.base.options import numbers
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.options import ImperfectionOptions
 from tactemu.imperfections.ring import Ring, entries, entry_before, entry_time, ring_depth, slot
-from tactemu.options import numbers
 from tactemu.plan.plan import Context, Stage
 
 

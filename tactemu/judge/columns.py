@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from firmware_protocols import Device
-from tactemu.errors import TactemuError
+from tactemu.base.errors import TactemuError
 from tactemu.judge.excitation import columns_of
 
 ROLES = ("value", "flag", "counter", "time", "other")

@@ -15,7 +15,7 @@ import threading
 import time
 from collections.abc import Mapping, Sequence
 
-from tactemu.errors import TactemuError
+from tactemu.base.errors import TactemuError
 from tactemu.judge import processes
 from tactemu.judge.lateness import Delay
 from tactemu.judge.rows import LONGEST, Rows

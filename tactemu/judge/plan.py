@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from firmware_protocols import Rollover
-from tactemu.judge import crafted
+from tactemu.judge import forged_replies
 
 GAP = 4
 """Readings from edit to edit, so that what one costs is told from what the next does."""
@@ -211,7 +211,7 @@ class Plan:
         hits = self._hits(4, 6)
         late = [f"late frame {hits[0]} by 150ms", f"late frame {hits[1]} by 700ms"]
         yield Trial("late answer", "an answer comes when the next question has been asked", late, takes_s=2.5)
-        lies = crafted.lies(facts.frames[-4 * max(1, facts.frames_per_row) :], facts.wire)
+        lies = forged_replies.lies(facts.frames[-4 * max(1, facts.frames_per_row) :], facts.wire)
         for lie in lies:
             yield Trial(lie.name, lie.why, [fault for n in self._hits(3, 5) for fault in lie.faults(n)])
         foreign = [reply for reply in facts.replies if reply][:6]

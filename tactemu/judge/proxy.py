@@ -20,12 +20,12 @@ from firmware_protocols import Can, Connector, Device, Frame, Sent, Serial, call
 from firmware_protocols.check.readings import reading_of
 from firmware_protocols.tables import Frame as FrameTable
 from tactemu import transports
-from tactemu.clock import RealClock
-from tactemu.errors import TransportError
-from tactemu.recordings.recorder import Recorder
-from tactemu.recordings.recording import Entry
+from tactemu.base.clock import RealClock
+from tactemu.base.errors import TransportError
 from tactemu.transports.transport import LinesChanged, Received, SettingChanged, Transport
 from tactemu.truth import Truth
+from tactemu.truth.recorder import Recorder
+from tactemu.truth.recording import Entry
 from tactemu.wire.wire import Heard, Wire
 
 CHUNK = 4096

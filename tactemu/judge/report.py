@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from tactemu.errors import TactemuError
+from tactemu.base.errors import TactemuError
 from tactemu.judge.outcome import FAILING, Outcome
 from tactemu.version import __version__
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from typing import Self
 
-from tactemu.errors import TactemuError
+from tactemu.base.errors import TactemuError
 from tactemu.judge.budget import Budget
 from tactemu.judge.columns import Columns
 from tactemu.judge.driver import Driver, command_of

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from tactemu.errors import TactemuError
+from tactemu.base.errors import TactemuError
 from tactemu.judge.outcome import FAILING, Outcome
 from tactemu.judge.plan import Trial
 from tactemu.judge.tape import Change, Tape

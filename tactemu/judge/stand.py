@@ -11,14 +11,14 @@ from dataclasses import replace
 from typing import Any
 
 from firmware_protocols import Can, Device
-from tactemu.errors import TactemuError
+from tactemu.base.errors import TactemuError
 from tactemu.judge.columns import Channel, channels_of
 from tactemu.judge.excitation import STEP, WIDE, Excitation, Span
 from tactemu.judge.plan import Facts, Trial
 from tactemu.judge.tape import Recorder
 from tactemu.scene import file
 from tactemu.scene.building import make_devices
-from tactemu.serving import Served, serve
+from tactemu.session.serving import Served, serve
 from tactemu.wire.wire import Wire
 
 BEYOND, BEYOND_WIDE = 5.0, 20.0

@@ -22,9 +22,9 @@ from typing import Any
 
 import numpy as np
 
-from tactemu.errors import TactemuError
+from tactemu.base.errors import TactemuError
 from tactemu.judge.driver import Driver, command_of
-from tactemu.serving import Served, serve
+from tactemu.session.serving import Served, serve
 
 STRENGTHS: Mapping[str, tuple[str, tuple[float, ...]]] = {
     "drop": ("frames lost [%]", (1, 3, 10, 30, 60)),

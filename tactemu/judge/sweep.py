@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tactemu.errors import TactemuError
+from tactemu.base.errors import TactemuError
 
 LONGEST_S = 3600.0
 """After which a run is ended."""

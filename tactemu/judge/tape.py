@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tactemu.errors import TactemuError
-from tactemu.frame_text import text
+from tactemu.base.errors import TactemuError
+from tactemu.base.frame_text import text
 from tactemu.truth import Truth
 from tactemu.truth.entries import Entry, Injection, Passage, PortEvent
 from tactemu.truth.entries import Sample as TrueSample

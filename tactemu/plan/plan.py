@@ -2,7 +2,7 @@
 
 Stages are compiled once, when the scene is built: arrays are allocated and launches recorded there, and a step does
 nothing but launch. On the CPU each stage is a recorded launch, and threads may share the environments of a batch
-(:mod:`tactemu.plan.team`); on a GPU the plan is captured in one CUDA graph.
+(:mod:`tactemu.plan.thread_pool`); on a GPU the plan is captured in one CUDA graph.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.plan.launches import Launch, Launches, record, record_blocks
-from tactemu.plan.team import Team, cores
+from tactemu.plan.thread_pool import Team, cores
 
 Dtype = Literal["float32", "float64"]
 """Width of the kernels' numbers."""
@@ -39,7 +39,7 @@ class Context:
     real: type
     """``wp.float32``, or ``wp.float64`` in the float64 mode. Kernels are built for it by cached factories."""
     seed: int
-    """Root seed; a stage derives its own stream from it and its name (:mod:`tactemu.random_streams`)."""
+    """Root seed; a stage derives its own stream from it and its name (:mod:`tactemu.base.random_streams`)."""
     first_env: int = 0
     """Number of the first, where others are simulated elsewhere: an environment draws the same wherever it is."""
     threads: int = 1

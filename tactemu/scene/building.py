@@ -13,13 +13,12 @@ import numpy as np
 from firmware_protocols import Device
 from firmware_protocols.device import TOUCH
 from firmware_protocols.options import checked, declared
-from tactemu.errors import DeviceError, SceneError, nearest
-from tactemu.options import numbers
-from tactemu.physics.models import cheapest, load, models_for
-from tactemu.physics.shapes.registry import load_shape
-from tactemu.physics.shapes.shape import Shape
-from tactemu.scene import rotation
-from tactemu.scene.bodies import Body
+from tactemu.base.errors import DeviceError, SceneError, nearest
+from tactemu.base.options import numbers
+from tactemu.geometry import rotation
+from tactemu.geometry.bodies import Body
+from tactemu.geometry.shapes.registry import load_shape
+from tactemu.geometry.shapes.shape import Shape
 from tactemu.scene.engine_registry import BatchEngine, Engine, JointMotors, open_engine
 from tactemu.scene.engine_tables import BatchTable
 from tactemu.scene.file import LoadedScene, load_device
@@ -27,12 +26,13 @@ from tactemu.scene.placement import PlacedSensor, PlacedSkin
 from tactemu.scene.schema import Body as BodyTable
 from tactemu.scene.schema import Skin
 from tactemu.scene.skins import SkinPart, parts_of
+from tactemu.sensors.models import cheapest, load, models_for
 from tactemu.transducers.chain import Chain
 from tactemu.transducers.registry import make
 
 if TYPE_CHECKING:
-    from tactemu.physics.sensor_model import SensorModel
     from tactemu.scene.scene import Scene
+    from tactemu.sensors.sensor_model import SensorModel
     from tactemu.transducers.transducer import Transducer
 
 
@@ -195,7 +195,7 @@ def sensor_model(
     Raises:
         SceneError: no such model, or an option that it does not have or does not accept.
     """
-    from tactemu.physics.sensor import SensorModel
+    from tactemu.sensors.sensor import SensorModel
 
     name = model_name(skin, device)
     try:
@@ -203,7 +203,7 @@ def sensor_model(
     except LookupError as error:
         raise SceneError(f"skin {skin.title!r}: model: {error}") from error
     if not (isinstance(model, type) and issubclass(model, SensorModel)):
-        raise SceneError(f"skin {skin.title!r}: model: {name} is no sensor model (tactemu.physics.sensor.SensorModel)")
+        raise SceneError(f"skin {skin.title!r}: model: {name} is no sensor model (tactemu.sensors.sensor.SensorModel)")
     known = [field.name for field in dataclasses.fields(model) if field.init]
     _check_senses(skin, name, model, device)
     where = f"skin {skin.title!r}: options"

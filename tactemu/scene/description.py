@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from firmware_protocols import Device
-from tactemu.scene import rotation
+from tactemu.geometry import rotation
 from tactemu.scene.placement import PlacedSensor, PlacedSkin
 
 if TYPE_CHECKING:
-    from tactemu.physics.sensor_model import SensorModel
-    from tactemu.physics.simulation import Simulation
+    from tactemu.sensors.sensor_model import SensorModel
+    from tactemu.sensors.simulation import Simulation
 
 
 class Surroundings:

@@ -10,21 +10,21 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from firmware_protocols import Device
-from tactemu.errors import SceneError
+from tactemu.base.errors import SceneError
 from tactemu.scene.engine_tables import ENGINES
 from tactemu.scene.file import LoadedScene
 from tactemu.scene.schema import JointTable
 
 if TYPE_CHECKING:
-    from tactemu.physics.sensor import Sensor
-    from tactemu.scene.bodies import Body
+    from tactemu.geometry.bodies import Body
     from tactemu.scene.scene import Scene
+    from tactemu.sensors.sensor import Sensor
 
 OPENERS: dict[str, str] = {
     # kind: "module:function", imported only when a scene asks for it
-    "mujoco": "tactemu.scene.engine:open_engine",
-    "mujoco-warp": "tactemu.scene.mujoco_warp_engine:open_engine",
-    "newton": "tactemu.scene.newton_engine:open_engine",
+    "mujoco": "tactemu.engines.engine:open_engine",
+    "mujoco-warp": "tactemu.engines.mujoco_warp_engine:open_engine",
+    "newton": "tactemu.engines.newton_engine:open_engine",
 }
 """Each function takes ``(scene, loaded, motors)``, adds the bodies of its model to the scene and returns the engine."""
 

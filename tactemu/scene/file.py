@@ -14,13 +14,13 @@ from pydantic import ValidationError
 
 import firmware_protocols
 from firmware_protocols.options import checked
-from tactemu.errors import DeviceError, SceneError, nearest
-from tactemu.physics.models import MODELS
-from tactemu.scene.as_measured import as_measured
+from tactemu.base.errors import DeviceError, SceneError, nearest
+from tactemu.geometry.motion import Motion
 from tactemu.scene.default import tables_for
-from tactemu.scene.mistakes import listed
-from tactemu.scene.motion import Motion
+from tactemu.scene.measured_defaults import as_measured
 from tactemu.scene.schema import SHAPES, SceneFile, make_motion, motion_schemas
+from tactemu.scene.validation_errors import listed
+from tactemu.sensors.models import MODELS
 
 DEFAULTS = Path(__file__).parent / "defaults"
 """Scenes of the devices that come with tactemu, by their names; the others' are made from their layouts."""
@@ -39,7 +39,7 @@ class LoadedScene:
     """What paths in the file are relative to."""
     starts: Mapping[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     """Where bodies that an engine moves freely start in each environment
-    (:attr:`tactemu.scene.batch_engine.BatchEngine.starts`); default: as its model says."""
+    (:attr:`tactemu.engines.batch_engine.BatchEngine.starts`); default: as its model says."""
 
 
 def load(target: str | Path, device_options: Mapping[str, Any] | None = None, *, code: bool = True) -> LoadedScene:

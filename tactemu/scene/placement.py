@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from tactemu.errors import SceneError
-from tactemu.options import numbers
-from tactemu.scene import rotation
-from tactemu.scene.motion import Pose
+from tactemu.base.errors import SceneError
+from tactemu.base.options import numbers
+from tactemu.geometry import rotation
+from tactemu.geometry.motion import Pose
 from tactemu.scene.skins import SkinPart
 
 if TYPE_CHECKING:
     from tactemu.imperfections import ImperfectionOptions, Imperfections
-    from tactemu.physics.sensor import Sensor
-    from tactemu.physics.sensor_model import SensorModel
+    from tactemu.sensors.sensor import Sensor
+    from tactemu.sensors.sensor_model import SensorModel
 
 GRAVITY = (0.0, 0.0, 9.80665)
 """What an accelerometer at rest reads in the world's frame [m/s²]: up."""

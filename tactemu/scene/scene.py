@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactemu.errors import SceneError
-from tactemu.options import number
-from tactemu.physics.shapes.registry import SHAPES
-from tactemu.physics.shapes.shape import Shape
-from tactemu.scene.bodies import Body, Moved, find
+from tactemu.base.errors import SceneError
+from tactemu.base.options import number
+from tactemu.geometry.bodies import Body, Moved, find
+from tactemu.geometry.shapes.registry import SHAPES
+from tactemu.geometry.shapes.shape import Shape
 
 if TYPE_CHECKING:
-    from tactemu.physics.sensor import Sensor
-    from tactemu.physics.sensor_model import SensorModel
-    from tactemu.physics.simulation import Simulation
-    from tactemu.physics.split import SplitSimulation
+    from tactemu.geometry.motion import Motion
     from tactemu.plan.plan import Dtype
-    from tactemu.scene.motion import Motion
+    from tactemu.sensors.sensor import Sensor
+    from tactemu.sensors.sensor_model import SensorModel
+    from tactemu.sensors.simulation import Simulation
+    from tactemu.sensors.split import SplitSimulation
     from tactemu.transducers.transducer import Transducer
 
 
@@ -60,8 +60,8 @@ class Scene:
             fixed: never moves; a motion or :meth:`Simulation.set_pose` on it is an error.
             position: where it starts, world [m].
             quaternion: its orientation there, (w, x, y, z); need not be of unit length.
-            motion: moves it: a motion of :mod:`tactemu.scene.motion`, which displaces it from there, or an object whose
-                ``pose(t_s)`` gives world poses (:class:`tactemu.Pose`).
+            motion: moves it: a motion of :mod:`tactemu.geometry.motion`, which displaces it from there, or an object
+                whose ``pose(t_s)`` gives world poses (:class:`tactemu.Pose`).
 
         Raises:
             SceneError: an option is wrong, or the name is taken.
@@ -107,8 +107,8 @@ class Scene:
         Raises:
             SceneError: the body is not of this scene, or the name is taken.
         """
-        from tactemu.physics.sensor import Sensor
-        from tactemu.physics.sensor_model import SensorModel
+        from tactemu.sensors.sensor import Sensor
+        from tactemu.sensors.sensor_model import SensorModel
 
         if not isinstance(model, SensorModel):
             raise SceneError(f"add_sensor: expected a sensor such as tactemu.KinematicTaxel(...), got {model!r}")
@@ -164,7 +164,7 @@ class Scene:
         Raises:
             SceneError: an option of a sensor is wrong, a mesh cannot be used, or the device does not exist.
         """
-        from tactemu.physics.simulation import Simulation
+        from tactemu.sensors.simulation import Simulation
 
         simulation = Simulation(
             self.bodies, self.sensors, dt=self.dt, n_envs=n_envs, device=device, seed=seed, dtype=dtype,
@@ -197,7 +197,7 @@ class Scene:
         Raises:
             SceneError: as of :meth:`build`; fewer environments than devices.
         """
-        from tactemu.physics.split import SplitSimulation
+        from tactemu.sensors.split import SplitSimulation
 
         return SplitSimulation(
             self.bodies, self.sensors, devices, n_envs=n_envs, first_env=first_env, dt=self.dt, seed=seed, dtype=dtype,

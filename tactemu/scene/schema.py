@@ -23,15 +23,15 @@ from pydantic import (
     model_validator,
 )
 
-from tactemu.errors import SceneError, nearest
-from tactemu.physics.shapes.registry import SHAPES as SHAPE_CLASSES
-from tactemu.physics.shapes.registry import load_shape
-from tactemu.physics.shapes.shape import Shape
+from tactemu.base.errors import SceneError, nearest
+from tactemu.geometry.limits import FARTHEST_M, METRES, MOST_RADIUS_M, MOST_S, RATES_HZ, SIZES_M, STEPS_S
+from tactemu.geometry.motion import MOTIONS, Motion, Sequence, Together
+from tactemu.geometry.shapes.registry import SHAPES as SHAPE_CLASSES
+from tactemu.geometry.shapes.registry import load_shape
+from tactemu.geometry.shapes.shape import Shape
 from tactemu.scene.engine_tables import AnyEngine
-from tactemu.scene.limits import FARTHEST_M, METRES, MOST_RADIUS_M, MOST_S, RATES_HZ, SIZES_M, STEPS_S
-from tactemu.scene.mistakes import listed, mistake
-from tactemu.scene.motion import MOTIONS, Motion, Sequence, Together
 from tactemu.scene.table import AnyReal, Real, Table, one_of
+from tactemu.scene.validation_errors import listed, mistake
 
 Seconds = Annotated[Real, Field(ge=0, le=MOST_S)]
 Coordinate = Annotated[Real, Field(ge=-FARTHEST_M, le=FARTHEST_M)]

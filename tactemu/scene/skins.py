@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from firmware_protocols import Layout
-from tactemu.errors import SceneError, nearest
+from tactemu.base.errors import SceneError, nearest
 from tactemu.scene.schema import LinkTable, Skin
 
 

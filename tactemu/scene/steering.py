@@ -8,11 +8,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from tactemu.errors import SceneError
-from tactemu.scene import rotation
-from tactemu.scene.bodies import Body
+from tactemu.base.errors import SceneError
+from tactemu.geometry import rotation
+from tactemu.geometry.bodies import Body
+from tactemu.geometry.motion import Hold, Joint, Keyframes, Motion, Placed, Pose
 from tactemu.scene.file import LoadedScene
-from tactemu.scene.motion import Hold, Joint, Keyframes, Motion, Placed, Pose
 from tactemu.scene.placement import PlacedSkin
 
 

@@ -7,9 +7,9 @@ from typing import Annotated, Any, Union
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, Strict, model_validator
 
-from tactemu.errors import nearest
-from tactemu.options import LARGEST
-from tactemu.scene.mistakes import mistake
+from tactemu.base.errors import nearest
+from tactemu.base.options import LARGEST
+from tactemu.scene.validation_errors import mistake
 
 Real = Annotated[float, Strict()]
 """A number; neither a text nor a truth value is one."""

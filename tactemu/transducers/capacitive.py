@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from tactemu.options import number
+from tactemu.base.options import number
 from tactemu.plan.clearing import clear_rows
 from tactemu.plan.plan import Stage
 from tactemu.plan.scalars import is_finite

@@ -7,7 +7,7 @@ from typing import Any
 
 import warp as wp
 
-from tactemu.errors import SceneError
+from tactemu.base.errors import SceneError
 from tactemu.plan.plan import Stage
 from tactemu.transducers.transducer import KINDS, Kind, Place, Transducer
 

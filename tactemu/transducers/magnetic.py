@@ -22,8 +22,8 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from tactemu.errors import SceneError, shown
-from tactemu.options import number, numbers, triple
+from tactemu.base.errors import SceneError, shown
+from tactemu.base.options import number, numbers, triple
 from tactemu.plan.plan import Stage
 from tactemu.transducers.transducer import FIELD, Kind, Place, Transducer
 

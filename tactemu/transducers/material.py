@@ -21,8 +21,8 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from tactemu.errors import SceneError
-from tactemu.options import number
+from tactemu.base.errors import SceneError
+from tactemu.base.options import number
 from tactemu.plan.clearing import clear_rows
 from tactemu.plan.plan import Stage
 from tactemu.plan.scalars import is_finite

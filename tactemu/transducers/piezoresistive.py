@@ -20,8 +20,8 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from tactemu.errors import SceneError
-from tactemu.options import number
+from tactemu.base.errors import SceneError
+from tactemu.base.options import number
 from tactemu.plan.plan import Stage
 from tactemu.plan.scalars import is_finite
 from tactemu.transducers.loads import TAKES, load_function, reading_kind, skin_arrays

@@ -7,7 +7,7 @@ import importlib
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from tactemu.errors import SceneError, nearest
+from tactemu.base.errors import SceneError, nearest
 
 if TYPE_CHECKING:
     from tactemu.transducers.transducer import Transducer

@@ -19,7 +19,7 @@ from typing import ClassVar, Literal
 import numpy as np
 import warp as wp
 
-from tactemu.options import check_declared
+from tactemu.base.options import check_declared
 from tactemu.plan.plan import Context, Stage
 
 Channels = Literal["scalar", "force", "displacement"]
@@ -68,7 +68,7 @@ class Place:
     """Of the taxels [m²], ``(n,)``."""
     link: int
     world: wp.array
-    """Poses of all bodies, ``(n_envs, n_bodies, 13)``: see :mod:`tactemu.physics.poses`."""
+    """Poses of all bodies, ``(n_envs, n_bodies, 13)``: see :mod:`tactemu.sensors.poses`."""
     pose: wp.array
     """The bodies as the link sees them, transforms ``(n_envs, n_bodies)``."""
     bodies: Mapping[str, int]

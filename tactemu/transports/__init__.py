@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import importlib
 
-from tactemu.errors import TransportError, TransportUnavailable, nearest
+from tactemu.base.errors import TransportError, TransportUnavailable, nearest
 from tactemu.transports.transport import Transport
 
 TRANSPORTS: dict[str, str] = {

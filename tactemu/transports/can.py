@@ -21,7 +21,7 @@ from typing import Any
 import can
 
 from firmware_protocols import CanFrame, Frame
-from tactemu.errors import TransportError, TransportUnavailable
+from tactemu.base.errors import TransportError, TransportUnavailable
 from tactemu.transports.can_messages import frame_of, message_of
 from tactemu.transports.forks import keep_from_children
 from tactemu.transports.receive_queue import ReceiveQueue

@@ -7,7 +7,7 @@ import logging
 import can
 
 from firmware_protocols import CanFrame
-from tactemu.frame_text import PROTOCOL_ERROR
+from tactemu.base.frame_text import PROTOCOL_ERROR
 
 logging.getLogger("can").addHandler(logging.NullHandler())  # what cannot be opened or read is our error to report
 

@@ -26,7 +26,7 @@ from cyclonedds.sub import DataReader, Subscriber
 from cyclonedds.topic import Topic
 
 from firmware_protocols import Connector, Dds, Frame, idl
-from tactemu.errors import TransportError
+from tactemu.base.errors import TransportError
 from tactemu.transports import inet
 from tactemu.transports.forks import keep_from_children
 from tactemu.transports.transport import DROPPED, RAISED, Closed, Event, Opened, Received, Transport

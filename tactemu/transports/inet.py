@@ -6,7 +6,7 @@ import ipaddress
 import logging
 import socket
 
-from tactemu.errors import TransportError
+from tactemu.base.errors import TransportError
 
 _logger = logging.getLogger(__name__)
 

@@ -26,7 +26,7 @@ import tty
 from collections import deque
 
 from firmware_protocols import Frame
-from tactemu.errors import TransportError, TransportUnavailable
+from tactemu.base.errors import TransportError, TransportUnavailable
 from tactemu.transports.forks import keep_from_children
 from tactemu.transports.openings import Openings
 from tactemu.transports.symlink import StableLink

@@ -11,7 +11,7 @@ from collections import Counter
 from firmware_protocols import Can, CanFrame, Connector, Frame
 from firmware_protocols.frames import FD_LENGTHS
 from firmware_protocols.framing import Lines
-from tactemu.errors import TransportError
+from tactemu.base.errors import TransportError
 from tactemu.transports.pty import PtyTransport
 from tactemu.transports.transport import Closed, Event, Received
 

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 
 from firmware_protocols import Can, CanFrame, Connector, Frame
 from firmware_protocols.can_frames import CAN_FRAME, CanFrames
-from tactemu.errors import TransportError, TransportUnavailable
-from tactemu.frame_text import PROTOCOL_ERROR
+from tactemu.base.errors import TransportError, TransportUnavailable
+from tactemu.base.frame_text import PROTOCOL_ERROR
 from tactemu.transports.forks import keep_from_children
 from tactemu.transports.receive_queue import ReceiveQueue
 from tactemu.transports.transport import CanFilter, Closed, Event, Opened, Received, Transport

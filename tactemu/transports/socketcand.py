@@ -10,7 +10,7 @@ import re
 import time
 
 from firmware_protocols import CanFrame, Frame
-from tactemu.errors import TransportError
+from tactemu.base.errors import TransportError
 from tactemu.transports.tcp import TcpTransport
 from tactemu.transports.transport import Event, Received
 

@@ -10,8 +10,8 @@ import socket
 import threading
 from pathlib import Path
 
-from tactemu.errors import TransportError, shown
-from tactemu.leftovers import remove_at_end
+from tactemu.base.errors import TransportError, shown
+from tactemu.base.leftovers import remove_at_end
 
 _LIVE: set[StableLink] = set()
 _ENDING = (signal.SIGTERM, signal.SIGHUP)

@@ -11,7 +11,7 @@ import select
 import socket
 
 from firmware_protocols import Frame
-from tactemu.errors import TransportError
+from tactemu.base.errors import TransportError
 from tactemu.transports import inet
 from tactemu.transports.forks import keep_from_children
 from tactemu.transports.transport import CHUNK, DROPPED, RAISED, REST, Closed, Event, Opened, Received, Transport

@@ -14,7 +14,7 @@ import socket
 from typing import Any
 
 from firmware_protocols import Frame
-from tactemu.errors import TransportError
+from tactemu.base.errors import TransportError
 from tactemu.transports import inet
 from tactemu.transports.forks import keep_from_children
 from tactemu.transports.receive_queue import ReceiveQueue

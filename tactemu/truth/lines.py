@@ -12,7 +12,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from tactemu import frame_text
+from tactemu.base import frame_text
 from tactemu.truth.entries import (
     LARGEST_TIME,
     BodyPose,

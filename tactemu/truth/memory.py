@@ -9,7 +9,7 @@ from collections import deque
 
 from firmware_protocols import CanFrame, Frame
 from firmware_protocols.can_frames import CanFrames
-from tactemu.errors import TactemuError
+from tactemu.base.errors import TactemuError
 from tactemu.truth.entries import Entry, Injection, Passage, PortEvent, Sample
 
 DEFAULT_KEEP = "256MB"

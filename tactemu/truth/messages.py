@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from firmware_protocols import CanFrame, Frame
-from tactemu.frame_text import checked, on_the_bus
+from tactemu.base.frame_text import checked, on_the_bus
 from tactemu.truth.entries import BodyPose, Entry, Injection, Passage, PortEvent, Sample
 
 _LITTLE_ENDIAN_CDR = b"\x00\x01\x00\x00"

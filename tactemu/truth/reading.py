@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tactemu.errors import TactemuError
+from tactemu.base.errors import TactemuError
 from tactemu.truth import lines, packed
 from tactemu.truth.entries import BodyPose, End, Entry, Header, Injection, Passage, PortEvent, Sample
 from tactemu.truth.writer import check_suffix

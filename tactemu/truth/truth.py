@@ -11,7 +11,7 @@ import numpy as np
 
 from firmware_protocols import Frame
 from firmware_protocols.can_frames import CanFrames
-from tactemu.frame_text import text
+from tactemu.base.frame_text import text
 from tactemu.truth.entries import BodyPose, Entry, Header, Injection, Passage, PortEvent, Sample
 from tactemu.truth.memory import Memory, size_of
 from tactemu.truth.writer import LogWriter, check_overwriting

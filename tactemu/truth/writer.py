@@ -19,8 +19,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from tactemu.errors import TactemuError
-from tactemu.leftovers import remove_at_end
+from tactemu.base.errors import TactemuError
+from tactemu.base.leftovers import remove_at_end
 from tactemu.truth.entries import End, Entry, Header
 from tactemu.truth.lines import LinesWriter
 from tactemu.truth.packed import PackedWriter

@@ -18,10 +18,10 @@ from statistics import median
 import numpy as np
 
 from firmware_protocols import Sense
-from tactemu.assembly import Wishes, assemble
-from tactemu.channel import Channel
-from tactemu.clock import VirtualClock
-from tactemu.emulator import Emulator
+from tactemu.base.clock import VirtualClock
+from tactemu.emulator.assembly import Wishes, assemble
+from tactemu.emulator.channel import Channel
+from tactemu.emulator.emulator import Emulator
 from tactemu.scene.file import LoadedScene
 
 MOST_LOAD = 0.7

@@ -6,10 +6,10 @@ import dataclasses
 from dataclasses import dataclass, field
 from typing import Any
 
-from tactemu.physics.models import load, models_for
-from tactemu.physics.sensor_model import SensorModel, Trial
 from tactemu.scene.file import LoadedScene
 from tactemu.scene.schema import Skin
+from tactemu.sensors.models import load, models_for
+from tactemu.sensors.sensor_model import SensorModel, Trial
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactemu.errors import SceneError
+from tactemu.base.errors import SceneError
 from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.file import LoadedScene, load
 from tactemu.scene.schema import Skin

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from tactemu.errors import SceneError
+from tactemu.base.errors import SceneError
 
 
 def set_skin(text: str, index: int, model: str, options: dict[str, Any], dtype: str | None = None) -> str:

@@ -1,7 +1,7 @@
 """A line that has a speed: who may send next, and when the last bit has gone.
 
-How long a frame takes and who goes first is the carrier's (:mod:`tactemu.wire.carriers`): a serial line sends in order,
-on a CAN bus the lowest identifier wins, on a shared half-duplex line answers leave in turn.
+How long a frame takes and who goes first is the carrier's (:mod:`tactemu.wire.line_models`): a serial line sends in
+order, on a CAN bus the lowest identifier wins, on a shared half-duplex line answers leave in turn.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import ClassVar
 
 from firmware_protocols import Frame
 from firmware_protocols.can_frames import CanFrames
-from tactemu.wire.carriers.carrier import Carrier
+from tactemu.wire.line_models.line_model import Carrier
 from tactemu.wire.pending import Pending
 
 CATCH_UP_NS = 5_000_000

@@ -1,7 +1,7 @@
 """Between devices and port: the wire has a speed, and bytes and frames go wrong on it.
 
 Frames leave when their last bit would have: how long that takes and who goes first is the carrier's
-(:mod:`tactemu.wire.carriers`). What the driver sends takes its time likewise. A reading that does not fit is dropped
+(:mod:`tactemu.wire.line_models`). What the driver sends takes its time likewise. A reading that does not fit is dropped
 whole and counted; nothing queues without bound. At other settings than the device's the driver hears noise, and so
 does the device.
 """
@@ -29,10 +29,10 @@ from tactemu.transports.transport import (
     Transport,
 )
 from tactemu.truth import Truth
-from tactemu.wire.carriers import carrier_of
-from tactemu.wire.carriers.carrier import DRIVER, Pacing
 from tactemu.wire.faults import Fault, Injector
 from tactemu.wire.line import Line
+from tactemu.wire.line_models import carrier_of
+from tactemu.wire.line_models.line_model import DRIVER, Pacing
 from tactemu.wire.pending import Pending
 
 INBOUND_AHEAD_NS = 50_000_000

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tactemu.bench import answers
+from benchmarks import answers
 
 
 @pytest.mark.realtime

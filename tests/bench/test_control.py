@@ -2,7 +2,7 @@
 
 import pytest
 
-from tactemu.bench import control
+from benchmarks import control
 
 pytestmark = [pytest.mark.nightly, pytest.mark.realtime]
 

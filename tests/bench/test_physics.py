@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from tactemu.bench import physics, physics_loops
+from tactemu.tune.speed import physics, physics_loops
 
 
 @pytest.mark.parametrize("sensor", physics.sensors())

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from tactemu.bench import soak
+from benchmarks import soak
 
 pytestmark = pytest.mark.realtime
 

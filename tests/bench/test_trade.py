@@ -5,14 +5,14 @@ import json
 import numpy as np
 import pytest
 
-from tactemu.bench.trade import cases as trade_cases
-from tactemu.bench.trade import trade
-from tactemu.bench.trade.cases import Case, TestSkin, all_cases, build, indenters
-from tactemu.bench.trade.errors import Observation, errors, fit_gains, observe
-from tactemu.bench.trade.picture import draw, places
-from tactemu.bench.trade.report import summarise
-from tactemu.bench.trade.settings import Setting, ladder
-from tactemu.bench.trade.truth import Truths
+from tactemu.tune.trade import cases as trade_cases
+from tactemu.tune.trade import trade
+from tactemu.tune.trade.cases import Case, TestSkin, all_cases, build, indenters
+from tactemu.tune.trade.errors import Observation, errors, fit_gains, observe
+from tactemu.tune.trade.picture import draw, places
+from tactemu.tune.trade.report import summarise
+from tactemu.tune.trade.settings import Setting, ladder
+from tactemu.tune.trade.truth import Truths
 
 SKIN = TestSkin(side=16, pitch=1e-3)
 POSITIONS = SKIN.positions()[..., :2].reshape(-1, 2)

@@ -51,5 +51,5 @@ def environment() -> dict[str, str]:
 
 def plugin_options() -> list[str]:
     """What tells pytest of our plugin where the package is not installed, and so has no entry point."""
-    installed = any(point.value == "tactemu.pytest_plugin" for point in entry_points(group="pytest11"))
-    return [] if installed else ["-p", "tactemu.pytest_plugin"]
+    installed = any(point.value == "tactemu.integrations.pytest_plugin" for point in entry_points(group="pytest11"))
+    return [] if installed else ["-p", "tactemu.integrations.pytest_plugin"]

@@ -4,9 +4,9 @@ import time
 
 import pytest
 
-from tactemu.assembly import Wishes, assemble
 from tactemu.cli import reports
 from tactemu.cli.reports import advice, told_if_long
+from tactemu.emulator.assembly import Wishes, assemble
 from tactemu.scene.file import load
 
 

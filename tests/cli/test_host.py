@@ -3,8 +3,8 @@
 import json
 import os
 
-from tactemu.cli.hosting import CHECKS
-from tactemu.priority import may_go_first
+from tactemu.base.priority import may_go_first
+from tactemu.cli.check_host import CHECKS
 from tests.cli.command import start, tactemu
 
 

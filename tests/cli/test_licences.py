@@ -5,8 +5,8 @@ import re
 
 import pytest
 
+from tactemu.base.errors import TactemuError
 from tactemu.cli import licences
-from tactemu.errors import TactemuError
 from tests.cli.command import here
 
 PACKAGES = {

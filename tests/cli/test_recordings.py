@@ -7,10 +7,10 @@ import time
 import pytest
 import serial
 
+from tactemu.base.errors import TactemuError
 from tactemu.control.client import connect
-from tactemu.errors import TactemuError
-from tactemu.recordings.recorder import Recorder
-from tactemu.recordings.recording import Entry, load
+from tactemu.truth.recorder import Recorder
+from tactemu.truth.recording import Entry, load
 from tactemu.wire.faults import KINDS
 from tests.cli.command import here, start, tactemu
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 import serial
 
+from tactemu.base.errors import SceneError
 from tactemu.cli.running import rate_of
-from tactemu.control import place
-from tactemu.errors import SceneError
+from tactemu.control import endpoints
 from tests.cli.command import ROOT, here, start, tactemu
 
 
@@ -52,7 +52,7 @@ def test_a_port_is_there_until_a_signal_ends_it(port, number):
     assert summary["samples"] >= 5
     assert summary["wire"]["sent"] >= 5
     assert not os.path.lexists(port)
-    assert not list(place.folder().glob(f"{name}.*"))
+    assert not list(endpoints.folder().glob(f"{name}.*"))
 
 
 @pytest.mark.realtime

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from tactemu.clock import RealClock
-from tactemu.emulator import Emulator
+from tactemu.base.clock import RealClock
+from tactemu.emulator.emulator import Emulator
 from tactemu.truth import read_log
 from tests.cli.command import ROOT, environment, start
 

@@ -3,10 +3,10 @@
 import pytest
 from rich.console import Console
 
-from tactemu.assembly import Wishes, assemble
-from tactemu.cli.view import LiveView
-from tactemu.clock import VirtualClock
+from tactemu.base.clock import VirtualClock
+from tactemu.emulator.assembly import Wishes, assemble
 from tactemu.scene.file import load
+from tactemu.session.live_view import LiveView
 
 
 @pytest.fixture(scope="module")

@@ -2,8 +2,8 @@
 
 import pytest
 
-from tactemu.cli import starting
-from tactemu.errors import TactemuError
+from tactemu.base.errors import TactemuError
+from tactemu.cli import new
 from tactemu.scene.default import REST_S
 from tactemu.scene.file import load
 from tests.cli.command import ROOT
@@ -11,7 +11,7 @@ from tests.cli.command import ROOT
 
 def test_a_new_scene_is_one_and_rests_at_first(tmp_path, capsys):
     file = tmp_path / "hand.toml"
-    starting.new_scene(file)
+    new.new_scene(file)
     assert f"tactemu run {file}" in capsys.readouterr().out
     loaded = load(file)
     assert [skin.device for skin in loaded.tables.skin] == ["anyskin"]
@@ -20,7 +20,7 @@ def test_a_new_scene_is_one_and_rests_at_first(tmp_path, capsys):
 
 def test_what_its_comments_offer_is_right(tmp_path):
     """Every key that is commented out, taken in."""
-    lines = starting.START.read_text().splitlines()
+    lines = new.START.read_text().splitlines()
     offered = [line.removeprefix("# ") if _is_toml(line.removeprefix("# ")) else line for line in lines]
     (tmp_path / "hand.toml").write_text("\n".join(offered))
     tables = load(tmp_path / "hand.toml").tables
@@ -40,12 +40,12 @@ WRONG = [("there.toml", "is there already"), ("hand.txt", "ends in .toml"), ("no
 def test_nothing_is_overwritten(tmp_path, name, says):
     (tmp_path / "there.toml").write_text("mine")
     with pytest.raises(TactemuError, match=says):
-        starting.new_scene(tmp_path / name)
+        new.new_scene(tmp_path / name)
     assert (tmp_path / "there.toml").read_text() == "mine"
 
 
 def test_examples_are_listed_with_what_they_show(capsys):
-    starting.list_examples()
+    new.list_examples()
     listed = capsys.readouterr().out
     for path in (ROOT / "examples").glob("*.[pt]*"):
         line = next(line for line in listed.splitlines() if line.startswith(path.name))
@@ -53,9 +53,9 @@ def test_examples_are_listed_with_what_they_show(capsys):
 
 
 def test_examples_are_copied_once(tmp_path, capsys):
-    starting.copy_examples(tmp_path / "a" / "b")
+    new.copy_examples(tmp_path / "a" / "b")
     copied = {path.name: path.read_text() for path in (tmp_path / "a" / "b").iterdir()}
     assert copied == {path.name: path.read_text() for path in (ROOT / "examples").iterdir() if path.name in copied}
     assert "hand.toml" in copied and len(copied) >= 5
     with pytest.raises(TactemuError, match="is there already"):
-        starting.copy_examples(tmp_path / "a" / "b")
+        new.copy_examples(tmp_path / "a" / "b")

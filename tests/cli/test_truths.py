@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
+from tactemu.base.errors import TactemuError
 from tactemu.cli.truths import summarise
-from tactemu.errors import TactemuError
-from tactemu.recordings.export import export
 from tactemu.truth import Truth, read_log
+from tactemu.truth.export import export
 from tests.cli.command import tactemu
 
 

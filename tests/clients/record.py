@@ -34,7 +34,7 @@ import numpy as np
 import firmware_protocols as fp
 from tactemu.exec.environment import exec_environment
 from tactemu.scene.default import tables_for
-from tactemu.serving import Served, serve
+from tactemu.session.serving import Served, serve
 from tests.clients.recording import FOLDER, Recording, Row, equals, mapped
 from tests.clients.replay import OF_THE_WIRE, differences, ports_of, replay, tap
 

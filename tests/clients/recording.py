@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from tactemu.frame_text import parse, text
+from tactemu.base.frame_text import parse, text
 from tactemu.transports.transport import (
     Closed,
     Event,

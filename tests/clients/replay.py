@@ -7,10 +7,10 @@ from functools import partial
 from typing import Any
 
 from firmware_protocols import Connector, WebSocket
-from tactemu.assembly import Assembled, Wishes, assemble
-from tactemu.clock import VirtualClock
-from tactemu.emulator import Emulator
-from tactemu.frame_text import text
+from tactemu.base.clock import VirtualClock
+from tactemu.base.frame_text import text
+from tactemu.emulator.assembly import Assembled, Wishes, assemble
+from tactemu.emulator.emulator import Emulator
 from tactemu.scene import file
 from tactemu.transports.memory import MemoryTransport
 from tactemu.transports.transport import Closed, Event, LinesChanged, Opened, SettingChanged

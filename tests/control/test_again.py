@@ -6,12 +6,12 @@ import time
 import pytest
 
 import tactemu as tt
-from tactemu.assembly import Wishes, assemble
-from tactemu.clock import LockstepClock, VirtualClock
+from tactemu.base.clock import LockstepClock, VirtualClock
+from tactemu.base.errors import TactemuError
 from tactemu.control.again import commands_of, play_again
 from tactemu.control.control import Control
-from tactemu.control.verbs import VERBS
-from tactemu.errors import TactemuError
+from tactemu.control.control_commands import VERBS
+from tactemu.emulator.assembly import Wishes, assemble
 from tactemu.scene import file
 from tactemu.scene.steering import steered
 from tactemu.truth import Truth

@@ -9,9 +9,9 @@ import serial
 from pymodbus.client import ModbusSerialClient
 
 import tactemu as tt
-from tactemu.assembly import Wishes, assemble
-from tactemu.clock import VirtualClock
-from tactemu.errors import TactemuError
+from tactemu.base.clock import VirtualClock
+from tactemu.base.errors import TactemuError
+from tactemu.emulator.assembly import Wishes, assemble
 from tactemu.scene import file
 from tactemu.truth import Passage, entries
 from tests.cli.command import start

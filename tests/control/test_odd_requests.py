@@ -5,7 +5,7 @@ import re
 import pytest
 
 import tactemu as tt
-from tactemu.control.verbs import VERBS
+from tactemu.control.control_commands import VERBS
 from tests.control.test_server import Raw
 
 ODD = (

@@ -9,7 +9,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from tactemu.control.verbs import VERBS
+from tactemu.control.control_commands import VERBS
 
 PAGE = Path(__file__).parents[2] / "docs" / "live-control.md"
 TABLE = re.compile(r"(<!-- verbs: [^\n]* -->\n).*?(<!-- end of verbs -->)", re.DOTALL)

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 import tactemu as tt
-from tactemu.control import place
-from tactemu.control.place import Owner, Place, running, started
-from tactemu.errors import TactemuError, TransportError
+from tactemu.base.errors import TactemuError, TransportError
+from tactemu.control import endpoints
+from tactemu.control.endpoints import Owner, Place, running, started
 from tests.cli.command import here, start
 
 
@@ -73,7 +73,7 @@ def test_a_folder_that_is_not_ours_alone_is_not_used(tmp_path, monkeypatch, case
     else:
         folder.mkdir(mode=0o755 if case == "open to others" else 0o700)
     if case == "a stranger's":
-        monkeypatch.setattr(place.os, "getuid", lambda: folder.stat().st_uid + 1)
+        monkeypatch.setattr(endpoints.os, "getuid", lambda: folder.stat().st_uid + 1)
     for use in (running, lambda: Place("x", "anyskin", exactly=True).take(), tt.connect):
         with pytest.raises(TransportError, match=r"is not a folder of yours alone \(mode 0700\)"):
             use()
@@ -91,7 +91,7 @@ def test_a_run_goes_on_where_there_can_be_no_socket(tmp_path, monkeypatch):
 
 def test_without_a_runtime_folder_there_is_one_for_temporary_files(tmp_path, monkeypatch):
     monkeypatch.delenv("XDG_RUNTIME_DIR")
-    monkeypatch.setattr(place.tempfile, "gettempdir", lambda: str(tmp_path))
+    monkeypatch.setattr(endpoints.tempfile, "gettempdir", lambda: str(tmp_path))
     taken = Place("my hand.toml", "my hand.toml", exactly=False)
     taken.take().close()
     assert taken.path is not None and taken.path == Path(tmp_path, f"tactemu-{os.getuid()}", "my-hand-toml.sock")

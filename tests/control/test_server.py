@@ -14,9 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import tactemu as tt
+from tactemu.base.errors import TactemuError
 from tactemu.control import server
-from tactemu.control.place import running
-from tactemu.errors import TactemuError
+from tactemu.control.endpoints import running
 from tests.fuzz import examples
 
 pytestmark = pytest.mark.realtime

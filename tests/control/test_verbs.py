@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 
 import tactemu as tt
+from tactemu.base.errors import SceneError
+from tactemu.base.units import LENGTHS_M, TIMES_S, scaled
 from tactemu.control.control import Control
+from tactemu.control.control_commands import VERBS, Verbs
 from tactemu.control.kinds import plain
-from tactemu.control.verbs import VERBS, Verbs
-from tactemu.errors import SceneError
-from tactemu.units import LENGTHS_M, TIMES_S, scaled
 from tests.cli.command import here
 
 PAGE = Path(__file__).parents[2] / "docs" / "live-control.md"

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 import tactemu as tt
-from tactemu.assembly import assemble
-from tactemu.clock import VirtualClock
-from tactemu.conversions import convert
-from tactemu.errors import TactemuError
-from tactemu.frame_text import text
+from tactemu.base.clock import VirtualClock
+from tactemu.base.errors import TactemuError
+from tactemu.base.frame_text import text
+from tactemu.emulator.assembly import assemble
 from tactemu.scene.file import parse
 from tactemu.truth import Truth
+from tactemu.view.conversions import convert
 from tests.cli.command import environment, tactemu
 from tests.truth.telling import tell
 

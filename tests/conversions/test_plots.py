@@ -5,9 +5,9 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
-from tactemu.conversions import plots
-from tactemu.errors import TactemuError
+from tactemu.base.errors import TactemuError
 from tactemu.truth import Truth
+from tactemu.view.conversions import plots
 
 
 @pytest.fixture(scope="module")

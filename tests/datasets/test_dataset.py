@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 import tactemu as tt
+from tactemu.base.errors import TactemuError
 from tactemu.datasets import making
 from tactemu.datasets.making import begin, make
-from tactemu.datasets.order import Order
-from tactemu.datasets.strand import whole_scene
+from tactemu.datasets.partition import whole_scene
+from tactemu.datasets.spec import Order
 from tactemu.datasets.variety import Starts
-from tactemu.errors import TactemuError
 from tests.cli.command import here
 
 pq = pytest.importorskip("pyarrow.parquet")
@@ -222,7 +222,7 @@ def test_one_that_was_killed_goes_on(order, tmp_path):
     order = replace(order, steps=1500, every=1)
     script = (
         "import sys; from tactemu.datasets import shards; shards.SHARD_BYTES = 500_000\n"
-        "from tactemu.datasets.making import begin, make; from tactemu.datasets.order import Order\n"
+        "from tactemu.datasets.making import begin, make; from tactemu.datasets.spec import Order\n"
         f"from pathlib import Path; order = Order(**{vars(order)!r})\n"
         "begin(order, Path(sys.argv[1]))\n"
         "for _ in make(order, Path(sys.argv[1])): print('shard', flush=True)"

@@ -24,7 +24,7 @@ import numpy as np
 import pyarrow.parquet as parquet
 
 import tactemu as tt
-from tactemu.priority import go_first, may_go_first
+from tactemu.base.priority import go_first, may_go_first
 from tests.drivers.environments import python_with
 
 ROOT = Path(__file__).parents[2]

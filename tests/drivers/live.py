@@ -16,7 +16,7 @@ import pytest
 import tactemu
 from tactemu.judge.driver import Driver
 from tactemu.judge.tape import Said
-from tactemu.serving import Served
+from tactemu.session.serving import Served
 from tests.drivers.test_through_the_emulator import SCENE
 
 SCRIPT = Path(__file__).parents[1] / "judge" / "published.py"

@@ -11,9 +11,9 @@ import pytest
 
 from firmware_protocols import Serial
 from tactemu import transports
-from tactemu.clock import RealClock
-from tactemu.emulator import Channel, Emulator
-from tactemu.sampling import SampleClock
+from tactemu.base.clock import RealClock
+from tactemu.emulator.emulator import Channel, Emulator
+from tactemu.emulator.sampling import SampleClock
 from tactemu.wire.wire import Wire
 from tests.emulator.test_loop import Counter8, Ramp
 

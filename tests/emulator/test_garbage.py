@@ -2,7 +2,7 @@
 
 import gc
 
-from tactemu.collector import no_full_collections
+from tactemu.base.gc_tuning import no_full_collections
 
 
 def full_collections():

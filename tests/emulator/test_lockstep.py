@@ -5,8 +5,8 @@ import functools
 import pytest
 
 from firmware_protocols.frames import frame_of
-from tactemu.assembly import Wishes, assemble
-from tactemu.clock import LockstepClock, VirtualClock
+from tactemu.base.clock import LockstepClock, VirtualClock
+from tactemu.emulator.assembly import Wishes, assemble
 from tactemu.scene import file
 from tactemu.truth import Truth
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from firmware_protocols import Device, Serial, grid_layout
-from tactemu.clock import VirtualClock
-from tactemu.emulator import Channel, Emulator
-from tactemu.sampling import SampleClock
+from tactemu.base.clock import VirtualClock
+from tactemu.emulator.emulator import Channel, Emulator
+from tactemu.emulator.sampling import SampleClock
 from tactemu.transports.transport import Closed, Opened
 from tactemu.wire.wire import Heard
 

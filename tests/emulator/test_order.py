@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import firmware_protocols as fp
-from tactemu.clock import RealClock, VirtualClock
-from tactemu.emulator import Channel, Emulator
-from tactemu.sampling import SampleClock
+from tactemu.base.clock import RealClock, VirtualClock
+from tactemu.emulator.emulator import Channel, Emulator
+from tactemu.emulator.sampling import SampleClock
 from tactemu.transports.memory import MemoryTransport
 from tactemu.truth import Truth
 from tactemu.wire.wire import Wire

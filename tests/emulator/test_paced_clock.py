@@ -3,7 +3,7 @@
 import os
 import time
 
-from tactemu.clock import PacedClock
+from tactemu.base.clock import PacedClock
 
 
 def test_it_is_at_its_deadline_however_late_the_machine_is():

@@ -8,8 +8,8 @@ import pytest
 
 import firmware_protocols as fp
 from firmware_protocols.frames import frame_of
-from tactemu.assembly import Wishes, assemble
-from tactemu.clock import VirtualClock
+from tactemu.base.clock import VirtualClock
+from tactemu.emulator.assembly import Wishes, assemble
 from tactemu.scene import file
 from tactemu.truth import Truth
 

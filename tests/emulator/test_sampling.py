@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactemu.sampling import SampleClock
+from tactemu.emulator.sampling import SampleClock
 from tests.fuzz import examples
 
 MS = 1_000_000

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import tactemu as tt
-from tactemu.assembly import Wishes, assemble, truth_of
-from tactemu.clock import VirtualClock
+from tactemu.base.clock import VirtualClock
 from tactemu.control.state import statistics_of
+from tactemu.emulator.assembly import Wishes, assemble, truth_of
 from tactemu.scene.file import parse
 
 SKIN = """

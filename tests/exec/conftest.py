@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tactemu.errors import TransportUnavailable
+from tactemu.base.errors import TransportUnavailable
 from tactemu.exec.build import NoLibrary, compiler, library
 from tactemu.exec.keeping import Keeper
 

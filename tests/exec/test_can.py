@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import tactemu as tt
-from tactemu.errors import TactemuError
+from tactemu.base.errors import TactemuError
 from tactemu.exec.environment import exec_environment
 
 HERE = Path(__file__).parent

@@ -15,8 +15,8 @@ from pathlib import Path
 import pytest
 
 import tactemu
+from tactemu.base.errors import TransportError
 from tactemu.cli import executing
-from tactemu.errors import TransportError
 from tactemu.exec import reach
 from tactemu.exec.keeping import Keeper
 from tactemu.truth import read_log
@@ -284,7 +284,7 @@ def test_a_plain_user_gets_all_of_it(compiled, tmp_path_factory):
 
 
 FORBIDDEN = """
-from tactemu.errors import TransportUnavailable
+from tactemu.base.errors import TransportUnavailable
 from tactemu.exec.keeping import Keeper
 try:
     Keeper().wait()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import firmware_protocols as fp
-from tactemu.wire.carriers.can import CanCarrier
+from tactemu.wire.line_models.can import CanCarrier
 from tests.firmware.feeding import sample, send
 
 PRO, O10 = "agibot_omnihand_pro", "agibot_omnihand_o10"

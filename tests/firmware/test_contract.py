@@ -11,9 +11,9 @@ import firmware_protocols as fp
 from firmware_protocols.check import check
 from firmware_protocols.check.readings import reading_of
 from firmware_protocols.frames import frame_of
-from tactemu.clock import VirtualClock
-from tactemu.emulator import Channel, Emulator
-from tactemu.sampling import SampleClock
+from tactemu.base.clock import VirtualClock
+from tactemu.emulator.emulator import Channel, Emulator
+from tactemu.emulator.sampling import SampleClock
 from tactemu.scene.file import default_scene
 from tactemu.wire.wire import Heard
 from tests.emulator.test_loop import ListWire

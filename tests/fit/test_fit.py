@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from tactemu.base.errors import TactemuError
 from tactemu.cli.app import app
-from tactemu.errors import TactemuError
 from tactemu.fit import fitting
 from tactemu.fit.estimates import Findings, inflation
 from tactemu.fit.recording import Recorded, read
@@ -76,8 +76,8 @@ def test_two_days_of_a_real_skin_give_a_scene_that_loads_and_predict_one_another
 
 
 def test_a_fitted_scene_runs(tmp_path):
-    from tactemu.assembly import assemble
-    from tactemu.clock import VirtualClock
+    from tactemu.base.clock import VirtualClock
+    from tactemu.emulator.assembly import assemble
 
     recording, _ = synthetic.recorded("field", 1)
     path = tmp_path / "skin.npz"
@@ -97,8 +97,8 @@ def test_a_fitted_scene_runs(tmp_path):
 )
 def test_the_clock_of_a_scene_is_found_in_what_it_sent(clock):
     from firmware_protocols import load
-    from tactemu.assembly import Wishes, assemble
-    from tactemu.clock import VirtualClock
+    from tactemu.base.clock import VirtualClock
+    from tactemu.emulator.assembly import Wishes, assemble
     from tactemu.fit.writing import clock_of
     from tactemu.scene.default import tables_for
     from tactemu.scene.file import check
@@ -160,8 +160,8 @@ def test_rows_that_go_back_in_time_or_are_no_numbers_are_left_out(tmp_path):
 
 
 def test_a_log_of_ours_and_a_parquet_are_recordings(tmp_path):
-    from tactemu.assembly import Wishes, assemble
-    from tactemu.clock import VirtualClock
+    from tactemu.base.clock import VirtualClock
+    from tactemu.emulator.assembly import Wishes, assemble
     from tactemu.scene.file import load
     from tactemu.truth import Truth
 

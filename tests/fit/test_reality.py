@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactemu.bench.trade import reality
-from tactemu.errors import TactemuError
+from benchmarks import reality
+from tactemu.base.errors import TactemuError
 
 EXCERPTS = Path(__file__).parents[1] / "data" / "real"
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactemu.errors import TactemuError
+from tactemu.base.errors import TactemuError
 from tactemu.fit import realism, sets
 from tactemu.fit.sets import rh56, weiss
 

@@ -8,7 +8,7 @@ import pytest
 import warp as wp
 
 import tactemu as tt
-from tactemu.errors import PoseError
+from tactemu.base.errors import PoseError
 from tests.physics.genesis_case import Case
 
 pytestmark = pytest.mark.gpu

@@ -8,7 +8,7 @@ import pytest
 import warp as wp
 
 import tactemu as tt
-from tactemu.errors import PoseError, SceneError
+from tactemu.base.errors import PoseError, SceneError
 from tests.physics.test_poses_on_the_device import N_ENVS, mujoco_warp, newton, one_array, scene, truth
 from tests.physics.test_views import GRID
 
@@ -143,7 +143,7 @@ def test_views_and_pinned_readings():
 
 
 def test_large_readings_are_copied_by_threads(monkeypatch):
-    monkeypatch.setattr("tactemu.physics.sensor.WORTH_STAGING", 0)
+    monkeypatch.setattr("tactemu.sensors.sensor.WORTH_STAGING", 0)
     monkeypatch.setattr("tactemu.plan.plan.WORTH_SHARING", 0)
     sim, ball, skin = layer(DEVICE)
     kept = []

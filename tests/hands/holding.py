@@ -25,7 +25,7 @@ import numpy as np
 import pytest
 
 import tactemu as tt
-from tactemu.collector import no_full_collections
+from tactemu.base.gc_tuning import no_full_collections
 
 HANDS = Path(__file__).parents[2] / "examples" / "hands"
 PATIENCE = 10

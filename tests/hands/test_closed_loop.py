@@ -12,9 +12,9 @@ import pytest
 
 import tactemu as tt
 from firmware_protocols import CanFrame
-from tactemu.assembly import Wishes, assemble
-from tactemu.clock import LockstepClock, VirtualClock
-from tactemu.errors import PoseError, SceneError
+from tactemu.base.clock import LockstepClock, VirtualClock
+from tactemu.base.errors import PoseError, SceneError
+from tactemu.emulator.assembly import Wishes, assemble
 from tactemu.scene import file
 from tactemu.scene.steering import steered
 from tactemu.truth import Passage, Sample, Truth, entries

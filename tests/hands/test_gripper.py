@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 import tactemu as tt
-from tactemu.assembly import Wishes, assemble
-from tactemu.clock import VirtualClock
+from tactemu.base.clock import VirtualClock
+from tactemu.emulator.assembly import Wishes, assemble
 from tactemu.scene import file
 from tactemu.scene.steering import steered
 from tests.hands.holding import ALL, contact_forces, controller, engine_of, scene_of, until

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import firmware_protocols as fp
-from tactemu.assembly import Wishes, assemble
-from tactemu.clock import VirtualClock
+from tactemu.base.clock import VirtualClock
+from tactemu.emulator.assembly import Wishes, assemble
 from tactemu.scene import file
 from tactemu.scene.steering import steered
 from tests.hands.holding import HANDS, contact_forces

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactemu.errors import SceneError
+from tactemu.base.errors import SceneError
 from tests.imperfections.rig import Rig, info, options
 
 ADJUSTABLE = (

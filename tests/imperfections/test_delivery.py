@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from tactemu.errors import SceneError
+from tactemu.base.errors import SceneError
 from tests.imperfections.rig import Rig, info, options
 
 ONE = info((1,))

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from tactemu.errors import TactemuError
+from tactemu.base.errors import TactemuError
 from tactemu.judge import smallest
 from tactemu.judge.budget import Budget, BudgetSpent, kind_of, ordered
 from tactemu.judge.driver import command_of

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from firmware_protocols import Reading, calls, create
+from tactemu.emulator.sensing import Senses
+from tactemu.emulator.sources import OwnSkin
 from tactemu.judge.excitation import Excitation, Span, flattened
-from tactemu.sensing import Senses
-from tactemu.sources import OwnSkin
 
 N = 200
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactemu.errors import TactemuError
+from tactemu.base.errors import TactemuError
 from tactemu.judge.checks import (
     axis_in,
     clipped,

@@ -7,7 +7,7 @@ import pytest
 
 from firmware_protocols import Rollover
 from firmware_protocols.sums import crc16_modbus
-from tactemu.judge import crafted
+from tactemu.judge import forged_replies
 from tactemu.judge.plan import Facts, Plan, positions
 from tactemu.wire.faults import parse
 from tactemu.wire.faults.frames import SPOIL
@@ -82,7 +82,7 @@ def spoilt(frame, texts):
 
 
 def test_answers_that_lie_are_whole():
-    lies = {lie.name: spoilt(RTU, lie.faults(1)) for lie in crafted.lies([RTU.hex()], "serial")}
+    lies = {lie.name: spoilt(RTU, lie.faults(1)) for lie in forged_replies.lies([RTU.hex()], "serial")}
     assert all(crc16_modbus(lie[:-2]).to_bytes(2, "little") == lie[-2:] for lie in lies.values())
     assert lies["exception"][:3] == bytes([1, 0x84, 4]) and lies["another unit"][0] == 0 != RTU[0]
     assert lies["short answer"][2] == len(lies["short answer"]) - 5 < RTU[2]
@@ -90,8 +90,8 @@ def test_answers_that_lie_are_whole():
 
     body = bytes([1, 3, 8, 0, 1, 0, 2, 0, 3, 0, 4])
     answer = bytes.fromhex("00290000") + len(body).to_bytes(2, "big") + body
-    lies = {lie.name: spoilt(answer, lie.faults(1)) for lie in crafted.lies([answer.hex()], "tcp")}
+    lies = {lie.name: spoilt(answer, lie.faults(1)) for lie in forged_replies.lies([answer.hex()], "tcp")}
     assert lies["exception"] == bytes.fromhex("002900000003018304")
     assert lies["short answer"][:9] == bytes.fromhex("002900000007010304") and len(lies["short answer"]) == 13
     assert lies["another transaction"][:2] == b"\x00\x28" and lies["another unit"][6] == 0
-    assert crafted.lies(["aa07080a"], "serial") == []
+    assert forged_replies.lies(["aa07080a"], "serial") == []

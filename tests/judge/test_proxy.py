@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 import firmware_protocols as fp
-from tactemu.errors import TransportError
+from tactemu.base.errors import TransportError
 from tactemu.judge.proxy import Cutter, Framing, Proxy, RealSerial, framing_of
-from tactemu.recordings import recording as recordings
-from tactemu.recordings.recorder import Recorder
 from tactemu.truth import Truth, read_log
+from tactemu.truth import recording as recordings
+from tactemu.truth.recorder import Recorder
 
 HEAD = bytes.fromhex("aa07080a")
 

@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from tactemu.errors import TactemuError
+from tactemu.base.errors import TactemuError
 from tactemu.judge import smallest
 from tactemu.judge.junit import junit
 from tactemu.judge.outcome import ABOUT, FAILING, Finding, Outcome

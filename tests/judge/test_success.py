@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from tactemu.cli.succeeding import judge_success
-from tactemu.errors import TactemuError
+from tactemu.base.errors import TactemuError
+from tactemu.cli.success import judge_success
 from tactemu.judge.success import Point, as_text, read_script
 
 SUCCESS = """

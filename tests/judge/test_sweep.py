@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from tactemu.errors import TactemuError
+from tactemu.base.errors import TactemuError
 from tactemu.judge import sweep as sweeping
 from tactemu.judge.sweep import Job, Journal, read_plan, seeds_of, sweep
 from tests.judge.test_judge import PLANTED

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tactemu.errors import TactemuError
+from tactemu.base.errors import TactemuError
 from tactemu.judge.columns import Columns
 from tactemu.judge.outcome import FAILING
 from tactemu.judge.tape import Said, Tape

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import tactemu as tt
-from tactemu.errors import TactemuError
-from tactemu.page import opening
+from tactemu.base.errors import TactemuError
+from tactemu.view.page import opening
 from tests.control.conftest import runtime_folder  # noqa: F401
 from tests.page.browser import browsing, colours_drawn, drag, opened
 

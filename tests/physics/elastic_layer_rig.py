@@ -5,14 +5,14 @@ import math
 import numpy as np
 import warp as wp
 
-from tactemu.physics.layer import friction
-from tactemu.physics.layer.convolution import Workspace, lanes_of
-from tactemu.physics.layer.friction import friction_kernel
-from tactemu.physics.layer.friction_state import FRICTION_WINDOWS, friction_state_type, friction_windows_type
-from tactemu.physics.layer.on_chip import chip_numbers, fits
-from tactemu.physics.layer.pressure import NORMAL_WINDOWS, Windows, normal_kernel, windows_type
-from tactemu.physics.layer.surface import reach_of, surface_kernel
-from tactemu.physics.layer.tables import LayerMaterial, LayerTables
+from tactemu.sensors.layer import friction
+from tactemu.sensors.layer.convolution import Workspace, lanes_of
+from tactemu.sensors.layer.friction import friction_kernel
+from tactemu.sensors.layer.friction_state import FRICTION_WINDOWS, friction_state_type, friction_windows_type
+from tactemu.sensors.layer.pressure import NORMAL_WINDOWS, Windows, normal_kernel, windows_type
+from tactemu.sensors.layer.shared_memory import chip_numbers, fits
+from tactemu.sensors.layer.surface import reach_of, surface_kernel
+from tactemu.sensors.layer.tables import LayerMaterial, LayerTables
 
 
 class LayerRig:

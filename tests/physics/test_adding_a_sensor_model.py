@@ -56,8 +56,8 @@ def test_tuner_benches_and_public_names_have_it(tree):
     code = (
         "import tactemu as tt\n"
         "from tactemu.tune.settings import settings_for\n"
-        "from tactemu.bench.physics import all_cases\n"
-        "from tactemu.bench.trade.settings import ladder\n"
+        "from tactemu.tune.speed.physics import all_cases\n"
+        "from tactemu.tune.trade.settings import ladder\n"
         "print(tt.PinTaxel.__name__, [s.name for s in settings_for('force') if s.model == 'pin_taxel'])\n"
         "print([c.title for c in all_cases('cpu') if 'Pin' in c.title])\n"
         "print([r.name for r in ladder() if 'pin' in r.name])\n"

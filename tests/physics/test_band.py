@@ -5,8 +5,8 @@ import pytest
 import trimesh
 
 import tactemu as tt
-from tactemu.errors import SceneError
-from tactemu.physics.shapes.band import BAND
+from tactemu.base.errors import SceneError
+from tactemu.geometry.shapes.band import BAND
 from tests.physics.rig import depth_of
 from tests.physics.test_meshes import sharp_cone
 

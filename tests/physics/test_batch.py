@@ -5,8 +5,8 @@ import pytest
 import warp as wp
 
 import tactemu as tt
-from tactemu.errors import PoseError, SceneError
-from tactemu.physics.probes.blocks import Blocks
+from tactemu.base.errors import PoseError, SceneError
+from tactemu.sensors.probes.blocks import Blocks
 from tests.physics.rig import scene_with
 
 GRID = np.stack([*np.meshgrid(np.linspace(-8e-3, 8e-3, 6), np.linspace(-8e-3, 8e-3, 5)), np.zeros((5, 6))], -1)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import tactemu as tt
-from tactemu.errors import SceneError
+from tactemu.base.errors import SceneError
 from tests.physics.bent_layer_truth import BentLayer, BentPad, overlap_of_cylinder
 
 YOUNG, THICK, PITCH = 1e5, 4e-3, 1e-3

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import tactemu as tt
-from tactemu.physics.elastomer.dilation_kernels import spectral_layer
+from tactemu.sensors.elastomer.dilation_kernels import spectral_layer
 from tests.physics.soft_skin_cases import Case
 from tests.physics.test_elastomer_taxel import TOP, grid, press
 

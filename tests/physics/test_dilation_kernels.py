@@ -5,9 +5,9 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from tactemu.physics.elastomer.dilation_direct import free_areas, free_spacing
-from tactemu.physics.elastomer.dilation_grid import plane_terms
-from tactemu.physics.elastomer.dilation_kernels import (
+from tactemu.sensors.elastomer.dilation_direct import free_areas, free_spacing
+from tactemu.sensors.elastomer.dilation_grid import plane_terms
+from tactemu.sensors.elastomer.dilation_kernels import (
     DilationOptions,
     _bessel_j1,
     layer_response,
@@ -15,8 +15,8 @@ from tactemu.physics.elastomer.dilation_kernels import (
     radial_weight,
     spectral_layer,
 )
-from tactemu.physics.elastomer.separable import overlapping_blocks, separable_terms
-from tactemu.physics.probes.grid import Grid, find_grid
+from tactemu.sensors.elastomer.separable import overlapping_blocks, separable_terms
+from tactemu.sensors.probe_grid import Grid, find_grid
 
 
 def exact_layer_response(q: float) -> Fraction:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import tactemu as tt
-from tactemu.errors import SceneError
+from tactemu.base.errors import SceneError
 
 TOP = 0.005
 
@@ -356,8 +356,8 @@ def test_faces_that_meet_at_an_edge_are_pads_of_their_own():
 @pytest.mark.parametrize(("device", "pads"), [("inspire_rh56dftp", 17), ("robotiq_tsf85", 2), ("xela_uskin", 1)])
 def test_pads_of_real_hands_are_found(device, pads):
     import firmware_protocols
-    from tactemu.physics.layer.grid import layer_grids
-    from tactemu.physics.probes.probes import make_probes
+    from tactemu.sensors.layer.grid import layer_grids
+    from tactemu.sensors.probe_layout import make_probes
 
     layout = firmware_protocols.load(device)().layout
     probes = make_probes(layout.positions, layout.normals, 1e-3, (0, 0, 0), (0, 0, 0), device)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactemu.physics.layer.compliance import sample_kernels, spectrum, transfer
+from tactemu.sensors.layer.compliance import sample_kernels, spectrum, transfer
 
 TABLE = Path(__file__).parents[1] / "data" / "elastic_layer" / "transfer.csv"
 

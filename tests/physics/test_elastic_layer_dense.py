@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from tactemu.physics.layer.compliance import sample_kernels
+from tactemu.sensors.layer.compliance import sample_kernels
 from tests.physics.elastic_layer_rig import LayerRig
 
 E, PITCH = 1e5, 1e-3

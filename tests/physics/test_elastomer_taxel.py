@@ -5,9 +5,9 @@ import pytest
 import warp as wp
 
 import tactemu as tt
-from tactemu.errors import PoseError, SceneError
-from tactemu.physics.probes.taxel_depth import box_kernel
+from tactemu.base.errors import PoseError, SceneError
 from tactemu.plan.launches import record
+from tactemu.sensors.probes.taxel_depth import box_kernel
 
 TOP = 0.01
 
@@ -266,8 +266,8 @@ def test_grid_and_free_layouts_agree_on_a_layer_when_areas_weigh():
 @pytest.mark.parametrize("shape", [(3, 3), (9, 17)])
 def test_three_ways_to_the_same_shear(shape, dilate_scale, monkeypatch):
     """Tables (a CPU's), blocks of a grid (a GPU's), taxel by taxel; with fillers."""
-    from tactemu.physics.elastomer import drag as shear_motion
-    from tactemu.physics.elastomer import elastomer_taxel
+    from tactemu.sensors.elastomer import elastomer_taxel
+    from tactemu.sensors.elastomer import shear as shear_motion
 
     positions = grid(*shape)
     radius = np.where(np.arange(positions.size // 3) % 4 == 1, 0.0, 1e-3)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tactemu as tt
-from tactemu.errors import SceneError
+from tactemu.base.errors import SceneError
 from tests.physics.rig import depth_of, scene_with
 
 MM = 1e-3

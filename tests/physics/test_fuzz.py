@@ -8,7 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 import tactemu as tt
-from tactemu.errors import PoseError, SceneError
+from tactemu.base.errors import PoseError, SceneError
 from tests.fuzz import examples
 
 length = st.floats(1e-4, 1.0)

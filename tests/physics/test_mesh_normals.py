@@ -9,9 +9,9 @@ import trimesh
 import warp as wp
 
 import tactemu as tt
-from tactemu.physics.shapes.distance import shape_functions
-from tactemu.physics.shapes.mesh import MESH, OPEN_MESH
-from tactemu.physics.shapes.shape import table_type
+from tactemu.geometry.shapes.distance import shape_functions
+from tactemu.geometry.shapes.mesh import MESH, OPEN_MESH
+from tactemu.geometry.shapes.shape import table_type
 from tests.physics.rig import depth_of
 
 REALS = {"float32": wp.float32, "float64": wp.float64}

@@ -7,8 +7,8 @@ import pytest
 import trimesh
 
 import tactemu as tt
-from tactemu.errors import MeshError
-from tactemu.physics.shapes.triangles import load_mesh
+from tactemu.base.errors import MeshError
+from tactemu.geometry.shapes.triangles import load_mesh
 from tests.physics.genesis_case import DATA
 from tests.physics.rig import depth_of
 

@@ -10,11 +10,11 @@ import pytest
 
 import tactemu as tt
 from firmware_protocols.device import TOUCH, Quantity
-from tactemu.errors import SceneError
-from tactemu.physics.models import MODELS, cheapest, load, models_for
-from tactemu.physics.sensor_model import SensorModel
+from tactemu.base.errors import SceneError
 from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.file import parse
+from tactemu.sensors.models import MODELS, cheapest, load, models_for
+from tactemu.sensors.sensor_model import SensorModel
 
 EXAMPLES = [(name, words) for name in MODELS for words in load(name).examples]
 SIDE = 9

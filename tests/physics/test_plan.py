@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 import tactemu as tt
-from tactemu.physics.shapes import mesh_query
+from tactemu.geometry.shapes import mesh_query
 from tests.physics.rig import scene_with
 
 COUNT = """

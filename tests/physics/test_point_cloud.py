@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import tactemu as tt
-from tactemu.errors import SceneError
-from tactemu.physics.points.point_cloud import CLUSTER, PointCloud, cluster, farthest_points, split_evenly
-from tactemu.physics.shapes.surface import sample_triangles
+from tactemu.base.errors import SceneError
+from tactemu.geometry.shapes.surface import sample_triangles
+from tactemu.sensors.point_cloud import CLUSTER, PointCloud, cluster, farthest_points, split_evenly
 
 
 def test_farthest_points_keep_their_distance():

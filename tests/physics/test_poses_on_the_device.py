@@ -5,7 +5,7 @@ import pytest
 import warp as wp
 
 import tactemu as tt
-from tactemu.errors import PoseError, SceneError
+from tactemu.base.errors import PoseError, SceneError
 from tests.physics.test_batch import FromElsewhere
 
 N_ENVS = 5

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import tactemu as tt
-from tactemu.errors import PoseError, SceneError
+from tactemu.base.errors import PoseError, SceneError
 
 
 def scene_of(points, *, dtype="float64", n_envs=None, shape=None, **options):
@@ -198,7 +198,7 @@ def test_the_same_seed_gives_the_same_points():
 
 def test_skipping_points_one_by_one_changes_nothing(monkeypatch):
     """A CPU leaves out points that are out of reach, a GPU adds zeros for them."""
-    from tactemu.physics.points import proximity_sums
+    from tactemu.sensors.points import proximity_sums
 
     points = np.random.default_rng(0).normal(size=(333, 3)) * 0.006
     probes = np.random.default_rng(1).uniform(-0.02, 0.02, size=(40, 3))

@@ -12,8 +12,8 @@ import pytest
 import trimesh
 
 import tactemu as tt
-from tactemu.errors import SceneError
-from tactemu.physics.shapes.registry import SHAPES, load_shape
+from tactemu.base.errors import SceneError
+from tactemu.geometry.shapes.registry import SHAPES, load_shape
 from tactemu.scene import file, schema
 from tactemu.scene.building import build_scene, make_devices
 from tests.physics.shape_contract import check_shape

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import tactemu as tt
-from tactemu.errors import SceneError
+from tactemu.base.errors import SceneError
 from tactemu.transducers.registry import make
 
 GRID = np.stack([*np.meshgrid(np.linspace(-8e-3, 8e-3, 6), np.linspace(-6e-3, 6e-3, 4)), np.full((4, 6), 0.01)], -1)

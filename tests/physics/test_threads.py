@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import tactemu as tt
-from tactemu.errors import SceneError
-from tactemu.physics.models import MODELS, load
+from tactemu.base.errors import SceneError
 from tactemu.plan.launches import Launches, in_turn
-from tactemu.plan.team import Team
+from tactemu.plan.thread_pool import Team
+from tactemu.sensors.models import MODELS, load
 from tactemu.transducers.capacitive import Capacitive
 from tactemu.transducers.fluid import Fluid
 from tactemu.transducers.magnetic import Magnetic
@@ -101,7 +101,7 @@ def test_free_layouts_and_shear_too():
 
 
 def test_threads_only_where_they_pay(monkeypatch):
-    monkeypatch.setattr("tactemu.physics.simulation.cores", lambda: 3)
+    monkeypatch.setattr("tactemu.sensors.simulation.cores", lambda: 3)
     for n_envs, model, expected in (
         (None, "ElasticLayerTaxel", "threads: 1 (one environment)"),
         (4, "ContactDepthProbe", "threads: 1 (a step is too short for more)"),

@@ -5,7 +5,7 @@ import pytest
 import warp as wp
 
 import tactemu as tt
-from tactemu.errors import SceneError
+from tactemu.base.errors import SceneError
 from tests.physics.rig import scene_with
 
 GRID = np.stack([*np.meshgrid(np.linspace(-8e-3, 8e-3, 6), np.linspace(-6e-3, 6e-3, 5)), np.full((5, 6), 0.01)], -1)

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 import tactemu as tt
-from tactemu.errors import SceneError
+from tactemu.base.errors import SceneError
 from tests.physics.rig import depth_of
 
 RADIUS = 0.05

@@ -8,10 +8,10 @@ import pytest
 
 import tactemu as tt
 from firmware_protocols import CanFrame
-from tactemu.errors import TactemuError
-from tactemu.recordings.export import export
-from tactemu.recordings.recording import load
+from tactemu.base.errors import TactemuError
 from tactemu.truth import Truth, entries, read
+from tactemu.truth.export import export
+from tactemu.truth.recording import load
 from tests.cli.command import tactemu
 from tests.truth.telling import CAN, COUNTS, IDEAL, tell
 

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from tactemu.base.errors import TactemuError
 from tactemu.cli.truths import summarise
-from tactemu.errors import TactemuError
-from tactemu.recordings.playback import RecordedReadings
-from tactemu.recordings.recording import CAN_FORMATS, load
+from tactemu.emulator.playback import RecordedReadings
 from tactemu.truth import Truth, read_log
+from tactemu.truth.recording import CAN_FORMATS, load
 from tests.cli.command import here
 from tests.truth.telling import tell
 

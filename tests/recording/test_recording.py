@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from firmware_protocols import CanFrame
-from tactemu.errors import TactemuError
-from tactemu.frame_text import parse, text
-from tactemu.recordings.playback import RecordedReadings
-from tactemu.recordings.recorder import CAN_FORMATS, Recorder
-from tactemu.recordings.recording import Entry, load
+from tactemu.base.errors import TactemuError
+from tactemu.base.frame_text import parse, text
+from tactemu.emulator.playback import RecordedReadings
 from tactemu.truth import Truth
+from tactemu.truth.recorder import CAN_FORMATS, Recorder
+from tactemu.truth.recording import Entry, load
 
 CANDUMP = """\
 (1700000000.000000) can0 027#B100010203040506

@@ -12,12 +12,12 @@ import pytest
 import serial
 
 from firmware_protocols import CanFrame
-from tactemu.clock import RealClock, VirtualClock
-from tactemu.errors import TactemuError, TransportError
-from tactemu.recordings.recorder import Recorder
-from tactemu.recordings.recording import Entry, Recording, load
-from tactemu.recordings.replay import Replay, line_of, record, replay_spec
+from tactemu.base.clock import RealClock, VirtualClock
+from tactemu.base.errors import TactemuError, TransportError
+from tactemu.emulator.replay import Replay, line_of, record, replay_spec
 from tactemu.transports import create
+from tactemu.truth.recorder import Recorder
+from tactemu.truth.recording import Entry, Recording, load
 from tactemu.wire.wire import Wire
 
 STREAM = Recording([Entry(k * 20_000_000, bytes([k]) * 10) for k in range(20)])

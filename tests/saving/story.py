@@ -10,9 +10,9 @@ from pathlib import Path
 
 from firmware_protocols import registry
 from firmware_protocols.frames import frame_of
-from tactemu.assembly import Wishes, assemble
-from tactemu.clock import VirtualClock
-from tactemu.emulator import Emulator
+from tactemu.base.clock import VirtualClock
+from tactemu.emulator.assembly import Wishes, assemble
+from tactemu.emulator.emulator import Emulator
 from tactemu.scene import file
 from tactemu.truth import Truth
 

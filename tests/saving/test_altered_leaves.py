@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactemu.errors import StateError
-from tactemu.saving import snapshots
+from tactemu.base.errors import StateError
+from tactemu.emulator.saving import snapshots
 from tests.fuzz import TIMES
 from tests.saving import story, test_models
 

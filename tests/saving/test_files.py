@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import tactemu
-from tactemu.errors import StateError, TactemuError
-from tactemu.saving import state_file
+from tactemu.base.errors import StateError, TactemuError
+from tactemu.emulator.saving import state_file
 from tests.fuzz import TIMES
 from tests.saving import story
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import tactemu as tt
-from tactemu.errors import StateError
-from tactemu.physics.models import MODELS, load
+from tactemu.base.errors import StateError
+from tactemu.sensors.models import MODELS, load
 from tests.saving import story
 
 FEELS = f"{story.__file__.removesuffix('story.py')}feels.py:Feels"

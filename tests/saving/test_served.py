@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import tactemu as tt
-from tactemu.errors import StateError, TactemuError
+from tactemu.base.errors import StateError, TactemuError
 from tests.cli.command import here
 from tests.test_sources import ENGINE, MODEL
 

@@ -29,11 +29,11 @@ from typing import Any
 
 import numpy as np
 
-from tactemu.assembly import Wishes, assemble, truth_of
-from tactemu.clock import VirtualClock
-from tactemu.emulator import Emulator
-from tactemu.errors import TactemuError
-from tactemu.kernels import start_quietly
+from tactemu.base.clock import VirtualClock
+from tactemu.base.errors import TactemuError
+from tactemu.base.kernels import start_quietly
+from tactemu.emulator.assembly import Wishes, assemble, truth_of
+from tactemu.emulator.emulator import Emulator
 from tactemu.scene import file
 from tactemu.scene.steering import steered
 

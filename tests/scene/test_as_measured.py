@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import firmware_protocols
-from tactemu.assembly import Wishes, assemble
-from tactemu.clock import VirtualClock
-from tactemu.errors import SceneError
+from tactemu.base.clock import VirtualClock
+from tactemu.base.errors import SceneError
+from tactemu.emulator.assembly import Wishes, assemble
 from tactemu.fit.realism import PARAMETERS
-from tactemu.scene.as_measured import devices
 from tactemu.scene.file import check, load, parse
+from tactemu.scene.measured_defaults import devices
 
 FITTED = json.loads(PARAMETERS.read_text())
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import tactemu as tt
-from tactemu.errors import PoseError, SceneError
+from tactemu.base.errors import PoseError, SceneError
+from tactemu.engines.engine import MujocoEngine
 from tactemu.scene import file as scene_file
 from tactemu.scene.building import build_scene, make_devices
-from tactemu.scene.engine import MujocoEngine
 from tactemu.scene.engine_tables import MujocoWarpTable, NewtonTable
 
 mujoco = pytest.importorskip("mujoco")

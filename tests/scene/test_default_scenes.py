@@ -5,9 +5,9 @@ import pytest
 
 import firmware_protocols
 from firmware_protocols.device import CONTACT
-from tactemu.assembly import Wishes, assemble
-from tactemu.clock import VirtualClock
-from tactemu.errors import SceneError
+from tactemu.base.clock import VirtualClock
+from tactemu.base.errors import SceneError
+from tactemu.emulator.assembly import Wishes, assemble
 from tactemu.scene.default import REST_S, tables_for
 from tactemu.scene.file import DEFAULTS, check, load, load_device
 

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from tactemu.errors import DeviceError, SceneError
+from tactemu.base.errors import DeviceError, SceneError
+from tactemu.geometry.motion import Press, Sequence
 from tactemu.scene import file, schema
 from tactemu.scene.building import make_devices
 from tactemu.scene.engine_tables import ENGINES
-from tactemu.scene.motion import Press, Sequence
 from tactemu.scene.scene import Scene
 
 PAGE = Path(__file__).parents[2] / "docs" / "scene-files.md"

@@ -5,7 +5,7 @@ import copy
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactemu.errors import TactemuError
+from tactemu.base.errors import TactemuError
 from tactemu.scene import file
 from tactemu.scene.building import build_scene, make_devices
 from tests.fuzz import examples

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tactemu.base.errors import SceneError, TactemuError
 from tactemu.cli import main
-from tactemu.errors import SceneError, TactemuError
 from tactemu.scene import file
 from tactemu.scene.scene import Scene
 from tests.fuzz import examples

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from tactemu.errors import SceneError
-from tactemu.scene import rotation
-from tactemu.scene.motion import (
+from tactemu.base.errors import SceneError
+from tactemu.geometry import rotation
+from tactemu.geometry.motion import (
     FromFunction,
     Hold,
     Keyframes,

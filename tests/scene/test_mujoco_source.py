@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import tactemu as tt
-from tactemu.errors import SceneError
+from tactemu.base.errors import SceneError
 
 mujoco = pytest.importorskip("mujoco")
 

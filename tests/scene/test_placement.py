@@ -5,9 +5,10 @@ import pytest
 
 import tactemu as tt
 from firmware_protocols import grid_layout
-from tactemu.scene import file, rotation
+from tactemu.geometry import rotation
+from tactemu.geometry.motion import Pose
+from tactemu.scene import file
 from tactemu.scene.building import build_scene, make_devices
-from tactemu.scene.motion import Pose
 from tactemu.scene.placement import PlacedSensor
 from tactemu.scene.skins import SkinPart
 

@@ -5,9 +5,9 @@ import pytest
 import trimesh
 
 from tactemu import Box, Capsule, Cylinder, Mesh, Sphere
-from tactemu.errors import SceneError
-from tactemu.scene import rotation
-from tactemu.scene.motion import Pose
+from tactemu.base.errors import SceneError
+from tactemu.geometry import rotation
+from tactemu.geometry.motion import Pose
 from tactemu.scene.scene import Scene
 from tactemu.scene.steering import Leg, Steered, pressing_way, reach
 

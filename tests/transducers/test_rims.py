@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 import tactemu as tt
-from tactemu.errors import SceneError
+from tactemu.base.errors import SceneError
 from tactemu.transducers.magnetic import Magnetic, radius_of
 from tactemu.transducers.registry import TRANSDUCERS, load, make
 

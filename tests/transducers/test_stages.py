@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tactemu as tt
-from tactemu.errors import SceneError
+from tactemu.base.errors import SceneError
 from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.file import parse
 from tactemu.transducers import laws
@@ -238,8 +238,8 @@ kind = "{kind}"
 
 @pytest.mark.parametrize("device", ["anyskin", "eflesh_binary"])
 def test_a_device_of_magnets_sees_the_field_of_the_scene(device):
-    from tactemu.assembly import assemble
-    from tactemu.clock import VirtualClock
+    from tactemu.base.clock import VirtualClock
+    from tactemu.emulator.assembly import assemble
 
     made = assemble(parse(SCENE.format(device=device, kind="magnetic")), clock=VirtualClock())
     truth = made.emulator.truth
@@ -257,7 +257,7 @@ def test_a_device_of_magnets_sees_the_field_of_the_scene(device):
 
 
 def test_a_device_that_does_not_see_it_says_so():
-    from tactemu.assembly import assemble
+    from tactemu.emulator.assembly import assemble
 
     with pytest.raises(SceneError, match="its transducers give field; robotiq_tsf85 senses"):
         assemble(parse(SCENE.format(device="robotiq_tsf85", kind="magnetic")))

@@ -12,7 +12,7 @@ import can
 import pytest
 
 from firmware_protocols import Can, CanFrame
-from tactemu.errors import TransportError
+from tactemu.base.errors import TransportError
 from tactemu.transports import create, socketcan
 from tactemu.transports.transport import CanFilter, Closed, Opened, Received
 

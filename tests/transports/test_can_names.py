@@ -2,7 +2,7 @@
 
 import pytest
 
-from tactemu.errors import TransportUnavailable
+from tactemu.base.errors import TransportUnavailable
 from tactemu.transports import create
 
 

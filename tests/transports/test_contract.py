@@ -13,7 +13,7 @@ import websocket
 
 from firmware_protocols import CanFrame, Dds, Topic
 from tactemu import transports
-from tactemu.errors import TransportError
+from tactemu.base.errors import TransportError
 from tactemu.transports.transport import (
     DROPPED,
     RAISED,

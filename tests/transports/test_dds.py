@@ -8,7 +8,7 @@ import time
 import pytest
 
 from tactemu import transports
-from tactemu.errors import TransportError, TransportUnavailable
+from tactemu.base.errors import TransportError, TransportUnavailable
 from tactemu.transports.transport import Closed, Opened, Received
 from tests.transports.test_contract import DdsEnd, create, look
 

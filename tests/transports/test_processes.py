@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 import pytest
 import serial
 
-from tactemu.errors import TransportError
+from tactemu.base.errors import TransportError
 from tactemu.transports import create
 from tactemu.transports.transport import Opened
 

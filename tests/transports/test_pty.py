@@ -13,7 +13,7 @@ import pytest
 import serial
 
 from firmware_protocols import Serial
-from tactemu.errors import TransportError
+from tactemu.base.errors import TransportError
 from tactemu.transports import create
 from tactemu.transports.transport import (
     DROPPED,

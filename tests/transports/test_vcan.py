@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from firmware_protocols import Can, CanFrame
-from tactemu.clock import RealClock
-from tactemu.errors import TransportError
+from tactemu.base.clock import RealClock
+from tactemu.base.errors import TransportError
 from tactemu.transports import create
 from tactemu.transports.transport import Closed, Opened, Received
 from tactemu.wire.can_bits import frame_bits

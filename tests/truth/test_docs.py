@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 import tactemu as tt
-from tactemu.recordings.export import export
+from tactemu.truth.export import export
 from tactemu.truth.memory import DEFAULT_KEEP, parse_size
 from tactemu.truth.messages import EVENT, FRAME, INJECTION, POSE
 from tactemu.truth.writer import WAITING_BYTES

@@ -7,7 +7,7 @@ import pytest
 
 import tactemu as tt
 from firmware_protocols import CanFrame
-from tactemu.errors import TactemuError
+from tactemu.base.errors import TactemuError
 from tactemu.truth import Injection, Passage, PortEvent, Truth, entries, read
 from tactemu.truth.entries import Header
 from tactemu.truth.lines import array_text

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tactemu.assembly import truth_of
-from tactemu.errors import TactemuError
+from tactemu.base.errors import TactemuError
+from tactemu.emulator.assembly import truth_of
 from tactemu.scene.file import parse
 from tactemu.truth import Truth
 from tactemu.truth.memory import Budget, Memory, parse_size

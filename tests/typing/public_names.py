@@ -9,7 +9,7 @@ from typing import assert_type
 
 import firmware_protocols as fp
 import tactemu as tt
-from tactemu.pytest_plugin import TactileDevice
+from tactemu.integrations.pytest_plugin import TactileDevice
 
 scene = tt.Scene(dt=1e-3)
 assert_type(scene, tt.Scene)

@@ -1,6 +1,6 @@
 """A smoke test: the benchmark of the wire runs and names every stage. The figures are the machine's business."""
 
-from tactemu.bench.wire import run
+from tactemu.tune.speed.wire import run
 
 
 def test_every_stage_is_measured():

@@ -12,15 +12,15 @@ from hypothesis import strategies as st
 
 import tactemu
 from firmware_protocols import Can, CanFrame, Serial, Tcp, Udp
-from tactemu.errors import SceneError
-from tactemu.frame_text import text
+from tactemu.base.errors import SceneError
+from tactemu.base.frame_text import text
 from tactemu.transports.can import CanTransport
 from tactemu.transports.memory import MemoryTransport
 from tactemu.transports.transport import DROPPED, RAISED, Closed, Opened
 from tactemu.truth import Truth, read_log
-from tactemu.wire.carriers import carrier_of
 from tactemu.wire.faults import KINDS, Fault, parse
 from tactemu.wire.faults.frames import SPOIL
+from tactemu.wire.line_models import carrier_of
 from tactemu.wire.wire import Heard, Wire
 
 USB = Serial(baud=115_200, usb=True)

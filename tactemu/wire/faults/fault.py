@@ -23,8 +23,8 @@ from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from typing import Any, Literal
 
-from tactemu.errors import SceneError, shown
-from tactemu.units import scaled
+from tactemu.base.errors import SceneError, shown
+from tactemu.base.units import scaled
 
 Direction = Literal["to_driver", "from_driver", "both"]
 DIRECTIONS: tuple[Direction, ...] = ("to_driver", "from_driver", "both")

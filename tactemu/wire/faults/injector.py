@@ -10,11 +10,11 @@ import numpy as np
 
 from firmware_protocols import CanFrame, Frame
 from firmware_protocols.frames import payload
-from tactemu.random_streams import generator
-from tactemu.wire.carriers import Carrier
+from tactemu.base.random_streams import generator
 from tactemu.wire.faults.fault import Fault, parse
 from tactemu.wire.faults.frames import SPOIL, Parts
 from tactemu.wire.faults.link import LatencyChip, Traffic
+from tactemu.wire.line_models import Carrier
 
 
 class Note(Protocol):

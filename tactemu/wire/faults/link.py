@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from firmware_protocols import CanFrame
-from tactemu.wire.carriers import Carrier
 from tactemu.wire.faults.fault import Fault
 from tactemu.wire.line import CATCH_UP_NS
+from tactemu.wire.line_models import Carrier
 
 PACKET = 62
 """Payload of one USB packet of the common chip [byte]: 64 less two of status."""

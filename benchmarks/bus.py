@@ -1,0 +1,150 @@
+"""A whole robot's skin on CAN: `tactemu bench bus`.
+
+iCub boards of 7 triangles (70 taxels), 6 on a bus of 1 Mbit/s, 50 times a second; the buses are those of `tactemu
+exec`, so that a kernel without CAN will do. A reader in a process of its own (:mod:`benchmarks.bus_reader`) takes
+every frame, with the kernel's timestamp. Where it may, the loop goes before other programs. A frame is
+late by how much later it is there than on an exact bus that starts
+at the sample: all boards of a robot sample at once here, which is the hardest case.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+import zlib
+from pathlib import Path
+from typing import Any
+
+from tactemu.base.gc_tuning import no_full_collections
+from tactemu.base.priority import go_first, may_go_first
+from tactemu.exec.environment import exec_environment
+from tactemu.session.serving import serve
+from tactemu.tune.speed.timing import Report
+
+A_BUS, TRIANGLES, RATE_HZ = 6, 7, 50
+"""Boards on a bus, triangles of a board, samples a second."""
+LATE_MS = 5.0
+"""99 of 100 frames shall be no later."""
+
+
+def scene(boards: int) -> str:
+    """The scene file of a robot with so many boards: a bus for every six, and on each part a ball that presses."""
+    parts = ["[scene]\ndt = 0.02\n"]
+    for bus, first in enumerate(range(0, boards, A_BUS)):
+        n = min(A_BUS, boards - first)
+        parts.append(f"""
+[[body]]
+name = "part {bus}"
+shape = "box"
+size = [0.4, 0.4, 0.02]
+position = [{bus}, 0, 0]
+fixed = true
+
+[[body]]
+name = "ball {bus}"
+shape = "sphere"
+radius = 0.03
+position = [{bus}, 0, 0.045]
+motion = {{ kind = "press", approach = 0.005, depth = 0.003 }}
+
+[[skin]]
+name = "bus {bus}"
+device = "icub_skin"
+device_options = {{ part = "torso", triangles = {n * TRIANGLES}, triangles_per_board = {TRIANGLES} }}
+link = "part {bus}"
+port = "can:socketcan:can{bus}"
+rate_hz = {RATE_HZ}
+model = "kinematic_taxel"
+options = {{ probe_radius = 0.002, normal_stiffness = 300.0, noise = 0.002 }}
+""")
+    return "".join(parts)
+
+
+def robot(boards: int, seconds: float, way: str = "") -> dict[str, Any]:
+    """Run it; what the reader says, and whether it is what was sent.
+
+    Raises:
+        TactemuError: this machine offers no CAN.
+    """
+    with tempfile.TemporaryDirectory(prefix="tactemu-bench-") as folder, no_full_collections():
+        file = Path(folder) / "robot.toml"
+        file.write_text(scene(boards), encoding="utf-8")
+        dev = serve(file, keep="1MB")
+        with exec_environment(dev, way=way) as env:
+            if may_go_first():
+                dev.emulator.call(go_first)  # its loop alone, not the reader
+            sent: dict[str, list[int]] = {}
+            told: dict[str, list[int]] = {}
+            origin = dev.emulator.clock.origin_ns or 0
+            for channel in dev.emulator.channels:
+                bus = env.nodes[channel.name]
+                sent[bus] = _watched(channel.wire.transport)
+                ticks = next(iter(channel.ticks.values()))
+                told[bus] = [len(channel.ticks), origin + ticks.sampling.start_ns, ticks.sampling.period_ns]
+            reader = [sys.executable, "-m", "benchmarks.bus_reader", json.dumps(told), str(seconds)]
+            begun = time.process_time(), time.monotonic()
+            done = env.run(reader, stdout=subprocess.PIPE, text=True, check=True)
+            busy = (time.process_time() - begun[0]) / (time.monotonic() - begun[1])
+            figures = json.loads(done.stdout)
+            statistics = [channel.statistics for channel in dev.emulator.channels]
+            network = env.network
+    return figures | {
+        "boards": boards,
+        "taxels": boards * TRIANGLES * 10,
+        "buses": len(sent),
+        "sent": sum(count for count, _ in sent.values()),
+        "every_frame_in_order": {bus: list(each) for bus, each in sent.items()} == figures.pop("read"),
+        "emulator_cpu": busy,
+        "missed_samples": sum(each.missed for each in statistics),
+        "way": network,
+    }
+
+
+def _watched(transport: Any) -> list[int]:
+    """Counts what is written to a port from now on, and sums it up."""
+    seen, write_all = [0, 0], transport.write_all
+
+    def watched(frames: Any) -> int:
+        taken = write_all(frames)
+        seen[0] += taken
+        seen[1] = zlib.crc32(frames.array[:taken].tobytes(), seen[1])
+        return taken
+
+    transport.write_all = watched
+    return seen
+
+
+def run(report: Report, *, boards: int | None = None, seconds: float = 10.0, way: str = "") -> dict[str, Any]:
+    """One robot of so many boards; or, without a number, larger and larger ones until too many frames are late."""
+    if boards is not None:
+        figures = robot(boards, seconds, way)
+        report(figures["way"])
+        _report(figures, report)
+        return figures
+    found: dict[str, Any] = {"steps": []}
+    for count in range(12, 169, 12):
+        figures = robot(count, seconds, way)
+        found["steps"].append(figures)
+        if count == 12:
+            report(figures["way"])
+        _report(figures, report)
+        if figures["late_p99_ms"] > LATE_MS or not figures["every_frame_in_order"] or figures["missed_samples"]:
+            report(f"more than {LATE_MS:g} ms late, or frames amiss, from {count} boards on")
+            break
+        found["boards"] = count
+    return found
+
+
+def _report(figures: dict[str, Any], report: Report) -> None:
+    report(
+        f"{figures['boards']:3} boards, {figures['taxels']} taxels, {figures['buses']} buses at "
+        f"{figures['load']:.0%}: {figures['frames_per_s']:.0f} frames/s for {figures['seconds']:.0f} s, late p50 "
+        f"{figures['late_p50_ms']:.2f} ms, p99 {figures['late_p99_ms']:.2f} ms, max {figures['late_max_ms']:.1f} ms; "
+        f"every frame, in order: {'yes' if figures['every_frame_in_order'] else 'NO'}; missed samples "
+        f"{figures['missed_samples']}; CPUs: emulator {figures['emulator_cpu']:.2f}, reader "
+        f"{figures['reader_cpu']:.2f}; reader's buffer {figures['receive_buffer']} bytes a bus, overflows "
+        f"{figures['overflows']}"
+    )

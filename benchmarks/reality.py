@@ -1,0 +1,172 @@
+"""Levels of fidelity against a real skin: where does more physics stop paying?
+
+    tactemu bench reality RECORDINGS --page docs/reality.md
+
+The force of presses on eFlesh's lattice (:mod:`tactemu.fit.sets.eflesh`), by each level of the ladder: a flat face of
+20 mm pressed 12 mm into a skin of 16 x 16 taxels. Each level has one gain, fitted on one recording; the height of
+contact comes from the first press of the recording that is predicted. *With laws* the skin is worked in as well: how
+far each press sets it and how much it softens, from the recording that was fitted, and the presses that it had seen
+before, from the first press. The last line is the law of docs/realism.md, with a loading curve of its own.
+Errors are of all presses but the first, rms, of the peak; both recordings are predicted by the other.
+A finger that slides over ridges (:mod:`benchmarks.ridges`) is the page's second table.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+import tactemu as tt
+from benchmarks import ridges
+from tactemu.base.errors import TactemuError
+from tactemu.fit.sets import eflesh
+from tactemu.fit.solver import least_squares
+from tactemu.transducers.laws import conditioning
+
+SIDE, PITCH, FACE, DEEPEST = 16, 1.5e-3, 0.02, 0.012
+STEPS = 25
+RAY = {"contact_depth_query": "ray", "ray_reach": 0.03}
+LEVELS: dict[str, tuple[str, dict[str, Any]]] = {
+    "L1 depth, ray": ("ContactDepthProbe", {"probe_radius": 1e-3, **RAY}),
+    "L2 springs": ("KinematicTaxel", {"probe_radius": 1e-3, "normal_damping": 0.0}),
+    "L2 springs, ray": ("KinematicTaxel", {"probe_radius": 1e-3, "normal_damping": 0.0, **RAY}),
+    "L2 springs, ray, exponent 1.3": (
+        "KinematicTaxel",
+        {"probe_radius": 1e-3, "normal_damping": 0.0, "normal_exponent": 1.3, **RAY},
+    ),
+    "L3 markers": ("ElastomerTaxel", {"probe_radius": 1e-3, "shear_scale": 0.0}),
+    "L4 layer": ("ElasticLayerTaxel", {"thickness": 0.03, "poisson_ratio": 0.3, "friction": 0.0}),
+}
+
+
+def level_curve(name: str) -> tuple[np.ndarray, np.ndarray, float]:
+    """Depths [mm], the summed reading of a level at each, and what a step costs [µs]."""
+    kind, options = LEVELS[name]
+    x = (np.arange(SIDE) - (SIDE - 1) / 2) * PITCH
+    probes = np.stack([*np.meshgrid(x, x), np.full((SIDE, SIDE), 0.0)], axis=-1)
+    scene = tt.Scene(dt=1e-3)
+    pad = scene.add_body(None, name="pad", fixed=True)
+    face = scene.add_body(tt.Box(size=(FACE, FACE, 0.04)), name="face", position=(0, 0, 1))
+    sensor = scene.add_sensor(getattr(tt, kind)(probe_local_pos=probes, **options), link=pad)
+    sim = scene.build()
+    depths, readings, times = np.linspace(0.0, DEEPEST, STEPS), [], []
+    quantity = next(each for each in ("force", "depth", "displacement") if each in sensor.quantities)
+    for depth in depths:
+        sim.set_pose(face, position=(0, 0, 0.02 - depth))
+        for _ in range(3):
+            begin = time.perf_counter_ns()
+            sim.step()
+            times.append(time.perf_counter_ns() - begin)
+        values = sensor.quantity(quantity)
+        readings.append(np.abs(values[..., 2] if values.ndim == 2 else values).sum())
+    readings = np.array(readings) - readings[0]
+    return depths * 1e3, readings / max(readings.max(), 1e-30), median(times[3:]) / 1e3
+
+
+def error_of(shape: Callable[[np.ndarray], np.ndarray], known: Any, other: Any, *, laws: bool) -> float:
+    """Rms error [% of the peak] of the presses of ``other`` after its first, by a law fitted on ``known``."""
+
+    def force(p: Sequence[float] | np.ndarray, depth: np.ndarray, touch: float, before: float) -> np.ndarray:
+        worked = conditioning(np.asarray(before)) if laws else 0.0
+        inside = np.maximum(depth - touch - p[1] * worked, 0.0)
+        return p[0] * (1.0 - p[2] * worked) * shape(inside)
+
+    def apart(p: np.ndarray) -> np.ndarray:
+        return np.concatenate([force(p[:3], d, p[3], p[4] + n) - f for n, (d, f) in enumerate(known.loading)])
+
+    peak = known.loading[0][1].max()
+    ends = ([0.0, 0.0, -0.2, -1.0, 0.0], [np.inf, 2.0, 0.3, 6.0, 50.0])
+    law = least_squares(apart, [peak, 0.2, 0.0, 0.5, 1.0], bounds=ends).x[:3]
+    depth, felt = other.loading[0]
+    tries = [
+        least_squares(lambda q: force(law, depth, q[0], q[1]) - felt, [0.5, n], bounds=([-2.0, 0.0], [8.0, 200.0]))
+        for n in (0.2, 3.0)
+    ]
+    touch, before = min(tries, key=lambda one: one.cost).x
+    parts = [force(law, d, touch, before + n) - f for n, (d, f) in enumerate(other.loading) if n]
+    return 100 * float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) / float(felt.max())
+
+
+def run(report: Callable[[str], Any], recordings: Path, page: Path | None = None) -> list[dict[str, Any]]:
+    """Measure every level; returns one table per line.
+
+    Raises:
+        TactemuError: the folder does not have two recordings of one condition.
+    """
+    known = eflesh.read(recordings / "eflesh")
+    folds = [fold for fold in eflesh.folds(known) if known[fold[1][0]].condition == "normal"]
+    if not folds:
+        raise TactemuError(f"{recordings}: two recordings eflesh/normal_*.csv.gz are needed")
+    lines = []
+    for name in LEVELS:
+        depths, readings, cost = level_curve(name)
+
+        def shape(depth: np.ndarray, depths: np.ndarray = depths, readings: np.ndarray = readings) -> np.ndarray:
+            return np.interp(depth, depths, readings) + np.maximum(depth - depths[-1], 0) * (readings[-1] / depths[-1])
+
+        plain, with_laws = (
+            float(np.mean([error_of(shape, known[a[0]], known[b[0]], laws=laws) for a, b in folds]))
+            for laws in (False, True)
+        )
+        lines.append({"level": name, "step_us": cost, "plain": plain, "laws": with_laws})
+    own = []
+    for a, b in folds:
+        fitted = eflesh.fit({each: known[each] for each in a})
+        own.append(eflesh.errors(fitted, {each: known[each] for each in b})["loading"])
+    best = float(np.sqrt(np.mean(np.concatenate(own) ** 2)))
+    lines.append({"level": "loading curve of its own", "step_us": None, "plain": None, "laws": best})
+    text = _table(lines)
+    report(text)
+    ridged = ridges.lines(LEVELS, recordings)
+    slides = _table(ridged, ("line",)) if ridged else "No recordings of a board."
+    report(slides)
+    if page is not None:
+        page.write_text(_PAGE.replace("TABLE", text).replace("SLIDES", slides), encoding="utf-8")
+    return lines + ridged
+
+
+def _table(lines: Sequence[dict[str, Any]], more: Sequence[str] = ()) -> str:
+    """``more`` columns of errors stand before those of the level, with and without laws."""
+    heads = ("level", "a step", *more, "error", "error with laws of the material")
+    rows = [f"| {' | '.join(heads)} |", "| --- " * len(heads) + "|"]
+    for line in lines:
+        cost = f"{line['step_us']:.0f} µs" if line["step_us"] else ""
+        figures = [f"{line[key]:.1f} %" if line[key] is not None else "" for key in (*more, "plain", "laws")]
+        rows.append(f"| {' | '.join([line['level'], cost, *figures])} |")
+    return "\n".join(rows)
+
+
+_PAGE = """# Speed for reality
+
+Written by `tactemu bench reality RECORDINGS --page docs/reality.md`. [Speed for accuracy](accuracy.md) judges the
+levels by a rubber layer that is solved finely; this page by a real skin: the force of presses on eFlesh's printed
+lattice, 12 mm deep, up to 34 N, each of two recordings predicted by the other.
+
+TABLE
+
+A level has one gain, fitted on the other recording; the height of contact comes from the first press. *Laws of the
+material* are how far each press sets the lattice and softens it, from the other recording, and how many presses it had
+seen, from the first. The last line has a loading curve of ten points instead of a level's own
+([how real is it?](realism.md)). Errors are rms over the presses after the first, of the peak.
+
+The face is taken as a flat one of 20 mm, the skin as 16 x 16 taxels; the lattice's own shape is none of these levels'.
+
+## A board with ridges
+
+CPM-Finger slides over a board with ridges, at 5 to 30 mm/s under three grips; each condition is predicted from the
+others. *Line* is the strongest line of what a level feels, found as in the recording. The other errors are of the noise
+from sample to sample, as logarithms of ratios: of the ridges alone, and with the capacitors' white noise.
+
+SLIDES
+
+All levels draw the line where the board has it. Their noise is that of bars with sharp edges under points 1.5 mm apart:
+it grows more slowly with the speed than the finger's, whose skin rounds the edges, and the level whose own skin rounds
+them most comes nearest. White noise beside it comes out at nothing: sharp edges have taken its place. A sine with white
+noise is better than any level and costs no contact: what pays here is the shape of the ridge. A fabric's noise is none
+of a level's: without ridges they feel a flat face ([its law](realism.md)).
+"""

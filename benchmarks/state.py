@@ -1,0 +1,134 @@
+"""Size and time of a saved state, and of a fork: `tactemu bench state`.
+
+Times are of the thread, so that other work on the machine does not count.
+"""
+
+from __future__ import annotations
+
+import resource
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from tactemu.base.clock import VirtualClock
+from tactemu.emulator.assembly import Assembled, Wishes, assemble
+from tactemu.scene import file
+from tactemu.sensors.simulation import Simulation
+from tactemu.truth import Truth
+from tactemu.tune.speed import physics
+from tactemu.tune.speed.timing import Report
+
+DEVICES = ("optoforce", "anyskin", "flexitac", "linker_hand_l6", "icub_skin", "inspire_rh56dftp")
+"""One taxel to a thousand, on serial lines and CAN."""
+SIDE = 16
+"""Taxels along each side of a pad, of the sensor models."""
+PRESSED_S = 0.6
+"""Into the press of the default scenes."""
+
+
+@dataclass
+class Figures:
+    """Of one device in its default scene, or of one sensor model by itself; times are medians."""
+
+    name: str
+    taxels: int
+    bytes: int
+    """Of the file; of a model, of its arrays."""
+    save_ms: float
+    """To a file; of a model, to arrays."""
+    restore_ms: float
+    build_ms: float
+    """Anew, kernels compiled before."""
+    fork_ms: float
+    fork_kb: float
+    """Of memory, each."""
+
+    def __str__(self) -> str:
+        return (
+            f"{self.name:<28} {self.taxels:>6} {self.bytes / 1e3:>8.0f} kB {self.save_ms:>7.1f} ms "
+            f"{self.restore_ms:>7.1f} ms {self.build_ms:>7.1f} ms {self.fork_ms:>7.1f} ms {self.fork_kb:>7.0f} kB"
+        )
+
+
+HEAD = f"{'':<28} {'taxels':>6} {'state':>11} {'save':>10} {'restore':>10} {'build':>10} {'fork':>10} {'each':>10}"
+
+
+def run(say: Report, *, repeats: int = 10, forks: int = 100, only: str = "") -> list[dict[str, Any]]:
+    """Measure every device and model whose name contains ``only``; returns the figures."""
+    measures = {name: partial(of_device, name, repeats, forks) for name in DEVICES}
+    measures |= {name: partial(of_model, name, repeats, forks) for name in physics.sensors()}
+    say(HEAD)
+    found = []
+    for name in (name for name in measures if only in name):
+        found.append(figures := measures[name]())
+        say(str(figures))
+    return [asdict(each) for each in found]
+
+
+def of_device(name: str, repeats: int, forks: int) -> Figures:
+    """A device with the cheapest model, saved amid its press."""
+    data = file.default_scene(name).tables.model_dump(by_alias=True, exclude_none=True)
+    _built(data)
+    build_ms, whole = _timed(lambda: _built(data), repeats)
+    emulator = whole.emulator
+    with emulator, tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "state.npz"
+        emulator.run(PRESSED_S)
+        save_ms, size = _timed(lambda: emulator.save(path), repeats)
+        restore_ms, _ = _timed(lambda: emulator.restore(path), repeats)
+        state = emulator.snapshot()
+        fork_ms, fork_kb = _forks(lambda: whole.fork(state=state), forks)
+    taxels = len(emulator.channels[0].device.layout)
+    return Figures(name, taxels, size, save_ms, restore_ms, build_ms, fork_ms, fork_kb)
+
+
+def of_model(name: str, repeats: int, forks: int) -> Figures:
+    """A sensor model on a pad with a ball in it."""
+    case = physics.Case(sensor=name, side=SIDE)
+    physics.build(case, "cpu")
+    build_ms, (simulation, *_) = _timed(lambda: physics.build(case, "cpu"), min(repeats, 3))
+    save_ms, state = _timed(simulation.state, repeats)
+    restore_ms, _ = _timed(lambda: simulation.prepared(state)(), repeats)
+
+    def fork() -> Simulation:
+        other = simulation.another()
+        other.prepared(state)()
+        return other
+
+    size = sum(array.nbytes for array in state["memory"])
+    return Figures(name, SIDE**2, size, save_ms, restore_ms, build_ms, *_forks(fork, forks))
+
+
+def _forks(fork: Callable[[], Any], count: int) -> tuple[float, float]:
+    """Time [ms] and memory [kB] of each of so many that are alive together."""
+    fork()
+    before, begun = _used_kb(), time.thread_time()
+    kept = [fork() for _ in range(count)]
+    took_ms = (time.thread_time() - begun) * 1e3
+    return took_ms / len(kept), max(0.0, _used_kb() - before) / len(kept)
+
+
+def _built(data: dict[str, Any]) -> Assembled:
+    return assemble(file.check(data), Wishes(port="memory:"), clock=VirtualClock(), truth=Truth())
+
+
+def _timed(action: Callable[[], Any], repeats: int) -> tuple[float, Any]:
+    """Median time [ms], and what it gave last."""
+    times: list[float] = []
+    result = None
+    for _ in range(repeats):
+        begun = time.thread_time()
+        result = action()
+        times.append((time.thread_time() - begun) * 1e3)
+    return median(times), result
+
+
+def _used_kb() -> float:
+    """Memory of this process that is in use now [kB]."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize() / 1e3

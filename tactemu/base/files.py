@@ -1,0 +1,85 @@
+"""Writing to a path that a user gave: whole or not at all, through links, and never in place of a device node."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+from tactemu.base.errors import TactemuError
+
+
+def check_writable(path: str | Path, what: str) -> None:
+    """Refuse a path that cannot be written, before a run that would end with it.
+
+    Raises:
+        TactemuError: the folder is not there, the path is a folder, or permission is missing.
+    """
+    target = _behind_links(path)
+    problem = ""
+    if target.is_dir():
+        problem = "is a folder"
+    elif not target.parent.is_dir():
+        problem = f"there is no folder {target.parent}"
+    elif not os.access(target if target.exists() else target.parent, os.W_OK):
+        problem = "permission denied"
+    if problem:
+        raise TactemuError(f"{path}: cannot write {what}: {problem}")
+
+
+@contextmanager
+def writing(path: str | Path) -> Iterator[IO[bytes]]:
+    """Open ``path`` for writing; a regular file stays as it was until all is written.
+
+    A link is followed. A FIFO or a device node is written to and stays what it is.
+
+    Raises:
+        OSError: the path cannot be written.
+    """
+    target = _behind_links(path)
+    if not _is_replaceable(target):
+        with target.open("wb") as file:
+            yield file
+        return
+    with tempfile.NamedTemporaryFile(dir=target.parent, prefix=f".{target.name}.", delete=False) as file:
+        try:
+            yield file  # type: ignore[misc]
+            file.close()
+            os.chmod(file.name, target.stat().st_mode & 0o7777 if target.exists() else 0o666 & ~_umask())
+            os.replace(file.name, target)
+        except BaseException:
+            os.unlink(file.name)
+            raise
+
+
+def move_into_place(made: Path, path: Path) -> None:
+    """Give a file that is whole the name ``path``: through links, and into a FIFO or a device node, not over it.
+
+    Raises:
+        OSError: the path cannot be written.
+    """
+    target = _behind_links(path)
+    if _is_replaceable(target):
+        os.replace(made, target)
+        return
+    with made.open("rb") as source, target.open("wb") as sink:
+        shutil.copyfileobj(source, sink)
+    made.unlink()
+
+
+def _behind_links(path: str | Path) -> Path:
+    return Path(os.path.realpath(path))
+
+
+def _is_replaceable(target: Path) -> bool:
+    return target.is_file() or target.is_dir() or not target.exists()
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

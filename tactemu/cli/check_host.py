@@ -1,0 +1,159 @@
+"""``tactemu check-host``: what this machine can do, each tried and not guessed, and the command that helps."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import json as json_module
+import os
+import platform
+import shutil
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+
+from tactemu.base.clock import RealClock
+from tactemu.base.errors import TactemuError
+from tactemu.base.priority import may_go_first
+from tactemu.base.statistics import Lateness
+
+_LOOPS, _PERIOD_NS = 1000, 1_000_000
+_LATE_MS = 5.0
+"""A loop that is later than this once in a hundred times keeps no sensor's pace."""
+NEEDED = ("ports", "view", "preload", "can", "loop")
+"""What the exit status is about when nothing is named."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that a machine may have."""
+
+    name: str
+    there: bool
+    says: str
+    """What was found, or why it is not there."""
+    helps: str = ""
+    """The command that gives it, or what to do."""
+
+
+def check_host(wanted: Sequence[str], *, json: bool = False) -> bool:
+    """Try everything and print it; whether all that is wanted is there.
+
+    Raises:
+        TactemuError: there is nothing of a name.
+    """
+    if unknown := [name for name in wanted if name not in CHECKS]:
+        raise TactemuError(f"check-host knows no {unknown[0]!r}; it knows: {', '.join(CHECKS)}")
+    found = []
+    for name, check in CHECKS.items():
+        try:
+            found.append(check(name))
+        except (OSError, TactemuError) as error:
+            found.append(Finding(name, False, str(error)))
+        if not json:
+            print(_line(found[-1]), flush=True)
+    if json:
+        print(json_module.dumps({each.name: asdict(each) for each in found}))
+    return all(each.there for each in found if each.name in (wanted or NEEDED))
+
+
+def _line(finding: Finding) -> str:
+    helps = f"\n{'':13}{finding.helps}" if finding.helps else ""
+    return f"{'yes' if finding.there else 'no ':3}  {finding.name:7} {finding.says}{helps}"
+
+
+def _python(name: str) -> Finding:
+    libc = " ".join(platform.libc_ver()) or "another libc than glibc"
+    says = f"Python {platform.python_version()} for {platform.machine()}, {libc}, Linux {platform.release()}"
+    return Finding(name, sys.version_info >= (3, 11) and sys.platform == "linux", says)
+
+
+def _ports(name: str) -> Finding:
+    ours, theirs = os.openpty()
+    path = os.ttyname(theirs)
+    for each in (ours, theirs):
+        os.close(each)
+    return Finding(name, True, f"pseudo terminals, such as {path}")
+
+
+@contextlib.contextmanager
+def _keeper() -> Iterator[Callable[..., object]]:
+    from tactemu.exec.keeping import Keeper
+
+    keeper = Keeper("")
+    try:
+        keeper.wait()
+        yield keeper.ask
+    finally:
+        keeper.close()
+
+
+def _view(name: str) -> Finding:
+    with _keeper():
+        return Finding(name, True, "`tactemu exec` shows drivers /dev/ttyUSB0, sysfs and udev's data")
+
+
+def _preload(name: str) -> Finding:
+    from tactemu.exec.build import NoLibrary, library
+
+    try:
+        return Finding(name, True, f"the preload library: {library()}")
+    except NoLibrary as error:
+        return Finding(name, False, str(error), "sudo apt-get install --no-install-recommends gcc libc6-dev")
+
+
+def _vcan(name: str) -> Finding:
+    try:
+        with _keeper() as ask:
+            ask("bus", name="can0", way="native")
+    except TactemuError as error:
+        return Finding(name, False, str(error), "sudo modprobe vcan   (Ubuntu: linux-modules-extra-$(uname -r))")
+    return Finding(name, True, "this kernel has CAN and vcan")
+
+
+def _can(name: str) -> Finding:
+    if _vcan(name).there:
+        return Finding(name, True, "`tactemu exec` gives drivers can0, by vcan")
+    with _keeper() as ask:
+        ask("bus", name="can0", way="preload")
+    if not (library := _preload(name)).there:
+        return Finding(name, False, library.says, library.helps)
+    return Finding(name, True, "`tactemu exec` gives drivers can0, by the preload library over Ethernet")
+
+
+def _guest(name: str) -> Finding:
+    if found := shutil.which("linux.uml"):
+        return Finding(name, True, f"a kernel with CAN as a program, for scripts/vcan-run: {found}")
+    helps = "sudo apt-get install --no-install-recommends user-mode-linux kmod iproute2 can-utils"
+    return Finding(name, False, "no kernel with CAN as a program (User-Mode Linux)", helps)
+
+
+def _gpu(name: str) -> Finding:
+    try:
+        cuda = ctypes.CDLL("libcuda.so.1")
+    except OSError:
+        return Finding(name, False, "no CUDA driver; kernels run on the CPU")
+    count, title = ctypes.c_int(), ctypes.create_string_buffer(128)
+    if cuda.cuInit(0) or cuda.cuDeviceGetCount(ctypes.byref(count)) or not count.value:
+        return Finding(name, False, "a CUDA driver without a GPU; kernels run on the CPU")
+    cuda.cuDeviceGetName(title, len(title), 0)
+    return Finding(name, True, f"{title.value.decode()}; give --device cuda:0")
+
+
+def _loop(name: str) -> Finding:
+    clock, late = RealClock(), Lateness()
+    for k in range(1, _LOOPS + 1):
+        clock.wait(k * _PERIOD_NS, ())
+        late.add(max(0, clock.now_ns() - k * _PERIOD_NS))
+    p50, p99, most = (value / 1e6 for value in (late.percentile_ns(50), late.percentile_ns(99), late.max_ns))
+    says = (
+        f"late by {p50:.2f} ms (median), {p99:.2f} ms (99 of 100), {most:.2f} ms (once) at 1 kHz; {os.cpu_count()} CPUs"
+    )
+    preempt = "or run it with --preempt" if may_go_first() else "or allow `tactemu run --preempt` (which says how)"
+    return Finding(name, p99 < _LATE_MS, says, "" if p99 < _LATE_MS else f"stop what keeps the machine busy, {preempt}")
+
+
+CHECKS: dict[str, Callable[[str], Finding]] = {
+    "python": _python, "ports": _ports, "view": _view, "preload": _preload, "vcan": _vcan, "can": _can,
+    "guest": _guest, "gpu": _gpu, "loop": _loop,
+}  # fmt: skip

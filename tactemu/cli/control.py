@@ -1,0 +1,226 @@
+"""``tactemu poke``: commands to a running emulator. The sub-commands are made of the table of verbs."""
+
+from __future__ import annotations
+
+import inspect
+import json as json_module
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Annotated, Any, NoReturn
+
+import typer
+
+from tactemu.base.errors import TactemuError
+from tactemu.control.client import connect
+from tactemu.control.control_commands import HAPPENS, VERBS, Argument, Verb
+from tactemu.control.endpoints import running
+from tactemu.control.kinds import Kind
+
+HELP = """
+Press, move, break, or look at what runs.
+
+\b
+  tactemu poke                                         who runs, and the verbs
+  tactemu poke press --depth 1mm --for 2s
+  tactemu poke press index_tip --depth 1mm --taxel 7   of one of several skins
+  tactemu poke fault 'drop 5% for 1s'
+  tactemu poke unplug --for 500ms
+  tactemu poke set noise=0.01 --taxels 1:4             of `run --adjustable noise`
+  tactemu poke pose ball 0 0 25mm
+  tactemu poke sample --json
+  tactemu poke step 10                                 of `run --clock lockstep`
+
+Numbers may have a unit: 1mm, 2s, 50mm/s; without one they are SI. One emulator that runs is taken; of several say which
+with --name. Exit code 2 when the command cannot be done, or nobody or several run.
+"""
+NAME = typer.Option("--name", metavar="NAME", help="Of the emulator; default: the only one that runs.")
+JSON = typer.Option("--json", help="Print the answer as JSON.")
+WORDS = {"seconds": "for"}
+"""Names of arguments as they are on the command line, where they differ."""
+
+
+def main(words: Sequence[str]) -> None:
+    """Run the sub-command in ``words``.
+
+    Raises:
+        TactemuError: it cannot be done.
+    """
+    app = typer.Typer(
+        help=HELP, rich_markup_mode=None, pretty_exceptions_enable=False, add_completion=False,
+        context_settings={"help_option_names": ["-h", "--help"]}, invoke_without_command=True,
+    )  # fmt: skip
+    app.callback()(_list)
+    for verb in VERBS.values():
+        negative = any(argument.kind.words > 1 for argument in verb.arguments.values())  # -1mm is no option
+        settings = {"ignore_unknown_options": negative}
+        app.command(verb.name, help=_help(verb), context_settings=settings)(_command(verb))
+    app.command("watch", help="Print states as lines of JSON until Ctrl-C.\n\n\b\n  tactemu poke watch --rate 30")(
+        _watch
+    )
+    app(list(words), prog_name="tactemu poke")
+
+
+def _list(
+    context: typer.Context, name: Annotated[str | None, NAME] = None, json: Annotated[bool, JSON] = False
+) -> None:
+    """Who runs, and what may be done."""
+    context.obj = name, json
+    if context.invoked_subcommand is not None:
+        return
+    there = running()
+    if json:
+        print(json_module.dumps([vars(owner) for owner in there]))
+        return
+    for owner in there:
+        print(f"{owner.name:<14} {owner.target}  (process {owner.pid})")
+    print("" if there else "no emulator runs; start one: tactemu run anyskin\n")
+    for verb in VERBS.values():
+        print(f"  {verb.name:<10} {verb.about}")
+    print(f"  {'watch':<10} Print states as lines of JSON until Ctrl-C.\n\ntactemu poke VERB --help")
+
+
+def _help(verb: Verb) -> str:
+    """What it does, and how it is called."""
+    words = [_placeholder(argument) for argument in _arguments(verb) if argument.name in verb.words]
+    needed = [each for each in verb.arguments.values() if each.needed and each.name not in verb.words]
+    words += [f"--{_word(argument.name)} {argument.kind.word}" for argument in needed]
+    return f"{verb.about}\n\n\b\n  tactemu poke {' '.join([verb.name, *words])}"
+
+
+def _placeholder(argument: Argument) -> str:
+    """What stands for an argument that has no name on the command line."""
+    return argument.kind.word if argument.kind.words != 1 else argument.name.upper()
+
+
+def _word(name: str) -> str:
+    return WORDS.get(name, name).replace("_", "-")
+
+
+def _arguments(verb: Verb) -> list[Argument]:
+    return [HAPPENS] if verb.name == "happen" else list(verb.arguments.values())
+
+
+def _command(verb: Verb) -> Any:
+    """A function with the signature that the command line needs; every argument is text, read by its kind."""
+    parameters = [_parameter(verb, argument) for argument in _arguments(verb)]
+    parameters += [
+        inspect.Parameter("name", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[str | None, NAME]),
+        inspect.Parameter("json", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Annotated[bool, JSON]),
+    ]
+    order = {name: k for k, name in enumerate(verb.words)}
+    parameters.sort(key=lambda parameter: order.get(parameter.name, len(order)))
+    parameters.append(inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context))
+
+    def run(context: typer.Context, **given: Any) -> None:
+        name, json = context.obj  # given before the verb
+        _run(verb, **given | {"name": given["name"] or name, "json": given["json"] or json})
+
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    return run
+
+
+def _parameter(verb: Verb, argument: Argument) -> inspect.Parameter:
+    kind = argument.kind
+    default = "" if argument.default is None or argument.name == "wait" else f" [default: {argument.default:g}]"
+    about = f"{argument.about}{default}"
+    many = kind.words != 1
+    hint: Any = list[str] | None if many else str | None
+    word = f"--{_word(argument.name)}"
+    if argument.name in verb.words:
+        info = typer.Argument(metavar=_placeholder(argument), help=about, show_default=False)
+    elif kind.json == "true or false":
+        hint = bool | None
+        info = typer.Option(f"{word}/--no-{word[2:]}", help=about, show_default=False)
+    else:
+        if many:
+            hint = tuple[tuple(str for _ in range(kind.words))] | None  # type: ignore[misc]
+        info = typer.Option(word, metavar=kind.word, help=about)
+    kwargs: dict[str, Any] = {"default": None, "annotation": Annotated[hint, info]}
+    return inspect.Parameter(argument.name, inspect.Parameter.KEYWORD_ONLY, **kwargs)
+
+
+def _read(kind: Kind, text: Any) -> Any:
+    """What was typed as its kind reads it; ``None``: nothing was."""
+    if isinstance(text, bool) or not text:
+        return text if text is not None and text != [] else None
+    return kind.read(text if isinstance(text, str) else list(text))  # type: ignore[arg-type]
+
+
+def _run(verb: Verb, *, name: str | None, json: bool, **given: Any) -> None:
+    """Read the arguments, have it done, print what it gives."""
+    arguments = {each.name: _read(each.kind, given[each.name]) for each in _arguments(verb)}
+    if verb.name == "happen":
+        event = arguments["event"]
+        arguments = event if isinstance(event, dict) else _refuse(f"happen: expected KEY=VALUE ..., got {event!r}")
+    checked = verb.checked(arguments)
+    with connect(name) as emulator:
+        result = emulator._do(verb.name, checked)
+    if json:
+        print(json_module.dumps({"ok": True, "result": result}))
+    elif result is not None:
+        _print(verb.name, result)
+
+
+def _refuse(text: str) -> NoReturn:
+    raise TactemuError(text)
+
+
+def _print(verb: str, result: Any) -> None:
+    """An answer in words."""
+    if verb == "step":
+        print(f"{result:.9g} s")
+    elif verb == "sample":
+        _print_sample(result)
+    elif "skins" not in result:  # of a recording that is played
+        print(json_module.dumps(result))
+    elif verb == "stats":
+        from tactemu.cli.reports import sentence
+
+        for skin, entry in result["skins"].items():
+            print(f"{skin}: {sentence(entry)}")
+        print("clients: " + (", ".join(f"{what} {count}" for what, count in result["clients"].items()) or "none"))
+    elif verb == "state":
+        _print_state(result)
+
+
+def _print_sample(sample: dict[str, Any]) -> None:
+    when = f"{sample['t_ns'] / 1e9:.6f} s"
+    print(f"{sample['device']}: sample {sample['number']} at {when}: taxel, ideal, measured, counts")
+    rows = [sample[name] if isinstance(sample[name], list) else [sample[name]] for name in ("ideal", "measured")]
+    counts = sample["counts"] if isinstance(sample["counts"], list) else [sample["counts"]]
+    if len(counts) != len(rows[0]):  # not by taxels
+        counts = [""] * len(rows[0])
+    for k, values in enumerate(zip(*rows, counts)):
+        print(f"  {k:>4}  " + "  ".join(map(_numbers, values)))
+
+
+def _print_state(state: dict[str, Any]) -> None:
+    print(f"{state['t_s']:.6f} s")
+    for body, pose in state["bodies"].items():
+        held = " in hand" if pose["in_hand"] else "" if pose["movable"] else " (not to be moved)"
+        print(f"  body {body:<14} at {_numbers(pose['position'])} m, turned {_numbers(pose['quaternion'])}{held}")
+    for skin, entry in state["skins"].items():
+        ports = ", ".join(f"{port} {address}".strip() for port, address in entry["ports"].items())
+        print(f"  skin {skin:<14} {entry['device']} on {ports}")
+
+
+def _numbers(value: Any) -> str:
+    if isinstance(value, list):
+        return f"({', '.join(map(_numbers, value))})"
+    return value if isinstance(value, str) else f"{value:.6g}"
+
+
+def _watch(
+    context: typer.Context,
+    rate: Annotated[float, typer.Option(metavar="HZ", help="States a second, at most.")] = 10.0,
+    name: Annotated[str | None, NAME] = None,
+) -> None:
+    """Print states as lines of JSON until Ctrl-C.
+
+    \b
+      tactemu poke watch --rate 30
+    """
+    with suppress(KeyboardInterrupt), connect(name or context.obj[0]) as emulator:
+        for state in emulator.watch(rate):
+            print(json_module.dumps(state), flush=True)

@@ -1,0 +1,47 @@
+"""``tactemu dataset``: say what it takes, make it, say how far it is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from tactemu.base.errors import TactemuError
+from tactemu.cli import INTERRUPTED
+from tactemu.cli.signals import ended_by_signals
+from tactemu.datasets.making import begin, make
+from tactemu.datasets.spec import Order
+
+
+def make_dataset(order: Order, folder: Path, cluster: str | None) -> int:
+    """Make a dataset, with a bar on stderr; returns the exit code.
+
+    Raises:
+        TactemuError: something asked for cannot be had.
+    """
+    try:
+        estimate = begin(order, folder)
+        typer.echo(f"{folder}: {estimate}, and the wire of {order.bytes_envs} environments")
+        columns = (TextColumn("shards"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+        left = (TextColumn("left"), TimeRemainingColumn())
+        console = Console(stderr=True)
+        with (
+            ended_by_signals(_interrupt),
+            Progress(*columns, *left, console=console, transient=True, disable=not console.is_terminal) as progress,
+        ):
+            task = progress.add_task("", total=estimate.shards)
+            for more in make(order, folder, cluster):
+                progress.advance(task, more)
+    except KeyboardInterrupt:
+        typer.echo("stopped; the same command goes on from here", err=True)
+        return INTERRUPTED
+    except OSError as error:
+        raise TactemuError(f"{folder}: {error.strerror or error}") from None
+    typer.echo(f"{folder}: done; README.md says what is in it")
+    return 0
+
+
+def _interrupt() -> None:
+    raise KeyboardInterrupt

@@ -1,0 +1,71 @@
+"""``tactemu new`` and ``tactemu examples``: something to start from."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+from tactemu.base.errors import TactemuError
+from tactemu.base.files import writing
+
+START = Path(__file__).parents[1] / "scene" / "start.toml"
+EXAMPLES = (Path(__file__).parents[1] / "examples", Path(__file__).parents[2] / "examples")
+"""In the installed package, and in a source tree."""
+
+
+def new_scene(file: Path) -> None:
+    """Write a scene with comments.
+
+    Raises:
+        TactemuError: the file is there, is no scene's by its name, or cannot be written.
+    """
+    if file.suffix != ".toml":
+        raise TactemuError(f"{file}: a scene file ends in .toml")
+    _write(file, START.read_text(encoding="utf-8"))
+    print(f"{file} is written; `tactemu run {file}` runs it")
+
+
+def list_examples() -> None:
+    """Print the examples with what each shows."""
+    found = _examples()
+    width = max(len(path.name) for path in found)
+    for path in found:
+        print(f"{path.name:<{width}}  {_about(path)}")
+    print("\n`tactemu examples FOLDER` copies them there")
+
+
+def copy_examples(folder: Path) -> None:
+    """Copy the examples into a folder, which is made.
+
+    Raises:
+        TactemuError: one of them is there already, or cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise TactemuError(f"{folder}: cannot make the folder: {error.strerror}") from None
+    for path in _examples():
+        _write(folder / path.name, path.read_text(encoding="utf-8"))
+        print(folder / path.name)
+
+
+def _examples() -> list[Path]:
+    folder = next(folder for folder in EXAMPLES if folder.is_dir())
+    return sorted(path for path in folder.iterdir() if path.suffix in (".py", ".toml"))
+
+
+def _about(path: Path) -> str:
+    """The first sentence of its comment or docstring."""
+    text = path.read_text(encoding="utf-8")
+    about = ast.get_docstring(ast.parse(text)) if path.suffix == ".py" else text.split("\n\n")[0].replace("#", " ")
+    return " ".join((about or "").split()).partition(". ")[0].rstrip(".")
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        if path.exists():
+            raise TactemuError(f"{path} is there already; name another file")
+        with writing(path) as file:
+            file.write(text.encode())
+    except OSError as error:
+        raise TactemuError(f"{path}: cannot write it: {error.strerror}") from None

@@ -1,0 +1,103 @@
+"""``tactemu see``: a live page of what runs. ``python -m tactemu.cli.page FD NAME`` is that of ``run --web``."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from tactemu.base.errors import TactemuError
+from tactemu.cli.datasheet import datasheet
+from tactemu.cli.signals import ended_by_signals
+from tactemu.control.client import connect
+from tactemu.control.endpoints import chosen
+from tactemu.scene.building import make_device
+from tactemu.view.page.opening import Door, door, inherited, warning
+
+if TYPE_CHECKING:
+    from tactemu.view.page.feed import Skin
+    from tactemu.view.page.page import Page
+
+_LOOK_AGAIN_S = 0.5
+_NICE = 5
+"""Drawing waits for whatever else wants the processor."""
+
+
+def see_emulator(name: str | None, *, host: str | None, port: int | None) -> None:
+    """Show the emulator of that name, or the only one, until Ctrl-C; when it ends, the next one of its name.
+
+    Raises:
+        TactemuError: none runs, or several; viser is missing; the port is taken.
+    """
+    place = chosen(name)
+    opened = door(host, port)
+    if text := warning(host):
+        print(f"tactemu: {text}", file=sys.stderr)
+    print(f"see {place.stem}: {opened.url}", flush=True)
+    ended = threading.Event()
+    with ended_by_signals(ended.set):
+        page = _page(opened, place.stem)
+        threading.Thread(target=_show_all, args=(page, place.stem, ended), daemon=True).start()
+        ended.wait()
+        page.close()
+
+
+def _show_all(page: Page, name: str, ended: threading.Event) -> None:
+    """One run of that name after the other."""
+    while not ended.is_set():
+        with contextlib.suppress(TactemuError):
+            page.show(lambda: connect(name))
+        ended.wait(_LOOK_AGAIN_S)
+
+
+def _page(opened: Door, name: str) -> Page:
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # a run with --preempt hands its own on
+    os.nice(_NICE)
+    out, sys.stdout = sys.stdout, open(os.devnull, "w", encoding="utf-8")  # viser's own words
+    from tactemu.view.page.guard import Gate
+    from tactemu.view.page.page import Page
+
+    def say(text: str) -> None:
+        print(f"tactemu see: {text}", file=sys.stderr, flush=True)
+
+    try:
+        gate = Gate(opened.listener, opened.hosts, opened.token, f"tactemu {name}", say)
+        return Page(gate, f"tactemu {name}", _datasheet)
+    except BaseException:
+        sys.stdout = out
+        raise
+
+
+def _datasheet(skin: Skin) -> Sequence[str]:
+    """Of a skin's device, as it is made there."""
+    target = skin.about.get("target")
+    try:
+        if target is None:
+            raise TactemuError("nobody says which")
+        return datasheet(skin.device, make_device(target, dict(skin.about.get("options", {}))))
+    except (TactemuError, OSError) as error:
+        return [skin.title, "", f"its device cannot be made here: {error}"]
+
+
+def main() -> int:
+    """Show the run that has started this process, until it ends."""
+    number, name = int(sys.argv[1]), sys.argv[2]
+    opened = inherited(number, sys.stdin.read())
+    try:
+        with ended_by_signals():
+            page = _page(opened, name)
+            page.show(lambda: connect(name))
+            time.sleep(_LOOK_AGAIN_S)
+            page.close()
+    except TactemuError as error:
+        print(f"tactemu: the page: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,27 @@
+"""The socket for ``tactemu poke``, around whatever runs."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import AbstractContextManager, closing, nullcontext
+from pathlib import Path
+
+from tactemu.base.errors import TransportError
+from tactemu.control.endpoints import Place
+from tactemu.control.server import Driven, Server
+
+
+def listening(driven: Driven, name: str | None, target: str, *, gentle: bool = True) -> AbstractContextManager:
+    """Listen under a name, or the target's; where there can be no socket, that is said, unless its name was asked for.
+
+    Raises:
+        TactemuError: the name that was asked for cannot be had.
+    """
+    place = Place(name or Path(target.rpartition(":")[2]).stem, target, exactly=name is not None)
+    try:
+        return closing(Server(place, driven, gentle=gentle))
+    except TransportError as error:
+        if name is not None:
+            raise
+        print(f"tactemu: `tactemu poke` will not find this run: {error}", file=sys.stderr)
+        return nullcontext()

@@ -1,0 +1,330 @@
+"""From a scene file to an emulator: the simulation, and one channel per skin."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from firmware_protocols import Device
+from tactemu import transports
+from tactemu.base.clock import Clock, VirtualClock
+from tactemu.base.errors import DeviceError, SceneError, TactemuError
+from tactemu.base.options import number
+from tactemu.base.random_streams import stream_key
+from tactemu.emulator.channel import Channel, Source
+from tactemu.emulator.emulator import Emulator
+from tactemu.emulator.playback import Playback, RecordedReadings, recorded
+from tactemu.emulator.port_assignment import Plug, plugs_of
+from tactemu.emulator.sampling import SampleClock
+from tactemu.emulator.scenario import faults_of, laws_needed, schedule
+from tactemu.emulator.sensing import Senses, Untouched
+from tactemu.emulator.sources import given_by, without
+from tactemu.geometry.limits import RATES_HZ
+from tactemu.geometry.motion import Joint
+from tactemu.scene.building import build_scene, make_devices
+from tactemu.scene.description import Surroundings
+from tactemu.scene.file import LoadedScene
+from tactemu.scene.measured_defaults import all_measured
+from tactemu.scene.placement import PlacedSkin
+from tactemu.scene.schema import EventTable, Skin, World
+from tactemu.scene.steering import Steered
+from tactemu.truth import Truth
+from tactemu.wire.faults import parse
+from tactemu.wire.line_models.line_model import Pacing
+from tactemu.wire.wire import Wire
+
+if TYPE_CHECKING:
+    from tactemu.scene.scene import Scene
+    from tactemu.sensors.simulation import Simulation
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What the caller asks for beside the scene; ``None`` and empty leave it to the scene."""
+
+    port: str | Mapping[str, str] | None = None
+    """One port, or ports by skin, by the device's connector, or by ``SKIN/CONNECTOR``."""
+    rate_hz: float | Mapping[str, float] | None = None
+    """One rate, or rates by the device's streams."""
+    faults: Sequence[str] = ()
+    seed: int | None = None
+    compute: str | None = None
+    """Where kernels run: ``cpu``, ``cuda:0``."""
+    scenario: Sequence[EventTable] = ()
+    """Events beside the scene's own."""
+    adjustable: Sequence[str] = ()
+    """Laws of imperfection that every skin is built with, so that they can be switched on while it runs."""
+    measured: bool = False
+    """Noise, clock and so on as of real devices, where such were measured and the scene says nothing."""
+    fresh_ports: bool = False
+    """Where nobody names a port, one that nobody else has instead of the usual one."""
+    usual_network: bool = False
+    """But the usual one where it is on the network."""
+    env: int = 0
+    """Number of the environment, where others are simulated elsewhere: each has random numbers of its own."""
+
+    def __post_init__(self):
+        ports = self.port.values() if isinstance(self.port, Mapping) else [self.port]
+        if not all(isinstance(port, str | None) for port in ports):
+            raise SceneError(f"port: expected a text such as 'pty:/tmp/skin', got {self.port!r}")
+        rates = self.rate_hz.values() if isinstance(self.rate_hz, Mapping) else [self.rate_hz]
+        for rate in rates:
+            if rate is not None:
+                number("the request", "rate", rate, at_least=RATES_HZ[0], at_most=RATES_HZ[1], unit="Hz")
+        if not isinstance(self.seed, int | None) or isinstance(self.seed, bool):
+            raise SceneError(f"seed: expected a whole number, got {self.seed!r}")
+        for name in ("faults", "adjustable"):
+            given = getattr(self, name)
+            if isinstance(given, str) or not all(isinstance(text, str) for text in given):
+                raise SceneError(f"{name}: expected a list of texts, got {given!r}")
+
+
+@dataclass(frozen=True)
+class Assembled:
+    """An emulator, not yet open, and what it was made of."""
+
+    emulator: Emulator
+    simulation: Any
+    scene: Any
+    loaded: LoadedScene
+    skins: Mapping[str, PlacedSkin]
+    """Those that are on bodies, by name."""
+    posed: frozenset[str]
+    """Bodies that a source of the user's poses."""
+    again: Callable[..., Assembled] = field(repr=False)
+    """Assembles another of the same, with a port, a clock and a truth of its own."""
+
+    def fork(
+        self,
+        *,
+        port: str | Mapping[str, str] | None = "memory:",
+        clock: Clock | None = None,
+        truth: Truth | None = None,
+        state: Mapping[str, Any] | None = None,
+    ) -> Assembled:
+        """Another emulator that goes on from where this one is, once it is opened, and shares nothing with it but what
+        never changes. Call between two turns, as :meth:`Emulator.snapshot`, or give the state.
+
+        A source of the user's own is asked by the fork, too: one that is a function of time alone gives it the same.
+
+        Args:
+            port: where it leads; ``None``: fresh ports of the usual kind.
+            clock: default: a virtual one.
+            truth: default: in memory.
+            state: a snapshot, of this emulator or one like it; default: as it is now.
+
+        Raises:
+            StateError: a part cannot be saved.
+            TactemuError: a port cannot be had.
+        """
+        state = self.emulator.snapshot() if state is None else state
+        other = self.again(port=port, clock=clock or VirtualClock(), truth=truth)
+        other.emulator.restore(state)
+        return other
+
+
+def assemble(
+    loaded: LoadedScene,
+    wishes: Wishes | None = None,
+    *,
+    clock: Clock | None = None,
+    truth: Truth | None = None,
+    source: Any = None,
+    like: Simulation | None = None,
+) -> Assembled:
+    """Build everything that a scene file asks for; kernels are compiled here, ports opened only by the emulator.
+
+    ``source`` is a simulator of the user's own (:mod:`tactemu.emulator.sources`), ``like`` a simulation of the same
+    scene and wishes, which shares what never changes.
+
+    Raises:
+        TactemuError: something in the scene or the wishes cannot be had.
+    """
+    wishes = wishes or Wishes()
+    if wishes.measured:
+        skins = all_measured(loaded.tables.skin)
+        loaded = replace(loaded, tables=loaded.tables.model_copy(update={"skin": skins}))
+    whole, world = loaded, loaded.tables.scene
+    seed = world.seed if wishes.seed is None else wishes.seed
+    wire_seed = stream_key(seed, f"environment {wishes.env}") if wishes.env else seed
+    devices = make_devices(loaded)
+    given = given_by(source, loaded, devices, lambda scene: _built(scene, wishes, world, seed, like))
+    loaded = without(loaded, given)
+    events = (*loaded.tables.scenario, *wishes.scenario)
+    _check_faults(loaded)
+    plugs = plugs_of(
+        loaded.tables.skin, devices, wishes.port, fresh=wishes.fresh_ports, usual_network=wishes.usual_network
+    )
+    truth = truth or Truth()
+    wires = _wires(loaded.tables.skin, events, plugs, wishes, wire_seed, truth)
+    laws = {name: (*wishes.adjustable, *laws_needed(events, name)) for name in devices}
+    channels: dict[str, Channel] = {}
+
+    def local_ns(skin: str, t_ns: int) -> int:
+        return channels[skin].local_ns(t_ns) if skin in channels else t_ns
+
+    scene, placed = build_scene(_driven(loaded, devices, local_ns), devices, laws, local_ns)
+    played = _recordings(loaded, devices)
+    simulation = _built(scene, wishes, world, seed, like) if placed else given.simulation
+    if given.poses and simulation is not None:
+        given.poses.attach(simulation)
+    placed |= given.sensors
+    fed = given.readings.skins if given.readings else {}
+    for skin in loaded.tables.skin:
+        device = devices[skin.title]
+        felt = fed.get(skin.title) or played.get(skin.title) or placed.get(skin.title) or Untouched()
+        own = {plug.connector.name: wires[plug.address] for plug in plugs if plug.skin == skin.title}
+        channels[skin.title] = _channel(skin, device, Senses(felt, device), own, wishes, wire_seed)
+    followed = [*played.values(), *([given.readings] if given.readings else [])]
+    advanced = Playback(simulation, followed) if followed else simulation
+    truth.surroundings = Surroundings(simulation, devices, placed)
+    emulator = Emulator(advanced, channels.values(), clock=clock, truth=truth, made_of=_made_of(whole, wishes))
+    schedule(emulator, events)
+
+    def again(*, port: str | Mapping[str, str] | None, clock: Clock | None, truth: Truth | None) -> Assembled:
+        own = {name: copy(motion) if isinstance(motion, Steered) else motion for name, motion in whole.motions.items()}
+        skins = tuple(skin.model_copy(update={"port": None, "ports": {}}) for skin in whole.tables.skin)
+        tables = whole.tables.model_copy(update={"skin": skins})
+        own_source = source if simulation is None or simulation is not given.simulation else simulation.another()
+        return assemble(
+            replace(whole, motions=own, tables=tables), replace(wishes, port=port, fresh_ports=True),
+            clock=clock, truth=truth, source=own_source, like=simulation,
+        )  # fmt: skip
+
+    return Assembled(emulator, simulation, scene, loaded, placed, frozenset(given.posed), again)
+
+
+def _built(scene: Scene, wishes: Wishes, world: World, seed: int, like: Simulation | None) -> Simulation:
+    simulation = scene.build(
+        device=wishes.compute or world.device, seed=seed, dtype=world.dtype, first_env=wishes.env, like=like
+    )
+    if like is None:
+        simulation.step()  # loads the kernels, so that the first frame is not late
+        simulation.reset()
+    return simulation
+
+
+def _made_of(loaded: LoadedScene, wishes: Wishes) -> dict[str, Any]:
+    """What a run is of, but for its ports, and for what it keeps in memory: by this a saved state knows its own."""
+    tables = loaded.tables.model_dump(by_alias=True, exclude={"truth": True, "skin": {"__all__": {"port", "ports"}}})
+    wished = {name: getattr(wishes, name) for name in ("rate_hz", "faults", "seed", "adjustable")}
+    events = [event.model_dump(exclude_defaults=True) for event in wishes.scenario]
+    return {**tables, "asked for": wished | {"scenario": events}}
+
+
+def truth_of(loaded: LoadedScene, path: str | Path | None = None, keep: str | int | None = None) -> Truth:
+    """The truth of a run of this scene; ``keep`` goes before the scene's own.
+
+    Raises:
+        TactemuError: the file cannot be written, or is one that the scene reads.
+    """
+    reads = [loaded.source, *(loaded.folder / skin.readings for skin in loaded.tables.skin if skin.readings)]
+    try:
+        return Truth(path, keep=loaded.tables.truth.keep if keep is None else keep, reads=reads)
+    except OSError as error:
+        raise TactemuError(f"{path}: cannot write the truth log: {error.strerror}") from None
+
+
+def _check_faults(loaded: LoadedScene) -> None:
+    """Parse the faults of a scene.
+
+    Raises:
+        SceneError: one is wrong; names file and entry.
+    """
+    texts = {
+        f"skin {skin.title!r}.faults[{k}]": text for skin in loaded.tables.skin for k, text in enumerate(skin.faults)
+    }
+    texts |= {f"scenario[{k}].fault": event.fault for k, event in enumerate(loaded.tables.scenario) if event.fault}
+    for where, text in texts.items():
+        try:
+            parse(text)
+        except SceneError as error:
+            raise SceneError(f"{loaded.source}: {where}: {error}") from None
+
+
+def _driven(loaded: LoadedScene, devices: dict[str, Device], local_ns: Callable[[str, int], int]) -> LoadedScene:
+    """The scene with bodies that follow a device's joints bound to it.
+
+    Raises:
+        SceneError: no such skin, or no such joint of its device.
+    """
+    motions = dict(loaded.motions)
+    for body, motion in loaded.motions.items():
+        if not isinstance(motion, Joint):
+            continue
+        where = f"body {body!r}: motion"
+        if motion.skin not in devices:
+            raise SceneError(f"{where}: no skin {motion.skin!r} (skins: {', '.join(devices)})")
+        has = devices[motion.skin].joints(0)
+        if motion.joint not in has:
+            known = ", ".join(has) or "none"
+            raise SceneError(f"{where}: {devices[motion.skin].name} has no joint {motion.joint!r} (joints: {known})")
+
+        def position(t_s: float, motion: Joint = motion) -> float:
+            return devices[motion.skin].joints(local_ns(motion.skin, round(t_s * 1e9)))[motion.joint]
+
+        motions[body] = motion.driven_by(position)
+    return replace(loaded, motions=motions)
+
+
+def _recordings(loaded: LoadedScene, devices: dict[str, Device]) -> dict[str, RecordedReadings]:
+    """The recordings that skins play in place of physics, by the skin's name."""
+    return {
+        skin.title: recorded(loaded.folder / skin.readings, skin.readings_of, skin.title, devices[skin.title])
+        for skin in loaded.tables.skin
+        if skin.readings is not None
+    }
+
+
+def _wires(
+    skins: Sequence[Skin], events: Sequence[EventTable], plugs: Sequence[Plug], wishes: Wishes, seed: int, truth: Truth
+) -> dict[str, Wire]:
+    """One wire per port. Skins that share one add their faults up."""
+    wires: dict[str, Wire] = {}
+    for address in dict.fromkeys(plug.address for plug in plugs):
+        names = [plug.skin for plug in plugs if plug.address == address]
+        connector = next(plug.connector for plug in plugs if plug.address == address)
+        here = [skin for skin in skins if skin.title in names]
+        faults = [*(fault for skin in here for fault in skin.faults), *wishes.faults, *faults_of(events, names)]
+        paced = {skin.pacing for skin in here}
+        pacing: Pacing = False if False in paced else "strict" if "strict" in paced else True
+        transport = transports.create(address)
+        wires[address] = Wire(transport, connector, pacing=pacing, faults=faults, seed=seed, truth=truth)
+    return wires
+
+
+def _channel(skin: Skin, device: Device, source: Source, wires: dict[str, Wire], wishes: Wishes, seed: int) -> Channel:
+    wanted = _periods(skin, device, wishes.rate_hz or skin.rate_hz)
+    sampling = SampleClock(
+        period_ns=next((period for period in (*wanted.values(), *device.periods.values()) if period), 10_000_000),
+        skew_ppm=skin.clock.skew_ppm,
+        drift_ppm_per_s=skin.clock.drift_ppm_per_s,
+        reorder=skin.clock.reorder,
+        delay_ns=round(skin.clock.delay_s * 1e9),
+        jitter_ns=round(skin.clock.jitter_s * 1e9),
+        missed=skin.clock.missed,
+        seed=seed,
+        name=skin.title,
+    )
+    refresh_ns = round(skin.clock.refresh_s * 1e9)
+    return Channel(skin.title, device, source, wires, sampling, wanted, refresh_ns=refresh_ns)
+
+
+def _periods(skin: Skin, device: Device, rate_hz: float | Mapping[str, float] | None) -> dict[str, int]:
+    """The sampling periods that the user wants, by stream [ns].
+
+    Raises:
+        DeviceError: one rate for streams that convert different things.
+    """
+    if rate_hz is None:
+        return {}
+    if not isinstance(rate_hz, Mapping):
+        if len({stream.senses for stream in device.streams.values()}) > 1:
+            table = ", ".join(f"{name} = {rate_hz:g}" for name in device.periods)
+            words = " ".join(f"--rate {name}={rate_hz:g}" for name in device.periods)
+            raise DeviceError(f"{skin.title}: rate_hz: which stream? give a table, as {{ {table} }}, or {words}")
+        rate_hz = dict.fromkeys(device.periods, rate_hz)
+    return {stream: round(1e9 / rate) for stream, rate in rate_hz.items()}

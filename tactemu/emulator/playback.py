@@ -1,0 +1,115 @@
+"""Recorded readings in place of physics: skins of a scene that feel what a truth log says was felt."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from firmware_protocols import Device
+from firmware_protocols.device import VECTORS
+from tactemu.base.errors import SceneError, TactemuError
+from tactemu.scene.placement import ROOM
+from tactemu.truth import read_log
+
+
+class RecordedReadings:
+    """Readings from a truth log in place of physics: a source and, for the loop, the simulation that goes with it.
+
+    Between two samples the earlier one holds; before the first, the first does.
+
+    Args:
+        path: a truth log (``tactemu run --truth FILE``).
+        device: whose samples; may be left out where the log has one device only.
+
+    Raises:
+        TactemuError: the file is no truth log, or has no samples of this device.
+    """
+
+    not_state: ClassVar[tuple[str, ...]] = ("times_ns", "_measured", "_ideal")
+
+    imperfections = None
+    """They are in the recording, or in the sensor that it was made of."""
+    wrench = None
+    """It follows from the forces."""
+
+    def __init__(self, path: str | Path, device: str = ""):
+        log = read_log(path)
+        names = sorted(name for name, skin in log.items() if len(skin.t_ns))
+        if not device and len(names) == 1:
+            device = names[0]
+        if device not in names:
+            raise TactemuError(
+                f"{path}: no samples of {device or 'one device'!r}; it has: {', '.join(names) or 'none'}"
+            )
+        skin = log[device]
+        if object in (skin.measured.dtype, skin.ideal.dtype):
+            raise TactemuError(f"{path}: the samples of {device!r} do not all have one shape")
+        self.times_ns = skin.t_ns
+        self._measured, self._ideal = np.asarray(skin.measured, float), np.asarray(skin.ideal, float)
+        self._now = 0
+
+    def advance_to(self, t_ns: int) -> None:
+        """Move to this time."""
+        self._now = max(0, int(np.searchsorted(self.times_ns, t_ns, side="right")) - 1)
+
+    def around(self, name: str, t_ns: int, link: str = "") -> Any:
+        """Not recorded: room temperature, at rest."""
+        return ROOM[name]
+
+    def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
+        """The recorded reading at the present time, whatever quantity it was; shape ``(n_taxels[, 3])``."""
+        return (self._ideal if ground_truth else self._measured)[self._now]
+
+
+def recorded(path: Path, of: str | None, skin: str, device: Device) -> RecordedReadings:
+    """The samples of one device in a truth log, as a source for ``device``.
+
+    Raises:
+        TactemuError: the file is no truth log, or its samples do not fit the device.
+    """
+    readings = RecordedReadings(path, of or "")
+    quantity = device.contact[0]
+    first = readings.quantity(quantity)
+    vector = quantity in VECTORS
+    expected = (len(device.layout), 3) if vector else (len(device.layout),)
+    if first.shape != expected:
+        raise SceneError(
+            f"skin {skin!r}: readings: {path} holds readings of shape {first.shape}; "
+            f"{device.name} senses {quantity}, shape {expected}"
+        )
+    return readings
+
+
+class Playback:
+    """What the loop advances where some skins play recordings: them, and the simulation of the others, if any."""
+
+    not_state: ClassVar[tuple[str, ...]] = ()
+
+    def __init__(self, simulation: Any, recordings: Sequence[RecordedReadings]):
+        self.simulation, self.recordings = simulation, recordings
+        self.time_ns = 0
+        """Time reached."""
+
+    @property
+    def dt_ns(self) -> int:
+        """Length of a simulation step; 0 where nothing is simulated."""
+        return self.simulation.dt_ns if self.simulation is not None else 0
+
+    @property
+    def plan(self) -> Any:
+        """What a simulation step computes; ``None`` where nothing is simulated."""
+        return self.simulation.plan if self.simulation is not None else None
+
+    def advance_to(self, t_ns: int, max_steps: int | None = None) -> bool:
+        """Bring everything to ``t_ns``; true if a simulation step was stretched."""
+        for recording in self.recordings:
+            recording.advance_to(t_ns)
+        self.time_ns = t_ns
+        if self.simulation is None:
+            return False
+        stretched = self.simulation.advance_to(t_ns, max_steps)
+        self.time_ns = self.simulation.time_ns
+        return stretched

@@ -1,0 +1,136 @@
+"""Which port of which device goes where: what the user says, what the scene says, else the usual place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from firmware_protocols import Connector, Device
+from tactemu import transports
+from tactemu.base.errors import DeviceError, SceneError, TransportError
+from tactemu.scene.schema import Skin
+from tactemu.wire.line_models import carrier_of
+
+
+@dataclass(frozen=True)
+class Plug:
+    """One connector of one device in one port."""
+
+    skin: str
+    connector: Connector
+    address: str
+    """``scheme:rest``, as for ``--port``."""
+
+
+def plugs_of(
+    skins: Sequence[Skin],
+    devices: Mapping[str, Device],
+    wish: str | Mapping[str, str] | None,
+    *,
+    fresh: bool = False,
+    usual_network: bool = False,
+) -> list[Plug]:
+    """Where every connector that is in use goes.
+
+    Args:
+        skins: of the scene.
+        devices: by the skin's name.
+        wish: one port for the first connector that fits it, or ports by ``SKIN``, ``PORT`` or ``SKIN/PORT``.
+        fresh: where nobody says, a port that nobody else has instead of the usual one.
+        usual_network: but the usual one where it is on the network.
+
+    Raises:
+        DeviceError: a device has no connector that goes with the port, or none of that name.
+        SceneError: two devices would hold one port that cannot be shared.
+        TransportError: an address that cannot be, or two devices on one bus that disagree about its speed.
+    """
+    fresh_kinds = (fresh and not usual_network, fresh)
+    wishes = {} if wish is None or isinstance(wish, str) else dict(wish)
+    plugs = []
+    for skin in skins:
+        device = devices[skin.title]
+        single, named = skin.port, dict(skin.ports)
+        if isinstance(wish, str):
+            single = wish
+        single = wishes.pop(skin.title, single)
+        for connector in device.ports:
+            for key in (f"{skin.title}/{connector.name}", connector.name):
+                if key in wishes:
+                    named[connector.name] = wishes.pop(key)
+        plugs += _plugs_of_one(skin.title, device, single, named, fresh_kinds)
+    if wishes:
+        known = [skin.title for skin in skins] + [f"{s.title}/{c.name}" for s in skins for c in devices[s.title].ports]
+        raise DeviceError(f"no such port: {', '.join(wishes)} (there are: {', '.join(known)})")
+    return _shared([_own_memory(plug, plugs) for plug in plugs])
+
+
+def _plugs_of_one(
+    skin: str, device: Device, single: str | None, named: dict[str, str], fresh: tuple[bool, bool]
+) -> list[Plug]:
+    """Where the connectors of one device go; ``fresh``: to new ports, if on the network, and if not."""
+    connectors = {connector.name: connector for connector in device.ports}
+    for name in named:
+        if name not in connectors:
+            raise DeviceError(f"{device.name} has no port {name!r} (ports: {', '.join(map(repr, connectors))})")
+    first = device.ports[0]
+    used = {each.name for each in device.ports if each is first or each.plugged or each.name in named}
+    if single is not None:
+        chosen = _fitting(device, single)
+        named = {chosen.name: single} | named
+        if not chosen.plugged:
+            used.discard(first.name)
+        used.add(chosen.name)
+    return [
+        Plug(skin, each, named.get(each.name) or _default_port(skin, device, each, fresh))
+        for each in device.ports
+        if each.name in used
+    ]
+
+
+def _default_port(skin: str, device: Device, connector: Connector, fresh: tuple[bool, bool]) -> str:
+    name = skin if len(device.ports) == 1 or not connector.name else f"{skin}-{connector.name}"
+    name = skin if connector is device.ports[0] and not any(each.plugged for each in device.ports[1:]) else name
+    carrier = carrier_of(connector)
+    return carrier.fresh_port(name) if fresh[not carrier.network] else carrier.usual_port(name)
+
+
+def _fitting(device: Device, address: str) -> Connector:
+    """The connector that goes best with a port."""
+    transports.create(address)  # an address that cannot be is named as that
+    scheme = address.partition(":")[0]
+    if scheme == "memory":
+        return device.ports[0]
+    fits = [(carrier_of(each).schemes, each) for each in device.ports]
+    fits = [(schemes.index(scheme), each) for schemes, each in fits if scheme in schemes]
+    if not fits:
+        has = " or ".join(dict.fromkeys(carrier_of(each).kind for each in device.ports))
+        raise DeviceError(f"{device.name} has a {has} connector and cannot be plugged into {scheme}:")
+    return min(fits, key=lambda entry: entry[0])[1]
+
+
+def _own_memory(plug: Plug, plugs: Sequence[Plug]) -> Plug:
+    """``memory:`` given to several is one for each."""
+    if plug.address == "memory:" and sum(other.address == "memory:" for other in plugs) > 1:
+        name = f"{plug.skin}/{plug.connector.name}" if plug.connector.name else plug.skin
+        return Plug(plug.skin, plug.connector, f"memory:{name}")
+    return plug
+
+
+def _shared(plugs: list[Plug]) -> list[Plug]:
+    holders: dict[str, Plug] = {}
+    for plug in plugs:
+        first = holders.setdefault(plug.address, plug)
+        if first is plug:
+            continue
+        carrier = carrier_of(first.connector)
+        if not carrier.shared:
+            raise SceneError(
+                f"skins {plug.skin!r} and {first.skin!r} cannot share {plug.address}; only a CAN bus and an RS-485 "
+                "line are shared. Give each skin a `port` of its own in the scene file"
+            )
+        if not carrier.agrees(plug.connector):
+            raise TransportError(
+                f"{plug.address}: {first.skin!r} needs {carrier.describe()} and {plug.skin!r} "
+                f"{carrier_of(plug.connector).describe()}; put them on two buses"
+            )
+    return plugs

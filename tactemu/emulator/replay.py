@@ -1,0 +1,204 @@
+"""Recorded streams to a driver again, and a sensor's stream to a file: the loops around ``recording.py``."""
+
+from __future__ import annotations
+
+import os
+import select
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from firmware_protocols import Can, Connector, Serial
+from tactemu.base.agenda import Guest
+from tactemu.base.calls import Calls
+from tactemu.base.clock import Clock
+from tactemu.base.errors import TactemuError, TransportError
+from tactemu.transports import create
+from tactemu.transports.transport import Opened, Received
+from tactemu.truth.recorder import Recorder
+from tactemu.truth.recording import Entry, Recording
+from tactemu.wire.wire import Wire
+
+USUAL_BAUD = 115_200
+"""Speed to which a serial port is set where nobody says [bit/s]."""
+_UARTS = ("ttyS", "ttyUSB", "ttyAMA", "ttyTHS", "ttymxc", "ttyO", "COM", "cu.usbserial", "tty.usbserial")
+"""Names of ports with a UART behind them, as Linux, macOS and Windows have them."""
+
+
+def replay_spec(recording: Recording, baud: int | None = None) -> Connector:
+    """The wire that a recording needs: CAN, a UART where its speed is known, else USB.
+
+    The entries are as far apart as the line had them: make the wire that replays them with ``pacing=False``.
+    """
+    if recording.kind == "can":
+        return Can()
+    baud = baud or recording.baud
+    return Serial(baud=baud or USUAL_BAUD, usb=baud is None)
+
+
+class Replay:
+    """Plays the driver's side of a recording through a wire.
+
+    Args:
+        recording: what to play.
+        wire: where to; not yet open.
+        clock: real or virtual.
+        speed: 2 is twice as fast. Infinity sends all at once; use :meth:`step` to send one frame at a time.
+        loop: start again at the end.
+    """
+
+    simulation = None
+    channels: Sequence[Any] = ()
+    settled = True
+    """As of an emulator without devices: who has something done in its loop may ask."""
+
+    def __init__(self, recording: Recording, wire: Wire, *, clock: Clock, speed: float = 1.0, loop: bool = False):
+        if not speed > 0:
+            raise TactemuError(f"speed: expected more than 0, got {speed}")
+        self.wire, self.clock, self.speed, self.loop = wire, clock, speed, loop
+        wire.is_real_time = not clock.virtual
+        self.entries = recording.towards_driver()
+        if not self.entries:
+            raise TactemuError("the recording has nothing that goes to a driver")
+        self.position = 0
+        """Index of the next entry."""
+        self._stop_requested = False
+        self.now_ns = 0
+        """Time of the turn."""
+        self._calls = Calls()
+        self._start_ns: int | None = None
+
+    @property
+    def done(self) -> bool:
+        """Whether everything has been sent."""
+        return self.position >= len(self.entries)
+
+    def run(self, seconds: float | None = None) -> None:
+        """Play until the end, for ``seconds``, or until :meth:`stop`, also one that came before.
+
+        Time starts when the driver opens the port.
+        """
+        end = None if seconds is None else self.clock.now_ns() + round(seconds * 1e9)
+        self._calls.open()
+        try:
+            while not self._stop_requested and not (self.done and self.wire.next_due_ns() is None):
+                now = self.now_ns = self.clock.now_ns()
+                if end is not None and now >= end:
+                    break
+                self.turn(now)
+                self._calls.run(now)
+                self._wait(end)
+        finally:
+            self._calls.close()
+            self._stop_requested = False
+
+    def stop(self) -> None:
+        """Leave :meth:`run`, or the next one at once; may be called from a signal handler."""
+        self._stop_requested = True
+        self.call(lambda: None)
+
+    def call(self, action: Guest, at_ns: int = 0) -> None:
+        """Have ``action`` run at the end of a turn, not before ``at_ns``. Safe from any thread."""
+        self._calls.put(action, at_ns)
+
+    def turn(self, now_ns: int) -> None:
+        """Listen, send what is due, write."""
+        for event in self.wire.receive(now_ns):
+            if isinstance(event, Opened):
+                self._restart(now_ns)
+        if self._start_ns is None and self.wire.transport.listening:
+            self._restart(now_ns)  # a bus has no opening
+        for _ in self.entries:  # once around at most, also in an endless loop at infinite speed
+            due = self._due_ns()
+            if due is None or due > now_ns:
+                break
+            self.step(due)
+            self.wire.flush(now_ns)  # one by one: a loop that is late owes many, and a line takes so many only
+        self.wire.flush(now_ns)
+
+    def step(self, now_ns: int) -> Entry | None:
+        """Send the next frame, whatever its time; ``None`` at the end."""
+        if self.done:
+            return None
+        entry = self.entries[self.position]
+        self.wire.send([entry.frame], now_ns, entry.device)
+        self.position += 1
+        if self.done and self.loop:
+            self._restart(now_ns)
+        return entry
+
+    def _restart(self, now_ns: int) -> None:
+        self._start_ns, self.position = now_ns, 0
+
+    def _due_ns(self) -> int | None:
+        if self._start_ns is None or self.done:
+            return None
+        return self._start_ns + round(self.entries[self.position].t_ns / self.speed)
+
+    def _wait(self, end: int | None) -> None:
+        comes = (self._due_ns(), self.wire.next_due_ns(), self._calls.next_ns, end)
+        filenos = self.wire.filenos()
+        deadline = min([time for time in comes if time is not None], default=None)
+        self.clock.wait(deadline, filenos + self._calls.filenos, poll=not filenos)
+
+
+def line_of(source: str, baud: int | None) -> str:
+    """What a recording notes of the line that it is of: its speed, ``usb`` where it has none, nothing of CAN.
+
+    A network connection and USB's own serial class know no speed, whatever a program sets; a port that nobody can look
+    behind (a pty) is taken for one of them, unless the caller gives ``baud``.
+    """
+    if source.startswith("can:"):
+        return ""
+    name = os.path.basename(os.path.realpath(source))
+    if baud is None and not name.startswith(_UARTS):
+        return "usb"
+    return f"baud {baud or USUAL_BAUD}"
+
+
+def record(
+    source: str, recorder: Recorder, *, clock: Clock, stop: Callable[[int], bool], baud: int = USUAL_BAUD
+) -> None:
+    """Write what a sensor sends to a file until ``stop(entries so far)`` is true; asked at least every 100 ms.
+
+    Args:
+        source: a serial port or URL of pyserial (``/dev/ttyUSB0``, ``socket://...``), or ``can:INTERFACE:CHANNEL``.
+        recorder: the open file.
+        clock: gives the entries' times.
+        stop: when to end.
+        baud: speed to set on a serial port [bit/s].
+
+    Raises:
+        TransportError: the source cannot be opened, or was lost.
+        TactemuError: the file cannot be written any more.
+    """
+    take = _from_can if source.startswith("can:") else _from_serial
+    take(source, recorder, clock, stop, baud)
+
+
+def _from_can(source: str, recorder: Recorder, clock: Clock, stop: Callable[[int], bool], baud: int) -> None:
+    with create(source) as port:
+        recorder.start(clock.origin_ns)
+        while not stop(recorder.count):
+            clock.wait(clock.now_ns() + 100_000_000, port.filenos(), poll=not port.filenos())
+            now = clock.now_ns()
+            for event in port.poll():
+                if isinstance(event, Received):
+                    recorder.add(Entry(now, event.data))
+
+
+def _from_serial(source: str, recorder: Recorder, clock: Clock, stop: Callable[[int], bool], baud: int) -> None:
+    import serial
+
+    try:
+        with serial.serial_for_url(source, baudrate=baud, timeout=0.1) as port:
+            recorder.start(clock.origin_ns)
+            while not stop(recorder.count):
+                if hasattr(port, "fileno") and not select.select([port], [], [], 0.1)[0]:
+                    continue
+                data = port.read(max(1, port.in_waiting))
+                if data:
+                    recorder.add(Entry(clock.now_ns(), data))
+    except (OSError, ValueError) as error:  # pyserial's own error is an OSError
+        raise TransportError(
+            f"cannot record from {source}: {error}; check the name, and that you may read it"
+        ) from None

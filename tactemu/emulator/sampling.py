@@ -1,0 +1,154 @@
+"""When a device samples, and when its sample leaves: the time domain of imperfections, in integer nanoseconds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import count
+
+from tactemu.base.random_streams import stream_key
+
+_MASK = 2**64 - 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class SampleClock:
+    """The device's own clock, seen from ours.
+
+    Sample ``k`` (from 1) is due when the device's oscillator has counted ``k * period`` since ``start``. An
+    oscillator that is slow by ``skew_ppm``, and slower each second by ``drift_ppm_per_s``, takes longer for it than
+    ours: a count of n seconds lasts ``n + 1e-6 (skew n + drift n^2 / 2)``. Times follow from the count, so that no
+    error accumulates. Frames of a sample leave ``delay_ns`` after it was due, plus a jitter that is uniform in
+    ``[0, jitter_ns]``; unless ``reorder`` is set they never overtake those of an earlier sample. A loop that is too
+    slow at times misses its turn: a share ``missed`` of samples is never taken, and periods have a second mode at
+    twice the first.
+
+    Raises:
+        ValueError: a period that is not positive; a negative delay or jitter; a clock that stands still or misses all.
+    """
+
+    period_ns: int
+    start_ns: int = 0
+    """Since when samples are counted."""
+    shown_ns: int | None = None
+    """What the device's clock showed at ``start_ns``; ``None``: the same."""
+    skew_ppm: float = 0.0
+    """Positive: the device's clock is slow, its samples come late."""
+    drift_ppm_per_s: float = 0.0
+    """Growth of the skew, by the device's own seconds (a board that warms up)."""
+    delay_ns: int = 0
+    jitter_ns: int = 0
+    reorder: bool = False
+    """Frames may overtake those of earlier samples."""
+    missed: float = 0.0
+    """Share of samples that are never taken."""
+    restarts: int = 0
+    """How often counting began anew: each time has its own jitter."""
+    seed: int = 0
+    name: str = "device"
+
+    def __post_init__(self):
+        if self.period_ns <= 0:
+            raise ValueError(f"period_ns: expected > 0, got {self.period_ns}")
+        for option in ("delay_ns", "jitter_ns"):
+            if getattr(self, option) < 0:
+                raise ValueError(f"{option}: expected >= 0, got {getattr(self, option)}")
+        if not -1e5 <= self.skew_ppm <= 1e6:
+            raise ValueError(f"skew_ppm: expected within -1e5 and 1e6, got {self.skew_ppm}")
+        if not abs(self.drift_ppm_per_s) <= 1e3:
+            raise ValueError(f"drift_ppm_per_s: expected within +-1000, got {self.drift_ppm_per_s}")
+        if not 0 <= self.missed <= 0.9:
+            raise ValueError(f"missed: expected within 0 and 0.9, got {self.missed}")
+
+    # -- the oscillator ----------------------------------------------------------------------------------------------
+
+    def due_ns(self, k: int) -> int:
+        """Absolute time of sample ``k``."""
+        counted = k * self.period_ns
+        return self.start_ns + counted + self._late(counted)
+
+    def stamp_ns(self, k: int) -> int:
+        """What the device's clock shows when sample ``k`` is taken: exactly a period after the one before."""
+        return self._shown_at_start + k * self.period_ns
+
+    def local_ns(self, t_ns: int) -> int:
+        """What the device's clock, started with ours, shows at our time ``t_ns``."""
+        since = t_ns - self.start_ns
+        shown = self._shown_at_start
+        if since <= 0 or not (self.skew_ppm or self.drift_ppm_per_s):
+            return shown + since
+        counted = since
+        for _ in range(20):  # Newton's method; two or three rounds at the skew of any real oscillator
+            wrong = counted + self._late(counted) - since
+            if abs(wrong) <= 1:
+                break
+            rate = 1.0 + 1e-6 * (self.skew_ppm + self.drift_ppm_per_s * counted * 1e-9)
+            counted -= round(wrong / max(rate, 0.5))
+        return shown + counted
+
+    def world_ns(self, shown_ns: int) -> int:
+        """Our time at which the device's clock shows ``shown_ns``."""
+        counted = shown_ns - self._shown_at_start
+        return self.start_ns + counted + (self._late(counted) if counted > 0 else 0)
+
+    @property
+    def _shown_at_start(self) -> int:
+        return self.start_ns if self.shown_ns is None else self.shown_ns
+
+    def _late(self, counted: int) -> int:
+        """How much longer than the count itself a count [ns] lasts."""
+        ppm = self.skew_ppm + 0.5 * self.drift_ppm_per_s * (counted * 1e-9)
+        # Never faster than nine tenths of its time, however long it drifts.
+        return round(counted * max(ppm, -1e5)) // 1_000_000 if ppm else 0
+
+    def taken(self, k: int) -> int:
+        """The first sample from ``k`` on that is not missed."""
+        while self.missed and _draw(self._missing, k) < self.missed * 2**64:
+            k += 1
+        return k
+
+    @cached_property
+    def _missing(self) -> int:
+        return stream_key(self.seed, f"{self.name}/missed/{self.restarts}")
+
+    # -- what leaves -------------------------------------------------------------------------------------------------
+
+    def release_ns(self, k: int, due_ns: int) -> int:
+        """When the frames of sample ``k`` leave: never before ``delay_ns`` has passed."""
+        release = due_ns + self.delay_ns + self._jitter(k)
+        if self.reorder or not self.jitter_ns:
+            return release
+        for j in count(k - 1, -1):
+            due = self.due_ns(j)
+            if j < 1 or due + self.jitter_ns <= due_ns:
+                return release
+            release = max(release, due + self.delay_ns + self._jitter(j))
+        return release
+
+    @cached_property
+    def _key(self) -> int:
+        return stream_key(self.seed, f"{self.name}/jitter/{self.restarts}")
+
+    def _jitter(self, k: int) -> int:
+        """Uniform in ``[0, jitter_ns]``, a function of the seed, the name and ``k`` alone."""
+        return (_draw(self._key, k) * (self.jitter_ns + 1)) >> 64 if self.jitter_ns else 0
+
+    def restarted(self, start_ns: int, period_ns: int) -> SampleClock:
+        """The same oscillator, as far as it has drifted, counting anew from ``start_ns`` with another period."""
+        seconds = max(0, start_ns - self.start_ns) * 1e-9
+        return replace(
+            self,
+            start_ns=start_ns,
+            restarts=self.restarts + 1,
+            shown_ns=self.local_ns(start_ns),
+            period_ns=period_ns,
+            skew_ppm=self.skew_ppm + self.drift_ppm_per_s * seconds,
+        )
+
+
+def _draw(key: int, k: int) -> int:
+    """Uniform in ``[0, 2**64)``: SplitMix64 of a counter."""
+    z = (((key << 32) ^ k) * 0x9E3779B97F4A7C15) & _MASK
+    z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & _MASK
+    z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & _MASK
+    return z ^ (z >> 31)

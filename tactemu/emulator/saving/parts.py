@@ -1,0 +1,186 @@
+"""The state of an object and of all that it is made of, as plain data, and back.
+
+A *part* is an object that is there before a state is restored, and goes on being the same object: the loop, a channel,
+a wire. Its class says by ``not_state`` which of its attributes are none (what is made anew and equal, what belongs to
+the outside); all others are its state, so that what is added to a class later is saved without a word. Attributes that
+lead to parts are how it is built. What else they hold must be plain data or objects of the modules in :data:`VALUES`.
+
+A part may say otherwise, by methods:
+
+* ``more_parts()``: further parts, by name, that no attribute leads to;
+* ``state()``, and ``prepared(state)``, which checks, changes nothing and returns what does: in place of attributes;
+* ``other_state()``: values that its state may have at other times, beside those of now;
+* ``resumed()``: called when all parts have their state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from firmware_protocols import Device
+from firmware_protocols import state as plain
+from tactemu.base.errors import StateError, TactemuError
+from tactemu.emulator.saving.leaves import LeafCheck
+from tactemu.emulator.saving.rehearsal import rehearse
+
+VALUES = (
+    "firmware_protocols", "tactemu.base.agenda", "tactemu.emulator.channel", "tactemu.emulator.sampling", "tactemu.geometry.motion",
+    "tactemu.base.statistics", "tactemu.transports.transport", "tactemu.truth.entries", "tactemu.wire",
+)  # fmt: skip
+"""Packages and modules whose objects are data: written with their attributes, and made anew."""
+
+
+def parts_of(root: Any) -> dict[str, Any]:
+    """The parts of ``root``, itself included, by the way to them: ``channels[0].wires['']``."""
+    found: dict[str, Any] = {}
+    seen: set[int] = set()
+
+    def look(value: Any, name: str) -> None:
+        if isinstance(value, list | tuple):
+            for k, each in enumerate(value):
+                look(each, f"{name}[{k}]")
+        elif isinstance(value, dict):
+            for key, each in value.items():
+                look(each, f"{name}[{key!r}]")
+        elif _is_part(value) and id(value) not in seen:
+            seen.add(id(value))
+            found[name] = value
+            if not isinstance(value, Device):
+                more = value.more_parts() if hasattr(value, "more_parts") else {}
+                for key, each in (_attributes(value) | more).items():
+                    look(each, f"{name}.{key}".lstrip("."))
+
+    look(root, "")
+    return found
+
+
+def state_of(parts: Mapping[str, Any]) -> dict[str, Any]:
+    """The state of all parts: nested dicts and lists of plain values and arrays, which share nothing with them.
+
+    Raises:
+        StateError: something in them cannot be saved; says where.
+    """
+    writer = _Writer(_belongs, parts)
+    try:
+        return {name: _written(part, name, writer) for name, part in parts.items()}
+    except plain.NotPlain as error:
+        raise StateError(f"cannot be saved: {error}") from None
+
+
+def prepared(parts: Mapping[str, Any], state: Mapping[str, Any], t_ns: int) -> Callable[[], None]:
+    """Check that :func:`state_of` may have returned ``state`` for such parts at ``t_ns``; return what gives it to them.
+
+    Raises:
+        StateError: says what does not fit. Nothing has been changed.
+    """
+    _check_names("the emulator", "part", parts, state)
+    reader, leaves = _Reader(_belongs, parts), LeafCheck(t_ns)
+    takes = [_prepared(part, name, state[name], reader, leaves) for name, part in parts.items()]
+
+    def take() -> None:
+        for each in takes:
+            each()
+        for part in parts.values():
+            if hasattr(part, "resumed"):
+                part.resumed()
+
+    return take
+
+
+# -- one part ----------------------------------------------------------------------------------------------------------
+
+
+def _written(part: Any, name: str, writer: _Writer) -> dict[str, Any]:
+    if isinstance(part, Device):
+        return part.snapshot()
+    attributes = part.state() if hasattr(part, "state") else _own(part)
+    return {key: writer.write(value, f"{name}.{key}".lstrip(".")) for key, value in attributes.items()}
+
+
+def _prepared(part: Any, name: str, state: Any, reader: _Reader, leaves: LeafCheck) -> Callable[[], None]:
+    where = name or "the loop"
+    if not isinstance(state, dict):
+        raise StateError(f"{where}: expected a table, got {type(state).__name__}")
+    try:
+        if isinstance(part, Device):
+            return partial(plain.take, part, _device_attributes(part, where, state, leaves))
+        here = part.state() if hasattr(part, "state") else _own(part)
+        _check_names(where, "attribute", here, state)
+        attributes = {key: reader.read(value) for key, value in state.items()}
+        more = [part.other_state()] if hasattr(part, "other_state") else []
+        leaves.attributes(type(part), attributes, [here, *more], name)
+        return part.prepared(attributes) if hasattr(part, "state") else partial(vars(part).update, attributes)
+    except StateError:
+        raise
+    except (TactemuError, ValueError, TypeError, LookupError, AttributeError, OverflowError) as error:
+        raise StateError(f"{where}: {error}") from None
+
+
+def _device_attributes(device: Device, where: str, state: Mapping[str, Any], leaves: LeafCheck) -> dict[str, Any]:
+    """Return the attributes in the state of a device.
+
+    Raises:
+        ValueError, StateError: a device of this kind does not have such, or raises with them.
+    """
+    fresh, other = type(device)(**device.options), type(device)(**device.options)
+    there = [{key: each for key, each in vars(one).items() if key not in plain.NOT_STATE} for one in (device, fresh)]
+    if missing := sorted(there[1].keys() - state.keys()):
+        raise ValueError(f"the state of {device.name} lacks {', '.join(missing)}")
+    attributes = plain.read(device, dict(state))
+    leaves.attributes(type(device), attributes, there, where)
+    plain.take(other, plain.read(other, dict(state)))
+    rehearse(other, fresh.periods.keys(), leaves.t_ns)
+    return attributes
+
+
+def _check_names(where: str, what: str, here: Mapping[str, Any], there: Mapping[str, Any]) -> None:
+    for name in there.keys() - here.keys():
+        raise StateError(f"{where}: has no {what} {name!r}, which the state has")
+    for name in here.keys() - there.keys():
+        raise StateError(f"{where}: the state lacks the {what} {name!r}")
+
+
+def _is_part(value: Any) -> bool:
+    return hasattr(type(value), "not_state") or isinstance(value, Device)
+
+
+def _attributes(part: Any) -> dict[str, Any]:
+    return {name: value for name, value in vars(part).items() if name not in part.not_state}
+
+
+def _own(part: Any) -> dict[str, Any]:
+    """Its attributes without those that lead to other parts."""
+    return {name: value for name, value in _attributes(part).items() if not _leads(value)}
+
+
+def _leads(value: Any) -> bool:
+    if isinstance(value, list | tuple | dict) and value:
+        return all(map(_leads, value.values() if isinstance(value, dict) else value))
+    return _is_part(value)
+
+
+# -- values ------------------------------------------------------------------------------------------------------------
+
+
+def _belongs(module: str) -> bool:
+    return any(module == each or module.startswith(f"{each}.") for each in VALUES)
+
+
+class _Writer(plain.Writer):
+    def compound(self, value: Any, where: str) -> dict[str, Any]:
+        if type(value) is np.random.Generator:
+            return {"~": "generator", "state": self.write(value.bit_generator.state, where)}
+        return super().compound(value, where)
+
+
+class _Reader(plain.Reader):
+    def make(self, kind: str, value: dict[str, Any]) -> Any:
+        if kind == "generator":
+            bits = np.random.Philox()
+            bits.state = self._read(value["state"])
+            return self.keep(value, np.random.Generator(bits))
+        return super().make(kind, value)

@@ -1,0 +1,184 @@
+"""A state in a file: NumPy's ``.npz``, uncompressed, of what it is of, the tree of plain data as JSON, and its arrays.
+
+Nothing in it is ever unpickled. It is read as what anybody may have written: nothing is bigger in memory than the file,
+and a file that is much bigger than a state of this run can be is refused before it is read.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from firmware_protocols import state as plain
+from tactemu.base.errors import StateError
+from tactemu.base.files import writing
+from tactemu.version import __version__
+
+FORMAT = 1
+MAX_TIME_NS = 10 * 366 * 86_400_000_000_000
+"""Latest time of a state, ten years: times of a run that begins there still fit 64 bits."""
+_HEADER, _TREE = "header", "tree"
+_MOST_TEXT = 16 << 20
+"""Bytes of JSON. A hand of a thousand taxels has half a megabyte."""
+_SLACK = 64 << 20
+"""Bytes that devices, queues and the like may have beside the simulation."""
+_KINDS = "biufcV"
+"""Of numbers, and records of them, that an array may hold."""
+
+
+def header(made_of: Mapping[str, Any], t_ns: int) -> dict[str, Any]:
+    """What stands before a state: by whom it was written, of what scene, at which time."""
+    return {"format": FORMAT, "tactemu": __version__, "t_ns": t_ns, "made_of": flat(made_of)}
+
+
+def check_header(found: Any, made_of: Mapping[str, Any], where: str) -> None:
+    """Refuse what another version wrote, or what is of another scene.
+
+    Raises:
+        StateError: names what differs.
+    """
+    here = header(made_of, 0)
+    if not isinstance(found, dict) or found.keys() != here.keys():
+        raise StateError(f"{where}: no state of tactemu, or of a much older or newer one")
+    for name in ("format", "tactemu"):
+        if found[name] != here[name]:
+            raise StateError(
+                f"{where}: was saved by tactemu {found['tactemu']!s:.40} (format {found['format']!s:.40}), this is "
+                f"{here['tactemu']} (format {FORMAT}); a state is for the version that wrote it"
+            )
+    t_ns = found["t_ns"]
+    if type(t_ns) is not int or not 0 <= t_ns <= MAX_TIME_NS:
+        raise StateError(f"{where}: its time is {t_ns!r:.40} ns; expected 0 to {MAX_TIME_NS}")
+    there = found["made_of"]
+    if not isinstance(there, dict):
+        raise StateError(f"{where}: does not say what it is of")
+    differs = [name for name in [*here["made_of"], *there] if here["made_of"].get(name) != there.get(name)]
+    if differs:
+        lines = [
+            f"{name}: saved with {_shown(there, name)}, here {_shown(here['made_of'], name)}"
+            for name in dict.fromkeys(differs)
+        ]
+        more = f"; and {len(lines) - 3} more" if len(lines) > 3 else ""
+        raise StateError(f"{where}: is of another run: {'; '.join(lines[:3])}{more}")
+
+
+def _shown(table: Mapping[str, Any], name: str) -> str:
+    return f"{table[name]!s:.60}" if name in table else "nothing"
+
+
+def flat(tree: Any, name: str = "") -> dict[str, str]:
+    """A tree of plain data as one table of texts: ``{"skin[0].options.noise": "0.001"}``."""
+    if isinstance(tree, Mapping):
+        pairs = [(f"{name}.{key}".lstrip("."), value) for key, value in tree.items()]
+    elif isinstance(tree, list | tuple):
+        pairs = [(f"{name}[{k}]", value) for k, value in enumerate(tree)]
+    else:
+        return {name: str(tree)}
+    found: dict[str, str] = {}
+    for key, value in pairs:
+        found |= flat(value, key)
+    return found
+
+
+def write(path: str | Path, head: Mapping[str, Any], state: dict[str, Any]) -> int:
+    """Write a state; returns its size [byte]. What was there under this name stays until it is whole.
+
+    Raises:
+        StateError: the file cannot be written.
+    """
+    path = Path(path)
+    text, arrays = plain.to_text(state)
+    texts = {_HEADER: json.dumps(head), _TREE: text}
+    members = {name: np.frombuffer(each.encode(), np.uint8) for name, each in texts.items()} | arrays
+    try:
+        with writing(path) as file:
+            np.savez(file, **members)  # type: ignore[arg-type]
+        return path.stat().st_size
+    except OSError as error:
+        raise StateError(f"{path}: cannot write the state: {error.strerror}") from None
+
+
+def read(path: str | Path, made_of: Mapping[str, Any], own_bytes: int) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The header of a file and the state in it.
+
+    Args:
+        path: of the file.
+        made_of: what the state must be of.
+        own_bytes: size of the simulation's arrays here; what is far beyond is no state of it.
+
+    Raises:
+        StateError: it cannot be read, or is no state of such a run; says why.
+    """
+    path = Path(path)
+    try:
+        size, most = path.stat().st_size, _SLACK + 4 * own_bytes
+        if not path.is_file():
+            raise StateError(f"{path}: is no file")
+        if size > most:
+            raise StateError(f"{path}: has {size} bytes; a state of this run has at most {most}")
+        data = path.read_bytes()
+    except OSError as error:
+        raise StateError(f"{path}: cannot read the state: {error.strerror}") from None
+    try:
+        members = _members(data)
+        head = json.loads(_text(members, _HEADER))
+        check_header(head, made_of, str(path))
+        arrays = _Once({name: _array(name, each) for name, each in members.items() if name not in (_HEADER, _TREE)})
+        return head, plain.from_text(_text(members, _TREE), arrays)
+    except (ValueError, KeyError, RecursionError, zipfile.BadZipFile, NotImplementedError, EOFError) as error:
+        raise StateError(f"{path}: no state, or a damaged one: {error!s:.200}") from None
+
+
+class _Once(dict[str, np.ndarray]):
+    """Arrays that are taken once each: a tree that asks again for one was not written by us."""
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self.pop(name)
+
+
+def _members(data: bytes) -> dict[str, memoryview]:
+    """The members of the file, by name, not copied: they are stored as they are.
+
+    Raises:
+        ValueError, BadZipFile: it is no such file.
+    """
+    found, total = {}, 0
+    with zipfile.ZipFile(io.BytesIO(data)) as file:
+        for info in file.infolist():
+            total += info.file_size
+            if info.compress_type != zipfile.ZIP_STORED or total > len(data) or info.flag_bits & 1:
+                raise ValueError(f"{info.filename!r:.40} is packed: states are not")
+            found[info.filename.removesuffix(".npy")] = memoryview(file.read(info))
+    return found
+
+
+def _array(name: str, member: memoryview) -> np.ndarray:
+    """What a member holds; its shape must be that of its bytes.
+
+    Raises:
+        ValueError: it is no array of numbers.
+    """
+    file = io.BytesIO(member[:4096])
+    version = np.lib.format.read_magic(file)
+    readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    shape, by_columns, dtype = readers[version](file, max_header_size=4000)
+    numbers = member[file.tell() :]
+    if dtype.kind not in _KINDS or dtype.hasobject:
+        raise ValueError(f"{name}: an array of {dtype}; states have numbers")
+    if min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize != len(numbers):
+        raise ValueError(f"{name}: an array {shape!s:.60} of {dtype} has other than {len(numbers)} bytes")
+    return np.frombuffer(numbers, dtype).reshape(shape, order="F" if by_columns else "C")
+
+
+def _text(members: Mapping[str, memoryview], name: str) -> bytes:
+    array = _array(name, members[name])
+    if array.dtype != np.uint8 or array.nbytes > _MOST_TEXT:
+        raise ValueError(f"{name}: expected at most {_MOST_TEXT} bytes of text, got {array.nbytes} of {array.dtype}")
+    return array.tobytes()

@@ -1,0 +1,136 @@
+"""Schedules: what goes wrong, and when, so that a driver's recovery is a test that can be repeated.
+
+An event (:class:`tactemu.Event`) is an entry ``[[scenario]]`` of a scene file, or made in Python::
+
+    with tactemu.serve("anyskin", scenario=[Event(at=2, dead=(4,)), Event(at=3, fault="unplug for 0.5s")]) as dev: ...
+
+Faults of bytes are handed to the wire with their times; what befalls values and time is done by the loop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, get_args
+
+import numpy as np
+
+from tactemu.base.agenda import Action
+from tactemu.base.errors import SceneError, nearest
+from tactemu.emulator.channel import Channel
+from tactemu.emulator.emulator import Emulator
+from tactemu.imperfections.options import Law
+from tactemu.scene.schema import EventTable
+from tactemu.wire.faults.fault import Fault, parse
+
+
+def concerns(event: EventTable, skin: str) -> bool:
+    """Whether an event befalls this skin."""
+    return event.skin in (None, skin)
+
+
+def laws_needed(events: Iterable[EventTable], skin: str) -> tuple[str, ...]:
+    """The laws that a skin's sensor must be built with, so that these events can switch them on.
+
+    Raises:
+        SceneError: an option that cannot change while running.
+    """
+    needed = set()
+    for event in events:
+        if concerns(event, skin):
+            needed |= {_changeable(event, option) for option in event.set}
+            needed |= {"dead"} if event.dead else set()
+    return tuple(sorted(needed))
+
+
+def _changeable(event: EventTable, option: str) -> str:
+    options = [law for law in get_args(Law) if law != "dead"]
+    if option not in options:
+        hint = f"{nearest(option, options)} (can: {', '.join(options)})"
+        raise SceneError(f"scenario at {event.at:g} s: set: {option!r} cannot change{hint}")
+    return option
+
+
+def faults_of(events: Iterable[EventTable], skins: Sequence[str]) -> list[Fault]:
+    """The faults that the events bring to a wire with these skins, each with its time.
+
+    Raises:
+        SceneError: a fault that cannot be parsed, or with a time of its own.
+    """
+    concerned = (event for event in events if any(concerns(event, skin) for skin in skins))
+    return [timed_fault(event) for event in concerned if event.fault]
+
+
+def timed_fault(event: EventTable, now_s: float = 0.0) -> Fault:
+    """The fault of an event, at its time after ``now_s``.
+
+    Raises:
+        SceneError: it cannot be parsed, or says itself when it happens.
+    """
+    until = None if event.until is None else round((event.until + now_s) * 1e9)
+    return parse(event.fault or "").scheduled(round((event.at + now_s) * 1e9), until)
+
+
+def schedule(emulator: Emulator, events: Iterable[EventTable], *, now_s: float = 0.0) -> None:
+    """Have the loop do what the events say, faults of bytes aside; times count from ``now_s`` [s].
+
+    Raises:
+        SceneError: an event that this scene cannot have.
+    """
+    concerned = [(channel, event) for event in events for channel in emulator.channels if concerns(event, channel.name)]
+    for channel, event in concerned:
+        _check(channel, event, "" if now_s else f"scenario at {event.at:g} s: ")
+    for channel, event in concerned:
+        _plan(emulator, channel, event, round(now_s * 1e9))
+
+
+def befall(emulator: Emulator, event: EventTable, now_s: float) -> None:
+    """Let an event happen in a loop that runs, its faults of bytes included; its times count from ``now_s`` [s].
+
+    Raises:
+        SceneError: this scene cannot have it.
+    """
+    schedule(emulator, [event], now_s=now_s)
+    for wire in emulator.wires if event.fault else ():
+        if any(concerns(event, c.name) for c in emulator.channels if wire in c.wires.values()):
+            wire.add_fault(timed_fault(event, now_s))
+
+
+def _check(channel: Channel, event: EventTable, where: str) -> None:
+    """Raise where this device cannot have the event."""
+    for name, taxels in (("dead", event.dead), ("taxels", event.taxels or ())):
+        if taxels and not 0 <= min(taxels) <= max(taxels) < len(channel.device.layout):
+            last = len(channel.device.layout) - 1
+            raise SceneError(f"{where}{name}: expected taxels 0..{last} of {channel.name!r}, got {taxels}")
+    if event.dead:
+        channel.imperfections.set_dead([], True, event.value)
+    for option, value in event.set.items():
+        channel.imperfections.set(option, value, (), event.taxels)  # in no environment: whether it fits is known now
+    if event.hang and event.until is None:
+        raise SceneError(f"{where}hang: say until when with `until`")
+
+
+def _plan(emulator: Emulator, channel: Channel, event: EventTable, origin_ns: int) -> None:
+    start = origin_ns + round(event.at * 1e9)
+    stop = None if event.until is None else origin_ns + round(event.until * 1e9)
+
+    def plan(t_ns: int | None, name: str, *args: Any) -> None:
+        if t_ns is not None:
+            emulator.at(t_ns, Action(name, channel.name, args))
+
+    if event.dead:
+        plan(start, "kill", event.dead, event.value)
+        plan(stop, "revive", event.dead)
+    for option, value in event.set.items():
+        plan(start, "set", option, value, event.taxels)
+        plan(stop, "set", option, _built(channel, option, event.taxels), event.taxels)
+    if event.hang:
+        plan(start, "hang", stop)
+    if event.reset:
+        plan(start, "reset")
+
+
+def _built(channel: Channel, option: str, taxels: Sequence[int] | None) -> Any:
+    """The value that an option was built with; of some taxels, where it was one for each."""
+    value = getattr(channel.imperfections.options, option)
+    each = taxels is not None and np.ndim(value) and len(value) == len(channel.device.layout)
+    return np.asarray(value)[list(taxels or ())].tolist() if each else value

@@ -1,0 +1,116 @@
+"""What each sense of a device sees, from what a skin feels and what is around it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+
+import numpy as np
+
+from firmware_protocols import Device, Sense
+from firmware_protocols.device import CONTACT, VECTORS
+from tactemu.scene.placement import ROOM, JoinedImperfections
+
+if TYPE_CHECKING:
+    from tactemu.imperfections import Imperfections
+
+
+class Skin(Protocol):
+    """What a placed sensor or a recording offers."""
+
+    def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
+        """The latest reading of environment 0, shape ``(n_taxels,)`` or ``(n_taxels, 3)``, SI, device's frame."""
+        ...
+
+    def around(self, name: str, t_ns: int, link: str = "") -> Any:
+        """``temperature``, ``acceleration`` or ``angular_velocity`` of one link of the device; "" the first."""
+        ...
+
+    @property
+    def wrench(self) -> np.ndarray | None:
+        """Force and torque [N, Nm], shape ``(6,)``, in place of what follows from its forces; ``None``: they count."""
+        ...
+
+    @property
+    def imperfections(self) -> Imperfections | JoinedImperfections | None:
+        """What spoils its readings; ``None`` for a recording."""
+        ...
+
+
+class Senses:
+    """A device's transducers on a skin: a :class:`~tactemu.emulator.channel.Source`.
+
+    Args:
+        skin: what is felt, taxels in the order of the device's layout.
+        device: whose taxels they are, and whose motors feel loads.
+    """
+
+    not_state: ClassVar[tuple[str, ...]] = ("_layout", "_device")
+
+    def __init__(self, skin: Skin, device: Device):
+        self.skin = skin
+        self._layout, self._device = device.layout, device
+        self._around: tuple[int, dict[str | tuple[str, str], np.ndarray]] = (-1, {})
+        """What is around the links at a time, by quantity and link; and what the senses of it see, by key."""
+
+    @property
+    def imperfections(self) -> Imperfections | JoinedImperfections | None:
+        """What spoils the readings, to be changed while it runs; ``None`` for a recording."""
+        return self.skin.imperfections
+
+    def sense(self, sense: Sense, t_ns: int, ground_truth: bool = False) -> np.ndarray:
+        """What one sense sees now; shapes as in :data:`firmware_protocols.device.Quantity`."""
+        if sense.quantity in CONTACT:
+            return self.skin.quantity(sense.quantity, ground_truth)
+        at: Any = sense.at
+        match sense.quantity:
+            case "wrench" if (wrench := self.skin.wrench) is not None:
+                return np.broadcast_to(wrench, (len(at), 6))
+            case "wrench":
+                return resultant(self._layout.positions, self.skin.quantity("force", ground_truth), at.positions)
+            case "vibration":
+                push = self._layout.push(self.skin.quantity("force", ground_truth)).sum()
+                return np.full(len(at), push / self._layout.areas.sum())
+            case "load":  # what an engine's joints do to the motors
+                motors = self._device.drives
+                return np.zeros(len(at)) if motors is None or not motors.embodied else motors.loads()
+            case quantity:
+                if self._around[0] != t_ns:  # looked at once for all that is converted at a time
+                    self._around = (t_ns, {})
+                found = self._around[1]
+                if sense.key not in found:
+                    if len(at.links) == 1:
+                        value = self._at(t_ns, quantity, at.links[0])
+                        found[sense.key] = np.broadcast_to(value, (len(at), *value.shape))
+                    else:
+                        values = [self._at(t_ns, quantity, patch.link) for patch in at.patches]
+                        found[sense.key] = np.repeat(values, [len(patch) for patch in at.patches], axis=0)
+                return found[sense.key]
+
+    def _at(self, t_ns: int, quantity: str, link: str) -> np.ndarray:
+        found = self._around[1]
+        if (quantity, link) not in found:
+            found[quantity, link] = np.asarray(self.skin.around(quantity, t_ns, link), float)
+        return found[quantity, link]
+
+
+class Untouched:
+    """The skin of a device without taxels."""
+
+    not_state: ClassVar[tuple[str, ...]] = ()
+    imperfections = None
+    wrench = None
+
+    def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
+        """Nothing, shape ``(0, 3)`` or ``(0,)``."""
+        return np.zeros((0, 3) if name in VECTORS else 0)
+
+    def around(self, name: str, t_ns: int, link: str = "") -> Any:
+        """A room, at rest."""
+        return ROOM[name]
+
+
+def resultant(positions: np.ndarray, forces: np.ndarray, about: np.ndarray) -> np.ndarray:
+    """Force and torque [N, Nm], shape ``(n, 6)``, of forces ``(m, 3)`` at ``positions`` about each of n points."""
+    arms = positions[None] - np.asarray(about)[:, None]
+    torques = np.cross(arms, forces[None]).sum(axis=1)
+    return np.concatenate([np.broadcast_to(forces.sum(axis=0), torques.shape), torques], axis=-1)

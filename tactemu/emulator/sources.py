@@ -1,0 +1,315 @@
+"""A simulator of the user's own behind a device: what ``tactemu.serve(..., source=...)`` takes.
+
+A source is one of
+
+* a :class:`tactemu.Scene`, or the :class:`~tactemu.sensors.simulation.Simulation` that it was built into, with a sensor
+  for each skin: of the skin's name, or the only one;
+* a function of time [s] that gives *poses*: a table by body of the scene, each a :class:`tactemu.Pose` in the world,
+  or ``(position, quaternion)``, whose velocities are then how it differs from the last;
+* a function of time [s] that gives *readings*: what the taxels feel, as an array in the device's order, shape ``(n,)``
+  or ``(n, 3)``, SI, vectors in the device's frame, forces on the skin; or a table of such by quantity, where
+  ``temperature``, ``acceleration`` and ``angular_velocity`` may stand too, and for a force-torque sensor ``wrench``
+  [N, Nm], shape ``(6,)``, which then counts and not the forces; or a table of either by skin.
+
+A function is called for times that rise, for each once: by whoever calls ``start`` until that returns (first for 0 s),
+then by the emulator's thread. While it computes the device neither samples nor answers; samples whose time passes
+meanwhile are missed, and counted. Who cannot have that lets a thread of his own compute and gives its latest. What it
+raises, and what is not finite or of another shape, ends the run and is raised from ``stop``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from firmware_protocols import Device
+from firmware_protocols.device import CONTACT, VECTORS
+from tactemu.base.errors import SceneError, SourceError
+from tactemu.geometry import rotation
+from tactemu.geometry.motion import Pose
+from tactemu.scene.placement import ROOM, PlacedSensor, PlacedSkin
+from tactemu.scene.skins import SkinPart
+
+if TYPE_CHECKING:
+    from tactemu.scene.file import LoadedScene
+    from tactemu.scene.scene import Scene
+    from tactemu.sensors.sensor import Sensor
+    from tactemu.sensors.simulation import Simulation
+
+Function = Callable[[float], Any]
+
+
+@dataclass
+class Given:
+    """What a source stands in for."""
+
+    sensors: dict[str, PlacedSkin] = field(default_factory=dict)
+    """Skins that a scene of the user's feels with."""
+    simulation: Simulation | None = None
+    """That scene, built."""
+    readings: OwnReadings | None = None
+    poses: OwnPoses | None = None
+
+    @property
+    def fed(self) -> set[str]:
+        """Skins whose readings do not come from the scene."""
+        return {*self.sensors, *(self.readings.skins if self.readings else ())}
+
+    @property
+    def posed(self) -> set[str]:
+        """Bodies that are not moved by their motions."""
+        return set(self.poses.names) if self.poses else set()
+
+
+def given_by(
+    source: Any, loaded: LoadedScene, devices: dict[str, Device], build: Callable[[Scene], Simulation]
+) -> Given:
+    """What a source stands in for.
+
+    Raises:
+        TactemuError: it is none, has failed, or does not fit the devices.
+    """
+    from tactemu.scene.scene import Scene
+    from tactemu.sensors.simulation import Simulation
+
+    if source is None:
+        return Given()
+    if isinstance(source, Scene | Simulation):
+        sensors = _felt_by(source.sensors, devices)
+        if isinstance(source, Scene):
+            return Given(sensors=sensors, simulation=build(source))
+        if source.time_ns:
+            raise SceneError(f"source: the simulation is at {source.time_ns * 1e-9:g} s; give it at its start: reset()")
+        return Given(sensors=sensors, simulation=source)
+    if not callable(source):
+        raise SceneError(f"source: expected a tactemu.Scene, built or not, or a function of time, got {source!r}")
+    return _asked(source, [body.name for body in loaded.tables.body if not body.fixed], devices)
+
+
+def without(loaded: LoadedScene, given: Given) -> LoadedScene:
+    """The scene without what a source stands in for."""
+    motions = {name: motion for name, motion in loaded.motions.items() if name not in given.posed}
+    skins = tuple(
+        skin.model_copy(update={"link": None, "readings": None}) if skin.title in given.fed else skin
+        for skin in loaded.tables.skin
+    )
+    return replace(loaded, motions=motions, tables=loaded.tables.model_copy(update={"skin": skins}))
+
+
+def _asked(function: Function, bodies: Sequence[str], devices: Mapping[str, Device]) -> Given:
+    """What a function gives when it is called for the first time."""
+    first = _called(function, 0.0)
+    if isinstance(first, Mapping) and first and set(first) <= set(bodies):
+        return Given(poses=OwnPoses(function, first))
+    by_skin = isinstance(first, Mapping) and set(first) <= set(devices)
+    if not by_skin and len(devices) != 1:
+        raise SourceError(
+            f"source at 0 s: expected a table of poses by body ({', '.join(bodies) or 'none that moves'}) "
+            f"or of readings by skin ({', '.join(devices)}), got {_seen(first)}"
+        )
+    fed = {name: OwnSkin(name, devices[name]) for name in (first if by_skin else devices)}
+    return Given(readings=OwnReadings(function, fed, first, by_skin))
+
+
+def _called(function: Function, t_s: float) -> Any:
+    try:
+        return function(t_s)
+    except Exception as error:
+        raise SourceError(f"source at {t_s:g} s raised {type(error).__name__}: {error}") from error
+
+
+def _seen(value: Any) -> str:
+    """What was given, in a few words."""
+    if isinstance(value, Mapping):
+        return f"a table of {', '.join(map(repr, value)) or 'nothing'}"
+    return f"{type(value).__name__} {str(value)[:60]}"
+
+
+# -- poses -------------------------------------------------------------------------------------------------------------
+
+
+class OwnPoses:
+    """Poses bodies of a simulation at each of its steps."""
+
+    not_state: ClassVar[tuple[str, ...]] = ("names", "_function")
+
+    def __init__(self, function: Function, first: Mapping[str, Any]):
+        self.names = tuple(first)
+        self._function = function
+        self._t_s = 0.0
+        self._before = {name: _pose(name, given, None, 0.0, 0.0) for name, given in first.items()}
+
+    def attach(self, simulation: Simulation) -> None:
+        """Pose this simulation's bodies from now on."""
+        self._put(simulation)
+        simulation.posers.append(self.pose)
+
+    def pose(self, simulation: Simulation, t_s: float) -> None:
+        """Put the bodies where they are at ``t_s``.
+
+        Raises:
+            SourceError: the function raised, or what it gave is no pose of these bodies.
+        """
+        given = _called(self._function, t_s)
+        if not isinstance(given, Mapping) or set(given) != set(self.names):
+            raise SourceError(f"source at {t_s:g} s: expected poses of {', '.join(self.names)}, got {_seen(given)}")
+        dt = t_s - self._t_s
+        self._before = {name: _pose(name, given[name], self._before[name], t_s, dt) for name in self.names}
+        self._t_s = t_s
+        self._put(simulation)
+
+    def _put(self, simulation: Simulation) -> None:
+        for name, pose in self._before.items():
+            simulation.set_pose(name, **pose._asdict())
+
+
+def _pose(name: str, given: Any, before: Pose | None, t_s: float, dt: float) -> Pose:
+    """A pose, and velocities where none are given: differences to the pose ``before``, ``dt`` [s] ago."""
+    try:
+        position, wxyz, *velocities = (np.array(part, float) for part in given)
+        shapes = [part.shape for part in (position, wxyz, *velocities)]
+        if (
+            shapes not in ([(3,), (4,)], [(3,), (4,), (3,), (3,)])
+            or not np.isfinite(np.concatenate([position, *velocities])).all()
+        ):
+            raise ValueError
+        quaternion = rotation.normalised(wxyz)
+    except (TypeError, ValueError):
+        raise SourceError(
+            f"source at {t_s:g} s: body {name!r}: expected a tactemu.Pose, or position (3) and quaternion (4), "
+            f"all finite, got {given!r}"
+        ) from None
+    if velocities:
+        return Pose(position, quaternion, *velocities)
+    if before is None or dt <= 0:
+        return Pose(position, quaternion)
+    turned = rotation.multiply(quaternion, rotation.conjugate(before.quaternion))
+    return Pose(position, quaternion, (position - before.position) / dt, rotation.to_rotation_vector(turned) / dt)
+
+
+# -- readings ----------------------------------------------------------------------------------------------------------
+
+
+class OwnSkin:
+    """What one skin feels by the user's function: readings as they are, spoilt by nothing."""
+
+    not_state: ClassVar[tuple[str, ...]] = ("name", "_n", "_contact", "_wrenches")
+    imperfections = None
+
+    def __init__(self, name: str, device: Device):
+        self.name, self._n, self._contact = name, len(device.layout), device.contact
+        self._wrenches = any(sense.quantity == "wrench" for sense in device.sensed)
+        self.wrench: np.ndarray | None = None
+        """In place of what follows from the forces [N, Nm]."""
+        self._values: dict[str, np.ndarray] = {}
+        self._around: dict[str, Any] = dict(ROOM)
+
+    def put(self, given: Any, t_s: float) -> None:
+        """Take what the function gave for ``t_s``.
+
+        Raises:
+            SourceError: a quantity is missing or unknown, of another shape, or not finite.
+        """
+        table = given if isinstance(given, Mapping) else {self._contact[0]: given}
+        optional = (*ROOM, "wrench") if self._wrenches else tuple(ROOM)
+        if not set(self._contact) <= set(table) or not set(table) <= {*CONTACT, *optional}:
+            expected = ", ".join((*self._contact, *(f"{name} (optional)" for name in optional)))
+            raise SourceError(f"source at {t_s:g} s: skin {self.name!r}: expected {expected}; got {_seen(given)}")
+        self._values = {name: self._checked(name, table[name], t_s) for name in self._contact}
+        self._around = {name: self._checked(name, table[name], t_s) if name in table else ROOM[name] for name in ROOM}
+        self.wrench = self._checked("wrench", table["wrench"], t_s) if "wrench" in table else None
+
+    def _checked(self, name: str, value: Any, t_s: float) -> np.ndarray:
+        shapes = {"temperature": (), "acceleration": (3,), "angular_velocity": (3,), "wrench": (6,)}
+        shape = shapes.get(name, (self._n,))
+        shape = (self._n, 3) if name in VECTORS else shape
+        where = f"source at {t_s:g} s: skin {self.name!r}: {name}"
+        try:
+            array = np.array(value, float)
+        except (TypeError, ValueError):
+            raise SourceError(f"{where}: expected numbers of shape {shape}, got {_seen(value)}") from None
+        if array.shape != shape:
+            raise SourceError(f"{where}: expected shape {shape}, got {array.shape}")
+        if not np.isfinite(array).all():
+            at = np.argwhere(~np.isfinite(array))[0].tolist()
+            raise SourceError(f"{where}{at or ''}: {array[tuple(at)]} is not finite")
+        return array
+
+    def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
+        """The latest reading, shape ``(n_taxels,)`` or ``(n_taxels, 3)``, SI, device's frame."""
+        return self._values[name]
+
+    def around(self, name: str, t_ns: int, link: str = "") -> Any:
+        """What is around the device: a room, and at rest, unless the function says otherwise."""
+        return self._around[name]
+
+
+class OwnReadings:
+    """Asks the user's function for the readings of its skins, as the loop comes to their time."""
+
+    not_state: ClassVar[tuple[str, ...]] = ("_function", "_by_skin")
+
+    def __init__(self, function: Function, skins: Mapping[str, OwnSkin], first: Any, by_skin: bool):
+        self.skins = dict(skins)
+        self._function, self._by_skin = function, by_skin
+        self._t_ns = 0
+        self._put(first, 0.0)
+
+    def advance_to(self, t_ns: int) -> None:
+        """Ask for ``t_ns``, unless it was asked for.
+
+        Raises:
+            SourceError: the function raised, or what it gave does not fit.
+        """
+        if t_ns > self._t_ns:
+            self._t_ns = t_ns
+            t_s = t_ns * 1e-9
+            self._put(_called(self._function, t_s), t_s)
+
+    def _put(self, given: Any, t_s: float) -> None:
+        if not self._by_skin:
+            given = dict.fromkeys(self.skins, given)
+        elif not isinstance(given, Mapping) or set(given) != set(self.skins):
+            raise SourceError(f"source at {t_s:g} s: expected readings of {', '.join(self.skins)}, got {_seen(given)}")
+        for name, skin in self.skins.items():
+            skin.put(given[name], t_s)
+
+
+# -- a scene of the user's own -----------------------------------------------------------------------------------------
+
+
+def _felt_by(sensors: Sequence[Sensor], devices: Mapping[str, Device]) -> dict[str, PlacedSkin]:
+    """The sensors of the user's scene as skins of devices, by name.
+
+    Raises:
+        SceneError: a skin without a sensor, or with one that does not fit its device.
+    """
+    named = {sensor.name: sensor for sensor in sensors}
+    if len(sensors) == len(devices) == 1:
+        named = {next(iter(devices)): sensors[0]}
+    missing = [name for name in devices if name not in named]
+    if missing:
+        raise SceneError(
+            f"source: no sensor called {missing[0]!r} (sensors: {', '.join(named) or 'none'}); "
+            "name each after its skin: scene.add_sensor(..., name=...)"
+        )
+    return {name: _placed(name, named[name], device) for name, device in devices.items()}
+
+
+def _placed(name: str, sensor: Sensor, device: Device) -> PlacedSkin:
+    model, n = sensor.model, len(device.layout)
+    where = f"source: sensor {sensor.name!r}"
+    if sensor.probes.n != n:
+        raise SceneError(f"{where} has {sensor.probes.n} taxels, {device.name} has {n}")
+    for quantity in device.contact:
+        if quantity not in model.layouts:
+            raise SceneError(f"{where} gives {', '.join(model.layouts)} and not {quantity}, which {device.name} senses")
+    if not getattr(model, "forces_on_skin", True):
+        raise SceneError(f"{where}: devices measure what acts on them; build it with forces_on_skin=True")
+    part = SkinPart(
+        name, device.layout, np.arange(n), device.layout.links, sensor.link.name, (0.0, 0.0, 0.0), rotation.IDENTITY
+    )
+    return PlacedSkin([PlacedSensor(sensor, part)], n)

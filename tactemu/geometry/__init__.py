@@ -1,0 +1,1 @@
+"""Shapes, motions, bodies and rotations, and the Warp helpers that they share."""

@@ -1,0 +1,76 @@
+"""What carries shapes and skins: the bodies of a scene.
+
+Lengths in metres. A shape's origin and axes are those of its body; a body's pose is that of this frame in the world.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from tactemu.base.errors import SceneError
+from tactemu.geometry.motion import Motion, Pose
+from tactemu.geometry.shapes.shape import Shape
+
+
+class Moved(Protocol):
+    """A motion of the user's own: world poses over time, not displacements as those of :class:`Motion`."""
+
+    def pose(self, t_s: float) -> Pose:
+        """World pose and velocities at ``t_s`` [s]."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A body of a scene, as :meth:`tactemu.Scene.add_body` returns it. A 'link' of Genesis is a body here."""
+
+    index: int
+    """Its place in the scene: what ``track_link_idx`` and ``filter_link_idx`` name."""
+    name: str
+    shape: Shape | None
+    """``None``: a frame without geometry, such as the link of a skin."""
+    fixed: bool
+    position: tuple[float, float, float]
+    """Where it starts (and returns to at reset), world [m]."""
+    quaternion: tuple[float, float, float, float]
+    """Its orientation there, (w, x, y, z)."""
+    motion: Motion | Moved | None = None
+    """Moves it at every step; ``None``: it stays where it is put."""
+
+    def pose(self, t_s: float) -> Pose:
+        """Where its motion has it at ``t_s`` [s], and how fast, in the world; without one, at rest where it starts.
+
+        Raises:
+            SceneError: a motion of the user's own that gives no pose.
+        """
+        if self.motion is None:
+            return self._start
+        here = self.motion.pose(t_s)
+        if not isinstance(here, Pose):
+            raise SceneError(f"body {self.name!r}: its motion at {t_s:g} s: expected a tactemu.Pose, got {here!r}")
+        return self._start.displaced(here) if isinstance(self.motion, Motion) else here
+
+    @cached_property
+    def _start(self) -> Pose:
+        return Pose(np.array(self.position), np.array(self.quaternion))
+
+
+def find(bodies: Sequence[Body], which: Body | str | int | np.integer) -> Body:
+    """Of these bodies the one that is meant by itself, its name or its index.
+
+    Raises:
+        SceneError: there is none; the message lists those there are.
+    """
+    for body in bodies:
+        if which is body or (isinstance(which, str) and which == body.name):
+            return body
+    if isinstance(which, int | np.integer) and not isinstance(which, bool) and 0 <= which < len(bodies):
+        return bodies[int(which)]
+    wanted = which.name if isinstance(which, Body) else which
+    known = ", ".join(f"{body.index}: {body.name}" for body in bodies) or "none"
+    raise SceneError(f"no body {wanted!r} in this scene; bodies: {known}")

@@ -1,0 +1,92 @@
+"""Arrays of somebody else's on the simulation's device: taken as they lie, strided or not, and refused in words."""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import numpy as np
+import warp as wp
+
+from tactemu.base.errors import SceneError
+
+BOOLEAN = (wp.bool, wp.uint8, wp.int8)
+"""What a mask may be made of."""
+
+
+def taken(value: Any, what: str) -> wp.array:
+    """A Warp array over the memory of ``value``: a Warp or NumPy array, or anything with ``__dlpack__``.
+
+    Raises:
+        SceneError: it is none of them, or has no memory (any more).
+    """
+    if isinstance(value, wp.array):
+        array = value
+    elif isinstance(value, np.ndarray):
+        array = _over_numpy(value, what)
+    elif hasattr(value, "__dlpack__"):
+        try:
+            array = cast(wp.array, wp.from_dlpack(value))
+        except Exception as error:
+            raise SceneError(f"{what}: its __dlpack__ gives nothing that can be read here ({error})") from error
+    else:
+        raise SceneError(f"{what}: expected a Warp or NumPy array, or one with __dlpack__, got {type(value).__name__}")
+    if array.size and not array.ptr:
+        raise SceneError(f"{what}: the array has no memory; it was freed, or never filled")
+    return array
+
+
+def _over_numpy(value: np.ndarray, what: str) -> wp.array:
+    try:
+        dtype = wp.dtype_from_numpy(value.dtype)
+    except (TypeError, KeyError) as error:
+        raise SceneError(f"{what}: numbers of type {value.dtype} cannot be read") from error
+    array = wp.array(ptr=value.ctypes.data, shape=value.shape, strides=value.strides, dtype=dtype, device="cpu")
+    array._ref = value  # keeps the memory
+    return array
+
+
+def numbers_of(array: wp.array) -> wp.array:
+    """An array of vectors, quaternions or transforms as one of numbers, with an axis more; over the same memory."""
+    dtype = array.dtype
+    if not hasattr(dtype, "_wp_scalar_type_"):
+        return array
+    scalar = dtype._wp_scalar_type_
+    size = wp.types.type_size_in_bytes(scalar)
+    lengths = dtype._shape_
+    inner = [size]
+    for length in reversed(lengths[1:]):
+        inner.insert(0, inner[0] * length)
+    return view(array, (*array.shape, *lengths), (*array.strides, *inner), scalar)
+
+
+def view(array: wp.array, shape, strides, dtype, offset: int = 0) -> wp.array:
+    """Another look at the memory of an array, from ``offset`` bytes on."""
+    ptr = array.ptr + offset if array.ptr else array.ptr
+    seen = wp.array(ptr=ptr, shape=tuple(shape), strides=tuple(strides), dtype=dtype, device=array.device)
+    seen._ref = array  # keeps the memory
+    return seen
+
+
+def on_device(array: wp.array, device: wp.Device, what: str) -> None:
+    """Raise :class:`SceneError` unless an array lies on the device."""
+    if array.device != device:
+        raise SceneError(f"{what}: the array is on {array.device}, the simulation on {device}; move it there first")
+
+
+def mask_of(value: Any, n_envs: int, device: wp.Device) -> wp.array:
+    """A mask of environments on the device, as ``wp.bool``.
+
+    Raises:
+        SceneError: wrong type, length or device.
+    """
+    what = "envs"
+    array = taken(value, what)
+    on_device(array, device, what)
+    if array.dtype not in BOOLEAN:
+        raise SceneError(
+            f"envs: an array on the device must be a mask (bool or uint8) of {n_envs} environments, got "
+            f"{array.dtype.__name__}; indices are given from the host, as a list or a NumPy array"
+        )
+    if array.shape != (n_envs,):
+        raise SceneError(f"envs: a mask must have shape ({n_envs},), one place for each environment, got {array.shape}")
+    return view(array, array.shape, array.strides, wp.bool)

@@ -1,0 +1,29 @@
+"""How a body moves over time.
+
+A motion is a *displacement from the pose at which its body was placed*, a function of time alone: translations along
+the world's axes, rotations about the body's own origin. So one motion fits any body, and motions add up::
+
+    ball = scene.add_body(Sphere(radius=0.01), position=(0, 0, 0.012), motion=Press(approach=0.002, depth=0.001))
+
+Velocities are exact, not differences (a press at 1 m/s reads 1 m/s on every step); where the speed jumps, the value
+is the one after the jump. Everything is float64. ``Sequence`` and ``Together`` combine motions; a function of
+time becomes one with ``FromFunction``. The classes double as the ``[body.motion]`` tables of a scene file.
+"""
+
+from __future__ import annotations
+
+from tactemu.geometry.motion.combined import Sequence, Together
+from tactemu.geometry.motion.driven import Joint
+from tactemu.geometry.motion.free import FromFunction, Keyframes, Placed
+from tactemu.geometry.motion.pose import Motion, Pose
+from tactemu.geometry.motion.strokes import Hold, Press, Roll, Slide, Spin
+
+MOTIONS: dict[str, type[Motion]] = {
+    m.kind: m for m in (Hold, Press, Slide, Roll, Spin, Keyframes, Joint, Sequence, Together)
+}
+"""What ``kind`` in a scene file may say."""
+
+__all__ = [
+    "MOTIONS", "FromFunction", "Hold", "Joint", "Keyframes", "Motion", "Placed", "Pose", "Press", "Roll", "Sequence",
+    "Slide", "Spin", "Together",
+]  # fmt: skip

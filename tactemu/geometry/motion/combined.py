@@ -1,0 +1,82 @@
+"""Motions made of motions: one after another, or at the same time."""
+
+from __future__ import annotations
+
+import bisect
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+from tactemu.base.errors import SceneError
+from tactemu.geometry.motion.pose import Motion, Pose
+
+
+def _check_motions(whole: Motion, parts: tuple[Motion, ...]) -> None:
+    if not isinstance(parts, tuple | list) or not parts or not all(isinstance(part, Motion) for part in parts):
+        raise SceneError(f"{whole.kind}: expected one or more motions, got {parts!r}")
+
+
+@dataclass(frozen=True)
+class Sequence(Motion):
+    """One motion after another, each starting where the one before it ended; ``repeat``: over again from the start."""
+
+    kind = "sequence"
+    motions: tuple[Motion, ...]
+    repeat: bool = False
+
+    def __post_init__(self):
+        _check_motions(self, self.motions)
+        endless = [m.kind for m in self.motions[:-1] if math.isinf(m.duration)]
+        if endless:
+            raise SceneError(f"sequence: only its last motion may go on for ever: {endless[0]!r} never ends")
+        if self.repeat and not 0 < self.duration_once < math.inf:
+            raise SceneError(f"sequence: one that is repeated takes a time > 0 s and ends, got {self.duration_once} s")
+
+    @cached_property
+    def _starts(self) -> list[tuple[float, Pose]]:
+        """Per motion: when it starts, and the displacement that the ones before it left."""
+        t, pose, found = 0.0, Pose(), []
+        for motion in self.motions:
+            found.append((t, pose))
+            if math.isfinite(motion.duration):
+                t += motion.duration
+                end = motion.pose(motion.duration)
+                pose = pose.displaced(Pose(end.position, end.quaternion))
+        return found
+
+    @property
+    def duration_once(self) -> float:
+        """One pass [s]."""
+        return math.fsum(m.duration for m in self.motions)
+
+    @property
+    def duration(self) -> float:
+        return math.inf if self.repeat else self.duration_once
+
+    def pose(self, t_s: float) -> Pose:
+        if self.repeat and t_s > 0:
+            t_s %= self.duration_once
+        at = max(bisect.bisect_right(self._starts, t_s, key=lambda entry: entry[0]) - 1, 0)
+        start, left = self._starts[at]
+        return left.displaced(self.motions[at].pose(t_s - start))
+
+
+@dataclass(frozen=True)
+class Together(Motion):
+    """Motions at the same time: translations add, rotations follow one another in the order given."""
+
+    kind = "together"
+    motions: tuple[Motion, ...]
+
+    def __post_init__(self):
+        _check_motions(self, self.motions)
+
+    @property
+    def duration(self) -> float:
+        return max(m.duration for m in self.motions)
+
+    def pose(self, t_s: float) -> Pose:
+        pose = Pose()
+        for motion in self.motions:
+            pose = pose.displaced(motion.pose(t_s))
+        return pose

@@ -1,0 +1,68 @@
+"""A body that follows a joint of a device: the finger that a hand's own motors move."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactemu.base.errors import SceneError
+from tactemu.base.options import number
+from tactemu.geometry import rotation
+from tactemu.geometry.limits import FARTHEST_M, METRES, MOST_M, MOST_RAD
+from tactemu.geometry.motion.free import FromFunction
+from tactemu.geometry.motion.pose import Motion, Pose, Vector
+
+_HALF_STEP_S = 1e-4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Joint(Motion):
+    """Follows a joint of the device on a skin: turned about an axis, or, with ``slide``, shifted along it.
+
+    The displacement is none where the joint reads ``zero``. It says where a body is once the scene is assembled with
+    its devices; velocities are central differences over 0.2 ms.
+    """
+
+    kind = "joint"
+    skin: str
+    """Whose device moves it."""
+    joint: str
+    """Name of the joint, as the device's datasheet has it."""
+    axis: Vector = (1.0, 0.0, 0.0)
+    """World direction."""
+    pivot: Vector = (0.0, 0.0, 0.0)
+    """A point of the axis, from the body's origin at the start [m]."""
+    slide: bool = False
+    zero: float = 0.0
+    """[rad], or [m] of a joint that slides."""
+
+    def __post_init__(self):
+        length = math.sqrt(sum(each * each for each in self.axis))
+        if not 0 < length < math.inf:
+            raise SceneError(f"joint.axis: expected a direction, got {list(self.axis)}")
+        for each in self.pivot:
+            number(self.kind, "pivot", each, at_least=-FARTHEST_M, at_most=FARTHEST_M, unit=METRES)
+        most, unit = (MOST_M, METRES) if self.slide else (MOST_RAD, "rad")
+        number(self.kind, "zero", self.zero, at_least=-most, at_most=most, unit=unit)
+
+    def pose(self, t_s: float) -> Pose:
+        return Pose()
+
+    def driven_by(self, position: Callable[[float], float]) -> FromFunction:
+        """The motion, given where the joint is over time: ``position(t_s)`` [rad or m]."""
+        axis = np.asarray(self.axis, float) / np.linalg.norm(self.axis)
+        pivot = np.asarray(self.pivot, float)
+
+        def pose(t_s: float) -> Pose:
+            moved = position(t_s) - self.zero
+            speed = (position(t_s + _HALF_STEP_S) - position(t_s - _HALF_STEP_S)) / (2 * _HALF_STEP_S)
+            if self.slide:
+                return Pose(moved * axis, linear_velocity=speed * axis)
+            turn = rotation.from_rotation_vector(moved * axis)
+            arm = rotation.rotate(turn, pivot)
+            return Pose(pivot - arm, turn, -np.cross(speed * axis, arm), speed * axis)
+
+        return FromFunction(function=pose)

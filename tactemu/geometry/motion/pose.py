@@ -1,0 +1,61 @@
+"""A pose with its velocities, and what every motion is."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from tactemu.geometry import rotation
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+ZERO = np.zeros(3)
+UNTURNED = np.array(rotation.IDENTITY)
+ZERO.flags.writeable = UNTURNED.flags.writeable = False  # shared by all poses
+
+
+class Pose(NamedTuple):
+    """Where a body is and how it moves. Float64 arrays, in the world frame."""
+
+    position: np.ndarray = ZERO
+    """Of the body's origin [m], shape ``(3,)``."""
+    quaternion: np.ndarray = UNTURNED
+    """Unit, w, x, y, z, shape ``(4,)``."""
+    linear_velocity: np.ndarray = ZERO
+    """Of the body's origin [m/s], shape ``(3,)``."""
+    angular_velocity: np.ndarray = ZERO
+    """[rad/s], shape ``(3,)``."""
+
+    def displaced(self, by: Pose) -> Pose:
+        """This pose after the displacement ``by``: shifted along the world's axes, turned about its own origin."""
+        turned = by.quaternion is not UNTURNED
+        spin = self.angular_velocity
+        if turned and spin is not ZERO:
+            spin = rotation.rotate(by.quaternion, spin)
+        return Pose(
+            self.position + by.position,
+            rotation.multiply(by.quaternion, self.quaternion) if turned else self.quaternion,
+            self.linear_velocity + by.linear_velocity,
+            by.angular_velocity + spin if spin is not ZERO else by.angular_velocity,
+        )
+
+
+class Motion(ABC):
+    """A displacement over time. Subclasses are frozen dataclasses whose fields are the keys of a scene file."""
+
+    kind: ClassVar[str]
+    """The word for it in a scene file."""
+    __pydantic_config__: ClassVar[dict] = {"extra": "forbid"}
+
+    @abstractmethod
+    def pose(self, t_s: float) -> Pose:
+        """Displacement and velocities at ``t_s`` [s] since the motion began; at rest before 0 and after the end."""
+
+    @property
+    def duration(self) -> float:
+        """[s]; infinite for a motion that does not end."""
+        return math.inf

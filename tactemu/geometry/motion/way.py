@@ -1,0 +1,89 @@
+"""A distance over time, and the checks that the plain motions share."""
+
+from __future__ import annotations
+
+import bisect
+import math
+
+import numpy as np
+
+from tactemu.base.errors import SceneError
+from tactemu.base.options import number
+from tactemu.geometry.limits import METRES, MOST_M, MOST_S, SPEEDS
+from tactemu.geometry.motion.pose import Motion
+
+
+class Way:
+    """A distance over time, straight between knots, repeated: exact value and slope."""
+
+    def __init__(self, knots: list[tuple[float, float]], repeat: int | None, delay: float):
+        """``knots``: (time since the knot before [s], distance [m])."""
+        self.times = [0.0]
+        self.values = [knots[0][1]]
+        for span, value in knots[1:]:
+            if span > 0:
+                self.times.append(self.times[-1] + span)
+                self.values.append(value)
+        self.delay = delay
+        self.period = self.times[-1]
+        self.repeat = repeat if repeat else math.inf
+        self.duration = delay + self.period * self.repeat if self.period else delay
+
+    def at(self, t_s: float) -> tuple[float, float]:
+        """Distance [m] and speed [m/s] at ``t_s``."""
+        if t_s < self.delay:
+            return self.values[0], 0.0
+        if t_s >= self.duration:
+            return self.values[-1], 0.0
+        t = (t_s - self.delay) % self.period
+        k = bisect.bisect_right(self.times, t) - 1
+        slope = (self.values[k + 1] - self.values[k]) / (self.times[k + 1] - self.times[k])
+        return self.values[k] + slope * (t - self.times[k]), slope
+
+
+def to_and_fro(distance: float, speed: float, repeat: int | None, delay: float) -> Way:
+    """There once, or there and back ``repeat`` times (``None``: for ever)."""
+    there = [(0.0, 0.0), (distance / speed, distance)]
+    return Way(there if repeat == 1 else [*there, (distance / speed, 0.0)], repeat, delay)
+
+
+def unit(vector) -> np.ndarray:
+    """The direction of a vector."""
+    v = np.asarray(vector, np.float64)
+    return v / math.sqrt(float(v @ v))
+
+
+def check_direction(motion: Motion, name: str) -> None:
+    """Refuse a field that gives no direction."""
+    v = np.asarray(getattr(motion, name), float)
+    if v.shape != (3,) or not np.all(np.isfinite(v)) or not np.any(np.abs(v) > 1e-6) or np.any(np.abs(v) > 1e6):
+        raise SceneError(
+            f"{motion.kind}.{name}: expected three finite numbers, not all (nearly) zero, got {getattr(motion, name)}"
+        )
+
+
+def check_times(motion: Motion, *names: str) -> None:
+    """Refuse fields that are no time from 0 to :data:`MOST_S`; ``None`` passes."""
+    for name in names:
+        if getattr(motion, name) is not None:
+            number(motion.kind, name, getattr(motion, name), at_least=0, at_most=MOST_S, unit="s")
+
+
+def check_ways(motion: Motion, *names: str) -> None:
+    """Refuse fields that are no distance from 0 to :data:`MOST_M`."""
+    for name in names:
+        number(motion.kind, name, getattr(motion, name), at_least=0, at_most=MOST_M, unit=METRES)
+
+
+def check_speeds(motion: Motion, *names: str) -> None:
+    """Refuse fields that are no speed within :data:`SPEEDS`; ``None`` passes."""
+    for name in names:
+        if getattr(motion, name) is not None:
+            least, most = SPEEDS
+            number(motion.kind, name, getattr(motion, name), at_least=least, at_most=most, unit="m/s")
+
+
+def check_repeat(motion: Motion, name: str = "repeat") -> None:
+    """Refuse what is no count; ``None`` passes."""
+    if getattr(motion, name) is not None:
+        number(motion.kind, name, getattr(motion, name), at_least=0, at_most=1e9, whole=True)

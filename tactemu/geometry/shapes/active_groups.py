@@ -1,0 +1,65 @@
+"""Which groups of an environment hold anything, in order: sums then visit those only, and come out the same each time.
+
+Entries are listed in groups of fixed size by parallel threads; a warp per environment then lists the groups.
+"""
+
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import warp as wp
+
+from tactemu.geometry.warp_collectives import lanes, rank, tally
+from tactemu.plan.plan import Context
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActiveGroups:
+    """Groups that are not empty."""
+
+    n_active: wp.array
+    """int32, shape ``(n_envs,)``."""
+    active: wp.array
+    """Their indices, rising, int32, shape ``(n_envs, n_groups)``; valid up to ``n_active``."""
+
+
+@functools.cache
+def _list_kernel(lanes: int):
+    @wp.kernel(module="unique", enable_backward=False)
+    def list_groups(
+        first_env: int,
+        counts: wp.array2d(dtype=wp.int32),
+        # outputs
+        n_active: wp.array(dtype=wp.int32),
+        active: wp.array2d(dtype=wp.int32),
+    ):
+        env, lane = wp.tid()
+        env += first_env
+        found = int(0)
+        for first in range(0, counts.shape[1], wp.static(lanes)):
+            g = first + lane
+            wanted = bool(False)
+            if g < counts.shape[1]:
+                wanted = counts[env, g] > 0
+            at = found + rank(wanted)
+            found += tally(wanted)
+            if wanted:
+                active[env, at] = g
+        if lane == 0:
+            n_active[env] = found
+
+    return list_groups
+
+
+def active_groups(context: Context, counts: wp.array) -> tuple[ActiveGroups, Callable[[], None]]:
+    """Allocate the lists and record their update from ``counts``, int32, shape ``(n_envs, n_groups)``."""
+    groups = ActiveGroups(
+        n_active=context.zeros(counts.shape[0], wp.int32),
+        active=context.zeros(counts.shape, wp.int32),
+    )
+    side = lanes(context.device)
+    outputs = [groups.n_active, groups.active]
+    return groups, context.record(_list_kernel(side), (counts.shape[0], side), [counts], outputs)

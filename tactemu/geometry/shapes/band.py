@@ -1,0 +1,233 @@
+"""A narrow band of distances around the surface of a closed mesh: the ``band`` query.
+
+Nodes of a regular grid near the surface hold the exact distance and its gradient. Between them the distance is
+
+    d(p) = sum_c w_c (d_c + g_c . (p - x_c) / 2)
+
+over the eight corners ``c`` of a cell with the trilinear weights ``w_c``: exact for what is quadratic, as trilinear
+interpolation is for what is linear. Each cell is compared with the exact distance when the grid is built. Where the two
+differ by more than :data:`TOLERANCE_M` (beside edges, within the medial surface), where the surface is nearer than
+:data:`SURE_M`, so that the sign is not in doubt, and beyond the band the exact distance is asked for.
+"""
+
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false, reportAttributeAccessIssue=false
+
+import functools
+import logging
+from dataclasses import dataclass, replace
+
+import numpy as np
+import warp as wp
+
+from tactemu.base.errors import SceneError
+from tactemu.geometry.shapes.mesh import MESH
+from tactemu.geometry.shapes.mesh_query import mesh_functions
+from tactemu.geometry.shapes.shape import FAR, Kind, Row, table_type, unknown_function
+from tactemu.geometry.shapes.voxel_grid import MOST_NODES
+from tactemu.plan.plan import Context
+
+log = logging.getLogger(__name__)
+
+NODES = 96
+"""Along the longest side, unless a cell size is given."""
+REACH = 1 / 8
+"""Of the band to either side, in parts of the longest side."""
+TOLERANCE_M = 1.8e-6
+"""Of the cells that are interpolated: error where they are compared, and what it may grow by between these points."""
+BETWEEN = 0.1
+"""How far from the points where a cell is compared the error may be larger, in cells: it grows by as much per length as
+the gradients differ."""
+SURE_M = 2e-6
+"""Nearer to the surface the exact distance says on which side a point is."""
+SAME_WAY = 0.95
+"""Least cosine between the gradients at a cell's corners and their mean, where it is compared at all."""
+WORTH_SAYING = 200_000
+"""Nodes near the surface from which on the log says that a band is built."""
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """The grid of one mesh, in the frame of its body."""
+
+    nodes: np.ndarray
+    """Distance [m] and gradient, shape ``(nx, ny, nz, 4)``; 1e18 m where the surface is far."""
+    smooth: np.ndarray
+    """Is the cell that begins at a node interpolated? uint8, shape ``(nx, ny, nz)``."""
+    origin: np.ndarray
+    cell: float
+
+
+@functools.cache
+def interpolation(real):
+    """The Warp function ``interpolated(shapes, start, n, i, j, k, f, cell) -> (distance, gradient)``: in the cell that
+    begins at node ``(i, j, k)`` of the band whose first node is ``start``, at ``f`` parts of a cell from there."""
+    vec3, vec4, shapes_type = wp.types.vector(3, real), wp.types.vector(4, real), table_type(real)
+
+    @wp.func
+    def interpolated(shapes: shapes_type, start: wp.int64, n: wp.vec3i, i: int, j: int, k: int, f: vec3, cell: real):
+        d = real(0.0)
+        slope = vec3(real(0.0))
+        for corner in range(8):
+            u = corner >> 2
+            v = (corner >> 1) & 1
+            w = corner & 1
+            away = f - vec3(real(u), real(v), real(w))
+            weight = (real(1.0) - wp.abs(away[0])) * (real(1.0) - wp.abs(away[1])) * (real(1.0) - wp.abs(away[2]))
+            at = start + (wp.int64(i + u) * wp.int64(n[1]) + wp.int64(j + v)) * wp.int64(n[2]) + wp.int64(k + w)
+            node = vec4(shapes.band_values[at])
+            g = vec3(node[1], node[2], node[3])
+            d += weight * (node[0] + real(0.5) * cell * wp.dot(g, away))
+            slope += weight * g
+        return d, slope
+
+    return interpolated
+
+
+def _distance(real):
+    return _in_band(real, mesh_functions(real, True).distance)
+
+
+def _unsearched(real):
+    return _in_band(real, unknown_function(real))
+
+
+@functools.cache
+def _in_band(real, exact):
+    """The distance, with that of ``exact`` where nothing is interpolated."""
+    vec3, shapes_type, interpolated = wp.types.vector(3, real), table_type(real), interpolation(real)
+
+    @wp.func
+    def in_band(shapes: shapes_type, b: int, p: vec3):
+        n = shapes.band_nodes[b]
+        cell = shapes.band_cell[b]
+        g = (p - shapes.band_origin[b]) / cell
+        if (
+            g[0] >= real(0.0) and g[1] >= real(0.0) and g[2] >= real(0.0)
+            and g[0] < real(n[0] - 1) and g[1] < real(n[1] - 1) and g[2] < real(n[2] - 1)
+        ):  # fmt: skip
+            i = int(wp.floor(g[0]))
+            j = int(wp.floor(g[1]))
+            k = int(wp.floor(g[2]))
+            start = shapes.band_start[b]
+            if shapes.band_smooth[start + (wp.int64(i) * wp.int64(n[1]) + wp.int64(j)) * wp.int64(n[2]) + wp.int64(k)]:
+                f = g - vec3(real(i), real(j), real(k))
+                d, slope = interpolated(shapes, start, n, i, j, k, f, cell)
+                if wp.abs(d) > real(SURE_M):
+                    return d, wp.normalize(slope)
+        return exact(shapes, b, p)
+
+    return in_band
+
+
+BAND = Kind("band", _distance, MESH.ray, MESH.lower_bound, searched=True, unsearched=_unsearched)
+
+
+@functools.cache
+def _node_kernel(real):
+    vec3, vec4, shapes_type = wp.types.vector(3, real), wp.types.vector(4, real), table_type(real)
+    functions = mesh_functions(real, True)
+    distance, nearest_node = functions.distance, functions.nearest_node
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def fill_band(shapes: shapes_type, origin: vec3, cell: real, reach: real, out: wp.array3d(dtype=vec4)):
+        i, j, k = wp.tid()
+        p = origin + cell * vec3(real(i), real(j), real(k))
+        node, away = nearest_node(shapes, 0, p)
+        out[i, j, k] = vec4(real(FAR), real(0.0), real(0.0), real(0.0))
+        if wp.abs(node) - away <= reach:
+            d, g = distance(shapes, 0, p)
+            if wp.abs(d) <= reach:
+                out[i, j, k] = vec4(d, g[0], g[1], g[2])
+
+    return fill_band
+
+
+@functools.cache
+def _cell_kernel(real):
+    vec3, vec4, shapes_type = wp.types.vector(3, real), wp.types.vector(4, real), table_type(real)
+    exact, interpolated = mesh_functions(real, True).distance, interpolation(real)
+
+    @wp.func
+    def agrees(shapes: shapes_type, n: wp.vec3i, i: int, j: int, k: int, f: vec3):
+        cell = shapes.band_cell[0]
+        d, slope = interpolated(shapes, wp.int64(0), n, i, j, k, f, cell)
+        p = shapes.band_origin[0] + cell * (vec3(real(i), real(j), real(k)) + f)
+        right, way = exact(shapes, 0, p)
+        between = real(BETWEEN) * cell * wp.length(slope - way)
+        close = wp.abs(d - right) + between <= real(TOLERANCE_M)
+        return close and (wp.abs(right) <= real(SURE_M) or wp.dot(wp.normalize(slope), way) > real(SAME_WAY))
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def compare_cells(shapes: shapes_type, values: wp.array3d(dtype=vec4), out: wp.array3d(dtype=wp.uint8)):
+        i, j, k = wp.tid()
+        n = wp.vec3i(values.shape[0], values.shape[1], values.shape[2])
+        if i + 1 >= n[0] or j + 1 >= n[1] or k + 1 >= n[2]:
+            return
+        mean = vec3(real(0.0))
+        least = real(1.0)
+        for again in range(2):
+            for corner in range(8):
+                node = values[i + (corner >> 2), j + ((corner >> 1) & 1), k + (corner & 1)]
+                if node[0] == real(FAR):
+                    return
+                g = vec3(node[1], node[2], node[3])
+                if again == 0:
+                    mean += g
+                else:
+                    least = wp.min(least, wp.dot(g, wp.normalize(mean)))
+        if least < real(SAME_WAY):
+            return
+        same = agrees(shapes, n, i, j, k, vec3(real(0.5)))
+        for corner in range(8):
+            if same:
+                at = vec3(real(corner >> 2), real((corner >> 1) & 1), real(corner & 1))
+                same = agrees(shapes, n, i, j, k, vec3(real(0.25)) + real(0.5) * at)
+        for side in range(6):
+            if same:
+                at = vec3(real(0.5))
+                at[side >> 1] = real(side & 1)
+                same = agrees(shapes, n, i, j, k, at)
+        if same:
+            out[i, j, k] = wp.uint8(1)
+
+    return compare_cells
+
+
+def band_row(row: Row, pack, cell: float | None, name: str, context: Context) -> Row:
+    """The row of a closed mesh with a band beside it.
+
+    Args:
+        row: of the mesh.
+        pack: makes a table of rows (:func:`tactemu.sensors.shape_table.pack`).
+        cell: distance of nodes [m]; ``None``: the longest side / 96.
+        name: the body's, for messages.
+        context: of the scene.
+
+    Raises:
+        SceneError: the cell is not positive, or so small that the grid does not fit.
+    """
+    real, device = context.real, context.device
+    middle, half = np.asarray(row.middle), np.asarray(row.half)
+    longest = 2.0 * float(half.max())
+    cell = longest / NODES if cell is None else float(cell)
+    if not (np.isfinite(cell) and cell > 0):
+        raise SceneError(f"voxel_size must be > 0 m, got {cell!r}")
+    reach = REACH * longest
+    shape = tuple(int(n) for n in np.ceil(2.0 * (half + reach) / cell).astype(np.int64) + 1)
+    if np.prod(shape) > MOST_NODES // 4:
+        raise SceneError(
+            f"voxel_size {cell:g} m makes a band of {' x '.join(map(str, shape))} nodes for body {name!r}; "
+            f"the most is {MOST_NODES // 4}: take a larger cell, or contact_depth_query='sdf'"
+        )
+    if np.prod(shape) > WORTH_SAYING:
+        log.info("body %r: a band of %s nodes is compared with its mesh", name, " x ".join(map(str, shape)))
+    origin = middle - 0.5 * cell * (np.array(shape) - 1)
+    nodes = wp.zeros(shape, dtype=wp.types.vector(4, real), device=device)
+    inputs = [pack([row], context).struct, wp.types.vector(3, real)(*map(float, origin)), cell, reach]
+    wp.launch(_node_kernel(real), dim=shape, inputs=inputs, outputs=[nodes], device=device)
+    band = Band(nodes.numpy(), np.zeros(shape, np.uint8), origin, cell)
+    smooth = wp.zeros(shape, dtype=wp.uint8, device=device)
+    table = pack([replace(row, band=band)], context).struct
+    wp.launch(_cell_kernel(real), dim=shape, inputs=[table, nodes], outputs=[smooth], device=device)
+    return replace(row, kind=BAND, band=replace(band, smooth=smooth.numpy()))

@@ -1,0 +1,32 @@
+"""Shapes by name: one line each. All else about a shape stands in its own file.
+
+>>> from tactemu.geometry.shapes.registry import load_shape
+>>> load_shape("sphere")(radius=0.01).reach("ball", (0, 0, 1))
+0.01
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from tactemu.geometry.shapes.shape import Shape
+
+SHAPES: dict[str, str] = {
+    # name in scene files: "module:Class", imported only when asked for
+    "sphere": "tactemu.geometry.shapes.sphere:Sphere",
+    "box": "tactemu.geometry.shapes.box:Box",
+    "capsule": "tactemu.geometry.shapes.capsule:Capsule",
+    "cylinder": "tactemu.geometry.shapes.cylinder:Cylinder",
+    "plane": "tactemu.geometry.shapes.plane:Plane",
+    "mesh": "tactemu.geometry.shapes.mesh:Mesh",
+    "voxel_grid": "tactemu.geometry.shapes.voxel_grid:VoxelGrid",
+}
+"""Scene files, their JSON schema, the names in :mod:`tactemu`, MuJoCo's geoms and the pages follow it."""
+
+
+def load_shape(name: str) -> type[Shape]:
+    """The class of a shape, by its name in :data:`SHAPES`."""
+    module, _, kind = SHAPES[name].partition(":")
+    return getattr(importlib.import_module(module), kind)

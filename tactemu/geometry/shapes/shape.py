@@ -1,0 +1,224 @@
+"""What a shape is. Each shape is one file that declares all that the product knows of it:
+
+* its **options**, a dataclass: also the keys of a ``[[body]]`` table in a scene file,
+* its :class:`Row` in the scene's table on the device, and the :class:`Kind` of that row: the Warp functions for the
+  distance to it and for the way of a line through it,
+* how far it **reaches** along a direction (for bodies steered by hand), and **points** spread over its surface.
+
+:mod:`tactemu.geometry.shapes.registry` names the file in one line; ``docs/adding-a-shape.md`` adds one. Warp is
+imported within the functions that build kernels, so that describing a scene does not load it.
+"""
+
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
+import dataclasses
+import functools
+import itertools
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Self
+
+import numpy as np
+from annotated_types import Gt
+
+from tactemu.base.errors import SceneError
+
+FAR = 1.0e18
+"""Stands for 'no surface anywhere' [m]; its square still fits float32."""
+
+Length = Annotated[float, Gt(0)]
+"""A length > 0 [m]. Of ``radius: Annotated[Length, "of the ring [m]"]`` the text is the key's description."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What kernels know of a row. Each function is built for a float type: ``distance(wp.float32)``.
+
+    ``shapes`` is the scene's table (:func:`table_type`), ``b`` a row of it, points are in the frame of the body.
+    """
+
+    name: str
+    distance: Callable[[Any], Any]
+    """Builds ``f(shapes, b, p) -> (signed distance, normal)``: negative inside; the normal is the gradient of the
+    distance, a unit vector out of the shape, or zero where there is none."""
+    ray: Callable[[Any], Any]
+    """Builds ``f(shapes, b, o, d, start, end) -> (first, last)``: where the line ``o + s d`` (``|d| = 1``) is in the
+    solid, looked at from ``s = -start`` to ``end``; without a hit +1e18 and -1e18."""
+    lower_bound: Callable[[Any], Any] | None = None
+    """Builds ``f(shapes, b, p)``: never more than the distance, and much cheaper."""
+    turns: bool = True
+    """Does it matter how the body is turned?"""
+    searched: bool = False
+    """Is it searched, so that threads side by side part ways?"""
+    unsearched: Callable[[Any], Any] | None = None
+    """Of what is searched: builds its distance where that is known without a search, and -1e18 where it is not."""
+    to_grid: bool = True
+    """Does the voxel query replace it by a grid of distances?"""
+    steepest: float = 1.0
+    """By how much its distance may change per metre; interpolated distances go beyond 1."""
+
+
+@dataclass
+class Row:
+    """One body's shape as the kernels see it."""
+
+    kind: Kind | None = None
+    """``None``: a body without geometry."""
+    size: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Three numbers for the kind's functions."""
+    bound: float = 0.0
+    """Radius of a ball around the origin that holds the shape [m]."""
+    middle: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Centre of the box around the shape, body frame [m]."""
+    half: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Half its extents [m]."""
+    mesh: Any = None
+    """A ``wp.Mesh`` on the device, about its middle and scaled to unit size."""
+    mesh_unit: float = 1.0
+    """Metres that one stored unit of the mesh stands for."""
+    features: Any = None
+    """Vertices and normals of the mesh (:class:`~tactemu.geometry.shapes.mesh_features.Features`)."""
+    grid: Any = None
+    """Distances on a grid (:class:`~tactemu.geometry.shapes.voxel_grid.VoxelGrid`)."""
+    band: Any = None
+    """Distances near the surface (:class:`~tactemu.geometry.shapes.band.Band`)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shape(ABC):
+    """A rigid solid in the frame of its body."""
+
+    mujoco_geom: ClassVar[str | None] = None
+    """MuJoCo's word for it, if it has one."""
+
+    @abstractmethod
+    def row(self, name: str, device) -> Row:
+        """Its row in the table on a Warp ``device``; ``name`` is the body's, for messages.
+
+        Raises:
+            MeshError: a mesh cannot be used.
+        """
+
+    @abstractmethod
+    def reach(self, name: str, direction: np.ndarray) -> float:
+        """How far it goes from its origin along a unit vector of its frame [m] (its support function)."""
+
+    def sample(self, name: str, count: int, rng: np.random.Generator) -> tuple[np.ndarray, float]:
+        """``count`` random points on its surface, even by area, ``(count, 3)`` [m], and the area [m^2].
+
+        Raises:
+            SceneError: it has no surface of its own, or none that can be sampled.
+        """
+        kind = type(self).__name__
+        raise SceneError(f"body {name!r}: a {kind} has no surface to sample points on; give them (points=...)")
+
+    def outline(self, name: str) -> dict[str, Any]:
+        """What a viewer needs to draw it, as plain data: the options, or ``vertices`` and ``faces``."""
+        return {key: np.asarray(value).tolist() for key, value in dataclasses.asdict(self).items()}
+
+    @classmethod
+    def from_file(cls, folder: Path, **keys) -> Self:
+        """From the keys of a ``[[body]]`` table; an override's keyword arguments are its keys.
+
+        Args:
+            folder: what paths are relative to.
+
+        Raises:
+            SceneError: a value is wrong, or a file cannot be read.
+        """
+        return cls(**keys)
+
+    @classmethod
+    def from_mujoco(cls, size: list[float]) -> Self:
+        """From the three numbers that MuJoCo keeps of a geom (half extents or radii) [m]."""
+        raise NotImplementedError
+
+
+def check_lengths(shape: Shape, **lengths: float) -> None:
+    """Refuse lengths that are not finite and > 0 m.
+
+    Raises:
+        SceneError: one is not.
+    """
+    for name, value in lengths.items():
+        if not (math.isfinite(value) and value > 0):
+            raise SceneError(f"{type(shape).__name__}: {name} must be a finite length > 0 m, got {value!r}")
+
+
+def box_outline(low: np.ndarray, high: np.ndarray) -> dict[str, Any]:
+    """Vertices and faces of a box along the axes, for :meth:`Shape.outline`; corners ``(3,)`` [m]."""
+    corners = list(itertools.product(*zip(low.tolist(), high.tolist())))  # corner k: bits of k say x, y, z high
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [[(a, b, c), (a, c, d)] for a, b, c, d in sides]
+    return {"vertices": [list(each) for each in corners], "faces": [list(each) for pair in faces for each in pair]}
+
+
+@functools.cache
+def table_type(real):
+    """The Warp struct that holds all shapes of a scene, one row per body."""
+    import warp as wp
+
+    vec3, vec4 = wp.types.vector(3, real), wp.types.vector(4, real)
+
+    @wp.struct
+    class Shapes:
+        kind: wp.array(dtype=wp.int32)  # which of the table's kinds; -1: a body without geometry
+        turns: wp.array(dtype=wp.int32)  # 0: turning it changes nothing
+        size: wp.array(dtype=vec3)  # box: half extents; others: radius, half length
+        bound: wp.array(dtype=real)  # radius of a ball around the origin that holds the shape
+        mesh: wp.array(dtype=wp.uint64)
+        mesh_unit: wp.array(dtype=real)  # meshes are stored with unit size: metres per stored unit
+        mesh_middle: wp.array(dtype=vec3)  # and about this point of the body's frame, their coarse grid too
+        mesh_first: wp.array(dtype=wp.vec2i)  # its first vertex and its first face in the following
+        mesh_points: wp.array(dtype=vec3)
+        mesh_point_normals: wp.array(dtype=vec3)
+        mesh_side_normals: wp.array2d(dtype=vec3)  # per face: its own, and those of its three sides
+        mesh_beside: wp.array(dtype=wp.vec3i)  # the face beyond each side, from the mesh's first; -1: none
+        grid_start: wp.array(dtype=wp.int64)  # first node in grid_values; a mesh has a coarse grid
+        grid_nodes: wp.array(dtype=wp.vec3i)
+        grid_origin: wp.array(dtype=vec3)
+        grid_cell: wp.array(dtype=vec3)
+        grid_values: wp.array(dtype=real)
+        grid_gradients: wp.array(dtype=vec3)
+        grid_has_gradients: wp.array(dtype=wp.int32)
+        band_start: wp.array(dtype=wp.int64)  # first node in band_values
+        band_nodes: wp.array(dtype=wp.vec3i)
+        band_origin: wp.array(dtype=vec3)
+        band_cell: wp.array(dtype=real)
+        band_values: wp.array(dtype=vec4)  # distance, gradient
+        band_smooth: wp.array(dtype=wp.uint8)  # is the cell that begins at the node interpolated?
+
+    return Shapes
+
+
+@functools.cache
+def unsearched(kinds: frozenset[Kind]) -> frozenset[Kind]:
+    """The same kinds without any search: distances that need one are -1e18."""
+
+    def without(kind: Kind) -> Kind:
+        return dataclasses.replace(kind, distance=kind.unsearched or unknown_function) if kind.searched else kind
+
+    return frozenset(map(without, kinds))
+
+
+@functools.cache
+def unknown_function(real):
+    """A distance that is never known without a search."""
+    import warp as wp
+
+    vec3, shapes_type = wp.types.vector(3, real), table_type(real)
+
+    @wp.func
+    def unknown(shapes: shapes_type, b: int, p: vec3):
+        return real(-FAR), vec3(real(0.0))
+
+    return unknown
+
+
+def codes(kinds: frozenset[Kind]) -> list[tuple[int, Kind]]:
+    """The number that each kind has in the column ``kind`` of a table of these kinds."""
+    return list(enumerate(sorted(kinds, key=lambda kind: kind.name)))

@@ -1,0 +1,36 @@
+"""Random points on surfaces, evenly by area: what the shapes' own sampling is made of."""
+
+import numpy as np
+
+from tactemu.base.errors import SceneError
+
+
+def directions(count: int, rng: np.random.Generator) -> np.ndarray:
+    """Unit vectors, evenly over the sphere, ``(count, 3)``."""
+    vectors = rng.normal(size=(count, 3))
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+def on_side(radius: float, length: float, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Points on the curved side of a cylinder along z, ``(count, 3)``."""
+    angle = 2.0 * np.pi * rng.random(count)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), length * (rng.random(count) - 0.5)], axis=1)
+
+
+def sample_triangles(
+    vertices: np.ndarray, faces: np.ndarray, count: int, rng: np.random.Generator
+) -> tuple[np.ndarray, float]:
+    """Points on triangles, and their area. Triangles without area get none.
+
+    Raises:
+        SceneError: the triangles have no area at all.
+    """
+    a, b, c = (np.asarray(vertices, dtype=np.float64)[np.asarray(faces)[:, k]] for k in range(3))
+    areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    total = float(areas.sum())
+    if not (np.isfinite(total) and total > 0.0):
+        raise SceneError(f"the surface has an area of {total} m^2: nothing to sample points on")
+    triangle = rng.choice(len(areas), size=count, p=areas / total)
+    s, t = rng.random((2, count, 1))
+    root = np.sqrt(s)
+    return (1.0 - root) * a[triangle] + root * (1.0 - t) * b[triangle] + root * t * c[triangle], total

@@ -1,0 +1,69 @@
+"""Sampling a shape's exact distance on a grid, for the voxel query."""
+
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
+import functools
+
+import numpy as np
+import warp as wp
+
+from tactemu.base.errors import SceneError
+from tactemu.geometry.shapes.distance import shape_functions
+from tactemu.geometry.shapes.shape import table_type
+from tactemu.geometry.shapes.voxel_grid import MOST_NODES, VoxelGrid
+from tactemu.plan.plan import Context
+
+CELLS = 64
+"""Cells along the longest side unless a cell size is given."""
+MARGIN = 0.1
+"""How far the grid goes beyond the shape, in parts of the longest side."""
+
+
+@functools.cache
+def _sample_kernel(real, kinds: frozenset):
+    vec3 = wp.types.vector(3, real)
+    shapes_type = table_type(real)
+    distance = shape_functions(real, kinds).distance
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def sample(shapes: shapes_type, origin: vec3, cell: real, out: wp.array3d(dtype=real)):
+        i, j, k = wp.tid()
+        d, _n = distance(shapes, 0, origin + cell * vec3(real(i), real(j), real(k)))
+        out[i, j, k] = d
+
+    return sample
+
+
+def voxelise(table, middle, half, cell: float | None, name: str, context: Context) -> VoxelGrid:
+    """Sample the shape in row 0 of ``table``.
+
+    Args:
+        table: a table of this one shape.
+        middle: centre of the box around it [m].
+        half: half the extents of that box [m].
+        cell: distance of nodes [m]; ``None``: the longest side / 64.
+        name: the body's, for messages.
+        context: of the scene.
+
+    Raises:
+        SceneError: the cell is not positive, or so small that the grid does not fit.
+    """
+    middle, half = np.asarray(middle), np.asarray(half)
+    longest = 2.0 * float(half.max())
+    cell = longest / CELLS if cell is None else float(cell)
+    if not (np.isfinite(cell) and cell > 0):
+        raise SceneError(f"voxel_size must be > 0 m, got {cell!r}")
+    half = half + MARGIN * longest
+    nodes = np.ceil(2.0 * half / cell).astype(np.int64) + 1
+    if nodes.prod() > MOST_NODES:
+        raise SceneError(
+            f"voxel_size {cell:g} m makes a grid of {' x '.join(map(str, nodes))} nodes for body {name!r}; "
+            f"the most is {MOST_NODES}: take a larger cell, or contact_depth_query='sdf'"
+        )
+    origin = middle - 0.5 * cell * (nodes - 1)
+    real = context.real
+    out = wp.zeros(tuple(map(int, nodes)), dtype=real, device=context.device)
+    inputs = [table.struct, wp.types.vector(3, real)(*map(float, origin)), cell]
+    wp.launch(_sample_kernel(real, table.kinds), dim=out.shape, inputs=inputs, outputs=[out], device=context.device)
+    return VoxelGrid(values=out.numpy().astype(np.float64), origin=tuple(origin), cell=cell)

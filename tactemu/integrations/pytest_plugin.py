@@ -1,0 +1,210 @@
+"""The pytest plugin: ``tactile_device`` puts a simulated sensor on a fresh port. Imports nothing until it is used.
+
+::
+
+    def test_my_driver(tactile_device):
+        with tactile_device("anyskin", rate_hz=100, faults=["flip 5%"], seed=7) as dev:
+            driver = MyDriver(dev.port)
+            dev.press(depth=1e-3, seconds=2)
+            assert driver.bad_frames == dev.truth.injected["flip"]
+
+``--tactemu-seed N`` is the seed of devices whose test names none. ``--tactemu-truth-dir DIR`` keeps of each test that
+fails a truth log and a picture for every device; its report names them, and the last lines of the run the folder. Both
+may stand in pytest's ini file, as ``tactemu_seed`` and ``tactemu_truth_dir``, or in the environment, in capitals.
+
+Tests that use the fixture have the marker ``tactemu`` (``pytest -m tactemu``). Where it is written by hand, its
+arguments are those of the devices of this test, class or module: ``@pytest.mark.tactemu(rate_hz=200)``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import pytest
+
+if TYPE_CHECKING:
+    from tactemu.exec.environment import ExecEnvironment
+    from tactemu.session.serving import Served
+
+_LOGGED = pytest.StashKey[list[tuple["Served", Path]]]()
+"""Devices of a test with truth logs that are ours to remove; a picture has the log's name and another suffix."""
+_FAILED = pytest.StashKey[bool]()
+_KEPT = "tactemu kept"
+"""Property of a report: files were kept. So the process that prints hears of it, too, where others run the tests."""
+
+
+class TactileDevice(Protocol):
+    """The type of the fixture, to annotate a test with: ``tactile_device: TactileDevice``."""
+
+    def __call__(self, target: str | Path, port: str | None = None, **options: Any) -> Served:
+        """A device that runs already. Arguments are those of :func:`tactemu.serve`."""
+        ...
+
+
+class ExecEnvironments(Protocol):
+    """The type of the fixture, to annotate a test with: ``exec_environment: ExecEnvironments``."""
+
+    def __call__(
+        self, *devices: Served | str | Path, nodes: str | Mapping[str, str] = "", **options: Any
+    ) -> ExecEnvironment:
+        """A view in which the devices are plugged in; those that are names are started with ``options``."""
+        ...
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Our options, and the same as keys of the ini file."""
+    group = parser.getgroup("tactemu", "simulated tactile skins")
+    seed = "seed of tactile devices whose test names none"
+    group.addoption("--tactemu-seed", metavar="N", default=None, help=seed)
+    parser.addini("tactemu_seed", help=seed)
+    folder = "folder where truth logs and pictures of tests that fail are kept"
+    group.addoption("--tactemu-truth-dir", metavar="DIR", default=None, help=folder)
+    parser.addini("tactemu_truth_dir", help=folder)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Declare the marker, and refuse a seed that is none before any test runs."""
+    config.addinivalue_line(
+        "markers",
+        "tactemu(**options): tests that use tactile_device have it; options are those of their devices, as for serve()",
+    )
+    _seed(config)
+
+
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """Mark a test that uses the fixture, and refuse a marker that says nothing by name."""
+    for mark in item.iter_markers("tactemu"):
+        if mark.args:
+            raise pytest.UsageError(f"{item.nodeid}: pytest.mark.tactemu takes options by name, such as rate_hz=200")
+    if "tactile_device" in getattr(item, "fixturenames", ()):
+        item.add_marker("tactemu")
+
+
+@pytest.fixture
+def tactile_device(request: pytest.FixtureRequest) -> Iterator[TactileDevice]:
+    """Start devices: ``tactile_device(name_or_scene, **options)`` is :func:`tactemu.serve`, already running.
+
+    Options that the test does not name are those of its markers. Whatever a test leaves running is stopped after it,
+    and an error in the background fails the test.
+    """
+    item = request.node
+    started: list[Served] = []
+    logged = item.stash.setdefault(_LOGGED, [])
+    marked: dict[str, Any] = {}
+    for mark in item.iter_markers("tactemu"):  # the closest comes first
+        marked = mark.kwargs | marked
+
+    def start(target: str | Path, port: str | None = None, **options: Any) -> Served:
+        from tactemu.session.serving import serve
+
+        options = marked | ({} if port is None else {"port": port}) | options
+        if "seed" not in options and (seed := _seed(request.config)) is not None:
+            options["seed"] = seed
+        folder = None if "truth" in options else _setting(request.config, "tactemu_truth_dir")
+        if folder:
+            options["truth"] = _log(Path(folder), item.nodeid, len(logged) + 1)
+        device = serve(target, **options).start()
+        started.append(device)
+        if folder:
+            logged.append((device, options["truth"]))
+        return device
+
+    yield start
+    try:
+        for device in reversed(started):
+            device.stop()
+    except BaseException:
+        item.stash[_FAILED] = True
+        raise
+    finally:
+        if not item.stash.get(_FAILED, False):
+            for _, log in logged:
+                log.unlink(missing_ok=True)
+
+
+@pytest.fixture
+def exec_environment(tactile_device: TactileDevice) -> Iterator[ExecEnvironments]:
+    """Have devices as hardware: ``exec_environment("anyskin").run(["python", "driver.py"])``.
+
+    Arguments are those of :func:`tactemu.exec_environment`; a name or a scene stands for ``tactile_device(name)``.
+    """
+    with ExitStack() as stack:
+
+        def start(
+            *devices: Served | str | Path, nodes: str | Mapping[str, str] = "", **options: Any
+        ) -> ExecEnvironment:
+            from tactemu.exec.environment import ExecEnvironment
+
+            served = [tactile_device(each, **options) if isinstance(each, str | Path) else each for each in devices]
+            return stack.enter_context(ExecEnvironment(served, nodes))
+
+        yield start
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Iterator[Any]:
+    """Of a test that has failed, draw its devices as they are, and name what is kept in the report."""
+    report = yield
+    if report.failed:
+        item.stash[_FAILED] = True
+        kept = [line for device, log in item.stash.get(_LOGGED, []) for line in (str(log), _draw(device, log))]
+        if kept:
+            report.sections.append(("truth and pictures of tactile devices", "\n".join(kept)))
+            report.user_properties.append((_KEPT, True))
+    return report
+
+
+def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
+    """Name the folder, if there is something in it."""
+    reports = [*terminalreporter.getreports("failed"), *terminalreporter.getreports("error")]
+    kept = [report for report in reports if (_KEPT, True) in map(tuple, getattr(report, "user_properties", ()))]
+    tests = {report.nodeid for report in kept}  # a file that cannot be collected has no properties
+    if tests:
+        folder = Path(_setting(config, "tactemu_truth_dir") or "").absolute()
+        some = "a test that failed" if len(tests) == 1 else f"{len(tests)} tests that failed"
+        terminalreporter.write_line(f"tactemu: truth and pictures of {some}: {folder}")
+
+
+def _draw(device: Served, log: Path) -> str:
+    """Draw a picture beside a device's log. Its name, or why there is none: the report stays that of the test."""
+    from tactemu.session.picture import save_picture
+
+    picture = log.with_suffix(".svg")
+    try:
+        if not picture.exists():
+            save_picture(device.emulator, picture)
+    except Exception as error:
+        return f"{picture}: not drawn: {error!r}"
+    return str(picture)
+
+
+def _setting(config: pytest.Config, name: str) -> str | None:
+    given = config.getoption(f"--{name.replace('_', '-')}") or os.environ.get(name.upper())
+    return given or config.getini(name) or None
+
+
+def _seed(config: pytest.Config) -> int | None:
+    text = _setting(config, "tactemu_seed")
+    if text is None:
+        return None
+    try:
+        return int(text)
+    except ValueError:
+        raise pytest.UsageError(f"--tactemu-seed: expected a whole number, got {text!r}") from None
+
+
+def _log(folder: Path, nodeid: str, number: int) -> Path:
+    """A file for the ``number``-th device of a test, in a folder that is there; without a picture of an earlier run."""
+    folder.mkdir(parents=True, exist_ok=True)
+    name = re.sub(r"[^A-Za-z0-9.]+", "-", nodeid)[-150:].strip("-")
+    if "[" in nodeid:  # parameters may differ in what a file's name cannot have
+        name += f"-{hashlib.sha256(nodeid.encode()).hexdigest()[:8]}"
+    log = folder.absolute() / f"{name}-{number}.mcap"
+    log.with_suffix(".svg").unlink(missing_ok=True)
+    return log

@@ -1,0 +1,44 @@
+"""What follows ``tactemu://`` or names a channel: a device or scene, and options of :func:`tactemu.serve`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+from urllib.parse import parse_qs, unquote
+
+from tactemu.base.errors import SceneError
+from tactemu.session.serving import Served, serve
+
+_SCHEME = "tactemu://"
+
+
+def _yes_or_no(text: str) -> bool:
+    return {"yes": True, "no": False}[text]
+
+
+_OPTIONS: dict[str, Callable[[str], Any]] = {
+    "rate_hz": float, "seed": int, "truth": str, "compute": str, "by_hand": _yes_or_no,
+}  # fmt: skip
+
+
+def served(target: str, port: str | None = None) -> Served:
+    """The device that a door leads to, not yet started: ``anyskin``, ``hand.toml?rate_hz=200&seed=7&fault=drop 1%``.
+
+    A percent sign that is meant as such is written ``%25`` before two hexadecimal digits, as in any URL.
+
+    Raises:
+        SceneError: an option that there is not, or a value that does not fit.
+    """
+    name, _, query = target.removeprefix(_SCHEME).partition("?")
+    options: dict[str, Any] = {"by_hand": False}
+    for key, values in parse_qs(query, keep_blank_values=True).items():
+        if key == "fault":
+            options["faults"] = values
+        elif key not in _OPTIONS:
+            raise SceneError(f"{target}: no option {key!r}; there are: fault, {', '.join(_OPTIONS)}")
+        else:
+            try:
+                options[key] = _OPTIONS[key](values[-1])
+            except (ValueError, KeyError):
+                raise SceneError(f"{target}: {key}: got {values[-1]!r}") from None
+    return serve(unquote(name), port, **options)

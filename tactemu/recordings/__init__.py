@@ -1,1 +1,0 @@
-"""Streams of real sensors, kept and played again."""

@@ -1,0 +1,76 @@
+"""What is wrong with tables, in words: where, what was expected and what was got."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from pydantic import ValidationError
+from pydantic_core import PydanticCustomError
+
+from tactemu.base.errors import shown
+
+_WHOLE = "whole_sentence"
+_IN_TOML = dict.fromkeys(("tuple_type", "list_type"), "expected a list") | dict.fromkeys(
+    ("model_type", "model_attributes_type", "dict_type"), "expected a table"
+)
+"""What pydantic calls a tuple, a dictionary or a model."""
+
+
+def mistake(sentence: str) -> PydanticCustomError:
+    """The error to raise in a validator whose sentence needs nothing added."""
+    return PydanticCustomError(_WHOLE, "{sentence}", {"sentence": sentence})
+
+
+def listed(error: ValidationError, data: Any, where: str, at: tuple[str, ...] = ()) -> str:
+    """A line for each mistake that pydantic found in ``data``.
+
+    Args:
+        error: as pydantic raised it.
+        data: the tables that were checked.
+        where: the file, or the table within it: what each line begins with.
+        at: the way from there to ``data``.
+    """
+    start = "".join(f".{part}" for part in at)
+    return "\n".join(f"{where}{_way(start, loc, data)}: {said}" for loc, said in _each(error))
+
+
+def _each(error: ValidationError) -> Iterator[tuple[tuple, str]]:
+    """Yield the way to each mistake and what is said of it; a list that is too short is one mistake."""
+    short: dict[tuple, tuple[int, Any]] = {}
+    for entry in error.errors():
+        if entry["type"] == "missing" and isinstance(entry["loc"][-1], int):
+            short[entry["loc"][:-1]] = entry["loc"][-1] + 1, entry["input"]
+        else:
+            yield entry["loc"], _said(entry)
+    for loc, (length, given) in short.items():
+        yield loc, f"expected {length} values, got {shown(given)}"
+
+
+def _way(text: str, loc: tuple, data: Any) -> str:
+    """``: body[1] 'ball'.radius``: the way to a key, with the table's name where it has one."""
+    for part in loc:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        elif part.startswith("<") or (isinstance(data, dict) and part in (data.get("shape"), data.get("kind"))):
+            continue  # pydantic names the branch of the union
+        else:
+            text += f".{part}"
+        data = _inside(data, part)
+        name = data.get("name", data.get("device")) if isinstance(part, int) and isinstance(data, dict) else None
+        if isinstance(name, str):
+            text += f" {name!r}"
+    return f": {text.lstrip('.')}" if text else ""
+
+
+def _inside(data: Any, part: int | str) -> Any:
+    if isinstance(part, int):
+        return data[part] if isinstance(data, list | tuple) and part < len(data) else None
+    return data.get(part) if isinstance(data, dict) else None
+
+
+def _said(entry: Any) -> str:
+    kind, message = entry["type"], entry["msg"]
+    if kind in (_WHOLE, "missing"):
+        return "missing key" if kind == "missing" else message
+    return f"{_IN_TOML.get(kind, message[0].lower() + message[1:])}, got {shown(entry.get('input'))}"

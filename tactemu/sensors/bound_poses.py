@@ -1,0 +1,313 @@
+"""Poses from arrays that another simulator writes on the device: declared once, converted by one launch a step."""
+
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from tactemu.base.errors import SceneError
+from tactemu.geometry.bodies import Body, find
+from tactemu.geometry.device_arrays import numbers_of, on_device, taken, view
+from tactemu.plan.plan import Context, Stage
+from tactemu.sensors.poses import POSE_WIDTH
+
+ORDERS = ("wxyz", "xyzw")
+FLOATS = (wp.float32, wp.float64)
+PARTS = {"position": 3, "quaternion": 4, "linear_velocity": 3, "angular_velocity": 3}
+"""What may be bound, and its width."""
+
+
+@functools.cache
+def convert_kernel(types: tuple, scalar_last: bool, at_com: bool, at_points: bool, offset: bool):
+    """Copies what is given into the world's poses. ``types``: of the four parts and of the places of the velocities,
+    ``None`` for what is not given. ``offset``: our bodies are elsewhere in the frames that are given."""
+    has_position, has_quaternion, has_velocity, has_spin, _ = (kind is not None for kind in types)
+    position_t, quaternion_t, velocity_t, spin_t, place_t = (kind or wp.float32 for kind in types)
+    f64 = wp.float64
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def convert_poses(
+        first_env: int,
+        bodies: wp.array(dtype=wp.int32),
+        columns: wp.array(dtype=wp.int32),
+        place_columns: wp.array(dtype=wp.int32),
+        offsets: wp.array(dtype=wp.vec3d),
+        turns: wp.array(dtype=wp.quatd),
+        position: wp.array3d(dtype=position_t),
+        quaternion: wp.array3d(dtype=quaternion_t),
+        velocity: wp.array3d(dtype=velocity_t),
+        spin: wp.array3d(dtype=spin_t),
+        place: wp.array3d(dtype=place_t),
+        # outputs
+        world: wp.array3d(dtype=wp.float64),
+    ):
+        e, k = wp.tid()
+        e += first_env
+        b = bodies[k]
+        c = columns[k]
+        origin = wp.vec3d(world[e, b, 0], world[e, b, 1], world[e, b, 2])
+        turn = wp.quatd(world[e, b, 4], world[e, b, 5], world[e, b, 6], world[e, b, 3])
+        if wp.static(has_position):
+            origin = wp.vec3d(f64(position[e, c, 0]), f64(position[e, c, 1]), f64(position[e, c, 2]))
+        if wp.static(has_quaternion):
+            first = wp.static(0 if scalar_last else 1)
+            x, y, z = f64(quaternion[e, c, first]), f64(quaternion[e, c, first + 1]), f64(quaternion[e, c, first + 2])
+            turn = wp.quatd(x, y, z, f64(quaternion[e, c, wp.static(3 if scalar_last else 0)]))
+        frame = origin
+        frame_turn = turn
+        if wp.static(offset):
+            frame_turn = wp.normalize(turn)
+            origin = frame + wp.quat_rotate(frame_turn, offsets[k])
+            turn = frame_turn * turns[k]
+        if wp.static(has_position):
+            for i in range(3):
+                world[e, b, i] = origin[i]
+        if wp.static(has_quaternion):
+            world[e, b, 3] = turn[3]
+            for i in range(3):
+                world[e, b, 4 + i] = turn[i]
+        if wp.static(has_spin):
+            for i in range(3):
+                world[e, b, 10 + i] = f64(spin[e, c, i])
+        if wp.static(has_velocity):
+            v = wp.vec3d(f64(velocity[e, c, 0]), f64(velocity[e, c, 1]), f64(velocity[e, c, 2]))
+            if wp.static(at_com or at_points or offset):  # of the body, at another place than its origin
+                there = frame
+                if wp.static(at_com or at_points):
+                    p = place_columns[k]
+                    there = wp.vec3d(f64(place[e, p, 0]), f64(place[e, p, 1]), f64(place[e, p, 2]))
+                if wp.static(at_com):
+                    there = frame + wp.quat_rotate(wp.normalize(frame_turn), there)
+                w = wp.vec3d(world[e, b, 10], world[e, b, 11], world[e, b, 12])
+                v = v + wp.cross(w, origin - there)
+            for i in range(3):
+                world[e, b, 7 + i] = v[i]
+
+    return convert_poses
+
+
+@dataclass(kw_only=True)
+class BoundPoses:
+    """What :meth:`Simulation.bind_poses` was told, checked."""
+
+    bodies: tuple[Body, ...]
+    columns: tuple[int, ...]
+    arrays: dict[str, wp.array]
+    """``(n_envs, n, width)`` each, by the name of the part."""
+    places: wp.array | None
+    """Where velocities are taken: ``(n_envs, n, 3)``, in the frame that is given (``com``) or in the world."""
+    place_columns: tuple[int, ...]
+    """Which of them is whose."""
+    offsets: tuple[tuple[np.ndarray, np.ndarray], ...]
+    """Where bodies are in the frames that are given, position and quaternion (w, x, y, z); empty: at their origins."""
+    order: str
+    at: str
+    """``origin``, ``com`` or ``points``."""
+
+    def stage(self, context: Context, world: wp.array) -> Stage:
+        """What converts them, before all else."""
+        given = [self.arrays.get(name) for name in PARTS] + [self.places]
+        types = tuple(None if array is None else array.dtype for array in given)
+        none = {kind: wp.zeros((0, 0, 0), dtype=kind, device=context.device) for kind in FLOATS}
+        inputs = [
+            wp.array([body.index for body in self.bodies], dtype=wp.int32, device=context.device),
+            wp.array(self.columns, dtype=wp.int32, device=context.device),
+            wp.array(self.place_columns, dtype=wp.int32, device=context.device),
+            wp.array([place for place, _ in self.offsets], dtype=wp.vec3d, device=context.device),
+            wp.array([np.roll(turn, -1) for _, turn in self.offsets], dtype=wp.quatd, device=context.device),
+            *(none[wp.float32] if array is None else array for array in given),
+        ]
+        at = self.at == "com", self.at == "points"
+        kernel = convert_kernel(types, self.order == "xyzw", *at, bool(self.offsets))
+        launch = context.record(kernel, (context.n_envs, len(self.bodies)), inputs, [world])
+        words = ", ".join(self.arrays).replace("_", " ")
+        reason = f"{words} of {', '.join(body.name for body in self.bodies)}, bound to arrays of another simulator"
+        if any(self.arrays[name].dtype is wp.float32 for name in ("position",) if name in self.arrays):
+            reason += "; float32 places a body to 0.06 µm at 1 m from the origin, 0.6 µm at 10 m"
+        return Stage(name="bound poses", reason=reason, launch=launch)
+
+
+def declared(
+    bodies: Sequence[Body],
+    context: Context,
+    *,
+    poses: Any,
+    parts: Mapping[str, Any],
+    order: str,
+    velocity_at: Any,
+    velocity_at_index: Sequence[int] | np.ndarray | None,
+    com: Any,
+    index: Mapping[Any, int] | None,
+    offsets: Mapping[Any, tuple[Any, Any]] | None,
+) -> BoundPoses:
+    """Check what :meth:`Simulation.bind_poses` is told.
+
+    Raises:
+        SceneError: in words, before anything is launched.
+    """
+    given = {name: value for name, value in parts.items() if value is not None}
+    if poses is not None:
+        if given or order != "wxyz" or not (isinstance(velocity_at, str) and velocity_at == "origin"):
+            raise SceneError(
+                "bind_poses: one array of poses has position, quaternion (w, x, y, z), velocity of the origin and "
+                "angular velocity, 13 numbers; what lies otherwise is given as position=, quaternion=, ..."
+            )
+        starts = dict(zip(PARTS, (0, 3, 7, 10)))
+        whole = _columns(poses, "poses", context, POSE_WIDTH)
+        given = {name: (whole, starts[name]) for name in PARTS}
+    if not given:
+        raise SceneError(f"bind_poses: nothing is bound; give poses, or any of {', '.join(PARTS)}")
+    if order not in ORDERS:
+        raise SceneError(f"bind_poses: order must be one of {', '.join(ORDERS)}, got {order!r}")
+    arrays = {name: _columns(value, name, context, PARTS[name]) for name, value in given.items()}
+    widths = {name: array.shape[1] for name, array in arrays.items()}
+    if len(set(widths.values())) > 1:
+        said = ", ".join(f"{name} {n}" for name, n in widths.items())
+        raise SceneError(f"bind_poses: the arrays are of different numbers of bodies: {said}")
+    n = next(iter(widths.values()))
+    at, places = _places(velocity_at, com, arrays, None if velocity_at_index is not None else n, context)
+    chosen, columns = _chosen(bodies, index, n)
+    return BoundPoses(
+        bodies=chosen,
+        columns=columns,
+        arrays=arrays,
+        places=places,
+        place_columns=_place_columns(velocity_at_index, columns, n, places),
+        offsets=_offsets(bodies, chosen, offsets, arrays),
+        order=order,
+        at=at,
+    )
+
+
+def _columns(value: Any, name: str, context: Context, width: int, n_envs: int | None = None) -> wp.array:
+    """An array, or ``(array, first number)``, as ``(n_envs, n, width)`` numbers over the same memory."""
+    what, first = f"bind_poses: {name}", 0
+    if isinstance(value, tuple) and len(value) == 2 and isinstance(value[1], int) and not isinstance(value[0], int):
+        value, first = value
+    array = numbers_of(taken(value, what))
+    on_device(array, context.device, what)
+    if array.dtype not in FLOATS:
+        raise SceneError(f"{what}: numbers must be float32 or float64, got {array.dtype.__name__}")
+    n_envs, got = context.n_envs, array.shape
+    exact = first == 0 and not isinstance(value, wp.array)
+    enough = array.ndim in (2, 3) and (got[-1] == width if exact else got[-1] >= first + width)
+    if array.ndim == 2 and enough and got[0] % n_envs == 0:  # bodies of one environment after those of another
+        n = got[0] // n_envs
+        row, number = array.strides
+        array = view(array, (n_envs, n, got[1]), (n * row, row, number), array.dtype)
+    if not enough or array.ndim != 3 or array.shape[0] != n_envs or not array.shape[1]:
+        raise SceneError(
+            f"{what}: expected shape ({n_envs}, n, {width}) for n bodies, or ({n_envs} n, {width}) with those of one "
+            f"environment after those of another, got {got}" + (f" from number {first} on" if first else "")
+        )
+    size = array.strides[2]
+    return view(array, (*array.shape[:2], width), array.strides, array.dtype, first * size)
+
+
+def _places(velocity_at: Any, com: Any, arrays: Mapping[str, wp.array], n: int | None, context: Context):
+    """Where velocities are taken, ``(word, array)``. ``n``: how many there must be."""
+    if isinstance(velocity_at, str):
+        if velocity_at not in ("origin", "com"):
+            raise SceneError(
+                "bind_poses: velocity_at must be 'origin', 'com' or an array of points in the world, got "
+                f"{velocity_at!r}"
+            )
+        if velocity_at == "origin":
+            return "origin", None
+        if com is None:
+            raise SceneError("bind_poses: velocity_at='com' needs com=, the centres of mass in the bodies' frames [m]")
+        places, at, name = com, "com", "com"
+    else:
+        places, at, name = velocity_at, "points", "velocity_at"
+    if "linear_velocity" in arrays and "angular_velocity" not in arrays:
+        raise SceneError("bind_poses: a velocity that is not the origin's needs angular_velocity= too")
+    if isinstance(places, (list, tuple)) and not (len(places) == 2 and isinstance(places[1], int)):
+        places = np.asarray(places, np.float64)
+    if (isinstance(places, np.ndarray) and not context.device.is_cpu) or _one_for_all(places, n):
+        host = np.asarray(places, np.float64).reshape(-1, n, 3)
+        places = wp.array(np.broadcast_to(host, (context.n_envs, n, 3)).copy(), dtype=wp.float64, device=context.device)
+    found = _columns(places, name, context, 3)
+    if n is not None and found.shape[1] != n:
+        raise SceneError(f"bind_poses: {name} is of {found.shape[1]} bodies, the other arrays are of {n}")
+    return at, found
+
+
+def _one_for_all(places: Any, n: int | None) -> bool:
+    return isinstance(places, np.ndarray) and places.shape == (n, 3)
+
+
+def _place_columns(
+    index: Sequence[int] | np.ndarray | None, columns: tuple[int, ...], n: int, places: wp.array | None
+) -> tuple[int, ...]:
+    """Whose place is taken for each body."""
+    if index is None:
+        return columns
+    chosen = np.asarray(index)
+    if places is None:
+        raise SceneError("bind_poses: velocity_at_index= says which point of velocity_at= is whose; give that too")
+    if chosen.shape != (n,) or chosen.dtype.kind not in "iu" or not ((chosen >= 0) & (chosen < places.shape[1])).all():
+        raise SceneError(
+            f"bind_poses: velocity_at_index must be {n} whole numbers in 0..{places.shape[1] - 1}, got {index!r}"
+        )
+    return tuple(int(chosen[column]) for column in columns)
+
+
+def _offsets(
+    bodies: Sequence[Body],
+    chosen: Sequence[Body],
+    offsets: Mapping[Any, tuple[Any, Any]] | None,
+    arrays: Mapping[str, wp.array],
+) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+    """Where each body is in the frame that is given for it."""
+    if not offsets:
+        return ()
+    if not {"position", "quaternion"} <= arrays.keys():
+        raise SceneError("bind_poses: offsets= are in frames, which need position= and quaternion=")
+    if "linear_velocity" in arrays and "angular_velocity" not in arrays:
+        raise SceneError("bind_poses: the velocity of what is off the origin needs angular_velocity= too")
+    found = {}
+    for which, (position, quaternion) in offsets.items():
+        body = find(bodies, which)
+        place, turn = np.asarray(position, np.float64), np.asarray(quaternion, np.float64)
+        length = np.linalg.norm(turn)
+        if place.shape != (3,) or turn.shape != (4,) or not (np.isfinite(place).all() and 0 < length < np.inf):
+            raise SceneError(
+                f"bind_poses: offset of body {body.name!r}: expected 3 finite numbers [m] and a quaternion "
+                f"(w, x, y, z), got {position!r} and {quaternion!r}"
+            )
+        if body not in chosen:
+            raise SceneError(f"bind_poses: offset of body {body.name!r}: it is not bound")
+        found[body] = place, turn / length
+    nowhere = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+    return tuple(found.get(body, nowhere) for body in chosen)
+
+
+def _chosen(
+    bodies: Sequence[Body], index: Mapping[Any, int] | None, n: int
+) -> tuple[tuple[Body, ...], tuple[int, ...]]:
+    """Bodies that are posed, and where each stands in the arrays."""
+    if index is None:
+        if n != len(bodies):
+            raise SceneError(
+                f"bind_poses: the arrays are of {n} bodies, the scene has {len(bodies)}; say by index={{body: place}} "
+                "which of them are whose"
+            )
+        pairs = [(body, k) for k, body in enumerate(bodies) if not body.fixed]
+    else:
+        pairs = [(find(bodies, body), k) for body, k in index.items()]
+    for body, k in pairs:
+        if body.fixed:
+            raise SceneError(f"bind_poses: body {body.name!r} is fixed; add it with fixed=False to move it")
+        if body.motion is not None:
+            raise SceneError(f"bind_poses: body {body.name!r} has a motion already")
+        if isinstance(k, bool) or not isinstance(k, int) or not 0 <= k < n:
+            raise SceneError(f"bind_poses: index of body {body.name!r} must be in 0..{n - 1}, got {k!r}")
+    if not pairs:
+        raise SceneError("bind_poses: no body to pose; all are fixed, or index is empty")
+    return tuple(body for body, _ in pairs), tuple(k for _, k in pairs)

@@ -1,0 +1,44 @@
+"""How viewers draw a sensor: options that change no reading."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from tactemu.base.errors import SceneError
+from tactemu.base.options import number, numbers
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrawOptions:
+    """What a viewer shows of a sensor beside its readings. Names and defaults are those of Genesis."""
+
+    draw_debug: bool = False
+    """Draw its probes as spheres that change their colour in contact, and the points that it samples."""
+    debug_probe_color: Sequence[float] = (0.2, 0.4, 1.0)
+    """Of a probe that nothing touches: red, green, blue in 0..1."""
+    debug_contact_color: Sequence[float] = (1.0, 0.2, 0.0)
+    """Of a probe in contact."""
+    debug_probe_center_radius: float = 0.0008
+    """Of the opaque ball at a probe's position [m]."""
+    debug_probe_sphere_opacity: float = 0.3
+    """Of the ball around it as large as its sensing radius, 0..1; 0 leaves it out."""
+    debug_point_cloud_color: Sequence[float] = (1.0, 0.8, 0.0, 1.0)
+    """Of the points sampled on bodies: red, green, blue and opacity in 0..1."""
+    debug_point_cloud_radius: float = 0.002
+    """Of the balls at these points [m]."""
+
+
+def check_drawing(where: str, options: DrawOptions) -> None:
+    """Check them.
+
+    Raises:
+        SceneError: a colour or a radius is none.
+    """
+    for name, length in (("debug_probe_color", 3), ("debug_contact_color", 3), ("debug_point_cloud_color", 4)):
+        colour = numbers(where, name, getattr(options, name))
+        if colour.shape != (length,) or not ((colour >= 0) & (colour <= 1)).all():
+            raise SceneError(f"{where}: {name} must be {length} numbers in 0..1, got {getattr(options, name)!r}")
+    for name in ("debug_probe_center_radius", "debug_point_cloud_radius"):
+        number(where, name, getattr(options, name), above=0, unit="m")
+    number(where, "debug_probe_sphere_opacity", options.debug_probe_sphere_opacity, at_least=0, at_most=1)

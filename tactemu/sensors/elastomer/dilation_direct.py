@@ -1,0 +1,193 @@
+"""Dilation for taxels anywhere: each taxel sums over those in contact, offsets projected on its own tangent plane.
+
+The pressed taxels are listed chunk by chunk, in a fixed order, so that the sums skip the others and come out the same
+every time.
+"""
+
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
+import functools
+from collections.abc import Callable
+
+import numpy as np
+import warp as wp
+
+from tactemu.base.errors import SceneError
+from tactemu.geometry.shapes.active_groups import active_groups
+from tactemu.plan.launches import in_turn
+from tactemu.plan.plan import Context
+from tactemu.sensors.elastomer.dilation_kernels import DilationOptions, radial_weight
+
+CHUNK = 64
+_LARGEST_ESTIMATE = 20_000
+
+
+def free_spacing(positions: np.ndarray) -> float:
+    """Genesis' length for layouts that are no grid: root of the area per taxel of the bounding box [m].
+
+    The area is the product of the two largest extents, or the square of the largest if the second is nearly zero.
+    """
+    longest, second = sorted(np.ptp(positions, axis=0), reverse=True)[:2]
+    area = longest * (second if second > 1e-12 else longest)
+    return float(np.sqrt(area / len(positions))) if area > 0 else 1.0
+
+
+def free_areas(positions: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Area of skin that each taxel stands for [m^2], from the density of taxels around it, shape ``(n,)``.
+
+    The density is a Gaussian average over 0.8 of the distance between neighbours: exact to 1e-4 inside a regular
+    layout; at its border it counts up to half as much again, since the skin is taken to go on.
+
+    Raises:
+        SceneError: more taxels than such an estimate is made for.
+    """
+    n = len(positions)
+    if n > _LARGEST_ESTIMATE:
+        raise SceneError(
+            f"area_weighted: {n} taxels in a free layout; give taxel_area for more than {_LARGEST_ESTIMATE}"
+        )
+    if n == 1:
+        return np.ones(1)
+    squared = np.empty((n, n))
+    for i in range(n):
+        offset = positions - positions[i]
+        squared[i] = np.square(offset - (offset @ normals[i])[:, None] * normals[i]).sum(axis=1)
+    nearest = np.sqrt(np.median(np.min(squared + np.diag(np.full(n, np.inf)), axis=1)))
+    variance = (0.8 * nearest) ** 2
+    return 2.0 * np.pi * variance / np.exp(-0.5 * squared / variance).sum(axis=1)
+
+
+@functools.cache
+def _kernels(real, quick: bool):
+    """``quick``: a GPU's short exponential and quotient, good to 1e-6."""
+    vec3 = wp.types.vector(3, real)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def list_pressed(
+        first_env: int,
+        depth: wp.array2d(dtype=real),
+        # outputs
+        n_pressed: wp.array2d(dtype=wp.int32),
+        pressed: wp.array2d(dtype=wp.int32),
+    ):
+        env, chunk = wp.tid()
+        env += first_env
+        first = chunk * CHUNK
+        count = int(0)
+        for j in range(first, wp.min(first + CHUNK, depth.shape[1])):
+            if not (depth[env, j] <= real(0.0)):
+                pressed[env, first + count] = j
+                count += 1
+        n_pressed[env, chunk] = count
+
+    @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": quick})
+    def sum_pressed(
+        first_env: int,
+        depth: wp.array2d(dtype=real),
+        power: wp.array2d(dtype=real),
+        n_pressed: wp.array2d(dtype=wp.int32),
+        pressed: wp.array2d(dtype=wp.int32),
+        n_active: wp.array(dtype=wp.int32),
+        active: wp.array2d(dtype=wp.int32),
+        positions: wp.array(dtype=vec3),
+        normals: wp.array(dtype=vec3),
+        areas: wp.array(dtype=real),
+        is_sensing: wp.array(dtype=wp.bool),
+        scale: real,
+        lambda_d: real,
+        gaussian: real,
+        far: real,
+        eps: real,
+        table: wp.array(dtype=real),
+        table_step: real,
+        # outputs
+        motion: wp.array2d(dtype=vec3),
+    ):
+        env, i = wp.tid()
+        env += first_env
+        r = positions[i]
+        n = normals[i]
+        plane = vec3(real(0.0))
+        bulge = real(0.0)
+        if is_sensing[i]:
+            for a in range(n_active[env]):
+                chunk = active[env, a]
+                first = chunk * CHUNK
+                for slot in range(first, first + n_pressed[env, chunk]):
+                    j = pressed[env, slot]
+                    o = r - positions[j]
+                    o -= wp.dot(o, n) * n
+                    squared = wp.dot(o, o)
+                    g = wp.exp(-lambda_d * squared)
+                    w = gaussian * g
+                    if far != real(0.0):
+                        if table.shape[0] > 0:
+                            x = wp.sqrt(squared) / table_step
+                            k = wp.min(int(x), table.shape[0] - 2)
+                            w += far * wp.lerp(table[k], table[k + 1], x - real(k))
+                        else:
+                            w += far / (squared + eps * eps)
+                    plane += depth[env, j] * areas[j] * w * o
+                    bulge += power[env, j] * areas[j] * g
+        motion[env, i] = scale * (plane + bulge * n)
+
+    return list_pressed, sum_pressed
+
+
+def direct_dilation(
+    context: Context,
+    options: DilationOptions,
+    *,
+    host_positions: np.ndarray,
+    areas: np.ndarray,
+    scale: float,
+    depth: wp.array,
+    power: wp.array,
+    positions: wp.array,
+    normals: wp.array,
+    is_sensing: wp.array,
+    motion: wp.array,
+) -> Callable[[], None]:
+    """Record the sums.
+
+    Args:
+        host_positions: positions of the taxels [m], shape ``(n_taxels, 3)``.
+        areas: weight of each taxel, shape ``(n_taxels,)``: areas [m^2], or ones.
+        scale: factor on the motion (``dilate_scale``).
+        depth: depth of each taxel [m], shape ``(n_envs, n_taxels)``.
+        power: ``depth ** normal_exponent``, same shape.
+        positions: the same on the device.
+        normals: unit normals on the device.
+        is_sensing: false for fillers.
+        motion: written: motion of the markers, vec3, shape ``(n_envs, n_taxels)``.
+    """
+    real, device, n_envs = context.real, context.device, context.n_envs
+    n = len(host_positions)
+    n_chunks = -(-n // CHUNK)
+    reach = float(np.linalg.norm(np.ptp(host_positions, axis=0))) + 1e-9
+    weight = radial_weight(options, free_spacing(host_positions), reach)
+    n_pressed = context.zeros((n_envs, n_chunks), wp.int32)
+    pressed = context.zeros((n_envs, n_chunks * CHUNK), wp.int32)
+    table = wp.array(np.zeros(0) if weight.table is None else weight.table, dtype=real, device=device)
+    list_pressed, sum_pressed = _kernels(real, not device.is_cpu)
+    groups, list_chunks = active_groups(context, n_pressed)
+    first = context.record(list_pressed, (n_envs, n_chunks), [depth], [n_pressed, pressed])
+    weights = [options.lambda_d, weight.gaussian, weight.far, weight.eps, table, weight.table_step]
+    on_device = wp.array(areas, dtype=real, device=device)
+    inputs = [
+        depth,
+        power,
+        n_pressed,
+        pressed,
+        groups.n_active,
+        groups.active,
+        positions,
+        normals,
+        on_device,
+        is_sensing,
+        scale,
+        *weights,
+    ]
+    second = context.record(sum_pressed, (n_envs, n), inputs, [motion])
+    return in_turn(first, list_chunks, second)

@@ -1,0 +1,230 @@
+"""Dilation on a regular grid: two passes of separable weights over the contact's bounding box.
+
+Pass 1 sums over rows, for every column in contact; pass 2 over columns. On a GPU one thread computes ``WIDTH`` rows of
+a column: neighbouring memory for neighbouring threads. For a CPU: :mod:`.dilation_in_registers`.
+"""
+
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
+import functools
+from collections.abc import Callable
+
+import numpy as np
+import warp as wp
+
+from tactemu.geometry.vector_io import wide_loads, wide_store
+from tactemu.plan.launches import in_turn
+from tactemu.plan.plan import Context
+from tactemu.sensors.elastomer.dilation_kernels import (
+    DilationOptions,
+    blend,
+    gaussian_peak,
+    radial_layer,
+    spectral_layer,
+)
+from tactemu.sensors.elastomer.dilation_simd import dilation_kernel, scratch_numbers
+from tactemu.sensors.elastomer.separable import overlapping_blocks, separable_terms
+from tactemu.sensors.probe_grid import Grid
+
+WIDTH = 8
+BLOCK = 256
+"""Threads of a block on a GPU; how many of these a multiprocessor shall hold at once bounds the registers of each."""
+_TOLERANCE = {wp.float32: 1e-7, wp.float64: 1e-13}
+"""Of the separable form, as a part of its strongest term."""
+_NEGLIGIBLE = 1e-30
+"""Smaller weights, as a part of the largest, count as 0: numbers below the normal range of floats are slow."""
+
+
+def _offsets(grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+    """Signed offsets (u, v) [m], shape ``(2 rows - 1, 2 cols - 1)`` each."""
+    v, u = np.meshgrid(
+        np.arange(1 - grid.rows, grid.rows) * grid.dv, np.arange(1 - grid.cols, grid.cols) * grid.du, indexing="ij"
+    )
+    return u, v
+
+
+def _periodic_layer(grid: Grid, thickness: float) -> tuple[np.ndarray, float]:
+    """The layer's planes (u, v) at the grid's offsets as Genesis has them, and their peak."""
+    ny, nx = (1 << (2 * n - 2).bit_length() for n in (grid.rows, grid.cols))
+    planes = spectral_layer((ny, nx), (grid.du, grid.dv), thickness)
+    rows, cols = np.arange(1 - grid.rows, grid.rows), np.arange(1 - grid.cols, grid.cols)
+    return planes[:, rows[:, None], cols], float(np.hypot(*planes).max())
+
+
+def _free_layer(grid: Grid, thickness: float, area: float) -> tuple[np.ndarray, float]:
+    """The layer's planes in an unbounded plane, per taxel, and their peak per area."""
+    u, v = _offsets(grid)
+    rho = np.hypot(u, v)
+    weight = radial_layer(rho, thickness) / np.where(rho > 0, rho, 1.0)
+    peak = float(radial_layer(np.linspace(0.0, 8.0, 512) * thickness, thickness).max())
+    return area * np.stack([u * weight, v * weight]), peak
+
+
+def far_planes(grid: Grid, options: DilationOptions) -> tuple[np.ndarray, float]:
+    """The far-reaching weight times the offset, planes (u, v) at signed offsets, and the peak used in a blend."""
+    area = grid.du * grid.dv if options.area_weighted else 1.0
+    if options.uses_layer and options.area_weighted:
+        return _free_layer(grid, options.elastomer_thickness, area)
+    if options.uses_layer:
+        return _periodic_layer(grid, options.elastomer_thickness)
+    u, v = _offsets(grid)
+    eps = 0.5 * (grid.du + grid.dv)
+    weight = area / (u * u + v * v + eps * eps)
+    return np.stack([u * weight, v * weight]), 1.0 / (2.0 * eps)
+
+
+def plane_terms(grid: Grid, options: DilationOptions, tolerance: float) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Separable terms of the planes (u, v, normal): rows and columns each, see :func:`separable_terms`."""
+    u, v = _offsets(grid)
+    area = grid.du * grid.dv if options.area_weighted else 1.0
+    row = np.exp(-options.lambda_d * v[:, 0] ** 2)[None]
+    col = np.exp(-options.lambda_d * u[0] ** 2)[None]
+    if options.compressibility >= 1.0:
+        terms = [(row, col * u[0] * area), (row * v[:, 0], col * area)]
+    else:
+        planes, peak = far_planes(grid, options)
+        local, far = blend(options.compressibility, gaussian_peak(options.lambda_d), peak)
+        gaussian = local * area * row.T * col
+        terms = [separable_terms(gaussian * o + far * p, tolerance) for o, p in zip((u, v), planes)]
+    return [*terms, (row, col * area)]
+
+
+@functools.cache
+def _kernels(real):
+    vec3 = wp.types.vector(3, real)
+    block, store = wp.types.vector(WIDTH, real), wide_store(real, WIDTH)
+    _, load_2, load_4 = wide_loads(real, WIDTH)
+
+    @wp.kernel(module="unique", enable_backward=False, launch_bounds=(BLOCK, 6))
+    def sum_rows(
+        first_env: int,
+        depth: wp.array3d(dtype=real),
+        power: wp.array3d(dtype=real),
+        box: wp.array2d(dtype=wp.int32),
+        row_blocks: wp.array2d(dtype=block),
+        n_terms: int,
+        # outputs
+        partial: wp.array4d(dtype=block),
+    ):
+        env, term, i_block, col = wp.tid()
+        env += first_env
+        if col < box[env, 2] or col > box[env, 3]:
+            return
+        at = i_block * WIDTH + depth.shape[1] - 1
+        total = block()
+        if term < 2 * n_terms:
+            for k in range(box[env, 0], box[env, 1] + 1):
+                total += depth[env, k, col] * load_2(row_blocks, term, at - k)
+        else:
+            for k in range(box[env, 0], box[env, 1] + 1):
+                total += power[env, k, col] * load_2(row_blocks, term, at - k)
+        store(partial, env, term, i_block, col, total)
+
+    @wp.kernel(module="unique", enable_backward=False, launch_bounds=(BLOCK, 4))
+    def sum_columns(
+        first_env: int,
+        partial: wp.array4d(dtype=block),
+        box: wp.array2d(dtype=wp.int32),
+        col_terms: wp.array2d(dtype=real),
+        n_terms: int,
+        u_axis: vec3,
+        v_axis: vec3,
+        normal: vec3,
+        is_sensing: wp.array2d(dtype=wp.bool),
+        # outputs
+        motion: wp.array3d(dtype=vec3),
+    ):
+        env, i_block, col = wp.tid()
+        env += first_env
+        first = box[env, 2]
+        last = box[env, 3] + 1
+        at = col + partial.shape[3] - 1
+        u = block()
+        v = block()
+        w = block()
+        for term in range(n_terms):
+            for k in range(first, last):
+                u += col_terms[term, at - k] * load_4(partial, env, term, i_block, k)
+                v += col_terms[n_terms + term, at - k] * load_4(partial, env, n_terms + term, i_block, k)
+        for k in range(first, last):
+            w += col_terms[2 * n_terms, at - k] * load_4(partial, env, 2 * n_terms, i_block, k)
+        for m in range(WIDTH):
+            row = i_block * WIDTH + m
+            if row < motion.shape[1]:
+                marker = u[m] * u_axis + v[m] * v_axis + w[m] * normal
+                if not is_sensing[row, col]:
+                    marker = vec3(real(0.0))
+                motion[env, row, col] = marker
+
+    return sum_rows, sum_columns
+
+
+def grid_dilation(
+    context: Context,
+    grid: Grid,
+    options: DilationOptions,
+    *,
+    scale: float,
+    depth: wp.array,
+    power: wp.array,
+    box: wp.array,
+    is_sensing: wp.array,
+    motion: wp.array,
+) -> Callable[[], None]:
+    """Record the two passes.
+
+    Args:
+        scale: factor on the motion (``dilate_scale``).
+        depth: depth of each taxel [m], shape ``(n_envs, n_taxels)``; 0 where not pressed.
+        power: ``depth ** normal_exponent``, same shape.
+        box: first and last row, first and last column in contact, int32, shape ``(n_envs, 4)``; first > last: none.
+        is_sensing: false for fillers, bool, shape ``(n_taxels,)``.
+        motion: written: motion of the markers, link frame, vec3, shape ``(n_envs, n_taxels)``.
+    """
+    real = context.real
+    (row_u, col_u), (row_v, col_v), (row_n, col_n) = plane_terms(grid, options, _TOLERANCE[real])
+    n_terms = max(len(row_u), len(row_v))
+
+    def stack(u, v, n):
+        padded = [np.pad(part, ((0, n_terms - len(part)), (0, 0))) for part in (u, v)]
+        values = np.concatenate([*padded, n])
+        values[np.abs(values) < _NEGLIGIBLE * np.abs(values).max()] = 0.0
+        return values
+
+    terms, vec3 = (stack(row_u, row_v, row_n), stack(col_u, col_v, col_n)), wp.types.vector(3, real)
+    passes = _in_registers if context.device.is_cpu else _two_passes
+    axes = [vec3(*(scale * axis)) for axis in (grid.u, grid.v, grid.normal)]
+    as_grid = (context.n_envs, grid.rows, grid.cols)
+    felt = [depth.reshape(as_grid), power.reshape(as_grid), box]
+    return passes(context, grid, *terms, n_terms, felt, axes, is_sensing.reshape(as_grid[1:]), motion.reshape(as_grid))
+
+
+def _two_passes(context, grid, rows, cols, n_terms: int, felt: list, axes: list, is_sensing, motion):
+    """On a GPU: a thread for each block of rows and column."""
+    real, device = context.real, context.device
+    block = wp.types.vector(WIDTH, real)
+    row_blocks = wp.array(overlapping_blocks(rows, WIDTH), dtype=block, device=device)
+    col_terms = wp.array(cols, dtype=real, device=device)
+    n_blocks = -(-grid.rows // WIDTH)
+    partial = context.zeros((context.n_envs, 2 * n_terms + 1, n_blocks, grid.cols), block)
+    sum_rows, sum_columns = _kernels(real)
+    first = context.record(sum_rows, partial.shape, [*felt, row_blocks, n_terms], [partial])
+    second = context.record(
+        sum_columns,
+        (context.n_envs, n_blocks, grid.cols),
+        [partial, felt[2], col_terms, n_terms, *axes, is_sensing],
+        [motion],
+    )
+    return in_turn(first, second)
+
+
+def _in_registers(context, grid, rows, cols, n_terms: int, felt: list, axes: list, is_sensing, motion):
+    """On a CPU: both passes of an environment in one thread."""
+    tables = [
+        wp.array(np.pad(part, ((0, 0), (0, WIDTH))), dtype=context.real, device=context.device) for part in (rows, cols)
+    ]
+    size = scratch_numbers(grid.rows, grid.cols, 2 * n_terms + 1)
+    scratch = wp.zeros((context.threads, size), dtype=context.real, device=context.device)
+    inputs = [*felt, *tables, n_terms, *axes, is_sensing, scratch]
+    return context.record_blocks(dilation_kernel(context.real), context.threads, inputs, [motion], 1)

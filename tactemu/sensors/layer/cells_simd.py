@@ -1,0 +1,34 @@
+"""The cells of a solver's windows eight at a time in a CPU's vector registers: what :mod:`.pressure_in_registers` and
+:mod:`.friction_in_registers` have in common."""
+
+from tactemu.geometry.simd import vectors
+
+
+def over_cells(real, like: str, snippet: str) -> str:
+    """A snippet about the cells of the windows ``win`` of a ``slot``, of ``shape``.
+
+    It calls ``all(visit)``, which calls ``visit(at)`` for each eight of them; it adds ``doubles(vector)`` up, and
+    ``sum`` makes one number of that.
+
+    ``like``: one of the windows; the others have the same strides, and are whole registers wide.
+    """
+    return vectors(real) + _CELLS.replace("LIKE", like) + snippet
+
+
+_CELLS = """
+    typedef double Doubles __attribute__((vector_size(wide * sizeof(double))));
+    const int64_t row = win.LIKE.strides[1] / sizeof(Number);
+    const int64_t window = slot * (win.LIKE.strides[0] / sizeof(Number));
+    auto all = [&](auto visit) {
+        for (int y = 0; y < shape[0]; ++y)
+            for (int x = 0; x < shape[1]; x += wide)
+                visit(window + y * row + x);
+    };
+    auto doubles = [](const Vector& v) { return __builtin_convertvector(v, Doubles); };
+    auto sum = [](const Doubles& v) {
+        double total = 0;
+        for (int l = 0; l < wide; ++l)
+            total += v[l];
+        return total;
+    };
+"""

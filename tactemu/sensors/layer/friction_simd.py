@@ -1,0 +1,178 @@
+"""A CPU's part of :mod:`.friction` between convolutions: what it does cell by cell, eight cells at a time.
+
+The formulas are those of :mod:`.friction`, where they are explained. What a cell does not need (a circle, where it
+sticks) is computed beside the rest and left out in the end.
+"""
+
+# pyright: reportInvalidTypeForm=false
+
+import functools
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from tactemu.sensors.layer.cells_simd import over_cells
+from tactemu.sensors.layer.friction_state import AT_BOUND, friction_windows_type
+
+
+class FrictionCells(NamedTuple):
+    """Warp functions about all cells of the window of a slot; ``mine`` is the calling thread's share of it, on a GPU.
+    Sums are over the whole window."""
+
+    measure: Any
+    """``measure(win, slot, shape, mine) -> float64``"""
+    free_gap: Any
+    """``free_gap(win, slot, shape, mine) -> float64``"""
+    products: Any
+    """``products(win, slot, shape, mine) -> vec2d``"""
+    direct: Any
+    """``direct(win, slot, beta, fresh, shape, mine) -> float64``"""
+    curvature: Any
+    """``curvature(win, slot, shape, mine) -> float64``"""
+    advance: Any
+    """``advance(win, slot, step, shape, mine) -> float64``"""
+
+
+@functools.cache
+def wide_friction_cells(real) -> FrictionCells:
+    """The functions for one float type; windows are whole registers wide."""
+    windows = friction_windows_type(real)
+
+    @wp.func_native(_cells(real, _MEASURE))
+    def measure(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i) -> wp.float64: ...
+
+    @wp.func_native(_cells(real, _FREE_GAP))
+    def free_gap(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i) -> wp.float64: ...
+
+    @wp.func_native(_cells(real, _PRODUCTS))
+    def products(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i) -> wp.vec2d: ...
+
+    @wp.func_native(_cells(real, _DIRECT))
+    def direct(win: windows, slot: int, beta: real, fresh: bool, shape: wp.vec2i, mine: wp.vec4i) -> wp.float64: ...
+
+    @wp.func_native(_cells(real, _CURVATURE))
+    def curvature(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i) -> wp.float64: ...
+
+    @wp.func_native(_cells(real, _ADVANCE))
+    def advance(win: windows, slot: int, step: real, shape: wp.vec2i, mine: wp.vec4i) -> wp.float64: ...
+
+    return FrictionCells(measure, free_gap, products, direct, curvature, advance)
+
+
+def _cells(real, each: str) -> str:
+    return over_cells(real, "limit", _PAIRS + each.replace("AT_BOUND", f"Number({AT_BOUND})"))
+
+
+_PAIRS = """
+    struct Pair { Vector x, y; };
+    auto pair = [&](const auto& x, const auto& y, int64_t at) { return Pair{get(x.data + at), get(y.data + at)}; };
+    auto dot = [](const Pair& a, const Pair& b) { return a.x * b.x + a.y * b.y; };
+    auto root = [](const Vector& v) { return __builtin_elementwise_sqrt(v); };
+"""
+
+_MEASURE = """
+    Doubles total = {};
+    all([&](int64_t at) {
+        const Pair pulled = pair(win.gap_x, win.gap_y, at), pressed = pair(win.by_pressure_x, win.by_pressure_y, at);
+        const Pair u = {pulled.x + pressed.x, pulled.y + pressed.y}, hold = pair(win.hold_x, win.hold_y, at);
+        put(win.gap_x.data + at, u.x - hold.x);
+        put(win.gap_y.data + at, u.y - hold.y);
+        const auto touches = get(win.limit.data + at) > 0;
+        const Doubles x = doubles(touches ? u.x : Vector{}), y = doubles(touches ? u.y : Vector{});
+        total += x * x + y * y;
+    });
+    return sum(total);
+"""
+
+_FREE_GAP = """
+    Doubles total = {};
+    all([&](int64_t at) {
+        const Vector limit = get(win.limit.data + at);
+        const auto touches = limit > 0;
+        Pair g = pair(win.gap_x, win.gap_y, at);
+        g.x = touches ? g.x : Vector{}, g.y = touches ? g.y : Vector{};
+        const Pair q = pair(win.x, win.y, at);
+        const Vector length = root(dot(q, q)), outward = dot(g, q) / limit;
+        const auto slips = touches & (length >= AT_BOUND * limit) & (outward < 0);
+        const Pair n = {q.x / length, q.y / length};
+        const Vector along = dot(g, n);
+        g.x = slips ? g.x - along * n.x : g.x, g.y = slips ? g.y - along * n.y : g.y;
+        const Vector stiff = slips ? -outward / limit : Vector{};
+        const Vector weight = 1 / root(1 + stiff);
+        put(win.last_x.data + at, get(win.free_x.data + at));
+        put(win.last_y.data + at, get(win.free_y.data + at));
+        put(win.free_x.data + at, weight * g.x);
+        put(win.free_y.data + at, weight * g.y);
+        put(win.stiffness.data + at, stiff);
+        const Doubles x = doubles(weight * weight * g.x), y = doubles(weight * weight * g.y);
+        total += x * x + y * y;
+    });
+    return sum(total);
+"""
+
+_PRODUCTS = """
+    Doubles now = {}, change = {};
+    all([&](int64_t at) {
+        const Pair z = pair(win.softened_x, win.softened_y, at);
+        const Pair m = pair(win.free_x, win.free_y, at), old = pair(win.last_x, win.last_y, at);
+        now += doubles(dot(m, z));
+        change += doubles(dot(Pair{m.x - old.x, m.y - old.y}, z));
+    });
+    return wp::vec_t<2, double>(sum(now), sum(change));
+"""
+
+_DIRECT = """
+    Doubles slope = {};
+    all([&](int64_t at) {
+        const auto touches = get(win.limit.data + at) > 0;
+        const Vector stiff = get(win.stiffness.data + at), weight = 1 / root(1 + stiff);
+        const Pair z = pair(win.softened_x, win.softened_y, at);
+        Pair d = {-weight * z.x, -weight * z.y};
+        if (!fresh) {
+            const Pair last = pair(win.along_x, win.along_y, at);
+            d.x += beta * last.x, d.y += beta * last.y;
+        }
+        const Pair q = pair(win.x, win.y, at);
+        const Vector length = root(dot(q, q));
+        const Pair n = {q.x / length, q.y / length};
+        const Vector across = dot(d, n);
+        const auto slips = stiff > 0;
+        d.x = slips ? d.x - across * n.x : d.x, d.y = slips ? d.y - across * n.y : d.y;
+        d.x = touches ? d.x : Vector{}, d.y = touches ? d.y : Vector{};
+        const Pair m = pair(win.free_x, win.free_y, at);
+        slope += doubles(dot(Pair{m.x / weight, m.y / weight}, d));
+        put(win.along_x.data + at, d.x);
+        put(win.along_y.data + at, d.y);
+    });
+    return sum(slope);
+"""
+
+_CURVATURE = """
+    Doubles total = {};
+    all([&](int64_t at) {
+        const Pair d = pair(win.along_x, win.along_y, at), a = pair(win.answer_x, win.answer_y, at);
+        const Vector stiff = get(win.stiffness.data + at);
+        total += doubles(dot(d, Pair{a.x + stiff * d.x, a.y + stiff * d.y}));
+    });
+    return sum(total);
+"""
+
+_ADVANCE = """
+    Doubles cut = {};
+    all([&](int64_t at) {
+        const Vector limit = get(win.limit.data + at);
+        const Pair d = pair(win.along_x, win.along_y, at), a = pair(win.answer_x, win.answer_y, at);
+        const Pair q = pair(win.x, win.y, at), g = pair(win.gap_x, win.gap_y, at);
+        Pair next = {q.x + step * d.x, q.y + step * d.y};
+        const Vector length = root(dot(next, next)), back = limit / length;
+        const auto touches = limit > 0, leaves = touches & (length > limit);
+        next.x = leaves ? next.x * back : next.x, next.y = leaves ? next.y * back : next.y;
+        put(win.x.data + at, touches ? next.x : q.x);
+        put(win.y.data + at, touches ? next.y : q.y);
+        put(win.gap_x.data + at, g.x + step * a.x);
+        put(win.gap_y.data + at, g.y + step * a.y);
+        const auto far = leaves & (length > Number(1.000001) * limit);
+        cut += doubles(far ? Vector{} + 1 : Vector{});
+    });
+    return sum(cut);
+"""

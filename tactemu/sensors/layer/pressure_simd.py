@@ -1,0 +1,105 @@
+"""A CPU's part of :mod:`.pressure` between convolutions: what it does cell by cell, eight cells at a time."""
+
+# pyright: reportInvalidTypeForm=false
+
+import functools
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from tactemu.sensors.layer.cells_simd import over_cells
+
+
+class PressureCells(NamedTuple):
+    """Warp functions about all cells of the window of a slot; ``mine`` is the calling thread's share of it, on a GPU.
+    Sums are over the whole window."""
+
+    mask_gap: Any
+    """``mask_gap(win, slot, shape, mine) -> float64``"""
+    products: Any
+    """``products(win, slot, fresh, shape, mine) -> vec2d``"""
+    direct: Any
+    """``direct(win, slot, beta, fresh, shape, mine) -> float64``"""
+    curvature: Any
+    """``curvature(win, slot, shape, mine) -> float64``"""
+    advance: Any
+    """``advance(win, slot, step, shape, mine) -> float64``"""
+
+
+@functools.cache
+def wide_pressure_cells(real, windows) -> PressureCells:
+    """The functions for one float type and the struct of its windows, which are whole registers wide."""
+
+    @wp.func_native(over_cells(real, "pressure", _MASK_GAP))
+    def mask_gap(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i) -> wp.float64: ...
+
+    @wp.func_native(over_cells(real, "pressure", _PRODUCTS))
+    def products(win: windows, slot: int, fresh: bool, shape: wp.vec2i, mine: wp.vec4i) -> wp.vec2d: ...
+
+    @wp.func_native(over_cells(real, "pressure", _DIRECT))
+    def direct(win: windows, slot: int, beta: real, fresh: bool, shape: wp.vec2i, mine: wp.vec4i) -> wp.float64: ...
+
+    @wp.func_native(over_cells(real, "pressure", _CURVATURE))
+    def curvature(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i) -> wp.float64: ...
+
+    @wp.func_native(over_cells(real, "pressure", _ADVANCE))
+    def advance(win: windows, slot: int, step: real, shape: wp.vec2i, mine: wp.vec4i) -> wp.float64: ...
+
+    return PressureCells(mask_gap, products, direct, curvature, advance)
+
+
+_MASK_GAP = """
+    Doubles total = {};
+    all([&](int64_t at) {
+        const Vector g = get(win.gap.data + at), p = get(win.pressure.data + at);
+        const Vector m = ((p > 0) | (g < 0)) ? g : Vector{};
+        put(win.masked.data + at, m);
+        total += doubles(m) * doubles(m);
+    });
+    return sum(total);
+"""
+
+_PRODUCTS = """
+    Doubles square = {}, change = {};
+    all([&](int64_t at) {
+        const Vector m = get(win.masked.data + at), answer = get(win.answer.data + at);
+        const Doubles z = doubles(get(win.softened.data + at));
+        square += doubles(m) * z;
+        if (!fresh)
+            change += z * doubles(m != 0 ? answer : Vector{});
+    });
+    return wp::vec_t<2, double>(sum(square), sum(change));
+"""
+
+_DIRECT = """
+    Doubles slope = {};
+    all([&](int64_t at) {
+        const Vector m = get(win.masked.data + at);
+        Vector d = -get(win.softened.data + at);
+        if (!fresh)
+            d += beta * get(win.direction.data + at);
+        d = m != 0 ? d : Vector{};
+        put(win.direction.data + at, d);
+        slope += doubles(m) * doubles(d);
+    });
+    return sum(slope);
+"""
+
+_CURVATURE = """
+    Doubles total = {};
+    all([&](int64_t at) {
+        total += doubles(get(win.direction.data + at)) * doubles(get(win.answer.data + at));
+    });
+    return sum(total);
+"""
+
+_ADVANCE = """
+    Doubles pulled = {};
+    all([&](int64_t at) {
+        const Vector p = get(win.pressure.data + at) + step * get(win.direction.data + at);
+        put(win.pressure.data + at, p < 0 ? Vector{} : p);
+        put(win.gap.data + at, get(win.gap.data + at) + step * get(win.answer.data + at));
+        pulled += doubles(p < 0 ? Vector{} + 1 : Vector{});
+    });
+    return sum(pulled);
+"""

@@ -1,0 +1,154 @@
+"""From cells to taxels: averages over a taxel's cells, in SI units and the link's frame."""
+
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
+import functools
+
+import warp as wp
+
+from tactemu.geometry.coalesced import row_writer
+from tactemu.imperfections.info import Channels
+from tactemu.plan.scalars import is_nan, natural
+from tactemu.sensors.layer.friction_state import FREE, SLIP, STICK, friction_state_type
+
+CHANNELS: tuple[Channels, ...] = ("scalar", "force", "displacement", "scalar", "scalar")
+"""Pressure, force, displacement, slip state, residual."""
+PRESSURE, FORCE, DISPLACEMENT, SLIP_STATE, RESIDUAL = slice(0, 1), slice(1, 4), slice(4, 7), 7, 8
+N_CHANNELS = 9
+
+
+@functools.cache
+def skin_type(real):
+    """Axes and units of a layer's grid."""
+    vec3 = wp.types.vector(3, real)
+
+    @wp.struct
+    class Skin:
+        u: vec3
+        v: vec3
+        normal: vec3
+        length: real  # one pitch of cells [m]
+        pressure: real  # unit of the solvers' pressures [Pa]
+        area: real  # of a taxel [m²]
+        columns: wp.int32  # of taxels
+        split: wp.int32
+
+    return Skin
+
+
+@functools.cache
+def reading_kernel(real, with_surface: bool, with_friction: bool, bent: bool = False):
+    """Averages of all quantities over each taxel; the larger residual of the two solvers."""
+    vec3 = wp.types.vector(3, real)
+    skin_struct, friction_state = skin_type(real), friction_state_type(real)
+    row_type, write = wp.types.vector(N_CHANNELS, real), row_writer(real, N_CHANNELS)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def read_taxels(
+        first_env: int,
+        # Skin:
+        skin: skin_struct,
+        place: wp.array(dtype=wp.int32),
+        axes: wp.array2d(dtype=vec3),  # of each taxel where the skin is bent: u, v and n
+        # In:
+        pressure: wp.array3d(dtype=real),
+        residual: wp.array(dtype=wp.float64),
+        friction: friction_state,
+        surface_u: wp.array3d(dtype=real),
+        surface_v: wp.array3d(dtype=real),
+        surface_w: wp.array3d(dtype=real),
+        changed: wp.array(dtype=wp.int32),
+        dirty: wp.array(dtype=wp.vec4i),
+        # Out:
+        reading_out: wp.array3d(dtype=real),
+    ):
+        env, taxel = wp.tid()
+        env = natural(env + first_env)
+        taxel = natural(taxel)
+        row = (place[taxel] // skin.columns) * skin.split
+        column = (place[taxel] % skin.columns) * skin.split
+        box = dirty[env]
+        wanted = place[taxel] >= 0 and changed[env] > 0
+        wanted = wanted and row + skin.split > box[0] and row < box[0] + box[2]
+        wanted = wanted and column + skin.split > box[1] and column < box[1] + box[3]
+        values = row_type()
+        if wanted:
+            load = vec3(real(0.0))  # along u, v and into the skin
+            moved = vec3(real(0.0))
+            slip = int(FREE)
+            for y in range(row, row + skin.split):
+                for x in range(column, column + skin.split):
+                    load[2] = load[2] + pressure[env, y, x]
+                    if wp.static(with_friction):
+                        load[0] = load[0] + friction.x[env, y, x]
+                        load[1] = load[1] + friction.y[env, y, x]
+                        state = friction.slip[env, y, x]
+                        if state == STICK or (state == SLIP and slip == FREE):
+                            slip = state
+                    if wp.static(with_surface):
+                        moved += vec3(surface_u[env, y, x], surface_v[env, y, x], surface_w[env, y, x])
+            share = real(1.0) / real(skin.split * skin.split)
+            load *= share * skin.pressure
+            moved *= share * skin.length
+            worst = residual[env]
+            if wp.static(with_friction):
+                worst = wp.where(friction.residual[env] > worst, friction.residual[env], worst)
+            if is_nan(worst):
+                load = vec3(real(wp.nan))
+                moved = vec3(real(wp.nan))
+            u = skin.u
+            v = skin.v
+            n = skin.normal
+            if wp.static(bent):
+                u = axes[0, taxel]
+                v = axes[1, taxel]
+                n = axes[2, taxel]
+            force = skin.area * (load[0] * u + load[1] * v - load[2] * n)
+            shift = moved[0] * u + moved[1] * v - moved[2] * n
+            values[0] = load[2]
+            for k in range(3):
+                values[1 + k] = force[k]
+                values[4 + k] = shift[k]
+            values[wp.static(SLIP_STATE)] = real(slip)
+            values[wp.static(RESIDUAL)] = real(worst)
+        write(reading_out, env, taxel, values, wanted)
+
+    return read_taxels
+
+
+@functools.cache
+def traction_kernel(real):
+    """Force per area along the surface, from the force on each taxel."""
+    vec3 = wp.types.vector(3, real)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def find_traction(
+        reading: wp.array3d(dtype=real),
+        normals: wp.array(dtype=vec3),
+        areas: wp.array(dtype=real),
+        traction_out: wp.array3d(dtype=real),
+    ):
+        env, taxel = wp.tid()
+        first = wp.static(FORCE.start)
+        force = vec3(reading[env, taxel, first], reading[env, taxel, first + 1], reading[env, taxel, first + 2])
+        n = normals[taxel]
+        along = (force - wp.dot(force, n) * n) / areas[taxel]
+        for i in range(3):
+            traction_out[env, taxel, i] = along[i]
+
+    return find_traction
+
+
+@functools.cache
+def status_kernel(real):
+    """Copies what is no measurement, slip state and residual, into a reading that imperfections have spoiled."""
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def copy_status(first_env: int, truth: wp.array3d(dtype=real), reading_out: wp.array3d(dtype=real)):
+        env, taxel = wp.tid()
+        env += first_env
+        for channel in range(wp.static(SLIP_STATE), wp.static(RESIDUAL + 1)):
+            reading_out[env, taxel, channel] = truth[env, taxel, channel]
+
+    return copy_status

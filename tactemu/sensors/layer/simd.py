@@ -1,0 +1,276 @@
+"""A CPU's transforms: eight complex columns side by side in vector registers, from the field to the transposed result.
+
+A group of columns stays in the first cache from its first butterfly to its last; results leave through the registers
+as blocks of eight by eight, transposed. C++, since it is the vector types of the compiler that make it fast: what Warp
+makes of vectors of eight is three times as slow.
+"""
+
+# pyright: reportInvalidTypeForm=false
+
+import functools
+
+import warp as wp
+
+from tactemu.geometry.simd import WIDTH, vectors
+
+SCRATCH = 4 * WIDTH
+"""Numbers of scratch for each point of a transform: a group of complex columns, before and after a stage."""
+
+
+@functools.cache
+def wide_hartley(real):
+    """``hartley(scratch, twiddle, field, rows, columns, n, first, rows_out, out)``: as the one of :mod:`.convolution`,
+    for whole groups of columns and, in ``rows_out``, of rows; ``out`` must be elsewhere than ``field``."""
+    field_type, turns_type = wp.array2d(dtype=real), wp.array(dtype=wp.types.vector(2, real))
+
+    @wp.func_native(vectors(real) + _TRANSFORM)
+    def transform(
+        scratch: field_type,
+        twiddle: turns_type,
+        field: field_type,
+        rows: int,
+        columns: int,
+        n: int,
+        first: int,
+        rows_out: int,
+        out: field_type,
+    ): ...
+
+    @wp.func(inline=False)  # one copy of it: a solver calls it dozens of times
+    def hartley(
+        scratch: field_type,
+        twiddle: turns_type,
+        field: field_type,
+        rows: int,
+        columns: int,
+        n: int,
+        first: int,
+        rows_out: int,
+        out: field_type,
+    ):
+        transform(scratch, twiddle, field, rows, columns, n, first, rows_out, out)
+
+    return hartley
+
+
+@functools.cache
+def wide_scale(real):
+    """``scale(spectrum, table, start, rows, columns)``: multiplies a spectrum by the table that begins at ``start``."""
+    grid_type, table_type = wp.array2d(dtype=real), wp.array(dtype=real)
+
+    @wp.func_native(vectors(real) + _SCALE)
+    def scale(spectrum: grid_type, table: table_type, start: int, rows: int, columns: int): ...
+
+    return scale
+
+
+@functools.cache
+def wide_mix(real):
+    """``mix(x, y, xx, xy, yy, start, rows, columns)`` of :mod:`.sideways`, in spectra whose rows are longer than
+    ``columns``."""
+    grid_type, table_type = wp.array2d(dtype=real), wp.array(dtype=real)
+
+    @wp.func_native(vectors(real) + _MIX)
+    def mix(
+        x: grid_type,
+        y: grid_type,
+        xx: table_type,
+        xy: table_type,
+        yy: table_type,
+        start: int,
+        rows: int,
+        columns: int,
+    ): ...
+
+    return mix
+
+
+@functools.cache
+def wide_by_pressure(real):
+    """``by_pressure(p, u, table, axis, start, rows, columns)`` of :mod:`.sideways`, in spectra whose rows are longer
+    than ``columns``."""
+    grid_type, table_type = wp.array2d(dtype=real), wp.array(dtype=real)
+
+    @wp.func_native(vectors(real) + _BY_PRESSURE)
+    def by_pressure(p: grid_type, u: grid_type, table: table_type, axis: int, start: int, rows: int, columns: int): ...
+
+    return by_pressure
+
+
+_SCALE = """
+    for (int k = 0; k < rows; ++k) {
+        Number* const row = spectrum.data + k * (spectrum.strides[0] / sizeof(Number));
+        const Number* const factors = table.data + start + k * columns;
+        for (int c = 0; c < columns; c += wide)
+            put(row + c, get(row + c) * get(factors + c));
+    }
+"""
+
+_TURNED = """
+    auto turned = [](const Vector& v) { return __builtin_shufflevector(v, v, 7, 6, 5, 4, 3, 2, 1, 0); };
+"""
+
+_BY_PRESSURE = (
+    _TURNED
+    + """
+    const int64_t stride = p.strides[0] / sizeof(Number);
+    for (int k = 0; k < rows; ++k) {
+        Number* const from = p.data + (axis ? -k & (rows - 1) : k) * stride;
+        Number* const to = u.data + k * stride;
+        const Number* const factors = table.data + start + k * columns;
+        from[columns] = from[0];  // so that a mirrored row is columns in the opposite order
+        for (int c = 0; c < columns; c += wide)
+            put(to + c, get(factors + c) * (axis ? get(from + c) : turned(get(from + columns - c - wide + 1))));
+    }
+"""
+)
+
+_MIX = (
+    _TURNED
+    + """
+    const int64_t stride = x.strides[0] / sizeof(Number);
+    for (int k = 0; k <= rows / 2; ++k) {
+        const int mirror = (rows - k) % rows;
+        Number* const px = x.data + k * stride;
+        Number* const py = y.data + k * stride;
+        Number* const qx = x.data + mirror * stride;
+        Number* const qy = y.data + mirror * stride;
+        const Number* const txx = xx.data + start + k * columns;
+        const Number* const txy = xy.data + start + k * columns;
+        const Number* const tyy = yy.data + start + k * columns;
+        if (k == mirror) {
+            for (int c = 0; c <= columns / 2; ++c) {
+                const int m = (columns - c) % columns;
+                const Number ax = px[c], ay = py[c], bx = px[m], by = py[m];
+                px[c] = txx[c] * ax + txy[c] * by, py[c] = tyy[c] * ay + txy[c] * bx;
+                px[m] = txx[c] * bx + txy[c] * ay, py[m] = tyy[c] * by + txy[c] * ax;
+            }
+            continue;
+        }
+        qx[columns] = qx[0], qy[columns] = qy[0];  // so that a mirrored row is columns in the opposite order
+        for (int c = 0; c < columns; c += wide) {
+            const int m = columns - c - wide + 1;
+            const Vector ax = get(px + c), ay = get(py + c), bx = turned(get(qx + m)), by = turned(get(qy + m));
+            const Vector fx = get(txx + c), fxy = get(txy + c), fy = get(tyy + c);
+            put(px + c, fx * ax + fxy * by), put(py + c, fy * ay + fxy * bx);
+            put(qx + m, turned(fx * bx + fxy * ay)), put(qy + m, turned(fy * by + fxy * ax));
+        }
+        qx[0] = qx[columns], qy[0] = qy[columns];
+    }
+"""
+)
+
+_TRANSFORM = """
+    struct Complex { Vector re, im; };
+    const int64_t from_row = field.strides[0] / sizeof(Number), to_row = out.strides[0] / sizeof(Number);
+    const int half = columns / 2, quarter = n / 4;
+    const wp::vec_t<2, Number>* const turns = twiddle.data;
+    auto at = [&](Number* z, const int k) { return z + 2 * wide * k; };
+    auto load = [&](Number* z, const int k) { return Complex{get(at(z, k)), get(at(z, k) + wide)}; };
+    auto store = [&](Number* z, const int k, const Complex& v) { put(at(z, k), v.re), put(at(z, k) + wide, v.im); };
+    auto add = [](const Complex& a, const Complex& b) { return Complex{a.re + b.re, a.im + b.im}; };
+    auto sub = [](const Complex& a, const Complex& b) { return Complex{a.re - b.re, a.im - b.im}; };
+    auto turned = [](const Complex& a) { return Complex{a.im, -a.re}; };  // by -i
+    auto times = [](const Complex& a, const wp::vec_t<2, Number>& w) {
+        return Complex{a.re * w[0] - a.im * w[1], a.re * w[1] + a.im * w[0]};
+    };
+    struct Four { Complex z[4]; };
+    auto fft4 = [&](const Complex& a, const Complex& b, const Complex& c, const Complex& d) {
+        const Complex e = add(a, c), f = sub(a, c), g = add(b, d), h = turned(sub(b, d));
+        return Four{{add(e, g), add(f, h), sub(e, g), sub(f, h)}};
+    };
+    for (int group = 0; group < half; group += wide) {
+        Number* here = scratch.data;
+        Number* there = here + 2 * wide * n;
+        auto row = [&](const int k) {
+            if (k >= rows)
+                return Complex{Vector{}, Vector{}};
+            const Number* const p = field.data + k * from_row + group;
+            return Complex{get(p), get(p + half)};
+        };
+        const int turn = twiddle.shape[0] / n;
+        auto begin = [&](const int k, const Four& y) {
+            store(here, 4 * k, y.z[0]);
+            for (int m = 1; m < 4; ++m)
+                store(here, 4 * k + m, times(y.z[m], turns[m * k * turn]));
+        };
+        if (rows <= n / 2)  // the rest are zeros
+            for (int k = 0; k < quarter; ++k) {
+                const Complex a = row(k), b = row(k + quarter), h = turned(b);
+                begin(k, Four{{add(a, b), add(a, h), sub(a, b), sub(a, h)}});
+            }
+        else
+            for (int k = 0; k < quarter; ++k)
+                begin(k, fft4(row(k), row(k + quarter), row(k + 2 * quarter), row(k + 3 * quarter)));
+        int length = quarter, stride = 4;
+        for (; length > 8; length /= 4, stride *= 4) {
+            for (int p = 0; p < length / 4; ++p) {
+                const int step = p * stride * turn;
+                const wp::vec_t<2, Number> w1 = turns[step], w2 = turns[2 * step], w3 = turns[3 * step];
+                for (int k = p * stride; k < (p + 1) * stride; ++k) {
+                    const Four y = fft4(
+                        load(here, k), load(here, k + quarter), load(here, k + 2 * quarter), load(here, k + 3 * quarter)
+                    );
+                    const int o = k + 3 * p * stride;
+                    store(there, o, y.z[0]);
+                    store(there, o + stride, times(y.z[1], w1));
+                    store(there, o + 2 * stride, times(y.z[2], w2));
+                    store(there, o + 3 * stride, times(y.z[3], w3));
+                }
+            }
+            Number* const other = here;
+            here = there, there = other;
+        }
+        if (length == 4)
+            for (int k = 0; k < stride; ++k) {
+                const Four y =
+                    fft4(load(here, k), load(here, k + stride), load(here, k + 2 * stride), load(here, k + 3 * stride));
+                for (int m = 0; m < 4; ++m)
+                    store(here, k + m * stride, y.z[m]);
+            }
+        else
+            for (int k = 0; k < stride; ++k) {
+                const Number root = Number(0.70710678118654752440);
+                Complex even[4], odd[4];
+                for (int m = 0; m < 4; ++m) {
+                    const Complex a = load(here, k + m * stride), b = load(here, k + (m + 4) * stride);
+                    even[m] = add(a, b), odd[m] = sub(a, b);
+                }
+                odd[1] = Complex{root * (odd[1].re + odd[1].im), root * (odd[1].im - odd[1].re)};
+                odd[2] = turned(odd[2]);
+                odd[3] = Complex{root * (odd[3].im - odd[3].re), -root * (odd[3].im + odd[3].re)};
+                const Four x = fft4(even[0], even[1], even[2], even[3]), y = fft4(odd[0], odd[1], odd[2], odd[3]);
+                for (int m = 0; m < 4; ++m)
+                    store(here, k + 2 * m * stride, x.z[m]), store(here, k + (2 * m + 1) * stride, y.z[m]);
+            }
+        // Hartley coefficients of the two columns in each complex one, transposed.
+        auto turn_over = [&](Vector* r, Number* const to) {
+            Vector s[wide], t[wide];
+            for (int l = 0; l < wide; l += 2) {
+                s[l] = __builtin_shufflevector(r[l], r[l + 1], 0, 8, 1, 9, 4, 12, 5, 13);
+                s[l + 1] = __builtin_shufflevector(r[l], r[l + 1], 2, 10, 3, 11, 6, 14, 7, 15);
+            }
+            for (int l = 0; l < wide; l += 4)
+                for (int m = 0; m < 2; ++m) {
+                    t[l + 2 * m] = __builtin_shufflevector(s[l + m], s[l + m + 2], 0, 1, 8, 9, 4, 5, 12, 13);
+                    t[l + 2 * m + 1] = __builtin_shufflevector(s[l + m], s[l + m + 2], 2, 3, 10, 11, 6, 7, 14, 15);
+                }
+            for (int l = 0; l < 4; ++l) {
+                put(to + l * to_row, __builtin_shufflevector(t[l], t[l + 4], 0, 1, 2, 3, 8, 9, 10, 11));
+                put(to + (l + 4) * to_row, __builtin_shufflevector(t[l], t[l + 4], 4, 5, 6, 7, 12, 13, 14, 15));
+            }
+        };
+        Number* const result = out.data + group * to_row;
+        for (int k = 0; k < rows_out; k += wide) {
+            Vector one[wide], other[wide];
+            for (int l = 0; l < wide; ++l) {
+                const int place = (k + l + first) & (n - 1);
+                const Complex x = load(here, place), y = load(here, (n - place) & (n - 1));
+                one[l] = (x.re + y.re) - (x.im - y.im);
+                other[l] = (x.im + y.im) + (x.re - y.re);
+            }
+            turn_over(one, result + k);
+            turn_over(other, result + half * to_row + k);
+        }
+    }
+"""

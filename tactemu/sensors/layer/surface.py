@@ -1,0 +1,163 @@
+"""Where the surface of the layer is: its displacement by pressure and traction, out to where it dies away."""
+
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
+import functools
+
+import numpy as np
+import warp as wp
+
+from tactemu.sensors.layer.compliance import Kernels
+from tactemu.sensors.layer.convolution import (
+    BLOCK,
+    Block,
+    block_sync,
+    convolution_functions,
+    spread,
+    workspace_type,
+)
+from tactemu.sensors.layer.friction_state import friction_state_type
+from tactemu.sensors.layer.pressure import windows_type
+from tactemu.sensors.layer.shared_memory import chip_functions, chip_numbers
+from tactemu.sensors.layer.tables import tables_type
+from tactemu.sensors.layer.tangential_compliance import sideways_functions
+from tactemu.sensors.layer.window import BOX_STEP, around, transform_level, transform_size
+
+CHIP_BLOCK = Block(128, 2)
+"""On the chip."""
+ON_CHIP = (3, 2)
+"""Spectra and windows there."""
+NEGLIGIBLE = 1e-5
+"""A response smaller than this part of that at the load is left out."""
+
+
+def reach_of(kernels: Kernels) -> tuple[int, int]:
+    """How many cells away a load still moves the surface, along rows and columns; at most the whole grid."""
+    strength = np.maximum(np.abs(kernels.nn), np.hypot(kernels.nx, kernels.ny)) / kernels.nn[0, 0]
+    felt = strength > NEGLIGIBLE
+    rows, columns = (int(np.flatnonzero(felt.any(axis=1 - axis)).max()) + 1 for axis in range(2))
+    return rows, columns
+
+
+@functools.cache
+def surface_kernel(real, lanes: int, with_friction: bool, chip: bool):
+    """Displacement [pitches] of every cell in reach: along u, along v, and into the skin."""
+    workspace, tables_struct = workspace_type(real), tables_type(real)
+    windows, friction_state = windows_type(real), friction_state_type(real)
+    functions, sideways = convolution_functions(real, lanes, chip), sideways_functions(real, lanes, chip)
+    forward, inverse, displace = functions.forward, functions.inverse, sideways.displace
+    move_in, window = chip_functions(real, workspace, *ON_CHIP)
+    grid = wp.array2d(dtype=real)
+
+    @wp.func
+    def fetch(source: grid, box: wp.vec4i, window: grid, mine: wp.vec4i):
+        for y in range(mine[0], box[2], mine[1]):
+            for x in range(mine[2], box[3], mine[3]):
+                value = real(0.0)
+                if box[0] + y < source.shape[0] and box[1] + x < source.shape[1]:
+                    value = source[box[0] + y, box[1] + x]
+                window[y, x] = value
+        block_sync()
+
+    @wp.func
+    def deposit(window: grid, area: wp.vec4i, out: grid, thread: int):
+        mine = spread(area[3], thread)
+        for y in range(mine[0], wp.min(area[2], out.shape[0] - area[0]), mine[1]):
+            for x in range(mine[2], wp.min(area[3], out.shape[1] - area[1]), mine[3]):
+                out[area[0] + y, area[1] + x] = window[y, x]
+        block_sync()
+
+    @wp.func
+    def wipe(area: wp.vec4i, out: grid, thread: int):
+        if area[3] > 0:
+            mine = spread(area[3], thread)
+            for y in range(mine[0], wp.min(area[2], out.shape[0] - area[0]), mine[1]):
+                for x in range(mine[2], wp.min(area[3], out.shape[1] - area[1]), mine[3]):
+                    out[area[0] + y, area[1] + x] = real(0.0)
+        block_sync()
+
+    @wp.func
+    def widen(first: int, length: int, reach: int, cells: int):
+        """First cell and length of a box with its reach, within the grid; lengths are whole steps."""
+        begin = wp.max(0, first - reach)
+        end = wp.min(cells, first + length + reach)
+        steps = (end - begin + wp.static(BOX_STEP - 1)) // wp.static(BOX_STEP)
+        return wp.vec2i(begin, steps * wp.static(BOX_STEP))
+
+    @wp.kernel(module="unique", enable_backward=False, launch_bounds=CHIP_BLOCK if chip else BLOCK)
+    def find_surface(
+        turns: wp.vec4i,  # first environment, end, first slot, slots that take turns
+        # Layer:
+        tables: tables_struct,
+        reach: wp.vec2i,
+        # In:
+        pressure: wp.array3d(dtype=real),
+        friction: friction_state,
+        boxes: wp.array(dtype=wp.vec4i),
+        changed: wp.array(dtype=wp.int32),
+        # Scratch:
+        ws: workspace,
+        win: windows,
+        # State and out:
+        area_out: wp.array(dtype=wp.vec4i),
+        dirty_out: wp.array(dtype=wp.vec4i),
+        u_out: wp.array3d(dtype=real),
+        v_out: wp.array3d(dtype=real),
+        w_out: wp.array3d(dtype=real),
+    ):
+        place, thread = wp.tid()
+        slot = turns[2] + place
+        if wp.static(chip):
+            memory = wp.tile_empty(shape=(wp.static(chip_numbers(*ON_CHIP)),), dtype=real, storage="shared")
+            ws = move_in(ws, memory)
+            win.direction = window(memory, 0)
+            win.answer = window(memory, 1)
+        for env in range(turns[0] + place, turns[1], turns[3]):
+            if changed[env] > 0:
+                box = boxes[env]
+                wipe(area_out[env], u_out[env], thread)
+                wipe(area_out[env], v_out[env], thread)
+                wipe(area_out[env], w_out[env], thread)
+                area = wp.vec4i(0, 0, 0, 0)
+                if box[3] > 0:
+                    down = widen(box[0], box[2], reach[0], pressure.shape[1])
+                    along = widen(box[1], box[3], reach[1], pressure.shape[2])
+                    area = wp.vec4i(down[0], along[0], down[1], along[1])
+                    shape = wp.vec2i(box[2], box[3])
+                    whole = wp.vec2i(area[2], area[3])
+                    first = wp.vec2i(area[0] - box[0], area[1] - box[1])
+                    # Offsets from any loaded cell to any cell of the area must not wrap.
+                    span = wp.vec2i(
+                        wp.max(box[2] - first[0], first[0] + area[2]), wp.max(box[3] - first[1], first[1] + area[3])
+                    )
+                    level = transform_level(span)
+                    size = transform_size(level)
+                    start = tables.start[level[0], level[1]]
+                    mine = spread(box[3], thread)
+                    answer = win.answer[slot]
+                    direction = win.direction[slot]
+                    first_numbers = ws.spectrum[slot]
+                    second_numbers = ws.second[slot]
+                    third_numbers = ws.third[slot]
+                    fetch(pressure[env], box, direction, mine)
+                    forward(ws, slot, direction, shape, size, first_numbers, thread)
+                    if wp.static(with_friction):
+                        fetch(friction.x[env], box, direction, mine)
+                        forward(ws, slot, direction, shape, size, second_numbers, thread)
+                        fetch(friction.y[env], box, direction, mine)
+                        forward(ws, slot, direction, shape, size, third_numbers, thread)
+                    displace(ws, slot, tables, wp.static(with_friction), start, size, thread)
+                    inverse(ws, slot, second_numbers, first, whole, size, answer, thread)
+                    deposit(answer, area, u_out[env], thread)
+                    inverse(ws, slot, third_numbers, first, whole, size, answer, thread)
+                    deposit(answer, area, v_out[env], thread)
+                    inverse(ws, slot, first_numbers, first, whole, size, answer, thread)
+                    deposit(answer, area, w_out[env], thread)
+                block_sync()
+                if thread == 0:
+                    dirty_out[env] = around(dirty_out[env], around(area, area_out[env]))
+                    area_out[env] = area
+                block_sync()
+
+    return find_surface

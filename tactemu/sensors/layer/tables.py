@@ -1,0 +1,123 @@
+"""The layer's kernels as the solvers use them: spectra for every size of window, in one array per kernel.
+
+Everything is dimensionless: lengths in pitches, pressures in the pressure that presses a lone cell in by one pitch.
+A scene of nanometres and one of kilometres give the solvers the same numbers.
+"""
+
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
+import functools
+from typing import NamedTuple
+
+import numpy as np
+import warp as wp
+
+from tactemu.sensors.layer.compliance import sample_kernels, spectrum, transfer
+from tactemu.sensors.layer.convolution import SMALLEST_TRANSFORM
+
+HARTLEY_GAIN = 16.0
+"""Two per pass, four passes."""
+
+_ODD = {"nn": (False, False), "xx": (False, False), "yy": (False, False), "xy": (True, True)}
+_ODD |= {"nx": (False, True), "ny": (True, False)}
+
+
+@functools.cache
+def tables_type(real):
+    """The Warp struct of the spectra."""
+
+    @wp.struct
+    class Tables:
+        start: wp.array2d(dtype=wp.int32)  # [level of rows, level of columns] -> first number of the spectrum
+        nn: wp.array(dtype=real)  # displacement into the skin by pressure
+        soften: wp.array(dtype=real)  # its approximate inverse, the preconditioner
+        xx: wp.array(dtype=real)  # tangential displacement by traction
+        yy: wp.array(dtype=real)
+        xy: wp.array(dtype=real)
+        soften_x: wp.array(dtype=real)
+        soften_y: wp.array(dtype=real)
+        nx: wp.array(dtype=real)  # tangential displacement by pressure
+        ny: wp.array(dtype=real)
+
+    return Tables
+
+
+class LayerMaterial(NamedTuple):
+    """An elastic layer on a rigid base."""
+
+    shear_modulus: float
+    """[Pa]"""
+    poisson_ratio: float
+    """0 to 0.5"""
+    thickness: float
+    """[m], > 0; ``inf``: a half-space"""
+
+
+class LayerTables:
+    """Spectra of a layer for windows of up to ``cells`` on a grid of ``pitch``.
+
+    Args:
+        material: the layer.
+        cells: largest offsets ``(ny, nx)`` that windows hold.
+        pitch: distance of neighbours ``(dy, dx)`` [m].
+        tangential: build the tangential kernels too.
+    """
+
+    def __init__(self, material: LayerMaterial, cells, pitch, *, tangential: bool, real, device):
+        self.sizes = tuple(_transform_sizes(n) for n in cells)
+        self.n_max = max(sizes[-1] for sizes in self.sizes)
+        shape = tuple(sizes[-1] // 2 + 1 for sizes in self.sizes)
+        self.kernels = kernels = sample_kernels(shape, pitch, *material)
+        self.length_scale = float(min(pitch))
+        """One pitch [m]."""
+        self.pressure_scale = self.length_scale / float(kernels.nn[0, 0])
+        """[Pa]"""
+        self.material, self.pitch = material, pitch
+        unit = 1.0 / float(kernels.nn[0, 0])
+        self.struct = tables_type(real)()
+        self.struct.start = wp.array(self._starts(), dtype=wp.int32, device=device)
+        names = ("nn", "xx", "yy", "xy", "nx", "ny") if tangential else ("nn",)
+        for name in names:
+            kernel = getattr(kernels, name) * unit
+            flat = self._every_size(lambda n, kernel=kernel, odd=_ODD[name]: spectrum(kernel, n, odd))
+            self._store(name, flat, real, device)
+        for name in ("soften", "soften_x", "soften_y") if tangential else ("soften",):
+            flat = self._every_size(lambda n, name=name: 1.0 / (unit * self._compliance(n, name)))
+            self._store(name, flat, real, device)
+
+    def _starts(self) -> np.ndarray:
+        lengths = [[ny * nx for nx in self.sizes[1]] for ny in self.sizes[0]]
+        return (np.cumsum(np.ravel(lengths)) - np.ravel(lengths)).reshape(np.shape(lengths))
+
+    def _every_size(self, factors) -> np.ndarray:
+        parts = []
+        for ny in self.sizes[0]:
+            for nx in self.sizes[1]:
+                parts.append(np.ravel(factors((ny, nx))) / (HARTLEY_GAIN * ny * nx))
+        return np.concatenate(parts)
+
+    def _store(self, name: str, flat: np.ndarray, real, device) -> None:
+        setattr(self.struct, name, wp.array(flat, dtype=real, device=device))
+
+    def _compliance(self, shape, name: str) -> np.ndarray:
+        """The compliance at the wave numbers of a transform [m/Pa]; that of the mean is taken at half the lowest."""
+        (ny, nx), (dy, dx) = shape, self.pitch
+        shear_modulus, nu, thickness = self.material
+        ky = 2 * np.pi * np.fft.fftfreq(ny, dy)[:, None]
+        kx = 2 * np.pi * np.fft.fftfreq(nx, dx)[None, :]
+        k = np.hypot(kx, ky)
+        k[0, 0] = np.pi * min(1 / (ny * dy), 1 / (nx * dx))
+        modes = transfer(k * thickness, nu)
+        if name == "soften":
+            return modes.nn / (shear_modulus * k)
+        along = (kx if name == "soften_x" else ky) / k
+        return 1.0 / ((along**2 / modes.ll + (1 - along**2) / modes.tt) * shear_modulus * k)
+
+
+def _transform_sizes(cells: int) -> list[int]:
+    """Powers of two from the smallest transform to the one that holds a window of ``cells`` without wrapping."""
+    sizes = [SMALLEST_TRANSFORM]
+    while sizes[-1] < 2 * cells:
+        sizes.append(2 * sizes[-1])
+    return sizes

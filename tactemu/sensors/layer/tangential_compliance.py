@@ -1,0 +1,161 @@
+"""What tractions and pressures do sideways: the tangential half of the layer's compliance, on spectra.
+
+Tractions along x and y move the surface along both. With the mirrored wave numbers that an odd kernel asks for
+(:mod:`.convolution`)::
+
+    U_x(k) = xx(k) T_x(k) + xy(k) T_y(-k)          u_x by pressure: U_x(kx, ky) = nx(k) P(-kx, ky)
+    U_y(k) = yy(k) T_y(k) + xy(k) T_x(-k)          u_y by pressure: U_y(kx, ky) = ny(k) P(kx, -ky)
+
+``-k`` mirrors both wave numbers. Transforms are as long as a power of two: masked bits find a mirrored place.
+"""
+
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
+import functools
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from tactemu.sensors.layer.convolution import block_sync, convolution_functions, spread, workspace_type
+from tactemu.sensors.layer.simd import wide_by_pressure, wide_mix
+from tactemu.sensors.layer.tables import tables_type
+
+
+class SidewaysFunctions(NamedTuple):
+    """Warp functions that all threads of a block call together; ``size`` is the length of the transforms."""
+
+    mix: Any
+    """``mix(ws, slot, tables, start, size, thread)``: tractions in the two spectra become displacements."""
+    by_pressure: Any
+    """``by_pressure(ws, slot, tables, axis, start, size, thread)``: the second spectrum becomes the displacement along
+    x (axis 0) or y (1) by the pressure in the first, which stays."""
+    displace: Any
+    """``displace(ws, slot, tables, pulled, start, size, thread)``: the spectra of pressure and, if ``pulled``, of both
+    tractions become those of the displacement into the skin, along x and along y, in this order."""
+    by_traction: Any
+    """``by_traction(ws, slot, tables, start, x, y, shape, size, first, out_shape, out_x, out_y, thread)``: displacement
+    in the window of ``out_shape`` at ``first`` by tractions ``x, y`` in the window of ``shape`` at (0, 0)."""
+
+
+@functools.cache
+def sideways_functions(real, lanes: int, chip: bool) -> SidewaysFunctions:
+    """The functions for one float type and lane width; ``chip``: for a workspace of :mod:`.on_chip`."""
+    workspace = workspace_type(real)
+    tables_struct = tables_type(real)
+    functions = convolution_functions(real, lanes, chip)
+    forward, inverse = functions.forward, functions.inverse
+    grid = wp.array2d(dtype=real)
+    quad = wp.types.vector(4, real)
+    mix_in_registers, by_pressure_in_registers = wide_mix(real), wide_by_pressure(real)
+
+    @wp.func
+    def mix(ws: workspace, slot: int, tables: tables_struct, start: int, size: wp.vec2i, thread: int):
+        x = ws.spectrum[slot]
+        y = ws.second[slot]
+        if wp.static(lanes > 1):
+            mix_in_registers(x, y, tables.xx, tables.xy, tables.yy, start, size[0], size[1])
+            return
+        mine = spread(size[1], thread)
+        for k in range(mine[0], size[0] // 2 + 1, mine[1]):
+            mirror_k = -k & (size[0] - 1)
+            for c in range(mine[2], size[1], mine[3]):
+                mirror_c = -c & (size[1] - 1)
+                if k < mirror_k or c <= mirror_c:
+                    at = start + k * size[1] + c
+                    xx = tables.xx[at]
+                    xy = tables.xy[at]
+                    yy = tables.yy[at]
+                    tx = x[k, c]
+                    ty = y[k, c]
+                    tx_mirror = x[mirror_k, mirror_c]
+                    ty_mirror = y[mirror_k, mirror_c]
+                    x[k, c] = xx * tx + xy * ty_mirror
+                    y[k, c] = yy * ty + xy * tx_mirror
+                    x[mirror_k, mirror_c] = xx * tx_mirror + xy * ty
+                    y[mirror_k, mirror_c] = yy * ty_mirror + xy * tx
+        block_sync()
+
+    @wp.func
+    def by_pressure(
+        ws: workspace, slot: int, tables: tables_struct, axis: int, start: int, size: wp.vec2i, thread: int
+    ):
+        p = ws.spectrum[slot]
+        u = ws.second[slot]
+        if wp.static(lanes > 1):
+            if axis == 0:
+                by_pressure_in_registers(p, u, tables.nx, axis, start, size[0], size[1])
+            else:
+                by_pressure_in_registers(p, u, tables.ny, axis, start, size[0], size[1])
+            return
+        mine = spread(size[1], thread)
+        for k in range(mine[0], size[0], mine[1]):
+            for c in range(mine[2], size[1], mine[3]):
+                at = start + k * size[1] + c
+                if axis == 0:
+                    u[k, c] = tables.nx[at] * p[k, -c & (size[1] - 1)]
+                else:
+                    u[k, c] = tables.ny[at] * p[-k & (size[0] - 1), c]
+        block_sync()
+
+    @wp.func
+    def displace(
+        ws: workspace, slot: int, tables: tables_struct, pulled: bool, start: int, size: wp.vec2i, thread: int
+    ):
+        p = ws.spectrum[slot]
+        x = ws.second[slot]
+        y = ws.third[slot]
+        mine = spread(size[1] // 2 + 1, thread)
+        for k in range(mine[0], size[0] // 2 + 1, mine[1]):
+            rows = wp.vec2i(k, -k & (size[0] - 1))
+            for c in range(mine[2], size[1] // 2 + 1, mine[3]):
+                columns = wp.vec2i(c, -c & (size[1] - 1))
+                at = start + k * size[1] + c
+                # All four mirror images at once, since each is made from the others.
+                tx = quad(real(0.0))
+                ty = quad(real(0.0))
+                pressed = quad(real(0.0))
+                for i in range(2):
+                    for j in range(2):
+                        pressed[2 * i + j] = p[rows[i], columns[j]]
+                        if pulled:
+                            tx[2 * i + j] = x[rows[i], columns[j]]
+                            ty[2 * i + j] = y[rows[i], columns[j]]
+                for i in range(2):
+                    for j in range(2):
+                        down = real(1 - 2 * i)
+                        along = real(1 - 2 * j)
+                        u = along * tables.nx[at] * pressed[2 * i + 1 - j]
+                        v = down * tables.ny[at] * pressed[2 - 2 * i + j]
+                        if pulled:
+                            cross = down * along * tables.xy[at]
+                            u += tables.xx[at] * tx[2 * i + j] + cross * ty[3 - 2 * i - j]
+                            v += tables.yy[at] * ty[2 * i + j] + cross * tx[3 - 2 * i - j]
+                        x[rows[i], columns[j]] = u
+                        y[rows[i], columns[j]] = v
+                        p[rows[i], columns[j]] = tables.nn[at] * pressed[2 * i + j]
+        block_sync()
+
+    @wp.func
+    def by_traction(
+        ws: workspace,
+        slot: int,
+        tables: tables_struct,
+        start: int,
+        x: grid,
+        y: grid,
+        shape: wp.vec2i,
+        size: wp.vec2i,
+        first: wp.vec2i,
+        out_shape: wp.vec2i,
+        out_x: grid,
+        out_y: grid,
+        thread: int,
+    ):
+        forward(ws, slot, x, shape, size, ws.spectrum[slot], thread)
+        forward(ws, slot, y, shape, size, ws.second[slot], thread)
+        mix(ws, slot, tables, start, size, thread)
+        inverse(ws, slot, ws.spectrum[slot], first, out_shape, size, out_x, thread)
+        inverse(ws, slot, ws.second[slot], first, out_shape, size, out_y, thread)
+
+    return SidewaysFunctions(mix, by_pressure, displace, by_traction)

@@ -1,0 +1,189 @@
+"""The window of cells that an environment's contact can reach, and how the threads of a block share it."""
+
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
+import functools
+
+import warp as wp
+
+from tactemu.plan.scalars import is_finite
+from tactemu.sensors.layer.convolution import SMALLEST_TRANSFORM, block_sync, spread
+
+BOX_STEP = SMALLEST_TRANSFORM // 2
+"""Windows grow in steps of this many cells, so that lanes are full."""
+SAME, CHANGED, BROKEN = 0, 1, 2
+"""What became of an overlap since the last step; ``BROKEN``: it is not finite."""
+
+
+@functools.cache
+def block_functions(lanes: int):
+    """``(block_sum, block_max)``: over the threads of the block, for all of them.
+
+    On a CPU (more than one lane) a block is one thread.
+    """
+
+    @wp.func
+    def own(x: wp.float64):
+        return x
+
+    return (_all_sum, _all_max) if lanes == 1 else (own, own)
+
+
+def _over_block(combine: str) -> str:
+    """C++ that combines ``x`` of all threads of a block, for all of them; those of a warp first."""
+    snippet = """
+#if defined(__CUDA_ARCH__)
+    __shared__ double parts[WP_TILE_BLOCK_DIM / 32];
+    for (int far = 16; far > 0; far /= 2) {
+        const double y = __shfl_xor_sync(0xffffffff, x, far);
+        x = COMBINE;
+    }
+    __syncthreads();
+    if (threadIdx.x % 32 == 0)
+        parts[threadIdx.x / 32] = x;
+    __syncthreads();
+    x = parts[0];
+    for (int warp = 1; warp < WP_TILE_BLOCK_DIM / 32; ++warp) {
+        const double y = parts[warp];
+        x = COMBINE;
+    }
+#endif
+    return x;
+"""
+    return snippet.replace("COMBINE", combine)
+
+
+@wp.func_native(_over_block("x + y"))
+def _native_sum(x: wp.float64) -> wp.float64: ...
+
+
+@wp.func_native(_over_block("x > y ? x : y"))
+def _native_max(x: wp.float64) -> wp.float64: ...
+
+
+@wp.func(inline=False)
+def _all_sum(x: wp.float64):
+    return _native_sum(x)
+
+
+@wp.func(inline=False)
+def _all_max(x: wp.float64):
+    return _native_max(x)
+
+
+@wp.func
+def transform_level(shape: wp.vec2i):
+    """Which transforms hold a window without wrapping: (0, 0) for the smallest."""
+    level = wp.vec2i(0, 0)
+    for axis in range(2):
+        while wp.static(BOX_STEP) << level[axis] < shape[axis]:
+            level[axis] = level[axis] + 1
+    return level
+
+
+@wp.func
+def transform_size(level: wp.vec2i):
+    """Length of the transforms of a level, along rows and columns."""
+    return wp.vec2i(wp.static(SMALLEST_TRANSFORM) << level[0], wp.static(SMALLEST_TRANSFORM) << level[1])
+
+
+@wp.func
+def around(a: wp.vec4i, b: wp.vec4i):
+    """The box around two boxes ``(first row, first column, rows, columns)``; empty ones do not count."""
+    if a[2] == 0:
+        return b
+    if b[2] == 0:
+        return a
+    top = wp.min(a[0], b[0])
+    left = wp.min(a[1], b[1])
+    return wp.vec4i(top, left, wp.max(a[0] + a[2], b[0] + b[2]) - top, wp.max(a[1] + a[3], b[1] + b[3]) - left)
+
+
+@wp.func
+def fit(first: int, last: int, cells: int):
+    """First cell and length of a window around ``first..last``, inside ``cells`` where that is possible.
+
+    It holds two cells more on both sides, so that a cell about to be reached is already known.
+    """
+    first = wp.max(first - 2, 0)
+    last = wp.min(last + 2, cells - 1)
+    length = (last - first + wp.static(BOX_STEP)) // wp.static(BOX_STEP) * wp.static(BOX_STEP)
+    return wp.vec2i(wp.max(0, wp.min(first, cells - length)), length)
+
+
+@functools.cache
+def survey_function(real, lanes: int):
+    """``survey(overlap, solved, active, bulge, thread) -> (state, box)`` of one environment.
+
+    ``box`` is ``(first row, first column, rows, columns)`` around the cells that contact can reach: those whose overlap
+    is more than ``-bulge`` times the deepest, since a skin that cannot be compressed rises beside what presses it. It
+    is empty where nothing touches. ``solved`` is the overlap of the last step; it is brought up to date. Only the cells
+    from ``active[:2]`` to before ``active[2:]`` are looked at: no body is, or was at the last step, near the others.
+    """
+    grid = wp.array2d(dtype=real)
+    _sum, block_max = block_functions(lanes)
+
+    @wp.func
+    def survey(overlap: grid, solved: grid, active: wp.vec4i, bulge: real, thread: int):
+        rows = overlap.shape[0]
+        columns = overlap.shape[1]
+        mine = spread(wp.max(active[3] - active[1], 1), thread)
+        deepest = real(0.0)
+        state = int(SAME)
+        for y in range(active[0] + mine[0], active[2], mine[1]):
+            for x in range(active[1] + mine[2], active[3], mine[3]):
+                o = overlap[y, x]
+                deepest = wp.max(deepest, o)
+                if o != solved[y, x]:
+                    state = wp.max(state, CHANGED)
+                    solved[y, x] = o
+                if not is_finite(o):
+                    state = BROKEN
+        state = int(block_max(wp.float64(state)))
+        deepest = real(block_max(wp.float64(deepest)))
+        if state == BROKEN or deepest <= real(0.0):
+            return state, wp.vec4i(0, 0, 0, 0)
+        top = rows
+        bottom = int(-1)
+        left = columns
+        right = int(-1)
+        floor = -bulge * deepest
+        for y in range(active[0] + mine[0], active[2], mine[1]):
+            for x in range(active[1] + mine[2], active[3], mine[3]):
+                if overlap[y, x] > floor:
+                    top = wp.min(top, y)
+                    bottom = wp.max(bottom, y)
+                    left = wp.min(left, x)
+                    right = wp.max(right, x)
+        top = -int(block_max(wp.float64(-top)))
+        bottom = int(block_max(wp.float64(bottom)))
+        left = -int(block_max(wp.float64(-left)))
+        right = int(block_max(wp.float64(right)))
+        down = fit(top, bottom, rows)
+        along = fit(left, right, columns)
+        return state, wp.vec4i(down[0], along[0], down[1], along[1])
+
+    return survey
+
+
+@functools.cache
+def publish_function(real):
+    """``publish(window, box, old, out, thread)``: clears the box ``old`` of a grid and writes the window to ``box``."""
+    grid = wp.array2d(dtype=real)
+
+    @wp.func
+    def publish(window: grid, box: wp.vec4i, old: wp.vec4i, out: grid, thread: int):
+        if old[3] > 0:
+            mine = spread(old[3], thread)
+            for y in range(mine[0], wp.min(old[2], out.shape[0] - old[0]), mine[1]):
+                for x in range(mine[2], wp.min(old[3], out.shape[1] - old[1]), mine[3]):
+                    out[old[0] + y, old[1] + x] = real(0.0)
+        block_sync()
+        if box[3] > 0:
+            mine = spread(box[3], thread)
+            for y in range(mine[0], wp.min(box[2], out.shape[0] - box[0]), mine[1]):
+                for x in range(mine[2], wp.min(box[3], out.shape[1] - box[1]), mine[3]):
+                    out[box[0] + y, box[1] + x] = window[y, x]
+
+    return publish

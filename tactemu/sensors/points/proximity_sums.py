@@ -1,0 +1,122 @@
+"""Sums of each taxel over the points within its radius: how much of a surface is near, and where.
+
+With ``P_j = R - |x_j - r|`` for the points of a body nearer than R, the sums are ``sum P_j`` and
+``sum P_j (x_j - r)``. All that a ProximityTaxel reads is linear in them, since a body moves rigidly. The taxel is taken
+into each body's frame, so that points are never moved, and clusters out of reach are skipped.
+"""
+
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
+import functools
+from collections.abc import Callable
+
+import numpy as np
+import warp as wp
+
+from tactemu.geometry.simd import WIDTH
+from tactemu.geometry.vector_io import wide_loads
+from tactemu.sensors.point_cloud import CLUSTER, spatial_order
+from tactemu.sensors.points.near import NearClusters
+from tactemu.sensors.points.sums_simd import strip_sums_kernel
+from tactemu.sensors.points.table import cloud_type
+from tactemu.sensors.sensor_model import Site
+
+_SIDE_BY_SIDE = 32
+"""Taxels that run together on a GPU: they should be near each other, to look at the same points."""
+BLOCK = 256, 6
+"""Threads of a block on a GPU, and how many blocks a multiprocessor shall hold at once: bounds the registers."""
+_AT_ONCE = 4
+"""Points fetched at once."""
+
+
+@functools.cache
+def _kernel(real):
+    """Of a GPU, whose threads run in step: points out of reach add zeros, with quick roots."""
+    vec3, vec4 = wp.types.vector(3, real), wp.types.vector(4, real)
+    transform = wp.types.transformation(real)
+    fetch, _, _ = wide_loads(real, 4)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": True}, launch_bounds=BLOCK)
+    def sum_points(
+        first_env: int,
+        clouds: cloud_type(real),
+        near: wp.array2d(dtype=wp.int32),
+        near_start: wp.array2d(dtype=wp.int32),
+        pose: wp.array2d(dtype=transform),
+        order: wp.array(dtype=wp.int32),
+        positions: wp.array(dtype=vec3),
+        radius: wp.array2d(dtype=real),
+        # outputs
+        sums: wp.array3d(dtype=vec4),
+    ):
+        env, k, place = wp.tid()
+        env += first_env
+        i = order[place]
+        at = pose[env, clouds.bodies[k]]
+        limit = radius[wp.min(env, radius.shape[0] - 1), i]
+        q = wp.transform_get_rotation(at)
+        p = wp.quat_rotate_inv(q, positions[i] - wp.transform_get_translation(at))
+        total = real(0.0)
+        moment = vec3(real(0.0))
+        ball = clouds.cloud_ball[k]
+        away = p - vec3(ball[0], ball[1], ball[2])
+        reach = ball[3] + limit
+        if wp.dot(away, away) <= reach * reach:
+            for n in range(near_start[env, k], near_start[env, k + 1]):
+                c = near[env, n]
+                ball = clouds.ball[c]
+                away = p - vec3(ball[0], ball[1], ball[2])
+                reach = ball[3] + limit
+                if wp.dot(away, away) <= reach * reach:
+                    for j in range(c * CLUSTER, c * CLUSTER + clouds.counts[c], _AT_ONCE):
+                        for m in range(_AT_ONCE):
+                            x = fetch(clouds.points, j + m)
+                            d = vec3(x[0], x[1], x[2]) - p
+                            overlap = wp.max(limit - wp.sqrt(wp.dot(d, d)), real(0.0))
+                            total += overlap
+                            moment += overlap * d
+        if wp.isnan(p[0]):
+            total = real(wp.nan)
+        moment = wp.quat_rotate(q, moment)
+        sums[env, k, place] = vec4(moment[0], moment[1], moment[2], total)
+
+    return sum_points
+
+
+class ProximitySums:
+    """The sums over one sensor's clouds, for as many sets of radii as are asked for.
+
+    Args:
+        site: of the sensor.
+        clouds: its points on the device.
+        near: clusters that are worth a look.
+    """
+
+    def __init__(self, site: Site, clouds, near: NearClusters):
+        self._site, self._clouds, self._near = site, clouds, near
+        self._on_cpu = site.context.device.is_cpu
+        order = spatial_order(site.probes.positions, WIDTH if self._on_cpu else _SIDE_BY_SIDE)
+        self._order = wp.array(order, dtype=wp.int32, device=site.context.device)
+        self.place = wp.array(np.argsort(order), dtype=wp.int32, device=site.context.device)
+        """Where each taxel's sums are, shape ``(n_taxels,)``."""
+
+    def record(self, radius: wp.array) -> tuple[wp.array, Callable[[], None]]:
+        """Allocate sums and record their update.
+
+        Args:
+            radius: of each taxel [m], shape ``(1 or n_envs, n_taxels)``.
+
+        Returns:
+            vec4 (``sum P_j (x_j - r)`` in the link's frame [m^2], ``sum P_j`` [m]), shape
+            ``(n_envs, n_clouds, n_taxels)``; a point at ``r`` counts fully, a pose that is not finite gives NaN.
+        """
+        site, near = self._site, self._near
+        context = site.context
+        shape = (context.n_envs, len(self._clouds.bodies), site.probes.n)
+        sums = context.zeros(shape, wp.types.vector(4, context.real))
+        inputs = [self._clouds, near.clusters, near.start, site.view.pose, self._order, site.positions, radius]
+        if self._on_cpu:
+            strips = (*shape[:2], -(-shape[2] // WIDTH))
+            return sums, context.record(strip_sums_kernel(context.real), strips, inputs, [sums])
+        return sums, context.record(_kernel(context.real), shape, inputs, [sums])

@@ -1,0 +1,195 @@
+"""ProximityTaxel: force and torque from the points of a surface within a radius, touching or not.
+
+With ``P_j = R - |x_j - r|`` for the M points ``x_j`` of the tracked bodies within R of the probe at r, the probe's
+normal a, ``v_j = v_body(x_j) - v_skin(r)``, ``v_tj`` its part across a, and ``D = density_scalar / M``::
+
+    F = k D (sum P_j) a + c D sum P_j v_tj             k stiffness, c shear_coupling
+    T = r x F - c_w a sum P_j (w_j - w_skin).a / sum P_j        c_w twist_scalar
+
+The normal part is the force on the *body*, the shear part the force on the skin: so Genesis has it. ``forces_on_skin``
+turns the normal and twist parts round, so that all of F and T acts on the skin.
+"""
+
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
+import functools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from tactemu.base.options import number
+from tactemu.plan.launches import in_turn
+from tactemu.plan.plan import Stage
+from tactemu.sensors.point_cloud import Clusters, cluster
+from tactemu.sensors.points.near import near_clusters
+from tactemu.sensors.points.proximity_sums import ProximitySums
+from tactemu.sensors.points.surface_points import FEWER_POINTS, surface_points
+from tactemu.sensors.points.table import upload_clouds
+from tactemu.sensors.probe_layout import Probes
+from tactemu.sensors.probes.kinematic_taxel import ForceTorque
+from tactemu.sensors.sensor_model import Compiled, SensorModel, Site, Trial
+
+
+@functools.cache
+def coefficients_type(real):
+    """The Warp struct of a ProximityTaxel's numbers."""
+
+    @wp.struct
+    class Coefficients:
+        normal: real  # of the sum, along the probe's normal
+        shear: real  # of the velocity sum
+        twist: real
+
+    return Coefficients
+
+
+@functools.cache
+def proximity_kernel(real, moving: bool, has_gain: bool):
+    """Force and torque from the sums over points, see :mod:`tactemu.sensors.points.proximity_sums`."""
+    vec3, vec4 = wp.types.vector(3, real), wp.types.vector(4, real)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def proximity(
+        first_env: int,
+        bodies: wp.array(dtype=wp.int32),
+        sums: wp.array3d(dtype=vec4),
+        place: wp.array(dtype=wp.int32),
+        velocity: wp.array2d(dtype=vec3),
+        spin: wp.array2d(dtype=vec3),
+        link_spin: wp.array(dtype=vec3),
+        positions: wp.array(dtype=vec3),
+        normals: wp.array(dtype=vec3),
+        c: coefficients_type(real),
+        gain: wp.array2d(dtype=real),
+        # outputs
+        out: wp.array3d(dtype=real),
+    ):
+        e, i = wp.tid()
+        e += first_env
+        r = positions[i]
+        a = normals[i]
+        total = real(0.0)
+        motion = vec3(real(0.0))  # sum P_j v_j
+        twist = real(0.0)  # sum P_j (w_j - w_skin) . a
+        for k in range(bodies.shape[0]):
+            s = sums[e, k, place[i]]
+            total += s[3]
+            if wp.static(moving):
+                b = bodies[k]
+                w = spin[e, b]
+                moment = vec3(s[0], s[1], s[2])
+                motion += s[3] * (velocity[e, b] + wp.cross(w, r)) + wp.cross(w + link_spin[e], moment)
+                twist += s[3] * wp.dot(w, a)
+        g = real(1.0)
+        if wp.static(has_gain):
+            g = gain[e, i]
+        force = c.normal * g * total * a
+        if wp.static(moving):
+            force += c.shear * g * (motion - wp.dot(motion, a) * a)
+        torque = wp.cross(r, force)
+        if wp.static(moving):
+            if total > real(0.0):
+                torque -= c.twist * twist / total * a
+        for k in range(3):
+            out[e, i, k] = force[k]
+            out[e, i, 3 + k] = torque[k]
+
+    return proximity
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ProximityTaxel(SensorModel):
+    """Reads :class:`ForceTorque`: force [N], and torque about the link's origin [N m].
+
+    ``track_link_idx`` names the bodies whose points it senses (default: all others).
+    """
+
+    stiffness: float = 100.0
+    """Force per summed overlap [N/m], before ``density_scalar``."""
+    density_scalar: float = 100.0
+    """Number of points for which ``stiffness`` is meant: sums are multiplied by ``density_scalar / M``."""
+    shear_coupling: float = 0.0
+    """Force per summed overlap and velocity [N s/m^2], before ``density_scalar``."""
+    twist_scalar: float = 1.0
+    """Torque per spin about the normal [N m s/rad]."""
+    n_sample_points: int | Sequence[int] = 500
+    """Points on all tracked bodies together, split evenly, or one number per tracked body."""
+    points: Sequence | np.ndarray | None = None
+    """The points themselves in the frame of the tracked body [m], ``(M, 3)``; a list of such arrays for several."""
+    forces_on_skin: bool = False
+    """Turn the normal and twist parts so that they too act on the skin."""
+
+    level = 2
+    work = 10
+    channels = ("force", "torque")
+    unit = "N"
+    layouts = {"force": slice(0, 3)}
+    strengths = ("stiffness", "shear_coupling", "twist_scalar")
+    examples = {", 500 points": {"probe_radius": 0.004, "n_sample_points": 500}}
+    valid = (
+        "What is near, before it touches. As a force sensor it is slower and worse than springs: the sum over points "
+        "depends on where they happen to lie."
+    )
+    source = "Sums over points. Option names and numbers are those of the sensor of this name in Genesis."
+
+    @classmethod
+    def trials(cls, quantity: str) -> list[Trial]:
+        return [Trial(f"{count} points", {"n_sample_points": count}) for count in (500, 5000)]
+
+    def velocity_reason(self) -> str | None:
+        terms = {"shear": self.shear_coupling, "twist": self.twist_scalar}
+        wanted = [name for name, value in terms.items() if value != 0.0]
+        return "ProximityTaxel " + ", ".join(wanted) if wanted else None
+
+    def validate(self, probes: Probes) -> None:
+        for name in ("stiffness", "density_scalar", "shear_coupling", "twist_scalar"):
+            number("ProximityTaxel", name, getattr(self, name), at_least=0)
+
+    def present(self, values: np.ndarray) -> ForceTorque:
+        return ForceTorque(values[..., :3], values[..., 3:])
+
+    def compile(self, site: Site) -> Compiled:
+        truth = site.zeros()
+        raw = site.zeros() if site.separate else truth
+        clusters = cluster(surface_points(site, self.n_sample_points, self.points))
+        stages = self._stages(site, clusters, truth, raw) if site.probes.n and clusters.n_points else []
+        return Compiled(truth=truth, raw=raw, stages=stages)
+
+    def _stages(self, site: Site, clusters: Clusters, truth: wp.array, raw: wp.array) -> list[Stage]:
+        clouds = upload_clouds(clusters, site.context)
+        near, find = near_clusters(site, clouds, float(site.probes.radii.max()) if site.radius is None else None)
+        sums = ProximitySums(site, clouds, near)
+        nominal, add_up = sums.record(site.radii.reshape((1, -1)))
+        launches = [add_up, self._forces(site, clouds, sums, nominal, None, clusters.n_points, truth)]
+        if site.separate:
+            measured = nominal
+            if site.radius is not None:
+                measured, add_up = sums.record(site.radius)
+                launches.append(add_up)
+            launches.append(self._forces(site, clouds, sums, measured, site.gain, clusters.n_points, raw))
+
+        reason = f"ProximityTaxel sums over {clusters.n_points} points"
+        skips = "ProximityTaxel skips what is out of reach"
+        return [
+            Stage(name=f"{site.name}: near points", reason=skips, launch=find, cheaper=FEWER_POINTS),
+            Stage(name=f"{site.name}: points", reason=reason, launch=in_turn(*launches), cheaper=FEWER_POINTS),
+        ]
+
+    def _forces(self, site: Site, clouds, sums: ProximitySums, values, gain, n_points: int, out) -> Callable[[], None]:
+        context, view = site.context, site.view
+        moving = self.velocity_reason() is not None
+        inputs = [clouds.bodies, values, sums.place, view.velocity, view.spin, view.link_spin]
+        inputs += [site.positions, site.normals, self._coefficients(context.real, n_points), gain]
+        kernel = proximity_kernel(context.real, moving, gain is not None)
+        return context.record(kernel, out.shape[:2], inputs, [out])
+
+    def _coefficients(self, real, n_points: int):
+        density = self.density_scalar / max(n_points, 1)
+        side = -1.0 if self.forces_on_skin else 1.0
+        c = coefficients_type(real)()
+        c.normal, c.shear = side * self.stiffness * density, self.shear_coupling * density
+        c.twist = side * self.twist_scalar
+        return c

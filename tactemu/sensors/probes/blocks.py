@@ -1,0 +1,111 @@
+"""On a GPU: the probes of an environment are of one block of threads, or of a few.
+
+All threads of a block then look at the same poses, and know from the number of their block alone which: dividing a
+thread's own number by how many probes there are would take longer than looking at a ball.
+"""
+
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+
+import functools
+from dataclasses import dataclass
+
+import warp as wp
+
+from tactemu.geometry.shapes.shape import table_type
+from tactemu.plan.scalars import natural
+from tactemu.sensors.probes.formula import Formula, probe_functions
+from tactemu.sensors.probes.query import near_bits, probes_struct
+
+MOST = 128
+"""Threads of a block."""
+BUSY = 2**18
+"""Threads that keep a GPU busy: with fewer, several blocks share an environment."""
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """How threads are laid over environments and probes."""
+
+    n_envs: int
+    n_probes: int
+
+    @property
+    def block_dim(self) -> int:
+        """Threads of a block, whole warps."""
+        n_probes = max(1, self.n_probes)
+        turns = -(-n_probes // MOST)
+        return 32 * -(-n_probes // (32 * turns))
+
+    @property
+    def shift(self) -> int:
+        """Binary logarithm of how many blocks share an environment."""
+        turns, shift = -(-self.n_probes // self.block_dim), 0
+        while 2**shift < turns and self.n_envs * self.block_dim * 2**shift < BUSY:
+            shift += 1
+        return shift
+
+    @property
+    def n_threads(self) -> int:
+        """Of the whole launch."""
+        return self.n_envs * self.block_dim * 2**self.shift
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return (blockIdx.z * gridDim.y + blockIdx.y) * gridDim.x + blockIdx.x;
+#else
+    return 0;
+#endif
+""")
+def block_index() -> int:
+    """Which block of the launch this thread is of."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return threadIdx.x;
+#else
+    return 0;
+#endif
+""")
+def thread_index() -> int:
+    """Which thread of its block this is."""
+    ...
+
+
+@functools.cache
+def block_kernel(formula: Formula, shift: int):
+    """The kernel of a formula: the truth and, if separate, the measured branch."""
+    real = formula.real
+    transform = wp.types.transformation(real)
+    probes_type, shapes_type, numbers_type = probes_struct(real), table_type(real), formula.numbers
+    margin, nearest, write, _away = probe_functions(formula)
+
+    @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
+    def feel_probes(
+        first_env: int,
+        shapes: shapes_type,
+        pose: wp.array2d(dtype=transform),
+        targets: wp.array(dtype=wp.int32),
+        probes: probes_type,
+        bodies_near: wp.array2d(dtype=wp.uint8),
+        numbers: numbers_type,
+        gain: wp.array2d(dtype=real),
+        radius: wp.array2d(dtype=real),
+        # outputs
+        truth_out: wp.array3d(dtype=real),
+        raw_out: wp.array3d(dtype=real),
+    ):
+        block = block_index()
+        e = natural(block >> wp.static(shift))
+        first = (block - (e << wp.static(shift))) * wp.block_dim() + thread_index()
+        near = near_bits(bodies_near, targets, e)
+        for i in range(first, probes.radii.shape[0], wp.block_dim() << wp.static(shift)):
+            i = natural(i)
+            reach = margin(probes, radius, e, i)
+            if reach >= real(0.0):
+                distance, normal, b = nearest(shapes, pose, near, targets, probes, e, i, reach)
+                write(probes, numbers, gain, radius, distance, normal, b, e, i, truth_out, raw_out)
+
+    return feel_probes

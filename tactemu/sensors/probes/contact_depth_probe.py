@@ -1,0 +1,67 @@
+"""ContactDepthProbe: how deep each probe is in what it touches [m]."""
+
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
+import functools
+from dataclasses import dataclass
+
+import warp as wp
+
+from tactemu.plan.plan import Stage
+from tactemu.sensors.probes.query import CHEAPER_QUERY, probes_struct, query_trials
+from tactemu.sensors.probes.strips import record_strips
+from tactemu.sensors.sensor_model import Compiled, SensorModel, Site, Trial
+
+
+@functools.cache
+def depth_formula(real):
+    """Depth times gain, 0 where nothing is."""
+    vec3 = wp.types.vector(3, real)
+
+    @wp.func
+    def feel(
+        unused: wp.int32,
+        probes: probes_struct(real),
+        depth: real,
+        gain: real,
+        normal: vec3,
+        body: int,
+        e: int,
+        i: int,
+        out: wp.array3d(dtype=real),
+    ):
+        out[e, i, 0] = wp.where(depth < real(0.0), real(0.0), depth) * gain
+
+    return feel
+
+
+def compile_depth(site: Site, why: str) -> Compiled:
+    """The depth stage of a sensor that starts from depth."""
+    truth = site.zeros(1)
+    raw = site.zeros(1) if site.separate else truth
+    launch = record_strips(site, depth_formula(site.context.real), wp.int32, 0, truth, raw)
+    stage = Stage(name=f"{site.name}: contact depth", reason=why, launch=launch, cheaper=CHEAPER_QUERY)
+    return Compiled(truth=truth, raw=raw, stages=[stage])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ContactDepthProbe(SensorModel):
+    """Reads depth [m], shape ``([n_envs,] layout)``."""
+
+    level = 1
+    unit = "m"
+    layouts = {"depth": slice(0, 1)}
+    feels_at_radius = True
+    valid = (
+        "Exact as a distance, at any depth with the ray query; it knows no equilibrium, so that beside a contact "
+        "nothing moves."
+    )
+    source = "Geometry. Option names and numbers are those of the sensor of this name in Genesis (genesis-world 1.4.5)."
+
+    @classmethod
+    def trials(cls, quantity: str) -> list[Trial]:
+        return query_trials()
+
+    def compile(self, site: Site) -> Compiled:
+        return compile_depth(site, "ContactDepthProbe reads depth")

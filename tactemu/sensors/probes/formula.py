@@ -1,0 +1,117 @@
+"""What one probe reads, as Warp functions made of a model's formula.
+
+A formula is a Warp function ``feel(numbers, probes, depth, gain, normal, body, e, i, out)``. It writes what probe ``i``
+of environment ``e`` reads into ``out``:
+
+* ``numbers``: of the model, a Warp struct or one number.
+* ``depth``: the probe's radius minus its distance, not cut at 0, since NaN (a pose that is not finite) must come out as
+  NaN: ask ``not (depth <= 0)``, for ``max(0, NaN)`` is 0.
+* ``gain``: of the taxel; 1 where no imperfection asks for one.
+* ``normal``, ``body``: of what is nearest, -1 for none.
+
+Where nothing comes near a probe the formula is asked with depth 0.
+"""
+
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
+import functools
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from tactemu.sensors.probes.query import contact_function, probes_struct
+
+
+class Formula(NamedTuple):
+    """What a kernel is made for; with it factories of kernels are cached."""
+
+    real: Any
+    """The float type."""
+    kinds: frozenset
+    """Of shape, in the scene."""
+    along_normal: bool
+    feel: Any
+    """From a cached factory."""
+    numbers: Any
+    """Type of the model's numbers."""
+    at_surface: bool
+    """Probes have no radius, depth is that of the taxel's own place."""
+    separate: bool
+    """Is there a measured branch beside the truth, with its own radii and gains?"""
+    has_gain: bool
+    has_radius: bool
+
+
+class ProbeFunctions(NamedTuple):
+    """Warp functions about probe ``i`` of environment ``e``."""
+
+    margin: Any
+    """``margin(probes, radius, e, i)``: its radius, the larger of both branches [m]; negative: it does not exist."""
+    nearest: Any
+    """:func:`~tactemu.sensors.probes.query.contact_function`"""
+    write: Any
+    """``write(probes, numbers, gain, radius, distance, normal, body, e, i, truth_out, raw_out)``"""
+    away: Any
+    """``away(probes, numbers, e, i, truth_out, raw_out)``: nothing is near."""
+
+
+@functools.cache
+def probe_functions(formula: Formula) -> ProbeFunctions:
+    """The functions of a formula."""
+    real, feel, numbers_type = formula.real, formula.feel, formula.numbers
+    at_surface, separate, has_gain, has_radius = formula[-4:]
+    vec3 = wp.types.vector(3, real)
+    probes_type = probes_struct(real)
+
+    @wp.func
+    def margin(probes: probes_type, radius: wp.array2d(dtype=real), e: int, i: int):
+        r = probes.radii[i]
+        if not (r > real(0.0)):
+            return real(-1.0)
+        if wp.static(at_surface):
+            return real(0.0)
+        if wp.static(has_radius):
+            r = wp.max(r, radius[e, i])
+        return r
+
+    @wp.func
+    def write(
+        probes: probes_type,
+        numbers: numbers_type,
+        gain: wp.array2d(dtype=real),
+        radius: wp.array2d(dtype=real),
+        distance: real,
+        normal: vec3,
+        body: int,
+        e: int,
+        i: int,
+        truth_out: wp.array3d(dtype=real),
+        raw_out: wp.array3d(dtype=real),
+    ):
+        r = real(0.0)
+        if wp.static(not at_surface):
+            r = probes.radii[i]
+        feel(numbers, probes, r - distance, real(1.0), normal, body, e, i, truth_out)
+        if wp.static(separate):
+            if wp.static(has_radius):
+                r = radius[e, i]
+            g = real(1.0)
+            if wp.static(has_gain):
+                g = gain[e, i]
+            feel(numbers, probes, r - distance, g, normal, body, e, i, raw_out)
+
+    @wp.func
+    def away(
+        probes: probes_type,
+        numbers: numbers_type,
+        e: int,
+        i: int,
+        truth_out: wp.array3d(dtype=real),
+        raw_out: wp.array3d(dtype=real),
+    ):
+        feel(numbers, probes, real(0.0), real(1.0), vec3(real(0.0)), -1, e, i, truth_out)
+        if wp.static(separate):
+            feel(numbers, probes, real(0.0), real(1.0), vec3(real(0.0)), -1, e, i, raw_out)
+
+    return ProbeFunctions(margin, contact_function(real, formula.kinds, formula.along_normal), write, away)

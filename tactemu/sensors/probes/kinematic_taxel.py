@@ -1,0 +1,176 @@
+"""KinematicTaxel: a bed of springs and dampers; force and torque of each probe from depth and relative velocity.
+
+With depth ``d > 0``, ``s = d**normal_exponent``, ``n`` the normal of the body there (out of it, so into the skin),
+``v = v_body - v_skin`` at the probe, ``v_n = v . n`` and ``v_t = v - v_n n``::
+
+    F = k s n + c s v_n n - c_s v_t              k normal_stiffness, c normal_damping, c_s shear_scalar
+    T = r x F - c_w ((w_body - w_skin) . n) n    c_w twist_scalar, r the probe's position in the link's frame
+
+The normal part is the force on the skin. The shear and twist parts oppose the body's motion, which is the force on the
+*body*: so Genesis has it. ``forces_on_skin`` turns them round, so that all of F and T acts on the skin.
+"""
+
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
+import functools
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import warp as wp
+
+from tactemu.base.options import number
+from tactemu.geometry.shapes.shape import FAR
+from tactemu.plan.plan import Stage
+from tactemu.sensors.probe_layout import Probes
+from tactemu.sensors.probes.query import CHEAPER_QUERY, probes_struct, query_trials
+from tactemu.sensors.probes.strips import record_strips
+from tactemu.sensors.sensor_model import Compiled, SensorModel, Site, Trial
+
+
+class ForceTorque(NamedTuple):
+    """A reading, link frame; each of shape ``([n_envs,] layout, 3)``."""
+
+    force: np.ndarray
+    """[N]."""
+    torque: np.ndarray
+    """About the link's origin [N m]."""
+
+
+@functools.cache
+def springs_type(real):
+    """The Warp struct of a KinematicTaxel's numbers, and of the motion of what presses."""
+    vec3 = wp.types.vector(3, real)
+
+    @wp.struct
+    class Springs:
+        stiffness: real
+        damping: real
+        exponent: real
+        shear: real
+        twist: real
+        pull_floor: real  # least normal force: 0 forbids adhesion, -FAR allows it
+        velocity: wp.array2d(dtype=vec3)
+        spin: wp.array2d(dtype=vec3)
+
+    return Springs
+
+
+@functools.cache
+def springs_formula(real, moving: bool):
+    """Force and torque of one probe; ``moving``: damping, shear or twist are asked for."""
+    vec3 = wp.types.vector(3, real)
+    springs_struct, probes_type = springs_type(real), probes_struct(real)
+
+    @wp.func
+    def feel(
+        c: springs_struct,
+        probes: probes_type,
+        depth: real,
+        gain: real,
+        n: vec3,
+        body: int,
+        e: int,
+        i: int,
+        out: wp.array3d(dtype=real),
+    ):
+        force = vec3(real(0.0))
+        torque = vec3(real(0.0))
+        d = depth * gain
+        if not (d <= real(0.0)):  # so that NaN goes on
+            if wp.dot(n, n) < real(0.5):
+                n = -probes.normals[i]
+            r = probes.positions[i]
+            s = d
+            if c.exponent != real(1.0):
+                s = wp.pow(d, c.exponent)
+            push = c.stiffness * s
+            if wp.static(moving):
+                v = vec3(real(0.0))
+                w = vec3(real(0.0))
+                if body >= 0:
+                    w = c.spin[e, body]
+                    v = c.velocity[e, body] + wp.cross(w, r)
+                vn = wp.dot(v, n)
+                push += c.damping * s * vn
+                if push < c.pull_floor:  # not max(), which would turn NaN into the floor
+                    push = c.pull_floor
+                force = push * n - c.shear * (v - vn * n)
+                torque = wp.cross(r, force) - c.twist * wp.dot(w, n) * n
+            else:
+                force = push * n
+                torque = wp.cross(r, force)
+        for k in range(3):
+            out[e, i, k] = force[k]
+            out[e, i, 3 + k] = torque[k]
+
+    return feel
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class KinematicTaxel(SensorModel):
+    """Reads :class:`ForceTorque`: force [N], and torque about the link's origin [N m]."""
+
+    normal_stiffness: float = 1000.0
+    """Normal force of a probe per depth [N/m**normal_exponent]."""
+    normal_damping: float = 1.0
+    """Normal force of a probe per depth and closing speed [N s/m**(normal_exponent + 1)]."""
+    normal_exponent: float = 1.0
+    """Exponent of the depth in the normal force; > 0."""
+    shear_scalar: float = 1.0
+    """Tangential force of a probe per sliding speed [N s/m]."""
+    twist_scalar: float = 1.0
+    """Torque of a probe per spin about the normal [N m s/rad]."""
+    forces_on_skin: bool = False
+    """Turn the shear and twist parts so that they too act on the skin (a body that slides drags the skin along)."""
+    clamp_adhesion: bool = False
+    """Never let the damper pull on the skin."""
+
+    level = 2
+    work = 2
+    channels = ("force", "torque")
+    unit = "N"
+    layouts = {"force": slice(0, 3)}
+    feels_at_radius = True
+    strengths = ("normal_stiffness", "normal_damping", "shear_scalar", "twist_scalar")
+    valid = (
+        "Each probe is a spring of its own: what presses, and how hard, once the stiffness is fitted. Under a flat "
+        "face or an edge the fitted force is off by up to 74 %; it neither sticks nor slips."
+    )
+    source = "Springs and dampers. Option names and numbers are those of the sensor of this name in Genesis."
+
+    @classmethod
+    def trials(cls, quantity: str) -> list[Trial]:
+        return query_trials()
+
+    def velocity_reason(self) -> str | None:
+        terms = {"damping": self.normal_damping, "shear": self.shear_scalar, "twist": self.twist_scalar}
+        wanted = [name for name, value in terms.items() if value != 0.0]
+        return "KinematicTaxel " + ", ".join(wanted) if wanted else None
+
+    def validate(self, probes: Probes) -> None:
+        number("KinematicTaxel", "normal_exponent", self.normal_exponent, above=0)
+        for name in ("normal_stiffness", "normal_damping", "shear_scalar", "twist_scalar"):
+            number("KinematicTaxel", name, getattr(self, name), at_least=0)
+
+    def present(self, values: np.ndarray) -> ForceTorque:
+        return ForceTorque(values[..., :3], values[..., 3:])
+
+    def compile(self, site: Site) -> Compiled:
+        real, truth = site.context.real, site.zeros()
+        raw = site.zeros() if site.separate else truth
+        moving = self.velocity_reason() is not None
+        launch = record_strips(site, springs_formula(real, moving), springs_type(real), self._springs(site), truth, raw)
+        why = "KinematicTaxel reads force and torque"
+        stage = Stage(name=f"{site.name}: springs", reason=why, launch=launch, cheaper=CHEAPER_QUERY)
+        return Compiled(truth=truth, raw=raw, stages=[stage])
+
+    def _springs(self, site: Site):
+        c = springs_type(site.context.real)()
+        side = -1.0 if self.forces_on_skin else 1.0
+        c.stiffness, c.damping, c.exponent = self.normal_stiffness, self.normal_damping, self.normal_exponent
+        c.shear, c.twist = side * self.shear_scalar, side * self.twist_scalar
+        c.pull_floor = 0.0 if self.clamp_adhesion else -FAR
+        c.velocity, c.spin = site.view.velocity, site.view.spin
+        return c

@@ -1,0 +1,144 @@
+"""On a GPU where bodies are searched: first those probes are listed that need it, then a thread takes each of the list.
+
+Searches for neighbouring probes, of which some are near a mesh and some are not, would leave most threads of a warp
+without work.
+"""
+
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
+import functools
+
+import warp as wp
+
+from tactemu.geometry.shapes.shape import FAR, table_type, unsearched
+from tactemu.plan.launches import Launch, in_turn
+from tactemu.plan.scalars import natural
+from tactemu.sensors.probes.formula import Formula, probe_functions
+from tactemu.sensors.probes.query import ALL_NEAR, probes_struct, within_function
+from tactemu.sensors.sensor_model import Site
+
+SEARCHES = 64
+"""Threads of a block that searches: few, since one that lasts keeps the others' registers."""
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    const unsigned together = __activemask();
+    const int lane = threadIdx.x % 32, first = __ffs(together) - 1;
+    int at = 0;
+    if (lane == first)
+        at = atomicAdd(count.data, __popc(together));
+    at = __shfl_sync(together, at, first) + __popc(together & ((1u << lane) - 1u));
+#else
+    const int at = count.data[0]++;
+#endif
+    listed.data[at] = value;
+""")
+def append(listed: wp.array(dtype=wp.int32), count: wp.array(dtype=wp.int32), value: int):
+    """Put a number at the end of a list; those of a warp's threads side by side, by one atomic."""
+    ...
+
+
+@functools.cache
+def list_kernel(formula: Formula):
+    """Lists the probes that a body is near to, unless its distance is known without a search; writes the others."""
+    real = formula.real
+    transform = wp.types.transformation(real)
+    probes_type, shapes_type, numbers_type = probes_struct(real), table_type(real), formula.numbers
+    within = within_function(real, formula.kinds, formula.along_normal)
+    some_known = not formula.along_normal and any(kind.unsearched for kind in formula.kinds)
+    margin, known, write, away = probe_functions(formula._replace(kinds=unsearched(formula.kinds)))
+
+    @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
+    def list_near(
+        first_env: int,
+        shapes: shapes_type,
+        pose: wp.array2d(dtype=transform),
+        targets: wp.array(dtype=wp.int32),
+        probes: probes_type,
+        numbers: numbers_type,
+        gain: wp.array2d(dtype=real),
+        radius: wp.array2d(dtype=real),
+        # outputs
+        near: wp.array(dtype=wp.int32),
+        n_near: wp.array(dtype=wp.int32),
+        truth_out: wp.array3d(dtype=real),
+        raw_out: wp.array3d(dtype=real),
+    ):
+        thread = wp.tid()
+        i = natural(thread // pose.shape[0])
+        e = natural(thread - i * pose.shape[0])  # side by side: the same probe in many environments
+        reach = margin(probes, radius, e, i)
+        if reach >= real(0.0):
+            if not within(shapes, pose, targets, probes, e, i, reach):
+                away(probes, numbers, e, i, truth_out, raw_out)
+                return
+            if wp.static(some_known):
+                distance, normal, b = known(shapes, pose, ALL_NEAR, targets, probes, e, i, reach)
+                if distance != real(-FAR):
+                    write(probes, numbers, gain, radius, distance, normal, b, e, i, truth_out, raw_out)
+                    return
+            append(near, n_near, e * probes.radii.shape[0] + i)
+
+    return list_near
+
+
+@functools.cache
+def search_kernel(formula: Formula):
+    """Looks at the bodies for each probe of the list."""
+    real = formula.real
+    transform = wp.types.transformation(real)
+    probes_type, shapes_type, numbers_type = probes_struct(real), table_type(real), formula.numbers
+    margin, nearest, write, _away = probe_functions(formula)
+
+    @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
+    def search_near(
+        first_env: int,
+        shapes: shapes_type,
+        pose: wp.array2d(dtype=transform),
+        targets: wp.array(dtype=wp.int32),
+        probes: probes_type,
+        numbers: numbers_type,
+        gain: wp.array2d(dtype=real),
+        radius: wp.array2d(dtype=real),
+        near: wp.array(dtype=wp.int32),
+        n_near: wp.array(dtype=wp.int32),
+        # outputs
+        truth_out: wp.array3d(dtype=real),
+        raw_out: wp.array3d(dtype=real),
+    ):
+        k = wp.tid()
+        if k < n_near[0]:
+            e = natural(near[k] // probes.radii.shape[0])
+            i = natural(near[k] - e * probes.radii.shape[0])
+            reach = margin(probes, radius, e, i)
+            distance, normal, b = nearest(shapes, pose, ALL_NEAR, targets, probes, e, i, reach)
+            write(probes, numbers, gain, radius, distance, normal, b, e, i, truth_out, raw_out)
+
+    return search_near
+
+
+def record_listed(
+    site: Site, formula: Formula, scene: list, numbers, gain: wp.array, radius: wp.array, out: list
+) -> Launch:
+    """The launches of both kernels.
+
+    Args:
+        site: of the sensor.
+        formula: of the kernels.
+        scene: shapes, poses, targets and probes.
+        numbers: of the model.
+        gain: of the measured branch.
+        radius: likewise.
+        out: truth and measured branch.
+    """
+    context, n = site.context, site.probes.n
+    # scratch: both are filled within the step
+    near = wp.empty(context.n_envs * n, dtype=wp.int32, device=context.device)
+    n_near = wp.zeros(1, dtype=wp.int32, device=context.device)
+    inputs = [*scene, numbers, gain, radius]
+    listed = context.record(list_kernel(formula), near.size, inputs, [near, n_near, *out])
+    inputs = [*scene, numbers, gain, radius, near, n_near]
+    searched = context.record(search_kernel(formula), near.size, inputs, out, block_dim=SEARCHES)
+    return in_turn(n_near.zero_, listed, searched)

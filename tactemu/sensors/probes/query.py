@@ -1,0 +1,269 @@
+"""How deep each probe is in what it touches: the query that ContactProbe, ContactDepthProbe and KinematicTaxel share.
+
+``d = max(0, R - distance)`` over the bodies felt: a probe at the surface of a body reads its radius ``R``, and one in
+free space within ``R`` reads ``R`` minus the distance. There is no gate: two fixed bodies touch as any two do.
+The distance is that to the nearest surface, or with ``contact_depth_query="ray"`` that along the taxel's normal.
+"""
+
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
+import functools
+
+import warp as wp
+
+from tactemu.geometry.shapes.distance import shape_functions
+from tactemu.geometry.shapes.rays import ray_function
+from tactemu.geometry.shapes.shape import FAR, table_type
+from tactemu.plan.scalars import is_nan, natural
+from tactemu.sensors.sensor_model import Trial
+
+
+@functools.cache
+def probes_struct(real):
+    """The Warp struct of a sensor's probes: what does not change from step to step."""
+    vec3 = wp.types.vector(3, real)
+    vec4 = wp.types.vector(4, real)
+
+    @wp.struct
+    class ProbeArrays:
+        positions: wp.array(dtype=vec3)
+        normals: wp.array(dtype=vec3)
+        radii: wp.array(dtype=real)
+        reach: wp.array(dtype=real)  # how far behind a probe the ray query begins; empty for the others
+        strip: wp.int32  # probes that one thread handles
+        strip_ball: wp.array(dtype=vec4)  # per strip: centre and radius of a ball that holds its probes
+
+    return ProbeArrays
+
+
+@wp.func_native("""
+    int64_t found = 0;
+#if defined(__CUDA_ARCH__)
+    const int lane = threadIdx.x % 32;
+    for (int first = 0; first < 64; first += 32) {
+        const int t = first + lane;
+        bool is_near = true;
+        if (t < targets.shape[0])
+            is_near = flags.data[int64_t(flags.strides[0]) * e + int64_t(flags.strides[1]) * targets.data[t]] != 0;
+        found |= int64_t(uint64_t(__ballot_sync(0xffffffffu, is_near)) << first);
+    }
+#else
+    const int n = targets.shape[0] < 64 ? targets.shape[0] : 64;
+    for (int t = 0; t < n; ++t)
+        if (flags.data[int64_t(flags.strides[0]) * e + int64_t(flags.strides[1]) * targets.data[t]] != 0)
+            found |= int64_t(uint64_t(1) << t);
+#endif
+    return found;
+""")
+def near_bits(flags: wp.array2d(dtype=wp.uint8), targets: wp.array(dtype=wp.int32), e: int) -> wp.int64:
+    """Which of the first 64 bodies felt are near to the skin (:class:`tactemu.sensors.poses.LinkView`), a bit for each.
+
+    On a GPU all threads of a warp call it together, for one environment.
+    """
+    ...
+
+
+ALL_NEAR = wp.constant(wp.int64(-1))
+
+
+@wp.func
+def is_near(bits: wp.int64, t: int):
+    """May the body felt that is ``t``-th be near?"""
+    return t > 63 or (bits >> wp.int64(t)) & wp.int64(1) == wp.int64(1)
+
+
+@functools.cache
+def nearest_of_function(real, kinds: frozenset):
+    """``nearest(shapes, pose, near, targets, e, r, margin) -> (distance, normal, body)``: as :func:`nearest_function`,
+    of the bodies felt that may be ``near`` (:func:`near_bits`)."""
+    vec3 = wp.types.vector(3, real)
+    transform = wp.types.transformation(real)
+    shapes_type = table_type(real)
+    functions = shape_functions(real, kinds)
+    distance_in_link, reaches = functions.distance_in_link, functions.reaches
+
+    @wp.func
+    def nearest(
+        shapes: shapes_type,
+        pose: wp.array2d(dtype=transform),
+        near: wp.int64,
+        targets: wp.array(dtype=wp.int32),
+        e: int,
+        r: vec3,
+        margin: real,
+    ):
+        best = real(FAR)
+        normal = vec3(real(0.0))
+        body = int(-1)
+        t = int(0)  # Warp's ranges cost a CPU a third of all this
+        while t < targets.shape[0]:
+            if is_near(near, t):
+                b = natural(targets[natural(t)])
+                x = pose[e, b]
+                if is_nan(wp.transform_get_translation(x)[0]):
+                    best = real(wp.nan)  # and no d is less than NaN
+                    body = -1
+                elif reaches(shapes, b, x, r, margin):
+                    d, n = distance_in_link(shapes, b, x, r)
+                    if d < best:
+                        best = d
+                        normal = n
+                        body = b
+            t += 1
+        return best, normal, body
+
+    return nearest
+
+
+@functools.cache
+def nearest_function(real, kinds: frozenset):
+    """``nearest(shapes, pose, targets, e, r, margin) -> (distance, normal, body)``.
+
+    Among the bodies felt in environment ``e`` the one nearest to the point ``r`` of the link's frame, and its normal
+    there in that frame. Bodies farther than ``margin`` may be skipped: then the distance is 1e18 m and the body -1. A
+    pose that is not finite gives a NaN distance.
+    """
+    transform, vec3 = wp.types.transformation(real), wp.types.vector(3, real)
+    shapes_type, nearest_of = table_type(real), nearest_of_function(real, kinds)
+
+    @wp.func
+    def nearest(
+        shapes: shapes_type,
+        pose: wp.array2d(dtype=transform),
+        targets: wp.array(dtype=wp.int32),
+        e: int,
+        r: vec3,
+        margin: real,
+    ):
+        return nearest_of(shapes, pose, ALL_NEAR, targets, e, r, margin)
+
+    return nearest
+
+
+@functools.cache
+def first_function(real, kinds: frozenset):
+    """``first(shapes, pose, near, targets, e, r, m, reach, margin) -> (distance, normal, body)``.
+
+    As :func:`nearest_function`, along the taxel's normal ``m`` from ``reach`` behind ``r`` on; the normal is ``-m``.
+    """
+    vec3 = wp.types.vector(3, real)
+    transform = wp.types.transformation(real)
+    shapes_type = table_type(real)
+    enters = ray_function(real, kinds)
+
+    @wp.func
+    def first(
+        shapes: shapes_type,
+        pose: wp.array2d(dtype=transform),
+        near: wp.int64,
+        targets: wp.array(dtype=wp.int32),
+        e: int,
+        r: vec3,
+        m: vec3,
+        reach: real,
+        margin: real,
+    ):
+        best = real(FAR)
+        body = int(-1)
+        for t in range(targets.shape[0]):
+            if not is_near(near, t):
+                continue
+            b = natural(targets[natural(t)])
+            x = pose[e, b]
+            if is_nan(wp.transform_get_translation(x)[0]):
+                best = real(wp.nan)
+                body = -1
+            else:
+                d = enters(shapes, b, x, r, m, reach, margin)
+                if d < best:
+                    best = d
+                    body = b
+        return best, -m, body
+
+    return first
+
+
+@functools.cache
+def contact_function(real, kinds: frozenset, along_normal: bool):
+    """``contact(shapes, pose, near, targets, probes, e, i, margin) -> (distance, normal, body)`` of probe ``i``."""
+    transform = wp.types.transformation(real)
+    shapes_type = table_type(real)
+    probes_type = probes_struct(real)
+    nearest = nearest_of_function(real, kinds)
+    first = first_function(real, kinds)
+
+    @wp.func
+    def to_surface(
+        shapes: shapes_type,
+        pose: wp.array2d(dtype=transform),
+        near: wp.int64,
+        targets: wp.array(dtype=wp.int32),
+        probes: probes_type,
+        e: int,
+        i: int,
+        margin: real,
+    ):
+        return nearest(shapes, pose, near, targets, e, probes.positions[i], margin)
+
+    @wp.func
+    def along(
+        shapes: shapes_type,
+        pose: wp.array2d(dtype=transform),
+        near: wp.int64,
+        targets: wp.array(dtype=wp.int32),
+        probes: probes_type,
+        e: int,
+        i: int,
+        margin: real,
+    ):
+        return first(shapes, pose, near, targets, e, probes.positions[i], probes.normals[i], probes.reach[i], margin)
+
+    return along if along_normal else to_surface
+
+
+@functools.cache
+def within_function(real, kinds: frozenset, along_normal: bool):
+    """``within(shapes, pose, targets, probes, e, i, margin) -> bool``: may any body touch probe ``i``? Cheap."""
+    vec3 = wp.types.vector(3, real)
+    transform = wp.types.transformation(real)
+    shapes_type = table_type(real)
+    probes_type = probes_struct(real)
+    reaches = shape_functions(real, kinds).reaches
+
+    @wp.func
+    def within(
+        shapes: shapes_type,
+        pose: wp.array2d(dtype=transform),
+        targets: wp.array(dtype=wp.int32),
+        probes: probes_type,
+        e: int,
+        i: int,
+        margin: real,
+    ):
+        for t in range(targets.shape[0]):
+            b = natural(targets[natural(t)])
+            if wp.static(along_normal):
+                o = probes.positions[i] - wp.transform_get_translation(pose[e, b])
+                across = vec3(wp.cross(o, probes.normals[i]))
+                if not (wp.dot(across, across) > shapes.bound[b] * shapes.bound[b]):  # NaN is looked at closely
+                    return True
+            elif reaches(shapes, b, pose[e, b], probes.positions[i], margin):
+                return True
+        return False
+
+    return within
+
+
+CHEAPER_QUERY = 'set `contact_depth_query = "sdf"`'
+"""What makes a query cost less, for the plan."""
+
+
+def query_trials() -> list[Trial]:
+    """The ways to find depth, cheapest first."""
+    return [
+        Trial("nearest surface"),
+        Trial("band", {"contact_depth_query": "band"}),
+        Trial("voxels", {"contact_depth_query": "voxel"}),
+        Trial("along the normal", {"contact_depth_query": "ray"}),
+    ]

@@ -1,0 +1,203 @@
+"""One frame for the kernels of all probes: strips of neighbours, what comes near them, what each probe reads.
+
+On a GPU each thread has its own probe (:mod:`tactemu.sensors.probes.blocks`); where bodies are searched, the probes
+near to any are listed first (:mod:`tactemu.sensors.probes.near_list`).
+"""
+
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
+# pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
+
+import functools
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from tactemu.geometry.shapes.rays import thickness_behind
+from tactemu.geometry.shapes.shape import FAR, table_type
+from tactemu.plan.launches import Launch
+from tactemu.plan.scalars import natural
+from tactemu.sensors.probes.blocks import Blocks, block_kernel
+from tactemu.sensors.probes.formula import Formula, probe_functions
+from tactemu.sensors.probes.near_list import record_listed
+from tactemu.sensors.probes.query import is_near, near_bits, probes_struct
+from tactemu.sensors.sensor_model import Site
+
+STRIP = 8
+"""Probes that one thread handles on the CPU, where a thread is a call."""
+
+
+@functools.cache
+def strip_function(real, kinds: frozenset):
+    """``touches(shapes, pose, near, targets, probes, e, strip, noise) -> bool``.
+
+    May any body reach any probe of a strip? The broad phase: one look per strip and body at the balls around them.
+    ``noise`` is added to the radii.
+    """
+    vec3 = wp.types.vector(3, real)
+    transform = wp.types.transformation(real)
+    shapes_type = table_type(real)
+    probes_type = probes_struct(real)
+
+    @wp.func
+    def touches(
+        shapes: shapes_type,
+        pose: wp.array2d(dtype=transform),
+        near: wp.int64,
+        targets: wp.array(dtype=wp.int32),
+        probes: probes_type,
+        e: int,
+        strip: int,
+        noise: real,
+    ):
+        ball = probes.strip_ball[strip]
+        centre = vec3(ball[0], ball[1], ball[2])
+        for t in range(targets.shape[0]):
+            if not is_near(near, t):
+                continue
+            b = targets[t]
+            d = centre - wp.transform_get_translation(pose[e, b])
+            reach = shapes.bound[b] + ball[3] + noise
+            if not (wp.dot(d, d) > reach * reach):  # NaN is looked at closely
+                return True
+        return False
+
+    return touches
+
+
+@functools.cache
+def noise_function(real, has_radius: bool):
+    """``noise(probes, radius, e, strip)``: by how much a radius of the measured branch exceeds the nominal, at most."""
+    probes_type = probes_struct(real)
+
+    @wp.func
+    def noise(probes: probes_type, radius: wp.array2d(dtype=real), e: int, strip: int):
+        grown = real(0.0)
+        if wp.static(has_radius):
+            for i in range(strip * probes.strip, wp.min((strip + 1) * probes.strip, probes.radii.shape[0])):
+                grown = wp.max(grown, radius[e, i] - probes.radii[i])
+        return grown
+
+    return noise
+
+
+@functools.cache
+def strip_kernel(formula: Formula):
+    """The kernel of a formula: the truth and, if separate, the measured branch."""
+    real = formula.real
+    transform = wp.types.transformation(real)
+    probes_type, shapes_type, numbers_type = probes_struct(real), table_type(real), formula.numbers
+    margin, nearest, write, away = probe_functions(formula)
+    touches, noise = strip_function(real, formula.kinds), noise_function(real, formula.has_radius)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def feel_strips(
+        first_env: int,
+        shapes: shapes_type,
+        pose: wp.array2d(dtype=transform),
+        targets: wp.array(dtype=wp.int32),
+        probes: probes_type,
+        bodies_near: wp.array2d(dtype=wp.uint8),
+        numbers: numbers_type,
+        gain: wp.array2d(dtype=real),
+        radius: wp.array2d(dtype=real),
+        # outputs
+        truth_out: wp.array3d(dtype=real),
+        raw_out: wp.array3d(dtype=real),
+    ):
+        e, strip = wp.tid()
+        e = natural(e + first_env)
+        strip = natural(strip)
+        first = strip * probes.strip
+        last = wp.min(first + probes.strip, probes.radii.shape[0])
+        near = near_bits(bodies_near, targets, e)
+        if not touches(shapes, pose, near, targets, probes, e, strip, noise(probes, radius, e, strip)):
+            for i in range(first, last):
+                away(probes, numbers, e, i, truth_out, raw_out)
+            return
+        i = int(first)  # not a range: see the query
+        while i < last:
+            i = natural(i)
+            reach = margin(probes, radius, e, i)
+            if reach >= real(0.0):
+                distance, normal, b = nearest(shapes, pose, near, targets, probes, e, i, reach)
+                write(probes, numbers, gain, radius, distance, normal, b, e, i, truth_out, raw_out)
+            i += 1
+
+    return feel_strips
+
+
+def record_strips(
+    site: Site, feel, numbers_type, numbers: Any, truth: wp.array, raw: wp.array, *, at_surface: bool = False
+) -> Launch:
+    """The recorded launches of a formula over all probes of a sensor.
+
+    Args:
+        site: of the sensor.
+        feel: the formula, from a cached factory.
+        numbers_type: type of ``numbers``.
+        numbers: of the model.
+        truth: written, ``(n_envs, n_taxels, channels)``.
+        raw: of the measured branch, of the same shape; the same array unless ``site.separate``.
+        at_surface: no radius, and no branch of its own with noised radii and gains.
+    """
+    context = site.context
+    gain, radius = (None, None) if at_surface else (site.gain, site.radius)
+    none = wp.zeros((0, 0), dtype=context.real, device=context.device)
+    measured = (raw is not truth, gain is not None, radius is not None)
+    formula = Formula(context.real, site.table.kinds, site.along_normal, feel, numbers_type, at_surface, *measured)
+    gain, radius = none if gain is None else gain, none if radius is None else radius
+    _watch(site, formula.has_radius)
+    scene = [site.table.struct, site.view.pose, site.targets, probe_arrays(site)]
+    if context.device.is_cpu:
+        dim = context.n_envs, -(-site.probes.n // STRIP)
+        return context.record(strip_kernel(formula), dim, [*scene, site.view.near, numbers, gain, radius], [truth, raw])
+    if any(kind.searched for kind in formula.kinds):
+        return record_listed(site, formula, scene, numbers, gain, radius, [truth, raw])
+    blocks = Blocks(context.n_envs, site.probes.n)
+    kernel, inputs = block_kernel(formula, blocks.shift), [*scene, site.view.near, numbers, gain, radius]
+    return context.record(kernel, blocks.n_threads, inputs, [truth, raw], block_dim=blocks.block_dim)
+
+
+def _watch(site: Site, has_noise: bool) -> None:
+    """Have the bodies that are near to this skin told from the others."""
+    probes = site.probes
+    bounds = np.array([row.bound for row in site.table.rows])
+    if site.along_normal or has_noise:  # it may feel farther than its radii say
+        bounds = np.full(len(bounds), FAR)
+    site.view.watch(probes.positions, np.broadcast_to(probes.radii, probes.n), bounds)
+
+
+def probe_arrays(site: Site):
+    """The probes as kernels take them."""
+    real = site.context.real
+    probes = probes_struct(real)()
+    probes.positions, probes.normals, probes.radii = site.positions, site.normals, site.radii
+    probes.strip = STRIP if site.context.device.is_cpu else 1
+    probes.strip_ball = _strip_balls(site, probes.strip)
+    probes.reach = _reach(site) if site.along_normal else wp.zeros(0, dtype=real, device=site.context.device)
+    return probes
+
+
+def _strip_balls(site: Site, length: int) -> wp.array:
+    """Centre and radius, probe radii and the ray's reach included, of the ball around each strip; none on a GPU."""
+    probes = site.probes
+    count = -(-probes.n // length) if length > 1 else 0
+    balls = np.zeros((count, 4))
+    if count:
+        missing = count * length - probes.n
+        points = np.pad(probes.positions, ((0, missing), (0, 0)), mode="edge").reshape(count, length, 3)
+        radii = np.pad(probes.radii, (0, missing)).reshape(count, length)
+        centres = 0.5 * points.min(1) + 0.5 * points.max(1)
+        away = np.linalg.norm(points - centres[:, None], axis=2).max(1)
+        balls[:, :3], balls[:, 3] = centres, FAR if site.along_normal else away + radii.max(1)
+    return wp.array(balls, dtype=wp.types.vector(4, site.context.real), device=site.context.device)
+
+
+def _reach(site: Site) -> wp.array:
+    """How far behind each probe the ray query begins [m]: the option, or to the far side of the sensor's link."""
+    context, given = site.context, site.model.ray_reach
+    if given is not None or site.link.shape is None:
+        values = np.full(site.probes.n, FAR if given is None else given)
+        return wp.array(values, dtype=context.real, device=context.device)
+    return thickness_behind(site.own_table, site.link.index, site.positions, site.normals, context)

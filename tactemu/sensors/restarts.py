@@ -1,0 +1,87 @@
+"""Resets of some environments: on a GPU by a mask on the device, in one graph, without waiting."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from tactemu.base.errors import SceneError
+from tactemu.geometry.device_arrays import BOOLEAN, mask_of, taken
+from tactemu.plan.clearing import clear_rows
+from tactemu.plan.plan import Plan
+from tactemu.sensors.world import World, on_host
+
+
+class Restarts:
+    """Resets stages, readings and poses of a simulation.
+
+    Args:
+        plan: whose stages are reset.
+        world: whose poses are.
+        arrays: readings, which become 0.
+        device: of all of them.
+    """
+
+    def __init__(self, plan: Plan, world: World, arrays: list[wp.array], device: wp.Device):
+        self._plan, self._world, self._arrays, self._device = plan, world, arrays, device
+        self._mask = wp.zeros(world.n_envs, dtype=wp.bool, device=device)
+        self._graph: wp.Graph | None = None
+        self._warm = False
+
+    def reset(self, envs: Any) -> None:
+        """See :meth:`tactemu.sensors.simulation.Simulation.reset`."""
+        self._choose(envs)
+        if self._device.is_cpu:
+            self._clear()
+            self._world.reset(self._mask.numpy())
+        elif envs is None:  # poses go by the host, which then knows them
+            self._clear()
+            self._world.reset(None)
+        else:
+            self._on_gpu()
+
+    def _choose(self, envs: Any) -> None:
+        """Fill the mask."""
+        n_envs = self._world.n_envs
+        if envs is not None and not on_host(envs):
+            array = taken(envs, "envs")
+            if array.dtype in BOOLEAN or not self._device.is_cpu:
+                wp.copy(self._mask, mask_of(array, n_envs, self._device))
+                return
+            envs = array.numpy()
+        mask = np.zeros(n_envs, bool)
+        mask[self._world.env_indices(envs)] = True
+        self._mask.assign(mask)
+
+    def _clear(self) -> None:
+        self._plan.reset(self._mask)
+        for array in self._arrays:
+            clear_rows(array, self._mask)
+
+    def _all(self) -> None:
+        self._clear()
+        self._world.reset_rows(self._mask)
+
+    def _on_gpu(self) -> None:
+        capturing = wp.get_stream(self._device).is_capturing
+        if capturing and (self._world.waiting or not self._warm):
+            raise SceneError(
+                "reset: take a step and a reset before you capture one: what a graph may not do is done then"
+            )
+        self._world.upload()
+        if capturing:
+            self._all()
+        elif self._graph is not None:
+            wp.capture_launch(self._graph)
+        elif self._warm:
+            with wp.ScopedCapture(self._device, force_module_load=False) as capture:
+                self._all()
+            self._graph = capture.graph
+            assert self._graph is not None
+            wp.capture_launch(self._graph)
+        else:  # the first loads what is needed
+            self._all()
+            self._warm = True
+        self._world.changed_on_device()

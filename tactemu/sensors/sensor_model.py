@@ -1,0 +1,263 @@
+"""What every tactile sensor model is, and how to write one.
+
+A model is a dataclass of options, one file, derived from :class:`SensorModel`::
+
+    @dataclass(frozen=True, kw_only=True, eq=False)
+    class MyTaxel(SensorModel):
+        stiffness: float = 1.0
+        level = 2
+        channels = ("force",)                                 # three numbers per taxel
+        layouts = {"force": slice(0, 3)}                      # what a device can sense of it
+        unit = "N"
+
+        def compile(self, site: Site) -> Compiled:
+            raw = site.zeros()                                # (n_envs, n_taxels, channels), site.context.real
+            kernel = my_kernel(site.context.real, site.table.kinds)
+            inputs = [site.table.struct, site.view.pose, site.targets, site.positions, self.stiffness]
+            launch = site.context.record(kernel, raw.shape[:2], inputs, [raw])
+            stage = Stage(name=f"{site.name}: my taxel", reason="MyTaxel asks for it", launch=launch)
+            return Compiled(truth=raw, raw=raw, stages=[stage])
+
+One line in :mod:`tactemu.sensors.models` makes it known to scene files, to ``tactemu tune``, to the benches and to
+``docs/sensors.md``; ``docs/adding-a-sensor-model.md`` shows all of it. What a model gets is a :class:`Site`:
+
+* ``site.view``: poses ``(n_envs, n_bodies)`` of all bodies in the link's frame, and twists if
+  :meth:`SensorModel.velocity_reason` returns one (:class:`tactemu.sensors.poses.LinkView`).
+* ``site.targets``: the bodies to feel, ``wp.array(int32)``; ``site.target_bodies`` the same on the host.
+* ``site.table``: their shapes. In a kernel factory ``f = shape_functions(real, kinds)`` gives
+  ``f.distance_in_link(shapes, b, pose[e, b], r) -> (signed distance, normal)`` for any kind of shape
+  (:mod:`tactemu.geometry.shapes.distance`); ``site.own_table`` is the table of the link's own shape
+  (row ``site.link.index``, pose the identity).
+* ``site.positions``, ``site.normals``, ``site.radii``: the probes on the device; ``site.probes`` on the host.
+* ``site.gain``, ``site.radius``: per-environment arrays ``(n_envs, n_taxels)`` of the measured branch, or ``None``
+  where no imperfection asks for them. If both are ``None`` the measured branch starts as the truth: return the same
+  array for both, it is never written to.
+
+* ``site.zeros()``, and ``zeros``, ``full`` and ``array`` of ``site.context``: arrays that last from step to step. They
+  are what is saved of a simulation; scratch and what never changes need not be made by them.
+
+``site.context.record`` gives the kernel one argument more, its first: the environment of its first thread. After
+``e, i = wp.tid()`` it says ``e += first_env``, and so threads can share a batch; a plain
+:func:`tactemu.plan.launches.record` does without, and is run by one.
+
+A kernel comes from a cached factory per float type, with ``@wp.kernel(module="unique", enable_backward=False)``, in a
+file *without* ``from __future__ import annotations``. A NaN pose must come out as NaN, not as 'no contact':
+``wp.max(0, NaN)`` is 0.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+import warp as wp
+
+from tactemu.geometry.bodies import Body
+from tactemu.imperfections import ImperfectionOptions
+from tactemu.imperfections.info import Channels
+from tactemu.plan.plan import Context, Dtype, Stage
+from tactemu.sensors.drawing import DrawOptions
+from tactemu.sensors.point_cloud import PointCloud
+from tactemu.sensors.poses import LinkView
+from tactemu.sensors.probe_layout import Probes, make_probes
+from tactemu.sensors.shape_table import ShapeTable, ShapeTables
+
+DepthQuery = Literal["sdf", "raycast", "band", "voxel", "ray"]
+Derive = Callable[[wp.array, str], tuple[wp.array, Stage]]
+"""From a reading, of the branch ``truth`` or ``measured``, to what follows from it, and the stage that fills that."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Site:
+    """Where a model is compiled: everything it may use of the scene. See the module's docstring."""
+
+    name: str
+    model: SensorModel
+    context: Context
+    link: Body
+    probes: Probes
+    n_channels: int
+    view: LinkView
+    target_bodies: tuple[Body, ...]
+    targets: wp.array
+    shapes: ShapeTables
+    clouds: dict[tuple[int, int], PointCloud]
+    """Points on bodies, by body and number: sensors that ask for as many on the same body share them."""
+    positions: wp.array
+    normals: wp.array
+    radii: wp.array
+    gain: wp.array | None = None
+    radius: wp.array | None = None
+
+    @cached_property
+    def table(self) -> ShapeTable:
+        """The shapes of the bodies felt."""
+        model = self.model
+        return self.shapes.table(self.target_bodies, model.contact_depth_query, model.voxel_size)
+
+    @cached_property
+    def own_table(self) -> ShapeTable:
+        """The shape of the sensor's own link."""
+        return self.shapes.table((self.link,))
+
+    @property
+    def vec3(self):
+        """The context's vector type."""
+        return wp.types.vector(3, self.context.real)
+
+    def zeros(self, channels: int | None = None) -> wp.array:
+        """A new array ``(n_envs, n_taxels, channels)`` of the context's type."""
+        shape = (self.context.n_envs, self.probes.n, channels or self.n_channels)
+        return self.context.zeros(shape, self.context.real)
+
+    @property
+    def along_normal(self) -> bool:
+        """Is depth asked for along the taxels' normals?"""
+        return self.model.contact_depth_query == "ray"
+
+    @property
+    def separate(self) -> bool:
+        """Does the measured branch differ from the truth before any imperfection (gain, noised radius)?"""
+        return self.gain is not None or self.radius is not None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Compiled:
+    """What a model's :meth:`SensorModel.compile` returns."""
+
+    truth: wp.array
+    """Ground truth, ``(n_envs, n_taxels, channels)``."""
+    raw: wp.array
+    """The measured branch before imperfections; the same array as ``truth`` unless ``site.separate``."""
+    stages: list[Stage]
+    finish: Callable[[wp.array, str], tuple[wp.array, list[Stage]]] | None = None
+    """Applied to each branch, ``finish(array, "truth" | "measured")``, after the imperfections and before the delay."""
+    present: Callable[[np.ndarray], Any] | None = None
+    """In place of :meth:`SensorModel.present`, where that must know what was compiled."""
+    derived: Mapping[str, Derive] = field(default_factory=dict)
+    """What follows from a reading and may be asked for as an array on the device (:meth:`Sensor.view`), by name."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One setting of a model's dials."""
+
+    name: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+    dtype: Dtype = "float32"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SensorModel(ImperfectionOptions, DrawOptions, ABC):
+    """Options that all tactile sensors share. Positions, normals and readings are in the frame of the link.
+
+    They stay as they are: ``dataclasses.replace(model, stiffness=2.0)`` makes another model, and imperfections change
+    while running through :meth:`Sensor.set`.
+    """
+
+    probe_local_pos: Sequence | np.ndarray = ((0.0, 0.0, 0.0),)
+    """Probe positions [m], ``(n, 3)``, or ``(rows, cols, 3)`` for a grid; readings have the same layout."""
+    probe_local_normal: Sequence | np.ndarray = (0.0, 0.0, 1.0)
+    """Directions out of the skin: one, or one per probe. Need not be unit vectors."""
+    probe_radius: float | Sequence | np.ndarray = 0.01
+    """Sensing radius [m]: one, or one per probe. 0 marks a filler, which reads 0 and takes part in nothing."""
+    pos_offset: Sequence[float] = (0.0, 0.0, 0.0)
+    """Shift of the probes in the link's frame [m]."""
+    euler_offset: Sequence[float] = (0.0, 0.0, 0.0)
+    """Rotation of the probes about the link's fixed axes x, y, z [degrees], before the shift."""
+    track_link_idx: int | Sequence[int] | None = None
+    """The bodies to feel, by index, name or body; ``None``: all but the sensor's own."""
+    filter_link_idx: int | Sequence[int] = ()
+    """Bodies not to feel."""
+    contact_depth_query: DepthQuery | None = None
+    """How depth is found. ``sdf`` (default) and ``raycast``: exact distance to the nearest surface. ``band``: within
+    2 µm of it, from a grid beside the surface of meshes. ``voxel``: a grid of distances with cells of ``voxel_size``.
+    ``ray``: along the taxel's normal, right at any depth."""
+    voxel_size: float | None = None
+    """Cell of the voxel query [m], ``None``: the shape's largest extent / 64; of the band, ``None``: / 96."""
+    ray_reach: float | None = None
+    """How far into the skin the ray query looks [m]; ``None``: to the far side of the sensor's own link."""
+
+    # What a model is. Scene files, `tactemu tune`, the benches and docs/sensors.md read it here.
+    level: ClassVar[int]
+    """Of fidelity, 0 (a touch flag) to 4 (a solved contact)."""
+    work: ClassVar[float] = 1.0
+    """Roughly what a taxel costs on a CPU, in those of a depth probe that touches a ball (about 5 ns)."""
+    channels: ClassVar[tuple[Channels, ...]] = ("scalar",)
+    """What a taxel gives, in order: ``scalar`` is one number, ``force``, ``torque``, ``displacement`` three each."""
+    unit: ClassVar[str] = ""
+    gain_inside: ClassVar[bool] = True
+    """The model applies ``site.gain`` itself; else it multiplies the reading after hysteresis."""
+    layouts: ClassVar[dict[str, slice]] = {}
+    """Quantities it offers (see :data:`firmware_protocols.device.Quantity`): which channels hold each."""
+    feels_at_radius: ClassVar[bool] = False
+    """Its probes feel what comes nearer than their radius: sunk by that radius, they feel from the first touch."""
+    strengths: ClassVar[tuple[str, ...]] = ()
+    """Options that scale the whole reading: a gain that was fitted is written into them."""
+    material: ClassVar[tuple[str, ...]] = ()
+    """Options that state what the skin is made of. Readings are then physical, and no gain is fitted."""
+    unbounded: ClassVar[tuple[str, ...]] = ()
+    """Numbers that may be larger than those of any skin, or infinite."""
+    examples: ClassVar[Mapping[str, Mapping[str, Any]]] = {"": {"probe_radius": 0.002}}
+    """What benches and tests run, on probes 2.5 mm apart: words behind the class's name, and options."""
+    valid: ClassVar[str] = ""
+    """Where its readings mean something, and where they do not."""
+    source: ClassVar[str] = ""
+    """Where its formula comes from. The formula itself stands in the docstring of the module."""
+
+    @classmethod
+    def trials(cls, quantity: str) -> Sequence[Trial]:
+        """The settings of its dials that ``tactemu tune`` tries for a device that senses ``quantity``."""
+        return [Trial("defaults")]
+
+    @classmethod
+    def finest(cls, side: int) -> Trial | None:
+        """The best it can do for a skin of ``side`` taxels along its longer side, at any cost: others are judged by
+        it. ``None``: it is no reference."""
+        return None
+
+    @abstractmethod
+    def compile(self, site: Site) -> Compiled:
+        """Allocate, and return arrays and stages. Called once per build."""
+
+    def velocity_reason(self) -> str | None:
+        """Why it needs relative velocities; ``None``: it does not."""
+        return None
+
+    def validate(self, probes: Probes) -> None:
+        """Check options against each other; raise :class:`SceneError`."""
+
+    def present(self, values: np.ndarray) -> Any:
+        """Turn an array ``(..., n_channels)`` into what ``read()`` returns; it is a copy already, so views will do."""
+        return values[..., 0] if self.n_channels == 1 else values
+
+    @property
+    def n_channels(self) -> int:
+        """Numbers of one taxel."""
+        return sum(1 if kind == "scalar" else 3 for kind in self.channels)
+
+    def probes(self, sensor: str) -> Probes:
+        """The probes, checked."""
+        return make_probes(
+            self.probe_local_pos,
+            self.probe_local_normal,
+            self.probe_radius,
+            self.pos_offset,
+            self.euler_offset,
+            sensor,
+        )
+
+
+def upload_probes(probes: Probes, context: Context) -> dict[str, wp.array]:
+    """Positions, normals and radii on the device, as :class:`Site` wants them."""
+    vec3 = wp.types.vector(3, context.real)
+    device = context.device
+    return {
+        "positions": wp.array(probes.positions, dtype=vec3, device=device),
+        "normals": wp.array(probes.normals, dtype=vec3, device=device),
+        "radii": wp.array(probes.radii, dtype=context.real, device=device),
+    }

@@ -1,0 +1,140 @@
+"""One batch over several devices: each simulates a share of the environments, and they read as on one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any, Self
+
+import numpy as np
+
+from tactemu.base.errors import SceneError
+from tactemu.geometry.bodies import Body
+from tactemu.sensors.sensor import Sensor
+from tactemu.sensors.simulation import Simulation
+
+POSE = ("position", "quaternion", "linear_velocity", "angular_velocity")
+
+
+class SplitSimulation:
+    """What :meth:`tactemu.Scene.build` returns for several devices.
+
+    Steps of all devices run at the same time: nothing waits for any of them until something is read. What is written
+    and read on the devices is of the parts, each a :class:`~tactemu.sensors.simulation.Simulation` of its own:
+    ``split.parts[k].pose_array``, ``split.sensor(skin, k).force_array``.
+    """
+
+    def __init__(
+        self, bodies: Sequence[Body], sensors: Sequence[Sensor], devices: Sequence[Any], *, n_envs: int, first_env: int,
+        **options: Any,
+    ):  # fmt: skip
+        if not devices or n_envs is None or n_envs < len(devices):
+            raise SceneError(
+                f"build: {len(devices)} devices share the environments; n_envs must be as many or more, got {n_envs!r}"
+            )
+        self.n_envs = int(n_envs)
+        """Of all parts."""
+        self.starts = [self.n_envs * k // len(devices) for k in range(len(devices) + 1)]
+        """Part k simulates environments ``starts[k]`` to ``starts[k + 1]``."""
+        self._handles = [_handles(sensors) for _ in devices]
+        self.parts = tuple(
+            Simulation(bodies, handles, n_envs=b - a, first_env=first_env + a, device=device, **options)
+            for device, handles, (a, b) in zip(devices, self._handles, pairwise(self.starts))
+        )
+        """The simulation on each device."""
+        self._names = [sensor.name for sensor in sensors]
+
+    def sensor(self, which: Sensor | str, part: int) -> Sensor:
+        """The handle of a skin on one device.
+
+        Raises:
+            SceneError: there is no such skin.
+        """
+        name = which if isinstance(which, str) else which.name
+        if name not in self._names:
+            raise SceneError(f"no sensor {name!r} in this simulation; there are: {', '.join(self._names) or 'none'}")
+        return self._handles[part][self._names.index(name)]
+
+    def step(self, dt: float | None = None) -> None:
+        """One step of all (:meth:`Simulation.step`)."""
+        for part in self.parts:
+            part.step(dt)
+
+    def set_pose(self, body: Body | str | int, *, envs: Sequence[int] | np.ndarray | None = None, **pose: Any) -> None:
+        """Put a body somewhere (:meth:`Simulation.set_pose`): lists or NumPy arrays, rows of all environments."""
+        if unknown := pose.keys() - set(POSE):
+            raise SceneError(f"set_pose: unknown {', '.join(sorted(unknown))}; there are: {', '.join(POSE)}")
+        chosen = self._chosen(envs)
+        for part, a, b in self._shares():
+            mine = np.flatnonzero((chosen >= a) & (chosen < b))
+            if not len(mine):
+                continue
+            rows = {name: _rows(values, len(chosen), mine) for name, values in pose.items() if values is not None}
+            part.set_pose(body, envs=None if envs is None else chosen[mine] - a, **rows)
+
+    def reset(self, envs: Sequence[int] | np.ndarray | None = None) -> None:
+        """Reset all, or the environments of these indices or this mask (:meth:`Simulation.reset`)."""
+        if envs is None:
+            for part in self.parts:
+                part.reset()
+            return
+        chosen = self._chosen(envs)
+        for part, a, b in self._shares():
+            if len(mine := chosen[(chosen >= a) & (chosen < b)]):
+                part.reset(mine - a)
+
+    def read(self, skin: Sensor | str, ground_truth: bool = False) -> Any:
+        """The reading of a skin in all environments (:meth:`Sensor.read`)."""
+        handles = [self.sensor(skin, k) for k in range(len(self.parts))]
+        return _joined([each.read_ground_truth() if ground_truth else each.read() for each in handles])
+
+    def check(self) -> None:
+        """Wait for all devices, and raise if a pose was not usable (:meth:`Simulation.check`)."""
+        for part in self.parts:
+            part.check()
+
+    def close(self) -> None:
+        """End what threads there are."""
+        for part in self.parts:
+            part.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.close()
+
+    def _shares(self) -> list[tuple[Simulation, int, int]]:
+        return [(part, a, b) for part, (a, b) in zip(self.parts, pairwise(self.starts))]
+
+    def _chosen(self, envs: Any) -> np.ndarray:
+        """Indices of environments."""
+        if envs is None:
+            return np.arange(self.n_envs)
+        given = np.asarray(envs)
+        if given.dtype == bool:
+            if given.shape != (self.n_envs,):
+                raise SceneError(f"envs: a mask must have shape ({self.n_envs},), got {given.shape}")
+            return np.flatnonzero(given)
+        if given.ndim != 1 or given.dtype.kind not in "iu" or ((given < 0) | (given >= self.n_envs)).any():
+            raise SceneError(f"envs: expected indices in 0..{self.n_envs - 1} or a mask, got {envs!r}")
+        return given
+
+
+def _handles(sensors: Sequence[Sensor]) -> list[Sensor]:
+    return [sensor.another() for sensor in sensors]
+
+
+def _rows(values: Any, n: int, mine: np.ndarray) -> np.ndarray:
+    """What is for all, or the rows of some."""
+    values = np.asarray(values, np.float64)
+    if values.ndim == 2 and len(values) != n:
+        raise SceneError(f"set_pose: expected a row for each of {n} environments, got {len(values)}")
+    return values[mine] if values.ndim == 2 else values
+
+
+def _joined(parts: list[Any]) -> Any:
+    """Readings one after another: arrays, or the tuples of arrays that some models read."""
+    if isinstance(parts[0], tuple):
+        return type(parts[0])(*(_joined(list(each)) for each in zip(*parts)))
+    return np.concatenate(parts)

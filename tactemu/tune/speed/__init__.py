@@ -1,0 +1,1 @@
+"""Benchmarks of one step, one reading and one frame."""

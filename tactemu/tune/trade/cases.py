@@ -1,0 +1,190 @@
+"""What `tactemu bench trade` presses into the skin: seven objects at three depths, pressed, slid and rolled."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from tactemu.geometry import rotation
+from tactemu.geometry.shapes.box import Box
+from tactemu.geometry.shapes.cylinder import Cylinder
+from tactemu.geometry.shapes.mesh import Mesh
+from tactemu.geometry.shapes.sphere import Sphere
+from tactemu.plan.plan import Dtype
+from tactemu.scene.scene import Scene
+from tactemu.sensors.layer.elastic_layer_taxel import ElasticLayerTaxel
+
+TOP = 0.005
+"""Height of the skin's surface [m]."""
+DT = 1e-3
+DEPTHS = (2e-4, 5e-4, 1e-3)
+PRESS_STEPS = 2
+MOVE_STEPS = 6
+SLIDE = 6e-4
+"""Way of a slide and of a roll [m]."""
+ROCK = np.radians(3.0)
+"""Angle by which objects with corners are rocked instead [rad]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TestSkin:
+    """The skin that is pressed: a square of taxels on a bonded layer."""
+
+    side: int = 32
+    pitch: float = 5e-4
+    young_modulus: float = 1e5
+    poisson_ratio: float = 0.49
+    thickness: float = 4e-3
+    friction: float = 0.5
+
+    __test__ = False  # no test class, whatever its name
+
+    def positions(self) -> np.ndarray:
+        """Taxels in the pad's frame [m], ``(side, side, 3)``."""
+        x = (np.arange(self.side) - (self.side - 1) / 2) * self.pitch
+        return np.stack([*np.meshgrid(x, x[::-1]), np.full((self.side, self.side), TOP)], -1)
+
+    @property
+    def layer(self) -> dict[str, Any]:
+        """Its material, as options of ElasticLayerTaxel."""
+        return {name: getattr(self, name) for name in ElasticLayerTaxel.material}
+
+
+@dataclass(frozen=True)
+class Indenter:
+    """A shape, and how it is held."""
+
+    shape: Any
+    turn: tuple[float, float, float, float]
+    """Its orientation, (w, x, y, z)."""
+    lowest: float
+    """From its lowest point up to its origin [m]."""
+    rolling_radius: float | None = None
+    """[m]; ``None``: it is rocked."""
+
+
+def _tilted(shape: Any, corners: np.ndarray, vector) -> Indenter:
+    turn = rotation.from_rotation_vector(np.asarray(vector, float))
+    return Indenter(shape, tuple(turn), -float(rotation.rotate(turn, corners)[:, 2].min()))
+
+
+def _box_corners(size) -> np.ndarray:
+    return np.array(list(np.ndindex(2, 2, 2)), float) @ np.diag(size) - np.asarray(size) / 2
+
+
+def _wedge() -> tuple[np.ndarray, np.ndarray]:
+    """A prism with an edge of 30 degrees along y, 8 mm long, pointing down."""
+    half, height, length = 6e-3 * np.tan(np.radians(15)), 6e-3, 8e-3
+    triangle = np.array([[0, 0], [half, height], [-half, height]])
+    vertices = np.array([[x, y, z] for y in (-length / 2, length / 2) for x, z in triangle])
+    faces = [[0, 1, 2], [3, 5, 4], [0, 3, 4], [0, 4, 1], [1, 4, 5], [1, 5, 2], [2, 5, 3], [2, 3, 0]]
+    return vertices, np.array(faces)
+
+
+def _pebble() -> tuple[np.ndarray, np.ndarray]:
+    """A free form: a ball of 5 mm with bumps of a few tenths of a millimetre."""
+    import trimesh
+
+    ball = trimesh.creation.icosphere(subdivisions=5, radius=1.0)
+    p = np.asarray(ball.vertices)
+    bumps = 0.06 * np.sin(5 * p[:, 0] + 1) * np.cos(4 * p[:, 1]) + 0.04 * np.sin(7 * p[:, 2] - 2 * p[:, 0])
+    return p * (5e-3 * (1 + bumps))[:, None], np.asarray(ball.faces)
+
+
+@cache
+def indenters() -> dict[str, Indenter]:
+    """The objects by name."""
+    upright = (1.0, 0.0, 0.0, 0.0)
+    cube, block = (6e-3, 6e-3, 6e-3), (5e-3, 6e-3, 5e-3)
+    wedge, pebble = _wedge(), _pebble()
+    lying = rotation.from_rotation_vector(np.array([np.pi / 2, 0, 0]))
+    return {
+        "sphere": Indenter(Sphere(radius=5e-3), upright, 5e-3, rolling_radius=5e-3),
+        "box": Indenter(Box(size=cube), upright, 3e-3),
+        "box edge": _tilted(Box(size=block), _box_corners(block), (0, np.pi / 4, 0)),
+        "cylinder": Indenter(Cylinder(radius=4e-3, length=8e-3), tuple(lying), 4e-3, rolling_radius=4e-3),
+        "tilted box": _tilted(Box(size=cube), _box_corners(cube), (0, np.radians(5), 0)),
+        "thin wedge": Indenter(Mesh(source=wedge), upright, 0.0),
+        "free form": Indenter(Mesh(source=pebble), upright, -float(pebble[0][:, 2].min())),
+    }
+
+
+@dataclass(frozen=True)
+class Case:
+    """One object, one depth, one motion."""
+
+    object: str
+    depth: float
+    motion: str
+    """``press``, ``slide`` or ``roll``."""
+
+    @property
+    def name(self) -> str:
+        """For tables and files."""
+        return f"{self.object}, {self.depth * 1e3:.1f} mm, {self.motion}"
+
+    def poses(self, fine: int = 1) -> Iterator[dict[str, np.ndarray]]:
+        """Poses of the object, step by step; ``fine`` times as many while it slides or rolls."""
+        body = indenters()[self.object]
+        for k in range(1, PRESS_STEPS + 1):
+            height = body.lowest - self.depth * k / PRESS_STEPS
+            down = np.array([0, 0, -self.depth / PRESS_STEPS / DT])
+            yield self._pose(body, np.array([0, 0, TOP + height]), 0.0, down)
+        if self.motion == "press":
+            return
+        steps = MOVE_STEPS * fine
+        speed = SLIDE / MOVE_STEPS / DT
+        for k in range(1, steps + 1):
+            way = SLIDE * k / steps
+            if self.motion == "slide":
+                at = np.array([way, 0, TOP + body.lowest - self.depth])
+                yield self._pose(body, at, 0.0, np.array([speed, 0, 0]))
+            elif body.rolling_radius:
+                at = np.array([way, 0, TOP + body.lowest - self.depth])
+                yield self._pose(body, at, way / body.rolling_radius, np.array([speed, 0, 0]))
+            else:
+                angle = ROCK * k / steps
+                pivot = np.array([0, 0, TOP - self.depth])
+                arm = rotation.rotate(rotation.from_rotation_vector(np.array([0, angle, 0])), (0, 0, body.lowest))
+                yield self._pose(body, pivot + arm, angle, np.zeros(3))
+
+    def _pose(self, body: Indenter, position, angle: float, velocity) -> dict[str, np.ndarray]:
+        turn = rotation.multiply(rotation.from_rotation_vector(np.array([0, angle, 0])), body.turn)
+        spin = np.zeros(3)
+        if self.motion == "roll" and angle:
+            rate = ROCK / MOVE_STEPS / DT if body.rolling_radius is None else np.linalg.norm(velocity) / body.lowest
+            spin = np.array([0, rate, 0])
+        return {"position": position, "quaternion": turn, "linear_velocity": velocity, "angular_velocity": spin}
+
+
+CALIBRATION = Case("sphere", 5e-4, "press")
+CALIBRATION_OF_SHEAR = Case("sphere", 5e-4, "slide")
+COST = Case("sphere", 5e-4, "slide")
+"""What is timed: a warm contact that moves a hundredth of a millimetre in a step."""
+
+
+def all_cases(quick: bool = False) -> list[Case]:
+    """Every case; the quick choice has each object once, and the sphere in all motions."""
+    names = list(indenters())
+    if quick:
+        return [Case(name, 5e-4, "press") for name in names] + [
+            Case("sphere", 5e-4, "slide"),
+            Case("cylinder", 5e-4, "slide"),
+            Case("sphere", 5e-4, "roll"),
+        ]
+    cases = [Case(name, depth, "press") for name in names for depth in DEPTHS]
+    return cases + [Case(name, 5e-4, motion) for motion in ("slide", "roll") for name in names]
+
+
+def build(skin: TestSkin, case: Case, model: Any, dtype: Dtype = "float32", device: str = "cpu"):
+    """A built scene with one skin and the case's object; returns simulation, body and sensor."""
+    scene = Scene(dt=DT)
+    extent = 2 * skin.side * skin.pitch
+    pad = scene.add_body(Box(size=(extent, extent, 2 * TOP)), fixed=True, name="pad")
+    body = scene.add_body(indenters()[case.object].shape, name="object", position=(0, 0, 1.0))
+    sensor = scene.add_sensor(model, link=pad, name="skin")
+    return scene.build(dtype=dtype, device=device), body, sensor

@@ -1,0 +1,102 @@
+"""The settings of the ladder that `tactemu bench trade` compares: sensor models with their dials."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from tactemu.plan.plan import Dtype
+from tactemu.sensors.models import MODELS, load
+from tactemu.tune.trade.cases import TestSkin
+
+GRAZE = 1e-6
+"""Radius of probes that shall feel no farther than the surface [m]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setting:
+    """A sensor model and its dials."""
+
+    name: str
+    model: str
+    """As in scene files."""
+    options: dict[str, Any] = field(default_factory=dict)
+    dtype: Dtype = "float32"
+
+    @property
+    def level(self) -> int:
+        """Of fidelity."""
+        return load(self.model).level
+
+    @property
+    def calibrated(self) -> tuple[str, ...]:
+        """Fields of an observation that get a gain on the calibration cases; none where the material is stated."""
+        model = load(self.model)
+        if model.material:
+            return ()
+        return tuple(name for quantity in model.layouts for name in _FITTED[quantity])
+
+    def make(self, skin: TestSkin) -> Any:
+        """The sensor model on a skin, made of the skin's material where it states one."""
+        model = load(self.model)
+        material = {name: getattr(skin, name) for name in model.material}
+        return model(probe_local_pos=skin.positions(), **{**material, **self.options})
+
+
+_FITTED = {"touch": (), "depth": ("sink",), "force": ("pressure", "drag"), "displacement": ("sink", "shift")}
+"""By quantity: fields of an observation whose scale is free."""
+_GRAZING = {"probe_radius": GRAZE}
+
+
+def _layer(name: str, **options: Any) -> Setting:
+    dtype = options.pop("dtype", "float32")
+    return Setting(name=f"L4 {name}", model="elastic_layer_taxel", options=options, dtype=dtype)
+
+
+def ladder() -> list[Setting]:
+    """All settings, cheapest level first; a model that has none here is one with its defaults."""
+    forced = {"tolerance": 1e-6}
+    springs = {**_GRAZING, "normal_damping": 0.0, "forces_on_skin": True, "twist_scalar": 0.0}
+    fitted = {"lambda_d": 3e4, "lambda_s": 3e4, "normal_exponent": 1.0, "n_sample_points": 2000}
+    layered = {"compressibility": 0.0, "elastomer_thickness": 4e-3, "n_sample_points": 2000}
+    proximity = {"probe_radius": 1e-3, "forces_on_skin": True, "twist_scalar": 0.0, "shear_coupling": 1.0}
+    voxel = {"contact_depth_query": "voxel", "voxel_size": 2.5e-4}
+    settings = [
+        Setting(name="L0 touch", model="contact_probe", options=_GRAZING),
+        _depth("L1 depth", {}),
+        _depth("L1 depth, voxel 0.25 mm", voxel),
+        _depth("L1 depth, ray", {"contact_depth_query": "ray"}),
+        Setting(name="L2 springs", model="kinematic_taxel", options=springs),
+        Setting(name="L2 springs, ray", model="kinematic_taxel", options={**springs, "contact_depth_query": "ray"}),
+        _points(proximity, 500),
+        _points(proximity, 5000),
+        _markers("L3 markers, defaults", {"n_sample_points": 500}),
+        _markers("L3 markers, fitted", fitted),
+        _markers("L3 markers, thickness", layered),
+        _layer("2 iterations", iterations=2, **forced),
+        _layer("4 iterations", iterations=4, **forced),
+        _layer("4 iterations, no friction", iterations=4, friction=0.0, **forced),
+        _layer("tolerance 1e-2", iterations=50, tolerance=1e-2),
+        _layer("tolerance 1e-4", iterations=50, tolerance=1e-4),
+        _layer("tolerance 1e-4, float64", iterations=50, tolerance=1e-4, dtype="float64"),
+        _layer("oversampling 2", iterations=50, oversampling=2, tolerance=1e-4),
+        _layer("oversampling 4", iterations=50, oversampling=4, tolerance=1e-4),
+    ]
+    shown = {setting.model for setting in settings}
+    return [
+        *settings,
+        *(Setting(name=f"L{load(name).level} {name}", model=name) for name in MODELS if name not in shown),
+    ]
+
+
+def _depth(name: str, query: dict[str, Any]) -> Setting:
+    return Setting(name=name, model="contact_depth_probe", options={**_GRAZING, **query})
+
+
+def _points(options: dict[str, Any], count: int) -> Setting:
+    options = {**options, "n_sample_points": count}
+    return Setting(name=f"L2 proximity, {count} points", model="proximity_taxel", options=options)
+
+
+def _markers(name: str, options: dict[str, Any]) -> Setting:
+    return Setting(name=name, model="elastomer_taxel", options=options)

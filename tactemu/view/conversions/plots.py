@@ -1,0 +1,245 @@
+"""``tactemu plot``: pictures of one skin of a truth log, as PNG, SVG, or a page that needs nothing else.
+
+* what is felt over time, without imperfections and with them;
+* the contact patch, when it is pressed most;
+* hysteresis: what is measured against what is felt;
+* how long a sample takes to the wire;
+* the spectrum of what is wrong: measured less felt.
+
+A log is read once, and of each sample a few numbers are kept.
+"""
+
+from __future__ import annotations
+
+import html
+import io
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import matplotlib  # noqa: TID253  this module is imported only to draw
+import numpy as np
+
+from tactemu.base.errors import TactemuError
+from tactemu.truth.entries import Header, Passage, Sample, is_of
+from tactemu.truth.reading import records
+from tactemu.view.conversions.surroundings import Described
+
+matplotlib.use("agg")
+from matplotlib.figure import Figure  # noqa: TID253
+
+SUFFIXES = (".png", ".svg", ".html")
+UNITS = {"force": "N", "pressure": "Pa", "depth": "m", "displacement": "m", "temperature": "°C", "wrench": "N, Nm"}
+_TEXT = "#123456"
+"""Stands for the colour of the page's text, which is dark or light."""
+_FELT, _MEASURED, _MUTED = "#3b82c4", "#e07b39", "#8a8f98"
+_STYLE = {
+    "font.size": 9, "font.family": "sans-serif", "svg.fonttype": "none", "svg.hashsalt": "tactemu", "axes.titlesize": 9,
+    "axes.spines.top": False, "axes.spines.right": False, "axes.titlelocation": "left", "legend.frameon": False,
+}  # fmt: skip
+_PAGE = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{title}</title>
+<style>
+:root {{ color-scheme: light dark; --text: #1c2128; --page: #fff; --line: #d0d7de; }}
+@media (prefers-color-scheme: dark) {{ :root {{ --text: #dde3ea; --page: #14181d; --line: #3a424c; }} }}
+body {{ font: 15px/1.5 system-ui, sans-serif; color: var(--text); background: var(--page); margin: 1rem auto;
+  padding: 0 1rem; max-width: 1200px; }}
+main {{ display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 420px), 1fr)); gap: 1rem; }}
+svg {{ width: 100%; height: auto; }}
+table {{ border-collapse: collapse; }} td {{ border-top: 1px solid var(--line); padding: .2rem 1rem .2rem 0; }}
+</style></head><body><h1>{title}</h1>
+<table>{rows}</table>
+<main>{figures}</main></body></html>
+"""
+
+
+@dataclass
+class Series:
+    """What the pictures show of one sense of one skin."""
+
+    device: str
+    sense: str
+    unit: str
+    positions: np.ndarray
+    t_ns: list[int] = field(default_factory=list)
+    felt: list[float] = field(default_factory=list)
+    measured: list[float] = field(default_factory=list)
+    to_wire_ms: list[float] = field(default_factory=list)
+    patch: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """What each taxel feels when it is most."""
+    taken: dict[int, int] = field(default_factory=dict)
+    """When the latest samples were taken, by their numbers."""
+
+    def add(self, sample: Sample) -> None:
+        """One more sample."""
+        each = _sizes(sample.ideal)
+        if not self.felt or each.sum() > max(self._most, 0.0):
+            self.patch = each
+        self.t_ns.append(sample.t_ns)
+        self.felt.append(float(each.sum()))
+        self.measured.append(float(_sizes(sample.measured).sum()))
+        self._most = max(self._most, self.felt[-1])
+        self.taken[sample.number] = sample.t_ns
+        if len(self.taken) > 1000:
+            del self.taken[next(iter(self.taken))]
+
+    _most: float = 0.0
+
+
+def series_of(path: Path, skin: str | None = None, sense: str | None = None) -> Series:
+    """The numbers of a log that are drawn: of the first skin and its first sense, unless they are named.
+
+    Raises:
+        TactemuError: no log, or no samples of this skin.
+    """
+    described, found = Described(Header()), None
+    for record in records(path):
+        if isinstance(record, Header):
+            described = Described(record)
+        elif isinstance(record, Sample) and skin in (None, record.device) and sense in (None, record.sense):
+            if found is None:
+                found = _begun(record, described)
+            if (record.device, record.sense) == (found.device, found.sense):
+                found.add(record)
+        elif isinstance(record, Passage) and found and record.kind == "tx" and is_of(record, found.device):
+            if record.sample in found.taken:
+                found.to_wire_ms.append((record.t_ns - found.taken.pop(record.sample)) / 1e6)
+    if found is None:
+        raise TactemuError(f"{path}: no samples{f' of {skin!r}' if skin else ''}{f' and {sense!r}' if sense else ''}")
+    return found
+
+
+def _begun(sample: Sample, described: Described) -> Series:
+    skin = described.skins.get(sample.device, {})
+    senses = skin.get("senses", {})
+    quantity = senses.get(sample.sense or next(iter(senses), ""), {}).get("quantity", "")
+    parts = described.parts(sample)
+    positions = np.zeros((len(np.atleast_1d(sample.ideal)), 3))
+    for part in parts:
+        positions[part.taxels] = part.positions
+    return Series(sample.device, sample.sense, UNITS.get(quantity, ""), positions)
+
+
+def _sizes(values: np.ndarray) -> np.ndarray:
+    """Of each taxel's reading."""
+    values = np.nan_to_num(np.asarray(values, float))
+    return np.abs(values) if values.ndim < 2 else np.linalg.norm(values.reshape(len(values), -1), axis=1)
+
+
+# -- the pictures --------------------------------------------------------------------------------------------------
+
+
+def _over_time(axes: Any, series: Series) -> None:
+    t_s = np.array(series.t_ns) / 1e9
+    axes.plot(t_s, series.measured, color=_MEASURED, lw=1, label="measured")
+    axes.plot(t_s, series.felt, color=_FELT, lw=1, label="felt")
+    axes.set(xlabel="time [s]", ylabel=f"sum over taxels [{series.unit}]")
+    axes.legend(loc="lower left", bbox_to_anchor=(0.5, 1.0), ncols=2, borderaxespad=0.1)
+
+
+def _patch(axes: Any, series: Series) -> None:
+    x, y = series.positions[:, 0] * 1e3, series.positions[:, 1] * 1e3
+    dots = axes.scatter(x, y, c=series.patch, s=max(6, min(160, 6000 / max(len(x), 1))), cmap="viridis")
+    axes.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
+    axes.margins(0.15)
+    axes.figure.colorbar(dots, ax=axes, label=f"felt [{series.unit}]")
+
+
+def _hysteresis(axes: Any, series: Series) -> None:
+    axes.plot(series.felt, series.measured, color=_MEASURED, lw=0.8)
+    most = max(*series.felt, 1e-12)
+    axes.plot([0, most], [0, most], color=_MUTED, lw=0.8, ls="--")
+    axes.set(xlabel=f"felt [{series.unit}]", ylabel=f"measured [{series.unit}]")
+
+
+def _to_wire(axes: Any, series: Series) -> None:
+    if series.to_wire_ms:
+        axes.hist(series.to_wire_ms, bins=60, color=_FELT)
+    axes.set(xlabel="from the sample to the wire [ms]", ylabel="frames")
+
+
+def _spectrum(axes: Any, series: Series) -> None:
+    wrong, t_s = np.subtract(series.measured, series.felt), np.array(series.t_ns) / 1e9
+    if len(t_s) > 16:
+        step = float(np.median(np.diff(t_s)))
+        size = min(1024, 2 ** int(np.log2(len(wrong))))
+        window = np.hanning(size)
+        pieces = np.stack([wrong[k : k + size] for k in range(0, len(wrong) - size + 1, max(1, size // 2))])
+        power = np.abs(np.fft.rfft((pieces - pieces.mean(1, keepdims=True)) * window)) ** 2
+        density = np.sqrt(2 * power.mean(0) * step / (window**2).sum())
+        axes.loglog(np.fft.rfftfreq(size, step)[1:], np.maximum(density[1:], 1e-15), color=_MEASURED, lw=1)
+    axes.set(xlabel="frequency [Hz]", ylabel=f"measured − felt [{series.unit}/√Hz]")
+
+
+PANELS = {
+    "over time": _over_time,
+    "contact patch, pressed most": _patch,
+    "hysteresis": _hysteresis,
+    "from sample to wire": _to_wire,
+    "spectrum of what is wrong": _spectrum,
+}
+
+
+def plot(path: str | Path, target: str | Path, *, skin: str | None = None, sense: str | None = None) -> None:
+    """Draw one skin of a log.
+
+    Raises:
+        TactemuError: no log, no samples of this skin, another suffix, or the file cannot be written.
+    """
+    target = Path(target)
+    if target.suffix not in SUFFIXES:
+        raise TactemuError(f"{target}: cannot draw to {target.suffix!r}; expected one of {', '.join(SUFFIXES)}")
+    series = series_of(Path(path), skin, sense)
+    title = " ".join(filter(None, (series.device, series.sense)))
+    with matplotlib.rc_context(_STYLE):
+        content = _page(series, title) if target.suffix == ".html" else _sheet(series, title, target.suffix[1:])
+    try:
+        target.write_bytes(content)
+    except OSError as error:
+        raise TactemuError(f"{target}: cannot write it: {error.strerror}") from None
+
+
+def _sheet(series: Series, title: str, kind: str) -> bytes:
+    """All panels on one sheet."""
+    figure = Figure(figsize=(10, 10), layout="constrained")
+    figure.suptitle(title)
+    grid = figure.subplot_mosaic([["a", "a"], ["b", "c"], ["d", "e"]])
+    for axes, (name, draw) in zip(grid.values(), PANELS.items()):
+        draw(axes, series)
+        axes.set_title(name)
+    return _saved(figure, kind)
+
+
+def _page(series: Series, title: str) -> bytes:
+    """A panel each, in the colours of the page."""
+    figures = []
+    dark = dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), _TEXT)
+    for k, (name, draw) in enumerate(PANELS.items()):
+        with matplotlib.rc_context({**dark, "svg.hashsalt": f"tactemu {k}"}):
+            figure = Figure(figsize=(5, 3.4), layout="constrained")
+            axes = figure.add_subplot()
+            draw(axes, series)
+            axes.set_title(name)
+            figure.patch.set_alpha(0)
+            axes.patch.set_alpha(0)
+            text = re.sub(r"<metadata>.*?</metadata>", "", _saved(figure, "svg").decode(), flags=re.DOTALL)
+        text = re.sub(r'(id="|href="#|url\(#)', rf"\1p{k}-", text[text.index("<svg") :])
+        figures.append(f"<figure>{text.replace(_TEXT, 'currentColor')}</figure>")
+    span = (series.t_ns[-1] - series.t_ns[0]) / 1e9
+    rows = {
+        "samples": len(series.t_ns),
+        "seconds": f"{span:.3f}",
+        f"largest, felt [{series.unit}]": f"{max(series.felt):.4g}",
+        f"largest, measured [{series.unit}]": f"{max(series.measured):.4g}",
+        "median from sample to wire [ms]": f"{np.median(series.to_wire_ms):.3f}" if series.to_wire_ms else "no frames",
+    }  # fmt: skip
+    cells = "".join(f"<tr><td>{html.escape(name)}</td><td>{value}</td></tr>" for name, value in rows.items())
+    return _PAGE.format(title=html.escape(title), rows=cells, figures="".join(figures)).encode()
+
+
+def _saved(figure: Figure, kind: str) -> bytes:
+    content = io.BytesIO()
+    figure.savefig(content, format=kind, dpi=110, metadata={"Date": None} if kind == "svg" else None)
+    return content.getvalue()

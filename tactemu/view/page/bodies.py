@@ -1,0 +1,291 @@
+"""The scene in three dimensions: bodies, and on them taxels, forces, probes."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import trimesh
+import viser
+
+from tactemu.geometry import rotation
+from tactemu.truth.entries import Sample
+from tactemu.view.conversions.colours import colours, pitch, touched
+from tactemu.view.conversions.surroundings import WORLD, Body, Part
+from tactemu.view.page.feed import Known, Moment, size_of
+
+_GREY, _HAND = (150, 155, 168), (96, 150, 200)
+"""Of bodies that nobody may move, and of those that can be dragged."""
+_PLANE_M = 0.3
+_ARROW = 3.0
+"""Length of the largest force so far [pitches]."""
+_MOST_ARROWS = 400
+"""The largest forces are drawn, where there are more."""
+_ROUND = 12
+"""Sides of a taxel's disc."""
+_MANY = 1000
+"""Taxels from which on they are hexagons: a machine without a GPU draws each triangle."""
+
+
+class Scene:
+    """What is drawn of a scene; made anew when another emulator is looked at.
+
+    Args:
+        server: of viser's; what it has in its scene goes.
+        known: what is there.
+    """
+
+    def __init__(self, server: viser.ViserServer, known: Known):
+        self._known = known
+        scene = server.scene
+        scene.reset()
+        scene.set_up_direction("+z")
+        scene.configure_environment_map(None)
+        scene.configure_default_lights(False, cast_shadow=False)
+        scene.add_light_ambient("/lights/all", intensity=1.2)
+        scene.add_light_directional("/lights/sun", intensity=1.0, position=(0.4, -0.6, 1.0), cast_shadow=False)
+        self.frames: dict[str, Any] = {WORLD: scene.add_frame("/world", show_axes=False)}
+        self.solids: dict[str, list[Any]] = {}
+        """What can be grabbed of each body."""
+        self.labels: dict[str, Any] = {}
+        for body in known.described.bodies:
+            self._add_body(scene, body)
+        parts = [(name, part) for name, skin in known.skins.items() for part in _parts(known, name, len(skin.layout))]
+        on = lambda pair: pair[1].body if pair[1].body in self.frames else WORLD  # noqa: E731
+        fine = sum(len(part.taxels) for _, part in parts) < _MANY
+        self.boards = [
+            Board(scene, self.frames[body].name, list(group), fine=fine)
+            for body, group in itertools.groupby(sorted(parts, key=on), key=on)
+        ]
+        self._look(server)
+
+    def _add_body(self, scene: viser.SceneApi, body: Body) -> None:
+        path = f"/bodies/{_path(body.name)}"
+        self.frames[body.name] = scene.add_frame(
+            path, show_axes=False, position=np.array(body.position), wxyz=np.array(body.quaternion)
+        )
+        self.solids[body.name] = _solids(scene, path, body)
+        if body.points:
+            red, green, blue = (round(255 * part) for part in body.points["color"][:3])
+            scene.add_point_cloud(
+                f"{path}/points", np.array(body.points["positions"], np.float32).reshape(-1, 3),
+                (red, green, blue), point_size=2 * body.points["radius"], point_shape="circle",
+            )  # fmt: skip
+        reach = _reach(body)
+        self.labels[body.name] = scene.add_label(f"{path}/label", "", position=(0.0, 0.0, 1.1 * reach), visible=False)
+
+    def _look(self, server: viser.ViserServer) -> None:
+        """A camera that sees everything that is not endless."""
+        bodies = [body for body in self._known.described.bodies if body.shape != "plane"]
+        places = [np.array(body.position) for body in bodies] or [np.zeros(3)]
+        reaches = [_reach(body) for body in bodies] or [0.05]
+        low = np.min([place - reach for place, reach in zip(places, reaches)], axis=0)
+        high = np.max([place + reach for place, reach in zip(places, reaches)], axis=0)
+        middle, size = (low + high) / 2, max(float(np.linalg.norm(high - low)), 0.01)
+        camera = server.initial_camera
+        camera.look_at, camera.up = middle, (0.0, 0.0, 1.0)
+        camera.position = middle + size * np.array([0.55, -1.1, 0.65])
+        camera.near, camera.far = size / 200, size * 50
+
+    def draw(self, moment: Moment) -> None:
+        """Bring everything to a state."""
+        for name, body in moment.bodies.items():
+            frame = self.frames.get(name)
+            if frame is not None:
+                _put(frame, body["position"], body["quaternion"])
+        for board in self.boards:
+            board.draw(moment.samples)
+
+
+class Board:
+    """All taxels on one body: one batched mesh of discs, arrows, and what sensors with ``draw_debug`` show.
+
+    Args:
+        scene: of viser's.
+        path: of the body in it.
+        parts: with the names of their skins.
+        fine: taxels are round and have an edge; else they are hexagons, a tenth of the work.
+    """
+
+    def __init__(self, scene: viser.SceneApi, path: str, parts: Sequence[tuple[str, Part]], *, fine: bool = True):
+        self._parts = list(parts)
+        self._pitches = np.concatenate([np.full(len(part.taxels), pitch(part)) for _, part in parts])
+        placed = [_placed(part) for _, part in parts]
+        self._positions = np.concatenate([each[0] for each in placed])
+        normals = np.concatenate([each[1] for each in placed])
+        self.owners = [(skin, int(taxel)) for skin, part in parts for taxel in part.taxels]
+        self._most: dict[str, float] = {}
+        self._colours = np.zeros((len(self.owners), 3), np.uint8)
+        disc = trimesh.creation.cylinder(radius=0.42, height=0.12, sections=_ROUND) if fine else _hexagon()
+        self.discs = scene.add_batched_meshes_simple(
+            f"{path}/taxels", disc.vertices, disc.faces, _turned(normals), self._positions,
+            batched_scales=self._pitches.astype(np.float32), batched_colors=self._colours, lod="off",
+            cast_shadow=False, receive_shadow=False, flat_shading=True,
+        )  # fmt: skip
+        size = float(np.median(self._pitches)) if len(self._pitches) else 1e-3
+        self._arrows = scene.add_arrows(
+            f"{path}/forces", np.zeros((1, 2, 3), np.float32), (235, 70, 60), shaft_radius=0.07 * size,
+            head_radius=0.2 * size, head_length=0.45 * size, visible=False,
+        )  # fmt: skip
+        self._probes = [_Probes(scene, f"{path}/{_path(part.name)}", skin, part) for skin, part in parts if part.draw]
+
+    def draw(self, samples: dict[str, Sample]) -> None:
+        """Colour the taxels by what is measured, relative to the most of their skin so far."""
+        painted, vectors = [], []
+        for skin, part in self._parts:
+            sample, n = samples.get(skin), len(part.taxels)
+            if sample is None or len(sample.measured) <= part.taxels.max(initial=-1):
+                painted.append(np.zeros(n))
+                vectors.append(np.zeros((n, 3)))
+                continue
+            size = size_of(sample.measured)
+            most = self._most[skin] = max(self._most.get(skin, 0.0), float(np.nanmax(size, initial=0.0)))
+            painted.append(size[part.taxels] / (most or 1.0))
+            vectors.append(_vectors(sample, part, most))
+        now = (255 * colours(np.concatenate(painted))).round().astype(np.uint8)
+        if (now != self._colours).any():
+            self._colours = self.discs.batched_colors = now
+        self._point(np.concatenate(vectors))
+        for probes in self._probes:
+            probes.draw(samples)
+
+    def _point(self, vectors: np.ndarray) -> None:
+        """Arrows that end at the taxels: what is felt there comes from outside."""
+        length = np.linalg.norm(vectors, axis=1)
+        felt = np.flatnonzero(length > 0.02)
+        if len(felt) > _MOST_ARROWS:
+            felt = np.argpartition(-length, _MOST_ARROWS)[:_MOST_ARROWS]
+        if len(felt):
+            ends = self._positions[felt]
+            ways = vectors[felt] * (_ARROW * self._pitches[felt])[:, None]
+            self._arrows.points = np.stack([ends - ways, ends], axis=1).astype(np.float32)
+        if self._arrows.visible != bool(len(felt)):
+            self._arrows.visible = bool(len(felt))
+
+
+class _Probes:
+    """Of a sensor with ``draw_debug``: spheres that change their colour in contact."""
+
+    def __init__(self, scene: viser.SceneApi, path: str, skin: str, part: Part):
+        assert part.draw is not None
+        self._skin, self._part, draw = skin, part, part.draw
+        self._rest, self._met = np.array(draw["probe_color"][:3]), np.array(draw["contact_color"][:3])
+        places, _ = _placed(part, np.array(draw["probes"], float).reshape(-1, 3))
+        n = len(places)
+        self._shown = np.zeros(n, bool)
+        ball = trimesh.creation.icosphere(subdivisions=2)
+        turns = np.tile((1.0, 0.0, 0.0, 0.0), (n, 1))
+        settings: dict[str, Any] = {"lod": "off", "cast_shadow": False, "receive_shadow": False}
+        self._balls = [
+            scene.add_batched_meshes_simple(
+                f"{path}/probes", ball.vertices, ball.faces, turns, places, batched_colors=self._painted(),
+                batched_scales=np.full(n, draw["center_radius"], np.float32), **settings,
+            )
+        ]  # fmt: skip
+        if draw["opacity"]:
+            self._balls.append(
+                scene.add_batched_meshes_simple(
+                    f"{path}/radii", ball.vertices, ball.faces, turns, places, batched_colors=self._painted(),
+                    batched_scales=np.array(draw["radii"], np.float32), opacity=draw["opacity"], **settings,
+                )
+            )  # fmt: skip
+
+    def _painted(self) -> np.ndarray:
+        return (255 * np.where(self._shown[:, None], self._met, self._rest)).round().astype(np.uint8)
+
+    def draw(self, samples: dict[str, Sample]) -> None:
+        """Colour them by contact."""
+        sample = samples.get(self._skin)
+        if sample is None or len(sample.ideal) <= self._part.taxels.max(initial=-1):
+            return
+        now = touched(sample)[self._part.taxels]
+        if len(now) == len(self._shown) and (now != self._shown).any():
+            self._shown = now
+            for balls in self._balls:
+                balls.batched_colors = self._painted()
+
+
+def _hexagon() -> trimesh.Trimesh:
+    """Flat, and seen from outside only."""
+    turns = np.arange(6) * np.pi / 3
+    corners = np.stack([0.45 * np.cos(turns), 0.45 * np.sin(turns), np.full(6, 0.06)], axis=1)
+    return trimesh.Trimesh(corners, [(0, k, k + 1) for k in range(1, 5)], process=False)
+
+
+def _parts(known: Known, skin: str, taxels: int) -> list[Part]:
+    nothing = np.zeros(taxels)
+    return known.described.parts(Sample(0, skin, nothing, nothing, nothing)) if taxels else []
+
+
+def _placed(part: Part, positions: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Places and normals in the frame of the body."""
+    turn = rotation.normalised(part.quaternion)
+    places = part.positions if positions is None else positions
+    return rotation.rotate(turn, places) + part.position, rotation.rotate(turn, part.normals)
+
+
+def _turned(normals: np.ndarray) -> np.ndarray:
+    """The rotations that take z to the normals, as quaternions (w, x, y, z)."""
+    x, y, z = normals.T
+    turns = np.stack([1 + z, -y, x, 0 * z], axis=1)
+    turns[z < -1 + 1e-9] = (0.0, 1.0, 0.0, 0.0)
+    return turns / np.linalg.norm(turns, axis=1, keepdims=True)
+
+
+def _vectors(sample: Sample, part: Part, most: float) -> np.ndarray:
+    """Forces on the taxels, 1 for the largest so far, in the frame of the body; none where they are no vectors."""
+    if np.shape(sample.measured)[1:] != (3,) or not most:
+        return np.zeros((len(part.taxels), 3))
+    values = np.nan_to_num(np.asarray(sample.measured, float)[part.taxels] / most)
+    return rotation.rotate(rotation.normalised(part.quaternion), values)
+
+
+def _put(frame: Any, position: Sequence[float], quaternion: Sequence[float]) -> None:
+    """Move it if it has moved: what stands still is not sent again."""
+    if not np.array_equal(frame.position, position):
+        frame.position = position
+    if not np.array_equal(frame.wxyz, quaternion):
+        frame.wxyz = quaternion
+
+
+def _path(name: str) -> str:
+    return name.replace("/", "∕")
+
+
+def _reach(body: Body) -> float:
+    """About how far a body reaches [m]."""
+    outline = body.outline
+    if "vertices" in outline:
+        return float(np.linalg.norm(np.array(outline["vertices"], float).reshape(-1, 3), axis=1).max(initial=0.0))
+    if "size" in outline:
+        return float(np.linalg.norm(outline["size"])) / 2
+    return float(outline.get("radius", 0.0)) + float(outline.get("length", 0.0)) / 2
+
+
+def _solids(scene: viser.SceneApi, path: str, body: Body) -> list[Any]:
+    """What is drawn of a body, in its frame."""
+    outline, name = body.outline, f"{path}/shape"
+    look: dict[str, Any] = {"color": _GREY, "opacity": 0.55, "cast_shadow": False, "receive_shadow": False}
+    if "faces" in outline:
+        vertices, faces = np.array(outline["vertices"], np.float32), np.array(outline["faces"], np.uint32)
+        return [scene.add_mesh_simple(name, vertices, faces, side="double", **look)]
+    if body.shape == "box":
+        return [scene.add_box(name, dimensions=tuple(outline["size"]), **look)]
+    if body.shape == "plane":
+        return [scene.add_box(name, dimensions=(_PLANE_M, _PLANE_M, 1e-4), position=(0, 0, -5e-5), **look)]
+    if body.shape == "sphere":
+        return [scene.add_icosphere(name, radius=outline["radius"], subdivisions=4, **look)]
+    if body.shape in ("cylinder", "capsule"):
+        make = trimesh.creation.cylinder if body.shape == "cylinder" else trimesh.creation.capsule
+        mesh = make(radius=outline["radius"], height=outline["length"])
+        mesh.apply_translation(-mesh.bounds.mean(axis=0))
+        return [scene.add_mesh_simple(name, mesh.vertices, mesh.faces, **look)]
+    return []
+
+
+def paint(solids: Sequence[Any], *, movable: bool) -> None:
+    """Show whether a body can be dragged."""
+    for each in solids:
+        each.color = _HAND if movable else _GREY

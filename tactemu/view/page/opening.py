@@ -1,0 +1,133 @@
+"""Where a page is: a socket, a token, a process. Imports nothing of viser's, so that a run need not wait for it."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import os
+import secrets
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from tactemu.base.errors import TactemuError
+
+LOOPBACK = "127.0.0.1"
+_USUAL_PORT = 8080
+_END_S = 2.0
+"""How long the process may take to end when its run has."""
+
+
+@dataclass(frozen=True)
+class Door:
+    """Where a page will be.
+
+    Raises:
+        TactemuError: viser is missing, the port is taken, or the host is none of this machine's.
+    """
+
+    listener: socket.socket
+    token: str
+
+    @property
+    def url(self) -> str:
+        """What a browser opens."""
+        host, port = self.listener.getsockname()[:2]
+        host = socket.gethostname() if host in ("0.0.0.0", "::") else host
+        return f"http://{f'[{host}]' if ':' in host else host}:{port}/{self.token}/"
+
+    @property
+    def hosts(self) -> list[str]:
+        """Names under which it may be asked for, beside addresses."""
+        host = self.listener.getsockname()[0]
+        return ["localhost"] if host in (LOOPBACK, "::1") else ["localhost", socket.gethostname().lower()]
+
+
+def door(host: str | None = None, port: int | None = None) -> Door:
+    """A socket that listens, and a fresh token.
+
+    Args:
+        host: address; default: this machine alone can reach it.
+        port: default: 8080, or any other if that is taken.
+
+    Raises:
+        TactemuError: viser is missing, the port is taken, or the host is none of this machine's.
+    """
+    if importlib.util.find_spec("viser") is None:
+        raise TactemuError('the page needs the package viser: pip install "tactemu[web]"')
+    return Door(_listening(host or LOOPBACK, port), secrets.token_urlsafe(16))
+
+
+def warning(host: str | None) -> str | None:
+    """What to tell somebody who opens it to others."""
+    if host in (None, LOOPBACK, "::1", "localhost"):
+        return None
+    return (
+        f"whoever reaches {host} and has the link can look, press and break, and reads the link on the way: it is not "
+        "encrypted; better: ssh -L 8080:127.0.0.1:8080 to this machine"
+    )
+
+
+def _listening(host: str, port: int | None) -> socket.socket:
+    if port is None:
+        with contextlib.suppress(TactemuError):
+            return _bound(host, _USUAL_PORT)
+    return _bound(host, port or 0)
+
+
+def _bound(host: str, port: int) -> socket.socket:
+    listener = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM)
+    try:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((host, port))
+        listener.listen(64)
+    except (OSError, OverflowError) as error:
+        listener.close()
+        why = getattr(error, "strerror", None) or "there is no such port"
+        raise TactemuError(f"the page cannot listen on {host}, port {port}: {why}; name another, or none") from None
+    return listener
+
+
+@contextlib.contextmanager
+def beside(opened: Door, name: str) -> Iterator[threading.Event]:
+    """Run a process that shows the run of that name while it lasts; it has the token from a pipe: others see commands.
+
+    Set the event before the run ends: a user is told of a page that ends sooner.
+    """
+    number = opened.listener.fileno()
+    command = [sys.executable, "-m", "tactemu.cli.page", str(number), name]
+    process = subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, pass_fds=[number], start_new_session=True
+    )
+    assert process.stdin is not None
+    over = threading.Event()
+
+    def watch() -> None:
+        process.wait()
+        if not over.is_set():
+            sys.stderr.write(f"tactemu: the page has ended; `tactemu see {name}` opens it again\n")
+            sys.stderr.flush()
+
+    try:
+        with contextlib.suppress(OSError):
+            process.stdin.write(opened.token.encode())
+            process.stdin.close()
+        opened.listener.close()
+        threading.Thread(target=watch, name="page", daemon=True).start()
+        yield over
+    finally:
+        over.set()
+        try:
+            process.wait(_END_S)
+        except (subprocess.TimeoutExpired, KeyboardInterrupt):
+            process.kill()
+            process.wait()
+
+
+def inherited(number: int, token: str) -> Door:
+    """The one that a parent has opened."""
+    os.set_inheritable(number, False)
+    return Door(socket.socket(fileno=number), token)

@@ -1,0 +1,103 @@
+"""A CAN bus: exact frame times with their stuff bits; of the frames that are ready the lowest identifier goes first."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from typing import Any
+
+from firmware_protocols import CanFrame, Frame
+from firmware_protocols.can_frames import CanFrames
+from tactemu.transports.transport import CanFilter
+from tactemu.wire.can_bits import frame_ns, priority
+from tactemu.wire.can_runs import run_ns
+from tactemu.wire.line_models.line_model import Carrier
+from tactemu.wire.pending import Pending
+
+MULTICAST = "can:udp_multicast:239.74.163.2"
+"""python-can's own default group: a CAN bus for machines whose kernel has none."""
+GROUPS = 254**2
+"""From 239.74.1.1 to 239.74.254.254."""
+
+
+class CanCarrier(Carrier):
+    """Every node offers its own frames in order; the driver is one of the nodes."""
+
+    kind = "can"
+    schemes = ("can", "slcan", "socketcand")
+    shared = True
+    one_line = True
+    ordered = False
+
+    def duration_ns(self, frame: Frame) -> int:
+        """Exact, intermission included."""
+        return self.traffic_ns(frame) if self.pacing and isinstance(frame, CanFrame) else 0
+
+    def run_ns(self, frames: CanFrames) -> list[int]:
+        """Exact, intermission included."""
+        return run_ns(frames, self.connector.bitrate).tolist() if self.pacing else [0] * len(frames)
+
+    def traffic_ns(self, frame: CanFrame) -> int:
+        """Exact, intermission included."""
+        return frame_ns(frame, self.connector.bitrate, self.connector.data_bitrate)
+
+    def lane(self, source: str) -> str:
+        """One for each node."""
+        return source
+
+    def rank(self, pending: Pending) -> tuple:
+        """By identifier."""
+        frame = pending.head
+        identifier = priority(frame) if isinstance(frame, CanFrame) else ()
+        return (*identifier, pending.ready_ns, pending.number)
+
+    def hears(self, connector: Any, frame: Frame, *, of_peer: bool) -> bool:
+        """What the controller's filters take; without filters, all that the driver sends and nothing of others."""
+        if not connector.hears:
+            return not of_peer
+        return _is_one_of(connector.hears, frame)
+
+    def passes_by(self, connector: Any, frame: Frame) -> bool:
+        """Of its own identifiers what its filters do not take."""
+        return _is_one_of(connector.addressed, frame)
+
+    def filters(self, connectors: Iterable[Any]) -> list[CanFilter]:
+        """What all the controllers together take, if each has filters, and what is meant for them."""
+        connectors = list(connectors)
+        if not connectors or not all(connector.hears for connector in connectors):
+            return []
+        pairs = [pair for connector in connectors for pair in (*connector.hears, *connector.addressed)]
+        return [CanFilter(ident, mask, max(ident, mask) > 0x7FF) for ident, mask in pairs]
+
+    def carries(self, frame: Frame) -> bool:
+        """CAN frames."""
+        return isinstance(frame, CanFrame)
+
+    def agrees(self, other: Any) -> bool:
+        """Bit rates must be equal; filters are each device's own."""
+        mine = (type(self.connector), self.connector.bitrate, self.connector.data_bitrate)
+        return mine == (type(other), getattr(other, "bitrate", 0), getattr(other, "data_bitrate", 0))
+
+    def describe(self) -> str:
+        """``CAN 1 Mbit/s``, ``CAN-FD 1 / 5 Mbit/s``."""
+        c = self.connector
+        data = f" / {c.data_bitrate / 1e6:g}" if c.data_bitrate else ""
+        return f"CAN{'-FD' if data else ''} {c.bitrate / 1e6:g}{data} Mbit/s"
+
+    def usual_port(self, name: str) -> str:
+        """``vcan0`` if there is one, else a multicast group."""
+        return "can:socketcan:vcan0" if os.path.exists("/sys/class/net/vcan0") else MULTICAST
+
+    def fresh_port(self, name: str) -> str:
+        """A multicast group of its own.
+
+        On Linux a driver on one multicast group hears all others on its UDP port. Where that matters, give both
+        processes a port of their own, ``CAN_CONFIG='{"port": 43200}'`` (python-can reads it).
+        """
+        pid, number = self.fresh_number()
+        high, low = divmod((pid * 31 + number) % GROUPS, 254)
+        return f"can:udp_multicast:239.74.{high + 1}.{low + 1}"
+
+
+def _is_one_of(pairs: Iterable[tuple[int, int]], frame: Frame) -> bool:
+    return isinstance(frame, CanFrame) and any(frame.arbitration_id & mask == ident for ident, mask in pairs)

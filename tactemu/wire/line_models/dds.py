@@ -1,0 +1,35 @@
+"""A DDS domain: samples of a topic, each by itself, without a speed."""
+
+from __future__ import annotations
+
+from firmware_protocols import Frame
+from tactemu.wire.line_models.line_model import Carrier
+
+DOMAINS = 200
+"""Domains from 1 on that tests are given; above about 230 there are no ports left."""
+
+
+class DdsCarrier(Carrier):
+    """The device writes one topic and may read another; a sample that is held back is overtaken."""
+
+    kind = "dds"
+    schemes = ("dds",)
+    network = True
+    ordered = False
+
+    def duration_ns(self, frame: Frame) -> int:
+        """The network takes none that we model."""
+        return 0
+
+    def describe(self) -> str:
+        """``DDS rt/hand/state``."""
+        return f"DDS {self.connector.writes.name}"
+
+    def usual_port(self, name: str) -> str:
+        """The device's own domain, on this machine only."""
+        return f"dds:{self.connector.domain}/{self.connector.writes.name}"
+
+    def fresh_port(self, name: str) -> str:
+        """A domain of its own, mostly."""
+        pid, number = self.fresh_number()
+        return f"dds:{(pid * 31 + number) % DOMAINS + 1}/{self.connector.writes.name}"

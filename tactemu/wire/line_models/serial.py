@@ -1,0 +1,62 @@
+"""A UART, full duplex, or a USB-CDC port: bytes at the baud rate, noise where the settings differ."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from firmware_protocols import Frame
+from firmware_protocols.frames import payload
+from tactemu.transports.transport import SerialSetting
+from tactemu.wire.line_models.line_model import Carrier, Pacing
+from tactemu.wire.uart import agree, misheard
+
+
+class SerialCarrier(Carrier):
+    """Each direction is a line of its own."""
+
+    kind = "serial"
+    schemes = ("pty", "rfc2217", "tcp")
+
+    def __init__(self, connector: Any, *, pacing: Pacing = True):
+        super().__init__(connector, pacing=pacing)
+        timed = bool(pacing) and not connector.is_cdc
+        self._agreed: tuple[Any, SerialSetting] | None = None
+        """A connector and a setting of the port of which it is known that they hear each other well."""
+        self._byte_ns = connector.bits_per_byte * 1e9 / connector.baud if timed else 0.0
+
+    def duration_ns(self, frame: Frame) -> int:
+        """Bits per byte at the baud rate; nothing on USB."""
+        return round(len(payload(frame)) * self._byte_ns)
+
+    def driver_ns(self, frame: Frame, setting: Any) -> int:
+        """At the speed that the driver has set."""
+        speed = setting.baud if setting is not None and setting.baud else self.connector.baud
+        return round(len(payload(frame)) * self._byte_ns * self.connector.baud / speed)
+
+    def heard(self, frame: Frame, connector: Any, setting: Any, *, to_driver: bool) -> Frame:
+        """Noise where the two ends are set differently; USB has no such trouble."""
+        if setting is None or (connector, setting) == self._agreed:
+            return frame
+        if connector.is_cdc or not isinstance(frame, bytes):
+            return frame
+        own = SerialSetting(connector.baud, connector.bytesize, connector.parity, connector.stopbits)
+        if agree(own, setting):
+            self._agreed = connector, setting
+            return frame
+        return misheard(frame, own, setting) if to_driver else misheard(frame, setting, own)
+
+    def describe(self) -> str:
+        """``serial 115200 8N1`` or ``USB serial 115200 8N1``."""
+        c = self.connector
+        return f"{'USB serial' if c.is_cdc else 'serial'} {c.baud} {c.bytesize}{c.parity}{c.stopbits}"
+
+    def usual_port(self, name: str) -> str:
+        """A pseudo-terminal under a name in ``$TMPDIR``, which is ``/tmp`` where nobody says otherwise."""
+        return f"pty:{Path(tempfile.gettempdir()) / f'tactemu-{name}'}"
+
+    def fresh_port(self, name: str) -> str:
+        """A pseudo-terminal named after this process."""
+        pid, number = self.fresh_number()
+        return f"pty:{Path(tempfile.gettempdir()) / f'tactemu-{pid}-{number}-{name}'}"

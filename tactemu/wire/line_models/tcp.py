@@ -1,0 +1,30 @@
+"""A TCP server with a framing of its own: bytes in order, without a speed."""
+
+from __future__ import annotations
+
+from firmware_protocols import Frame
+from tactemu.wire.line_models.line_model import Carrier
+
+
+class TcpCarrier(Carrier):
+    """Both directions are free of each other."""
+
+    kind = "tcp"
+    schemes = ("tcp",)
+    network = True
+
+    def duration_ns(self, frame: Frame) -> int:
+        """The network takes none that we model."""
+        return 0
+
+    def describe(self) -> str:
+        """``TCP port 6000``."""
+        return f"TCP port {self.connector.port}"
+
+    def usual_port(self, name: str) -> str:
+        """The device's own port number, on this machine only."""
+        return f"tcp:127.0.0.1:{self.connector.port}"
+
+    def fresh_port(self, name: str) -> str:
+        """Any free one."""
+        return "tcp:127.0.0.1:0"

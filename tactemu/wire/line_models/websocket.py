@@ -1,0 +1,30 @@
+"""A WebSocket server: messages in order, without a speed."""
+
+from __future__ import annotations
+
+from firmware_protocols import Frame
+from tactemu.wire.line_models.line_model import Carrier
+
+
+class WebSocketCarrier(Carrier):
+    """Both directions are free of each other."""
+
+    kind = "websocket"
+    schemes = ("ws",)
+    network = True
+
+    def duration_ns(self, frame: Frame) -> int:
+        """The network takes none that we model."""
+        return 0
+
+    def describe(self) -> str:
+        """``WebSocket port 5000``."""
+        return f"WebSocket port {self.connector.port}"
+
+    def usual_port(self, name: str) -> str:
+        """The device's own port number, on this machine only."""
+        return f"ws:127.0.0.1:{self.connector.port}"
+
+    def fresh_port(self, name: str) -> str:
+        """Any free one."""
+        return "ws:127.0.0.1:0"
