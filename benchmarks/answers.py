@@ -1,4 +1,4 @@
-"""How long a driver waits for an answer: part of `tactemu bench loop`.
+"""How long a driver waits for an answer: part of `python -m benchmarks loop`.
 
 A client in another process asks, reads the whole answer and asks again after a random pause of up to 2 ms, so that its
 questions come at any moment of the loop. The device samples 360 taxels at 100 Hz meanwhile. What the line itself takes

@@ -1,4 +1,4 @@
-"""A whole robot's skin on CAN: `tactemu bench bus`.
+"""A whole robot's skin on CAN: `python -m benchmarks bus`.
 
 iCub boards of 7 triangles (70 taxels), 6 on a bus of 1 Mbit/s, 50 times a second; the buses are those of `tactemu
 exec`, so that a kernel without CAN will do. A reader in a process of its own (:mod:`benchmarks.bus_reader`) takes

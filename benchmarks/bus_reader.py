@@ -1,4 +1,4 @@
-"""The reader of `tactemu bench bus`: starts every board, takes every frame, says how late they were."""
+"""The reader of `python -m benchmarks bus`: starts every board, takes every frame, says how late they were."""
 
 from __future__ import annotations
 
@@ -165,4 +165,4 @@ def main(told: dict[str, list[int]], seconds: float) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    print(json.dumps(main(json.loads(sys.argv[1]), float(sys.argv[2]))))  # noqa: T201
+    print(json.dumps(main(json.loads(sys.argv[1]), float(sys.argv[2]))))

@@ -1,4 +1,4 @@
-"""The closed loop, part of `tactemu bench loop`: how fast, how late, how soon a contact in the engine is on the wire.
+"""The closed loop, part of `python -m benchmarks loop`: its rate, its lateness, and the time from contact to wire.
 
 Another process drives two Feetech servos and reads two PaXini pads, by their bytes: a gripper that closes on a ball and
 opens again. One run without a page and one with a page that somebody looks at.

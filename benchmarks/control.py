@@ -1,4 +1,4 @@
-"""What live commands cost the loop, and how soon they are felt: `tactemu bench control`.
+"""What live commands cost the loop, and how soon they are felt: `python -m benchmarks control`.
 
 An emulator with a skin at 1 kHz and another at 100 Hz runs in a process of its own; others read the
 ports and keep a core busy. This one pokes: the ball over the first skin is put down and lifted.

@@ -1,4 +1,4 @@
-"""What a view of the machine costs, and whether it leaves anything: `tactemu bench exec`.
+"""What a view of the machine costs, and whether it leaves anything: `python -m benchmarks exec`.
 
 The driver's side is measured in programs that run in the view and outside it, in turn; a figure is the median.
 """

@@ -1,4 +1,4 @@
-"""Trials of the judge a minute, alone and two side by side: ``tactemu bench judge``.
+"""Trials of the judge a minute, alone and two side by side: ``python -m benchmarks judge``.
 
 The driver is a reader of forty lines that is well: what is measured is what the judge takes.
 """

@@ -1,4 +1,4 @@
-"""What the elastic layer costs: `tactemu bench layer`.
+"""What the elastic layer costs: `python -m benchmarks layer`.
 
 Three questions. How long is a warm step (a ball that presses deeper and slides by hundredths of a millimetre) on
 growing grids, with and without friction? Does the cost follow the contact, or the skin? And how many environments

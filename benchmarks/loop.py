@@ -1,4 +1,4 @@
-"""How soon the first frame comes, and how late the frames after it: `tactemu bench loop`.
+"""How soon the first frame comes, and how late the frames after it: `python -m benchmarks loop`.
 
 * Start: from the command `tactemu run anyskin` to its first byte on the port, with an empty and with a filled kernel
   cache; median of several runs.

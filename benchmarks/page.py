@@ -1,4 +1,4 @@
-"""What a live page costs the loop, and how many pictures it gives: `tactemu bench page`.
+"""What a live page costs the loop, and how many pictures it gives: `python -m benchmarks page`.
 
 * Lateness: pairs of runs, without a page and with one that four look at: two that read, one that stops reading after a
   second, one that is killed halfway. A skin at 1 kHz and one at 100 Hz, on ptys that nobody reads.

@@ -1,6 +1,6 @@
 """Levels of fidelity against a real skin: where does more physics stop paying?
 
-    tactemu bench reality RECORDINGS --page docs/reality.md
+    python -m benchmarks reality RECORDINGS --page docs/reality.md
 
 The force of presses on eFlesh's lattice (:mod:`tactemu.fit.sets.eflesh`), by each level of the ladder: a flat face of
 20 mm pressed 12 mm into a skin of 16 x 16 taxels. Each level has one gain, fitted on one recording; the height of
@@ -143,8 +143,8 @@ def _table(lines: Sequence[dict[str, Any]], more: Sequence[str] = ()) -> str:
 
 _PAGE = """# Speed for reality
 
-Written by `tactemu bench reality RECORDINGS --page docs/reality.md`. [Speed for accuracy](accuracy.md) judges the
-levels by a rubber layer that is solved finely; this page by a real skin: the force of presses on eFlesh's printed
+Written by `python -m benchmarks reality RECORDINGS --page docs/reality.md`. [Speed for accuracy](accuracy.md) judges
+the levels by a rubber layer that is solved finely; this page by a real skin: the force of presses on eFlesh's printed
 lattice, 12 mm deep, up to 34 N, each of two recordings predicted by the other.
 
 TABLE

@@ -1,4 +1,4 @@
-"""Whether anything grows or gets lost in the long run: `tactemu bench soak`.
+"""Whether anything grows or gets lost in the long run: `python -m benchmarks soak`.
 
 A device streams at 1 kHz through five faults of 1 % each to another process that reads everything. At each interval:
 memory, file descriptors and lateness. At the end every frame must be accounted for, and what the reader got must be

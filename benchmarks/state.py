@@ -1,4 +1,4 @@
-"""Size and time of a saved state, and of a fork: `tactemu bench state`.
+"""Size and time of a saved state, and of a fork: `python -m benchmarks state`.
 
 Times are of the thread, so that other work on the machine does not count.
 """

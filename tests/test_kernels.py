@@ -9,7 +9,10 @@ import pytest
 
 from tests.cli.command import environment
 
-ASK = "from tactemu.base.kernels import start_quietly; start_quietly(); import warp, os; d = warp.config.kernel_cache_dir; "
+ASK = (
+    "from tactemu.base.kernels import start_quietly; start_quietly(); import warp, os; "
+    "d = warp.config.kernel_cache_dir; "
+)
 
 
 @pytest.fixture

@@ -21,15 +21,13 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import pytest
 
 if TYPE_CHECKING:
-    from tactemu.exec.environment import ExecEnvironment
     from tactemu.session.serving import Served
 
 _LOGGED = pytest.StashKey[list[tuple["Served", Path]]]()
@@ -44,16 +42,6 @@ class TactileDevice(Protocol):
 
     def __call__(self, target: str | Path, port: str | None = None, **options: Any) -> Served:
         """A device that runs already. Arguments are those of :func:`tactemu.serve`."""
-        ...
-
-
-class ExecEnvironments(Protocol):
-    """The type of the fixture, to annotate a test with: ``exec_environment: ExecEnvironments``."""
-
-    def __call__(
-        self, *devices: Served | str | Path, nodes: str | Mapping[str, str] = "", **options: Any
-    ) -> ExecEnvironment:
-        """A view in which the devices are plugged in; those that are names are started with ``options``."""
         ...
 
 
@@ -126,25 +114,6 @@ def tactile_device(request: pytest.FixtureRequest) -> Iterator[TactileDevice]:
         if not item.stash.get(_FAILED, False):
             for _, log in logged:
                 log.unlink(missing_ok=True)
-
-
-@pytest.fixture
-def exec_environment(tactile_device: TactileDevice) -> Iterator[ExecEnvironments]:
-    """Have devices as hardware: ``exec_environment("anyskin").run(["python", "driver.py"])``.
-
-    Arguments are those of :func:`tactemu.exec_environment`; a name or a scene stands for ``tactile_device(name)``.
-    """
-    with ExitStack() as stack:
-
-        def start(
-            *devices: Served | str | Path, nodes: str | Mapping[str, str] = "", **options: Any
-        ) -> ExecEnvironment:
-            from tactemu.exec.environment import ExecEnvironment
-
-            served = [tactile_device(each, **options) if isinstance(each, str | Path) else each for each in devices]
-            return stack.enter_context(ExecEnvironment(served, nodes))
-
-        yield start
 
 
 @pytest.hookimpl(wrapper=True)

@@ -1,4 +1,4 @@
-"""``tactemu bench control``: every command is felt, and the other skin's frames are those of a run without any."""
+"""``python -m benchmarks control``: every command acts, and the other skin's frames do not change."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Smoke tests: `tactemu bench state` measures what it says; how fast is no matter for a test."""
+"""Smoke tests: `python -m benchmarks state` measures what it says; how fast is no matter for a test."""
 
 import json
 

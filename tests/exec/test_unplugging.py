@@ -80,7 +80,7 @@ def test_a_forked_child_of_the_test_unplugs_nothing(exec_environment):
 
 @pytest.mark.parametrize("cycles", [25])
 def test_many_times_leave_nothing(exec_environment, cycles):
-    """`tactemu bench exec` does 1000."""
+    """`python -m benchmarks exec` does 1000."""
     from benchmarks.exec import replug
 
     figures = replug(exec_environment("flexitac"), cycles)

@@ -1,4 +1,4 @@
-"""`tactemu bench reality`: levels of fidelity against a real skin."""
+"""`python -m benchmarks reality`: levels of fidelity against a real skin."""
 
 from pathlib import Path
 

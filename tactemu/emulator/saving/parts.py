@@ -28,8 +28,9 @@ from tactemu.emulator.saving.leaves import LeafCheck
 from tactemu.emulator.saving.rehearsal import rehearse
 
 VALUES = (
-    "firmware_protocols", "tactemu.base.agenda", "tactemu.emulator.channel", "tactemu.emulator.sampling", "tactemu.geometry.motion",
-    "tactemu.base.statistics", "tactemu.transports.transport", "tactemu.truth.entries", "tactemu.wire",
+    "firmware_protocols", "tactemu.base.agenda", "tactemu.base.statistics", "tactemu.emulator.channel",
+    "tactemu.emulator.sampling", "tactemu.geometry.motion", "tactemu.transports.transport", "tactemu.truth.entries",
+    "tactemu.wire",
 )  # fmt: skip
 """Packages and modules whose objects are data: written with their attributes, and made anew."""
 

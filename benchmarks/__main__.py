@@ -1,0 +1,177 @@
+"""Benchmarks of this project's own machinery, for those who work on it: ``python -m benchmarks --help``.
+
+What users measure is ``tactemu bench``.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tactemu.cli.benches import Out, save
+
+bench = typer.Typer(
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    help="""
+Measure this tree on this machine. Figures are medians; compare those of one run.
+
+\b
+  python -m benchmarks loop     first frame, and how late frames are
+  python -m benchmarks layer    the elastic layer: grids, contact areas, batches
+  python -m benchmarks reality  the levels of fidelity against presses on a real skin
+  python -m benchmarks state    size and time of a saved state, and of a fork
+  python -m benchmarks soak     half an hour at 1 kHz and 5 % faults: what grows, what is lost
+  python -m benchmarks control  live commands: how soon they are felt, what they cost
+  python -m benchmarks page     the live page: what it costs the loop, pictures a second
+  python -m benchmarks exec     cost of a driver's view of the machine, and 1000 times unplugged
+  python -m benchmarks judge    trials of `tactemu judge` a minute, one and two at once
+  python -m benchmarks bus      a whole robot's skin on CAN: how many boards are in time
+""",
+)
+
+
+@bench.command()
+def loop(
+    seconds: Annotated[float, typer.Option(metavar="S", min=0.1, help="Length of each lateness run.")] = 60.0,
+    repeats: Annotated[int, typer.Option(metavar="N", min=1, help="Starts with a filled kernel cache.")] = 5,
+    questions: Annotated[int, typer.Option(metavar="N", min=1, help="Asked of a polled device on each port.")] = 10_000,
+    only: Annotated[str, typer.Option(metavar="WHAT", help="open or closed.")] = "",
+    out: Out = None,
+) -> None:
+    """First frame with an empty and a filled kernel cache; lateness at 100 Hz and 1 kHz; answers to requests; a hand
+    that MuJoCo moves: steps a second, and from contact to wire, with and without a page."""
+    from benchmarks.loop import run
+
+    if only not in ("", "open", "closed"):
+        raise typer.BadParameter(f"expected open or closed, got {only!r}", param_hint="--only")
+    save(run(typer.echo, seconds=seconds, repeats=repeats, questions=questions, only=only), out)
+
+
+@bench.command()
+def soak(
+    minutes: Annotated[float, typer.Option(metavar="M", min=0.05, help="Length of the run.")] = 30.0,
+    interval: Annotated[float, typer.Option(metavar="S", min=1.0, help="Seconds between two looks.")] = 60.0,
+    out: Out = None,
+) -> None:
+    """Memory, file descriptors, lateness and lost frames at 1 kHz with 5 % faults."""
+    from benchmarks.soak import run
+    from tactemu.base.kernels import start_quietly
+
+    start_quietly()
+    save(run(typer.echo, minutes=minutes, interval_s=interval), out)
+
+
+@bench.command()
+def control(
+    seconds: Annotated[float, typer.Option(metavar="S", min=1.0, help="Length of each of two runs.")] = 60.0,
+    out: Out = None,
+) -> None:
+    """10,000 commands a minute to one of two skins at 1 kHz: lateness, effect, the other skin's bytes."""
+    from benchmarks.control import run
+
+    save(run(typer.echo, seconds=seconds), out)
+
+
+@bench.command("exec")
+def execute(
+    cycles: Annotated[int, typer.Option(metavar="N", min=1, help="How often the device is unplugged.")] = 1000,
+    out: Out = None,
+) -> None:
+    """What a program that `tactemu exec` starts pays: its start, a read, a write; and what unplugging leaves."""
+    from benchmarks.exec import run
+    from tactemu.base.kernels import start_quietly
+
+    start_quietly()
+    save(run(typer.echo, cycles=cycles), out)
+
+
+@bench.command()
+def page(
+    pairs: Annotated[int, typer.Option(metavar="N", min=1, help="Runs without a page, and as many with one.")] = 5,
+    seconds: Annotated[float, typer.Option(metavar="S", min=3, help="Length of each run.")] = 8.0,
+    only: Annotated[str, typer.Option(metavar="WHAT", help="lateness or pictures.")] = "",
+    preempt: Annotated[bool, typer.Option("--preempt", help="The runs go before other programs.")] = False,
+    out: Out = None,
+) -> None:
+    """Lateness with and without a page that four look at; pictures of 4,200 taxels a second, sent and drawn."""
+    from benchmarks.page import run
+
+    save(run(typer.echo, pairs=pairs, seconds=seconds, only=only, preempt=preempt), out)
+
+
+@bench.command()
+def bus(
+    boards: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="This many; default: more and more, until frames are late.")
+    ] = None,
+    seconds: Annotated[float, typer.Option(metavar="S", min=1, help="Length of each run.")] = 10.0,
+    way: Annotated[str, typer.Option(metavar="WAY", help="native or preload; default: as it can be.")] = "",
+    out: Out = None,
+) -> None:
+    """iCub boards of 70 taxels at 50 Hz, six on a bus: each frame read by another process, and how late."""
+    from benchmarks.bus import run
+    from tactemu.base.kernels import start_quietly
+
+    start_quietly()
+    save(run(typer.echo, boards=boards, seconds=seconds, way=way), out)
+
+
+@bench.command()
+def state(
+    repeats: Annotated[int, typer.Option(metavar="N", min=1, help="Of each measurement.")] = 10,
+    forks: Annotated[int, typer.Option(metavar="N", min=1, help="Forks that are alive at once.")] = 100,
+    only: Annotated[str, typer.Option(metavar="TEXT", help="Only devices and models whose name contains this.")] = "",
+    out: Out = None,
+) -> None:
+    """What a saved state takes of disk and time, and a fork of memory, for some devices and every sensor model."""
+    from benchmarks.state import run
+    from tactemu.base.kernels import start_quietly
+
+    start_quietly()
+    save(run(typer.echo, repeats=repeats, forks=forks, only=only), out)
+
+
+@bench.command()
+def reality(
+    data: Annotated[Path, typer.Argument(metavar="DATA", help="Folder of recordings with eflesh/normal_*.csv.gz.")],
+    page: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the table as a page.")] = None,
+    out: Out = None,
+) -> None:
+    """Error of every level of fidelity against presses on a real skin, with and without laws of its material."""
+    from benchmarks.reality import run
+    from tactemu.base.kernels import start_quietly
+
+    start_quietly()
+    save(run(typer.echo, data, page), out)
+
+
+@bench.command()
+def layer(
+    device: Annotated[str, typer.Option("--device", metavar="DEVICE", help="cpu, or cuda:0.")] = "cpu",
+    envs: Annotated[int | None, typer.Option(metavar="N", help="Size of the batch; default: 4096 on a GPU.")] = None,
+    only: Annotated[str, typer.Option(metavar="TEXT", help="Only figures whose title contains this.")] = "",
+    out: Out = None,
+) -> None:
+    """Warm steps of ElasticLayerTaxel: on growing grids, growing skins, growing contacts, and in batches."""
+    from benchmarks.layer import run
+
+    save(run(typer.echo, device=device, n_envs=envs, only=only), out)
+
+
+@bench.command()
+def judge(
+    runs: Annotated[int, typer.Option(metavar="N", min=2, help="Runs of the two at once; half as many alone.")] = 4,
+    dask: Annotated[bool, typer.Option(help="Also with workers of Dask, where it is installed.")] = True,
+    out: Out = None,
+) -> None:
+    """Trials of `tactemu judge` a minute: of a clean driver, alone, two at once, and by two workers of Dask."""
+    from benchmarks.judge import run
+
+    save(run(typer.echo, runs=runs, workers=dask), out)
+
+
+if __name__ == "__main__":
+    bench(prog_name="python -m benchmarks")
