@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tactemu.base.gc_tuning import no_full_collections
-from tactemu.emulator.assembly import Wishes, assemble
+from tactemu.emulator.assembly import RunOptions, assemble
 from tactemu.scene import file
 from tactemu.tune.speed.timing import Report
 
@@ -88,8 +88,8 @@ CASES = (
 def answer_ms(case: Case, count: int) -> dict[str, float]:
     """Median and 99th percentile of the time from a question to its answer [ms], and how many were lost."""
     with tempfile.TemporaryDirectory(prefix="tactemu-bench-") as folder:
-        wishes = Wishes(port=case.port.format(folder=folder), rate_hz=100.0)
-        emulator = assemble(file.load(case.device, case.options), wishes).emulator
+        run_options = RunOptions(port=case.port.format(folder=folder), rate_hz=100.0)
+        emulator = assemble(file.load(case.device, case.options), run_options).emulator
         with no_full_collections(), emulator:
             address = emulator.wires[0].transport.address
             arguments = [case.name, address, case.request, str(case.size), str(count)]

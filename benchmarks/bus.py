@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from tactemu.base.gc_tuning import no_full_collections
-from tactemu.base.priority import go_first, may_go_first
+from tactemu.base.priority import enable_realtime_priority, may_go_first
 from tactemu.exec.environment import exec_environment
 from tactemu.session.serving import serve
 from tactemu.tune.speed.timing import Report
@@ -75,7 +75,7 @@ def robot(boards: int, seconds: float, way: str = "") -> dict[str, Any]:
         dev = serve(file, keep="1MB")
         with exec_environment(dev, way=way) as env:
             if may_go_first():
-                dev.emulator.call(go_first)  # its loop alone, not the reader
+                dev.emulator.call(enable_realtime_priority)  # its loop alone, not the reader
             sent: dict[str, list[int]] = {}
             told: dict[str, list[int]] = {}
             origin = dev.emulator.clock.origin_ns or 0

@@ -21,7 +21,7 @@ from firmware_protocols import Frame
 from tactemu.base.clock import RealClock
 from tactemu.base.gc_tuning import no_full_collections
 from tactemu.base.statistics import Lateness
-from tactemu.emulator.assembly import Wishes, assemble
+from tactemu.emulator.assembly import RunOptions, assemble
 from tactemu.emulator.emulator import Channel, Emulator
 from tactemu.scene import file
 from tactemu.truth import Truth
@@ -70,8 +70,8 @@ def run(
     """
     truth = Tally()
     with tempfile.TemporaryDirectory(prefix="tactemu-bench-") as folder, no_full_collections():
-        wishes = Wishes(port=f"pty:{folder}/port", rate_hz=rate_hz, faults=FAULTS, seed=seed)
-        emulator = assemble(file.load("anyskin"), wishes, truth=truth).emulator
+        run_options = RunOptions(port=f"pty:{folder}/port", rate_hz=rate_hz, faults=FAULTS, seed=seed)
+        emulator = assemble(file.load("anyskin"), run_options, truth=truth).emulator
         emulator.clock = RealClock()
         emulator.open()
         reader = subprocess.Popen([sys.executable, "-c", READER, f"{folder}/port"], stdout=subprocess.PIPE, text=True)

@@ -16,7 +16,7 @@ from statistics import median
 from typing import Any
 
 from tactemu.base.clock import VirtualClock
-from tactemu.emulator.assembly import Assembled, Wishes, assemble
+from tactemu.emulator.assembly import Assembled, RunOptions, assemble
 from tactemu.scene import file
 from tactemu.sensors.simulation import Simulation
 from tactemu.truth import Truth
@@ -93,11 +93,11 @@ def of_model(name: str, repeats: int, forks: int) -> Figures:
     physics.build(case, "cpu")
     build_ms, (simulation, *_) = _timed(lambda: physics.build(case, "cpu"), min(repeats, 3))
     save_ms, state = _timed(simulation.state, repeats)
-    restore_ms, _ = _timed(lambda: simulation.prepared(state)(), repeats)
+    restore_ms, _ = _timed(lambda: simulation.prepare_restore(state)(), repeats)
 
     def fork() -> Simulation:
         other = simulation.another()
-        other.prepared(state)()
+        other.prepare_restore(state)()
         return other
 
     size = sum(array.nbytes for array in state["memory"])
@@ -114,7 +114,7 @@ def _forks(fork: Callable[[], Any], count: int) -> tuple[float, float]:
 
 
 def _built(data: dict[str, Any]) -> Assembled:
-    return assemble(file.check(data), Wishes(port="memory:"), clock=VirtualClock(), truth=Truth())
+    return assemble(file.check(data), RunOptions(port="memory:"), clock=VirtualClock(), truth=Truth())
 
 
 def _timed(action: Callable[[], Any], repeats: int) -> tuple[float, Any]:

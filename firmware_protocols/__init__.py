@@ -29,7 +29,6 @@ if TYPE_CHECKING:  # what an editor sees; the table below says the same to Pytho
     from firmware_protocols.device import Convert as Convert
     from firmware_protocols.device import Counts as Counts
     from firmware_protocols.device import Device as Device
-    from firmware_protocols.device import Outs as Outs
     from firmware_protocols.device import Quantity as Quantity
     from firmware_protocols.device import Reading as Reading
     from firmware_protocols.device import Restart as Restart
@@ -37,6 +36,7 @@ if TYPE_CHECKING:  # what an editor sees; the table below says the same to Pytho
     from firmware_protocols.device import Sense as Sense
     from firmware_protocols.device import Sent as Sent
     from firmware_protocols.device import Stream as Stream
+    from firmware_protocols.device import Transmissions as Transmissions
     from firmware_protocols.facts import Fact as Fact
     from firmware_protocols.facts import assumed as assumed
     from firmware_protocols.facts import measured as measured
@@ -58,7 +58,7 @@ _PUBLIC = {
     "commands": ("Command",),
     "connectors": ("USB", "Can", "Connector", "Dds", "Rs485", "Serial", "Tcp", "Topic", "Udp", "WebSocket"),
     "device": (
-        "Column", "Convert", "Counts", "Device", "Outs", "Quantity", "Reading", "Restart", "Rollover", "Sense", "Sent",
+        "Column", "Convert", "Counts", "Device", "Transmissions", "Quantity", "Reading", "Restart", "Rollover", "Sense", "Sent",
         "Stream",
     ),
     "facts": ("Fact", "assumed", "measured", "stated"),

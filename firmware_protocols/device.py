@@ -104,7 +104,7 @@ class Restart:
     delay_ns: int = 0
 
 
-Outs = Sequence["F | Sent[F] | Convert | Restart"]
+Transmissions = Sequence["F | Sent[F] | Convert | Restart"]
 Counts = np.ndarray | Mapping[str, np.ndarray]
 """What a perfect driver would decode, points in layout order; by sense where a stream converts several."""
 
@@ -329,11 +329,11 @@ class Device(ABC, Generic[F]):
         Sends nothing. Called once after boot, before the first period, so that a polled device knows a value.
         """
 
-    def stream(self, t_ns: int, name: str) -> Outs[F]:
+    def stream(self, t_ns: int, name: str) -> Transmissions[F]:
         """What leaves unasked after each conversion of the stream ``name``."""
         return ()
 
-    def receive(self, data: F, t_ns: int, port: str) -> Outs[F]:
+    def receive(self, data: F, t_ns: int, port: str) -> Transmissions[F]:
         """Bytes in chunks of any size, or one CAN frame, from the driver; the firmware's answers.
 
         Never raises on bad input: it is counted in ``self.counters`` and answered as the firmware would, or not at all.
@@ -341,15 +341,15 @@ class Device(ABC, Generic[F]):
         self.counters["ignored"] += 1
         return ()
 
-    def boot(self, t_ns: int) -> Outs[F]:
+    def boot(self, t_ns: int) -> Transmissions[F]:
         """What it says when it has booted."""
         return ()
 
-    def lines(self, dtr: bool, rts: bool, t_ns: int, port: str) -> Outs[F]:
+    def lines(self, dtr: bool, rts: bool, t_ns: int, port: str) -> Transmissions[F]:
         """Modem lines moved; where there are none, both follow the port: opened or connected, closed."""
         return ()
 
-    def wake(self, t_ns: int) -> Outs[F]:
+    def wake(self, t_ns: int) -> Transmissions[F]:
         """``wake_ns`` has come (and is ``None`` again)."""
         return ()
 

@@ -192,9 +192,9 @@ class Motors:
                 self.goals, self._driven = np.clip(here, self.low, self.high), np.full(len(here), np.nan)
             self._asked_ns = -1
         span = np.minimum(self.high - self.low, np.abs(2 * np.pi / self._unit))
-        stands = np.abs(self._actual[1]) < STANDING * span
+        at_rest = np.abs(self._actual[1]) < STANDING * span
         does_all = (self._most > 0) & (np.abs(self.forces) >= ALL * self._most)
-        self._free_ns = np.where(stands & does_all, self._free_ns, t_ns)
+        self._free_ns = np.where(at_rest & does_all, self._free_ns, t_ns)
         self.stalled = t_ns - self._free_ns >= STALL_NS
 
     def loads(self) -> np.ndarray:

@@ -17,7 +17,18 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from firmware_protocols import Column, Command, Counts, Device, Option, Outs, Reading, Serial, assumed, grid_layout
+from firmware_protocols import (
+    Column,
+    Command,
+    Counts,
+    Device,
+    Option,
+    Reading,
+    Serial,
+    Transmissions,
+    assumed,
+    grid_layout,
+)
 from firmware_protocols.adc import quantize
 from firmware_protocols.tables import Frame
 
@@ -65,11 +76,11 @@ class VendorModel(Device):
         self.counts = quantize(self.layout.push(reading["force"]), self.counts_per_newton, 0, 0xFFFF)
         return self.counts
 
-    def stream(self, t_ns: int, name: str) -> Outs:
+    def stream(self, t_ns: int, name: str) -> Transmissions:
         """What leaves after every conversion, unasked. Each frame is written in one piece."""
         return [self.image.pack(push=self.counts)]
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Bytes come in chunks of any size. What is no request is counted and answered as the firmware would."""
         requests = data.count(REQUEST)
         self.counters["requests"] += requests

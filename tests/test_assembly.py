@@ -9,12 +9,12 @@ import pytest
 import firmware_protocols
 from tactemu.base.clock import VirtualClock
 from tactemu.base.errors import DeviceError, SceneError, TransportError
-from tactemu.emulator.assembly import Wishes, assemble
+from tactemu.emulator.assembly import RunOptions, assemble
 from tactemu.emulator.port_assignment import plugs_of
 from tactemu.scene.building import make_device, make_devices
 from tactemu.scene.file import load, parse
 from tactemu.truth import Truth, read
-from tactemu.wire.line_models.can import CanCarrier
+from tactemu.wire.line_models.can import CanLine
 
 BODIES = """
 [[body]]
@@ -100,7 +100,8 @@ def test_devices_of_other_speeds_do_not_share_a_bus(tmp_path):
 def test_a_serial_port_is_not_shared():
     with pytest.raises(SceneError, match="cannot share pty:/tmp/one; only a CAN bus and an RS-485 line are shared"):
         assemble(
-            parse(BODIES + skin("anyskin", 'name = "a"') + skin("anyskin", 'name = "b"')), Wishes(port="pty:/tmp/one")
+            parse(BODIES + skin("anyskin", 'name = "a"') + skin("anyskin", 'name = "b"')),
+            RunOptions(port="pty:/tmp/one"),
         )
 
 
@@ -147,9 +148,9 @@ def test_usual_and_fresh_ports():
 
 def test_whatever_the_process_a_fresh_bus_is_a_group_of_multicast(monkeypatch):
     (connector,) = firmware_protocols.create("linker_hand_l6").ports
-    carrier, pids = CanCarrier(connector), iter(range(0, 2**22, 31))
-    monkeypatch.setattr(carrier, "fresh_number", lambda: (next(pids), 0))
-    groups = {carrier.fresh_port("hand").removeprefix("can:udp_multicast:") for _ in range(2 * 254**2)}
+    line_model, pids = CanLine(connector), iter(range(0, 2**22, 31))
+    monkeypatch.setattr(line_model, "fresh_number", lambda: (next(pids), 0))
+    groups = {line_model.fresh_port("hand").removeprefix("can:udp_multicast:") for _ in range(2 * 254**2)}
     assert len(groups) == 254**2
     assert all(ip_address(group).is_multicast for group in groups), "and each is an address"
 

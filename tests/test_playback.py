@@ -4,14 +4,14 @@ import pytest
 
 from tactemu.base.clock import VirtualClock
 from tactemu.base.errors import SceneError, TactemuError
-from tactemu.emulator.assembly import Wishes, assemble
+from tactemu.emulator.assembly import RunOptions, assemble
 from tactemu.scene.file import load, parse
 from tactemu.truth import Truth
 
 
-def run(loaded, truth: Truth, seconds: float = 3.0, **wishes) -> list[bytes]:
+def run(loaded, truth: Truth, seconds: float = 3.0, **run_options) -> list[bytes]:
     """The frames that left in a virtual second."""
-    emulator = assemble(loaded, Wishes(port="memory:", **wishes), truth=truth).emulator
+    emulator = assemble(loaded, RunOptions(port="memory:", **run_options), truth=truth).emulator
     emulator.clock = VirtualClock()
     with emulator:
         emulator.run(seconds)
@@ -53,7 +53,7 @@ def test_mistakes(log, tmp_path):
     with pytest.raises(SceneError, match="one of the two"):
         parse('[[skin]]\ndevice = "anyskin"\n')
     with pytest.raises(SceneError, match=r"shape \(5, 3\); linker_hand_l6 senses force, shape \(360, 3\)"):
-        assemble(parse(f'[[skin]]\ndevice = "linker_hand_l6"\nreadings = "{path}"\n'), Wishes(port="memory:"))
+        assemble(parse(f'[[skin]]\ndevice = "linker_hand_l6"\nreadings = "{path}"\n'), RunOptions(port="memory:"))
     with pytest.raises(TactemuError, match="no samples of 'other'; it has: anyskin"):
         assemble(parse(f'[[skin]]\ndevice = "anyskin"\nreadings = "{path}"\nreadings_of = "other"\n'))
     with pytest.raises(TactemuError, match="cannot read the truth log"):

@@ -47,10 +47,10 @@ from firmware_protocols import (
     Counts,
     Device,
     Option,
-    Outs,
     Reading,
     Restart,
     Serial,
+    Transmissions,
     assumed,
     grid_layout,
     stated,
@@ -249,7 +249,7 @@ class AbilityHand(Device):
 
     # -- commands --------------------------------------------------------------------------------------------------
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Messages in chunks of any size."""
         if self.stuffing:
             return [out for content in self.frames.cut(data) for out in self._obey(content, t_ns)]
@@ -257,12 +257,12 @@ class AbilityHand(Device):
         self.wake_ns = t_ns + IDLE_NS
         return ()
 
-    def wake(self, t_ns: int) -> Outs:
+    def wake(self, t_ns: int) -> Transmissions:
         """The silence that ends a message without stuffing."""
         content, self.heard = self.heard, b""
         return self._obey(content, t_ns)
 
-    def _obey(self, content: bytes, t_ns: int) -> Outs:
+    def _obey(self, content: bytes, t_ns: int) -> Transmissions:
         if not SHORTEST <= len(content) <= LONGEST:
             self.counters["skipped_bytes"] += len(content)
             return []

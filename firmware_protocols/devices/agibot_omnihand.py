@@ -44,8 +44,8 @@ from firmware_protocols import (
     Device,
     Fact,
     Option,
-    Outs,
     Reading,
+    Transmissions,
     assumed,
     grid_layout,
     stated,
@@ -145,7 +145,7 @@ class AgibotOmniHand(Device[CanFrame]):
         """Which taxel is sent at each place."""
         return np.arange(rows * cols)
 
-    def receive(self, data: CanFrame, t_ns: int, port: str) -> Outs[CanFrame]:
+    def receive(self, data: CanFrame, t_ns: int, port: str) -> Transmissions[CanFrame]:
         """Answer a question, or an order."""
         asked = IDENT.read(data.arbitration_id) if data.is_extended_id and data.is_fd else None
         if asked is None or asked["device"] != self.device:
@@ -229,7 +229,7 @@ class AgibotOmniHand(Device[CanFrame]):
         due = [self.due_ns[message] for message in REPORTS if self._period_ns(message)]
         self.wake_ns = min(due) if due else None
 
-    def wake(self, t_ns: int) -> Outs[CanFrame]:
+    def wake(self, t_ns: int) -> Transmissions[CanFrame]:
         """Report what is due."""
         due = [message for message in REPORTS if self._period_ns(message) and self.due_ns[message] <= t_ns]
         for message in due:

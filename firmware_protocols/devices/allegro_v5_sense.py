@@ -43,8 +43,8 @@ from firmware_protocols import (
     Counts,
     Device,
     Option,
-    Outs,
     Reading,
+    Transmissions,
     assumed,
     points,
     stated,
@@ -158,13 +158,13 @@ class AllegroV5Sense(Device[CanFrame]):
         self.counts[self.invalid] = 0
         return self.counts
 
-    def stream(self, t_ns: int, name: str) -> Outs[CanFrame]:
+    def stream(self, t_ns: int, name: str) -> Transmissions[CanFrame]:
         """Both frames."""
         sent = self.layout.on_wire(np.where(np.isin(np.arange(16), self.invalid), INVALID, self.counts))
         eights = zip(IDS, sent.reshape(2, 8))
         return [CanFrame(arbitration_id=ident, data=EIGHT.pack(channels=eight)) for ident, eight in eights]
 
-    def receive(self, data: CanFrame, t_ns: int, port: str) -> Outs[CanFrame]:
+    def receive(self, data: CanFrame, t_ns: int, port: str) -> Transmissions[CanFrame]:
         """What it is, what it sends, and where its joints go."""
         ident, message = data.arbitration_id, data.data
         remote = CanFrame(arbitration_id=ident, is_remote_frame=True)
@@ -197,7 +197,7 @@ class AllegroV5Sense(Device[CanFrame]):
             self.motors.go(goals, t_ns)
         return ()
 
-    def wake(self, t_ns: int) -> Outs[CanFrame]:
+    def wake(self, t_ns: int) -> Transmissions[CanFrame]:
         """Joints of all fingers, every period."""
         self.wake_ns = t_ns + self.joints_ns
         return [self._answer(JOINTS + 4 * finger, finger, t_ns) for finger in range(4)]

@@ -28,7 +28,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from firmware_protocols import USB, Column, Counts, Device, Layout, Option, Outs, Patch, Reading, Serial
+from firmware_protocols import USB, Column, Counts, Device, Layout, Option, Patch, Reading, Serial, Transmissions
 from firmware_protocols.adc import quantize
 from firmware_protocols.device import Axis, Quantity
 from firmware_protocols.facts import assumed, measured, stated
@@ -149,6 +149,6 @@ class AnySkin(Device):
             return self.magnet(self.layout.to_taxel_frame(reading["force"]))
         return self.layout.to_taxel_frame(reading["field"]) * CHIP_UT_PER_T
 
-    def stream(self, t_ns: int, name: str) -> Outs:
+    def stream(self, t_ns: int, name: str) -> Transmissions:
         """One 82-byte frame."""
         return [self.layout.on_wire(self.counts).astype("<f4").tobytes() + b"\r\n"]

@@ -55,11 +55,11 @@ from firmware_protocols import (
     Counts,
     Device,
     Option,
-    Outs,
     Reading,
     Rollover,
     Sense,
     Tcp,
+    Transmissions,
     Udp,
     points,
 )
@@ -159,7 +159,7 @@ class Rdt(Device):
         self.counts = quantize(self.felt - self.bias, self.scale, -(2**31), 2**31 - 1)
         return self.counts
 
-    def stream(self, t_ns: int, name: str) -> Outs:
+    def stream(self, t_ns: int, name: str) -> Transmissions:
         """A record, while started."""
         if not self.left:
             return ()
@@ -178,7 +178,7 @@ class Rdt(Device):
     def _status(self) -> int:
         return self.status
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """One datagram, or a piece of a request over TCP."""
         if port == "tcp":
             return [answer for packet in self.packets.cut(data, t_ns) for answer in self._answer(packet)]
@@ -209,7 +209,7 @@ class Rdt(Device):
     def _tcp_status(self) -> int:
         return self._status() & 0xFFFF
 
-    def lines(self, dtr: bool, rts: bool, t_ns: int, port: str) -> Outs:
+    def lines(self, dtr: bool, rts: bool, t_ns: int, port: str) -> Transmissions:
         """A client comes or goes: what it left unfinished is forgotten."""
         if port == "tcp":
             self.packets.reset()
@@ -312,7 +312,7 @@ class AtiNetFt(Rdt):
             Command(name="monitor condition", request=f"03 {rest} 00", reply="12 34 03 01", port="tcp", origin=manual),
         )
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """One datagram, or a piece of a request over TCP or to the web server."""
         if port != "http":
             return super().receive(data, t_ns, port)
@@ -327,7 +327,7 @@ class AtiNetFt(Rdt):
             buffered=self.buffered,
         ).encode("ascii")  # fmt: skip
 
-    def lines(self, dtr: bool, rts: bool, t_ns: int, port: str) -> Outs:
+    def lines(self, dtr: bool, rts: bool, t_ns: int, port: str) -> Transmissions:
         """A client comes or goes: what it left unfinished is forgotten."""
         if port == "http":
             self.pages.heard = b""

@@ -42,9 +42,9 @@ from firmware_protocols import (
     Counts,
     Device,
     Option,
-    Outs,
     Reading,
     Sense,
+    Transmissions,
     assumed,
     measured,
     points,
@@ -185,7 +185,7 @@ class AtiNetcanoem(Device[CanFrame]):
         self.counts = quantize(reading["wrench"] @ self.sensitivity.T, 1.0, -0x8000, 0x7FFF)
         return self.counts
 
-    def receive(self, data: CanFrame, t_ns: int, port: str) -> Outs[CanFrame]:
+    def receive(self, data: CanFrame, t_ns: int, port: str) -> Transmissions[CanFrame]:
         """Gauges, calibration, identity, or what is in force from the next power-up on."""
         code, message = data.arbitration_id - self.first_id, data.data
         if code not in range(16) or data != CanFrame(arbitration_id=data.arbitration_id, data=message):

@@ -52,9 +52,9 @@ from firmware_protocols import (
     Device,
     Layout,
     Option,
-    Outs,
     Patch,
     Reading,
+    Transmissions,
     assumed,
     stated,
 )
@@ -173,7 +173,7 @@ class BarrettBh8(Device[CanFrame]):
         self.counts = quantize(self.pushed - self.zero, COUNTS_PER_PASCAL, 0, 0xFFF)
         return self.counts
 
-    def receive(self, data: CanFrame, t_ns: int, port: str) -> Outs[CanFrame]:
+    def receive(self, data: CanFrame, t_ns: int, port: str) -> Transmissions[CanFrame]:
         """Get or set a property of one puck, or of a group of them."""
         to, message = data.arbitration_id, data.data
         pucks = [

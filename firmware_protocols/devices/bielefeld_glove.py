@@ -15,7 +15,7 @@ from typing import Annotated
 
 import numpy as np
 
-from firmware_protocols import USB, Column, Counts, Device, Option, Outs, Reading, Serial
+from firmware_protocols import USB, Column, Counts, Device, Option, Reading, Serial, Transmissions
 from firmware_protocols.adc import quantize
 from firmware_protocols.facts import assumed, stated
 from firmware_protocols.layouts import filled
@@ -77,7 +77,7 @@ class BielefeldGlove(Device):
         self.counts = quantize(push / (push + self.half_force), ADC_MAX)
         return self.counts
 
-    def stream(self, t_ns: int, name: str) -> Outs:
+    def stream(self, t_ns: int, name: str) -> Transmissions:
         """A packet of each channel."""
         value = CONVERTER | ADC_MAX - self.layout.on_wire(self.counts)
         return PACKET.rows(CHANNELS, index=INDEX, value=value)

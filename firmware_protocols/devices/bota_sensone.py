@@ -30,12 +30,12 @@ from firmware_protocols import (
     Counts,
     Device,
     Option,
-    Outs,
     Reading,
     Restart,
     Rollover,
     Sense,
     Serial,
+    Transmissions,
     points,
 )
 from firmware_protocols.device import Axis
@@ -173,28 +173,28 @@ class BotaSensone(Device):
         self.temperature = reading["temperature"].astype(np.float32)
         return {"wrench": self.wrench, "temperature": self.temperature}
 
-    def stream(self, t_ns: int, name: str) -> Outs:
+    def stream(self, t_ns: int, name: str) -> Transmissions:
         """A frame, while it runs."""
         if not self.running:
             return ()
         time, temperature = t_ns // 1000 + self.clock_us, self.temperature[0]
         return [FRAME.pack(status=self.status, wrench=self.wrench[0], time=time, temperature=temperature)]
 
-    def boot(self, t_ns: int) -> Outs:
+    def boot(self, t_ns: int) -> Transmissions:
         """What it says when it has come up."""
         return [GREETING]
 
-    def lines(self, dtr: bool, rts: bool, t_ns: int, port: str) -> Outs:
+    def lines(self, dtr: bool, rts: bool, t_ns: int, port: str) -> Transmissions:
         """A port that is opened restarts the sensor."""
         return [Restart()] if dtr else ()
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Commands in chunks of any size, with or without an end."""
         lines = self.lines_in.cut(data)
         self.wake_ns = t_ns + SILENCE_NS if self.lines_in.begun else None
         return [answer for line in lines for answer in self._obey(line)]
 
-    def wake(self, t_ns: int) -> Outs:
+    def wake(self, t_ns: int) -> Transmissions:
         """A silence ends a command."""
         return [answer for line in self.lines_in.end() for answer in self._obey(line)]
 

@@ -62,10 +62,10 @@ from firmware_protocols import (
     Device,
     Layout,
     Option,
-    Outs,
     Reading,
     Restart,
     Rs485,
+    Transmissions,
     assumed,
     grid_layout,
     stated,
@@ -378,7 +378,7 @@ class BraincoRevo2(Revo2):
         self.ports = (Rs485(baud=baud),)
         self.rtu = Rtu(counters=self.counters, gap_ns=silence_ns(baud))
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Modbus requests in chunks of any size."""
         banks = Banks(holding=self, inputs=self, functions=FUNCTIONS)
         return self._restarted(self.rtu.answers(data, t_ns, {self.unit: banks}))
@@ -403,7 +403,7 @@ class BraincoRevo2CanFd(Revo2):
     def _plug(self) -> None:
         self.ports = (Can(data_bitrate=5_000_000, hears=((self.unit << 16, 0x1FFF0000),)),)
 
-    def receive(self, data: CanFrame, t_ns: int, port: str) -> Outs[CanFrame]:
+    def receive(self, data: CanFrame, t_ns: int, port: str) -> Transmissions[CanFrame]:
         """One frame, one request."""
         ident, size = data.arbitration_id, data.arbitration_id & 0xFF
         adu = data.data[:size]

@@ -46,9 +46,9 @@ from firmware_protocols import (
     Device,
     Layout,
     Option,
-    Outs,
     Reading,
     Rs485,
+    Transmissions,
     assumed,
     grid_layout,
     stated,
@@ -229,7 +229,7 @@ class BraincoRevo3(Device):
             self.counts = quantize(pushes, MATRIX_SCALES[modes][self.modules], 0, 255)
         return self.counts
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Modbus requests in chunks of any size."""
         banks = Banks(holding=self, inputs=self, functions=(3, 4, 6, 16))
         return self.rtu.answers(data, t_ns, {self.unit: banks})

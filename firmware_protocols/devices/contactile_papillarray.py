@@ -29,7 +29,18 @@ from typing import Annotated
 
 import numpy as np
 
-from firmware_protocols import Column, Command, Counts, Device, Option, Outs, Reading, Rollover, Serial, grid_layout
+from firmware_protocols import (
+    Column,
+    Command,
+    Counts,
+    Device,
+    Option,
+    Reading,
+    Rollover,
+    Serial,
+    Transmissions,
+    grid_layout,
+)
 from firmware_protocols.device import Axis
 from firmware_protocols.facts import assumed, stated
 from firmware_protocols.framing import Lines
@@ -200,7 +211,7 @@ class ContactilePapillArray(Device):
         self.counts = np.hstack([force, force * (DEFLECTIONS / FORCES)]).astype(np.float32)
         return self.counts
 
-    def stream(self, t_ns: int, name: str) -> Outs:
+    def stream(self, t_ns: int, name: str) -> Transmissions:
         """One packet."""
         self.counter = (self.counter + 1) & 0xFFFFFFFF
         n, counts = len(self.pillar_heads), self.layout.on_wire(self.counts)
@@ -215,7 +226,7 @@ class ContactilePapillArray(Device):
         data.append(self.tail)
         return [PACKET.pack(data=b"".join(data))]
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Lines in chunks of any size; nothing is answered."""
         for line in self.commands_in.cut(data):
             self.counters["requests"] += 1

@@ -21,7 +21,19 @@ from typing import Annotated
 
 import numpy as np
 
-from firmware_protocols import Can, CanFrame, Column, Counts, Device, Option, Outs, Reading, assumed, measured, stated
+from firmware_protocols import (
+    Can,
+    CanFrame,
+    Column,
+    Counts,
+    Device,
+    Option,
+    Reading,
+    Transmissions,
+    assumed,
+    measured,
+    stated,
+)
 from firmware_protocols.adc import quantize
 from firmware_protocols.layouts import filled
 from firmware_protocols.tables import Frame
@@ -90,7 +102,7 @@ class CyskinCpmFinger(Device[CanFrame]):
         self.counts = quantize(self.layout.push(reading["force"]), COUNTS_PER_NEWTON, rest=self.rest)
         return self.counts
 
-    def stream(self, t_ns: int, name: str) -> Outs[CanFrame]:
+    def stream(self, t_ns: int, name: str) -> Transmissions[CanFrame]:
         """A scan."""
         taxels = zip(IDS, self.layout.on_wire(self.counts).reshape(len(IDS), -1))
         frames = [CanFrame(arbitration_id=ident, data=FOUR.pack(touch=touch)) for ident, touch in taxels]

@@ -30,7 +30,19 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from firmware_protocols import Can, CanFrame, Column, Command, Counts, Device, Option, Outs, Reading, assumed, stated
+from firmware_protocols import (
+    Can,
+    CanFrame,
+    Column,
+    Command,
+    Counts,
+    Device,
+    Option,
+    Reading,
+    Transmissions,
+    assumed,
+    stated,
+)
 from firmware_protocols.adc import quantize
 from firmware_protocols.layouts import points, stack
 from firmware_protocols.motors import Motors
@@ -155,7 +167,7 @@ class DexrobotDexHand(Device[CanFrame]):
         self.warmth = quantize(reading["temperature"], 1.0, 0, 85)
         return {"force": self.counts, "temperature": self.warmth}
 
-    def stream(self, t_ns: int, name: str) -> Outs[CanFrame]:
+    def stream(self, t_ns: int, name: str) -> Transmissions[CanFrame]:
         """Feedback of the boards that send it unasked."""
         frames = []
         for board, mode in enumerate(self.modes):
@@ -181,7 +193,7 @@ class DexrobotDexHand(Device[CanFrame]):
         data = FEEDBACK.pack(motors=motors, angles=quantize(degrees, 100.0, 0, 0x7FFF), **felt)
         return _fd(STATE | self.first + board, data if touches else data[:WITHOUT_TOUCH])
 
-    def receive(self, data: CanFrame, t_ns: int, port: str) -> Outs[CanFrame]:
+    def receive(self, data: CanFrame, t_ns: int, port: str) -> Transmissions[CanFrame]:
         """Set-up and motion."""
         to, board = data.arbitration_id & 0x780, (data.arbitration_id & 0x7F) - self.first
         if not data.is_fd or data.is_extended_id or to not in (TO_BOARD, MOVE) or not 0 <= board < len(BOARDS):

@@ -35,9 +35,9 @@ from firmware_protocols import (
     Counts,
     Device,
     Option,
-    Outs,
     Reading,
     Rs485,
+    Transmissions,
     assumed,
     grid_layout,
     stated,
@@ -143,7 +143,7 @@ class DfrobotTactile(Device):
         self.inputs["values"] = np.pad(self.layout.on_wire(counts), (0, 36 - len(counts)))
         return counts
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Modbus requests in chunks of any size."""
         unit = self.registers["unit"]
         banks = Banks(holding=self, inputs=self.inputs, functions=(3, 4, 6, 16))

@@ -23,11 +23,11 @@ from firmware_protocols import (
     Counts,
     Device,
     Option,
-    Outs,
     Reading,
     Rollover,
     Sense,
     Serial,
+    Transmissions,
     grid_layout,
     points,
 )
@@ -152,7 +152,7 @@ class DigityExohand(Device):
         self.motion, self.felt_ns = np.concatenate(list(motion.values()), axis=1), t_ns
         return {"force": self.counts, **motion}
 
-    def stream(self, t_ns: int, name: str) -> Outs:
+    def stream(self, t_ns: int, name: str) -> Transmissions:
         """A packet of each finger."""
         self.sequence = self.sequence + 1 & 0xFFFF
         touch = self.layout.on_wire(self.counts).reshape(len(FINGERS), -1)

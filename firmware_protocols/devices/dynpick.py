@@ -28,10 +28,10 @@ from firmware_protocols import (
     Counts,
     Device,
     Option,
-    Outs,
     Reading,
     Sense,
     Serial,
+    Transmissions,
     assumed,
     points,
     stated,
@@ -143,11 +143,11 @@ class DynPick(Device):
         self.warmth = quantize(reading["temperature"], COUNTS_PER_DEG)
         return {"wrench": self.counts, "temperature": self.warmth}
 
-    def stream(self, t_ns: int, name: str) -> Outs:
+    def stream(self, t_ns: int, name: str) -> Transmissions:
         """A line, between S and E."""
         return [_line(self._reading())] if self.streaming else ()
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Letters, F behind its digit."""
         return [_line(answer) for letter in data.decode("latin-1") for answer in self._answer(letter)]
 

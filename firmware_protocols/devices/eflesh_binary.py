@@ -28,12 +28,12 @@ from firmware_protocols import (
     Device,
     Layout,
     Option,
-    Outs,
     Patch,
     Reading,
     Restart,
     Rollover,
     Serial,
+    Transmissions,
 )
 from firmware_protocols.device import Axis, Quantity
 from firmware_protocols.facts import assumed, stated
@@ -143,12 +143,12 @@ class EfleshBinary(Device):
         self.counts = np.where(ready, raw.astype(int) * self.step, 0.0).astype(np.float32)
         return self.counts
 
-    def stream(self, t_ns: int, name: str) -> Outs:
+    def stream(self, t_ns: int, name: str) -> Transmissions:
         """One frame."""
         frame = self.frame.pack(sequence=self.sequence, field=self.counts)
         self.sequence = self.sequence + 1 & 0xFF
         return [frame]
 
-    def lines(self, dtr: bool, rts: bool, t_ns: int, port: str) -> Outs:
+    def lines(self, dtr: bool, rts: bool, t_ns: int, port: str) -> Transmissions:
         """DTR of an opened port restarts the board."""
         return [Restart()] if dtr else ()

@@ -33,11 +33,11 @@ from firmware_protocols import (
     Counts,
     Device,
     Option,
-    Outs,
     Reading,
     Rs485,
     Sense,
     Sent,
+    Transmissions,
     assumed,
     points,
     stated,
@@ -339,7 +339,7 @@ class FeetechSts3215(Device):
         self.motors.load(reading["load"], strengths, t_ns)
         return self.counts
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Packets in chunks of any size."""
         answers = self.line.answers(data, t_ns, self.servos)
         return [Sent(answer.frame, delay_ns=answer.delay_ns, turn=answer.turn) for answer in answers]

@@ -25,7 +25,7 @@ from typing import Annotated
 
 import numpy as np
 
-from firmware_protocols import Column, Counts, Device, Option, Outs, Reading, Serial, grid_layout
+from firmware_protocols import Column, Counts, Device, Option, Reading, Serial, Transmissions, grid_layout
 from firmware_protocols.facts import assumed, measured, stated
 
 MARKER = b"\xaa\x55"
@@ -84,7 +84,7 @@ class FlexiTac(Device):
         self.counts = adc.astype(np.int64) >> self.shift
         return self.counts
 
-    def stream(self, t_ns: int, name: str) -> Outs:
+    def stream(self, t_ns: int, name: str) -> Transmissions:
         """One frame."""
         return [MARKER + self.layout.on_wire(self.counts).astype(np.uint8).tobytes()]
 
@@ -115,7 +115,7 @@ class ViTac3d(FlexiTac):
         super().__init__(rows=16, cols=16, baseline=baseline, half_force=half_force)
         self.title = "3D-ViTac 16 x 16 tactile matrix, text"
 
-    def stream(self, t_ns: int, name: str) -> Outs:
+    def stream(self, t_ns: int, name: str) -> Transmissions:
         """One scan, as it is printed."""
         rows = self.layout.on_wire(self.counts).reshape(16, 16).tolist()
         return ["".join("".join(f"{value} " for value in row) + "\r\n" for row in [*rows, []]).encode("ascii")]

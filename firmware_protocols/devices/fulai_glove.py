@@ -32,7 +32,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from firmware_protocols import Column, Command, Counts, Device, Layout, Option, Outs, Patch, Reading, Serial
+from firmware_protocols import Column, Command, Counts, Device, Layout, Option, Patch, Reading, Serial, Transmissions
 from firmware_protocols.adc import quantize
 from firmware_protocols.facts import assumed, stated
 from firmware_protocols.framing import Lines
@@ -132,16 +132,16 @@ class FulaiGlove(Device):
         self.counts = quantize(push / (push + self.half_force), ADC_MAX - self.baseline, 0, ADC_MAX, self.baseline)
         return self.counts
 
-    def stream(self, t_ns: int, name: str) -> Outs:
+    def stream(self, t_ns: int, name: str) -> Transmissions:
         """One frame, unless it was stopped."""
         self.floats[self.slots] = self.layout.on_wire(self.counts)
         return [self.frame.pack(adc=self.floats)] if self.streaming else ()
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Lines of text."""
         return [answer for line in self.lines_in.cut(data) for answer in self._obey(line)]
 
-    def _obey(self, line: bytes) -> Outs:
+    def _obey(self, line: bytes) -> Transmissions:
         self.counters["requests"] += 1
         if line in (b"vofa on", b"vofa off"):
             self.streaming = line == b"vofa on"

@@ -36,7 +36,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from firmware_protocols import Column, Command, Counts, Device, Option, Outs, Reading, Rs485, assumed, stated
+from firmware_protocols import Column, Command, Counts, Device, Option, Reading, Rs485, Transmissions, assumed, stated
 from firmware_protocols.adc import quantize
 from firmware_protocols.device import Axis
 from firmware_protocols.layouts import filled, place, stack
@@ -167,7 +167,7 @@ class GHand5(Device):
         self.inputs["state"] = ALL_VALID * self.on
         return counts
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Modbus requests in chunks of any size."""
         self._report(t_ns)
         banks = Banks(inputs=self.inputs, holding=self, functions=(3, 4, 6, 16))

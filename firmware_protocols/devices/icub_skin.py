@@ -52,9 +52,9 @@ from firmware_protocols import (
     Device,
     Layout,
     Option,
-    Outs,
     Reading,
     Stream,
+    Transmissions,
     assumed,
     measured,
     stated,
@@ -463,11 +463,11 @@ class IcubSkin(Device[CanFrame]):
         self.counts[board.taxels] = pads.ravel()[board.pad_of]
         return self.counts
 
-    def stream(self, t_ns: int, name: str) -> Outs[CanFrame]:
+    def stream(self, t_ns: int, name: str) -> Transmissions[CanFrame]:
         """Two frames per enabled triangle of a board that transmits."""
         return self.boards[name].frames() if self.boards[name].transmitting else ()
 
-    def receive(self, data: CanFrame, t_ns: int, port: str) -> Outs[CanFrame]:
+    def receive(self, data: CanFrame, t_ns: int, port: str) -> Transmissions[CanFrame]:
         """Set-up, start and stop of one board or all, unanswered; and what they are."""
         klass, host, to = data.arbitration_id >> 8, data.arbitration_id >> 4 & 0xF, data.arbitration_id & 0xF
         boards = {name: board for name, board in self.boards.items() if to in (board.address, TO_ALL)}
@@ -532,6 +532,6 @@ def _layout(part: str, names: list[str]) -> Layout:
         return stack(*tips, place(flat(places_of(PALM), names[len(tips) :], "palm"), (0.0, -0.08, 0.0)))
     if part == "triangle":
         return flat([Place(0.0, 0.0, False)], names)
-    sheet = SHEETS[part]
-    places = places_of(sheet)[: len(names)]
-    return wrapped(places, names, sheet.radius) if sheet.radius else flat(places, names)
+    triangles = SHEETS[part]
+    places = places_of(triangles)[: len(names)]
+    return wrapped(places, names, triangles.radius) if triangles.radius else flat(places, names)

@@ -87,14 +87,14 @@ def wrapped(places: list[Place], names: list[str], radius: float) -> Layout:
     )
 
 
-def places_of(sheet: Sheet) -> list[Place]:
+def places_of(triangles: Sheet) -> list[Place]:
     """Strip by strip; of a forearm 24 triangles, 240 taxels over about 150 degrees and 78 mm."""
     places = []
-    for strip in range(sheet.strips):
-        base = (strip - sheet.strips / 2) * HEIGHT
-        for k in range(sheet.per_strip):
+    for strip in range(triangles.strips):
+        base = (strip - triangles.strips / 2) * HEIGHT
+        for k in range(triangles.per_strip):
             upside_down = (k + strip) % 2 == 1
-            u = (k - (sheet.per_strip - 1) / 2) * SIDE / 2
+            u = (k - (triangles.per_strip - 1) / 2) * SIDE / 2
             places.append(Place(u, base + HEIGHT * (2 / 3 if upside_down else 1 / 3), upside_down))
     return places
 

@@ -51,12 +51,12 @@ from firmware_protocols import (
     Device,
     Layout,
     Option,
-    Outs,
     Reading,
     Rs485,
     Sense,
     Sent,
     Tcp,
+    Transmissions,
     assumed,
     grid_layout,
     measured,
@@ -264,7 +264,7 @@ class InspireRh56dftp(Device):
 
     # -- requests --------------------------------------------------------------------------------------------------
 
-    def lines(self, dtr: bool, rts: bool, t_ns: int, port: str) -> Outs:
+    def lines(self, dtr: bool, rts: bool, t_ns: int, port: str) -> Transmissions:
         """A new connection starts with a new request, or is not heard."""
         self.clients.pop(port, None)
         self.unheard.discard(port)
@@ -274,7 +274,7 @@ class InspireRh56dftp(Device):
             self.unheard.add(port)
         return ()
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Requests in chunks of any size."""
         if port in self.unheard:
             self.counters["unheard"] += 1

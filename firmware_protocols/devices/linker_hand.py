@@ -72,8 +72,8 @@ from firmware_protocols import (
     Device,
     Layout,
     Option,
-    Outs,
     Reading,
+    Transmissions,
     grid_layout,
 )
 from firmware_protocols.adc import quantize
@@ -412,7 +412,7 @@ class LinkerHand(Device[CanFrame]):
         """How far each joint of a hand with six is closed [rad]."""
         return self.motors.joints(t_ns) if self.motors else {}
 
-    def receive(self, data: CanFrame, t_ns: int, port: str) -> Outs[CanFrame]:
+    def receive(self, data: CanFrame, t_ns: int, port: str) -> Transmissions[CanFrame]:
         """Answer one request frame; frames for others, and what is not documented, get silence."""
         ident = data.arbitration_id
         if not data.data or ident not in self.heard or data != CanFrame(arbitration_id=ident, data=data.data):

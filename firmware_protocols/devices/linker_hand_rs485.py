@@ -26,7 +26,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from firmware_protocols import Column, Command, Counts, Device, Option, Outs, Reading, Rs485
+from firmware_protocols import Column, Command, Counts, Device, Option, Reading, Rs485, Transmissions
 from firmware_protocols.adc import quantize
 from firmware_protocols.devices.linker_hand import (
     COUNTS_PER_NEWTON,
@@ -107,7 +107,7 @@ class LinkerHandL10Rs485(Device):
         self.counts = quantize(push, COUNTS_PER_NEWTON, 0, 255).astype(np.uint8)
         return self.counts
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Modbus requests in chunks of any size."""
         return self.rtu.answers(data, t_ns, {self.unit: Banks(holding=self, inputs=self, functions=(3, 4, 6, 16))})
 

@@ -27,10 +27,10 @@ from firmware_protocols import (
     Counts,
     Device,
     Option,
-    Outs,
     Reading,
     Sense,
     Serial,
+    Transmissions,
     assumed,
     grid_layout,
     points,
@@ -141,7 +141,7 @@ class NiboticsPrvs01(Device):
         self.motion = quantize(motion, 1.0, -0x8000, 0x7FFF)
         return felt
 
-    def stream(self, t_ns: int, name: str) -> Outs:
+    def stream(self, t_ns: int, name: str) -> Transmissions:
         """Both messages."""
         positions = np.rint(self.motors.positions(t_ns)).astype(np.int64)
         data = self.general.pack(
@@ -153,7 +153,7 @@ class NiboticsPrvs01(Device):
         )
         return [message(GENERAL_KIND, data), message(MICROPHONES, pack_12_bits(HEARD[:8]) + pack_12_bits(HEARD[8:]))]
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Orders in chunks of any size."""
         for packet in self.packets.cut(data, t_ns):
             order = ORDER.unpack(packet[7:-1]) if int.from_bytes(packet[5:7], "little") == ORDER_KIND else None

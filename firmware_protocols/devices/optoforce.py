@@ -31,12 +31,12 @@ from firmware_protocols import (
     Device,
     Layout,
     Option,
-    Outs,
     Patch,
     Reading,
     Rollover,
     Sense,
     Serial,
+    Transmissions,
 )
 from firmware_protocols.adc import LowPass, quantize
 from firmware_protocols.facts import assumed, measured, stated
@@ -200,7 +200,7 @@ class OptoForce(Device):
         self.counts = quantize(self.felt - self.zero, self.scale, -0x8000, 0x7FFF)
         return self.counts
 
-    def stream(self, t_ns: int, name: str) -> Outs:
+    def stream(self, t_ns: int, name: str) -> Transmissions:
         """One data packet."""
         if not self.streaming:
             return ()
@@ -210,7 +210,7 @@ class OptoForce(Device):
 
     # -- commands --------------------------------------------------------------------------------------------------
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Packets in chunks of any size; what is none is skipped byte by byte."""
         return [answer for packet in self.packets.cut(data, t_ns) for answer in self._answer(packet)]
 

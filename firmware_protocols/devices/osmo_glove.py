@@ -26,7 +26,7 @@ from __future__ import annotations
 import struct
 from typing import Annotated, Literal
 
-from firmware_protocols import USB, Column, Counts, Device, Option, Outs, Reading, Rollover, Serial
+from firmware_protocols import USB, Column, Counts, Device, Option, Reading, Rollover, Serial, Transmissions
 from firmware_protocols.adc import quantize
 from firmware_protocols.device import Axis
 from firmware_protocols.facts import assumed, measured, stated
@@ -132,7 +132,7 @@ class OsmoGlove(Device):
         self.counts, self.felt_ns = quantize(field, COUNTS_PER_UT, -RANGE, RANGE), t_ns
         return self.counts
 
-    def stream(self, t_ns: int, name: str) -> Outs:
+    def stream(self, t_ns: int, name: str) -> Transmissions:
         """Three messages of each board."""
         fields, messages = self.layout.on_wire(self.counts).astype(float).tolist(), []
         index = self.index - (self.index >> 31 << 32)

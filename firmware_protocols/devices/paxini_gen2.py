@@ -25,7 +25,7 @@ from __future__ import annotations
 import struct
 from typing import Annotated
 
-from firmware_protocols import Command, Option, Outs, Sent, Serial
+from firmware_protocols import Command, Option, Sent, Serial, Transmissions
 from firmware_protocols.devices.paxini_modules import GAP_NS, TAXELS, Model, Px6axDevice
 from firmware_protocols.facts import assumed, stated
 from firmware_protocols.framing import MORE, SOUND, Broken, Packets
@@ -171,13 +171,13 @@ class PaxiniGen2(Px6axDevice):
             ),
         )
 
-    def _refuse(self, packet: Broken) -> Outs:
+    def _refuse(self, packet: Broken) -> Transmissions:
         """An error, with whatever stands in the request's fields."""
         error = BAD_LRC if packet.why == "bad_checksum" else TOO_LONG if packet.why == "too_long" else BAD_LENGTH
         index, main, sub = struct.unpack_from(">BBH", packet, 5)
         return [REPLY.pack(index=index, main=main, sub=sub, error=error, data=b"")]
 
-    def _answer(self, packet: bytes) -> Outs:
+    def _answer(self, packet: bytes) -> Transmissions:
         request = REQUEST.unpack(packet)
         assert request is not None, "the cutter has checked it"
         command, data = (request["main"], request["sub"]), request["data"]

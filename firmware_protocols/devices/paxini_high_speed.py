@@ -37,7 +37,7 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
-from firmware_protocols import USB, Command, Option, Outs, Restart, Serial
+from firmware_protocols import USB, Command, Option, Restart, Serial, Transmissions
 from firmware_protocols.devices.orca_tips import tip
 from firmware_protocols.devices.paxini_modules import HIGH, LOW, Model, Px6axDevice
 from firmware_protocols.facts import assumed, stated
@@ -172,7 +172,7 @@ class PaxiniHighSpeed(Px6axDevice):
         sent = self.layout.on_wire(self.counts)[self.layout.patches[index].taxels]
         return (sent & 0xFF).astype(np.uint8).tobytes()
 
-    def _write(self, register: int, data: bytes) -> Outs:
+    def _write(self, register: int, data: bytes) -> Transmissions:
         """What a write does, besides its answer."""
         for at, value in enumerate(data, register):
             if at == CONTENT:
@@ -185,7 +185,7 @@ class PaxiniHighSpeed(Px6axDevice):
 
     # -- what the runner asks --------------------------------------------------------------------------------------
 
-    def stream(self, t_ns: int, name: str) -> Outs:
+    def stream(self, t_ns: int, name: str) -> Transmissions:
         """A push, while it is on."""
         if not self.pushes:
             return ()
@@ -195,10 +195,10 @@ class PaxiniHighSpeed(Px6axDevice):
         )
         return [PUSH.pack(data=b"".join(parts))]
 
-    def _refuse(self, packet: Broken) -> Outs:
+    def _refuse(self, packet: Broken) -> Transmissions:
         return ()
 
-    def _answer(self, packet: bytes) -> Outs:
+    def _answer(self, packet: bytes) -> Transmissions:
         request = REQUEST.unpack(packet)
         assert request is not None, "the cutter has checked it"
         function, register, count, data = (request[name] for name in ("function", "register", "count", "data"))
@@ -309,11 +309,11 @@ class OrcaTouch(PaxiniHighSpeed):
             yield NAMES + 0x20 * slot, f"PXSR-CMD{part}".encode("ascii")
         yield STATISTICS, (self.requests & 0xFFFFFFFF).to_bytes(4, "little")
 
-    def _answer(self, packet: bytes) -> Outs:
+    def _answer(self, packet: bytes) -> Transmissions:
         self.requests += 1
         return super()._answer(packet)
 
-    def _write(self, register: int, data: bytes) -> Outs:
+    def _write(self, register: int, data: bytes) -> Transmissions:
         if register == ORDER and len(data) == 4 and data.startswith(ZERO_ORDER):
             self.zeros = self.zeros % 0xFF + 1
             for slot in range(len(self.models)):
@@ -321,7 +321,7 @@ class OrcaTouch(PaxiniHighSpeed):
                     self.set_zero(slot)
         return super()._write(register, data)
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Requests in chunks of any size, and lines that ask who it is."""
         outs, heard, end = [], self.heard + data, 0
         for found in QUERY.finditer(heard):

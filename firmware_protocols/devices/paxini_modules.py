@@ -17,7 +17,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from firmware_protocols import Column, Counts, Device, Layout, Outs, Reading
+from firmware_protocols import Column, Counts, Device, Layout, Reading, Transmissions
 from firmware_protocols.framing import Broken, Packets
 from firmware_protocols.layouts import filled, place, stack
 
@@ -97,7 +97,7 @@ class Px6axDevice(Device):
         start = address - RESULTANT
         return content[start : start + count] if 0 <= start and start + count <= len(content) else None
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Requests in chunks of any size; broken ones are answered, too."""
         return [
             out
@@ -106,11 +106,11 @@ class Px6axDevice(Device):
         ]
 
     @abstractmethod
-    def _refuse(self, packet: Broken) -> Outs:
+    def _refuse(self, packet: Broken) -> Transmissions:
         """The answer to a broken request."""
 
     @abstractmethod
-    def _answer(self, packet: bytes) -> Outs:
+    def _answer(self, packet: bytes) -> Transmissions:
         """The answer to a sound one."""
 
 

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from firmware_protocols import USB, Command, Option, Outs, Serial
+from firmware_protocols import USB, Command, Option, Serial, Transmissions
 from firmware_protocols.devices.paxini_modules import GAP_NS, Model, Px6axDevice
 from firmware_protocols.facts import assumed, measured, stated
 from firmware_protocols.framing import MORE, SOUND, Broken, Packets
@@ -174,13 +174,13 @@ class PaxiniPx6ax(Px6axDevice):
             ),
         )
 
-    def _refuse(self, packet: Broken) -> Outs:
+    def _refuse(self, packet: Broken) -> Transmissions:
         """A status, with whatever stands in the request's fields."""
         status = {"bad_length": BAD_LENGTH, "bad_checksum": BAD_LRC}[packet.why]
         fields = _fields(packet) if len(packet) >= SHORTEST - 1 else {"device": -1}
         return [_reply(fields, status)] if self.module_at(fields["device"]) is not None else ()
 
-    def _answer(self, packet: bytes) -> Outs:
+    def _answer(self, packet: bytes) -> Transmissions:
         request = REQUEST.unpack(packet)
         assert request is not None, "the cutter has checked it"
         where, data = (request["address"], request["count"]), request["data"]

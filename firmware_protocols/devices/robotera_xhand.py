@@ -39,11 +39,11 @@ from firmware_protocols import (
     Counts,
     Device,
     Option,
-    Outs,
     Reading,
     Restart,
     Rs485,
     Sense,
+    Transmissions,
     assumed,
     points,
     stated,
@@ -214,7 +214,7 @@ class RoboteraXhand(Device):
     def _counts(self, forces: np.ndarray) -> np.ndarray:
         return np.clip(quantize(forces, self.counts_per_newton, -128, 255), self.low, self.high)
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Messages in chunks of any size."""
         return [answer for packet in self.packets.cut(data, t_ns) for answer in self._answer(packet, t_ns)]
 

@@ -25,10 +25,10 @@ from firmware_protocols import (
     Counts,
     Device,
     Option,
-    Outs,
     Reading,
     Sense,
     Serial,
+    Transmissions,
     assumed,
     points,
     stated,
@@ -156,11 +156,11 @@ class RobotiqFt300(Device):
         self.registers["wrench"], self.registers["acceleration"] = self.wrench[0], acceleration[0]
         return {"wrench": self.wrench, "acceleration": acceleration}
 
-    def stream(self, t_ns: int, name: str) -> Outs:
+    def stream(self, t_ns: int, name: str) -> Transmissions:
         """A frame, while it streams."""
         return [STREAM.pack(values=self.wrench[0])] if self.streaming else ()
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Bytes that stop the stream, and Modbus, in chunks of any size."""
         _, stopped, heard = (STOP[: self.stops] + data).rpartition(STOP)
         self.stops = len(heard) - len(heard.rstrip(STOP[:1]))

@@ -42,11 +42,11 @@ from firmware_protocols import (
     Device,
     Layout,
     Option,
-    Outs,
     Reading,
     Restart,
     Sense,
     Serial,
+    Transmissions,
     assumed,
     stated,
 )
@@ -196,15 +196,15 @@ class RobotiqTsf85(Device):
         contents = [b"".join(self.fields)] if self.together else self.fields
         return [PACKET.pack(command=command, data=data) for data in contents]
 
-    def stream(self, t_ns: int, name: str) -> Outs:
+    def stream(self, t_ns: int, name: str) -> Transmissions:
         """The reading as autosend packets; nothing while autosend is off."""
         return () if self.autosend is None else self._reading(self.autosend)
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Commands in chunks of any size; what is none is skipped byte by byte."""
         return [out for packet in self.parser.cut(data, t_ns) for out in self._answer(packet[2], packet[4:])]
 
-    def _answer(self, command: int, data: bytes) -> Outs:
+    def _answer(self, command: int, data: bytes) -> Transmissions:
         if command == VERSION:
             return [PACKET.pack(command=VERSION, data=self.version)]
         if command == READ:

@@ -41,11 +41,11 @@ from firmware_protocols import (
     Counts,
     Device,
     Option,
-    Outs,
     Reading,
     Rollover,
     Rs485,
     Sent,
+    Transmissions,
     assumed,
     grid_layout,
     stated,
@@ -462,7 +462,7 @@ class RobotisHx5(Device):
             sensor.registers["pressures"] = cells
         return self.counts
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Packets in chunks of any size."""
         nodes = [self.controller, *self.nodes]
         answers = self.line.answers(data, t_ns, nodes)

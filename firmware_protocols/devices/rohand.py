@@ -56,10 +56,10 @@ from firmware_protocols import (
     Device,
     Layout,
     Option,
-    Outs,
     Reading,
     Restart,
     Rs485,
+    Transmissions,
     assumed,
     grid_layout,
     stated,
@@ -252,14 +252,14 @@ class RoHand(Device):
 
     # -- requests --------------------------------------------------------------------------------------------------
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Modbus requests in chunks of any size."""
         if self.updating:
             self.counters["ignored"] += 1
             return ()
         return self.rtu.answers(data, t_ns, {self.unit: Banks(holding=self, functions=(3, 6, 16))})
 
-    def wake(self, t_ns: int) -> Outs:
+    def wake(self, t_ns: int) -> Transmissions:
         """The restart that was ordered."""
         return [Restart()]
 

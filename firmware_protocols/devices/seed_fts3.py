@@ -29,7 +29,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from firmware_protocols import USB, Column, Command, Counts, Device, Option, Outs, Reading, Serial, points
+from firmware_protocols import USB, Column, Command, Counts, Device, Option, Reading, Serial, Transmissions, points
 from firmware_protocols.adc import quantize
 from firmware_protocols.facts import assumed, stated
 from firmware_protocols.framing import Lines
@@ -144,7 +144,7 @@ class SeedFts3(Device):
         self.counts[[kind == "z" for kind in self.sensors if kind != "none"], :2] = 0
         return self.counts
 
-    def stream(self, t_ns: int, name: str) -> Outs:
+    def stream(self, t_ns: int, name: str) -> Transmissions:
         """One line."""
         fields = [str(number) for number in divmod(t_ns // 1_000_000 + self.epoch_ms, 1000)] if self.says_time else []
         values = iter(self.layout.on_wire(self.counts).tolist())
@@ -152,13 +152,13 @@ class SeedFts3(Device):
             fields += _fields(kind, next(values) if kind != "none" else [])
         return [f"@,{','.join(fields)},\r\n".encode("ascii")]
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Commands in chunks of any size, with or without an end."""
         lines = self.lines_in.cut(data)
         self.wake_ns = t_ns + SILENCE_NS if self.lines_in.begun else None
         return [answer for line in lines for answer in self._obey(line, t_ns)]
 
-    def wake(self, t_ns: int) -> Outs:
+    def wake(self, t_ns: int) -> Transmissions:
         """A silence ends a command."""
         return [answer for line in self.lines_in.end() for answer in self._obey(line, t_ns)]
 

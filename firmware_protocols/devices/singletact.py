@@ -29,11 +29,11 @@ from firmware_protocols import (
     Counts,
     Device,
     Option,
-    Outs,
     Reading,
     Rollover,
     Sent,
     Serial,
+    Transmissions,
     assumed,
     points,
     stated,
@@ -199,11 +199,11 @@ class SingleTact(Device):
         self.counts = quantize([self.pushed - self.zero], scale, 0, FULL, rest=REST)
         return self.counts
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Requests in chunks of any size."""
         return [out for packet in self.packets.cut(data, t_ns) for out in self._obey(packet, t_ns)]
 
-    def _obey(self, packet: bytes, t_ns: int) -> Outs:
+    def _obey(self, packet: bytes, t_ns: int) -> Transmissions:
         request = REQUEST.unpack(packet.removesuffix(FILLER))
         assert request is not None, "the cutter has checked it"
         operation, first, count, data = (request[name] for name in ("operation", "location", "count", "data"))

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from firmware_protocols import Column, Command, Counts, Device, Option, Outs, Reading, Serial, grid_layout
+from firmware_protocols import Column, Command, Counts, Device, Option, Reading, Serial, Transmissions, grid_layout
 from firmware_protocols.adc import quantize
 from firmware_protocols.facts import assumed, stated
 from firmware_protocols.tables import Frame
@@ -75,7 +75,7 @@ class SunFingertip(Device):
         self.counts = quantize(push, self.counts_per_newton, 0, 4095, rest=self.baseline)
         return self.counts
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Letters."""
         asked = data.count(REQUEST)
         self.counters["requests"] += asked

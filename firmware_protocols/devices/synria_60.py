@@ -26,9 +26,9 @@ from firmware_protocols import (
     Counts,
     Device,
     Option,
-    Outs,
     Reading,
     Rs485,
+    Transmissions,
     assumed,
     grid_layout,
     stated,
@@ -133,7 +133,7 @@ class Synria60(Device):
         self.counts = np.where(counts < self.registers["mask"], 0, counts) if adc else counts
         return self.counts
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Modbus requests in chunks of any size."""
         banks, answers = Banks(holding=self, functions=(3, 6), own=self._own), []
         for at in range(len(data)):  # byte by byte: a new unit is that of the next request, even in the same chunk

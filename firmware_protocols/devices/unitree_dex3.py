@@ -39,11 +39,11 @@ from firmware_protocols import (
     Device,
     Layout,
     Option,
-    Outs,
     Patch,
     Reading,
     Sent,
     Topic,
+    Transmissions,
 )
 from firmware_protocols.facts import assumed, stated
 from firmware_protocols.idl import layout
@@ -167,7 +167,7 @@ class UnitreeDex3(Device):
         self.counts = np.clip(pressed, REST, FULL).astype(np.float32)
         return self.counts
 
-    def stream(self, t_ns: int, name: str) -> Outs:
+    def stream(self, t_ns: int, name: str) -> Transmissions:
         """A state, now and then also to the slower topic."""
         self.sent += 1
         state = self._state(t_ns)
@@ -189,7 +189,7 @@ class UnitreeDex3(Device):
         state["imu_state"]["quaternion"] = (1, 0, 0, 0)
         return state.tobytes()
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Orders, one for each motor."""
         if len(data) != COMMAND.itemsize or (order := np.frombuffer(data, COMMAND)[0])["n_motor_cmd"] != MOTORS:
             self.counters["bad_request"] += 1
@@ -202,7 +202,7 @@ class UnitreeDex3(Device):
         self.wake_ns = t_ns + TIMEOUT_NS if (mode & TIMEOUT).any() else None
         return ()
 
-    def wake(self, t_ns: int) -> Outs:
+    def wake(self, t_ns: int) -> Transmissions:
         """No order for a while: motors that watch for that stop."""
         here, goals = self.motors.positions(t_ns), self.motors.goals
         self.motors.go(np.where(np.array(self.modes) & TIMEOUT, here, goals), t_ns)

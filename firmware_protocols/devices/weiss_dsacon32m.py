@@ -40,10 +40,10 @@ from firmware_protocols import (
     Counts,
     Device,
     Option,
-    Outs,
     Reading,
     Rollover,
     Serial,
+    Transmissions,
     assumed,
     grid_layout,
     measured,
@@ -252,7 +252,7 @@ class WeissDsacon32m(Device):
         self.counts = np.where(counts < threshold, 0, counts)
         return self.counts
 
-    def stream(self, t_ns: int, name: str) -> Outs:
+    def stream(self, t_ns: int, name: str) -> Transmissions:
         """A frame, while frames are pushed or one has been asked for."""
         if not (self.pushing or self.once):
             return ()
@@ -265,15 +265,15 @@ class WeissDsacon32m(Device):
         )
         return [MESSAGE.pack(id=PUSHED, payload=frame)]
 
-    def boot(self, t_ns: int) -> Outs:
+    def boot(self, t_ns: int) -> Transmissions:
         """What the box says when it has come up."""
         return [GREETING] * 3
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Messages in chunks of any size."""
         return [out for packet in self.packets.cut(data, t_ns) for out in self._obey(packet[3], packet[6:-2])]
 
-    def _obey(self, request: int, payload: bytes) -> Outs:
+    def _obey(self, request: int, payload: bytes) -> Transmissions:
         wanted = PAYLOAD_BYTES.get(request, -1)
         if len(payload) != wanted:
             self.counters["unknown_command" if wanted < 0 else "bad_length"] += 1
@@ -293,7 +293,7 @@ class WeissDsacon32m(Device):
         streams = rate > 0 or (self.software <= LAST_STREAMING and self.software != SOUND_BEFORE)
         self.flags, self.pushing, self.once = flags, acquire and streams, acquire and not streams
 
-    def _set(self, request: int, payload: bytes) -> Outs:
+    def _set(self, request: int, payload: bytes) -> Transmissions:
         table, name, high = SETTINGS[request]
         given = table.unpack(payload)
         assert given is not None, "its length has been checked"

@@ -41,11 +41,11 @@ from firmware_protocols import (
     Counts,
     Device,
     Option,
-    Outs,
     Reading,
     Rollover,
     Sense,
     Serial,
+    Transmissions,
     assumed,
     grid_layout,
     points,
@@ -194,7 +194,7 @@ class WeissWts(Device):
         self.warmth = quantize(reading["temperature"], 10.0, -0x8000, 0x7FFF)
         return {"force": self.texels, "temperature": self.warmth}
 
-    def stream(self, t_ns: int, name: str) -> Outs:
+    def stream(self, t_ns: int, name: str) -> Transmissions:
         """Frames that were asked for, then one that is pushed."""
         texels = self.layout.on_wire(self.texels)
         values = (16 * texels).astype(">u2") if self.sixteenths else texels.astype("<u2")
@@ -203,7 +203,7 @@ class WeissWts(Device):
         answers = [MESSAGE.pack(id=SINGLE, payload=DONE + frame)] * asked
         return answers + [MESSAGE.pack(id=PUSHED, payload=frame)] * self.pushing
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """Messages in chunks of any size."""
         return [out for packet in self.packets.cut(data, t_ns) for out in self._obey(packet[3], packet[6:-2])]
 

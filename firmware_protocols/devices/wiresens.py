@@ -27,10 +27,10 @@ from firmware_protocols import (
     Counts,
     Device,
     Option,
-    Outs,
     Reading,
     Rollover,
     Serial,
+    Transmissions,
     assumed,
     grid_layout,
     stated,
@@ -105,7 +105,7 @@ class Wiresens(Device):
         self.rollovers = (Rollover(name="number", bits=32, step=max(1, rows * cols // values), state="number"),)
         self.kept, self.text = np.zeros(0, np.int64), b""
 
-    def boot(self, t_ns: int) -> Outs:
+    def boot(self, t_ns: int) -> Transmissions:
         """What the board says."""
         return [WAITING + SAVED + READY if self.saved else WAITING]
 
@@ -115,7 +115,7 @@ class Wiresens(Device):
         self.counts = quantize(-push, self.counts_per_newton, 0, ADC_MAX, rest=REST)
         return self.counts
 
-    def stream(self, t_ns: int, name: str) -> Outs:
+    def stream(self, t_ns: int, name: str) -> Transmissions:
         """The packets that this scan fills."""
         if not self.running:
             return ()
@@ -129,7 +129,7 @@ class Wiresens(Device):
             n, sensor=self.sensor, start=starts, touch=touch.reshape(n, self.values), number=numbers
         )
 
-    def receive(self, data: bytes, t_ns: int, port: str) -> Outs:
+    def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
         """The configuration, while it waits for one."""
         if self.running:
             self.counters["ignored"] += 1
@@ -138,11 +138,11 @@ class Wiresens(Device):
         self.text, self.wake_ns = line[:LONGEST], None if ended else t_ns + SILENCE_NS
         return self._configure() if ended else ()
 
-    def wake(self, t_ns: int) -> Outs:
+    def wake(self, t_ns: int) -> Transmissions:
         """A second of silence ends the configuration."""
         return self._configure()
 
-    def _configure(self) -> Outs:
+    def _configure(self) -> Transmissions:
         text, self.text = self.text, b""
         if not text:
             return ()

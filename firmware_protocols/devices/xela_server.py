@@ -33,7 +33,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from firmware_protocols import Column, Counts, Device, Option, Outs, Reading, Rollover, WebSocket, grid_layout
+from firmware_protocols import Column, Counts, Device, Option, Reading, Rollover, Transmissions, WebSocket, grid_layout
 from firmware_protocols.adc import quantize
 from firmware_protocols.devices.xela_uskin import COUNT_UT, GAIN_UT_PER_N, PITCH, REST_FIELD_UT
 from firmware_protocols.facts import assumed, stated
@@ -116,7 +116,7 @@ class XelaServer(Device):
         self.counts = quantize(self.magnet(force) / COUNT_UT)
         return self.counts
 
-    def stream(self, t_ns: int, name: str) -> Outs:
+    def stream(self, t_ns: int, name: str) -> Transmissions:
         """A message."""
         self.message += 1
         time = round(self.epoch + t_ns * 1e-9, 6)
@@ -130,6 +130,6 @@ class XelaServer(Device):
             said[str(position)] = sensor
         return [json.dumps(said).encode("ascii")]
 
-    def lines(self, dtr: bool, rts: bool, t_ns: int, port: str) -> Outs:
+    def lines(self, dtr: bool, rts: bool, t_ns: int, port: str) -> Transmissions:
         """A client has come."""
         return [b'{"message": "Welcome"}'] if dtr else ()

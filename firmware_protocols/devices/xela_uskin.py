@@ -37,8 +37,8 @@ from firmware_protocols import (
     Counts,
     Device,
     Option,
-    Outs,
     Reading,
+    Transmissions,
     assumed,
     grid_layout,
     stated,
@@ -126,14 +126,14 @@ class XelaUskin(Device[CanFrame]):
         self.counts = quantize(self.magnet(self.layout.to_taxel_frame(reading["force"])) / COUNT_UT)
         return self.counts
 
-    def stream(self, t_ns: int, name: str) -> Outs[CanFrame]:
+    def stream(self, t_ns: int, name: str) -> Transmissions[CanFrame]:
         """A frame for each taxel while started."""
         if not self.streaming:
             return ()
         taxels = zip(self.ids, self.layout.on_wire(self.counts))
         return [CanFrame(arbitration_id=ident, data=TAXEL.pack(axes=axes)) for ident, axes in taxels]
 
-    def receive(self, data: CanFrame, t_ns: int, port: str) -> Outs[CanFrame]:
+    def receive(self, data: CanFrame, t_ns: int, port: str) -> Transmissions[CanFrame]:
         """Start and stop; nothing is ever answered."""
         if data != CanFrame(arbitration_id=self.command_id, data=data.data):
             self.counters["ignored"] += 1

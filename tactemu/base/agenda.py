@@ -23,9 +23,9 @@ class Action(NamedTuple):
     """Not to be done if the device has powered up since; ``None``: whatever became of it."""
 
 
-Guest = Callable[[], object]
+ScheduledCallback = Callable[[], object]
 """What a caller has the loop do."""
-Entry = TypeVar("Entry", Action, Guest, Action | Guest)
+Entry = TypeVar("Entry", Action, ScheduledCallback, Action | ScheduledCallback)
 
 
 class Agenda(Generic[Entry]):
@@ -35,7 +35,7 @@ class Agenda(Generic[Entry]):
         knows: whether an action of a saved state can be done.
     """
 
-    not_state: ClassVar[tuple[str, ...]] = ()
+    TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, knows: Callable[[Action], bool] = lambda action: False):
         self._knows = knows
@@ -56,7 +56,7 @@ class Agenda(Generic[Entry]):
         """What the loop plans for itself; what callers have asked for is not saved with it."""
         return {"entries": [e for e in self._entries if isinstance(e[2], Action)], "number": self._number}
 
-    def prepared(self, state: dict[str, Any]) -> Callable[[], None]:
+    def prepare_restore(self, state: dict[str, Any]) -> Callable[[], None]:
         """What callers have asked for here stays.
 
         Raises:

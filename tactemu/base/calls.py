@@ -7,7 +7,7 @@ import os
 import queue
 import threading
 
-from tactemu.base.agenda import Agenda, Guest
+from tactemu.base.agenda import Agenda, ScheduledCallback
 
 
 class Calls:
@@ -17,8 +17,8 @@ class Calls:
     """
 
     def __init__(self):
-        self._handed_in: queue.SimpleQueue[tuple[int, Guest]] = queue.SimpleQueue()
-        self._later: Agenda[Guest] = Agenda()
+        self._handed_in: queue.SimpleQueue[tuple[int, ScheduledCallback]] = queue.SimpleQueue()
+        self._later: Agenda[ScheduledCallback] = Agenda()
         self._rung = False
         """Set after the bell has rung, and taken back before it is silenced: so none is missed, nor rings for ever."""
         self._bell: int | None = None
@@ -35,7 +35,7 @@ class Calls:
         if bell is not None:
             os.close(bell)
 
-    def put(self, action: Guest, at_ns: int = 0) -> None:
+    def put(self, action: ScheduledCallback, at_ns: int = 0) -> None:
         """Hand an action in. Safe from any thread."""
         self._handed_in.put((at_ns, action))
         with self._lock:

@@ -31,7 +31,7 @@ class Clock(Protocol):
         """Where time stops until somebody lets it go on; ``None``: nowhere."""
         ...
 
-    def stands(self) -> bool:
+    def is_paused(self) -> bool:
         """Whether it has stopped there."""
         ...
 
@@ -72,7 +72,7 @@ class RealClock:
         """Go on from this time."""
         self.origin_ns = time.monotonic_ns() - t_ns
 
-    def stands(self) -> bool:
+    def is_paused(self) -> bool:
         """Never."""
         return False
 
@@ -111,7 +111,7 @@ class VirtualClock:
         """Go on from this time."""
         self._now = t_ns
 
-    def stands(self) -> bool:
+    def is_paused(self) -> bool:
         """Never."""
         return False
 
@@ -173,26 +173,26 @@ class LockstepClock(VirtualClock):
     def __init__(self, start_ns: int = 0):
         super().__init__(start_ns)
         self._end = start_ns
-        self._stands = False
+        self._is_paused = False
 
     def set_ns(self, t_ns: int) -> None:
         """Stand at this time."""
         super().set_ns(t_ns)
-        self._end, self._stands = t_ns, False
+        self._end, self._is_paused = t_ns, False
 
     @property
     def end_ns(self) -> int:
         """As far as it was let."""
         return self._end
 
-    def stands(self) -> bool:
+    def is_paused(self) -> bool:
         """Whether it has come there, and all that was due has been done."""
-        return self._stands
+        return self._is_paused
 
     def go_on(self, until_ns: int) -> None:
         """Let time pass until ``until_ns``; it is never turned back."""
         self._end = max(self._end, until_ns)
-        self._stands = self._stands and self._now >= self._end
+        self._is_paused = self._is_paused and self._now >= self._end
 
     def wait(self, deadline_ns: int | None, filenos: Sequence[int], *, poll: bool = False) -> None:
         """Jump to the deadline, no farther than time was let; there wait for a file descriptor."""
@@ -201,6 +201,6 @@ class LockstepClock(VirtualClock):
         if self._now < self._end:
             super().wait(self._end if deadline_ns is None else min(deadline_ns, self._end), filenos)
             return
-        if self._stands:
+        if self._is_paused:
             select.select(filenos, (), (), POLL_NS / 1e9 if poll else _LOOK_S)
-        self._stands = True
+        self._is_paused = True

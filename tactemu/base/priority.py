@@ -13,7 +13,7 @@ _SWITCH_S = 0.0005
 """How long another thread of this process keeps the interpreter when the loop wants it; Python's own: 5 ms."""
 
 
-def go_first() -> None:
+def enable_realtime_priority() -> None:
     """From now on this process, and threads that it makes, run as soon as they have something to do.
 
     Raises:
@@ -32,7 +32,7 @@ def go_first() -> None:
 
 
 def may_go_first() -> bool:
-    """Whether :func:`go_first` will work."""
+    """Whether :func:`enable_realtime_priority` will work."""
     try:
         before = os.sched_getscheduler(0), os.sched_getparam(0)
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_LEAST))

@@ -12,7 +12,7 @@ import typer
 
 from tactemu.base.errors import TactemuError
 from tactemu.control.client import connect
-from tactemu.control.control_commands import HAPPENS, VERBS, Argument, Verb
+from tactemu.control.control_commands import HAPPENS, VERBS, Argument, ControlCommand
 from tactemu.control.endpoints import running
 from tactemu.control.kinds import Kind
 
@@ -79,7 +79,7 @@ def _list(
     print(f"  {'watch':<10} Print states as lines of JSON until Ctrl-C.\n\ntactemu poke VERB --help")
 
 
-def _help(verb: Verb) -> str:
+def _help(verb: ControlCommand) -> str:
     """What it does, and how it is called."""
     words = [_placeholder(argument) for argument in _arguments(verb) if argument.name in verb.words]
     needed = [each for each in verb.arguments.values() if each.needed and each.name not in verb.words]
@@ -96,11 +96,11 @@ def _word(name: str) -> str:
     return WORDS.get(name, name).replace("_", "-")
 
 
-def _arguments(verb: Verb) -> list[Argument]:
+def _arguments(verb: ControlCommand) -> list[Argument]:
     return [HAPPENS] if verb.name == "happen" else list(verb.arguments.values())
 
 
-def _command(verb: Verb) -> Any:
+def _command(verb: ControlCommand) -> Any:
     """A function with the signature that the command line needs; every argument is text, read by its kind."""
     parameters = [_parameter(verb, argument) for argument in _arguments(verb)]
     parameters += [
@@ -120,7 +120,7 @@ def _command(verb: Verb) -> Any:
     return run
 
 
-def _parameter(verb: Verb, argument: Argument) -> inspect.Parameter:
+def _parameter(verb: ControlCommand, argument: Argument) -> inspect.Parameter:
     kind = argument.kind
     default = "" if argument.default is None or argument.name == "wait" else f" [default: {argument.default:g}]"
     about = f"{argument.about}{default}"
@@ -147,7 +147,7 @@ def _read(kind: Kind, text: Any) -> Any:
     return kind.read(text if isinstance(text, str) else list(text))  # type: ignore[arg-type]
 
 
-def _run(verb: Verb, *, name: str | None, json: bool, **given: Any) -> None:
+def _run(verb: ControlCommand, *, name: str | None, json: bool, **given: Any) -> None:
     """Read the arguments, have it done, print what it gives."""
     arguments = {each.name: _read(each.kind, given[each.name]) for each in _arguments(verb)}
     if verb.name == "happen":

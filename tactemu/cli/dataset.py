@@ -12,10 +12,10 @@ from tactemu.base.errors import TactemuError
 from tactemu.cli import INTERRUPTED
 from tactemu.cli.signals import ended_by_signals
 from tactemu.datasets.making import begin, make
-from tactemu.datasets.spec import Order
+from tactemu.datasets.spec import DatasetSpec
 
 
-def make_dataset(order: Order, folder: Path, cluster: str | None) -> int:
+def make_dataset(order: DatasetSpec, folder: Path, cluster: str | None) -> int:
     """Make a dataset, with a bar on stderr; returns the exit code.
 
     Raises:

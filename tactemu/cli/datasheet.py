@@ -23,7 +23,7 @@ from firmware_protocols.tables import Frame
 from tactemu.base.errors import DeviceError
 from tactemu.scene.building import make_device
 from tactemu.session.heatmap import flattened
-from tactemu.wire.line_models import carrier_of
+from tactemu.wire.line_models import line_model_for
 
 MAX_LISTED = 100
 """Taxels that are listed one by one; of more than these, patches are."""
@@ -35,7 +35,7 @@ def ports_of(device: Device) -> list[str]:
     """``serial 115200 8N1``, ``fingers: USB serial ...``; those that are not in use by default are marked."""
     lines = []
     for k, connector in enumerate(device.ports):
-        text = carrier_of(connector).describe()
+        text = line_model_for(connector).describe()
         text = f"{connector.name}: {text}" if connector.name else text
         lines.append(text if connector.plugged or not k else f"{text} (if asked for)")
     return lines
@@ -44,8 +44,8 @@ def ports_of(device: Device) -> list[str]:
 def rates_of(device: Device, wish: float | Mapping[str, float] | None = None) -> str:
     """``100 Hz``, or the rate of each stream by name; ``wish`` is the user's."""
     own = {stream: 1e9 / period if period else 0.0 for stream, period in device.periods.items()}
-    wishes = wish if isinstance(wish, Mapping) else dict.fromkeys(own, wish) if wish else {}
-    rates = {stream: wishes.get(stream) or hz for stream, hz in own.items()}
+    run_options = wish if isinstance(wish, Mapping) else dict.fromkeys(own, wish) if wish else {}
+    rates = {stream: run_options.get(stream) or hz for stream, hz in own.items()}
     said = {stream: f"{hz:g} Hz" if hz else "when asked" for stream, hz in rates.items()}
     return ", ".join(f"{stream} {text}".strip() for stream, text in said.items())
 

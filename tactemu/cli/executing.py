@@ -16,7 +16,7 @@ from tactemu.cli.datasheet import options_of
 from tactemu.cli.forwarding import Forwarding
 from tactemu.cli.reports import nobody_came, not_understood
 from tactemu.cli.running import ports_of, rate_of
-from tactemu.cli.socket import listening
+from tactemu.cli.socket import control_socket
 from tactemu.exec.enter import FAILED, NOT_EXECUTABLE, NOT_FOUND
 from tactemu.exec.environment import ExecEnvironment, exec_environment
 from tactemu.exec.reach import out_of_reach
@@ -63,7 +63,7 @@ def run_command(
     )  # fmt: skip
     dev.use_usual_network_ports()
     env = exec_environment(dev, nodes=nodes_of(nodes), way=way, expose=expose)
-    with no_full_collections(), env, listening(dev.control, name, target):
+    with no_full_collections(), env, control_socket(dev.control, name, target):
         if not quiet:
             _announce(env, command[0])
         driver = signals.start(partial(env.popen, command))

@@ -43,7 +43,7 @@ def explain_target(target: str, *, compute: str | None, cost: bool, code: bool =
     simulation = scene.build(device=compute or world.device, seed=world.seed, dtype=world.dtype)
     simulation.step()
     if cost:
-        simulation.plan.measure(time.perf_counter_ns)
+        simulation.plan.time_stages(time.perf_counter_ns)
     print("Plan: the stages that this scene needs, with cost per step here")
     print(simulation.plan)
 

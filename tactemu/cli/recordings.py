@@ -69,23 +69,23 @@ def replay_file(
     """
     from tactemu.base.clock import RealClock
     from tactemu.base.errors import TransportError
-    from tactemu.cli.socket import listening
+    from tactemu.cli.socket import control_socket
     from tactemu.control.replaying import ReplayControl
     from tactemu.emulator.replay import Replay, replay_spec
     from tactemu.transports import create
     from tactemu.truth.recording import load
-    from tactemu.wire.line_models import carrier_of
+    from tactemu.wire.line_models import line_model_for
     from tactemu.wire.wire import Wire
 
     recording = load(file, skin)
     transport = create(port)
-    if transport.scheme not in ("memory", *carrier_of(replay_spec(recording)).schemes):
+    if transport.scheme not in ("memory", *line_model_for(replay_spec(recording)).schemes):
         raise TransportError(f"{file} holds a {recording.kind} stream and cannot be played to {port}")
     wire = Wire(transport, replay_spec(recording), pacing=False, faults=faults)
     player = Replay(recording, wire, clock=RealClock(), speed=speed, loop=loop)
     wire.open()
     try:
-        poked = nullcontext() if step else listening(ReplayControl(player), name, str(file))
+        poked = nullcontext() if step else control_socket(ReplayControl(player), name, str(file))
         with ended_by_signals(player.stop) as interrupted, poked:
             print(f"{len(player.entries)} frames ready on {wire.transport.address}", flush=True)
             _play_stepwise(player, interrupted) if step else player.run(seconds)

@@ -134,7 +134,7 @@ def advice(emulator: Emulator, channel: Channel) -> str:
             f"{found}not for the simulation, which takes {simulated_us:.0f} of the {period_us:.0f} us between them; "
             "the machine is too busy, or the rate too high for it"
         )
-    simulation.plan.measure(time.perf_counter_ns)
+    simulation.plan.time_stages(time.perf_counter_ns)
     stage = max(simulation.plan.stages, key=lambda stage: stage.cost_us or 0.0)
     dial = f" ({stage.cheaper})" if stage.cheaper else ""
     return (

@@ -71,10 +71,10 @@ def run_target(
         TactemuError: the request cannot be met; nothing is left behind.
     """
     from tactemu.base.clock import LockstepClock, RealClock, VirtualClock
-    from tactemu.cli.socket import listening
-    from tactemu.control.again import play_again
+    from tactemu.cli.socket import control_socket
+    from tactemu.control.again import replay_commands
     from tactemu.control.control import Control
-    from tactemu.emulator.assembly import Wishes, assemble, truth_of
+    from tactemu.emulator.assembly import RunOptions, assemble, truth_of
     from tactemu.scene.file import load
     from tactemu.scene.steering import steered
 
@@ -89,12 +89,12 @@ def run_target(
         check_writable(save, "the state")
     page = None if web is None else _door(web)
     if preempt:
-        from tactemu.base.priority import go_first
+        from tactemu.base.priority import enable_realtime_priority
 
         if clock != "real":
             raise SceneError(f"--preempt: is for real time, not for --clock {clock}, which nothing makes late")
-        go_first()
-    wishes = Wishes(
+        enable_realtime_priority()
+    run_options = RunOptions(
         port=ports_of(ports), rate_hz=rate_of(rates), faults=faults, seed=seed, compute=compute, adjustable=adjustable,
         measured=measured,
     )  # fmt: skip
@@ -104,16 +104,16 @@ def run_target(
     log = truth_of(loaded, truth, keep)
     try:
         with told_if_long(f"building {n_bodies:,} bodies") if n_bodies >= MANY_BODIES else nullcontext():
-            control = Control(assemble(loaded, wishes, clock=clocks[clock](), truth=log))
+            control = Control(assemble(loaded, run_options, clock=clocks[clock](), truth=log))
         if restore is not None:
             control.emulator.restore(restore)
         if again is not None:
-            play_again(control, again)
+            replay_commands(control, again)
         if save is not None and save_at is not None:
             control.emulator.call(partial(control.emulator.save, save), round(save_at * 1e9))
         at_end = save if save_at is None else None
         with _shown(log, rerun) if rerun else nullcontext():
-            listen = partial(listening, control, name, target, gentle=clock == "real")
+            listen = partial(control_socket, control, name, target, yield_to_loop=clock == "real")
             if page is not None:
                 listen = partial(_seen, listen, page)
             run_emulator(control.emulator, seconds=seconds, style=style, listen=listen, save=at_end)

@@ -151,12 +151,12 @@ def dataset(
 
     from tactemu.base.kernels import start_quietly
     from tactemu.cli.dataset import make_dataset
-    from tactemu.datasets.spec import Order
+    from tactemu.datasets.spec import DatasetSpec
     from tactemu.scene.file import load
 
     start_quietly()
     world, (x, y, z) = load(target).tables.scene, shift
-    order = Order(
+    order = DatasetSpec(
         target=target, envs=envs, steps=steps, every=every, seed=world.seed if seed is None else seed,
         device=device or world.device, strands=strands, bytes_envs=min(16, envs) if bytes_envs is None else bytes_envs,
         shift_m=(1e-3 * x, 1e-3 * y, 1e-3 * z), turn_rad=math.radians(turn), compression=compression,

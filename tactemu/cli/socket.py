@@ -7,19 +7,21 @@ from contextlib import AbstractContextManager, closing, nullcontext
 from pathlib import Path
 
 from tactemu.base.errors import TransportError
-from tactemu.control.endpoints import Place
+from tactemu.control.endpoints import Endpoint
 from tactemu.control.server import Driven, Server
 
 
-def listening(driven: Driven, name: str | None, target: str, *, gentle: bool = True) -> AbstractContextManager:
+def control_socket(
+    driven: Driven, name: str | None, target: str, *, yield_to_loop: bool = True
+) -> AbstractContextManager:
     """Listen under a name, or the target's; where there can be no socket, that is said, unless its name was asked for.
 
     Raises:
         TactemuError: the name that was asked for cannot be had.
     """
-    place = Place(name or Path(target.rpartition(":")[2]).stem, target, exactly=name is not None)
+    place = Endpoint(name or Path(target.rpartition(":")[2]).stem, target, exactly=name is not None)
     try:
-        return closing(Server(place, driven, gentle=gentle))
+        return closing(Server(place, driven, yield_to_loop=yield_to_loop))
     except TransportError as error:
         if name is not None:
             raise

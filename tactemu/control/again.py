@@ -59,7 +59,7 @@ def _command(entry: PortEvent) -> Command:
     return Command(entry.t_ns, verb, VERBS[verb].checked(args), str(said.get("by", "")))
 
 
-def play_again(control: Control, path: str | Path) -> int:
+def replay_commands(control: Control, path: str | Path) -> int:
     """Have the loop do what a log says was done, at the same times; returns how many commands. Call before it runs.
 
     Raises:

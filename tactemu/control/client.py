@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from tactemu.base.errors import TactemuError, TransportError
-from tactemu.control.control_commands import Verbs
+from tactemu.control.control_commands import ControlCommands
 from tactemu.control.endpoints import PROTOCOL, chosen, uid_of_peer
 
 _ARRAY = {"dtype", "shape", "base64"}
@@ -36,7 +36,7 @@ def connect(name: str | None = None) -> Connection:
     return Connection(str(chosen(name)))
 
 
-class Connection(Verbs):
+class Connection(ControlCommands):
     """What :func:`connect` returns. Use it in one thread at a time.
 
     Samples are tables with the keys of a line of the truth log (``ideal``, ``measured``, ``counts`` as lists).

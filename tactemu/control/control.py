@@ -19,12 +19,12 @@ from tactemu.base.errors import SceneError, TactemuError
 from tactemu.control import state
 from tactemu.control.control_commands import VERBS
 from tactemu.control.description import described
-from tactemu.control.loop_task import Errand, Outcome
+from tactemu.control.loop_task import LoopTask, TaskResult
 from tactemu.emulator.assembly import Assembled
 from tactemu.emulator.channel import Channel
 from tactemu.emulator.emulator import Emulator
 from tactemu.emulator.saving import snapshots
-from tactemu.emulator.scenario import befall
+from tactemu.emulator.scenario import apply_event
 from tactemu.scene.placement import PlacedSkin
 from tactemu.scene.schema import Event
 from tactemu.scene.steering import Leg, Steered, nearest_body, pressing_way
@@ -53,7 +53,7 @@ def mend(wires: Sequence[Wire], fault: str | None) -> None:
 
 
 class Control:
-    """Does what :class:`~tactemu.control.control_commands.Verbs` declares."""
+    """Does what :class:`~tactemu.control.control_commands.ControlCommands` declares."""
 
     def __init__(self, assembled: Assembled):
         self.emulator: Emulator = assembled.emulator
@@ -68,12 +68,12 @@ class Control:
     # -- from any thread -------------------------------------------------------------------------------------------
 
     def submit(
-        self, verb: str, arguments: Mapping[str, Any], by: str = "", tell: Callable[[Errand], None] | None = None
-    ) -> Errand:
+        self, verb: str, arguments: Mapping[str, Any], by: str = "", tell: Callable[[LoopTask], None] | None = None
+    ) -> LoopTask:
         """Have a command done, whose arguments are checked already."""
         self.emulator.look_ahead_ns = LOOK_AHEAD_NS
         changes = VERBS[verb].changes
-        return Errand(self.emulator, lambda: self.do(verb, arguments, by), changes=changes, tell=tell)
+        return LoopTask(self.emulator, lambda: self.do(verb, arguments, by), changes=changes, tell=tell)
 
     def hello(self) -> dict[str, Any]:
         """Who this is, to whoever connects."""
@@ -84,7 +84,7 @@ class Control:
             "bodies": list(self.steered),
         }
 
-    def watched(self, by: str, tell: Callable[[Errand], None]) -> Errand:
+    def watched(self, by: str, tell: Callable[[LoopTask], None]) -> LoopTask:
         """Have the state looked at, for somebody who watches."""
         return self.submit("state", {}, by, tell)
 
@@ -104,7 +104,7 @@ class Control:
 
     # -- in the loop -----------------------------------------------------------------------------------------------
 
-    def do(self, verb: str, arguments: Mapping[str, Any], by: str = "") -> Outcome:
+    def do(self, verb: str, arguments: Mapping[str, Any], by: str = "") -> TaskResult:
         """Begin a command.
 
         Raises:
@@ -117,7 +117,7 @@ class Control:
         if changes or verb == "restore":
             text = json.dumps({"verb": verb, "args": dict(arguments), "by": by})
             self.emulator.truth.event(self.emulator.now_ns, "", COMMAND + text)
-        return outcome or Outcome()
+        return outcome or TaskResult()
 
     @property
     def _now_s(self) -> float:
@@ -151,7 +151,7 @@ class Control:
         body: str | None = None,
         skin: str | None = None,
         wait: bool = True,
-    ) -> Outcome:
+    ) -> TaskResult:
         channel = self.channel(skin)
         taxels = self._taxels(channel)
         in_hand = {name: motion for name, motion in self.steered.items() if motion.taken} or self.steered
@@ -170,7 +170,7 @@ class Control:
         self.steered[name].back = back
         return outcome
 
-    def _release(self, speed: float, body: str | None = None, wait: bool = True) -> Outcome:
+    def _release(self, speed: float, body: str | None = None, wait: bool = True) -> TaskResult:
         name = self._body(body)
         here = self.steered[name].world(self._now_s)
         lifted = self.steered[name].back
@@ -186,7 +186,7 @@ class Control:
         speed: float = math.inf,
         body: str | None = None,
         wait: bool = True,
-    ) -> Outcome:
+    ) -> TaskResult:
         name = self._body(body)
         here = self.steered[name].world(self._now_s)
         goal = (here.position if position is None else np.asarray(position, float)) + np.asarray(by, float)
@@ -205,9 +205,9 @@ class Control:
         for name in self.steered if body is None else [self._body(body)]:
             self.steered[name].give_back()
 
-    def _go(self, name: str, legs: Sequence[Leg], wait: bool) -> Outcome:
+    def _go(self, name: str, legs: Sequence[Leg], wait: bool) -> TaskResult:
         end_s = self.steered[name].follow(self._now_s, legs)
-        return Outcome(round(end_s * 1e9), sampled=True) if wait and not self._lockstep else Outcome()
+        return TaskResult(round(end_s * 1e9), sampled=True) if wait and not self._lockstep else TaskResult()
 
     def _body(self, name: str | None) -> str:
         if not self.steered:
@@ -228,20 +228,20 @@ class Control:
         checked = Event(**event)
         if checked.skin is not None:
             self.channel(checked.skin)
-        befall(self.emulator, checked, self._now_s)
+        apply_event(self.emulator, checked, self._now_s)
         self.emulator.act()
 
-    def _fault(self, fault: str, skin: str | None = None) -> Outcome:
+    def _fault(self, fault: str, skin: str | None = None) -> TaskResult:
         self._happen(fault=fault, skin=skin)
-        return Outcome(settled=True)
+        return TaskResult(settled=True)
 
-    def _unplug(self, seconds: float | None = None, skin: str | None = None) -> Outcome:
+    def _unplug(self, seconds: float | None = None, skin: str | None = None) -> TaskResult:
         self._happen(fault="unplug", until=seconds, skin=skin)
-        return Outcome(settled=True)  # the port has gone
+        return TaskResult(settled=True)  # the port has gone
 
-    def _mend(self, fault: str | None = None, skin: str | None = None) -> Outcome:
+    def _mend(self, fault: str | None = None, skin: str | None = None) -> TaskResult:
         mend(self._wires(skin), fault)
-        return Outcome(settled=True)  # the port is there again
+        return TaskResult(settled=True)  # the port is there again
 
     def _set(self, options: Mapping[str, Any], **when: Any) -> None:
         self._happen(set=dict(options), until=when.pop("seconds", None), **when)
@@ -267,10 +267,10 @@ class Control:
     def _lockstep(self) -> bool:
         return isinstance(self.emulator.clock, LockstepClock)
 
-    def _wait(self, seconds: float) -> Outcome:
-        return Outcome(self.emulator.now_ns + round(seconds * 1e9))
+    def _wait(self, seconds: float) -> TaskResult:
+        return TaskResult(self.emulator.now_ns + round(seconds * 1e9))
 
-    def _step(self, n: int | None = None, seconds: float | None = None, until: float | None = None) -> Outcome:
+    def _step(self, n: int | None = None, seconds: float | None = None, until: float | None = None) -> TaskResult:
         clock = self.emulator.clock
         if not isinstance(clock, LockstepClock):
             raise TactemuError("step: time runs by itself; start it with --clock lockstep, serve(clock='lockstep')")
@@ -285,31 +285,31 @@ class Control:
         else:
             end = now + round(seconds * 1e9)
         clock.go_on(end if until is None else round(until * 1e9))
-        return Outcome(clock.end_ns, clock.end_ns / 1e9, settled=True)
+        return TaskResult(clock.end_ns, clock.end_ns / 1e9, settled=True)
 
     # -- saving
 
-    def _save(self, file: str) -> Outcome:
+    def _save(self, file: str) -> TaskResult:
         state = self.emulator.snapshot()
-        return Outcome(result=lambda: snapshots.write(file, state))
+        return TaskResult(result=lambda: snapshots.write(file, state))
 
     def _restore(self, file: str) -> None:
         self.emulator.restore(file)
 
     # -- looks
 
-    def _sample(self, skin: str | None = None) -> Outcome:
-        return Outcome(result=self.emulator.truth.latest(self.channel(skin).name))
+    def _sample(self, skin: str | None = None) -> TaskResult:
+        return TaskResult(result=self.emulator.truth.latest(self.channel(skin).name))
 
-    def _stats(self, skin: str | None = None) -> Outcome:
+    def _stats(self, skin: str | None = None) -> TaskResult:
         channels = self.emulator.channels if skin is None else [self.channel(skin)]
         looks = {channel.name: state.look_at(self.emulator, channel) for channel in channels}
-        return Outcome(
+        return TaskResult(
             result=lambda: {"skins": {name: look() for name, look in looks.items()}, "clients": dict(self.clients)}
         )
 
-    def _state(self) -> Outcome:
-        return Outcome(result=state.state_of(self.emulator, self.steered))
+    def _state(self) -> TaskResult:
+        return TaskResult(result=state.state_of(self.emulator, self.steered))
 
-    def _describe(self) -> Outcome:
-        return Outcome(result=described(self.emulator))
+    def _describe(self) -> TaskResult:
+        return TaskResult(result=described(self.emulator))

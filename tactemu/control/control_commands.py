@@ -1,8 +1,8 @@
 """The commands to a running emulator, each declared once.
 
-A method of :class:`Verbs` is a command: its signature says what it takes, the types in which unit, its docstring what
-it does. From these come the command line ``tactemu poke``, the requests on the socket and the table in the manual.
-:class:`tactemu.session.serving.Served` and :class:`tactemu.control.client.Connection` are such objects; whoever
+A method of :class:`ControlCommands` is a command: its signature says what it takes, the types in which unit, its
+docstring what it does. From these come the command line ``tactemu poke``, the requests on the socket and the table in
+the manual. :class:`tactemu.session.serving.Served` and :class:`tactemu.control.client.Connection` are such objects; whoever
 carries a command out is :class:`tactemu.control.control.Control`.
 """
 
@@ -53,7 +53,7 @@ class Argument:
 
 
 @dataclass(frozen=True)
-class Verb:
+class ControlCommand:
     """One command."""
 
     function: Callable[..., Any]
@@ -119,7 +119,7 @@ def _said(doc: str) -> dict[str, str]:
     return {name: " ".join(text.split()) for name, text in found}
 
 
-VERBS: dict[str, Verb] = {}
+VERBS: dict[str, ControlCommand] = {}
 """All commands, in the order of their declaration."""
 HAPPENS = Argument("event", _kind_of(Options), True, None, "keys of an entry [[scenario]]")  # type: ignore[arg-type]
 
@@ -130,11 +130,13 @@ def verb(*words: str, name: str = "", changes: bool = True) -> Callable[[Method]
     """Declares a method as a command."""
 
     def declare(function: Method) -> Method:
-        declared = VERBS[name or function.__name__] = Verb(function, name or function.__name__, words, changes)
+        declared = VERBS[name or function.__name__] = ControlCommand(
+            function, name or function.__name__, words, changes
+        )
         signature = inspect.signature(function)
 
         @wraps(function)
-        def ask(self: Verbs, *args: Any, **kwargs: Any) -> Any:
+        def ask(self: ControlCommands, *args: Any, **kwargs: Any) -> Any:
             given = dict(signature.bind(self, *args, **kwargs).arguments)
             del given["self"]
             given |= given.pop("event", {})
@@ -145,7 +147,7 @@ def verb(*words: str, name: str = "", changes: bool = True) -> Callable[[Method]
     return declare
 
 
-class Verbs(ABC):
+class ControlCommands(ABC):
     """What may be done to a running emulator. SI units; bodies and skins by their names in the scene."""
 
     @abstractmethod

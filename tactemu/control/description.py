@@ -16,7 +16,7 @@ from tactemu.emulator.emulator import Emulator
 def described(emulator: Emulator) -> Callable[[], dict[str, Any]]:
     """What gives the description. Call in the loop; what it gives takes long, and may be called in another thread."""
     faults = {channel.name: _faults(channel) for channel in emulator.channels}
-    options = {skin["name"] or skin["device"].rpartition(":")[2]: skin for skin in emulator.made_of.get("skin", ())}
+    options = {skin["name"] or skin["device"].rpartition(":")[2]: skin for skin in emulator.recipe.get("skin", ())}
     around = emulator.truth.surroundings
     return lambda: {
         "scene": {} if around is None else around.description(),
@@ -25,7 +25,7 @@ def described(emulator: Emulator) -> Callable[[], dict[str, Any]]:
                 **_device(channel.device),
                 "target": options.get(channel.name, {}).get("device"),
                 "options": options.get(channel.name, {}).get("device_options", {}),
-                "carriers": {port: wire.carrier.kind for port, wire in channel.wires.items()},
+                "carriers": {port: wire.line_model.kind for port, wire in channel.wires.items()},
                 "faults": faults[channel.name],
                 "adjustable": _adjustable(channel),
             }

@@ -127,7 +127,7 @@ def _remove(path: Path) -> None:
         each.unlink(missing_ok=True)
 
 
-class Place:
+class Endpoint:
     """A name and its socket, from :meth:`take` to :meth:`leave`.
 
     Args:

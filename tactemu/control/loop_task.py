@@ -41,7 +41,7 @@ class Loop(Protocol):
 
 
 @dataclass(frozen=True)
-class Outcome:
+class TaskResult:
     """Of something that has begun."""
 
     done_ns: int = 0
@@ -54,7 +54,7 @@ class Outcome:
     """It is done when nothing else is due by then."""
 
 
-class Errand:
+class LoopTask:
     """Has the loop call ``begin()``; it is done when its outcome says, or when it fails.
 
     Args:
@@ -67,13 +67,13 @@ class Errand:
     def __init__(
         self,
         emulator: Loop,
-        begin: Callable[[], Outcome],
+        begin: Callable[[], TaskResult],
         *,
         changes: bool = True,
-        tell: Callable[[Errand], None] | None = None,
+        tell: Callable[[LoopTask], None] | None = None,
     ):
         self.done = threading.Event()
-        self.outcome = Outcome()
+        self.outcome = TaskResult()
         self.failed: Exception | None = None
         self.t_ns = 0
         """When it was done."""

@@ -8,7 +8,7 @@ from typing import Any
 
 from tactemu.base.errors import TactemuError
 from tactemu.control.control import mend
-from tactemu.control.loop_task import Errand, Outcome
+from tactemu.control.loop_task import LoopTask, TaskResult
 from tactemu.emulator.replay import Replay
 from tactemu.emulator.scenario import timed_fault
 from tactemu.scene.schema import Event
@@ -16,7 +16,8 @@ from tactemu.truth.tap import Tap
 
 
 class ReplayControl:
-    """Does those of the :class:`~tactemu.control.control_commands.Verbs` that need no simulation and no firmware."""
+    """Does those of the :class:`~tactemu.control.control_commands.ControlCommands` that need no simulation and no
+    firmware."""
 
     def __init__(self, replay: Replay):
         self.replay = replay
@@ -28,12 +29,12 @@ class ReplayControl:
         return {"clock": "real", "skins": {}, "bodies": []}
 
     def submit(
-        self, verb: str, arguments: Mapping[str, Any], by: str = "", tell: Callable[[Errand], None] | None = None
-    ) -> Errand:
+        self, verb: str, arguments: Mapping[str, Any], by: str = "", tell: Callable[[LoopTask], None] | None = None
+    ) -> LoopTask:
         """Have a command done, whose arguments are checked already."""
-        return Errand(self.replay, lambda: self.do(verb, arguments), tell=tell)
+        return LoopTask(self.replay, lambda: self.do(verb, arguments), tell=tell)
 
-    def watched(self, by: str, tell: Callable[[Errand], None]) -> Errand:
+    def watched(self, by: str, tell: Callable[[LoopTask], None]) -> LoopTask:
         """Have the state looked at, for somebody who watches."""
         return self.submit("state", {}, by, tell)
 
@@ -47,7 +48,7 @@ class ReplayControl:
         """Watched no more."""
         self.replay.wire.truth.untap(tap)
 
-    def do(self, verb: str, arguments: Mapping[str, Any]) -> Outcome:
+    def do(self, verb: str, arguments: Mapping[str, Any]) -> TaskResult:
         """Begin a command.
 
         Raises:
@@ -57,7 +58,7 @@ class ReplayControl:
         if action is None:
             can = ", ".join(name.lstrip("_") for name in vars(ReplayControl) if name[:1] == "_" and name[1] != "_")
             raise TactemuError(f"{verb}: a recording is played here, nothing is simulated; it can: {can}")
-        return action(**arguments) or Outcome()
+        return action(**arguments) or TaskResult()
 
     def _fault(self, fault: str, skin: str | None = None) -> None:
         self.replay.wire.add_fault(timed_fault(Event(fault=fault), self.replay.now_ns / 1e9))
@@ -69,13 +70,13 @@ class ReplayControl:
     def _mend(self, fault: str | None = None, skin: str | None = None) -> None:
         mend([self.replay.wire], fault)
 
-    def _wait(self, seconds: float) -> Outcome:
-        return Outcome(self.replay.now_ns + round(seconds * 1e9))
+    def _wait(self, seconds: float) -> TaskResult:
+        return TaskResult(self.replay.now_ns + round(seconds * 1e9))
 
-    def _stats(self, skin: str | None = None) -> Outcome:
-        return Outcome(result={"wire": dict(self.replay.wire.counters), "clients": dict(self.clients)})
+    def _stats(self, skin: str | None = None) -> TaskResult:
+        return TaskResult(result={"wire": dict(self.replay.wire.counters), "clients": dict(self.clients)})
 
-    def _state(self) -> Outcome:
+    def _state(self) -> TaskResult:
         replay = self.replay
         played = {"frame": replay.position, "of": len(replay.entries), "port": replay.wire.transport.address}
-        return Outcome(result={"t_s": replay.now_ns / 1e9, **played})
+        return TaskResult(result={"t_s": replay.now_ns / 1e9, **played})

@@ -28,8 +28,8 @@ import numpy as np
 from tactemu.base.errors import TactemuError, nearest, shown
 from tactemu.base.options import number
 from tactemu.control.control_commands import VERBS
-from tactemu.control.endpoints import PROTOCOL, Place, uid_of_peer
-from tactemu.control.loop_task import Errand
+from tactemu.control.endpoints import PROTOCOL, Endpoint, uid_of_peer
+from tactemu.control.loop_task import LoopTask
 from tactemu.control.state import row_of
 from tactemu.truth import Sample
 from tactemu.truth.lines import array_text
@@ -65,11 +65,11 @@ class Driven(Protocol):
 
     clients: Counter[str]
 
-    def submit(self, verb: str, arguments: Mapping[str, Any], by: str, tell: Callable[[Errand], None]) -> Errand:
+    def submit(self, verb: str, arguments: Mapping[str, Any], by: str, tell: Callable[[LoopTask], None]) -> LoopTask:
         """Have a command done; ``tell`` is called when it is."""
         ...
 
-    def watched(self, by: str, tell: Callable[[Errand], None]) -> Errand:
+    def watched(self, by: str, tell: Callable[[LoopTask], None]) -> LoopTask:
         """Have the state looked at, for somebody who watches."""
         ...
 
@@ -141,12 +141,12 @@ class Server:
         TactemuError: the name is taken, or no socket can be made.
     """
 
-    def __init__(self, place: Place, driven: Driven, *, gentle: bool):
-        self.place, self.driven, self._gentle = place, driven, gentle
+    def __init__(self, place: Endpoint, driven: Driven, *, yield_to_loop: bool):
+        self.place, self.driven, self._yield_to_loop = place, driven, yield_to_loop
         self.counters = driven.clients
         self._clients: dict[int, _Client] = {}
         self._number = 0
-        self._done: queue.SimpleQueue[tuple[_Client, Any, Errand]] = queue.SimpleQueue()
+        self._done: queue.SimpleQueue[tuple[_Client, Any, LoopTask]] = queue.SimpleQueue()
         self._closing = False
         self._listener = place.take()
         self._bell = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
@@ -164,7 +164,7 @@ class Server:
         self.place.leave()
         os.close(self._bell)
 
-    def _tell(self, client: _Client, ident: Any, errand: Errand) -> None:
+    def _tell(self, client: _Client, ident: Any, errand: LoopTask) -> None:
         """A command is done; called in the loop."""
         self._done.put((client, ident, errand))
         os.eventfd_write(self._bell, 1)
@@ -201,7 +201,7 @@ class Server:
             self._accept()
         for client in list(self._clients.values()):
             self._look_after(client)
-        if self._gentle:
+        if self._yield_to_loop:
             time.sleep(_REST * (time.thread_time() - begun))
 
     def _patience_s(self) -> float | None:
@@ -323,7 +323,7 @@ class Server:
 
     # -- answers -----------------------------------------------------------------------------------------------------
 
-    def _answer(self, client: _Client, ident: Any, errand: Errand) -> None:
+    def _answer(self, client: _Client, ident: Any, errand: LoopTask) -> None:
         """What a command gave goes to who asked; a state that is watched, unless the one before it is not read yet."""
         if client.number not in self._clients:
             return
@@ -364,7 +364,7 @@ class Server:
         since = time.perf_counter()
         for piece in pieces:
             yield piece
-            if self._gentle and time.perf_counter() - since > _SLICE_S:
+            if self._yield_to_loop and time.perf_counter() - since > _SLICE_S:
                 time.sleep(_PAUSE_S)
                 since = time.perf_counter()
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 
 from tactemu.datasets.shards import FOLDER, Column
-from tactemu.datasets.spec import FILE, Order
+from tactemu.datasets.spec import FILE, DatasetSpec
 from tactemu.datasets.wire import FOLDER as WIRE
 from tactemu.version import __version__
 
 
-def data_sheet(order: Order, columns: list[Column], dt_s: float, varied: list[str]) -> str:
+def data_sheet(order: DatasetSpec, columns: list[Column], dt_s: float, varied: list[str]) -> str:
     """In Markdown."""
     rows = "\n".join(
         f"| `{column.name}` | {column.dtype} {' × '.join(map(str, column.shape))} | {column.unit} | {column.meaning} |"
@@ -56,7 +56,7 @@ numbers = np.frombuffer(b"".join(table["{columns[0].name}"].to_pylist()), "{colu
 {_wire(order, columns[0].name.rsplit(".", 2)[0])}"""
 
 
-def _varied(order: Order, varied: list[str]) -> str:
+def _varied(order: DatasetSpec, varied: list[str]) -> str:
     if not varied or not (any(order.shift_m) or order.turn_rad):
         return "none elsewhere"
     shift = ", ".join(f"{1e3 * each:g}" for each in order.shift_m)
@@ -66,7 +66,7 @@ def _varied(order: Order, varied: list[str]) -> str:
     )
 
 
-def _wire(order: Order, skin: str) -> str:
+def _wire(order: DatasetSpec, skin: str) -> str:
     if not order.bytes_envs:
         return ""
     return f"""

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from tactemu.base.errors import TactemuError
 from tactemu.datasets.dataset_card import data_sheet
-from tactemu.datasets.partition import Strand, whole_scene
-from tactemu.datasets.spec import Order, remember
+from tactemu.datasets.partition import Partition, whole_scene
+from tactemu.datasets.spec import DatasetSpec, remember
 from tactemu.datasets.variety import Starts
 from tactemu.datasets.wire import path_of, write_wire
 
@@ -52,7 +52,7 @@ def size(n_bytes: float) -> str:
     return f"{n_bytes:.1f} TB"
 
 
-def begin(order: Order, folder: Path) -> Estimate:
+def begin(order: DatasetSpec, folder: Path) -> Estimate:
     """Build the first strand, estimate what all takes, and write down what is made, with its data sheet.
 
     Raises:
@@ -62,12 +62,12 @@ def begin(order: Order, folder: Path) -> Estimate:
         raise TactemuError("shards are Parquet, which needs pyarrow: pip install 'tactemu[convert]'")
     loaded = whole_scene(order)
     varied = Starts(loaded, order).names
-    strand = Strand(order, *order.ranges[0])
-    with strand.simulation:
-        row = 16 + sum(column.row_bytes for column in strand.columns)
-        n_shards = len(strand.shards) * order.strands
+    partition = Partition(order, *order.ranges[0])
+    with partition.simulation:
+        row = 16 + sum(column.row_bytes for column in partition.columns)
+        n_shards = len(partition.shards) * order.strands
         share = (order.ranges[0][1] - order.ranges[0][0]) / order.envs
-        estimate = Estimate(row * order.rows * order.envs, strand.timed() * order.rows / share, n_shards)
+        estimate = Estimate(row * order.rows * order.envs, partition.timed() * order.rows / share, n_shards)
     place = folder
     while not place.exists():
         place = place.parent
@@ -79,17 +79,17 @@ def begin(order: Order, folder: Path) -> Estimate:
         )
     about = {
         "scene": loaded.tables.model_dump(mode="json", by_alias=True, exclude_defaults=True),
-        "columns": [asdict(column) for column in strand.columns],
-        "dt_s": strand.simulation.dt,
-        "row_s": strand.simulation.dt * order.every,
+        "columns": [asdict(column) for column in partition.columns],
+        "dt_s": partition.simulation.dt,
+        "row_s": partition.simulation.dt * order.every,
         "varied": varied,
     }
     remember(order, about, folder)
-    (folder / SHEET).write_text(data_sheet(order, strand.columns, strand.simulation.dt, varied), encoding="utf-8")
+    (folder / SHEET).write_text(data_sheet(order, partition.columns, partition.simulation.dt, varied), encoding="utf-8")
     return estimate
 
 
-def make(order: Order, folder: Path, cluster: str | None = None) -> Iterator[int]:
+def make(order: DatasetSpec, folder: Path, cluster: str | None = None) -> Iterator[int]:
     """Make all that is not there yet; says how many more shards are done each time.
 
     Raises:
@@ -100,22 +100,22 @@ def make(order: Order, folder: Path, cluster: str | None = None) -> Iterator[int
     if cluster is not None:
         file, there = Path(order.target), folder.resolve()
         elsewhere = replace(order, target=str(file.resolve())) if file.is_file() else order
-        jobs = [partial(_strand, elsewhere, k, there) for k in range(order.strands)]
+        jobs = [partial(_partition, elsewhere, k, there) for k in range(order.strands)]
         yield from _on_cluster([*jobs, *(partial(_wire, elsewhere, env, there) for env in missing)], cluster)
         return
     for first, end in order.ranges:
-        for _ in Strand(order, first, end).write(folder):
+        for _ in Partition(order, first, end).write(folder):
             yield 1
     for env in missing:
         yield _wire(order, env, folder)
 
 
-def _strand(order: Order, k: int, folder: Path) -> int:
+def _partition(order: DatasetSpec, k: int, folder: Path) -> int:
     """One strand, on a machine that reaches the folder; returns how many shards it has."""
-    return sum(1 for _ in Strand(order, *order.ranges[k]).write(folder))
+    return sum(1 for _ in Partition(order, *order.ranges[k]).write(folder))
 
 
-def _wire(order: Order, env: int, folder: Path) -> int:
+def _wire(order: DatasetSpec, env: int, folder: Path) -> int:
     write_wire(order, env, folder)
     return 0
 

@@ -13,7 +13,7 @@ import warp as wp
 from firmware_protocols.device import VECTORS
 from tactemu.base.errors import TactemuError
 from tactemu.datasets.shards import STATE, Column, Rows, Shard, Writer, saved, shards_of
-from tactemu.datasets.spec import Order
+from tactemu.datasets.spec import DatasetSpec
 from tactemu.datasets.variety import Moves, Starts
 from tactemu.plan.thread_pool import cores
 from tactemu.scene.building import build_scene, make_devices
@@ -31,7 +31,7 @@ TIMED_STEPS = 20
 """By which it is estimated how long all takes."""
 
 
-def whole_scene(order: Order) -> LoadedScene:
+def whole_scene(order: DatasetSpec) -> LoadedScene:
     """The scene of a dataset.
 
     Raises:
@@ -45,7 +45,7 @@ def whole_scene(order: Order) -> LoadedScene:
     return loaded
 
 
-class Strand:
+class Partition:
     """The environments ``first`` to ``end`` of a dataset, built.
 
     Args:
@@ -57,7 +57,7 @@ class Strand:
         TactemuError: the scene cannot be had, or has no skin that feels.
     """
 
-    def __init__(self, order: Order, first: int, end: int):
+    def __init__(self, order: DatasetSpec, first: int, end: int):
         self._order = order
         loaded = whole_scene(order)
         devices = make_devices(loaded)
@@ -109,7 +109,7 @@ class Strand:
             room.put(0, 0, 0, self.rows())
         self.simulation.check()
         took = (time.perf_counter() - start) / TIMED_STEPS
-        self.simulation.prepared(self._begun)()
+        self.simulation.prepare_restore(self._begun)()
         return took
 
     def write(self, folder: Path) -> Iterator[Shard]:
@@ -123,7 +123,7 @@ class Strand:
         done = 0
         if state is not None:
             done = state.pop("shards")
-            self.simulation.prepared(state)()
+            self.simulation.prepare_restore(state)()
         yield from self.shards[:done]
         writer = Writer(folder, self.columns, self._order.compression, min(MOST_WRITERS, max(1, cores() - 1)))
         try:

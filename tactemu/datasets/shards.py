@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from tactemu.base.files import move_into_place
-from tactemu.datasets.spec import SHARD_BYTES, Order
+from tactemu.datasets.spec import SHARD_BYTES, DatasetSpec
 
 FOLDER = "readings"
 
@@ -46,11 +46,11 @@ class Shard:
 
     def path(self, folder: Path) -> Path:
         """Where it is."""
-        strand = f"envs-{self.first_env:06d}-{self.end_env - 1:06d}"
-        return folder / FOLDER / strand / f"rows-{self.first_row:08d}-{self.end_row - 1:08d}.parquet"
+        partition = f"envs-{self.first_env:06d}-{self.end_env - 1:06d}"
+        return folder / FOLDER / partition / f"rows-{self.first_row:08d}-{self.end_row - 1:08d}.parquet"
 
 
-def shards_of(order: Order, columns: list[Column], first: int, end: int) -> list[Shard]:
+def shards_of(order: DatasetSpec, columns: list[Column], first: int, end: int) -> list[Shard]:
     """The shards of the environments ``first`` to ``end``, in the order in which they are written."""
     row_bytes = 16 + sum(column.row_bytes for column in columns)
     rows = max(1, SHARD_BYTES // (row_bytes * (end - first)))

@@ -20,7 +20,7 @@ SHARD_BYTES = 256 * 2**20
 
 
 @dataclass(frozen=True, kw_only=True)
-class Order:
+class DatasetSpec:
     """What is made. The same order makes the same shards, here or elsewhere."""
 
     target: str
@@ -63,7 +63,7 @@ class Order:
         return self.steps // self.every
 
 
-def remember(order: Order, about: dict[str, Any], folder: Path) -> None:
+def remember(order: DatasetSpec, about: dict[str, Any], folder: Path) -> None:
     """Write what is made beside the shards, or check that it is what was begun there.
 
     Raises:

@@ -11,7 +11,7 @@ import numpy as np
 
 from tactemu.base.errors import TactemuError
 from tactemu.base.random_streams import generator
-from tactemu.datasets.spec import Order
+from tactemu.datasets.spec import DatasetSpec
 from tactemu.geometry import rotation
 from tactemu.scene.building import read_engine
 from tactemu.scene.file import LoadedScene
@@ -39,7 +39,7 @@ class Starts:
         TactemuError: they shall be off, and there is none.
     """
 
-    def __init__(self, loaded: LoadedScene, order: Order):
+    def __init__(self, loaded: LoadedScene, order: DatasetSpec):
         carriers = {skin.link for skin in loaded.tables.skin if skin.link is not None}
         for skin in loaded.tables.skin:
             carriers |= {place if isinstance(place, str) else place.body for place in skin.links.values()}

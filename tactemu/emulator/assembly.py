@@ -17,15 +17,15 @@ from tactemu.base.random_streams import stream_key
 from tactemu.emulator.channel import Channel, Source
 from tactemu.emulator.emulator import Emulator
 from tactemu.emulator.playback import Playback, RecordedReadings, recorded
-from tactemu.emulator.port_assignment import Plug, plugs_of
+from tactemu.emulator.port_assignment import PortAssignment, plugs_of
 from tactemu.emulator.sampling import SampleClock
 from tactemu.emulator.scenario import faults_of, laws_needed, schedule
-from tactemu.emulator.sensing import Senses, Untouched
+from tactemu.emulator.sensing import NullSource, SenseReader
 from tactemu.emulator.sources import given_by, without
 from tactemu.geometry.limits import RATES_HZ
 from tactemu.geometry.motion import Joint
 from tactemu.scene.building import build_scene, make_devices
-from tactemu.scene.description import Surroundings
+from tactemu.scene.description import SceneDescription
 from tactemu.scene.file import LoadedScene
 from tactemu.scene.measured_defaults import all_measured
 from tactemu.scene.placement import PlacedSkin
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Wishes:
+class RunOptions:
     """What the caller asks for beside the scene; ``None`` and empty leave it to the scene."""
 
     port: str | Mapping[str, str] | None = None
@@ -128,7 +128,7 @@ class Assembled:
 
 def assemble(
     loaded: LoadedScene,
-    wishes: Wishes | None = None,
+    run_options: RunOptions | None = None,
     *,
     clock: Clock | None = None,
     truth: Truth | None = None,
@@ -143,24 +143,28 @@ def assemble(
     Raises:
         TactemuError: something in the scene or the wishes cannot be had.
     """
-    wishes = wishes or Wishes()
-    if wishes.measured:
+    run_options = run_options or RunOptions()
+    if run_options.measured:
         skins = all_measured(loaded.tables.skin)
         loaded = replace(loaded, tables=loaded.tables.model_copy(update={"skin": skins}))
     whole, world = loaded, loaded.tables.scene
-    seed = world.seed if wishes.seed is None else wishes.seed
-    wire_seed = stream_key(seed, f"environment {wishes.env}") if wishes.env else seed
+    seed = world.seed if run_options.seed is None else run_options.seed
+    wire_seed = stream_key(seed, f"environment {run_options.env}") if run_options.env else seed
     devices = make_devices(loaded)
-    given = given_by(source, loaded, devices, lambda scene: _built(scene, wishes, world, seed, like))
+    given = given_by(source, loaded, devices, lambda scene: _built(scene, run_options, world, seed, like))
     loaded = without(loaded, given)
-    events = (*loaded.tables.scenario, *wishes.scenario)
+    events = (*loaded.tables.scenario, *run_options.scenario)
     _check_faults(loaded)
     plugs = plugs_of(
-        loaded.tables.skin, devices, wishes.port, fresh=wishes.fresh_ports, usual_network=wishes.usual_network
+        loaded.tables.skin,
+        devices,
+        run_options.port,
+        fresh=run_options.fresh_ports,
+        usual_network=run_options.usual_network,
     )
     truth = truth or Truth()
-    wires = _wires(loaded.tables.skin, events, plugs, wishes, wire_seed, truth)
-    laws = {name: (*wishes.adjustable, *laws_needed(events, name)) for name in devices}
+    wires = _wires(loaded.tables.skin, events, plugs, run_options, wire_seed, truth)
+    laws = {name: (*run_options.adjustable, *laws_needed(events, name)) for name in devices}
     channels: dict[str, Channel] = {}
 
     def local_ns(skin: str, t_ns: int) -> int:
@@ -168,38 +172,38 @@ def assemble(
 
     scene, placed = build_scene(_driven(loaded, devices, local_ns), devices, laws, local_ns)
     played = _recordings(loaded, devices)
-    simulation = _built(scene, wishes, world, seed, like) if placed else given.simulation
+    simulation = _built(scene, run_options, world, seed, like) if placed else given.simulation
     if given.poses and simulation is not None:
         given.poses.attach(simulation)
     placed |= given.sensors
     fed = given.readings.skins if given.readings else {}
     for skin in loaded.tables.skin:
         device = devices[skin.title]
-        felt = fed.get(skin.title) or played.get(skin.title) or placed.get(skin.title) or Untouched()
+        felt = fed.get(skin.title) or played.get(skin.title) or placed.get(skin.title) or NullSource()
         own = {plug.connector.name: wires[plug.address] for plug in plugs if plug.skin == skin.title}
-        channels[skin.title] = _channel(skin, device, Senses(felt, device), own, wishes, wire_seed)
+        channels[skin.title] = _channel(skin, device, SenseReader(felt, device), own, run_options, wire_seed)
     followed = [*played.values(), *([given.readings] if given.readings else [])]
     advanced = Playback(simulation, followed) if followed else simulation
-    truth.surroundings = Surroundings(simulation, devices, placed)
-    emulator = Emulator(advanced, channels.values(), clock=clock, truth=truth, made_of=_made_of(whole, wishes))
+    truth.surroundings = SceneDescription(simulation, devices, placed)
+    emulator = Emulator(advanced, channels.values(), clock=clock, truth=truth, recipe=_recipe(whole, run_options))
     schedule(emulator, events)
 
     def again(*, port: str | Mapping[str, str] | None, clock: Clock | None, truth: Truth | None) -> Assembled:
         own = {name: copy(motion) if isinstance(motion, Steered) else motion for name, motion in whole.motions.items()}
         skins = tuple(skin.model_copy(update={"port": None, "ports": {}}) for skin in whole.tables.skin)
         tables = whole.tables.model_copy(update={"skin": skins})
-        own_source = source if simulation is None or simulation is not given.simulation else simulation.another()
+        own_source = source if simulation is None or simulation is not given.simulation else simulation.clone()
         return assemble(
-            replace(whole, motions=own, tables=tables), replace(wishes, port=port, fresh_ports=True),
+            replace(whole, motions=own, tables=tables), replace(run_options, port=port, fresh_ports=True),
             clock=clock, truth=truth, source=own_source, like=simulation,
         )  # fmt: skip
 
     return Assembled(emulator, simulation, scene, loaded, placed, frozenset(given.posed), again)
 
 
-def _built(scene: Scene, wishes: Wishes, world: World, seed: int, like: Simulation | None) -> Simulation:
+def _built(scene: Scene, run_options: RunOptions, world: World, seed: int, like: Simulation | None) -> Simulation:
     simulation = scene.build(
-        device=wishes.compute or world.device, seed=seed, dtype=world.dtype, first_env=wishes.env, like=like
+        device=run_options.compute or world.device, seed=seed, dtype=world.dtype, first_env=run_options.env, like=like
     )
     if like is None:
         simulation.step()  # loads the kernels, so that the first frame is not late
@@ -207,11 +211,11 @@ def _built(scene: Scene, wishes: Wishes, world: World, seed: int, like: Simulati
     return simulation
 
 
-def _made_of(loaded: LoadedScene, wishes: Wishes) -> dict[str, Any]:
+def _recipe(loaded: LoadedScene, run_options: RunOptions) -> dict[str, Any]:
     """What a run is of, but for its ports, and for what it keeps in memory: by this a saved state knows its own."""
     tables = loaded.tables.model_dump(by_alias=True, exclude={"truth": True, "skin": {"__all__": {"port", "ports"}}})
-    wished = {name: getattr(wishes, name) for name in ("rate_hz", "faults", "seed", "adjustable")}
-    events = [event.model_dump(exclude_defaults=True) for event in wishes.scenario]
+    wished = {name: getattr(run_options, name) for name in ("rate_hz", "faults", "seed", "adjustable")}
+    events = [event.model_dump(exclude_defaults=True) for event in run_options.scenario]
     return {**tables, "asked for": wished | {"scenario": events}}
 
 
@@ -280,7 +284,12 @@ def _recordings(loaded: LoadedScene, devices: dict[str, Device]) -> dict[str, Re
 
 
 def _wires(
-    skins: Sequence[Skin], events: Sequence[EventTable], plugs: Sequence[Plug], wishes: Wishes, seed: int, truth: Truth
+    skins: Sequence[Skin],
+    events: Sequence[EventTable],
+    plugs: Sequence[PortAssignment],
+    run_options: RunOptions,
+    seed: int,
+    truth: Truth,
 ) -> dict[str, Wire]:
     """One wire per port. Skins that share one add their faults up."""
     wires: dict[str, Wire] = {}
@@ -288,7 +297,7 @@ def _wires(
         names = [plug.skin for plug in plugs if plug.address == address]
         connector = next(plug.connector for plug in plugs if plug.address == address)
         here = [skin for skin in skins if skin.title in names]
-        faults = [*(fault for skin in here for fault in skin.faults), *wishes.faults, *faults_of(events, names)]
+        faults = [*(fault for skin in here for fault in skin.faults), *run_options.faults, *faults_of(events, names)]
         paced = {skin.pacing for skin in here}
         pacing: Pacing = False if False in paced else "strict" if "strict" in paced else True
         transport = transports.create(address)
@@ -296,8 +305,10 @@ def _wires(
     return wires
 
 
-def _channel(skin: Skin, device: Device, source: Source, wires: dict[str, Wire], wishes: Wishes, seed: int) -> Channel:
-    wanted = _periods(skin, device, wishes.rate_hz or skin.rate_hz)
+def _channel(
+    skin: Skin, device: Device, source: Source, wires: dict[str, Wire], run_options: RunOptions, seed: int
+) -> Channel:
+    wanted = _periods(skin, device, run_options.rate_hz or skin.rate_hz)
     sampling = SampleClock(
         period_ns=next((period for period in (*wanted.values(), *device.periods.values()) if period), 10_000_000),
         skew_ppm=skin.clock.skew_ppm,

@@ -38,7 +38,7 @@ class Source(Protocol):
 
 Seen = tuple[dict[str, np.ndarray], dict[str, np.ndarray]]
 """What the senses of a stream see, ideal and measured, by key."""
-Looks = dict[tuple, Seen]
+SampledReadings = dict[tuple, Seen]
 """By device, time and keys."""
 
 
@@ -72,9 +72,9 @@ class Ticks:
         """On to the conversion after the one due, and after those whose time has wholly passed."""
         self._await(self.count + 1 + missed)
 
-    def saw(self, look: Seen) -> None:
+    def saw(self, read: Seen) -> None:
         """One look of several of the conversion that is due."""
-        self._await(self.count, [*self.seen, look])
+        self._await(self.count, [*self.seen, read])
 
     def _await(self, count: int, seen: Sequence[Seen] = ()) -> None:
         count = self.sampling.taken(count) if self.sampling.missed else count
@@ -92,7 +92,7 @@ class Channel:
         DeviceError: a wish for a stream that the device does not have, or for one of several without its name.
     """
 
-    not_state: ClassVar[tuple[str, ...]] = ("name", "wishes", "_ports", "_senses")
+    TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("name", "run_options", "_ports", "_senses")
 
     name: str
     device: Device
@@ -101,12 +101,12 @@ class Channel:
     """By the name of the device's port."""
     sampling: SampleClock
     """The device's oscillator, and how late its frames leave."""
-    wishes: Mapping[str, int] = field(default_factory=dict)
+    run_options: Mapping[str, int] = field(default_factory=dict)
     """Sampling periods that the user wants, by stream [ns]; they beat the firmware's and survive every restart."""
     statistics: ChannelStatistics = field(default_factory=ChannelStatistics)
     silent_until_ns: int = 0
     """The device boots or hangs until then: it neither samples nor hears."""
-    lives: int = 0
+    power_cycles: int = 0
     """How often it has powered up: what was planned in an earlier life does not happen."""
     refresh_ns: int = 0
     """How often what it reads is renewed: between, it reads the same again; 0: always."""
@@ -127,7 +127,7 @@ class Channel:
             name = f"{self.sampling.name}/{stream}" if stream else self.sampling.name
             burst = max((sense.burst for sense in self._senses[stream]), default=1)
             ticks[stream] = Ticks(replace(self.sampling, name=name), burst=burst)
-        for stream in self.wishes:
+        for stream in self.run_options:
             if stream not in self.device.periods:
                 named = [name for name in self.device.periods if name]
                 has = f"has the streams {', '.join(named)}" if named else "has one stream; give the rate alone"
@@ -164,7 +164,7 @@ class Channel:
     def period_ns(self, stream: str) -> int:
         """The sampling period in force [ns]; 0 when the firmware has the stream off."""
         own = self.device.periods[stream]
-        return self.wishes.get(stream, own) if own else 0
+        return self.run_options.get(stream, own) if own else 0
 
     def rates_hz(self) -> dict[str, float]:
         """The sampling rate in force, by stream."""
@@ -231,7 +231,7 @@ class Channel:
 
     # -- calls into the device -----------------------------------------------------------------------------------------
 
-    def look(self, stream: str, t_ns: int, looks: Looks | None = None) -> Seen:
+    def read(self, stream: str, t_ns: int, looks: SampledReadings | None = None) -> Seen:
         """What the senses of one stream see at ``t_ns``, to which the simulation has been brought.
 
         ``looks`` are those taken since anything changed: boards that sample together share one.
@@ -265,7 +265,7 @@ class Channel:
         bursts = {sense.key: sense.burst for sense in self._senses[stream]}
         ideal, measured = (
             {
-                key: np.stack([look[side][key] for look in looks], -1) if n > 1 else last[side][key]
+                key: np.stack([read[side][key] for read in looks], -1) if n > 1 else last[side][key]
                 for key, n in bursts.items()
             }
             for side in (0, 1)

@@ -24,13 +24,13 @@ import numpy as np
 
 from firmware_protocols import Convert, Counts, Restart
 from firmware_protocols.can_frames import CanFrames
-from tactemu.base.agenda import Action, Agenda, Guest
+from tactemu.base.agenda import Action, Agenda, ScheduledCallback
 from tactemu.base.calls import Calls
 from tactemu.base.clock import Clock, RealClock
-from tactemu.emulator.channel import Channel, Looks, Source
+from tactemu.emulator.channel import Channel, SampledReadings, Source
 from tactemu.transports.transport import Closed, Event, LinesChanged, Noted, Opened, SettingChanged
 from tactemu.truth import Truth
-from tactemu.wire.wire import Heard, Wire
+from tactemu.wire.wire import ReceivedData, Wire
 
 if TYPE_CHECKING:
     from tactemu.plan.plan import Plan
@@ -75,8 +75,8 @@ class Emulator:
         made_of: what it was assembled from, as plain data: a state of another is refused by what differs.
     """
 
-    not_state: ClassVar[tuple[str, ...]] = (
-        "catch_up_steps", "clock", "look_ahead_ns", "made_of", "_calls", "_channels", "_resumed", "_stop_requested",
+    TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = (
+        "catch_up_steps", "clock", "look_ahead_ns", "recipe", "_calls", "_channels", "_resumed", "_stop_requested",
     )  # fmt: skip
 
     def __init__(
@@ -87,9 +87,9 @@ class Emulator:
         clock: Clock | None = None,
         truth: Truth | None = None,
         catch_up_steps: int = 50,
-        made_of: Mapping[str, Any] | None = None,
+        recipe: Mapping[str, Any] | None = None,
     ):
-        self.made_of = made_of or {}
+        self.recipe = recipe or {}
         self.catch_up_steps = catch_up_steps
         self.simulation = simulation
         self.channels = list(channels)
@@ -104,7 +104,7 @@ class Emulator:
         self.look_ahead_ns: int | None = None
         """In real time the simulation is at most so far ahead (or a step, if that is longer); ``None``: any way."""
         self._channels = {channel.name: channel for channel in self.channels}
-        self._agenda: Agenda[Action | Guest] = Agenda(self._knows)
+        self._agenda: Agenda[Action | ScheduledCallback] = Agenda(self._knows)
         self._outbox: Agenda[Action] = Agenda(self._knows)
         """Samples until their release times."""
         self._calls = Calls()
@@ -124,7 +124,7 @@ class Emulator:
             for channel in self.channels:
                 channel.plug()
             for wire in self.wires:
-                wire.stands, wire.is_real_time = self.clock.stands, not self.clock.virtual
+                wire.is_paused, wire.is_real_time = self.clock.is_paused, not self.clock.virtual
                 wire.open()
             self._calls.open()
             self.clock.start()
@@ -132,7 +132,7 @@ class Emulator:
                 self.clock.set_ns(self.now_ns)
             else:  # the same moments, whatever the clock
                 self.now_ns = self.clock.now_ns() if self.clock.virtual else 0
-            self.truth.begin(self.clock.origin_ns, patient=self.clock.virtual)
+            self.truth.begin(self.clock.origin_ns, block_when_full=self.clock.virtual)
             for channel in () if self._resumed else self.channels:
                 self._power_on(channel)
         except BaseException:
@@ -153,9 +153,9 @@ class Emulator:
     def _power_on(self, channel: Channel) -> None:
         """The device loses its memory and boots; until then it neither samples nor hears."""
         now = self.now_ns
-        if channel.lives:
+        if channel.power_cycles:
             channel.device.power_cycle()
-        channel.lives += 1
+        channel.power_cycles += 1
         channel.halt()
         booted = channel.silent_until_ns = now + round(channel.device.boot_s * 1e9)
         if booted > now:
@@ -202,7 +202,7 @@ class Emulator:
             self._listen(wire, now)
             if not self.clock.virtual:  # an answer does not wait for the physics of a sample
                 wire.flush(self.clock.now_ns())
-        looks: Looks = {}
+        looks: SampledReadings = {}
         sent_ns = now
         for channel, stream in self._due(now):
             self._sample(channel, stream, now, looks)
@@ -221,11 +221,11 @@ class Emulator:
                     if each is wire:
                         self._hand_over(channel, port, event, now)
 
-    def _hand_over(self, channel: Channel, port: str, event: Event | Heard, now: int) -> None:
+    def _hand_over(self, channel: Channel, port: str, event: Event | ReceivedData, now: int) -> None:
         local = channel.local_ns(now)
         match event:
-            case Heard():
-                data = channel.wires[port].heard_by(channel.name, event)
+            case ReceivedData():
+                data = channel.wires[port].received_by(channel.name, event)
                 if data is not None and now < channel.silent_until_ns:
                     channel.device.counters["unheard"] += 1
                 elif data is not None:
@@ -265,7 +265,7 @@ class Emulator:
         samples = [channel.next_due_ns() for channel in self.channels]
         return [t_ns for t_ns in (*samples, *others) if t_ns is not None]
 
-    def _sample(self, channel: Channel, stream: str, now: int, looks: Looks) -> None:
+    def _sample(self, channel: Channel, stream: str, now: int, looks: SampledReadings) -> None:
         """Simulation up to the sample's time, reading, device, and out after the sampling delay."""
         ticks = channel.ticks[stream]
         if not ticks.running:
@@ -277,18 +277,20 @@ class Emulator:
             return
         if len(ticks.seen) < ticks.burst - 1:
             self._advance(channel, stream, due)
-            ticks.saw(channel.look(stream, due, looks))
+            ticks.saw(channel.read(stream, due, looks))
             return
         stamp, release = ticks.sampling.stamp_ns(count), ticks.sampling.release_ns(count, due)
         number = self._convert(channel, stream, due, stamp, looks)
         self._call(channel, now, "stream", stamp, stream, release_ns=release, sample=number)
         self._count(channel, stream, count, due)
 
-    def _convert(self, channel: Channel, stream: str, t_ns: int, stamp_ns: int, looks: Looks | None = None) -> int:
+    def _convert(
+        self, channel: Channel, stream: str, t_ns: int, stamp_ns: int, looks: SampledReadings | None = None
+    ) -> int:
         """One conversion at ``t_ns``, logged; returns its number."""
         number, channel.samples = channel.samples, channel.samples + 1
         self._advance(channel, stream, t_ns)
-        ideal, measured = channel.whole(stream, channel.look(stream, t_ns, looks))
+        ideal, measured = channel.whole(stream, channel.read(stream, t_ns, looks))
         counts = channel.feel(stream, measured, stamp_ns)
         for key, values, sense in _by_sense(counts, measured):
             self.truth.sample(t_ns, channel.name, ideal[key], measured[key], values, number=number, sense=sense)
@@ -405,7 +407,7 @@ class Emulator:
 
     def _later(self, channel: Channel, t_ns: int, name: str, *args: Any) -> None:
         """Unless the device has restarted by then."""
-        self._agenda.put(t_ns, Action(name, channel.name, args, channel.lives))
+        self._agenda.put(t_ns, Action(name, channel.name, args, channel.power_cycles))
 
     def _set_alarm(self, channel: Channel, now: int) -> None:
         """The device's alarm clock was set, to a time of its own clock, or switched off."""
@@ -421,11 +423,11 @@ class Emulator:
 
     # -- what others ask of the loop -----------------------------------------------------------------------------------
 
-    def call(self, action: Guest, at_ns: int = 0) -> None:
+    def call(self, action: ScheduledCallback, at_ns: int = 0) -> None:
         """Have ``action`` run by the loop at the end of a turn, not before ``at_ns``. Safe from any thread."""
         self._calls.put(action, at_ns)
 
-    def at(self, t_ns: int, action: Action | Guest) -> None:
+    def at(self, t_ns: int, action: Action | ScheduledCallback) -> None:
         """Have ``action`` run by the loop at an emulation time, before what is sampled then. Call from the loop's
         thread, or before it runs."""
         self._agenda.put(t_ns, action)
@@ -448,12 +450,12 @@ class Emulator:
     def _named(self, name: str | None) -> list[Channel]:
         return [channel for channel in self.channels if name in (None, channel.name)]
 
-    def _do(self, action: Action | Guest) -> None:
+    def _do(self, action: Action | ScheduledCallback) -> None:
         if not isinstance(action, Action):
             action()
             return
         channel = self._channels[action.channel]
-        if action.life is None or action.life == channel.lives:
+        if action.life is None or action.life == channel.power_cycles:
             ACTIONS[action.name](self, channel, *action.args)
 
     def _knows(self, action: Action) -> bool:

@@ -28,7 +28,7 @@ class RecordedReadings:
         TactemuError: the file is no truth log, or has no samples of this device.
     """
 
-    not_state: ClassVar[tuple[str, ...]] = ("times_ns", "_measured", "_ideal")
+    TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("times_ns", "_measured", "_ideal")
 
     imperfections = None
     """They are in the recording, or in the sensor that it was made of."""
@@ -86,7 +86,7 @@ def recorded(path: Path, of: str | None, skin: str, device: Device) -> RecordedR
 class Playback:
     """What the loop advances where some skins play recordings: them, and the simulation of the others, if any."""
 
-    not_state: ClassVar[tuple[str, ...]] = ()
+    TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, simulation: Any, recordings: Sequence[RecordedReadings]):
         self.simulation, self.recordings = simulation, recordings

@@ -9,11 +9,11 @@ from firmware_protocols import Connector, Device
 from tactemu import transports
 from tactemu.base.errors import DeviceError, SceneError, TransportError
 from tactemu.scene.schema import Skin
-from tactemu.wire.line_models import carrier_of
+from tactemu.wire.line_models import line_model_for
 
 
 @dataclass(frozen=True)
-class Plug:
+class PortAssignment:
     """One connector of one device in one port."""
 
     skin: str
@@ -29,7 +29,7 @@ def plugs_of(
     *,
     fresh: bool = False,
     usual_network: bool = False,
-) -> list[Plug]:
+) -> list[PortAssignment]:
     """Where every connector that is in use goes.
 
     Args:
@@ -45,28 +45,28 @@ def plugs_of(
         TransportError: an address that cannot be, or two devices on one bus that disagree about its speed.
     """
     fresh_kinds = (fresh and not usual_network, fresh)
-    wishes = {} if wish is None or isinstance(wish, str) else dict(wish)
+    run_options = {} if wish is None or isinstance(wish, str) else dict(wish)
     plugs = []
     for skin in skins:
         device = devices[skin.title]
         single, named = skin.port, dict(skin.ports)
         if isinstance(wish, str):
             single = wish
-        single = wishes.pop(skin.title, single)
+        single = run_options.pop(skin.title, single)
         for connector in device.ports:
             for key in (f"{skin.title}/{connector.name}", connector.name):
-                if key in wishes:
-                    named[connector.name] = wishes.pop(key)
+                if key in run_options:
+                    named[connector.name] = run_options.pop(key)
         plugs += _plugs_of_one(skin.title, device, single, named, fresh_kinds)
-    if wishes:
+    if run_options:
         known = [skin.title for skin in skins] + [f"{s.title}/{c.name}" for s in skins for c in devices[s.title].ports]
-        raise DeviceError(f"no such port: {', '.join(wishes)} (there are: {', '.join(known)})")
+        raise DeviceError(f"no such port: {', '.join(run_options)} (there are: {', '.join(known)})")
     return _shared([_own_memory(plug, plugs) for plug in plugs])
 
 
 def _plugs_of_one(
     skin: str, device: Device, single: str | None, named: dict[str, str], fresh: tuple[bool, bool]
-) -> list[Plug]:
+) -> list[PortAssignment]:
     """Where the connectors of one device go; ``fresh``: to new ports, if on the network, and if not."""
     connectors = {connector.name: connector for connector in device.ports}
     for name in named:
@@ -81,7 +81,7 @@ def _plugs_of_one(
             used.discard(first.name)
         used.add(chosen.name)
     return [
-        Plug(skin, each, named.get(each.name) or _default_port(skin, device, each, fresh))
+        PortAssignment(skin, each, named.get(each.name) or _default_port(skin, device, each, fresh))
         for each in device.ports
         if each.name in used
     ]
@@ -90,8 +90,8 @@ def _plugs_of_one(
 def _default_port(skin: str, device: Device, connector: Connector, fresh: tuple[bool, bool]) -> str:
     name = skin if len(device.ports) == 1 or not connector.name else f"{skin}-{connector.name}"
     name = skin if connector is device.ports[0] and not any(each.plugged for each in device.ports[1:]) else name
-    carrier = carrier_of(connector)
-    return carrier.fresh_port(name) if fresh[not carrier.network] else carrier.usual_port(name)
+    line_model = line_model_for(connector)
+    return line_model.fresh_port(name) if fresh[not line_model.network] else line_model.usual_port(name)
 
 
 def _fitting(device: Device, address: str) -> Connector:
@@ -100,37 +100,37 @@ def _fitting(device: Device, address: str) -> Connector:
     scheme = address.partition(":")[0]
     if scheme == "memory":
         return device.ports[0]
-    fits = [(carrier_of(each).schemes, each) for each in device.ports]
+    fits = [(line_model_for(each).schemes, each) for each in device.ports]
     fits = [(schemes.index(scheme), each) for schemes, each in fits if scheme in schemes]
     if not fits:
-        has = " or ".join(dict.fromkeys(carrier_of(each).kind for each in device.ports))
+        has = " or ".join(dict.fromkeys(line_model_for(each).kind for each in device.ports))
         raise DeviceError(f"{device.name} has a {has} connector and cannot be plugged into {scheme}:")
     return min(fits, key=lambda entry: entry[0])[1]
 
 
-def _own_memory(plug: Plug, plugs: Sequence[Plug]) -> Plug:
+def _own_memory(plug: PortAssignment, plugs: Sequence[PortAssignment]) -> PortAssignment:
     """``memory:`` given to several is one for each."""
     if plug.address == "memory:" and sum(other.address == "memory:" for other in plugs) > 1:
         name = f"{plug.skin}/{plug.connector.name}" if plug.connector.name else plug.skin
-        return Plug(plug.skin, plug.connector, f"memory:{name}")
+        return PortAssignment(plug.skin, plug.connector, f"memory:{name}")
     return plug
 
 
-def _shared(plugs: list[Plug]) -> list[Plug]:
-    holders: dict[str, Plug] = {}
+def _shared(plugs: list[PortAssignment]) -> list[PortAssignment]:
+    holders: dict[str, PortAssignment] = {}
     for plug in plugs:
         first = holders.setdefault(plug.address, plug)
         if first is plug:
             continue
-        carrier = carrier_of(first.connector)
-        if not carrier.shared:
+        line_model = line_model_for(first.connector)
+        if not line_model.shared:
             raise SceneError(
                 f"skins {plug.skin!r} and {first.skin!r} cannot share {plug.address}; only a CAN bus and an RS-485 "
                 "line are shared. Give each skin a `port` of its own in the scene file"
             )
-        if not carrier.agrees(plug.connector):
+        if not line_model.agrees(plug.connector):
             raise TransportError(
-                f"{plug.address}: {first.skin!r} needs {carrier.describe()} and {plug.skin!r} "
-                f"{carrier_of(plug.connector).describe()}; put them on two buses"
+                f"{plug.address}: {first.skin!r} needs {line_model.describe()} and {plug.skin!r} "
+                f"{line_model_for(plug.connector).describe()}; put them on two buses"
             )
     return plugs

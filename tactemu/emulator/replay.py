@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from firmware_protocols import Can, Connector, Serial
-from tactemu.base.agenda import Guest
+from tactemu.base.agenda import ScheduledCallback
 from tactemu.base.calls import Calls
 from tactemu.base.clock import Clock
 from tactemu.base.errors import TactemuError, TransportError
@@ -96,7 +96,7 @@ class Replay:
         self._stop_requested = True
         self.call(lambda: None)
 
-    def call(self, action: Guest, at_ns: int = 0) -> None:
+    def call(self, action: ScheduledCallback, at_ns: int = 0) -> None:
         """Have ``action`` run at the end of a turn, not before ``at_ns``. Safe from any thread."""
         self._calls.put(action, at_ns)
 
@@ -105,7 +105,7 @@ class Replay:
         for event in self.wire.receive(now_ns):
             if isinstance(event, Opened):
                 self._restart(now_ns)
-        if self._start_ns is None and self.wire.transport.listening:
+        if self._start_ns is None and self.wire.transport.has_reader:
             self._restart(now_ns)  # a bus has no opening
         for _ in self.entries:  # once around at most, also in an endless loop at infinite speed
             due = self._due_ns()

@@ -83,7 +83,7 @@ def schedule(emulator: Emulator, events: Iterable[EventTable], *, now_s: float =
         _plan(emulator, channel, event, round(now_s * 1e9))
 
 
-def befall(emulator: Emulator, event: EventTable, now_s: float) -> None:
+def apply_event(emulator: Emulator, event: EventTable, now_s: float) -> None:
     """Let an event happen in a loop that runs, its faults of bytes included; its times count from ``now_s`` [s].
 
     Raises:

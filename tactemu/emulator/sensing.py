@@ -36,7 +36,7 @@ class Skin(Protocol):
         ...
 
 
-class Senses:
+class SenseReader:
     """A device's transducers on a skin: a :class:`~tactemu.emulator.channel.Source`.
 
     Args:
@@ -44,7 +44,7 @@ class Senses:
         device: whose taxels they are, and whose motors feel loads.
     """
 
-    not_state: ClassVar[tuple[str, ...]] = ("_layout", "_device")
+    TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("_layout", "_device")
 
     def __init__(self, skin: Skin, device: Device):
         self.skin = skin
@@ -93,10 +93,10 @@ class Senses:
         return found[quantity, link]
 
 
-class Untouched:
+class NullSource:
     """The skin of a device without taxels."""
 
-    not_state: ClassVar[tuple[str, ...]] = ()
+    TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ()
     imperfections = None
     wrench = None
 

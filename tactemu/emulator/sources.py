@@ -134,7 +134,7 @@ def _seen(value: Any) -> str:
 class OwnPoses:
     """Poses bodies of a simulation at each of its steps."""
 
-    not_state: ClassVar[tuple[str, ...]] = ("names", "_function")
+    TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("names", "_function")
 
     def __init__(self, function: Function, first: Mapping[str, Any]):
         self.names = tuple(first)
@@ -196,7 +196,7 @@ def _pose(name: str, given: Any, before: Pose | None, t_s: float, dt: float) -> 
 class OwnSkin:
     """What one skin feels by the user's function: readings as they are, spoilt by nothing."""
 
-    not_state: ClassVar[tuple[str, ...]] = ("name", "_n", "_contact", "_wrenches")
+    TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("name", "_n", "_contact", "_wrenches")
     imperfections = None
 
     def __init__(self, name: str, device: Device):
@@ -250,7 +250,7 @@ class OwnSkin:
 class OwnReadings:
     """Asks the user's function for the readings of its skins, as the loop comes to their time."""
 
-    not_state: ClassVar[tuple[str, ...]] = ("_function", "_by_skin")
+    TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("_function", "_by_skin")
 
     def __init__(self, function: Function, skins: Mapping[str, OwnSkin], first: Any, by_skin: bool):
         self.skins = dict(skins)

@@ -74,7 +74,7 @@ class Source(Protocol):
         """All of them."""
         ...
 
-    def carrier(self, name: str) -> Body:
+    def body_of(self, name: str) -> Body:
         """The body that carries a skin on a geom or body of this name."""
         ...
 
@@ -246,13 +246,13 @@ class BatchEngine(ABC):
         """Those that it added to the scene."""
         return self.source.bodies
 
-    def carrier(self, name: str, _part: str) -> Body:
+    def body_of(self, name: str, _part: str) -> Body:
         """The body that carries a skin on the geom or body of this name.
 
         Raises:
             SceneError: there is neither.
         """
-        return self.source.carrier(name)
+        return self.source.body_of(name)
 
     def carries(self, sensor: Sensor) -> None:
         """A skin was put on a carrier."""

@@ -67,7 +67,7 @@ class MujocoEngine:
         SceneError: MuJoCo is not installed, or cannot read the file, or a name is not in it.
     """
 
-    not_state: ClassVar[tuple[str, ...]] = ()
+    TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, scene: Scene, file: Path, drives: Sequence[Drive] = (), table: MujocoTable | None = None):
         self._mujoco = load_mujoco()
@@ -143,7 +143,7 @@ class MujocoEngine:
 
     # -- skins -------------------------------------------------------------------------------------------------------
 
-    def carrier(self, name: str, part: str) -> Body:
+    def body_of(self, name: str, part: str) -> Body:
         """The body that carries a skin on the geom or MuJoCo body of this name: where skins feel its force, a frame of
         the part's own.
 
@@ -151,7 +151,7 @@ class MujocoEngine:
             SceneError: there is neither.
         """
         if self._table.felt == "overlap":
-            return self.source.carrier(name)
+            return self.source.body_of(name)
         self.source.check(name)
         frame = self.source.pad(name, part)
         self.pads[frame] = Pad(frame, np.isin(np.arange(self.model.ngeom), self.source.moving_with(name)))
@@ -264,7 +264,7 @@ class MujocoEngine:
             "pads": [pad.state() for pad in self.pads.values()],
         }
 
-    def prepared(self, state: dict[str, Any]) -> Callable[[], None]:
+    def prepare_restore(self, state: dict[str, Any]) -> Callable[[], None]:
         """What takes on a state once it is called.
 
         Raises:

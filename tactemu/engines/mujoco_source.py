@@ -159,7 +159,7 @@ class MujocoSource:
             return data.geom_xpos[index], data.geom_xmat[index].reshape(3, 3)
         return data.xpos[index], data.xmat[index].reshape(3, 3)
 
-    def carrier(self, name: str) -> Body:
+    def body_of(self, name: str) -> Body:
         """The body to put a skin on, of the geom or MuJoCo body of this name.
 
         Raises:

@@ -110,7 +110,7 @@ class NewtonSource:
             self._links[found] = self._scene.add_body(name=f"{self._name('body', found)} (frame)")
         return self._links[found]
 
-    def carrier(self, name: str) -> Body:
+    def body_of(self, name: str) -> Body:
         """The body to put a skin on, of the shape or Newton body of this name.
 
         Raises:

@@ -191,7 +191,7 @@ class ExecEnvironment:
                     port = self._port(title, channel.device, connector) if serial else self._bus(title, wire)
                     self._ports[title] = port
                     yield dev, wire, port
-                elif wire.carrier.network:
+                elif wire.line_model.network:
                     self._on_network[title] = wire.transport
 
     def _check_network(self) -> None:
@@ -258,7 +258,7 @@ def _change(wire: Wire, port: Transport) -> None:
     """Another port at the end of a wire; if it cannot be opened, the former one."""
     before = wire.transport
     before.close()
-    port.fit(wire.carrier.connector)
+    port.fit(wire.line_model.connector)
     try:
         port.open()
     except BaseException:

@@ -47,7 +47,7 @@ class Exposed:
         self._ask, self.port = ask, port
         self.outwards = _served(port)
         """A program of the machine serves there; else one in the view may."""
-        listener = self._in_view("listen", port=port) if self.outwards else _listening(port)
+        listener = self._in_view("listen", port=port) if self.outwards else _is_served(port)
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._run, args=(listener,), name=f"tcp:{port}", daemon=True)
         self._thread.start()
@@ -106,7 +106,7 @@ def _served(port: int) -> bool:
         return tried.connect_ex((_HERE, port)) == 0
 
 
-def _listening(port: int) -> socket.socket:
+def _is_served(port: int) -> socket.socket:
     try:
         return socket.create_server((_HERE, port))
     except OSError as error:

@@ -34,7 +34,7 @@ def main(descriptor: int, emulator: int, preload: str) -> None:
     for number in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)  # it ends with the emulator, and not before
     wire = socket.socket(fileno=descriptor)
-    lives = os.pidfd_open(emulator)
+    emulator_fd = os.pidfd_open(emulator)
     try:
         enter_namespaces()
         view = View()
@@ -45,7 +45,7 @@ def main(descriptor: int, emulator: int, preload: str) -> None:
         return
     network = Network(ROOM)
     _say(wire, {})
-    while message := _next(wire, lives):
+    while message := _next(wire, emulator_fd):
         answer, descriptors = {}, []
         try:
             answer, descriptors = _do(view, network, **message)
@@ -98,11 +98,11 @@ def _do(view: View, network: Network, do: str, **given: Any) -> tuple[dict[str, 
     raise ValueError(f"nobody knows how to {do}")
 
 
-def _next(wire: socket.socket, lives: int) -> dict[str, Any] | None:
+def _next(wire: socket.socket, emulator_fd: int) -> dict[str, Any] | None:
     """The next message; ``None``: the emulator has gone."""
     poll = select.poll()
     poll.register(wire, select.POLLIN)
-    poll.register(lives, select.POLLIN)
+    poll.register(emulator_fd, select.POLLIN)
     ready = dict(poll.poll())
     if wire.fileno() not in ready:
         return None

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from tactemu.judge.stand import Stand
+from tactemu.judge.stand import DriverRig
 
 TURN_PARTS = 4
 """A jump, and the way over the end, spans at most this part of the range: a driver that compares numbers modulo the
@@ -29,7 +29,7 @@ class Counter:
         sleep: waits some seconds, or raises where no time is left.
     """
 
-    def __init__(self, stand: Stand, name: str, sleep: Callable[[float], object] = time.sleep):
+    def __init__(self, stand: DriverRig, name: str, sleep: Callable[[float], object] = time.sleep):
         self.stand, self.name, self._sleep = stand, name, sleep
         self._all = [
             (channel, each)

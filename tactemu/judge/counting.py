@@ -16,7 +16,7 @@ from tactemu.judge.excitation import STEP
 from tactemu.judge.following import GRACE_MS, Questions, Reading
 from tactemu.judge.matching import Match
 from tactemu.judge.outcome import Known, Outcome
-from tactemu.judge.tape import Tape
+from tactemu.judge.tape import TrialRecord
 
 OWN_LATE_MS = 2.0
 """Lateness of our own process with a sample's frames from which on nobody may ask the driver for the sample [ms]."""
@@ -37,7 +37,7 @@ def template(text: str) -> str:
     return re.sub(r"0x[0-9a-fA-F]+|\d+(\.\d+)?(e-?\d+)?", "#", text)[:120]
 
 
-def count(out: Outcome, tape: Tape, reading: Reading, left: np.ndarray) -> None:
+def count(out: Outcome, tape: TrialRecord, reading: Reading, left: np.ndarray) -> None:
     """Every row of the trial is one of: right, wrong, marked, again, older."""
     known = reading.known
     times = np.array([sample.t for sample in tape.samples])
@@ -92,7 +92,9 @@ def count(out: Outcome, tape: Tape, reading: Reading, left: np.ndarray) -> None:
         out.age_ms = float(np.median(ages))
 
 
-def _wait_ns(match: Match, left: np.ndarray, answers: Mapping[int, list[int]], sent_at: np.ndarray, tape: Tape) -> int:
+def _wait_ns(
+    match: Match, left: np.ndarray, answers: Mapping[int, list[int]], sent_at: np.ndarray, tape: TrialRecord
+) -> int:
     """From the last byte that a row needed to the driver's hands; of one that asks, from the end of the answer."""
     t, k = match.said.t, match.sample
     assert k is not None
@@ -105,7 +107,7 @@ def _wait_ns(match: Match, left: np.ndarray, answers: Mapping[int, list[int]], s
     return t - int(left[k])
 
 
-def _answers(tape: Tape) -> dict[int, list[int]]:
+def _answers(tape: TrialRecord) -> dict[int, list[int]]:
     """When frames left that carried a sample, by its number."""
     found: dict[int, list[int]] = {}
     for frame in tape.frames:
@@ -114,7 +116,7 @@ def _answers(tape: Tape) -> dict[int, list[int]]:
     return found
 
 
-def _lost(tape: Tape, seen: set[int]) -> tuple[int, int]:
+def _lost(tape: TrialRecord, seen: set[int]) -> tuple[int, int]:
     """Unharmed samples that left between the first and the last that came and did not come; and how many left."""
     if not seen:
         return 0, 0
@@ -132,7 +134,7 @@ def _lost(tape: Tape, seen: set[int]) -> tuple[int, int]:
     return len(window - seen - harmed), len(window)
 
 
-def _held_up(tape: Tape, number: Mapping[int, int]) -> set[int]:
+def _held_up(tape: TrialRecord, number: Mapping[int, int]) -> set[int]:
     """Return the samples whose frames left late because our own process was held up, and those right after them.
 
     A driver may refuse them: the frames of a sample are further apart than those of the device, or closer together.
@@ -142,7 +144,7 @@ def _held_up(tape: Tape, number: Mapping[int, int]) -> set[int]:
     return held_up | {k + 1 for k in held_up}
 
 
-def _keep_bad(out: Outcome, match: Match, tape: Tape, reading: Reading, old: bool = False) -> None:
+def _keep_bad(out: Outcome, match: Match, tape: TrialRecord, reading: Reading, old: bool = False) -> None:
     if len(out.bad) >= 8:
         return
     near = match.sample if old else match.nearest
@@ -159,7 +161,7 @@ def _keep_bad(out: Outcome, match: Match, tape: Tape, reading: Reading, old: boo
     })  # fmt: skip
 
 
-def listen(out: Outcome, tape: Tape, known: Known) -> None:
+def listen(out: Outcome, tape: TrialRecord, known: Known) -> None:
     """New things that were said, and the longest silence while the fault lasted."""
     usual = set(known.usual)
     columns = Columns.from_dict(tape.columns or {"columns": []})
@@ -179,7 +181,7 @@ def listen(out: Outcome, tape: Tape, known: Known) -> None:
         out.quiet_s = min(out.quiet_s, (words[0] - tape.on) / 1e9)
 
 
-def weigh(out: Outcome, tape: Tape) -> None:
+def weigh(out: Outcome, tape: TrialRecord) -> None:
     """Processor and memory."""
     during = [weight for weight in tape.weights if tape.on <= weight.t <= tape.off]
     if len(during) > 3:
@@ -189,14 +191,14 @@ def weigh(out: Outcome, tape: Tape) -> None:
     out.grown = _grown(tape)
 
 
-def _grown(tape: Tape) -> int:
+def _grown(tape: TrialRecord) -> int:
     """Return the growth from the last look before the fault until the driver was well again [byte]."""
     before = [weight.bytes for weight in tape.weights if weight.t <= tape.on][-1:]
     sizes = before + [weight.bytes for weight in tape.weights if tape.on < weight.t <= tape.end]
     return sizes[-1] - sizes[0] if sizes else 0
 
 
-def _growth(tape: Tape) -> float:
+def _growth(tape: TrialRecord) -> float:
     """Bytes for each reading, by the median of all slopes after the first third of the time."""
     weights = [weight for weight in tape.weights if tape.on <= weight.t <= tape.off]
     if len(weights) < 15:

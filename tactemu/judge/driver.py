@@ -19,7 +19,7 @@ from tactemu.base.errors import TactemuError
 from tactemu.judge import processes
 from tactemu.judge.lateness import Delay
 from tactemu.judge.rows import LONGEST, Rows
-from tactemu.judge.tape import Note, Said, Weight
+from tactemu.judge.tape import DriverRow, Note, ResourceUsage
 
 FLOOD_BYTES = 8_000_000
 """Of what a driver prints within :data:`FLOOD_S` seconds and is no row: more is a flood, and the driver is ended."""
@@ -74,9 +74,9 @@ class Driver:
     """
 
     def __init__(self, command: Sequence[str], ports: Mapping[str, str]):
-        self.rows: list[Said] = []
+        self.rows: list[DriverRow] = []
         self.notes: list[Note] = []
-        self.weights: list[Weight] = []
+        self.weights: list[ResourceUsage] = []
         self.delays: list[Delay] = []
         """How late our own thread and the driver's processes were scheduled, at each look at their weight."""
         self.flooded = False
@@ -147,7 +147,7 @@ class Driver:
                 weigh = max(weigh + WEIGH_S, time.monotonic())
                 if self.process.returncode is None:
                     pid = self.process.pid
-                    self.weights.append(Weight(now, *processes.weight(pid)))
+                    self.weights.append(ResourceUsage(now, *processes.weight(pid)))
                     self.delays.append(Delay(now, round(1e9 * overslept), processes.queued_ns(pid)))
         for stream in (*self._streams, self._stop):
             os.close(stream)
@@ -191,7 +191,7 @@ class Driver:
         if len(self.rows) + len(self.notes) > KEPT:
             self.dropped += 1
         elif row is not None:
-            self.rows.append(Said(now, row))
+            self.rows.append(DriverRow(now, row))
         else:
             self.notes.append(Note(now, said[:NOTE], err))
         return row is not None

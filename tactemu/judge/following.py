@@ -9,7 +9,7 @@ import numpy as np
 from tactemu.judge.columns import Columns
 from tactemu.judge.matching import Match, Matcher
 from tactemu.judge.outcome import Known
-from tactemu.judge.tape import Tape
+from tactemu.judge.tape import TrialRecord
 
 SETTLED = 10
 """Right rows in a row after which a driver is well again."""
@@ -29,7 +29,7 @@ class Reading:
         self.matches: list[Match] = []
         self._rows = 0
 
-    def feed(self, tape: Tape) -> list[Match]:
+    def feed(self, tape: TrialRecord) -> list[Match]:
         """Match what is new on a tape that only grows; returns the new matches, without rows that are no reading."""
         rows = tape.rows[self._rows :]  # before the samples: no row is there before its own
         self.matcher.add(tape.samples[self.matcher.count :])
@@ -39,7 +39,7 @@ class Reading:
         return new
 
 
-def left_times(tape: Tape) -> np.ndarray:
+def left_times(tape: TrialRecord) -> np.ndarray:
     """When the last frame of each sample left [ns]; of those that none carried, when they were taken."""
     times = np.array([sample.t for sample in tape.samples], np.int64)
     at = {sample.number: k for k, sample in enumerate(tape.samples)}
@@ -51,7 +51,7 @@ def left_times(tape: Tape) -> np.ndarray:
 
 
 def recovered(
-    tape: Tape, matches: Sequence[Match], known: Known, after: int, left: np.ndarray | None = None
+    tape: TrialRecord, matches: Sequence[Match], known: Known, after: int, left: np.ndarray | None = None
 ) -> float | None:
     """Seconds from ``after`` to the first of ten right rows in a row, all of samples since then and in their order."""
     left = left_times(tape) if left is None else left
@@ -83,7 +83,7 @@ def recovered(
 class Questions:
     """Of a driver that asks: what was the newest when it asked for a row."""
 
-    def __init__(self, tape: Tape, ask_ms: float):
+    def __init__(self, tape: TrialRecord, ask_ms: float):
         self._asked = np.array([f.t for f in tape.frames if f.way == "rx"])
         self._answered = np.sort(np.array([f.t for f in tape.frames if f.way == "tx"]))
         self._usual_ns = 1e6 * ask_ms
@@ -132,7 +132,7 @@ class Questions:
         return behind is not None and behind > known.behind + max(1.0, 0.5 * a_row)
 
 
-def _newest(tape: Tape, asked: np.ndarray) -> np.ndarray:
+def _newest(tape: TrialRecord, asked: np.ndarray) -> np.ndarray:
     """Return the index of the newest sample for each question: the one of its answer, or by time where none came.
 
     A busy loop takes samples between the arrival of a question and its answer, and a device may answer with the sample

@@ -26,7 +26,7 @@ class Lie(NamedTuple):
     """The faults that make it of the frame with this number."""
 
 
-def lies(frames: Sequence[str], wire: str) -> list[Lie]:
+def forged_values(frames: Sequence[str], wire: str) -> list[Lie]:
     """Wrong answers, if the frames are answers of Modbus to a reading of registers."""
     data = [bytes.fromhex(frame) for frame in frames if "#" not in frame]
     rtu = [frame for frame in data if _is_rtu(frame)]

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from tactemu.judge.processes import queued_ns
-from tactemu.judge.tape import Tape
+from tactemu.judge.tape import TrialRecord
 
 
 class Delay(NamedTuple):
@@ -45,7 +45,7 @@ class Patience:
         return more > min(queued_s, MOST_QUEUED * self.seconds)
 
 
-def late_ms(tape: Tape, delays: Sequence[Delay]) -> float:
+def late_ms(tape: TrialRecord, delays: Sequence[Delay]) -> float:
     """Return the delay of a row for which the driver is not to blame [ms].
 
     It is the largest of: the lateness of the emulator's loop with the frames, the lateness of the thread that reads
@@ -57,7 +57,7 @@ def late_ms(tape: Tape, delays: Sequence[Delay]) -> float:
     return max(_loop_ms(tape), own, _queued_ms(tape, during))
 
 
-def _loop_ms(tape: Tape) -> float:
+def _loop_ms(tape: TrialRecord) -> float:
     """Return the lateness of the emulator's loop with its frames, beyond the quickest [ms]."""
     at = {sample.number: sample.t for sample in tape.samples}
     waits = sorted(
@@ -68,7 +68,7 @@ def _loop_ms(tape: Tape) -> float:
     return (waits[len(waits) * 99 // 100] - waits[0]) / 1e6 if waits else 0.0
 
 
-def _queued_ms(tape: Tape, during: Sequence[Delay]) -> float:
+def _queued_ms(tape: TrialRecord, during: Sequence[Delay]) -> float:
     """Return the driver's waiting for a processor, per row [ms]."""
     if len(during) < 2:
         return 0.0

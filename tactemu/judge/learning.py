@@ -16,7 +16,7 @@ import numpy as np
 from tactemu.judge.checks import is_named
 from tactemu.judge.columns import ABSOLUTE, TRANSFORMS, Channel, Column, Columns
 from tactemu.judge.lines import is_line, is_monotone, line, ranks
-from tactemu.judge.tape import Frame, Said, Sample
+from tactemu.judge.tape import DriverRow, Frame, Sample
 
 LEAST_ROWS = 20
 _LAGS = 300
@@ -47,7 +47,7 @@ class Unlearnable(Exception):
 
 
 def learn(
-    rows: Sequence[Said],
+    rows: Sequence[DriverRow],
     samples: Sequence[Sample],
     frames: Sequence[Frame],
     channels: Sequence[Channel],
@@ -74,7 +74,7 @@ def learn(
     return _Fitting(good, names, samples, frames, channels, seed, steps).columns()
 
 
-def _usual_names(rows: Sequence[Said]) -> tuple[str, ...]:
+def _usual_names(rows: Sequence[DriverRow]) -> tuple[str, ...]:
     counts: dict[tuple[str, ...], int] = {}
     for said in rows:
         counts[tuple(said.row)] = counts.get(tuple(said.row), 0) + 1
@@ -84,7 +84,7 @@ def _usual_names(rows: Sequence[Said]) -> tuple[str, ...]:
 class _Fitting:
     def __init__(
         self,
-        rows: Sequence[Said],
+        rows: Sequence[DriverRow],
         names: tuple[str, ...],
         samples: Sequence[Sample],
         frames: Sequence[Frame],

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactemu.judge.columns import Columns
-from tactemu.judge.tape import Said, Sample
+from tactemu.judge.tape import DriverRow, Sample
 
 WINDOW_S = 8.0
 """A row is no older sample than this."""
@@ -19,7 +19,7 @@ AHEAD_NS = 2_000_000
 class Match:
     """What a row turned out to be."""
 
-    said: Said
+    said: DriverRow
     sample: int | None
     """Index of its sample, of several skins the oldest; ``None``: it is none."""
     marked: bool = False
@@ -66,7 +66,7 @@ class Matcher:
         """How many samples were added."""
         return self._filled
 
-    def match(self, said: Said) -> Match | None:
+    def match(self, said: DriverRow) -> Match | None:
         """What a row is; ``None`` where it lacks columns: it is no reading."""
         y = self.columns.row(said.row)
         if y is None:
@@ -95,14 +95,14 @@ class Matcher:
         odd = tuple(name for name, ok in zip(names, near[best]) if not ok)
         return Match(said, None, marked, odd, int(low + best))
 
-    def fits(self, said: Said, sample: int) -> bool:
+    def fits(self, said: DriverRow, sample: int) -> bool:
         """Return whether all columns of a row agree with a sample, given by its index."""
         y = self.columns.row(said.row)
         if y is None or not 0 <= sample < self._filled:
             return False
         return bool((np.abs(self._expected[sample] - y) <= self._slack[sample]).all())
 
-    def between(self, said: Said, back: int) -> bool:
+    def between(self, said: DriverRow, back: int) -> bool:
         """Whether every column lies within what the last ``back`` samples before the row span: a filter on its way."""
         y = self.columns.row(said.row)
         if y is None or not self._filled:

@@ -211,14 +211,14 @@ class Plan:
         hits = self._hits(4, 6)
         late = [f"late frame {hits[0]} by 150ms", f"late frame {hits[1]} by 700ms"]
         yield Trial("late answer", "an answer comes when the next question has been asked", late, takes_s=2.5)
-        lies = forged_replies.lies(facts.frames[-4 * max(1, facts.frames_per_row) :], facts.wire)
-        for lie in lies:
+        forged_values = forged_replies.forged_values(facts.frames[-4 * max(1, facts.frames_per_row) :], facts.wire)
+        for lie in forged_values:
             yield Trial(lie.name, lie.why, [fault for n in self._hits(3, 5) for fault in lie.faults(n)])
         foreign = [reply for reply in facts.replies if reply][:6]
         if foreign:
             faults = [f"replace frame {n} hex={data}" for n, data in zip(self._hits(len(foreign), 5), foreign)]
             yield Trial("another answer", "the answer to another command comes", faults)
-        elif not lies:
+        elif not forged_values:
             about = "no other answer of this device is known"
             yield Trial("another answer", "the answer to another command comes", skipped=about)
 

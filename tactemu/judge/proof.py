@@ -9,7 +9,7 @@ import numpy as np
 
 from tactemu.judge.columns import Columns
 from tactemu.judge.outcome import Known
-from tactemu.judge.tape import Change, Frame, Tape
+from tactemu.judge.tape import Frame, InjectedFault, TrialRecord
 from tactemu.wire.faults import parse
 
 MOST_OF_IT = 0.5
@@ -27,7 +27,7 @@ FOLLOWS, FRAMES_NEEDED, FRAMES_COMPARED = 0.4, 40, 400
 """A byte belongs to a value if it correlates so much with a channel over the frames that are compared."""
 
 
-def missing(tape: Tape, columns: Columns, known: Known) -> str:
+def missing(tape: TrialRecord, columns: Columns, known: Known) -> str:
     """Return why the event of a trial did not happen, or cannot be shown to have happened; empty where it did."""
     check = _BY_NAME.get(tape.name) or _BY_ACTION.get(tape.trial.get("action", ""), _no_check)
     if tape.trial.get("faults") and not _changes(tape):
@@ -35,16 +35,16 @@ def missing(tape: Tape, columns: Columns, known: Known) -> str:
     return check(tape, columns, known)
 
 
-def _no_check(tape: Tape, columns: Columns, known: Known) -> str:
+def _no_check(tape: TrialRecord, columns: Columns, known: Known) -> str:
     return ""
 
 
-def _changes(tape: Tape, *kinds: str) -> list[Change]:
+def _changes(tape: TrialRecord, *kinds: str) -> list[InjectedFault]:
     """Return the faults that were injected in the trial, of some kinds or all."""
     return [change for change in tape.changes if change.t >= tape.on and (not kinds or change.what in kinds)]
 
 
-def outages(tape: Tape) -> int:
+def outages(tape: TrialRecord) -> int:
     """Return how often the port went away in the trial."""
     return len({change.t for change in _changes(tape, "unplug")})  # several skins lose their ports at one time
 
@@ -52,7 +52,7 @@ def outages(tape: Tape) -> int:
 # -- edits of frames ---------------------------------------------------------------------------------------------------
 
 
-def _flipped(tape: Tape, columns: Columns, known: Known) -> str:
+def _flipped(tape: TrialRecord, columns: Columns, known: Known) -> str:
     """Where bytes follow the channels that the driver reads, a flip must have hit one of them."""
     changes = [change for change in _changes(tape, "flip") if change.after]
     for size in {len(change.before) for change in changes}:
@@ -63,12 +63,12 @@ def _flipped(tape: Tape, columns: Columns, known: Known) -> str:
     return "no flip hit a byte of a value that the driver reads" if changes else ""
 
 
-def _differing(change: Change) -> set[int]:
+def _differing(change: InjectedFault) -> set[int]:
     before, after = bytes.fromhex(change.before), bytes.fromhex(change.after[0])
     return {k for k, (one, other) in enumerate(zip(before, after)) if one != other}
 
 
-def _places_of_values(tape: Tape, columns: Columns, size: int) -> set[int]:
+def _places_of_values(tape: TrialRecord, columns: Columns, size: int) -> set[int]:
     """Return the positions of bytes that follow a channel which the driver reads, and of bytes beside them that vary.
 
     Low bytes of a value follow nothing, so those next to one that does are taken for its own.
@@ -103,7 +103,7 @@ def _correlation(sent: np.ndarray, counts: np.ndarray) -> np.ndarray:
     return np.any(together > FOLLOWS, axis=1)
 
 
-def _late_answer(tape: Tape, columns: Columns, known: Known) -> str:
+def _late_answer(tape: TrialRecord, columns: Columns, known: Known) -> str:
     """The driver must have asked again before the answer came."""
     asked = [frame.t for frame in tape.frames if frame.way == "rx"]
     waits = [(change.t, change.t + parse(change.fault).by_ns) for change in _changes(tape, "late")]
@@ -114,7 +114,7 @@ def _late_answer(tape: Tape, columns: Columns, known: Known) -> str:
 # -- outages -----------------------------------------------------------------------------------------------------------
 
 
-def _hang(tape: Tape, columns: Columns, known: Known) -> str:
+def _hang(tape: TrialRecord, columns: Columns, known: Known) -> str:
     """Nothing came of the device, although something would have."""
     if tape.trial.get("faults"):
         return ""
@@ -124,18 +124,18 @@ def _hang(tape: Tape, columns: Columns, known: Known) -> str:
     return "" if quiet > MOST_OF_IT else "frames went on"
 
 
-def _stopped(tape: Tape, columns: Columns, known: Known) -> str:
+def _stopped(tape: TrialRecord, columns: Columns, known: Known) -> str:
     quiet = _longest_gap([said.t for said in tape.rows], tape)
     return "" if quiet > MOST_OF_IT else "the driver's process did not stand still"
 
 
-def _longest_gap(times: Sequence[int], tape: Tape) -> float:
+def _longest_gap(times: Sequence[int], tape: TrialRecord) -> float:
     """Return the longest time between events, as a share of the time that the trial lasted."""
     inside = [tape.on, *(t for t in times if tape.on < t < tape.off), tape.off]
     return max(b - a for a, b in itertools.pairwise(inside)) / max(1, tape.off - tape.on)
 
 
-def _wrong_baud(tape: Tape, columns: Columns, known: Known) -> str:
+def _wrong_baud(tape: TrialRecord, columns: Columns, known: Known) -> str:
     """What is heard at another speed has another length, or nothing is heard at all."""
     during = [frame for frame in tape.frames if tape.on < frame.t < tape.off]
     usual = {(frame.way, len(frame.data)) for frame in tape.frames if frame.t < tape.on}
@@ -146,17 +146,17 @@ def _wrong_baud(tape: Tape, columns: Columns, known: Known) -> str:
 # -- the device --------------------------------------------------------------------------------------------------------
 
 
-def _reset(tape: Tape, columns: Columns, known: Known) -> str:
+def _reset(tape: TrialRecord, columns: Columns, known: Known) -> str:
     begun = tape.on - BEGUN_BEFORE_NS
     happened = any(change.what == "reset" and change.t >= begun for change in tape.changes)
     return "" if happened else "the device did not restart"
 
 
-def _wrap(tape: Tape, columns: Columns, known: Known) -> str:
+def _wrap(tape: TrialRecord, columns: Columns, known: Known) -> str:
     return "" if _changes(tape, "wrap") else f"the {tape.trial.get('preset')} was not full while the driver read"
 
 
-def _saturated(tape: Tape, columns: Columns, known: Known) -> str:
+def _saturated(tape: TrialRecord, columns: Columns, known: Known) -> str:
     """Several samples show one extreme that none shows afterwards."""
     during, usual = _counts(tape, tape.on, tape.off), _afterwards(tape)
     for sign in (1.0, -1.0) if len(during) and len(usual) else ():
@@ -167,7 +167,7 @@ def _saturated(tape: Tape, columns: Columns, known: Known) -> str:
     return "no channel came to an end of its range"
 
 
-def _dead(tape: Tape, columns: Columns, known: Known) -> str:
+def _dead(tape: TrialRecord, columns: Columns, known: Known) -> str:
     """A channel that moves afterwards stands still, once the device's own filter has settled."""
     during, usual = _counts(tape, (tape.on + tape.off) // 2, tape.off), _afterwards(tape)
     if len(during) and len(usual):
@@ -178,16 +178,16 @@ def _dead(tape: Tape, columns: Columns, known: Known) -> str:
     return "no channel stood still while others moved"
 
 
-def _afterwards(tape: Tape) -> np.ndarray:
+def _afterwards(tape: TrialRecord) -> np.ndarray:
     """Return the counts of the time in which the driver reads on; what was before may be another trial."""
     return _counts(tape, (tape.off + tape.end) // 2, tape.end)
 
 
-def _counts(tape: Tape, since: int, until: int) -> np.ndarray:
+def _counts(tape: TrialRecord, since: int, until: int) -> np.ndarray:
     return np.array([sample.counts for sample in tape.samples if since < sample.t <= until])
 
 
-def _rate(tape: Tape, columns: Columns, known: Known) -> str:
+def _rate(tape: TrialRecord, columns: Columns, known: Known) -> str:
     """More readings arrive than usually, or fewer samples are taken."""
     rises = tape.name == "high rate"
     times = _carried(tape.frames) if rises else [sample.t for sample in tape.samples]
@@ -211,7 +211,7 @@ def _per_second(times: Sequence[int], since: int, until: int) -> float:
     return sum(since < t <= until for t in times) / max(1e-9, (until - since) / 1e9)
 
 
-Check = Callable[[Tape, Columns, Known], str]
+Check = Callable[[TrialRecord, Columns, Known], str]
 _BY_NAME: dict[str, Check] = {"flipped": _flipped, "late answer": _late_answer, "memory": _no_check}
 _BY_ACTION: dict[str, Check] = {
     "hang": _hang, "stop": _stopped, "baud": _wrong_baud, "reset": _reset, "wrap": _wrap, "saturate": _saturated,

@@ -26,7 +26,7 @@ from tactemu.transports.transport import LinesChanged, Received, SettingChanged,
 from tactemu.truth import Truth
 from tactemu.truth.recorder import Recorder
 from tactemu.truth.recording import Entry
-from tactemu.wire.wire import Heard, Wire
+from tactemu.wire.wire import ReceivedData, Wire
 
 CHUNK = 4096
 LONGEST_WAIT_S = 0.02
@@ -288,7 +288,7 @@ class Proxy:
         """What is there on both sides goes to the other; then wait for more."""
         now = self.clock.now_ns()
         for event in self.wire.receive(now):
-            if isinstance(event, Heard):
+            if isinstance(event, ReceivedData):
                 self.passed["from driver"] += _size(event.data)
                 self.real.write(event.data)
                 self._record(now, event.data, "rx")

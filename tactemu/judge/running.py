@@ -16,7 +16,7 @@ from tactemu.judge.options import Options
 from tactemu.judge.outcome import ABOUT, Known, Outcome
 from tactemu.judge.plan import Facts, Plan, Trial
 from tactemu.judge.session import LOOK_S, DriverSession
-from tactemu.judge.tape import Change, Tape
+from tactemu.judge.tape import InjectedFault, TrialRecord
 from tactemu.judge.verdicts import judged, known_of
 
 CLEAN_ROWS, CLEAN_S, SLOW_S = 320, 4.0, 12.0
@@ -58,14 +58,14 @@ class Judge(DriverSession):
         expected = trial.takes_s + self._restart_s()
         trial.skipped = trial.skipped or self.budget.lacks(expected, times=2)
         if trial.skipped:
-            return judged(Tape(trial.name, trial.as_dict()))
+            return judged(TrialRecord(trial.name, trial.as_dict()))
         began = time.monotonic()
         try:
             self.budget.begin()
             tape = self.record(trial)
         except BudgetSpent:
             trial.skipped = "the budget was spent before it was over"
-            return judged(Tape(trial.name, trial.as_dict()))
+            return judged(TrialRecord(trial.name, trial.as_dict()))
         finally:
             self.budget.end(expected, time.monotonic() - began)
         outcome = judged(tape)
@@ -73,7 +73,7 @@ class Judge(DriverSession):
             self._confirm(outcome, trial, tape, time.monotonic() - began)
         return outcome
 
-    def _confirm(self, outcome: Outcome, trial: Trial, tape: Tape, took_s: float) -> None:
+    def _confirm(self, outcome: Outcome, trial: Trial, tape: TrialRecord, took_s: float) -> None:
         """See a trial's findings again, alone as the smallest case or as a whole, while the budget lasts."""
         kinds = self.options.fail_on
         try:
@@ -92,7 +92,7 @@ class Judge(DriverSession):
         finally:
             self.budget.end()
 
-    def _again(self, trial: Trial) -> tuple[Tape, Outcome]:
+    def _again(self, trial: Trial) -> tuple[TrialRecord, Outcome]:
         tape = self.record(trial, keep=False)
         return tape, judged(tape)
 
@@ -177,7 +177,7 @@ class Judge(DriverSession):
         outcome.seconds = time.monotonic() - began
         return outcome
 
-    def _learn(self, tape: Tape, steps: bool = False) -> str:
+    def _learn(self, tape: TrialRecord, steps: bool = False) -> str:
         """The columns from the clean run, or from the file; returns why there are none."""
         channels = self.stand.channels()
         if self.options.columns is not None and self.options.columns.exists():
@@ -211,7 +211,7 @@ class Judge(DriverSession):
             if count >= rows or took > SLOW_S or (took > seconds and count >= min(rows, ENOUGH_ROWS)):
                 return
 
-    def _clean_tape(self, on: int) -> Tape:
+    def _clean_tape(self, on: int) -> TrialRecord:
         tape = self._tape(on - round(BEFORE_S * 1e9))
         tape.name, tape.on = "clean", on
         tape.off = tape.end = time.monotonic_ns()
@@ -219,7 +219,7 @@ class Judge(DriverSession):
         return tape
 
     def _nothing(self, why: str) -> Outcome:
-        tape = Tape("clean", {"name": "clean", "action": "clean"}, asdict(self.known), trouble=why)
+        tape = TrialRecord("clean", {"name": "clean", "action": "clean"}, asdict(self.known), trouble=why)
         if self.driver is not None:
             tape.rows, tape.notes = self.driver.rows[:50], self.driver.notes[:50]
             tape.exit = self.driver.exit
@@ -228,10 +228,10 @@ class Judge(DriverSession):
 
     # -- a trial -------------------------------------------------------------------------------------------------------
 
-    def record(self, trial: Trial, keep: bool = True) -> Tape:
+    def record(self, trial: Trial, keep: bool = True) -> TrialRecord:
         """Have it happen; the tape of it."""
         self.say(trial.name)
-        tape = Tape(trial.name, trial.as_dict(), asdict(self.known), self.columns.as_dict())
+        tape = TrialRecord(trial.name, trial.as_dict(), asdict(self.known), self.columns.as_dict())
         counter = Counter(self.stand, trial.preset, self.budget.sleep) if trial.action == "wrap" else None
         tape.trouble, why = self._near_its_end(counter) if counter else (self._ready(), "")
         if tape.trouble:
@@ -344,7 +344,7 @@ class Judge(DriverSession):
         assert driver is not None
         if passed := counter.wait_until_full(lambda: driver.exit is None, trial.seconds):
             before, after = map(str, passed)
-            change = Change(time.monotonic_ns(), "wrap", f"{counter.name} wraps", None, before, (after,))
+            change = InjectedFault(time.monotonic_ns(), "wrap", f"{counter.name} wraps", None, before, (after,))
             self.stand.recorder.changes.append(change)
 
 

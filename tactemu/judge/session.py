@@ -16,8 +16,8 @@ from tactemu.judge.lateness import Patience, late_ms
 from tactemu.judge.options import Options
 from tactemu.judge.outcome import Known
 from tactemu.judge.plan import Facts
-from tactemu.judge.stand import Stand
-from tactemu.judge.tape import Tape
+from tactemu.judge.stand import DriverRig
+from tactemu.judge.tape import TrialRecord
 
 LOOK_S = 0.02
 """Time from look to look at what the driver prints [s]."""
@@ -45,7 +45,7 @@ class DriverSession:
         self.target, self.command, self.options, self.say = target, list(command), options or Options(), say
         opts = self.options
         self.budget = Budget(opts.budget_s)
-        self.stand = Stand(target, opts.port, seed=opts.seed, options=opts.device_options, rate_hz=opts.rate_hz)
+        self.stand = DriverRig(target, opts.port, seed=opts.seed, options=opts.device_options, rate_hz=opts.rate_hz)
         self.driver: Driver | None = None
         self.columns, self.known, self.facts = Columns(), Known(), Facts()
         self.starts: list[float] = []
@@ -156,10 +156,10 @@ class DriverSession:
 
     # -- tapes ---------------------------------------------------------------------------------------------------------
 
-    def _tape(self, since: int) -> Tape:
+    def _tape(self, since: int) -> TrialRecord:
         """What was seen since a time, on both sides."""
         recorder, driver = self.stand.recorder, self.driver
-        tape = Tape()
+        tape = TrialRecord()
         if driver is not None:  # rows first: no row is there before its sample
             tape.rows, tape.notes = _since(driver.rows, since), _since(driver.notes, since)
             tape.weights = _since(driver.weights, since)
@@ -168,12 +168,12 @@ class DriverSession:
         tape.changes = _since(recorder.changes, since)
         return tape
 
-    def _filled(self, tape: Tape) -> Tape:
+    def _filled(self, tape: TrialRecord) -> TrialRecord:
         tape.known, tape.columns = asdict(self.known), self.columns.as_dict()
         tape.late_ms = late_ms(tape, self.driver.delays if self.driver is not None else ())
         return tape
 
-    def _write(self, tape: Tape) -> None:
+    def _write(self, tape: TrialRecord) -> None:
         if self.options.record is not None:
             try:
                 self.options.record.mkdir(parents=True, exist_ok=True)

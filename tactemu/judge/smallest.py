@@ -15,14 +15,14 @@ from typing import Any
 from tactemu.base.errors import TactemuError
 from tactemu.judge.outcome import FAILING, Outcome
 from tactemu.judge.plan import Trial
-from tactemu.judge.tape import Change, Tape
+from tactemu.judge.tape import InjectedFault, TrialRecord
 
 MOST_RUNS = 8
 VERSION = 1
 _CAN_HEAD = re.compile(r"([0-9A-Fa-f]+#(#[0-9A-Fa-f])?)?")
 """Identifier and flags of a CAN frame; nothing of other frames."""
 
-Run = Callable[[Trial], tuple[Tape, Outcome]]
+Run = Callable[[Trial], tuple[TrialRecord, Outcome]]
 
 
 def may_be(trial: Trial) -> bool:
@@ -32,7 +32,7 @@ def may_be(trial: Trial) -> bool:
 
 def find(
     trial: Trial,
-    tape: Tape,
+    tape: TrialRecord,
     outcome: Outcome,
     run: Run,
     target: str,
@@ -50,7 +50,7 @@ def find(
     suspects = _suspects(groups, tape, outcome)
     runs = 0
 
-    def fails(some: Sequence[Sequence[str]]) -> tuple[Tape, Outcome] | None:
+    def fails(some: Sequence[Sequence[str]]) -> tuple[TrialRecord, Outcome] | None:
         nonlocal runs
         runs += 1
         alone = Trial(trial.name, trial.why, _numbered_anew(some), takes_s=1.0)
@@ -89,7 +89,7 @@ def _by_frame(faults: Sequence[str]) -> list[list[str]]:
     return list(groups.values())
 
 
-def _suspects(groups: list[list[str]], tape: Tape, outcome: Outcome) -> list[list[str]]:
+def _suspects(groups: list[list[str]], tape: TrialRecord, outcome: Outcome) -> list[list[str]]:
     """The edits that were made last before something went wrong."""
     wrong = [bad["t"] for bad in outcome.bad if bad["t"] > tape.on]
     until = min(wrong) if wrong else tape.rows[-1].t if tape.rows else tape.end
@@ -120,7 +120,7 @@ def _shifted(fault: str, by: int) -> str:
 
 
 def _case(
-    trial: Trial, groups: Sequence[Sequence[str]], kind: str, tape: Tape, outcome: Outcome, runs: int, target: str,
+    trial: Trial, groups: Sequence[Sequence[str]], kind: str, tape: TrialRecord, outcome: Outcome, runs: int, target: str,
     command: Sequence[str],
 ) -> dict[str, Any]:  # fmt: skip
     changes = [change for change in tape.changes if change.t >= tape.on]
@@ -216,4 +216,4 @@ def _cut(head: str, data: str, start: int, most: int) -> str:
     return f"{head}{left}{data[start : start + most]}{right}{where}"
 
 
-__all__ = ["Change", "find", "in_words", "may_be", "read", "trial_of", "write"]
+__all__ = ["InjectedFault", "find", "in_words", "may_be", "read", "trial_of", "write"]

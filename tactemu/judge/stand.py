@@ -27,7 +27,7 @@ _TURN_S = 10.0
 """Within which the emulator's loop does what it is told."""
 
 
-class Stand:
+class DriverRig:
     """A device or scene file, judged: use it in a ``with`` statement.
 
     Args:
@@ -60,7 +60,7 @@ class Stand:
         self._faults: list[tuple[Wire, Any]] = []
         self._undo: list[Callable[[], object]] = []
 
-    def __enter__(self) -> Stand:
+    def __enter__(self) -> DriverRig:
         if self._on_can:
             # A bus on one multicast group hears all others on its UDP port: judges beside this one, above all.
             # python-can reads this variable, here and in the driver's process.
@@ -106,7 +106,7 @@ class Stand:
         frames = [frame for frame in recorder.frames if frame.t >= since]
         tx, rx = [f.data for f in frames if f.way == "tx"], [f.data for f in frames if f.way == "rx"]
         device = self.emulator.channels[0].device
-        connector = wire.carrier.connector
+        connector = wire.line_model.connector
         talks = len(rx) > 3 and len(rx) > 0.05 * max(1, rows)
         asks = talks and len(rx) >= 0.5 * rows
         seconds = (time.monotonic_ns() - since) / 1e9
@@ -114,7 +114,7 @@ class Stand:
         samples = len({f.sample for f in frames if f.way == "tx" and not f.answer})
         readings = rows if asks else samples
         return Facts(
-            wire=wire.carrier.kind, usb=bool(getattr(connector, "usb", None)), asks=asks, talks=talks, sets_rate=sets,
+            wire=wire.line_model.kind, usb=bool(getattr(connector, "usb", None)), asks=asks, talks=talks, sets_rate=sets,
             frames=tx[-400:], requests=rx[-64:], frames_per_row=max(1, round(len(tx) / max(1, readings))),
             row_s=seconds / max(1, readings), period_s=self.period_s,
             rollovers=device.rollovers,
@@ -162,7 +162,7 @@ class Stand:
         """Sample at another rate; ``None``: at the device's own again."""
         now = self.emulator.now_ns
         for channel in self.emulator.channels:
-            channel.wishes = {} if hz is None else dict.fromkeys(channel.device.periods, round(1e9 / hz))
+            channel.run_options = {} if hz is None else dict.fromkeys(channel.device.periods, round(1e9 / hz))
             channel.follow(now)
 
     def begin(self, trial: Trial) -> int:

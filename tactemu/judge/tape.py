@@ -52,7 +52,7 @@ class Frame(NamedTuple):
     """Time by which our own process was late in handing it over, after its last bit had left the line."""
 
 
-class Change(NamedTuple):
+class InjectedFault(NamedTuple):
     """A fault that was injected."""
 
     t: int
@@ -66,7 +66,7 @@ class Change(NamedTuple):
     after: tuple[str, ...]
 
 
-class Said(NamedTuple):
+class DriverRow(NamedTuple):
     """A row of numbers that the driver handed out."""
 
     t: int
@@ -82,7 +82,7 @@ class Note(NamedTuple):
     """On its standard error."""
 
 
-class Weight(NamedTuple):
+class ResourceUsage(NamedTuple):
     """What the driver's processes take."""
 
     t: int
@@ -93,7 +93,7 @@ class Weight(NamedTuple):
 
 
 @dataclass
-class Tape:
+class TrialRecord:
     """One trial. Lists are in the order of time.
 
     ``on`` is when the faults were switched on, ``off`` when the last had been, ``end`` when nobody looked any more.
@@ -119,12 +119,12 @@ class Tape:
     """Why nothing could be seen."""
     samples: list[Sample] = field(default_factory=list)
     frames: list[Frame] = field(default_factory=list)
-    changes: list[Change] = field(default_factory=list)
-    rows: list[Said] = field(default_factory=list)
+    changes: list[InjectedFault] = field(default_factory=list)
+    rows: list[DriverRow] = field(default_factory=list)
     notes: list[Note] = field(default_factory=list)
-    weights: list[Weight] = field(default_factory=list)
+    weights: list[ResourceUsage] = field(default_factory=list)
 
-    def since(self, t: int) -> Tape:
+    def since(self, t: int) -> TrialRecord:
         """A copy that begins at a time."""
         lists = {name: [each for each in getattr(self, name) if each.t >= t] for name in _KINDS}
         return replace(self, **lists)
@@ -153,7 +153,7 @@ class Tape:
             yield {"kind": kind, **each._asdict()}
 
     @classmethod
-    def read(cls, path: str | Path) -> Tape:
+    def read(cls, path: str | Path) -> TrialRecord:
         """The trial in a file.
 
         Raises:
@@ -166,7 +166,7 @@ class Tape:
             raise TactemuError(f"{path}: cannot read the recorded trial: {error.strerror}") from None
 
     @classmethod
-    def _of(cls, lines: Any, path: str) -> Tape:
+    def _of(cls, lines: Any, path: str) -> TrialRecord:
         tape = None
         for number, line in enumerate(lines, 1):
             try:
@@ -190,7 +190,7 @@ class Tape:
 
 
 _KINDS: dict[str, Any] = {
-    "samples": Sample, "frames": Frame, "changes": Change, "rows": Said, "notes": Note, "weights": Weight,
+    "samples": Sample, "frames": Frame, "changes": InjectedFault, "rows": DriverRow, "notes": Note, "weights": ResourceUsage,
 }  # fmt: skip
 _HEAD = (
     "name", "trial", "known", "columns", "on", "off", "end", "exit", "late_ms", "unread", "trouble",
@@ -214,7 +214,7 @@ class Recorder:
     def __init__(self, keep: int = 200_000):
         self.samples: list[Sample] = []
         self.frames: list[Frame] = []
-        self.changes: list[Change] = []
+        self.changes: list[InjectedFault] = []
         self.events: list[tuple[int, str]] = []
         self.unread = 0
         self._keep = keep
@@ -256,7 +256,7 @@ class Recorder:
                 number = _NUMBER.search(entry.detail)
                 fault = entry.detail.partition(" [")[0]
                 found = int(number[1]) if number else None
-                self.changes.append(Change(t, entry.what, fault, found, entry.before, entry.after))
+                self.changes.append(InjectedFault(t, entry.what, fault, found, entry.before, entry.after))
                 self._bound(self.changes)
             case PortEvent():
                 self.events.append((t, entry.what))
@@ -278,4 +278,4 @@ class Recorder:
             del entries[: self._keep // 4]
 
 
-__all__ = ["Change", "Frame", "Note", "Recorder", "Row", "Said", "Sample", "Tape", "Weight"]
+__all__ = ["DriverRow", "Frame", "InjectedFault", "Note", "Recorder", "ResourceUsage", "Row", "Sample", "TrialRecord"]

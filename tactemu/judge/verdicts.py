@@ -18,7 +18,7 @@ from tactemu.judge.columns import Columns
 from tactemu.judge.counting import LEAK_AT_ONCE, LEAK_BYTES, count, listen, template, weigh
 from tactemu.judge.following import SETTLED, Questions, Reading, left_times, recovered
 from tactemu.judge.outcome import ABOUT, Finding, Known, Outcome
-from tactemu.judge.tape import Tape
+from tactemu.judge.tape import TrialRecord
 
 LATE_MS = 5.0
 """A driver may always be so late at its median; half a period, if that is more."""
@@ -42,7 +42,7 @@ CAME_AGAIN = ("doubled", "late answer", "old frame")
 """Trials in which an old answer does come; where answers have no number, nobody can tell one or two."""
 
 
-def judged(tape: Tape) -> Outcome:
+def judged(tape: TrialRecord) -> Outcome:
     """What a recorded trial says."""
     columns, known = Columns.from_dict(tape.columns or {"columns": []}), Known(**tape.known)
     trial = tape.trial
@@ -89,7 +89,7 @@ def _otherwise(out: Outcome, known: Known) -> str:
 class _Rules:
     """From counts to findings."""
 
-    def __init__(self, out: Outcome, tape: Tape, reading: Reading, columns: Columns, known: Known):
+    def __init__(self, out: Outcome, tape: TrialRecord, reading: Reading, columns: Columns, known: Known):
         self.out, self.tape, self.reading, self.columns, self.known = out, tape, reading, columns, known
         self.trial = tape.trial
         self.action = tape.trial.get("action", "")
@@ -226,7 +226,7 @@ class _Rules:
             yield Finding("leaks", f"memory grows by {self.out.grown / 1e6:.0f} MB within {took:.1f} s")
 
 
-def known_of(tape: Tape, columns: Columns, *, asks: bool, period_ms: float, numbered: bool = False) -> Known:
+def known_of(tape: TrialRecord, columns: Columns, *, asks: bool, period_ms: float, numbered: bool = False) -> Known:
     """What a run without faults shows, for the trials after it."""
     times = [said.t for said in tape.rows if tape.on < said.t <= tape.end]
     row_ms = float(np.median(np.diff(times))) / 1e6 if len(times) > 2 else period_ms
@@ -247,7 +247,7 @@ def known_of(tape: Tape, columns: Columns, *, asks: bool, period_ms: float, numb
     return known
 
 
-def _ask_ms(tape: Tape) -> float:
+def _ask_ms(tape: TrialRecord) -> float:
     asked = np.array([f.t for f in tape.frames if f.way == "rx"])
     waits = [
         said.t - asked[last]
@@ -257,7 +257,7 @@ def _ask_ms(tape: Tape) -> float:
     return float(np.quantile(waits, 0.1)) / 1e6 if waits else 0.0
 
 
-def _usually_behind(tape: Tape, reading: Reading, ask_ms: float) -> int:
+def _usually_behind(tape: TrialRecord, reading: Reading, ask_ms: float) -> int:
     questions = Questions(tape, ask_ms)
     during = [match for match in reading.matches if match.said.t > tape.on]
     behind = [each for match in during if (each := questions.behind(match)) is not None]

@@ -19,7 +19,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.plan.launches import Launch, Launches, record, record_blocks
-from tactemu.plan.thread_pool import Team, cores
+from tactemu.plan.thread_pool import ThreadPool, cores
 
 Dtype = Literal["float32", "float64"]
 """Width of the kernels' numbers."""
@@ -138,7 +138,7 @@ class Stage:
     check: Callable[[], None] | None = None
     """Waits for the device and says what went wrong there, if anything did."""
     cost_us: float | None = None
-    """Measured by :meth:`Plan.measure`."""
+    """Measured by :meth:`Plan.time_stages`."""
     cheaper: str = ""
     """What to turn so that it costs less, in words; empty where nothing but another model helps."""
 
@@ -155,7 +155,7 @@ class Plan:
     """Why so many, in words."""
     _graph: wp.Graph | None = field(default=None, repr=False)
     _warm: bool = field(default=False, repr=False)
-    _team: Team | None = field(default=None, repr=False)
+    _thread_pool: ThreadPool | None = field(default=None, repr=False)
     _legs: list[list[list[Launch]]] = field(default_factory=list, repr=False)
     """What runs without anybody waiting for others: a list of launches, or one for each thread."""
 
@@ -173,8 +173,8 @@ class Plan:
         self._legs = self._legs or self._plan_legs()
         for shares in self._legs:
             if len(shares) > 1:
-                self._team = self._team or Team(self.threads)
-                self._team.run(shares)
+                self._thread_pool = self._thread_pool or ThreadPool(self.threads)
+                self._thread_pool.run(shares)
             else:
                 for launch in shares[0]:
                     launch()
@@ -201,13 +201,13 @@ class Plan:
         """
         if values.nbytes < WORTH_SHARING:
             return values.copy()
-        if self._team is None and self.device is not None and self.device.is_cuda:
-            self._team = Team(min(cores(), MOST_COPIERS))
-        if self._team is None or not (self._team.running or self._team.size > self.threads):
+        if self._thread_pool is None and self.device is not None and self.device.is_cuda:
+            self._thread_pool = ThreadPool(min(cores(), MOST_COPIERS))
+        if self._thread_pool is None or not (self._thread_pool.running or self._thread_pool.size > self.threads):
             return values.copy()
         out = np.empty_like(values)
-        ends = [len(values) * k // self._team.size for k in range(self._team.size + 1)]
-        self._team.run([[partial(np.copyto, out[a:b], values[a:b])] for a, b in pairwise(ends)])
+        ends = [len(values) * k // self._thread_pool.size for k in range(self._thread_pool.size + 1)]
+        self._thread_pool.run([[partial(np.copyto, out[a:b], values[a:b])] for a, b in pairwise(ends)])
         return out
 
     def insert(self, stage: Stage, before: str = "") -> None:
@@ -233,8 +233,8 @@ class Plan:
 
     def close(self) -> None:
         """End the threads; a later run starts them again."""
-        if self._team is not None:
-            self._team.close()
+        if self._thread_pool is not None:
+            self._thread_pool.close()
 
     def _capture(self) -> None:
         with wp.ScopedCapture(self.device, force_module_load=False) as capture:
@@ -249,7 +249,7 @@ class Plan:
             if stage.reset is not None:
                 stage.reset(mask)
 
-    def measure(self, now_ns: Callable[[], int], repeats: int = 50) -> dict[str, float]:
+    def time_stages(self, now_ns: Callable[[], int], repeats: int = 50) -> dict[str, float]:
         """Median cost of each stage [µs], by name, also kept in ``stage.cost_us``. Advances the stages' state.
 
         Args:

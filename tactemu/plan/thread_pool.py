@@ -57,7 +57,7 @@ def _stop(queues: list[SimpleQueue[_Job | None]], threads: list[threading.Thread
             thread.join()
 
 
-class Team:
+class ThreadPool:
     """``size`` threads, the caller's included; the others start when they are first needed, and end with the team."""
 
     def __init__(self, size: int):

@@ -118,7 +118,7 @@ def build_scene(
             continue
         placed = []
         for part in parts_of(skin, device.layout):
-            link, unfelt = _carrier(scene, engine, part)
+            link, unfelt = _body_of(scene, engine, part)
             wanted = (laws or {}).get(skin.title, ())
             model = sensor_model(skin, device, wanted, part=part, unfelt=unfelt, friction=friction)
             sensor = scene.add_sensor(model, link=link, name=part.name, transducers=transducers_of(skin))
@@ -152,12 +152,12 @@ def _motors(
     ]
 
 
-def _carrier(scene: Scene, engine: Engine | None, part: SkinPart) -> tuple[Body, tuple[int, ...]]:
+def _body_of(scene: Scene, engine: Engine | None, part: SkinPart) -> tuple[Body, tuple[int, ...]]:
     """The body that carries a skin, and those that move with it and are not felt, by their places."""
     name = part.body
     if engine is None or any(body.name == name for body in scene.bodies if body not in engine.bodies):
         return scene.body(name), ()
-    return engine.carrier(name, part.name), engine.unfelt(name)
+    return engine.body_of(name, part.name), engine.unfelt(name)
 
 
 def _shape(body: BodyTable, folder: Path) -> Shape | None:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from tactemu.sensors.simulation import Simulation
 
 
-class Surroundings:
+class SceneDescription:
     """The bodies and skins of a built scene, for :class:`tactemu.truth.Truth`.
 
     Args:

@@ -50,7 +50,7 @@ class Engine(Protocol):
         """The bodies that it added to the scene."""
         ...
 
-    def carrier(self, name: str, part: str, /) -> Body:
+    def body_of(self, name: str, part: str, /) -> Body:
         """Return the body under a part of a skin, by the geom or body of the model that has this name.
 
         Raises:

@@ -17,7 +17,7 @@ from firmware_protocols.options import checked
 from tactemu.base.errors import DeviceError, SceneError, nearest
 from tactemu.geometry.motion import Motion
 from tactemu.scene.default import tables_for
-from tactemu.scene.measured_defaults import as_measured
+from tactemu.scene.measured_defaults import measured_defaults
 from tactemu.scene.schema import SHAPES, SceneFile, make_motion, motion_schemas
 from tactemu.scene.validation_errors import listed
 from tactemu.sensors.models import MODELS
@@ -161,14 +161,14 @@ def check(data: dict[str, Any], *, source: str = "scene", folder: Path | None = 
     try:
         tables = SceneFile.model_validate(data)
         if any(skin.measured for skin in tables.skin):
-            skins = tuple(as_measured(skin) if skin.measured else skin for skin in tables.skin)
+            skins = tuple(measured_defaults(skin) if skin.measured else skin for skin in tables.skin)
             tables = tables.model_copy(update={"skin": skins})
     except ValidationError as error:
         raise SceneError(listed(error, data, source)) from None
     motions = _motions(tables, source)
-    mistakes = [f"{source}: {text}" for text in _references(tables)]
-    if mistakes:
-        raise SceneError("\n".join(mistakes))
+    validation_errors = [f"{source}: {text}" for text in _references(tables)]
+    if validation_errors:
+        raise SceneError("\n".join(validation_errors))
     return LoadedScene(tables, motions, source, folder or Path())
 
 

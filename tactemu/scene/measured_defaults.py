@@ -21,7 +21,7 @@ def devices() -> list[str]:
     return sorted(path.stem for path in MEASURED.glob("*.toml"))
 
 
-def as_measured(skin: Skin) -> Skin:
+def measured_defaults(skin: Skin) -> Skin:
     """The skin with numbers of real ones where it says nothing itself.
 
     Raises:
@@ -52,4 +52,4 @@ def all_measured(skins: tuple[Skin, ...]) -> tuple[Skin, ...]:
         raise SceneError(
             f"nothing was measured of {', '.join(s.device for s in skins)} (devices: {', '.join(devices())})"
         )
-    return tuple(as_measured(skin) if skin.device in devices() else skin for skin in skins)
+    return tuple(measured_defaults(skin) if skin.device in devices() else skin for skin in skins)

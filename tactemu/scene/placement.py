@@ -33,7 +33,7 @@ class PlacedSensor:
         part: the taxels that it has, and where they are.
     """
 
-    not_state: ClassVar[tuple[str, ...]] = ("sensor", "part", "_to_link", "_back", "_turned", "_course")
+    TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("sensor", "part", "_to_link", "_back", "_turned", "_course")
 
     def __init__(self, sensor: Sensor, part: SkinPart):
         self.sensor, self.part = sensor, part
@@ -110,7 +110,7 @@ class PlacedSensor:
 class PlacedSkin:
     """A device's skin on one body or several: what its taxels read, and where they are, in the device's order."""
 
-    not_state: ClassVar[tuple[str, ...]] = ("n_taxels",)
+    TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("n_taxels",)
 
     wrench = None
     """It follows from the forces."""

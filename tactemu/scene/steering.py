@@ -39,7 +39,7 @@ class Steered(Motion):
     """
 
     kind = "steered"
-    not_state: ClassVar[tuple[str, ...]] = ("_home", "_own", "_held")
+    TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("_home", "_own", "_held")
 
     def __init__(self, position: Sequence[float], quaternion: Sequence[float], own: Motion | None = None):
         self._home = Pose(np.array(position, np.float64), rotation.normalised(quaternion))
@@ -52,7 +52,7 @@ class Steered(Motion):
         self.back: np.ndarray | None = None
         """Where it is lifted to when it has pressed, world [m]."""
 
-    def more_parts(self) -> dict[str, Motion]:
+    def extra_state(self) -> dict[str, Motion]:
         """Its own motion, which may have a state."""
         return {"own": self._own}
 

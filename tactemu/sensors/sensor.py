@@ -68,7 +68,7 @@ class Sensor(Views, Adjustments):
     _status: wp.array | None = field(default=None, repr=False)
     _staging: wp.array | None = field(default=None, repr=False)
 
-    def another(self) -> Sensor:
+    def clone(self) -> Sensor:
         """A handle of its own on the same skin, for another simulation."""
         return Sensor(self.name, self.model, self.link, self.transducers)
 
@@ -80,7 +80,7 @@ class Sensor(Views, Adjustments):
     def attach(
         self,
         sim: Built,
-        spoil: Imperfections,
+        imperfections: Imperfections,
         truth: wp.array,
         measured: wp.array,
         present: Callable[[np.ndarray], Any] | None,
@@ -88,7 +88,7 @@ class Sensor(Views, Adjustments):
         status: wp.array,
     ) -> None:
         """Connect the handle to the arrays of a built scene; a later build takes over."""
-        self._sim, self.imperfections, self._truth, self._measured = sim, spoil, truth, measured
+        self._sim, self.imperfections, self._truth, self._measured = sim, imperfections, truth, measured
         self._presented, self._derived, self._kept, self._status = present, derived, {}, status
         self._staging = None
 

@@ -92,7 +92,7 @@ class Simulation:
     the same scene and the same options, it shares what never changes.
     """
 
-    not_state: ClassVar[tuple[str, ...]] = ()
+    TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ()
 
     def __init__(
         self,
@@ -233,9 +233,9 @@ class Simulation:
         Returns what connects its handle."""
         model = sensor.model
         self._check(sensor)
-        spoil = Imperfections(model, _reading_info(sensor), self.context)
-        gain, gain_stages = spoil.compile_gain()
-        radius, radius_stages = spoil.compile_radius_noise()
+        imperfections = Imperfections(model, _reading_info(sensor), self.context)
+        gain, gain_stages = imperfections.compile_gain()
+        radius, radius_stages = imperfections.compile_radius_noise()
         compiled = model.compile(self._site(sensor, gain if model.gain_inside else None, radius))
         finish = compiled.finish or (lambda array, _branch: (array, []))
         transduce: Transduce | None = None
@@ -245,19 +245,21 @@ class Simulation:
             truth, truth_stages, info = self._transduce(sensor, compiled.truth)
 
             transduce = partial(self._transduced, sensor, compiled.truth, (truth, [], info))
-        values, value_stages = spoil.compile_values(compiled.raw, transduce)
+        values, value_stages = imperfections.compile_values(compiled.raw, transduce)
         untouched = values is (compiled.truth if sensor.chain is None else truth)
         last = finish if sensor.chain is None else _as_it_is
         values, finish_stages = (truth, []) if untouched else last(values, "measured")
-        measured, delivery_stages = spoil.compile_delivery(values)
-        remembered, history_stages = (measured, []) if truth is measured else spoil.compile_history(truth)
+        measured, delivery_stages = imperfections.compile_delivery(values)
+        remembered, history_stages = (measured, []) if truth is measured else imperfections.compile_history(truth)
         self._arrays += [compiled.truth, compiled.raw, truth, remembered, values, measured]
-        self.plan.stages += spoil.compile_resets() + gain_stages + radius_stages + compiled.stages + truth_stages
+        self.plan.stages += (
+            imperfections.compile_resets() + gain_stages + radius_stages + compiled.stages + truth_stages
+        )
         self.plan.stages += value_stages + finish_stages + delivery_stages + history_stages
         present = compiled.present if sensor.chain is None else None
         own = {} if sensor.chain is not None else compiled.derived
         status = self._poses.status(sensor.link.index)
-        return partial(sensor.attach, self, spoil, remembered, measured, present, own, status)
+        return partial(sensor.attach, self, imperfections, remembered, measured, present, own, status)
 
     def _transduced(
         self, sensor: Sensor, raw: wp.array, done: tuple[wp.array, list[Stage], ReadingInfo], array: wp.array
@@ -513,11 +515,11 @@ class Simulation:
         if self._bad_view is None and self.step_count:
             self.check()
 
-    def another(self) -> Simulation:
+    def clone(self) -> Simulation:
         """One of the same bodies, with handles of its own on the same sensors, at its start."""
         return Simulation(
             self.bodies,
-            [sensor.another() for sensor in self.sensors],
+            [sensor.clone() for sensor in self.sensors],
             dt=self.dt,
             n_envs=self.n_envs if self.batched else None,
             device=self.device,
@@ -542,7 +544,7 @@ class Simulation:
 
     # -- saving -----------------------------------------------------------------------------------------------------
 
-    def more_parts(self) -> dict[str, Any]:
+    def extra_state(self) -> dict[str, Any]:
         """What moves the bodies, and may have a state of its own."""
         posers = {f"posers[{k}]": getattr(pose, "__self__", None) for k, pose in enumerate(self.posers)}
         return {f"motion of {body.name}": body.motion for body in self._moving} | posers
@@ -558,7 +560,7 @@ class Simulation:
         context = self.context
         return {"memory": tuple(np.full(int(k in context.infinite), np.nan) for k in range(len(context.memory)))}
 
-    def prepared(self, state: dict[str, Any]) -> Callable[[], None]:
+    def prepare_restore(self, state: dict[str, Any]) -> Callable[[], None]:
         """What takes on a state, of this or another process, once it is called.
 
         Raises:

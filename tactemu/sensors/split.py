@@ -122,7 +122,7 @@ class SplitSimulation:
 
 
 def _handles(sensors: Sequence[Sensor]) -> list[Sensor]:
-    return [sensor.another() for sensor in sensors]
+    return [sensor.clone() for sensor in sensors]
 
 
 def _rows(values: Any, n: int, mine: np.ndarray) -> np.ndarray:

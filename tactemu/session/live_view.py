@@ -97,7 +97,7 @@ class LiveView:
 
     def _last_frame(self, channel: Channel, width: int) -> Text:
         frame = self._emulator.truth.latest_frame(channel.name)
-        if not channel.wire.transport.listening:
+        if not channel.wire.transport.has_reader:
             return Text(f"waiting for a driver to open {channel.wire.transport.address}", style="yellow")
         if frame is None:
             return Text("nothing sent yet: this sensor speaks when it is asked", style="dim")

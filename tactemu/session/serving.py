@@ -25,13 +25,13 @@ from firmware_protocols import Device
 from tactemu.base.clock import LockstepClock, PacedClock, RealClock
 from tactemu.base.errors import SceneError, TactemuError
 from tactemu.base.kernels import start_quietly
-from tactemu.control.again import play_again
+from tactemu.control.again import replay_commands
 from tactemu.control.control import Control
-from tactemu.control.control_commands import Verbs
-from tactemu.control.endpoints import Place
-from tactemu.control.loop_task import Errand, Outcome
+from tactemu.control.control_commands import ControlCommands
+from tactemu.control.endpoints import Endpoint
+from tactemu.control.loop_task import LoopTask, TaskResult
 from tactemu.control.server import Server
-from tactemu.emulator.assembly import Assembled, Wishes, assemble, truth_of
+from tactemu.emulator.assembly import Assembled, RunOptions, assemble, truth_of
 from tactemu.scene import file
 from tactemu.scene.schema import Event, one_or_more
 from tactemu.scene.steering import steered
@@ -96,7 +96,7 @@ def serve(
     Raises:
         TactemuError: when it starts, if something asked for cannot be had.
     """
-    wishes = Wishes(
+    run_options = RunOptions(
         port=port, rate_hz=rate_hz, faults=tuple(one_or_more(faults)), seed=seed, compute=compute, fresh_ports=True,
         scenario=tuple(scenario), adjustable=tuple(one_or_more(adjustable)),
         measured=measured,
@@ -105,22 +105,22 @@ def serve(
     if clock not in CLOCKS:
         raise SceneError(f"clock: expected one of {', '.join(CLOCKS)}, got {clock!r}")
     return Served(
-        str(target), wishes, steered_by_name, truth, keep, device_options,
+        str(target), run_options, steered_by_name, truth, keep, device_options,
         by_hand=by_hand, source=source, clock=clock, name=name, again=again,
     )  # fmt: skip
 
 
-class Served(Verbs):
+class Served(ControlCommands):
     """What :func:`serve` returns: a running emulator, seen from a test.
 
     What may be done to it, :meth:`press`, :meth:`happen` and so on, it has of
-    :class:`~tactemu.control.control_commands.Verbs`.
+    :class:`~tactemu.control.control_commands.ControlCommands`.
     """
 
     def __init__(
         self,
         target: str,
-        wishes: Wishes,
+        run_options: RunOptions,
         steer: Sequence[str],
         truth: str | Path | None,
         keep: str | int | None,
@@ -135,7 +135,7 @@ class Served(Verbs):
         self.before_opening: Callable[[Any], object] = lambda emulator: None
         """Called when everything is made and no port is open yet."""
         self._source = source
-        self._target, self._device_options, self._wishes, self._steer_names = target, device_options, wishes, steer
+        self._target, self._device_options, self._wishes, self._steer_names = target, device_options, run_options, steer
         self._by_hand = by_hand and not target.endswith(".toml")
         self._truth_path, self._keep = truth, keep
         self._thread: threading.Thread | None = None
@@ -146,7 +146,7 @@ class Served(Verbs):
         self._server: Server | None = None
         self._assembled: Assembled | None = None
         self._control: Control | None = None
-        self._unwatched: list[Errand] = []
+        self._unwatched: list[LoopTask] = []
         """Those that nobody waited for; :meth:`stop` raises what went wrong in them."""
         self._forked: tuple[Assembled, dict[str, Any]] | None = None
         """What it is a fork of, and its state then."""
@@ -178,12 +178,12 @@ class Served(Verbs):
                 self._assembled = assemble(loaded, self._wishes, clock=clock, truth=truth, source=self._source)
             self._control = Control(self._assembled)
             if self._again is not None:
-                play_again(self._control, self._again)
+                replay_commands(self._control, self._again)
             self.before_opening(self.emulator)
             self.emulator.open()
             if self._name is not None:
-                place = Place(self._name, self._target, exactly=True)
-                self._server = Server(place, self._control, gentle=not clock.virtual)
+                place = Endpoint(self._name, self._target, exactly=True)
+                self._server = Server(place, self._control, yield_to_loop=not clock.virtual)
         except BaseException:
             truth.close()
             if self._assembled is not None:
@@ -319,7 +319,7 @@ class Served(Verbs):
         """
         wire = self.control.channel(skin).wire
         deadline = time.monotonic() + seconds
-        while not (wire.counters["received"] if wire.carrier.one_line else wire.transport.listening):
+        while not (wire.counters["received"] if wire.line_model.one_line else wire.transport.has_reader):
             if time.monotonic() > deadline:
                 raise TimeoutError(f"no driver came to {wire.transport.address} within {seconds} s")
             self._check_alive()
@@ -359,11 +359,11 @@ class Served(Verbs):
     def in_loop(self, action: Callable[[], object]) -> None:
         """Have the loop call ``action`` between two of its turns; returns when it has, and raises what it raised."""
 
-        def begin() -> Outcome:
+        def begin() -> TaskResult:
             action()
-            return Outcome()
+            return TaskResult()
 
-        self._wait_for(Errand(self.emulator, begin))
+        self._wait_for(LoopTask(self.emulator, begin))
 
     def _do(self, verb: str, arguments: dict[str, Any]) -> Any:
         """Have the loop do a command, and wait until it is done."""
@@ -373,7 +373,7 @@ class Served(Verbs):
             return None
         return self._wait_for(errand)
 
-    def _wait_for(self, errand: Errand) -> Any:
+    def _wait_for(self, errand: LoopTask) -> Any:
         while not errand.done.wait(0.05):
             self._check_alive()
         return errand.result()

@@ -136,7 +136,7 @@ class CanTransport(Transport):
         return True
 
     @property
-    def listening(self) -> bool:
+    def has_reader(self) -> bool:
         """Whether this node is on the bus."""
         return self._bus is not None
 

@@ -170,7 +170,7 @@ class DdsTransport(Transport):
         return True
 
     @property
-    def listening(self) -> bool:
+    def has_reader(self) -> bool:
         """Whether somebody reads the topic."""
         return self._heard
 

@@ -120,13 +120,13 @@ class MemoryTransport(Transport):
 
     def write(self, frame: Frame) -> bool:
         """Hand the frame to the driver's end."""
-        if not self.listening or len(self.driver.unread) >= UNREAD_LIMIT:
+        if not self.has_reader or len(self.driver.unread) >= UNREAD_LIMIT:
             return False
         self.driver.unread.append(frame)
         return True
 
     @property
-    def listening(self) -> bool:
+    def has_reader(self) -> bool:
         """Whether both ends are open."""
         return self._open and self.driver.is_open
 

@@ -247,7 +247,7 @@ class PtyTransport(Transport):
     # -- setting -----------------------------------------------------------------------------------------------------
 
     @property
-    def listening(self) -> bool:
+    def has_reader(self) -> bool:
         """Whether a driver had the port open at the last :meth:`poll`."""
         return self._heard
 

@@ -48,9 +48,9 @@ class SlcanTransport(PtyTransport):
         self._bus = connector.bitrate if isinstance(connector, Can) else 0
 
     @property
-    def listening(self) -> bool:
+    def has_reader(self) -> bool:
         """Whether the driver has opened the channel, at the bus's bit rate."""
-        return super().listening and self._joined and self._is_in_tune
+        return super().has_reader and self._joined and self._is_in_tune
 
     @property
     def _is_in_tune(self) -> bool:
@@ -89,7 +89,7 @@ class SlcanTransport(PtyTransport):
         """Write one frame as a line; ``False`` when the channel is closed or the driver does not read."""
         if not isinstance(frame, CanFrame):
             raise TransportError(f"a CAN bus cannot carry {len(frame)} bytes of a serial stream")
-        return self.listening and (frame.is_error_frame or super().write(line_of(frame)))
+        return self.has_reader and (frame.is_error_frame or super().write(line_of(frame)))
 
 
 def line_of(frame: CanFrame) -> bytes:

@@ -200,7 +200,7 @@ class SocketCanTransport(Transport):
         return len(frames)
 
     @property
-    def listening(self) -> bool:
+    def has_reader(self) -> bool:
         """Whether this node is on the bus."""
         return self._in is not None
 

@@ -32,9 +32,9 @@ class SocketcandTransport(TcpTransport):
         self._opened = self._raw = False
 
     @property
-    def listening(self) -> bool:
+    def has_reader(self) -> bool:
         """Whether a client is in raw mode."""
-        return super().listening and self._raw
+        return super().has_reader and self._raw
 
     def write(self, frame: Frame) -> bool:
         """Send one frame; ``False`` for kinds that the protocol has no word for, too."""

@@ -142,7 +142,7 @@ class TcpTransport(Transport):
         """Send one frame; ``False`` when nobody is connected or the client does not read."""
         if not isinstance(frame, bytes):
             raise TransportError(f"a TCP connection cannot carry the CAN frame {frame}")
-        if not self.listening or not self._push():
+        if not self.has_reader or not self._push():
             return False
         self._unsent = self._encode(frame)
         before = len(self._unsent)
@@ -162,7 +162,7 @@ class TcpTransport(Transport):
         return not self._unsent
 
     @property
-    def listening(self) -> bool:
+    def has_reader(self) -> bool:
         """Whether a client is connected."""
         return self._client is not None
 

@@ -176,7 +176,7 @@ class Transport(ABC):
 
     @property
     @abstractmethod
-    def listening(self) -> bool:
+    def has_reader(self) -> bool:
         """Whether a driver holds the port (always true on a bus)."""
 
     @property

@@ -126,6 +126,6 @@ class UdpTransport(Transport):
         return True
 
     @property
-    def listening(self) -> bool:
+    def has_reader(self) -> bool:
         """Whether somebody has spoken."""
         return self._peer is not None

@@ -37,13 +37,13 @@ class WebSocketTransport(TcpTransport):
         """Fragments of one that is not whole."""
 
     @property
-    def listening(self) -> bool:
+    def has_reader(self) -> bool:
         """Whether a client has shaken hands, and not begun to leave."""
         return self._client is not None and self._protocol.state is OPEN
 
     def hang_up(self, code: int) -> None:
         """Close the connection with a code; one that must not be sent (1005, 1006, 1015) closes it without a word."""
-        if not self.listening:
+        if not self.has_reader:
             return
         try:
             self._protocol.send_close(code)

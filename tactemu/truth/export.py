@@ -105,7 +105,7 @@ def _can_frames(path: Path, target: Path, skin: str | None) -> int:
 
 def _everything(path: Path, target: Path, skin: str | None) -> int:
     log, count, end = LogWriter(target), 0, End()
-    log.patient = True
+    log.block_when_full = True
     try:
         for record in records(path):
             if isinstance(record, Header) or not log.begun:

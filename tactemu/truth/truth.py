@@ -25,7 +25,7 @@ class Watcher(Protocol):
         ...
 
 
-class Surroundings(Protocol):
+class LogContext(Protocol):
     """What is around the skins: the bodies of a scene."""
 
     names: Sequence[str]
@@ -57,7 +57,7 @@ class Truth:
         OSError: the file cannot be written.
     """
 
-    not_state: ClassVar[tuple[str, ...]] = (
+    TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = (
         "_memory",
         "_writers",
         "_taps",
@@ -88,7 +88,7 @@ class Truth:
         """Entries by kind."""
         self.origin_ns: int | None = None
         """The machine's monotonic clock at ``t_ns = 0``, where the run follows it; set it before the first entry."""
-        self.surroundings: Surroundings | None = None
+        self.surroundings: LogContext | None = None
         """Described in the file, with the poses of bodies that move; set it before the first entry."""
         self._poses = np.zeros((0, 7))
         """As last written."""
@@ -231,7 +231,7 @@ class Truth:
 
     # -- life ----------------------------------------------------------------------------------------------------------
 
-    def begin(self, origin_ns: int | None = None, *, patient: bool = False) -> None:
+    def begin(self, origin_ns: int | None = None, *, block_when_full: bool = False) -> None:
         """The run begins: the file's older content is overwritten. The first entry does it, too.
 
         Args:
@@ -240,7 +240,7 @@ class Truth:
         """
         self.origin_ns = origin_ns
         for writer in self._writers:
-            writer.patient = patient
+            writer.block_when_full = block_when_full
             if not writer.begun:
                 writer.begin(self._header())
 

@@ -74,7 +74,7 @@ class LogWriter:
         check_suffix(self.path)
         self.error: Exception | None = None
         """Why nothing is written any more."""
-        self.patient = False
+        self.block_when_full = False
         """Let the loop wait rather than lose entries: where time is virtual."""
         self._made = not self.path.exists()
         self._file = _File(self.path)
@@ -120,7 +120,7 @@ class LogWriter:
             self._refused += 1
             return
         if self.waiting + size > WAITING_BYTES and self.waiting:
-            if not self.patient:
+            if not self.block_when_full:
                 self._lose_for_slowness(entry)
                 return
             while self.waiting + size > WAITING_BYTES and self.waiting and self.error is None:

@@ -14,7 +14,7 @@ from typing import ClassVar
 
 from firmware_protocols import Frame
 from firmware_protocols.can_frames import CanFrames
-from tactemu.wire.line_models.line_model import Carrier
+from tactemu.wire.line_models.line_model import LineModel
 from tactemu.wire.pending import Pending
 
 CATCH_UP_NS = 5_000_000
@@ -24,11 +24,11 @@ CATCH_UP_NS = 5_000_000
 class Line:
     """The queue in front of a line and the line itself: of one direction, or of all nodes where there is one line."""
 
-    not_state: ClassVar[tuple[str, ...]] = ("_catch_up_ns",)
+    TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("_catch_up_ns",)
 
-    def __init__(self, carrier: Carrier):
-        self.carrier = carrier
-        self._catch_up_ns = 0 if carrier.pacing == "strict" else CATCH_UP_NS
+    def __init__(self, line_model: LineModel):
+        self.line_model = line_model
+        self._catch_up_ns = 0 if line_model.pacing == "strict" else CATCH_UP_NS
         self.free_ns = 0
         """When the line is idle again."""
         self.busy_ns = 0
@@ -50,10 +50,10 @@ class Line:
     ) -> None:
         """Queue a frame that may leave from ``ready_ns`` on; ``took_ns``: its time on the line if not the carrier's."""
         self._number += 1
-        carrier = self.carrier
-        lane = carrier.lane(source)
-        took = carrier.duration_ns(frame) if took_ns is None else took_ns
-        order = carrier.order(turn, ready_ns)
+        line_model = self.line_model
+        lane = line_model.lane(source)
+        took = line_model.duration_ns(frame) if took_ns is None else took_ns
+        order = line_model.order(turn, ready_ns)
         heapq.heappush(self._lanes[lane], Pending(order, self._number, frame, source, ready_ns, took, sample=sample))
         self._waiting_ns[lane] += took
 
@@ -62,23 +62,23 @@ class Line:
         if not frames:
             return
         self._number += 1
-        carrier = self.carrier
-        lane = carrier.lane(source)
-        ends = list(accumulate(carrier.run_ns(frames)))
-        order = carrier.order(0, ready_ns)
+        line_model = self.line_model
+        lane = line_model.lane(source)
+        ends = list(accumulate(line_model.run_ns(frames)))
+        order = line_model.order(0, ready_ns)
         run = Pending(order, self._number, frames, source, ready_ns, ends[-1], sample=sample, ends=ends)
         heapq.heappush(self._lanes[lane], run)
         self._waiting_ns[lane] += ends[-1]
 
     def backlog_ns(self, source: str, now_ns: int) -> int:
         """How far behind this source is: the time that its queue will take, or has waited already if that is more."""
-        name = self.carrier.lane(source)
+        name = self.line_model.lane(source)
         lane = self._lanes.get(name)
         return max(self._waiting_ns[name], now_ns - lane[0].ready_ns) if lane else 0
 
     def waiting_ns(self, source: str) -> int:
         """How long the line will be busy with what this source has queued."""
-        return self._waiting_ns[self.carrier.lane(source)]
+        return self._waiting_ns[self.line_model.lane(source)]
 
     def talks(self, now_ns: int) -> str:
         """Whose frame is on the line; "" when it is idle."""
@@ -149,7 +149,7 @@ class Line:
         everybody = waiting
         if len(waiting) > 1:
             waiting = [entry for entry in waiting if entry[1][0].ready_ns <= start]
-            waiting.sort(key=lambda entry: self.carrier.rank(entry[1][0]))
+            waiting.sort(key=lambda entry: self.line_model.rank(entry[1][0]))
         name, lane = waiting[0]
         if lane[0].ends is None:
             pending = heapq.heappop(lane)
@@ -172,7 +172,7 @@ class Line:
         if last - first > 1 and rivals:
             ready_ns = min([rival.ready_ns for rival in rivals])
             alone = bisect_right(ends, ready_ns - zero_ns - 1, first) + 1  # these start before a rival is ready
-            least = min([self.carrier.rank(rival)[0] for rival in rivals])
+            least = min([self.line_model.rank(rival)[0] for rival in rivals])
             while alone < last and run.frame.array["can_id"][alone] < least:
                 alone += 1
             last = min(last, alone)

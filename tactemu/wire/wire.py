@@ -31,7 +31,7 @@ from tactemu.transports.transport import (
 from tactemu.truth import Truth
 from tactemu.wire.faults import Fault, Injector
 from tactemu.wire.line import Line
-from tactemu.wire.line_models import carrier_of
+from tactemu.wire.line_models import line_model_for
 from tactemu.wire.line_models.line_model import DRIVER, Pacing
 from tactemu.wire.pending import Pending
 
@@ -54,7 +54,7 @@ slow for all of them; those that it leaves out are counted as missed."""
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class ReceivedData:
     """A chunk of bytes or a CAN frame that has arrived at the devices of a wire."""
 
     data: Frame
@@ -90,8 +90,8 @@ class Wire:
     late loop left out: the share that was asked for is not reached), and injected faults by their kind.
     """
 
-    not_state: ClassVar[tuple[str, ...]] = (
-        "transport", "pacing", "backlog_ns", "stands", "is_real_time", "name", "_asked", "_opened", "_plugged",
+    TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = (
+        "transport", "pacing", "backlog_ns", "is_paused", "is_real_time", "name", "_asked", "_opened", "_plugged",
         "_comes_back", "_traffic_ns", "was_opened",
     )  # fmt: skip
 
@@ -111,15 +111,15 @@ class Wire:
         self.truth = truth or Truth()
         self.backlog_ns = backlog_ns
         self.counters: Counter[str] = Counter()
-        self.carrier = carrier_of(connector, pacing=pacing)
-        self.line = Line(self.carrier)
+        self.line_model = line_model_for(connector, pacing=pacing)
+        self.line = Line(self.line_model)
         """Towards the driver, and from it where there is one line for both."""
-        self.inbound = self.line if self.carrier.one_line else Line(self.carrier)
+        self.inbound = self.line if self.line_model.one_line else Line(self.line_model)
         self.connectors: dict[str, Connector] = {}
         """What each device on the wire has there, by the device's name."""
         self.name = ""
         """Who is on it, for the truth log of what arrives and of what befalls the wire; default: who sent last."""
-        self.stands: Callable[[], bool] = bool
+        self.is_paused: Callable[[], bool] = bool
         """Whether time stands: then what the driver says is heard at once, and answers leave at once."""
         self.is_real_time = False
         """Whether the caller's time passes by itself."""
@@ -128,7 +128,7 @@ class Wire:
         self._asked = False
         """The driver has said something while time stands."""
         self._source = ""
-        self._arrived: deque[tuple[int, Heard]] = deque()
+        self._arrived: deque[tuple[int, ReceivedData]] = deque()
         self._held_ns: Counter[str] = Counter()
         """Until when a fault holds a byte stream up, by its direction."""
         self._now_ns = 0
@@ -145,7 +145,7 @@ class Wire:
         """Whether the port is to be there, and whether it is."""
         self._comes_back = False
         """A driver had the port open when the state was saved: to the devices, the first who opens it has had it."""
-        self._injector = Injector(faults, self.carrier, seed, self._note)
+        self._injector = Injector(faults, self.line_model, seed, self._note)
 
     # -- life --------------------------------------------------------------------------------------------------------
 
@@ -155,8 +155,8 @@ class Wire:
         Raises:
             TransportError: it cannot be made.
         """
-        self.transport.fit(self.carrier.connector)
-        self.transport.hear_only(self.carrier.filters(self.connectors.values()))
+        self.transport.fit(self.line_model.connector)
+        self.transport.hear_only(self.line_model.filters(self.connectors.values()))
         self._opened = True
         self._plug()
 
@@ -197,7 +197,7 @@ class Wire:
         if waiting:
             self.counters["unprocessed"] += len(waiting)
 
-    def _count_overflow(self, event: Event | Heard) -> bool:
+    def _count_overflow(self, event: Event | ReceivedData) -> bool:
         """Count what the kernel dropped; return False if the event is another."""
         if not isinstance(event, Overflowed):
             return False
@@ -209,8 +209,8 @@ class Wire:
         changed = self.connectors.get(source, connector) != connector
         self.connectors[source] = connector
         if changed:
-            self.carrier = carrier_of(connector, pacing=self.pacing)
-            self.line.carrier = self.inbound.carrier = self.carrier
+            self.line_model = line_model_for(connector, pacing=self.pacing)
+            self.line.line_model = self.inbound.line_model = self.line_model
 
     def filenos(self) -> list[int]:
         """File descriptors to select for reading."""
@@ -253,7 +253,7 @@ class Wire:
             ValueError: it is not on.
         """
         for frame, source, direction in self._injector.remove(fault):
-            if self.carrier.ordered:  # a reading of a late loop, ready before now, does not overtake it
+            if self.line_model.ordered:  # a reading of a late loop, ready before now, does not overtake it
                 self._held_ns[direction] = max(self._held_ns[direction], self._now_ns)
             if direction == "to_driver":
                 self.line.put(frame, self._now_ns, source)
@@ -281,7 +281,7 @@ class Wire:
             frames = list(frames)
             whole = [each.frame if isinstance(each, Sent) else each for each in frames]
         self._source = source
-        if not self.transport.listening:
+        if not self.transport.has_reader:
             self._lose(whole, now_ns, source, "unheard", "nobody listens", sample)
         elif self._down is not None:
             self._lose(whole, now_ns, source, "unheard", str(self._down), sample)
@@ -291,13 +291,13 @@ class Wire:
         elif isinstance(frames, CanFrames) and not self._injector.spoils:
             self.line.put_run(frames, now_ns, source, sample=sample)
         else:
-            least = self.carrier.turnaround_ns()
+            least = self.line_model.turnaround_ns()
             for each in frames:
                 frame, delay_ns, turn = (
                     (each.frame, each.delay_ns, each.turn) if isinstance(each, Sent) else (each, 0, 0)
                 )
                 ready_ns = now_ns + max(delay_ns, least)
-                for spoilt, held_ns in self._injector.spoil(frame, now_ns, source, "to_driver"):
+                for spoilt, held_ns in self._injector.corrupt(frame, now_ns, source, "to_driver"):
                     at = self._after_held("to_driver", ready_ns, held_ns)
                     self.line.put(spoilt, at, source, turn=turn, sample=sample)
 
@@ -308,7 +308,7 @@ class Wire:
     def _after_held(self, direction: str, ready_ns: int, held_ns: int) -> int:
         """When a frame leaves that a fault holds back by ``held_ns``; on a byte stream, what follows waits for it."""
         ready_ns += held_ns
-        if self.carrier.ordered:
+        if self.line_model.ordered:
             ready_ns = max(ready_ns, self._held_ns[direction])
             if held_ns:
                 self._held_ns[direction] = ready_ns
@@ -362,13 +362,13 @@ class Wire:
         if isinstance(pending.frame, CanFrames):
             return self._pass_run_on(pending, pending.frame, now_ns)
         if pending.source == DRIVER:
-            if self.carrier.carries(pending.frame) and not getattr(pending.frame, "is_error_frame", False):
-                self._arrived.append((pending.end_ns, Heard(pending.frame)))
-                if self.carrier.echoes():
+            if self.line_model.carries(pending.frame) and not getattr(pending.frame, "is_error_frame", False):
+                self._arrived.append((pending.end_ns, ReceivedData(pending.frame)))
+                if self.line_model.echoes():
                     self.transport.write(pending.frame)
             return 0
         if len(self.connectors) > 1 and pending.source in self.connectors:
-            self._arrived.append((pending.end_ns, Heard(pending.frame, pending.source)))
+            self._arrived.append((pending.end_ns, ReceivedData(pending.frame, pending.source)))
         return self._write(pending, now_ns)
 
     def _pass_run_on(self, pending: Pending, frames: CanFrames, now_ns: int) -> int:
@@ -377,11 +377,11 @@ class Wire:
         peers = [connector for name, connector in self.connectors.items() if name != source]
         if peers and source in self.connectors:
             for frame in frames:
-                if any(self.carrier.hears(connector, frame, of_peer=True) for connector in peers):
-                    self._arrived.append((pending.end_ns, Heard(frame, source)))
+                if any(self.line_model.hears(connector, frame, of_peer=True) for connector in peers):
+                    self._arrived.append((pending.end_ns, ReceivedData(frame, source)))
         sent = self.transport.write_all(frames)
         if sent < len(frames):
-            why = ("dropped_unread", "not read") if self.transport.listening else ("unheard", "nobody listens")
+            why = ("dropped_unread", "not read") if self.transport.has_reader else ("unheard", "nobody listens")
             self._lose(frames[sent:], now_ns, source, *why, pending.sample)
             frames = frames[:sent]
         if frames:
@@ -396,7 +396,7 @@ class Wire:
         if isinstance(heard, bytes) and not heard:  # nothing that looks like a byte came out of the noise
             return False
         if not self._hand_over(heard, now_ns):
-            why = ("dropped_unread", "not read") if self.transport.listening else ("unheard", "nobody listens")
+            why = ("dropped_unread", "not read") if self.transport.has_reader else ("unheard", "nobody listens")
             self._lose([frame], now_ns, source, *why, pending.sample)
             return False
         self.counters["sent"] += 1
@@ -408,7 +408,7 @@ class Wire:
         chip = self._injector.chip
         if chip is None or not isinstance(frame, bytes):
             return self.transport.write(frame)
-        if not self.transport.listening:
+        if not self.transport.has_reader:
             return False
         if not chip.fault.covers(now_ns):
             return self.transport.write(chip.empty() + frame)
@@ -426,10 +426,10 @@ class Wire:
 
     # -- from the driver ---------------------------------------------------------------------------------------------
 
-    def receive(self, now_ns: int) -> list[Event | Heard]:
+    def receive(self, now_ns: int) -> list[Event | ReceivedData]:
         """What happened by ``now_ns``, oldest first; bytes arrive when their last bit has."""
         self._now_ns = now_ns
-        events: list[Event | Heard] = []
+        events: list[Event | ReceivedData] = []
         self._follow_outages(self._injector.outage(now_ns), now_ns, events)
         for event in self.transport.poll(self._reading):
             if isinstance(event, Received):
@@ -454,7 +454,7 @@ class Wire:
 
     def hear(self, data: Frame, now_ns: int) -> None:
         """Something of a driver's has arrived that was not on this line, such as that of an earlier run."""
-        self._arrived.append((now_ns, Heard(data)))
+        self._arrived.append((now_ns, ReceivedData(data)))
 
     def _is_news(self, event: Event) -> bool:
         """Whether the devices do not know it; they do not notice that a restored run has another port."""
@@ -469,7 +469,7 @@ class Wire:
 
     def _take(self, data: Frame, now_ns: int) -> None:
         """The driver has sent something; while time stands it is there at once, and so is what was on the line."""
-        if not self.stands():
+        if not self.is_paused():
             self._arrive(data, now_ns)
             return
         self._asked = True
@@ -481,14 +481,14 @@ class Wire:
         """What is on a line has arrived; returns how many frames the driver took."""
         return sum(self._pass_on(pending, now_ns) for pending in line.settle(now_ns))
 
-    def _hear_all(self, events: list[Event | Heard]) -> None:
+    def _hear_all(self, events: list[Event | ReceivedData]) -> None:
         """The port closes: what the driver has sent arrives at once."""
-        if self.carrier.ordered:  # on a bus what has not left its node never does
+        if self.line_model.ordered:  # on a bus what has not left its node never does
             for pending in self.inbound.withdraw(DRIVER):
-                self._arrived.append((self._now_ns, Heard(pending.head)))
+                self._arrived.append((self._now_ns, ReceivedData(pending.head)))
         self._deliver(None, events)
 
-    def _follow_outages(self, fault: Fault | None, now_ns: int, events: list[Event | Heard]) -> None:
+    def _follow_outages(self, fault: Fault | None, now_ns: int, events: list[Event | ReceivedData]) -> None:
         """Pull the plug or leave the bus when it is time, and come back.
 
         Raises:
@@ -502,7 +502,7 @@ class Wire:
             self._hear_all(events)
             self._forget(now_ns, fault.kind)
         if fault is not None and fault.kind == "unplug":
-            if self.transport.listening and not self.carrier.one_line:  # a bus has no open and close
+            if self.transport.has_reader and not self.line_model.one_line:  # a bus has no open and close
                 events += (Closed(), DROPPED)
                 self._held_open, self._lines = False, DROPPED
         self._plug()
@@ -520,28 +520,28 @@ class Wire:
 
     def _arrive(self, data: Frame, now_ns: int) -> None:
         """The driver has sent something: it takes its time on the line."""
-        for part, held_ns in self._injector.spoil(data, now_ns, self._owner, "from_driver"):
+        for part, held_ns in self._injector.corrupt(data, now_ns, self._owner, "from_driver"):
             if self.inbound.waiting_ns(DRIVER) > INBOUND_LIMIT_NS:
                 self.counters["overrun"] += 1
-            elif self.carrier.collides(self.line.talks(now_ns)):
+            elif self.line_model.collides(self.line.talks(now_ns)):
                 self.counters["collision"] += 1
             else:
                 at = self._after_held("from_driver", now_ns, held_ns)
-                took_ns = self.carrier.driver_ns(part, self.transport.setting)
+                took_ns = self.line_model.driver_ns(part, self.transport.setting)
                 self.inbound.put(part, at, DRIVER, took_ns=took_ns)
 
     @property
     def _owner(self) -> str:
         return self.name or self._source
 
-    def _deliver(self, now_ns: int | None, events: list[Event | Heard]) -> None:
+    def _deliver(self, now_ns: int | None, events: list[Event | ReceivedData]) -> None:
         size = 0
         while self._arrived and (now_ns is None or self._arrived[0][0] <= now_ns) and size < MAX_BYTES_A_TURN:
             end_ns, heard = self._arrived.popleft()
             size += len(payload(heard.data))
             if heard.source == DRIVER:
-                if len(self.connectors) < 2:  # else each device hears it in its own way: `heard_by`
-                    heard = Heard(self._through(heard.data, self._owner, to_driver=False))
+                if len(self.connectors) < 2:  # else each device hears it in its own way: `received_by`
+                    heard = ReceivedData(self._through(heard.data, self._owner, to_driver=False))
                     if heard.data == b"":
                         continue
                 self.counters["received"] += 1
@@ -549,26 +549,26 @@ class Wire:
                 self.truth.received(end_ns, self._owner, heard.data)
             events.append(heard)
 
-    def heard_by(self, source: str, heard: Heard) -> Frame | None:
+    def received_by(self, source: str, heard: ReceivedData) -> Frame | None:
         """What a device on the wire hears of a frame; ``None``: its connector lets nothing in."""
         connector, of_peer = self.connectors[source], heard.source != DRIVER
-        if heard.source == source or not self.carrier.hears(connector, heard.data, of_peer=of_peer):
+        if heard.source == source or not self.line_model.hears(connector, heard.data, of_peer=of_peer):
             return None
         if of_peer or len(self.connectors) < 2:
             return heard.data
         return self._through(heard.data, source, to_driver=False) or None
 
-    def passes_by(self, source: str, heard: Heard) -> bool:
+    def passes_by(self, source: str, heard: ReceivedData) -> bool:
         """Whether a frame of the driver's was meant for a device that does not let it in."""
-        return heard.source == DRIVER and self.carrier.passes_by(self.connectors[source], heard.data)
+        return heard.source == DRIVER and self.line_model.passes_by(self.connectors[source], heard.data)
 
     def _through(self, frame: Frame, source: str, *, to_driver: bool) -> Frame:
         """A frame as heard at the other end, whose settings may differ."""
-        connector = self.connectors.get(source, self.carrier.connector)
-        result = self.carrier.heard(frame, connector, self.transport.setting, to_driver=to_driver)
+        connector = self.connectors.get(source, self.line_model.connector)
+        result = self.line_model.heard(frame, connector, self.transport.setting, to_driver=to_driver)
         if result is not frame:
             self.counters["misheard"] += result != frame
         return result
 
 
-__all__ = ["DRIVER", "Heard", "Wire"]
+__all__ = ["DRIVER", "ReceivedData", "Wire"]

@@ -6,13 +6,13 @@ import pytest
 
 from tactemu.cli import reports
 from tactemu.cli.reports import advice, told_if_long
-from tactemu.emulator.assembly import Wishes, assemble
+from tactemu.emulator.assembly import RunOptions, assemble
 from tactemu.scene.file import load
 
 
 @pytest.fixture
 def emulator():
-    return assemble(load("anyskin"), Wishes(port="memory:")).emulator
+    return assemble(load("anyskin"), RunOptions(port="memory:")).emulator
 
 
 def test_nothing_is_said_where_nothing_is_missed(emulator):

@@ -132,7 +132,7 @@ def run(spec: dict[str, Any], command: list[str]) -> tuple[Recording, list[dict[
             stack.enter_context(dev)
             command = [word.replace("{port}", dev.port) if "{port}" in word else word for word in command]
         dev.in_loop(lambda: tap(dev.emulator, recording))
-        names = {name: wire.transport.listening for name, wire in ports_of(dev.emulator).items()}
+        names = {name: wire.transport.has_reader for name, wire in ports_of(dev.emulator).items()}
         driver = subprocess.Popen(command)
         try:
             status = driver.wait(spec.get("seconds", 120))

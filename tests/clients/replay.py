@@ -9,7 +9,7 @@ from typing import Any
 from firmware_protocols import Connector, WebSocket
 from tactemu.base.clock import VirtualClock
 from tactemu.base.frame_text import text
-from tactemu.emulator.assembly import Assembled, Wishes, assemble
+from tactemu.emulator.assembly import Assembled, RunOptions, assemble
 from tactemu.emulator.emulator import Emulator
 from tactemu.scene import file
 from tactemu.transports.memory import MemoryTransport
@@ -70,8 +70,8 @@ def replay(recorded: Recording) -> tuple[Recording, Assembled]:
     about = recorded.about
     loaded = file.parse(about["scene"], source=f"{about['device']}, {about['driver']}")
     names = about["ports"]
-    wishes = Wishes(port=dict.fromkeys(names, "memory:"), seed=about["seed"])
-    made = assemble(loaded, wishes, clock=VirtualClock(), truth=Truth(keep="1GB"))
+    run_options = RunOptions(port=dict.fromkeys(names, "memory:"), seed=about["seed"])
+    made = assemble(loaded, run_options, clock=VirtualClock(), truth=Truth(keep="1GB"))
     emulator = made.emulator
     again = Recording(about)
     tap(emulator, again)

@@ -8,10 +8,10 @@ import pytest
 import tactemu as tt
 from tactemu.base.clock import LockstepClock, VirtualClock
 from tactemu.base.errors import TactemuError
-from tactemu.control.again import commands_of, play_again
+from tactemu.control.again import commands_of, replay_commands
 from tactemu.control.control import Control
 from tactemu.control.control_commands import VERBS
-from tactemu.emulator.assembly import Wishes, assemble
+from tactemu.emulator.assembly import RunOptions, assemble
 from tactemu.scene import file
 from tactemu.scene.steering import steered
 from tactemu.truth import Truth
@@ -32,9 +32,9 @@ COMMANDS = [
 
 
 def made(device, clock, log=None):
-    wishes = Wishes(port="memory:", seed=3, adjustable=("noise", "dead"))
+    run_options = RunOptions(port="memory:", seed=3, adjustable=("noise", "dead"))
     truth = Truth(log)
-    return Control(assemble(steered(file.load(device)), wishes, clock=clock, truth=truth)), truth
+    return Control(assemble(steered(file.load(device)), run_options, clock=clock, truth=truth)), truth
 
 
 def digest(truth) -> str:
@@ -46,7 +46,7 @@ def digest(truth) -> str:
 
 def played_again(device, log) -> str:
     control, truth = made(device, VirtualClock())
-    assert play_again(control, log) == len(commands_of(log))
+    assert replay_commands(control, log) == len(commands_of(log))
     with control.emulator:
         control.emulator.run(1.195)
     return digest(truth)
@@ -60,7 +60,7 @@ def test_a_run_that_was_poked_at_is_the_same_again(tmp_path, suffix):
     with emulator:
         for t_s, verb, args in [*COMMANDS, (1.195, "", {})]:
             emulator.clock.go_on(round(t_s * 1e9))  # type: ignore[attr-defined]
-            while not emulator.clock.stands():
+            while not emulator.clock.is_paused():
                 emulator.step()
             if verb:
                 control.submit(verb, VERBS[verb].checked(args), "a test")
@@ -89,8 +89,8 @@ def test_a_run_in_real_time_is_felt_again(tmp_path):
         dev.wait(0.1)
     felt = {s.t_ns: s.ideal.tobytes() for s in dev.truth.samples}
     loaded = steered(file.load("anyskin"))
-    control = Control(assemble(loaded, Wishes(port="memory:", seed=3, rate_hz=200), clock=VirtualClock()))
-    play_again(control, log)
+    control = Control(assemble(loaded, RunOptions(port="memory:", seed=3, rate_hz=200), clock=VirtualClock()))
+    replay_commands(control, log)
     with control.emulator:
         control.emulator.run(max(felt) / 1e9 + 1e-3)
     again = {s.t_ns: s.ideal.tobytes() for s in control.emulator.truth.samples}

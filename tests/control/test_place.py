@@ -10,7 +10,7 @@ import pytest
 import tactemu as tt
 from tactemu.base.errors import TactemuError, TransportError
 from tactemu.control import endpoints
-from tactemu.control.endpoints import Owner, Place, running, started
+from tactemu.control.endpoints import Endpoint, Owner, running, started
 from tests.cli.command import here, start
 
 
@@ -74,7 +74,7 @@ def test_a_folder_that_is_not_ours_alone_is_not_used(tmp_path, monkeypatch, case
         folder.mkdir(mode=0o755 if case == "open to others" else 0o700)
     if case == "a stranger's":
         monkeypatch.setattr(endpoints.os, "getuid", lambda: folder.stat().st_uid + 1)
-    for use in (running, lambda: Place("x", "anyskin", exactly=True).take(), tt.connect):
+    for use in (running, lambda: Endpoint("x", "anyskin", exactly=True).take(), tt.connect):
         with pytest.raises(TransportError, match=r"is not a folder of yours alone \(mode 0700\)"):
             use()
     assert not folder.is_dir() or not list(folder.iterdir())
@@ -92,7 +92,7 @@ def test_a_run_goes_on_where_there_can_be_no_socket(tmp_path, monkeypatch):
 def test_without_a_runtime_folder_there_is_one_for_temporary_files(tmp_path, monkeypatch):
     monkeypatch.delenv("XDG_RUNTIME_DIR")
     monkeypatch.setattr(endpoints.tempfile, "gettempdir", lambda: str(tmp_path))
-    taken = Place("my hand.toml", "my hand.toml", exactly=False)
+    taken = Endpoint("my hand.toml", "my hand.toml", exactly=False)
     taken.take().close()
     assert taken.path is not None and taken.path == Path(tmp_path, f"tactemu-{os.getuid()}", "my-hand-toml.sock")
     folder = taken.path.parent
@@ -104,7 +104,7 @@ def test_without_a_runtime_folder_there_is_one_for_temporary_files(tmp_path, mon
 @pytest.mark.parametrize("name", ["", "a/b", "../x", "-x", "a" * 41, "ä"])
 def test_a_name_is_one(name):
     with pytest.raises(TactemuError, match="expected letters, digits"):
-        Place(name, "anyskin", exactly=True)
+        Endpoint(name, "anyskin", exactly=True)
 
 
 def test_a_path_that_is_too_long_is_said(tmp_path, monkeypatch):
@@ -112,7 +112,7 @@ def test_a_path_that_is_too_long_is_said(tmp_path, monkeypatch):
     long.mkdir()
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(long))
     with pytest.raises(TransportError, match="too long for a socket; set XDG_RUNTIME_DIR"):
-        Place("skin", "anyskin", exactly=True).take()
+        Endpoint("skin", "anyskin", exactly=True).take()
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import tactemu as tt
 from tactemu.base.errors import SceneError
 from tactemu.base.units import LENGTHS_M, TIMES_S, scaled
 from tactemu.control.control import Control
-from tactemu.control.control_commands import VERBS, Verbs
+from tactemu.control.control_commands import VERBS, ControlCommands
 from tactemu.control.kinds import plain
 from tests.cli.command import here
 
@@ -28,7 +28,7 @@ def test_every_verb_can_be_done_explained_and_typed(name):
     assert f"    tactemu poke {name}" in help_text, "an example to copy"
     assert f"| `{name}" in PAGE.read_text(), "a row of the manual"
     for type_ in (tt.Served, tt.Connection):
-        assert issubclass(type_, Verbs)
+        assert issubclass(type_, ControlCommands)
 
 
 @pytest.mark.parametrize(

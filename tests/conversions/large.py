@@ -26,7 +26,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 def write(path: Path, size: int) -> int:
     """A log of about ``size`` bytes of noise, which does not compress; how many samples it has."""
     rng, truth = np.random.default_rng(0), Truth(path, keep=0)
-    truth.begin(patient=True)
+    truth.begin(block_when_full=True)
     values = rng.normal(size=(64, TAXELS, 3)).astype(np.float32)
     samples = size // (2 * values[0].nbytes + TAXELS * 2 + 200)
     for k in range(samples):

@@ -17,7 +17,7 @@ from tactemu.base.errors import TactemuError
 from tactemu.datasets import making
 from tactemu.datasets.making import begin, make
 from tactemu.datasets.partition import whole_scene
-from tactemu.datasets.spec import Order
+from tactemu.datasets.spec import DatasetSpec
 from tactemu.datasets.variety import Starts
 from tests.cli.command import here
 
@@ -75,13 +75,13 @@ options = {{ noise = 0.02 }}
 
 
 @pytest.fixture
-def order(tmp_path) -> Order:
+def order(tmp_path) -> DatasetSpec:
     path = tmp_path / "press.toml"
     path.write_text(SCENE)
-    return Order(target=str(path), envs=6, steps=200, every=4, seed=5, bytes_envs=0, shift_m=(2e-3, 2e-3, 2e-4))
+    return DatasetSpec(target=str(path), envs=6, steps=200, every=4, seed=5, bytes_envs=0, shift_m=(2e-3, 2e-3, 2e-4))
 
 
-def made(order: Order, folder: Path, **how) -> dict[str, np.ndarray]:
+def made(order: DatasetSpec, folder: Path, **how) -> dict[str, np.ndarray]:
     """Make it, and read it back by pyarrow."""
     begin(order, folder)
     for _ in make(order, folder, **how):
@@ -153,7 +153,7 @@ def test_the_wire_says_what_the_shards_hold(order, tmp_path):
     assert np.ptp(starts[:, 0]) > 1e-3 and np.ptp(starts[:, 2]) > 1e-5
 
 
-def moved(order: Order, folder: Path, kind: str = "mujoco-warp", link: str = "floor") -> Order:
+def moved(order: DatasetSpec, folder: Path, kind: str = "mujoco-warp", link: str = "floor") -> DatasetSpec:
     """The same of a scene that an engine moves."""
     (folder / "model.xml").write_text(MODEL)
     path = folder / f"{kind}-{link}.toml"

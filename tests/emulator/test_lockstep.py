@@ -6,7 +6,7 @@ import pytest
 
 from firmware_protocols.frames import frame_of
 from tactemu.base.clock import LockstepClock, VirtualClock
-from tactemu.emulator.assembly import Wishes, assemble
+from tactemu.emulator.assembly import RunOptions, assemble
 from tactemu.scene import file
 from tactemu.truth import Truth
 
@@ -15,14 +15,14 @@ MS = 1_000_000
 
 def emulator_of(device: str, clock, **options):
     truth = Truth()
-    made = assemble(file.load(device, options), Wishes(port="memory:", seed=3), clock=clock, truth=truth).emulator
+    made = assemble(file.load(device, options), RunOptions(port="memory:", seed=3), clock=clock, truth=truth).emulator
     return made, truth
 
 
 def go_on(emulator, until_ns: int) -> None:
     """What a controller in the same thread does: let time pass, and turn until it stands again."""
     emulator.clock.go_on(until_ns)
-    while not emulator.clock.stands():
+    while not emulator.clock.is_paused():
         emulator.step()
 
 

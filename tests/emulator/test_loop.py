@@ -10,7 +10,7 @@ from tactemu.base.clock import VirtualClock
 from tactemu.emulator.emulator import Channel, Emulator
 from tactemu.emulator.sampling import SampleClock
 from tactemu.transports.transport import Closed, Opened
-from tactemu.wire.wire import Heard
+from tactemu.wire.wire import ReceivedData
 
 
 class Counter8(Device):
@@ -53,7 +53,7 @@ class ListWire:
     def attach(self, source, connector):
         pass
 
-    def heard_by(self, source, heard):
+    def received_by(self, source, heard):
         return heard.data
 
     def send(self, frames, now_ns, source="", sample=None):
@@ -121,7 +121,7 @@ def test_a_slow_device_samples_late_and_does_not_know():
     channel.device.receive = lambda data, t_ns, port: shown.append(-t_ns) or []
     with emulator:
         emulator.run(seconds=0.5)
-        wire.events = [Heard(b"?")]
+        wire.events = [ReceivedData(b"?")]
         emulator.step()
     assert [t for t, _, _ in wire.sent][:3] == [10_100_000, 20_200_000, 30_300_000]
     assert [t for t in shown if t > 0] == [k * 10_000_000 for k in range(1, len(wire.sent) + 1)]
@@ -131,11 +131,11 @@ def test_a_slow_device_samples_late_and_does_not_know():
 def test_a_command_is_answered_and_may_change_the_period():
     emulator, wire, _ = make()
     with emulator:
-        wire.events = [Opened(), Heard(b"?")]
+        wire.events = [Opened(), ReceivedData(b"?")]
         emulator.run(seconds=0.05)
         assert (0, "a", b"!") in wire.sent
         wire.sent.clear()
-        wire.events = [Heard(b"p"), Closed()]
+        wire.events = [ReceivedData(b"p"), Closed()]
         emulator.run(seconds=0.01)
     assert [t for t, _, _ in wire.sent] == [50_000_000 + k * 1_000_000 for k in range(1, 10)]
 
@@ -170,7 +170,7 @@ def test_scheduled_and_foreign_actions_run_in_the_loop():
 def test_a_hanging_device_is_silent_and_goes_on_with_its_grid():
     emulator, wire, channel = make()
     emulator.at(35_000_000, lambda: emulator.hang(75_000_000))
-    emulator.at(50_000_000, lambda: wire.events.append(Heard(b"?")))
+    emulator.at(50_000_000, lambda: wire.events.append(ReceivedData(b"?")))
     with emulator:
         emulator.run(seconds=0.1)
     assert [t // 1_000_000 for t, _, _ in wire.sent] == [10, 20, 30, 80, 90]

@@ -9,7 +9,7 @@ import pytest
 import firmware_protocols as fp
 from firmware_protocols.frames import frame_of
 from tactemu.base.clock import VirtualClock
-from tactemu.emulator.assembly import Wishes, assemble
+from tactemu.emulator.assembly import RunOptions, assemble
 from tactemu.scene import file
 from tactemu.truth import Truth
 
@@ -46,9 +46,9 @@ def beside(data: dict, other: dict) -> dict:
 
 def digest(data: dict, name: str, seed: int = 1) -> tuple[str, int]:
     """SHA-256 and number of the frames that ``name`` sent."""
-    wishes = Wishes(port="memory:", seed=seed)
+    run_options = RunOptions(port="memory:", seed=seed)
     truth = Truth()
-    emulator = assemble(file.check(data), wishes, truth=truth).emulator
+    emulator = assemble(file.check(data), run_options, truth=truth).emulator
     emulator.clock = VirtualClock()
     channel = next(c for c in emulator.channels if c.name == name)
     with emulator:

@@ -8,7 +8,7 @@ import pytest
 import tactemu as tt
 from tactemu.base.clock import VirtualClock
 from tactemu.control.state import statistics_of
-from tactemu.emulator.assembly import Wishes, assemble, truth_of
+from tactemu.emulator.assembly import RunOptions, assemble, truth_of
 from tactemu.scene.file import parse
 
 SKIN = """
@@ -26,7 +26,7 @@ TWO = '[[body]]\nname = "pad"\nshape = "frame"\nfixed = true\n' + "".join(
 
 def run(path=None):
     scene = parse(TWO)
-    emulator = assemble(scene, Wishes(), truth=truth_of(scene, path)).emulator
+    emulator = assemble(scene, RunOptions(), truth=truth_of(scene, path)).emulator
     emulator.clock = VirtualClock()
     with emulator:
         emulator.run(0.5)

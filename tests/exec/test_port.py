@@ -42,7 +42,7 @@ def test_a_vendors_program_finds_what_it_expects(exec_environment, compiled, tmp
     ]
     dev = env.devices[0]
     dev.wait(0.1)
-    assert dev.emulator.channels[0].lives > 1, "DTR restarts the board"
+    assert dev.emulator.channels[0].power_cycles > 1, "DTR restarts the board"
     dev.stop()
     heard = [entry.what for entry in records(log) if isinstance(entry, PortEvent)]
     for what in ("low latency on", "break", "break ends"):
@@ -56,7 +56,7 @@ def test_dtr_restarts_the_board_each_time(exec_environment):
     python(env, "for _ in range(3): port.dtr = False; time.sleep(0.02); port.dtr = True; time.sleep(0.02)", dsrdtr=None)
     env.devices[0].wait(0.1)
     opened, toggled = 1, 3
-    assert channel.lives == 1 + opened + toggled
+    assert channel.power_cycles == 1 + opened + toggled
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import firmware_protocols as fp
-from tactemu.wire.line_models.can import CanCarrier
+from tactemu.wire.line_models.can import CanLine
 from tests.firmware.feeding import sample, send
 
 PRO, O10 = "agibot_omnihand_pro", "agibot_omnihand_o10"
@@ -55,7 +55,7 @@ def test_the_write_bit_is_clear_in_the_answer_and_the_number_is_its_own():
 
 
 def test_the_carriers_filter_is_one_for_29_bits():
-    (taken,) = CanCarrier(hand(O10).ports[0]).filters(hand(O10).ports)
+    (taken,) = CanLine(hand(O10).ports[0]).filters(hand(O10).ports)
     assert taken.passes(0x00130101, True) and not taken.passes(0x101, False)
 
 

@@ -15,7 +15,7 @@ from tactemu.base.clock import VirtualClock
 from tactemu.emulator.emulator import Channel, Emulator
 from tactemu.emulator.sampling import SampleClock
 from tactemu.scene.file import default_scene
-from tactemu.wire.wire import Heard
+from tactemu.wire.wire import ReceivedData
 from tests.emulator.test_loop import ListWire
 from tests.fuzz import TIMES
 
@@ -150,8 +150,10 @@ def test_a_wish_for_a_rate_survives_commands_and_restarts(name):
     with emulator:
         emulator.run(0.1 + device.boot_s)
         for command in device.commands:
-            wires[command.port or device.ports[0].name].events += [Heard(frame_of(each)) for each in command.after]
-            wires[command.port or device.ports[0].name].events.append(Heard(command.frame))
+            wires[command.port or device.ports[0].name].events += [
+                ReceivedData(frame_of(each)) for each in command.after
+            ]
+            wires[command.port or device.ports[0].name].events.append(ReceivedData(command.frame))
             emulator.run(0.02)
         emulator.reset()
         restarted = emulator.clock.now_ns() + round(1e9 * device.boot_s)

@@ -14,7 +14,7 @@ import tactemu as tt
 from firmware_protocols import CanFrame
 from tactemu.base.clock import LockstepClock, VirtualClock
 from tactemu.base.errors import PoseError, SceneError
-from tactemu.emulator.assembly import Wishes, assemble
+from tactemu.emulator.assembly import RunOptions, assemble
 from tactemu.scene import file
 from tactemu.scene.steering import steered
 from tactemu.truth import Passage, Sample, Truth, entries
@@ -30,10 +30,12 @@ def frame(*data: int) -> CanFrame:
     return CanFrame(arbitration_id=0x28, data=bytes(data))
 
 
-def made(scene, clock=None, truth=None, **wishes):
+def made(scene, clock=None, truth=None, **run_options):
     """An emulator of a scene, its simulation and its engine."""
     loaded = steered(file.load(scene))
-    whole = assemble(loaded, Wishes(port="memory:", seed=5, **wishes), clock=clock or VirtualClock(), truth=truth)
+    whole = assemble(
+        loaded, RunOptions(port="memory:", seed=5, **run_options), clock=clock or VirtualClock(), truth=truth
+    )
     return whole.emulator, whole.simulation, whole.simulation.posers[0].__self__
 
 

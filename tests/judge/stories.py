@@ -6,7 +6,7 @@ import numpy as np
 
 from tactemu.judge.columns import Channel, Column, Columns
 from tactemu.judge.outcome import Known
-from tactemu.judge.tape import Change, Frame, Note, Said, Sample, Tape, Weight
+from tactemu.judge.tape import DriverRow, Frame, InjectedFault, Note, ResourceUsage, Sample, TrialRecord
 
 PERIOD = 10_000_000
 NAMES = ("fx", "fy", "fz")
@@ -28,7 +28,7 @@ def row(number, **more):
 def tape(rows=None, *, name="flipped", action="", on=100, off=150, end=200, asks=False, notes=(), **more):
     """Samples 0 to 299, each 10 ms; ``rows`` are ``(time in periods, row)``, by default each sample 1 ms later."""
     known = Known(asks=asks, p50_ms=1.0, p99_ms=2.0, **more.pop("known", {}))
-    told = Tape(
+    told = TrialRecord(
         name, {"name": name, "action": action} | more.pop("trial", {}), asdict(known), COLUMNS.as_dict(),
         on=on * PERIOD, off=off * PERIOD, end=end * PERIOD,
     )  # fmt: skip
@@ -38,12 +38,13 @@ def tape(rows=None, *, name="flipped", action="", on=100, off=150, end=200, asks
     for k in more.pop("held_up", ()):
         told.frames[k] = told.frames[k]._replace(late_ns=6_000_000)
     rows = [(k + 0.1, row(k)) for k in range(end)] if rows is None else rows
-    told.rows = [Said(round(t * PERIOD), dict(each)) for t, each in rows]
+    told.rows = [DriverRow(round(t * PERIOD), dict(each)) for t, each in rows]
     told.notes = [Note(round(t * PERIOD), text, True) for t, text in notes]
     told.changes = [
-        Change(round(t * PERIOD), "flip", f"flip frame {t} byte 0 bit 0", t, "00", ("01",)) for t in more.pop("hit", ())
+        InjectedFault(round(t * PERIOD), "flip", f"flip frame {t} byte 0 bit 0", t, "00", ("01",))
+        for t in more.pop("hit", ())
     ]
-    told.weights = [Weight(k * PERIOD, size, cpu) for k, size, cpu in more.pop("weights", ())]
+    told.weights = [ResourceUsage(k * PERIOD, size, cpu) for k, size, cpu in more.pop("weights", ())]
     for key, value in more.items():
         setattr(told, key, value)
     return told

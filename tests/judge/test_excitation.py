@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from firmware_protocols import Reading, calls, create
-from tactemu.emulator.sensing import Senses
+from tactemu.emulator.sensing import SenseReader
 from tactemu.emulator.sources import OwnSkin
 from tactemu.judge.excitation import Excitation, Span, flattened
 
@@ -17,7 +17,7 @@ def felt(name):
     excitation = Excitation({name: Span(lambda: create(name))})
     excitation.mode = "random"
     skin = OwnSkin(name, device)
-    senses = Senses(skin, device)
+    senses = SenseReader(skin, device)
     rows = []
     for k in range(N):
         t_ns = 10_000_000 * k

@@ -18,7 +18,7 @@ from tactemu.judge.checks import (
 )
 from tactemu.judge.columns import Channel, Column, Columns
 from tactemu.judge.learning import Unlearnable, learn
-from tactemu.judge.tape import Frame, Said, Sample
+from tactemu.judge.tape import DriverRow, Frame, Sample
 
 PERIOD = 10_000_000
 N = 330
@@ -39,7 +39,7 @@ def learned(make, *, taken=None, late=0.1, every=1, channels=CHANNELS):
     taken = taken or samples()
     lateness = late if callable(late) else lambda k: late
     rows = [
-        Said(round(sample.t + lateness(k) * PERIOD), make(sample.counts, k))
+        DriverRow(round(sample.t + lateness(k) * PERIOD), make(sample.counts, k))
         for k, sample in enumerate(taken)
         if not k % every
     ]
@@ -211,7 +211,7 @@ def enumerate_names(values):
 
 def test_too_few_rows_and_rows_of_nothing():
     with pytest.raises(Unlearnable, match="3 rows"):
-        learn([Said(k, {"a": 1.0}) for k in range(3)], samples(), [], CHANNELS)
+        learn([DriverRow(k, {"a": 1.0}) for k in range(3)], samples(), [], CHANNELS)
     random = np.random.default_rng(3)
     assert learned(lambda x, k: {"a": float(random.normal())}).values == []
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tactemu.judge.tape import Change, Frame
+from tactemu.judge.tape import Frame, InjectedFault
 from tactemu.judge.verdicts import judged
 from tests.judge.stories import PERIOD, row, tape, usual
 
@@ -15,7 +15,7 @@ def kinds(told):
 def out_of_turn(name, rows, **known):
     """Six frames come out of turn, and so do rows."""
     told = tape(usual(without=range(110, 116)) + rows, name=name, known=known)
-    told.changes = [Change(k * PERIOD, name, name, None, "", ()) for k in range(110, 116)]
+    told.changes = [InjectedFault(k * PERIOD, name, name, None, "", ()) for k in range(110, 116)]
     return told
 
 
@@ -66,7 +66,7 @@ def unplugged(times, last, notes=(), exit=None):
     away = [k for start in (100, 160)[:times] for k in range(start, start + 20)]
     told = tape(usual(last=last, without=away), name="unplug", action="unplug", off=120 if times == 1 else 180,
                 end=300, notes=notes, exit=exit, silent=set(away))  # fmt: skip
-    told.changes = [Change(start * PERIOD, "unplug", "unplug", None, "", ()) for start in (100, 160)[:times]]
+    told.changes = [InjectedFault(start * PERIOD, "unplug", "unplug", None, "", ()) for start in (100, 160)[:times]]
     return told
 
 

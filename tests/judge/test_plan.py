@@ -82,16 +82,23 @@ def spoilt(frame, texts):
 
 
 def test_answers_that_lie_are_whole():
-    lies = {lie.name: spoilt(RTU, lie.faults(1)) for lie in forged_replies.lies([RTU.hex()], "serial")}
-    assert all(crc16_modbus(lie[:-2]).to_bytes(2, "little") == lie[-2:] for lie in lies.values())
-    assert lies["exception"][:3] == bytes([1, 0x84, 4]) and lies["another unit"][0] == 0 != RTU[0]
-    assert lies["short answer"][2] == len(lies["short answer"]) - 5 < RTU[2]
-    assert lies["another unit"][3:5] != RTU[3:5], "a wrong answer is no reading"
+    forged_values = {
+        lie.name: spoilt(RTU, lie.faults(1)) for lie in forged_replies.forged_values([RTU.hex()], "serial")
+    }
+    assert all(crc16_modbus(lie[:-2]).to_bytes(2, "little") == lie[-2:] for lie in forged_values.values())
+    assert forged_values["exception"][:3] == bytes([1, 0x84, 4]) and forged_values["another unit"][0] == 0 != RTU[0]
+    assert forged_values["short answer"][2] == len(forged_values["short answer"]) - 5 < RTU[2]
+    assert forged_values["another unit"][3:5] != RTU[3:5], "a wrong answer is no reading"
 
     body = bytes([1, 3, 8, 0, 1, 0, 2, 0, 3, 0, 4])
     answer = bytes.fromhex("00290000") + len(body).to_bytes(2, "big") + body
-    lies = {lie.name: spoilt(answer, lie.faults(1)) for lie in forged_replies.lies([answer.hex()], "tcp")}
-    assert lies["exception"] == bytes.fromhex("002900000003018304")
-    assert lies["short answer"][:9] == bytes.fromhex("002900000007010304") and len(lies["short answer"]) == 13
-    assert lies["another transaction"][:2] == b"\x00\x28" and lies["another unit"][6] == 0
-    assert forged_replies.lies(["aa07080a"], "serial") == []
+    forged_values = {
+        lie.name: spoilt(answer, lie.faults(1)) for lie in forged_replies.forged_values([answer.hex()], "tcp")
+    }
+    assert forged_values["exception"] == bytes.fromhex("002900000003018304")
+    assert (
+        forged_values["short answer"][:9] == bytes.fromhex("002900000007010304")
+        and len(forged_values["short answer"]) == 13
+    )
+    assert forged_values["another transaction"][:2] == b"\x00\x28" and forged_values["another unit"][6] == 0
+    assert forged_replies.forged_values(["aa07080a"], "serial") == []

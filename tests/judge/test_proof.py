@@ -4,7 +4,7 @@ import struct
 
 import pytest
 
-from tactemu.judge.tape import Change, Frame
+from tactemu.judge.tape import Frame, InjectedFault
 from tactemu.judge.verdicts import judged
 from tests.judge.stories import PERIOD, counts, row, tape, usual
 
@@ -15,7 +15,7 @@ def trial(action, name=None, **more):
 
 
 def changed(told, fault, at=101, kind="", **more):
-    told.changes.append(Change(at * PERIOD, kind or fault, fault, None, **({"before": "", "after": ()} | more)))
+    told.changes.append(InjectedFault(at * PERIOD, kind or fault, fault, None, **({"before": "", "after": ()} | more)))
     return told
 
 

@@ -13,7 +13,7 @@ from tactemu.judge.outcome import ABOUT, FAILING, Finding, Outcome
 from tactemu.judge.page import page
 from tactemu.judge.plan import Trial
 from tactemu.judge.report import Report
-from tactemu.judge.tape import Tape
+from tactemu.judge.tape import TrialRecord
 from tactemu.judge.verdicts import judged
 from tests.judge.stories import row, tape, usual
 from tests.page.browser import browsing
@@ -31,7 +31,7 @@ def report():
     wrong = judged(tape([*usual(without=[110]), (110.1, row(110, fy=7777.0))], name="<flipped>"))
     wrong.case, wrong.confirmed = CASE, True
     clean = judged(tape(name="clean", action="clean", trial={"recovers": False}))
-    skipped = judged(Tape("wrong baud", {"skipped": "USB & all"}))
+    skipped = judged(TrialRecord("wrong baud", {"skipped": "USB & all"}))
     return Report("optoforce", ["./reader", "<&>"], columns=[("fx", "Fx, in N")], outcomes=[clean, wrong, skipped])
 
 
@@ -100,7 +100,7 @@ def test_each_kind_of_finding_that_may_fail_a_run_has_a_smallest_case(kind):
 
 
 def test_trouble_is_named_once():
-    assert judged(Tape("clean", {}, trouble="died: it was killed")).verdict == "died: it was killed"
+    assert judged(TrialRecord("clean", {}, trouble="died: it was killed")).verdict == "died: it was killed"
 
 
 def test_a_case_is_kept_and_told(tmp_path):

@@ -5,7 +5,7 @@ import pytest
 from tactemu.base.errors import TactemuError
 from tactemu.judge.columns import Columns
 from tactemu.judge.outcome import FAILING
-from tactemu.judge.tape import Said, Tape
+from tactemu.judge.tape import DriverRow, TrialRecord
 from tactemu.judge.verdicts import judged
 from tests.judge.stories import PERIOD, counts, row, tape, usual
 
@@ -93,7 +93,7 @@ def test_a_story(story, tmp_path):
     outcome = judged(told)
     assert [finding.kind for finding in outcome.findings] == kinds, outcome.verdict
     told.write(tmp_path / "trial.jsonl")
-    assert judged(Tape.read(tmp_path / "trial.jsonl")) == outcome, "a verdict is a function of the file"
+    assert judged(TrialRecord.read(tmp_path / "trial.jsonl")) == outcome, "a verdict is a function of the file"
 
 
 def test_a_driver_that_asks_may_repeat_but_not_answer_with_what_it_had():
@@ -145,7 +145,7 @@ def test_columns_that_are_flat_or_fall_back_are_findings_of_the_clean_run(how, k
         how, [[-3000.0, 0.0], [0.0, 1500.0], [3000.0, 1500.0]]
     )
     told.columns = {**told.columns, "columns": [{**columns[0], "how": how, "table": table}, *columns[1:]]}
-    told.rows = [Said(s.t, {**s.row, "fx": float(Columns.from_dict(told.columns).expected(counts(k)[None])[0, 0])})
+    told.rows = [DriverRow(s.t, {**s.row, "fx": float(Columns.from_dict(told.columns).expected(counts(k)[None])[0, 0])})
                  for k, s in enumerate(told.rows)]  # fmt: skip
     assert [finding.kind for finding in judged(told).findings] == kinds
 
@@ -158,7 +158,7 @@ def test_what_is_no_tape_is_refused_in_words(text, tmp_path):
     path = tmp_path / "x.jsonl"
     path.write_text(text)
     with pytest.raises(TactemuError, match=r"x\.jsonl.*not a recorded trial"):
-        Tape.read(path)
+        TrialRecord.read(path)
 
 
 def test_losses_in_a_clean_run_are_not_judged_where_hardly_a_reading_was_sent_in_time():

@@ -88,7 +88,7 @@ def test_without_imperfections_the_measured_branch_is_the_truth():
 def test_the_plan_prints_reasons_and_measured_costs():
     sim, _body, _skin = scene_with(tt.Sphere(radius=0.01), tt.ContactDepthProbe())
     clock = iter(range(0, 10**9, 2000))
-    costs = sim.plan.measure(lambda: next(clock), repeats=3)
+    costs = sim.plan.time_stages(lambda: next(clock), repeats=3)
     assert costs == {"relative poses": 2.0, "skin: contact depth": 2.0}
     table = str(sim.plan).splitlines()
     assert table[0].split() == ["stage", "µs", "why"]

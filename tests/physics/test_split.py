@@ -98,7 +98,7 @@ def test_another_simulation_has_the_transducers_too():
     model = tt.KinematicTaxel(probe_local_pos=GRID, probe_radius=2e-3)
     skin = built.add_sensor(model, link=pad, transducers=[make("skin", {"kind": "piezoresistive"})])
     sim = built.build()
-    other = sim.another()
+    other = sim.clone()
     for each in (sim, other):
         each.step()
     found = other.sensors[0].read()

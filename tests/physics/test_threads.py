@@ -10,7 +10,7 @@ import pytest
 import tactemu as tt
 from tactemu.base.errors import SceneError
 from tactemu.plan.launches import Launches, in_turn
-from tactemu.plan.thread_pool import Team
+from tactemu.plan.thread_pool import ThreadPool
 from tactemu.sensors.models import MODELS, load
 from tactemu.transducers.capacitive import Capacitive
 from tactemu.transducers.fluid import Fluid
@@ -156,25 +156,25 @@ def test_a_large_reading_is_a_copy_made_by_all(monkeypatch):
 
 
 def test_an_error_of_any_share_is_raised_when_all_have_ended():
-    team, ended = Team(3), []
+    thread_pool, ended = ThreadPool(3), []
 
     def fail() -> None:
         raise ValueError("share 1")
 
     for shares in ([[], [fail], [lambda: ended.append(2)]], [[fail], [], [lambda: ended.append(2)]]):
         with pytest.raises(ValueError, match="share 1"):
-            team.run(shares)
-    team.run([[], [lambda: ended.append(1)], []])
+            thread_pool.run(shares)
+    thread_pool.run([[], [lambda: ended.append(1)], []])
     assert sorted(ended) == [1, 2, 2]
-    team.close()
+    thread_pool.close()
 
 
 def test_a_fork_starts_threads_of_its_own():
-    team, done = Team(2), []
-    team.run([[], [lambda: done.append(1)]])
+    thread_pool, done = ThreadPool(2), []
+    thread_pool.run([[], [lambda: done.append(1)]])
     child = os.fork()
     if not child:
-        team.run([[], [lambda: done.append(2)]])
+        thread_pool.run([[], [lambda: done.append(2)]])
         os._exit(0 if done == [1, 2] else 1)
     assert os.waitpid(child, 0)[1] == 0
-    team.close()
+    thread_pool.close()

@@ -94,12 +94,12 @@ def test_of_a_model_of_ones_own_all_that_its_context_made_is_saved():
     first = go(9)
     sim.reset()
     go(3)
-    sim.prepared(state)()
+    sim.prepare_restore(state)()
     assert go(9) == first
     with pytest.raises(ValueError, match=r"expected .* arrays, got 1"):
-        sim.prepared(state | {"memory": state["memory"][:1]})
+        sim.prepare_restore(state | {"memory": state["memory"][:1]})
     with pytest.raises(ValueError, match=r"array 0: expected \(1,\) float64, got \(2,\) float64"):
-        sim.prepared(state | {"memory": [np.zeros(2), *state["memory"][1:]]})
+        sim.prepare_restore(state | {"memory": [np.zeros(2), *state["memory"][1:]]})
 
 
 def test_a_state_of_another_scene_is_refused_in_words(tmp_path):

@@ -134,14 +134,14 @@ def test_the_driver_that_comes_back_is_no_news_to_the_device():
     whole = build(data)
     with whole:
         whole.run(0.1)
-        state, lives = whole.snapshot(), whole.channels[0].lives
+        state, power_cycles = whole.snapshot(), whole.channels[0].power_cycles
     other = build(data)
     other.restore(state)
     with other:
         driver = driver_of(other)
         other.run(0.05)
         assert other.truth.counts["event"] == whole.truth.counts["event"], "not opened again"
-        assert other.channels[0].lives == lives
+        assert other.channels[0].power_cycles == power_cycles
         driver.close()
         other.run(0.01)
         driver.open()

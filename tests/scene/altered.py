@@ -32,7 +32,7 @@ import numpy as np
 from tactemu.base.clock import VirtualClock
 from tactemu.base.errors import TactemuError
 from tactemu.base.kernels import start_quietly
-from tactemu.emulator.assembly import Wishes, assemble, truth_of
+from tactemu.emulator.assembly import RunOptions, assemble, truth_of
 from tactemu.emulator.emulator import Emulator
 from tactemu.scene import file
 from tactemu.scene.steering import steered
@@ -138,7 +138,7 @@ def _run(path: Path, tables: dict[str, Any], port: str | None) -> None:
     loaded = steered(file.check(tables, source=path.name, folder=path.parent))
     log = truth_of(loaded)
     try:
-        emulator = assemble(loaded, Wishes(port=port), clock=VirtualClock(), truth=log).emulator
+        emulator = assemble(loaded, RunOptions(port=port), clock=VirtualClock(), truth=log).emulator
         with emulator:
             emulator.run(RUN_S)
     finally:

@@ -168,7 +168,7 @@ def held(drop, kind: str, n_envs: int | None = N_ENVS):
     scene = tt.Scene(dt=4e-3)
     engine = ENGINES[kind](scene, drop)
     model = tt.KinematicTaxel(probe_local_pos=LINE, probe_radius=5e-3)
-    skin = scene.add_sensor(model, link=engine.carrier("floor", "skin"))
+    skin = scene.add_sensor(model, link=engine.body_of("floor", "skin"))
     return engine, scene.build(n_envs), skin
 
 
@@ -197,10 +197,10 @@ def test_an_engine_steps_as_mujoco_does(drop, kind):
     sim.step()
     fell = sim.pose_array.numpy()[:, ball.index, 2]
     assert fell[1] > 0.019 and (fell[[0, 2]] < 0.0101).all()
-    sim.prepared(saved)()
+    sim.prepare_restore(saved)()
     sim.step()
     after = sim.pose_array.numpy().copy()
-    sim.prepared(saved)()
+    sim.prepare_restore(saved)()
     sim.step()
     np.testing.assert_array_equal(sim.pose_array.numpy(), after)
 
@@ -210,9 +210,9 @@ def hand(kind: str, device: str = "cpu"):
     scene = tt.Scene(dt=4e-3)
     engine = ENGINES[kind](scene, HAND)
     pad = np.stack([*np.meshgrid(np.linspace(-5e-3, 5e-3, 6), np.linspace(-8e-3, 8e-3, 6)), np.full((6, 6), 4e-3)], -1)
-    felt = (engine.source.carrier("object").index,)
+    felt = (engine.source.body_of("object").index,)
     model = tt.KinematicTaxel(probe_local_pos=pad, probe_radius=1.5e-3, normal_stiffness=200.0, track_link_idx=felt)
-    skins = [scene.add_sensor(model, link=engine.source.carrier(tip)) for tip in ("index_tip", "thumb_tip")]
+    skins = [scene.add_sensor(model, link=engine.source.body_of(tip)) for tip in ("index_tip", "thumb_tip")]
     sim = scene.build(2, device=device)
     if kind == "newton":
         orders = engine.control.joint_target_q.reshape((2, -1))
@@ -263,7 +263,7 @@ def test_contacts_for_which_there_is_no_room_are_said(tmp_path, kind, caplog):
     for nconmax, njmax, said in ((8, 64, []), (2, 64, ["contacts"]), (8, 6, ["constraints"])):
         scene = tt.Scene(dt=4e-3)
         engine = ENGINES[kind](scene, path, table(kind=kind, file="balls.xml", nconmax=nconmax, njmax=njmax))
-        scene.add_sensor(tt.ContactDepthProbe(probe_local_pos=LINE), link=engine.carrier("floor", "skin"))
+        scene.add_sensor(tt.ContactDepthProbe(probe_local_pos=LINE), link=engine.body_of("floor", "skin"))
         sim = scene.build(2)
         caplog.clear()
         for _ in range(20):
@@ -340,7 +340,7 @@ def test_bodies_start_where_each_environment_has_them(drop, kind):
     scene = tt.Scene(dt=4e-3)
     engine = ENGINES[kind](scene, drop)
     engine.starts = {"ball": (places, turns)}
-    scene.add_sensor(tt.ContactDepthProbe(probe_local_pos=LINE), link=engine.carrier("floor", "skin"))
+    scene.add_sensor(tt.ContactDepthProbe(probe_local_pos=LINE), link=engine.body_of("floor", "skin"))
     sim = scene.build(2, first_env=3)
     ball = next(body for body in engine.bodies if body.name == "ball")
 

@@ -7,7 +7,7 @@ import firmware_protocols
 from firmware_protocols.device import CONTACT
 from tactemu.base.clock import VirtualClock
 from tactemu.base.errors import SceneError
-from tactemu.emulator.assembly import Wishes, assemble
+from tactemu.emulator.assembly import RunOptions, assemble
 from tactemu.scene.default import REST_S, tables_for
 from tactemu.scene.file import DEFAULTS, check, load, load_device
 
@@ -16,7 +16,7 @@ TOUCH = (*CONTACT, "wrench", "vibration")
 
 def felt(loaded) -> tuple[np.ndarray, np.ndarray]:
     """Time since boot [s] and largest reading of touch of each sample, for four seconds."""
-    emulator = assemble(loaded, Wishes(port="memory:", rate_hz=10)).emulator
+    emulator = assemble(loaded, RunOptions(port="memory:", rate_hz=10)).emulator
     emulator.clock = VirtualClock()
     boot_s = emulator.channels[0].device.boot_s
     with emulator:

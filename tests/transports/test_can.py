@@ -114,10 +114,10 @@ def test_an_interface_that_goes_and_comes_back_is_opened_again(interface, caplog
         interface.index = 0
         failing(port, monkeypatch, errno.ENODEV)
         assert port.poll() == [Closed()] and port.poll() == []
-        assert not port.listening and not port.filenos() and not port.write(frame)
+        assert not port.has_reader and not port.filenos() and not port.write(frame)
         interface.index = 8
         assert port.poll() == [Opened()] and port.poll() == []
-        assert port.listening and port.filenos() and port.write(frame)
+        assert port.has_reader and port.filenos() and port.write(frame)
         interface.index = 9  # gone and made again between two looks
         failing(port, monkeypatch, errno.ENODEV)
         assert port.poll() == [Closed()] and port.poll() == [Opened()]
@@ -137,14 +137,14 @@ def test_a_device_with_fd_frames_needs_an_interface_that_carries_them(interface,
     port.fit(Can(bitrate=1_000_000, data_bitrate=data_bitrate))
     if works:
         with port:
-            assert port.listening
+            assert port.has_reader
         return
     with pytest.raises(TransportError, match=r"can9 carries no CAN-FD \(MTU 16\).*sudo ip link set can9 .* mtu 72 up"):
         port.open()
     monkeypatch.setattr("os.path.exists", lambda path: path == "/sys/class/net/can9/device")
     with pytest.raises(TransportError, match="ip link set can9 up type can bitrate 1000000 dbitrate 5000000 fd on"):
         port.open()
-    assert not port.listening
+    assert not port.has_reader
 
 
 def test_the_mtu_of_an_interface_is_the_kernels():
@@ -154,4 +154,4 @@ def test_the_mtu_of_an_interface_is_the_kernels():
 def test_an_interface_that_is_only_down_keeps_its_socket(interface, monkeypatch):
     with create("can:socketcan:can9") as port:
         failing(port, monkeypatch, errno.ENETDOWN)
-        assert port.poll() == [] and port.listening
+        assert port.poll() == [] and port.has_reader

@@ -55,20 +55,20 @@ def adapter(tmp_path, bitrate=500_000):
 
 def test_a_channel_is_opened_talks_and_is_closed(tmp_path):
     with adapter(tmp_path) as (port, ask):
-        assert ask(b"V\rN\rF\r\r")[0] == b"V1013\rN0001\rF00\r" and not port.listening
+        assert ask(b"V\rN\rF\r\r")[0] == b"V1013\rN0001\rF00\r" and not port.has_reader
         assert ask(b"t12321122\r") == (b"\a", []), "not open"
-        assert ask(b"S6\rO\r") == (b"\r\r", []) and port.listening
+        assert ask(b"S6\rO\r") == (b"\r\r", []) and port.has_reader
         assert ask(b"S4\r")[0] == b"\a", "not while it is open"
         assert ask(b"t1232") == (b"", []) and ask(b"1122\r") == (b"z\r", [Received(FRAME)])
         assert port.write(FRAME) and ask(b"")[0] == b"t12321122\r"
-        assert ask(b"C\r") == (b"\r", []) and not port.listening and not port.write(FRAME)
+        assert ask(b"C\r") == (b"\r", []) and not port.has_reader and not port.write(FRAME)
 
 
 def test_who_only_listens_does_not_talk_and_another_bit_rate_hears_nothing(tmp_path):
     with adapter(tmp_path) as (port, ask):
-        assert ask(b"L\rt12321122\r") == (b"\r\a", []) and port.listening
+        assert ask(b"L\rt12321122\r") == (b"\r\a", []) and port.has_reader
         assert ask(b"C\rS8\rO\rt12321122\r") == (b"\r\r\rz\r", [])
-        assert not port.listening and not port.write(FRAME)
+        assert not port.has_reader and not port.write(FRAME)
 
 
 @pytest.mark.parametrize(
@@ -78,7 +78,7 @@ def test_nonsense_is_refused(line, tmp_path):
     with adapter(tmp_path) as (port, ask):
         ask(b"O\r")
         answer, events = ask(line + b"\rV\r")
-        assert answer.endswith(b"V1013\r") and events == [] and port.listening
+        assert answer.endswith(b"V1013\r") and events == [] and port.has_reader
 
 
 @examples(200)
@@ -103,7 +103,7 @@ def test_socketcand_in_pieces_out_of_turn_and_without_end():
 
             assert ask(b"< rawmode >") == (b"< hi >< error unknown command >", [])
             assert ask(b"< open can0 >< echo >") == (b"< ok >< echo >", []) and not port.write(FRAME)
-            assert ask(b"< rawmode >") == (b"< ok >", []) and port.listening
+            assert ask(b"< rawmode >") == (b"< ok >", []) and port.has_reader
             client.sendall(b"< send 123 2 11")
             assert ask(b" 22 >< send 123 3 1 >") == (b"< error invalid frame >", [Received(FRAME)])
             assert ask(b"a" * 2000 + b"< send 00000123 0 >< echo >")[1] == [
@@ -113,4 +113,4 @@ def test_socketcand_in_pieces_out_of_turn_and_without_end():
             words = client.recv(99).split()
             assert words[:3] == [b"<", b"frame", b"123"] and words[4:] == [b"1122", b">"]
         time.sleep(0.01)
-        assert port.poll() == [] and not port.listening
+        assert port.poll() == [] and not port.has_reader

@@ -269,7 +269,7 @@ def test_a_driver_comes_talks_and_goes_twice(address, end, tmp_path):
         driver = end(port, port.address)
         bus, adapter = type(driver) is CanEnd, isinstance(driver, CanEnd)
         for _ in range(1 if bus else 2):
-            assert port.listening == bus
+            assert port.has_reader == bus
             if not bus:
                 assert not port.write(driver.frame), "nobody listens"
             seen = []
@@ -277,9 +277,9 @@ def test_a_driver_comes_talks_and_goes_twice(address, end, tmp_path):
             if not adapter:
                 look(port, seen, LinesChanged)
                 assert seen[0] == Opened() and [e for e in seen if isinstance(e, LinesChanged)][-1] == RAISED
-            while adapter and not bus and not port.listening:
+            while adapter and not bus and not port.has_reader:
                 port.poll()
-            assert port.listening
+            assert port.has_reader
             assert port.write(driver.frame)
             assert driver.read(driver.frame) == driver.frame
             driver.write(driver.request)
@@ -296,14 +296,14 @@ def test_a_driver_comes_talks_and_goes_twice(address, end, tmp_path):
 def test_closing_is_safe_at_any_time(address, end, tmp_path):
     port = create(address.format(tmp=tmp_path))
     port.close()
-    assert port.poll() == [] and not port.listening
+    assert port.poll() == [] and not port.has_reader
     for _ in range(3):
         port.open()
         port.open()
         assert all(fileno >= 0 for fileno in port.filenos())
         port.close()
         port.close()
-    assert port.filenos() == [] and not port.listening
+    assert port.filenos() == [] and not port.has_reader
 
 
 @pytest.mark.parametrize(
@@ -362,7 +362,7 @@ def test_a_client_that_comes_and_goes_and_comes_again_does_not_wait():
         assert time.monotonic() - began < 0.9
         with socket.create_connection(("127.0.0.1", port.port)):
             assert look(port, [], Received, seconds=0.2).count(Opened()) == 9
-            assert port.listening
+            assert port.has_reader
 
 
 def test_a_second_tcp_client_is_turned_away():
@@ -431,5 +431,5 @@ def test_rfc2217_survives_malformed_options():
                     pass
             except BlockingIOError:
                 client.setblocking(True)
-        assert port.listening
+        assert port.has_reader
         client.close()

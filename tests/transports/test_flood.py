@@ -142,7 +142,7 @@ def test_a_client_that_goes_leaves_its_last_bytes_and_nobody_waits(address):
             while Closed() not in events and time.monotonic() < end:
                 events += port.poll(reading)
             assert b"".join(event.data for event in events if isinstance(event, Received)) == b"a" * 5000
-            assert Closed() in events and not port.listening
+            assert Closed() in events and not port.has_reader
             port.poll()
 
 
@@ -216,9 +216,9 @@ def test_who_shakes_no_hands_is_dropped_and_the_next_is_served(sent, answer):
             client.sendall(sent)
             assert client.recv(100).startswith(answer)
         seen.join()
-        assert not port.listening and not port.write(b"frame")
+        assert not port.has_reader and not port.write(b"frame")
         with pumped(port):
-            assert port.listening
+            assert port.has_reader
 
 
 def test_pings_without_end_fill_no_memory():

@@ -66,7 +66,7 @@ def living_child():
 def serves(port):
     """Whether a driver can open the port and the port sees it."""
     if port.scheme == "can":
-        return port.listening and bool(port.filenos())
+        return port.has_reader and bool(port.filenos())
     if port.scheme == "pty":
         driver = serial.Serial(port.address)
     elif port.scheme == "udp":

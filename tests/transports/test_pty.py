@@ -51,7 +51,7 @@ def events(port, kind=None, tries=50):
 
 
 def test_nothing_is_written_while_nobody_listens(port):
-    assert port.poll() == [] and not port.listening
+    assert port.poll() == [] and not port.has_reader
     assert not port.write(b"lost")
     with serial.Serial(port.address, timeout=0) as driver:
         assert events(port)[0] == Opened()

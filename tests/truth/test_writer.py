@@ -113,7 +113,7 @@ def test_the_thread_has_its_share_of_a_busy_machine(tmp_path, monkeypatch):
 def test_where_time_is_virtual_the_loop_waits_instead(tmp_path, monkeypatch):
     monkeypatch.setattr(writer, "WAITING_BYTES", 10_000)
     log = Truth(tmp_path / "t.jsonl")
-    log.begin(patient=True)
+    log.begin(block_when_full=True)
     told(log, 100)
     log.close()
     assert log.lost == 0 and len(tt.read_log(tmp_path / "t.jsonl")["a"].t_ns) == 100

@@ -20,8 +20,8 @@ from tactemu.transports.transport import DROPPED, RAISED, Closed, Opened
 from tactemu.truth import Truth, read_log
 from tactemu.wire.faults import KINDS, Fault, parse
 from tactemu.wire.faults.frames import SPOIL
-from tactemu.wire.line_models import carrier_of
-from tactemu.wire.wire import Heard, Wire
+from tactemu.wire.line_models import line_model_for
+from tactemu.wire.wire import ReceivedData, Wire
 
 USB = Serial(baud=115_200, usb=True)
 CAN = Can()
@@ -204,7 +204,7 @@ def test_a_request_is_lost_by_its_number():
     for k in range(3):
         wire.transport.driver.write(bytes([k]))
         for t in range(3):
-            heard += [each.data for each in wire.receive((10 * k + t) * MS) if isinstance(each, Heard)]
+            heard += [each.data for each in wire.receive((10 * k + t) * MS) if isinstance(each, ReceivedData)]
     assert heard == [b"\0", b"\2"]
 
 
@@ -215,7 +215,7 @@ SPOILERS = ["drop", "flip", "truncate", "length", "checksum", "duplicate", "garb
 
 @pytest.mark.parametrize(
     ("kind", "spec"),
-    [(kind, spec) for kind in SPOILERS for spec in (USB, CAN, UDP) if carrier_of(spec).kind in KINDS[kind].wires],
+    [(kind, spec) for kind in SPOILERS for spec in (USB, CAN, UDP) if line_model_for(spec).kind in KINDS[kind].wires],
     ids=str,
 )
 def test_a_fault_spoils_as_many_as_it_counts_and_leaves_the_others_alone(kind, spec):
@@ -318,7 +318,7 @@ def test_directions():
         for now in range(9):
             wire.send([b"out"], now)
             wire.transport.driver.write(b"in")
-            heard += [event for event in wire.receive(now) if isinstance(event, Heard)]
+            heard += [event for event in wire.receive(now) if isinstance(event, ReceivedData)]
             wire.flush(now)
         assert (len(wire.transport.driver.read()), len(heard)) == (to_driver, from_driver)
         assert truth.injected["drop"] == 18 - to_driver - from_driver
@@ -395,7 +395,7 @@ def test_a_held_command_reaches_the_device_when_the_fault_is_removed(kind):
     wire.transport.driver.write(b"command")
     assert wire.receive(0) == [Opened(), RAISED]
     wire.remove_fault(fault)
-    assert wire.receive(MS) == ([Heard(b"command")] if kind == "reorder" else [])
+    assert wire.receive(MS) == ([ReceivedData(b"command")] if kind == "reorder" else [])
 
 
 def test_a_usb_chip_that_is_taken_out_hands_over_what_it_has():
@@ -454,7 +454,7 @@ def test_busoff_loses_both_directions():
     heard, seen = [], []
     for now in range(0, 200 * MS, MS):
         wire.transport.driver.write(CanFrame(arbitration_id=1))
-        heard += [now // MS for event in wire.receive(now) if isinstance(event, Heard)]
+        heard += [now // MS for event in wire.receive(now) if isinstance(event, ReceivedData)]
         wire.send([CanFrame(arbitration_id=2)], now, "pad")
         wire.flush(now + MS // 2)
         seen += [now // MS for _ in wire.transport.driver.read()]

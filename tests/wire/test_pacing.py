@@ -12,7 +12,7 @@ from tactemu.truth import Truth
 from tactemu.truth.entries import Passage
 from tactemu.wire.can_bits import frame_ns
 from tactemu.wire.uart import misheard
-from tactemu.wire.wire import DRIVER, Heard, Wire
+from tactemu.wire.wire import DRIVER, ReceivedData, Wire
 
 UART = Serial(baud=115_200)
 FRAME = bytes(range(82))
@@ -161,10 +161,10 @@ def test_requests_take_their_time_too():
     driver.write(b"12345678")
     assert wire.receive(0) == []
     assert wire.next_due_ns() == round(80e9 / 115_200)
-    assert wire.receive(wire.next_due_ns()) == [Heard(b"12345678")]
+    assert wire.receive(wire.next_due_ns()) == [ReceivedData(b"12345678")]
     driver.write(b"bye")
     driver.close()
-    assert wire.receive(10**9) == [Heard(b"bye"), Closed(), DROPPED]
+    assert wire.receive(10**9) == [ReceivedData(b"bye"), Closed(), DROPPED]
 
 
 def test_on_a_half_duplex_line_too_the_last_words_of_a_driver_are_heard():
@@ -175,7 +175,7 @@ def test_on_a_half_duplex_line_too_the_last_words_of_a_driver_are_heard():
     driver.write(b"bye")
     driver.close()
     heard = wire.receive(1000)
-    assert [event.data for event in heard if isinstance(event, Heard)] == [b"first", b"bye"]
+    assert [event.data for event in heard if isinstance(event, ReceivedData)] == [b"first", b"bye"]
     assert heard[-2:] == [Closed(), DROPPED] and wire.next_due_ns() is None
     assert wire.counters["unheard"] == 1, "what the device was about to say"
 
@@ -249,7 +249,7 @@ def test_requests_of_the_driver_share_the_bus():
     assert wire.flush(first) == 1
     assert wire.next_due_ns() == first + frame_ns(request, 1_000_000)
     assert wire.receive(wire.next_due_ns() - 1) == []
-    assert wire.receive(wire.next_due_ns()) == [Heard(request)]
+    assert wire.receive(wire.next_due_ns()) == [ReceivedData(request)]
 
 
 def test_a_driver_that_floods_the_bus_starves_no_lower_identifier():
@@ -260,11 +260,11 @@ def test_a_driver_that_floods_the_bus_starves_no_lower_identifier():
     for now in range(0, 500_000_000, 1_000_000):
         for _ in range(90):
             driver.write(CanFrame(arbitration_id=0x400, data=bytes(8)))
-        heard += sum(isinstance(event, Heard) for event in wire.receive(now))
+        heard += sum(isinstance(event, ReceivedData) for event in wire.receive(now))
         wire.send([ours], now, "pad")
         wire.flush(now)
         while (due := wire.next_due_ns()) is not None and due < now + 1_000_000:
-            heard += sum(isinstance(event, Heard) for event in wire.receive(due))
+            heard += sum(isinstance(event, ReceivedData) for event in wire.receive(due))
             wire.flush(due)
             waits += [due - now for _ in driver.read()]
     assert len(waits) >= 499 and max(waits) < 3 * frame_ns(ours, 1_000_000)
@@ -279,10 +279,10 @@ def test_a_loop_that_is_late_hears_all_frames_of_an_idle_bus_in_order():
         now = turn * 25_000_000
         for k in range(4):
             driver.write(CanFrame(arbitration_id=0x400, data=bytes([turn, k])))
-        heard += [event.data.data for event in wire.receive(now) if isinstance(event, Heard)]
+        heard += [event.data.data for event in wire.receive(now) if isinstance(event, ReceivedData)]
         wire.flush(now + 50_000)
     while (due := wire.next_due_ns()) is not None:
-        heard += [event.data.data for event in wire.receive(due) if isinstance(event, Heard)]
+        heard += [event.data.data for event in wire.receive(due) if isinstance(event, ReceivedData)]
         wire.flush(due)
     assert heard == [bytes([turn, k]) for turn in range(20) for k in range(4)]
     assert wire.counters["overrun"] == 0
@@ -302,7 +302,7 @@ def test_a_driver_that_floods_a_serial_line_is_held_up_and_loses_nothing():
     assert taken == [True] * WAITING_LIMIT + [False] * (3000 - WAITING_LIMIT)
     heard = b""
     for now in range(0, 1_000_000_000, 1_000_000):
-        heard += b"".join(event.data for event in wire.receive(now) if isinstance(event, Heard))
+        heard += b"".join(event.data for event in wire.receive(now) if isinstance(event, ReceivedData))
         assert wire.inbound.waiting_ns(DRIVER) <= 50_000_000 + (CHUNK + 100) * 10e9 / 115_200
     assert len(heard) == pytest.approx(11_520, abs=100)
     assert heard == b"".join(bytes([k % 256]) * 100 for k in range(200))[: len(heard)]
@@ -318,7 +318,7 @@ def test_what_a_driver_leaves_behind_keeps_nobody_waiting():
     driver.open()
     driver.write(b"?")
     wire.receive(2_000_000)
-    assert Heard(b"?") in wire.receive(2_000_000 + 100_000_000)
+    assert ReceivedData(b"?") in wire.receive(2_000_000 + 100_000_000)
 
 
 # -- baud ------------------------------------------------------------------------------------------------------------
@@ -332,7 +332,7 @@ def test_at_the_right_speed_everything_and_at_another_noise_both_ways():
         driver.set_serial(baud=baud)
         driver.write(frame)
         wire.receive(0)
-        heard = b"".join(event.data for event in wire.receive(10**9) if isinstance(event, Heard))
+        heard = b"".join(event.data for event in wire.receive(10**9) if isinstance(event, ReceivedData))
         wire.send([frame], 2 * 10**9)
         seen = b"".join(piece for _, piece in run_until(wire, 3 * 10**9))
         assert (heard == frame) == (seen == frame) == equal
@@ -401,6 +401,6 @@ def test_a_driver_with_another_format_hears_noise_and_so_does_the_device(usb):
     driver.set_serial(baud=9600, bytesize=8, parity="N", stopbits=1)
     driver.write(b"\xc3")
     events = wire.receive(0) + wire.receive(10**9)
-    assert [event.data for event in events if isinstance(event, Heard)] == [b"\xc3" if usb else b"C"]
+    assert [event.data for event in events if isinstance(event, ReceivedData)] == [b"\xc3" if usb else b"C"]
     wire.send([b"C"], 2 * 10**9)
     assert [frame for _, frame in run_until(wire, 3 * 10**9)] == [b"C" if usb else b"\xc3"]

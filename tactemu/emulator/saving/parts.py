@@ -1,14 +1,15 @@
 """The state of an object and of all that it is made of, as plain data, and back.
 
 A *part* is an object that is there before a state is restored, and goes on being the same object: the loop, a channel,
-a wire. Its class says by ``not_state`` which of its attributes are none (what is made anew and equal, what belongs to
-the outside); all others are its state, so that what is added to a class later is saved without a word. Attributes that
-lead to parts are how it is built. What else they hold must be plain data or objects of the modules in :data:`VALUES`.
+a wire. Its class says by ``TRANSIENT_FIELDS`` which of its attributes are none (what is made anew and equal, what
+belongs to the outside); all others are its state, so that what is added to a class later is saved without a word.
+Attributes that lead to parts are how it is built. What else they hold must be plain data or objects of the modules in :data:`VALUES`.
 
 A part may say otherwise, by methods:
 
-* ``more_parts()``: further parts, by name, that no attribute leads to;
-* ``state()``, and ``prepared(state)``, which checks, changes nothing and returns what does: in place of attributes;
+* ``extra_state()``: further parts, by name, that no attribute leads to;
+* ``state()``, and ``prepare_restore(state)``, which checks, changes nothing and returns what does: in place of
+attributes;
 * ``other_state()``: values that its state may have at other times, beside those of now;
 * ``resumed()``: called when all parts have their state.
 """
@@ -51,7 +52,7 @@ def parts_of(root: Any) -> dict[str, Any]:
             seen.add(id(value))
             found[name] = value
             if not isinstance(value, Device):
-                more = value.more_parts() if hasattr(value, "more_parts") else {}
+                more = value.extra_state() if hasattr(value, "extra_state") else {}
                 for key, each in (_attributes(value) | more).items():
                     look(each, f"{name}.{key}".lstrip("."))
 
@@ -72,7 +73,7 @@ def state_of(parts: Mapping[str, Any]) -> dict[str, Any]:
         raise StateError(f"cannot be saved: {error}") from None
 
 
-def prepared(parts: Mapping[str, Any], state: Mapping[str, Any], t_ns: int) -> Callable[[], None]:
+def prepare_restore(parts: Mapping[str, Any], state: Mapping[str, Any], t_ns: int) -> Callable[[], None]:
     """Check that :func:`state_of` may have returned ``state`` for such parts at ``t_ns``; return what gives it to them.
 
     Raises:
@@ -114,7 +115,7 @@ def _prepared(part: Any, name: str, state: Any, reader: _Reader, leaves: LeafChe
         attributes = {key: reader.read(value) for key, value in state.items()}
         more = [part.other_state()] if hasattr(part, "other_state") else []
         leaves.attributes(type(part), attributes, [here, *more], name)
-        return part.prepared(attributes) if hasattr(part, "state") else partial(vars(part).update, attributes)
+        return part.prepare_restore(attributes) if hasattr(part, "state") else partial(vars(part).update, attributes)
     except StateError:
         raise
     except (TactemuError, ValueError, TypeError, LookupError, AttributeError, OverflowError) as error:
@@ -146,11 +147,11 @@ def _check_names(where: str, what: str, here: Mapping[str, Any], there: Mapping[
 
 
 def _is_part(value: Any) -> bool:
-    return hasattr(type(value), "not_state") or isinstance(value, Device)
+    return hasattr(type(value), "TRANSIENT_FIELDS") or isinstance(value, Device)
 
 
 def _attributes(part: Any) -> dict[str, Any]:
-    return {name: value for name, value in vars(part).items() if name not in part.not_state}
+    return {name: value for name, value in vars(part).items() if name not in part.TRANSIENT_FIELDS}
 
 
 def _own(part: Any) -> dict[str, Any]:

@@ -26,7 +26,7 @@ def take(emulator: Any) -> dict[str, Any]:
     """
     there = parts.parts_of(emulator)
     state = parts.state_of(there)
-    return {"header": state_file.header(_made_of(emulator, there), emulator.clock.now_ns()), "parts": state}
+    return {"header": state_file.header(_recipe(emulator, there), emulator.clock.now_ns()), "parts": state}
 
 
 def write(path: str | Path, state: Mapping[str, Any]) -> int:
@@ -45,15 +45,15 @@ def restore(emulator: Any, state: Mapping[str, Any] | str | Path) -> None:
         StateError: it is not one of such an emulator; says what differs. Nothing has changed.
     """
     there = parts.parts_of(emulator)
-    made_of = _made_of(emulator, there)
+    recipe = _recipe(emulator, there)
     if isinstance(state, Mapping):
         header, tree = state["header"], state["parts"]
-        state_file.check_header(header, made_of, "the state")
+        state_file.check_header(header, recipe, "the state")
     else:
         memory = sum(array.numpy().nbytes for array in _memory(there))
-        header, tree = state_file.read(state, made_of, memory)
+        header, tree = state_file.read(state, recipe, memory)
     _check_time(header["t_ns"], tree)
-    give = parts.prepared(there, tree, header["t_ns"])
+    give = parts.prepare_restore(there, tree, header["t_ns"])
     give()
     emulator.clock.set_ns(header["t_ns"])
     emulator.now_ns = header["t_ns"]
@@ -79,10 +79,10 @@ def _memory(there: Mapping[str, Any]) -> list[Any]:
 # -- what it is of -----------------------------------------------------------------------------------------------------
 
 
-def _made_of(emulator: Any, there: Mapping[str, Any]) -> dict[str, Any]:
+def _recipe(emulator: Any, there: Mapping[str, Any]) -> dict[str, Any]:
     """What a state must have been saved of, to be restored here: tables of texts and numbers, by names for messages."""
     devices = {channel.name: _device(channel.device) for channel in emulator.channels}
-    found: dict[str, Any] = {"device": devices, **emulator.made_of}
+    found: dict[str, Any] = {"device": devices, **emulator.recipe}
     simulation = _simulation(there)
     if simulation is not None:
         context = simulation.context

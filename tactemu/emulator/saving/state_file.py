@@ -33,18 +33,18 @@ _KINDS = "biufcV"
 """Of numbers, and records of them, that an array may hold."""
 
 
-def header(made_of: Mapping[str, Any], t_ns: int) -> dict[str, Any]:
+def header(recipe: Mapping[str, Any], t_ns: int) -> dict[str, Any]:
     """What stands before a state: by whom it was written, of what scene, at which time."""
-    return {"format": FORMAT, "tactemu": __version__, "t_ns": t_ns, "made_of": flat(made_of)}
+    return {"format": FORMAT, "tactemu": __version__, "t_ns": t_ns, "made_of": flat(recipe)}
 
 
-def check_header(found: Any, made_of: Mapping[str, Any], where: str) -> None:
+def check_header(found: Any, recipe: Mapping[str, Any], where: str) -> None:
     """Refuse what another version wrote, or what is of another scene.
 
     Raises:
         StateError: names what differs.
     """
-    here = header(made_of, 0)
+    here = header(recipe, 0)
     if not isinstance(found, dict) or found.keys() != here.keys():
         raise StateError(f"{where}: no state of tactemu, or of a much older or newer one")
     for name in ("format", "tactemu"):
@@ -105,7 +105,7 @@ def write(path: str | Path, head: Mapping[str, Any], state: dict[str, Any]) -> i
         raise StateError(f"{path}: cannot write the state: {error.strerror}") from None
 
 
-def read(path: str | Path, made_of: Mapping[str, Any], own_bytes: int) -> tuple[dict[str, Any], dict[str, Any]]:
+def read(path: str | Path, recipe: Mapping[str, Any], own_bytes: int) -> tuple[dict[str, Any], dict[str, Any]]:
     """The header of a file and the state in it.
 
     Args:
@@ -129,7 +129,7 @@ def read(path: str | Path, made_of: Mapping[str, Any], own_bytes: int) -> tuple[
     try:
         members = _members(data)
         head = json.loads(_text(members, _HEADER))
-        check_header(head, made_of, str(path))
+        check_header(head, recipe, str(path))
         arrays = _Once({name: _array(name, each) for name, each in members.items() if name not in (_HEADER, _TREE)})
         return head, plain.from_text(_text(members, _TREE), arrays)
     except (ValueError, KeyError, RecursionError, zipfile.BadZipFile, NotImplementedError, EOFError) as error:

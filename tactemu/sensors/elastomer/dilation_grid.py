@@ -1,7 +1,7 @@
 """Dilation on a regular grid: two passes of separable weights over the contact's bounding box.
 
 Pass 1 sums over rows, for every column in contact; pass 2 over columns. On a GPU one thread computes ``WIDTH`` rows of
-a column: neighbouring memory for neighbouring threads. For a CPU: :mod:`.dilation_in_registers`.
+a column: neighbouring memory for neighbouring threads. For a CPU: :mod:`.dilation_simd`.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -193,7 +193,7 @@ def grid_dilation(
         return values
 
     terms, vec3 = (stack(row_u, row_v, row_n), stack(col_u, col_v, col_n)), wp.types.vector(3, real)
-    passes = _in_registers if context.device.is_cpu else _two_passes
+    passes = _simd if context.device.is_cpu else _two_passes
     axes = [vec3(*(scale * axis)) for axis in (grid.u, grid.v, grid.normal)]
     as_grid = (context.n_envs, grid.rows, grid.cols)
     felt = [depth.reshape(as_grid), power.reshape(as_grid), box]
@@ -219,7 +219,7 @@ def _two_passes(context, grid, rows, cols, n_terms: int, felt: list, axes: list,
     return in_turn(first, second)
 
 
-def _in_registers(context, grid, rows, cols, n_terms: int, felt: list, axes: list, is_sensing, motion):
+def _simd(context, grid, rows, cols, n_terms: int, felt: list, axes: list, is_sensing, motion):
     """On a CPU: both passes of an environment in one thread."""
     tables = [
         wp.array(np.pad(part, ((0, 0), (0, WIDTH))), dtype=context.real, device=context.device) for part in (rows, cols)

@@ -1,5 +1,5 @@
-"""The cells of a solver's windows eight at a time in a CPU's vector registers: what :mod:`.pressure_in_registers` and
-:mod:`.friction_in_registers` have in common."""
+"""The cells of a solver's windows eight at a time in a CPU's vector registers: what :mod:`.pressure_simd` and
+:mod:`.friction_simd` have in common."""
 
 from tactemu.geometry.simd import vectors
 

@@ -7,7 +7,7 @@ space of the *Hartley* transform ``H(k) = sum f(x) (cos kx + sin kx)``, which is
     even kernel g:  H[g * f](k) = g_cos(k) H[f](k)          odd kernel:  H[g * f](k) = g_sin(k) H[f](-k)
 
 Two real columns make one complex column of a Stockham FFT of radix 4. Columns lie side by side in *lanes*: on a CPU
-they fill the vector registers (:mod:`.in_registers`), on a GPU ``lanes`` is 1 and the columns go to threads. Every pass
+they fill the vector registers (:mod:`.simd`), on a GPU ``lanes`` is 1 and the columns go to threads. Every pass
 transforms along the rows and writes its result transposed; two passes there and two back are a convolution.
 """
 
@@ -229,7 +229,7 @@ def convolution_functions(real, lanes: int, chip: bool) -> ConvolutionFunctions:
         block_sync()
 
     in_turn = short_hartley(real) if chip else long_hartley
-    in_registers, scale_in_registers = wide_hartley(real), wide_scale(real)
+    simd, scale_in_registers = wide_hartley(real), wide_scale(real)
 
     @wp.func
     def hartley(
@@ -245,7 +245,7 @@ def convolution_functions(real, lanes: int, chip: bool) -> ConvolutionFunctions:
         thread: int,
     ):
         if wp.static(lanes > 1):
-            in_registers(ws.im[slot], ws.twiddle, field, rows, columns, n, first, rows_out, out)
+            simd(ws.im[slot], ws.twiddle, field, rows, columns, n, first, rows_out, out)
         else:
             in_turn(ws.re, ws.im, ws.twiddle, slot, field, rows, columns, n, first, rows_out, out, thread)
 

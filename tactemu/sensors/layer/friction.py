@@ -37,7 +37,7 @@ from tactemu.sensors.layer.friction_state import (
 )
 from tactemu.sensors.layer.shared_memory import chip_functions, chip_numbers
 from tactemu.sensors.layer.tables import tables_type
-from tactemu.sensors.layer.tangential_compliance import sideways_functions
+from tactemu.sensors.layer.tangential_compliance import tangential_functions
 from tactemu.sensors.layer.window import block_functions, publish_function, transform_level, transform_size
 
 CHIP_BLOCK = Block(256, 2)
@@ -54,14 +54,14 @@ def square(a: Any, b: Any):
 
 @functools.cache
 def friction_cells(real, lanes: int) -> FrictionCells:
-    """What is done cell by cell between convolutions; on a CPU in its registers (:mod:`.friction_in_registers`)."""
+    """What is done cell by cell between convolutions; on a CPU in its registers (:mod:`.friction_simd`)."""
     if lanes > 1:
         return wide_friction_cells(real)
     windows, vec2 = friction_windows_type(real), wp.types.vector(2, real)
     block_sum, _max = block_functions(lanes)
 
     @wp.func
-    def measure(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i):
+    def norm(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i):
         """From displacement by traction to gap; returns the sum of squared displacements where cells touch."""
         total = wp.float64(0.0)
         for y in range(mine[0], shape[0], mine[1]):
@@ -174,23 +174,23 @@ def friction_cells(real, lanes: int) -> FrictionCells:
         block_sync()
         return cut
 
-    return FrictionCells(measure, free_gap, products, direct, curvature, advance)
+    return FrictionCells(norm, free_gap, products, direct, curvature, advance)
 
 
 @functools.cache
 def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
-    """The kernel that solves every environment; ``coupled``: pressure moves the surface sideways too; ``chip``: a block
-    of threads does in its own memory what iterations need."""
+    """The kernel that solves every environment; ``coupled``: pressure moves the surface tangential_compliance too;
+    ``chip``: a block of threads does in its own memory what iterations need."""
     workspace, tables_struct = workspace_type(real), tables_type(real)
     windows, state_struct = friction_windows_type(real), friction_state_type(real)
     functions = convolution_functions(real, lanes, chip)
     forward, inverse, convolve = functions.forward, functions.inverse, functions.convolve
-    sideways, publish = sideways_functions(real, lanes, chip), publish_function(real)
+    tangential_compliance, publish = tangential_functions(real, lanes, chip), publish_function(real)
     settle, mark = memory_functions(real)
-    measure, free_gap, products, direct, curvature, advance = friction_cells(real, lanes)
+    norm, free_gap, products, direct, curvature, advance = friction_cells(real, lanes)
     block_sum, _max = block_functions(lanes)
     move_in, window = chip_functions(real, workspace, *ON_CHIP)
-    by_pressure, by_traction = sideways.by_pressure, sideways.by_traction
+    by_pressure, by_traction = tangential_compliance.by_pressure, tangential_compliance.by_traction
     vec2 = wp.types.vector(2, real)
     grid, vec_grid, int_grid = wp.array2d(dtype=real), wp.array2d(dtype=vec2), wp.array2d(dtype=wp.int32)
 
@@ -316,7 +316,7 @@ def friction_kernel(real, lanes: int, coupled: bool, chip: bool):
         gap_x = win.gap_x[slot]
         gap_y = win.gap_y[slot]
         by_traction(ws, slot, tables, start, pull_x, pull_y, shape, size, wp.vec2i(0, 0), shape, gap_x, gap_y, thread)
-        return measure(win, slot, shape, mine)
+        return norm(win, slot, shape, mine)
 
     @wp.func
     def drag(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i):

@@ -19,8 +19,8 @@ class FrictionCells(NamedTuple):
     """Warp functions about all cells of the window of a slot; ``mine`` is the calling thread's share of it, on a GPU.
     Sums are over the whole window."""
 
-    measure: Any
-    """``measure(win, slot, shape, mine) -> float64``"""
+    norm: Any
+    """``norm(win, slot, shape, mine) -> float64``"""
     free_gap: Any
     """``free_gap(win, slot, shape, mine) -> float64``"""
     products: Any
@@ -39,7 +39,7 @@ def wide_friction_cells(real) -> FrictionCells:
     windows = friction_windows_type(real)
 
     @wp.func_native(_cells(real, _MEASURE))
-    def measure(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i) -> wp.float64: ...
+    def norm(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i) -> wp.float64: ...
 
     @wp.func_native(_cells(real, _FREE_GAP))
     def free_gap(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i) -> wp.float64: ...
@@ -56,7 +56,7 @@ def wide_friction_cells(real) -> FrictionCells:
     @wp.func_native(_cells(real, _ADVANCE))
     def advance(win: windows, slot: int, step: real, shape: wp.vec2i, mine: wp.vec4i) -> wp.float64: ...
 
-    return FrictionCells(measure, free_gap, products, direct, curvature, advance)
+    return FrictionCells(norm, free_gap, products, direct, curvature, advance)
 
 
 def _cells(real, each: str) -> str:

@@ -92,7 +92,7 @@ class Windows:
 
 @functools.cache
 def pressure_cells(real, lanes: int) -> PressureCells:
-    """What is done cell by cell between convolutions; on a CPU in its registers (:mod:`.pressure_in_registers`)."""
+    """What is done cell by cell between convolutions; on a CPU in its registers (:mod:`.pressure_simd`)."""
     windows_struct = windows_type(real)
     if lanes > 1:
         return wide_pressure_cells(real, windows_struct)

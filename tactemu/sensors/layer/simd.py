@@ -66,8 +66,8 @@ def wide_scale(real):
 
 @functools.cache
 def wide_mix(real):
-    """``mix(x, y, xx, xy, yy, start, rows, columns)`` of :mod:`.sideways`, in spectra whose rows are longer than
-    ``columns``."""
+    """``mix(x, y, xx, xy, yy, start, rows, columns)`` of :mod:`.tangential_compliance`, in spectra whose rows are
+    longer than ``columns``."""
     grid_type, table_type = wp.array2d(dtype=real), wp.array(dtype=real)
 
     @wp.func_native(vectors(real) + _MIX)
@@ -87,8 +87,8 @@ def wide_mix(real):
 
 @functools.cache
 def wide_by_pressure(real):
-    """``by_pressure(p, u, table, axis, start, rows, columns)`` of :mod:`.sideways`, in spectra whose rows are longer
-    than ``columns``."""
+    """``by_pressure(p, u, table, axis, start, rows, columns)`` of :mod:`.tangential_compliance`, in spectra whose
+    rows are longer than ``columns``."""
     grid_type, table_type = wp.array2d(dtype=real), wp.array(dtype=real)
 
     @wp.func_native(vectors(real) + _BY_PRESSURE)

@@ -21,7 +21,7 @@ from tactemu.sensors.layer.friction_state import friction_state_type
 from tactemu.sensors.layer.pressure import windows_type
 from tactemu.sensors.layer.shared_memory import chip_functions, chip_numbers
 from tactemu.sensors.layer.tables import tables_type
-from tactemu.sensors.layer.tangential_compliance import sideways_functions
+from tactemu.sensors.layer.tangential_compliance import tangential_functions
 from tactemu.sensors.layer.window import BOX_STEP, around, transform_level, transform_size
 
 CHIP_BLOCK = Block(128, 2)
@@ -45,8 +45,8 @@ def surface_kernel(real, lanes: int, with_friction: bool, chip: bool):
     """Displacement [pitches] of every cell in reach: along u, along v, and into the skin."""
     workspace, tables_struct = workspace_type(real), tables_type(real)
     windows, friction_state = windows_type(real), friction_state_type(real)
-    functions, sideways = convolution_functions(real, lanes, chip), sideways_functions(real, lanes, chip)
-    forward, inverse, displace = functions.forward, functions.inverse, sideways.displace
+    functions, tangential_compliance = convolution_functions(real, lanes, chip), tangential_functions(real, lanes, chip)
+    forward, inverse, displace = functions.forward, functions.inverse, tangential_compliance.displace
     move_in, window = chip_functions(real, workspace, *ON_CHIP)
     grid = wp.array2d(dtype=real)
 

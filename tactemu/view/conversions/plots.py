@@ -194,14 +194,14 @@ def plot(path: str | Path, target: str | Path, *, skin: str | None = None, sense
     series = series_of(Path(path), skin, sense)
     title = " ".join(filter(None, (series.device, series.sense)))
     with matplotlib.rc_context(_STYLE):
-        content = _page(series, title) if target.suffix == ".html" else _sheet(series, title, target.suffix[1:])
+        content = _page(series, title) if target.suffix == ".html" else _all_panels(series, title, target.suffix[1:])
     try:
         target.write_bytes(content)
     except OSError as error:
         raise TactemuError(f"{target}: cannot write it: {error.strerror}") from None
 
 
-def _sheet(series: Series, title: str, kind: str) -> bytes:
+def _all_panels(series: Series, title: str, kind: str) -> bytes:
     """All panels on one sheet."""
     figure = Figure(figsize=(10, 10), layout="constrained")
     figure.suptitle(title)

@@ -58,7 +58,7 @@ def door(host: str | None = None, port: int | None = None) -> Door:
     """
     if importlib.util.find_spec("viser") is None:
         raise TactemuError('the page needs the package viser: pip install "tactemu[web]"')
-    return Door(_listening(host or LOOPBACK, port), secrets.token_urlsafe(16))
+    return Door(_has_listener(host or LOOPBACK, port), secrets.token_urlsafe(16))
 
 
 def warning(host: str | None) -> str | None:
@@ -71,7 +71,7 @@ def warning(host: str | None) -> str | None:
     )
 
 
-def _listening(host: str, port: int | None) -> socket.socket:
+def _has_listener(host: str, port: int | None) -> socket.socket:
     if port is None:
         with contextlib.suppress(TactemuError):
             return _bound(host, _USUAL_PORT)

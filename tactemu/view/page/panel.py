@@ -174,7 +174,7 @@ class Panel:
         with lower.add_tab("Statistics"):
             self._numbers = gui.add_html("")
         with lower.add_tab("Datasheet"):
-            self._sheet = gui.add_html("")
+            self._details = gui.add_html("")
         upper.dock_right()
         upper.set_width(_RIGHT_PX)
         lower.dock_below(upper)
@@ -190,7 +190,7 @@ class Panel:
         self._taxel.max = max(len(skin.layout) - 1, 0)
         self._taxel.value = min(self._taxel.value, self._taxel.max)
         lines = "\n".join(self._datasheet(skin))
-        self._sheet.content = f'<pre class="sheet">{escape(lines)}</pre>{_SHEET}'
+        self._details.content = f'<pre class="sheet">{escape(lines)}</pre>{_SHEET}'
         self._wire = Wire(self._known)
 
     def choose_taxel(self, skin: str, taxel: int) -> None:

@@ -14,7 +14,7 @@ from tactemu.base.random_streams import generator
 from tactemu.wire.faults.fault import Fault, parse
 from tactemu.wire.faults.frames import SPOIL, Parts
 from tactemu.wire.faults.link import LatencyChip, Traffic
-from tactemu.wire.line_models import Carrier
+from tactemu.wire.line_models import LineModel
 
 
 class Note(Protocol):
@@ -133,10 +133,10 @@ class Injector:
         SceneError: a fault that cannot be parsed, or that this wire cannot have.
     """
 
-    not_state: ClassVar[tuple[str, ...]] = ("seed", "note")
+    TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("seed", "note")
 
-    def __init__(self, faults: Iterable[Fault | str], carrier: Carrier, seed: int, note: Note):
-        self.carrier, self.seed, self.note = carrier, seed, note
+    def __init__(self, faults: Iterable[Fault | str], line_model: LineModel, seed: int, note: Note):
+        self.line_model, self.seed, self.note = line_model, seed, note
         self.faults: list[Fault] = []
         self.traffic: list[Traffic] = []
         self.chip: LatencyChip | None = None
@@ -151,7 +151,7 @@ class Injector:
     def add(self, fault: Fault | str) -> Fault:
         """Switch a fault on, also while the wire runs."""
         fault = parse(fault) if isinstance(fault, str) else fault
-        fault.check_fits(self.carrier.kind)
+        fault.check_fits(self.line_model.kind)
         name = f"fault/{fault}"
         self._copies[name] += 1
         rng = generator(self.seed, name if self._copies[name] == 1 else f"{name}/{self._copies[name]}")
@@ -161,7 +161,7 @@ class Injector:
         elif fault.kind == "latency":
             self.chip = LatencyChip(fault)
         elif fault.kind in ("babble", "load"):
-            self.traffic.append(Traffic(fault, self.carrier, rng))
+            self.traffic.append(Traffic(fault, self.line_model, rng))
         else:
             self._frames.append(FrameFault(fault, rng))
         return fault
@@ -189,7 +189,7 @@ class Injector:
         chip, self.chip = self.chip, None
         return chip.empty() if chip else b""
 
-    def spoil(self, frame: Frame, t_ns: int, source: str, direction: str) -> Parts:
+    def corrupt(self, frame: Frame, t_ns: int, source: str, direction: str) -> Parts:
         """A frame as the faults leave it: frames, and by how much each is held back [ns].
 
         ``direction`` is ``to_driver`` or ``from_driver``. The log's detail is the fault and the direction.

@@ -7,7 +7,7 @@ import numpy as np
 from firmware_protocols import CanFrame
 from tactemu.wire.faults.fault import Fault
 from tactemu.wire.line import CATCH_UP_NS
-from tactemu.wire.line_models import Carrier
+from tactemu.wire.line_models import LineModel
 
 PACKET = 62
 """Payload of one USB packet of the common chip [byte]: 64 less two of status."""
@@ -53,10 +53,10 @@ class LatencyChip:
 class Traffic:
     """Another node: frames of its own that take a share of the bus (``load``), or all of it (``babble``)."""
 
-    def __init__(self, fault: Fault, carrier: Carrier, rng: np.random.Generator):
+    def __init__(self, fault: Fault, line_model: LineModel, rng: np.random.Generator):
         self.fault = fault
         self.source = f"({fault.kind})"
-        self._carrier, self._rng = carrier, rng
+        self._line_model, self._rng = line_model, rng
         self._next_ns = fault.start_ns
         self._spacing_ns = 1
         self._missed_ns = 0
@@ -86,7 +86,7 @@ class Traffic:
         if due is None or due > now_ns:
             return None
         frame = self._frame()
-        self._spacing_ns = round(self._carrier.traffic_ns(frame) / self.fault.probability)
+        self._spacing_ns = round(self._line_model.traffic_ns(frame) / self.fault.probability)
         self._next_ns += self._spacing_ns
         return due, frame
 

@@ -1,4 +1,4 @@
-"""How each kind of line behaves, by connector: one file per connector class, one line in :data:`CARRIERS`.
+"""How each kind of line behaves, by connector: one file per connector class, one line in :data:`LINE_MODELS`.
 
 Nothing else in tactemu asks what kind of connector a device has.
 """
@@ -9,31 +9,31 @@ import importlib
 
 from firmware_protocols import Can, Connector, Dds, Rs485, Serial, Tcp, Udp, WebSocket
 from tactemu.base.errors import DeviceError
-from tactemu.wire.line_models.line_model import Carrier, Pacing
+from tactemu.wire.line_models.line_model import LineModel, Pacing
 
-CARRIERS: dict[type[Connector], str] = {
+LINE_MODELS: dict[type[Connector], str] = {
     # connector: "module:Class", imported only when a device has one
-    Can: "tactemu.wire.line_models.can:CanCarrier",
-    Dds: "tactemu.wire.line_models.dds:DdsCarrier",
-    Rs485: "tactemu.wire.line_models.rs485:Rs485Carrier",
-    Serial: "tactemu.wire.line_models.serial:SerialCarrier",
-    Tcp: "tactemu.wire.line_models.tcp:TcpCarrier",
-    Udp: "tactemu.wire.line_models.udp:UdpCarrier",
-    WebSocket: "tactemu.wire.line_models.websocket:WebSocketCarrier",
+    Can: "tactemu.wire.line_models.can:CanLine",
+    Dds: "tactemu.wire.line_models.dds:DdsLine",
+    Rs485: "tactemu.wire.line_models.rs485:Rs485Line",
+    Serial: "tactemu.wire.line_models.serial:SerialLine",
+    Tcp: "tactemu.wire.line_models.tcp:TcpLine",
+    Udp: "tactemu.wire.line_models.udp:UdpLine",
+    WebSocket: "tactemu.wire.line_models.websocket:WebSocketLine",
 }
 
 
-def carrier_of(connector: Connector, *, pacing: Pacing = True) -> Carrier:
+def line_model_for(connector: Connector, *, pacing: Pacing = True) -> LineModel:
     """The line that a connector is plugged into.
 
     Raises:
         DeviceError: there is no carrier for this kind of connector.
     """
-    if type(connector) not in CARRIERS:
-        known = ", ".join(each.__name__ for each in CARRIERS)
+    if type(connector) not in LINE_MODELS:
+        known = ", ".join(each.__name__ for each in LINE_MODELS)
         raise DeviceError(f"a {type(connector).__name__} connector has no carrier (there are: {known})")
-    module, _, attribute = CARRIERS[type(connector)].partition(":")
+    module, _, attribute = LINE_MODELS[type(connector)].partition(":")
     return getattr(importlib.import_module(module), attribute)(connector, pacing=pacing)
 
 
-__all__ = ["CARRIERS", "Carrier", "carrier_of"]
+__all__ = ["LINE_MODELS", "LineModel", "line_model_for"]

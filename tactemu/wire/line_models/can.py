@@ -11,7 +11,7 @@ from firmware_protocols.can_frames import CanFrames
 from tactemu.transports.transport import CanFilter
 from tactemu.wire.can_bits import frame_ns, priority
 from tactemu.wire.can_runs import run_ns
-from tactemu.wire.line_models.line_model import Carrier
+from tactemu.wire.line_models.line_model import LineModel
 from tactemu.wire.pending import Pending
 
 MULTICAST = "can:udp_multicast:239.74.163.2"
@@ -20,7 +20,7 @@ GROUPS = 254**2
 """From 239.74.1.1 to 239.74.254.254."""
 
 
-class CanCarrier(Carrier):
+class CanLine(LineModel):
     """Every node offers its own frames in order; the driver is one of the nodes."""
 
     kind = "can"

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from firmware_protocols import Frame
-from tactemu.wire.line_models.line_model import Carrier
+from tactemu.wire.line_models.line_model import LineModel
 
 DOMAINS = 200
 """Domains from 1 on that tests are given; above about 230 there are no ports left."""
 
 
-class DdsCarrier(Carrier):
+class DdsLine(LineModel):
     """The device writes one topic and may read another; a sample that is held back is overtaken."""
 
     kind = "dds"

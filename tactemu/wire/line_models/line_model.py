@@ -24,7 +24,7 @@ Pacing = Literal[True, False, "strict"]
 """Whether frames take their time on the line; ``strict``: also after a stall, for which nothing is made up."""
 
 
-class Carrier(ABC):
+class LineModel(ABC):
     """One kind of line, for one connector."""
 
     kind: ClassVar[str]

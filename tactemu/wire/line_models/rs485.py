@@ -6,10 +6,10 @@ from typing import Any
 
 from firmware_protocols import Connector, Frame, Rs485
 from tactemu.wire.line_models.line_model import DRIVER
-from tactemu.wire.line_models.serial import SerialCarrier
+from tactemu.wire.line_models.serial import SerialLine
 
 
-class Rs485Carrier(SerialCarrier):
+class Rs485Line(SerialLine):
     """The driver's bytes and every device's share one line. Devices may have baud rates of their own; who is set
     differently hears noise."""
 

@@ -9,11 +9,11 @@ from typing import Any
 from firmware_protocols import Frame
 from firmware_protocols.frames import payload
 from tactemu.transports.transport import SerialSetting
-from tactemu.wire.line_models.line_model import Carrier, Pacing
+from tactemu.wire.line_models.line_model import LineModel, Pacing
 from tactemu.wire.uart import agree, misheard
 
 
-class SerialCarrier(Carrier):
+class SerialLine(LineModel):
     """Each direction is a line of its own."""
 
     kind = "serial"

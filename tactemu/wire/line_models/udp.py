@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from firmware_protocols import Frame
-from tactemu.wire.line_models.line_model import Carrier
+from tactemu.wire.line_models.line_model import LineModel
 
 
-class UdpCarrier(Carrier):
+class UdpLine(LineModel):
     """Both directions are free of each other, and a datagram that is held back is overtaken."""
 
     kind = "udp"

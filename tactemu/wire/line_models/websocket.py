@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from firmware_protocols import Frame
-from tactemu.wire.line_models.line_model import Carrier
+from tactemu.wire.line_models.line_model import LineModel
 
 
-class WebSocketCarrier(Carrier):
+class WebSocketLine(LineModel):
     """Both directions are free of each other."""
 
     kind = "websocket"

@@ -5,7 +5,7 @@ Wire: serial; it streams.
 
 from typing import Annotated, Literal
 
-from firmware_protocols import Column, Counts, Device, Option, Outs, Reading, Serial, grid_layout
+from firmware_protocols import Column, Counts, Device, Option, Reading, Serial, Transmissions, grid_layout
 from firmware_protocols.adc import quantize
 from firmware_protocols.tables import Frame
 
@@ -44,6 +44,6 @@ class ProbeArray(Device):
         self.counts = quantize(values[:, 2] if values.ndim == 2 else values, self.counts_per_unit, 0, 0xFFFF)
         return self.counts
 
-    def stream(self, t_ns: int, name: str) -> Outs:
+    def stream(self, t_ns: int, name: str) -> Transmissions:
         """One image."""
         return [self.frame.pack(counts=self.counts)]

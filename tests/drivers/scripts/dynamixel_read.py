@@ -12,12 +12,12 @@ HAND, TIPS = 110, (1102, 1300, 1498, 1696, 1894)
 SPAN = TIPS[-1] + 9 - TIPS[0]
 
 
-def patient(bytes_):
+def block_when_full(bytes_):
     """The SDK's own limit, made for an idle host, is too short for a busy one."""
     port.setPacketTimeoutMillis(500.0)
 
 
-port.setPacketTimeout = patient
+port.setPacketTimeout = block_when_full
 
 
 def tips(data):
