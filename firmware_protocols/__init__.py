@@ -2,7 +2,7 @@
 
 >>> import firmware_protocols as fp
 >>> device = fp.create("anyskin")
->>> counts = device.feel(fp.Reading({"force": ...}), t_ns=0)
+>>> counts = device.measure(fp.Reading({"force": ...}), t_ns=0)
 >>> device.stream(0, "")      # -> frames
 
 Names are imported on first use, so that asking for the names of devices does not wait for numpy.
@@ -58,7 +58,8 @@ _PUBLIC = {
     "commands": ("Command",),
     "connectors": ("USB", "Can", "Connector", "Dds", "Rs485", "Serial", "Tcp", "Topic", "Udp", "WebSocket"),
     "device": (
-        "Column", "Convert", "Counts", "Device", "Transmissions", "Quantity", "Reading", "Restart", "Rollover", "Sense", "Sent",
+        "Column", "Convert", "Counts", "Device", "Quantity", "Reading", "Restart", "Rollover", "Sense", "Sent",
+        "Transmissions",
         "Stream",
     ),
     "facts": ("Fact", "assumed", "measured", "stated"),

@@ -24,16 +24,16 @@ class AuthorError(Exception):
         self.data, self.file, self.line = data, file, line
 
 
-def feel(device: Device, reading: Reading, t_ns: int) -> Any:
+def measure(device: Device, reading: Reading, t_ns: int) -> Any:
     """One conversion; the counts.
 
     Raises:
         AuthorError: the device raised, or returned no array.
     """
-    counts = run(device, "feel", reading, t_ns)
+    counts = run(device, "measure", reading, t_ns)
     if not isinstance(counts, np.ndarray | Mapping):
         hint = "return the counts as an array, by sense if several"
-        raise misused(device, "feel", f"returned {type(counts).__name__}: {hint}")
+        raise misused(device, "measure", f"returned {type(counts).__name__}: {hint}")
     return counts
 
 

@@ -91,7 +91,7 @@ class Sent(Generic[F]):
 
 @dataclass(frozen=True, slots=True)
 class Convert:
-    """One conversion of a stream, out of its period: the runner calls ``feel`` and ``stream`` then."""
+    """One conversion of a stream, out of its period: the runner calls ``measure`` and ``stream`` then."""
 
     stream: str = ""
     delay_ns: int = 0
@@ -151,7 +151,7 @@ class Reading:
 
 @dataclass(frozen=True, kw_only=True)
 class Column:
-    """One number of what :meth:`Device.feel` returns for a point: a column of the counts."""
+    """One number of what :meth:`Device.measure` returns for a point: a column of the counts."""
 
     name: str
     axis: Axis = ""
@@ -191,7 +191,7 @@ class Rollover:
 class Device(ABC, Generic[F]):
     """A model of one sensor's firmware. One file, one family; the file's docstring is its datasheet.
 
-    Write :meth:`feel`, then :meth:`stream` and :meth:`receive` where the sensor has them. Declarations are class
+    Write :meth:`measure`, then :meth:`stream` and :meth:`receive` where the sensor has them. Declarations are class
     attributes or, where an option decides, set in ``__init__`` (keyword-only options with defaults); the datasheet is
     printed from an instance. State is plain data (:mod:`firmware_protocols.state`).
     """
@@ -322,7 +322,7 @@ class Device(ABC, Generic[F]):
     # -- what a device writes --------------------------------------------------------------------------------------
 
     @abstractmethod
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """The ADC: SI values into state; returns what a perfect driver would decode, saturation included.
 
         Points in layout order, shape ``(n_points,)`` or ``(n_points, n_columns)``; by sense where there are several.

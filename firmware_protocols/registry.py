@@ -123,10 +123,12 @@ def _device(found: object, name: str) -> type[Device]:
 
     if isinstance(found, type) and hasattr(found, "digitize"):
         raise TypeError(
-            f"{name} is written for the first version of the contract: rename digitize(reading) to feel(reading, t_ns) "
-            "and return the counts, wires to ports, put power_on into __init__, and see docs/adding-a-device.md "
-            "(installed: tactemu/docs)"
+            f"{name} is written for the first version of the contract: rename digitize(reading) to "
+            "measure(reading, t_ns) and return the counts, wires to ports, put power_on into __init__, and see "
+            "docs/adding-a-device.md (installed: tactemu/docs)"
         )
+    if isinstance(found, type) and hasattr(found, "feel"):
+        raise TypeError(f"{name}: feel(reading, t_ns) is called measure(reading, t_ns) now: rename it")
     if not (isinstance(found, type) and issubclass(found, Device)):
         raise TypeError(f"{name} is not a subclass of firmware_protocols.Device")
     return found

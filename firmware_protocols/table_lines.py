@@ -177,7 +177,7 @@ class Field:
             return values.astype(self.dtype, copy=False)
         if values.dtype.kind not in "iub":
             raise TypeError(
-                f"{frame}: {self.name}: expected integers, got {values.dtype}: quantize in `feel`, with adc.quantize"
+                f"{frame}: {self.name}: expected integers, got {values.dtype}: quantize in `measure`, with adc.quantize"
             )
         if self.policy == "clip":
             values = np.asarray(np.minimum(np.maximum(values, self.limits[0]), self.limits[1]))  # not a native scalar

@@ -51,14 +51,14 @@ def by_sense(device: Device, stream: str, counts: Any) -> dict[str, np.ndarray]:
     found = counts if isinstance(counts, Mapping) else {next(iter(senses)): counts}
     for key, values in found.items():
         if key not in senses:
-            raise misused(device, "feel", f"returned counts of {key!r}; stream {stream!r} has {list(senses)}")
+            raise misused(device, "measure", f"returned counts of {key!r}; stream {stream!r} has {list(senses)}")
         values, at = np.asarray(values), senses[key].at
         assert at is not None
         if values.ndim < 1 or len(values) != len(at):
             what = f"{len(values)} counts" if values.ndim else "one number"
-            raise misused(device, "feel", f"returned {what} for the {len(at)} points of {key!r}")
+            raise misused(device, "measure", f"returned {what} for the {len(at)} points of {key!r}")
         if not np.isfinite(values.astype(float)).all():
-            raise misused(device, "feel", f"returned counts of {key!r} that are not finite")
+            raise misused(device, "measure", f"returned counts of {key!r} that are not finite")
     return {key: np.asarray(values) for key, values in found.items()}
 
 
@@ -72,18 +72,18 @@ def _ramp(subject: Subject) -> Iterator[Fault]:
                 host = Host(device, newtons)
                 found = {}
                 for stream in device.periods:
-                    found |= by_sense(device, stream, host.feel(stream))
+                    found |= by_sense(device, stream, host.measure(stream))
         except AuthorError as error:
             yield Fault.of("converter", error, f"a push of {newtons:g} N on every taxel: ")
             return
         for key, counts in found.items():
             rows.setdefault(key, []).append(counts.astype(float).reshape(len(counts), -1))
     device = subject.make()
-    file, line = place(subject.cls, "feel")
+    file, line = place(subject.cls, "measure")
     senses = {sense.key: sense for sense in device.sensed}
     texts = [text for key, ramp in rows.items() for text in _judged(device, senses[key], np.array(ramp))]
     if feels_touch(device) and not any(np.ptp(np.array(ramp), axis=0).any() for ramp in rows.values()):
-        texts.append(f"{device.name}.feel: no push changes any count")
+        texts.append(f"{device.name}.measure: no push changes any count")
     yield from (Fault("converter", text, file, line) for text in texts)
 
 
@@ -92,12 +92,12 @@ def _judged(device: Device, sense: Sense, ramp: np.ndarray) -> Iterator[str]:
     first, key, wide = device.sensed[0].key, sense.key, sense.burst
     columns = [column for column in device.columns if (column.sense or first) == key and not column.shared]
     if columns and ramp.shape[2] not in (len(columns), len(columns) * wide):
-        yield f"{device.name}.feel: {ramp.shape[2]} counts for each point of {key!r}, {len(columns)} columns declared"
+        yield f"{device.name}.measure: {ramp.shape[2]} counts per point of {key!r}, {len(columns)} columns declared"
         return
     wide = ramp.shape[2] // len(columns) if columns else 1
     for k in range(ramp.shape[2]):
         column = columns[k // wide] if columns else None
-        yield from _judged_column(f"{device.name}.feel: ", column, sense.quantity, ramp[..., k])
+        yield from _judged_column(f"{device.name}.measure: ", column, sense.quantity, ramp[..., k])
 
 
 def _judged_column(start: str, column: Column | None, quantity: str, ramp: np.ndarray) -> Iterator[str]:
@@ -144,7 +144,7 @@ def _far(subject: Subject) -> None:
         for value in FAR:
             for stream in host.device.periods:
                 if sense in host.device.senses_of(stream):
-                    by_sense(host.device, stream, host.feel(stream, **{sense.key: value}))
+                    by_sense(host.device, stream, host.measure(stream, **{sense.key: value}))
                     host.streamed(stream)
             for request, port in subject.asked():
                 host.send(request, port)
@@ -176,7 +176,7 @@ def _full(subject: Subject) -> None:
         if request is not None:
             host.send(request, port)
         for stream in host.device.periods:
-            host.feel(stream)
+            host.measure(stream)
             if host.streamed(stream):
                 for _ in range(CONVERSIONS):
                     host.streamed(stream)

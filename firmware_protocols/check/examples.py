@@ -124,7 +124,7 @@ def replayed(subject: Subject, example: Example) -> tuple[list[Any], Device]:
     host.pushes = example.newtons if example.pushes is None else example.pushes
     sent = []
     for stream in host.device.periods:
-        counts = host.feel(stream)
+        counts = host.measure(stream)
         if example.counts is not None:
             host.device.counts = _given(example.counts, counts)  # type: ignore[attr-defined]
         if example.stream is not None:

@@ -107,7 +107,7 @@ class Host:
         """The silence after power-up, a first conversion of every stream, the banner."""
         self.t_ns += round(1e9 * self.device.boot_s)
         for stream in self.device.periods:
-            self.feel(stream)
+            self.measure(stream)
         return self._obeyed("boot", self.t_ns)
 
     def restart(self) -> list[Any]:
@@ -119,9 +119,9 @@ class Host:
             raise calls.blamed(type(self.device), self.device.name, "__init__", (), error) from error
         return self.boot()
 
-    def feel(self, stream: str = "", **values: Any) -> Any:
+    def measure(self, stream: str = "", **values: Any) -> Any:
         """One conversion that sends nothing; the counts."""
-        return calls.feel(self.device, reading_of(self.device, self.pushes, stream, **values), self.t_ns)
+        return calls.measure(self.device, reading_of(self.device, self.pushes, stream, **values), self.t_ns)
 
     def streamed(self, stream: str) -> list[Any]:
         """The frames after a conversion of one stream."""
@@ -131,7 +131,7 @@ class Host:
         """One conversion of every stream that runs; the frames."""
         sent = []
         for stream in [name for name, period in self.device.periods.items() if period]:
-            self.feel(stream, **values)
+            self.measure(stream, **values)
             sent += self.streamed(stream)
         return sent
 
@@ -174,7 +174,7 @@ class Host:
                 restarted = True
             elif isinstance(out, Convert):
                 self.t_ns += out.delay_ns
-                self.feel(out.stream)
+                self.measure(out.stream)
                 frames += self.streamed(out.stream)
             else:
                 frames.append(out.frame if isinstance(out, Sent) else out)

@@ -68,7 +68,7 @@ class _Watcher:
             host.send(request, port)
         host.pushes = newtons
         for stream in host.device.periods:
-            host.feel(stream)
+            host.measure(stream)
         sent = [frame for request, port in look[-1:] for frame in host.send(request, port)]
         sent = sent + host.convert()
         if not look and (memory := memory_of(host.device)) is not None:

@@ -237,7 +237,7 @@ class AbilityHand(Device):
             for name, request, reply, origin in _EXAMPLES
         )
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """12-bit touch values, shape ``(30,)``."""
         self.counts = touch_counts(self.layout.push(reading["force"]))
         return self.counts

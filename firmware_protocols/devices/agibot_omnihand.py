@@ -371,7 +371,7 @@ class AgibotOmniHandO10(AgibotOmniHand):
             grid = grid[::-1, ::-1] if side == "left" else grid[::-1]
         return grid.ravel()
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Normal force of each taxel [g], 0..255, shape ``(n_taxels,)``."""
         self.counts = quantize(self.layout.push(reading["force"]), COUNTS_PER_NEWTON, 0, 0xFF)
         return self.counts
@@ -425,7 +425,7 @@ class AgibotOmniHandPro(AgibotOmniHand):
         """)
     }
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Raw normal force of each taxel; normal and tangential [0.1 N] and its angle [deg] of its finger, each row."""
         force = self.layout.to_taxel_frame(reading["force"])
         x, y, z = force.reshape(len(FINGERS), -1, 3).sum(axis=1).T

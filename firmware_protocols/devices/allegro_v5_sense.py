@@ -152,7 +152,7 @@ class AllegroV5Sense(Device[CanFrame]):
             unit=RAD_PER_COUNT,
         )
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Raw counts of the normal force of each channel, 0..254; 0 of an invalid one; shape ``(16,)``."""
         self.counts = quantize(self.layout.push(reading["force"]), COUNTS_PER_NEWTON, 0, 0xFE)
         self.counts[self.invalid] = 0

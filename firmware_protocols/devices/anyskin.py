@@ -133,7 +133,7 @@ class AnySkin(Device):
         )
         self.magnet = LinearMagnet(gain=gains, offset=np.array(REST_FIELD_UT))
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Temperature [deg C] and field [uT] as the driver decodes them, float32 ``(5, 4)``: T, Bx, By, Bz."""
         field = self.field(reading)
         raw_t = quantize(reading["temperature"] - 25.0, TEMPERATURE_PER_DEG, 0, 0xFFFF, rest=TEMPERATURE_ZERO)

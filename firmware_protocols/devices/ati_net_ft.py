@@ -153,7 +153,7 @@ class Rdt(Device):
         self.counts = np.zeros((1, 6), np.int64)
         self.left = self.sequence = self.samples_before = 0
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Counts of Fx, Fy, Fz, Tx, Ty, Tz on the tool, less the bias, int32 range, shape ``(1, 6)``."""
         self.felt = self.low_pass(reading["wrench"], t_ns)
         self.counts = quantize(self.felt - self.bias, self.scale, -(2**31), 2**31 - 1)

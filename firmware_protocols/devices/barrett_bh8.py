@@ -167,7 +167,7 @@ class BarrettBh8(Device[CanFrame]):
             unit=[2 * math.pi / 4096 / 125] * 3 + [2 * math.pi / 4096 / 17.5],
         )
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Counts of each cell above its zero, 0..4095, shape ``(96,)``."""
         self.pushed = reading["pressure"]
         self.counts = quantize(self.pushed - self.zero, COUNTS_PER_PASCAL, 0, 0xFFF)

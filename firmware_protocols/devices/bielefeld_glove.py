@@ -71,7 +71,7 @@ class BielefeldGlove(Device):
         self.columns = (Column(name="touch", low=0, high=ADC_MAX, push=1),)
         self.half_force = half_force
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """What the driver shows, 0..4095."""
         push = np.maximum(self.layout.push(reading["force"]), 0.0)
         self.counts = quantize(push / (push + self.half_force), ADC_MAX)

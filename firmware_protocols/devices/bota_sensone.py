@@ -165,7 +165,7 @@ class BotaSensone(Device):
             ),
         )
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """By sense, as sent, float32: Fx Fy Fz [N] Mx My Mz [Nm] ``(1, 6)``, and temperature [deg C] ``(1,)``."""
         wrench = reading["wrench"] + self.offset
         self.status = OVERRANGE if (np.abs(wrench) > self.range).any() else 0

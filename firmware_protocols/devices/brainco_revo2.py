@@ -273,7 +273,7 @@ class Revo2(Device[Any]):
     def _plug(self) -> None:
         """What the carrier needs."""
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Normal, tangential, direction and proximity, shape ``(5, 4)``; or points, shape ``(91,)``."""
         self.felt = self.layout.to_taxel_frame(reading["force"])
         on = np.array(self.registers.all("tips_on" if self.capacitive else "pads_on"))

@@ -217,7 +217,7 @@ class BraincoRevo3(Device):
         self.felt = self.zero = np.zeros(len(self.layout))
         self.counts = np.zeros(len(self.layout), int)
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Points, 0..4095 of an array, 0..255 of a matrix, in the unit that their module is set to."""
         self.felt = self.layout.push(reading["force"])
         pushes = (self.felt - self.zero) * np.array(self.registers.all(f"{self.touch}_on"))[self.modules]

@@ -204,7 +204,7 @@ class ContactilePapillArray(Device):
             ),
         )
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Fx, Fy, Fz [N] and Dx, Dy, Dz [mm] of each pillar as sent, float32 ``(n, 6)``; a push positive."""
         self.felt = self.layout.to_taxel_frame(reading["force"]) * [1, 1, -1]
         force = np.clip(self.felt - self.zero, -FORCES, FORCES) + 0.0  # at rest not -0.0

@@ -97,7 +97,7 @@ class CyskinCpmFinger(Device[CanFrame]):
         self.layout = replace(filled(len(ORDER), WIDTH, LENGTH, name="finger"), wire_order=np.array(ORDER))
         self.rest = rest
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Raw counts of the normal force of each taxel, 0..65535, shape ``(16,)``."""
         self.counts = quantize(self.layout.push(reading["force"]), COUNTS_PER_NEWTON, rest=self.rest)
         return self.counts

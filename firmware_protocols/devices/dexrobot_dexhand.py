@@ -158,7 +158,7 @@ class DexrobotDexHand(Device[CanFrame]):
         self.modes, self.periods_ns = [PERIODIC] * len(BOARDS), [0] * len(BOARDS)
         self.said, self.said_ns = [b""] * len(BOARDS), [-(1 << 62)] * len(BOARDS)
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """By sense: normal and tangential force [N], float32, and direction [deg] of each tip; temperature [deg C]."""
         x, y, z = self.layout.to_taxel_frame(reading["force"]).T
         forces = (np.clip(np.stack([-z, np.hypot(x, y)]), 0.0, FORCE_MAX) + 0.0).astype(np.float32)

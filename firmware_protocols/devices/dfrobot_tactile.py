@@ -136,7 +136,7 @@ class DfrobotTactile(Device):
         self.rtu = Rtu(counters=self.counters, gap_ns=silence_ns(baud))
         self.period_ns = PERIODS_NS[self.registers["rate"]]
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """ADC values 0..4095, shape ``(n,)``; 0 below the threshold."""
         counts = quantize(self.layout.push(reading["force"]), COUNTS_PER_NEWTON, 0, 4095)
         counts = np.where(counts < self.registers["threshold"], 0, counts)

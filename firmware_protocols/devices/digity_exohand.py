@@ -145,7 +145,7 @@ class DigityExohand(Device):
         self.angles = quantize(angles, 100, -0x8000, 0x7FFF)
         self.sequence = 0
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """By sense: touch 0..4095 of 30 channels, finger by finger; x, y, z of acceleration and angular velocity."""
         self.counts = quantize(self.layout.push(reading["force"]), self.counts_per_newton, 0, 4095)
         motion = {sense: quantize(reading[sense], scale, -0x8000, 0x7FFF) for sense, (_, scale) in MOTION.items()}

@@ -136,7 +136,7 @@ class DynPick(Device):
             Command(name="version", request="56", reply="*", origin=umemoto),
         )
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """By sense: Fx Fy Fz Mx My Mz, 8192 where nothing acts, ``(1, 6)``; temperature [1/16 deg C] ``(1,)``."""
         self.felt = reading["wrench"]
         self.counts = quantize(self.felt - self.zero, self.scale, 0, HIGH, rest=REST)

@@ -133,7 +133,7 @@ class EfleshBinary(Device):
         self.zero_frames, self.conversions = zero_frames, 0
         self.frame, self.sequence = FRAME.bind(wire_order=self.layout.wire_order), 0
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Field [uT] as it is sent, float32 ``(5, 3)``: Bx, By, Bz."""
         felt = self.layout.to_taxel_frame(reading[self.sees])
         raw = np.rint((self.magnet(felt) if self.sees == "force" else 1e6 * felt) / self.step)

@@ -327,7 +327,7 @@ class FeetechSts3215(Device):
         """The line's speed from now on."""
         self.ports = (Rs485(baud=BAUDS[code]),)
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """What each motor does against its load [0.1 % of its torque], shape ``(n_servos,)``."""
         self.counts = quantize(-reading["load"], 1000 / self.full_torque, -1000, 1000)
         self.warmth = quantize(reading["temperature"], 1.0, 0, 255)

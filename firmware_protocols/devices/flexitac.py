@@ -77,7 +77,7 @@ class FlexiTac(Device):
         low, high = baseline >> self.shift, ADC_MAX >> self.shift
         self.columns = (Column(name="touch", low=low, high=high, rest=low, push=1),)
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """What the driver calls raw: 0..255, shape ``(rows * cols,)``."""
         push = np.maximum(self.layout.push(reading["force"]), 0.0)
         adc = self.baseline + (ADC_MAX - self.baseline) * push / (push + self.half_force)

@@ -126,7 +126,7 @@ class FulaiGlove(Device):
         self.identity, self.streaming = identity, True
         self.lines_in = Lines(counters=self.counters)
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """ADC counts of each taxel, zone after zone."""
         push = np.maximum(self.layout.push(reading["force"]), 0.0)
         self.counts = quantize(push / (push + self.half_force), ADC_MAX - self.baseline, 0, ADC_MAX, self.baseline)

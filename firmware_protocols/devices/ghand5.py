@@ -154,7 +154,7 @@ class GHand5(Device):
         self.forces = self.zero = np.zeros((len(self.layout), 3))
         self.on = True
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Fx, Fy, Fz of each taxel [0.1 N], a push positive, shape ``(162, 3)``."""
         self.forces = self.layout.to_taxel_frame(reading["force"]) * [1, 1, -1]
         forces = (self.forces - self.zero) * self.on

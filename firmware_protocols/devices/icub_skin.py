@@ -67,7 +67,7 @@ from firmware_protocols.devices.icub_triangles import (
     SHEETS,
     TAXELS,
     THERMAL,
-    Place,
+    TrianglePlace,
     fingertip,
     flat,
     places_of,
@@ -454,7 +454,7 @@ class IcubSkin(Device[CanFrame]):
         self.streams = {name: Stream(1e9 / board.period_ns) for name, board in self.boards.items()}
         self.counts = np.full(len(self.layout), OLD_NO_LOAD if firmware == "old" else NO_LOAD, np.uint8)
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """What each taxel reads, uint8, shape ``(n_taxels,)``: no load minus what presses; other boards as before."""
         board = self.boards[reading.stream]
         push = -np.add.reduce(reading["force"][board.taxels] * board.normals, -1)
@@ -531,7 +531,7 @@ def _layout(part: str, names: list[str]) -> Layout:
         tips = [fingertip(name, finger, (2 - k) * 0.02) for k, (name, finger) in enumerate(zip(names, FINGERS))]
         return stack(*tips, place(flat(places_of(PALM), names[len(tips) :], "palm"), (0.0, -0.08, 0.0)))
     if part == "triangle":
-        return flat([Place(0.0, 0.0, False)], names)
+        return flat([TrianglePlace(0.0, 0.0, False)], names)
     triangles = SHEETS[part]
     places = places_of(triangles)[: len(names)]
     return wrapped(places, names, triangles.radius) if triangles.radius else flat(places, names)

@@ -57,7 +57,7 @@ SHEETS = {"forearm": Sheet(3, 8, FOREARM_RADIUS), "upper_arm": Sheet(5, 7, 0.045
 PALM = Sheet(1, 4)
 
 
-class Place(NamedTuple):
+class TrianglePlace(NamedTuple):
     """Where a triangle's centroid lies on the unrolled surface [m], and whether its tip points to -y."""
 
     u: float
@@ -65,7 +65,7 @@ class Place(NamedTuple):
     upside_down: bool
 
 
-def flat(places: list[Place], names: list[str], link: str = "") -> Layout:
+def flat(places: list[TrianglePlace], names: list[str], link: str = "") -> Layout:
     """Triangles on the plane z = 0, normal +z; patches named ``names``."""
     uw = _unrolled(places)
     return Layout(
@@ -75,7 +75,7 @@ def flat(places: list[Place], names: list[str], link: str = "") -> Layout:
     )
 
 
-def wrapped(places: list[Place], names: list[str], radius: float) -> Layout:
+def wrapped(places: list[TrianglePlace], names: list[str], radius: float) -> Layout:
     """Triangles around a cylinder about the link's z axis, ``u`` = 0 at +x, ``w`` along z; normals point outwards."""
     u, w = _unrolled(places).T
     cos, sin, zero = np.cos(u / radius), np.sin(u / radius), np.zeros_like(u)
@@ -87,7 +87,7 @@ def wrapped(places: list[Place], names: list[str], radius: float) -> Layout:
     )
 
 
-def places_of(triangles: Sheet) -> list[Place]:
+def places_of(triangles: Sheet) -> list[TrianglePlace]:
     """Strip by strip; of a forearm 24 triangles, 240 taxels over about 150 degrees and 78 mm."""
     places = []
     for strip in range(triangles.strips):
@@ -95,7 +95,7 @@ def places_of(triangles: Sheet) -> list[Place]:
         for k in range(triangles.per_strip):
             upside_down = (k + strip) % 2 == 1
             u = (k - (triangles.per_strip - 1) / 2) * SIDE / 2
-            places.append(Place(u, base + HEIGHT * (2 / 3 if upside_down else 1 / 3), upside_down))
+            places.append(TrianglePlace(u, base + HEIGHT * (2 / 3 if upside_down else 1 / 3), upside_down))
     return places
 
 
@@ -114,7 +114,7 @@ def fingertip(name: str, link: str, x: float) -> Layout:
     )
 
 
-def _unrolled(places: list[Place]) -> np.ndarray:
+def _unrolled(places: list[TrianglePlace]) -> np.ndarray:
     """Taxels of all triangles on the unrolled surface [m], shape ``(10 * n, 2)``, in wire order."""
     taxels = PAD_PLACES[list(TAXELS)]
     return np.concatenate([(-taxels if p.upside_down else taxels) + (p.u, p.w) for p in places])

@@ -234,7 +234,7 @@ class InspireRh56dftp(Device):
 
     # -- readings --------------------------------------------------------------------------------------------------
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Tactile counts 0..4096, shape ``(1062,)``, matrix by matrix, row by row."""
         push = self.layout.push(reading["force"])
         felt = dict.fromkeys(BASES, 0.0) | {"palm": 0.0}

@@ -401,7 +401,7 @@ class LinkerHand(Device[CanFrame]):
                 strength=STRENGTH_NM,
             )  # fmt: skip
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Raw counts 0..255 of the normal force of each taxel, uint8, shape ``(n_taxels,)``."""
         tips = self.layout.to_taxel_frame(reading["force"])[: len(FINGERS) * np.prod(self.touch.finger)]
         self.counts = quantize(self.layout.push(reading["force"]), COUNTS_PER_NEWTON, 0, 255).astype(np.uint8)

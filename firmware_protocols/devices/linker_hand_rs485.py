@@ -101,7 +101,7 @@ class LinkerHandL10Rs485(Device):
         self.rtu = Rtu(counters=self.counters, gap_ns=silence_ns(BAUD))
         self.counts = np.zeros(len(self.layout), np.uint8)
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Raw counts 0..255 of the normal force of each taxel, uint8, shape ``(360,)``."""
         push = self.layout.push(reading["force"])
         self.counts = quantize(push, COUNTS_PER_NEWTON, 0, 255).astype(np.uint8)

@@ -132,7 +132,7 @@ class NiboticsPrvs01(Device):
         self.motors = Motors(np.zeros(7), low=0, high=4095, time_constant_s=0.0, speed_limit=FASTEST * COUNTS_PER_SPEED)
         self.speeds = np.full(7, 100)
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Pressures as float32, shape ``(19,)``, or 15 without a palm."""
         felt = np.clip(reading["pressure"] * self.counts_per_pascal, 0.0, 1e9).astype(np.float32)
         self.pressures[self.channels] = self.layout.on_wire(felt)

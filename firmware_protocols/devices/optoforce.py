@@ -188,7 +188,7 @@ class OptoForce(Device):
 
     # -- readings --------------------------------------------------------------------------------------------------
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Counts of Fx, Fy, Fz (and Tx, Ty, Tz) per dome, a push positive, int16 range, shape ``(n_domes, 3 or 6)``."""
         if self.has_torque:
             values = reading["wrench"] * [1, 1, -1, 1, 1, 1]

@@ -58,7 +58,7 @@ class Px6axDevice(Device):
         if places is None and len(self.models) > 1:
             places = range(len(self.models))
         self.places = None if places is None else tuple(places)
-        self.layout = layout or _side_by_side(self.models, self.taxel_counts, self.places or ())
+        self.layout = layout or _in_a_row(self.models, self.taxel_counts, self.places or ())
         n = len(self.layout)
         self.counts = np.zeros((n, 3), np.int64)
         self.felt, self.zero = np.zeros((n, 3)), np.zeros((n, 3))
@@ -66,7 +66,7 @@ class Px6axDevice(Device):
         order = self.layout.wire_order
         self.sent = [order[np.isin(order, np.arange(n)[patch.taxels])] for patch in self.layout.patches]
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Fx, Fy, Fz of every taxel in counts of 0.1 N, zero applied, shape ``(n_taxels, 3)``."""
         counts = self.layout.to_taxel_frame(reading["force"]) * [1, 1, -1] / NEWTON_PER_COUNT
         self.felt = np.rint(counts)
@@ -123,7 +123,7 @@ def _to_bytes(counts: np.ndarray) -> bytes:
     return (counts & 0xFF).astype(np.uint8).tobytes()
 
 
-def _side_by_side(models: Sequence[str], taxel_counts: Mapping[str, int], places: Sequence[int]) -> Layout:
+def _in_a_row(models: Sequence[str], taxel_counts: Mapping[str, int], places: Sequence[int]) -> Layout:
     """A model's name gives its size in mm: S1813 is 18 x 13. Where there are several, each is a link of its own."""
     pads, x = [], 0.0
     for index, model in enumerate(models):

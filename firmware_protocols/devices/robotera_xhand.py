@@ -202,7 +202,7 @@ class RoboteraXhand(Device):
         self.felt = self.zero = np.zeros((len(self.layout), 3))
         self.tips, self.warmth = np.zeros((len(FINGERS), 3), np.int64), np.full(len(FINGERS), 25)
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """x, y -128..127 and z 0..255 of each point in raw counts, shape ``(600, 3)``."""
         self.felt = self.layout.to_taxel_frame(reading["force"]) * [1, 1, -1]
         forces = self.felt - self.zero

@@ -149,7 +149,7 @@ class RobotiqFt300(Device):
             ),
         )
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """By sense: Fx Fy Fz Mx My Mz [0.01 N, 0.001 Nm] ``(1, 6)``, and acceleration [0.001 g] ``(1, 3)``."""
         self.wrench = quantize(reading["wrench"], WRENCH_COUNTS, LOW, HIGH)
         acceleration = quantize(reading["acceleration"], COUNTS_PER_MS2, LOW, HIGH)

@@ -163,7 +163,7 @@ class RobotiqTsf85(Device):
             Command(name="bootloader", request="9A 00 E2 00", about="restarts the firmware", origin=origin),
         )
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Static counts, uint16 range, shape ``(56,)``: finger 0 row by row, then finger 1."""
         before = self.now
         self.now = quantize(self.layout.push(reading["force"]), self.counts_per_newton, rest=self.baseline)

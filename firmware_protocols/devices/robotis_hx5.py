@@ -455,7 +455,7 @@ class RobotisHx5(Device):
 
     # -- what the runner asks --------------------------------------------------------------------------------------
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Raw pressures 0..255, shape ``(45,)``, thumb to little, row by row."""
         self.counts = quantize(self.layout.push(reading["force"]), self.counts_per_newton, 0, 255)
         for sensor, cells in zip(self.nodes[MOTORS :: MOTORS + 1], self.layout.on_wire(self.counts).reshape(-1, 9)):

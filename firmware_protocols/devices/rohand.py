@@ -222,7 +222,7 @@ class RoHand(Device):
         self.felt = self.zero = np.zeros((len(self.layout), 3))
         self.counts = np.zeros(len(self.layout), int)
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Dots 0..255 or fingers [mN], shape ``(n,)``; or normal, tangential, direction, shape ``(n, 3)``."""
         self.felt = self.layout.to_taxel_frame(reading["force"])
         x, y, z = (self.felt - self.zero).T

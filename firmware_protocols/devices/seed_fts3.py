@@ -137,7 +137,7 @@ class SeedFts3(Device):
             ),
         )
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """x, y, z of each sensor that is fitted, shape ``(n, 3)``, a push positive; 0 where it has no such axis."""
         self.felt = self.layout.to_taxel_frame(reading["force"]) * [1, 1, -1]
         self.counts = quantize(self.felt - self.zero, self.counts_per_newton, -SPAN, SPAN)

@@ -191,7 +191,7 @@ class SingleTact(Device):
             for name, request, reply in _EXAMPLES
         )
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """The value, 0..1023, shape ``(1,)``."""
         self.iteration, self.felt_ns = (self.iteration + 1) & 0xFFFF, t_ns
         self.pushed = float(self.layout.push(reading["force"])[0])

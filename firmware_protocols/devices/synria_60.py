@@ -118,7 +118,7 @@ class Synria60(Device):
         self.push = self.zero = self.first = np.zeros(len(self.layout))
         self.counts, self.settled = np.zeros(len(self.layout), np.int64), False
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """ADC values 0..4095 or mN 0..65535, as ``kind`` says, shape ``(60,)``."""
         self.push = self.layout.push(reading["force"])
         if not self.settled and self.registers["auto_zero"]:

@@ -161,7 +161,7 @@ class UnitreeDex3(Device):
             Command(name="all stop", request=stop, origin=origin),
         )
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """The float32 of each cell, shape ``(33,)``."""
         pressed = REST + self.counts_per_newton * self.layout.push(reading["force"])
         self.counts = np.clip(pressed, REST, FULL).astype(np.float32)

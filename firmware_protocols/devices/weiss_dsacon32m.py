@@ -244,7 +244,7 @@ class WeissDsacon32m(Device):
             )
         )
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Counts of each texel, 0..4095, shape ``(486,)``."""
         sensitivity, threshold = (np.array(self.current[name])[self.matrix_of] for name in ("sensitivity", "threshold"))
         scale = self.counts_per_newton / FACTORY_SENSITIVITY * sensitivity

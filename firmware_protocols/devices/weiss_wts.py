@@ -186,7 +186,7 @@ class WeissWts(Device):
             for name, request, reply in _EXAMPLES
         )
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """By sense: counts of the texels, 0..4095, ``(rows * cols,)``; temperature [0.1 deg C] ``(1,)``."""
         self.pushed = self.layout.push(reading["force"])
         texels = quantize(self.pushed - self.zero, self.counts_per_newton, 0, FULL_SCALE)

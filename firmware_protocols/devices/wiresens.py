@@ -109,7 +109,7 @@ class Wiresens(Device):
         """What the board says."""
         return [WAITING + SAVED + READY if self.saved else WAITING]
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """0..4095 of each taxel."""
         push = np.maximum(self.layout.push(reading["force"]), 0.0)
         self.counts = quantize(-push, self.counts_per_newton, 0, ADC_MAX, rest=REST)

@@ -109,7 +109,7 @@ class XelaServer(Device):
         self.magnet = LinearMagnet(gain=gains, offset=REST_FIELD_UT)
         self.message = 0
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Raw counts X, Y, Z of each taxel, 0..65535, shape ``(n, 3)``."""
         force = self.layout.to_taxel_frame(reading["force"])
         self.newtons = force * [1, 1, -1] + 0.0  # no -0.0, as text

@@ -121,7 +121,7 @@ class XelaUskin(Device[CanFrame]):
         self.magnet = LinearMagnet(gain=gains, offset=REST_FIELD_UT)
         self.command_id, self.streaming = 0x200 | board, False
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Raw counts X, Y, Z of each taxel, 0..65535, shape ``(n_taxels, 3)``."""
         self.counts = quantize(self.magnet(self.layout.to_taxel_frame(reading["force"])) / COUNT_UT)
         return self.counts

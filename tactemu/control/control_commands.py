@@ -2,8 +2,8 @@
 
 A method of :class:`ControlCommands` is a command: its signature says what it takes, the types in which unit, its
 docstring what it does. From these come the command line ``tactemu poke``, the requests on the socket and the table in
-the manual. :class:`tactemu.session.serving.Served` and :class:`tactemu.control.client.Connection` are such objects; whoever
-carries a command out is :class:`tactemu.control.control.Control`.
+the manual. :class:`tactemu.session.serving.Served` and :class:`tactemu.control.client.Connection` are such objects;
+whoever carries a command out is :class:`tactemu.control.control.Control`.
 """
 
 from __future__ import annotations

@@ -272,14 +272,14 @@ class Channel:
         )
         return ideal, measured
 
-    def feel(self, stream: str, measured: Mapping[str, np.ndarray], stamp_ns: int) -> Any:
+    def measure(self, stream: str, measured: Mapping[str, np.ndarray], stamp_ns: int) -> Any:
         """One conversion; returns the device's counts.
 
         Raises:
             DeviceError: the device raised, or returned no array.
         """
         try:
-            return calls.feel(self.device, Reading(measured, stream), stamp_ns)
+            return calls.measure(self.device, Reading(measured, stream), stamp_ns)
         except calls.AuthorError as error:
             raise DeviceError(str(error)) from error
 

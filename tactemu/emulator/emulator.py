@@ -291,7 +291,7 @@ class Emulator:
         number, channel.samples = channel.samples, channel.samples + 1
         self._advance(channel, stream, t_ns)
         ideal, measured = channel.whole(stream, channel.read(stream, t_ns, looks))
-        counts = channel.feel(stream, measured, stamp_ns)
+        counts = channel.measure(stream, measured, stamp_ns)
         for key, values, sense in _by_sense(counts, measured):
             self.truth.sample(t_ns, channel.name, ideal[key], measured[key], values, number=number, sense=sense)
         return number

@@ -157,7 +157,7 @@ def axes_of(device: Device) -> np.ndarray:
     n, strong = len(device.layout), 1e-3
 
     def reads(field: np.ndarray) -> np.ndarray:
-        counts = np.asarray(device.feel(Reading({"field": field, "temperature": np.full(n, 25.0)}), 0), float)
+        counts = np.asarray(device.measure(Reading({"field": field, "temperature": np.full(n, 25.0)}), 0), float)
         return 1e-6 * counts.reshape(n, -1)[:, -3:]
 
     columns = [reads(np.tile(strong * axis, (n, 1))) - reads(np.zeros((n, 3))) for axis in np.eye(3)]

@@ -145,7 +145,7 @@ def counts_per_newton(device: Device, recorded: Recorded) -> float:
     def reads(push: float) -> np.ndarray:
         own = room | {"force": -push * np.asarray(device.layout.normals, float)}
         values = {sense.key: own.get(sense.quantity, np.zeros(len(sense.at or ()))) for sense in device.sensed}
-        counts = device.feel(Reading(values), 0)
+        counts = device.measure(Reading(values), 0)
         first = next(iter(counts.values())) if isinstance(counts, dict) else counts
         return np.asarray(first, float).reshape(-1)
 

@@ -87,10 +87,10 @@ class Span:
         """Return what a fresh device that was at rest at first shows of this on every taxel, once it has settled."""
         device, counts = self._make(), []
         for stream in device.periods:
-            calls.feel(device, self._reading(stream), 0)  # firmware that takes its baseline takes it here
+            calls.measure(device, self._reading(stream), 0)  # firmware that takes its baseline takes it here
             reading, felt = self._reading(stream, axis, amount), None
             for k in range(1, _SETTLE):
-                felt = calls.feel(device, reading, 200_000_000 * k)
+                felt = calls.measure(device, reading, 200_000_000 * k)
             counts += flattened(felt)
         return np.concatenate([each.ravel() for each in counts]).astype(float) if counts else np.zeros(0)
 
@@ -141,7 +141,7 @@ class Span:
         return np.maximum(span, 1e-3 * (whole[1] - whole[0])) * share
 
     def _felt(self, stream: str) -> Any:
-        return calls.feel(self._make(), self._reading(stream), 0)
+        return calls.measure(self._make(), self._reading(stream), 0)
 
 
 def flattened(counts: Any) -> list[np.ndarray]:
@@ -151,7 +151,7 @@ def flattened(counts: Any) -> list[np.ndarray]:
 
 def senses_of(device: Device, stream: str) -> list[str]:
     """Keys of the senses in the order of :func:`flattened`; "" where the device does not name them."""
-    felt = calls.feel(device, reading_of(device, 0.0, stream), 0)
+    felt = calls.measure(device, reading_of(device, 0.0, stream), 0)
     return list(felt) if isinstance(felt, Mapping) else [""]
 
 

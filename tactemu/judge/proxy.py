@@ -69,7 +69,7 @@ def framing_of(device: Device) -> Framing:
     frames = []
     for k, push in enumerate(_PUSHES):
         for stream in device.periods:
-            calls.feel(device, reading_of(device, push, stream), 10_000_000 * (k + 1))
+            calls.measure(device, reading_of(device, push, stream), 10_000_000 * (k + 1))
             for out in device.stream(10_000_000 * (k + 1), stream):
                 frame = out.frame if isinstance(out, Sent) else out
                 if isinstance(frame, bytes):

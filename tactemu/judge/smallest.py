@@ -120,7 +120,8 @@ def _shifted(fault: str, by: int) -> str:
 
 
 def _case(
-    trial: Trial, groups: Sequence[Sequence[str]], kind: str, tape: TrialRecord, outcome: Outcome, runs: int, target: str,
+    trial: Trial, groups: Sequence[Sequence[str]], kind: str, tape: TrialRecord, outcome: Outcome, runs: int,
+    target: str,
     command: Sequence[str],
 ) -> dict[str, Any]:  # fmt: skip
     changes = [change for change in tape.changes if change.t >= tape.on]

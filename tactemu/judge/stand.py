@@ -114,7 +114,8 @@ class DriverRig:
         samples = len({f.sample for f in frames if f.way == "tx" and not f.answer})
         readings = rows if asks else samples
         return Facts(
-            wire=wire.line_model.kind, usb=bool(getattr(connector, "usb", None)), asks=asks, talks=talks, sets_rate=sets,
+            wire=wire.line_model.kind, usb=bool(getattr(connector, "usb", None)), asks=asks, talks=talks,
+            sets_rate=sets,
             frames=tx[-400:], requests=rx[-64:], frames_per_row=max(1, round(len(tx) / max(1, readings))),
             row_s=seconds / max(1, readings), period_s=self.period_s,
             rollovers=device.rollovers,

@@ -190,7 +190,8 @@ class TrialRecord:
 
 
 _KINDS: dict[str, Any] = {
-    "samples": Sample, "frames": Frame, "changes": InjectedFault, "rows": DriverRow, "notes": Note, "weights": ResourceUsage,
+    "samples": Sample, "frames": Frame, "changes": InjectedFault, "rows": DriverRow, "notes": Note,
+    "weights": ResourceUsage,
 }  # fmt: skip
 _HEAD = (
     "name", "trial", "known", "columns", "on", "off", "end", "exit", "late_ms", "unread", "trouble",

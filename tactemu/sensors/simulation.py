@@ -28,7 +28,7 @@ from tactemu.sensors.sensor import Sensor, bodies_felt, check_query
 from tactemu.sensors.sensor_model import Site, upload_probes
 from tactemu.sensors.shape_table import ShapeTables
 from tactemu.sensors.world import World
-from tactemu.transducers.transducer import Kind, Place
+from tactemu.transducers.transducer import Kind, TransducerSite
 
 MOST_THREADS = 2**31
 """Warp counts threads and the places of an array's axis in 31 bits."""
@@ -271,7 +271,7 @@ class Simulation:
         """Plan a sensor's transducers for one branch."""
         assert sensor.chain is not None
         probes, view = sensor.probes, self._poses.view(sensor.link.index)
-        place = Place(
+        place = TransducerSite(
             name=sensor.name,
             context=self.context,
             positions=probes.positions,

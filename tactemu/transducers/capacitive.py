@@ -25,7 +25,7 @@ from tactemu.plan.clearing import clear_rows
 from tactemu.plan.plan import Stage
 from tactemu.plan.scalars import is_finite
 from tactemu.transducers.loads import TAKES, load_function, reading_kind, skin_arrays
-from tactemu.transducers.transducer import CAPACITANCE, Kind, Place, Transducer
+from tactemu.transducers.transducer import CAPACITANCE, Kind, Transducer, TransducerSite
 
 EPSILON_0 = 8.8541878128e-12
 """[F/m]"""
@@ -110,7 +110,7 @@ class Capacitive(Transducer):
     def gives(self, taken: Kind) -> Kind:
         return reading_kind(taken, CAPACITANCE, self.rated_n)
 
-    def compile(self, place: Place, x: wp.array, taken: Kind) -> tuple[wp.array, Sequence[Stage]]:
+    def compile(self, place: TransducerSite, x: wp.array, taken: Kind) -> tuple[wp.array, Sequence[Stage]]:
         context, real = place.context, place.context.real
         normals, areas = skin_arrays(place)
         follows = self.baseline_tau is not None

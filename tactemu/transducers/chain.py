@@ -9,7 +9,7 @@ import warp as wp
 
 from tactemu.base.errors import SceneError
 from tactemu.plan.plan import Stage
-from tactemu.transducers.transducer import KINDS, Kind, Place, Transducer
+from tactemu.transducers.transducer import KINDS, Kind, Transducer, TransducerSite
 
 
 class Chain:
@@ -45,7 +45,7 @@ class Chain:
         self.kind: Kind = kind
         """What comes out."""
 
-    def compile(self, place: Place, array: wp.array) -> tuple[wp.array, list[Stage]]:
+    def compile(self, place: TransducerSite, array: wp.array) -> tuple[wp.array, list[Stage]]:
         """The last array and all stages, from the model's ``(n_envs, n_taxels, channels)``."""
         kind, stages = self.taken, []
         x: Any = array[:, :, self.columns]

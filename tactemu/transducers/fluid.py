@@ -22,7 +22,7 @@ from tactemu.plan.clearing import clear_rows
 from tactemu.plan.plan import Stage
 from tactemu.plan.scalars import is_finite
 from tactemu.transducers.loads import TAKES, load_function, skin_arrays
-from tactemu.transducers.transducer import PRESSURE, Kind, Place, Transducer
+from tactemu.transducers.transducer import PRESSURE, Kind, Transducer, TransducerSite
 
 
 @functools.cache
@@ -85,7 +85,7 @@ class Fluid(Transducer):
     def gives(self, taken: Kind) -> Kind:
         return PRESSURE
 
-    def compile(self, place: Place, x: wp.array, taken: Kind) -> tuple[wp.array, Sequence[Stage]]:
+    def compile(self, place: TransducerSite, x: wp.array, taken: Kind) -> tuple[wp.array, Sequence[Stage]]:
         context = place.context
         shape = (context.n_envs, len(place.positions))
         late, out = context.zeros(shape, wp.float64), place.zeros(1)

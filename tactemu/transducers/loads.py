@@ -8,7 +8,7 @@ import functools
 import numpy as np
 import warp as wp
 
-from tactemu.transducers.transducer import Kind, Place
+from tactemu.transducers.transducer import Kind, TransducerSite
 
 TAKES = ("force", "pressure")
 
@@ -31,7 +31,7 @@ def load_function(real, vector: bool):
     return load
 
 
-def skin_arrays(place: Place) -> list[wp.array]:
+def skin_arrays(place: TransducerSite) -> list[wp.array]:
     """Normals and areas, as :func:`load_function` wants them."""
     vec3 = wp.types.vector(3, place.context.real)
     return [place.constant(place.normals, vec3), place.constant(np.broadcast_to(place.areas, len(place.normals)))]

@@ -25,7 +25,7 @@ import warp as wp
 from tactemu.base.errors import SceneError, shown
 from tactemu.base.options import number, numbers, triple
 from tactemu.plan.plan import Stage
-from tactemu.transducers.transducer import FIELD, Kind, Place, Transducer
+from tactemu.transducers.transducer import FIELD, Kind, Transducer, TransducerSite
 
 REACH = 4.0
 """Taxels so many ``spread`` away from a magnet do not move it."""
@@ -200,7 +200,7 @@ class Magnetic(Transducer):
         whole = np.maximum(weights.sum(axis=1, keepdims=True), 1.0)  # between taxels in full, far from all not at all
         return nearest.astype(np.int32), weights / whole
 
-    def compile(self, place: Place, x: wp.array, taken: Kind) -> tuple[wp.array, Sequence[Stage]]:
+    def compile(self, place: TransducerSite, x: wp.array, taken: Kind) -> tuple[wp.array, Sequence[Stage]]:
         context, real = place.context, place.context.real
         vec3 = wp.types.vector(3, real)
         rest, moments = self.places(place.positions)
@@ -228,7 +228,7 @@ class Magnetic(Transducer):
             Stage(name=f"{place.name}: field", reason=why, launch=launch, cheaper="fewer magnets"),
         ]
 
-    def _others(self, place: Place) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _others(self, place: TransducerSite) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         for body, *_ in self.neighbours:
             if body not in place.bodies:
                 known = ", ".join(place.bodies)

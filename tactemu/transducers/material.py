@@ -27,7 +27,7 @@ from tactemu.plan.clearing import clear_rows
 from tactemu.plan.plan import Stage
 from tactemu.plan.scalars import is_finite
 from tactemu.transducers.laws import LogMemory
-from tactemu.transducers.transducer import Kind, Place, Transducer
+from tactemu.transducers.transducer import Kind, Transducer, TransducerSite
 
 PRESSED = wp.constant(wp.float64(0.05))
 TURN = wp.constant(wp.float64(0.1))
@@ -154,7 +154,7 @@ class Material(Transducer):
     def gives(self, taken: Kind) -> Kind:
         return taken
 
-    def compile(self, place: Place, x: wp.array, taken: Kind) -> tuple[wp.array, Sequence[Stage]]:
+    def compile(self, place: TransducerSite, x: wp.array, taken: Kind) -> tuple[wp.array, Sequence[Stage]]:
         creep = self.creep_per_decade != 0
         loop, presses = self.loop != 0, self.softening != 0 or self.baseline != 0
         if not (creep or loop or presses):

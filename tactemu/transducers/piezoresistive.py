@@ -25,7 +25,7 @@ from tactemu.base.options import number
 from tactemu.plan.plan import Stage
 from tactemu.plan.scalars import is_finite
 from tactemu.transducers.loads import TAKES, load_function, reading_kind, skin_arrays
-from tactemu.transducers.transducer import RESISTANCE, Kind, Place, Transducer
+from tactemu.transducers.transducer import RESISTANCE, Kind, Transducer, TransducerSite
 
 
 @functools.cache
@@ -166,7 +166,7 @@ class Piezoresistive(Transducer):
     def gives(self, taken: Kind) -> Kind:
         return reading_kind(taken, RESISTANCE, self.rated_n)
 
-    def compile(self, place: Place, x: wp.array, taken: Kind) -> tuple[wp.array, Sequence[Stage]]:
+    def compile(self, place: TransducerSite, x: wp.array, taken: Kind) -> tuple[wp.array, Sequence[Stage]]:
         context, real = place.context, place.context.real
         if self.ghosts and len(place.layout) != 2:
             raise SceneError(f"sensor {place.name!r}: ghosts need taxels in rows and columns, not {place.layout}")

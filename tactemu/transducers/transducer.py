@@ -52,7 +52,7 @@ KINDS = {kind.quantity: kind for kind in (FORCE, DISPLACEMENT, PRESSURE, DEPTH, 
 
 
 @dataclass(frozen=True, kw_only=True)
-class Place:
+class TransducerSite:
     """Where a transducer is compiled: the skin on its link."""
 
     name: str
@@ -115,5 +115,5 @@ class Transducer(ABC):
         """What comes out when this goes in."""
 
     @abstractmethod
-    def compile(self, place: Place, x: wp.array, taken: Kind) -> tuple[wp.array, Sequence[Stage]]:
+    def compile(self, place: TransducerSite, x: wp.array, taken: Kind) -> tuple[wp.array, Sequence[Stage]]:
         """The array that it fills and its stages; ``x`` is ``(n_envs, n_taxels, channels)``."""

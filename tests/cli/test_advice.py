@@ -33,7 +33,7 @@ def test_a_busy_machine_is_told_from_a_dear_simulation(emulator, monkeypatch):
         for stage in plan.stages:
             stage.cost_us = 1500.0 if stage.name.endswith("springs") else 100.0
 
-    monkeypatch.setattr(plan, "measure", springs_are_slow)
+    monkeypatch.setattr(plan, "time_stages", springs_are_slow)
     text = advice(emulator, channel)
     assert "takes 16000 of the 10000 us between them, most of it in 'anyskin: springs' (set `contact_depth" in text
     assert "dt" in text and "tactemu tune" in text

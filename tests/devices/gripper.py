@@ -48,7 +48,7 @@ class Gripper(Device):
         self.motors = Motors([255.0, 255.0], low=0, high=255, time_constant_s=0.05)
         self.dtr = False
 
-    def feel(self, reading, t_ns):
+    def measure(self, reading, t_ns):
         if reading.stream == "touch":
             self.counts = quantize(self.layout.push(reading["force"]), 100.0, 0, 255)
             return {"force": self.counts}

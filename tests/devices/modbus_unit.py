@@ -32,7 +32,7 @@ class ModbusUnit(Device):
         self.registers["unit"] = unit
         self.rtu = Rtu(counters=self.counters, gap_ns=silence_ns(19200))
 
-    def feel(self, reading, t_ns):
+    def measure(self, reading, t_ns):
         counts = quantize(self.layout.push(reading["force"]), 1000.0, 0, 0xFFFF)
         self.registers["push"] = int(counts[0])
         return counts

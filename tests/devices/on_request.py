@@ -15,7 +15,7 @@ class OnRequest(Device):
     def __init__(self):
         self.layout = grid_layout(2, 2, 0.004)
 
-    def feel(self, reading, t_ns):
+    def measure(self, reading, t_ns):
         self.counts = quantize(self.layout.push(reading["force"]), 1e4, -0x8000, 0x7FFF)
         return self.counts
 

@@ -79,7 +79,7 @@ class ServoBus(Device):
         for k in range(count):
             self.servos.append(Servo(self, first + k))
 
-    def feel(self, reading, t_ns):
+    def measure(self, reading, t_ns):
         return np.rint(reading["load"] * 1000).astype(np.int64)
 
     def receive(self, data, t_ns, port):

@@ -95,7 +95,8 @@ def record(folder: Path) -> bool:
     with (folder / "record.txt").open("w") as out:
         done = subprocess.run(
             command, env={**environment(folder), "PYTHONPATH": str(ROOT)}, stdin=subprocess.DEVNULL, stdout=out,
-            stderr=subprocess.STDOUT, timeout=300, check=False, preexec_fn=enable_realtime_priority if FIRST_OF_ALL else None,
+            stderr=subprocess.STDOUT, timeout=300, check=False,
+            preexec_fn=enable_realtime_priority if FIRST_OF_ALL else None,
         )  # fmt: skip
     said = (folder / "record.txt").read_text()
     assert done.returncode == 0 or LATE in said, said[-3000:]

@@ -86,7 +86,7 @@ class Rig:
         self._due = dict.fromkeys(self.device.periods, now)
 
     def _feel(self, stream, now):
-        self.truth.append(np.copy(self.device.feel(self.reading(stream), now)))
+        self.truth.append(np.copy(self.device.measure(self.reading(stream), now)))
         self.sampled_ns.append(now)
 
     def _loop(self):

@@ -23,7 +23,7 @@ class Counter8(Device):
         self.layout = grid_layout(1, 1, 1e-3)
         self.n = 0
 
-    def feel(self, reading, t_ns):
+    def measure(self, reading, t_ns):
         return np.round(reading["depth"] * 1e6)
 
     def stream(self, t_ns, name):

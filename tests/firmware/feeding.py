@@ -15,7 +15,7 @@ def sample(device: Device, pushes=0.0, t_ns: int = 0, **values) -> list:
     """One conversion of every stream, as the runner does it: feel, then what leaves."""
     sent = []
     for stream in device.periods:
-        device.feel(reading_of(device, pushes, stream, **values), t_ns)
+        device.measure(reading_of(device, pushes, stream, **values), t_ns)
         sent += frames(device.stream(t_ns, stream))
     return sent
 
@@ -29,5 +29,5 @@ def _obeyed(device: Device, outs) -> list:
     if any(isinstance(out, Restart) for out in outs):
         device.power_cycle()
         for stream in device.periods:
-            device.feel(reading_of(device, stream=stream), 0)
+            device.measure(reading_of(device, stream=stream), 0)
     return frames(outs)

@@ -51,12 +51,12 @@ def documented_force(count: int) -> float:
 def test_force_formula_is_inverted():
     device = fp.create("ability_hand")
     for force in (0.9, 1.0, 1.5, 2.0, 3.3, 5.0, 6.9):
-        (count,) = set(device.feel(reading_of(device, force), 0).tolist())
+        (count,) = set(device.measure(reading_of(device, force), 0).tolist())
         step = documented_force(count + 1) - documented_force(count)
         assert abs(documented_force(count) - force) < step
-    assert set(device.feel(reading_of(device, 0.87), 0)) == {0}
-    assert set(device.feel(reading_of(device, 50.0), 0)) == {4095}
-    assert set(device.feel(reading_of(device, -3.0), 0)) == {0}
+    assert set(device.measure(reading_of(device, 0.87), 0)) == {0}
+    assert set(device.measure(reading_of(device, 50.0), 0)) == {4095}
+    assert set(device.measure(reading_of(device, -3.0), 0)) == {0}
 
 
 def test_touch_order_and_packing():

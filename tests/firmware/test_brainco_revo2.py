@@ -28,7 +28,7 @@ def test_a_finger_feels_shear_and_nearness():
     device = fp.create("brainco_revo2")
     forces = np.zeros((5, 3))
     forces[2] = (0.0, 0.3, -0.4)
-    device.feel(fp.Reading({"force": forces}), 0)
+    device.measure(fp.Reading({"force": forces}), 0)
     assert device.counts[2].tolist() == [40, 30, 90, 4000]
     assert read(device, 4200 + 6, 3) == [40, 30, 90] and read(device, 4215 + 4, 2) == [0, 4000]
     assert read(device, 4250 + 12, 6) == [40, 30, 90, 0xA00F, 0, 0], "4000, low byte first"

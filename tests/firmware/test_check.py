@@ -122,7 +122,7 @@ PLANTS = {
         r"option 'serial': annotate it",
     ),
     "contract: the first version": (
-        [("def feel(self, reading: Reading, t_ns: int)", "def digitize(self, reading)")],
+        [("def measure(self, reading: Reading, t_ns: int)", "def digitize(self, reading)")],
         "TypeError",
     ),
     "file: no Python": ([("class AcmePalm(Device):", "class AcmePalm(Device)")], r"import: .*\(acme_palm\.py:\d+\)"),

@@ -139,13 +139,13 @@ def test_a_wish_for_a_rate_survives_commands_and_restarts(name):
         "a", device, Still(device), wires, SampleClock(period_ns=wish_ns), dict.fromkeys(device.periods, wish_ns)
     )
     converted = dict.fromkeys(device.periods, ())
-    feel = channel.feel
+    feel = channel.measure
 
     def watched(stream, measured, t_ns):
         converted[stream] += (t_ns,)
         return feel(stream, measured, t_ns)
 
-    channel.feel = watched
+    channel.measure = watched
     emulator = Emulator(None, [channel], clock=VirtualClock())
     with emulator:
         emulator.run(0.1 + device.boot_s)

@@ -88,12 +88,12 @@ def test_a_load_holds_it_and_a_load_that_lasts_is_an_overload(arm):
     write(arm, 1, 42, 3000, 2)
     load = np.zeros(6)
     load[0] = -2.6
-    counts = arm.feel(reading_of(arm, load=load), 0)
+    counts = arm.measure(reading_of(arm, load=load), 0)
     assert counts.tolist() == [884, 0, 0, 0, 0, 0], "it pushes back"
     assert read(arm, 1, 56, t_ns=SECOND) == 2048, "and stands"
-    arm.feel(reading_of(arm, load=load), 1_990_000_000)
+    arm.measure(reading_of(arm, load=load), 1_990_000_000)
     assert read(arm, 1, 65, 1, t_ns=SECOND) == 0
-    arm.feel(reading_of(arm, load=load), 2 * SECOND)
+    arm.measure(reading_of(arm, load=load), 2 * SECOND)
     assert read(arm, 1, 65, 1, t_ns=2 * SECOND) == 32
     sample(arm)
     assert send(arm, packet(1, 1))[0][4] == 0
@@ -102,7 +102,7 @@ def test_a_load_holds_it_and_a_load_that_lasts_is_an_overload(arm):
 def test_too_hot_is_in_every_answer(arm):
     # The frame of lerobot.md: position 2090 of servo 3, status 4.
     arm = fp.create("feetech_sts3215", encoders=2090)
-    arm.feel(reading_of(arm, temperature=[25, 25, 71, 25, 25, 25]), 0)
+    arm.measure(reading_of(arm, temperature=[25, 25, 71, 25, 25, 25]), 0)
     assert send(arm, "FF FF 03 04 02 38 02 BC") == [bytes.fromhex("FFFF0304042A08C2")]
     assert send(arm, "FF FF 04 04 02 38 02 BB")[0][4] == 0
 

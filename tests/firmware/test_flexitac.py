@@ -20,7 +20,7 @@ def test_frame_is_marker_and_row_major_bytes():
 def test_adc_is_monotonic_and_saturates():
     device = fp.create("flexitac")
     forces = (-1.0, 0.0, 0.1, 0.5, 1.7, 10.0, 1e9)
-    curve = [int(device.feel(reading_of(device, force), 0)[0]) for force in forces]
+    curve = [int(device.measure(reading_of(device, force), 0)[0]) for force in forces]
     assert curve[0] == 20 and curve[-1] in (254, 255) and curve[4] < 0xAA
     assert np.all(np.diff(curve[1:]) > 0)
 

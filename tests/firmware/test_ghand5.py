@@ -24,7 +24,7 @@ def test_axes_of_taxels_and_resultants():
     assert index[:6].tolist() == [5, 253, 20, 127, 128, 255] and not index[6:].any() and len(index) == 94
     whole = registers(device, "31 04 10 80 00 10 F1 1E")
     assert whole.hex() == "1f00" + "0000" * 3 + "7f00" + "8000" + "ff00" + "0000" * 9
-    assert device.feel(fp.Reading({"force": force}), 0)[38].tolist() == [5, -3, 20]
+    assert device.measure(fp.Reading({"force": force}), 0)[38].tolist() == [5, -3, 20]
 
 
 def test_a_pull_shows_no_push():

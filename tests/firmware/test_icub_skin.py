@@ -103,7 +103,7 @@ def test_boards_keep_their_own_period_also_where_one_is_no_multiple_of_another()
     for board, period in ((1, "14"), (2, "1E")):
         tell(device, board, f"4D00{period}F0", "50000002010022", START)
     assert [device.periods[f"board {board}"] for board in (1, 2, 3)] == [20_000_000, 30_000_000, 50_000_000]
-    device.feel(reading_of(device, 0.2, "board 2"), 0)
+    device.measure(reading_of(device, 0.2, "board 2"), 0)
     assert list(decoded(device.stream(0, "board 2"))) == ["2.0"] and device.stream(0, "board 3") == ()
     assert set(device.counts[:30]) == {245} and set(device.counts[30:60]) == {210}, "a board converts its own triangles"
 

@@ -54,7 +54,7 @@ def test_matrices_lie_where_the_drivers_look(device):
         counts = device.counts[patch.taxels]
         sent = counts[COLUMNS_FROM_THE_BOTTOM] if patch.name == "palm" else counts
         assert read(device, TABLE[patch.name][0], len(patch)) == sent.tolist()
-    assert device.counts[-1] == 4000 and device.feel(reading_of(device, 9.0), 0).max() == 4096
+    assert device.counts[-1] == 4000 and device.measure(reading_of(device, 9.0), 0).max() == 4096
 
 
 def test_the_palm_is_sent_column_by_column_from_the_bottom(device):

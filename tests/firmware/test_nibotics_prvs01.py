@@ -18,7 +18,7 @@ def order(positions, speeds) -> bytes:
 
 def test_channels_that_are_not_in_use_are_zero():
     hand = fp.create("nibotics_prvs01", counts_per_pascal=0.5)
-    hand.feel(reading_of(hand, pressure=np.arange(1.0, 20.0), temperature=np.arange(19.0)), 0)
+    hand.measure(reading_of(hand, pressure=np.arange(1.0, 20.0), temperature=np.arange(19.0)), 0)
     data = hand.stream(0, "")[0]
     pressures, temperatures = np.split(np.frombuffer(data[7 : 7 + 192], "<f4"), 2)
     assert np.flatnonzero(pressures == 0).tolist() == [3, 7, 11, 15, 19]
@@ -54,7 +54,7 @@ def test_speeds_go_to_250_and_pressures_are_hectopascals():
     hand = fp.create("nibotics_prvs01")
     send(hand, order([4095] * 7, [250, 255, 125, 0, 0, 0, 0]))
     assert hand.motors.positions(200_000_000)[:3].tolist() == pytest.approx([2050, 2050, 1025])
-    counts = hand.feel(reading_of(hand, pressure=np.full(19, 12345.0), temperature=25.0), 0)
+    counts = hand.measure(reading_of(hand, pressure=np.full(19, 12345.0), temperature=25.0), 0)
     assert counts.tolist() == pytest.approx([123.45] * 19)
 
 

@@ -48,7 +48,7 @@ def positions(state) -> list[float]:
 def test_a_state_holds_joints_and_tips(hand):
     force = np.zeros((600, 3))
     force[125] = 0.7, -0.3, -1.2
-    hand.feel(reading_of(hand, force=force, temperature=[20, 30, 40, 50, 60]), 0)
+    hand.measure(reading_of(hand, force=force, temperature=[20, 30, 40, 50, 60]), 0)
     state = move(hand)
     assert [state[24 * k] for k in range(12)] == list(range(12))
     index = state[288 + 384 : 288 + 2 * 384]
@@ -109,9 +109,9 @@ def test_a_new_id_is_in_force_at_once_and_kept_by_saving(hand):
 def test_a_tip_is_zeroed_by_its_own_number(hand):
     force = np.zeros((600, 3))
     force[::120, 2] = -3.0
-    hand.feel(reading_of(hand, force=force, temperature=25.0), 0)
+    hand.measure(reading_of(hand, force=force, temperature=25.0), 0)
     assert send(hand, message(0x12, b"", 0x12)) == []
-    hand.feel(reading_of(hand, force=force, temperature=25.0), 0)
+    hand.measure(reading_of(hand, force=force, temperature=25.0), 0)
     state = move(hand)
     assert [state[288 + 384 * k + 5] for k in range(5)] == [30, 0, 30, 30, 30]
 

@@ -36,7 +36,7 @@ def test_three_axis_points_see_shear():
     assert device.counts.shape == (1 + 2 + 2 + 2 + 1 + 56, 3)
     forces = np.zeros((64, 3))
     forces[3] = (-3.0, 0.0, -2.0)
-    device.feel(fp.Reading({"force": forces}), 0)
+    device.measure(fp.Reading({"force": forces}), 0)
     assert device.counts[3].tolist() == [200, 300, 180]
     assert read(device, 2200, 6) == [0xC800, 0x2C01, 0xB400, 0, 0, 0]
 

@@ -28,7 +28,7 @@ class Keeps(fp.Device):
         self.layout = fp.points({"dome": (0.0, 0.0, 0.0)})
         vars(self).update(kept)
 
-    def feel(self, reading, t_ns):
+    def measure(self, reading, t_ns):
         return np.zeros(1)
 
 

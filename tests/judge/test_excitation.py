@@ -25,7 +25,7 @@ def felt(name):
         row = []
         for stream in device.periods:
             seen = {sense.key: senses.sense(sense, t_ns) for sense in device.senses_of(stream)}
-            row += flattened(calls.feel(device, Reading(seen, stream), t_ns))
+            row += flattened(calls.measure(device, Reading(seen, stream), t_ns))
         rows.append(np.concatenate([np.asarray(each, float).ravel() for each in row]))
     return np.array(rows)
 

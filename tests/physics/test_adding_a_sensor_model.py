@@ -19,8 +19,8 @@ def tree(tmp_path_factory) -> Path:
     tree = tmp_path_factory.mktemp("pins")
     files = dict(re.findall(r"^```\w+ (\S+)\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), flags=re.M | re.S))
     shutil.copytree(ROOT / "tactemu", tree / "tactemu", ignore=shutil.ignore_patterns("__pycache__"))
-    (tree / "tactemu" / "physics" / "probes" / "pin_taxel.py").write_text(files["pin_taxel.py"])
-    registry = tree / "tactemu" / "physics" / "models.py"
+    (tree / "tactemu" / "sensors" / "probes" / "pin_taxel.py").write_text(files["pin_taxel.py"])
+    registry = tree / "tactemu" / "sensors" / "models.py"
     before = '    "proximity_taxel"'
     assert registry.read_text().count(before) == 1
     registry.write_text(registry.read_text().replace(before, files["models.py"] + before))

@@ -19,7 +19,7 @@ def tree(tmp_path_factory) -> Path:
     tree = tmp_path_factory.mktemp("ring")
     files = dict(re.findall(r"^```\w+ (\S+)\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), flags=re.M | re.S))
     shutil.copytree(ROOT / "tactemu", tree / "tactemu", ignore=shutil.ignore_patterns("__pycache__"))
-    shapes = tree / "tactemu" / "physics" / "shapes"
+    shapes = tree / "tactemu" / "geometry" / "shapes"
     (shapes / "torus.py").write_text(files["torus.py"])
     registry = (shapes / "registry.py").read_text()
     before = '    "plane"'

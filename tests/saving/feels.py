@@ -13,7 +13,7 @@ class Feels(Device):
         self.senses = (quantity,)  # type: ignore[assignment]
         self.layout = grid_layout(8, 8, 0.0025)
 
-    def feel(self, reading, t_ns):
+    def measure(self, reading, t_ns):
         (sense,) = self.sensed
         self.values = np.asarray(reading[sense.key], np.float32)
         return self.values

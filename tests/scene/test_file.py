@@ -140,7 +140,7 @@ def test_a_device_file_is_found_beside_the_scene(tmp_path):
         "    ports = (Serial(baud=9600),)\n"
         "    def __init__(self):\n"
         "        self.layout = grid_layout(2, 3, 0.004)\n"
-        "    def feel(self, reading, t_ns):\n"
+        "    def measure(self, reading, t_ns):\n"
         "        return reading['force'][:, 2]\n"
     )
     path = tmp_path / "scene.toml"

@@ -3,7 +3,8 @@
 A *part* is an object that is there before a state is restored, and goes on being the same object: the loop, a channel,
 a wire. Its class says by ``TRANSIENT_FIELDS`` which of its attributes are none (what is made anew and equal, what
 belongs to the outside); all others are its state, so that what is added to a class later is saved without a word.
-Attributes that lead to parts are how it is built. What else they hold must be plain data or objects of the modules in :data:`VALUES`.
+Attributes that lead to parts are how it is built. What else they hold must be plain data or objects of the modules in
+:data:`VALUES`.
 
 A part may say otherwise, by methods:
 
@@ -81,7 +82,7 @@ def prepare_restore(parts: Mapping[str, Any], state: Mapping[str, Any], t_ns: in
     """
     _check_names("the emulator", "part", parts, state)
     reader, leaves = _Reader(_belongs, parts), LeafCheck(t_ns)
-    takes = [_prepared(part, name, state[name], reader, leaves) for name, part in parts.items()]
+    takes = [_prepare_restore(part, name, state[name], reader, leaves) for name, part in parts.items()]
 
     def take() -> None:
         for each in takes:
@@ -103,7 +104,7 @@ def _written(part: Any, name: str, writer: _Writer) -> dict[str, Any]:
     return {key: writer.write(value, f"{name}.{key}".lstrip(".")) for key, value in attributes.items()}
 
 
-def _prepared(part: Any, name: str, state: Any, reader: _Reader, leaves: LeafCheck) -> Callable[[], None]:
+def _prepare_restore(part: Any, name: str, state: Any, reader: _Reader, leaves: LeafCheck) -> Callable[[], None]:
     where = name or "the loop"
     if not isinstance(state, dict):
         raise StateError(f"{where}: expected a table, got {type(state).__name__}")

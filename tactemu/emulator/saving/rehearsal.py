@@ -19,7 +19,7 @@ def rehearse(copy: Device, streams: Collection[str], t_ns: int) -> None:
         raise ValueError(f"periods: expected times of at least 0 ns of the streams {list(streams)}, got {copy.periods}")
     try:
         for stream in copy.periods:
-            calls.feel(copy, reading_of(copy, stream=stream), t_ns)
+            calls.measure(copy, reading_of(copy, stream=stream), t_ns)
             calls.outs(copy, "stream", t_ns, stream)
         if copy.wake_ns is not None:
             calls.outs(copy, "wake", t_ns)

@@ -38,7 +38,7 @@ class ProbeArray(Device):
         self.sees, self.counts_per_unit = sees, counts_per_unit
         self.frame = IMAGE.bind(taxels=9)
 
-    def feel(self, reading: Reading, t_ns: int) -> Counts:
+    def measure(self, reading: Reading, t_ns: int) -> Counts:
         """Counts of each taxel, 0..65535."""
         values = reading[self.sees]
         self.counts = quantize(values[:, 2] if values.ndim == 2 else values, self.counts_per_unit, 0, 0xFFFF)
