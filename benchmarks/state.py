@@ -96,7 +96,7 @@ def of_model(name: str, repeats: int, forks: int) -> Figures:
     restore_ms, _ = _timed(lambda: simulation.prepare_restore(state)(), repeats)
 
     def fork() -> Simulation:
-        other = simulation.another()
+        other = simulation.clone()
         other.prepare_restore(state)()
         return other
 

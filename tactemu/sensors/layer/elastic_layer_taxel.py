@@ -142,7 +142,7 @@ class ElasticLayerTaxel(SensorModel):
         "free edges."
     )
     source = (
-        "The bonded elastic layer (transfer functions in closed form, physics/layer/compliance.py), normal contact by "
+        "The bonded elastic layer (transfer functions in closed form, sensors/layer/compliance.py), normal contact by "
         "projected conjugate gradients (Polonsky and Keer, 1999), Coulomb friction on the circles |q| = mu p. What "
         "vouches for it: docs/accuracy.md."
     )
