@@ -16,6 +16,7 @@ from tactemu.base.clock import VirtualClock
 from tactemu.base.errors import TactemuError
 from tactemu.base.frame_text import text
 from tactemu.emulator.assembly import assemble
+from tactemu.geometry import rotation
 from tactemu.scene.file import parse
 from tactemu.truth import Truth
 from tactemu.view.conversions import convert
@@ -132,7 +133,7 @@ def test_foxglove_schemas(log, truth):
     q, p = grid.pose.orientation, grid.pose.position
     cell = np.array([1.5 * grid.cell_size.x, 2.5 * grid.cell_size.y, 0])  # column 1, row 2
     at = np.array(rows(one, one.point_stride)[["x", "y", "z"]][2 * 4 + 1].tolist())
-    turn = tt.scene.rotation.rotate
+    turn = rotation.rotate
     there = turn((q.w, q.x, q.y, q.z), cell) + np.array([p.x, p.y, p.z])
     assert there == pytest.approx(turn((0.70710678, 0, 0, 0.70710678), at) + np.array([0, 0, 0.005]), abs=1e-6)
 

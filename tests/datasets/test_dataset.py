@@ -222,8 +222,8 @@ def test_one_that_was_killed_goes_on(order, tmp_path):
     order = replace(order, steps=1500, every=1)
     script = (
         "import sys; from tactemu.datasets import shards; shards.SHARD_BYTES = 500_000\n"
-        "from tactemu.datasets.making import begin, make; from tactemu.datasets.spec import Order\n"
-        f"from pathlib import Path; order = Order(**{vars(order)!r})\n"
+        "from tactemu.datasets.making import begin, make; from tactemu.datasets.spec import DatasetSpec\n"
+        f"from pathlib import Path; order = DatasetSpec(**{vars(order)!r})\n"
         "begin(order, Path(sys.argv[1]))\n"
         "for _ in make(order, Path(sys.argv[1])): print('shard', flush=True)"
     )

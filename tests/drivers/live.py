@@ -15,7 +15,7 @@ import pytest
 
 import tactemu
 from tactemu.judge.driver import Driver
-from tactemu.judge.tape import Said
+from tactemu.judge.tape import DriverRow
 from tactemu.session.serving import Served
 from tests.drivers.test_through_the_emulator import SCENE
 
@@ -77,7 +77,7 @@ class Live:
         self.driver.end()
 
     @property
-    def rows(self) -> list[Said]:
+    def rows(self) -> list[DriverRow]:
         """What it has handed out so far."""
         return list(self.driver.rows)
 
@@ -86,7 +86,7 @@ class Live:
         """What it has said beside, so far."""
         return [note.text for note in list(self.driver.notes)]
 
-    def place(self, said: Said) -> int | None:
+    def place(self, said: DriverRow) -> int | None:
         """When the sample was taken that a reading equals, number for number [ns, emulation time]."""
         key = tuple(value for name, value in said.row.items() if name not in ("n", "valid"))
         if key not in self._known:

@@ -3,14 +3,13 @@
 import json
 import os
 import signal
-import sys
 
 import pytest
 
 from tactemu.base.errors import TactemuError
 from tactemu.judge import sweep as sweeping
 from tactemu.judge.sweep import Job, Journal, read_plan, seeds_of, sweep
-from tests.judge.test_judge import PLANTED
+from tests.judge.test_judge import NO_SUM
 
 PLAN = """
 [[driver]]
@@ -84,7 +83,7 @@ def test_a_run_that_gives_nothing_is_trouble_not_silence(tmp_path):
 @pytest.mark.timeout(600)
 def test_workers_of_dask_lose_no_run_and_say_the_same(tmp_path):
     distributed = pytest.importorskip("distributed")
-    command = (sys.executable, PLANTED, "stream", "nosum", "{port}")
+    command = tuple(NO_SUM)
     jobs = [Job("nosum", "optoforce", command, seed, ("--only=flipped",)) for seed in range(4)]
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster:
         killed = []
