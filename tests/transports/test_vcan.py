@@ -115,8 +115,8 @@ def test_canbusload_counts_the_same_bits_and_the_bus_is_never_overfull(port, ask
         windows = [(int(m[1]), int(m[2])) for m in re.finditer(r"vcan0@\d+ +(\d+) +(\d+)", said.read())]
         times = np.array([float(line.split()[0][1:-1]) for line in dumped.read().splitlines()[:-1]])
 
-    # Bits: canbusload's windows cut the sequence of frames into pieces; each piece must have its bits exactly. Its alarm
-    # may come between the two counters of a frame, whose bits then belong to the next window.
+    # Bits: canbusload's windows cut the sequence of frames into pieces; each piece must have its bits exactly. Its
+    # alarm may come between the two counters of a frame, whose bits then belong to the next window.
     bits = np.array([frame_bits(frame)[0] for _, _, frame in wire.truth.frames])
     ends = np.cumsum([count for count, _ in windows])
     assert len(windows) >= 4 and ends[-1] > 500
