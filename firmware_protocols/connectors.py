@@ -1,4 +1,4 @@
-"""What a device can be plugged into. A connector says what is soldered on; how its line behaves is the carrier's."""
+"""What a device can be plugged into. A connector says what is soldered on; how its line behaves is the line model's."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from difflib import get_close_matches
 from typing import Any
 
 LARGEST = 1e12
-"""Largest magnitude of a number that is no integer, in SI units; it keeps sums from overflowing."""
+"""Largest magnitude of a number that is no integer, in SI units: the product of three still fits float32."""
 LARGEST_INT = 2**63 - 1
 """Largest magnitude of an integer; serial numbers and times in nanoseconds fit."""
 

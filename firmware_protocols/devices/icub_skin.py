@@ -532,6 +532,6 @@ def _layout(part: str, names: list[str]) -> Layout:
         return stack(*tips, place(flat(places_of(PALM), names[len(tips) :], "palm"), (0.0, -0.08, 0.0)))
     if part == "triangle":
         return flat([TrianglePlace(0.0, 0.0, False)], names)
-    triangles = SHEETS[part]
-    places = places_of(triangles)[: len(names)]
-    return wrapped(places, names, triangles.radius) if triangles.radius else flat(places, names)
+    surface = SHEETS[part]
+    places = places_of(surface)[: len(names)]
+    return wrapped(places, names, surface.radius) if surface.radius else flat(places, names)

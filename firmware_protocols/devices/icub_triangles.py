@@ -87,14 +87,14 @@ def wrapped(places: list[TrianglePlace], names: list[str], radius: float) -> Lay
     )
 
 
-def places_of(triangles: Sheet) -> list[TrianglePlace]:
+def places_of(surface: Sheet) -> list[TrianglePlace]:
     """Strip by strip; of a forearm 24 triangles, 240 taxels over about 150 degrees and 78 mm."""
     places = []
-    for strip in range(triangles.strips):
-        base = (strip - triangles.strips / 2) * HEIGHT
-        for k in range(triangles.per_strip):
+    for strip in range(surface.strips):
+        base = (strip - surface.strips / 2) * HEIGHT
+        for k in range(surface.per_strip):
             upside_down = (k + strip) % 2 == 1
-            u = (k - (triangles.per_strip - 1) / 2) * SIDE / 2
+            u = (k - (surface.per_strip - 1) / 2) * SIDE / 2
             places.append(TrianglePlace(u, base + HEIGHT * (2 / 3 if upside_down else 1 / 3), upside_down))
     return places
 

@@ -12,10 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from firmware_protocols.options import LARGEST
 from tactemu.base.errors import SceneError, shown
-
-LARGEST = 1e12
-"""Largest magnitude of a number in SI units. No skin needs it, and the product of three still fits into a float32."""
 
 
 def number(

@@ -44,8 +44,8 @@ def ports_of(device: Device) -> list[str]:
 def rates_of(device: Device, wish: float | Mapping[str, float] | None = None) -> str:
     """``100 Hz``, or the rate of each stream by name; ``wish`` is the user's."""
     own = {stream: 1e9 / period if period else 0.0 for stream, period in device.periods.items()}
-    run_options = wish if isinstance(wish, Mapping) else dict.fromkeys(own, wish) if wish else {}
-    rates = {stream: run_options.get(stream) or hz for stream, hz in own.items()}
+    wanted = wish if isinstance(wish, Mapping) else dict.fromkeys(own, wish) if wish else {}
+    rates = {stream: wanted.get(stream) or hz for stream, hz in own.items()}
     said = {stream: f"{hz:g} Hz" if hz else "when asked" for stream, hz in rates.items()}
     return ", ".join(f"{stream} {text}".strip() for stream, text in said.items())
 

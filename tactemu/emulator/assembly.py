@@ -138,10 +138,10 @@ def assemble(
     """Build everything that a scene file asks for; kernels are compiled here, ports opened only by the emulator.
 
     ``source`` is a simulator of the user's own (:mod:`tactemu.emulator.sources`), ``like`` a simulation of the same
-    scene and wishes, which shares what never changes.
+    scene and options, which shares what never changes.
 
     Raises:
-        TactemuError: something in the scene or the wishes cannot be had.
+        TactemuError: something in the scene or the options cannot be had.
     """
     run_options = run_options or RunOptions()
     if run_options.measured:

@@ -92,7 +92,7 @@ class Channel:
         DeviceError: a wish for a stream that the device does not have, or for one of several without its name.
     """
 
-    TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("name", "run_options", "_ports", "_senses")
+    TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = ("name", "wanted_periods", "_ports", "_senses")
 
     name: str
     device: Device
@@ -101,7 +101,7 @@ class Channel:
     """By the name of the device's port."""
     sampling: SampleClock
     """The device's oscillator, and how late its frames leave."""
-    run_options: Mapping[str, int] = field(default_factory=dict)
+    wanted_periods: Mapping[str, int] = field(default_factory=dict)
     """Sampling periods that the user wants, by stream [ns]; they beat the firmware's and survive every restart."""
     statistics: ChannelStatistics = field(default_factory=ChannelStatistics)
     silent_until_ns: int = 0
@@ -127,7 +127,7 @@ class Channel:
             name = f"{self.sampling.name}/{stream}" if stream else self.sampling.name
             burst = max((sense.burst for sense in self._senses[stream]), default=1)
             ticks[stream] = Ticks(replace(self.sampling, name=name), burst=burst)
-        for stream in self.run_options:
+        for stream in self.wanted_periods:
             if stream not in self.device.periods:
                 named = [name for name in self.device.periods if name]
                 has = f"has the streams {', '.join(named)}" if named else "has one stream; give the rate alone"
@@ -164,7 +164,7 @@ class Channel:
     def period_ns(self, stream: str) -> int:
         """The sampling period in force [ns]; 0 when the firmware has the stream off."""
         own = self.device.periods[stream]
-        return self.run_options.get(stream, own) if own else 0
+        return self.wanted_periods.get(stream, own) if own else 0
 
     def rates_hz(self) -> dict[str, float]:
         """The sampling rate in force, by stream."""

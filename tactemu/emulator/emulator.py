@@ -72,7 +72,7 @@ class Emulator:
         clock: real time by default; a :class:`~tactemu.base.clock.VirtualClock` runs as fast as it can.
         truth: where samples, frames and faults are logged.
         catch_up_steps: a loop that is late by a period takes at most so many simulation steps for one sample.
-        made_of: what it was assembled from, as plain data: a state of another is refused by what differs.
+        recipe: what it was assembled from, as plain data: a state of another is refused by what differs.
     """
 
     TRANSIENT_FIELDS: ClassVar[tuple[str, ...]] = (

@@ -45,22 +45,22 @@ def plugs_of(
         TransportError: an address that cannot be, or two devices on one bus that disagree about its speed.
     """
     fresh_kinds = (fresh and not usual_network, fresh)
-    run_options = {} if wish is None or isinstance(wish, str) else dict(wish)
+    wanted = {} if wish is None or isinstance(wish, str) else dict(wish)
     plugs = []
     for skin in skins:
         device = devices[skin.title]
         single, named = skin.port, dict(skin.ports)
         if isinstance(wish, str):
             single = wish
-        single = run_options.pop(skin.title, single)
+        single = wanted.pop(skin.title, single)
         for connector in device.ports:
             for key in (f"{skin.title}/{connector.name}", connector.name):
-                if key in run_options:
-                    named[connector.name] = run_options.pop(key)
+                if key in wanted:
+                    named[connector.name] = wanted.pop(key)
         plugs += _plugs_of_one(skin.title, device, single, named, fresh_kinds)
-    if run_options:
+    if wanted:
         known = [skin.title for skin in skins] + [f"{s.title}/{c.name}" for s in skins for c in devices[s.title].ports]
-        raise DeviceError(f"no such port: {', '.join(run_options)} (there are: {', '.join(known)})")
+        raise DeviceError(f"no such port: {', '.join(wanted)} (there are: {', '.join(known)})")
     return _shared([_own_memory(plug, plugs) for plug in plugs])
 
 

@@ -163,7 +163,7 @@ class DriverRig:
         """Sample at another rate; ``None``: at the device's own again."""
         now = self.emulator.now_ns
         for channel in self.emulator.channels:
-            channel.run_options = {} if hz is None else dict.fromkeys(channel.device.periods, round(1e9 / hz))
+            channel.wanted_periods = {} if hz is None else dict.fromkeys(channel.device.periods, round(1e9 / hz))
             channel.follow(now)
 
     def begin(self, trial: Trial) -> int:

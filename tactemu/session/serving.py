@@ -135,7 +135,12 @@ class Served(ControlCommands):
         self.before_opening: Callable[[Any], object] = lambda emulator: None
         """Called when everything is made and no port is open yet."""
         self._source = source
-        self._target, self._device_options, self._wishes, self._steer_names = target, device_options, run_options, steer
+        self._target, self._device_options, self._run_options, self._steer_names = (
+            target,
+            device_options,
+            run_options,
+            steer,
+        )
         self._by_hand = by_hand and not target.endswith(".toml")
         self._truth_path, self._keep = truth, keep
         self._thread: threading.Thread | None = None
@@ -155,7 +160,7 @@ class Served(ControlCommands):
 
     def use_usual_network_ports(self) -> None:
         """Have what is on the network where `tactemu run` has it, rather than on a fresh port. Call before start."""
-        self._wishes = replace(self._wishes, usual_network=True)
+        self._run_options = replace(self._run_options, usual_network=True)
 
     def start(self) -> Served:
         """Compile, open the port, and run in a background thread. Does nothing when it already runs.
@@ -172,10 +177,10 @@ class Served(ControlCommands):
             clock = CLOCKS[self._clock]()
             if self._forked is not None:
                 whole, state = self._forked
-                self._assembled = whole.fork(port=self._wishes.port, clock=clock, truth=truth, state=state)
+                self._assembled = whole.fork(port=self._run_options.port, clock=clock, truth=truth, state=state)
             else:
                 loaded = steered(loaded, self._steer_names, by_hand=self._by_hand)
-                self._assembled = assemble(loaded, self._wishes, clock=clock, truth=truth, source=self._source)
+                self._assembled = assemble(loaded, self._run_options, clock=clock, truth=truth, source=self._source)
             self._control = Control(self._assembled)
             if self._again is not None:
                 replay_commands(self._control, self._again)
@@ -349,7 +354,7 @@ class Served(ControlCommands):
         states: list[dict[str, Any]] = []
         self.in_loop(lambda: states.append(self.emulator.snapshot()))
         other = Served(
-            self._target, replace(self._wishes, port=port), self._steer_names, truth, self._keep, self._device_options,
+            self._target, replace(self._run_options, port=port), self._steer_names, truth, self._keep, self._device_options,
             by_hand=self._by_hand, source=self._source, clock=clock or self._clock, name=name, again=None,
         )  # fmt: skip
         assert self._assembled is not None

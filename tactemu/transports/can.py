@@ -96,7 +96,7 @@ class CanTransport(Transport):
         """Frames of the other nodes."""
         if self._bus is None or self._queue is None:
             return []
-        events: list[Event] = [*self._queue.overflowed()]
+        events: list[Event] = []
         end = self._queue.look_until_s()
         while reading:
             try:
@@ -109,7 +109,7 @@ class CanTransport(Transport):
                 events.append(Received(frame))
             if time.monotonic() > end:
                 break
-        return events
+        return events + self._queue.overflowed() if events else events
 
     def _is_heard(self, message: can.Message) -> bool:
         if message.is_error_frame:

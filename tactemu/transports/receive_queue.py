@@ -45,7 +45,10 @@ class ReceiveQueue:
         return end
 
     def overflowed(self) -> list[Overflowed]:
-        """Return how many frames were dropped since the last call, if any."""
+        """Return how many frames were dropped since the last call, if any.
+
+        Call it after a look that took frames: a queue that was full has some, and an idle port pays nothing.
+        """
         count = self._count()
         since, self._dropped = (count - self._dropped) % 2**32, count
         return [Overflowed(since)] if since else []

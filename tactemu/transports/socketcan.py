@@ -125,8 +125,6 @@ class SocketCanTransport(Transport):
         events: list[Event] = []
         if self._away and self._come_back():
             events.append(Opened())
-        if self._queue is not None:
-            events += self._queue.overflowed()
         end = self._queue.look_until_s() if self._queue is not None else 0.0
         while reading and self._in is not None:
             try:
@@ -141,7 +139,7 @@ class SocketCanTransport(Transport):
                 events.append(Received(frame))
             if time.monotonic() > end:
                 break
-        return events
+        return events + self._queue.overflowed() if events and self._queue is not None else events
 
     def _is_heard(self, frame: CanFrame) -> bool:
         return not self._filters or any(

@@ -83,7 +83,7 @@ class UdpTransport(Transport):
 
     def poll(self, reading: bool = True) -> list[Event]:
         """Datagrams of one peer. One that another sent waits for the next look: its answer is not for the first."""
-        events: list[Event] = [] if self._queue is None else [*self._queue.overflowed()]
+        events: list[Event] = []
         room, number = CHUNK if reading else 0, 0
         if self._peer in self._refused():
             self._peer = None
@@ -93,7 +93,7 @@ class UdpTransport(Transport):
             events += [Opened(), RAISED] if self._peer is None else []
             events += [Received(data)] if data else []
             self._peer, room, number = peer, room - len(data), number + 1
-        return events
+        return events + self._queue.overflowed() if number and self._queue is not None else events
 
     def _take(self, *, of_peer: bool) -> tuple[bytes, Any] | None:
         if self._socket is None:

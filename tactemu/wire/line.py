@@ -1,6 +1,6 @@
 """A line that has a speed: who may send next, and when the last bit has gone.
 
-How long a frame takes and who goes first is the carrier's (:mod:`tactemu.wire.line_models`): a serial line sends in
+How long a frame takes and who goes first is the line model's (:mod:`tactemu.wire.line_models`): a serial line sends in
 order, on a CAN bus the lowest identifier wins, on a shared half-duplex line answers leave in turn.
 """
 
@@ -48,7 +48,7 @@ class Line:
         sample: int | None = None,
         took_ns: int | None = None,
     ) -> None:
-        """Queue a frame that may leave from ``ready_ns`` on; ``took_ns``: its time on the line if not the carrier's."""
+        """Queue a frame that may leave from ``ready_ns`` on; ``took_ns``: its time there if not the model's."""
         self._number += 1
         line_model = self.line_model
         lane = line_model.lane(source)

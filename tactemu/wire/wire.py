@@ -1,6 +1,6 @@
 """Between devices and port: the wire has a speed, and bytes and frames go wrong on it.
 
-Frames leave when their last bit would have: how long that takes and who goes first is the carrier's
+Frames leave when their last bit would have: how long that takes and who goes first is the line model's
 (:mod:`tactemu.wire.line_models`). What the driver sends takes its time likewise. A reading that does not fit is dropped
 whole and counted; nothing queues without bound. At other settings than the device's the driver hears noise, and so
 does the device.

@@ -41,8 +41,8 @@ def requests():
 
 @pytest.fixture
 def dev(runtime_folder):
-    run_options = {"name": "skin", "adjustable": ["noise", "dead"], "clock": "lockstep"}
-    with tt.serve("anyskin", "memory:", rate_hz=20, **run_options) as device:
+    options = {"name": "skin", "adjustable": ["noise", "dead"], "clock": "lockstep"}
+    with tt.serve("anyskin", "memory:", rate_hz=20, **options) as device:
         yield device
 
 

@@ -37,14 +37,14 @@ EQUAL: list[int] = []
 class Rig:
     """Runs ``device`` on ``kind`` (serial, tcp, can) in a thread; ``truth`` lists the counts of every sample.
 
-    With ``block_when_full``, on a serial port, a stream makes no sample while bytes wait to be read: a driver that a
+    With ``paced_by_driver``, on a serial port, a stream makes no sample while bytes wait to be read: a driver that a
     busy machine keeps from reading throws away what has gathered, or has no room for it.
     """
 
     def __init__(
-        self, device: Device, *, kind: str = "serial", seed: int = 0, peak: float = 3.0, block_when_full: bool = False
+        self, device: Device, *, kind: str = "serial", seed: int = 0, peak: float = 3.0, paced_by_driver: bool = False
     ):
-        self.device, self.kind, self.peak, self.block_when_full = device, kind, peak, block_when_full
+        self.device, self.kind, self.peak, self.paced_by_driver = device, kind, peak, paced_by_driver
         self.truth: list[np.ndarray] = []
         self.sampled_ns: list[int] = []
         self.error: BaseException | None = None
@@ -92,7 +92,7 @@ class Rig:
     def _loop(self):
         start = time.monotonic_ns()
         while not self._stop.is_set():
-            held = self.block_when_full and self._link.unread() > 0
+            held = self.paced_by_driver and self._link.unread() > 0
             running = [due for stream, due in self._due.items() if self.device.periods[stream] and not held]
             alarm = [] if self.device.wake_ns is None else [self.device.wake_ns]
             next_ns = min([*running, *alarm, *(when for when, _ in self._pending)], default=start + 10**9)

@@ -24,7 +24,7 @@ class Pulled(Rig):
 
 @pytest.mark.parametrize(("sinc_length", "step_us"), [(512, 10_000), (256, 5_000)])
 def test_200_readings(sinc_length, step_us):
-    with Pulled(fp.create("bota_sensone", serial_number=123), block_when_full=True) as rig:
+    with Pulled(fp.create("bota_sensone", serial_number=123), paced_by_driver=True) as rig:
         got = run_driver(
             "bota_driver", "bota_driver_read.py", rig.port, 220, sinc_length, seconds=60, environment="bota_driver"
         )

@@ -27,7 +27,7 @@ class Pulled(Rig):
 
 
 def test_200_frames_and_200_answers():
-    with Pulled(fp.create("robotiq_ft300", serial_number=0x12345678, year=2022), block_when_full=True) as rig:
+    with Pulled(fp.create("robotiq_ft300", serial_number=0x12345678, year=2022), paced_by_driver=True) as rig:
         got = run_driver("ft300python", "ft300_read.py", rig.port, 200, seconds=90, environment="ft300python")
     assert got["about"] == [2022, [0x4654, 0x5300, 0x5678, 0x1234]]
     for name in ("streamed", "asked"):

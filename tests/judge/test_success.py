@@ -71,17 +71,17 @@ def test_a_task_that_wants_thirty_sound_packets_in_a_row(tmp_path, monkeypatch, 
     script.write_text(SUCCESS.format(done=str(done)))
     task.write_text(TASK)
     command = ["python", str(task), "{port}", str(done)]
-    run_options: dict[str, Any] = {
+    options: dict[str, Any] = {
         "ports": (),
         "only": ("flip",),
         "budget_s": 0.1,
         "seed": 1,
         "json_file": tmp_path / "curve.json",
     }
-    assert judge_success("optoforce", command, script, **run_options) == 0
+    assert judge_success("optoforce", command, script, **options) == 0
     got = {(each["fault"], each["strength"]): each for each in json.loads((tmp_path / "curve.json").read_text())}
     assert {key: each["succeeded"] for key, each in got.items()} == {("", 0): 1, ("flip", 1): 1, ("flip", 60): 0}
     assert "frames with a wrong bit" in capsys.readouterr().out
-    dorp: dict[str, Any] = {**run_options, "only": ("dorp",)}
+    dorp: dict[str, Any] = {**options, "only": ("dorp",)}
     with pytest.raises(TactemuError, match="no fault is called 'dorp'"):
         judge_success("optoforce", command, script, **dorp)

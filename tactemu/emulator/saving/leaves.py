@@ -22,13 +22,12 @@ import numpy as np
 
 from firmware_protocols import state as plain
 from tactemu.base.errors import StateError, shown
+from tactemu.base.options import LARGEST
 
 MAX_AHEAD_NS = 10**15
 """Largest integer beyond the time of the state: eleven days, farther than which nothing can be scheduled."""
-MAX_FLOAT = 1e12
-"""Largest magnitude of a float; its cube still fits float32."""
 MAX_GROWTH = 1e3
-"""Largest ratio of a float to the one in its place now, where that exceeds :data:`MAX_FLOAT`."""
+"""Largest ratio of a float to the one in its place now, where that exceeds :data:`~tactemu.base.options.LARGEST`."""
 _NO_HINT = object()
 _NO_NUMBERS = (type(None), bool, str, bytes)
 
@@ -134,7 +133,7 @@ class LeafCheck:
             if not finite.all() and all(np.isfinite(each).all() for each in numbers):
                 raise StateError(f"{where}: expected finite numbers, got {value[~finite].flat[0]}")
             value = np.abs(value[finite])
-            low, high = 0, max([MAX_FLOAT, *(MAX_GROWTH * _largest(each) for each in numbers)])
+            low, high = 0, max([LARGEST, *(MAX_GROWTH * _largest(each) for each in numbers)])
         elif ours:
             high = max([self._max_int, *(4 * _largest(each) for each in numbers)])
             low = -high if value.ndim else min([-1, *(-_largest(each.clip(max=0)) for each in numbers)])
@@ -169,9 +168,10 @@ def hints_of(cls: type) -> dict[str, Any]:
 def _annotated(cls: type) -> Iterator[tuple[str, Any]]:
     yield from vars(cls).get("__annotations__", {}).items()
     for node in ast.walk(_source_of(cls)):
-        target = node.target if isinstance(node, ast.AnnAssign) else None
-        if isinstance(target, ast.Attribute) and isinstance(target.value, ast.Name) and target.value.id == "self":
-            yield target.attr, ast.unparse(node.annotation)  # type: ignore[attr-defined]
+        if not isinstance(node, ast.AnnAssign) or not isinstance(target := node.target, ast.Attribute):
+            continue
+        if isinstance(target.value, ast.Name) and target.value.id == "self":
+            yield target.attr, ast.unparse(node.annotation)
 
 
 def _source_of(cls: type) -> ast.AST:
@@ -281,7 +281,7 @@ def _name_of(hint: Any) -> str:
 
 def _attributes(value: Any) -> dict[str, Any]:
     if isinstance(value, tuple):  # a named one
-        return dict(zip(type(value)._fields, value))  # type: ignore[attr-defined]
+        return dict(zip(getattr(type(value), "_fields", ()), value))
     return {} if isinstance(value, bytes) else plain.attributes_of(value)
 
 

@@ -110,7 +110,7 @@ def read(path: str | Path, recipe: Mapping[str, Any], own_bytes: int) -> tuple[d
 
     Args:
         path: of the file.
-        made_of: what the state must be of.
+        recipe: what the state must be of.
         own_bytes: size of the simulation's arrays here; what is far beyond is no state of it.
 
     Raises:

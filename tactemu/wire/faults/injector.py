@@ -125,7 +125,7 @@ class Injector:
 
     Args:
         faults: as text or parsed.
-        carrier: the kind of line; a fault that it cannot have is refused.
+        line_model: the kind of line; a fault that it cannot have is refused.
         seed: root seed. Each fault draws from a stream named after its text, so that one more changes no other.
         note: told of every injected fault.
 

@@ -27,11 +27,11 @@ def line_model_for(connector: Connector, *, pacing: Pacing = True) -> LineModel:
     """The line that a connector is plugged into.
 
     Raises:
-        DeviceError: there is no carrier for this kind of connector.
+        DeviceError: there is no line model for this kind of connector.
     """
     if type(connector) not in LINE_MODELS:
         known = ", ".join(each.__name__ for each in LINE_MODELS)
-        raise DeviceError(f"a {type(connector).__name__} connector has no carrier (there are: {known})")
+        raise DeviceError(f"a {type(connector).__name__} connector has no line model (there are: {known})")
     module, _, attribute = LINE_MODELS[type(connector)].partition(":")
     return getattr(importlib.import_module(module), attribute)(connector, pacing=pacing)
 

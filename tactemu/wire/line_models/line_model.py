@@ -1,4 +1,4 @@
-"""What a carrier answers: how long a frame takes, who goes first, what is heard, and where the line can lead."""
+"""A line model: how long a frame takes, who goes first, what each end receives, and where the line can lead."""
 
 from __future__ import annotations
 

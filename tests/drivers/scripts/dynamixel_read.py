@@ -12,12 +12,12 @@ HAND, TIPS = 110, (1102, 1300, 1498, 1696, 1894)
 SPAN = TIPS[-1] + 9 - TIPS[0]
 
 
-def block_when_full(bytes_):
+def wait_longer(bytes_):
     """The SDK's own limit, made for an idle host, is too short for a busy one."""
     port.setPacketTimeoutMillis(500.0)
 
 
-port.setPacketTimeout = block_when_full
+port.setPacketTimeout = wait_longer
 
 
 def tips(data):

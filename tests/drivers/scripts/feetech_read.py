@@ -11,12 +11,12 @@ assert port.openPort() and port.setBaudRate(1_000_000)
 IDS = range(1, 7)
 
 
-def block_when_full(bytes_):
+def wait_longer(bytes_):
     """The SDK's own limit, made for an idle host, is too short for a busy one."""
     port.packet_start_time, port.packet_timeout = port.getCurrentTime(), 500.0
 
 
-port.setPacketTimeout = block_when_full
+port.setPacketTimeout = wait_longer
 
 
 def read(address, n):
