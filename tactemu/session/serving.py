@@ -354,8 +354,9 @@ class Served(ControlCommands):
         states: list[dict[str, Any]] = []
         self.in_loop(lambda: states.append(self.emulator.snapshot()))
         other = Served(
-            self._target, replace(self._run_options, port=port), self._steer_names, truth, self._keep, self._device_options,
-            by_hand=self._by_hand, source=self._source, clock=clock or self._clock, name=name, again=None,
+            self._target, replace(self._run_options, port=port), self._steer_names, truth, self._keep,
+            self._device_options, by_hand=self._by_hand, source=self._source,
+            clock=clock or self._clock, name=name, again=None,
         )  # fmt: skip
         assert self._assembled is not None
         other._forked = self._assembled, states[0]
