@@ -86,7 +86,7 @@ CASES = (
 
 
 def answer_ms(case: Case, count: int) -> dict[str, float]:
-    """Median and 99th percentile of the time from a question to its answer [ms], and how many were lost."""
+    """Return median and 99th percentile of the time from a question to its answer [ms], and how many were lost."""
     with tempfile.TemporaryDirectory(prefix="tactemu-bench-") as folder:
         run_options = RunOptions(port=case.port.format(folder=folder), rate_hz=100.0)
         emulator = assemble(file.load(case.device, case.options), run_options).emulator

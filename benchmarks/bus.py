@@ -31,7 +31,9 @@ LATE_MS = 5.0
 
 
 def scene(boards: int) -> str:
-    """The scene file of a robot with so many boards: a bus for every six, and on each part a ball that presses."""
+    """Return the scene file of a robot with so many boards: a bus for every six, and on each part a ball that
+    presses.
+    """
     parts = ["[scene]\ndt = 0.02\n"]
     for bus, first in enumerate(range(0, boards, A_BUS)):
         n = min(A_BUS, boards - first)
@@ -104,7 +106,7 @@ def robot(boards: int, seconds: float, way: str = "") -> dict[str, Any]:
 
 
 def _watched(transport: Any) -> list[int]:
-    """Counts what is written to a port from now on, and sums it up."""
+    """Return counts what is written to a port from now on, and sums it up."""
     seen, write_all = [0, 0], transport.write_all
 
     def watched(frames: Any) -> int:
@@ -118,7 +120,9 @@ def _watched(transport: Any) -> list[int]:
 
 
 def run(report: Report, *, boards: int | None = None, seconds: float = 10.0, way: str = "") -> dict[str, Any]:
-    """One robot of so many boards; or, without a number, larger and larger ones until too many frames are late."""
+    """Return one robot of so many boards; or, without a number, larger and larger ones until too many frames are
+    late.
+    """
     if boards is not None:
         figures = robot(boards, seconds, way)
         report(figures["way"])

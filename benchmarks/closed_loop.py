@@ -105,7 +105,7 @@ class Witness:
 
 
 def measured(seconds: float, *, looked_at: bool) -> dict[str, float]:
-    """One run: its figures by name."""
+    """Return one run: its figures by name."""
     from tactemu.session.serving import serve
 
     name = f"bench-closed-{os.getpid()}"

@@ -119,7 +119,7 @@ def _effects_ms(log: Path, sent: list[int]) -> list[float]:
 
 
 def _frames(log: Path) -> dict[int, str]:
-    """Frames of the other skin by the time of the sample that they carry [ns]."""
+    """Return frames of the other skin by the time of the sample that they carry [ns]."""
     samples = read_log(log)["right"]
     times = dict(zip(samples.sample.tolist(), samples.t_ns.tolist()))
     mine = (e for e in entries(log) if isinstance(e, Passage) and e.device == "right" and e.kind == "tx")

@@ -98,7 +98,7 @@ def starts(env: ExecEnvironment) -> dict[str, float]:
 
 
 def calls(env: ExecEnvironment) -> dict[str, tuple[float, float]]:
-    """A write and a read of a pseudo terminal, and a call that is taken over, outside the view and in it [µs].
+    """Return a write and a read of a pseudo terminal, and a call that is taken over, outside the view and in it [µs].
 
     Without bytes, which cost what the kernel makes them cost: what is asked for is the way there.
     """
@@ -140,7 +140,7 @@ print(*map(median, zip(*times)))
 
 
 def frames() -> dict[str, tuple[float, float]]:
-    """A CAN frame between two sockets of a program, plain packet sockets and CAN sockets in the view [µs]."""
+    """Return a CAN frame between two sockets of a program, plain packet sockets and CAN sockets in the view [µs]."""
     with tactemu.serve("xela_uskin") as dev, tactemu.exec_environment(dev) as env:
         program = [sys.executable, "-c", _FRAMES]
         commands = [["env", "-u", "LD_PRELOAD", *program, "packet"], [*program, "can"]]

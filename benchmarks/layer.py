@@ -60,7 +60,7 @@ class Figure:
 
 
 def cases(device: str, n_envs: int) -> list[Case]:
-    """The three questions; many environments only where there is a GPU, or where they are asked for."""
+    """Return the three questions; many environments only where there is a GPU, or where they are asked for."""
     found = []
     for side, pitch, radius, aim in ((16, 1e-3, 0.02, 0.3), (64, 5e-4, 0.06, 2.0), (256, 1.25e-4, 0.06, 40.0)):
         found.append(Case(title=f"{side} x {side}", side=side, pitch=pitch, radius=radius, aim_ms=aim))

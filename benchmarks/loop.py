@@ -35,7 +35,7 @@ TAXELS = (16, 1000, 19_000)
 
 
 def first_frame_s(cache: Path, *, device: str = "anyskin", limit_s: float = 120.0) -> float:
-    """Seconds from starting the command to the first byte that a reader gets, kernels cached in ``cache``.
+    """Return seconds from starting the command to the first byte that a reader gets, kernels cached in ``cache``.
 
     Raises:
         RuntimeError: the command ended, or no byte came in ``limit_s``.
@@ -61,7 +61,7 @@ def first_frame_s(cache: Path, *, device: str = "anyskin", limit_s: float = 120.
 
 
 def truth_us(n_taxels: int, path: Path | None, samples: int = 100) -> float:
-    """Median time that telling the truth of a sample takes the loop [us], one sample after another.
+    """Return median time that telling the truth of a sample takes the loop [us], one sample after another.
 
     Forces of ``n_taxels`` taxels, ideal and measured, and as many counts of 16 bits.
     """

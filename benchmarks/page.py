@@ -41,7 +41,7 @@ requestAnimationFrame(tick);
 
 
 def python(*words: object, **more: Any) -> subprocess.Popen[str]:
-    """A Python program that runs beside this one."""
+    """Return a Python program that runs beside this one."""
     return subprocess.Popen([sys.executable, "-m", *map(str, words)], stdout=subprocess.PIPE, text=True, **more)
 
 
@@ -76,7 +76,7 @@ def page_of(name: str) -> Iterator[tuple[str, int]]:
 
 
 def _late_us(seconds: float, *, seen: bool, preempt: bool) -> tuple[float, float]:
-    """The 99th percentile of lateness in such a run [us], and the memory of the page [MB]."""
+    """Return the 99th percentile of lateness in such a run [us], and the memory of the page [MB]."""
     with contextlib.ExitStack() as stack:
         name, _ = stack.enter_context(_running(SCENE, *(["--preempt"] if preempt else [])))
         memory = 0.0

@@ -59,14 +59,14 @@ def shape_of(kind: str, options: Mapping[str, Any], pitch_m: float) -> tuple[np.
 
 
 def slope_of(shape: np.ndarray, share_of_pitch: float) -> float:
-    """Median over the taxels of the std of a difference / √2, at a step of this share of a pitch."""
+    """Return median over the taxels of the std of a difference / √2, at a step of this share of a pitch."""
     places = np.arange(STEPS)
     moved = [np.interp(places + share_of_pitch * STEPS, np.arange(2 * STEPS), np.tile(column, 2)) for column in shape.T]
     return float(np.median((np.array(moved).T - shape).std(axis=0)) / np.sqrt(2))
 
 
 def line_of(shape: np.ndarray, slide: Slide, pitch_m: float) -> float:
-    """The strongest line of what a level feels of a slide [Hz], found as in the recording."""
+    """Return the strongest line of what a level feels of a slide [Hz], found as in the recording."""
     period_s = float(slide.periods_ms.mean()) / 1e3
     places = (slide.speed_mm_s * 1e-3 * period_s * np.arange(len(slide.periods_ms) + 1) / pitch_m) % 1.0
     rows = [np.interp(places * STEPS, np.arange(STEPS + 1), np.append(column, column[0])) for column in shape.T]
@@ -103,7 +103,7 @@ def lines(levels: Mapping[str, tuple[str, dict[str, Any]]], recordings: Path) ->
 
 
 def _own(boards: Sequence[Slide], conditions: Sequence[tuple[float, float]]) -> dict[str, Any]:
-    """The law of docs/realism.md, a sine and white noise, on the same conditions."""
+    """Return the law of docs/realism.md, a sine and white noise, on the same conditions."""
     named = {str(k): slide for k, slide in enumerate(boards)}
     apart: dict[str, list[float]] = {"line": [], "noise": []}
     for condition in conditions:

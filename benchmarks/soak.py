@@ -103,7 +103,7 @@ def run(
 
 
 def unaccounted(channel: Channel, truth: Truth) -> int:
-    """Frames of a device of one frame per sample that no counter explains.
+    """Return frames of a device of one frame per sample that no counter explains.
 
     What was sampled, more by what faults added and less by what they took, must be what was sent, lost or unheard.
     """
@@ -153,7 +153,7 @@ def _verdict(figures: dict[str, Any]) -> list[str]:
 
 
 def _rss_kib() -> float:
-    """Memory of this process that is in RAM [KiB]."""
+    """Return memory of this process that is in RAM [KiB]."""
     with open("/proc/self/statm", encoding="ascii") as statm:
         return int(statm.read().split()[1]) * os.sysconf("SC_PAGESIZE") / 1024
 

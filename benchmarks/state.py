@@ -71,7 +71,7 @@ def run(say: Report, *, repeats: int = 10, forks: int = 100, only: str = "") -> 
 
 
 def of_device(name: str, repeats: int, forks: int) -> Figures:
-    """A device with the cheapest model, saved amid its press."""
+    """Return a device with the cheapest model, saved amid its press."""
     data = file.default_scene(name).tables.model_dump(by_alias=True, exclude_none=True)
     _built(data)
     build_ms, whole = _timed(lambda: _built(data), repeats)
@@ -88,7 +88,7 @@ def of_device(name: str, repeats: int, forks: int) -> Figures:
 
 
 def of_model(name: str, repeats: int, forks: int) -> Figures:
-    """A sensor model on a pad with a ball in it."""
+    """Return a sensor model on a pad with a ball in it."""
     case = physics.Case(sensor=name, side=SIDE)
     physics.build(case, "cpu")
     build_ms, (simulation, *_) = _timed(lambda: physics.build(case, "cpu"), min(repeats, 3))
@@ -105,7 +105,7 @@ def of_model(name: str, repeats: int, forks: int) -> Figures:
 
 
 def _forks(fork: Callable[[], Any], count: int) -> tuple[float, float]:
-    """Time [ms] and memory [kB] of each of so many that are alive together."""
+    """Return time [ms] and memory [kB] of each of so many that are alive together."""
     fork()
     before, begun = _used_kb(), time.thread_time()
     kept = [fork() for _ in range(count)]
@@ -118,7 +118,7 @@ def _built(data: dict[str, Any]) -> Assembled:
 
 
 def _timed(action: Callable[[], Any], repeats: int) -> tuple[float, Any]:
-    """Median time [ms], and what it gave last."""
+    """Return median time [ms], and what it gave last."""
     times: list[float] = []
     result = None
     for _ in range(repeats):
@@ -129,6 +129,6 @@ def _timed(action: Callable[[], Any], repeats: int) -> tuple[float, Any]:
 
 
 def _used_kb() -> float:
-    """Memory of this process that is in use now [kB]."""
+    """Return memory of this process that is in use now [kB]."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * resource.getpagesize() / 1e3

@@ -25,7 +25,7 @@ class AuthorError(Exception):
 
 
 def measure(device: Device, reading: Reading, t_ns: int) -> Any:
-    """One conversion; the counts.
+    """Return one conversion; the counts.
 
     Raises:
         AuthorError: the device raised, or returned no array.
@@ -62,7 +62,7 @@ def outs(device: Device, method: str, *args: Any, port: str = "") -> Sequence[An
 
 
 def _ordinary_can(out: Any) -> bool:
-    """A classic frame with a standard identifier: what nearly all are, decided at once."""
+    """Return a classic frame with a standard identifier: what nearly all are, decided at once."""
     return type(out) is CanFrame and out.arbitration_id >> 11 == 0 and len(out.data) <= 8 and not out.is_fd
 
 
@@ -112,7 +112,7 @@ def run(device: Device, method: str, *args: Any) -> Any:
 
 
 def blamed(cls: type, name: str, method: str, args: tuple, error: Exception) -> AuthorError:
-    """The sentence for an exception, with the line in the device's own file."""
+    """Return the sentence for an exception, with the line in the device's own file."""
     data = text_of(args[0])[:200] if method == "receive" else ""
     files = {inspect.getfile(each) for each in cls.__mro__ if each is not Device and issubclass(each, Device)}
     calls = traceback.extract_tb(error.__traceback__)
@@ -124,7 +124,7 @@ def blamed(cls: type, name: str, method: str, args: tuple, error: Exception) -> 
 
 
 def misused(device: Device, method: str, what: str) -> AuthorError:
-    """The sentence for what a method returned."""
+    """Return the sentence for what a method returned."""
     file, line = place(type(device), method)
     text = f"{device.name}.{method} {what} ({Path(file).name}:{line})"
     return AuthorError(text, file=file, line=line)

@@ -29,7 +29,7 @@ class CanFrames(Sequence[CanFrame]):
 
     @staticmethod
     def of(idents: Any, data: np.ndarray) -> CanFrames:
-        """Frames with these identifiers, shape ``(n,)``, and data bytes, uint8 ``(n, size)``.
+        """Return frames with these identifiers, shape ``(n,)``, and data bytes, uint8 ``(n, size)``.
 
         Raises:
             ValueError: an identifier of more than 11 bits, or more than 8 bytes.
@@ -43,7 +43,7 @@ class CanFrames(Sequence[CanFrame]):
         return CanFrames(array)
 
     def with_data(self, data: np.ndarray) -> CanFrames:
-        """The same frames with other data bytes, uint8 ``(n, 8)``."""
+        """Return the same frames with other data bytes, uint8 ``(n, 8)``."""
         array = self.array.copy()
         array["data"] = data
         return CanFrames(array)

@@ -13,7 +13,7 @@ _EXTENDED = 1 << 31
 
 
 def dbc(messages: Iterable[tuple[Frame, Mapping[str, int]]]) -> str:
-    """The messages by frame and parts of its identifier: ``dbc([(TAIL, {"board": 1, "triangle": 0})])``.
+    """Return the messages by frame and parts of its identifier: ``dbc([(TAIL, {"board": 1, "triangle": 0})])``.
 
     Frames that share an identifier are told apart by their first byte, which must be constant then: a multiplexer
     named ``kind``. Constants are no signals; an array is a signal per element.
@@ -52,7 +52,7 @@ def _message(identifier: int, frames: list[tuple[str, Frame]]) -> str:
 
 
 def _signals(field: Field, at: int, kind: str) -> list[str]:
-    """One for a number, one per element of an array."""
+    """Return one for a number, one per element of an array."""
     n, width = int(np.prod(field.shape, dtype=int)), field.dtype.itemsize
     big = field.byte_order == ">"
     sign = "-" if field.dtype.kind in "if" else "+"

@@ -288,7 +288,7 @@ class Device(ABC, Generic[F]):
         return tuple(sense for sense in self.sensed if not wanted or sense.key in wanted)
 
     def connector(self, port: str) -> Connector:
-        """The connector called ``port``; a client of one (``tcp/2``) is the connector's own."""
+        """Return the connector called ``port``; a client of one (``tcp/2``) is the connector's own."""
         name = port.partition("/")[0]
         return next(each for each in self.ports if each.name == name)
 
@@ -300,7 +300,9 @@ class Device(ABC, Generic[F]):
         self.__init__(**self.options)
 
     def snapshot(self) -> dict[str, Any]:
-        """The whole state as plain data, for :meth:`restore` of a device with the same options, also elsewhere."""
+        """Return the whole state as plain data, for :meth:`restore` of a device with the same options, also
+        elsewhere.
+        """
         return plain.save(self)
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -323,7 +325,7 @@ class Device(ABC, Generic[F]):
 
     @abstractmethod
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """The ADC: SI values into state; returns what a perfect driver would decode, saturation included.
+        """Return the ADC: SI values into state; returns what a perfect driver would decode, saturation included.
 
         Points in layout order, shape ``(n_points,)`` or ``(n_points, n_columns)``; by sense where there are several.
         Sends nothing. Called once after boot, before the first period, so that a polled device knows a value.
@@ -334,7 +336,7 @@ class Device(ABC, Generic[F]):
         return ()
 
     def receive(self, data: F, t_ns: int, port: str) -> Transmissions[F]:
-        """Bytes in chunks of any size, or one CAN frame, from the driver; the firmware's answers.
+        """Return bytes in chunks of any size, or one CAN frame, from the driver; the firmware's answers.
 
         Never raises on bad input: it is counted in ``self.counters`` and answered as the firmware would, or not at all.
         """

@@ -34,7 +34,7 @@ class CanFrame:
 
     @staticmethod
     def parse(text: str) -> CanFrame:
-        """The frame that ``str`` wrote; spaces between bytes are allowed.
+        """Return the frame that ``str`` wrote; spaces between bytes are allowed.
 
         Raises:
             ValueError: it is not candump notation.
@@ -70,17 +70,17 @@ def frame_of(text: Frame | str) -> Frame:
 
 
 def text_of(frame: Frame) -> str:
-    """A frame in hex, or in candump notation."""
+    """Return a frame in hex, or in candump notation."""
     return str(frame) if isinstance(frame, CanFrame) else frame.hex()
 
 
 def payload(frame: Frame) -> bytes:
-    """The data bytes of a frame."""
+    """Return the data bytes of a frame."""
     return frame.data if isinstance(frame, CanFrame) else frame
 
 
 def with_payload(frame: Frame, data: bytes) -> Frame:
-    """The frame with other data; a CAN-FD frame is filled up with zeros to the next length that exists."""
+    """Return the frame with other data; a CAN-FD frame is filled up with zeros to the next length that exists."""
     if not isinstance(frame, CanFrame):
         return data
     if frame.is_fd:

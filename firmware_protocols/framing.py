@@ -33,14 +33,14 @@ class Broken(bytes):
     why: str
 
     def __new__(cls, data: bytes, why: str = "") -> Broken:
-        """Bytes with a reason."""
+        """Return bytes with a reason."""
         broken = super().__new__(cls, data)
         broken.why = why
         return broken
 
 
 def sound(packet: bytes) -> str:
-    """The check of packets that have none."""
+    """Return the check of packets that have none."""
     return SOUND
 
 
@@ -90,7 +90,7 @@ class Packets:
         self._buffer = b""
 
     def cut(self, data: bytes, t_ns: int = 0) -> list[bytes]:
-        """The packets that these bytes complete, in order."""
+        """Return the packets that these bytes complete, in order."""
         if self._gap_ns and self._buffer and t_ns - self._heard_ns > self._gap_ns:
             self._counters["broken_frames"] += 1
             self._buffer = b""
@@ -125,7 +125,7 @@ class Packets:
         return next((start for start in tails if head.startswith(buffer[start:])), len(buffer))
 
     def _take(self, data: bytes) -> bytes | None:
-        """The packet that begins ``data``, :class:`Broken` if none does, ``None`` until more bytes come."""
+        """Return the packet that begins ``data``, :class:`Broken` if none does, ``None`` until more bytes come."""
         if len(data) < len(self._head):
             return None
         size = self._size(data)
@@ -165,7 +165,7 @@ class Lines:
         self._buffer = b""
 
     def cut(self, data: bytes) -> list[bytes]:
-        """The lines that these bytes complete, without their ends."""
+        """Return the lines that these bytes complete, without their ends."""
         *whole, rest = re.split(b"[" + re.escape(self._ends) + b"]", self._buffer + data)
         # One byte beyond the longest is kept, so that the rest of a line that is too long is not taken for another.
         self._buffer = rest[: self._longest + 1]
@@ -181,7 +181,7 @@ class Lines:
         return bool(self._buffer)
 
     def end(self) -> list[bytes]:
-        """The piece that has begun, where a silence ends it."""
+        """Return the piece that has begun, where a silence ends it."""
         return self.cut(self._ends[:1])
 
 
@@ -192,7 +192,7 @@ class Ppp(Lines):
         super().__init__(b"\x7e", counters=counters, longest=2 * longest)
 
     def cut(self, data: bytes) -> list[bytes]:
-        """The contents, unescaped."""
+        """Return the contents, unescaped."""
         return [re.sub(b"\x7d+(.?)", _unescaped, frame, flags=re.DOTALL) for frame in super().cut(data)]
 
 
@@ -212,7 +212,7 @@ class Cobs(Lines):
         super().__init__(b"\0", counters=counters, longest=longest + longest // 254 + 1)
 
     def cut(self, data: bytes) -> list[bytes]:
-        """The contents; a frame that cannot be one counts as ``broken_frames``."""
+        """Return the contents; a frame that cannot be one counts as ``broken_frames``."""
         contents = []
         for frame in super().cut(data):
             if (content := _uncobbed(frame)) is None:
@@ -223,7 +223,7 @@ class Cobs(Lines):
 
 
 def _uncobbed(frame: bytes) -> bytes | None:
-    """The content, or ``None`` if a block points beyond the end."""
+    """Return the content, or ``None`` if a block points beyond the end."""
     content, at, code = bytearray(), 0, 0xFF
     while at < len(frame):
         if code != 0xFF:

@@ -31,7 +31,7 @@ class Member:
 
 
 def structs(text: str) -> dict[str, tuple[Member, ...]]:
-    """The members of each struct, by its whole name, ``module::Name``.
+    """Return the members of each struct, by its whole name, ``module::Name``.
 
     Raises:
         ValueError: a type that is not declared before.

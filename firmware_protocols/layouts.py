@@ -117,7 +117,7 @@ class Layout:
         return values
 
     def on_links(self, links: Collection[str]) -> tuple[Layout, np.ndarray]:
-        """The patches on some of the links as a layout of its own, and the indices of its taxels in this one."""
+        """Return the patches on some of the links as a layout of its own, and the indices of its taxels in this one."""
         patches = [patch for patch in self.patches if patch.link in links]
         taxels = np.concatenate([np.arange(len(self))[patch.taxels] for patch in patches])
         starts = np.cumsum([0, *map(len, patches)]).tolist()
@@ -134,7 +134,7 @@ class Layout:
         return values[self.wire_order]
 
     def to_taxel_frame(self, vectors: np.ndarray) -> np.ndarray:
-        """Vectors of the link frame, shape ``(n_taxels, 3)``, in each taxel's own frame (x, y, z = normal)."""
+        """Return vectors of the link frame, shape ``(n_taxels, 3)``, in each taxel's own frame (x, y, z = normal)."""
         return (self.axes * np.asarray(vectors)[:, None]).sum(-1)
 
     def push(self, forces: np.ndarray) -> np.ndarray:
@@ -146,7 +146,9 @@ class Layout:
         return self.picture()
 
     def picture(self, width_px: int = 480) -> str:
-        """The taxels as SVG, seen along the axis in which they spread least, each with its number, patch and place."""
+        """Return the taxels as SVG, seen along the axis in which they spread least, each with its number, patch and
+        place.
+        """
         if not len(self):
             return "<p>no taxels</p>"
         across = np.sort(np.argsort(-np.ptp(self.positions, axis=0), kind="stable")[:2])
@@ -179,7 +181,7 @@ def _default_x_axes(normals: np.ndarray) -> np.ndarray:
 def grid_layout(
     rows: int, cols: int, pitch: float, *, name: str = "pad", origin=(0.0, 0.0, 0.0), link: str = ""
 ) -> Layout:
-    """A flat grid centred on ``origin`` [m], normal +z; row 0 at the largest y, column 0 at the smallest x."""
+    """Return a flat grid centred on ``origin`` [m], normal +z; row 0 at the largest y, column 0 at the smallest x."""
     x = (np.arange(cols) - (cols - 1) / 2) * pitch
     y = ((rows - 1) / 2 - np.arange(rows)) * pitch
     xx, yy = np.meshgrid(x, y)
@@ -207,7 +209,9 @@ def place(layout: Layout, origin: Sequence[float], *, x_axis=(1.0, 0.0, 0.0), no
 
 
 def stack(*layouts: Layout) -> Layout:
-    """One layout of all the taxels, in this order on the skin and on the wire; patches keep pitch, area and link."""
+    """Return one layout of all the taxels, in this order on the skin and on the wire; patches keep pitch, area and
+    link.
+    """
     starts = [int(start) for start in np.cumsum([0, *map(len, layouts)])]
     pairs = list(zip(layouts, starts))
     return Layout(

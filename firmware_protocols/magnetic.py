@@ -27,5 +27,5 @@ class LinearMagnet:
     offset: np.ndarray | tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __call__(self, force: np.ndarray) -> np.ndarray:
-        """Field [uT] at each chip, shape ``(n_taxels, 3)``, under ``force`` [N] of that shape."""
+        """Return field [uT] at each chip, shape ``(n_taxels, 3)``, under ``force`` [N] of that shape."""
         return np.asarray(self.offset, float) + np.asarray(self.gain, float) * force

@@ -219,7 +219,7 @@ class Motors:
         return self._state(t_ns)[1] if self._actual is None else self._actual[1]
 
     def joints(self, t_ns: int) -> dict[str, float]:
-        """The joints by their names [rad, m]."""
+        """Return the joints by their names [rad, m]."""
         return dict(zip(self.names, self._si(self.positions(t_ns)).tolist()))
 
     def moving(self, t_ns: int, tolerance: float = 1e-3) -> np.ndarray:
@@ -236,7 +236,7 @@ class Motors:
         self._asked_ns = -1
 
     def _state(self, t_ns: int) -> tuple[np.ndarray, np.ndarray]:
-        """Positions and velocities; asked for often at one time, computed once."""
+        """Return positions and velocities; asked for often at one time, computed once."""
         if t_ns == self._asked_ns:
             return self._answer
         self._answer, self._asked_ns = self._follow(t_ns), t_ns

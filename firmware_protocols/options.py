@@ -49,7 +49,7 @@ class Declared:
 
 
 def declared(device: type) -> dict[str, Declared]:
-    """The options of a device class, by name."""
+    """Return the options of a device class, by name."""
     hints = typing.get_type_hints(device.__init__, include_extras=True)
     found = {}
     for name, parameter in list(inspect.signature(device.__init__).parameters.items())[1:]:

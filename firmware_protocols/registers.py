@@ -189,7 +189,7 @@ class RegisterMap:
         return [reg for reg in self.rows[first : bisect_right(self.starts, end - 1)] if reg.end > address]
 
     def __str__(self) -> str:
-        """The table as a datasheet prints it."""
+        """Return the table as a datasheet prints it."""
         rows = [_cells(reg) for reg in self.rows]
         widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
         return "\n".join("  ".join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip() for row in rows)
@@ -222,7 +222,7 @@ class Registers:
         return self.table.by_name[name].decode(self._memory)[0]
 
     def all(self, name: str) -> list[Any]:
-        """All numbers of a register with a count."""
+        """Return all numbers of a register with a count."""
         return self.table.by_name[name].decode(self._memory)
 
     def __setitem__(self, name: str, values: ArrayLike) -> None:

@@ -84,12 +84,12 @@ _FILES: dict[tuple[Path, int], object] = {}
 
 
 def names() -> list[str]:
-    """Every device that :func:`load` knows by name, those of installed packages included."""
+    """Return every device that :func:`load` knows by name, those of installed packages included."""
     return sorted({*DEVICES, *(point.name for point in entry_points(group=ENTRY_POINT_GROUP))})
 
 
 def load(name: str) -> type[Device]:
-    """The device class called ``name``: a registered name, or ``path/to/file.py:Class``.
+    """Return the device class called ``name``: a registered name, or ``path/to/file.py:Class``.
 
     Raises:
         LookupError: no such device; the message names the nearest.
@@ -106,7 +106,7 @@ def load(name: str) -> type[Device]:
 
 
 def create(name: str, **options) -> Device:
-    """A new device by name, just powered up, with its options (see the class).
+    """Return a new device by name, just powered up, with its options (see the class).
 
     Raises:
         LookupError: no such device.

@@ -31,7 +31,7 @@ class NotPlain(TypeError):
 
 
 def save(device: Any) -> dict[str, Any]:
-    """The state of a device: nested dicts and lists of plain values and arrays, which share nothing with it.
+    """Return the state of a device: nested dicts and lists of plain values and arrays, which share nothing with it.
 
     Raises:
         NotPlain: an attribute holds what cannot be saved; names it.
@@ -51,7 +51,7 @@ def load(device: Any, state: dict[str, Any]) -> None:
 
 
 def read(device: Any, state: dict[str, Any]) -> dict[str, Any]:
-    """The attributes in a state that :func:`save` returned, for :func:`take`.
+    """Return the attributes in a state that :func:`save` returned, for :func:`take`.
 
     Raises:
         ValueError: the state is not one of this device.
@@ -154,7 +154,7 @@ class Writer:
         """Keeps what was seen alive, so that no id is used twice."""
 
     def write(self, value: Any, where: str) -> Any:
-        """A value as plain data.
+        """Return a value as plain data.
 
         Raises:
             NotPlain: it holds what cannot be saved; names ``where``.
@@ -241,7 +241,7 @@ class Reader:
         self._made: dict[int, Any] = {}
 
     def read(self, value: Any) -> Any:
-        """A value.
+        """Return a value.
 
         Raises:
             ValueError: it is nothing that was written.
@@ -312,7 +312,7 @@ class Reader:
         return found
 
     def _named(self, name: str, kind: type) -> Any:
-        """A function or class by its name, if it is one of a module that belongs, and not merely used there."""
+        """Return a function or class by its name, if it is one of a module that belongs, and not merely used there."""
         module, _, qualname = name.partition(":")
         if not self.belongs(module):
             raise ValueError(f"a state holds no {name}")
@@ -330,7 +330,7 @@ class Reader:
 
 
 def _own_modules(device: Any) -> dict[str, Any]:
-    """The modules of a device's classes, by name; a file of the user's own is under a name of its own."""
+    """Return the modules of a device's classes, by name; a file of the user's own is under a name of its own."""
     modules = {cls.__module__ for cls in type(device).__mro__} - sys.stdlib_module_names
     return {module: sys.modules[module] for module in modules if module in sys.modules}
 

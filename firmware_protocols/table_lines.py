@@ -38,7 +38,7 @@ class Identifier:
         return f"{self.bits} ({names})" if names else self.bits
 
     def of(self, **parts: ArrayLike) -> Any:
-        """The identifier with these parts, integers or arrays of them.
+        """Return the identifier with these parts, integers or arrays of them.
 
         Raises:
             TypeError: not the parts that it has.
@@ -55,7 +55,7 @@ class Identifier:
         return self._with(parts), int(mask, 2)
 
     def read(self, identifier: int) -> dict[str, int] | None:
-        """The parts of an identifier, ``None`` if its constant bits do not fit."""
+        """Return the parts of an identifier, ``None`` if its constant bits do not fit."""
         base, mask = self.filter()
         if identifier & mask != base:
             return None
@@ -157,13 +157,13 @@ class Field:
         return re.sub(r" x \w+", lambda found: f" x {next(counts, found[0][3:])}", self.text)
 
     def bound(self, values: Mapping[str, int]) -> Field:
-        """The field with counts as numbers, and as a constant if ``values`` has its name."""
+        """Return the field with counts as numbers, and as a constant if ``values`` has its name."""
         if self.is_single_integer and self.name in values:
             return self.constant(values[self.name])
         return replace(self, shape=tuple(values.get(n, n) if isinstance(n, str) else n for n in self.shape))
 
     def constant(self, value: int) -> Field:
-        """The field with one value for ever."""
+        """Return the field with one value for ever."""
         return replace(self, kind="const", const=self.fitted("constant", np.asarray(value)).tobytes())
 
     def fitted(self, frame: str, values: np.ndarray) -> np.ndarray:
@@ -273,7 +273,7 @@ def _field(line: str) -> Field:
 
 
 def _typed(field: Field, word: str, *more: str) -> Field:
-    """The field with what its type says."""
+    """Return the field with what its type says."""
     order, bare = (word[0], word[1:]) if word[0] in "<>" else ("", word)
     if bare in SUMS:
         return _with_sum(field, bare, order, more)

@@ -71,7 +71,7 @@ class Frame:
         self._compile(text, None, {})
 
     def bind(self, wire_order: ArrayLike | None = None, **values: int) -> Frame:
-        """The table with every count a number, and any integer field a constant.
+        """Return the table with every count a number, and any integer field a constant.
 
         Args:
             wire_order: index of the taxel sent first, second ...; fields per taxel are sent like that. Their number is
@@ -166,7 +166,7 @@ class Frame:
     # -- bytes -----------------------------------------------------------------------------------------------------
 
     def pack(self, **values: Any) -> bytes:
-        """The frame of these values by field; constants, lengths and sums are filled in.
+        """Return the frame of these values by field; constants, lengths and sums are filled in.
 
         Arrays have the shape that the table says, taxels in layout order, and hold integers.
 
@@ -251,7 +251,7 @@ class Frame:
         raise KeyError(f"{self.name}: no field {name!r} at a fixed place")
 
     def __str__(self) -> str:
-        """The table as a datasheet prints it, with bound counts and offsets in place."""
+        """Return the table as a datasheet prints it, with bound counts and offsets in place."""
         rows, at = [], 0
         for field in self.fields:
             name = f"{field.name} = {field.formula}" if field.formula else field.name

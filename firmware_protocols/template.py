@@ -72,7 +72,7 @@ class VendorModel(Device):
         self.image = IMAGE.bind(wire_order=self.layout.wire_order, taxels=len(self.layout))
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """The ADC: SI in, counts out, saturated as the converter saturates; taxels in layout order."""
+        """Return the ADC: SI in, counts out, saturated as the converter saturates; taxels in layout order."""
         self.counts = quantize(self.layout.push(reading["force"]), self.counts_per_newton, 0, 0xFFFF)
         return self.counts
 

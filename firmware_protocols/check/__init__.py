@@ -27,7 +27,7 @@ FUZZ = 1000
 
 
 def check(target: str, options: Mapping[str, Any] | None = None, *, fuzz: int = FUZZ) -> Report:
-    """All that is wrong with a device, worst first, and what no example pins.
+    """Return all that is wrong with a device, worst first, and what no example pins.
 
     Args:
         target: a registered name, or ``path/to/file.py:Class``.
@@ -74,7 +74,7 @@ def _judged(subject: Subject, baseline: restarts.Baseline, fuzz: int) -> tuple[l
 
 
 def _tried(subject: Subject, part: str, check: Callable[[], Iterable[Fault]]) -> list[Fault]:
-    """Faults of one part. A device that breaks the check itself has broken the contract somewhere: say where."""
+    """Return faults of one part. A device that breaks the check itself has broken the contract somewhere: say where."""
     found: list[Fault] = []
     try:
         found.extend(check())
@@ -94,7 +94,7 @@ def _own_fault(error: Exception, target: str) -> bool:
 
 
 def _at_import(target: str, error: Exception) -> Fault:
-    """A file that does not import, or holds no device."""
+    """Return a file that does not import, or holds no device."""
     calls = traceback.extract_tb(error.__traceback__)
     file = target.rpartition(":")[0]
     own = next(

@@ -42,7 +42,7 @@ def feels_touch(device: Device) -> bool:
 
 
 def by_sense(device: Device, stream: str, counts: Any) -> dict[str, np.ndarray]:
-    """Counts by the key of their sense.
+    """Return counts by the key of their sense.
 
     Raises:
         AuthorError: not as many as the sense has points, of another sense, or not finite.

@@ -64,7 +64,7 @@ class Example:
 
     @staticmethod
     def of(vector: Mapping[str, Any]) -> Example:
-        """A vector of a file.
+        """Return a vector of a file.
 
         Raises:
             ValueError: keys that are missing or unknown, or neither an answer nor a stream.
@@ -86,7 +86,7 @@ class Example:
 
 
 def read(path: Path) -> list[Example]:
-    """The examples of a file.
+    """Return the examples of a file.
 
     Raises:
         ValueError: it is no JSON, or a vector is not whole.
@@ -169,7 +169,7 @@ def _some(data: bytes, at: int) -> str:
 
 
 def judged(subject: Subject) -> tuple[list[Fault], list[str], int]:
-    """Faults, unpinned facts, and how many examples there are."""
+    """Return faults, unpinned facts, and how many examples there are."""
     faults: list[Fault] = []
     try:
         given = list(examples_of(subject.cls))

@@ -48,12 +48,12 @@ def changes(cls: type[Device]) -> Iterator[Change]:
 
 
 def frames_of(cls: type[Device]) -> list[Frame]:
-    """The frame tables in the device's modules and classes."""
+    """Return the frame tables in the device's modules and classes."""
     return held(cls, Frame)
 
 
 def held(cls: type[Device], kind: type | tuple[type, ...]) -> list[Any]:
-    """The tables of a kind in the device's modules and classes, also in dicts and lists."""
+    """Return the tables of a kind in the device's modules and classes, also in dicts and lists."""
     own = [each for each in cls.__mro__ if issubclass(each, Device) and each is not Device]
     places = [*(vars(sys.modules[each.__module__]) for each in own), *(vars(each) for each in own)]
     found: dict[int, Any] = {}
@@ -149,7 +149,7 @@ def _table_change(frame: Frame, fields: Iterable[Field]) -> Callable[[], Abstrac
 
 
 def _written(text: str, fields: list[Field]) -> str:
-    """A table's text with these fields, offsets as they follow."""
+    """Return a table's text with these fields, offsets as they follow."""
     lines, at = [next(line.strip() for line in text.splitlines() if line.strip())], 0
     for k, field in enumerate(fields):
         last = field.offset == "last" and k == len(fields) - 1
@@ -204,17 +204,17 @@ def order(layout: Layout, way: str) -> np.ndarray:
 
 
 def order_of(patch: Patch, way: str) -> np.ndarray:
-    """Taxels of a patch as they follow in this way; those of a free one lie in one row."""
+    """Return taxels of a patch as they follow in this way; those of a free one lie in one row."""
     return WAYS[way](np.arange(patch.start, patch.start + len(patch)).reshape(max(patch.rows, 1), -1)).ravel()
 
 
 def ways(layout: Layout, found: np.ndarray) -> list[str]:
-    """The words that fit an order."""
+    """Return the words that fit an order."""
     return [way for way in WAYS if np.array_equal(order(layout, way), found)]
 
 
 def said(text: str) -> list[str]:
-    """The ways that a text speaks of; of words that contain each other the longer ones."""
+    """Return the ways that a text speaks of; of words that contain each other the longer ones."""
     found = [way for way in WAYS if way in text]
     return [way for way in found if not any(way != other and way in other for other in found)]
 

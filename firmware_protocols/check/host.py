@@ -40,7 +40,7 @@ class Subject:
         return checked(self.cls, self.options)
 
     def build(self, options: Mapping[str, Any] | None = None) -> Device:
-        """A device that has powered up.
+        """Return a device that has powered up.
 
         Raises:
             AuthorError: its ``__init__`` raised.
@@ -86,7 +86,7 @@ class Subject:
             raise calls.blamed(self.cls, device.name, "commands", (), error) from error
 
     def asked(self) -> list[tuple[Any, str]]:
-        """Every documented request, and what goes before it, with its port."""
+        """Return every documented request, and what goes before it, with its port."""
         return [
             (frame_of(each), command.port) for command in self.commands for each in (*command.after, command.request)
         ]
@@ -104,7 +104,7 @@ class Host:
         self.boot()
 
     def boot(self) -> list[Any]:
-        """The silence after power-up, a first conversion of every stream, the banner."""
+        """Return the silence after power-up, a first conversion of every stream, the banner."""
         self.t_ns += round(1e9 * self.device.boot_s)
         for stream in self.device.periods:
             self.measure(stream)
@@ -120,15 +120,15 @@ class Host:
         return self.boot()
 
     def measure(self, stream: str = "", **values: Any) -> Any:
-        """One conversion that sends nothing; the counts."""
+        """Return one conversion that sends nothing; the counts."""
         return calls.measure(self.device, reading_of(self.device, self.pushes, stream, **values), self.t_ns)
 
     def streamed(self, stream: str) -> list[Any]:
-        """The frames after a conversion of one stream."""
+        """Return the frames after a conversion of one stream."""
         return self._obeyed("stream", self.t_ns, stream)
 
     def convert(self, **values: Any) -> list[Any]:
-        """One conversion of every stream that runs; the frames."""
+        """Return one conversion of every stream that runs; the frames."""
         sent = []
         for stream in [name for name, period in self.device.periods.items() if period]:
             self.measure(stream, **values)
@@ -136,7 +136,7 @@ class Host:
         return sent
 
     def send(self, request: Any, port: str = "") -> list[Any]:
-        """The frames that answer, those of conversions that it asks for included."""
+        """Return the frames that answer, those of conversions that it asks for included."""
         return self._obeyed("receive", frame_of(request), self.t_ns, port or self.device.ports[0].name)
 
     def wait(self, span_ns: int = STEP) -> list[Any]:
@@ -152,11 +152,11 @@ class Host:
         return sent
 
     def modem(self, dtr: bool, rts: bool, port: str) -> list[Any]:
-        """The frames that leave when modem lines move, or a port is opened or closed."""
+        """Return the frames that leave when modem lines move, or a port is opened or closed."""
         return self._obeyed("lines", dtr, rts, self.t_ns, port)
 
     def ask(self, command: Command) -> list[Any]:
-        """The frames that answer a documented command, late ones included."""
+        """Return the frames that answer a documented command, late ones included."""
         self.prepare(command)
         return self.send(command.request, command.port) + self.wait()
 
@@ -182,7 +182,7 @@ class Host:
 
 
 def story(host: Host, subject: Subject, seed: int, rounds: int = 2) -> list[Any]:
-    """A life with pushes, requests and halves of requests, the same for the same seed; the frames sent."""
+    """Return a life with pushes, requests and halves of requests, the same for the same seed; the frames sent."""
     rng, sent = random.Random(seed), []
     for _ in range(rounds):
         for port in [each.name for each in host.device.ports]:
@@ -205,6 +205,6 @@ def carries_bytes(subject: Subject, command: Command) -> bool:
 
 
 def shown(frames: Sequence[Any]) -> str:
-    """Frames for a message, long ones cut."""
+    """Return frames for a message, long ones cut."""
     texts = [text_of(frame).upper() for frame in frames[:3]]
     return ", ".join(text if len(text) <= 80 else text[:79] + "…" for text in texts) + (" …" if len(frames) > 3 else "")

@@ -38,7 +38,7 @@ class DeviceMemory:
             raise blamed(type(self.device), self.device.name, method, args, error) from error
 
     def everything(self, t_ns: int) -> bytes:
-        """All that can be read, register by register."""
+        """Return all that can be read, register by register."""
         found = b""
         for reg in self.registers.table.rows:
             if "r" in reg.access:
@@ -55,7 +55,7 @@ class DeviceMemory:
 
 
 def memory_of(device: Device) -> DeviceMemory | None:
-    """The memory of a device; ``None``: it has no :class:`Registers`, or several."""
+    """Return the memory of a device; ``None``: it has no :class:`Registers`, or several."""
     found = [value for value in vars(device).values() if isinstance(value, Registers)]
     if len(found) != 1:
         return None
@@ -111,7 +111,7 @@ def _walked(subject: Subject, reg: Reg) -> Iterator[str]:
 
 
 def _beyond(reg: Reg) -> list[int]:
-    """Numbers that its type holds, and its range does not."""
+    """Return numbers that its type holds, and its range does not."""
     if reg.type.endswith("f4") or reg.sign_bit is not None:
         return []
     kind = np.iinfo(np.dtype(reg.type))

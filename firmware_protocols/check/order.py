@@ -60,7 +60,7 @@ class _Watcher:
         self.state, self.t_ns = self.host.device.snapshot(), self.host.t_ns
 
     def sight(self, look: Look, newtons: Any) -> np.ndarray:
-        """The bits of all that is sent; pressed before the last request, as those before may set a zero."""
+        """Return the bits of all that is sent; pressed before the last request, as those before may set a zero."""
         host = self.host
         host.device.restore(self.state)
         host.t_ns, host.pushes = self.t_ns, 0.0
@@ -77,7 +77,7 @@ class _Watcher:
 
 
 def _of_fixed_length(data: bytes) -> bytes:
-    """A frame as it is; of a line of text, each number in 8 bytes."""
+    """Return a frame as it is; of a line of text, each number in 8 bytes."""
     if not data.isascii() or not data.decode("ascii").translate(_SPACES).isprintable():
         return data
     return re.sub(rb"[-+]?\d+(?:\.\d+)?", lambda found: struct.pack(">d", float(found[0])), data)
@@ -166,7 +166,7 @@ def _judged(subject: Subject, sights: dict[Look, np.ndarray]) -> Iterator[str]:
 
 
 def _following(owners: np.ndarray) -> np.ndarray:
-    """Taxels in the order in which their first bits stand."""
+    """Return taxels in the order in which their first bits stand."""
     taxels, first = np.unique(owners, return_index=True)
     return taxels[taxels >= 0][np.argsort(first[taxels >= 0])]
 
@@ -188,7 +188,7 @@ def _fits(layout: Layout, spoken: list[str], found: np.ndarray) -> bool:
 
 
 def wordless(subject: Subject) -> list[str]:
-    """A fact that nothing pins: how the taxels of a grid follow, where no text says it."""
+    """Return a fact that nothing pins: how the taxels of a grid follow, where no text says it."""
     layout = subject.make().layout
     grids = any(patch.rows > 1 and patch.cols > 1 for patch in layout.patches)
     return (

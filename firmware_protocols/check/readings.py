@@ -22,7 +22,7 @@ frame of its link [N]."""
 
 
 def forces_of(device: Device, pushes: Pushes) -> np.ndarray:
-    """The force on each taxel [N], shape ``(n_taxels, 3)``; patches without a picture are not touched.
+    """Return the force on each taxel [N], shape ``(n_taxels, 3)``; patches without a picture are not touched.
 
     Raises:
         ValueError: a picture of another shape than its patch, or of no patch.

@@ -24,7 +24,7 @@ class Fault:
 
     @staticmethod
     def of(part: str, error: AuthorError, prefix: str = "") -> Fault:
-        """The fault that an error stands for."""
+        """Return the fault that an error stands for."""
         return Fault(part, prefix + str(error), error.file, error.line, error.data)
 
     def __str__(self) -> str:
@@ -71,7 +71,7 @@ def _many(count: int, what: str) -> str:
 
 
 def distinct(faults: Iterable[Fault]) -> tuple[Fault, ...]:
-    """The first of those that say the same, or were raised at the same line."""
+    """Return the first of those that say the same, or were raised at the same line."""
     found: dict[object, Fault] = {}
     for fault in faults:
         found.setdefault((fault.file, fault.line) if " raised " in fault.text else fault.text, fault)

@@ -187,7 +187,9 @@ def _mute(host: Host, subject: Subject) -> Fault | None:
 
 
 def spoil(data: bytes, rng: random.Random) -> bytes:
-    """One to four random changes: bits flipped, bytes dropped, put in, or replaced by noise; or cut, or doubled."""
+    """Return one to four random changes: bits flipped, bytes dropped, put in, or replaced by noise; or cut, or
+    doubled.
+    """
     out = bytearray(data)
     for _ in range(rng.randint(1, 4)):
         at = rng.randrange(len(out) + 1)

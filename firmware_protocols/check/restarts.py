@@ -125,7 +125,7 @@ def _restarted(baseline: Baseline) -> Iterator[str]:
 
 
 def _state(device: Device) -> dict[str, Any]:
-    """All but what survives, and what is computed when it is asked for."""
+    """Return all but what survives, and what is computed when it is asked for."""
     computed = {
         name for cls in type(device).__mro__ for name, each in vars(cls).items() if isinstance(each, cached_property)
     }
@@ -194,7 +194,7 @@ def shared(cls: type[Device]) -> dict[str, Any]:
 
 
 def _kept(value: Any) -> Any:
-    """A copy of a value that can change or be replaced; ``...`` for code and the kit's own objects."""
+    """Return a copy of a value that can change or be replaced; ``...`` for code and the kit's own objects."""
     if isinstance(value, bool | int | float | str | bytes | bytearray | np.ndarray | type(None)):
         return copy.copy(value)
     if isinstance(value, list | tuple | set | frozenset | deque):
@@ -267,7 +267,7 @@ def continued(host: Host, subject: Subject) -> list[str]:
 
 
 def saved_elsewhere(subject: Subject) -> tuple[Elsewhere | None, list[Fault]]:
-    """The story in another process, under way; or why it cannot begin."""
+    """Return the story in another process, under way; or why it cannot begin."""
     try:
         return Elsewhere(subject), []
     except AuthorError as error:

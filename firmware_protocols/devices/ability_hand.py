@@ -243,14 +243,14 @@ class AbilityHand(Device):
         return self.counts
 
     def joints(self, t_ns: int) -> Mapping[str, float]:
-        """Angles of the six joints [rad]."""
+        """Return angles of the six joints [rad]."""
         self._hold_if_left_alone(t_ns)
         return self.motors.joints(t_ns)
 
     # -- commands --------------------------------------------------------------------------------------------------
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Messages in chunks of any size."""
+        """Return messages in chunks of any size."""
         if self.stuffing:
             return [out for content in self.frames.cut(data) for out in self._obey(content, t_ns)]
         self.heard = (self.heard + data)[: LONGEST + 1]
@@ -258,7 +258,7 @@ class AbilityHand(Device):
         return ()
 
     def wake(self, t_ns: int) -> Transmissions:
-        """The silence that ends a message without stuffing."""
+        """Return the silence that ends a message without stuffing."""
         content, self.heard = self.heard, b""
         return self._obey(content, t_ns)
 
@@ -321,7 +321,7 @@ class AbilityHand(Device):
         return REGISTER_REPLY.pack(status=DONE if done else FAILED, value=self.registers.get(register, 0))
 
     def _reply(self, t_ns: int) -> bytes:
-        """The reply that the last format asks for."""
+        """Return the reply that the last format asks for."""
         variant, speeds = self.format & 0x0F, self.motors.velocities(t_ns)
         velocities = _int16(speeds, VELOCITY_COUNTS)
         joints = np.empty((len(speeds), 2), np.int64)
@@ -339,7 +339,7 @@ class AbilityHand(Device):
 
 
 def touch_counts(force: np.ndarray) -> np.ndarray:
-    """The touch values that stand for ``force`` [N] in the documented formula, 0..4095."""
+    """Return the touch values that stand for ``force`` [N] in the documented formula, 0..4095."""
     felt = np.maximum(force - 0.878894, 1e-9)
     volts = 33000.0 / np.maximum(121591.0 / felt - 10000.0, 1e-3)
     return np.where(force > 0.878894, quantize(volts, 4096 / 3.3, 0, 4095), 0)

@@ -372,7 +372,7 @@ class AgibotOmniHandO10(AgibotOmniHand):
         return grid.ravel()
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Normal force of each taxel [g], 0..255, shape ``(n_taxels,)``."""
+        """Return normal force of each taxel [g], 0..255, shape ``(n_taxels,)``."""
         self.counts = quantize(self.layout.push(reading["force"]), COUNTS_PER_NEWTON, 0, 0xFF)
         return self.counts
 

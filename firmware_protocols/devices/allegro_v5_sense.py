@@ -159,7 +159,7 @@ class AllegroV5Sense(Device[CanFrame]):
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions[CanFrame]:
-        """Both frames."""
+        """Return both frames."""
         sent = self.layout.on_wire(np.where(np.isin(np.arange(16), self.invalid), INVALID, self.counts))
         eights = zip(IDS, sent.reshape(2, 8))
         return [CanFrame(arbitration_id=ident, data=EIGHT.pack(channels=eight)) for ident, eight in eights]

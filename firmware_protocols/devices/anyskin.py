@@ -144,11 +144,11 @@ class AnySkin(Device):
         return values
 
     def field(self, reading: Reading) -> np.ndarray:
-        """Field at each chip in its own axes [uT]; z of a chip is into the skin."""
+        """Return field at each chip in its own axes [uT]; z of a chip is into the skin."""
         if self.sees == "force":
             return self.magnet(self.layout.to_taxel_frame(reading["force"]))
         return self.layout.to_taxel_frame(reading["field"]) * CHIP_UT_PER_T
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """One 82-byte frame."""
+        """Return one 82-byte frame."""
         return [self.layout.on_wire(self.counts).astype("<f4").tobytes() + b"\r\n"]

@@ -154,13 +154,13 @@ class Rdt(Device):
         self.left = self.sequence = self.samples_before = 0
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Counts of Fx, Fy, Fz, Tx, Ty, Tz on the tool, less the bias, int32 range, shape ``(1, 6)``."""
+        """Return counts of Fx, Fy, Fz, Tx, Ty, Tz on the tool, less the bias, int32 range, shape ``(1, 6)``."""
         self.felt = self.low_pass(reading["wrench"], t_ns)
         self.counts = quantize(self.felt - self.bias, self.scale, -(2**31), 2**31 - 1)
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """A record, while started."""
+        """Return a record, while started."""
         if not self.left:
             return ()
         self.left -= self.left > 0
@@ -179,7 +179,7 @@ class Rdt(Device):
         return self.status
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """One datagram, or a piece of a request over TCP."""
+        """Return one datagram, or a piece of a request over TCP."""
         if port == "tcp":
             return [answer for packet in self.packets.cut(data, t_ns) for answer in self._answer(packet)]
         request = REQUEST.unpack(data)
@@ -313,7 +313,7 @@ class AtiNetFt(Rdt):
         )
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """One datagram, or a piece of a request over TCP or to the web server."""
+        """Return one datagram, or a piece of a request over TCP or to the web server."""
         if port != "http":
             return super().receive(data, t_ns, port)
         return self.pages.answers(data, {"/netftapi2.xml": ("text/xml", self._page())})

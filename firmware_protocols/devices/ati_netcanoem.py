@@ -181,7 +181,7 @@ class AtiNetcanoem(Device[CanFrame]):
         self.matrix = (MINI45 / 1e6 * np.repeat(self.per_unit, 3)[:, None]).astype(np.float32)
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Counts of the six gauges, int16 range, shape ``(1, 6)``."""
+        """Return counts of the six gauges, int16 range, shape ``(1, 6)``."""
         self.counts = quantize(reading["wrench"] @ self.sensitivity.T, 1.0, -0x8000, 0x7FFF)
         return self.counts
 

@@ -168,7 +168,7 @@ class BarrettBh8(Device[CanFrame]):
         )
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Counts of each cell above its zero, 0..4095, shape ``(96,)``."""
+        """Return counts of each cell above its zero, 0..4095, shape ``(96,)``."""
         self.pushed = reading["pressure"]
         self.counts = quantize(self.pushed - self.zero, COUNTS_PER_PASCAL, 0, 0xFFF)
         return self.counts

@@ -78,6 +78,6 @@ class BielefeldGlove(Device):
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """A packet of each channel."""
+        """Return a packet of each channel."""
         value = CONVERTER | ADC_MAX - self.layout.on_wire(self.counts)
         return PACKET.rows(CHANNELS, index=INDEX, value=value)

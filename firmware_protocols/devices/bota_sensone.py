@@ -174,7 +174,7 @@ class BotaSensone(Device):
         return {"wrench": self.wrench, "temperature": self.temperature}
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """A frame, while it runs."""
+        """Return a frame, while it runs."""
         if not self.running:
             return ()
         time, temperature = t_ns // 1000 + self.clock_us, self.temperature[0]
@@ -185,7 +185,7 @@ class BotaSensone(Device):
         return [GREETING]
 
     def lines(self, dtr: bool, rts: bool, t_ns: int, port: str) -> Transmissions:
-        """A port that is opened restarts the sensor."""
+        """Return a port that is opened restarts the sensor."""
         return [Restart()] if dtr else ()
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:

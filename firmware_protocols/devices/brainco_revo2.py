@@ -274,7 +274,7 @@ class Revo2(Device[Any]):
         """What the carrier needs."""
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Normal, tangential, direction and proximity, shape ``(5, 4)``; or points, shape ``(91,)``."""
+        """Return normal, tangential, direction and proximity, shape ``(5, 4)``; or points, shape ``(91,)``."""
         self.felt = self.layout.to_taxel_frame(reading["force"])
         on = np.array(self.registers.all("tips_on" if self.capacitive else "pads_on"))
         x, y, z = ((self.felt - self.zero) * on[self.modules, None]).T
@@ -290,7 +290,7 @@ class Revo2(Device[Any]):
         return self.counts
 
     def read(self, address: int, n: int, t_ns: int) -> bytes:
-        """Registers, with what was felt at the last conversion."""
+        """Return registers, with what was felt at the last conversion."""
         touched = {reg.name for reg in MAP.touched(address, address + n)}
         wire = self.layout.on_wire(self.counts)
         if touched & {"now_positions", "now_speeds", "now_states"}:
@@ -404,7 +404,7 @@ class BraincoRevo2CanFd(Revo2):
         self.ports = (Can(data_bitrate=5_000_000, hears=((self.unit << 16, 0x1FFF0000),)),)
 
     def receive(self, data: CanFrame, t_ns: int, port: str) -> Transmissions[CanFrame]:
-        """One frame, one request."""
+        """Return one frame, one request."""
         ident, size = data.arbitration_id, data.arbitration_id & 0xFF
         adu = data.data[:size]
         if ident >> 16 != self.unit or not (data.is_extended_id and data.is_fd):

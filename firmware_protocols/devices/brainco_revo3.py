@@ -218,7 +218,7 @@ class BraincoRevo3(Device):
         self.counts = np.zeros(len(self.layout), int)
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Points, 0..4095 of an array, 0..255 of a matrix, in the unit that their module is set to."""
+        """Return points, 0..4095 of an array, 0..255 of a matrix, in the unit that their module is set to."""
         self.felt = self.layout.push(reading["force"])
         pushes = (self.felt - self.zero) * np.array(self.registers.all(f"{self.touch}_on"))[self.modules]
         if self.array:
@@ -235,7 +235,7 @@ class BraincoRevo3(Device):
         return self.rtu.answers(data, t_ns, {self.unit: banks})
 
     def read(self, address: int, n: int, t_ns: int) -> bytes:
-        """Registers, with the points of the last conversion."""
+        """Return registers, with the points of the last conversion."""
         if address + n <= MAP.by_name["array_0"].address:
             return self.registers.read(address, n)
         wire, area = self.layout.on_wire(self.counts), np.zeros(1320, int)

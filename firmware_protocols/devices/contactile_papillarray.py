@@ -212,7 +212,7 @@ class ContactilePapillArray(Device):
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """One packet."""
+        """Return one packet."""
         self.counter = (self.counter + 1) & 0xFFFFFFFF
         n, counts = len(self.pillar_heads), self.layout.on_wire(self.counts)
         pillars = PILLAR.rows(n * PILLARS, force=counts[:, :3], displacement=counts[:, 3:])
@@ -227,7 +227,7 @@ class ContactilePapillArray(Device):
         return [PACKET.pack(data=b"".join(data))]
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Lines in chunks of any size; nothing is answered."""
+        """Return lines in chunks of any size; nothing is answered."""
         for line in self.commands_in.cut(data):
             self.counters["requests"] += 1
             if line == ZERO:
@@ -240,7 +240,7 @@ class ContactilePapillArray(Device):
 
 
 def _index(at: int, n: int, size: int) -> bytes:
-    """An index at ``at`` of ``n`` parts of ``size`` bytes each, which follow it."""
+    """Return an index at ``at`` of ``n`` parts of ``size`` bytes each, which follow it."""
     return INDEX.bind(parts=n).pack(count=n, offsets=at + 2 + 2 * n + size * np.arange(n))
 
 

@@ -103,7 +103,7 @@ class CyskinCpmFinger(Device[CanFrame]):
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions[CanFrame]:
-        """A scan."""
+        """Return a scan."""
         taxels = zip(IDS, self.layout.on_wire(self.counts).reshape(len(IDS), -1))
         frames = [CanFrame(arbitration_id=ident, data=FOUR.pack(touch=touch)) for ident, touch in taxels]
         return [*frames, CanFrame(arbitration_id=NEAR_ID, data=NEAR.pack())]

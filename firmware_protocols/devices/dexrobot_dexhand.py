@@ -216,7 +216,7 @@ class DexrobotDexHand(Device[CanFrame]):
         return [self._feedback(board, t_ns)] if self.modes[board] == WHEN_ASKED else []
 
     def _set_up(self, board: int, data: bytes) -> list[CanFrame] | None:
-        """The answer, ``None`` where none is known."""
+        """Return the answer, ``None`` where none is known."""
         answer = bytes([*data[:2], 0x00, 0x01])
         if data[:2] == ASK_VERSION:
             answer = FIRMWARE[::-1]
@@ -228,7 +228,7 @@ class DexrobotDexHand(Device[CanFrame]):
         return [_fd(REPLY | self.first + board, answer)]
 
     def joints(self, t_ns: int) -> Mapping[str, float]:
-        """Angles of the twelve joints [rad]."""
+        """Return angles of the twelve joints [rad]."""
         return self.motors.joints(t_ns)
 
     @property

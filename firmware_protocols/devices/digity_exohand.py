@@ -153,7 +153,7 @@ class DigityExohand(Device):
         return {"force": self.counts, **motion}
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """A packet of each finger."""
+        """Return a packet of each finger."""
         self.sequence = self.sequence + 1 & 0xFFFF
         touch = self.layout.on_wire(self.counts).reshape(len(FINGERS), -1)
         return [

@@ -144,7 +144,7 @@ class DynPick(Device):
         return {"wrench": self.counts, "temperature": self.warmth}
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """A line, between S and E."""
+        """Return a line, between S and E."""
         return [_line(self._reading())] if self.streaming else ()
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:

@@ -134,7 +134,7 @@ class EfleshBinary(Device):
         self.frame, self.sequence = FRAME.bind(wire_order=self.layout.wire_order), 0
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Field [uT] as it is sent, float32 ``(5, 3)``: Bx, By, Bz."""
+        """Return field [uT] as it is sent, float32 ``(5, 3)``: Bx, By, Bz."""
         felt = self.layout.to_taxel_frame(reading[self.sees])
         raw = np.rint((self.magnet(felt) if self.sees == "force" else 1e6 * felt) / self.step)
         raw = (raw + 0x8000) % 0x10000 - 0x8000 if self.wraps else np.clip(raw, -0x8000, 0x7FFF)
@@ -144,7 +144,7 @@ class EfleshBinary(Device):
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """One frame."""
+        """Return one frame."""
         frame = self.frame.pack(sequence=self.sequence, field=self.counts)
         self.sequence = self.sequence + 1 & 0xFF
         return [frame]

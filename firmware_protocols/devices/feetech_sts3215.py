@@ -185,7 +185,7 @@ class Servo:
     # -- the memory ------------------------------------------------------------------------------------------------
 
     def read(self, address: int, n: int, t_ns: int) -> bytes:
-        """Memory as it is at ``t_ns``."""
+        """Return memory as it is at ``t_ns``."""
         for reg in MAP.touched(address, address + n):
             if reg.access == "r":
                 self.registers[reg.name] = self._present(reg.name, t_ns)

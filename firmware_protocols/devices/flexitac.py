@@ -85,7 +85,7 @@ class FlexiTac(Device):
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """One frame."""
+        """Return one frame."""
         return [MARKER + self.layout.on_wire(self.counts).astype(np.uint8).tobytes()]
 
 
@@ -116,6 +116,6 @@ class ViTac3d(FlexiTac):
         self.title = "3D-ViTac 16 x 16 tactile matrix, text"
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """One scan, as it is printed."""
+        """Return one scan, as it is printed."""
         rows = self.layout.on_wire(self.counts).reshape(16, 16).tolist()
         return ["".join("".join(f"{value} " for value in row) + "\r\n" for row in [*rows, []]).encode("ascii")]

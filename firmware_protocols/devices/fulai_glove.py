@@ -133,12 +133,12 @@ class FulaiGlove(Device):
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """One frame, unless it was stopped."""
+        """Return one frame, unless it was stopped."""
         self.floats[self.slots] = self.layout.on_wire(self.counts)
         return [self.frame.pack(adc=self.floats)] if self.streaming else ()
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Lines of text."""
+        """Return lines of text."""
         return [answer for line in self.lines_in.cut(data) for answer in self._obey(line)]
 
     def _obey(self, line: bytes) -> Transmissions:
@@ -164,7 +164,7 @@ class FulaiGlove(Device):
 
 
 def _zones(hardware: str) -> dict[str, Rows]:
-    """Rows by the name of the zone, in the order of the wire."""
+    """Return rows by the name of the zone, in the order of the wire."""
     whole = dict.fromkeys(FINGERS, 10 if hardware == "3.2" else 5)
     if hardware == "3.2":
         whole["thumb"] = 9
@@ -182,7 +182,7 @@ def _slots(zones: dict[str, Rows], hardware: str) -> tuple[np.ndarray, int]:
 
 
 def _zone(name: str, rows: Rows, hand: str) -> Layout:
-    """One zone, its taxels as they are numbered."""
+    """Return one zone, its taxels as they are numbered."""
     finger, mirrored = name in FINGERS, -1 if hand == "right" else 1
     cells = np.array(
         [(col, row) for row, (first, n) in enumerate(rows) for col in range(first, first + n)[:: 1 if finger else -1]]

@@ -264,5 +264,5 @@ def _counts(forces: np.ndarray) -> np.ndarray:
 
 
 def _whole(data: np.ndarray) -> np.ndarray:
-    """Bytes that fill whole registers."""
+    """Return bytes that fill whole registers."""
     return np.append(data, [0] * (len(data) % 2))

@@ -115,7 +115,7 @@ def fingertip(name: str, link: str, x: float) -> Layout:
 
 
 def _unrolled(places: list[TrianglePlace]) -> np.ndarray:
-    """Taxels of all triangles on the unrolled surface [m], shape ``(10 * n, 2)``, in wire order."""
+    """Return taxels of all triangles on the unrolled surface [m], shape ``(10 * n, 2)``, in wire order."""
     taxels = PAD_PLACES[list(TAXELS)]
     return np.concatenate([(-taxels if p.upside_down else taxels) + (p.u, p.w) for p in places])
 

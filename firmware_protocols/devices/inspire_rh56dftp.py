@@ -275,7 +275,7 @@ class InspireRh56dftp(Device):
         return ()
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Requests in chunks of any size."""
+        """Return requests in chunks of any size."""
         if port in self.unheard:
             self.counters["unheard"] += 1
             return ()
@@ -291,7 +291,7 @@ class InspireRh56dftp(Device):
         return client.answers(data, t_ns, banks)
 
     def read(self, address: int, n: int, t_ns: int) -> bytes:
-        """Memory as the hand reports it at ``t_ns``."""
+        """Return memory as the hand reports it at ``t_ns``."""
         if address < TOUCH:
             self._report(t_ns)
         if address + n > TOUCH:
@@ -413,7 +413,9 @@ _OVER_TCP = (
 
 
 def _hand() -> Layout:
-    """All matrices in wire order, each on its finger's link; x across the hand, y along the fingers, z out of it."""
+    """Return all matrices in wire order, each on its finger's link; x across the hand, y along the fingers, z out of
+    it.
+    """
     pads = [
         place(grid_layout(rows, cols, FINE, name=f"{finger} {name}", link=finger), (x, y + height, 0.0))
         for finger, (x, y) in BASES.items()

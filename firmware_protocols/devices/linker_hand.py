@@ -157,7 +157,7 @@ Views = Mapping[int, View]
 
 
 def _view(quantity: str, n: int, first: int = 0, access: Literal["", "set", "clear"] = "", **more: bool) -> View:
-    """A byte for each of ``n`` joints in a row."""
+    """Return a byte for each of ``n`` joints in a row."""
     name = quantity if not first and n > VALUES_PER_FRAME else f"{quantity} {first + 1} to {first + n}"
     return View(name, quantity, tuple((first + k,) for k in range(n)), access, **more)
 
@@ -204,7 +204,7 @@ USED = tuple(6 * f + k for f in range(5) for k in (0, 1, 2, 5) if f == 0 or k !=
 
 
 def _by_table() -> dict[int, View]:
-    """The vendor's table: quantity, command of the roll joints, of the thumb, of whole fingers."""
+    """Return the vendor's table: quantity, command of the roll joints, of the thumb, of whole fingers."""
     views = {}
     accesses: dict[str, Literal["", "set", "clear"]] = {"faults": "clear", "temperatures": ""}
     for quantity, joint, finger, merged in (
@@ -462,7 +462,7 @@ class LinkerHand(Device[CanFrame]):
         return None
 
     def _matrix(self, part: int, payload: bytes) -> list[bytes] | None:
-        """The matrix of one sample: rows are never of different age."""
+        """Return the matrix of one sample: rows are never of different age."""
         size, parts = self.touch.finger, self.touch.finger_parts
         if part == PALM:
             size, parts = self.touch.palm, self.touch.palm_parts
@@ -517,7 +517,7 @@ class LinkerHand(Device[CanFrame]):
                 self.motors.limit_speed(values / STROKE_S, t_ns)
 
     def _shown(self, quantity: str, t_ns: int) -> Sequence[int]:
-        """Numbers of all joints: in an engine as they are, else what was last set."""
+        """Return numbers of all joints: in an engine as they are, else what was last set."""
         motors = self.motors
         if not self.shows_limits and quantity in MOTION:
             return bytes(MOST_JOINTS)
@@ -606,7 +606,7 @@ def _sums(matrix: np.ndarray, rows: Sequence[int]) -> bytes:
 
 
 def _four_quantities(force: np.ndarray) -> np.ndarray:
-    """Normal, tangential, direction, approach under ``force`` [N] of shape ``(5, 3)``; uint8 ``(4, 5)``."""
+    """Return normal, tangential, direction, approach under ``force`` [N] of shape ``(5, 3)``; uint8 ``(4, 5)``."""
     turn = np.arctan2(force[:, 1], force[:, 0]) / (2 * np.pi) % 1.0
     normal = quantize(-force[:, 2], COUNTS_PER_NEWTON, 0, 255)
     tangential = quantize(np.hypot(force[:, 0], force[:, 1]), COUNTS_PER_NEWTON, 0, 255)

@@ -112,7 +112,7 @@ class LinkerHandL10Rs485(Device):
         return self.rtu.answers(data, t_ns, {self.unit: Banks(holding=self, inputs=self, functions=(3, 4, 6, 16))})
 
     def read(self, address: int, n: int, t_ns: int) -> bytes:
-        """Registers, with the matrix of the finger that is shown."""
+        """Return registers, with the matrix of the finger that is shown."""
         finger = self.registers["finger"]
         patch = self.layout.patches[finger - 1]
         self.registers["matrix"] = self.layout.on_wire(self.counts)[patch.taxels] if finger else 0

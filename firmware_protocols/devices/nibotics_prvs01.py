@@ -142,7 +142,7 @@ class NiboticsPrvs01(Device):
         return felt
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """Both messages."""
+        """Return both messages."""
         positions = np.rint(self.motors.positions(t_ns)).astype(np.int64)
         data = self.general.pack(
             pressures=self.pressures,
@@ -177,7 +177,7 @@ class NiboticsPrvs01(Device):
 
 
 def message(kind: int, data: bytes) -> bytes:
-    """A message, either direction."""
+    """Return a message, either direction."""
     return MESSAGE.pack(length_check=crc8(len(data).to_bytes(2, "little")), kind=kind, data=data)
 
 

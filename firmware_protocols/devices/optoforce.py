@@ -189,7 +189,9 @@ class OptoForce(Device):
     # -- readings --------------------------------------------------------------------------------------------------
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Counts of Fx, Fy, Fz (and Tx, Ty, Tz) per dome, a push positive, int16 range, shape ``(n_domes, 3 or 6)``."""
+        """Return counts of Fx, Fy, Fz (and Tx, Ty, Tz) per dome, a push positive, int16 range, shape ``(n_domes, 3
+        or 6)``.
+        """
         if self.has_torque:
             values = reading["wrench"] * [1, 1, -1, 1, 1, 1]
         else:
@@ -201,7 +203,7 @@ class OptoForce(Device):
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """One data packet."""
+        """Return one data packet."""
         if not self.streaming:
             return ()
         self.counter = (self.counter + (self.period_ns // 1_000_000 if self.counts_samples else 1)) & 0xFFFF

@@ -96,7 +96,7 @@ TIPS = {
 
 
 def tip(part: str, *, name: str, link: str) -> Layout:
-    """The taxels of one fingertip."""
+    """Return the taxels of one fingertip."""
     rows = np.array([row.split() for row in TIPS[part].split(";")], float)
     normals = rows[:, 3:6] / np.linalg.norm(rows[:, 3:6], axis=1, keepdims=True)
     x_axes = rows[:, 6:] - (rows[:, 6:] * normals).sum(1, keepdims=True) * normals

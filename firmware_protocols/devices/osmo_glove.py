@@ -127,7 +127,7 @@ class OsmoGlove(Device):
         self.index = round(uptime_s * self.rate_hz)
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Field of each magnetometer in counts of 5000 / 32768 uT, shape ``(n, 3)``."""
+        """Return field of each magnetometer in counts of 5000 / 32768 uT, shape ``(n, 3)``."""
         field = self.magnet(self.layout.to_taxel_frame(reading["force"]))
         self.counts, self.felt_ns = quantize(field, COUNTS_PER_UT, -RANGE, RANGE), t_ns
         return self.counts

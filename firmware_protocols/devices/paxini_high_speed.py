@@ -186,7 +186,7 @@ class PaxiniHighSpeed(Px6axDevice):
     # -- what the runner asks --------------------------------------------------------------------------------------
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """A push, while it is on."""
+        """Return a push, while it is on."""
         if not self.pushes:
             return ()
         parts = (
@@ -322,7 +322,7 @@ class OrcaTouch(PaxiniHighSpeed):
         return super()._write(register, data)
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Requests in chunks of any size, and lines that ask who it is."""
+        """Return requests in chunks of any size, and lines that ask who it is."""
         outs, heard, end = [], self.heard + data, 0
         for found in QUERY.finditer(heard):
             outs.append(f"ORCA:SENSOR{self.words[found[1]]}\n".encode("ascii"))

@@ -98,7 +98,7 @@ class Px6axDevice(Device):
         return content[start : start + count] if 0 <= start and start + count <= len(content) else None
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Requests in chunks of any size; broken ones are answered, too."""
+        """Return requests in chunks of any size; broken ones are answered, too."""
         return [
             out
             for packet in self.packets.cut(data, t_ns)
@@ -107,11 +107,11 @@ class Px6axDevice(Device):
 
     @abstractmethod
     def _refuse(self, packet: Broken) -> Transmissions:
-        """The answer to a broken request."""
+        """Return the answer to a broken request."""
 
     @abstractmethod
     def _answer(self, packet: bytes) -> Transmissions:
-        """The answer to a sound one."""
+        """Return the answer to a sound one."""
 
 
 def _saturated(counts: np.ndarray) -> np.ndarray:

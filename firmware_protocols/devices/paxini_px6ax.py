@@ -229,6 +229,6 @@ def _fields(packet: bytes) -> dict[str, Any]:
 
 
 def _reply(request: dict[str, Any], status: int, data: bytes = b"") -> bytes:
-    """The board's answer; it repeats the request's fields."""
+    """Return the board's answer; it repeats the request's fields."""
     fields = {name: request[name] for name in ("device", "function", "address", "count")}
     return REPLY.pack(**fields, status=status, data=data)

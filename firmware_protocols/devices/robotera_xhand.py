@@ -215,7 +215,7 @@ class RoboteraXhand(Device):
         return np.clip(quantize(forces, self.counts_per_newton, -128, 255), self.low, self.high)
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Messages in chunks of any size."""
+        """Return messages in chunks of any size."""
         return [answer for packet in self.packets.cut(data, t_ns) for answer in self._answer(packet, t_ns)]
 
     def _answer(self, packet: bytes, t_ns: int) -> list[bytes | Restart]:
@@ -233,7 +233,7 @@ class RoboteraXhand(Device):
         return [MESSAGE.pack(source=own, target=source, command=command, data=reply)] if reply else []
 
     def _obey(self, command: int, data: bytes, target: int, t_ns: int) -> bytes | None:
-        """The data of the answer, none, or ``None`` to what is no command."""
+        """Return the data of the answer, none, or ``None`` to what is no command."""
         try:
             match command, len(data):
                 case (0x02, 288):

@@ -157,11 +157,11 @@ class RobotiqFt300(Device):
         return {"wrench": self.wrench, "acceleration": acceleration}
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """A frame, while it streams."""
+        """Return a frame, while it streams."""
         return [STREAM.pack(values=self.wrench[0])] if self.streaming else ()
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Bytes that stop the stream, and Modbus, in chunks of any size."""
+        """Return bytes that stop the stream, and Modbus, in chunks of any size."""
         _, stopped, heard = (STOP[: self.stops] + data).rpartition(STOP)
         self.stops = len(heard) - len(heard.rstrip(STOP[:1]))
         if stopped:

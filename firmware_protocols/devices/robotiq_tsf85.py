@@ -197,11 +197,11 @@ class RobotiqTsf85(Device):
         return [PACKET.pack(command=command, data=data) for data in contents]
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """The reading as autosend packets; nothing while autosend is off."""
+        """Return the reading as autosend packets; nothing while autosend is off."""
         return () if self.autosend is None else self._reading(self.autosend)
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Commands in chunks of any size; what is none is skipped byte by byte."""
+        """Return commands in chunks of any size; what is none is skipped byte by byte."""
         return [out for packet in self.parser.cut(data, t_ns) for out in self._answer(packet[2], packet[4:])]
 
     def _answer(self, command: int, data: bytes) -> Transmissions:
@@ -227,7 +227,7 @@ def _size(data: bytes) -> int | str:
 
 
 def _two_fingers(opening: float) -> Layout:
-    """Both pads ``opening`` [m] apart, facing each other along x, above the palm; the fingers point along +z."""
+    """Return both pads ``opening`` [m] apart, facing each other along x, above the palm; the fingers point along +z."""
     left = place(
         grid_layout(ROWS, COLS, PITCH, name="finger 0", link="left"),
         (-opening / 2, 0.0, PAD_HEIGHT),

@@ -192,7 +192,7 @@ class Node:
         self.registers = Registers(self.table, kept=self.registers.kept())
 
     def read(self, address: int, n: int, t_ns: int) -> bytes:
-        """Memory as it is."""
+        """Return memory as it is."""
         return self.registers.read(address, n)
 
     def write(self, address: int, data: bytes, t_ns: int) -> Sequence[str]:
@@ -212,7 +212,7 @@ class Motor(Node):
         self.motors, self.number = motors, number
 
     def read(self, address: int, n: int, t_ns: int) -> bytes:
-        """Memory as it is at ``t_ns``."""
+        """Return memory as it is at ``t_ns``."""
         speed = self.motors.velocities(t_ns)[self.number] * RAD_PER_COUNT / SPEED_PER_COUNT
         self.registers["position"] = round(self.motors.positions(t_ns)[self.number])
         self.registers["speed"] = round(speed)
@@ -257,7 +257,7 @@ class Controller(Node):
         self.registers["model"] = self.model
 
     def read(self, address: int, n: int, t_ns: int) -> bytes:
-        """Memory as it is at ``t_ns``."""
+        """Return memory as it is at ``t_ns``."""
         touched = {reg.name for reg in MAP.touched(address, address + n)}
         self.registers["tick"] = (t_ns // 1_000_000 + self.tick) & 0xFFFF
         if self.registers["sync"]:

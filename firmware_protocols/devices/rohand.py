@@ -244,7 +244,7 @@ class RoHand(Device):
         return self.counts
 
     def joints(self, t_ns: int) -> Mapping[str, float]:
-        """Angles [rad] as the hand reports them."""
+        """Return angles [rad] as the hand reports them."""
         return dict(zip(JOINTS, np.deg2rad(self._angles(t_ns) / 100).tolist()))
 
     def _angles(self, t_ns: int) -> np.ndarray:
@@ -264,7 +264,7 @@ class RoHand(Device):
         return [Restart()]
 
     def read(self, address: int, n: int, t_ns: int) -> bytes:
-        """Memory as the hand reports it at ``t_ns``."""
+        """Return memory as the hand reports it at ``t_ns``."""
         moving = self.motors.moving(t_ns)
         self.registers["status"] = np.select([~moving, self.motors.goals > self.motors.positions(t_ns)], [2, 1], 0)
         self.registers["current"] = MOVING_MA * moving

@@ -145,7 +145,7 @@ class SeedFts3(Device):
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """One line."""
+        """Return one line."""
         fields = [str(number) for number in divmod(t_ns // 1_000_000 + self.epoch_ms, 1000)] if self.says_time else []
         values = iter(self.layout.on_wire(self.counts).tolist())
         for kind in self.sensors:
@@ -181,7 +181,7 @@ class SeedFts3(Device):
 
 
 def _fields(kind: Fitted, values: list[int]) -> list[str]:
-    """The three fields of a sensor."""
+    """Return the three fields of a sensor."""
     if kind == "none":
         return ["", "", ""]
     return ["", "", str(values[2])] if kind == "z" else [str(value) for value in values]

@@ -192,7 +192,7 @@ class SingleTact(Device):
         )
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """The value, 0..1023, shape ``(1,)``."""
+        """Return the value, 0..1023, shape ``(1,)``."""
         self.iteration, self.felt_ns = (self.iteration + 1) & 0xFFFF, t_ns
         self.pushed = float(self.layout.push(reading["force"])[0])
         scale = self.counts_per_newton * int.from_bytes(self.settings[SCALING], "big") / UNITY
@@ -200,7 +200,7 @@ class SingleTact(Device):
         return self.counts
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Requests in chunks of any size."""
+        """Return requests in chunks of any size."""
         return [out for packet in self.packets.cut(data, t_ns) for out in self._obey(packet, t_ns)]
 
     def _obey(self, packet: bytes, t_ns: int) -> Transmissions:

@@ -70,7 +70,7 @@ class SunFingertip(Device):
         return (Command(name="read", request="61", reply="..{50}", origin=self.sources[0]),)
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Counts of each taxel, 0..4095, shape ``(25,)``."""
+        """Return counts of each taxel, 0..4095, shape ``(25,)``."""
         push = self.layout.push(reading["force"])
         self.counts = quantize(push, self.counts_per_newton, 0, 4095, rest=self.baseline)
         return self.counts

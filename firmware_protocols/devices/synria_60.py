@@ -141,7 +141,7 @@ class Synria60(Device):
         return answers
 
     def _own(self, pdu: bytes) -> bytes | None:
-        """The answer to functions 41 and 42."""
+        """Return the answer to functions 41 and 42."""
         if pdu[0] == READ_ALL and len(pdu) == 1:
             return pdu + VALUES.pack(values=self.layout.on_wire(self.counts).astype("<u2").tobytes())
         if pdu[0] == READ_TEXT and len(pdu) == 2:
@@ -152,7 +152,7 @@ class Synria60(Device):
         return None
 
     def read(self, address: int, n: int, t_ns: int) -> bytes:
-        """Memory."""
+        """Return memory."""
         return self.registers.read(address, n)
 
     def write(self, address: int, data: bytes, t_ns: int) -> Sequence[str]:

@@ -162,13 +162,13 @@ class UnitreeDex3(Device):
         )
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """The float32 of each cell, shape ``(33,)``."""
+        """Return the float32 of each cell, shape ``(33,)``."""
         pressed = REST + self.counts_per_newton * self.layout.push(reading["force"])
         self.counts = np.clip(pressed, REST, FULL).astype(np.float32)
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """A state, now and then also to the slower topic."""
+        """Return a state, now and then also to the slower topic."""
         self.sent += 1
         state = self._state(t_ns)
         return [state, Sent(state, port="lf")] if self.sent % SLOWER == 0 else [state]
@@ -209,7 +209,7 @@ class UnitreeDex3(Device):
         return ()
 
     def joints(self, t_ns: int) -> Mapping[str, float]:
-        """Angles of the seven motors [rad], by their numbers."""
+        """Return angles of the seven motors [rad], by their numbers."""
         return {f"motor {k}": angle for k, angle in enumerate(self.motors.positions(t_ns).tolist())}
 
 

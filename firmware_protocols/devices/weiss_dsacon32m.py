@@ -245,7 +245,7 @@ class WeissDsacon32m(Device):
         )
 
     def measure(self, reading: Reading, t_ns: int) -> Counts:
-        """Counts of each texel, 0..4095, shape ``(486,)``."""
+        """Return counts of each texel, 0..4095, shape ``(486,)``."""
         sensitivity, threshold = (np.array(self.current[name])[self.matrix_of] for name in ("sensitivity", "threshold"))
         scale = self.counts_per_newton / FACTORY_SENSITIVITY * sensitivity
         counts = quantize(self.layout.push(reading["force"]), scale, 0, 4095)
@@ -253,7 +253,7 @@ class WeissDsacon32m(Device):
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """A frame, while frames are pushed or one has been asked for."""
+        """Return a frame, while frames are pushed or one has been asked for."""
         if not (self.pushing or self.once):
             return ()
         self.once = False
@@ -270,7 +270,7 @@ class WeissDsacon32m(Device):
         return [GREETING] * 3
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Messages in chunks of any size."""
+        """Return messages in chunks of any size."""
         return [out for packet in self.packets.cut(data, t_ns) for out in self._obey(packet[3], packet[6:-2])]
 
     def _obey(self, request: int, payload: bytes) -> Transmissions:

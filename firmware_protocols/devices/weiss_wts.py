@@ -195,7 +195,7 @@ class WeissWts(Device):
         return {"force": self.texels, "temperature": self.warmth}
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """Frames that were asked for, then one that is pushed."""
+        """Return frames that were asked for, then one that is pushed."""
         texels = self.layout.on_wire(self.texels)
         values = (16 * texels).astype(">u2") if self.sixteenths else texels.astype("<u2")
         frame = FRAME.pack(time=t_ns // 1_000_000 + self.clock_ms, values=values.tobytes())
@@ -204,7 +204,7 @@ class WeissWts(Device):
         return answers + [MESSAGE.pack(id=PUSHED, payload=frame)] * self.pushing
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """Messages in chunks of any size."""
+        """Return messages in chunks of any size."""
         return [out for packet in self.packets.cut(data, t_ns) for out in self._obey(packet[3], packet[6:-2])]
 
     def _obey(self, request: int, payload: bytes) -> list[bytes]:

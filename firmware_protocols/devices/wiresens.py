@@ -116,7 +116,7 @@ class Wiresens(Device):
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """The packets that this scan fills."""
+        """Return the packets that this scan fills."""
         if not self.running:
             return ()
         values = np.concatenate([self.kept, self.layout.on_wire(self.counts)])
@@ -130,7 +130,7 @@ class Wiresens(Device):
         )
 
     def receive(self, data: bytes, t_ns: int, port: str) -> Transmissions:
-        """The configuration, while it waits for one."""
+        """Return the configuration, while it waits for one."""
         if self.running:
             self.counters["ignored"] += 1
             return ()

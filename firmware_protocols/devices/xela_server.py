@@ -117,7 +117,7 @@ class XelaServer(Device):
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions:
-        """A message."""
+        """Return a message."""
         self.message += 1
         time = round(self.epoch + t_ns * 1e-9, 6)
         counts, newtons = self.layout.on_wire(self.counts), self.layout.on_wire(self.newtons)

@@ -127,7 +127,7 @@ class XelaUskin(Device[CanFrame]):
         return self.counts
 
     def stream(self, t_ns: int, name: str) -> Transmissions[CanFrame]:
-        """A frame for each taxel while started."""
+        """Return a frame for each taxel while started."""
         if not self.streaming:
             return ()
         taxels = zip(self.ids, self.layout.on_wire(self.counts))

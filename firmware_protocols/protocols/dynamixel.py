@@ -104,7 +104,7 @@ class DynamixelLine:
         self._packets.reset()
 
     def answers(self, data: bytes, t_ns: int, nodes: Sequence[Node]) -> list[Answer]:
-        """Answers to the requests that these bytes complete; ``turn`` orders those to one broadcast."""
+        """Return answers to the requests that these bytes complete; ``turn`` orders those to one broadcast."""
         return [reply for packet in self._packets.cut(data, t_ns) for reply in self._obey(packet, t_ns, nodes)]
 
     def _obey(self, packet: bytes, t_ns: int, nodes: Sequence[Node]) -> list[Answer]:
@@ -219,7 +219,7 @@ def _status(node: Node, data: bytes = b"", *, error: int = 0, ident: int | None 
 
 
 def packet(ident: int, instruction: int, params: bytes = b"") -> bytes:
-    """A packet, either direction: a node has 55 where the host has the instruction, then its error."""
+    """Return a packet, either direction: a node has 55 where the host has the instruction, then its error."""
     body = (bytes([instruction]) + params).replace(b"\xff\xff\xfd", b"\xff\xff\xfd\xfd")
     frame = HEAD + struct.pack("<BH", ident, len(body) + 2) + body
     return frame + crc16_umts(frame).to_bytes(2, "little")

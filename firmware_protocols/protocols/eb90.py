@@ -53,7 +53,7 @@ class Eb90:
         self._packets.reset()
 
     def answers(self, data: bytes, t_ns: int, unit: int, memory: Memory) -> list[Answer]:
-        """Answers of the hand with this id to the requests that these bytes complete."""
+        """Return answers of the hand with this id to the requests that these bytes complete."""
         return [reply for packet in self._packets.cut(data, t_ns) for reply in self._obey(packet, t_ns, unit, memory)]
 
     def _obey(self, packet: bytes, t_ns: int, unit: int, memory: Memory) -> list[Answer]:
@@ -78,7 +78,7 @@ class Eb90:
 
 
 def request(unit: int, kind: int, address: int, data: bytes) -> bytes:
-    """A request as a host sends it; ``data`` of a read is the number of bytes."""
+    """Return a request as a host sends it; ``data`` of a read is the number of bytes."""
     return _framed(REQUEST, unit, bytes([kind]) + address.to_bytes(2, "little") + data)
 
 

@@ -85,7 +85,7 @@ class ServoLine:
         self._packets.reset()
 
     def answers(self, data: bytes, t_ns: int, servos: Sequence[Servo]) -> list[Answer]:
-        """Answers to the requests that these bytes complete; ``turn`` orders those to one broadcast."""
+        """Return answers to the requests that these bytes complete; ``turn`` orders those to one broadcast."""
         return [reply for packet in self._packets.cut(data, t_ns) for reply in self._obey(packet, t_ns, servos)]
 
     def _obey(self, packet: bytes, t_ns: int, servos: Sequence[Servo]) -> list[Answer]:
@@ -163,6 +163,6 @@ def _status(servo: Servo, data: bytes = b"", *, ident: int | None = None, turn: 
 
 
 def packet(ident: int, instruction: int, params: bytes = b"") -> bytes:
-    """A packet, either direction: a servo has its status where the host has the instruction."""
+    """Return a packet, either direction: a servo has its status where the host has the instruction."""
     body = bytes([ident, len(params) + 2, instruction]) + params
     return HEAD + body + bytes([inv8(body)])

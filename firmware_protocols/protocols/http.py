@@ -20,7 +20,7 @@ class Pages:
         """Of a request that is not whole. Forget it where the line is closed."""
 
     def answers(self, data: bytes, pages: Mapping[str, tuple[str, bytes]]) -> list[bytes]:
-        """One answer for each request that is now whole.
+        """Return one answer for each request that is now whole.
 
         Args:
             data: what came.

@@ -49,7 +49,7 @@ class Banks:
 
 
 def silence_ns(baud: int) -> int:
-    """The silence that ends an RTU frame: 3.5 characters, 1.75 ms above 19200 baud."""
+    """Return the silence that ends an RTU frame: 3.5 characters, 1.75 ms above 19200 baud."""
     return 1_750_000 if baud > 19200 else round(3.5 * 11e9 / baud)
 
 
@@ -68,7 +68,7 @@ def mbap(unit: int, pdu: bytes, *, transaction: int = 1) -> bytes:
 
 
 def answer(pdu: bytes, banks: Banks, t_ns: int) -> bytes:
-    """The PDU that answers a request; an exception if the memory or its form refuses it."""
+    """Return the PDU that answers a request; an exception if the memory or its form refuses it."""
     try:
         if banks.own is not None and (reply := banks.own(pdu)) is not None:
             return reply
@@ -238,7 +238,7 @@ class Rtu:
         return not self._buffer
 
     def answers(self, data: bytes, t_ns: int, units: Mapping[int, Banks]) -> list[bytes]:
-        """Frames that answer the requests that these bytes complete; ``units`` are those of this device."""
+        """Return frames that answer the requests that these bytes complete; ``units`` are those of this device."""
         frames = []
         for unit, pdu in self._cut(data, t_ns, units):
             if unit == BROADCAST:
@@ -263,7 +263,7 @@ class Rtu:
         return frames
 
     def _size(self, units: Container[int]) -> int:
-        """Bytes of the sound frame that begins the buffer, 0 while there is none."""
+        """Return bytes of the sound frame that begins the buffer, 0 while there is none."""
         buffer = self._buffer
         size = (self._sizes.get(buffer[1], 0) if len(buffer) > 1 else 0) or _rtu_size(buffer)
         waiting = len(buffer) < size <= LONGEST_RTU
@@ -289,7 +289,7 @@ _COUNT_AT = {15: 6, 16: 6, 20: 2, 21: 2, 23: 10}
 
 
 def _rtu_size(frame: bytes) -> int:
-    """Bytes of a request with its CRC, 0 if they cannot be known (yet)."""
+    """Return bytes of a request with its CRC, 0 if they cannot be known (yet)."""
     if len(frame) < 2:
         return 0
     if fixed := _FIXED_SIZES.get(frame[1]):
@@ -316,7 +316,7 @@ class Mbap:
         self._buffer = b""
 
     def answers(self, data: bytes, t_ns: int, units: Banks | Mapping[int, Banks]) -> list[bytes]:
-        """Messages that answer the requests that these bytes complete.
+        """Return messages that answer the requests that these bytes complete.
 
         ``units`` is the one device at this address, whatever unit the host writes (most firmwares), or the units
         behind a gateway. Unit and transaction come back as they were sent.
@@ -349,7 +349,7 @@ class Mbap:
 
 
 def _execute(pdu: bytes, banks: Banks, t_ns: int, counters: Counter[str]) -> bytes | None:
-    """The answer; ``None`` to what is itself one (an exception heard on the line)."""
+    """Return the answer; ``None`` to what is itself one (an exception heard on the line)."""
     if pdu[0] >= 0x80:
         counters["broken_frames"] += 1
         return None

@@ -116,7 +116,7 @@ class VirtualClock:
         return False
 
     def now_ns(self) -> int:
-        """The deadline that was waited for last."""
+        """Return the deadline that was waited for last."""
         return self._now
 
     def wait(self, deadline_ns: int | None, filenos: Sequence[int], *, poll: bool = False) -> None:

@@ -57,7 +57,7 @@ class TransportUnavailable(TransportError):
 
 
 def shown(value: object) -> str:
-    """A value as a message shows it: its ``repr``, cut where it is long."""
+    """Return a value as a message shows it: its ``repr``, cut where it is long."""
     text = repr(value)
     return text if len(text) <= 80 else f"{text[:60]} ... ({len(text)} characters)"
 

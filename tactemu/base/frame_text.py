@@ -19,7 +19,7 @@ _ERROR_DATA = "00" * 8
 
 
 def text(frame: Frame) -> str:
-    """The frame as logs write it."""
+    """Return the frame as logs write it."""
     if isinstance(frame, CanFrame) and frame.is_error_frame:
         return f"{_ERROR_FLAG | on_the_bus(frame).arbitration_id:08X}#{_ERROR_DATA}"
     if isinstance(frame, CanFrame) and frame.is_fd:
@@ -29,12 +29,12 @@ def text(frame: Frame) -> str:
 
 
 def on_the_bus(frame: CanFrame) -> CanFrame:
-    """The frame as others on the bus see it: an error frame does not say which one it disturbed."""
+    """Return the frame as others on the bus see it: an error frame does not say which one it disturbed."""
     return CanFrame(arbitration_id=PROTOCOL_ERROR, is_error_frame=True) if frame.is_error_frame else frame
 
 
 def parse(data: str) -> Frame:
-    """The frame that a text stands for.
+    """Return the frame that a text stands for.
 
     Raises:
         ValueError: it stands for none, or for one that no bus carries.
@@ -47,7 +47,7 @@ def parse(data: str) -> Frame:
 
 
 def checked(frame: CanFrame) -> CanFrame:
-    """The frame, if a bus can carry it.
+    """Return the frame, if a bus can carry it.
 
     Raises:
         ValueError: its identifier or its length does not exist.

@@ -27,7 +27,7 @@ def number(
     whole: bool = False,
     unit: str = "",
 ) -> float:
-    """A finite number, within its bounds; without ``at_most`` none is larger than :data:`LARGEST`.
+    """Return a finite number, within its bounds; without ``at_most`` none is larger than :data:`LARGEST`.
 
     Args:
         where: the sensor, the model or the motion, for the message.
@@ -63,7 +63,7 @@ def number(
 
 
 def numbers(where: str, name: str, value) -> np.ndarray:
-    """A float64 array of finite numbers, none larger than :data:`LARGEST`, of any shape.
+    """Return a float64 array of finite numbers, none larger than :data:`LARGEST`, of any shape.
 
     Neither texts nor truth values are numbers.
 
@@ -123,7 +123,9 @@ def check_declared(where: str, options: Any, unbounded: Collection[str] = ()) ->
 
 @cache
 def _types(options: type) -> dict[str, Any]:
-    """The types of the options of a dataclass, by name; none where its file names types that only checkers import."""
+    """Return the types of the options of a dataclass, by name; none where its file names types that only checkers
+    import.
+    """
     try:
         hints = typing.get_type_hints(options)
     except NameError:

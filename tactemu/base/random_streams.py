@@ -12,11 +12,11 @@ import numpy as np
 
 
 def stream_key(seed: int, name: str) -> int:
-    """A 31-bit key for the stream ``name`` under a root seed: the same on every machine and in every process."""
+    """Return a 31-bit key for the stream ``name`` under a root seed: the same on every machine and in every process."""
     digest = hashlib.blake2b(f"{seed}/{name}".encode(), digest_size=8).digest()
     return int.from_bytes(digest, "little") & 0x7FFF_FFFF
 
 
 def generator(seed: int, name: str) -> np.random.Generator:
-    """A host-side generator for the stream ``name`` (faults on the wire, sampling of meshes ...)."""
+    """Return a host-side generator for the stream ``name`` (faults on the wire, sampling of meshes ...)."""
     return np.random.Generator(np.random.Philox(key=stream_key(seed, name)))

@@ -44,7 +44,7 @@ class Lateness:
         return twin
 
     def percentile_ns(self, q: float) -> float:
-        """The q-th percentile [ns]; 0 before the first deadline."""
+        """Return the q-th percentile [ns]; 0 before the first deadline."""
         kept = self._values[: min(self.count, len(self._values))]
         return float(np.percentile(kept, q)) if len(kept) else 0.0
 

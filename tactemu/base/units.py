@@ -12,6 +12,6 @@ _NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)([a-z/%]*)", re.A
 
 
 def scaled(text: str, units: Mapping[str, float]) -> float | None:
-    """The number times what its unit stands for; ``None``: it is no number, or has none of these units."""
+    """Return the number times what its unit stands for; ``None``: it is no number, or has none of these units."""
     match = _NUMBER.fullmatch(text) if len(text) < 100 else None
     return float(match[1]) * units[match[2]] if match and match[2] in units else None

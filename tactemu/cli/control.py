@@ -101,7 +101,7 @@ def _arguments(verb: ControlCommand) -> list[Argument]:
 
 
 def _command(verb: ControlCommand) -> Any:
-    """A function with the signature that the command line needs; every argument is text, read by its kind."""
+    """Return a function with the signature that the command line needs; every argument is text, read by its kind."""
     parameters = [_parameter(verb, argument) for argument in _arguments(verb)]
     parameters += [
         inspect.Parameter("name", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[str | None, NAME]),

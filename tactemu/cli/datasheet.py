@@ -106,7 +106,7 @@ def row_of(name: str, device: Device) -> dict[str, Any]:
 
 
 def datasheet(name: str, device: Device) -> list[str]:
-    """The lines of a datasheet."""
+    """Return the lines of a datasheet."""
     lines = [f"{name}: {device.title}", "", *frame_page(device), *_tables(device), "", "Ports"]
     lines += [f"  {line}" for line in ports_of(device)]
     lines += ["", f"Streams: {rates_of(device)}", "Senses", *_senses(device)]
@@ -156,7 +156,7 @@ def frame_page(device: Device) -> list[str]:
 
 
 def _tables(device: Device) -> list[str]:
-    """The frame and register tables that the device declares, as it states them."""
+    """Return the frame and register tables that the device declares, as it states them."""
     return [line for table in held(type(device), (Frame, RegisterMap)) for line in ("", *str(table).splitlines())]
 
 
@@ -176,7 +176,7 @@ def _commands(device: Device) -> list[str]:
 
 
 def shown(frame: Any) -> str:
-    """A frame in hex, or in candump notation; long ones cut."""
+    """Return a frame in hex, or in candump notation; long ones cut."""
     whole = frame.hex(" ") if isinstance(frame, bytes) else str(frame)
     return whole if len(whole) <= 40 else whole[:39] + "…"
 
@@ -185,7 +185,9 @@ def shown(frame: Any) -> str:
 
 
 def taxel_map(layout: Layout) -> list[str]:
-    """Every patch as a picture of taxel numbers, then the table of positions; of many taxels a line for each patch."""
+    """Return every patch as a picture of taxel numbers, then the table of positions; of many taxels a line for each
+    patch.
+    """
     if len(layout) > MAX_LISTED:
         return _patches(layout)
     lines = [""]

@@ -149,7 +149,7 @@ def _say(text: str) -> None:
 
 
 def _network_ports(words: Sequence[str]) -> str | dict[str, str] | None:
-    """The ports asked for with ``--port``, as for `tactemu run`.
+    """Return the ports asked for with ``--port``, as for `tactemu run`.
 
     Raises:
         TransportError: one that is not on the network: it has a node.

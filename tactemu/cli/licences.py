@@ -72,7 +72,7 @@ def rows(root: str = "tactemu") -> list[Row]:
 
 
 def _needs(package: Distribution, extras: frozenset[str]) -> list[tuple[str, frozenset[str]]]:
-    """Names and extras of what a package requires: without extras always, with them for these alone."""
+    """Return names and extras of what a package requires: without extras always, with them for these alone."""
     found = []
     for line in package.requires or ():
         requirement, _, marker = line.partition(";")
@@ -86,7 +86,7 @@ def _needs(package: Distribution, extras: frozenset[str]) -> list[tuple[str, fro
 
 
 def _licence(package: Distribution) -> str:
-    """The expression; else one line; else the classifiers; else how the text that somebody put there begins."""
+    """Return the expression; else one line; else the classifiers; else how the text that somebody put there begins."""
     expressions, texts, classifiers = (
         package.metadata.get_all(key) or [] for key in ("License-Expression", "License", "Classifier")
     )

@@ -49,7 +49,9 @@ def rows() -> list[dict[str, Any]]:
 
 
 def row_or_error(name: str) -> dict[str, Any]:
-    """The row of a device, made. One of somebody else's may fail in any way; the others are listed all the same."""
+    """Return the row of a device, made. One of somebody else's may fail in any way; the others are listed all the
+    same.
+    """
     try:
         from tactemu.cli.datasheet import make_device, row_of
 
@@ -66,7 +68,7 @@ def by_kind(rows: Sequence[dict[str, Any]]) -> Iterator[tuple[str, list[dict[str
 
 
 def table(rows: Sequence[dict[str, Any]], width: int) -> list[str]:
-    """The lines of the table, at most ``width`` characters each unless words are longer."""
+    """Return the lines of the table, at most ``width`` characters each unless words are longer."""
     name_width = max(len(row["name"]) for row in rows)
     shares = (0.28, 0.28, 0, 0, 0.18, 0.26)  # of what name, taxels and rate leave
     rest = width - name_width - 6 - 12 - 2 * 6

@@ -55,7 +55,7 @@ def _examples() -> list[Path]:
 
 
 def _about(path: Path) -> str:
-    """The first sentence of its comment or docstring."""
+    """Return the first sentence of its comment or docstring."""
     text = path.read_text(encoding="utf-8")
     about = ast.get_docstring(ast.parse(text)) if path.suffix == ".py" else text.split("\n\n")[0].replace("#", " ")
     return " ".join((about or "").split()).partition(". ")[0].rstrip(".")

@@ -54,7 +54,7 @@ def say_json(event: str, **entry: Any) -> None:
 
 
 def say_in_words(console: Console) -> Say:
-    """One sentence a line."""
+    """Return one sentence a line."""
 
     def say(event: str, **entry: Any) -> None:
         skin = entry.pop("skin")
@@ -74,7 +74,7 @@ def say_in_words(console: Console) -> Say:
 
 
 def _listed(value: Any) -> str:
-    """A number, a name, or those of several ports or streams."""
+    """Return a number, a name, or those of several ports or streams."""
     if isinstance(value, dict):
         return ", ".join(f"{name} {_listed(each)}" for name, each in value.items())
     return f"{value:g}" if isinstance(value, float) else str(value)
@@ -145,7 +145,7 @@ def advice(emulator: Emulator, channel: Channel) -> str:
 
 
 def _step_us(simulation: Simulated, repeats: int = 50) -> float:
-    """Median time of a step [us]."""
+    """Return median time of a step [us]."""
     times = []
     for _ in range(repeats):
         start = time.perf_counter_ns()

@@ -255,7 +255,7 @@ def _addresses(channel: Channel) -> str | dict[str, str]:
 
 
 def _rates(channel: Channel) -> dict[str, object]:
-    """The rate in force, and the firmware's own belief where the user's wish overrides it."""
+    """Return the rate in force, and the firmware's own belief where the user's wish overrides it."""
     own = {stream: 1e9 / period if period else 0.0 for stream, period in channel.device.periods.items()}
     rates = {"rate_hz": channel.rates_hz(), "firmware_rate_hz": own}
     rounded = {what: {stream: round(hz, 3) for stream, hz in each.items()} for what, each in rates.items()}

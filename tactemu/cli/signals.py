@@ -75,7 +75,7 @@ class Starting:
             signal.signal(number, handler)
 
     def said(self) -> str:
-        """The line that tells a user why nothing runs."""
+        """Return the line that tells a user why nothing runs."""
         return f"tactemu: ended by {signal.Signals(self.number).name}{self.origin} before it had started\n"
 
     def _notice(self, number: int, _frame: object) -> None:

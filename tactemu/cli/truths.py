@@ -124,7 +124,7 @@ def print_summary(path: Path, *, json: bool = False) -> None:
 
 
 def _printable(text: str) -> str:
-    """A text of the file's, without anything that a terminal would obey."""
+    """Return a text of the file's, without anything that a terminal would obey."""
     return text if text.isprintable() else ascii(text)
 
 

@@ -30,7 +30,7 @@ class Command(NamedTuple):
 
 
 def commands_of(path: str | Path) -> list[Command]:
-    """The commands in a truth log, in their order.
+    """Return the commands in a truth log, in their order.
 
     Raises:
         TactemuError: no such file, no log, or a command that this version does not have.

@@ -22,7 +22,7 @@ _ARRAY = {"dtype", "shape", "base64"}
 
 
 def connect(name: str | None = None) -> Connection:
-    """A connection to the emulator of that name, or to the only one that runs; use it in a ``with`` statement.
+    """Return a connection to the emulator of that name, or to the only one that runs; use it in a ``with`` statement.
 
     ::
 
@@ -138,7 +138,7 @@ class Connection(ControlCommands):
 
 
 def _as_array(table: dict[str, Any]) -> Any:
-    """An array that came as bytes; other tables as they are."""
+    """Return an array that came as bytes; other tables as they are."""
     if table.keys() != _ARRAY:
         return table
     values = np.frombuffer(base64.b64decode(table["base64"]), np.dtype(table["dtype"]))

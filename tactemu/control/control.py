@@ -124,7 +124,7 @@ class Control:
         return self.emulator.now_ns / 1e9
 
     def channel(self, skin: str | None) -> Channel:
-        """The channel of a skin; ``None``: of the only one.
+        """Return the channel of a skin; ``None``: of the only one.
 
         Raises:
             TactemuError: there is none, or several.

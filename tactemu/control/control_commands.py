@@ -107,7 +107,7 @@ class ControlCommand:
 
 
 def _kind_of(hint: Any) -> Kind | None:
-    """The kind in ``Annotated[float, kind]``, or in such a type or ``None``."""
+    """Return the kind in ``Annotated[float, kind]``, or in such a type or ``None``."""
     kinds = [each for each in getattr(hint, "__metadata__", ()) if isinstance(each, Kind)]
     return next(iter(kinds + [k for part in typing.get_args(hint) if (k := _kind_of(part))]), None)
 
@@ -399,7 +399,7 @@ class ControlCommands(ABC):
 
     @verb("skin", changes=False)
     def sample(self, skin: Name | None = None) -> Any:
-        """The latest sample of a skin: ideal and measured reading, and counts.
+        """Return the latest sample of a skin: ideal and measured reading, and counts.
 
         Args:
             skin: which; default: the only one
@@ -417,7 +417,7 @@ class ControlCommands(ABC):
 
     @verb(changes=False)
     def state(self) -> dict[str, Any]:
-        """The time, every body with its pose, every skin with its port and latest reading."""
+        """Return the time, every body with its pose, every skin with its port and latest reading."""
         ...
 
     @verb(changes=False)

@@ -103,7 +103,7 @@ def owner_of(path: Path) -> Owner | None:
 
 
 def running() -> list[Owner]:
-    """The emulators of this user that can be driven, by name. What the dead left is removed.
+    """Return the emulators of this user that can be driven, by name. What the dead left is removed.
 
     Raises:
         TransportError: the folder is not one to trust.
@@ -145,7 +145,7 @@ class Endpoint:
         self._maker = 0
 
     def take(self) -> socket.socket:
-        """The socket to listen on.
+        """Return the socket to listen on.
 
         Raises:
             TransportError: the name is another run's, or no socket can be made.
@@ -192,7 +192,7 @@ def uid_of_peer(connection: socket.socket) -> int:
 
 
 def chosen(name: str | None = None) -> Path:
-    """The socket of the emulator called ``name``, or of the only one that runs.
+    """Return the socket of the emulator called ``name``, or of the only one that runs.
 
     Raises:
         TactemuError: there is none, or several; the message lists them.

@@ -116,7 +116,7 @@ def _read_taxels(text: str) -> Any:
 
 
 def plain(value: Any) -> Any:
-    """Tables, lists, texts and numbers of a caller's as JSON has them; arrays become lists.
+    """Return tables, lists, texts and numbers of a caller's as JSON has them; arrays become lists.
 
     Raises:
         TypeError, ValueError: it is none of these.
@@ -135,7 +135,7 @@ def _options(verb: str, name: str, value: Any) -> dict[str, Any]:
 
 
 def read_value(text: str) -> Any:
-    """A number with or without a unit, ``5%``, or anything in JSON; else the text."""
+    """Return a number with or without a unit, ``5%``, or anything in JSON; else the text."""
     value = scaled(text, {"": 1.0, "%": 0.01, **LENGTHS_M, **TIMES_S})
     if value is not None:
         return value

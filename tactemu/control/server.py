@@ -385,7 +385,7 @@ class Server:
 
 
 def _parsed(line: bytes) -> dict[str, Any]:
-    """The object on a line.
+    """Return the object on a line.
 
     Raises:
         TactemuError: there is none.
@@ -404,7 +404,7 @@ def _refused(constant: str) -> None:
 
 
 def _number_of(said: dict[str, Any]) -> Any:
-    """The number of a request.
+    """Return the number of a request.
 
     Raises:
         TactemuError: it is none that could be given back.

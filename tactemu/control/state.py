@@ -56,7 +56,7 @@ def state_of(emulator: Emulator, steered: Mapping[str, Steered]) -> Callable[[],
 
 
 def row_of(sample: Sample) -> dict[str, Any]:
-    """A sample as the object of a line; arrays stay arrays."""
+    """Return a sample as the object of a line; arrays stay arrays."""
     return {
         "t_ns": sample.t_ns, "device": sample.device, "number": sample.number, "sense": sample.sense,
         "ideal": sample.ideal, "measured": sample.measured, "counts": sample.counts,

@@ -36,7 +36,7 @@ class Estimate:
 
 
 def duration(seconds: float) -> str:
-    """Seconds in words."""
+    """Return seconds in words."""
     if seconds < 120:
         return f"{seconds:.0f} s"
     hours, minutes = divmod(round(seconds / 60), 60)
@@ -44,7 +44,7 @@ def duration(seconds: float) -> str:
 
 
 def size(n_bytes: float) -> str:
-    """Bytes in words."""
+    """Return bytes in words."""
     for unit in ("B", "kB", "MB", "GB"):
         if n_bytes < 1000:
             return f"{n_bytes:.0f} {unit}" if n_bytes >= 100 or unit == "B" else f"{n_bytes:.1f} {unit}"
@@ -111,7 +111,7 @@ def make(order: DatasetSpec, folder: Path, cluster: str | None = None) -> Iterat
 
 
 def _partition(order: DatasetSpec, k: int, folder: Path) -> int:
-    """One strand, on a machine that reaches the folder; returns how many shards it has."""
+    """Return one strand, on a machine that reaches the folder; returns how many shards it has."""
     return sum(1 for _ in Partition(order, *order.ranges[k]).write(folder))
 
 

@@ -32,7 +32,7 @@ TIMED_STEPS = 20
 
 
 def whole_scene(order: DatasetSpec) -> LoadedScene:
-    """The scene of a dataset.
+    """Return the scene of a dataset.
 
     Raises:
         TactemuError: it cannot be had, or an engine moves its bodies that knows one environment only.
@@ -157,7 +157,7 @@ class _Tap:
         self.column = Column(f"{name}.{quantity}.{kind}", shape, UNITS.get(quantity, ""), meaning, kind_of)
 
     def read(self, hosts: dict[tuple[Sensor, bool], wp.array]) -> np.ndarray:
-        """All environments, ``(n_envs, n_taxels[, 3])``."""
+        """Return all environments, ``(n_envs, n_taxels[, 3])``."""
         found = []
         for part in self._skin.parts:
             values = part.sensor.pick(self._quantity, hosts[part.sensor, self._truth].numpy())

@@ -15,7 +15,7 @@ from tactemu.datasets.spec import FILE
 def read_dataset(
     folder: str | Path, columns: Sequence[str] | None = None, envs: Sequence[int] | None = None
 ) -> dict[str, np.ndarray]:
-    """The columns of what ``tactemu dataset`` made, as arrays of a row for each environment at each time.
+    """Return the columns of what ``tactemu dataset`` made, as arrays of a row for each environment at each time.
 
     Args:
         folder: of the dataset.

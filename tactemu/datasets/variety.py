@@ -75,11 +75,11 @@ class Starts:
         return {name: self._drawn(f"engine/{name}", start) for name, start in self.engine.items()}
 
     def drawn(self, name: str) -> Start:
-        """Position and quaternion of a body of a table at the start, ``(envs, 3)`` and ``(envs, 4)``."""
+        """Return position and quaternion of a body of a table at the start, ``(envs, 3)`` and ``(envs, 4)``."""
         return self._drawn(name, self.tables[name])
 
     def of(self, env: int) -> LoadedScene:
-        """The scene as it is in one environment."""
+        """Return the scene as it is in one environment."""
         bodies = []
         for body in self._loaded.tables.body:
             if body.name in self.tables:

@@ -105,8 +105,8 @@ class Assembled:
         truth: Truth | None = None,
         state: Mapping[str, Any] | None = None,
     ) -> Assembled:
-        """Another emulator that goes on from where this one is, once it is opened, and shares nothing with it but what
-        never changes. Call between two turns, as :meth:`Emulator.snapshot`, or give the state.
+        """Return another emulator that goes on from where this one is, once it is opened, and shares nothing with it
+        but what never changes. Call between two turns, as :meth:`Emulator.snapshot`, or give the state.
 
         A source of the user's own is asked by the fork, too: one that is a function of time alone gives it the same.
 
@@ -220,7 +220,7 @@ def _recipe(loaded: LoadedScene, run_options: RunOptions) -> dict[str, Any]:
 
 
 def truth_of(loaded: LoadedScene, path: str | Path | None = None, keep: str | int | None = None) -> Truth:
-    """The truth of a run of this scene; ``keep`` goes before the scene's own.
+    """Return the truth of a run of this scene; ``keep`` goes before the scene's own.
 
     Raises:
         TactemuError: the file cannot be written, or is one that the scene reads.
@@ -250,7 +250,7 @@ def _check_faults(loaded: LoadedScene) -> None:
 
 
 def _driven(loaded: LoadedScene, devices: dict[str, Device], local_ns: Callable[[str, int], int]) -> LoadedScene:
-    """The scene with bodies that follow a device's joints bound to it.
+    """Return the scene with bodies that follow a device's joints bound to it.
 
     Raises:
         SceneError: no such skin, or no such joint of its device.
@@ -275,7 +275,7 @@ def _driven(loaded: LoadedScene, devices: dict[str, Device], local_ns: Callable[
 
 
 def _recordings(loaded: LoadedScene, devices: dict[str, Device]) -> dict[str, RecordedReadings]:
-    """The recordings that skins play in place of physics, by the skin's name."""
+    """Return the recordings that skins play in place of physics, by the skin's name."""
     return {
         skin.title: recorded(loaded.folder / skin.readings, skin.readings_of, skin.title, devices[skin.title])
         for skin in loaded.tables.skin
@@ -291,7 +291,7 @@ def _wires(
     seed: int,
     truth: Truth,
 ) -> dict[str, Wire]:
-    """One wire per port. Skins that share one add their faults up."""
+    """Return one wire per port. Skins that share one add their faults up."""
     wires: dict[str, Wire] = {}
     for address in dict.fromkeys(plug.address for plug in plugs):
         names = [plug.skin for plug in plugs if plug.address == address]
@@ -325,7 +325,7 @@ def _channel(
 
 
 def _periods(skin: Skin, device: Device, rate_hz: float | Mapping[str, float] | None) -> dict[str, int]:
-    """The sampling periods that the user wants, by stream [ns].
+    """Return the sampling periods that the user wants, by stream [ns].
 
     Raises:
         DeviceError: one rate for streams that convert different things.

@@ -162,12 +162,12 @@ class Channel:
         return self.sampling.local_ns(t_ns)
 
     def period_ns(self, stream: str) -> int:
-        """The sampling period in force [ns]; 0 when the firmware has the stream off."""
+        """Return the sampling period in force [ns]; 0 when the firmware has the stream off."""
         own = self.device.periods[stream]
         return self.wanted_periods.get(stream, own) if own else 0
 
     def rates_hz(self) -> dict[str, float]:
-        """The sampling rate in force, by stream."""
+        """Return the sampling rate in force, by stream."""
         return {name: 1e9 / period if (period := self.period_ns(name)) else 0.0 for name in self.ticks}
 
     def begin(self, now_ns: int) -> None:
@@ -256,7 +256,7 @@ class Channel:
         return self.held[stream][1]
 
     def whole(self, stream: str, last: Seen) -> Seen:
-        """A conversion that ends with the look ``last``: senses with a burst have a last axis of all looks."""
+        """Return a conversion that ends with the look ``last``: senses with a burst have a last axis of all looks."""
         ticks = self.ticks[stream]
         if ticks.burst == 1:
             return last
@@ -273,7 +273,7 @@ class Channel:
         return ideal, measured
 
     def measure(self, stream: str, measured: Mapping[str, np.ndarray], stamp_ns: int) -> Any:
-        """One conversion; returns the device's counts.
+        """Return one conversion; returns the device's counts.
 
         Raises:
             DeviceError: the device raised, or returned no array.

@@ -287,7 +287,7 @@ class Emulator:
     def _convert(
         self, channel: Channel, stream: str, t_ns: int, stamp_ns: int, looks: SampledReadings | None = None
     ) -> int:
-        """One conversion at ``t_ns``, logged; returns its number."""
+        """Return one conversion at ``t_ns``, logged; returns its number."""
         number, channel.samples = channel.samples, channel.samples + 1
         self._advance(channel, stream, t_ns)
         ideal, measured = channel.whole(stream, channel.read(stream, t_ns, looks))
@@ -481,8 +481,8 @@ class Emulator:
     # -- saving --------------------------------------------------------------------------------------------------------
 
     def snapshot(self) -> dict[str, Any]:
-        """The whole state as plain data, for :meth:`restore`. Call between two turns: from :meth:`call`, or while it
-        does not run.
+        """Return the whole state as plain data, for :meth:`restore`. Call between two turns: from :meth:`call`, or
+        while it does not run.
 
         Raises:
             StateError: some part of it cannot be saved.
@@ -567,7 +567,9 @@ def _takes(function: Callable[..., None], args: Sequence[Any]) -> bool:
 
 
 def _by_sense(counts: Counts, measured: Mapping[str, Any]) -> Sequence[tuple[str, np.ndarray, str]]:
-    """Counts with the key of their sense and its name in the log; an array stands for the stream's first sense."""
+    """Return counts with the key of their sense and its name in the log; an array stands for the stream's first
+    sense.
+    """
     if isinstance(counts, Mapping):
         return [(key, values, key) for key, values in counts.items() if key in measured]
     return [(next(iter(measured)), counts, "")]

@@ -65,7 +65,7 @@ class RecordedReadings:
 
 
 def recorded(path: Path, of: str | None, skin: str, device: Device) -> RecordedReadings:
-    """The samples of one device in a truth log, as a source for ``device``.
+    """Return the samples of one device in a truth log, as a source for ``device``.
 
     Raises:
         TactemuError: the file is no truth log, or its samples do not fit the device.

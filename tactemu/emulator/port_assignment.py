@@ -95,7 +95,7 @@ def _default_port(skin: str, device: Device, connector: Connector, fresh: tuple[
 
 
 def _fitting(device: Device, address: str) -> Connector:
-    """The connector that goes best with a port."""
+    """Return the connector that goes best with a port."""
     transports.create(address)  # an address that cannot be is named as that
     scheme = address.partition(":")[0]
     if scheme == "memory":

@@ -25,7 +25,7 @@ _UARTS = ("ttyS", "ttyUSB", "ttyAMA", "ttyTHS", "ttymxc", "ttyO", "COM", "cu.usb
 
 
 def replay_spec(recording: Recording, baud: int | None = None) -> Connector:
-    """The wire that a recording needs: CAN, a UART where its speed is known, else USB.
+    """Return the wire that a recording needs: CAN, a UART where its speed is known, else USB.
 
     The entries are as far apart as the line had them: make the wire that replays them with ``pacing=False``.
     """

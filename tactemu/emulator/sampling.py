@@ -102,7 +102,7 @@ class SampleClock:
         return round(counted * max(ppm, -1e5)) // 1_000_000 if ppm else 0
 
     def taken(self, k: int) -> int:
-        """The first sample from ``k`` on that is not missed."""
+        """Return the first sample from ``k`` on that is not missed."""
         while self.missed and _draw(self._missing, k) < self.missed * 2**64:
             k += 1
         return k
@@ -134,7 +134,7 @@ class SampleClock:
         return (_draw(self._key, k) * (self.jitter_ns + 1)) >> 64 if self.jitter_ns else 0
 
     def restarted(self, start_ns: int, period_ns: int) -> SampleClock:
-        """The same oscillator, as far as it has drifted, counting anew from ``start_ns`` with another period."""
+        """Return the same oscillator, as far as it has drifted, counting anew from ``start_ns`` with another period."""
         seconds = max(0, start_ns - self.start_ns) * 1e-9
         return replace(
             self,

@@ -29,7 +29,7 @@ def concerns(event: EventTable, skin: str) -> bool:
 
 
 def laws_needed(events: Iterable[EventTable], skin: str) -> tuple[str, ...]:
-    """The laws that a skin's sensor must be built with, so that these events can switch them on.
+    """Return the laws that a skin's sensor must be built with, so that these events can switch them on.
 
     Raises:
         SceneError: an option that cannot change while running.
@@ -51,7 +51,7 @@ def _changeable(event: EventTable, option: str) -> str:
 
 
 def faults_of(events: Iterable[EventTable], skins: Sequence[str]) -> list[Fault]:
-    """The faults that the events bring to a wire with these skins, each with its time.
+    """Return the faults that the events bring to a wire with these skins, each with its time.
 
     Raises:
         SceneError: a fault that cannot be parsed, or with a time of its own.
@@ -61,7 +61,7 @@ def faults_of(events: Iterable[EventTable], skins: Sequence[str]) -> list[Fault]
 
 
 def timed_fault(event: EventTable, now_s: float = 0.0) -> Fault:
-    """The fault of an event, at its time after ``now_s``.
+    """Return the fault of an event, at its time after ``now_s``.
 
     Raises:
         SceneError: it cannot be parsed, or says itself when it happens.
@@ -130,7 +130,7 @@ def _plan(emulator: Emulator, channel: Channel, event: EventTable, origin_ns: in
 
 
 def _built(channel: Channel, option: str, taxels: Sequence[int] | None) -> Any:
-    """The value that an option was built with; of some taxels, where it was one for each."""
+    """Return the value that an option was built with; of some taxels, where it was one for each."""
     value = getattr(channel.imperfections.options, option)
     each = taxels is not None and np.ndim(value) and len(value) == len(channel.device.layout)
     return np.asarray(value)[list(taxels or ())].tolist() if each else value

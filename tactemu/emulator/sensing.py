@@ -18,7 +18,9 @@ class Skin(Protocol):
     """What a placed sensor or a recording offers."""
 
     def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
-        """The latest reading of environment 0, shape ``(n_taxels,)`` or ``(n_taxels, 3)``, SI, device's frame."""
+        """Return the latest reading of environment 0, shape ``(n_taxels,)`` or ``(n_taxels, 3)``, SI, device's
+        frame.
+        """
         ...
 
     def around(self, name: str, t_ns: int, link: str = "") -> Any:
@@ -105,12 +107,14 @@ class NullSource:
         return np.zeros((0, 3) if name in VECTORS else 0)
 
     def around(self, name: str, t_ns: int, link: str = "") -> Any:
-        """A room, at rest."""
+        """Return a room, at rest."""
         return ROOM[name]
 
 
 def resultant(positions: np.ndarray, forces: np.ndarray, about: np.ndarray) -> np.ndarray:
-    """Force and torque [N, Nm], shape ``(n, 6)``, of forces ``(m, 3)`` at ``positions`` about each of n points."""
+    """Return force and torque [N, Nm], shape ``(n, 6)``, of forces ``(m, 3)`` at ``positions`` about each of n
+    points.
+    """
     arms = positions[None] - np.asarray(about)[:, None]
     torques = np.cross(arms, forces[None]).sum(axis=1)
     return np.concatenate([np.broadcast_to(forces.sum(axis=0), torques.shape), torques], axis=-1)

@@ -90,7 +90,7 @@ def given_by(
 
 
 def without(loaded: LoadedScene, given: Given) -> LoadedScene:
-    """The scene without what a source stands in for."""
+    """Return the scene without what a source stands in for."""
     motions = {name: motion for name, motion in loaded.motions.items() if name not in given.posed}
     skins = tuple(
         skin.model_copy(update={"link": None, "readings": None}) if skin.title in given.fed else skin
@@ -167,7 +167,7 @@ class OwnPoses:
 
 
 def _pose(name: str, given: Any, before: Pose | None, t_s: float, dt: float) -> Pose:
-    """A pose, and velocities where none are given: differences to the pose ``before``, ``dt`` [s] ago."""
+    """Return a pose, and velocities where none are given: differences to the pose ``before``, ``dt`` [s] ago."""
     try:
         position, wxyz, *velocities = (np.array(part, float) for part in given)
         shapes = [part.shape for part in (position, wxyz, *velocities)]
@@ -239,7 +239,7 @@ class OwnSkin:
         return array
 
     def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
-        """The latest reading, shape ``(n_taxels,)`` or ``(n_taxels, 3)``, SI, device's frame."""
+        """Return the latest reading, shape ``(n_taxels,)`` or ``(n_taxels, 3)``, SI, device's frame."""
         return self._values[name]
 
     def around(self, name: str, t_ns: int, link: str = "") -> Any:
@@ -282,7 +282,7 @@ class OwnReadings:
 
 
 def _felt_by(sensors: Sequence[Sensor], devices: Mapping[str, Device]) -> dict[str, PlacedSkin]:
-    """The sensors of the user's scene as skins of devices, by name.
+    """Return the sensors of the user's scene as skins of devices, by name.
 
     Raises:
         SceneError: a skin without a sensor, or with one that does not fit its device.

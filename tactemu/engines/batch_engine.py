@@ -75,11 +75,11 @@ class Source(Protocol):
         ...
 
     def body_of(self, name: str) -> Body:
-        """The body that carries a skin on a geom or body of this name."""
+        """Return the body that carries a skin on a geom or body of this name."""
         ...
 
     def unfelt(self, name: str) -> tuple[int, ...]:
-        """The places in the scene of what such a skin does not feel."""
+        """Return the places in the scene of what such a skin does not feel."""
         ...
 
     @property
@@ -92,7 +92,7 @@ class Source(Protocol):
         ...
 
     def root(self, name: str) -> str:
-        """The body of the model that carries a geom or body of this name, and is carried by none itself."""
+        """Return the body of the model that carries a geom or body of this name, and is carried by none itself."""
         ...
 
 
@@ -247,7 +247,7 @@ class BatchEngine(ABC):
         return self.source.bodies
 
     def body_of(self, name: str, _part: str) -> Body:
-        """The body that carries a skin on the geom or body of this name.
+        """Return the body that carries a skin on the geom or body of this name.
 
         Raises:
             SceneError: there is neither.
@@ -258,14 +258,14 @@ class BatchEngine(ABC):
         """A skin was put on a carrier."""
 
     def unfelt(self, name: str) -> tuple[int, ...]:
-        """The places in the scene of what the skin of a geom or body does not feel."""
+        """Return the places in the scene of what the skin of a geom or body does not feel."""
         return self.source.unfelt(name)
 
     # -- reading a model ---------------------------------------------------------------------------------------------
 
     @staticmethod
     def _module(name: str, extra: str) -> Any:
-        """An optional package.
+        """Return an optional package.
 
         Raises:
             SceneError: it is not installed.

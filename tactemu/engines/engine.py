@@ -144,8 +144,8 @@ class MujocoEngine:
     # -- skins -------------------------------------------------------------------------------------------------------
 
     def body_of(self, name: str, part: str) -> Body:
-        """The body that carries a skin on the geom or MuJoCo body of this name: where skins feel its force, a frame of
-        the part's own.
+        """Return the body that carries a skin on the geom or MuJoCo body of this name: where skins feel its force, a
+        frame of the part's own.
 
         Raises:
             SceneError: there is neither.
@@ -163,7 +163,7 @@ class MujocoEngine:
             self.pads[sensor.link].attach(sensor)
 
     def unfelt(self, name: str) -> tuple[int, ...]:
-        """The places in the scene of geoms that the skin of a geom or MuJoCo body does not feel."""
+        """Return the places in the scene of geoms that the skin of a geom or MuJoCo body does not feel."""
         return self.source.unfelt(name)
 
     # -- each step ---------------------------------------------------------------------------------------------------
@@ -294,7 +294,7 @@ def _warned(text: str) -> None:
 
 
 def _hardest(contacts: Contacts, geom: int) -> float:
-    """The force of the geom that presses another hardest [N]."""
+    """Return the force of the geom that presses another hardest [N]."""
     mine = contacts.geoms == geom
     touching = mine.any(axis=1)
     others = np.where(mine[touching, 0], contacts.geoms[touching, 1], contacts.geoms[touching, 0])

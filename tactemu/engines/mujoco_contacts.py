@@ -65,7 +65,7 @@ class Contacts:
 
 
 def contacts_of(model: Any, data: Any) -> Contacts:
-    """The contacts of MuJoCo's last step."""
+    """Return the contacts of MuJoCo's last step."""
     mujoco, wrench, contact = load_mujoco(), np.zeros(6), data.contact
     forces, drags = np.zeros(data.ncon), np.zeros((data.ncon, 3))
     for k in range(data.ncon):
@@ -192,7 +192,9 @@ class Pad:
             self._bounds = [*agree, (self.depth, felt, 0)]
 
     def _between(self, depth: float) -> float:
-        """A depth, or halfway between the nearest that were too small and too large, if it is not between them."""
+        """Return a depth, or halfway between the nearest that were too small and too large, if it is not between
+        them.
+        """
         low = max((tried for tried, felt, _ in self._bounds if felt < self.force), default=0.0)
         high = min((tried for tried, felt, _ in self._bounds if felt > self.force), default=np.inf)
         if depth == self.depth or low < depth < high or not low < high < np.inf:

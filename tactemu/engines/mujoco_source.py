@@ -84,7 +84,9 @@ def check_ranges(model: Any, file: Any) -> None:
 
 
 def shape_of(kind: str, size: list[float]) -> Shape | None:
-    """The shape of a geom that is no mesh, by MuJoCo's name of its kind and its half sizes [m]; ``None``: none here."""
+    """Return the shape of a geom that is no mesh, by MuJoCo's name of its kind and its half sizes [m]; ``None``:
+    none here.
+    """
     for shape in map(load_shape, SHAPES):
         if shape.mujoco_geom == kind:
             return shape.from_mujoco(size)
@@ -125,7 +127,7 @@ class MujocoSource:
     # -- naming -----------------------------------------------------------------------------------------------------
 
     def geom(self, which: str | int) -> Body:
-        """The body of a geom, to put a skin on or to track.
+        """Return the body of a geom, to put a skin on or to track.
 
         Raises:
             SceneError: there is none, or it was not added.
@@ -136,7 +138,7 @@ class MujocoSource:
         return self._geoms[found]
 
     def link(self, which: str | int) -> Body:
-        """A frame that follows a MuJoCo body, to put a skin on. Call it before the scene is built.
+        """Return a frame that follows a MuJoCo body, to put a skin on. Call it before the scene is built.
 
         Such a skin feels the geoms of its own body too, unless ``filter_link_idx`` names them: see :meth:`geoms_of`.
         """
@@ -146,7 +148,7 @@ class MujocoSource:
         return self._links[found]
 
     def pad(self, which: str, name: str) -> Body:
-        """A frame of its own that follows a geom or MuJoCo body, and can be displaced: see :attr:`shifts`."""
+        """Return a frame of its own that follows a geom or MuJoCo body, and can be displaced: see :attr:`shifts`."""
         kind = "GEOM" if self.has("geom", which) else "BODY"
         body = self._scene.add_body(name=f"{name} (pad)")
         self._pads[body] = kind, self._id(kind.lower(), which)
@@ -160,7 +162,7 @@ class MujocoSource:
         return data.xpos[index], data.xmat[index].reshape(3, 3)
 
     def body_of(self, name: str) -> Body:
-        """The body to put a skin on, of the geom or MuJoCo body of this name.
+        """Return the body to put a skin on, of the geom or MuJoCo body of this name.
 
         Raises:
             SceneError: there is neither.
@@ -192,7 +194,7 @@ class MujocoSource:
         return f"geoms: {self._listed(self._geoms)}; bodies: {self._names('body', range(self._model.nbody))}"
 
     def geoms_of(self, which: str | int) -> list[Body]:
-        """The bodies of all geoms that a MuJoCo body carries."""
+        """Return the bodies of all geoms that a MuJoCo body carries."""
         found = self._id("body", which)
         return [body for geom, body in self._geoms.items() if self._model.geom_bodyid[geom] == found]
 
@@ -217,7 +219,7 @@ class MujocoSource:
         raise SceneError(f"no joint or free body {name!r} in the MuJoCo model (joints: {joints}; free: {list(free)})")
 
     def root(self, name: str) -> str:
-        """The MuJoCo body that carries a geom or body of this name, and is carried by none itself.
+        """Return the MuJoCo body that carries a geom or body of this name, and is carried by none itself.
 
         Raises:
             SceneError: there is neither.
@@ -228,8 +230,8 @@ class MujocoSource:
         return self._name("body", int(model.body_rootid[body]))
 
     def unfelt(self, name: str) -> tuple[int, ...]:
-        """The places in the scene of geoms that the skin of a geom or MuJoCo body does not feel: those that move with
-        it, and those that MuJoCo lets none of them touch."""
+        """Return the places in the scene of geoms that the skin of a geom or MuJoCo body does not feel: those that
+        move with it, and those that MuJoCo lets none of them touch."""
         mine = self.moving_with(name)
         felt = {
             int(geom)
@@ -239,7 +241,7 @@ class MujocoSource:
         return tuple(body.index for geom, body in self._geoms.items() if geom not in felt)
 
     def moving_with(self, name: str) -> np.ndarray:
-        """The geoms that move with a geom or MuJoCo body, and take part in collisions."""
+        """Return the geoms that move with a geom or MuJoCo body, and take part in collisions."""
         model = self._model
         body = int(model.geom(name).bodyid[0]) if self.has("geom", name) else model.body(name).id
         together = model.body_weldid[model.geom_bodyid] == model.body_weldid[body]
@@ -297,7 +299,7 @@ class MujocoSource:
         )
 
     def _mesh(self, mesh: int) -> Mesh:
-        """A mesh as MuJoCo holds it: centred, in the geom's frame. MuJoCo itself collides its convex hull."""
+        """Return a mesh as MuJoCo holds it: centred, in the geom's frame. MuJoCo itself collides its convex hull."""
         if mesh not in self._meshes:
             m = self._model
             first, count = m.mesh_vertadr[mesh], m.mesh_vertnum[mesh]
@@ -369,7 +371,7 @@ class MujocoSource:
         )
 
     def _rows(self, data: Any, velocities: bool) -> np.ndarray:
-        """Position, quaternion, velocity and turning of all that was added, shape ``(n, 13)``."""
+        """Return position, quaternion, velocity and turning of all that was added, shape ``(n, 13)``."""
         places, bodies, turns = self._followed
         rows = np.zeros((len(bodies), 13))
         position = np.concatenate([data.xpos, data.geom_xpos])[places]

@@ -87,7 +87,7 @@ class NewtonSource:
     # -- naming ------------------------------------------------------------------------------------------------------
 
     def shape(self, which: str) -> Body:
-        """The body of a shape, to put a skin on or to track.
+        """Return the body of a shape, to put a skin on or to track.
 
         Raises:
             SceneError: there is none that collides.
@@ -98,7 +98,7 @@ class NewtonSource:
         return self._shapes[found]
 
     def link(self, which: str) -> Body:
-        """A frame that follows a Newton body, to put a skin on. Call it before the scene is built.
+        """Return a frame that follows a Newton body, to put a skin on. Call it before the scene is built.
 
         Raises:
             SceneError: there is none.
@@ -111,7 +111,7 @@ class NewtonSource:
         return self._links[found]
 
     def body_of(self, name: str) -> Body:
-        """The body to put a skin on, of the shape or Newton body of this name.
+        """Return the body to put a skin on, of the shape or Newton body of this name.
 
         Raises:
             SceneError: there is neither.
@@ -142,7 +142,8 @@ class NewtonSource:
         raise SceneError(f"no joint or free body {name!r} in the Newton model (joints: {joints}; free: {list(free)})")
 
     def root(self, name: str) -> str:
-        """The Newton body that carries a shape or body of this name, and is carried by none itself; empty: the world.
+        """Return the Newton body that carries a shape or body of this name, and is carried by none itself; empty:
+        the world.
 
         Raises:
             SceneError: there is neither.
@@ -155,7 +156,8 @@ class NewtonSource:
         return "" if top < 0 else self._short("body", top)
 
     def unfelt(self, name: str) -> tuple[int, ...]:
-        """The places in the scene of shapes that the skin of a shape or Newton body does not feel: those that move with
+        """Return the places in the scene of shapes that the skin of a shape or Newton body does not feel: those that
+        move with
         it, those that Newton lets none of them touch, and those on the other side of its joint or of a joint on it."""
         shape = self._find("shape", name)
         body = int(self._on[shape]) if shape is not None else self._find("body", name)
@@ -188,13 +190,15 @@ class NewtonSource:
         return short if self._find(kind, short) in (index, None) and not self._taken(short) else label
 
     def _short(self, kind: str, index: int) -> str:
-        """The last part of a label where it is one's own, else the whole."""
+        """Return the last part of a label where it is one's own, else the whole."""
         label = self._labels[kind][index]
         short = label.rpartition("/")[2]
         return short if self._find(kind, short) == index else label
 
     def _above(self, body: int, *, welded: bool = False) -> int:
-        """The body that carries this one, and is carried by none itself: by joints, or only by those that are fixed."""
+        """Return the body that carries this one, and is carried by none itself: by joints, or only by those that are
+        fixed.
+        """
         while (joint := self._held_by.get(body)) is not None and (joint[1] or not welded):
             body = joint[0]
         return body

@@ -28,7 +28,7 @@ class NoLibrary(Exception):
 
 
 def library() -> Path:
-    """The library, made if need be.
+    """Return the library, made if need be.
 
     Raises:
         NoLibrary: it is not there and cannot be made.
@@ -42,7 +42,7 @@ def library() -> Path:
 
 
 def compiler() -> list[str]:
-    """A C compiler: ``$CC``, one of the usual names, or the one of the package ``ziglang``.
+    """Return a C compiler: ``$CC``, one of the usual names, or the one of the package ``ziglang``.
 
     Raises:
         NoLibrary: there is none.

@@ -42,7 +42,7 @@ _BOARD = USB(0x1209, 0x0001, manufacturer="tactemu", node="ttyACM")
 def exec_environment(
     *devices: Served, nodes: str | Mapping[str, str] = "", way: str = "", expose: Sequence[str] = ()
 ) -> ExecEnvironment:
-    """A view of this machine in which the ports of ``devices`` are serial ports and CAN interfaces.
+    """Return a view of this machine in which the ports of ``devices`` are serial ports and CAN interfaces.
 
     Devices that are not running are started, and stopped at the end; those that are get their former ports back.
 
@@ -158,7 +158,8 @@ class ExecEnvironment:
         return self._keeper.pid
 
     def command(self, command: Sequence[str | os.PathLike[str]]) -> list[str]:
-        """A command line that runs ``command`` in the view, whoever starts it: ``subprocess``, a shell, a launcher.
+        """Return a command line that runs ``command`` in the view, whoever starts it: ``subprocess``, a shell, a
+        launcher.
 
         What it starts in turn is in the view too. Its exit status is that of ``command``; 125: the view has gone, 126:
         not executable, 127: not found.
@@ -218,7 +219,7 @@ class ExecEnvironment:
                     wire.transport = self._bus(title, wire)
 
     def _bus(self, title: str, wire: Wire) -> BusPort:
-        """The interface asked for, else of the name that the scene has for it, else the lowest that is free."""
+        """Return the interface asked for, else of the name that the scene has for it, else the lowest that is free."""
         assert self._keeper is not None
         taken = {port.channel for port in self._ports.values() if isinstance(port, BusPort)} | self._buses
         number = next(number for number in range(len(taken) + 1) if f"can{number}" not in taken)

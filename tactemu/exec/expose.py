@@ -21,7 +21,7 @@ _CHUNK = 65_536
 
 
 def parsed(text: str) -> int:
-    """The port of ``tcp:PORT``.
+    """Return the port of ``tcp:PORT``.
 
     Raises:
         TransportError: it is none.

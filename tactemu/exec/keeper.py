@@ -99,7 +99,7 @@ def _do(view: View, network: Network, do: str, **given: Any) -> tuple[dict[str, 
 
 
 def _next(wire: socket.socket, emulator_fd: int) -> dict[str, Any] | None:
-    """The next message; ``None``: the emulator has gone."""
+    """Return the next message; ``None``: the emulator has gone."""
     poll = select.poll()
     poll.register(wire, select.POLLIN)
     poll.register(emulator_fd, select.POLLIN)

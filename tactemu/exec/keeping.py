@@ -100,7 +100,7 @@ class Keeper:
         return json.loads(data), descriptors
 
     def enter(self, command: list[str]) -> list[str]:
-        """A command that is ``command`` in the view."""
+        """Return a command that is ``command`` in the view."""
         return [*_PYTHON, enter.__file__, str(self.pid), *command]
 
     def close(self) -> None:

@@ -74,11 +74,11 @@ class Network:
             os.rmdir(f"/sys/class/net/{name}")
 
     def socket(self) -> list[int]:
-        """The descriptor of a TCP socket of this network, to connect to somebody in the view."""
+        """Return the descriptor of a TCP socket of this network, to connect to somebody in the view."""
         return [socket.socket().detach()]
 
     def listen(self, port: int) -> list[int]:
-        """The descriptor of a TCP socket that listens on this network's loopback.
+        """Return the descriptor of a TCP socket that listens on this network's loopback.
 
         Raises:
             OSError: somebody does already.
@@ -131,7 +131,7 @@ def _of_kernel(name: str) -> list[socket.socket]:
 
 
 def _of_packets(name: str) -> list[socket.socket]:
-    """One that reads what leaves through the interface but for what the other sends; that one hears nothing."""
+    """Return one that reads what leaves through the interface but for what the other sends; that one hears nothing."""
     hear, say = (socket.socket(socket.AF_PACKET, socket.SOCK_RAW, 0) for _ in range(2))
     others = [
         (0x20, 0, 0, 0xFFFFF004),  # whether it leaves or comes in

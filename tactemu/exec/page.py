@@ -20,5 +20,5 @@ LOW_LATENCY = 0x2000
 
 
 def fresh(number: int) -> bytes:
-    """The page of a port that nobody has open: whoever opens it finds its lines raised."""
+    """Return the page of a port that nobody has open: whoever opens it finds its lines raised."""
     return PAGE.pack(DTR | RTS | AT_REST, 0, 0, 0, number, 50, 3000)

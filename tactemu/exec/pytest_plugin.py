@@ -26,7 +26,7 @@ class ExecEnvironments(Protocol):
     def __call__(
         self, *devices: Served | str | Path, nodes: str | Mapping[str, str] = "", **options: Any
     ) -> ExecEnvironment:
-        """A view in which the devices are plugged in; those that are names are started with ``options``."""
+        """Return a view in which the devices are plugged in; those that are names are started with ``options``."""
         ...
 
 

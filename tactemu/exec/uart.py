@@ -80,7 +80,7 @@ class Uart:
         return f"{self.device}/tty/{self.node}"
 
     def covers(self) -> list[str]:
-        """The folders of the machine that get something of it."""
+        """Return the folders of the machine that get something of it."""
         return [f"/sys/bus/{self.chip.bus}/{folder}" for folder in ("devices", "drivers")]
 
     def kernel_properties(self) -> dict[str, dict[str, str]]:
@@ -92,7 +92,7 @@ class Uart:
         }
 
     def files(self) -> dict[str, str]:
-        """Every file below the device's folder, with its text."""
+        """Return every file below the device's folder, with its text."""
         found = {f"{self.tty}/dev": f"{self.pty[0]}:{self.pty[1]}", f"{self.tty}/line": str(self.number)}
         for folder, properties in self.kernel_properties().items():
             found[f"{folder}/uevent"] = "\n".join(
@@ -103,7 +103,7 @@ class Uart:
         return {name: f"{text}\n" for name, text in found.items()}
 
     def links(self) -> dict[str, str]:
-        """Every link, in the folder and to it."""
+        """Return every link, in the folder and to it."""
         bus = f"/sys/bus/{self.chip.bus}"
         return {
             f"/sys/class/tty/{self.node}": self.tty,
@@ -124,6 +124,6 @@ class Uart:
         return {self.device: {}, self.tty: {"ID_PATH": f"{self.chip.bus}-{self.name}", "TAGS": ":systemd:"}}
 
     def udev_data(self) -> dict[str, str]:
-        """The files of ``/run/udev/data``."""
+        """Return the files of ``/run/udev/data``."""
         lines = ["I:1", *(f"E:{key}={value}" for key, value in self.udev_properties()[self.tty].items())]
         return {f"c{self.pty[0]}:{self.pty[1]}": "\n".join(lines) + "\n"}

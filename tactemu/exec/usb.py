@@ -94,7 +94,7 @@ class Plugged:
         return found
 
     def device_files(self) -> dict[str, str]:
-        """The attributes of the device."""
+        """Return the attributes of the device."""
         texts = {"manufacturer": self.manufacturer, "product": self.product, "serial": self.serial}
         return {
             "idVendor": f"{self.vid:04x}", "idProduct": f"{self.pid:04x}", "bcdDevice": "0100",
@@ -106,7 +106,7 @@ class Plugged:
         } | {name: text for name, text in texts.items() if text}  # fmt: skip
 
     def files(self) -> dict[str, str]:
-        """Every file below the device's folder, with its text."""
+        """Return every file below the device's folder, with its text."""
         found = {f"{self.device}/{name}": text for name, text in self.device_files().items()}
         for folder, properties in self.kernel_properties().items():
             lines = [f"{key}={value}" for key, value in properties.items() if key != "SUBSYSTEM"]
@@ -124,7 +124,7 @@ class Plugged:
         return {name: f"{text}\n" for name, text in found.items()}
 
     def links(self) -> dict[str, str]:
-        """Every link, in the folder and to it."""
+        """Return every link, in the folder and to it."""
         found = {
             f"/sys/class/tty/{self.node}": self.tty,
             f"/sys/dev/char/{self.pty[0]}:{self.pty[1]}": self.tty,
@@ -158,7 +158,7 @@ class Plugged:
         return f"tactemu-usb-{self.bus}:{self.plug}:1.{self.interface}" + ("" if self.is_acm else "-port0")
 
     def node_links(self) -> list[str]:
-        """The links that udev makes, below ``/dev``."""
+        """Return the links that udev makes, below ``/dev``."""
         return [f"serial/by-id/{self.by_id}", f"serial/by-path/{self.by_path}"]
 
     def _names(self) -> tuple[str, str]:
@@ -181,7 +181,7 @@ class Plugged:
         return added | {self.device: device, self.function: {"ID_BUS": "usb"}, self.tty: port}
 
     def udev_data(self) -> dict[str, str]:
-        """The files of ``/run/udev/data``."""
+        """Return the files of ``/run/udev/data``."""
         added = self.udev_properties()
         names = {
             f"c{self.pty[0]}:{self.pty[1]}": self.tty,

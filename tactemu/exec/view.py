@@ -111,7 +111,7 @@ class View:
         return node, shared
 
     def replace(self, node: str, pty: str) -> list[int]:
-        """Another pseudo terminal behind a node, which its driver does not notice."""
+        """Return another pseudo terminal behind a node, which its driver does not notice."""
         before = self._plugged.pop(node)
         others = self._others()
         self._erase(before, keep=others)
@@ -150,7 +150,7 @@ class View:
         return {path for each in self._plugged.values() for path in (*each.kernel_properties(), *each.links())}
 
     def _free(self, kind: str) -> int:
-        """The lowest number that no port has, and no port that was unplugged and is still open."""
+        """Return the lowest number that no port has, and no port that was unplugged and is still open."""
         held = None
         number = 0
         while True:
@@ -164,7 +164,7 @@ class View:
             number += 1
 
     def _open_room(self, pty: tuple[int, int], number: int) -> list[int]:
-        """The page and the pipe of a port, as descriptors."""
+        """Return the page and the pipe of a port, as descriptors."""
         name = ROOM / "ports" / f"{pty[0]}:{pty[1]}"
         shared, pipe = name.with_suffix(".page"), name.with_suffix(".told")
         shared.write_bytes(page.fresh(number))
@@ -265,7 +265,7 @@ def _remove_tree(folder: str) -> None:
 
 
 def _held() -> set[tuple[int, int]]:
-    """Every device that a process of the view has open, by file system and number."""
+    """Return every device that a process of the view has open, by file system and number."""
     ours = os.stat("/proc/self/ns/mnt").st_ino
     found = set()
     for pid in filter(str.isdigit, os.listdir("/proc")):

@@ -57,7 +57,7 @@ class Findings:
             self.unknown.append(f"{name}: the recording does not determine it")
 
     def value(self, name: str, otherwise: float = 0.0) -> float:
-        """A parameter's value."""
+        """Return a parameter's value."""
         return self.estimates[name].value if name in self.estimates else otherwise
 
     def told(self, name: str) -> bool:
@@ -109,7 +109,7 @@ def nonlinear(
     begin: Sequence[float] | np.ndarray,
     bounds: tuple[Sequence, Sequence],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Parameters that make residuals small, and their standard errors."""
+    """Return parameters that make residuals small, and their standard errors."""
     found = least_squares(residuals, begin, bounds=bounds, x_scale="jac")
     apart = found.fun
     variance = apart @ apart / max(1, len(apart) - len(found.x)) * inflation(apart) ** 2

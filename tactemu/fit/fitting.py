@@ -20,7 +20,7 @@ from tactemu.fit.rest import find_rest, resting
 
 
 def find(recorded: Recorded, device: Device | None = None) -> Findings:
-    """All that one recording tells; of the places of taxels and magnets, if it is known which device it is of.
+    """Return all that one recording tells; of the places of taxels and magnets, if it is known which device it is of.
 
     Raises:
         TactemuError: nothing can be told of it.
@@ -101,7 +101,7 @@ def combined(each: Sequence[Findings]) -> Findings:
 
 
 def scores(recordings: Sequence[Recorded]) -> list[Score]:
-    """Each recording of presses predicted by another; of one alone its last third by the rest."""
+    """Return each recording of presses predicted by another; of one alone its last third by the rest."""
     timed = [one for one in recordings if one.load is not None and one.t is not None]
     if len(timed) > 1:
         return [score for k, one in enumerate(timed) if (score := _score(timed[k - 1], one, one.path.name))]

@@ -81,7 +81,7 @@ class _Search:
         self.scale = float(np.median(np.abs(self.away))) or 1e-9
 
     def shape(self, p: np.ndarray) -> np.ndarray:
-        """Field of unit moments at each channel in its own axes, ``(3 n, rows, 3 n)``."""
+        """Return field of unit moments at each channel in its own axes, ``(3 n, rows, 3 n)``."""
         height = np.exp(p[0])
         share = np.exp(-0.5 * self.apart2 / np.exp(2 * p[1])) if self.placed else np.ones((len(self.depth), self.n))
         up = height - self.depth[:, None] * share

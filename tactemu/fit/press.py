@@ -120,7 +120,7 @@ def bases_of(presses: Presses, degree: int) -> np.ndarray:
 
 
 def find_gains(recorded: Recorded, presses: Presses, found: Findings) -> np.ndarray:
-    """Gain of each channel per newton; those that do not follow the load as most do are not the sensor's."""
+    """Return gain of each channel per newton; those that do not follow the load as most do are not the sensor's."""
     load = presses.load
     bases = np.column_stack([np.ones(len(load)), load])
     x = recorded.readings

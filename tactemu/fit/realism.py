@@ -47,7 +47,7 @@ class Line:
 
 
 def left_out(name: str, folder: Path) -> tuple[list[Line], dict[str, Any]]:
-    """Lines of a set, every prediction of something left out, and parameters fitted on all of it."""
+    """Return lines of a set, every prediction of something left out, and parameters fitted on all of it."""
     module = sets.load(name)
     recordings = module.read(folder)
     if not recordings:
@@ -61,7 +61,7 @@ def left_out(name: str, folder: Path) -> tuple[list[Line], dict[str, Any]]:
 
 
 def predicted(name: str, folder: Path, parameters: dict[str, Any]) -> list[Line]:
-    """Lines of other recordings of a set's sensor, none of which was fitted."""
+    """Return lines of other recordings of a set's sensor, none of which was fitted."""
     module = sets.load(name)
     recordings: Recordings = module.read(folder)
     found: dict[str, list[np.ndarray]] = {}
@@ -127,7 +127,7 @@ def run(
 
 
 def _sets_in(folder: Path | None) -> list[tuple[str, Path]]:
-    """Names and folders of the sets that are there."""
+    """Return names and folders of the sets that are there."""
     if folder is None:
         return []
     found = [(name, folder / name) for name in sets.SETS if (folder / name).is_dir()]

@@ -72,7 +72,7 @@ def read(
     units: Mapping[str, str] | None = None,
     rate_hz: float | None = None,
 ) -> Recorded:
-    """A recording with its columns in their roles.
+    """Return a recording with its columns in their roles.
 
     Raises:
         TactemuError: it cannot be read, or a role, column or unit is wrong; the message says which there are.

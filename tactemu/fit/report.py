@@ -34,7 +34,7 @@ class Score:
 
 
 def page(device: str, recorded: Sequence[Recorded], found: Findings, scores: Sequence[Score]) -> str:
-    """The whole page."""
+    """Return the whole page."""
     rows = "".join(
         f"<tr><td>{escape(e.name)}</td><td>{e.value:.5g} {escape(e.unit)}</td>"
         f"<td>{'exact' if not e.error else f'{e.interval[0]:.4g} … {e.interval[1]:.4g}'}</td>"

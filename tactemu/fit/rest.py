@@ -14,7 +14,9 @@ LEAST_TOGETHER = 4
 
 
 def resting(recorded: Recorded) -> np.ndarray:
-    """Rows at which nothing touches it: those said to be so, else those without load, else all; bool, ``(n,)``."""
+    """Return rows at which nothing touches it: those said to be so, else those without load, else all; bool,
+    ``(n,)``.
+    """
     if "untouched" in recorded.truth:
         return recorded.truth["untouched"] != 0
     load = recorded.load

@@ -15,7 +15,7 @@ from tactemu.scene.default import tables_for
 
 
 def scene_text(name: str, device: type[Device], recorded: Sequence[Recorded], found: Findings) -> str:
-    """A scene file of a device with what was found of recordings of one."""
+    """Return a scene file of a device with what was found of recordings of one."""
     tables = tables_for(name, device)
     skin = tables["skin"][0]
     transducers = transducers_of(device, recorded[0], found)
@@ -62,7 +62,7 @@ def clock_of(found: Findings) -> dict[str, Any]:
 
 
 def transducers_of(device: type[Device], recorded: Recorded, found: Findings) -> list[dict[str, Any]]:
-    """Tables of the transducers that were found, in their order."""
+    """Return tables of the transducers that were found, in their order."""
     made = device()
     area = float(np.mean(made.layout.areas)) if len(made.layout) else 1e-4
     tables: list[dict[str, Any]] = []
@@ -91,14 +91,14 @@ def transducers_of(device: type[Device], recorded: Recorded, found: Findings) ->
 
 
 def seeing(device: type[Device], recorded: Recorded) -> Device:
-    """One that sees what was recorded, where it can."""
+    """Return one that sees what was recorded, where it can."""
     seen = sees(device, recorded)
     options: dict[str, Any] = {} if seen is None else {"sees": seen}
     return device(**options)
 
 
 def magnets_of(device: Device, found: Findings) -> dict[str, Any]:
-    """A magnet over each chip, on the skin, which moves with the taxel there; nothing where none was found."""
+    """Return a magnet over each chip, on the skin, which moves with the taxel there; nothing where none was found."""
     if "magnet height" not in found.estimates:
         return {}
     n = len(device.layout)

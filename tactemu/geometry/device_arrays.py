@@ -14,7 +14,7 @@ BOOLEAN = (wp.bool, wp.uint8, wp.int8)
 
 
 def taken(value: Any, what: str) -> wp.array:
-    """A Warp array over the memory of ``value``: a Warp or NumPy array, or anything with ``__dlpack__``.
+    """Return a Warp array over the memory of ``value``: a Warp or NumPy array, or anything with ``__dlpack__``.
 
     Raises:
         SceneError: it is none of them, or has no memory (any more).
@@ -46,7 +46,9 @@ def _over_numpy(value: np.ndarray, what: str) -> wp.array:
 
 
 def numbers_of(array: wp.array) -> wp.array:
-    """An array of vectors, quaternions or transforms as one of numbers, with an axis more; over the same memory."""
+    """Return an array of vectors, quaternions or transforms as one of numbers, with an axis more; over the same
+    memory.
+    """
     dtype = array.dtype
     if not hasattr(dtype, "_wp_scalar_type_"):
         return array
@@ -60,7 +62,7 @@ def numbers_of(array: wp.array) -> wp.array:
 
 
 def view(array: wp.array, shape, strides, dtype, offset: int = 0) -> wp.array:
-    """Another look at the memory of an array, from ``offset`` bytes on."""
+    """Return another look at the memory of an array, from ``offset`` bytes on."""
     ptr = array.ptr + offset if array.ptr else array.ptr
     seen = wp.array(ptr=ptr, shape=tuple(shape), strides=tuple(strides), dtype=dtype, device=array.device)
     seen._ref = array  # keeps the memory
@@ -74,7 +76,7 @@ def on_device(array: wp.array, device: wp.Device, what: str) -> None:
 
 
 def mask_of(value: Any, n_envs: int, device: wp.Device) -> wp.array:
-    """A mask of environments on the device, as ``wp.bool``.
+    """Return a mask of environments on the device, as ``wp.bool``.
 
     Raises:
         SceneError: wrong type, length or device.

@@ -11,7 +11,7 @@ _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 
 
 def normalised(quaternion) -> np.ndarray:
-    """The unit quaternion along ``quaternion``.
+    """Return the unit quaternion along ``quaternion``.
 
     Raises:
         ValueError: not four finite numbers, or of length zero.
@@ -26,7 +26,7 @@ def normalised(quaternion) -> np.ndarray:
 
 
 def multiply(a, b) -> np.ndarray:
-    """The rotation ``b`` followed by ``a``, both in the same fixed axes."""
+    """Return the rotation ``b`` followed by ``a``, both in the same fixed axes."""
     aw, ax, ay, az = map(float, a)
     bw, bx, by, bz = map(float, b)
     return np.array(
@@ -40,7 +40,7 @@ def multiply(a, b) -> np.ndarray:
 
 
 def products(a, b) -> np.ndarray:
-    """The same for many, ``(n, 4)``, or one and many."""
+    """Return the same for many, ``(n, 4)``, or one and many."""
     a, b = np.broadcast_arrays(np.atleast_2d(a), np.atleast_2d(b))
     real = a[:, 0] * b[:, 0] - np.einsum("ij,ij->i", a[:, 1:], b[:, 1:])
     rest = a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + crosses(a[:, 1:], b[:, 1:])
@@ -48,17 +48,19 @@ def products(a, b) -> np.ndarray:
 
 
 def crosses(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The cross products of many vectors, ``(n, 3)``; of few, NumPy's own takes most of its time to look at axes."""
+    """Return the cross products of many vectors, ``(n, 3)``; of few, NumPy's own takes most of its time to look at
+    axes.
+    """
     return a[:, _NEXT] * b[:, _LAST] - a[:, _LAST] * b[:, _NEXT]
 
 
 def conjugate(q) -> np.ndarray:
-    """The inverse of a unit quaternion."""
+    """Return the inverse of a unit quaternion."""
     return np.array((q[0], -q[1], -q[2], -q[3]))
 
 
 def matrix(q) -> np.ndarray:
-    """The rotation matrix of a unit quaternion, shape ``(3, 3)``."""
+    """Return the rotation matrix of a unit quaternion, shape ``(3, 3)``."""
     w, x, y, z = map(float, q)
     return np.array(
         (
@@ -70,12 +72,12 @@ def matrix(q) -> np.ndarray:
 
 
 def rotate(q, v) -> np.ndarray:
-    """Vectors ``v``, shape ``(..., 3)``, turned by the unit quaternion ``q``."""
+    """Return vectors ``v``, shape ``(..., 3)``, turned by the unit quaternion ``q``."""
     return np.asarray(v, np.float64) @ matrix(q).T
 
 
 def from_rotation_vector(vector) -> np.ndarray:
-    """The rotation by ``|vector|`` [rad] about ``vector``."""
+    """Return the rotation by ``|vector|`` [rad] about ``vector``."""
     vector = np.asarray(vector, np.float64)
     angle = math.sqrt(float(vector @ vector))
     scale = 0.5 if angle < 1e-12 else math.sin(angle / 2) / angle

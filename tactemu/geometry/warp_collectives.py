@@ -47,5 +47,5 @@ def tally(wanted: bool) -> int:
     return value;
 """)
 def most(value: int) -> int:
-    """The largest of all lanes. All lanes call it together."""
+    """Return the largest of all lanes. All lanes call it together."""
     ...

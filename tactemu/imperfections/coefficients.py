@@ -81,7 +81,7 @@ def _kernel(material: bool, walk: bool, noise: bool, temperature: bool):
 def compile_coefficients(
     options: ImperfectionOptions, laws: frozenset[str], name: str, context: Context
 ) -> tuple[wp.array | None, list[Stage]]:
-    """The array of coefficients and the stage that fills it; neither where no law depends on time."""
+    """Return the array of coefficients and the stage that fills it; neither where no law depends on time."""
     material = bool(laws & {"hysteresis", "creep"})
     walk, noise, temperature = "random_walk" in laws, "noise_density" in laws, "temperature" in laws
     if not (material or walk or noise or temperature):

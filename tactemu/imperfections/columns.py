@@ -99,7 +99,9 @@ class Table:
         self.array.assign(now)
 
     def _whole(self, value, envs: np.ndarray, taxels: np.ndarray) -> np.ndarray:
-        """The values of all columns, shape ``(n_envs named, n_taxels, n_channels)``, with new ones for some taxels."""
+        """Return the values of all columns, shape ``(n_envs named, n_taxels, n_channels)``, with new ones for some
+        taxels.
+        """
         info = self._info
         given = numbers(f"sensor {info.name!r}", self.option, value)
         if given.shape not in ((), (1,), taxels.shape):

@@ -114,7 +114,7 @@ class Imperfections(Adjustments):
     # -- for the sensor's kernel
 
     def compile_resets(self) -> list[Stage]:
-        """The stage that numbers the resets of each environment, for the draws of all others; it comes first."""
+        """Return the stage that numbers the resets of each environment, for the draws of all others; it comes first."""
         if not draws(self.options):
             return []
 
@@ -281,7 +281,7 @@ class Imperfections(Adjustments):
         return array, stages + more
 
     def compile_history(self, reading: wp.array) -> tuple[wp.array, list[Stage]]:
-        """The last ``history_length`` arrays, newest first: for the ground truth, which is not delayed."""
+        """Return the last ``history_length`` arrays, newest first: for the ground truth, which is not delayed."""
         return compile_history(self.options.history_length, reading, self.info, self.context)
 
     def check_step(self, dt: float) -> None:

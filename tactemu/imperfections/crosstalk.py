@@ -187,7 +187,7 @@ def gaussian_plane(strength: float, sigma: float, spacing: tuple[float, float], 
 
 
 def planes(options: ImperfectionOptions, info: ReadingInfo) -> np.ndarray | None:
-    """The kernel's planes, float64, shape ``(1, 2 or 3, kh, kw)``; ``None`` without crosstalk.
+    """Return the kernel's planes, float64, shape ``(1, 2 or 3, kh, kw)``; ``None`` without crosstalk.
 
     Raises:
         SceneError: a layout that is no grid, an even-sized kernel, a Gaussian without sigma or pitch.
@@ -245,7 +245,7 @@ def _groups(channels: tuple[str, ...], n_planes: int) -> dict[int, np.ndarray]:
 def compile_crosstalk(
     options: ImperfectionOptions, x: wp.array, info: ReadingInfo, context: Context
 ) -> tuple[wp.array, list[Stage]]:
-    """Readings ``(n_envs, n_taxels, n_channels)`` with crosstalk, and the stage; ``x`` itself without."""
+    """Return readings ``(n_envs, n_taxels, n_channels)`` with crosstalk, and the stage; ``x`` itself without."""
     kernel = planes(options, info)
     if kernel is None:
         return x, []

@@ -34,7 +34,7 @@ class Delay:
         self._lags = context.array(np.tile(lags, (context.n_envs, 1)), wp.int64)
 
     def compile(self, measured: wp.array) -> tuple[wp.array, list[Stage]]:
-        """The delivered readings, in the shape and type of ``measured``, and the stages that fill them."""
+        """Return the delivered readings, in the shape and type of ``measured``, and the stages that fill them."""
         options, info, context = self._options, self._info, self._context
         flat = (context.n_envs, info.n_columns)
         ring = Ring(self._depth, info.n_columns, measured.dtype, context)
@@ -98,7 +98,9 @@ class Delay:
 def compile_history(
     length: int, reading: wp.array, info: ReadingInfo, context: Context
 ) -> tuple[wp.array, list[Stage]]:
-    """The last ``length`` readings, newest first: ``(n_envs, length, n_taxels, n_channels)``; 0 leaves them alone."""
+    """Return the last ``length`` readings, newest first: ``(n_envs, length, n_taxels, n_channels)``; 0 leaves them
+    alone.
+    """
     if length <= 0:
         return reading, []
     columns = info.n_columns

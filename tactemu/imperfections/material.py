@@ -45,7 +45,7 @@ def ramp_share(h: wp.float64) -> wp.float64:
 
 @wp.func
 def rise(new: wp.float64, old: wp.float64) -> wp.float64:
-    """The part of ``new - old`` that leads away from zero; the rest, ``new - old - rise``, leads towards it."""
+    """Return the part of ``new - old`` that leads away from zero; the rest, ``new - old - rise``, leads towards it."""
     if new * old < _ZERO:
         return new
     if wp.abs(new) >= wp.abs(old):
@@ -55,5 +55,5 @@ def rise(new: wp.float64, old: wp.float64) -> wp.float64:
 
 @wp.func
 def play(x: wp.float64, last: wp.float64, half_width: wp.float64) -> wp.float64:
-    """The play operator: follows ``x`` at a distance of ``half_width``, and stays where it is in between."""
+    """Return the play operator: follows ``x`` at a distance of ``half_width``, and stays where it is in between."""
     return wp.max(x - half_width, wp.min(x + half_width, last))

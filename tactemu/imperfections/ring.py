@@ -30,7 +30,7 @@ def slot(step: wp.int64, age: int, depth: int) -> int:
 
 @wp.func
 def entry_time(times: wp.array(dtype=wp.int64), now: wp.int64, step: wp.int64, age: int) -> wp.int64:
-    """Time of the entry ``age`` steps ago [ns]."""
+    """Return time of the entry ``age`` steps ago [ns]."""
     if age == 0:
         return now
     return times[slot(step, age, times.shape[0])]
@@ -69,7 +69,7 @@ def mark_fresh(mask: wp.array(dtype=wp.bool), birth: wp.array(dtype=wp.int64)):
 
 
 def ring_depth(longest_s: float, context: Context, what: str) -> int:
-    """Readings to keep so that one ``longest_s`` old can be interpolated, at the step length of the scene.
+    """Return readings to keep so that one ``longest_s`` old can be interpolated, at the step length of the scene.
 
     Raises:
         SceneError: if that is more than :data:`LARGEST`.

@@ -99,7 +99,7 @@ def slots(options: ImperfectionOptions, info: ReadingInfo) -> np.ndarray:
 def compile_scan(
     options: ImperfectionOptions, x: wp.array, info: ReadingInfo, context: Context
 ) -> tuple[wp.array, Stage]:
-    """Readings ``(n_envs, n_columns)`` of which each taxel's was taken in its slot of the scan that ends now."""
+    """Return readings ``(n_envs, n_columns)`` of which each taxel's was taken in its slot of the scan that ends now."""
     order = slots(options, info)
     n_slots = int(order.max(initial=0)) + 1
     ages = np.rint(options.scan_time * 1e9 * (1.0 - (order + 1.0) / n_slots)).astype(np.int64)

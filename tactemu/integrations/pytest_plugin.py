@@ -41,7 +41,7 @@ class TactileDevice(Protocol):
     """The type of the fixture, to annotate a test with: ``tactile_device: TactileDevice``."""
 
     def __call__(self, target: str | Path, port: str | None = None, **options: Any) -> Served:
-        """A device that runs already. Arguments are those of :func:`tactemu.serve`."""
+        """Return a device that runs already. Arguments are those of :func:`tactemu.serve`."""
         ...
 
 
@@ -169,7 +169,9 @@ def _seed(config: pytest.Config) -> int | None:
 
 
 def _log(folder: Path, nodeid: str, number: int) -> Path:
-    """A file for the ``number``-th device of a test, in a folder that is there; without a picture of an earlier run."""
+    """Return a file for the ``number``-th device of a test, in a folder that is there; without a picture of an
+    earlier run.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     name = re.sub(r"[^A-Za-z0-9.]+", "-", nodeid)[-150:].strip("-")
     if "[" in nodeid:  # parameters may differ in what a file's name cannot have

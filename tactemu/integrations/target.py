@@ -22,7 +22,8 @@ _OPTIONS: dict[str, Callable[[str], Any]] = {
 
 
 def served(target: str, port: str | None = None) -> Served:
-    """The device that a door leads to, not yet started: ``anyskin``, ``hand.toml?rate_hz=200&seed=7&fault=drop 1%``.
+    """Return the device that a door leads to, not yet started: ``anyskin``,
+    ``hand.toml?rate_hz=200&seed=7&fault=drop 1%``.
 
     A percent sign that is meant as such is written ``%25`` before two hexadecimal digits, as in any URL.
 

@@ -172,7 +172,7 @@ class Columns:
         return np.stack([column.slack(counts) for column in self.values], axis=1)
 
     def row(self, row: Mapping[str, float]) -> np.ndarray | None:
-        """The values of a row; ``None`` where it lacks some."""
+        """Return the values of a row; ``None`` where it lacks some."""
         try:
             return np.array([row[name] for name in self.names])
         except KeyError:
@@ -278,7 +278,7 @@ class Columns:
 
     @classmethod
     def load(cls, path: Path, channels: Sequence[Channel]) -> Columns:
-        """The columns in a file.
+        """Return the columns in a file.
 
         Raises:
             TactemuError: it cannot be read, or says what is not so.
@@ -310,7 +310,7 @@ def _toml(value: Any) -> str:
 
 
 def _runs(values: Sequence[Column]) -> list[list[Column]]:
-    """Columns that follow one another and hold channels that do."""
+    """Return columns that follow one another and hold channels that do."""
     runs: list[list[Column]] = []
     for column in values:
         last = runs[-1][-1] if runs else None
@@ -324,7 +324,7 @@ def _runs(values: Sequence[Column]) -> list[list[Column]]:
 
 
 def channels_of(devices: Mapping[str, Device], shapes: Sequence[tuple[str, str, tuple[int, ...]]]) -> list[Channel]:
-    """Names of the channels of a sample.
+    """Return names of the channels of a sample.
 
     Args:
         devices: by skin.

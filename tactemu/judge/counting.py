@@ -33,7 +33,7 @@ MIXING = ("stray", "reorder")
 
 
 def template(text: str) -> str:
-    """A text without what differs each time."""
+    """Return a text without what differs each time."""
     return re.sub(r"0x[0-9a-fA-F]+|\d+(\.\d+)?(e-?\d+)?", "#", text)[:120]
 
 
@@ -199,7 +199,7 @@ def _grown(tape: TrialRecord) -> int:
 
 
 def _growth(tape: TrialRecord) -> float:
-    """Bytes for each reading, by the median of all slopes after the first third of the time."""
+    """Return bytes for each reading, by the median of all slopes after the first third of the time."""
     weights = [weight for weight in tape.weights if tape.on <= weight.t <= tape.off]
     if len(weights) < 15:
         return 0.0

@@ -56,7 +56,7 @@ def command_of(command: Sequence[str], ports: Mapping[str, str]) -> list[str]:
 
 
 def reading_command(callable_name: str) -> list[str]:
-    """The command that calls ``package.module:function`` in a loop."""
+    """Return the command that calls ``package.module:function`` in a loop."""
     return [sys.executable, "-u", "-m", "tactemu.judge.reading", callable_name, "{port}"]
 
 

@@ -145,7 +145,7 @@ class Span:
 
 
 def flattened(counts: Any) -> list[np.ndarray]:
-    """The counts of a conversion, an array for each sense."""
+    """Return the counts of a conversion, an array for each sense."""
     return [np.asarray(each) for each in counts.values()] if isinstance(counts, Mapping) else [np.asarray(counts)]
 
 
@@ -156,7 +156,7 @@ def senses_of(device: Device, stream: str) -> list[str]:
 
 
 def columns_of(device: Device, sense: str, shape: tuple[int, ...]) -> list[Any]:
-    """The declared columns of a sense's counts, one for each number of a point; ``None`` where there is none."""
+    """Return the declared columns of a sense's counts, one for each number of a point; ``None`` where there is none."""
     width = int(np.prod(shape[1:]))
     own = [column for column in device.columns if not column.shared]
     named, unnamed = ([column for column in own if column.sense == each] for each in (sense, ""))

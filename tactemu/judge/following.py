@@ -53,7 +53,9 @@ def left_times(tape: TrialRecord) -> np.ndarray:
 def recovered(
     tape: TrialRecord, matches: Sequence[Match], known: Known, after: int, left: np.ndarray | None = None
 ) -> float | None:
-    """Seconds from ``after`` to the first of ten right rows in a row, all of samples since then and in their order."""
+    """Return seconds from ``after`` to the first of ten right rows in a row, all of samples since then and in their
+    order.
+    """
     left = left_times(tape) if left is None else left
     limit_ns = 1e6 * max(GRACE_MS, 2 * known.p99_ms + 2 * known.row_ms)
     questions = Questions(tape, known.ask_ms)

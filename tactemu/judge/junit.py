@@ -9,7 +9,7 @@ from tactemu.judge.report import Report
 
 
 def junit(report: Report) -> str:
-    """The report."""
+    """Return the report."""
     skipped = sum(bool(outcome.skipped) for outcome in report.outcomes)
     suite = ElementTree.Element(
         "testsuite", name=f"tactemu judge {report.device}", tests=str(len(report.outcomes)),

@@ -54,7 +54,7 @@ def learn(
     seed: int = 0,
     steps: bool = False,
 ) -> Columns:
-    """The columns.
+    """Return the columns.
 
     Args:
         rows: what the driver handed out.
@@ -199,7 +199,7 @@ class _Fitting:
         return None
 
     def _followed(self, k: int, c: int, gain: float, offset: float, tolerance: float) -> np.ndarray:
-        """The sample of each row by one column: of those that fit, the nearest to the one after the last."""
+        """Return the sample of each row by one column: of those that fit, the nearest to the one after the last."""
         index, last = np.full(len(self.y), -1), None
         for i, newest in enumerate(self.newest):
             low = max(0, newest - 2000)
@@ -210,7 +210,7 @@ class _Fitting:
         return index
 
     def _matched(self, columns: Columns, index: np.ndarray) -> np.ndarray:
-        """Each row at the sample that most of its columns name, among the last of what had left by then."""
+        """Return each row at the sample that most of its columns name, among the last of what had left by then."""
         expected, slack = columns.expected(self.x), columns.slack(self.x)
         names = {name: k for k, name in enumerate(self.names)}
         y = self.y[:, [names[name] for name in columns.names]]
@@ -319,7 +319,7 @@ class _Fitting:
         return None
 
     def _curve(self, k: int, x: np.ndarray, y: np.ndarray, c: int) -> Column | None:
-        """A table of the channel, if the column rises or falls with it."""
+        """Return a table of the channel, if the column rises or falls with it."""
         counts, values = x[:, c], y
         order = np.argsort(counts, kind="stable")
         steps = np.diff(values[order])

@@ -15,7 +15,7 @@ _SMOOTH, _FALLS_BACK = 5, 0.05
 def line(
     x: np.ndarray, y: np.ndarray, random: np.random.Generator, tries: int = 60, steps: bool = False
 ) -> tuple[float, float, float, float]:
-    """Gain, offset, tolerance and share of the rows for the line that most rows are on.
+    """Return gain, offset, tolerance and share of the rows for the line that most rows are on.
 
     Counts that are whole numbers are told apart: the tolerance is less than half a count, unless the driver prints
     fewer digits than that, or filters (``steps``): then it is what is left of the filter's way.
@@ -69,7 +69,7 @@ def is_monotone(values: np.ndarray) -> bool:
 
 
 def _resolution(y: np.ndarray) -> float:
-    """The step to which a column is rounded; 0 where it is not."""
+    """Return the step to which a column is rounded; 0 where it is not."""
     values = np.unique(y)
     if len(values) < _LEVELS:
         return 0.0

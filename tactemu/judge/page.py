@@ -28,7 +28,7 @@ _BINS = 48
 
 
 def page(report: Report) -> str:
-    """The page."""
+    """Return the page."""
     failed = report.failed
     verdict = (
         f'<span class="bad">{len(failed)} trials fail</span>' if failed else '<span class="good">nothing fails</span>'
@@ -116,7 +116,7 @@ def _case(outcome: Outcome) -> str:
 
 
 def _marked(before: str, after: str) -> tuple[str, str]:
-    """Both frames, byte by byte where they are bytes, with what differs marked."""
+    """Return both frames, byte by byte where they are bytes, with what differs marked."""
     a, b = ([text[k : k + 2] for k in range(0, len(text), 2)] for text in (before, after))
     head = next((k for k, (x, y) in enumerate(zip(a, b)) if x != y), min(len(a), len(b)))
     tail = next(

@@ -77,7 +77,9 @@ class Facts:
 
 
 def positions(size: int, random: np.random.Generator, every: bool = False) -> list[int]:
-    """Positions in a frame: those of header, counters, status, length and sums, and some of the values between."""
+    """Return positions in a frame: those of header, counters, status, length and sums, and some of the values
+    between.
+    """
     if every or size <= EDGE_FIRST + EDGE_LAST + VALUES:
         return list(range(size))
     between = np.arange(EDGE_FIRST, size - EDGE_LAST)
@@ -107,7 +109,9 @@ class Plan:
         return found
 
     def _estimate(self, trial: Trial) -> float:
-        """Seconds: the readings until the last edit, the action, ten readings to be well again, and the looking."""
+        """Return seconds: the readings until the last edit, the action, ten readings to be well again, and the
+        looking.
+        """
         numbers = [int(word.partition("-")[0]) for fault in trial.faults for word in _after(fault, "frame")]
         frames = max(numbers, default=0) / max(1, self.facts.frames_per_row)
         return frames * self.facts.row_s + trial.seconds + 12 * self.facts.row_s + 0.15
@@ -115,19 +119,19 @@ class Plan:
     # -- edits ---------------------------------------------------------------------------------------------------------
 
     def _hits(self, count: int, gap: int = GAP) -> list[int]:
-        """Numbers of the frames that are hit: another one of a reading's frames each time."""
+        """Return numbers of the frames that are hit: another one of a reading's frames each time."""
         per = max(1, self.facts.frames_per_row)
         places = self.random.integers(per, size=count) if per > 1 else np.zeros(count, int)
         return [1 + per * (1 + gap * k) + int(place) for k, place in enumerate(places)]
 
     def _size(self, number: int) -> int:
-        """Bytes of the frame that will have this number: frames come round."""
+        """Return bytes of the frame that will have this number: frames come round."""
         frames = self.facts.frames
         per = max(1, self.facts.frames_per_row)
         return size_of(frames[-per:][(number - 1) % min(per, len(frames))]) if frames else 8
 
     def _at_each(self, words: str, gap: int = GAP, last: int = 0) -> list[str]:
-        """An edit at each position of a frame: ``{frame}``, ``{at}`` and ``{bit}`` are replaced.
+        """Return an edit at each position of a frame: ``{frame}``, ``{at}`` and ``{bit}`` are replaced.
 
         Where a reading has many frames, positions of several of them.
         """
@@ -313,7 +317,7 @@ def _after(fault: str, word: str) -> list[str]:
 
 
 def size_or(size: int, other: int) -> int:
-    """The size, or another where it is not known."""
+    """Return the size, or another where it is not known."""
     return size or other
 
 

@@ -29,7 +29,7 @@ def marked(mark: str, old: Collection[int] = ()) -> list[int]:
 
 
 def family(pid: int) -> list[int]:
-    """A process and its descendants, as far as they are still its children."""
+    """Return a process and its descendants, as far as they are still its children."""
     found = [pid]
     for each in found:
         with contextlib.suppress(OSError, ValueError):

@@ -168,7 +168,7 @@ def _saturated(tape: TrialRecord, columns: Columns, known: Known) -> str:
 
 
 def _dead(tape: TrialRecord, columns: Columns, known: Known) -> str:
-    """A channel that moves afterwards stands still, once the device's own filter has settled."""
+    """Return a channel that moves afterwards stands still, once the device's own filter has settled."""
     during, usual = _counts(tape, (tape.on + tape.off) // 2, tape.off), _afterwards(tape)
     if len(during) and len(usual):
         moves = usual.std(axis=0)

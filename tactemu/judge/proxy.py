@@ -56,7 +56,9 @@ class Framing:
         return f"{cut}, {'decoded' if self.table else 'undecoded: no table of one frame'}"
 
     def counts(self, frame: bytes) -> np.ndarray | None:
-        """The numbers of the longest field of a frame; ``None`` where it has a wrong sum, or there is no table."""
+        """Return the numbers of the longest field of a frame; ``None`` where it has a wrong sum, or there is no
+        table.
+        """
         values = self.table.unpack(frame) if self.table is not None else None
         if values is None:
             return None

@@ -20,7 +20,7 @@ PAUSE_S = 0.02
 
 
 def plain(value: Any) -> Any:
-    """A reading as JSON takes it."""
+    """Return a reading as JSON takes it."""
     if isinstance(value, Mapping):
         return {str(key): plain(each) for key, each in value.items()}
     if hasattr(value, "tolist"):  # of NumPy, torch ...
@@ -40,7 +40,7 @@ def plain(value: Any) -> Any:
 
 
 def found(name: str) -> Any:
-    """The callable of a name.
+    """Return the callable of a name.
 
     Raises:
         SystemExit: there is none.

@@ -24,7 +24,7 @@ class Rows:
         self._begun = False
 
     def parse(self, line: str) -> dict[str, float] | None:
-        """Numbers by column; ``None`` where the line holds none, or words beside them."""
+        """Return numbers by column; ``None`` where the line holds none, or words beside them."""
         line = line.strip()
         if not line or len(line) > LONGEST:
             return None

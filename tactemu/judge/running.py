@@ -178,7 +178,7 @@ class Judge(DriverSession):
         return outcome
 
     def _learn(self, tape: TrialRecord, steps: bool = False) -> str:
-        """The columns from the clean run, or from the file; returns why there are none."""
+        """Return the columns from the clean run, or from the file; returns why there are none."""
         channels = self.stand.channels()
         if self.options.columns is not None and self.options.columns.exists():
             self.columns = Columns.load(self.options.columns, channels)

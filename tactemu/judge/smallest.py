@@ -81,7 +81,7 @@ def find(
 
 
 def _by_frame(faults: Sequence[str]) -> list[list[str]]:
-    """Faults of one frame belong together."""
+    """Return faults of one frame belong together."""
     groups: dict[str, list[str]] = {}
     for fault in faults:
         words = fault.split()
@@ -90,7 +90,7 @@ def _by_frame(faults: Sequence[str]) -> list[list[str]]:
 
 
 def _suspects(groups: list[list[str]], tape: TrialRecord, outcome: Outcome) -> list[list[str]]:
-    """The edits that were made last before something went wrong."""
+    """Return the edits that were made last before something went wrong."""
     wrong = [bad["t"] for bad in outcome.bad if bad["t"] > tape.on]
     until = min(wrong) if wrong else tape.rows[-1].t if tape.rows else tape.end
     made = [change for change in tape.changes if tape.on <= change.t <= until + 1_000_000]
@@ -101,7 +101,7 @@ def _suspects(groups: list[list[str]], tape: TrialRecord, outcome: Outcome) -> l
 
 
 def _numbered_anew(groups: Sequence[Sequence[str]]) -> list[str]:
-    """The same edits, so that the first hits an early frame."""
+    """Return the same edits, so that the first hits an early frame."""
     firsts = [_number(group[0]) for group in groups]
     shift = max(0, min(firsts) - 8)
     return [_shifted(fault, shift) for group in groups for fault in group]
@@ -151,7 +151,7 @@ def write(case: dict[str, Any], path: Path) -> None:
 
 
 def read(path: Path) -> dict[str, Any]:
-    """A case that :func:`write` wrote.
+    """Return a case that :func:`write` wrote.
 
     Raises:
         TactemuError: it cannot be read, or is none.
@@ -172,7 +172,7 @@ def read(path: Path) -> dict[str, Any]:
 
 
 def trial_of(case: dict[str, Any]) -> Trial:
-    """The trial that a case is."""
+    """Return the trial that a case is."""
     return Trial(case["trial"], "the smallest case", [str(fault) for fault in case["faults"]], takes_s=1.0)
 
 

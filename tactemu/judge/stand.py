@@ -83,7 +83,7 @@ class DriverRig:
         return self.served.ports
 
     def channels(self) -> list[Channel]:
-        """Names of the numbers in a sample, in its order."""
+        """Return names of the numbers in a sample, in its order."""
         devices = {channel.name: channel.device for channel in self.emulator.channels}
         shapes, seen = [], set()
         for sample in self.emulator.truth.samples[-64:]:
@@ -227,7 +227,7 @@ class DriverRig:
 
 
 def _literal_replies(device: Device) -> list[str]:
-    """Answers to the device's commands that are the same each time, as hex."""
+    """Return answers to the device's commands that are the same each time, as hex."""
     found = []
     for command in device.commands:
         replies = command.reply if isinstance(command.reply, list | tuple) else [command.reply]

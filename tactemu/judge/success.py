@@ -59,12 +59,12 @@ class Point:
         return max(0.0, middle - half), min(1.0, middle + half)
 
     def after(self, success: bool) -> Point:
-        """One more trial."""
+        """Return one more trial."""
         return Point(self.fault, self.strength, self.tried + 1, self.succeeded + success)
 
 
 def read_script(path: Path) -> Success:
-    """The function ``success`` of a script.
+    """Return the function ``success`` of a script.
 
     Raises:
         TactemuError: it cannot be read or run, or has none.
@@ -136,7 +136,7 @@ def _tried(
     port: str | Mapping[str, str] | None,
     seed: int,
 ) -> bool:
-    """One trial."""
+    """Return one trial."""
     kind, strength = key
     faults = {"drop": f"drop {strength:g}% both", "flip": f"flip {strength:g}% both", "late": f"late by {strength:g}ms"}
     with serve(target, port, faults=faults.get(kind, ()), seed=seed, adjustable=["dead"]) as dev:
@@ -162,7 +162,7 @@ def _kill(dev: Served, share: float, seed: int) -> None:
 
 
 def as_text(points: Mapping[tuple[str, float], Point]) -> list[str]:
-    """The curve, a line for each strength."""
+    """Return the curve, a line for each strength."""
     lines, last = [], None
     for (kind, strength), point in points.items():
         if not point.tried:
@@ -180,7 +180,7 @@ def as_text(points: Mapping[tuple[str, float], Point]) -> list[str]:
 
 
 def as_data(points: Mapping[tuple[str, float], Point]) -> list[dict[str, Any]]:
-    """The curve for other programs."""
+    """Return the curve for other programs."""
     return [
         {
             "fault": point.fault, "strength": point.strength, "of": title(point.fault), "tried": point.tried,

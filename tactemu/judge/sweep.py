@@ -84,7 +84,7 @@ def seeds_of(text: str | int | Sequence[int]) -> list[int]:
 
 
 def run_job(job: Job) -> dict[str, Any]:
-    """One run, in a process of its own; its report as plain data. What went wrong is in ``trouble``."""
+    """Return one run, in a process of its own; its report as plain data. What went wrong is in ``trouble``."""
     with tempfile.TemporaryDirectory(prefix="tactemu-judge-") as folder:
         out = Path(folder) / "report.json"
         command = [
@@ -103,7 +103,7 @@ def run_job(job: Job) -> dict[str, Any]:
 
 
 def rows_of(job: Job, report: dict[str, Any]) -> list[dict[str, Any]]:
-    """A row for each trial of a run."""
+    """Return a row for each trial of a run."""
     same = {"driver": job.name, "device": job.device, "seed": job.seed, "key": job.key}
     if report.get("trouble"):
         return [{**same, "trial": "", "verdict": report["trouble"], "fails": "trouble"}]

@@ -125,7 +125,7 @@ class TrialRecord:
     weights: list[ResourceUsage] = field(default_factory=list)
 
     def since(self, t: int) -> TrialRecord:
-        """A copy that begins at a time."""
+        """Return a copy that begins at a time."""
         lists = {name: [each for each in getattr(self, name) if each.t >= t] for name in _KINDS}
         return replace(self, **lists)
 
@@ -154,7 +154,7 @@ class TrialRecord:
 
     @classmethod
     def read(cls, path: str | Path) -> TrialRecord:
-        """The trial in a file.
+        """Return the trial in a file.
 
         Raises:
             TactemuError: it cannot be read, or is none.

@@ -34,7 +34,7 @@ class Launches:
 
 
 def in_turn(*launches: Launch) -> Launch:
-    """All of them, one after another; in shares if each of them is."""
+    """Return all of them, one after another; in shares if each of them is."""
     cut = [each for each in launches if isinstance(each, Launches)]
     if len(cut) == len(launches):
         cut = [each for each in cut if each.shares]
@@ -48,7 +48,7 @@ def in_turn(*launches: Launch) -> Launch:
 
 
 def record(kernel, dim, inputs: list, outputs: list, device, block_dim: int | None = None) -> Launch:
-    """A recorded launch of ``kernel``: calling it costs a fraction of ``wp.launch``. Nothing for no threads."""
+    """Return a recorded launch of ``kernel``: calling it costs a fraction of ``wp.launch``. Nothing for no threads."""
     block = block_dim if wp.get_device(device).is_cuda else None
     command = wp.launch(kernel, dim, inputs=inputs, outputs=outputs, device=device, record_cmd=True, block_dim=block)
     return _ready(command) if command is not None else lambda: None

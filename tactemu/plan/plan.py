@@ -65,17 +65,19 @@ class Context:
     # it, and what never changes are arrays like any other.
 
     def zeros(self, shape, dtype) -> wp.array:
-        """A new array of zeros that is part of the state."""
+        """Return a new array of zeros that is part of the state."""
         return self._kept(wp.zeros(shape, dtype=dtype, device=self.device))
 
     def full(self, shape, value, dtype) -> wp.array:
-        """A new array of one value that is part of the state; a value that is not finite may come again in it."""
+        """Return a new array of one value that is part of the state; a value that is not finite may come again in
+        it.
+        """
         if not np.isfinite(value):
             self.infinite.add(len(self.memory))
         return self._kept(wp.full(shape, dtype(value), dtype=dtype, device=self.device))
 
     def array(self, values, dtype) -> wp.array:
-        """A new array of these values that is part of the state."""
+        """Return a new array of these values that is part of the state."""
         return self._kept(wp.array(values, dtype=dtype, device=self.device))
 
     def _kept(self, array: wp.array) -> wp.array:
@@ -89,7 +91,7 @@ class Context:
         return list(pairwise(ends))
 
     def record(self, kernel, dim, inputs: list, outputs: list, *, block_dim: int | None = None) -> Launches:
-        """A recorded launch over environments, which are the first axis of ``dim``.
+        """Return a recorded launch over environments, which are the first axis of ``dim``.
 
         Args:
             kernel: its first argument, which is added to ``inputs``, is the environment that its first thread takes:
@@ -107,7 +109,8 @@ class Context:
         return Launches([[record(kernel, d, [e, *inputs], outputs, *how)] for (e, _end), d in launches])
 
     def record_blocks(self, kernel, n_slots: int, inputs: list, outputs: list, block_dim: int) -> Launches:
-        """The same for a kernel of blocks of threads, each with a slot of scratch, that take environments in turn.
+        """Return the same for a kernel of blocks of threads, each with a slot of scratch, that take environments in
+        turn.
 
         Args:
             kernel: its first argument, which is added to ``inputs``, is a ``vec4i``: first environment, end, first
@@ -194,7 +197,7 @@ class Plan:
         return legs
 
     def copied(self, values: np.ndarray) -> np.ndarray:
-        """A copy of an array of the CPU; a large one is made by the threads, if there are any now.
+        """Return a copy of an array of the CPU; a large one is made by the threads, if there are any now.
 
         For a GPU, whose steps need none, they start with the first large one: most of the time of a copy to new memory
         goes into pages that nobody has touched yet.
@@ -250,7 +253,7 @@ class Plan:
                 stage.reset(mask)
 
     def time_stages(self, now_ns: Callable[[], int], repeats: int = 50) -> dict[str, float]:
-        """Median cost of each stage [µs], by name, also kept in ``stage.cost_us``. Advances the stages' state.
+        """Return median cost of each stage [µs], by name, also kept in ``stage.cost_us``. Advances the stages' state.
 
         Args:
             now_ns: a clock, such as ``time.perf_counter_ns``: physics owns none.
@@ -279,7 +282,7 @@ class Plan:
         return "\n".join([*lines, f"threads: {self.threads}{self.why_threads}"] if self.why_threads else lines)
 
     def _repr_html_(self) -> str:
-        """The same for a notebook."""
+        """Return the same for a notebook."""
         rows = "".join(
             f"<tr><td>{escape(stage.name)}</td><td>{'' if stage.cost_us is None else f'{stage.cost_us:.1f}'}</td>"
             f"<td>{escape(stage.reason)}</td></tr>"

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 def make_devices(loaded: LoadedScene) -> dict[str, Device]:
-    """The device of each skin, by the skin's name.
+    """Return the device of each skin, by the skin's name.
 
     Raises:
         DeviceError: no such device, or an option that it does not have.
@@ -46,7 +46,7 @@ def make_devices(loaded: LoadedScene) -> dict[str, Device]:
 
 
 def _device_of(skin: Skin, name: str) -> Device:
-    """The device of a skin, which sees what its transducers give where that is no quantity of touch."""
+    """Return the device of a skin, which sees what its transducers give where that is no quantity of touch."""
     options = skin.device_options
     if skin.transducer and "sees" in declared(load_device(name)) and "sees" not in options:
         model = load(model_name(skin, make_device(name, options)))
@@ -56,7 +56,7 @@ def _device_of(skin: Skin, name: str) -> Device:
 
 
 def transducers_of(skin: Skin) -> list[Transducer]:
-    """The transducers of a skin, checked.
+    """Return the transducers of a skin, checked.
 
     Raises:
         SceneError: no such kind, or an option that it does not have or does not accept.
@@ -65,13 +65,13 @@ def transducers_of(skin: Skin) -> list[Transducer]:
 
 
 def _found(name: str, loaded: LoadedScene) -> str:
-    """A device file by a path relative to the scene file."""
+    """Return a device file by a path relative to the scene file."""
     path = loaded.folder / name
     return str(path) if ".py:" in name and Path(str(path).rpartition(":")[0]).is_file() else name
 
 
 def make_device(name: str, options: dict[str, Any]) -> Device:
-    """A device by name with its options.
+    """Return a device by name with its options.
 
     Raises:
         DeviceError: no such device, or an option that it does not have or does not accept.
@@ -89,7 +89,7 @@ def build_scene(
     laws: Mapping[str, Sequence[str]] | None = None,
     local_ns: Callable[[str, int], int] = lambda skin, t_ns: t_ns,
 ) -> tuple[Scene, dict[str, PlacedSkin]]:
-    """The scene, and each skin that is on a link with its sensors, by the skin's name; nothing is compiled yet.
+    """Return the scene, and each skin that is on a link with its sensors, by the skin's name; nothing is compiled yet.
 
     ``laws`` names the imperfections of each skin that will be switched while it runs; ``local_ns`` is what a skin's own
     clock shows at a time of the scene.
@@ -130,7 +130,8 @@ def build_scene(
 
 
 def read_engine(loaded: LoadedScene) -> BatchEngine | None:
-    """The engine of many environments that moves a scene, with its model, and no scene to move; ``None``: it has none.
+    """Return the engine of many environments that moves a scene, with its model, and no scene to move; ``None``: it
+    has none.
 
     Raises:
         SceneError: its model cannot be read.
@@ -153,7 +154,7 @@ def _motors(
 
 
 def _body_of(scene: Scene, engine: Engine | None, part: SkinPart) -> tuple[Body, tuple[int, ...]]:
-    """The body that carries a skin, and those that move with it and are not felt, by their places."""
+    """Return the body that carries a skin, and those that move with it and are not felt, by their places."""
     name = part.body
     if engine is None or any(body.name == name for body in scene.bodies if body not in engine.bodies):
         return scene.body(name), ()
@@ -171,7 +172,7 @@ def _shape(body: BodyTable, folder: Path) -> Shape | None:
 
 
 def model_name(skin: Skin, device: Device) -> str:
-    """The sensor model of a skin as a scene file names it: the one asked for, else the cheapest that will do."""
+    """Return the sensor model of a skin as a scene file names it: the one asked for, else the cheapest that will do."""
     if skin.model_ or not skin.transducer:
         return skin.model_ or cheapest(device.contact[0])
     takes = [name for name in transducers_of(skin)[0].takes if name in TOUCH]
@@ -187,7 +188,7 @@ def sensor_model(
     unfelt: tuple[int, ...] = (),
     friction: float | None = None,
 ) -> Any:
-    """The sensor model of a skin: the device's taxels, placed on the link, with the skin's options.
+    """Return the sensor model of a skin: the device's taxels, placed on the link, with the skin's options.
 
     ``laws`` are built although they are off, so that they can be switched on. ``part`` is of a skin on several bodies.
     ``unfelt`` are bodies that it does not feel, and ``friction`` is the scene's, unless the options choose.
@@ -244,7 +245,9 @@ def _check_senses(skin: Skin, name: str, model: Any, device: Device) -> None:
 
 
 def taxels(part: SkinPart, skin: Skin, model: type[SensorModel], known: list[str]) -> dict[str, Any]:
-    """Positions, normals and radius of the taxels in the link's frame; a single grid keeps its ``(rows, cols, 3)``."""
+    """Return positions, normals and radius of the taxels in the link's frame; a single grid keeps its ``(rows, cols,
+    3)``.
+    """
     layout = part.layout
     turn = rotation.normalised(part.quaternion)
     radius = numbers(model.__name__, "probe_radius", skin.options.get("probe_radius", layout.pitches / 2))
@@ -266,7 +269,7 @@ def taxels(part: SkinPart, skin: Skin, model: type[SensorModel], known: list[str
 
 
 def _one_or_each(values: np.ndarray) -> Any:
-    """One number where all taxels have the same."""
+    """Return one number where all taxels have the same."""
     return float(values[0]) if len(values) and (values == values[0]).all() else tuple(values.tolist())
 
 

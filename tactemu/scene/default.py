@@ -15,7 +15,9 @@ PERIOD_S = 2.0
 
 
 def tables_for(name: str, device: type[Device], **device_options) -> dict[str, Any]:
-    """The tables of a default scene for ``device``, made from its layout; ``name`` is what a scene file calls it."""
+    """Return the tables of a default scene for ``device``, made from its layout; ``name`` is what a scene file calls
+    it.
+    """
     data = {"scene": {}, "body": [_pad()], "skin": [{"device": name, "link": "pad", "device_options": device_options}]}
     made = device(**device_options)
     layout, presses = made.layout, len(made.layout.patches)
@@ -27,12 +29,14 @@ def tables_for(name: str, device: type[Device], **device_options) -> dict[str, A
 
 
 def _pad() -> dict[str, Any]:
-    """A link without a shape: taxels feel other bodies only."""
+    """Return a link without a shape: taxels feel other bodies only."""
     return {"name": "pad", "shape": "frame", "fixed": True}
 
 
 def _ball(name: str, layout: Layout, taxels: slice, pitch: float) -> dict[str, Any]:
-    """A ball over the taxel nearest to the patch's middle, on its normal, three pitches wide where it presses."""
+    """Return a ball over the taxel nearest to the patch's middle, on its normal, three pitches wide where it
+    presses.
+    """
     positions, normals = layout.positions[taxels], layout.normals[taxels]
     middle = np.argmin(np.linalg.norm(positions - positions.mean(axis=0), axis=1))
     normal = normals[middle]

@@ -30,11 +30,11 @@ class SceneDescription:
         self.names: Sequence[str] = [body.name for body in simulation.bodies] if simulation else []
 
     def poses(self) -> np.ndarray:
-        """Position and quaternion (w, x, y, z) of each body in environment 0, shape ``(n_bodies, 7)``."""
+        """Return position and quaternion (w, x, y, z) of each body in environment 0, shape ``(n_bodies, 7)``."""
         return self._simulation.world.poses() if self._simulation else np.zeros((0, 7))
 
     def description(self) -> dict[str, Any]:
-        """Bodies with their shapes and where they start; skins with their senses, patches and taxels; SI."""
+        """Return bodies with their shapes and where they start; skins with their senses, patches and taxels; SI."""
         return {
             "bodies": self._bodies(),
             "skins": {name: self._skin(device, self._skins.get(name)) for name, device in self._devices.items()},
@@ -87,7 +87,7 @@ def _points(positions: np.ndarray, model: SensorModel) -> dict[str, Any]:
 
 
 def _part(placed: PlacedSensor) -> dict[str, Any]:
-    """Taxels on one body, and its probes, in the frame that ``position`` and ``quaternion`` place on it."""
+    """Return taxels on one body, and its probes, in the frame that ``position`` and ``quaternion`` place on it."""
     part, sensor = placed.part, placed.sensor
     described = {
         "name": part.name,

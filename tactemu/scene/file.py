@@ -43,7 +43,7 @@ class LoadedScene:
 
 
 def load(target: str | Path, device_options: Mapping[str, Any] | None = None, *, code: bool = True) -> LoadedScene:
-    """The scene in the file ``target``, or the default scene of the device called ``target`` with its options.
+    """Return the scene in the file ``target``, or the default scene of the device called ``target`` with its options.
 
     Whoever builds a scene runs the Python files that it names. ``code=False`` refuses one that names any.
 
@@ -76,7 +76,8 @@ def _load(text: str, device_options: Mapping[str, Any]) -> LoadedScene:
 
 
 def default_scene(name: str, device_options: Mapping[str, Any] | None = None) -> LoadedScene:
-    """The scene that comes with a device, in ``defaults/`` or in the text of a class of the user's own, or one made
+    """Return the scene that comes with a device, in ``defaults/`` or in the text of a class of the user's own, or
+    one made
     for its layout, which it is too where options change the layout. A class that inherits a device does not inherit its
     scene, which runs the device inherited.
 
@@ -117,7 +118,7 @@ def _with_options(name: str, device: type[firmware_protocols.Device], options: M
 
 
 def load_device(name: str) -> type[firmware_protocols.Device]:
-    """A device class by name or ``path/to/file.py:Class``.
+    """Return a device class by name or ``path/to/file.py:Class``.
 
     Raises:
         DeviceError: there is none, or its file does not run.
@@ -136,7 +137,7 @@ def load_device(name: str) -> type[firmware_protocols.Device]:
 
 
 def parse(text: str, *, source: str = "scene", folder: Path | None = None) -> LoadedScene:
-    """The scene that a TOML text describes.
+    """Return the scene that a TOML text describes.
 
     Raises:
         SceneError: it is no TOML, or wrong; every mistake is listed.
@@ -153,7 +154,7 @@ def parse(text: str, *, source: str = "scene", folder: Path | None = None) -> Lo
 
 
 def check(data: dict[str, Any], *, source: str = "scene", folder: Path | None = None) -> LoadedScene:
-    """The scene in tables already read.
+    """Return the scene in tables already read.
 
     Raises:
         SceneError: every mistake is listed.
@@ -173,7 +174,7 @@ def check(data: dict[str, Any], *, source: str = "scene", folder: Path | None = 
 
 
 def json_schema() -> dict[str, Any]:
-    """The JSON schema of a scene file, for editors."""
+    """Return the JSON schema of a scene file, for editors."""
     schema = SceneFile.model_json_schema(by_alias=True)
     kinds = motion_schemas()
     schema["$defs"] |= kinds

@@ -22,7 +22,7 @@ def devices() -> list[str]:
 
 
 def measured_defaults(skin: Skin) -> Skin:
-    """The skin with numbers of real ones where it says nothing itself.
+    """Return the skin with numbers of real ones where it says nothing itself.
 
     Raises:
         SceneError: nothing was measured of its device, or its own transducers end in another unit than was measured in.

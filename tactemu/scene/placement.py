@@ -67,12 +67,12 @@ class PlacedSensor:
         return self.sensor.imperfections
 
     def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
-        """The latest reading in the device's frame, shape ``(n_taxels,)`` or ``(n_taxels, 3)``, SI."""
+        """Return the latest reading in the device's frame, shape ``(n_taxels,)`` or ``(n_taxels, 3)``, SI."""
         values = self.sensor.quantity(name, ground_truth)
         return self.turned(values) if values.ndim == 2 else values
 
     def turned(self, vectors: np.ndarray) -> np.ndarray:
-        """Vectors of the link's frame, ``(..., 3)``, in the device's."""
+        """Return vectors of the link's frame, ``(..., 3)``, in the device's."""
         return rotation.rotate(self._back, vectors) if self._turned else vectors
 
     def around(self, name: str, t_ns: int) -> np.ndarray | float:
@@ -134,7 +134,9 @@ class PlacedSkin:
         )
 
     def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
-        """The latest reading in the frames of the device's links, shape ``(n_taxels,)`` or ``(n_taxels, 3)``, SI."""
+        """Return the latest reading in the frames of the device's links, shape ``(n_taxels,)`` or ``(n_taxels, 3)``,
+        SI.
+        """
         if len(self.parts) == 1:
             return self.parts[0].quantity(name, ground_truth)
         return self._joined([part.quantity(name, ground_truth) for part in self.parts])
@@ -145,7 +147,7 @@ class PlacedSkin:
         return part.around(name, t_ns)
 
     def positions(self, t_s: float) -> np.ndarray:
-        """All taxels in the world at ``t_s`` [m], shape ``(n_taxels, 3)``."""
+        """Return all taxels in the world at ``t_s`` [m], shape ``(n_taxels, 3)``."""
         return self._joined([part.positions(t_s) for part in self.parts])
 
     def normals(self, t_s: float) -> np.ndarray:
@@ -153,7 +155,7 @@ class PlacedSkin:
         return self._joined([part.normals(t_s) for part in self.parts])
 
     def chosen(self, taxel: int | None, near: np.ndarray, t_s: float) -> int:
-        """The taxel that was asked for; ``None``: the one nearest to a point of the world at ``t_s``.
+        """Return the taxel that was asked for; ``None``: the one nearest to a point of the world at ``t_s``.
 
         Raises:
             SceneError: there is none of this number.

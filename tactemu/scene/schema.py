@@ -58,7 +58,7 @@ Name = Annotated[str, Field(min_length=1), AfterValidator(_printable)]
 
 
 def _strictly(hint: Any, *more: Any) -> Any:
-    """A type whose numbers are no texts and no truth values, with ``more`` to check of each."""
+    """Return a type whose numbers are no texts and no truth values, with ``more`` to check of each."""
     if hint in (int, float):
         return Annotated[hint, Strict(), *more]
     inside = typing.get_args(hint)
@@ -74,7 +74,7 @@ def _strictly(hint: Any, *more: Any) -> Any:
 
 
 def _table_of(motion: type[Motion]) -> type[Table]:
-    """The table with the fields of a motion's dataclass, and its kind."""
+    """Return the table with the fields of a motion's dataclass, and its kind."""
     hints = typing.get_type_hints(motion)
     fields: dict[str, Any] = {"kind": (Literal[motion.kind], ...)}  # type: ignore[name-defined]
     for field in dataclasses.fields(motion):  # type: ignore[arg-type]
@@ -87,7 +87,7 @@ _PLAIN = {kind: _table_of(motion) for kind, motion in MOTIONS.items() if motion 
 
 
 def make_motion(tables: dict | list) -> Motion:
-    """The motion that a ``[body.motion]`` table, or a list of them (one after another), describes.
+    """Return the motion that a ``[body.motion]`` table, or a list of them (one after another), describes.
 
     Raises:
         SceneError, pydantic.ValidationError: it describes none.
@@ -116,7 +116,7 @@ class _CombinedTable(Table):
 
 
 def motion_schemas() -> dict[str, dict[str, Any]]:
-    """The JSON schema of each motion's table, by its name."""
+    """Return the JSON schema of each motion's table, by its name."""
     return {table.__name__.lstrip("_"): table.model_json_schema() for table in (*_PLAIN.values(), _CombinedTable)}
 
 
@@ -147,7 +147,7 @@ def _sized(key: str) -> AfterValidator:
 
 
 def _body_table(name: str, shape: type[Shape]) -> type[Body]:
-    """The table with the keys of a shape: its fields, or what its ``from_file`` asks for."""
+    """Return the table with the keys of a shape: its fields, or what its ``from_file`` asks for."""
     own = "from_file" in vars(shape)
     maker = shape.from_file if own else shape
     hints = typing.get_type_hints(maker, include_extras=True)
@@ -192,7 +192,7 @@ class ClockTable(Table):
 
 
 def one_or_more(value: Any) -> Any:
-    """A text as a list of one; anything else as it is."""
+    """Return a text as a list of one; anything else as it is."""
     return [value] if isinstance(value, str) else value
 
 

@@ -29,7 +29,7 @@ class SkinPart:
 
 
 def parts_of(skin: Skin, layout: Layout) -> list[SkinPart]:
-    """The parts of a skin, those on the skin's own link first.
+    """Return the parts of a skin, those on the skin's own link first.
 
     Raises:
         SceneError: the device has no such link.

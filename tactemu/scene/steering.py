@@ -62,11 +62,11 @@ class Steered(Motion):
         return self._held or self.way is not None
 
     def pose(self, t_s: float) -> Pose:
-        """Displacement from where the body was placed."""
+        """Return displacement from where the body was placed."""
         return (self.way or self._own).pose(t_s)
 
     def world(self, t_s: float) -> Pose:
-        """Pose in the world."""
+        """Return pose in the world."""
         return self._home.displaced(self.pose(t_s))
 
     def follow(self, start_s: float, legs: Sequence[Leg]) -> float:
@@ -98,7 +98,7 @@ class Steered(Motion):
         self.way, self.back = None, None
 
     def _turn(self, quaternion: Sequence[float] | np.ndarray) -> np.ndarray:
-        """The displacement that gives it this orientation in the world."""
+        """Return the displacement that gives it this orientation in the world."""
         return rotation.multiply(rotation.normalised(quaternion), rotation.conjugate(self._home.quaternion))
 
 
@@ -143,7 +143,7 @@ def pressing_way(
 
 
 def steered(loaded: LoadedScene, names: Sequence[str] = (), *, by_hand: bool = False) -> LoadedScene:
-    """The scene with a motion that can be steered for every body that may be moved by hand.
+    """Return the scene with a motion that can be steered for every body that may be moved by hand.
 
     A body that carries a skin, or follows a joint of a device, is one of them only if it is named.
 

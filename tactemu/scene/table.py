@@ -35,7 +35,7 @@ class Table(BaseModel):
 
 
 def one_of(tables: Mapping[str, type[Table]], key: str) -> Any:
-    """The annotation of a table that is one of several, by what stands under its ``key``."""
+    """Return the annotation of a table that is one of several, by what stands under its ``key``."""
 
     def known(data: Any) -> Any:
         given = data.get(key) if isinstance(data, dict) else None

@@ -18,12 +18,12 @@ _IN_TOML = dict.fromkeys(("tuple_type", "list_type"), "expected a list") | dict.
 
 
 def mistake(sentence: str) -> PydanticCustomError:
-    """The error to raise in a validator whose sentence needs nothing added."""
+    """Return the error to raise in a validator whose sentence needs nothing added."""
     return PydanticCustomError(_WHOLE, "{sentence}", {"sentence": sentence})
 
 
 def listed(error: ValidationError, data: Any, where: str, at: tuple[str, ...] = ()) -> str:
-    """A line for each mistake that pydantic found in ``data``.
+    """Return a line for each mistake that pydantic found in ``data``.
 
     Args:
         error: as pydantic raised it.

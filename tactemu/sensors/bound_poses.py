@@ -186,7 +186,7 @@ def declared(
 
 
 def _columns(value: Any, name: str, context: Context, width: int, n_envs: int | None = None) -> wp.array:
-    """An array, or ``(array, first number)``, as ``(n_envs, n, width)`` numbers over the same memory."""
+    """Return an array, or ``(array, first number)``, as ``(n_envs, n, width)`` numbers over the same memory."""
     what, first = f"bind_poses: {name}", 0
     if isinstance(value, tuple) and len(value) == 2 and isinstance(value[1], int) and not isinstance(value[0], int):
         value, first = value
@@ -291,7 +291,7 @@ def _offsets(
 def _chosen(
     bodies: Sequence[Body], index: Mapping[Any, int] | None, n: int
 ) -> tuple[tuple[Body, ...], tuple[int, ...]]:
-    """Bodies that are posed, and where each stands in the arrays."""
+    """Return bodies that are posed, and where each stands in the arrays."""
     if index is None:
         if n != len(bodies):
             raise SceneError(

@@ -28,7 +28,7 @@ MODELS: dict[str, str] = {
 
 
 def load(name: str) -> type[SensorModel]:
-    """The class of a model, by its name in :data:`MODELS` or as ``"module:Class"`` of the user's own.
+    """Return the class of a model, by its name in :data:`MODELS` or as ``"module:Class"`` of the user's own.
 
     Raises:
         LookupError: there is none of this name.
@@ -41,7 +41,7 @@ def load(name: str) -> type[SensorModel]:
 
 
 def models_for(quantity: str) -> dict[str, type[SensorModel]]:
-    """The models that give a quantity (see :data:`firmware_protocols.device.Quantity`), cheapest first."""
+    """Return the models that give a quantity (see :data:`firmware_protocols.device.Quantity`), cheapest first."""
     loaded = {name: load(name) for name in MODELS}
     return {name: model for name, model in loaded.items() if quantity in model.layouts}
 

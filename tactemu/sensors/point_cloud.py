@@ -91,7 +91,7 @@ def _halves(indices: np.ndarray, positions: np.ndarray, size: int) -> list[np.nd
 
 
 def spatial_order(positions: np.ndarray, size: int) -> np.ndarray:
-    """An order of positions ``(n, 3)`` in which each ``size`` in a row are near each other."""
+    """Return an order of positions ``(n, 3)`` in which each ``size`` in a row are near each other."""
     return np.concatenate(_halves(np.arange(len(positions)), positions, size))
 
 

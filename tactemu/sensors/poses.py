@@ -208,7 +208,9 @@ class RelativePoses:
         return cast(wp.array, self.bad[self.links.index(link)])
 
     def stages(self) -> list[Stage]:
-        """The stage, which also advances the step count and the time; where threads share the step, one before it."""
+        """Return the stage, which also advances the step count and the time; where threads share the step, one
+        before it.
+        """
         context = self._context
         shared, before = context.threads > 1, []
         if shared:
@@ -225,7 +227,9 @@ class RelativePoses:
         return [*before, Stage(name="relative poses", reason=reason, launch=launch)]
 
     def _numbers(self, array: wp.array) -> wp.array:
-        """An array of poses or vectors, ``(n_links, n_envs, n_bodies)``, as ``(n_links, n_envs * n_bodies, width)``."""
+        """Return an array of poses or vectors, ``(n_links, n_envs, n_bodies)``, as ``(n_links, n_envs * n_bodies,
+        width)``.
+        """
         links, n_envs, bodies = array.shape
         shape = (links, n_envs * bodies, array.dtype._length_)
         return wp.array(ptr=array.ptr, shape=shape, dtype=self._context.real, device=array.device)
@@ -260,5 +264,5 @@ def complaint(bodies: Sequence[Body], values: np.ndarray, bad: np.ndarray, step:
 
 
 def pose_row(position, quaternion, linear_velocity=(0.0, 0.0, 0.0), angular_velocity=(0.0, 0.0, 0.0)) -> np.ndarray:
-    """The 13 numbers of one pose."""
+    """Return the 13 numbers of one pose."""
     return np.concatenate([position, quaternion, linear_velocity, angular_velocity]).astype(np.float64)

@@ -38,7 +38,7 @@ class Grid:
 
 
 def find_grid(positions: np.ndarray, normals: np.ndarray) -> Grid | None:
-    """The grid that the taxels form, or ``None`` where Genesis' grid conditions do not hold.
+    """Return the grid that the taxels form, or ``None`` where Genesis' grid conditions do not hold.
 
     Args:
         positions: link frame [m], shape ``(rows, cols, 3)``; other shapes are no grid, nor is a single row or column.

@@ -69,7 +69,7 @@ class Sensor(Views, Adjustments):
     _staging: wp.array | None = field(default=None, repr=False)
 
     def clone(self) -> Sensor:
-        """A handle of its own on the same skin, for another simulation."""
+        """Return a handle of its own on the same skin, for another simulation."""
         return Sensor(self.name, self.model, self.link, self.transducers)
 
     @cached_property
@@ -93,7 +93,7 @@ class Sensor(Views, Adjustments):
         self._staging = None
 
     def read(self, out: wp.array | np.ndarray | None = None) -> Any:
-        """The measured reading of the last step, a numpy copy of shape ``([n_envs,] [history,] layout[, 3])``.
+        """Return the measured reading of the last step, a numpy copy of shape ``([n_envs,] [history,] layout[, 3])``.
 
         Args:
             out: memory of the host to copy into, as :meth:`host_array` makes it; what is returned lies in it.
@@ -105,17 +105,19 @@ class Sensor(Views, Adjustments):
         return self._present(self.array(), out)
 
     def read_ground_truth(self, out: wp.array | np.ndarray | None = None) -> Any:
-        """The reading of the last step without any imperfection, delay or noise; shaped as :meth:`read`."""
+        """Return the reading of the last step without any imperfection, delay or noise; shaped as :meth:`read`."""
         return self._present(self.array(ground_truth=True), out)
 
     def host_array(self, ground_truth: bool = False) -> wp.array:
-        """Memory of the host for ``read(out=)``; pinned for a GPU, which then copies at the full speed of its bus."""
+        """Return memory of the host for ``read(out=)``; pinned for a GPU, which then copies at the full speed of its
+        bus.
+        """
         array, device = self.array(ground_truth), self._simulation.device
         return wp.zeros(array.shape, dtype=array.dtype, device="cpu", pinned=device.is_cuda)
 
     def array(self, ground_truth: bool = False) -> wp.array:
-        """The device array behind a reading, ``(n_envs, [history,] n_taxels, channels)``: nothing is copied or waited
-        for, and the next step writes into it."""
+        """Return the device array behind a reading, ``(n_envs, [history,] n_taxels, channels)``: nothing is copied
+        or waited for, and the next step writes into it."""
         array = self._truth if ground_truth else self._measured
         if array is None:
             raise self._unread()
@@ -156,7 +158,7 @@ class Sensor(Views, Adjustments):
         return tuple(self.layouts)
 
     def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
-        """One quantity of environment 0, taxels in layout order: shape ``(n_taxels,)`` or ``(n_taxels, 3)``.
+        """Return one quantity of environment 0, taxels in layout order: shape ``(n_taxels,)`` or ``(n_taxels, 3)``.
 
         Raises:
             SceneError: this model does not offer it.
@@ -167,7 +169,7 @@ class Sensor(Views, Adjustments):
         return self.pick(name, self._numpy(first)[:1])[0].copy()
 
     def pick(self, name: str, values: np.ndarray) -> np.ndarray:
-        """One quantity of what :meth:`array` holds, copied to the host: a view, ``(n_envs, n_taxels)`` or
+        """Return one quantity of what :meth:`array` holds, copied to the host: a view, ``(n_envs, n_taxels)`` or
         ``(n_envs, n_taxels, 3)``; of a history the latest.
 
         Raises:
@@ -213,7 +215,7 @@ class Sensor(Views, Adjustments):
         return present(values.reshape(shape if self._simulation.batched else shape[1:]))
 
     def _copied(self, array: wp.array, out: wp.array | np.ndarray) -> np.ndarray:
-        """A reading in the memory given."""
+        """Return a reading in the memory given."""
         host = taken(out, f"read of sensor {self.name!r}: out")
         assert host.device is not None and array.device is not None
         if host.shape != array.shape or host.dtype != array.dtype or not host.device.is_cpu or not host.is_contiguous:
@@ -252,7 +254,7 @@ def check_query(sensor: Sensor) -> None:
 
 
 def bodies_felt(sensor: Sensor, bodies: Sequence[Body]) -> tuple[Body, ...]:
-    """The bodies that a sensor asks for.
+    """Return the bodies that a sensor asks for.
 
     Raises:
         SceneError: it names a body that is not there, or its own link.

@@ -110,7 +110,7 @@ class Site:
         return wp.types.vector(3, self.context.real)
 
     def zeros(self, channels: int | None = None) -> wp.array:
-        """A new array ``(n_envs, n_taxels, channels)`` of the context's type."""
+        """Return a new array ``(n_envs, n_taxels, channels)`` of the context's type."""
         shape = (self.context.n_envs, self.probes.n, channels or self.n_channels)
         return self.context.zeros(shape, self.context.real)
 
@@ -211,7 +211,7 @@ class SensorModel(ImperfectionOptions, DrawOptions, ABC):
 
     @classmethod
     def trials(cls, quantity: str) -> Sequence[Trial]:
-        """The settings of its dials that ``tactemu tune`` tries for a device that senses ``quantity``."""
+        """Return the settings of its dials that ``tactemu tune`` tries for a device that senses ``quantity``."""
         return [Trial("defaults")]
 
     @classmethod
@@ -241,7 +241,7 @@ class SensorModel(ImperfectionOptions, DrawOptions, ABC):
         return sum(1 if kind == "scalar" else 3 for kind in self.channels)
 
     def probes(self, sensor: str) -> Probes:
-        """The probes, checked."""
+        """Return the probes, checked."""
         return make_probes(
             self.probe_local_pos,
             self.probe_local_normal,
@@ -253,7 +253,7 @@ class SensorModel(ImperfectionOptions, DrawOptions, ABC):
 
 
 def upload_probes(probes: Probes, context: Context) -> dict[str, wp.array]:
-    """Positions, normals and radii on the device, as :class:`Site` wants them."""
+    """Return positions, normals and radii on the device, as :class:`Site` wants them."""
     vec3 = wp.types.vector(3, context.real)
     device = context.device
     return {

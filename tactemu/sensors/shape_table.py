@@ -47,7 +47,7 @@ class ShapeTables:
         self._tables: dict = {}
 
     def table(self, used: tuple[Body, ...], query: str | None = None, cell: float | None = None) -> ShapeTable:
-        """The table of the bodies ``used``; the others get an empty row and cost nothing."""
+        """Return the table of the bodies ``used``; the others get an empty row and cost nothing."""
         chosen = frozenset(body.index for body in used)
         gridded = query if query in ("voxel", "band") else None
         key = (chosen, gridded, cell if gridded else None)

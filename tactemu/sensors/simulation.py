@@ -264,7 +264,9 @@ class Simulation:
     def _transduced(
         self, sensor: Sensor, raw: wp.array, done: tuple[wp.array, list[Stage], ReadingInfo], array: wp.array
     ) -> tuple[wp.array, list[Stage], ReadingInfo]:
-        """The measured branch's transducers: those of the truth, ``done``, where nothing has touched what goes in."""
+        """Return the measured branch's transducers: those of the truth, ``done``, where nothing has touched what
+        goes in.
+        """
         return done if array is raw else self._transduce(sensor, array)
 
     def _transduce(self, sensor: Sensor, array: wp.array) -> tuple[wp.array, list[Stage], ReadingInfo]:
@@ -516,7 +518,7 @@ class Simulation:
             self.check()
 
     def clone(self) -> Simulation:
-        """One of the same bodies, with handles of its own on the same sensors, at its start."""
+        """Return one of the same bodies, with handles of its own on the same sensors, at its start."""
         return Simulation(
             self.bodies,
             [sensor.clone() for sensor in self.sensors],
@@ -550,7 +552,7 @@ class Simulation:
         return {f"motion of {body.name}": body.motion for body in self._moving} | posers
 
     def state(self) -> dict[str, Any]:
-        """All that lasts from step to step, arrays copied to the host."""
+        """Return all that lasts from step to step, arrays copied to the host."""
         self.world.upload()
         counts = {name: getattr(self, name) for name in _COUNTS}
         return counts | {"memory": tuple(array.numpy().copy() for array in self.context.memory)}

@@ -45,7 +45,7 @@ class SplitSimulation:
         self._names = [sensor.name for sensor in sensors]
 
     def sensor(self, which: Sensor | str, part: int) -> Sensor:
-        """The handle of a skin on one device.
+        """Return the handle of a skin on one device.
 
         Raises:
             SceneError: there is no such skin.
@@ -84,7 +84,7 @@ class SplitSimulation:
                 part.reset(mine - a)
 
     def read(self, skin: Sensor | str, ground_truth: bool = False) -> Any:
-        """The reading of a skin in all environments (:meth:`Sensor.read`)."""
+        """Return the reading of a skin in all environments (:meth:`Sensor.read`)."""
         handles = [self.sensor(skin, k) for k in range(len(self.parts))]
         return _joined([each.read_ground_truth() if ground_truth else each.read() for each in handles])
 
@@ -134,7 +134,7 @@ def _rows(values: Any, n: int, mine: np.ndarray) -> np.ndarray:
 
 
 def _joined(parts: list[Any]) -> Any:
-    """Readings one after another: arrays, or the tuples of arrays that some models read."""
+    """Return readings one after another: arrays, or the tuples of arrays that some models read."""
     if isinstance(parts[0], tuple):
         return type(parts[0])(*(_joined(list(each)) for each in zip(*parts)))
     return np.concatenate(parts)

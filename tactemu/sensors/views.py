@@ -54,7 +54,8 @@ class Views:
     _status: wp.array | None
 
     def view(self: Any, name: str, ground_truth: bool = False) -> wp.array:
-        """One quantity of the last step on the device, ``([n_envs,] layout[, 3])``, over the reading's own memory.
+        """Return one quantity of the last step on the device, ``([n_envs,] layout[, 3])``, over the reading's own
+        memory.
 
         What is computed from a reading (the ``traction`` of an elastic layer) is from then on part of each step.
 

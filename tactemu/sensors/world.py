@@ -166,17 +166,17 @@ class World:
         self._in_flight = True
 
     def download(self) -> np.ndarray:
-        """All poses as numpy, ``(n_envs, n_bodies, 13)``."""
+        """Return all poses as numpy, ``(n_envs, n_bodies, 13)``."""
         return self._device_array.numpy()
 
     def pose(self, b: int) -> Pose:
-        """The pose of a body in environment 0, as last set."""
+        """Return the pose of a body in environment 0, as last set."""
         row = (self._device_array[0, b].numpy() if b in self._device_newer else self._values[b, 0]).copy()
         position, quaternion, velocity, turning = (row[part] for part in PARTS.values())
         return Pose(position, quaternion / np.linalg.norm(quaternion), velocity, turning)
 
     def poses(self) -> np.ndarray:
-        """Position and quaternion of each body in environment 0, as last set, shape ``(n_bodies, 7)``."""
+        """Return position and quaternion of each body in environment 0, as last set, shape ``(n_bodies, 7)``."""
         values = self._device_array[0].numpy() if self._device_newer else self._values[:, 0]
         return values[:, :7].copy()
 
@@ -186,7 +186,7 @@ class World:
         return bool(self._dirty)
 
     def exposed(self) -> wp.array:
-        """The poses ``(n_envs, n_bodies, 13)`` for anybody to write on the device, over the same memory."""
+        """Return the poses ``(n_envs, n_bodies, 13)`` for anybody to write on the device, over the same memory."""
         self.upload()
         self._exposed = True
         self.changed_on_device()
@@ -244,7 +244,7 @@ def _spread_kernel(dtype):
 
 
 def _as_rows(array: wp.array) -> wp.array | None:
-    """An array of scalars or vectors as ``(rows, width)`` scalars, on its device; ``None`` for other types."""
+    """Return an array of scalars or vectors as ``(rows, width)`` scalars, on its device; ``None`` for other types."""
     dtype = array.dtype
     if hasattr(dtype, "_wp_scalar_type_"):
         array = array.contiguous()

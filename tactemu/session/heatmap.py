@@ -23,7 +23,9 @@ MAX_COLUMNS = 40
 
 
 def felt(layout: Layout, senses: str, values: np.ndarray) -> np.ndarray:
-    """One number per taxel, larger where more is felt, shape ``(n_taxels,)``: push [N], pressure [Pa], depth [m] ..."""
+    """Return one number per taxel, larger where more is felt, shape ``(n_taxels,)``: push [N], pressure [Pa], depth
+    [m] ...
+    """
     values = np.asarray(values, float)
     if senses == "force":
         return 0.0 - (values * layout.normals).sum(axis=-1)
@@ -31,7 +33,7 @@ def felt(layout: Layout, senses: str, values: np.ndarray) -> np.ndarray:
 
 
 def draw(layout: Layout, values: np.ndarray, peak: float, *, patch: Patch | None = None, pool: int = 1) -> Text:
-    """A heat map of one patch (default: the first), ``values`` of shape ``(n_taxels,)`` from 0 to ``peak``.
+    """Return a heat map of one patch (default: the first), ``values`` of shape ``(n_taxels,)`` from 0 to ``peak``.
 
     ``pool`` by ``pool`` cells are drawn as one.
     """
@@ -88,7 +90,7 @@ class _Block(NamedTuple):
 
 
 def _rows(layout: Layout, sizes: list[np.ndarray], pool: int, width: int) -> list[list[_Block]]:
-    """The patches in rows that are no wider than ``width``."""
+    """Return the patches in rows that are no wider than ``width``."""
     rows: list[list[_Block]] = []
     named = len(layout.patches) > 1
     free = 0
@@ -119,7 +121,7 @@ def _cells(layout: Layout, patch: Patch) -> np.ndarray:
 
 
 def flattened(positions: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Positions seen from outside along the mean normal, shape ``(n, 2)`` [m]: x to the right, y up."""
+    """Return positions seen from outside along the mean normal, shape ``(n, 2)`` [m]: x to the right, y up."""
     normal = normals.mean(axis=0)
     normal = normal / np.linalg.norm(normal) if np.linalg.norm(normal) > 1e-6 else np.array([0.0, 0.0, 1.0])
     seed = np.array([0.0, 1.0, 0.0]) if abs(normal[0]) > 0.9 else np.array([1.0, 0.0, 0.0])

@@ -74,14 +74,16 @@ class LiveView:
         return Group(*self.panels(), Text("Ctrl-C ends", style="dim"))
 
     def panels(self) -> list[Panel]:
-        """A panel per device; together they fill the screen but for a line."""
+        """Return a panel per device; together they fill the screen but for a line."""
         width, height = self._live.console.size
         channels = self._emulator.channels
         room = (height - 2) // len(channels)  # the last line of a terminal stays free for its cursor
         return [self._panel(channel, width, room) for channel in channels]
 
     def _panel(self, channel: Channel, width: int, height: int) -> Panel:
-        """One device in ``width`` by ``height`` characters: what is said comes first, the pictures get the rest."""
+        """Return one device in ``width`` by ``height`` characters: what is said comes first, the pictures get the
+        rest.
+        """
         title = f"{channel.name}  {channel.wire.transport.address}"
         sample = self._emulator.truth.latest(channel.name)
         device = channel.device

@@ -66,7 +66,7 @@ def serve(
     name: str | None = None,
     again: str | Path | None = None,
 ) -> Served:
-    """A device or scene file on a port of its own; use it in a ``with`` statement.
+    """Return a device or scene file on a port of its own; use it in a ``with`` statement.
 
     Args:
         target: a device's name, ``path/to/device.py:Class`` or ``scene.toml``.
@@ -300,11 +300,11 @@ class Served(ControlCommands):
         return {"interface": interface, "channel": channel}
 
     def device(self, skin: str | None = None) -> Device:
-        """The firmware model of a skin (default: the only one)."""
+        """Return the firmware model of a skin (default: the only one)."""
         return self.control.channel(skin).device
 
     def sample(self, skin: str | None = None) -> Sample | None:
-        """The latest sample of a skin: ideal and measured reading, and counts."""
+        """Return the latest sample of a skin: ideal and measured reading, and counts."""
         return self.truth.latest(self.control.channel(skin).name)
 
     # -- what a test does ----------------------------------------------------------------------------------------------
@@ -338,7 +338,7 @@ class Served(ControlCommands):
         clock: str | None = None,
         name: str | None = None,
     ) -> Served:
-        """Another that goes on from where this one is now, once it is started: use it in a ``with`` statement.
+        """Return another that goes on from where this one is now, once it is started: use it in a ``with`` statement.
 
         They share what never changes; what happens to one, the other does not feel.
 

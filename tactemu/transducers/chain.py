@@ -46,7 +46,7 @@ class Chain:
         """What comes out."""
 
     def compile(self, place: TransducerSite, array: wp.array) -> tuple[wp.array, list[Stage]]:
-        """The last array and all stages, from the model's ``(n_envs, n_taxels, channels)``."""
+        """Return the last array and all stages, from the model's ``(n_envs, n_taxels, channels)``."""
         kind, stages = self.taken, []
         x: Any = array[:, :, self.columns]
         for each in self.transducers:

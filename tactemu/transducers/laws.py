@@ -15,7 +15,7 @@ MU0_OVER_4PI = 1e-7
 
 
 def dipole_field(chips: np.ndarray, magnets: np.ndarray, moments: np.ndarray) -> np.ndarray:
-    """Field [T] at ``chips`` (n, 3) [m] of dipoles at ``magnets`` (m, 3) [m] with ``moments`` (m, 3) [A m²]::
+    """Return field [T] at ``chips`` (n, 3) [m] of dipoles at ``magnets`` (m, 3) [m] with ``moments`` (m, 3) [A m²]::
 
         B = µ0/4π Σ (3 (m·r) r / |r|⁵ − m / |r|³)
 
@@ -45,7 +45,7 @@ class LogMemory:
 
     @classmethod
     def over(cls, first: float, last: float, terms_per_decade: int = 1) -> LogMemory:
-        """One that lasts from ``first`` to ``last`` [s].
+        """Return one that lasts from ``first`` to ``last`` [s].
 
         Past the ends it goes flat, so it is bounded.
         """
@@ -70,14 +70,14 @@ def log_creep(t: np.ndarray, per_decade: float | np.ndarray, since: float = 1.0)
 
 
 def falling_with_load(load: np.ndarray, at_reference: float, exponent: float, reference: float) -> np.ndarray:
-    """A share that heavy loads have less of: ``c (load/reference)^-exponent``."""
+    """Return a share that heavy loads have less of: ``c (load/reference)^-exponent``."""
     return at_reference * (np.asarray(load, float) / reference) ** -exponent
 
 
 def divider(
     load: np.ndarray, full: float | np.ndarray, half: float | np.ndarray, exponent: float | np.ndarray
 ) -> np.ndarray:
-    """A piezoresistor ``R ∝ load^-n`` below a fixed resistor: what the divider gives of ``full``::
+    """Return a piezoresistor ``R ∝ load^-n`` below a fixed resistor: what the divider gives of ``full``::
 
         V = full u / (1 + u),   u = (load / half)^n
 
@@ -93,8 +93,8 @@ def conditioning(presses: np.ndarray, most: float = 1000.0) -> np.ndarray:
 
 
 def curve(depth: np.ndarray, depths: np.ndarray, forces: np.ndarray) -> np.ndarray:
-    """A loading curve through points, monotone and smooth (piecewise cubic, Fritsch and Carlson); 0 before the first
-    depth, straight past the last."""
+    """Return a loading curve through points, monotone and smooth (piecewise cubic, Fritsch and Carlson); 0 before
+    the first depth, straight past the last."""
     depths, forces = np.asarray(depths, float), np.asarray(forces, float)
     slopes = _slopes(depths, forces)
     depth = np.asarray(depth, float)

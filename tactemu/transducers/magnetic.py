@@ -179,7 +179,7 @@ class Magnetic(Transducer):
         return FIELD
 
     def places(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Places and moments of all magnets at rest in the link's frame, for taxels at ``positions``."""
+        """Return places and moments of all magnets at rest in the link's frame, for taxels at ``positions``."""
         middle = positions.mean(axis=0)
         if len(self.magnets):
             places = np.asarray(self.magnets, float) + (middle if self.about_taxels else 0.0)
@@ -190,7 +190,7 @@ class Magnetic(Transducer):
         return places, np.broadcast_to(np.asarray(self.moments, float), places.shape).copy()
 
     def shares(self, places: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The taxels that move each magnet, nearest first, and how much of each one's displacement it has; both
+        """Return the taxels that move each magnet, nearest first, and how much of each one's displacement it has; both
         ``(m, k)``, with as many columns as any magnet needs."""
         apart = np.linalg.norm(places[:, None] - positions[None], axis=-1)
         most = max(1, int((apart <= REACH * self.spread).sum(axis=1).max(initial=0)))

@@ -23,7 +23,7 @@ TRANSDUCERS: dict[str, str] = {
 
 
 def load(name: str) -> type[Transducer]:
-    """The class of a transducer, by its name or as ``"module:Class"`` of the user's own.
+    """Return the class of a transducer, by its name or as ``"module:Class"`` of the user's own.
 
     Raises:
         SceneError: there is none of this name.
@@ -37,7 +37,7 @@ def load(name: str) -> type[Transducer]:
 
 
 def make(where: str, table: Mapping[str, Any]) -> Transducer:
-    """A transducer of a scene file's table: its ``kind``, and options.
+    """Return a transducer of a scene file's table: its ``kind``, and options.
 
     Raises:
         SceneError: no such kind, or an option that it does not have or does not accept.

@@ -75,11 +75,11 @@ class TransducerSite:
     """Their places, by name."""
 
     def zeros(self, channels: int) -> wp.array:
-        """A new array ``(n_envs, n_taxels, channels)`` that is part of the state."""
+        """Return a new array ``(n_envs, n_taxels, channels)`` that is part of the state."""
         return self.context.zeros((self.context.n_envs, len(self.positions), channels), self.context.real)
 
     def constant(self, values: np.ndarray, dtype: type | None = None) -> wp.array:
-        """An array on the device that never changes."""
+        """Return an array on the device that never changes."""
         return wp.array(values, dtype=dtype or self.context.real, device=self.context.device)
 
 
@@ -116,4 +116,4 @@ class Transducer(ABC):
 
     @abstractmethod
     def compile(self, place: TransducerSite, x: wp.array, taken: Kind) -> tuple[wp.array, Sequence[Stage]]:
-        """The array that it fills and its stages; ``x`` is ``(n_envs, n_taxels, channels)``."""
+        """Return the array that it fills and its stages; ``x`` is ``(n_envs, n_taxels, channels)``."""

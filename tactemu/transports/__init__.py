@@ -33,7 +33,7 @@ __all__ = ["TRANSPORTS", "Transport", "create"]
 
 
 def create(port: str) -> Transport:
-    """The transport for ``scheme:rest``, not yet open.
+    """Return the transport for ``scheme:rest``, not yet open.
 
     Raises:
         TransportError: unknown scheme, or an address that cannot be parsed.

@@ -89,11 +89,11 @@ class CanTransport(Transport):
             self._bus, self._fileno = None, -1
 
     def filenos(self, reading: bool = True) -> list[int]:
-        """The bus's socket, where it has one."""
+        """Return the bus's socket, where it has one."""
         return [self._fileno] if self._fileno >= 0 and reading else []
 
     def poll(self, reading: bool = True) -> list[Event]:
-        """Frames of the other nodes."""
+        """Return frames of the other nodes."""
         if self._bus is None or self._queue is None:
             return []
         events: list[Event] = []

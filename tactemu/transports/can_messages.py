@@ -13,7 +13,7 @@ logging.getLogger("can").addHandler(logging.NullHandler())  # what cannot be ope
 
 
 def message_of(frame: CanFrame, timestamp: float = 0.0, *, received: bool = True) -> can.Message:
-    """The message that a frame is on the bus. An error frame has its class in place of an identifier."""
+    """Return the message that a frame is on the bus. An error frame has its class in place of an identifier."""
     if frame.is_error_frame:
         return can.Message(
             timestamp=timestamp, arbitration_id=PROTOCOL_ERROR, data=bytes(8), is_error_frame=True,
@@ -33,7 +33,7 @@ def message_of(frame: CanFrame, timestamp: float = 0.0, *, received: bool = True
 
 
 def frame_of(message: can.Message) -> CanFrame:
-    """The frame that a message is."""
+    """Return the frame that a message is."""
     return CanFrame(
         arbitration_id=message.arbitration_id,
         data=b"" if message.is_remote_frame else bytes(message.data),

@@ -176,7 +176,7 @@ class DdsTransport(Transport):
 
 
 def types_of(text: str) -> dict[str, type[IdlStruct]]:
-    """The types that an IDL declares, by name. A sample of one keeps its bytes as they are."""
+    """Return the types that an IDL declares, by name. A sample of one keeps its bytes as they are."""
     known: dict[str, Any] = dict(_NUMBERS)
     for name, members in idl.structs(text).items():
         kinds = {}

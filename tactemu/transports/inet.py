@@ -40,7 +40,7 @@ def resolve(host: str, port: int, kind: socket.SocketKind) -> tuple[socket.Addre
 
 
 def not_ours(scheme: str, host: str, port: int, error: OSError) -> TransportError:
-    """The error of a port that cannot be listened on."""
+    """Return the error of a port that cannot be listened on."""
     return TransportError(
         f"cannot listen on {join(host, port)}: {error.strerror}; choose another port ({scheme}:0 takes a free one)"
     )

@@ -133,7 +133,9 @@ class PtyTransport(Transport):
     # -- events ------------------------------------------------------------------------------------------------------
 
     def filenos(self, reading: bool = True) -> list[int]:
-        """The watch for openings, and the port itself while a driver has it open (else it would never be quiet)."""
+        """Return the watch for openings, and the port itself while a driver has it open (else it would never be
+        quiet).
+        """
         watch = self._openings.fileno if self._openings else -1
         if watch < 0:
             return []  # no inotify: be polled

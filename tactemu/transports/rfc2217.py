@@ -23,7 +23,7 @@ _UNSENT_LIMIT = 65_536
 
 
 def _entry(name: str, usual: Any) -> Any:
-    """An attribute of a port that stands in its :class:`SerialSetting` once the client has set it."""
+    """Return an attribute of a port that stands in its :class:`SerialSetting` once the client has set it."""
 
     def get(port: _Port) -> Any:
         value = getattr(port.setting, name)
@@ -38,7 +38,7 @@ def _entry(name: str, usual: Any) -> Any:
 
 
 def _line(name: str) -> Any:
-    """A modem line of a port, which the client may set."""
+    """Return a modem line of a port, which the client may set."""
 
     def put(port: _Port, value: bool) -> None:
         port.lines = replace(port.lines, **{name: value})
@@ -129,7 +129,7 @@ class Rfc2217Transport(TcpTransport):
         return events + ([Received(bytes(data))] if data else [])
 
     def _feed(self, byte: bytes) -> bytes:
-        """One byte through the telnet filter. Malformed options are the client's fault: forgotten."""
+        """Return one byte through the telnet filter. Malformed options are the client's fault: forgotten."""
         assert self._protocol is not None
         try:
             data = b"".join(self._protocol.filter(byte))

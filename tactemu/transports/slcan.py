@@ -57,7 +57,7 @@ class SlcanTransport(PtyTransport):
         return not self._bus or self._bitrate in (0, self._bus)
 
     def poll(self, reading: bool = True) -> list[Event]:
-        """The driver's frames. A bus has no open and close: who is not there hears nothing."""
+        """Return the driver's frames. A bus has no open and close: who is not there hears nothing."""
         events: list[Event] = []
         for event in super().poll(reading):
             if isinstance(event, Received) and isinstance(event.data, bytes):
@@ -102,7 +102,7 @@ def line_of(frame: CanFrame) -> bytes:
 
 
 def frame_of(line: bytes) -> CanFrame | None:
-    """The frame that a line is; ``None``: it is none."""
+    """Return the frame that a line is; ``None``: it is none."""
     letter = line[:1].decode("latin-1")
     remote, extended = letter in "rR", letter.isupper()
     if not letter or (not remote and letter.lower() not in KINDS):

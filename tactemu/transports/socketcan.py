@@ -87,7 +87,7 @@ class SocketCanTransport(Transport):
         self._index = self._index_now()
 
     def _join(self) -> tuple[socket.socket, socket.socket]:
-        """The socket that frames are read from, and the one that they are written to.
+        """Return the socket that frames are read from, and the one that they are written to.
 
         Raises:
             OSError: there is no such interface.
@@ -117,7 +117,7 @@ class SocketCanTransport(Transport):
         self._away = False
 
     def filenos(self, reading: bool = True) -> list[int]:
-        """The bus's socket."""
+        """Return the bus's socket."""
         return [self._in.fileno()] if self._in is not None and reading else []
 
     def poll(self, reading: bool = True) -> list[Event]:
@@ -215,7 +215,7 @@ class SocketCanTransport(Transport):
 
 
 def joined(name: str, filters: Sequence[CanFilter] = ()) -> socket.socket:
-    """A CAN socket on an interface, which hears what the filters take, or all, and never waits.
+    """Return a CAN socket on an interface, which hears what the filters take, or all, and never waits.
 
     Raises:
         OSError: there is no such interface, or the kernel has no CAN.
@@ -236,7 +236,7 @@ def joined(name: str, filters: Sequence[CanFilter] = ()) -> socket.socket:
 
 
 def mtu_of(name: str) -> int:
-    """The longest frame of a network interface: 16 for CAN, 72 for CAN-FD, more for CAN XL.
+    """Return the longest frame of a network interface: 16 for CAN, 72 for CAN-FD, more for CAN XL.
 
     Raises:
         OSError: there is no such interface.
@@ -276,7 +276,7 @@ def _packed(frame: CanFrame) -> bytes:
 
 
 def _frame_of(data: bytes) -> CanFrame | None:
-    """The frame that the kernel has laid out so; ``None``: it is none, or an error frame."""
+    """Return the frame that the kernel has laid out so; ``None``: it is none, or an error frame."""
     if len(data) == _SIZE:
         identifier, size, payload = _CAN_FRAME.unpack(data)
         flags = 0

@@ -46,7 +46,7 @@ class SocketcandTransport(TcpTransport):
         return super().write(f"< frame {ident} {time.time():.6f} {frame.data.hex().upper()} >".encode("ascii"))
 
     def poll(self, reading: bool = True) -> list[Event]:
-        """The client's frames. A bus has no open and close: who is not there hears nothing."""
+        """Return the client's frames. A bus has no open and close: who is not there hears nothing."""
         return [event for event in super().poll(reading) if isinstance(event, Received)]
 
     def _greet(self) -> list[Event]:
@@ -91,7 +91,7 @@ class SocketcandTransport(TcpTransport):
 
 
 def frame_of(ident: bytes, length: bytes, data: list[bytes]) -> CanFrame | None:
-    """The frame of ``< send 123 2 11 22 >``; an identifier of more than three digits is extended."""
+    """Return the frame of ``< send 123 2 11 22 >``; an identifier of more than three digits is extended."""
     extended = len(ident) > 3
     try:
         number, values = int(ident, 16), bytes(int(each, 16) for each in data)

@@ -89,7 +89,7 @@ def _put(path: Path, target: str) -> None:
 
 
 def _claimed(path: Path) -> socket.socket:
-    """A mark that ``path`` is in use, which ends with the process however it ends: a socket's abstract name.
+    """Return a mark that ``path`` is in use, which ends with the process however it ends: a socket's abstract name.
 
     Raises:
         TransportError: somebody else holds it.

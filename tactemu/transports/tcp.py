@@ -71,7 +71,7 @@ class TcpTransport(Transport):
             self._server = None
 
     def filenos(self, reading: bool = True) -> list[int]:
-        """The server's socket and the client's."""
+        """Return the server's socket and the client's."""
         if self._held:
             return []
         return [each.fileno() for each in (self._server, self._client if reading else None) if each is not None]

@@ -78,7 +78,7 @@ class UdpTransport(Transport):
         self._socket = self._peer = None
 
     def filenos(self, reading: bool = True) -> list[int]:
-        """The socket."""
+        """Return the socket."""
         return [self._socket.fileno()] if self._socket is not None and reading else []
 
     def poll(self, reading: bool = True) -> list[Event]:

@@ -134,7 +134,7 @@ class Sink(Protocol):
         ...
 
     def tell(self) -> int:
-        """Bytes written."""
+        """Return bytes written."""
         ...
 
     def flush(self) -> None:
@@ -143,7 +143,7 @@ class Sink(Protocol):
 
 
 def checked_header(version: Any, origin_ns: Any, scene: Any = None, ends: Any = False) -> Header:
-    """The head of a log, if this program can read what follows.
+    """Return the head of a log, if this program can read what follows.
 
     Raises:
         ValueError: it cannot.

@@ -48,7 +48,7 @@ def export(path: str | Path, target: str | Path, *, skin: str | None = None, sen
 
 
 def _samples(path: Path, target: Path, skin: str | None, sense: str | None) -> int:
-    """A row per sample: its time, its number, and all numbers of its arrays."""
+    """Return a row per sample: its time, its number, and all numbers of its arrays."""
     found = (entry for entry in entries(path) if isinstance(entry, Sample) and skin in (None, entry.device))
     first = next((sample for sample in found if sense in (None, sample.sense)), None)
     if first is None:

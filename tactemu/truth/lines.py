@@ -91,7 +91,7 @@ class LinesWriter:
 
 
 def row_of(entry: Entry) -> dict[str, Any]:
-    """An entry as the object of its line; arrays stay arrays, frames are text, what is not known is left out."""
+    """Return an entry as the object of its line; arrays stay arrays, frames are text, what is not known is left out."""
     if isinstance(entry, BodyPose):
         return {
             "t_ns": entry.t_ns, "body": entry.body, "kind": "pose",
@@ -172,7 +172,7 @@ def read(file: IO[bytes]) -> Iterator[Header | Entry | End]:
 
 
 def _entry(row: Any, *, first: bool) -> Header | Entry | End:
-    """The entry of one line's object.
+    """Return the entry of one line's object.
 
     Raises:
         ValueError: it is none.
@@ -225,7 +225,7 @@ def _text(row: dict[str, Any], name: str, default: str | None = None) -> str:
 
 
 def _numbers(row: dict[str, Any], name: str) -> np.ndarray:
-    """An array of numbers.
+    """Return an array of numbers.
 
     Raises:
         ValueError: ragged, nested too deeply, or not numbers.
@@ -238,6 +238,6 @@ def _numbers(row: dict[str, Any], name: str) -> np.ndarray:
 
 
 def _short(value: Any) -> str:
-    """A value for a message, cut to a readable length."""
+    """Return a value for a message, cut to a readable length."""
     said = "nothing" if value is None else str(value) if isinstance(value, int) else repr(value)
     return said if len(said) <= 60 else said[:57] + "..."

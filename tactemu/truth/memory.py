@@ -109,12 +109,12 @@ class Memory:
 
 
 def size_of_sample(sample: Sample) -> int:
-    """Bytes of a sample in memory, roughly."""
+    """Return bytes of a sample in memory, roughly."""
     return _OBJECTS_OF_SAMPLE + sample.ideal.nbytes + sample.measured.nbytes + sample.counts.nbytes
 
 
 def size_of(entry: Entry) -> int:
-    """Bytes of any entry in memory, roughly."""
+    """Return bytes of any entry in memory, roughly."""
     if isinstance(entry, Sample):
         return size_of_sample(entry)
     if isinstance(entry, Passage):
@@ -126,7 +126,7 @@ def size_of(entry: Entry) -> int:
 
 
 def size_of_frame(frame: Frame | CanFrames) -> int:
-    """Bytes of a frame, or of several, in memory, roughly."""
+    """Return bytes of a frame, or of several, in memory, roughly."""
     if isinstance(frame, CanFrames):
         return _OBJECTS_OF_FRAME + frame.array.nbytes
     return _OBJECTS_OF_FRAME + len(frame.data if isinstance(frame, CanFrame) else frame)

@@ -51,7 +51,7 @@ class Message:
         return f"# {self.about}\n" + "".join(f"{kind} {name}\n" for name, kind in fields)
 
     def encode(self, fixed: Sequence, variable: Sequence[str | Sequence[str] | np.ndarray]) -> bytes:
-        """The message in CDR; arrays are of the types that the table says."""
+        """Return the message in CDR; arrays are of the types that the table says."""
         parts, at = [_LITTLE_ENDIAN_CDR, self.layout.pack(*fixed)], self.layout.size
 
         def put(data: Any, size: int, align: int) -> None:
@@ -145,7 +145,7 @@ _KINDS = {"pose": POSE, "tx": FRAME, "rx": FRAME, "drop": FRAME, "inject": INJEC
 
 
 def sample_message(*types: str) -> Message:
-    """The type of message for samples whose ``ideal``, ``measured`` and ``counts`` are of these ROS types."""
+    """Return the type of message for samples whose ``ideal``, ``measured`` and ``counts`` are of these ROS types."""
     return Message(
         "tactemu/msg/Sample" + "".join(each.removesuffix("[]").capitalize() for each in types),
         "A sample; version 1. Taxels in layout order, row by row; the shapes are in the channel's metadata.",
@@ -158,7 +158,7 @@ _sample_message = functools.cache(sample_message)
 
 
 def message_of(entry: Entry) -> tuple[str, Message, tuple, Sequence]:
-    """An entry's kind, its type of message, and the message's fixed and variable part."""
+    """Return an entry's kind, its type of message, and the message's fixed and variable part."""
     if isinstance(entry, Sample):
         arrays = [_portable(values) for values in (entry.ideal, entry.measured, entry.counts)]
         message = _sample_message(*(f"{_ROS_TYPES[values.dtype.str[1:]]}[]" for values in arrays))
@@ -180,7 +180,7 @@ def message_of(entry: Entry) -> tuple[str, Message, tuple, Sequence]:
 
 
 def _portable(values: np.ndarray) -> np.ndarray:
-    """The array as ROS has it: little-endian, of a type that it knows, without gaps."""
+    """Return the array as ROS has it: little-endian, of a type that it knows, without gaps."""
     dtype = values.dtype.newbyteorder("<")
     if dtype.str[1:] not in _ROS_TYPES:
         dtype = np.dtype("<f8")
@@ -212,7 +212,7 @@ class Decoder:
             self.message = _KINDS[self.kind]
 
     def __call__(self, data: bytes) -> Entry:
-        """The entry of one message.
+        """Return the entry of one message.
 
         Raises:
             ValueError, struct.error: it is shorter than it says, or does not have the channel's shapes.

@@ -149,7 +149,7 @@ def _forgotten(content: mmap.mmap, before: int) -> int:
 
 
 def _unpacked(chunk: Any) -> list:
-    """The records of a chunk, whose size is bounded whatever it says.
+    """Return the records of a chunk, whose size is bounded whatever it says.
 
     Raises:
         ValueError, RuntimeError: it is damaged.

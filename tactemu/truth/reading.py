@@ -129,7 +129,7 @@ class Log(Mapping[str, SkinLog]):
     """The file stops without its end: its writer was killed, or the disk was full."""
 
     def __getitem__(self, device: str) -> SkinLog:
-        """The part of one skin.
+        """Return the part of one skin.
 
         Raises:
             KeyError: there is none; names those that there are.
@@ -146,7 +146,7 @@ class Log(Mapping[str, SkinLog]):
 
 
 def read_log(path: str | Path) -> Log:
-    """A truth log (``.mcap`` or ``.jsonl``) as arrays per skin.
+    """Return a truth log (``.mcap`` or ``.jsonl``) as arrays per skin.
 
     Raises:
         TactemuError: no such file, or no log; the message says where it is wrong.
@@ -207,7 +207,7 @@ def _samples(samples: list[Sample]) -> Samples:
 
 
 def _stacked(values: list[np.ndarray]) -> np.ndarray:
-    """One array of all; of objects where a device changed its shape while it ran."""
+    """Return one array of all; of objects where a device changed its shape while it ran."""
     if len({each.shape for each in values}) <= 1:
         return np.stack(values) if values else np.zeros(0)
     stacked = np.empty(len(values), object)

@@ -55,7 +55,7 @@ class Recording:
         return "can" if any(isinstance(entry.frame, CanFrame) for entry in self.entries) else "serial"
 
     def towards_driver(self) -> list[Entry]:
-        """The entries that a replay sends."""
+        """Return the entries that a replay sends."""
         return [entry for entry in self.entries if entry.kind == "tx"]
 
 
@@ -141,7 +141,7 @@ def _read_candump(path: Path) -> Iterator[Entry]:
 
 
 def _nanoseconds(time_s: float) -> int:
-    """A time in the unit of the others [ns].
+    """Return a time in the unit of the others [ns].
 
     Raises:
         ValueError: it is not finite, or does not fit 64 bits.

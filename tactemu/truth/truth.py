@@ -119,21 +119,23 @@ class Truth:
         return self._writers[0].lost if self._writers else 0
 
     def latest(self, device: str, sense: str | None = None) -> Sample | None:
-        """The latest sample of one device; of several senses, that of the one named, or of the one that came first."""
+        """Return the latest sample of one device; of several senses, that of the one named, or of the one that came
+        first.
+        """
         senses = self._latest.get(device, {})
         return senses.get(sense) if sense is not None else next(iter(senses.values()), None)
 
     def latest_of(self, device: str) -> dict[str, Sample]:
-        """The latest sample of one device of each of its senses, the one that came first first."""
+        """Return the latest sample of one device of each of its senses, the one that came first first."""
         return dict(self._latest.get(device, {}))
 
     def latest_frame(self, device: str) -> Frame | None:
-        """The latest frame of one device that left for the driver."""
+        """Return the latest frame of one device that left for the driver."""
         latest = self._latest_frames.get(device)
         return latest[-1] if isinstance(latest, CanFrames) else latest
 
     def injected_at(self, device: str) -> Counter[str]:
-        """Faults by name that befell one skin, or the bus that it is on."""
+        """Return faults by name that befell one skin, or the bus that it is on."""
         found: Counter[str] = Counter()
         for name, counts in self.injected_by_device.items():
             if device == name or device in name.split("+"):
@@ -153,7 +155,7 @@ class Truth:
         number: int | None = None,
         sense: str = "",
     ) -> int:
-        """One sample; the arrays are copied, so that the caller may reuse them.
+        """Return one sample; the arrays are copied, so that the caller may reuse them.
 
         Args:
             t_ns: when it was taken.

@@ -244,7 +244,7 @@ class _File:
         return len(data)
 
     def tell(self) -> int:
-        """Bytes written."""
+        """Return bytes written."""
         return self._at
 
     def flush(self) -> None:

@@ -91,7 +91,7 @@ class Choice:
 
 
 def pick(skin: str, truth: str, pace: Pace, line_hz: float | None, measured: list[Measured]) -> Choice:
-    """The most accurate setting that keeps the rate, the cheapest of those that are alike; else the fastest."""
+    """Return the most accurate setting that keeps the rate, the cheapest of those that are alike; else the fastest."""
     fitting = [entry for entry in measured if entry.keeps_rate]
     if fitting:
         least = min(entry.error for entry in fitting)

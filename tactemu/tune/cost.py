@@ -71,7 +71,9 @@ class Cost:
 
 
 def stopwatch(on_cpu: bool) -> Callable[[], float]:
-    """A clock [s]. On a CPU the thread's own time: what else the machine does now is no property of a setting."""
+    """Return a clock [s]. On a CPU the thread's own time: what else the machine does now is no property of a
+    setting.
+    """
     return time.thread_time if on_cpu else time.perf_counter
 
 
@@ -85,7 +87,7 @@ class Still:
         self._values = {sense.key: channel.source.sense(sense, 0) for sense in senses}
 
     def sense(self, sense: Sense, t_ns: int, ground_truth: bool = False) -> np.ndarray:
-        """The reading."""
+        """Return the reading."""
         return self._values[sense.key]
 
 
@@ -118,7 +120,7 @@ def _samples(channels: list[Channel]) -> list[int]:
 
 
 def _dropped(channels: list[Channel]) -> list[int]:
-    """Readings that found a channel's line full; skins on one wire share them."""
+    """Return readings that found a channel's line full; skins on one wire share them."""
     sharing = [sum(other.wire is channel.wire for other in channels) for channel in channels]
     return [channel.wire.counters["dropped_readings"] // n for channel, n in zip(channels, sharing)]
 

@@ -28,7 +28,7 @@ class Setting:
         return load(self.model).strengths
 
     def skin(self, skin: Skin, gain: float = 1.0) -> Skin:
-        """The skin with this model: options that the model has stay, dials are set, strengths get the gain."""
+        """Return the skin with this model: options that the model has stay, dials are set, strengths get the gain."""
         model = load(self.model)
         known = {field.name: field for field in dataclasses.fields(model) if field.init}
         shared = {field.name for field in dataclasses.fields(SensorModel)} - {"contact_depth_query", "voxel_size"}
@@ -40,7 +40,7 @@ class Setting:
         return skin.model_copy(update={"model_": self.model, "options": options})
 
     def scene(self, loaded: LoadedScene, title: str) -> LoadedScene:
-        """The scene with this setting in the skin called ``title``."""
+        """Return the scene with this setting in the skin called ``title``."""
         tables = loaded.tables
         skins = tuple(self.skin(skin) if skin.title == title else skin for skin in tables.skin)
         world = tables.scene.model_copy(update={"dtype": self.dtype})
@@ -54,7 +54,7 @@ def _dials_of(model: type[SensorModel]) -> set[str]:
 
 
 def settings_for(senses: str) -> list[Setting]:
-    """All settings for a device that senses this quantity, cheapest model first."""
+    """Return all settings for a device that senses this quantity, cheapest model first."""
     return [
         _setting(f"{name}, {trial.name}", name, trial)
         for name, model in models_for(senses).items()

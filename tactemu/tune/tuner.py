@@ -120,7 +120,9 @@ class Tuner:
         return pick(self.skin.title, name, self.pace, loop.line_hz, measured)
 
     def _truth(self, side: int) -> tuple[np.ndarray, str]:
-        """The finest layer; where the skin is no flat grid, or senses depth, the best of the settings in float64."""
+        """Return the finest layer; where the skin is no flat grid, or senses depth, the best of the settings in
+        float64.
+        """
         reasons = []
         for setting in truth_settings(self.device.contact[0], side):
             try:
@@ -146,7 +148,7 @@ class Tuner:
         return np.stack(frames)
 
     def _judge(self, setting: Setting, got: np.ndarray, truth: np.ndarray, touched: np.ndarray) -> tuple[float, dict]:
-        """Gain and errors."""
+        """Return gain and errors."""
         half = touched[: max(len(touched) // 2, 1)]
         judged = touched[len(half) :] if len(touched) > 1 else touched
         gain = 1.0

@@ -10,7 +10,7 @@ from tactemu.base.errors import SceneError
 
 
 def set_skin(text: str, index: int, model: str, options: dict[str, Any], dtype: str | None = None) -> str:
-    """The TOML text with the model and the options of its ``[[skin]]`` number ``index`` replaced.
+    """Return the TOML text with the model and the options of its ``[[skin]]`` number ``index`` replaced.
 
     Options are written as one inline table; a ``[skin.options]`` table is replaced by it.
 
@@ -39,7 +39,7 @@ def write_skin(file: Path, index: int, model: str, options: dict[str, Any], dtyp
 
 
 def _next_table(lines: list[str], start: int) -> int:
-    """The next line that opens a table, or the end. A line of a multi-line array may begin with ``[`` too."""
+    """Return the next line that opens a table, or the end. A line of a multi-line array may begin with ``[`` too."""
     depth = 0
     for k in range(start, len(lines)):
         if depth == 0 and re.match(r"\s*\[{1,2}\s*[A-Za-z_\"]", lines[k]):
@@ -85,7 +85,7 @@ def _set_in_scene(lines: list[str], key: str, value: Any) -> list[str]:
 
 
 def _value(value: Any) -> str:
-    """A TOML value on one line."""
+    """Return a TOML value on one line."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):

@@ -42,7 +42,7 @@ def frame_bits(frame: CanFrame) -> tuple[int, int]:
 
 
 def frame_ns(frame: CanFrame, bitrate: int, data_bitrate: int | None = None) -> int:
-    """Time on the bus [ns], intermission included. Without bit-rate switching the data rate plays no part."""
+    """Return time on the bus [ns], intermission included. Without bit-rate switching the data rate plays no part."""
     arbitration, data = frame_bits(frame)
     return round(1e9 * arbitration / bitrate + 1e9 * data / (data_bitrate or bitrate))
 

@@ -16,7 +16,7 @@ _STATE = 7 << 16
 
 
 def run_ns(frames: CanFrames, bitrate: int) -> np.ndarray:
-    """Time on the bus of each [ns], intermission included; int64, shape ``(n,)``."""
+    """Return time on the bus of each [ns], intermission included; int64, shape ``(n,)``."""
     return np.rint(1e9 * run_bits(frames) / bitrate).astype(np.int64)
 
 

@@ -92,7 +92,7 @@ class Line:
         return max(self.free_ns, min(heads)) if heads else None
 
     def take(self, now_ns: int) -> Pending | None:
-        """The next frame whose last bit has gone by ``now_ns``, or ``None``."""
+        """Return the next frame whose last bit has gone by ``now_ns``, or ``None``."""
         if self._sending is None:
             self._start(now_ns)
         return self.finish(now_ns)
@@ -106,7 +106,9 @@ class Line:
         return sent
 
     def settle(self, now_ns: int) -> list[Pending]:
-        """All that is queued or on the line, in the order in which it would leave; to the line no time has passed."""
+        """Return all that is queued or on the line, in the order in which it would leave; to the line no time has
+        passed.
+        """
         settled = []
         while (due_ns := self.next_ns()) is not None:
             if (pending := self.take(due_ns)) is not None:

@@ -71,7 +71,9 @@ def _filled(own: SerialSetting, other: SerialSetting) -> _Setting:
 
 @lru_cache(maxsize=16)
 def _levels(sent: _Setting) -> list[bytes]:
-    """Every byte as levels on the line: start, data (least significant first), parity, stop; shape ``(256, n)``."""
+    """Return every byte as levels on the line: start, data (least significant first), parity, stop; shape ``(256,
+    n)``.
+    """
     return [_levels_of(byte, sent) for byte in range(256)]
 
 

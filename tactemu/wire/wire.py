@@ -372,7 +372,7 @@ class Wire:
         return self._write(pending, now_ns)
 
     def _pass_run_on(self, pending: Pending, frames: CanFrames, now_ns: int) -> int:
-        """Frames of one device that left the line one after another."""
+        """Return frames of one device that left the line one after another."""
         source = pending.source
         peers = [connector for name, connector in self.connectors.items() if name != source]
         if peers and source in self.connectors:
@@ -563,7 +563,7 @@ class Wire:
         return heard.source == DRIVER and self.line_model.passes_by(self.connectors[source], heard.data)
 
     def _through(self, frame: Frame, source: str, *, to_driver: bool) -> Frame:
-        """A frame as heard at the other end, whose settings may differ."""
+        """Return a frame as heard at the other end, whose settings may differ."""
         connector = self.connectors.get(source, self.line_model.connector)
         result = self.line_model.heard(frame, connector, self.transport.setting, to_driver=to_driver)
         if result is not frame:

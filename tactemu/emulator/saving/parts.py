@@ -38,7 +38,7 @@ VALUES = (
 
 
 def parts_of(root: Any) -> dict[str, Any]:
-    """The parts of ``root``, itself included, by the way to them: ``channels[0].wires['']``."""
+    """Return the parts of ``root``, itself included, by the way to them: ``channels[0].wires['']``."""
     found: dict[str, Any] = {}
     seen: set[int] = set()
 
@@ -62,7 +62,7 @@ def parts_of(root: Any) -> dict[str, Any]:
 
 
 def state_of(parts: Mapping[str, Any]) -> dict[str, Any]:
-    """The state of all parts: nested dicts and lists of plain values and arrays, which share nothing with them.
+    """Return the state of all parts: nested dicts and lists of plain values and arrays, which share nothing with them.
 
     Raises:
         StateError: something in them cannot be saved; says where.

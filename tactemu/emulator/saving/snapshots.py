@@ -19,7 +19,7 @@ MAX_TURN_NS = 600_000_000_000
 
 
 def take(emulator: Any) -> dict[str, Any]:
-    """The whole state as plain data.
+    """Return the whole state as plain data.
 
     Raises:
         StateError: some part of it cannot be saved.
@@ -30,7 +30,7 @@ def take(emulator: Any) -> dict[str, Any]:
 
 
 def write(path: str | Path, state: Mapping[str, Any]) -> int:
-    """A state as a file; returns its size [byte].
+    """Return a state as a file; returns its size [byte].
 
     Raises:
         StateError: the file cannot be written.

@@ -74,7 +74,7 @@ def _shown(table: Mapping[str, Any], name: str) -> str:
 
 
 def flat(tree: Any, name: str = "") -> dict[str, str]:
-    """A tree of plain data as one table of texts: ``{"skin[0].options.noise": "0.001"}``."""
+    """Return a tree of plain data as one table of texts: ``{"skin[0].options.noise": "0.001"}``."""
     if isinstance(tree, Mapping):
         pairs = [(f"{name}.{key}".lstrip("."), value) for key, value in tree.items()]
     elif isinstance(tree, list | tuple):
@@ -106,7 +106,7 @@ def write(path: str | Path, head: Mapping[str, Any], state: dict[str, Any]) -> i
 
 
 def read(path: str | Path, recipe: Mapping[str, Any], own_bytes: int) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The header of a file and the state in it.
+    """Return the header of a file and the state in it.
 
     Args:
         path: of the file.
@@ -144,7 +144,7 @@ class _Once(dict[str, np.ndarray]):
 
 
 def _members(data: bytes) -> dict[str, memoryview]:
-    """The members of the file, by name, not copied: they are stored as they are.
+    """Return the members of the file, by name, not copied: they are stored as they are.
 
     Raises:
         ValueError, BadZipFile: it is no such file.

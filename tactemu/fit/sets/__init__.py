@@ -23,5 +23,5 @@ SETS: dict[str, str] = {
 
 
 def load(name: str) -> ModuleType:
-    """The module of a set, by its folder's name."""
+    """Return the module of a set, by its folder's name."""
     return importlib.import_module(SETS[name])

@@ -28,7 +28,7 @@ class Aim:
     by: Literal["rms", "mean", "worst"] = "rms"
 
     def summed(self, errors: np.ndarray) -> float:
-        """One number of many errors."""
+        """Return one number of many errors."""
         errors = np.abs(np.asarray(errors, float).ravel())
         return float(_SUMS[self.by](errors)) if len(errors) else float("nan")
 
@@ -41,12 +41,12 @@ _SUMS: dict[str, Callable[[np.ndarray], float]] = {
 
 
 def each_left_out(names: Sequence[str]) -> list[Fold]:
-    """Every recording left out in turn."""
+    """Return every recording left out in turn."""
     return [([other for other in names if other != name], [name]) for name in names]
 
 
 def table_of(path: Path) -> dict[str, np.ndarray]:
-    """Columns of a CSV file, gzipped or not, by their names."""
+    """Return columns of a CSV file, gzipped or not, by their names."""
     opened = gzip.open(path, "rt") if path.suffix == ".gz" else path.open(encoding="utf-8")
     with opened as file:
         names = file.readline().strip().split(",")
@@ -55,5 +55,5 @@ def table_of(path: Path) -> dict[str, np.ndarray]:
 
 
 def stem(path: Path) -> str:
-    """A file's name without any of its endings."""
+    """Return a file's name without any of its endings."""
     return path.name.split(".")[0]

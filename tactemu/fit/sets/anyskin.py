@@ -44,12 +44,12 @@ class Untouched:
 
 
 def read(folder: Path) -> Recordings:
-    """Recordings without touch."""
+    """Return recordings without touch."""
     return {path.stem: untouched(np.load(path)) for path in sorted(folder.glob("*.npz"))}
 
 
 def untouched(archive: Any) -> Untouched:
-    """Noise of a recording."""
+    """Return noise of a recording."""
     field = archive["b_minus_baseline"].astype(float)
     x = field - field.mean(axis=0)
 
@@ -63,7 +63,7 @@ def untouched(archive: Any) -> Untouched:
 
 
 def fit(recordings: Recordings) -> dict[str, Any]:
-    """Noise of each condition."""
+    """Return noise of each condition."""
     found = {}
     for condition in ("still", "moving"):
         several = [each for each in recordings.values() if each.condition == condition]
@@ -83,7 +83,7 @@ def fit(recordings: Recordings) -> dict[str, Any]:
 
 
 def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings | None = None) -> dict[str, Any]:
-    """Errors of each recording of a condition that was fitted [%]."""
+    """Return errors of each recording of a condition that was fitted [%]."""
     found: dict[str, list] = {aim.key: [] for aim in AIMS}
     for each in recordings.values():
         if each.condition in parameters:
@@ -94,7 +94,7 @@ def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings
 
 
 def folds(recordings: Recordings) -> list[Fold]:
-    """Each recording of a condition that has several."""
+    """Return each recording of a condition that has several."""
     found = []
     for condition in ("still", "moving"):
         names = [name for name, each in recordings.items() if each.condition == condition]

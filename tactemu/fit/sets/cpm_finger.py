@@ -54,13 +54,13 @@ class Slide:
 
 
 def read(folder: Path) -> Recordings:
-    """All slides."""
+    """Return all slides."""
     archives = [np.load(path) for path in sorted(folder.glob("*.npz"))]
     return {name: slide(name, archive[name].astype(float)) for archive in archives for name in archive}
 
 
 def slide(name: str, rows: np.ndarray) -> Slide:
-    """One slide, by its name ``material_F<grip>_V<mm/s>mmps_<repeat>``."""
+    """Return one slide, by its name ``material_F<grip>_V<mm/s>mmps_<repeat>``."""
     found = re.fullmatch(r"(\w+?)_F(\d+)_V-?(\d+)mmps_\d+", name)
     if found is None:
         raise ValueError(f"slide {name!r}: expected a name such as Board10mm_F120_V-10mmps_0")
@@ -86,7 +86,9 @@ def strongest_line(taxels: np.ndarray, period_s: float) -> float:
 
 
 def predicted_noise(parameters: dict[str, Any], slide: Slide) -> float:
-    """Noise from sample to sample of a slide [counts]; of a material that was not seen as on the one that was."""
+    """Return noise from sample to sample of a slide [counts]; of a material that was not seen as on the one that
+    was.
+    """
     if not slide.ridged:
         return parameters["white"] + parameters["white_grip"] * max(0.0, slide.grip - parameters["grip_from"]) ** 2
     line = slide.speed_mm_s / parameters["pitch_mm"]
@@ -95,7 +97,7 @@ def predicted_noise(parameters: dict[str, Any], slide: Slide) -> float:
 
 
 def fit(recordings: Recordings) -> dict[str, Any]:
-    """Parameters of all materials together."""
+    """Return parameters of all materials together."""
     every = list(recordings.values())
     periods = np.concatenate([each.periods_ms for each in every])
     found: dict[str, Any] = {"period_ms": float(periods.mean()), "period_std_ms": float(periods.std())}
@@ -127,7 +129,7 @@ def _apart(p: np.ndarray, found: dict[str, Any], slides: list[Slide], names: tup
 
 
 def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings | None = None) -> dict[str, Any]:
-    """Errors of the slides [%]; of noise as logarithms of ratios. Of a material that was not ``known``
+    """Return errors of the slides [%]; of noise as logarithms of ratios. Of a material that was not ``known``
     periods only."""
     every = list(recordings.values())
     periods = np.concatenate([each.periods_ms for each in every])
@@ -142,7 +144,9 @@ def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings
 
 
 def folds(recordings: Recordings) -> list[Fold]:
-    """Each condition (material, grip, speed) left out with all its repeats; then each material, for the periods."""
+    """Return each condition (material, grip, speed) left out with all its repeats; then each material, for the
+    periods.
+    """
     names, found = list(recordings), []
     groups: dict[str, list[str]] = {}
     for name in names:

@@ -51,7 +51,7 @@ class Presses:
 
 
 def read(folder: Path) -> Recordings:
-    """Recordings of presses in a sine."""
+    """Return recordings of presses in a sine."""
     paths = [path for path in sorted(folder.glob("*.csv.gz")) if not stem(path).startswith("spatial")]
     return {stem(path): presses(table_of(path), stem(path).rpartition("_")[0]) for path in paths}
 
@@ -74,7 +74,7 @@ def presses(table: dict[str, np.ndarray], condition: str) -> Presses:
 
 
 def _turns(t: np.ndarray, z: np.ndarray) -> list[int]:
-    """Rows at the lowest places."""
+    """Return rows at the lowest places."""
     smooth = np.convolve(z, np.ones(9) / 9, "same")
     found: list[int] = []
     for i in range(20, len(z) - 20):
@@ -96,7 +96,7 @@ def _gap(z: np.ndarray, change: np.ndarray, top: int, low: int, end: int) -> flo
 
 
 def force(parameters: dict[str, Any], depth_mm: np.ndarray, touch_mm: float, presses_before: float) -> np.ndarray:
-    """Force [N] at a depth of the probe [mm] while loading; ``touch_mm``: where it first touched."""
+    """Return force [N] at a depth of the probe [mm] while loading; ``touch_mm``: where it first touched."""
     worked_in = conditioning(np.asarray(presses_before))
     inside = depth_mm - touch_mm - parameters["set_mm"] * worked_in
     softer = 1.0 - parameters["softening"] * worked_in
@@ -110,7 +110,7 @@ def gap(parameters: dict[str, Any], presses_before: np.ndarray) -> np.ndarray:
 
 
 def fit(recordings: Recordings) -> dict[str, Any]:
-    """Parameters of each condition, by its name."""
+    """Return parameters of each condition, by its name."""
     conditions = dict.fromkeys(each.condition for each in recordings.values())
     return {name: _fit([each for each in recordings.values() if each.condition == name]) for name in conditions}
 
@@ -153,7 +153,7 @@ def _fit(several: list[Presses]) -> dict[str, Any]:
 
 
 def state(parameters: dict[str, Any], first: tuple[np.ndarray, np.ndarray]) -> tuple[float, float]:
-    """Height of contact [mm] and presses before, from the loading curve of a first press."""
+    """Return height of contact [mm] and presses before, from the loading curve of a first press."""
     depth, felt = first
     tries = [
         least_squares(
@@ -169,7 +169,7 @@ def state(parameters: dict[str, Any], first: tuple[np.ndarray, np.ndarray]) -> t
 
 
 def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings | None = None) -> dict[str, Any]:
-    """Errors of the presses after the first: of force [% of peak], gap [points] and baseline [%]."""
+    """Return errors of the presses after the first: of force [% of peak], gap [points] and baseline [%]."""
     found: dict[str, list] = {"loading": [], "gap": [], "baseline": []}
     for each in recordings.values():
         if each.condition not in parameters:
@@ -188,7 +188,7 @@ def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings
 
 
 def folds(recordings: Recordings) -> list[Fold]:
-    """Each recording of a condition that has several."""
+    """Return each recording of a condition that has several."""
     several = {}
     for name, each in recordings.items():
         several.setdefault(each.condition, []).append(name)

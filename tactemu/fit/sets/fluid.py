@@ -104,7 +104,7 @@ def fit(recordings: Recordings) -> dict[str, Any]:
 
 
 def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings | None = None) -> dict[str, Any]:
-    """Errors of medians [points, s]; of a medium that was not fitted there is no lag."""
+    """Return errors of medians [points, s]; of a medium that was not fitted there is no lag."""
     found: dict[str, list] = {aim.key: [] for aim in AIMS}
     for each in recordings.values():
         same = each.medium in parameters["lag_s"]

@@ -37,7 +37,7 @@ class Grasp:
 
 
 def read(folder: Path) -> Recordings:
-    """All grasps, by ``object_trial``."""
+    """Return all grasps, by ``object_trial``."""
     found = {}
     for path in sorted(folder.glob("*.npz")):
         archive = np.load(path)
@@ -65,7 +65,7 @@ def fit(recordings: Recordings) -> dict[str, Any]:
 
 
 def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings | None = None) -> dict[str, Any]:
-    """Errors of all the grasps given together [counts, points]."""
+    """Return errors of all the grasps given together [counts, points]."""
     other, rest = fit(recordings), np.array(parameters["rest"])
     own, seen = other["smallest_by_object"], parameters["smallest_by_object"]
     found = {
@@ -80,7 +80,7 @@ def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings
 
 
 def folds(recordings: Recordings) -> list[Fold]:
-    """Every third trial of all objects held out, three times; then half of the objects, ten times."""
+    """Return every third trial of all objects held out, three times; then half of the objects, ten times."""
     names = list(recordings)
     found: list[Fold] = []
     for k in range(3):

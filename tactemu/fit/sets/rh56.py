@@ -55,7 +55,7 @@ class Stops:
 
 
 def read(folder: Path) -> Recordings:
-    """All recordings of stops, ``speed<N>_limit<N>g``."""
+    """Return all recordings of stops, ``speed<N>_limit<N>g``."""
     found: dict[str, Any] = {}
     for path in sorted(folder.glob("*.csv.gz")):
         name = re.search(r"speed(\d+)_limit(\d+)g", stem(path))
@@ -83,7 +83,7 @@ def stops(table: dict[str, np.ndarray], speed: float, limit_g: float) -> Stops:
 
 
 def contact(parameters: dict[str, Any], angle: np.ndarray) -> np.ndarray:
-    """Force of the contact [g] at an angle."""
+    """Return force of the contact [g] at an angle."""
     return parameters["per_angle_g"] * softplus(parameters["touch_angle"] - angle, parameters["bend"])
 
 
@@ -106,7 +106,7 @@ def peak(parameters: dict[str, Any], speed: np.ndarray, limit_g: np.ndarray) -> 
 
 
 def fit(recordings: Recordings) -> dict[str, Any]:
-    """The contact, and then the motor."""
+    """Return the contact, and then the motor."""
     every = list(recordings.values())
     slowest = min(each.speed for each in every)
     moving = [each.motion for each in every if each.speed == slowest]
@@ -135,7 +135,7 @@ def fit(recordings: Recordings) -> dict[str, Any]:
 
 
 def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings | None = None) -> dict[str, Any]:
-    """Errors of each recording's mean peak [%], by speed."""
+    """Return errors of each recording's mean peak [%], by speed."""
     found: dict[str, list] = {}
     for each in recordings.values():
         expected = peak(parameters, np.array([each.speed]), np.array([each.limit_g]))[0]
@@ -147,7 +147,7 @@ def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings
 
 
 def folds(recordings: Recordings) -> list[Fold]:
-    """Each limit left out at all speeds."""
+    """Return each limit left out at all speeds."""
     limits = sorted({each.limit_g for each in recordings.values()})
     return [
         (

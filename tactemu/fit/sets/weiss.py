@@ -60,7 +60,7 @@ class GainSeries:
 
 
 def read(folder: Path) -> Recordings:
-    """Recordings of weights and of gain registers."""
+    """Return recordings of weights and of gain registers."""
     found: dict[str, Any] = {}
     for path in sorted(folder.glob("*.npz")):
         weight = re.search(r"weight.*?_(\d+)g", path.stem)
@@ -112,7 +112,7 @@ def imprints(t: np.ndarray, total: np.ndarray, *, at_least_s: float, share: floa
 
 
 def fit(recordings: Recordings) -> dict[str, Any]:
-    """Parameters of the laws: five of the sum, two of its creep, two of the register."""
+    """Return parameters of the laws: five of the sum, two of its creep, two of the register."""
     rows = _rows(recordings)
     found = least_squares(lambda p: np.log(_sum(p, rows) / rows["sum"]), [11.0, np.log(750.0), 0.05, -0.01, 0.1])
     spread = np.sqrt(np.mean(found.fun**2))
@@ -136,7 +136,7 @@ def fit(recordings: Recordings) -> dict[str, Any]:
 
 
 def predicted_sum(parameters: dict[str, Any], mass_g: Any, temperature_c: Any, imprint: Any = 0) -> np.ndarray:
-    """Counts, 5 s after a weight [g] was put down at a temperature [°C]; ``imprint`` counts from 0."""
+    """Return counts, 5 s after a weight [g] was put down at a temperature [°C]; ``imprint`` counts from 0."""
     p = [parameters[name] for name in ("full_counts", "half_g", "half_per_k", "gain_per_k", "per_imprint")]
     rows = {"mass": np.asarray(mass_g), "warm": np.asarray(temperature_c) - REFERENCE_C, "imprint": np.asarray(imprint)}
     return _sum([np.log(p[0]), np.log(p[1]), *p[2:]], rows)
@@ -149,7 +149,7 @@ def _sum(p: Sequence[float], rows: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def _rows(recordings: Recordings) -> dict[str, np.ndarray]:
-    """All imprints of all weights, one row each."""
+    """Return all imprints of all weights, one row each."""
     each = [one for one in recordings.values() if isinstance(one, Weights)]
     return {
         "mass": np.concatenate([np.full(len(one.sum_5s), one.mass_g) for one in each]),
@@ -170,7 +170,9 @@ def _shares(series: GainSeries) -> tuple[np.ndarray, np.ndarray]:
 
 
 def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings | None = None) -> dict[str, Any]:
-    """Errors of imprints: sums as logarithms of ratios [%]. ``known`` were fitted: between their weights is inside."""
+    """Return errors of imprints: sums as logarithms of ratios [%]. ``known`` were fitted: between their weights is
+    inside.
+    """
     found: dict[str, Any] = {}
     masses = [each.mass_g for each in (known or recordings).values() if isinstance(each, Weights)]
     if any(isinstance(each, Weights) for each in recordings.values()):
@@ -195,5 +197,5 @@ def errors(parameters: dict[str, Any], recordings: Recordings, known: Recordings
 
 
 def folds(recordings: Recordings) -> list[Fold]:
-    """Each recording of weights in turn; a gain series leaves its imprints out by itself."""
+    """Return each recording of weights in turn; a gain series leaves its imprints out by itself."""
     return each_left_out(list(recordings))

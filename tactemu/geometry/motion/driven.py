@@ -52,7 +52,7 @@ class Joint(Motion):
         return Pose()
 
     def driven_by(self, position: Callable[[float], float]) -> FromFunction:
-        """The motion, given where the joint is over time: ``position(t_s)`` [rad or m]."""
+        """Return the motion, given where the joint is over time: ``position(t_s)`` [rad or m]."""
         axis = np.asarray(self.axis, float) / np.linalg.norm(self.axis)
         pivot = np.asarray(self.pivot, float)
 

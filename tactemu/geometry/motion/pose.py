@@ -53,7 +53,9 @@ class Motion(ABC):
 
     @abstractmethod
     def pose(self, t_s: float) -> Pose:
-        """Displacement and velocities at ``t_s`` [s] since the motion began; at rest before 0 and after the end."""
+        """Return displacement and velocities at ``t_s`` [s] since the motion began; at rest before 0 and after the
+        end.
+        """
 
     @property
     def duration(self) -> float:

@@ -48,7 +48,7 @@ def to_and_fro(distance: float, speed: float, repeat: int | None, delay: float) 
 
 
 def unit(vector) -> np.ndarray:
-    """The direction of a vector."""
+    """Return the direction of a vector."""
     v = np.asarray(vector, np.float64)
     return v / math.sqrt(float(v @ v))
 

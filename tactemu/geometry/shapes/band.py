@@ -195,7 +195,7 @@ def _cell_kernel(real):
 
 
 def band_row(row: Row, pack, cell: float | None, name: str, context: Context) -> Row:
-    """The row of a closed mesh with a band beside it.
+    """Return the row of a closed mesh with a band beside it.
 
     Args:
         row: of the mesh.

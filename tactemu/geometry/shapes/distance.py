@@ -33,7 +33,9 @@ class ShapeFunctions(NamedTuple):
 
 @functools.cache
 def shape_functions(real, kinds: frozenset) -> ShapeFunctions:
-    """The distance functions of a scene that holds these kinds of shape, for ``wp.float32`` or ``wp.float64``."""
+    """Return the distance functions of a scene that holds these kinds of shape, for ``wp.float32`` or
+    ``wp.float64``.
+    """
     vec3 = wp.types.vector(3, real)
     transform = wp.types.transformation(real)
     shapes_type = table_type(real)

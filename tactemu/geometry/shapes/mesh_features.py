@@ -84,7 +84,7 @@ def _angles(way: np.ndarray, length: np.ndarray) -> np.ndarray:
 
 
 def _beside(edge: np.ndarray, uses: np.ndarray, many: int) -> np.ndarray:
-    """The face beyond each side, where two faces share the edge."""
+    """Return the face beyond each side, where two faces share the edge."""
     order = np.argsort(edge, kind="stable")
     first = np.concatenate([[0], np.cumsum(uses)[:-1]])[uses == 2]
     one, two = order[first], order[first + 1]

@@ -331,7 +331,7 @@ class MeshFunctions(NamedTuple):
 
 @functools.cache
 def mesh_functions(real, closed: bool) -> MeshFunctions:
-    """The functions for one float type, for meshes with one solid side everywhere or not."""
+    """Return the functions for one float type, for meshes with one solid side everywhere or not."""
     vec3, shapes_type = wp.types.vector(3, real), table_type(real)
     _foot, nearest = _feature_functions(real)
     normal_of = _side_function(real)

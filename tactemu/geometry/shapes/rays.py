@@ -32,7 +32,7 @@ class LinePieces(NamedTuple):
 
 @functools.cache
 def line_pieces(real) -> LinePieces:
-    """The pieces for one float type."""
+    """Return the pieces for one float type."""
     import warp as wp
 
     vec3 = wp.types.vector(3, real)

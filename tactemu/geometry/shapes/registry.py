@@ -27,6 +27,6 @@ SHAPES: dict[str, str] = {
 
 
 def load_shape(name: str) -> type[Shape]:
-    """The class of a shape, by its name in :data:`SHAPES`."""
+    """Return the class of a shape, by its name in :data:`SHAPES`."""
     module, _, kind = SHAPES[name].partition(":")
     return getattr(importlib.import_module(module), kind)

@@ -197,7 +197,7 @@ def table_type(real):
 
 @functools.cache
 def unsearched(kinds: frozenset[Kind]) -> frozenset[Kind]:
-    """The same kinds without any search: distances that need one are -1e18."""
+    """Return the same kinds without any search: distances that need one are -1e18."""
 
     def without(kind: Kind) -> Kind:
         return dataclasses.replace(kind, distance=kind.unsearched or unknown_function) if kind.searched else kind
@@ -220,5 +220,5 @@ def unknown_function(real):
 
 
 def codes(kinds: frozenset[Kind]) -> list[tuple[int, Kind]]:
-    """The number that each kind has in the column ``kind`` of a table of these kinds."""
+    """Return the number that each kind has in the column ``kind`` of a table of these kinds."""
     return list(enumerate(sorted(kinds, key=lambda kind: kind.name)))

@@ -12,7 +12,7 @@ def directions(count: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def on_side(radius: float, length: float, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Points on the curved side of a cylinder along z, ``(count, 3)``."""
+    """Return points on the curved side of a cylinder along z, ``(count, 3)``."""
     angle = 2.0 * np.pi * rng.random(count)
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), length * (rng.random(count) - 0.5)], axis=1)
 
@@ -20,7 +20,7 @@ def on_side(radius: float, length: float, count: int, rng: np.random.Generator) 
 def sample_triangles(
     vertices: np.ndarray, faces: np.ndarray, count: int, rng: np.random.Generator
 ) -> tuple[np.ndarray, float]:
-    """Points on triangles, and their area. Triangles without area get none.
+    """Return points on triangles, and their area. Triangles without area get none.
 
     Raises:
         SceneError: the triangles have no area at all.

@@ -70,7 +70,7 @@ class VoxelGrid(Shape):
         return float((nodes @ direction - values[values <= 0]).max())
 
     def outline(self, name: str) -> dict[str, Any]:
-        """The box around the nodes inside."""
+        """Return the box around the nodes inside."""
         nodes = np.argwhere(np.asarray(self.values) <= 0) if (np.asarray(self.values) <= 0).any() else np.zeros((1, 3))
         low, cell = np.asarray(self.origin, float), np.broadcast_to(np.asarray(self.cell, float), 3)
         return box_outline(low + nodes.min(0) * cell, low + nodes.max(0) * cell)

@@ -45,7 +45,7 @@ def _offsets(grid: Grid) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _periodic_layer(grid: Grid, thickness: float) -> tuple[np.ndarray, float]:
-    """The layer's planes (u, v) at the grid's offsets as Genesis has them, and their peak."""
+    """Return the layer's planes (u, v) at the grid's offsets as Genesis has them, and their peak."""
     ny, nx = (1 << (2 * n - 2).bit_length() for n in (grid.rows, grid.cols))
     planes = spectral_layer((ny, nx), (grid.du, grid.dv), thickness)
     rows, cols = np.arange(1 - grid.rows, grid.rows), np.arange(1 - grid.cols, grid.cols)
@@ -53,7 +53,7 @@ def _periodic_layer(grid: Grid, thickness: float) -> tuple[np.ndarray, float]:
 
 
 def _free_layer(grid: Grid, thickness: float, area: float) -> tuple[np.ndarray, float]:
-    """The layer's planes in an unbounded plane, per taxel, and their peak per area."""
+    """Return the layer's planes in an unbounded plane, per taxel, and their peak per area."""
     u, v = _offsets(grid)
     rho = np.hypot(u, v)
     weight = radial_layer(rho, thickness) / np.where(rho > 0, rho, 1.0)
@@ -62,7 +62,9 @@ def _free_layer(grid: Grid, thickness: float, area: float) -> tuple[np.ndarray, 
 
 
 def far_planes(grid: Grid, options: DilationOptions) -> tuple[np.ndarray, float]:
-    """The far-reaching weight times the offset, planes (u, v) at signed offsets, and the peak used in a blend."""
+    """Return the far-reaching weight times the offset, planes (u, v) at signed offsets, and the peak used in a
+    blend.
+    """
     area = grid.du * grid.dv if options.area_weighted else 1.0
     if options.uses_layer and options.area_weighted:
         return _free_layer(grid, options.elastomer_thickness, area)

@@ -59,7 +59,8 @@ def layer_response(q: np.ndarray) -> np.ndarray:
 
 
 def spectral_layer(shape: tuple[int, int], spacing: tuple[float, float], thickness: float) -> np.ndarray:
-    """The layer weight times the offset on a periodic box, planes (u, v), shape ``(2, *shape)``, offset 0 at index 0.
+    """Return the layer weight times the offset on a periodic box, planes (u, v), shape ``(2, *shape)``, offset 0 at
+    index 0.
 
     ``q`` is limited to [1e-3, 30] as in Genesis, which keeps the result finite for a vanishing thickness.
     """
@@ -91,7 +92,7 @@ def _near_field() -> np.polynomial.Chebyshev:
 
 
 def radial_layer(rho: np.ndarray, thickness: float) -> np.ndarray:
-    """The layer weight in an unbounded plane, times ``rho``, per area of the pressed taxel [1/m^2].
+    """Return the layer weight in an unbounded plane, times ``rho``, per area of the pressed taxel [1/m^2].
 
     ``1/(2 pi H^2) int x S(x) J1(x rho/H) dx``. The part ``1.5 exp(-x^2)`` of ``x S(x)``, which makes the far field
     ``3/(4 pi H rho)``, is integrated in closed form; the rest falls off exponentially with ``rho``.
@@ -146,7 +147,7 @@ def _radial_table(thickness: float, reach: float) -> tuple[np.ndarray, float]:
 
 
 def radial_weight(options: DilationOptions, eps: float, reach: float) -> RadialWeight:
-    """The weight for taxels in any layout.
+    """Return the weight for taxels in any layout.
 
     Args:
         eps: taxel spacing [m], the length of the global weight when the thickness is 0.

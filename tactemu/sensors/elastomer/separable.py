@@ -39,7 +39,7 @@ def _svd(table: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray, n
 
 
 def separable_terms(table: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of the fewest products that add up to ``table``.
+    """Return rows and columns of the fewest products that add up to ``table``.
 
     Args:
         table: weights at signed offsets, shape ``(2 rows - 1, 2 cols - 1)``, offset 0 in the middle.

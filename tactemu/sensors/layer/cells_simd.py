@@ -5,7 +5,7 @@ from tactemu.geometry.simd import vectors
 
 
 def over_cells(real, like: str, snippet: str) -> str:
-    """A snippet about the cells of the windows ``win`` of a ``slot``, of ``shape``.
+    """Return a snippet about the cells of the windows ``win`` of a ``slot``, of ``shape``.
 
     It calls ``all(visit)``, which calls ``visit(at)`` for each eight of them; it adds ``doubles(vector)`` up, and
     ``sum`` makes one number of that.

@@ -42,7 +42,7 @@ class Transfer(NamedTuple):
 
 
 def transfer(q, nu: float, dtype=np.float64) -> Transfer:
-    """The scaled transfer functions.
+    """Return the scaled transfer functions.
 
     Args:
         q: wave number times thickness, any shape, 0 to infinity.
@@ -99,7 +99,7 @@ class Kernels(NamedTuple):
 
 
 def sample_kernels(shape: tuple[int, int], pitch: tuple[float, float], shear_modulus, nu, thickness) -> Kernels:
-    """The six kernels of a layer on a grid.
+    """Return the six kernels of a layer on a grid.
 
     Args:
         shape: number of offsets ``(ny, nx)``, from 0.

@@ -29,7 +29,7 @@ SMALLEST_TRANSFORM = 32
 
 
 def lanes_of(device: wp.Device) -> int:
-    """Numbers per lane on a device."""
+    """Return numbers per lane on a device."""
     return 1 if device.is_cuda else WIDTH
 
 
@@ -139,8 +139,8 @@ class ConvolutionFunctions(NamedTuple):
 
 @functools.cache
 def convolution_functions(real, lanes: int, chip: bool) -> ConvolutionFunctions:
-    """The convolution for one float type and lane width. ``rows`` of an inverse and ``columns`` of a forward transform
-    must be multiples of ``2 * lanes``. ``chip``: for a workspace of :mod:`.on_chip`."""
+    """Return the convolution for one float type and lane width. ``rows`` of an inverse and ``columns`` of a forward
+    transform must be multiples of ``2 * lanes``. ``chip``: for a workspace of :mod:`.on_chip`."""
     workspace = workspace_type(real)
     numbers = wp.array2d(dtype=real)
     turns_array = wp.array(dtype=wp.types.vector(2, real))

@@ -194,7 +194,7 @@ class ElasticLayerTaxel(SensorModel):
 
     @staticmethod
     def _reading(values: np.ndarray, normals: np.ndarray, areas: np.ndarray) -> LayerReading:
-        """An array of channels as a reading; normals and areas of the taxels in the layout."""
+        """Return an array of channels as a reading; normals and areas of the taxels in the layout."""
         force = values[..., FORCE]
         along = force - (force * normals).sum(-1, keepdims=True) * normals
         return LayerReading(
@@ -282,7 +282,7 @@ class CompiledLayer:
         self.stages[1].reset = self._reset
 
     def _tables(self, *, tangential: bool) -> LayerTables:
-        """The layer's compliances; layers that are alike share them."""
+        """Return the layer's compliances; layers that are alike share them."""
         constants, cells = self.site.context.constants, self.grid.shape
         key = (LayerTables, self.material, cells, self.grid.cell, tangential)
         if key not in constants:
@@ -351,7 +351,7 @@ class CompiledLayer:
         self.stages.append(Stage(name=f"{self.name}: {name}", reason=reason, launch=make(), cheaper=cheaper))
 
     def _blocks(self, kernel, inputs: list, outputs: list) -> Callable[[], None]:
-        """A recorded launch with one block of threads per slot."""
+        """Return a recorded launch with one block of threads per slot."""
         threads = kernel.options["launch_bounds"][0]
         return self.site.context.record_blocks(kernel, self.n_slots, inputs, outputs, threads)
 

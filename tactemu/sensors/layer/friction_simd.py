@@ -35,7 +35,7 @@ class FrictionCells(NamedTuple):
 
 @functools.cache
 def wide_friction_cells(real) -> FrictionCells:
-    """The functions for one float type; windows are whole registers wide."""
+    """Return the functions for one float type; windows are whole registers wide."""
     windows = friction_windows_type(real)
 
     @wp.func_native(_cells(real, _MEASURE))

@@ -140,7 +140,7 @@ def _between(at: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def layer_grids(probes: Probes, split: int, sensor: str) -> list[LayerGrid]:
-    """The grids that the probes form, listed as ``(rows, cols, 3)`` or as ``(n, 3)``: one, or one per flat pad.
+    """Return the grids that the probes form, listed as ``(rows, cols, 3)`` or as ``(n, 3)``: one, or one per flat pad.
 
     Raises:
         SceneError: a pad's taxels do not lie on a flat rectangular lattice, or the pads are strips of a bent skin.
@@ -200,7 +200,9 @@ def _bent(probes: Probes, pitch: float, sensor: str) -> SceneError:
 
 
 def _pads(probes: Probes, active: np.ndarray, closeness: float) -> list[np.ndarray]:
-    """Taxels that belong together: of one normal, in one plane, and within ``closeness`` pitches of another one."""
+    """Return taxels that belong together: of one normal, in one plane, and within ``closeness`` pitches of another
+    one.
+    """
     positions, normals = probes.positions[active], probes.normals[active]
     left = np.ones(len(active), bool)
     pads = []
@@ -226,7 +228,7 @@ def _pads(probes: Probes, active: np.ndarray, closeness: float) -> list[np.ndarr
 
 
 def _grid_of(probes: Probes, members: np.ndarray, split: int, sensor: str) -> LayerGrid:
-    """The grid of some probes.
+    """Return the grid of some probes.
 
     Raises:
         SceneError: they do not lie on one flat rectangular lattice.
@@ -295,7 +297,9 @@ def _ticks(coordinate: np.ndarray) -> tuple[np.ndarray, float, int]:
 
 
 def _around_a_cylinder(probes: Probes, members: np.ndarray, split: int) -> LayerGrid | None:
-    """The grid of probes in rows and columns around a cylinder, whose normals are its; ``None``: they do not lie so."""
+    """Return the grid of probes in rows and columns around a cylinder, whose normals are its; ``None``: they do not
+    lie so.
+    """
     positions, normals = probes.positions[members], probes.normals[members]
     axis = np.linalg.svd(normals)[2][-1]
     if len(members) < 4 or np.abs(normals @ axis).max() > _TOLERANCE:
@@ -332,7 +336,8 @@ def _around_a_cylinder(probes: Probes, members: np.ndarray, split: int) -> Layer
 
 
 def _bent_both_ways(probes: Probes, members: np.ndarray, split: int) -> LayerGrid | None:
-    """The grid of probes given as ``(rows, cols, 3)`` on a ball, a saddle or the like; ``None``: they do not lie so.
+    """Return the grid of probes given as ``(rows, cols, 3)`` on a ball, a saddle or the like; ``None``: they do not
+    lie so.
 
     Both bends are fitted to the normals, both pitches to the places.
     """

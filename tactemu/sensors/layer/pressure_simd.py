@@ -28,7 +28,7 @@ class PressureCells(NamedTuple):
 
 @functools.cache
 def wide_pressure_cells(real, windows) -> PressureCells:
-    """The functions for one float type and the struct of its windows, which are whole registers wide."""
+    """Return the functions for one float type and the struct of its windows, which are whole registers wide."""
 
     @wp.func_native(over_cells(real, "pressure", _MASK_GAP))
     def mask_gap(win: windows, slot: int, shape: wp.vec2i, mine: wp.vec4i) -> wp.float64: ...

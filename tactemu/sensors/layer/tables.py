@@ -101,7 +101,9 @@ class LayerTables:
         setattr(self.struct, name, wp.array(flat, dtype=real, device=device))
 
     def _compliance(self, shape, name: str) -> np.ndarray:
-        """The compliance at the wave numbers of a transform [m/Pa]; that of the mean is taken at half the lowest."""
+        """Return the compliance at the wave numbers of a transform [m/Pa]; that of the mean is taken at half the
+        lowest.
+        """
         (ny, nx), (dy, dx) = shape, self.pitch
         shear_modulus, nu, thickness = self.material
         ky = 2 * np.pi * np.fft.fftfreq(ny, dy)[:, None]

@@ -40,7 +40,7 @@ class SidewaysFunctions(NamedTuple):
 
 @functools.cache
 def tangential_functions(real, lanes: int, chip: bool) -> SidewaysFunctions:
-    """The functions for one float type and lane width; ``chip``: for a workspace of :mod:`.on_chip`."""
+    """Return the functions for one float type and lane width; ``chip``: for a workspace of :mod:`.on_chip`."""
     workspace = workspace_type(real)
     tables_struct = tables_type(real)
     functions = convolution_functions(real, lanes, chip)

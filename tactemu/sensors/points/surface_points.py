@@ -50,7 +50,7 @@ def _given_clouds(points, area: float, site: Site) -> list[PointCloud]:
 def surface_points(
     site: Site, n_sample_points: int | Sequence[int], points=None, point_area: float | None = None
 ) -> list[PointCloud]:
-    """One cloud per tracked body.
+    """Return one cloud per tracked body.
 
     Args:
         site: of the sensor; its target bodies are sampled.
@@ -73,7 +73,7 @@ def surface_points(
 
 
 def _sampled(body: Body, count: int, site: Site) -> PointCloud:
-    """An even spread of points over a body, from the random stream of the first sensor that asks for so many."""
+    """Return an even spread of points over a body, from the random stream of the first sensor that asks for so many."""
     rng = generator(site.context.seed, f"{site.name}/points of {body.name}")
     assert body.shape is not None  # of those without a shape nothing is felt
     candidates, area = body.shape.sample(body.name, max(256, 4 * count), rng)

@@ -37,7 +37,7 @@ def depth_formula(real):
 
 
 def compile_depth(site: Site, why: str) -> Compiled:
-    """The depth stage of a sensor that starts from depth."""
+    """Return the depth stage of a sensor that starts from depth."""
     truth = site.zeros(1)
     raw = site.zeros(1) if site.separate else truth
     launch = record_strips(site, depth_formula(site.context.real), wp.int32, 0, truth, raw)

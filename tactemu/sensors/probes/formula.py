@@ -58,7 +58,7 @@ class ProbeFunctions(NamedTuple):
 
 @functools.cache
 def probe_functions(formula: Formula) -> ProbeFunctions:
-    """The functions of a formula."""
+    """Return the functions of a formula."""
     real, feel, numbers_type = formula.real, formula.feel, formula.numbers
     at_surface, separate, has_gain, has_radius = formula[-4:]
     vec3 = wp.types.vector(3, real)

@@ -122,7 +122,7 @@ def search_kernel(formula: Formula):
 def record_listed(
     site: Site, formula: Formula, scene: list, numbers, gain: wp.array, radius: wp.array, out: list
 ) -> Launch:
-    """The launches of both kernels.
+    """Return the launches of both kernels.
 
     Args:
         site: of the sensor.

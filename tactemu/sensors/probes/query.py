@@ -260,7 +260,7 @@ CHEAPER_QUERY = 'set `contact_depth_query = "sdf"`'
 
 
 def query_trials() -> list[Trial]:
-    """The ways to find depth, cheapest first."""
+    """Return the ways to find depth, cheapest first."""
     return [
         Trial("nearest surface"),
         Trial("band", {"contact_depth_query": "band"}),

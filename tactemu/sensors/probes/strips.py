@@ -130,7 +130,7 @@ def strip_kernel(formula: Formula):
 def record_strips(
     site: Site, feel, numbers_type, numbers: Any, truth: wp.array, raw: wp.array, *, at_surface: bool = False
 ) -> Launch:
-    """The recorded launches of a formula over all probes of a sensor.
+    """Return the recorded launches of a formula over all probes of a sensor.
 
     Args:
         site: of the sensor.

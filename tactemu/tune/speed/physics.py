@@ -128,8 +128,8 @@ def _on_gpu(sim, sensor, move, runs: int = 3, steps: int = 20) -> tuple[list[flo
 
 
 def memory_of(case: Case, device: str) -> dict[str, float]:
-    """Bytes for one taxel of one environment that a case takes of a GPU, in a fresh process: by Warp's pool and by the
-    driver. A simulation of one environment is there before, with all kernels: code does not count."""
+    """Return bytes for one taxel of one environment that a case takes of a GPU, in a fresh process: by Warp's pool
+    and by the driver. A simulation of one environment is there before, with all kernels: code does not count."""
     code = (
         "import json, sys, warp as wp\n"
         "from dataclasses import replace\n"
@@ -152,7 +152,7 @@ def memory_of(case: Case, device: str) -> dict[str, float]:
 
 
 def first_reading_s(sensor: str, cache: str, device: str) -> float:
-    """Seconds from starting Python to the first reading, kernels cached in the folder ``cache``."""
+    """Return seconds from starting Python to the first reading, kernels cached in the folder ``cache``."""
     code = f"from benchmarks import physics as p; p.build(p.Case(sensor={sensor!r}, side=16), {device!r})"
     start = time.perf_counter()
     environment = {**os.environ, "WARP_CACHE_PATH": cache}
@@ -227,7 +227,7 @@ def run(
 
 
 def page_of(figures: dict[str, dict], device: str) -> str:
-    """Tables of what :func:`run` measured, as a page in Markdown."""
+    """Return tables of what :func:`run` measured, as a page in Markdown."""
     found = wp.get_device(device)
     machine = found.name if found.is_cuda else f"{platform.processor() or platform.machine()}, {cores()} cores"
     lines = [

@@ -108,7 +108,7 @@ GPU_CASES = (
 
 
 def all_cases(device: str) -> list[Case]:
-    """The cases with a figure aimed at, and one for each other sensor."""
+    """Return the cases with a figure aimed at, and one for each other sensor."""
     aimed = CPU_CASES if device == "cpu" else GPU_CASES
     named = {case.sensor for case in aimed}
     return [*aimed, *(Case(sensor=name, side=16, n_envs=aimed[0].n_envs) for name in sensors() if name not in named)]

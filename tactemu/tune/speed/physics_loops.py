@@ -95,7 +95,7 @@ def hand(n_envs: int, device: str):
 
 
 def ways(sim, bodies: list, skins: list, move: Turn) -> dict[str, Turn]:
-    """The loops, by what they do; the first is the step alone."""
+    """Return the loops, by what they do; the first is the step alone."""
     arrays = [skin.array() for skin in skins]
     pinned = [skin.host_array() for skin in skins]
     poses = sim.pose_array
@@ -145,7 +145,7 @@ def ways(sim, bodies: list, skins: list, move: Turn) -> dict[str, Turn]:
 
 
 def _bound(sim, start: wp.array, add_up: Turn) -> dict[str, Turn]:
-    """The last: what is bound stays so."""
+    """Return the last: what is bound stays so."""
     theirs = wp.array(start.numpy(), dtype=wp.float32, device=sim.device)
 
     bound = []
@@ -177,7 +177,7 @@ def _with_torch(sim, start: wp.array, arrays: list[wp.array]) -> dict[str, Turn]
 
 
 def time_of(turn: Turn, sim) -> float:
-    """Seconds of one turn."""
+    """Return seconds of one turn."""
     for _ in range(4):
         turn()
     wp.synchronize_device(sim.device)

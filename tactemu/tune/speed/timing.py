@@ -14,8 +14,8 @@ Report = Callable[[str], None]
 
 
 def timed_step(sim: Simulation) -> float:
-    """Time of a step [s], waited for on a GPU; on one thread of a CPU that of the thread, so that other work does not
-    count."""
+    """Return time of a step [s], waited for on a GPU; on one thread of a CPU that of the thread, so that other work
+    does not count."""
     clock = stopwatch(sim.device.is_cpu and sim.plan.threads == 1)
     start = clock()
     sim.step()

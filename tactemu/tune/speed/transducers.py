@@ -34,7 +34,7 @@ ROUNDS = 5
 
 
 def build(n_envs: int, device: str, transducers: Sequence = ()) -> Any:
-    """A simulation of five taxels that a ball presses."""
+    """Return a simulation of five taxels that a ball presses."""
     scene = Scene(dt=1e-3)
     pad = scene.add_body(None, name="pad", fixed=True)
     ball = scene.add_body(Sphere(radius=0.02), name="ball", position=(0, 0, 0.0215))

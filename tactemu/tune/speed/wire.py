@@ -31,7 +31,7 @@ CAN = tuple(
 
 
 def per_frame_us(run: Callable[[int], None], *, repeats: int = 7) -> float:
-    """Median cost of one of the ``FRAMES`` calls that ``run(FRAMES)`` makes [µs]."""
+    """Return median cost of one of the ``FRAMES`` calls that ``run(FRAMES)`` makes [µs]."""
     times = []
     for _ in range(repeats):
         start = time.perf_counter_ns()
@@ -47,7 +47,7 @@ def count_bits(n: int) -> None:
 
 
 def through_wire(wire: Wire, frames: tuple[Frame, ...], read: Callable[[], object]) -> Callable[[int], None]:
-    """Readings of as many frames as ``frames`` has, queued, paced on a virtual clock and written."""
+    """Return readings of as many frames as ``frames`` has, queued, paced on a virtual clock and written."""
     now = [0]
 
     def run(n: int) -> None:

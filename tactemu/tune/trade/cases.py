@@ -44,7 +44,7 @@ class TestSkin:
     __test__ = False  # no test class, whatever its name
 
     def positions(self) -> np.ndarray:
-        """Taxels in the pad's frame [m], ``(side, side, 3)``."""
+        """Return taxels in the pad's frame [m], ``(side, side, 3)``."""
         x = (np.arange(self.side) - (self.side - 1) / 2) * self.pitch
         return np.stack([*np.meshgrid(x, x[::-1]), np.full((self.side, self.side), TOP)], -1)
 
@@ -77,7 +77,7 @@ def _box_corners(size) -> np.ndarray:
 
 
 def _wedge() -> tuple[np.ndarray, np.ndarray]:
-    """A prism with an edge of 30 degrees along y, 8 mm long, pointing down."""
+    """Return a prism with an edge of 30 degrees along y, 8 mm long, pointing down."""
     half, height, length = 6e-3 * np.tan(np.radians(15)), 6e-3, 8e-3
     triangle = np.array([[0, 0], [half, height], [-half, height]])
     vertices = np.array([[x, y, z] for y in (-length / 2, length / 2) for x, z in triangle])
@@ -86,7 +86,7 @@ def _wedge() -> tuple[np.ndarray, np.ndarray]:
 
 
 def _pebble() -> tuple[np.ndarray, np.ndarray]:
-    """A free form: a ball of 5 mm with bumps of a few tenths of a millimetre."""
+    """Return a free form: a ball of 5 mm with bumps of a few tenths of a millimetre."""
     import trimesh
 
     ball = trimesh.creation.icosphere(subdivisions=5, radius=1.0)
@@ -97,7 +97,7 @@ def _pebble() -> tuple[np.ndarray, np.ndarray]:
 
 @cache
 def indenters() -> dict[str, Indenter]:
-    """The objects by name."""
+    """Return the objects by name."""
     upright = (1.0, 0.0, 0.0, 0.0)
     cube, block = (6e-3, 6e-3, 6e-3), (5e-3, 6e-3, 5e-3)
     wedge, pebble = _wedge(), _pebble()
@@ -168,7 +168,7 @@ COST = Case("sphere", 5e-4, "slide")
 
 
 def all_cases(quick: bool = False) -> list[Case]:
-    """Every case; the quick choice has each object once, and the sphere in all motions."""
+    """Return every case; the quick choice has each object once, and the sphere in all motions."""
     names = list(indenters())
     if quick:
         return [Case(name, 5e-4, "press") for name in names] + [

@@ -36,7 +36,7 @@ class Observation:
     """Motion along the skin, shape ``(n, 2)``."""
 
     def scaled(self, gains: dict[str, float]) -> Observation:
-        """Each quantity multiplied by its gain."""
+        """Return each quantity multiplied by its gain."""
         parts = {field.name: getattr(self, field.name) for field in fields(self)}
         return Observation(**{
             name: value * gains[name] if value is not None and name in gains else value
@@ -45,7 +45,7 @@ class Observation:
 
 
 def observe(reading: Any, area: float, threshold: float = 0.0) -> Observation:
-    """A reading of any model: by its fields, in a frame whose normal is z.
+    """Return a reading of any model: by its fields, in a frame whose normal is z.
 
     Args:
         reading: what ``read()`` returned.
@@ -76,7 +76,7 @@ def _relative(got: np.ndarray, truth: np.ndarray) -> float | None:
 
 
 def fit_gains(got: Observation, truth: Observation, names: tuple[str, ...]) -> dict[str, float]:
-    """The factor on each quantity that is nearest to the truth; pressures are fitted to the total force."""
+    """Return the factor on each quantity that is nearest to the truth; pressures are fitted to the total force."""
     gains = {}
     for name in names:
         value, wanted = getattr(got, name), getattr(truth, name)
@@ -90,7 +90,7 @@ def fit_gains(got: Observation, truth: Observation, names: tuple[str, ...]) -> d
 
 
 def errors(got: Observation, truth: Observation, positions: np.ndarray, area: float, friction: float) -> dict:
-    """Each metric that the model offers (:data:`METRICS`); ``None`` where the truth has nothing to compare with.
+    """Return each metric that the model offers (:data:`METRICS`); ``None`` where the truth has nothing to compare with.
 
     Args:
         got: of the model, calibrated.

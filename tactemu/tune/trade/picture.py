@@ -79,7 +79,7 @@ def _name(axis, points: list, front: list) -> None:
 
 
 def _sampled(line: list[tuple[float, float]], step: float = 2.0) -> list[tuple[float, float]]:
-    """Points along a line, so close that no name finds a way between them."""
+    """Return points along a line, so close that no name finds a way between them."""
     found = []
     for (a, b), (c, d) in pairwise(line):
         n = max(1, round(max(abs(c - a), abs(d - b)) / step))

@@ -54,7 +54,9 @@ def _values(setting: dict, metric: str, *, narrow: bool) -> list[float]:
 
 
 def _dominator(row: dict, rows: list[dict]) -> str | None:
-    """The fastest setting that is no slower, no worse in anything this one offers, and clearly better in something."""
+    """Return the fastest setting that is no slower, no worse in anything this one offers, and clearly better in
+    something.
+    """
     mine = {metric: value["median"] for metric, value in row["metrics"].items() if metric in JUDGED}
     if not mine:
         return None

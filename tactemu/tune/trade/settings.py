@@ -37,7 +37,7 @@ class Setting:
         return tuple(name for quantity in model.layouts for name in _FITTED[quantity])
 
     def make(self, skin: TestSkin) -> Any:
-        """The sensor model on a skin, made of the skin's material where it states one."""
+        """Return the sensor model on a skin, made of the skin's material where it states one."""
         model = load(self.model)
         material = {name: getattr(skin, name) for name in model.material}
         return model(probe_local_pos=skin.positions(), **{**material, **self.options})
@@ -54,7 +54,7 @@ def _layer(name: str, **options: Any) -> Setting:
 
 
 def ladder() -> list[Setting]:
-    """All settings, cheapest level first; a model that has none here is one with its defaults."""
+    """Return all settings, cheapest level first; a model that has none here is one with its defaults."""
     forced = {"tolerance": 1e-6}
     springs = {**_GRAZING, "normal_damping": 0.0, "forces_on_skin": True, "twist_scalar": 0.0}
     fitted = {"lambda_d": 3e4, "lambda_s": 3e4, "normal_exponent": 1.0, "n_sample_points": 2000}

@@ -154,7 +154,7 @@ class Results:
         return self._key(setting, case) in self._known
 
     def get(self, setting: Setting, case: Case) -> Observation:
-        """The observation."""
+        """Return the observation."""
         return self._known[self._key(setting, case)]
 
     def add(self, setting: Setting, case: Case, seen: Observation) -> None:
@@ -167,7 +167,7 @@ class Results:
 
 
 def _pack(values: np.ndarray) -> dict:
-    """An array as compressed text: most taxels of most readings are zero."""
+    """Return an array as compressed text: most taxels of most readings are zero."""
     array = np.asarray(values)
     data = base64.b64encode(zlib.compress(array.tobytes(), 6)).decode()
     return {"dtype": str(array.dtype), "shape": array.shape, "data": data}
@@ -251,7 +251,7 @@ def measure_costs(skin: TestSkin, settings: list[Setting], device: str, progress
 
 
 def _held_bytes() -> int:
-    """Memory of all Warp arrays that own theirs."""
+    """Return memory of all Warp arrays that own theirs."""
     arrays = (item for item in gc.get_objects() if isinstance(item, wp.array))
     return sum(array.capacity or 0 for array in arrays if getattr(array, "deleter", None) is not None)
 

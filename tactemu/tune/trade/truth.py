@@ -39,7 +39,7 @@ class Check:
 
 
 def fine_skin(skin: TestSkin, factor: int) -> TestSkin:
-    """The same skin with taxels ``factor`` times as fine."""
+    """Return the same skin with taxels ``factor`` times as fine."""
     return replace(skin, side=skin.side * factor, pitch=skin.pitch / factor)
 
 
@@ -63,7 +63,7 @@ class Truths:
         return f"layer solution on {cells} x {cells} cells, residual {TOLERANCE:g}, averaged over taxels"
 
     def of(self, case: Case) -> Observation:
-        """The last reading of a case."""
+        """Return the last reading of a case."""
         if case not in self._known:
             file = self._file(case)
             if file is not None and file.exists():
@@ -117,7 +117,7 @@ def _plain(case: Case):
 
 
 def checks(cells: int = 256) -> list[Check]:
-    """The solver of the truths against closed forms and finite elements."""
+    """Return the solver of the truths against closed forms and finite elements."""
     found = []
     radius, depth = 5e-3, 1e-4
     contact = np.sqrt(radius * depth)
@@ -140,7 +140,7 @@ def checks(cells: int = 256) -> list[Check]:
 
 
 def _paraboloid(skin: TestSkin, radius: float) -> Mesh:
-    """A finely sampled paraboloid over the whole skin, its vertex at the origin."""
+    """Return a finely sampled paraboloid over the whole skin, its vertex at the origin."""
     x = np.linspace(-0.55, 0.55, 257) * skin.side * skin.pitch
     xx, yy = np.meshgrid(x, x)
     z = (xx**2 + yy**2) / (2 * radius)
@@ -148,7 +148,7 @@ def _paraboloid(skin: TestSkin, radius: float) -> Mesh:
 
 
 def _force(skin: TestSkin, shape, lowest: float, depth: float) -> float:
-    """Normal force on a shape whose lowest point is ``lowest`` below its origin, without friction."""
+    """Return normal force on a shape whose lowest point is ``lowest`` below its origin, without friction."""
     scene = Scene()
     pad = scene.add_body(None, name="pad", fixed=True)
     body = scene.add_body(shape, name="object", position=(0, 0, 1))
@@ -162,7 +162,7 @@ def _force(skin: TestSkin, shape, lowest: float, depth: float) -> float:
 
 
 def _height_field(x: np.ndarray, y: np.ndarray, z: np.ndarray, top: float) -> tuple[np.ndarray, np.ndarray]:
-    """A closed mesh between a height field and the plane ``z = top``."""
+    """Return a closed mesh between a height field and the plane ``z = top``."""
     rows, columns = z.shape
     low = np.stack([x, y, z], -1).reshape(-1, 3)
     high = np.stack([x, y, np.full_like(z, top)], -1).reshape(-1, 3)

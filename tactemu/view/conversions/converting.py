@@ -92,7 +92,7 @@ def convert(
 
 
 def load(kind: str) -> type[Converter]:
-    """The class of a format.
+    """Return the class of a format.
 
     Raises:
         TactemuError: its library is not installed.
@@ -105,7 +105,7 @@ def load(kind: str) -> type[Converter]:
 
 
 def _target(path: Path, to: str) -> tuple[str, Path]:
-    """The format and the file that are meant."""
+    """Return the format and the file that are meant."""
     if to in FORMATS:
         return to, path.with_name(f"{path.stem}.{to}")
     for kind in FORMATS:

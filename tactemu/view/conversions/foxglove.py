@@ -156,7 +156,7 @@ def _plane(part: Any, own: np.ndarray, rows: int, cols: int) -> tuple[messages.P
 
 
 def _entity(body: Body) -> messages.SceneEntity:
-    """A body's shape in its own frame."""
+    """Return a body's shape in its own frame."""
     return messages.SceneEntity(frame_id=body.name, id=body.name, frame_locked=True, **_primitives(body))
 
 

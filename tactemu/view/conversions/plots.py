@@ -89,7 +89,7 @@ class Series:
 
 
 def series_of(path: Path, skin: str | None = None, sense: str | None = None) -> Series:
-    """The numbers of a log that are drawn: of the first skin and its first sense, unless they are named.
+    """Return the numbers of a log that are drawn: of the first skin and its first sense, unless they are named.
 
     Raises:
         TactemuError: no log, or no samples of this skin.
@@ -202,7 +202,7 @@ def plot(path: str | Path, target: str | Path, *, skin: str | None = None, sense
 
 
 def _all_panels(series: Series, title: str, kind: str) -> bytes:
-    """All panels on one sheet."""
+    """Return all panels on one sheet."""
     figure = Figure(figsize=(10, 10), layout="constrained")
     figure.suptitle(title)
     grid = figure.subplot_mosaic([["a", "a"], ["b", "c"], ["d", "e"]])
@@ -213,7 +213,7 @@ def _all_panels(series: Series, title: str, kind: str) -> bytes:
 
 
 def _page(series: Series, title: str) -> bytes:
-    """A panel each, in the colours of the page."""
+    """Return a panel each, in the colours of the page."""
     figures = []
     dark = dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), _TEXT)
     for k, (name, draw) in enumerate(PANELS.items()):

@@ -189,7 +189,7 @@ class _Skin:
         return _path("bodies", *((part.body,) if part.body != "world" else ()), self.name, *part.name.split("/")[1:])
 
     def views(self) -> list[Any]:
-        """A view for each picture."""
+        """Return a view for each picture."""
         return [rrb.Spatial2DView(origin=path, name=path.split("/", 1)[1]) for path, _ in self._pictures]
 
     def send(self) -> None:

@@ -122,7 +122,7 @@ class Ros2File:
         self._write(topic, "tf2_msgs/msg/TFMessage", t_ns, self._new("TFMessage", transforms=transforms))
 
     def _markers(self, number: int, body: Body) -> list:
-        """A body's shape in its own frame; a capsule is a cylinder and two balls."""
+        """Return a body's shape in its own frame; a capsule is a cylinder and two balls."""
         outline, origin = body.outline, (0.0, 0.0, 0.0)
         if "faces" in outline:
             corners = [outline["vertices"][k] for face in outline["faces"] for k in face]
@@ -202,6 +202,6 @@ _PACKAGES = {
 
 
 def _topic(*names: str) -> str:
-    """A name that ROS takes."""
+    """Return a name that ROS takes."""
     words = [re.sub(r"\W", "_", word, flags=re.ASCII) for name in names for word in name.split("/")]
     return "/" + "/".join(f"_{word}" if word[:1].isdigit() else word for word in words)

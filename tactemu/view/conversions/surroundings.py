@@ -79,7 +79,7 @@ class Described:
         return [_bare(name, np.stack([x, 0 * x, 0 * x], axis=1))]
 
     def columns(self, device: str, sense: str) -> list[str]:
-        """Names of what a device decodes of a point, as far as it says."""
+        """Return names of what a device decodes of a point, as far as it says."""
         columns = self.skins.get(device, {}).get("columns", ())
         return [each["name"] for each in columns if each["sense"] in ("", sense) or not sense]
 
@@ -103,7 +103,7 @@ def _part(given: Mapping[str, Any]) -> Part:
 
 
 def _lone(name: str, skin: Mapping[str, Any]) -> list[Part]:
-    """A skin that is on no body."""
+    """Return a skin that is on no body."""
     positions = np.array(skin["positions"], float).reshape(-1, 3)
     return [_bare(name, positions)] if len(positions) else []
 
@@ -146,7 +146,7 @@ class TaxelTable:
         return [(name, each[1], each[0]) for name, each in described.items()]
 
     def rows(self, sample: Sample) -> np.ndarray:
-        """The table of a sample; the next call overwrites it."""
+        """Return the table of a sample; the next call overwrites it."""
         for name in self._arrays:
             values = np.asarray(getattr(sample, name))
             values = values.reshape(len(values), -1)[self.part.taxels]
@@ -161,7 +161,7 @@ class TaxelTable:
 
 
 def _named(name: str, count: int, columns: Sequence[str]) -> list[str]:
-    """Names of the numbers of a taxel: ``ideal``, ``ideal_x`` ..., ``counts_Bx`` ..."""
+    """Return names of the numbers of a taxel: ``ideal``, ``ideal_x`` ..., ``counts_Bx`` ..."""
     if name == "counts" and len(set(columns)) == count:
         return [f"{name}_{each.replace(' ', '_')}" for each in columns]
     if count == 1:
@@ -170,7 +170,7 @@ def _named(name: str, count: int, columns: Sequence[str]) -> list[str]:
 
 
 def _portable(dtype: np.dtype) -> np.dtype:
-    """The nearest type that point clouds have: no truth values, no integers of 64 bits."""
+    """Return the nearest type that point clouds have: no truth values, no integers of 64 bits."""
     if dtype.kind == "b":
         return np.dtype("u1")
     if dtype.kind in "iu" and dtype.itemsize == 8:

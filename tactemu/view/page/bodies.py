@@ -220,14 +220,14 @@ def _parts(known: Known, skin: str, taxels: int) -> list[Part]:
 
 
 def _placed(part: Part, positions: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Places and normals in the frame of the body."""
+    """Return places and normals in the frame of the body."""
     turn = rotation.normalised(part.quaternion)
     places = part.positions if positions is None else positions
     return rotation.rotate(turn, places) + part.position, rotation.rotate(turn, part.normals)
 
 
 def _turned(normals: np.ndarray) -> np.ndarray:
-    """The rotations that take z to the normals, as quaternions (w, x, y, z)."""
+    """Return the rotations that take z to the normals, as quaternions (w, x, y, z)."""
     x, y, z = normals.T
     turns = np.stack([1 + z, -y, x, 0 * z], axis=1)
     turns[z < -1 + 1e-9] = (0.0, 1.0, 0.0, 0.0)

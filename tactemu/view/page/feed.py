@@ -74,7 +74,7 @@ class Moment:
 
 
 def moment_of(state: Mapping[str, Any], known: Known) -> Moment:
-    """A state as the subscription gives it; one of a recording that is played has neither bodies nor skins."""
+    """Return a state as the subscription gives it; one of a recording that is played has neither bodies nor skins."""
     samples = {}
     for name, entry in state.get("skins", {}).items():
         senses = entry.get("senses") or {"": entry.get("sample")}
@@ -91,7 +91,7 @@ def moment_of(state: Mapping[str, Any], known: Known) -> Moment:
 
 
 def size_of(values: np.ndarray) -> np.ndarray:
-    """One number for each taxel: how much is felt, in whichever direction; shape ``(n,)``."""
+    """Return one number for each taxel: how much is felt, in whichever direction; shape ``(n,)``."""
     values = np.asarray(values, float)
     return np.abs(values) if values.ndim == 1 else np.linalg.norm(values.reshape(len(values), -1), axis=1)
 

@@ -102,7 +102,7 @@ class Gate:
     # -- a request ---------------------------------------------------------------------------------------------------
 
     def asked(self, connection: ServerConnection, request: Request) -> Response | None:
-        """The page, a refusal, or ``None``: a WebSocket that may be opened."""
+        """Return the page, a refusal, or ``None``: a WebSocket that may be opened."""
         path = request.path.partition("?")[0]
         socket_wished = "upgrade" in request.headers
         host = request.headers.get_all("Host")
@@ -185,7 +185,7 @@ def check(message: Any) -> None:
 
 
 def _is_value(updates: Any) -> bool:
-    """A number that is one, a truth value, a short text, or a few of these."""
+    """Return a number that is one, a truth value, a short text, or a few of these."""
     if not isinstance(updates, dict) or updates.keys() != {"value"}:
         return False
     value = updates["value"]
@@ -197,7 +197,7 @@ def _is_value(updates: Any) -> bool:
 
 
 def _answer(status: http.HTTPStatus, body: bytes, **headers: str) -> Response:
-    """A response that is kept nowhere, and that tells nobody else the token."""
+    """Return a response that is kept nowhere, and that tells nobody else the token."""
     fixed = {
         "Content-Length": str(len(body)),
         "Cache-Control": "no-store",

@@ -118,7 +118,7 @@ class Hands:
                     self._look(stats)
 
     def _ask(self, verb: str, arguments: dict[str, Any], say: Say) -> Any:
-        """A command, whose answer is waited for."""
+        """Return a command, whose answer is waited for."""
         try:
             return getattr(self._connection, NAMES.get(verb, verb))(**arguments)
         except (TactemuError, TypeError, ValueError) as error:

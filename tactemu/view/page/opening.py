@@ -47,7 +47,7 @@ class Door:
 
 
 def door(host: str | None = None, port: int | None = None) -> Door:
-    """A socket that listens, and a fresh token.
+    """Return a socket that listens, and a fresh token.
 
     Args:
         host: address; default: this machine alone can reach it.
@@ -128,6 +128,6 @@ def beside(opened: Door, name: str) -> Iterator[threading.Event]:
 
 
 def inherited(number: int, token: str) -> Door:
-    """The one that a parent has opened."""
+    """Return the one that a parent has opened."""
     os.set_inheritable(number, False)
     return Door(socket.socket(fileno=number), token)

@@ -70,7 +70,7 @@ class Pictures:
 
 
 def picture(size: np.ndarray | None, patch: Patch, places: np.ndarray, most: float) -> str:
-    """One pixel for each taxel, which the browser makes large."""
+    """Return one pixel for each taxel, which the browser makes large."""
     if size is None:
         return "<small>not by taxels</small>"
     rows, cols = places.max(axis=0) + 1
@@ -84,7 +84,7 @@ def picture(size: np.ndarray | None, patch: Patch, places: np.ndarray, most: flo
 
 
 def _numbers(patch: Patch, places: np.ndarray, sample: Sample) -> str:
-    """The counts, where they lie in the picture."""
+    """Return the counts, where they lie in the picture."""
     counts = np.asarray(sample.counts)
     rows, cols = (int(extent) for extent in places.max(axis=0) + 1)
     if counts.ndim == 0 or len(counts) != len(sample.ideal) or len(places) > _MOST_NUMBERS or cols > _MOST_COLUMNS:

@@ -41,7 +41,7 @@ class Wire:
             self._lines.appendleft(self._line(row))
 
     def html(self) -> str:
-        """All of them."""
+        """Return all of them."""
         if not self._lines:
             return f"<p>nothing has passed yet</p>{_STYLE}"
         return f'<div class="wire"><table>{"".join(self._lines)}</table></div>{_STYLE}'
@@ -73,7 +73,7 @@ class _Reader:
         self._commands = [(each["name"], each["request"]) for each in skin.about.get("commands", ())]
 
     def words(self, frame: Frame, kind: str) -> str:
-        """The command or the table that it fits, with the values of its fields."""
+        """Return the command or the table that it fits, with the values of its fields."""
         command = next((name for name, request in self._commands if kind == "rx" and matches(request, frame)), None)
         named = f"<b>{escape(command)}</b> " if command else ""
         for table in self._tables:
@@ -94,7 +94,7 @@ def _table(state: Mapping[str, Any]) -> Table | None:
 
 
 def _fields(table: Table, frame: Frame) -> dict[str, Any] | None:
-    """The fields of a frame that is one of this table, and the parts of its identifier; ``None``: it is none."""
+    """Return the fields of a frame that is one of this table, and the parts of its identifier; ``None``: it is none."""
     parts: Mapping[str, int] | None = {}
     if isinstance(frame, CanFrame):
         if table.id is None or table.id.extended != frame.is_extended_id:

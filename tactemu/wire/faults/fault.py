@@ -148,7 +148,7 @@ class Fault:
         return self.start_ns <= t_ns and (self.stop_ns is None or t_ns < self.stop_ns)
 
     def scheduled(self, start_ns: int, stop_ns: int | None = None) -> Fault:
-        """The fault from ``start_ns`` on, until ``stop_ns`` or for as long as it says itself.
+        """Return the fault from ``start_ns`` on, until ``stop_ns`` or for as long as it says itself.
 
         Raises:
             SceneError: it says itself when it happens, or its end twice.
@@ -182,7 +182,7 @@ class Fault:
 
 
 def parse(text: str) -> Fault:
-    """The fault that ``text`` describes.
+    """Return the fault that ``text`` describes.
 
     Raises:
         SceneError: names the word that is wrong and those that are expected.

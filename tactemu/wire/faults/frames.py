@@ -55,7 +55,7 @@ def lose(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
 
 
 def replaced(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
-    """The bytes of ``hex=`` in its place."""
+    """Return the bytes of ``hex=`` in its place."""
     return [(with_payload(frame, fault.data), 0)]
 
 
@@ -84,7 +84,7 @@ def length(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None
 
 
 def checksum(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
-    """Each of the last ``bytes N`` (1) changes to another value."""
+    """Return each of the last ``bytes N`` (1) changes to another value."""
     data, n = bytearray(payload(frame)), fault.amount or 1
     if not data:
         return None
@@ -94,7 +94,7 @@ def checksum(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | No
 
 
 def duplicate(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
-    """The frame twice."""
+    """Return the frame twice."""
     return [(frame, 0), (frame, 0)]
 
 
@@ -127,12 +127,12 @@ def chunk(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
 
 
 def late(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
-    """The frame, ``by`` later. On a byte stream what follows waits for it, on a bus it does not."""
+    """Return the frame, ``by`` later. On a byte stream what follows waits for it, on a bus it does not."""
     return [(frame, fault.by_ns)]
 
 
 def error(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
-    """The frame broken by an error frame, then the frame again."""
+    """Return the frame broken by an error frame, then the frame again."""
     return [(replace(frame, is_error_frame=True), 0), (frame, 0)] if isinstance(frame, CanFrame) else None
 
 

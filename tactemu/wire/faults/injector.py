@@ -190,7 +190,7 @@ class Injector:
         return chip.empty() if chip else b""
 
     def corrupt(self, frame: Frame, t_ns: int, source: str, direction: str) -> Parts:
-        """A frame as the faults leave it: frames, and by how much each is held back [ns].
+        """Return a frame as the faults leave it: frames, and by how much each is held back [ns].
 
         ``direction`` is ``to_driver`` or ``from_driver``. The log's detail is the fault and the direction.
         """
@@ -212,7 +212,7 @@ class Injector:
         return parts
 
     def outage(self, now_ns: int) -> Fault | None:
-        """The fault that has the link down at this moment."""
+        """Return the fault that has the link down at this moment."""
         return next((fault for fault in self._outages if fault.covers(now_ns)), None)
 
     def forget(self) -> list[Held]:

@@ -24,7 +24,7 @@ LINE_MODELS: dict[type[Connector], str] = {
 
 
 def line_model_for(connector: Connector, *, pacing: Pacing = True) -> LineModel:
-    """The line that a connector is plugged into.
+    """Return the line that a connector is plugged into.
 
     Raises:
         DeviceError: there is no line model for this kind of connector.

@@ -42,7 +42,7 @@ class CanLine(LineModel):
         return frame_ns(frame, self.connector.bitrate, self.connector.data_bitrate)
 
     def lane(self, source: str) -> str:
-        """One for each node."""
+        """Return one for each node."""
         return source
 
     def rank(self, pending: Pending) -> tuple:
@@ -89,7 +89,7 @@ class CanLine(LineModel):
         return "can:socketcan:vcan0" if os.path.exists("/sys/class/net/vcan0") else MULTICAST
 
     def fresh_port(self, name: str) -> str:
-        """A multicast group of its own.
+        """Return a multicast group of its own.
 
         On Linux a driver on one multicast group hears all others on its UDP port. Where that matters, give both
         processes a port of their own, ``CAN_CONFIG='{"port": 43200}'`` (python-can reads it).

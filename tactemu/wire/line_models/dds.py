@@ -26,10 +26,10 @@ class DdsLine(LineModel):
         return f"DDS {self.connector.writes.name}"
 
     def usual_port(self, name: str) -> str:
-        """The device's own domain, on this machine only."""
+        """Return the device's own domain, on this machine only."""
         return f"dds:{self.connector.domain}/{self.connector.writes.name}"
 
     def fresh_port(self, name: str) -> str:
-        """A domain of its own, mostly."""
+        """Return a domain of its own, mostly."""
         pid, number = self.fresh_number()
         return f"dds:{(pid * 31 + number) % DOMAINS + 1}/{self.connector.writes.name}"

@@ -59,7 +59,7 @@ class LineModel(ABC):
         return self.duration_ns(frame)
 
     def lane(self, source: str) -> str:
-        """The queue of a source: frames of one lane leave in order."""
+        """Return the queue of a source: frames of one lane leave in order."""
         return ""
 
     def order(self, turn: int, ready_ns: int) -> tuple[int, int]:
@@ -103,7 +103,7 @@ class LineModel(ABC):
         return isinstance(frame, bytes)
 
     def traffic_ns(self, frame: CanFrame) -> int:
-        """Time of a foreign node's frame, paced or not [ns]."""
+        """Return time of a foreign node's frame, paced or not [ns]."""
         return self.duration_ns(frame)
 
     # -- where it leads ----------------------------------------------------------------------------------------------
@@ -123,7 +123,7 @@ class LineModel(ABC):
 
     @abstractmethod
     def fresh_port(self, name: str) -> str:
-        """A port that nobody else has, for tests that run side by side."""
+        """Return a port that nobody else has, for tests that run side by side."""
 
     @staticmethod
     def fresh_number() -> tuple[int, int]:

@@ -36,7 +36,7 @@ class SerialLine(LineModel):
         return round(len(payload(frame)) * self._byte_ns * self.connector.baud / speed)
 
     def heard(self, frame: Frame, connector: Any, setting: Any, *, to_driver: bool) -> Frame:
-        """Noise where the two ends are set differently; USB has no such trouble."""
+        """Return noise where the two ends are set differently; USB has no such trouble."""
         if setting is None or (connector, setting) == self._agreed:
             return frame
         if connector.is_cdc or not isinstance(frame, bytes):
@@ -53,10 +53,10 @@ class SerialLine(LineModel):
         return f"{'USB serial' if c.is_cdc else 'serial'} {c.baud} {c.bytesize}{c.parity}{c.stopbits}"
 
     def usual_port(self, name: str) -> str:
-        """A pseudo-terminal under a name in ``$TMPDIR``, which is ``/tmp`` where nobody says otherwise."""
+        """Return a pseudo-terminal under a name in ``$TMPDIR``, which is ``/tmp`` where nobody says otherwise."""
         return f"pty:{Path(tempfile.gettempdir()) / f'tactemu-{name}'}"
 
     def fresh_port(self, name: str) -> str:
-        """A pseudo-terminal named after this process."""
+        """Return a pseudo-terminal named after this process."""
         pid, number = self.fresh_number()
         return f"pty:{Path(tempfile.gettempdir()) / f'tactemu-{pid}-{number}-{name}'}"

@@ -22,9 +22,9 @@ class TcpLine(LineModel):
         return f"TCP port {self.connector.port}"
 
     def usual_port(self, name: str) -> str:
-        """The device's own port number, on this machine only."""
+        """Return the device's own port number, on this machine only."""
         return f"tcp:127.0.0.1:{self.connector.port}"
 
     def fresh_port(self, name: str) -> str:
-        """Any free one."""
+        """Return any free one."""
         return "tcp:127.0.0.1:0"

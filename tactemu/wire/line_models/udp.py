@@ -23,9 +23,9 @@ class UdpLine(LineModel):
         return f"UDP port {self.connector.port}"
 
     def usual_port(self, name: str) -> str:
-        """The device's own port number, on this machine only."""
+        """Return the device's own port number, on this machine only."""
         return f"udp:127.0.0.1:{self.connector.port}"
 
     def fresh_port(self, name: str) -> str:
-        """Any free one."""
+        """Return any free one."""
         return "udp:127.0.0.1:0"

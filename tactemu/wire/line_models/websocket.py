@@ -22,9 +22,9 @@ class WebSocketLine(LineModel):
         return f"WebSocket port {self.connector.port}"
 
     def usual_port(self, name: str) -> str:
-        """The device's own port number, on this machine only."""
+        """Return the device's own port number, on this machine only."""
         return f"ws:127.0.0.1:{self.connector.port}"
 
     def fresh_port(self, name: str) -> str:
-        """Any free one."""
+        """Return any free one."""
         return "ws:127.0.0.1:0"
