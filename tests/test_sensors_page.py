@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from tactemu.imperfections import ImperfectionOptions
 from tactemu.sensors.drawing import DrawOptions
-from tactemu.sensors.models import MODELS, cheapest, load
+from tactemu.sensors.models import MODELS, cheapest, model_class
 from tactemu.sensors.sensor_model import SensorModel
 from tactemu.tune.trade.settings import ladder
 
@@ -120,7 +120,7 @@ def settings(cls) -> str:
 
 
 def section(name: str) -> str:
-    cls = load(name)
+    cls = model_class(name)
     gives = ", ".join(f"{quantity}{' (by default)' if cheapest(quantity) == name else ''}" for quantity in cls.layouts)
     scaled = ", ".join(f"`{option}`" for option in cls.strengths)
     strengths = f"\n\nOptions that scale the whole reading, for a calibration: {scaled}." if scaled else ""
@@ -145,7 +145,7 @@ def section(name: str) -> str:
 def page() -> str:
     overview = ["| model | level | gives | unit |", "| --- | --- | --- | --- |"]
     for name in MODELS:
-        cls = load(name)
+        cls = model_class(name)
         link = f"[`{cls.__name__}`](#{cls.__name__.lower()})"
         overview.append(row(link, str(cls.level), ", ".join(cls.layouts), cls.unit))
     shared = f"{ALL_MODELS}\n\n{options_table(SensorModel)}\n"
@@ -159,7 +159,7 @@ def test_the_page_is_what_the_models_say():
 
 
 def test_a_changed_default_is_seen(monkeypatch):
-    field = next(f for f in dataclasses.fields(load("elastomer_taxel")) if f.name == "lambda_d")
+    field = next(f for f in dataclasses.fields(model_class("elastomer_taxel")) if f.name == "lambda_d")
     monkeypatch.setattr(field, "default", 701.0)
     assert page() != PAGE.read_text(encoding="utf-8")
 

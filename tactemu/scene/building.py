@@ -26,7 +26,7 @@ from tactemu.scene.placement import PlacedSensor, PlacedSkin
 from tactemu.scene.schema import Body as BodyTable
 from tactemu.scene.schema import Skin
 from tactemu.scene.skins import SkinPart, parts_of
-from tactemu.sensors.models import cheapest, load, models_for
+from tactemu.sensors.models import cheapest, model_class, models_for
 from tactemu.transducers.chain import Chain
 from tactemu.transducers.registry import make
 
@@ -49,7 +49,7 @@ def _device_of(skin: Skin, name: str) -> Device:
     """Return the device of a skin, which sees what its transducers give where that is no quantity of touch."""
     options = skin.device_options
     if skin.transducer and "sees" in declared(load_device(name)) and "sees" not in options:
-        model = load(model_name(skin, make_device(name, options)))
+        model = model_class(model_name(skin, make_device(name, options)))
         kind = Chain(f"skin {skin.title!r}", transducers_of(skin), model.layouts).kind
         options = {**options, "sees": kind.quantity}
     return make_device(name, options)
@@ -200,7 +200,7 @@ def sensor_model(
 
     name = model_name(skin, device)
     try:
-        model = load(name)
+        model = model_class(name)
     except LookupError as error:
         raise SceneError(f"skin {skin.title!r}: model: {error}") from error
     if not (isinstance(model, type) and issubclass(model, SensorModel)):

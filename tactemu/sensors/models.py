@@ -1,7 +1,7 @@
-"""Sensor models by name: one line each. All else about a model stands in its own file.
+"""The registry of sensor models: one line each, by name. All else about a model stands in its own file.
 
->>> from tactemu.sensors.models import load
->>> load("kinematic_taxel").level
+>>> from tactemu.sensors.models import model_class
+>>> model_class("kinematic_taxel").level
 2
 """
 
@@ -24,14 +24,15 @@ MODELS: dict[str, str] = {
     "elastomer_taxel": "tactemu.sensors.elastomer.elastomer_taxel:ElastomerTaxel",
     "elastic_layer_taxel": "tactemu.sensors.layer.elastic_layer_taxel:ElasticLayerTaxel",
 }
-"""Scene files, ``tactemu tune``, the benches, ``docs/sensors.md`` and the names in :mod:`tactemu` are made from it."""
+"""The models by their names in scene files. Scene files, ``tactemu tune``, the benches, ``docs/sensors.md`` and the
+names in :mod:`tactemu` are made from it."""
 
 
-def load(name: str) -> type[SensorModel]:
-    """Return the class of a model, by its name in :data:`MODELS` or as ``"module:Class"`` of the user's own.
+def model_class(name: str) -> type[SensorModel]:
+    """Return the class of a model by its name in :data:`MODELS`, or of a user's own model by ``"module:Class"``.
 
     Raises:
-        LookupError: there is none of this name.
+        LookupError: no model has this name.
     """
     module, _, kind = MODELS.get(name, name).partition(":")
     try:
@@ -42,17 +43,17 @@ def load(name: str) -> type[SensorModel]:
 
 def models_for(quantity: str) -> dict[str, type[SensorModel]]:
     """Return the models that give a quantity (see :data:`firmware_protocols.device.Quantity`), cheapest first."""
-    loaded = {name: load(name) for name in MODELS}
-    return {name: model for name, model in loaded.items() if quantity in model.layouts}
+    classes = {name: model_class(name) for name in MODELS}
+    return {name: model for name, model in classes.items() if quantity in model.layouts}
 
 
 def cheapest(quantity: str) -> str:
-    """Name of the first model that gives a quantity; no module behind it is imported.
+    """Return the name of the first model that gives a quantity; the modules after it are not imported.
 
     Raises:
-        SceneError: none gives it.
+        SceneError: no model gives it.
     """
     for name in MODELS:
-        if quantity in load(name).layouts:
+        if quantity in model_class(name).layouts:
             return name
     raise SceneError(f"no sensor model gives {quantity}; a transducer may (docs/transducers.md)")

@@ -8,7 +8,7 @@ from typing import Any
 
 from tactemu.scene.file import LoadedScene
 from tactemu.scene.schema import Skin
-from tactemu.sensors.models import load, models_for
+from tactemu.sensors.models import model_class, models_for
 from tactemu.sensors.sensor_model import SensorModel, Trial
 
 
@@ -25,11 +25,11 @@ class Setting:
     @property
     def strengths(self) -> tuple[str, ...]:
         """Options that scale the model's reading: a gain is written into them, not beside them."""
-        return load(self.model).strengths
+        return model_class(self.model).strengths
 
     def skin(self, skin: Skin, gain: float = 1.0) -> Skin:
         """Return the skin with this model: options that the model has stay, dials are set, strengths get the gain."""
-        model = load(self.model)
+        model = model_class(self.model)
         known = {field.name: field for field in dataclasses.fields(model) if field.init}
         shared = {field.name for field in dataclasses.fields(SensorModel)} - {"contact_depth_query", "voxel_size"}
         kept = set(known) - _dials_of(model) if skin.model_ == self.model else shared

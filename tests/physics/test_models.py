@@ -13,10 +13,10 @@ from firmware_protocols.device import TOUCH, Quantity
 from tactemu.base.errors import SceneError
 from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.file import parse
-from tactemu.sensors.models import MODELS, cheapest, load, models_for
+from tactemu.sensors.models import MODELS, cheapest, model_class, models_for
 from tactemu.sensors.sensor_model import SensorModel
 
-EXAMPLES = [(name, words) for name in MODELS for words in load(name).examples]
+EXAMPLES = [(name, words) for name in MODELS for words in model_class(name).examples]
 SIDE = 9
 X, Y = np.meshgrid(*[(np.arange(SIDE) - (SIDE - 1) / 2) * 2.5e-3] * 2)
 PROBES = np.stack([X, Y, np.full_like(X, 0.01)], -1)
@@ -31,7 +31,7 @@ def pressed(name, options, *, depth, speed=(0.05, 0.0, 0.0), seed=0):
     scene = tt.Scene(dt=1e-3)
     pad = scene.add_body(tt.Box(size=(0.04, 0.04, 0.02)), fixed=True, name="pad")
     ball = scene.add_body(tt.Sphere(radius=0.01), name="ball", position=(0, 0, 1))
-    skin = scene.add_sensor(load(name)(probe_local_pos=PROBES, **options), link=pad, name="skin")
+    skin = scene.add_sensor(model_class(name)(probe_local_pos=PROBES, **options), link=pad, name="skin")
     sim = scene.build(seed=seed)
     for step in range(4):
         at = (5e-4 * step, 0, 0.02 - depth)
@@ -42,7 +42,7 @@ def pressed(name, options, *, depth, speed=(0.05, 0.0, 0.0), seed=0):
 
 @pytest.mark.parametrize("name", MODELS)
 def test_it_says_what_it_is(name):
-    model = load(name)
+    model = model_class(name)
     assert issubclass(model, SensorModel) and getattr(tt, model.__name__) is model
     assert model.level in range(5) and model.valid and model.source and model.unit
     assert inspect.getmodule(model).__doc__ and model.__doc__
@@ -55,19 +55,19 @@ def test_it_says_what_it_is(name):
 
 @pytest.mark.parametrize(("name", "words"), EXAMPLES)
 def test_it_feels_what_presses_and_nothing_else(name, words):
-    options = load(name).examples[words]
+    options = model_class(name).examples[words]
     felt, plan = pressed(name, options, depth=1e-3)
     assert np.isfinite(felt).all() and np.abs(felt).max() > 0
     assert np.array_equal(felt, pressed(name, options, depth=1e-3)[0])
     assert not pressed(name, options, depth=-0.02)[0].any()
     for stage in plan.stages:
         for option in re.findall(r"`(\w+)", stage.cheaper):
-            assert option in options_of(load(name)), stage.cheaper
+            assert option in options_of(model_class(name)), stage.cheaper
 
 
-@pytest.mark.parametrize(("name", "words"), [example for example in EXAMPLES if load(example[0]).strengths])
+@pytest.mark.parametrize(("name", "words"), [example for example in EXAMPLES if model_class(example[0]).strengths])
 def test_its_strengths_scale_the_whole_reading(name, words):
-    model, options = load(name), dict(load(name).examples[words])
+    model, options = model_class(name), dict(model_class(name).examples[words])
     defaults = {field.name: field.default for field in dataclasses.fields(model)}
     strong = options | {option: 3.0 * options.get(option, defaults[option]) for option in model.strengths}
     once, thrice = (pressed(name, given, depth=1e-3)[0] for given in (options, strong))
@@ -76,7 +76,7 @@ def test_its_strengths_scale_the_whole_reading(name, words):
 
 @pytest.mark.parametrize("name", MODELS)
 def test_every_setting_of_its_dials_can_be_built(name):
-    model = load(name)
+    model = model_class(name)
     for quantity in model.layouts:
         for trial in model.trials(quantity):
             base = next(iter(model.examples.values()))
@@ -135,4 +135,4 @@ def test_a_scene_file_takes_a_class_of_the_users_own(tmp_path, monkeypatch):
 def test_a_wrong_option_is_named_as_it_is(name, options, message):
     with pytest.raises(SceneError) as caught:
         pressed(name, options, depth=0.0)
-    assert f"{load(name).__name__}: {message}" in str(caught.value)
+    assert f"{model_class(name).__name__}: {message}" in str(caught.value)

@@ -11,7 +11,7 @@ import tactemu as tt
 from tactemu.base.errors import SceneError
 from tactemu.plan.launches import Launches, in_turn
 from tactemu.plan.thread_pool import ThreadPool
-from tactemu.sensors.models import MODELS, load
+from tactemu.sensors.models import MODELS, model_class
 from tactemu.transducers.capacitive import Capacitive
 from tactemu.transducers.fluid import Fluid
 from tactemu.transducers.magnetic import Magnetic
@@ -80,7 +80,7 @@ def readings(threads: int, model: str, **options) -> bytes:
 
 
 @pytest.mark.parametrize("spoilt", [False, True], ids=["ideal", "spoilt"])
-@pytest.mark.parametrize("model", [load(path).__name__ for path in MODELS])
+@pytest.mark.parametrize("model", [model_class(path).__name__ for path in MODELS])
 def test_any_number_of_threads_reads_the_same(model, spoilt):
     options = SPOILT if spoilt else {}
     one = readings(1, model, **options)

@@ -5,12 +5,12 @@ import pytest
 
 import tactemu as tt
 from tactemu.base.errors import StateError
-from tactemu.sensors.models import MODELS, load
+from tactemu.sensors.models import MODELS, model_class
 from tests.saving import story
 
 FEELS = f"{story.__file__.removesuffix('story.py')}feels.py:Feels"
 SAVED_S, SECONDS = 0.0803, 0.15
-PLAIN = [(name, words, {}) for name in MODELS for words in load(name).examples]
+PLAIN = [(name, words, {}) for name in MODELS for words in model_class(name).examples]
 SPOILT = {
     "memory": {
         "hysteresis_strength": 0.2, "hysteresis_strength_unloading": 0.1, "hysteresis_backlash": 1e-3,
@@ -28,7 +28,7 @@ SPOILT = {
 
 def scene(model: str, options: dict) -> dict:
     """A ball pressed in and dragged over the pad, from before the touch to after the state is saved."""
-    offers = load(model).layouts
+    offers = model_class(model).layouts
     quantity = "force" if "force" in offers else next(iter(offers))  # friction does not show in the pressure
     motion = {"kind": "together", "motions": [
         {"kind": "press", "approach": 0.001, "depth": 0.001, "speed": 0.04, "dwell": 0.02},
@@ -53,7 +53,7 @@ def scene(model: str, options: dict) -> dict:
     ids=[*(f"{name}{words}" for name, words, _ in PLAIN), *SPOILT],
 )
 def test_goes_on_as_if_never_interrupted(model, words, spoilt):
-    data = scene(model, {**load(model).examples.get(words, {}), **spoilt})
+    data = scene(model, {**model_class(model).examples.get(words, {}), **spoilt})
     whole, states = story.build(data), []
     with whole:
         whole.call(

@@ -19,7 +19,7 @@ from tactemu.geometry.shapes.mesh import Mesh
 from tactemu.geometry.shapes.sphere import Sphere
 from tactemu.plan.launches import record
 from tactemu.scene.scene import Scene
-from tactemu.sensors.models import MODELS, load
+from tactemu.sensors.models import MODELS, model_class
 from tactemu.sensors.sensor_model import SensorModel
 
 SIDE = 0.04
@@ -61,7 +61,7 @@ def sensors() -> dict[str, tuple[type[SensorModel], Mapping[str, Any]]]:
     """What is measured, by its name in the table: a model, and its options beside the probes."""
     return {
         f"{model.__name__}{words}": (model, options)
-        for model in map(load, MODELS)
+        for model in map(model_class, MODELS)
         for words, options in model.examples.items()
     }
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from tactemu.plan.plan import Dtype
-from tactemu.sensors.models import MODELS, load
+from tactemu.sensors.models import MODELS, model_class
 from tactemu.tune.trade.cases import TestSkin
 
 GRAZE = 1e-6
@@ -26,19 +26,19 @@ class Setting:
     @property
     def level(self) -> int:
         """Of fidelity."""
-        return load(self.model).level
+        return model_class(self.model).level
 
     @property
     def calibrated(self) -> tuple[str, ...]:
         """Fields of an observation that get a gain on the calibration cases; none where the material is stated."""
-        model = load(self.model)
+        model = model_class(self.model)
         if model.material:
             return ()
         return tuple(name for quantity in model.layouts for name in _FITTED[quantity])
 
     def make(self, skin: TestSkin) -> Any:
         """Return the sensor model on a skin, made of the skin's material where it states one."""
-        model = load(self.model)
+        model = model_class(self.model)
         material = {name: getattr(skin, name) for name in model.material}
         return model(probe_local_pos=skin.positions(), **{**material, **self.options})
 
@@ -85,7 +85,7 @@ def ladder() -> list[Setting]:
     shown = {setting.model for setting in settings}
     return [
         *settings,
-        *(Setting(name=f"L{load(name).level} {name}", model=name) for name in MODELS if name not in shown),
+        *(Setting(name=f"L{model_class(name).level} {name}", model=name) for name in MODELS if name not in shown),
     ]
 
 
