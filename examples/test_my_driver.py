@@ -103,7 +103,7 @@ def test_it_comes_back_after_unplugging(tactile_device):
     with tactile_device("anyskin", rate_hz=200) as dev:
         driver = SkinDriver(dev.port)
         read_until(driver, len)
-        dev.happen(fault="unplug for 0.3s")
+        dev.inject_event(fault="unplug for 0.3s")
         read_until(driver, lambda _: driver.reconnects)
         read_until(driver, lambda frames: len(frames) > 80)
         assert driver.reconnects == 1

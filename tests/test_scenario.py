@@ -114,11 +114,11 @@ def test_events_from_python_and_by_hand():
     with serve("anyskin", "memory:", scenario=[Event(at=0.0, dead=(1,), value=3.0)], adjustable=["bias"]) as dev:
         dev.wait(0.1)
         assert dev.sample().measured[1][2] == 3.0
-        dev.happen(set={"bias": 0.5})
+        dev.inject_event(set={"bias": 0.5})
         dev.wait(0.1)
         np.testing.assert_allclose(dev.sample().measured[0], 0.5)
         with pytest.raises(SceneError, match="unknown key 'ded'; did you mean 'dead'"):
-            dev.happen(ded=[1])
+            dev.inject_event(ded=[1])
         assert dev.truth.injected == {"dead": 1, "set": 1}
 
 

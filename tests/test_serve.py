@@ -152,8 +152,8 @@ def test_an_error_in_the_background_reaches_the_test():
         (lambda dev: dev.move(by=(1, 2)), "move: by must be 3 numbers"),
         (lambda dev: dev.move(quaternion=(1, 0, 0)), "move: quaternion must be 4 numbers"),
         (lambda dev: dev.wait(float("inf")), "wait: seconds must be"),
-        (lambda dev: dev.happen(set={"noise": "loud"}), "noise must be numbers"),
-        (lambda dev: dev.happen(set={"jitter": 1e9}), "built without jitter"),
+        (lambda dev: dev.inject_event(set={"noise": "loud"}), "noise must be numbers"),
+        (lambda dev: dev.inject_event(set={"jitter": 1e9}), "built without jitter"),
     ],
 )
 def test_a_slip_of_the_tests_is_refused_in_words_and_harms_nothing(memory_dev, slip, says):

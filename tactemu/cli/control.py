@@ -11,10 +11,11 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from tactemu.base.errors import TactemuError
+from tactemu.control.argument_types import ArgumentType
 from tactemu.control.client import connect
-from tactemu.control.control_commands import HAPPENS, VERBS, Argument, ControlCommand
+from tactemu.control.command_registry import EVENT_ARGUMENT, Argument, ControlCommand
+from tactemu.control.control_commands import CONTROL_COMMANDS
 from tactemu.control.endpoints import running
-from tactemu.control.kinds import Kind
 
 HELP = """
 Press, move, break, or look at what runs.
@@ -50,8 +51,8 @@ def main(words: Sequence[str]) -> None:
         context_settings={"help_option_names": ["-h", "--help"]}, invoke_without_command=True,
     )  # fmt: skip
     app.callback()(_list)
-    for verb in VERBS.values():
-        negative = any(argument.kind.words > 1 for argument in verb.arguments.values())  # -1mm is no option
+    for verb in CONTROL_COMMANDS.values():
+        negative = any(argument.type.words > 1 for argument in verb.arguments.values())  # -1mm is no option
         settings = {"ignore_unknown_options": negative}
         app.command(verb.name, help=_help(verb), context_settings=settings)(_command(verb))
     app.command("watch", help="Print states as lines of JSON until Ctrl-C.\n\n\b\n  tactemu poke watch --rate 30")(
@@ -74,7 +75,7 @@ def _list(
     for owner in there:
         print(f"{owner.name:<14} {owner.target}  (process {owner.pid})")
     print("" if there else "no emulator runs; start one: tactemu run anyskin\n")
-    for verb in VERBS.values():
+    for verb in CONTROL_COMMANDS.values():
         print(f"  {verb.name:<10} {verb.about}")
     print(f"  {'watch':<10} Print states as lines of JSON until Ctrl-C.\n\ntactemu poke VERB --help")
 
@@ -83,13 +84,13 @@ def _help(verb: ControlCommand) -> str:
     """What it does, and how it is called."""
     words = [_placeholder(argument) for argument in _arguments(verb) if argument.name in verb.words]
     needed = [each for each in verb.arguments.values() if each.needed and each.name not in verb.words]
-    words += [f"--{_word(argument.name)} {argument.kind.word}" for argument in needed]
+    words += [f"--{_word(argument.name)} {argument.type.word}" for argument in needed]
     return f"{verb.about}\n\n\b\n  tactemu poke {' '.join([verb.name, *words])}"
 
 
 def _placeholder(argument: Argument) -> str:
     """What stands for an argument that has no name on the command line."""
-    return argument.kind.word if argument.kind.words != 1 else argument.name.upper()
+    return argument.type.word if argument.type.words != 1 else argument.name.upper()
 
 
 def _word(name: str) -> str:
@@ -97,7 +98,7 @@ def _word(name: str) -> str:
 
 
 def _arguments(verb: ControlCommand) -> list[Argument]:
-    return [HAPPENS] if verb.name == "happen" else list(verb.arguments.values())
+    return [EVENT_ARGUMENT] if verb.name == "happen" else list(verb.arguments.values())
 
 
 def _command(verb: ControlCommand) -> Any:
@@ -121,7 +122,7 @@ def _command(verb: ControlCommand) -> Any:
 
 
 def _parameter(verb: ControlCommand, argument: Argument) -> inspect.Parameter:
-    kind = argument.kind
+    kind = argument.type
     default = "" if argument.default is None or argument.name == "wait" else f" [default: {argument.default:g}]"
     about = f"{argument.about}{default}"
     many = kind.words != 1
@@ -140,7 +141,7 @@ def _parameter(verb: ControlCommand, argument: Argument) -> inspect.Parameter:
     return inspect.Parameter(argument.name, inspect.Parameter.KEYWORD_ONLY, **kwargs)
 
 
-def _read(kind: Kind, text: Any) -> Any:
+def _read(kind: ArgumentType, text: Any) -> Any:
     """What was typed as its kind reads it; ``None``: nothing was."""
     if isinstance(text, bool) or not text:
         return text if text is not None and text != [] else None
@@ -149,7 +150,7 @@ def _read(kind: Kind, text: Any) -> Any:
 
 def _run(verb: ControlCommand, *, name: str | None, json: bool, **given: Any) -> None:
     """Read the arguments, have it done, print what it gives."""
-    arguments = {each.name: _read(each.kind, given[each.name]) for each in _arguments(verb)}
+    arguments = {each.name: _read(each.type, given[each.name]) for each in _arguments(verb)}
     if verb.name == "happen":
         event = arguments["event"]
         arguments = event if isinstance(event, dict) else _refuse(f"happen: expected KEY=VALUE ..., got {event!r}")

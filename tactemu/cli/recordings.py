@@ -70,7 +70,7 @@ def replay_file(
     from tactemu.base.clock import RealClock
     from tactemu.base.errors import TransportError
     from tactemu.cli.socket import control_socket
-    from tactemu.control.replaying import ReplayControl
+    from tactemu.control.replay_control import ReplayControl
     from tactemu.emulator.replay import Replay, replay_spec
     from tactemu.transports import create
     from tactemu.truth.recording import load

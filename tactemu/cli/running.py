@@ -72,7 +72,7 @@ def run_target(
     """
     from tactemu.base.clock import LockstepClock, RealClock, VirtualClock
     from tactemu.cli.socket import control_socket
-    from tactemu.control.again import replay_commands
+    from tactemu.control.command_replay import replay_commands
     from tactemu.control.control import Control
     from tactemu.emulator.assembly import RunOptions, assemble, truth_of
     from tactemu.scene.file import load

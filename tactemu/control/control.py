@@ -1,6 +1,6 @@
 """What may be done to a running emulator, carried out in its loop: one way for tests, people, pages and programs.
 
-A command acts after what is sampled at its time. It is logged with that time; :mod:`tactemu.control.again` does it
+A command acts after what is sampled at its time. It is logged with that time; :mod:`tactemu.control.command_replay` does it
 again.
 """
 
@@ -17,7 +17,7 @@ import numpy as np
 from tactemu.base.clock import LockstepClock
 from tactemu.base.errors import SceneError, TactemuError
 from tactemu.control import state
-from tactemu.control.control_commands import VERBS
+from tactemu.control.control_commands import CONTROL_COMMANDS
 from tactemu.control.description import described
 from tactemu.control.loop_task import LoopTask, TaskResult
 from tactemu.emulator.assembly import Assembled
@@ -72,7 +72,7 @@ class Control:
     ) -> LoopTask:
         """Have a command done, whose arguments are checked already."""
         self.emulator.look_ahead_ns = LOOK_AHEAD_NS
-        changes = VERBS[verb].changes
+        changes = CONTROL_COMMANDS[verb].changes
         return LoopTask(self.emulator, lambda: self.do(verb, arguments, by), changes=changes, tell=tell)
 
     def hello(self) -> dict[str, Any]:
@@ -110,10 +110,10 @@ class Control:
         Raises:
             TactemuError: it cannot be done; nothing has changed.
         """
-        changes = VERBS[verb].changes
+        changes = CONTROL_COMMANDS[verb].changes
         if changes:
             self.emulator.advance_to(self.emulator.now_ns, is_late=not self.emulator.clock.virtual)
-        outcome = getattr(self, f"_{verb}")(**arguments)
+        outcome = getattr(self, f"_{CONTROL_COMMANDS[verb].method}")(**arguments)
         if changes or verb == "restore":
             text = json.dumps({"verb": verb, "args": dict(arguments), "by": by})
             self.emulator.truth.event(self.emulator.now_ns, "", COMMAND + text)
@@ -193,7 +193,7 @@ class Control:
         seconds = max(seconds, float(np.linalg.norm(goal - here.position)) / speed)
         return self._go(name, [Leg(seconds, goal, None if quaternion is None else np.asarray(quaternion, float))], wait)
 
-    def _pose(self, body: str, **pose: list[float]) -> None:
+    def _set_pose(self, body: str, **pose: list[float]) -> None:
         if body in self.steered:
             self.steered[body].put(self._now_s, **pose)
         elif self.simulation is None:
@@ -224,7 +224,7 @@ class Control:
 
     # -- what goes wrong
 
-    def _happen(self, **event: Any) -> None:
+    def _inject_event(self, **event: Any) -> None:
         checked = Event(**event)
         if checked.skin is not None:
             self.channel(checked.skin)
@@ -232,11 +232,11 @@ class Control:
         self.emulator.act()
 
     def _fault(self, fault: str, skin: str | None = None) -> TaskResult:
-        self._happen(fault=fault, skin=skin)
+        self._inject_event(fault=fault, skin=skin)
         return TaskResult(settled=True)
 
     def _unplug(self, seconds: float | None = None, skin: str | None = None) -> TaskResult:
-        self._happen(fault="unplug", until=seconds, skin=skin)
+        self._inject_event(fault="unplug", until=seconds, skin=skin)
         return TaskResult(settled=True)  # the port has gone
 
     def _mend(self, fault: str | None = None, skin: str | None = None) -> TaskResult:
@@ -244,18 +244,18 @@ class Control:
         return TaskResult(settled=True)  # the port is there again
 
     def _set(self, options: Mapping[str, Any], **when: Any) -> None:
-        self._happen(set=dict(options), until=when.pop("seconds", None), **when)
+        self._inject_event(set=dict(options), until=when.pop("seconds", None), **when)
 
     def _dead(self, taxels: Sequence[int], **when: Any) -> None:
-        self._happen(dead=tuple(taxels), until=when.pop("seconds", None), **when)
+        self._inject_event(dead=tuple(taxels), until=when.pop("seconds", None), **when)
 
     def _hang(self, seconds: float, skin: str | None = None) -> None:
-        self._happen(hang=True, until=seconds, skin=skin)
+        self._inject_event(hang=True, until=seconds, skin=skin)
 
     def _reset(self, skin: str | None = None) -> None:
-        self._happen(reset=True, skin=skin)
+        self._inject_event(reset=True, skin=skin)
 
-    def _lines(self, dtr: bool, rts: bool, skin: str | None = None) -> None:
+    def _set_lines(self, dtr: bool, rts: bool, skin: str | None = None) -> None:
         transport = self.channel(skin).wire.transport
         if not isinstance(transport, PtyTransport):
             raise TactemuError(f"the port {transport.address} is no pseudo terminal; only those want their lines moved")

@@ -27,7 +27,7 @@ import numpy as np
 
 from tactemu.base.errors import TactemuError, nearest, shown
 from tactemu.base.options import number
-from tactemu.control.control_commands import VERBS
+from tactemu.control.control_commands import CONTROL_COMMANDS
 from tactemu.control.endpoints import PROTOCOL, Endpoint, uid_of_peer
 from tactemu.control.loop_task import LoopTask
 from tactemu.control.state import row_of
@@ -294,12 +294,12 @@ class Server:
         if verb in ("watch", "unwatch"):
             self._watch(client, ident, args if verb == "watch" else None)
             return
-        if not isinstance(verb, str) or verb not in VERBS:
-            hint = nearest(verb, VERBS) or f"; there are: {', '.join(VERBS)}, watch, unwatch"
+        if not isinstance(verb, str) or verb not in CONTROL_COMMANDS:
+            hint = nearest(verb, CONTROL_COMMANDS) or f"; there are: {', '.join(CONTROL_COMMANDS)}, watch, unwatch"
             raise TactemuError(f"verb: there is no {shown(verb)}{hint}")
         if client.under_way >= MOST_AT_ONCE:
             raise TactemuError(f"{MOST_AT_ONCE} of your requests are under way; wait for an answer")
-        arguments = VERBS[verb].checked(args)
+        arguments = CONTROL_COMMANDS[verb].checked(args)
         client.under_way += 1
         self.counters["commands"] += 1
         self.driven.submit(verb, arguments, client.name, partial(self._tell, client, ident))

@@ -25,7 +25,7 @@ from firmware_protocols import Device
 from tactemu.base.clock import LockstepClock, PacedClock, RealClock
 from tactemu.base.errors import SceneError, TactemuError
 from tactemu.base.kernels import start_quietly
-from tactemu.control.again import replay_commands
+from tactemu.control.command_replay import replay_commands
 from tactemu.control.control import Control
 from tactemu.control.control_commands import ControlCommands
 from tactemu.control.endpoints import Endpoint
@@ -79,7 +79,7 @@ def serve(
             all those of a device's default scene, are.
         by_hand: whether the default scene of a device is moved by hand, rather than by its own motions.
         scenario: what goes wrong when (:class:`tactemu.Event`), beside the scene's own schedule.
-        adjustable: laws of imperfection (``noise``, ``dead``, ``bias`` ...) that :meth:`Served.happen` will switch on.
+        adjustable: laws of imperfection (``noise``, ``dead``, ``bias`` ...) that :meth:`Served.inject_event` will switch on.
         truth: file for the truth log, ``.mcap`` or ``.jsonl``.
         keep: memory for samples and frames, ``"64MB"``; default: the scene's, else a share of the process's 256 MB.
         compute: where kernels run, ``cpu`` or ``cuda:0``; default: as the scene says.
@@ -113,7 +113,7 @@ def serve(
 class Served(ControlCommands):
     """What :func:`serve` returns: a running emulator, seen from a test.
 
-    What may be done to it, :meth:`press`, :meth:`happen` and so on, it has of
+    What may be done to it, :meth:`press`, :meth:`inject_event` and so on, it has of
     :class:`~tactemu.control.control_commands.ControlCommands`.
     """
 

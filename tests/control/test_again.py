@@ -8,9 +8,9 @@ import pytest
 import tactemu as tt
 from tactemu.base.clock import LockstepClock, VirtualClock
 from tactemu.base.errors import TactemuError
-from tactemu.control.again import commands_of, replay_commands
+from tactemu.control.command_replay import commands_of, replay_commands
 from tactemu.control.control import Control
-from tactemu.control.control_commands import VERBS
+from tactemu.control.control_commands import CONTROL_COMMANDS
 from tactemu.emulator.assembly import RunOptions, assemble
 from tactemu.scene import file
 from tactemu.scene.steering import steered
@@ -63,7 +63,7 @@ def test_a_run_that_was_poked_at_is_the_same_again(tmp_path, suffix):
             while not emulator.clock.is_paused():
                 emulator.step()
             if verb:
-                control.submit(verb, VERBS[verb].checked(args), "a test")
+                control.submit(verb, CONTROL_COMMANDS[verb].checked(args), "a test")
                 emulator.step()
     again = commands_of(tmp_path / f"log{suffix}")
     assert [(c.t_ns / 1e9, c.verb) for c in again] == [(t_s, verb) for t_s, verb, _ in COMMANDS]
@@ -102,7 +102,7 @@ def test_a_run_in_real_time_is_felt_again(tmp_path):
 def test_a_log_tells_what_was_done(tmp_path):
     control, _ = made("anyskin", VirtualClock(), tmp_path / "log.mcap")
     with control.emulator:
-        control.submit("press", VERBS["press"].checked({"depth": 1e-3}))
+        control.submit("press", CONTROL_COMMANDS["press"].checked({"depth": 1e-3}))
         control.submit("stats", {})
         control.emulator.run(0.1)
     log = tt.read_log(tmp_path / "log.mcap")

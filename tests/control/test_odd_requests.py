@@ -5,7 +5,7 @@ import re
 import pytest
 
 import tactemu as tt
-from tactemu.control.control_commands import VERBS
+from tactemu.control.control_commands import CONTROL_COMMANDS
 from tests.control.test_server import Raw
 
 ODD = (
@@ -27,7 +27,7 @@ OF_PYTHON = re.compile(
 
 
 def requests():
-    for name, verb in VERBS.items():
+    for name, verb in CONTROL_COMMANDS.items():
         arguments = EVENT if name == "happen" else [*verb.arguments]
         for argument in arguments:
             for odd in ODD:

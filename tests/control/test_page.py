@@ -9,7 +9,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from tactemu.control.control_commands import VERBS
+from tactemu.control.control_commands import CONTROL_COMMANDS
 
 PAGE = Path(__file__).parents[2] / "docs" / "live-control.md"
 TABLE = re.compile(r"(<!-- verbs: [^\n]* -->\n).*?(<!-- end of verbs -->)", re.DOTALL)
@@ -17,10 +17,10 @@ TABLE = re.compile(r"(<!-- verbs: [^\n]* -->\n).*?(<!-- end of verbs -->)", re.D
 
 def table() -> str:
     lines = ["| verb | arguments | |", "| --- | --- | --- |"]
-    for verb in VERBS.values():
+    for verb in CONTROL_COMMANDS.values():
         words = ["the keys of an entry `[[scenario]]` of a scene file"] if verb.name == "happen" else []
         for each in verb.arguments.values():
-            text = f"`{each.name}`: {each.kind.json}"
+            text = f"`{each.name}`: {each.type.json}"
             words.append(text if each.needed else f"[{text}]")
         lines.append(f"| `{verb.name}` | {', '.join(words)} | {verb.about} |")
     return "\n" + "\n".join(lines) + "\n\n"

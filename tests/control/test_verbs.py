@@ -8,18 +8,18 @@ import pytest
 import tactemu as tt
 from tactemu.base.errors import SceneError
 from tactemu.base.units import LENGTHS_M, TIMES_S, scaled
+from tactemu.control.argument_types import plain
 from tactemu.control.control import Control
-from tactemu.control.control_commands import VERBS, ControlCommands
-from tactemu.control.kinds import plain
+from tactemu.control.control_commands import CONTROL_COMMANDS, ControlCommands
 from tests.cli.command import here
 
 PAGE = Path(__file__).parents[2] / "docs" / "live-control.md"
 
 
-@pytest.mark.parametrize("name", VERBS)
+@pytest.mark.parametrize("name", CONTROL_COMMANDS)
 def test_every_verb_can_be_done_explained_and_typed(name):
-    verb = VERBS[name]
-    takes = inspect.signature(getattr(Control, f"_{name}")).parameters
+    verb = CONTROL_COMMANDS[name]
+    takes = inspect.signature(getattr(Control, f"_{verb.method}")).parameters
     anything = any(each.kind is each.VAR_KEYWORD for each in takes.values())
     for argument in verb.arguments.values():
         assert argument.about, f"{name}: {argument.name} is not explained"
@@ -54,7 +54,7 @@ def test_every_verb_can_be_done_explained_and_typed(name):
 )
 def test_what_does_not_fit_is_refused_in_words(name, words, says):
     with pytest.raises(SceneError) as refused:
-        VERBS[name].checked(words)
+        CONTROL_COMMANDS[name].checked(words)
     assert str(refused.value).startswith(says)
 
 
@@ -62,7 +62,7 @@ def test_numbers_have_units():
     assert scaled("1.5mm", LENGTHS_M) == pytest.approx(1.5e-3)
     assert scaled("-2e1us", TIMES_S) == pytest.approx(-2e-5)
     assert scaled("1", TIMES_S) is scaled("1mm", TIMES_S) is scaled("mm", LENGTHS_M) is None
-    assert VERBS["dead"].arguments["taxels"].kind.read("3:7,9") == [3, 4, 5, 6, 9]
-    read = VERBS["set"].arguments["options"].kind.read
+    assert CONTROL_COMMANDS["dead"].arguments["taxels"].type.read("3:7,9") == [3, 4, 5, 6, 9]
+    read = CONTROL_COMMANDS["set"].arguments["options"].type.read
     assert read(["probe_gain=0.9", "bias=[0, 1]", "noise=5%"]) == {"probe_gain": 0.9, "bias": [0, 1], "noise": 0.05}  # type: ignore[arg-type]
     assert plain({"a": (1, 2)}) == {"a": [1, 2]}

@@ -158,6 +158,6 @@ def test_websocket_client_whose_server_goes_without_a_word(fault, end):
         reader.start()
         dev.wait_for_driver()
         dev.wait(0.3)
-        dev.happen(fault=fault)
+        dev.inject_event(fault=fault)
         reader.join()
     assert found[0][0][1] == end

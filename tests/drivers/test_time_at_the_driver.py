@@ -49,9 +49,9 @@ def test_a_schedule_that_a_driver_lives_through(tmp_path):
     ):
         assert live.settles()
         since = len(live.rows)
-        dev.happen(at=0.2, until=0.6, fault="drop 50%")
-        dev.happen(at=0.8, until=1.1, hang=True)
-        dev.happen(at=1.2, reset=True)
+        dev.inject_event(at=0.2, until=0.6, fault="drop 50%")
+        dev.inject_event(at=0.8, until=1.1, hang=True)
+        dev.inject_event(at=1.2, reset=True)
         dev.wait(1.5)
         assert live.settles(10)
         story, injected, times = live.story(since), dev.truth.injected, [said.t for said in live.rows[since:]]

@@ -160,7 +160,7 @@ def test_an_adapter_that_is_unplugged_goes_and_comes_back(hand):
     start(hand, "201#0701")
     driver = hand.popen([sys.executable, "-c", UNPLUGGED], stdout=subprocess.PIPE, text=True)
     assert driver.stdout.readline() == "there\n"
-    skin.happen(fault="unplug for 0.5s")
+    skin.inject_event(fault="unplug for 0.5s")
     out, _ = driver.communicate(timeout=10)
     assert re.fullmatch(r"(ENODEV|ENETDOWN) \{'ENODEV'\} 0x710\n", out)
     start(hand, "201#0701")

@@ -119,7 +119,7 @@ def test_lerobot_finds_the_port_that_is_unplugged(exec_environment):
         assert process.stdin and process.stdout
         while "press Enter" not in process.stdout.readline():
             pass
-        env.devices[0].happen(fault="unplug for 1s")
+        env.devices[0].inject_event(fault="unplug for 1s")
         out, _ = process.communicate("\n", timeout=20)
     assert "The port of this MotorsBus is '/dev/ttyUSB0'" in out
 

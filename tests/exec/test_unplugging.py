@@ -49,7 +49,7 @@ def test_the_driver_sees_what_it_would_see_of_a_cable(exec_environment, held, no
     with env.popen([sys.executable, "-c", WATCH.format(held=held)], stdout=subprocess.PIPE, text=True) as driver:
         assert driver.stdout and driver.stdout.readline() == "opened\n"
         dev.wait(0.1)
-        dev.happen(fault="unplug for 0.5s")
+        dev.inject_event(fault="unplug for 0.5s")
         told = driver.stdout.read().splitlines()
     assert told == [
         "read failed", "5", "5", "5", "remove ttyUSB0 0403 False", "remove ttyUSB0 None False",
@@ -64,7 +64,7 @@ def test_a_call_that_waits_ends_when_the_port_goes(exec_environment, compiled):
         assert driver.stdout
         while driver.stdout.readline() != "reads\n":
             pass
-        env.devices[0].happen(fault="unplug for 1s")
+        env.devices[0].inject_event(fault="unplug for 1s")
         read, *others = driver.stdout.read().splitlines()
     assert read in ("read -1 5", "read 0 0")  # one that waited, and one that came later
     assert others == ["waited 5", "write -1 5", "lines -5", f"poll {EVERYTHING:x}"]

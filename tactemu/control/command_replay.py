@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from tactemu.base.errors import SceneError, TactemuError, shown
 from tactemu.control.control import Control
-from tactemu.control.control_commands import VERBS
+from tactemu.control.control_commands import CONTROL_COMMANDS
 from tactemu.transports.memory import MemoryTransport
 from tactemu.truth import COMMAND, Passage, PortEvent, entries
 
@@ -54,9 +54,14 @@ def _command(entry: PortEvent) -> Command:
     verb, args = said.get("verb"), said.get("args")
     if verb == "restore":
         raise SceneError("the run was set back to an earlier state here; only one that was not is done again")
-    if not isinstance(verb, str) or verb not in VERBS or not VERBS[verb].changes or not isinstance(args, dict):
+    if (
+        not isinstance(verb, str)
+        or verb not in CONTROL_COMMANDS
+        or not CONTROL_COMMANDS[verb].changes
+        or not isinstance(args, dict)
+    ):
         raise SceneError(f"expected a verb and its arguments, got {shown(entry.what)}")
-    return Command(entry.t_ns, verb, VERBS[verb].checked(args), str(said.get("by", "")))
+    return Command(entry.t_ns, verb, CONTROL_COMMANDS[verb].checked(args), str(said.get("by", "")))
 
 
 def replay_commands(control: Control, path: str | Path) -> int:

@@ -1,4 +1,4 @@
-"""What an argument of a command may be: checked as a value, read from a text with its unit, described in a word."""
+"""The types of the arguments of commands: each checks a value, reads it from a text with its unit, and has a word."""
 
 from __future__ import annotations
 
@@ -14,26 +14,27 @@ from tactemu.base.units import LENGTHS_M, SPEEDS_M_S, TIMES_S, scaled
 from tactemu.geometry import rotation
 from tactemu.geometry.limits import FARTHEST_M, METRES, MOST_DEPTH_M, MOST_S, SPEEDS
 
-MOST_TAXELS = 1_000_000
+MAX_TAXELS = 1_000_000
+"""Largest number of taxels, and largest taxel number, in an argument; bounds the memory that a request takes."""
 
 
 @dataclass(frozen=True)
-class Kind:
-    """Of an argument."""
+class ArgumentType:
+    """The type of an argument of a command."""
 
     word: str
-    """What stands for it in help: ``LENGTH``."""
+    """The placeholder in help texts: ``LENGTH``."""
     check: Callable[[str, str, Any], Any]
-    """``check(verb, name, value)`` gives the value as plain data, or raises a :class:`SceneError`."""
+    """``check(verb, name, value)`` returns the value as plain data, or raises a :class:`SceneError`."""
     read: Callable[[str], Any] = str
-    """Its value in a text; what is none stays a text, for ``check`` to refuse."""
+    """``read(text)`` returns the value of a text; a text without one is returned as it is, and ``check`` refuses it."""
     json: str = "text"
-    """What it is in JSON."""
+    """The name of the JSON type in the manual."""
     words: int = 1
-    """How many words it takes on a command line; 0: all that are left."""
+    """Number of words that the argument takes on a command line; 0: all that are left."""
 
 
-def _measured(units: Mapping[str, float]) -> Callable[[str], Any]:
+def _unit_reader(units: Mapping[str, float]) -> Callable[[str], Any]:
     def read(text: str) -> Any:
         value = scaled(text, {"": 1.0, **units})
         return text if value is None else value
@@ -41,15 +42,15 @@ def _measured(units: Mapping[str, float]) -> Callable[[str], Any]:
     return read
 
 
-def _number(units: Mapping[str, float], word: str, unit: str, **bounds: Any) -> Kind:
+def _number(units: Mapping[str, float], word: str, unit: str, **bounds: Any) -> ArgumentType:
     def check(verb: str, name: str, value: Any) -> float:
         return number(verb, name, value, unit=unit, **bounds)
 
-    return Kind(word, check, _measured(units), f"number [{unit.split()[0]}]" if unit else "number")
+    return ArgumentType(word, check, _unit_reader(units), f"number [{unit.split()[0]}]" if unit else "number")
 
 
-def _whole(verb: str, name: str, value: Any) -> int:
-    return int(number(verb, name, value, at_least=0, at_most=MOST_TAXELS, whole=True))
+def _non_negative_int(verb: str, name: str, value: Any) -> int:
+    return int(number(verb, name, value, at_least=0, at_most=MAX_TAXELS, whole=True))
 
 
 def _integer(text: str) -> Any:
@@ -64,12 +65,12 @@ def _text(verb: str, name: str, value: Any) -> str:
 
 
 def _file(verb: str, name: str, value: Any) -> str:
-    """From where whoever says it is, and not from where the emulator is."""
+    """Return the absolute path of a file: a relative one starts at the caller's folder, not at the emulator's."""
     value = _text(verb, name, os.fspath(value) if isinstance(value, os.PathLike) else value)
     return os.path.abspath(os.path.expanduser(value))
 
 
-def _truth(verb: str, name: str, value: Any) -> bool:
+def _true_or_false(verb: str, name: str, value: Any) -> bool:
     if not isinstance(value, bool):
         raise SceneError(f"{verb}: {name} must be true or false, got {shown(value)}")
     return value
@@ -99,27 +100,27 @@ def _quaternion(verb: str, name: str, value: Any) -> list[float]:
 def _taxels(verb: str, name: str, value: Any) -> list[int]:
     value = [value] if isinstance(value, int) else value
     array = numbers(verb, name, list(value) if isinstance(value, range | tuple) else value)
-    if array.ndim != 1 or not 0 < array.size <= MOST_TAXELS or (array % 1 != 0).any() or array.min() < 0:
+    if array.ndim != 1 or not 0 < array.size <= MAX_TAXELS or (array % 1 != 0).any() or array.min() < 0:
         raise SceneError(f"{verb}: {name} must be numbers of taxels, as [3, 4], or 3,4 or 3:7; got {shown(value)}")
     return array.astype(int).tolist()
 
 
 def _read_taxels(text: str) -> Any:
-    """``3``, ``3,5`` or, as in Python, ``3:7`` (3, 4, 5, 6)."""
+    """Return the taxel numbers in ``3``, ``3,5`` or, as in Python, ``3:7`` (3, 4, 5, 6); else the text."""
     found: list[int] = []
     for part in text.split(","):
         first, colon, end = part.partition(":")
-        if not first.isdecimal() or (colon and not (end.isdecimal() and int(first) < int(end) <= MOST_TAXELS)):
+        if not first.isdecimal() or (colon and not (end.isdecimal() and int(first) < int(end) <= MAX_TAXELS)):
             return text
         found += range(int(first), int(end)) if colon else [int(first)]
     return found
 
 
 def plain(value: Any) -> Any:
-    """Return tables, lists, texts and numbers of a caller's as JSON has them; arrays become lists.
+    """Return the caller's tables, lists, texts and numbers as JSON has them; arrays become lists.
 
     Raises:
-        TypeError, ValueError: it is none of these.
+        TypeError, ValueError: a value is none of these.
     """
     return json.loads(json.dumps(value, default=lambda array: array.tolist(), allow_nan=False))
 
@@ -146,7 +147,7 @@ def read_value(text: str) -> Any:
 
 
 def read_options(words: list[str]) -> Any:
-    """``["noise=0.1", "bias=[0, 0, 1]"]`` as a table."""
+    """Return ``["noise=0.1", "bias=[0, 0, 1]"]`` as a table; words without ``=`` as one text."""
     pairs = [word.partition("=") for word in words]
     return {name: read_value(value) for name, given, value in pairs} if all(p[1] for p in pairs) else " ".join(words)
 
@@ -155,8 +156,8 @@ def _flag(text: str) -> Any:
     return {"yes": True, "true": True, "on": True, "no": False, "false": False, "off": False}.get(text.lower(), text)
 
 
-def _of_vector(units: Mapping[str, float]) -> Callable[[list[str]], Any]:
-    read = _measured(units)
+def _vector_reader(units: Mapping[str, float]) -> Callable[[list[str]], Any]:
+    read = _unit_reader(units)
     return lambda words: [read(word) for word in words]
 
 
@@ -164,14 +165,14 @@ Metres = Annotated[float, _number(LENGTHS_M, "LENGTH", METRES, at_least=-MOST_DE
 Seconds = Annotated[float, _number(TIMES_S, "TIME", "s", at_least=0, at_most=MOST_S)]
 Speed = Annotated[float, _number(SPEEDS_M_S, "SPEED", "m/s", at_least=SPEEDS[0], at_most=SPEEDS[1])]
 Number = Annotated[float, _number({}, "NUMBER", "")]
-Whole = Annotated[int, Kind("N", _whole, _integer, "whole number")]
-Text = Annotated[str, Kind("TEXT", _text)]
-Name = Annotated[str, Kind("NAME", _text)]
-File = Annotated[str | os.PathLike, Kind("FILE", _file)]
-Flag = Annotated[bool, Kind("yes|no", _truth, _flag, "true or false")]
-Position = Annotated[Any, Kind("X Y Z", _vector(3, FARTHEST_M), _of_vector(LENGTHS_M), "3 numbers [m]", 3)]  # type: ignore[arg-type]
-Velocity = Annotated[Any, Kind("X Y Z", _vector(3, 1e3), _of_vector(SPEEDS_M_S), "3 numbers [m/s]", 3)]  # type: ignore[arg-type]
-Turning = Annotated[Any, Kind("X Y Z", _vector(3, 1e4), _of_vector({}), "3 numbers [rad/s]", 3)]  # type: ignore[arg-type]
-Quaternion = Annotated[Any, Kind("W X Y Z", _quaternion, _of_vector({}), "4 numbers", 4)]  # type: ignore[arg-type]
-Taxels = Annotated[Any, Kind("TAXELS", _taxels, _read_taxels, "list of whole numbers")]
-Options = Annotated[Mapping[str, Any], Kind("NAME=VALUE", _options, read_options, "table", 0)]  # type: ignore[arg-type]
+NonNegativeInt = Annotated[int, ArgumentType("N", _non_negative_int, _integer, "whole number")]
+Text = Annotated[str, ArgumentType("TEXT", _text)]
+Name = Annotated[str, ArgumentType("NAME", _text)]
+File = Annotated[str | os.PathLike, ArgumentType("FILE", _file)]
+Flag = Annotated[bool, ArgumentType("yes|no", _true_or_false, _flag, "true or false")]
+Position = Annotated[Any, ArgumentType("X Y Z", _vector(3, FARTHEST_M), _vector_reader(LENGTHS_M), "3 numbers [m]", 3)]  # type: ignore[arg-type]
+Velocity = Annotated[Any, ArgumentType("X Y Z", _vector(3, 1e3), _vector_reader(SPEEDS_M_S), "3 numbers [m/s]", 3)]  # type: ignore[arg-type]
+AngularVelocity = Annotated[Any, ArgumentType("X Y Z", _vector(3, 1e4), _vector_reader({}), "3 numbers [rad/s]", 3)]  # type: ignore[arg-type]
+Quaternion = Annotated[Any, ArgumentType("W X Y Z", _quaternion, _vector_reader({}), "4 numbers", 4)]  # type: ignore[arg-type]
+Taxels = Annotated[Any, ArgumentType("TAXELS", _taxels, _read_taxels, "list of whole numbers")]
+Options = Annotated[Mapping[str, Any], ArgumentType("NAME=VALUE", _options, read_options, "table", 0)]  # type: ignore[arg-type]
