@@ -54,14 +54,10 @@ def _command(entry: PortEvent) -> Command:
     verb, args = said.get("verb"), said.get("args")
     if verb == "restore":
         raise SceneError("the run was set back to an earlier state here; only one that was not is done again")
-    if (
-        not isinstance(verb, str)
-        or verb not in CONTROL_COMMANDS
-        or not CONTROL_COMMANDS[verb].changes
-        or not isinstance(args, dict)
-    ):
+    command = CONTROL_COMMANDS.get(verb) if isinstance(verb, str) else None
+    if command is None or not command.changes or not isinstance(args, dict):
         raise SceneError(f"expected a verb and its arguments, got {shown(entry.what)}")
-    return Command(entry.t_ns, verb, CONTROL_COMMANDS[verb].checked(args), str(said.get("by", "")))
+    return Command(entry.t_ns, command.name, command.checked(args), str(said.get("by", "")))
 
 
 def replay_commands(control: Control, path: str | Path) -> int:

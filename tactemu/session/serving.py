@@ -79,7 +79,7 @@ def serve(
             all those of a device's default scene, are.
         by_hand: whether the default scene of a device is moved by hand, rather than by its own motions.
         scenario: what goes wrong when (:class:`tactemu.Event`), beside the scene's own schedule.
-        adjustable: laws of imperfection (``noise``, ``dead``, ``bias`` ...) that :meth:`Served.inject_event` will switch on.
+        adjustable: laws of imperfection (``noise``, ``dead``, ``bias`` ...) that you will switch on while it runs.
         truth: file for the truth log, ``.mcap`` or ``.jsonl``.
         keep: memory for samples and frames, ``"64MB"``; default: the scene's, else a share of the process's 256 MB.
         compute: where kernels run, ``cpu`` or ``cuda:0``; default: as the scene says.
