@@ -1,7 +1,7 @@
-"""What was done to an emulator while it ran, read from its truth log and done again at the same times.
+"""The commands of a truth log, read and repeated at the same times.
 
-On ports in memory, where no driver comes, what the driver said is said again, too: in lockstep, and without jitter, the
-devices then answer the same bytes.
+On ports in memory, which no driver opens, the driver's bytes are repeated, too: in lockstep, and without jitter, the
+devices then answer with the same bytes.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ class Command(NamedTuple):
     """One command of a log."""
 
     t_ns: int
-    """When it was done."""
+    """Emulation time at which it was carried out."""
     verb: str
     args: dict[str, Any]
     by: str = ""
-    """Who had it done; "" the program itself."""
+    """The client that sent it; "" for the program itself."""
 
 
 def commands_of(path: str | Path) -> list[Command]:
     """Return the commands in a truth log, in their order.
 
     Raises:
-        TactemuError: no such file, no log, or a command that this version does not have.
+        TactemuError: the file is missing or no log, or this version lacks one of its commands.
     """
     found = []
     for entry in entries(path):
@@ -53,7 +53,7 @@ def _command(entry: PortEvent) -> Command:
     said = said if isinstance(said, dict) else {}
     verb, args = said.get("verb"), said.get("args")
     if verb == "restore":
-        raise SceneError("the run was set back to an earlier state here; only one that was not is done again")
+        raise SceneError("the run was set back to an earlier state here, so its commands cannot be repeated")
     command = CONTROL_COMMANDS.get(verb) if isinstance(verb, str) else None
     if command is None or not command.changes or not isinstance(args, dict):
         raise SceneError(f"expected a verb and its arguments, got {shown(entry.what)}")
@@ -61,7 +61,7 @@ def _command(entry: PortEvent) -> Command:
 
 
 def replay_commands(control: Control, path: str | Path) -> int:
-    """Have the loop do what a log says was done, at the same times; returns how many commands. Call before it runs.
+    """Schedule the commands of a log in the loop at their times; return their number. Call before the loop runs.
 
     Raises:
         TactemuError: as :func:`commands_of`.

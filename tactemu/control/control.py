@@ -1,7 +1,7 @@
-"""What may be done to a running emulator, carried out in its loop: one way for tests, people, pages and programs.
+"""The commands to a running emulator, carried out in its loop: the same way for tests, people, pages and programs.
 
-A command acts after what is sampled at its time. It is logged with that time; :mod:`tactemu.control.command_replay` does it
-again.
+A command takes effect after the samples of its time. It is logged with that time, so that
+:mod:`tactemu.control.command_replay` can repeat it.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ from tactemu.truth.tap import Tap
 from tactemu.wire.wire import Wire
 
 LOOK_AHEAD_NS = 2_000_000
-"""How far the simulation may be ahead of real time while somebody may have something done."""
+"""Longest time by which the simulation may lead real time once commands come; bounds how late a command takes effect."""
 
 
 def mend(wires: Sequence[Wire], fault: str | None) -> None:
-    """Switch faults off: those of a kind, or that begin with these words; ``None``: all.
+    """Switch faults off: those of a kind, or those whose text begins with ``fault``; ``None``: all.
 
     Raises:
-        SceneError: there is none of it.
+        SceneError: no such fault is on.
     """
     on = [(wire, each) for wire in wires for each in wire.faults]
     found = [(wire, each) for wire, each in on if fault is None or fault == each.kind or str(each).startswith(fault)]
@@ -53,16 +53,16 @@ def mend(wires: Sequence[Wire], fault: str | None) -> None:
 
 
 class Control:
-    """Does what :class:`~tactemu.control.control_commands.ControlCommands` declares."""
+    """The implementation of :class:`~tactemu.control.control_commands.ControlCommands` in an emulator's loop."""
 
     def __init__(self, assembled: Assembled):
         self.emulator: Emulator = assembled.emulator
         self.simulation = assembled.simulation
         bodies = [] if self.simulation is None else self.simulation.bodies
         self.steered = {body.name: body.motion for body in bodies if isinstance(body.motion, Steered)}
-        """The motions of the bodies that may be moved, by name."""
+        """The motions of the bodies that you may move, by name."""
         self.clients: Counter[str] = Counter()
-        """What a server counts of those who connect to it."""
+        """A server's counters of its clients and their requests."""
         self._scene, self._skins = assembled.scene, assembled.skins
 
     # -- from any thread -------------------------------------------------------------------------------------------
@@ -70,13 +70,13 @@ class Control:
     def submit(
         self, verb: str, arguments: Mapping[str, Any], by: str = "", tell: Callable[[LoopTask], None] | None = None
     ) -> LoopTask:
-        """Have a command done, whose arguments are checked already."""
+        """Have the loop carry out a command whose arguments are checked already."""
         self.emulator.look_ahead_ns = LOOK_AHEAD_NS
         changes = CONTROL_COMMANDS[verb].changes
         return LoopTask(self.emulator, lambda: self.do(verb, arguments, by), changes=changes, tell=tell)
 
     def hello(self) -> dict[str, Any]:
-        """Who this is, to whoever connects."""
+        """Return what a server sends first to a client: clock, skins, and bodies that it may move."""
         clock = self.emulator.clock
         return {
             "clock": "lockstep" if self._lockstep else "virtual" if clock.virtual else "real",
@@ -85,11 +85,11 @@ class Control:
         }
 
     def watched(self, by: str, tell: Callable[[LoopTask], None]) -> LoopTask:
-        """Have the state looked at, for somebody who watches."""
+        """Have the loop take the state for a client that watches it."""
         return self.submit("state", {}, by, tell)
 
     def tap(self, most: int, skin: str | None) -> Tap:
-        """What happens on the wires from now on, for somebody who watches; to be given to :meth:`untap`.
+        """Return a tap that collects what passes over the wires from now on, until :meth:`untap`.
 
         Raises:
             TactemuError: there is no such skin.
@@ -99,16 +99,16 @@ class Control:
         return tap
 
     def untap(self, tap: Tap) -> None:
-        """Watched no more."""
+        """Remove a tap."""
         self.emulator.truth.untap(tap)
 
     # -- in the loop -----------------------------------------------------------------------------------------------
 
     def do(self, verb: str, arguments: Mapping[str, Any], by: str = "") -> TaskResult:
-        """Begin a command.
+        """Begin a command, and log it if it changes the emulator.
 
         Raises:
-            TactemuError: it cannot be done; nothing has changed.
+            TactemuError: the command cannot be carried out; nothing has changed.
         """
         changes = CONTROL_COMMANDS[verb].changes
         if changes:
@@ -124,16 +124,16 @@ class Control:
         return self.emulator.now_ns / 1e9
 
     def channel(self, skin: str | None) -> Channel:
-        """Return the channel of a skin; ``None``: of the only one.
+        """Return the channel of a skin; ``None``: that of the only skin.
 
         Raises:
-            TactemuError: there is none, or several.
+            TactemuError: there is no such skin, or several without a name given.
         """
         channels = {channel.name: channel for channel in self.emulator.channels}
         if skin is None and len(channels) == 1:
             return next(iter(channels.values()))
         if skin not in channels:
-            raise TactemuError(f"which skin? there are: {', '.join(channels)}")
+            raise TactemuError(f"which skin? give one of: {', '.join(channels)}")
         return channels[skin]
 
     def _wires(self, skin: str | None) -> list[Wire]:
@@ -222,7 +222,7 @@ class Control:
             raise TactemuError(f"skin {channel.name!r} plays recorded readings; nothing can be pressed into it")
         return self._skins[channel.name]
 
-    # -- what goes wrong
+    # -- faults and imperfections
 
     def _inject_event(self, **event: Any) -> None:
         checked = Event(**event)
@@ -258,7 +258,9 @@ class Control:
     def _set_lines(self, dtr: bool, rts: bool, skin: str | None = None) -> None:
         transport = self.channel(skin).wire.transport
         if not isinstance(transport, PtyTransport):
-            raise TactemuError(f"the port {transport.address} is no pseudo terminal; only those want their lines moved")
+            raise TactemuError(
+                f"the port {transport.address} is no pseudo terminal; on other ports the driver sets them"
+            )
         transport.set_lines(dtr, rts)
 
     # -- time
@@ -296,16 +298,19 @@ class Control:
     def _restore(self, file: str) -> None:
         self.emulator.restore(file)
 
-    # -- looks
+    # -- readings and statistics
 
     def _sample(self, skin: str | None = None) -> TaskResult:
         return TaskResult(result=self.emulator.truth.latest(self.channel(skin).name))
 
     def _stats(self, skin: str | None = None) -> TaskResult:
         channels = self.emulator.channels if skin is None else [self.channel(skin)]
-        looks = {channel.name: state.look_at(self.emulator, channel) for channel in channels}
+        statistics = {channel.name: state.defer_statistics(self.emulator, channel) for channel in channels}
         return TaskResult(
-            result=lambda: {"skins": {name: look() for name, look in looks.items()}, "clients": dict(self.clients)}
+            result=lambda: {
+                "skins": {name: get() for name, get in statistics.items()},
+                "clients": dict(self.clients),
+            }
         )
 
     def _state(self) -> TaskResult:

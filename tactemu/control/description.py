@@ -1,4 +1,4 @@
-"""What an emulator consists of, as plain data: for whoever draws it, and says what goes over its wires."""
+"""The description of an emulator as plain data: for programs that draw it and decode what passes over its wires."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from tactemu.emulator.emulator import Emulator
 
 
 def described(emulator: Emulator) -> Callable[[], dict[str, Any]]:
-    """What gives the description. Call in the loop; what it gives takes long, and may be called in another thread."""
+    """Return a function that returns the description. Call this in the loop; the function takes long, and another
+    thread may call it."""
     faults = {channel.name: _faults(channel) for channel in emulator.channels}
     options = {skin["name"] or skin["device"].rpartition(":")[2]: skin for skin in emulator.recipe.get("skin", ())}
     around = emulator.truth.surroundings
@@ -39,13 +40,13 @@ def _faults(channel: Channel) -> list[str]:
 
 
 def _adjustable(channel: Channel) -> list[str]:
-    """Options that `set` may change, and `dead` if taxels may die."""
-    spoil = channel.source.imperfections
-    return [] if spoil is None else list(spoil.adjustable)
+    """Return the options that `set` may change, and `dead` if taxels may die."""
+    imperfections = channel.source.imperfections
+    return [] if imperfections is None else list(imperfections.adjustable)
 
 
 def _device(device: Device) -> dict[str, Any]:
-    """Its frame tables, as text with what is bound; its commands; what rest and rated span its columns have."""
+    """Return the device's frame tables, as text with the bound values; its commands; rest and span of its columns."""
     own = [value for value in vars(device).values() if isinstance(value, Frame)]
     tables = {table.name: table for table in (*held(type(device), Frame), *own)}
     return {

@@ -1,4 +1,4 @@
-"""What may be done to a recording that is played: what befalls its wire, and a look at it."""
+"""The commands to a recording that is replayed: faults on its wire, and its state."""
 
 from __future__ import annotations
 
@@ -16,48 +16,48 @@ from tactemu.truth.tap import Tap
 
 
 class ReplayControl:
-    """Does those of the :class:`~tactemu.control.control_commands.ControlCommands` that need no simulation and no
-    firmware."""
+    """The implementation of those :class:`~tactemu.control.control_commands.ControlCommands` that need no simulation
+    and no firmware."""
 
     def __init__(self, replay: Replay):
         self.replay = replay
         self.clients: Counter[str] = Counter()
-        """What a server counts of those who connect to it."""
+        """A server's counters of its clients and their requests."""
 
     def hello(self) -> dict[str, Any]:
-        """Who this is, to whoever connects."""
+        """Return what a server sends first to a client."""
         return {"clock": "real", "skins": {}, "bodies": []}
 
     def submit(
         self, verb: str, arguments: Mapping[str, Any], by: str = "", tell: Callable[[LoopTask], None] | None = None
     ) -> LoopTask:
-        """Have a command done, whose arguments are checked already."""
+        """Have the loop carry out a command whose arguments are checked already."""
         return LoopTask(self.replay, lambda: self.do(verb, arguments), tell=tell)
 
     def watched(self, by: str, tell: Callable[[LoopTask], None]) -> LoopTask:
-        """Have the state looked at, for somebody who watches."""
+        """Have the loop take the state for a client that watches it."""
         return self.submit("state", {}, by, tell)
 
     def tap(self, most: int, skin: str | None) -> Tap:
-        """What happens on the wire from now on, for somebody who watches."""
+        """Return a tap that collects what passes over the wire from now on, until :meth:`untap`."""
         tap = Tap(most)
         self.replay.wire.truth.tap(tap)
         return tap
 
     def untap(self, tap: Tap) -> None:
-        """Watched no more."""
+        """Remove a tap."""
         self.replay.wire.truth.untap(tap)
 
     def do(self, verb: str, arguments: Mapping[str, Any]) -> TaskResult:
         """Begin a command.
 
         Raises:
-            TactemuError: it cannot be done here.
+            TactemuError: a recording does not have this command.
         """
         action = getattr(self, f"_{verb}", None)
         if action is None:
             can = ", ".join(name.lstrip("_") for name in vars(ReplayControl) if name[:1] == "_" and name[1] != "_")
-            raise TactemuError(f"{verb}: a recording is played here, nothing is simulated; it can: {can}")
+            raise TactemuError(f"{verb}: a recording is replayed here, nothing is simulated; use one of: {can}")
         return action(**arguments) or TaskResult()
 
     def _fault(self, fault: str, skin: str | None = None) -> None:

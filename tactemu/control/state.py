@@ -1,4 +1,4 @@
-"""How an emulator stands, as plain data: what it has done, and what it looks like."""
+"""The statistics and the present state of an emulator, as plain data."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from tactemu.truth import Sample
 
 
 def statistics_of(emulator: Emulator, channel: Channel) -> dict[str, Any]:
-    """What one device did: statistics, what became of its frames and of the driver's, and what was injected."""
-    return look_at(emulator, channel)()
+    """Return the statistics of one device, the counts of its frames and the driver's, and those of injected faults."""
+    return defer_statistics(emulator, channel)()
 
 
-def look_at(emulator: Emulator, channel: Channel) -> Callable[[], dict[str, Any]]:
-    """What gives :func:`statistics_of` as it is now, and may be called in another thread than the loop's."""
-    return channel.counted(emulator.truth.injected_at(channel.name))
+def defer_statistics(emulator: Emulator, channel: Channel) -> Callable[[], dict[str, Any]]:
+    """Return a function that returns :func:`statistics_of` as of now; another thread than the loop's may call it."""
+    return channel.defer_statistics(emulator.truth.injected_at(channel.name))
 
 
 def state_of(emulator: Emulator, steered: Mapping[str, Steered]) -> Callable[[], dict[str, Any]]:
-    """Return a function that gives the present state: the time [s], bodies with their world poses, skins with their
-    ports and latest samples. Call this in the loop; the function may be called in another thread."""
+    """Return a function that returns the present state: the time [s], bodies with their world poses, skins with their
+    ports and latest samples. Call this in the loop; another thread may call the function."""
     around = emulator.truth.surroundings
     poses = np.zeros((0, 7)) if around is None else around.poses()
     names = [] if around is None else around.names
@@ -56,7 +56,7 @@ def state_of(emulator: Emulator, steered: Mapping[str, Steered]) -> Callable[[],
 
 
 def row_of(sample: Sample) -> dict[str, Any]:
-    """Return a sample as the object of a line; arrays stay arrays."""
+    """Return a sample as the JSON object of a line; its arrays stay arrays."""
     return {
         "t_ns": sample.t_ns, "device": sample.device, "number": sample.number, "sense": sample.sense,
         "ideal": sample.ideal, "measured": sample.measured, "counts": sample.counts,

@@ -196,7 +196,7 @@ class Channel:
         if self.device.ports is not self._ports:
             self.plug()
 
-    def counted(self, injected: Counter[str]) -> Callable[[], dict[str, Any]]:
+    def defer_statistics(self, injected: Counter[str]) -> Callable[[], dict[str, Any]]:
         """What gives the statistics and counters of this device as they are now, as plain data; other threads than the
         loop's may call it. ``injected``: the faults that befell it, by name."""
         statistics = self.statistics.copy()

@@ -148,7 +148,7 @@ class Emulator:
 
     def summary(self) -> list[dict[str, Any]]:
         """What each device has done: samples, what became of frames both ways, what was injected."""
-        return [channel.counted(self.truth.injected_at(channel.name))() for channel in self.channels]
+        return [channel.defer_statistics(self.truth.injected_at(channel.name))() for channel in self.channels]
 
     def _power_on(self, channel: Channel) -> None:
         """The device loses its memory and boots; until then it neither samples nor hears."""
