@@ -34,7 +34,7 @@ from tactemu.truth.tap import Tap
 from tactemu.wire.wire import Wire
 
 LOOK_AHEAD_NS = 2_000_000
-"""Longest time by which the simulation may lead real time once commands come; bounds how late a command takes effect."""
+"""Longest lead of the simulation over real time once commands come; bounds how late a command takes effect."""
 
 
 def mend(wires: Sequence[Wire], fault: str | None) -> None:
