@@ -12,7 +12,7 @@ from tactemu.base.errors import SceneError, shown
 from tactemu.base.options import number, numbers
 from tactemu.base.units import LENGTHS_M, SPEEDS_M_S, TIMES_S, scaled
 from tactemu.geometry import rotation
-from tactemu.geometry.limits import FARTHEST_M, METRES, MOST_DEPTH_M, MOST_S, SPEEDS
+from tactemu.geometry.limits import LENGTH_UNIT, MAX_DEPTH_M, MAX_POSITION_M, MAX_TIME_S, SPEED_RANGE_M_S
 
 MAX_TAXELS = 1_000_000
 """Largest number of taxels, and largest taxel number, in an argument; bounds the memory that a request takes."""
@@ -161,16 +161,19 @@ def _vector_reader(units: Mapping[str, float]) -> Callable[[list[str]], Any]:
     return lambda words: [read(word) for word in words]
 
 
-Metres = Annotated[float, _number(LENGTHS_M, "LENGTH", METRES, at_least=-MOST_DEPTH_M, at_most=MOST_DEPTH_M)]
-Seconds = Annotated[float, _number(TIMES_S, "TIME", "s", at_least=0, at_most=MOST_S)]
-Speed = Annotated[float, _number(SPEEDS_M_S, "SPEED", "m/s", at_least=SPEEDS[0], at_most=SPEEDS[1])]
+Metres = Annotated[float, _number(LENGTHS_M, "LENGTH", LENGTH_UNIT, at_least=-MAX_DEPTH_M, at_most=MAX_DEPTH_M)]
+Seconds = Annotated[float, _number(TIMES_S, "TIME", "s", at_least=0, at_most=MAX_TIME_S)]
+Speed = Annotated[float, _number(SPEEDS_M_S, "SPEED", "m/s", at_least=SPEED_RANGE_M_S[0], at_most=SPEED_RANGE_M_S[1])]
 Number = Annotated[float, _number({}, "NUMBER", "")]
 NonNegativeInt = Annotated[int, ArgumentType("N", _non_negative_int, _integer, "whole number")]
 Text = Annotated[str, ArgumentType("TEXT", _text)]
 Name = Annotated[str, ArgumentType("NAME", _text)]
 File = Annotated[str | os.PathLike, ArgumentType("FILE", _file)]
 Flag = Annotated[bool, ArgumentType("yes|no", _true_or_false, _flag, "true or false")]
-Position = Annotated[Any, ArgumentType("X Y Z", _vector(3, FARTHEST_M), _vector_reader(LENGTHS_M), "3 numbers [m]", 3)]  # type: ignore[arg-type]
+Position = Annotated[
+    Any,
+    ArgumentType("X Y Z", _vector(3, MAX_POSITION_M), _vector_reader(LENGTHS_M), "3 numbers [m]", 3),  # type: ignore[arg-type]
+]
 Velocity = Annotated[Any, ArgumentType("X Y Z", _vector(3, 1e3), _vector_reader(SPEEDS_M_S), "3 numbers [m/s]", 3)]  # type: ignore[arg-type]
 AngularVelocity = Annotated[Any, ArgumentType("X Y Z", _vector(3, 1e4), _vector_reader({}), "3 numbers [rad/s]", 3)]  # type: ignore[arg-type]
 Quaternion = Annotated[Any, ArgumentType("W X Y Z", _quaternion, _vector_reader({}), "4 numbers", 4)]  # type: ignore[arg-type]

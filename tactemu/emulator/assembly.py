@@ -22,14 +22,14 @@ from tactemu.emulator.sampling import SampleClock
 from tactemu.emulator.scenario import faults_of, laws_needed, schedule
 from tactemu.emulator.sensing import NullSource, SenseReader
 from tactemu.emulator.sources import given_by, without
-from tactemu.geometry.limits import RATES_HZ
+from tactemu.geometry.limits import RATE_RANGE_HZ
 from tactemu.geometry.motion import Joint
 from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.description import SceneDescription
 from tactemu.scene.file import LoadedScene
 from tactemu.scene.measured_defaults import all_measured
 from tactemu.scene.placement import PlacedSkin
-from tactemu.scene.schema import EventTable, Skin, World
+from tactemu.scene.schema import EventTable, SceneTable, SkinTable
 from tactemu.scene.steering import Steered
 from tactemu.truth import Truth
 from tactemu.wire.faults import parse
@@ -73,7 +73,7 @@ class RunOptions:
         rates = self.rate_hz.values() if isinstance(self.rate_hz, Mapping) else [self.rate_hz]
         for rate in rates:
             if rate is not None:
-                number("the request", "rate", rate, at_least=RATES_HZ[0], at_most=RATES_HZ[1], unit="Hz")
+                number("the request", "rate", rate, at_least=RATE_RANGE_HZ[0], at_most=RATE_RANGE_HZ[1], unit="Hz")
         if not isinstance(self.seed, int | None) or isinstance(self.seed, bool):
             raise SceneError(f"seed: expected a whole number, got {self.seed!r}")
         for name in ("faults", "adjustable"):
@@ -201,7 +201,7 @@ def assemble(
     return Assembled(emulator, simulation, scene, loaded, placed, frozenset(given.posed), again)
 
 
-def _built(scene: Scene, run_options: RunOptions, world: World, seed: int, like: Simulation | None) -> Simulation:
+def _built(scene: Scene, run_options: RunOptions, world: SceneTable, seed: int, like: Simulation | None) -> Simulation:
     simulation = scene.build(
         device=run_options.compute or world.device, seed=seed, dtype=world.dtype, first_env=run_options.env, like=like
     )
@@ -284,7 +284,7 @@ def _recordings(loaded: LoadedScene, devices: dict[str, Device]) -> dict[str, Re
 
 
 def _wires(
-    skins: Sequence[Skin],
+    skins: Sequence[SkinTable],
     events: Sequence[EventTable],
     plugs: Sequence[PortAssignment],
     run_options: RunOptions,
@@ -306,7 +306,7 @@ def _wires(
 
 
 def _channel(
-    skin: Skin, device: Device, source: Source, wires: dict[str, Wire], run_options: RunOptions, seed: int
+    skin: SkinTable, device: Device, source: Source, wires: dict[str, Wire], run_options: RunOptions, seed: int
 ) -> Channel:
     wanted = _periods(skin, device, run_options.rate_hz or skin.rate_hz)
     sampling = SampleClock(
@@ -324,7 +324,7 @@ def _channel(
     return Channel(skin.title, device, source, wires, sampling, wanted, refresh_ns=refresh_ns)
 
 
-def _periods(skin: Skin, device: Device, rate_hz: float | Mapping[str, float] | None) -> dict[str, int]:
+def _periods(skin: SkinTable, device: Device, rate_hz: float | Mapping[str, float] | None) -> dict[str, int]:
     """Return the sampling periods that the user wants, by stream [ns].
 
     Raises:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from firmware_protocols import Connector, Device
 from tactemu import transports
 from tactemu.base.errors import DeviceError, SceneError, TransportError
-from tactemu.scene.schema import Skin
+from tactemu.scene.schema import SkinTable
 from tactemu.wire.line_models import line_model_for
 
 
@@ -23,7 +23,7 @@ class PortAssignment:
 
 
 def plugs_of(
-    skins: Sequence[Skin],
+    skins: Sequence[SkinTable],
     devices: Mapping[str, Device],
     wish: str | Mapping[str, str] | None,
     *,

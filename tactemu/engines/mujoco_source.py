@@ -34,7 +34,7 @@ from tactemu.base.errors import SceneError
 from tactemu.geometry import rotation
 from tactemu.geometry.bodies import Body
 from tactemu.geometry.shapes.mesh import Mesh
-from tactemu.geometry.shapes.registry import SHAPES, load_shape
+from tactemu.geometry.shapes.registry import SHAPES, shape_class
 from tactemu.geometry.shapes.shape import Shape
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def shape_of(kind: str, size: list[float]) -> Shape | None:
     """Return the shape of a geom that is no mesh, by MuJoCo's name of its kind and its half sizes [m]; ``None``:
     none here.
     """
-    for shape in map(load_shape, SHAPES):
+    for shape in map(shape_class, SHAPES):
         if shape.mujoco_geom == kind:
             return shape.from_mujoco(size)
     if kind == "ellipsoid":

@@ -17,18 +17,17 @@ from tactemu.base.errors import DeviceError, SceneError, nearest
 from tactemu.base.options import numbers
 from tactemu.geometry import rotation
 from tactemu.geometry.bodies import Body
-from tactemu.geometry.shapes.registry import load_shape
+from tactemu.geometry.shapes.registry import shape_class
 from tactemu.geometry.shapes.shape import Shape
 from tactemu.scene.engine_registry import BatchEngine, Engine, JointMotors, open_engine
 from tactemu.scene.engine_tables import BatchTable
 from tactemu.scene.file import LoadedScene, load_device
 from tactemu.scene.placement import PlacedSensor, PlacedSkin
-from tactemu.scene.schema import Body as BodyTable
-from tactemu.scene.schema import Skin
+from tactemu.scene.schema import BodyTable, SkinTable
 from tactemu.scene.skins import SkinPart, parts_of
 from tactemu.sensors.models import cheapest, model_class, models_for
 from tactemu.transducers.chain import Chain
-from tactemu.transducers.registry import make
+from tactemu.transducers.registry import make_transducer
 
 if TYPE_CHECKING:
     from tactemu.scene.scene import Scene
@@ -45,7 +44,7 @@ def make_devices(loaded: LoadedScene) -> dict[str, Device]:
     return {skin.title: _device_of(skin, _found(skin.device, loaded)) for skin in loaded.tables.skin}
 
 
-def _device_of(skin: Skin, name: str) -> Device:
+def _device_of(skin: SkinTable, name: str) -> Device:
     """Return the device of a skin, which sees what its transducers give where that is no quantity of touch."""
     options = skin.device_options
     if skin.transducer and "sees" in declared(load_device(name)) and "sees" not in options:
@@ -55,13 +54,15 @@ def _device_of(skin: Skin, name: str) -> Device:
     return make_device(name, options)
 
 
-def transducers_of(skin: Skin) -> list[Transducer]:
+def transducers_of(skin: SkinTable) -> list[Transducer]:
     """Return the transducers of a skin, checked.
 
     Raises:
         SceneError: no such kind, or an option that it does not have or does not accept.
     """
-    return [make(f"skin {skin.title!r}: transducer {k}", table) for k, table in enumerate(skin.transducer, 1)]
+    return [
+        make_transducer(f"skin {skin.title!r}: transducer {k}", table) for k, table in enumerate(skin.transducer, 1)
+    ]
 
 
 def _found(name: str, loaded: LoadedScene) -> str:
@@ -166,12 +167,12 @@ def _shape(body: BodyTable, folder: Path) -> Shape | None:
         return None
     own = {name: getattr(body, name) for name in type(body).model_fields if name not in BodyTable.model_fields}
     try:
-        return load_shape(body.shape).from_file(folder, **own)
+        return shape_class(body.shape).from_file(folder, **own)
     except SceneError as error:
         raise SceneError(f"body {body.name!r}: {error}") from None
 
 
-def model_name(skin: Skin, device: Device) -> str:
+def model_name(skin: SkinTable, device: Device) -> str:
     """Return the sensor model of a skin as a scene file names it: the one asked for, else the cheapest that will do."""
     if skin.model_ or not skin.transducer:
         return skin.model_ or cheapest(device.contact[0])
@@ -180,7 +181,7 @@ def model_name(skin: Skin, device: Device) -> str:
 
 
 def sensor_model(
-    skin: Skin,
+    skin: SkinTable,
     device: Device,
     laws: Sequence[str] = (),
     *,
@@ -226,7 +227,7 @@ def sensor_model(
         raise SceneError(f"{where}: {error}") from error
 
 
-def _check_senses(skin: Skin, name: str, model: Any, device: Device) -> None:
+def _check_senses(skin: SkinTable, name: str, model: Any, device: Device) -> None:
     offers = model.layouts
     if skin.transducer:
         kind = Chain(f"skin {skin.title!r}", transducers_of(skin), offers).kind
@@ -244,7 +245,7 @@ def _check_senses(skin: Skin, name: str, model: Any, device: Device) -> None:
             )
 
 
-def taxels(part: SkinPart, skin: Skin, model: type[SensorModel], known: list[str]) -> dict[str, Any]:
+def taxels(part: SkinPart, skin: SkinTable, model: type[SensorModel], known: list[str]) -> dict[str, Any]:
     """Return positions, normals and radius of the taxels in the link's frame; a single grid keeps its ``(rows, cols,
     3)``.
     """

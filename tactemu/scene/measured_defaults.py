@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from tactemu.base.errors import SceneError, nearest
-from tactemu.scene.schema import Skin
+from tactemu.scene.schema import SkinTable
 
 MEASURED = Path(__file__).parent / "measured"
 
@@ -21,7 +21,7 @@ def devices() -> list[str]:
     return sorted(path.stem for path in MEASURED.glob("*.toml"))
 
 
-def measured_defaults(skin: Skin) -> Skin:
+def measured_defaults(skin: SkinTable) -> SkinTable:
     """Return the skin with numbers of real ones where it says nothing itself.
 
     Raises:
@@ -39,10 +39,10 @@ def measured_defaults(skin: Skin) -> Skin:
             f"{where}: its numbers are of a skin that is {', '.join(needed)}; add that transducer, or none"
         )
     within = {key: {**found.get(key, {}), **own.get(key, {})} for key in ("device_options", "options", "clock")}
-    return Skin.model_validate({**found, **own, **within})
+    return SkinTable.model_validate({**found, **own, **within})
 
 
-def all_measured(skins: tuple[Skin, ...]) -> tuple[Skin, ...]:
+def all_measured(skins: tuple[SkinTable, ...]) -> tuple[SkinTable, ...]:
     """Likewise all skins of a scene of which anything was measured.
 
     Raises:

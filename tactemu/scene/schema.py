@@ -24,17 +24,25 @@ from pydantic import (
 )
 
 from tactemu.base.errors import SceneError, nearest
-from tactemu.geometry.limits import FARTHEST_M, METRES, MOST_RADIUS_M, MOST_S, RATES_HZ, SIZES_M, STEPS_S
+from tactemu.geometry.limits import (
+    LENGTH_UNIT,
+    MAX_POSITION_M,
+    MAX_RADIUS_M,
+    MAX_TIME_S,
+    RATE_RANGE_HZ,
+    SIZE_RANGE_M,
+    STEP_RANGE_S,
+)
 from tactemu.geometry.motion import MOTIONS, Motion, Sequence, Together
 from tactemu.geometry.shapes.registry import SHAPES as SHAPE_CLASSES
-from tactemu.geometry.shapes.registry import load_shape
+from tactemu.geometry.shapes.registry import shape_class
 from tactemu.geometry.shapes.shape import Shape
 from tactemu.scene.engine_tables import AnyEngine
 from tactemu.scene.table import AnyReal, Real, Table, one_of
 from tactemu.scene.validation_errors import listed, mistake
 
-Seconds = Annotated[Real, Field(ge=0, le=MOST_S)]
-Coordinate = Annotated[Real, Field(ge=-FARTHEST_M, le=FARTHEST_M)]
+Seconds = Annotated[Real, Field(ge=0, le=MAX_TIME_S)]
+Coordinate = Annotated[Real, Field(ge=-MAX_POSITION_M, le=MAX_POSITION_M)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 
 
@@ -123,7 +131,7 @@ def motion_schemas() -> dict[str, dict[str, Any]]:
 # -- bodies --------------------------------------------------------------------------------------------------------
 
 
-class Body(Table):
+class BodyTable(Table):
     """What every ``[[body]]`` has."""
 
     shape: str
@@ -136,17 +144,17 @@ class Body(Table):
 
 def _sized(key: str) -> AfterValidator:
     """Refuses lengths of a shape that no skin needs; most are millimetres meant."""
-    least, most = SIZES_M[0], MOST_RADIUS_M if key == "radius" else SIZES_M[1]
+    least, most = SIZE_RANGE_M[0], MAX_RADIUS_M if key == "radius" else SIZE_RANGE_M[1]
 
     def check(length: float) -> float:
         if not least <= length < most:
-            raise mistake(f"expected at least {least:g} and less than {most:g} {METRES}, got {length:g}")
+            raise mistake(f"expected at least {least:g} and less than {most:g} {LENGTH_UNIT}, got {length:g}")
         return length
 
     return AfterValidator(check)
 
 
-def _body_table(name: str, shape: type[Shape]) -> type[Body]:
+def _body_table(name: str, shape: type[Shape]) -> type[BodyTable]:
     """Return the table with the keys of a shape: its fields, or what its ``from_file`` asks for."""
     own = "from_file" in vars(shape)
     maker = shape.from_file if own else shape
@@ -158,20 +166,20 @@ def _body_table(name: str, shape: type[Shape]) -> type[Body]:
         about = [text for text in getattr(hints[key], "__metadata__", ()) if isinstance(text, str)]
         given = ... if parameter.default is parameter.empty else parameter.default
         fields[key] = (_strictly(hints[key], _sized(key)), Field(default=given, description=" ".join(about) or None))
-    return create_model(f"{shape.__name__}Body", __base__=Body, __doc__=shape.__doc__, **fields)
+    return create_model(f"{shape.__name__}Body", __base__=BodyTable, __doc__=shape.__doc__, **fields)
 
 
-SHAPES: dict[str, type[Body]] = {
-    **{name: _body_table(name, load_shape(name)) for name in SHAPE_CLASSES},
+SHAPES: dict[str, type[BodyTable]] = {
+    **{name: _body_table(name, shape_class(name)) for name in SHAPE_CLASSES},
     "frame": create_model(
-        "FrameBody", __base__=Body, __doc__="No geometry: a link for a skin.", shape=(Literal["frame"], ...)
+        "FrameBody", __base__=BodyTable, __doc__="No geometry: a link for a skin.", shape=(Literal["frame"], ...)
     ),
 }
 """Table of each ``shape``."""
 
 
 if TYPE_CHECKING:
-    AnyBody = Body
+    AnyBody = BodyTable
 else:
     AnyBody = one_of(SHAPES, "shape")
 
@@ -199,7 +207,7 @@ def one_or_more(value: Any) -> Any:
 Faults = Annotated[tuple[str, ...], BeforeValidator(one_or_more)]
 
 
-Rate = Annotated[Real, Field(ge=RATES_HZ[0], le=RATES_HZ[1])]
+Rate = Annotated[Real, Field(ge=RATE_RANGE_HZ[0], le=RATE_RANGE_HZ[1])]
 Rates = Annotated[
     Annotated[Rate, Tag("<number>")] | Annotated[dict[str, Rate], Tag("<table>")],
     Discriminator(lambda value: "<table>" if isinstance(value, dict) else "<number>"),
@@ -229,7 +237,7 @@ class JointTable(Table):
         return self
 
 
-class Skin(Table):
+class SkinTable(Table):
     """One device on one port, fed by one sensor on one body."""
 
     name: Name | None = Field(default=None, description="default: the device's name")
@@ -309,10 +317,10 @@ class Event(EventTable):
             raise SceneError(listed(error, entries, "event")) from None
 
 
-class World(Table):
+class SceneTable(Table):
     """``[scene]``: what holds for everything."""
 
-    dt: Real = Field(default=1e-3, ge=STEPS_S[0], le=STEPS_S[1], description="simulation step [s]")
+    dt: Real = Field(default=1e-3, ge=STEP_RANGE_S[0], le=STEP_RANGE_S[1], description="simulation step [s]")
     seed: Annotated[int, Strict()] = Field(default=0, description="of every random number")
     device: str = Field(default="cpu", description="where kernels run: cpu, cuda:0 ...")
     dtype: Literal["float32", "float64"] = Field(default="float32", description="width of the kernels' numbers")
@@ -334,8 +342,8 @@ class SceneFile(Table):
     """A whole file."""
 
     truth: TruthTable = TruthTable()
-    scene: World = World()
+    scene: SceneTable = SceneTable()
     engine: AnyEngine | None = None
     body: tuple[AnyBody, ...] = ()
-    skin: Annotated[tuple[Skin, ...], BeforeValidator(_not_empty)]
+    skin: Annotated[tuple[SkinTable, ...], BeforeValidator(_not_empty)]
     scenario: tuple[EventTable, ...] = ()

@@ -8,7 +8,7 @@ import numpy as np
 
 from firmware_protocols import Layout
 from tactemu.base.errors import SceneError, nearest
-from tactemu.scene.schema import LinkTable, Skin
+from tactemu.scene.schema import LinkTable, SkinTable
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class SkinPart:
     quaternion: tuple[float, float, float, float]
 
 
-def parts_of(skin: Skin, layout: Layout) -> list[SkinPart]:
+def parts_of(skin: SkinTable, layout: Layout) -> list[SkinPart]:
     """Return the parts of a skin, those on the skin's own link first.
 
     Raises:

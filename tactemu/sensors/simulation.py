@@ -28,7 +28,7 @@ from tactemu.sensors.sensor import Sensor, bodies_felt, check_query
 from tactemu.sensors.sensor_model import Site, upload_probes
 from tactemu.sensors.shape_table import ShapeTables
 from tactemu.sensors.world import World
-from tactemu.transducers.transducer import Kind, TransducerSite
+from tactemu.transducers.transducer import SignalType, TransducerSite
 
 MOST_THREADS = 2**31
 """Warp counts threads and the places of an array's axis in 31 bits."""
@@ -51,7 +51,7 @@ def _device(name) -> wp.Device:
         raise SceneError(f"no device {name!r} on this machine ({error}); there are: {known}") from None
 
 
-def _reading_info(sensor: Sensor, kind: Kind | None = None) -> ReadingInfo:
+def _reading_info(sensor: Sensor, kind: SignalType | None = None) -> ReadingInfo:
     """What the imperfections must know of a sensor, of what its transducers give or of what its model does."""
     model, probes = sensor.model, sensor.probes
     return ReadingInfo(

@@ -24,8 +24,8 @@ from tactemu.base.options import number
 from tactemu.plan.clearing import clear_rows
 from tactemu.plan.plan import Stage
 from tactemu.plan.scalars import is_finite
-from tactemu.transducers.loads import TAKES, load_function, reading_kind, skin_arrays
-from tactemu.transducers.transducer import CAPACITANCE, Kind, Transducer, TransducerSite
+from tactemu.transducers.loads import TAKES, load_function, output_type, skin_arrays
+from tactemu.transducers.transducer import CAPACITANCE, SignalType, Transducer, TransducerSite
 
 EPSILON_0 = 8.8541878128e-12
 """[F/m]"""
@@ -107,10 +107,10 @@ class Capacitive(Transducer):
             if getattr(self, name) is not None:
                 number(where, name, getattr(self, name), above=0)
 
-    def gives(self, taken: Kind) -> Kind:
-        return reading_kind(taken, CAPACITANCE, self.rated_n)
+    def gives(self, taken: SignalType) -> SignalType:
+        return output_type(taken, CAPACITANCE, self.rated_n)
 
-    def compile(self, place: TransducerSite, x: wp.array, taken: Kind) -> tuple[wp.array, Sequence[Stage]]:
+    def compile(self, place: TransducerSite, x: wp.array, taken: SignalType) -> tuple[wp.array, Sequence[Stage]]:
         context, real = place.context, place.context.real
         normals, areas = skin_arrays(place)
         follows = self.baseline_tau is not None

@@ -9,7 +9,7 @@ import warp as wp
 
 from tactemu.base.errors import SceneError
 from tactemu.plan.plan import Stage
-from tactemu.transducers.transducer import KINDS, Kind, Transducer, TransducerSite
+from tactemu.transducers.transducer import SIGNAL_TYPES, SignalType, Transducer, TransducerSite
 
 
 class Chain:
@@ -32,8 +32,8 @@ class Chain:
             raise SceneError(
                 f"{where}: {kind} takes {' or '.join(transducers[0].takes)}; the model gives {', '.join(layouts)}"
             )
-        wanted = [name for name in has if _passes(self.transducers, KINDS[name])]
-        self.taken = KINDS[(wanted or has)[0]]
+        wanted = [name for name in has if _passes(self.transducers, SIGNAL_TYPES[name])]
+        self.taken = SIGNAL_TYPES[(wanted or has)[0]]
         self.columns = layouts[self.taken.quantity]
         kind = self.taken
         for each in self.transducers:
@@ -42,7 +42,7 @@ class Chain:
                     f"{where}: {type(each).__name__} takes {' or '.join(each.takes)}, not the {kind.quantity} before it"
                 )
             kind = each.gives(kind)
-        self.kind: Kind = kind
+        self.kind: SignalType = kind
         """What comes out."""
 
     def compile(self, place: TransducerSite, array: wp.array) -> tuple[wp.array, list[Stage]]:
@@ -56,7 +56,7 @@ class Chain:
         return x, stages
 
 
-def _passes(transducers: Sequence[Transducer], kind: Kind) -> bool:
+def _passes(transducers: Sequence[Transducer], kind: SignalType) -> bool:
     for each in transducers:
         if kind.quantity not in each.takes:
             return False

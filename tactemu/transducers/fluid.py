@@ -22,7 +22,7 @@ from tactemu.plan.clearing import clear_rows
 from tactemu.plan.plan import Stage
 from tactemu.plan.scalars import is_finite
 from tactemu.transducers.loads import TAKES, load_function, skin_arrays
-from tactemu.transducers.transducer import PRESSURE, Kind, Transducer, TransducerSite
+from tactemu.transducers.transducer import PRESSURE, SignalType, Transducer, TransducerSite
 
 
 @functools.cache
@@ -82,10 +82,10 @@ class Fluid(Transducer):
     def check(self, where: str) -> None:
         number(where, "tau", self.tau, above=0, unit="s")
 
-    def gives(self, taken: Kind) -> Kind:
+    def gives(self, taken: SignalType) -> SignalType:
         return PRESSURE
 
-    def compile(self, place: TransducerSite, x: wp.array, taken: Kind) -> tuple[wp.array, Sequence[Stage]]:
+    def compile(self, place: TransducerSite, x: wp.array, taken: SignalType) -> tuple[wp.array, Sequence[Stage]]:
         context = place.context
         shape = (context.n_envs, len(place.positions))
         late, out = context.zeros(shape, wp.float64), place.zeros(1)

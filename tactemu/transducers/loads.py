@@ -8,7 +8,7 @@ import functools
 import numpy as np
 import warp as wp
 
-from tactemu.transducers.transducer import Kind, TransducerSite
+from tactemu.transducers.transducer import SignalType, TransducerSite
 
 TAKES = ("force", "pressure")
 
@@ -37,6 +37,6 @@ def skin_arrays(place: TransducerSite) -> list[wp.array]:
     return [place.constant(place.normals, vec3), place.constant(np.broadcast_to(place.areas, len(place.normals)))]
 
 
-def reading_kind(taken: Kind, own: Kind, rated: float | None) -> Kind:
+def output_type(taken: SignalType, own: SignalType, rated: float | None) -> SignalType:
     """What a transducer gives: its own quantity, or what it takes where it says of which rated load it is a share."""
     return own if rated is None else taken

@@ -25,7 +25,7 @@ import warp as wp
 from tactemu.base.errors import SceneError, shown
 from tactemu.base.options import number, numbers, triple
 from tactemu.plan.plan import Stage
-from tactemu.transducers.transducer import FIELD, Kind, Transducer, TransducerSite
+from tactemu.transducers.transducer import FIELD, SignalType, Transducer, TransducerSite
 
 REACH = 4.0
 """Taxels so many ``spread`` away from a magnet do not move it."""
@@ -175,7 +175,7 @@ class Magnetic(Transducer):
         if len(self.moments) not in (1, n):
             raise SceneError(f"{where}: {len(self.moments)} moments for {n} magnets; one, or one each")
 
-    def gives(self, taken: Kind) -> Kind:
+    def gives(self, taken: SignalType) -> SignalType:
         return FIELD
 
     def places(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -200,7 +200,7 @@ class Magnetic(Transducer):
         whole = np.maximum(weights.sum(axis=1, keepdims=True), 1.0)  # between taxels in full, far from all not at all
         return nearest.astype(np.int32), weights / whole
 
-    def compile(self, place: TransducerSite, x: wp.array, taken: Kind) -> tuple[wp.array, Sequence[Stage]]:
+    def compile(self, place: TransducerSite, x: wp.array, taken: SignalType) -> tuple[wp.array, Sequence[Stage]]:
         context, real = place.context, place.context.real
         vec3 = wp.types.vector(3, real)
         rest, moments = self.places(place.positions)

@@ -27,7 +27,7 @@ from tactemu.plan.clearing import clear_rows
 from tactemu.plan.plan import Stage
 from tactemu.plan.scalars import is_finite
 from tactemu.transducers.laws import LogMemory
-from tactemu.transducers.transducer import Kind, Transducer, TransducerSite
+from tactemu.transducers.transducer import SignalType, Transducer, TransducerSite
 
 PRESSED = wp.constant(wp.float64(0.05))
 TURN = wp.constant(wp.float64(0.1))
@@ -151,10 +151,10 @@ class Material(Transducer):
         if self.last <= self.first:
             raise SceneError(f"{where}: last must be after first ({self.first:g} s), got {self.last:g} s")
 
-    def gives(self, taken: Kind) -> Kind:
+    def gives(self, taken: SignalType) -> SignalType:
         return taken
 
-    def compile(self, place: TransducerSite, x: wp.array, taken: Kind) -> tuple[wp.array, Sequence[Stage]]:
+    def compile(self, place: TransducerSite, x: wp.array, taken: SignalType) -> tuple[wp.array, Sequence[Stage]]:
         creep = self.creep_per_decade != 0
         loop, presses = self.loop != 0, self.softening != 0 or self.baseline != 0
         if not (creep or loop or presses):

@@ -24,8 +24,8 @@ from tactemu.base.errors import SceneError
 from tactemu.base.options import number
 from tactemu.plan.plan import Stage
 from tactemu.plan.scalars import is_finite
-from tactemu.transducers.loads import TAKES, load_function, reading_kind, skin_arrays
-from tactemu.transducers.transducer import RESISTANCE, Kind, Transducer, TransducerSite
+from tactemu.transducers.loads import TAKES, load_function, output_type, skin_arrays
+from tactemu.transducers.transducer import RESISTANCE, SignalType, Transducer, TransducerSite
 
 
 @functools.cache
@@ -163,10 +163,10 @@ class Piezoresistive(Transducer):
         if self.rated_n is not None:
             number(where, "rated_n", self.rated_n, above=0, unit="N")
 
-    def gives(self, taken: Kind) -> Kind:
-        return reading_kind(taken, RESISTANCE, self.rated_n)
+    def gives(self, taken: SignalType) -> SignalType:
+        return output_type(taken, RESISTANCE, self.rated_n)
 
-    def compile(self, place: TransducerSite, x: wp.array, taken: Kind) -> tuple[wp.array, Sequence[Stage]]:
+    def compile(self, place: TransducerSite, x: wp.array, taken: SignalType) -> tuple[wp.array, Sequence[Stage]]:
         context, real = place.context, place.context.real
         if self.ghosts and len(place.layout) != 2:
             raise SceneError(f"sensor {place.name!r}: ghosts need taxels in rows and columns, not {place.layout}")

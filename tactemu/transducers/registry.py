@@ -22,7 +22,7 @@ TRANSDUCERS: dict[str, str] = {
 }
 
 
-def load(name: str) -> type[Transducer]:
+def transducer_class(name: str) -> type[Transducer]:
     """Return the class of a transducer, by its name or as ``"module:Class"`` of the user's own.
 
     Raises:
@@ -36,7 +36,7 @@ def load(name: str) -> type[Transducer]:
         raise SceneError(f"no transducer {name!r}{hint}") from None
 
 
-def make(where: str, table: Mapping[str, Any]) -> Transducer:
+def make_transducer(where: str, table: Mapping[str, Any]) -> Transducer:
     """Return a transducer of a scene file's table: its ``kind``, and options.
 
     Raises:
@@ -47,7 +47,7 @@ def make(where: str, table: Mapping[str, Any]) -> Transducer:
     if not isinstance(kind, str):
         raise SceneError(f"{where}: expected a `kind` (kinds: {', '.join(TRANSDUCERS)})")
     try:
-        made = load(kind)
+        made = transducer_class(kind)
     except SceneError as error:
         raise SceneError(f"{where}: {error}") from None
     known = [field.name for field in dataclasses.fields(made)]

@@ -26,7 +26,7 @@ Channels = Literal["scalar", "force", "displacement"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Kind:
+class SignalType:
     """What an array ``(n_envs, n_taxels, channels)`` holds."""
 
     quantity: str
@@ -40,15 +40,17 @@ class Kind:
         return 3 if self.vector else 1
 
 
-FORCE = Kind(quantity="force", unit="N", vector=True)
-DISPLACEMENT = Kind(quantity="displacement", unit="m", vector=True)
-PRESSURE = Kind(quantity="pressure", unit="Pa", vector=False)
-DEPTH = Kind(quantity="depth", unit="m", vector=False)
-FIELD = Kind(quantity="field", unit="T", vector=True)
-RESISTANCE = Kind(quantity="resistance", unit="Ohm", vector=False)
-CAPACITANCE = Kind(quantity="capacitance", unit="F", vector=False)
+FORCE = SignalType(quantity="force", unit="N", vector=True)
+DISPLACEMENT = SignalType(quantity="displacement", unit="m", vector=True)
+PRESSURE = SignalType(quantity="pressure", unit="Pa", vector=False)
+DEPTH = SignalType(quantity="depth", unit="m", vector=False)
+FIELD = SignalType(quantity="field", unit="T", vector=True)
+RESISTANCE = SignalType(quantity="resistance", unit="Ohm", vector=False)
+CAPACITANCE = SignalType(quantity="capacitance", unit="F", vector=False)
 
-KINDS = {kind.quantity: kind for kind in (FORCE, DISPLACEMENT, PRESSURE, DEPTH, FIELD, RESISTANCE, CAPACITANCE)}
+SIGNAL_TYPES = {
+    signal.quantity: signal for signal in (FORCE, DISPLACEMENT, PRESSURE, DEPTH, FIELD, RESISTANCE, CAPACITANCE)
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,9 +113,9 @@ class Transducer(ABC):
         """
 
     @abstractmethod
-    def gives(self, taken: Kind) -> Kind:
+    def gives(self, taken: SignalType) -> SignalType:
         """What comes out when this goes in."""
 
     @abstractmethod
-    def compile(self, place: TransducerSite, x: wp.array, taken: Kind) -> tuple[wp.array, Sequence[Stage]]:
+    def compile(self, place: TransducerSite, x: wp.array, taken: SignalType) -> tuple[wp.array, Sequence[Stage]]:
         """Return the array that it fills and its stages; ``x`` is ``(n_envs, n_taxels, channels)``."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from tactemu.scene.file import LoadedScene
-from tactemu.scene.schema import Skin
+from tactemu.scene.schema import SkinTable
 from tactemu.sensors.models import model_class, models_for
 from tactemu.sensors.sensor_model import SensorModel, Trial
 
@@ -27,7 +27,7 @@ class Setting:
         """Options that scale the model's reading: a gain is written into them, not beside them."""
         return model_class(self.model).strengths
 
-    def skin(self, skin: Skin, gain: float = 1.0) -> Skin:
+    def skin(self, skin: SkinTable, gain: float = 1.0) -> SkinTable:
         """Return the skin with this model: options that the model has stay, dials are set, strengths get the gain."""
         model = model_class(self.model)
         known = {field.name: field for field in dataclasses.fields(model) if field.init}

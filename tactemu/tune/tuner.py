@@ -15,7 +15,7 @@ import numpy as np
 from tactemu.base.errors import SceneError
 from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.file import LoadedScene, load
-from tactemu.scene.schema import Skin
+from tactemu.scene.schema import SkinTable
 from tactemu.tune.choice import ERRORS, Choice, Measured, Pace, pick, say
 from tactemu.tune.cost import measure_cost, measure_loop
 from tactemu.tune.settings import Setting, settings_for, truth_settings
@@ -85,7 +85,7 @@ class Tuner:
     """
 
     def __init__(
-        self, loaded: LoadedScene, skin: Skin, rate_hz: float, error: str, seconds: float, compute: str | None
+        self, loaded: LoadedScene, skin: SkinTable, rate_hz: float, error: str, seconds: float, compute: str | None
     ):
         self.loaded, self.skin, self.error, self.seconds = loaded, skin, error, seconds
         self.pace = Pace(rate_hz, loaded.tables.scene.dt)

@@ -13,7 +13,7 @@ import trimesh
 
 import tactemu as tt
 from tactemu.base.errors import SceneError
-from tactemu.geometry.shapes.registry import SHAPES, load_shape
+from tactemu.geometry.shapes.registry import SHAPES, shape_class
 from tactemu.scene import file, schema
 from tactemu.scene.building import build_scene, make_devices
 from tests.physics.shape_contract import check_shape
@@ -33,7 +33,7 @@ def table() -> str:
     for name, body in schema.SHAPES.items():
         keys = []
         for key, about in body.model_fields.items():
-            if key not in schema.Body.model_fields:
+            if key not in schema.BodyTable.model_fields:
                 default = "" if about.is_required() else f" ({about.default:g})"
                 keys.append(f"`{key}`{default}: {about.description}")
         rows.append(f"| `{name}` | {'; '.join(keys) or 'none'} | {about_it(body)} |")
@@ -45,7 +45,7 @@ def test_the_pages_name_every_shape():
     assert inside, "docs/scene-files.md has lost the marks around its table of shapes"
     assert inside[0] == f"{inside[1]}{table()}{inside[2]}", "run: python -m tests.physics.test_shapes --write"
     contact = (DOCS / "contact.md").read_text(encoding="utf-8")
-    assert all(f"`{load_shape(name).__name__}`" in contact for name in SHAPES)
+    assert all(f"`{shape_class(name).__name__}`" in contact for name in SHAPES)
 
 
 def ball_grid(radius: float, nodes: int = 41) -> tt.VoxelGrid:
@@ -68,7 +68,7 @@ EXAMPLES = {
 @pytest.mark.parametrize("name", SHAPES)
 def test_all_that_a_shape_says_is_of_one_solid(name):
     shape, options = EXAMPLES[name]
-    assert isinstance(shape, load_shape(name))
+    assert isinstance(shape, shape_class(name))
     check_shape(shape, 0.02, **options)
 
 
@@ -106,7 +106,7 @@ def test_scene_files_have_every_shape(name, tmp_path):
     grid = ball_grid(0.015)
     np.savez(tmp_path / "ball.npz", values=grid.values, origin=grid.origin, cell=grid.cell)
     shape = scene_of(name, tmp_path).body("it").shape
-    assert type(shape) is load_shape(name)
+    assert type(shape) is shape_class(name)
     up = np.array((0, 0, 1.0))
     assert shape.reach("it", up) == pytest.approx(EXAMPLES[name][0].reach("it", up), abs=1e-6)
 

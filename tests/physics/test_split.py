@@ -5,7 +5,7 @@ import pytest
 
 import tactemu as tt
 from tactemu.base.errors import SceneError
-from tactemu.transducers.registry import make
+from tactemu.transducers.registry import make_transducer
 
 GRID = np.stack([*np.meshgrid(np.linspace(-8e-3, 8e-3, 6), np.linspace(-6e-3, 6e-3, 4)), np.full((4, 6), 0.01)], -1)
 HOME = np.array([0, 0, 0.0195])
@@ -96,7 +96,7 @@ def test_another_simulation_has_the_transducers_too():
     pad = built.add_body(tt.Box(size=(0.03, 0.02, 0.02)), name="pad", fixed=True)
     built.add_body(tt.Sphere(radius=0.01), name="tool", position=(0, 0, 0.0195))
     model = tt.KinematicTaxel(probe_local_pos=GRID, probe_radius=2e-3)
-    skin = built.add_sensor(model, link=pad, transducers=[make("skin", {"kind": "piezoresistive"})])
+    skin = built.add_sensor(model, link=pad, transducers=[make_transducer("skin", {"kind": "piezoresistive"})])
     sim = built.build()
     other = sim.clone()
     for each in (sim, other):

@@ -123,7 +123,8 @@ def test_every_toml_block_of_the_documentation_is_right():
 
 
 @pytest.mark.parametrize(
-    "table", [schema.World, schema.Skin, schema.ClockTable, schema.Event, *ENGINES.values(), *schema.SHAPES.values()]
+    "table",
+    [schema.SceneTable, schema.SkinTable, schema.ClockTable, schema.Event, *ENGINES.values(), *schema.SHAPES.values()],
 )
 def test_the_documentation_names_every_key(table):
     page = PAGE.read_text()

@@ -15,7 +15,7 @@ from tactemu.transducers.fluid import Fluid
 from tactemu.transducers.magnetic import Magnetic
 from tactemu.transducers.material import Material
 from tactemu.transducers.piezoresistive import Piezoresistive
-from tactemu.transducers.registry import TRANSDUCERS, load, make
+from tactemu.transducers.registry import TRANSDUCERS, make_transducer, transducer_class
 
 SPOTS = np.array([[0.0, 0.0, 0.01], [0.007, 0.0, 0.01], [0.0, 0.007, 0.01]])
 AREA = np.pi * 1e-6
@@ -44,9 +44,9 @@ def pressed(made, force):
 
 def test_every_transducer_says_what_it_is_and_where_it_holds():
     for name in TRANSDUCERS:
-        kind = load(name)
+        kind = transducer_class(name)
         assert kind.takes and kind.valid and kind.source and kind.__doc__
-        assert make("skin", {"kind": name}) == kind()
+        assert make_transducer("skin", {"kind": name}) == kind()
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
@@ -203,11 +203,11 @@ def test_transducers_that_do_not_fit_are_refused_in_words():
     with pytest.raises(SceneError, match="Fluid takes force or pressure, not the field before it"):
         skin(Magnetic(), Fluid())
     with pytest.raises(SceneError, match="did you mean 'magnetic'"):
-        make("skin 'a'", {"kind": "magnetik"})
+        make_transducer("skin 'a'", {"kind": "magnetik"})
     with pytest.raises(SceneError, match="piezoresistive has no 'expo'"):
-        make("skin 'a'", {"kind": "piezoresistive", "expo": 2})
+        make_transducer("skin 'a'", {"kind": "piezoresistive", "expo": 2})
     with pytest.raises(SceneError, match="tau must be > 0 s"):
-        make("skin 'a'", {"kind": "fluid", "tau": 0})
+        make_transducer("skin 'a'", {"kind": "fluid", "tau": 0})
     with pytest.raises(SceneError, match="no body 'wall'"):
         skin(Magnetic(neighbours=[("wall", (0, 0, 0), (0, 0, 1))]))
 

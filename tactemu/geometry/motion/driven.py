@@ -11,7 +11,7 @@ import numpy as np
 from tactemu.base.errors import SceneError
 from tactemu.base.options import number
 from tactemu.geometry import rotation
-from tactemu.geometry.limits import FARTHEST_M, METRES, MOST_M, MOST_RAD
+from tactemu.geometry.limits import LENGTH_UNIT, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_TRAVEL_M
 from tactemu.geometry.motion.free import FromFunction
 from tactemu.geometry.motion.pose import Motion, Pose, Vector
 
@@ -44,8 +44,8 @@ class Joint(Motion):
         if not 0 < length < math.inf:
             raise SceneError(f"joint.axis: expected a direction, got {list(self.axis)}")
         for each in self.pivot:
-            number(self.kind, "pivot", each, at_least=-FARTHEST_M, at_most=FARTHEST_M, unit=METRES)
-        most, unit = (MOST_M, METRES) if self.slide else (MOST_RAD, "rad")
+            number(self.kind, "pivot", each, at_least=-MAX_POSITION_M, at_most=MAX_POSITION_M, unit=LENGTH_UNIT)
+        most, unit = (MAX_TRAVEL_M, LENGTH_UNIT) if self.slide else (MAX_ANGLE_RAD, "rad")
         number(self.kind, "zero", self.zero, at_least=-most, at_most=most, unit=unit)
 
     def pose(self, t_s: float) -> Pose:

@@ -13,7 +13,7 @@ import numpy as np
 from tactemu.base.errors import SceneError
 from tactemu.base.options import numbers
 from tactemu.geometry import rotation
-from tactemu.geometry.limits import METRES, MOST_M, MOST_S
+from tactemu.geometry.limits import LENGTH_UNIT, MAX_TIME_S, MAX_TRAVEL_M
 from tactemu.geometry.motion.pose import Motion, Pose, Quaternion, Vector
 
 
@@ -33,15 +33,17 @@ class Keyframes(Motion):
 
     def __post_init__(self):
         times = numbers(self.kind, "times", self.times)
-        if times.ndim != 1 or len(times) < 2 or not np.all(np.diff(times) > 1e-9) or np.abs(times).max() > MOST_S:
+        if times.ndim != 1 or len(times) < 2 or not np.all(np.diff(times) > 1e-9) or np.abs(times).max() > MAX_TIME_S:
             raise SceneError(
-                f"keyframes: times must be two or more that ascend, up to {MOST_S:g} s, got {list(self.times)}"
+                f"keyframes: times must be two or more that ascend, up to {MAX_TIME_S:g} s, got {list(self.times)}"
             )
         for name, given in (("positions", self.positions), ("quaternions", self.quaternions)):
             if given and len(given) != len(times):
                 raise SceneError(f"keyframes.{name}: expected one per time ({len(times)}), got {len(given)}")
-        if self.positions and np.abs(numbers(self.kind, "positions", self.positions)).max() > MOST_M:
-            raise SceneError(f"keyframes: positions must be within {MOST_M:g} {METRES} of where the body was placed")
+        if self.positions and np.abs(numbers(self.kind, "positions", self.positions)).max() > MAX_TRAVEL_M:
+            raise SceneError(
+                f"keyframes: positions must be within {MAX_TRAVEL_M:g} {LENGTH_UNIT} of where the body was placed"
+            )
         self._segments  # noqa: B018  (computed now, so that a bad quaternion is an error of the scene)
 
     @cached_property

@@ -10,7 +10,7 @@ import numpy as np
 
 from tactemu.base.options import number
 from tactemu.geometry import rotation
-from tactemu.geometry.limits import METRES, MOST_DEPTH_M, MOST_RAD, MOST_RADIUS_M, SIZES_M
+from tactemu.geometry.limits import LENGTH_UNIT, MAX_ANGLE_RAD, MAX_DEPTH_M, MAX_RADIUS_M, SIZE_RANGE_M
 from tactemu.geometry.motion.pose import UNTURNED, ZERO, Motion, Pose, Vector
 from tactemu.geometry.motion.way import (
     Way,
@@ -23,7 +23,7 @@ from tactemu.geometry.motion.way import (
     unit,
 )
 
-MOST_RATE = 1e4
+MAX_SPIN_RATE_RAD_S = 1e4
 """Of a spin [rad/s]."""
 
 
@@ -79,7 +79,7 @@ class Press(Motion):
         check_speeds(self, "speed", "release_speed")
         check_direction(self, "direction")
         check_repeat(self)
-        number(self.kind, "depth", self.depth, at_least=0.0 - self.approach, at_most=MOST_DEPTH_M, unit=METRES)
+        number(self.kind, "depth", self.depth, at_least=0.0 - self.approach, at_most=MAX_DEPTH_M, unit=LENGTH_UNIT)
 
     @cached_property
     def _way(self) -> Way:
@@ -160,7 +160,7 @@ class Roll(Motion):
         check_ways(self, "distance")
         check_times(self, "delay")
         check_speeds(self, "speed")
-        number(self.kind, "radius", self.radius, at_least=SIZES_M[0], at_most=MOST_RADIUS_M, unit=METRES)
+        number(self.kind, "radius", self.radius, at_least=SIZE_RANGE_M[0], at_most=MAX_RADIUS_M, unit=LENGTH_UNIT)
         check_direction(self, "direction")
         check_direction(self, "normal")
         check_repeat(self)
@@ -201,9 +201,9 @@ class Spin(Motion):
 
     def __post_init__(self):
         check_times(self, "delay")
-        number(self.kind, "rate", self.rate, at_least=-MOST_RATE, at_most=MOST_RATE, unit="rad/s")
+        number(self.kind, "rate", self.rate, at_least=-MAX_SPIN_RATE_RAD_S, at_most=MAX_SPIN_RATE_RAD_S, unit="rad/s")
         if self.angle is not None:
-            number(self.kind, "angle", self.angle, at_least=0, at_most=MOST_RAD, unit="rad")
+            number(self.kind, "angle", self.angle, at_least=0, at_most=MAX_ANGLE_RAD, unit="rad")
         check_direction(self, "axis")
 
     @property

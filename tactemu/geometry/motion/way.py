@@ -9,7 +9,7 @@ import numpy as np
 
 from tactemu.base.errors import SceneError
 from tactemu.base.options import number
-from tactemu.geometry.limits import METRES, MOST_M, MOST_S, SPEEDS
+from tactemu.geometry.limits import LENGTH_UNIT, MAX_TIME_S, MAX_TRAVEL_M, SPEED_RANGE_M_S
 from tactemu.geometry.motion.pose import Motion
 
 
@@ -63,23 +63,23 @@ def check_direction(motion: Motion, name: str) -> None:
 
 
 def check_times(motion: Motion, *names: str) -> None:
-    """Refuse fields that are no time from 0 to :data:`MOST_S`; ``None`` passes."""
+    """Refuse fields that are no time from 0 to :data:`MAX_TIME_S`; ``None`` passes."""
     for name in names:
         if getattr(motion, name) is not None:
-            number(motion.kind, name, getattr(motion, name), at_least=0, at_most=MOST_S, unit="s")
+            number(motion.kind, name, getattr(motion, name), at_least=0, at_most=MAX_TIME_S, unit="s")
 
 
 def check_ways(motion: Motion, *names: str) -> None:
-    """Refuse fields that are no distance from 0 to :data:`MOST_M`."""
+    """Refuse fields that are no distance from 0 to :data:`MAX_TRAVEL_M`."""
     for name in names:
-        number(motion.kind, name, getattr(motion, name), at_least=0, at_most=MOST_M, unit=METRES)
+        number(motion.kind, name, getattr(motion, name), at_least=0, at_most=MAX_TRAVEL_M, unit=LENGTH_UNIT)
 
 
 def check_speeds(motion: Motion, *names: str) -> None:
-    """Refuse fields that are no speed within :data:`SPEEDS`; ``None`` passes."""
+    """Refuse fields that are no speed within :data:`SPEED_RANGE_M_S`; ``None`` passes."""
     for name in names:
         if getattr(motion, name) is not None:
-            least, most = SPEEDS
+            least, most = SPEED_RANGE_M_S
             number(motion.kind, name, getattr(motion, name), at_least=least, at_most=most, unit="m/s")
 
 

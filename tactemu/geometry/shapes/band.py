@@ -23,8 +23,8 @@ import warp as wp
 from tactemu.base.errors import SceneError
 from tactemu.geometry.shapes.mesh import MESH
 from tactemu.geometry.shapes.mesh_query import mesh_functions
-from tactemu.geometry.shapes.shape import FAR, Kind, Row, table_type, unknown_function
-from tactemu.geometry.shapes.voxel_grid import MOST_NODES
+from tactemu.geometry.shapes.shape import FAR, Row, ShapeKind, table_type, unknown_function
+from tactemu.geometry.shapes.voxel_grid import MAX_GRID_NODES
 from tactemu.plan.plan import Context
 
 log = logging.getLogger(__name__)
@@ -120,7 +120,7 @@ def _in_band(real, exact):
     return in_band
 
 
-BAND = Kind("band", _distance, MESH.ray, MESH.lower_bound, searched=True, unsearched=_unsearched)
+BAND = ShapeKind("band", _distance, MESH.ray, MESH.lower_bound, searched=True, unsearched=_unsearched)
 
 
 @functools.cache
@@ -215,10 +215,10 @@ def band_row(row: Row, pack, cell: float | None, name: str, context: Context) ->
         raise SceneError(f"voxel_size must be > 0 m, got {cell!r}")
     reach = REACH * longest
     shape = tuple(int(n) for n in np.ceil(2.0 * (half + reach) / cell).astype(np.int64) + 1)
-    if np.prod(shape) > MOST_NODES // 4:
+    if np.prod(shape) > MAX_GRID_NODES // 4:
         raise SceneError(
             f"voxel_size {cell:g} m makes a band of {' x '.join(map(str, shape))} nodes for body {name!r}; "
-            f"the most is {MOST_NODES // 4}: take a larger cell, or contact_depth_query='sdf'"
+            f"the most is {MAX_GRID_NODES // 4}: take a larger cell, or contact_depth_query='sdf'"
         )
     if np.prod(shape) > WORTH_SAYING:
         log.info("body %r: a band of %s nodes is compared with its mesh", name, " x ".join(map(str, shape)))

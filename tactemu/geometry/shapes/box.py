@@ -11,7 +11,7 @@ import numpy as np
 
 from tactemu.base.errors import SceneError
 from tactemu.geometry.shapes.rays import line_pieces
-from tactemu.geometry.shapes.shape import FAR, Kind, Length, Row, Shape, check_lengths, table_type
+from tactemu.geometry.shapes.shape import FAR, Length, Row, Shape, ShapeKind, check_lengths, table_type
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,4 +100,4 @@ def _ray(real):
     return through_box
 
 
-BOX = Kind("box", _distance, _ray)
+BOX = ShapeKind("box", _distance, _ray)

@@ -10,7 +10,7 @@ from typing import Annotated
 import numpy as np
 
 from tactemu.geometry.shapes.rays import line_pieces
-from tactemu.geometry.shapes.shape import Kind, Length, Row, Shape, check_lengths, table_type
+from tactemu.geometry.shapes.shape import Length, Row, Shape, ShapeKind, check_lengths, table_type
 from tactemu.geometry.shapes.surface import directions, on_side
 
 
@@ -81,4 +81,4 @@ def _ray(real):
     return through_capsule
 
 
-CAPSULE = Kind("capsule", _distance, _ray)
+CAPSULE = ShapeKind("capsule", _distance, _ray)

@@ -11,7 +11,7 @@ from typing import Annotated
 import numpy as np
 
 from tactemu.geometry.shapes.rays import line_pieces
-from tactemu.geometry.shapes.shape import Kind, Length, Row, Shape, check_lengths, table_type
+from tactemu.geometry.shapes.shape import Length, Row, Shape, ShapeKind, check_lengths, table_type
 from tactemu.geometry.shapes.surface import on_side
 
 
@@ -89,4 +89,4 @@ def _ray(real):
     return through_cylinder
 
 
-CYLINDER = Kind("cylinder", _distance, _ray)
+CYLINDER = ShapeKind("cylinder", _distance, _ray)

@@ -12,9 +12,9 @@ from typing import Annotated, Any
 import numpy as np
 
 from tactemu.base.errors import MeshError, SceneError
-from tactemu.geometry.limits import SIZES_M
+from tactemu.geometry.limits import SIZE_RANGE_M
 from tactemu.geometry.shapes.rays import bound_function
-from tactemu.geometry.shapes.shape import FAR, Kind, Length, Row, Shape, box_outline, table_type
+from tactemu.geometry.shapes.shape import FAR, Length, Row, Shape, ShapeKind, box_outline, table_type
 from tactemu.geometry.shapes.surface import sample_triangles
 from tactemu.geometry.shapes.triangles import Triangles, extent_of_file, load_mesh
 from tactemu.geometry.shapes.voxel_grid import VoxelGrid
@@ -81,10 +81,10 @@ class Mesh(Shape):
             extent = extent_of_file(folder / path, scale, "path")
         except MeshError as error:
             raise SceneError(str(error)) from None
-        if not extent <= SIZES_M[1]:
+        if not extent <= SIZE_RANGE_M[1]:
             raise SceneError(
-                f"path: {path} is {extent:g} m long; a body has at most {SIZES_M[1]:g} m. Is the file in millimetres? "
-                "Then give scale = 0.001"
+                f"path: {path} is {extent:g} m long; a body may be at most {SIZE_RANGE_M[1]:g} m long. "
+                "If the file is in millimetres, give scale = 0.001"
             )
         return cls(source=folder / path, scale=scale)
 
@@ -137,6 +137,6 @@ def _ray(real):
     return through_mesh
 
 
-MESH = Kind("mesh", functools.partial(_distance, True), _ray, _lower_bound, searched=True)
-OPEN_MESH = Kind("open mesh", functools.partial(_distance, False), _ray, searched=True)
+MESH = ShapeKind("mesh", functools.partial(_distance, True), _ray, _lower_bound, searched=True)
+OPEN_MESH = ShapeKind("open mesh", functools.partial(_distance, False), _ray, searched=True)
 """With holes, or with faces within its solid."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactemu.geometry.shapes.rays import PARALLEL
-from tactemu.geometry.shapes.shape import FAR, Kind, Row, Shape, table_type
+from tactemu.geometry.shapes.shape import FAR, Row, Shape, ShapeKind, table_type
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,4 +70,4 @@ def _ray(real):
     return through_plane
 
 
-PLANE = Kind("plane", _distance, _ray, to_grid=False)
+PLANE = ShapeKind("plane", _distance, _ray, to_grid=False)

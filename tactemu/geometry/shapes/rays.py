@@ -118,7 +118,7 @@ def traced_ray(real, distance, near=None):
 
     Args:
         real: the float type.
-        distance: the Warp function of :attr:`Kind.distance`.
+        distance: the Warp function of :attr:`ShapeKind.distance`.
         near: Warp function ``f(shapes, b)``: a distance that counts as touching [m]; default: 1e-5 of the size.
     """
     import warp as wp

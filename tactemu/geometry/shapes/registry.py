@@ -1,7 +1,7 @@
 """Shapes by name: one line each. All else about a shape stands in its own file.
 
->>> from tactemu.geometry.shapes.registry import load_shape
->>> load_shape("sphere")(radius=0.01).reach("ball", (0, 0, 1))
+>>> from tactemu.geometry.shapes.registry import shape_class
+>>> shape_class("sphere")(radius=0.01).reach("ball", (0, 0, 1))
 0.01
 """
 
@@ -26,7 +26,7 @@ SHAPES: dict[str, str] = {
 """Scene files, their JSON schema, the names in :mod:`tactemu`, MuJoCo's geoms and the pages follow it."""
 
 
-def load_shape(name: str) -> type[Shape]:
+def shape_class(name: str) -> type[Shape]:
     """Return the class of a shape, by its name in :data:`SHAPES`."""
     module, _, kind = SHAPES[name].partition(":")
     return getattr(importlib.import_module(module), kind)

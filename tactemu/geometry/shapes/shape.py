@@ -1,9 +1,9 @@
-"""What a shape is. Each shape is one file that declares all that the product knows of it:
+"""The base class of all shapes. Each shape is one file that declares everything about it:
 
 * its **options**, a dataclass: also the keys of a ``[[body]]`` table in a scene file,
-* its :class:`Row` in the scene's table on the device, and the :class:`Kind` of that row: the Warp functions for the
-  distance to it and for the way of a line through it,
-* how far it **reaches** along a direction (for bodies steered by hand), and **points** spread over its surface.
+* its :class:`Row` in the scene's table on the device, and the :class:`ShapeKind` of that row: the Warp functions that
+  compute the distance to the shape and the part of a line that lies in it,
+* its **reach** along a direction (for bodies steered by hand), and **points** spread over its surface.
 
 :mod:`tactemu.geometry.shapes.registry` names the file in one line; ``docs/adding-a-shape.md`` adds one. Warp is
 imported within the functions that build kernels, so that describing a scene does not load it.
@@ -35,7 +35,7 @@ Length = Annotated[float, Gt(0)]
 
 
 @dataclass(frozen=True)
-class Kind:
+class ShapeKind:
     """What kernels know of a row. Each function is built for a float type: ``distance(wp.float32)``.
 
     ``shapes`` is the scene's table (:func:`table_type`), ``b`` a row of it, points are in the frame of the body.
@@ -66,7 +66,7 @@ class Kind:
 class Row:
     """One body's shape as the kernels see it."""
 
-    kind: Kind | None = None
+    kind: ShapeKind | None = None
     """``None``: a body without geometry."""
     size: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Three numbers for the kind's functions."""
@@ -196,10 +196,10 @@ def table_type(real):
 
 
 @functools.cache
-def unsearched(kinds: frozenset[Kind]) -> frozenset[Kind]:
+def unsearched(kinds: frozenset[ShapeKind]) -> frozenset[ShapeKind]:
     """Return the same kinds without any search: distances that need one are -1e18."""
 
-    def without(kind: Kind) -> Kind:
+    def without(kind: ShapeKind) -> ShapeKind:
         return dataclasses.replace(kind, distance=kind.unsearched or unknown_function) if kind.searched else kind
 
     return frozenset(map(without, kinds))
@@ -219,6 +219,6 @@ def unknown_function(real):
     return unknown
 
 
-def codes(kinds: frozenset[Kind]) -> list[tuple[int, Kind]]:
+def codes(kinds: frozenset[ShapeKind]) -> list[tuple[int, ShapeKind]]:
     """Return the number that each kind has in the column ``kind`` of a table of these kinds."""
     return list(enumerate(sorted(kinds, key=lambda kind: kind.name)))

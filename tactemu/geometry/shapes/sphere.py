@@ -10,7 +10,7 @@ from typing import Annotated
 import numpy as np
 
 from tactemu.geometry.shapes.rays import line_pieces
-from tactemu.geometry.shapes.shape import Kind, Length, Row, Shape, check_lengths, table_type
+from tactemu.geometry.shapes.shape import Length, Row, Shape, ShapeKind, check_lengths, table_type
 from tactemu.geometry.shapes.surface import directions
 
 
@@ -67,4 +67,4 @@ def _ray(real):
     return through_sphere
 
 
-SPHERE = Kind("sphere", _distance, _ray, turns=False, to_grid=False)
+SPHERE = ShapeKind("sphere", _distance, _ray, turns=False, to_grid=False)

@@ -18,9 +18,9 @@ import numpy as np
 
 from tactemu.base.errors import SceneError
 from tactemu.geometry.shapes.rays import traced_ray
-from tactemu.geometry.shapes.shape import FAR, Kind, Row, Shape, box_outline, table_type
+from tactemu.geometry.shapes.shape import FAR, Row, Shape, ShapeKind, box_outline, table_type
 
-MOST_NODES = 1 << 28
+MAX_GRID_NODES = 1 << 28
 """Of one grid: 1 GiB in float32."""
 
 
@@ -84,8 +84,8 @@ class VoxelGrid(Shape):
     ) -> "VoxelGrid":
         try:
             with zipfile.ZipFile(folder / path) as archive:
-                if sum(member.file_size for member in archive.infolist()) > 32 * MOST_NODES:
-                    raise SceneError(f"path: {path} unpacks to more than {MOST_NODES} nodes; take larger cells")
+                if sum(member.file_size for member in archive.infolist()) > 32 * MAX_GRID_NODES:
+                    raise SceneError(f"path: {path} unpacks to more than {MAX_GRID_NODES} nodes; take larger cells")
             arrays = dict(np.load(folder / path, allow_pickle=False))
         except (OSError, ValueError, zipfile.BadZipFile) as error:
             raise SceneError(f"path: cannot read the grid {folder / path}: {error}") from None
@@ -190,4 +190,4 @@ def _ray(real):
     return traced_ray(real, _distance(real, least=True), part_of_cell)
 
 
-VOXELS = Kind("voxels", _distance, _ray, to_grid=False, steepest=1.75)  # a trilinear slope may reach sqrt(3)
+VOXELS = ShapeKind("voxels", _distance, _ray, to_grid=False, steepest=1.75)  # a trilinear slope may reach sqrt(3)

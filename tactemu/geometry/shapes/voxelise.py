@@ -11,7 +11,7 @@ import warp as wp
 from tactemu.base.errors import SceneError
 from tactemu.geometry.shapes.distance import shape_functions
 from tactemu.geometry.shapes.shape import table_type
-from tactemu.geometry.shapes.voxel_grid import MOST_NODES, VoxelGrid
+from tactemu.geometry.shapes.voxel_grid import MAX_GRID_NODES, VoxelGrid
 from tactemu.plan.plan import Context
 
 CELLS = 64
@@ -56,10 +56,10 @@ def voxelise(table, middle, half, cell: float | None, name: str, context: Contex
         raise SceneError(f"voxel_size must be > 0 m, got {cell!r}")
     half = half + MARGIN * longest
     nodes = np.ceil(2.0 * half / cell).astype(np.int64) + 1
-    if nodes.prod() > MOST_NODES:
+    if nodes.prod() > MAX_GRID_NODES:
         raise SceneError(
             f"voxel_size {cell:g} m makes a grid of {' x '.join(map(str, nodes))} nodes for body {name!r}; "
-            f"the most is {MOST_NODES}: take a larger cell, or contact_depth_query='sdf'"
+            f"the most is {MAX_GRID_NODES}: take a larger cell, or contact_depth_query='sdf'"
         )
     origin = middle - 0.5 * cell * (nodes - 1)
     real = context.real

@@ -16,7 +16,7 @@ import numpy as np
 from tactemu.geometry.shapes.sphere import Sphere
 from tactemu.scene.scene import Scene
 from tactemu.sensors.probes.kinematic_taxel import KinematicTaxel
-from tactemu.transducers.registry import load
+from tactemu.transducers.registry import transducer_class
 
 EXAMPLES: dict[str, tuple[str, dict[str, Any]]] = {
     "magnetic, 5 chips x 100 magnets": ("magnetic", {}),
@@ -67,7 +67,9 @@ def run(report: Any, *, device: str = "cpu", only: str = "") -> dict[str, dict]:
         return {}
     n_envs = ENVS[kind]
     sims = {"": build(n_envs, device)}
-    sims |= {title: build(n_envs, device, [load(name)(**options)]) for title, (name, options) in chosen.items()}
+    sims |= {
+        title: build(n_envs, device, [transducer_class(name)(**options)]) for title, (name, options) in chosen.items()
+    }
     times: dict[str, list[float]] = {title: [] for title in sims}
     for _ in range(ROUNDS):  # in turn, so that a busy machine is busy for all
         for title, sim in sims.items():
