@@ -1,1 +1,2 @@
-"""What a scene needs, and why: the stages of a step, recorded once. Below physics and imperfections."""
+"""The plan of a scene: the stages of a step, each with its reason, recorded once. It lies below sensors and
+imperfections."""

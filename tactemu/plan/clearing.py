@@ -1,4 +1,4 @@
-"""Setting the rows of the environments that are reset to what they begin with."""
+"""Functions that set the rows of the environments being reset to their start values."""
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
 # pyright: reportAssignmentType=false, reportOperatorIssue=false, reportGeneralTypeIssues=false
@@ -32,9 +32,10 @@ def _restore_kernel(dtype):
 
 
 def restore_rows(array: wp.array, start: wp.array, mask: wp.array) -> None:
-    """Set ``array[e, ...]`` to ``start[e, ...]`` where ``mask`` (bool, shape ``(n_envs,)``) is true; both contiguous.
+    """Set ``array[e, ...]`` to ``start[e, ...]`` where ``mask`` (bool, shape ``(n_envs,)``) is true; both arrays are
+    contiguous.
 
-    On a GPU nothing waits, and it can be captured in a graph.
+    On a GPU the call does not wait for the device and can be captured in a graph.
     """
     if array.size == 0:
         return
@@ -44,9 +45,9 @@ def restore_rows(array: wp.array, start: wp.array, mask: wp.array) -> None:
 
 
 def clear_rows(array: wp.array, mask: wp.array, value: float = 0) -> None:
-    """Set ``array[e, ...]`` to a value where ``mask`` (bool, shape ``(n_envs,)``) is true. Scalars and vectors.
+    """Set ``array[e, ...]`` to ``value`` where ``mask`` (bool, shape ``(n_envs,)``) is true. Takes scalars and vectors.
 
-    On a GPU nothing waits, and it can be captured in a graph.
+    On a GPU the call does not wait for the device and can be captured in a graph.
     """
     if array.size == 0:
         return

@@ -1,7 +1,7 @@
 """Launches over environments, in shares: on a CPU each thread runs its own share of all stages.
 
-An environment touches no other, so a thread may run ahead of the others through any number of launches, and what comes
-out does not depend on how many threads there are.
+Environments are independent, so a thread may run ahead of the others through any number of launches, and the results do
+not depend on the number of threads.
 """
 
 from __future__ import annotations
@@ -17,24 +17,25 @@ Launch = Callable[[], None]
 
 
 class Launches:
-    """Launches one after another, each cut in the same shares of the environments. Called, it runs all of them.
+    """Launches one after another, each cut into the same shares of the environments. Calling the object runs all of
+    them.
 
     Args:
-        shares: the launches of each share; no share at all: there is nothing to launch.
+        shares: the launches of each share; empty if there is nothing to launch.
     """
 
     def __init__(self, shares: Sequence[Sequence[Launch]] = ()):
         self.shares = tuple(tuple(share) for share in shares)
 
     def __call__(self) -> None:
-        """Run all, share by share."""
+        """Run all launches, share by share."""
         for share in self.shares:
             for launch in share:
                 launch()
 
 
 def in_turn(*launches: Launch) -> Launch:
-    """Return all of them, one after another; in shares if each of them is."""
+    """Return a launch that runs ``launches`` one after another; it is cut into shares if each of them is."""
     cut = [each for each in launches if isinstance(each, Launches)]
     if len(cut) == len(launches):
         cut = [each for each in cut if each.shares]
@@ -48,14 +49,16 @@ def in_turn(*launches: Launch) -> Launch:
 
 
 def record(kernel, dim, inputs: list, outputs: list, device, block_dim: int | None = None) -> Launch:
-    """Return a recorded launch of ``kernel``: calling it costs a fraction of ``wp.launch``. Nothing for no threads."""
+    """Return a recorded launch of ``kernel``, which costs a fraction of ``wp.launch``. Without threads it does
+    nothing."""
     block = block_dim if wp.get_device(device).is_cuda else None
     command = wp.launch(kernel, dim, inputs=inputs, outputs=outputs, device=device, record_cmd=True, block_dim=block)
     return _ready(command) if command is not None else lambda: None
 
 
 def record_blocks(kernel, n_blocks: int, inputs: list, outputs: list, block_dim: int, device) -> Launch:
-    """As :func:`record`, with a block of ``block_dim`` threads for each of ``n_blocks`` (on a CPU: one thread)."""
+    """Record a launch like :func:`record`, with a block of ``block_dim`` threads for each of ``n_blocks`` (on a CPU:
+    one thread)."""
     command = wp.launch_tiled(
         kernel,
         dim=[n_blocks],
@@ -70,10 +73,12 @@ def record_blocks(kernel, n_blocks: int, inputs: list, outputs: list, block_dim:
 
 
 def _ready(command: Any) -> Launch:
-    """What calls a kernel of the CPU with its arguments as they lie in memory: Warp's own ``launch`` packs them anew
-    each time, which takes longer than many a kernel, and holds the interpreter's lock meanwhile."""
+    """Return a function that calls a CPU kernel with arguments packed once: Warp's own ``launch`` packs them on each
+    call, which takes longer than many kernels and holds the interpreter's lock."""
     forward = getattr(getattr(command, "hooks", None), "forward", None)
-    if not command.device.is_cpu or command.block_dim > 1 or forward is None:  # or a Warp that keeps it elsewhere
+    if (
+        not command.device.is_cpu or command.block_dim > 1 or forward is None
+    ):  # other versions of Warp keep it elsewhere
         return command.launch
     bounds, *given = command.params
     fields = [(f"argument_{k}", type(value)) for k, value in enumerate(given)]

@@ -1,7 +1,7 @@
 """The plan of a scene: the stages that it needs, each with its reason, launched in order.
 
-Stages are compiled once, when the scene is built: arrays are allocated and launches recorded there, and a step does
-nothing but launch. On the CPU each stage is a recorded launch, and threads may share the environments of a batch
+Stages are compiled once, when the scene is built: arrays are allocated and launches recorded then, and a step only
+launches. On the CPU each stage is a recorded launch, and threads may share the environments of a batch
 (:mod:`tactemu.plan.thread_pool`); on a GPU the plan is captured in one CUDA graph.
 """
 
@@ -23,15 +23,15 @@ from tactemu.plan.thread_pool import ThreadPool, cores
 
 Dtype = Literal["float32", "float64"]
 """Width of the kernels' numbers."""
-WORTH_SHARING = 2**20
-"""Bytes of an array that several threads copy."""
-MOST_COPIERS = 8
-"""Threads that copy readings of a GPU."""
+MIN_SHARED_COPY_BYTES = 2**20
+"""Size of an array from which on several threads copy it [bytes]; a smaller one is copied faster by one thread."""
+MAX_COPY_THREADS = 8
+"""Maximum number of threads that copy a GPU's readings."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Context:
-    """What a stage may know while it is compiled. Shared by all sensors of a scene."""
+    """The information that a stage may use while it is compiled. All sensors of a scene share it."""
 
     device: wp.Device
     n_envs: int
@@ -41,15 +41,16 @@ class Context:
     seed: int
     """Root seed; a stage derives its own stream from it and its name (:mod:`tactemu.base.random_streams`)."""
     first_env: int = 0
-    """Number of the first, where others are simulated elsewhere: an environment draws the same wherever it is."""
+    """Number of the first environment if others are simulated elsewhere: an environment draws the same random numbers
+    wherever it runs."""
     threads: int = 1
     """Threads that share the environments, on a CPU."""
     memory: list[wp.array] = field(default_factory=list)
-    """All that lasts from step to step, in the order in which it was made: what is saved of a simulation."""
+    """All arrays that last from step to step, in the order in which they were made: the saved state of a simulation."""
     infinite: set[int] = field(default_factory=set)
-    """Places in :attr:`memory` of arrays in which infinity or NaN has a meaning."""
+    """Indices in :attr:`memory` of arrays in which infinity or NaN has a meaning."""
     constants: dict[Any, Any] = field(default_factory=dict)
-    """What takes long to make and never changes, by what it is made from: forks of a simulation share it."""
+    """Objects that take long to make and never change, by their inputs; clones of a simulation share them."""
     dt: wp.array = field(init=False)
     """Length of the step being taken [s], float64, shape ``(1,)``: read on the device, so that a graph sees changes."""
     step: wp.array = field(init=False)
@@ -61,17 +62,16 @@ class Context:
         for name, dtype in (("dt", wp.float64), ("step", wp.int64), ("time_ns", wp.int64)):
             object.__setattr__(self, name, self.zeros(1, dtype))
 
-    # What a stage writes, and what may be set while it runs, is made here; scratch, which a step fills before it reads
-    # it, and what never changes are arrays like any other.
+    # These methods make every array that a stage writes or that may be set while it runs. Scratch, which a step fills
+    # before it reads it, and constants are plain arrays.
 
     def zeros(self, shape, dtype) -> wp.array:
         """Return a new array of zeros that is part of the state."""
         return self._kept(wp.zeros(shape, dtype=dtype, device=self.device))
 
     def full(self, shape, value, dtype) -> wp.array:
-        """Return a new array of one value that is part of the state; a value that is not finite may come again in
-        it.
-        """
+        """Return a new array of one value that is part of the state; a value that is not finite may occur in it again
+        later."""
         if not np.isfinite(value):
             self.infinite.add(len(self.memory))
         return self._kept(wp.full(shape, dtype(value), dtype=dtype, device=self.device))
@@ -96,11 +96,11 @@ class Context:
         Args:
             kernel: its first argument, which is added to ``inputs``, is the environment that its first thread takes:
                 ``e, i = wp.tid()`` and then ``e += first_env``.
-            dim: of the whole launch.
+            dim: shape of the launch over all environments.
             inputs: the other arguments.
             outputs: the arrays that it writes.
-            block_dim: threads of a block, on a GPU: few where there are few threads, each of which takes long;
-                default: Warp's.
+            block_dim: threads of a block on a GPU; choose few where there are few threads, each of which takes long.
+                Default: Warp's own.
         """
         dim = (dim,) if isinstance(dim, int) else tuple(dim)
         dims = [(end - first, *dim[1:]) for first, end in self.shares] if self.threads > 1 else [dim]
@@ -109,13 +109,13 @@ class Context:
         return Launches([[record(kernel, d, [e, *inputs], outputs, *how)] for (e, _end), d in launches])
 
     def record_blocks(self, kernel, n_slots: int, inputs: list, outputs: list, block_dim: int) -> Launches:
-        """Return the same for a kernel of blocks of threads, each with a slot of scratch, that take environments in
-        turn.
+        """Return a recorded launch of a kernel whose blocks of threads take environments in turn, each block with its
+        own slot of scratch.
 
         Args:
             kernel: its first argument, which is added to ``inputs``, is a ``vec4i``: first environment, end, first
                 slot, and how many slots take turns.
-            n_slots: on a GPU as many as there are blocks, on a CPU one for each thread.
+            n_slots: number of slots: on a GPU one for each block, on a CPU one for each thread.
             inputs: the other arguments.
             outputs: the arrays that it writes.
             block_dim: threads of a block.
@@ -132,43 +132,46 @@ class Stage:
 
     name: str
     reason: str
-    """Why this scene needs it: printed by ``tactemu explain``."""
+    """The reason why this scene needs the stage; ``tactemu explain`` prints it."""
     launch: Launch
-    """Runs it: :class:`~tactemu.plan.launches.Launches` where threads may share it. Allocates nothing, reads nothing
-    back, and can be captured in a CUDA graph."""
+    """The function that runs the stage: :class:`~tactemu.plan.launches.Launches` where threads may share it. It
+    allocates nothing, reads nothing back, and can be captured in a CUDA graph."""
     reset: Callable[[wp.array], None] | None = None
-    """Clears its state where the mask (bool, shape ``(n_envs,)``) is true. ``None``: it has no state."""
+    """A function that clears the stage's state where the mask (bool, shape ``(n_envs,)``) is true; ``None``: the stage
+    has no state."""
     check: Callable[[], None] | None = None
-    """Waits for the device and says what went wrong there, if anything did."""
+    """A function that waits for the device and raises an error if the stage failed there."""
     cost_us: float | None = None
-    """Measured by :meth:`Plan.time_stages`."""
+    """Median cost [µs] as measured by :meth:`Plan.time_stages`."""
     cheaper: str = ""
-    """What to turn so that it costs less, in words; empty where nothing but another model helps."""
+    """The option to change so that the stage costs less, as a phrase; empty where only another model helps."""
 
 
 @dataclass
 class Plan:
-    """The stages of a built scene, in the order they run. ``print(plan)`` is a table of them with their reasons."""
+    """The stages of a built scene, in the order in which they run. ``print(plan)`` shows them as a table with their
+    reasons."""
 
     stages: list[Stage] = field(default_factory=list)
     device: wp.Device | None = None
     threads: int = 1
-    """That share the environments, on a CPU."""
+    """Number of threads that share the environments on a CPU."""
     why_threads: str = ""
-    """Why so many, in words."""
+    """The reason for this number, as a phrase."""
     _graph: wp.Graph | None = field(default=None, repr=False)
     _warm: bool = field(default=False, repr=False)
     _thread_pool: ThreadPool | None = field(default=None, repr=False)
     _legs: list[list[list[Launch]]] = field(default_factory=list, repr=False)
-    """What runs without anybody waiting for others: a list of launches, or one for each thread."""
+    """The legs of a step, after each of which the threads meet: each holds one list of launches, or one for each
+    thread."""
 
     def run(self) -> None:
-        """Run all stages once. On a GPU the second run captures them in a graph; later runs launch that."""
+        """Run all stages once. On a GPU the second run captures them in a graph, and later runs launch that graph."""
         if self._graph is not None:
             wp.capture_launch(self._graph)
         elif self._warm and self.device is not None and self.device.is_cuda:
             self._capture()
-        else:  # on a GPU the first run loads what the stages need, which a capture may not do
+        else:  # on a GPU the first run loads the stages' modules, which a capture must not do
             self._launch()
             self._warm = True
 
@@ -183,7 +186,8 @@ class Plan:
                     launch()
 
     def _plan_legs(self) -> list[list[list[Launch]]]:
-        """Stages that can be shared, together; the caller's thread runs the others between them."""
+        """Return the legs: consecutive stages that threads can share form one leg; the caller's thread runs the other
+        stages."""
         legs: list[list[list[Launch]]] = []
         for stage in self.stages:
             launch = stage.launch
@@ -197,15 +201,15 @@ class Plan:
         return legs
 
     def copied(self, values: np.ndarray) -> np.ndarray:
-        """Return a copy of an array of the CPU; a large one is made by the threads, if there are any now.
+        """Return a copy of a CPU array; the threads copy a large one if they are running.
 
-        For a GPU, whose steps need none, they start with the first large one: most of the time of a copy to new memory
-        goes into pages that nobody has touched yet.
+        A GPU's steps need no threads, so they start with the first large copy, which spends most of its time on new
+        memory pages.
         """
-        if values.nbytes < WORTH_SHARING:
+        if values.nbytes < MIN_SHARED_COPY_BYTES:
             return values.copy()
         if self._thread_pool is None and self.device is not None and self.device.is_cuda:
-            self._thread_pool = ThreadPool(min(cores(), MOST_COPIERS))
+            self._thread_pool = ThreadPool(min(cores(), MAX_COPY_THREADS))
         if self._thread_pool is None or not (self._thread_pool.running or self._thread_pool.size > self.threads):
             return values.copy()
         out = np.empty_like(values)
@@ -214,11 +218,11 @@ class Plan:
         return out
 
     def insert(self, stage: Stage, before: str = "") -> None:
-        """Add a stage to a plan that may have run already, in place of one of the same name.
+        """Add a stage to a plan that may have run already; it replaces a stage of the same name.
 
         Args:
-            stage: launched from the next run on.
-            before: name of the stage that it comes before; default: at the end.
+            stage: the stage, launched from the next run on.
+            before: name of the stage in front of which it is inserted; default: at the end.
         """
         self.stages = [each for each in self.stages if each.name != stage.name]
         names = [each.name for each in self.stages]
@@ -227,11 +231,11 @@ class Plan:
 
     @property
     def loaded(self) -> bool:
-        """Has it run, so that it can be captured in a graph?"""
+        """Has the plan run once, so that it can be captured in a graph?"""
         return self._warm
 
     def run_within_capture(self) -> None:
-        """On a GPU: run all stages once while somebody captures the stream, who then has them in his graph."""
+        """Run all stages once on a GPU while the caller captures the stream; they become part of the caller's graph."""
         self._launch()
 
     def close(self) -> None:
@@ -253,10 +257,11 @@ class Plan:
                 stage.reset(mask)
 
     def time_stages(self, now_ns: Callable[[], int], repeats: int = 50) -> dict[str, float]:
-        """Return median cost of each stage [µs], by name, also kept in ``stage.cost_us``. Advances the stages' state.
+        """Return the median cost of each stage [µs] by name, and keep it in ``stage.cost_us``. Advances the stages'
+        state.
 
         Args:
-            now_ns: a clock, such as ``time.perf_counter_ns``: physics owns none.
+            now_ns: a clock, such as ``time.perf_counter_ns``; the plan has none of its own.
             repeats: runs of each stage.
         """
         device = self.device or wp.get_device("cpu")
@@ -282,7 +287,7 @@ class Plan:
         return "\n".join([*lines, f"threads: {self.threads}{self.why_threads}"] if self.why_threads else lines)
 
     def _repr_html_(self) -> str:
-        """Return the same for a notebook."""
+        """Return the table of :meth:`__str__` as HTML for a notebook."""
         rows = "".join(
             f"<tr><td>{escape(stage.name)}</td><td>{'' if stage.cost_us is None else f'{stage.cost_us:.1f}'}</td>"
             f"<td>{escape(stage.reason)}</td></tr>"

@@ -1,4 +1,4 @@
-"""What kernels ask and say of a single number, in words that compilers turn into few instructions."""
+"""Functions of single numbers for kernels, written so that compilers turn them into few instructions."""
 
 # pyright: reportReturnType=false
 
@@ -9,14 +9,15 @@ import warp as wp
 
 @wp.func
 def is_nan(x: Any):
-    """Not a number? A comparison, where Warp's own question is a call into the C library on a CPU, before which every
-    number must leave its register. Not for kernels with ``fast_math``, in which every number is one."""
+    """Return True for NaN. A comparison is used because Warp's own function is a call into the C library on a CPU,
+    before which every number must leave its register. Do not use it in kernels with ``fast_math``, where it is always
+    False."""
     return x != x
 
 
 @wp.func
 def is_finite(x: Any):
-    """Neither infinite nor not a number? As :func:`is_nan`."""
+    """Return True for a number that is neither infinite nor NaN; see :func:`is_nan` for its limits."""
     return x - x == x - x
 
 
@@ -25,6 +26,6 @@ def is_finite(x: Any):
     return i;
 """)
 def natural(i: int) -> int:
-    """``i``, an index that never counts from the end of an array: told so, compilers leave out what Warp adds to every
-    access for those that do."""
+    """Return ``i``, an index that is never negative, so that compilers leave out Warp's wrap-around of negative indices
+    at every access."""
     ...

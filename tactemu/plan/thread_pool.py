@@ -1,7 +1,7 @@
 """Threads that share the environments of a batch on a CPU.
 
-Warp runs a CPU kernel on the thread that launches it, and lets go of the interpreter's lock meanwhile. So the shares of
-a step run side by side: the caller takes the first, a thread each of the others, and they meet at the end.
+Warp runs a CPU kernel on the thread that launches it and releases the interpreter's lock meanwhile. The shares of a
+step therefore run in parallel: the caller takes the first, one thread each of the others, and the caller waits for all.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from tactemu.plan.launches import Launch
 
 
 def cores() -> int:
-    """Cores that this process may run on."""
+    """Return the number of cores that this process may run on."""
     return len(os.sched_getaffinity(0))
 
 
@@ -30,7 +30,7 @@ class _Job:
         self._done.acquire()
 
     def run(self) -> None:
-        """On the thread that took it."""
+        """Run the launches on the calling thread, and keep an error for the waiting thread."""
         try:
             for launch in self.launches:
                 launch()
@@ -39,14 +39,14 @@ class _Job:
         self._done.release()
 
     def wait(self) -> None:
-        """Until it has run."""
+        """Block until the job has run."""
         self._done.acquire()
 
 
 def _work(jobs: SimpleQueue[_Job | None]) -> None:
     while (job := jobs.get()) is not None:
         job.run()
-        del job  # lest a thread that waits keeps alive what it launched last
+        del job  # a waiting thread must not keep alive what it launched last
 
 
 def _stop(queues: list[SimpleQueue[_Job | None]], threads: list[threading.Thread], process: int) -> None:
@@ -58,7 +58,7 @@ def _stop(queues: list[SimpleQueue[_Job | None]], threads: list[threading.Thread
 
 
 class ThreadPool:
-    """``size`` threads, the caller's included; the others start when they are first needed, and end with the team."""
+    """A pool of ``size`` threads, including the caller's. The others start when first needed and end with the pool."""
 
     def __init__(self, size: int):
         self.size = size
@@ -68,11 +68,11 @@ class ThreadPool:
 
     @property
     def running(self) -> bool:
-        """Are the others there?"""
+        """Have the other threads been started in this process?"""
         return bool(self._queues) and self._process == os.getpid()
 
     def run(self, shares: Sequence[Sequence[Launch]]) -> None:
-        """Run ``size`` shares side by side, and wait for all of them."""
+        """Run ``size`` shares in parallel, and wait for all of them."""
         if self._process != os.getpid():
             self._begin()
         jobs = [_Job(share) for share in shares[1:]]
@@ -91,7 +91,8 @@ class ThreadPool:
                 raise job.error
 
     def _finish(self) -> None:
-        """Wait for all that was begun, whatever interrupts (Ctrl-C): it writes into arrays that somebody may read."""
+        """Wait for all jobs that were started, even if Ctrl-C interrupts: they write into arrays that others may
+        read."""
         last = [_Job(()) for _ in self._queues]
         for queue, job in zip(self._queues, last):
             queue.put(job)
@@ -104,7 +105,7 @@ class ThreadPool:
                     continue
 
     def _begin(self) -> None:
-        if self._end is not None:  # those of the process that forked
+        if self._end is not None:  # the threads of the parent process
             self._end.detach()
         self._process = os.getpid()
         self._queues = [SimpleQueue() for _ in range(1, self.size)]

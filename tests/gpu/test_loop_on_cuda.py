@@ -144,7 +144,7 @@ def test_views_and_pinned_readings():
 
 def test_large_readings_are_copied_by_threads(monkeypatch):
     monkeypatch.setattr("tactemu.sensors.sensor.WORTH_STAGING", 0)
-    monkeypatch.setattr("tactemu.plan.plan.WORTH_SHARING", 0)
+    monkeypatch.setattr("tactemu.plan.plan.MIN_SHARED_COPY_BYTES", 0)
     sim, ball, skin = layer(DEVICE)
     kept = []
     for k in range(3):

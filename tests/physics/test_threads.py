@@ -145,7 +145,7 @@ def test_a_stage_that_cannot_be_shared_runs_once_between_the_others():
 
 
 def test_a_large_reading_is_a_copy_made_by_all(monkeypatch):
-    monkeypatch.setattr("tactemu.plan.plan.WORTH_SHARING", 1)
+    monkeypatch.setattr("tactemu.plan.plan.MIN_SHARED_COPY_BYTES", 1)
     sim, _ball, skin = built("KinematicTaxel", 3)
     sim.step()
     reading, array = skin.read(), skin.array().numpy()
