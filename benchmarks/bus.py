@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from tactemu.base.gc_tuning import no_full_collections
-from tactemu.base.priority import enable_realtime_priority, may_go_first
+from tactemu.base.priority import enable_realtime_priority, can_enable_realtime_priority
 from tactemu.exec.environment import exec_environment
 from tactemu.session.serving import serve
 from tactemu.tune.speed.timing import Report
@@ -76,7 +76,7 @@ def robot(boards: int, seconds: float, way: str = "") -> dict[str, Any]:
         file.write_text(scene(boards), encoding="utf-8")
         dev = serve(file, keep="1MB")
         with exec_environment(dev, way=way) as env:
-            if may_go_first():
+            if can_enable_realtime_priority():
                 dev.emulator.call(enable_realtime_priority)  # its loop alone, not the reader
             sent: dict[str, list[int]] = {}
             told: dict[str, list[int]] = {}

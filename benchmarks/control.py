@@ -23,7 +23,7 @@ from statistics import median
 
 import numpy as np
 
-from tactemu.base.priority import may_go_first
+from tactemu.base.priority import can_enable_realtime_priority
 from tactemu.control.client import connect
 from tactemu.truth import Passage, entries, read_log
 from tactemu.tune.speed.timing import Report
@@ -71,7 +71,7 @@ def _running(folder: Path, log: Path) -> Iterator[str]:
     scene.write_text(SCENE, encoding="utf-8")
     ports = [f"{skin}=pty:{folder / skin}" for skin in ("left", "right")]
     command = [sys.executable, "-m", "tactemu", "run", str(scene), "--json", "--truth", str(log), "--name", name]
-    command += ["--preempt"] * may_go_first()
+    command += ["--preempt"] * can_enable_realtime_priority()
     run = subprocess.Popen([*command, "--port", ports[0], "--port", ports[1]], stdout=subprocess.PIPE, text=True)
     others = [subprocess.Popen([sys.executable, "-c", NEIGHBOUR])]
     try:
@@ -130,7 +130,7 @@ def run(report: Report, *, seconds: float = 60.0) -> dict[str, float]:
     """Measure everything; ``report`` gets one line per figure. Returns the figures by name."""
     figures: dict[str, float] = {}
     frames = []
-    report("the emulator goes " + ("before other programs" if may_go_first() else "with others: no right to --preempt"))
+    report("the emulator goes " + ("before other programs" if can_enable_realtime_priority() else "with others: no right to --preempt"))
     with tempfile.TemporaryDirectory(prefix="tactemu-bench-") as name:
         folder = Path(name)
         for words, per_s in (("without", 0.0), ("with", COMMANDS_PER_S)):

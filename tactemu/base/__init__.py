@@ -1,1 +1,1 @@
-"""The ground of the package: errors, units, clocks, timers, random streams, files, and this machine."""
+"""The foundation of the package: errors, units, clocks, schedules, random streams, files, and the host machine."""

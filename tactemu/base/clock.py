@@ -8,55 +8,55 @@ from collections.abc import Sequence
 from typing import Protocol
 
 POLL_NS = 1_000_000
-"""How often a port without a file descriptor is looked at."""
-_LOOK_S = 0.1
-"""How long a wait for nothing in particular takes at most."""
+"""Period at which a port without a file descriptor is polled."""
+_MAX_IDLE_WAIT_S = 0.1
+"""Longest wait without a deadline."""
 
-_LATE_NS = 20_000_000
-"""A paced clock that is later than this does not hurry to catch up."""
+_MAX_PACE_LAG_NS = 20_000_000
+"""Longest lag that a paced clock makes up; beyond it, emulation time runs slower than real time."""
 
 
 class Clock(Protocol):
-    """What the loop asks of time."""
+    """The clock of a loop."""
 
     virtual: bool
 
     @property
     def origin_ns(self) -> int | None:
-        """The machine's monotonic clock when this one showed 0; ``None`` where time is virtual."""
+        """Time of the machine's monotonic clock when this one showed 0; ``None`` where time is virtual."""
         ...
 
     @property
     def end_ns(self) -> int | None:
-        """Where time stops until somebody lets it go on; ``None``: nowhere."""
+        """The time at which the clock pauses; ``None``: it never does."""
         ...
 
     def is_paused(self) -> bool:
-        """Whether it has stopped there."""
+        """Return True if the clock has reached :attr:`end_ns` and everything due by then is done."""
         ...
 
     def start(self) -> None:
-        """The emulator opens: time begins."""
+        """Start the clock when the emulator opens."""
         ...
 
     def set_ns(self, t_ns: int) -> None:
-        """Go on from this time: a saved run does."""
+        """Continue from this time, as a restored run does."""
         ...
 
     def now_ns(self) -> int:
-        """Nanoseconds since the start."""
+        """Return the time since the start [ns]."""
         ...
 
     def wait(self, deadline_ns: int | None, filenos: Sequence[int], *, poll: bool = False) -> None:
         """Return at the deadline, or earlier when a file descriptor is readable.
 
-        ``poll`` says that some port has no file descriptor and must be looked at every :data:`POLL_NS`.
+        With ``poll`` it returns after :data:`POLL_NS` at the latest, for a port without a file descriptor.
         """
         ...
 
 
 class RealClock:
-    """The machine's monotonic clock."""
+    """A clock that follows the machine's monotonic clock."""
 
     virtual = False
     end_ns = None
@@ -69,21 +69,21 @@ class RealClock:
         self.origin_ns = time.monotonic_ns()
 
     def set_ns(self, t_ns: int) -> None:
-        """Go on from this time."""
+        """Continue from this time."""
         self.origin_ns = time.monotonic_ns() - t_ns
 
     def is_paused(self) -> bool:
-        """Never."""
+        """Return False: real time never pauses."""
         return False
 
     def now_ns(self) -> int:
-        """Nanoseconds since the clock was made, or started."""
+        """Return the time since the clock was made, or started [ns]."""
         return time.monotonic_ns() - self.origin_ns
 
     def wait(self, deadline_ns: int | None, filenos: Sequence[int], *, poll: bool = False) -> None:
         """Sleep in ``select``, whose timeout has microsecond steps (``epoll`` would round to milliseconds)."""
         now = self.now_ns()
-        until = now + round(_LOOK_S * 1e9) if deadline_ns is None else deadline_ns
+        until = now + round(_MAX_IDLE_WAIT_S * 1e9) if deadline_ns is None else deadline_ns
         if poll:
             until = min(until, now + POLL_NS)
         if until > now:
@@ -101,22 +101,22 @@ class VirtualClock:
 
     @property
     def end_ns(self) -> int | None:
-        """None: it goes on for ever."""
+        """Always ``None``: the clock never pauses."""
         return None
 
     def start(self) -> None:
-        """It stands where it was set."""
+        """Do nothing: the clock stays at the time to which it was set."""
 
     def set_ns(self, t_ns: int) -> None:
-        """Go on from this time."""
+        """Continue from this time."""
         self._now = t_ns
 
     def is_paused(self) -> bool:
-        """Never."""
+        """Return False: the clock never pauses."""
         return False
 
     def now_ns(self) -> int:
-        """Return the deadline that was waited for last."""
+        """Return the latest deadline that was waited for."""
         return self._now
 
     def wait(self, deadline_ns: int | None, filenos: Sequence[int], *, poll: bool = False) -> None:
@@ -126,10 +126,10 @@ class VirtualClock:
 
 
 class PacedClock(VirtualClock):
-    """A virtual clock at the pace of the machine's: no sample is missed, and a machine that is late makes time slower.
+    """A virtual clock at real-time pace: no sample is missed, and time runs slower on a machine that is late.
 
-    Each turn of the loop has a time of its own, so that a run with a driver can be done again in virtual time from
-    what the driver sent and when.
+    Each turn of the loop has a time of its own, so that a run with a driver can be repeated in virtual time from the
+    driver's bytes and their times.
     """
 
     def __init__(self, start_ns: int = 0):
@@ -138,34 +138,36 @@ class PacedClock(VirtualClock):
 
     @property
     def end_ns(self) -> int:
-        """Now: what comes next is not known, so nothing is computed ahead of it."""
+        """The present time: a driver may send at any moment, so nothing is computed ahead."""
         return self._now
 
     def start(self) -> None:
-        """Keep pace from now on."""
+        """Keep pace with real time from now on."""
         self._origin = time.monotonic_ns() - self._now
 
     def set_ns(self, t_ns: int) -> None:
-        """Go on from this time."""
+        """Continue from this time."""
         super().set_ns(t_ns)
         self.start()
 
     def wait(self, deadline_ns: int | None, filenos: Sequence[int], *, poll: bool = False) -> None:
-        """Sleep until the deadline, at which it then is, or earlier until a file descriptor is readable."""
+        """Sleep until the deadline, or until a file descriptor is readable; set the time to that moment."""
         before = self._now
         real = time.monotonic_ns() - self._origin
-        until = max(real, before) + round(_LOOK_S * 1e9) if deadline_ns is None else max(deadline_ns, before + 1)
+        until = (
+            max(real, before) + round(_MAX_IDLE_WAIT_S * 1e9) if deadline_ns is None else max(deadline_ns, before + 1)
+        )
         if poll:
             until = min(until, max(real, before) + POLL_NS)
         ready = until > real and select.select(filenos, (), (), (until - real) / 1e9)[0]
         real = time.monotonic_ns() - self._origin
         self._now = max(before + 1, min(real, until)) if ready else until
-        if real - self._now > _LATE_NS:
-            self._origin += real - self._now - _LATE_NS
+        if real - self._now > _MAX_PACE_LAG_NS:
+            self._origin += real - self._now - _MAX_PACE_LAG_NS
 
 
 class LockstepClock(VirtualClock):
-    """A virtual clock that goes as far as it is let, and there waits for whoever lets it go on.
+    """A virtual clock that pauses at a time that its controller sets, until the controller sets a later one.
 
     Call :meth:`go_on` in the loop's thread.
     """
@@ -176,31 +178,31 @@ class LockstepClock(VirtualClock):
         self._is_paused = False
 
     def set_ns(self, t_ns: int) -> None:
-        """Stand at this time."""
+        """Pause at this time."""
         super().set_ns(t_ns)
         self._end, self._is_paused = t_ns, False
 
     @property
     def end_ns(self) -> int:
-        """As far as it was let."""
+        """The time at which the clock pauses."""
         return self._end
 
     def is_paused(self) -> bool:
-        """Whether it has come there, and all that was due has been done."""
+        """Return True if the clock has reached :attr:`end_ns` and everything due by then is done."""
         return self._is_paused
 
     def go_on(self, until_ns: int) -> None:
-        """Let time pass until ``until_ns``; it is never turned back."""
+        """Advance the time at which the clock pauses to ``until_ns``; an earlier time changes nothing."""
         self._end = max(self._end, until_ns)
         self._is_paused = self._is_paused and self._now >= self._end
 
     def wait(self, deadline_ns: int | None, filenos: Sequence[int], *, poll: bool = False) -> None:
-        """Jump to the deadline, no farther than time was let; there wait for a file descriptor."""
+        """Jump to the deadline, at most to :attr:`end_ns`; there wait for a file descriptor."""
         if deadline_ns is not None and deadline_ns <= self._now:
             return
         if self._now < self._end:
             super().wait(self._end if deadline_ns is None else min(deadline_ns, self._end), filenos)
             return
         if self._is_paused:
-            select.select(filenos, (), (), POLL_NS / 1e9 if poll else _LOOK_S)
+            select.select(filenos, (), (), POLL_NS / 1e9 if poll else _MAX_IDLE_WAIT_S)
         self._is_paused = True

@@ -1,4 +1,4 @@
-"""The errors of tactemu. Each says what is wrong, where, what was got and expected, and what to do.
+"""The errors of tactemu. Each message names the place, the value, what was expected, and what to do.
 
 ::
 
@@ -6,12 +6,13 @@
      ├── SceneError             a scene or an option is wrong; raised before any port opens
      ├── MeshError              a mesh that cannot be loaded or used
      ├── PoseError              a pose or twist that is not finite, or a quaternion of length zero
-     ├── SourceError            a simulator of the user's own that raised, or gave what is of no use
+     ├── SourceError            a simulator of the user's own that raised, or returned unusable values
      ├── DeviceError            an unknown device, or one that does not fit its wire or its skin
-     └── TransportError         a port that cannot be made
+     ├── StateError             a state that cannot be saved, or that is of another run
+     └── TransportError         a port that cannot be made, or was lost
           └── TransportUnavailable   this machine lacks what the transport needs; the message names the fix
 
-Bad bytes from a driver are no error: the device counts them and answers as the firmware would.
+Bad bytes from a driver are no error: the device counts them and answers as the real firmware does.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ class DeviceError(TactemuError):
 
 
 class StateError(TactemuError):
-    """A state cannot be saved, or is not one of this run, or no state at all."""
+    """A state cannot be saved, or is of another run, or no state at all."""
 
 
 class TransportError(TactemuError):
@@ -63,6 +64,6 @@ def shown(value: object) -> str:
 
 
 def nearest(name: object, known: Iterable[str]) -> str:
-    """What a message about an unknown name adds: ``"; did you mean 'x'?"``, or nothing."""
+    """Return the hint of a message about an unknown name: ``"; did you mean 'x'?"``, or an empty text."""
     near = get_close_matches(str(name), list(known), n=1, cutoff=0.5)
     return f"; did you mean {near[0]!r}?" if near else ""

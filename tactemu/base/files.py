@@ -1,12 +1,13 @@
-"""Writing to a path that a user gave: whole or not at all, through links, and never in place of a device node."""
+"""Files that are written completely or not at all, through links and into device nodes; files removed at exit."""
 
 from __future__ import annotations
 
+import atexit
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
@@ -14,10 +15,10 @@ from tactemu.base.errors import TactemuError
 
 
 def check_writable(path: str | Path, what: str) -> None:
-    """Refuse a path that cannot be written, before a run that would end with it.
+    """Raise if a path cannot be written, before a run whose results go there.
 
     Raises:
-        TactemuError: the folder is not there, the path is a folder, or permission is missing.
+        TactemuError: the folder does not exist, the path is a folder, or permission is missing.
     """
     target = _behind_links(path)
     problem = ""
@@ -57,7 +58,7 @@ def writing(path: str | Path) -> Iterator[IO[bytes]]:
 
 
 def move_into_place(made: Path, path: Path) -> None:
-    """Give a file that is whole the name ``path``: through links, and into a FIFO or a device node, not over it.
+    """Rename a complete file to ``path``, through links; copy it into a FIFO or a device node instead.
 
     Raises:
         OSError: the path cannot be written.
@@ -69,6 +70,22 @@ def move_into_place(made: Path, path: Path) -> None:
     with made.open("rb") as source, target.open("wb") as sink:
         shutil.copyfileobj(source, sink)
     made.unlink()
+
+
+_REMOVALS: list[Callable[[], object]] = []
+
+
+def remove_at_end(removal: Callable[[], object]) -> None:
+    """Call ``removal`` when the process ends, also if its files are gone by then."""
+    _REMOVALS.append(removal)
+
+
+@atexit.register
+def remove_leftovers() -> None:
+    """Remove all these files now: at exit, and from a handler of a signal that ends the process at once."""
+    while _REMOVALS:
+        with suppress(Exception):
+            _REMOVALS.pop()()
 
 
 def _behind_links(path: str | Path) -> Path:

@@ -1,4 +1,4 @@
-"""Folders of one user alone: nothing is loaded from where others can write."""
+"""Private folders of one user: code and sockets are never taken from where other users can write."""
 
 from __future__ import annotations
 
@@ -8,33 +8,33 @@ import stat
 import tempfile
 from pathlib import Path
 
-from tactemu.base.leftovers import remove_at_end
+from tactemu.base.files import remove_at_end
 
 
-def ours_alone(folder: Path) -> bool:
-    """Whether this is a folder, no link to one, that nobody else can open (mode 0700).
+def is_private_folder(folder: Path) -> bool:
+    """Return True for a folder, not a link to one, of this user that no other user can open (mode 0700).
 
     Raises:
-        OSError: there is nothing, or it cannot be looked at.
+        OSError: it does not exist, or its mode cannot be read.
     """
     found = folder.lstat()
     return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077
 
 
 def temporary_folder(kind: str) -> tuple[Path, str]:
-    """A folder for ``kernels`` or the like of all runs of this user, where none that lasts can be written.
+    """Return a temporary folder for ``kernels`` or the like that all runs of this user share.
 
-    Where its name is taken by somebody else, or open to others, it is one of this run alone.
+    If another user owns a folder of its name, or can open it, a folder of this run alone takes its place.
 
     Returns:
-        The folder, and what to say of it; empty where that was said when it was made.
+        The folder, and a note for the user; empty if an earlier run has made the folder.
     """
     folder = Path(tempfile.gettempdir()) / f"tactemu-{kind}-{os.getuid()}"
     try:
         folder.mkdir(mode=0o700)
         return folder, f"{kind} are kept in {folder}"
     except FileExistsError:
-        if ours_alone(folder):
+        if is_private_folder(folder):
             return folder, ""
     own = tempfile.mkdtemp(prefix=f"tactemu-{kind}-")
     remove_at_end(lambda: shutil.rmtree(own, ignore_errors=True))

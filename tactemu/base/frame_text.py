@@ -1,7 +1,7 @@
-"""A frame as text and back: hex for bytes, ``candump`` notation for CAN. Truth logs and recordings write it.
+"""The text of a frame in truth logs and recordings: hex for bytes, ``candump`` notation for CAN.
 
-An error frame stands as it does on the bus and as ``candump -L`` shows it: the error's class with the error flag in
-place of an identifier (``20000008#0000000000000000``); which frame it disturbed, nobody on the bus can tell.
+An error frame has the text of ``candump -L``: the error's class with the error flag in place of an identifier
+(``20000008#0000000000000000``). Which frame it disturbed is not visible on the bus.
 """
 
 from __future__ import annotations
@@ -10,16 +10,18 @@ from firmware_protocols import CanFrame, Frame
 from firmware_protocols.frames import FD_LENGTHS, frame_of, text_of
 
 PROTOCOL_ERROR = 0x8
-"""How SocketCAN tells a program of a disturbed frame: the class of the error in place of the identifier."""
-_ERROR_FLAG, _ID_BITS, _STANDARD_IDS = 0x2000_0000, 0x1FFF_FFFF, 0x7FF
+"""Error class of a disturbed frame in SocketCAN (``CAN_ERR_PROT``), which stands in place of the identifier."""
+_ERROR_FLAG = 0x2000_0000
+_ID_MASK = 0x1FFF_FFFF
+_MAX_STANDARD_ID = 0x7FF
 _FD_FLAG = 4
-"""Flag of an FD frame that says that it is one. Linux sets it since 6.1, so that `candump` shows 5 and 4 in place of 1
-and 0, which the reader takes too."""
+"""Flag of a CAN-FD frame (``CANFD_FDF``). Linux sets it since 6.1, so that `candump` shows 5 and 4 in place of 1 and
+0; the reader accepts both."""
 _ERROR_DATA = "00" * 8
 
 
 def text(frame: Frame) -> str:
-    """Return the frame as logs write it."""
+    """Return the text of a frame in a log."""
     if isinstance(frame, CanFrame) and frame.is_error_frame:
         return f"{_ERROR_FLAG | on_the_bus(frame).arbitration_id:08X}#{_ERROR_DATA}"
     if isinstance(frame, CanFrame) and frame.is_fd:
@@ -29,30 +31,30 @@ def text(frame: Frame) -> str:
 
 
 def on_the_bus(frame: CanFrame) -> CanFrame:
-    """Return the frame as others on the bus see it: an error frame does not say which one it disturbed."""
+    """Return the frame as other nodes of the bus receive it: an error frame does not name the frame it disturbed."""
     return CanFrame(arbitration_id=PROTOCOL_ERROR, is_error_frame=True) if frame.is_error_frame else frame
 
 
 def parse(data: str) -> Frame:
-    """Return the frame that a text stands for.
+    """Return the frame of a text.
 
     Raises:
-        ValueError: it stands for none, or for one that no bus carries.
+        ValueError: the text is no frame, or one that no bus can carry.
     """
     ident, mark, rest = data.partition("#")
-    if mark and len(ident) == 8 and int(ident, 16) & _ERROR_FLAG and int(ident, 16) <= _ERROR_FLAG | _ID_BITS:
-        return CanFrame(arbitration_id=int(ident, 16) & _ID_BITS, is_error_frame=True)
+    if mark and len(ident) == 8 and int(ident, 16) & _ERROR_FLAG and int(ident, 16) <= _ERROR_FLAG | _ID_MASK:
+        return CanFrame(arbitration_id=int(ident, 16) & _ID_MASK, is_error_frame=True)
     frame = frame_of(f"{ident}#R" if rest[:1] == "R" else data)  # candump adds the length that was asked for
     return checked(frame) if isinstance(frame, CanFrame) else frame
 
 
 def checked(frame: CanFrame) -> CanFrame:
-    """Return the frame, if a bus can carry it.
+    """Return the frame, or raise if no bus can carry it.
 
     Raises:
-        ValueError: its identifier or its length does not exist.
+        ValueError: its identifier or its length is not valid.
     """
-    most = _ID_BITS if frame.is_extended_id else _STANDARD_IDS
+    most = _ID_MASK if frame.is_extended_id else _MAX_STANDARD_ID
     if not 0 <= frame.arbitration_id <= most:
         raise ValueError(f"CAN id {frame.arbitration_id:#x} is beyond {'29' if frame.is_extended_id else '11'} bits")
     if frame.is_fd and len(frame.data) not in FD_LENGTHS:

@@ -1,7 +1,7 @@
-"""Garbage collection that does not make a loop late, for processes that do nothing but run one.
+"""Garbage collection without full collections, which make a loop late; for processes that only run a loop.
 
-A full collection looks at every object alive. With the truth log's hundred thousand samples in memory that takes 50 ms,
-every few seconds at 1 kHz. What is young is still collected, in well under a millisecond.
+A full collection visits every live object. With the truth log's hundred thousand samples in memory that takes 50 ms,
+every few seconds at 1 kHz. Young objects are still collected, in well under a millisecond.
 """
 
 from __future__ import annotations
@@ -11,17 +11,17 @@ import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-NEVER = 2**30
-"""Collections of the middle generation between two full ones."""
+NO_FULL_COLLECTION = 2**30
+"""Threshold of the oldest generation: collections of the middle one between two full ones, so many that none comes."""
 
 
 @contextmanager
 def no_full_collections() -> Iterator[None]:
-    """Collect all garbage now, and none but the young until the end."""
+    """Collect all garbage now, and only young objects inside the ``with`` block."""
     before = gc.get_threshold()
     gc.collect()
     gc.freeze()
-    gc.set_threshold(before[0], before[1], NEVER)
+    gc.set_threshold(before[0], before[1], NO_FULL_COLLECTION)
     try:
         yield
     finally:
@@ -30,5 +30,5 @@ def no_full_collections() -> Iterator[None]:
 
 
 def leave_quickly() -> None:
-    """Let the process end without a last collection, which takes 0.4 s and several on a busy machine."""
+    """Skip the collection at the end of the process, which takes 0.4 s, and several seconds on a busy machine."""
     atexit.register(gc.freeze)

@@ -1,4 +1,4 @@
-"""Starting Warp without its banner: a screen and JSON lines are ours alone; and where its kernels are kept."""
+"""The start of Warp without its banner, which would mix with screens and JSON lines, and its kernel cache."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from tactemu.base.folders import temporary_folder
 
 
 def start_quietly() -> None:
-    """Initialise Warp without its native warning of a missing GPU; whoever asks for one hears of it from us.
+    """Initialise Warp without its native warning of a missing GPU; a scene that needs a GPU raises its own error.
 
-    A program that has told Warp otherwise how much to say has its way.
+    A program that has set Warp's log level keeps it.
     """
     import warp
 
@@ -31,9 +31,9 @@ def start_quietly() -> None:
 
 
 def start() -> None:
-    """Initialise Warp; where it cannot keep its kernels (a home that is read-only, or none), a temporary folder does.
+    """Initialise Warp; if its kernel cache cannot be written (a read-only home, or none), use a temporary folder.
 
-    That is said once, when the folder is made. Costs nothing where Warp runs already.
+    A note on stderr names the folder once, when it is made. A Warp that runs already is left as it is.
     """
     sys.stderr.write(_start())
 

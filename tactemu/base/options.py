@@ -1,4 +1,4 @@
-"""Checks of options, all in the same words."""
+"""The checks of options, with messages of one form."""
 
 from __future__ import annotations
 
@@ -24,26 +24,26 @@ def number(
     above: float | None = None,
     at_least: float | None = None,
     at_most: float | None = None,
-    whole: bool = False,
+    integer: bool = False,
     unit: str = "",
 ) -> float:
     """Return a finite number, within its bounds; without ``at_most`` none is larger than :data:`LARGEST`.
 
     Args:
         where: the sensor, the model or the motion, for the message.
-        name: of the option.
-        value: as given; neither a text nor a truth value is a number.
+        name: the name of the option.
+        value: the value of the user; neither a text nor a truth value is a number.
         above: it must be greater than this.
         at_least: it must not be less than this.
         at_most: it must not be more than this.
-        whole: it must be a whole number.
-        unit: for the message.
+        integer: it must be a whole number.
+        unit: the unit in the message.
 
     Raises:
-        SceneError: it is not.
+        SceneError: the value is no such number.
     """
-    asked = {">": above, ">=": at_least, "<=": at_most}
-    bounds = [f"{sign} {bound:g}" for sign, bound in asked.items() if bound is not None]
+    limits = {">": above, ">=": at_least, "<=": at_most}
+    bounds = [f"{sign} {bound:g}" for sign, bound in limits.items() if bound is not None]
     try:
         got = math.nan if isinstance(value, bool | str) else float(value)
     except (TypeError, ValueError, OverflowError):
@@ -55,8 +55,8 @@ def number(
         bounds.append(f">= {-LARGEST:g}")
     too_low = (above is not None and not got > above) or (at_least is not None and not got >= at_least)
     too_high = at_most is not None and not got <= at_most
-    if not abs(got) <= largest or too_low or too_high or (whole and got != int(got)):
-        kind = ["a whole number"] if whole else [] if bounds else ["a finite number"]
+    if not abs(got) <= largest or too_low or too_high or (integer and got != int(got)):
+        kind = ["a whole number"] if integer else [] if bounds else ["a finite number"]
         expected = " ".join([*kind, " and ".join(bounds), unit])
         raise SceneError(f"{where}: {name} must be {' '.join(expected.split())}, got {shown(value)}")
     return got
@@ -68,7 +68,7 @@ def numbers(where: str, name: str, value) -> np.ndarray:
     Neither texts nor truth values are numbers.
 
     Raises:
-        SceneError: it is not.
+        SceneError: the value is no such array.
     """
     try:
         given = np.asarray(value)
@@ -85,10 +85,10 @@ def numbers(where: str, name: str, value) -> np.ndarray:
 
 
 def triple(where: str, name: str, value) -> np.ndarray:
-    """Three finite numbers.
+    """Return a float64 array of three finite numbers.
 
     Raises:
-        SceneError: it is not.
+        SceneError: the value is no such array.
     """
     array = numbers(where, name, value)
     if array.shape != (3,):
@@ -97,7 +97,7 @@ def triple(where: str, name: str, value) -> np.ndarray:
 
 
 def check_declared(where: str, options: Any, unbounded: Collection[str] = ()) -> None:
-    """Check the options of a dataclass by the types with which they are declared: numbers, switches, tuples.
+    """Check the options of a dataclass by their declared types: numbers, switches, tuples.
 
     Args:
         where: the sensor, the model or the transducer, for the message.
@@ -105,7 +105,7 @@ def check_declared(where: str, options: Any, unbounded: Collection[str] = ()) ->
         unbounded: names of numbers that may be larger than :data:`LARGEST`, or infinite.
 
     Raises:
-        SceneError: an option is no finite number, no switch, or has another shape than declared.
+        SceneError: an option is not of its type: a finite number, a switch, or a tuple of the declared length.
     """
     for name, hint in _types(type(options)).items():
         value, parts = getattr(options, name), typing.get_args(hint)
@@ -116,15 +116,15 @@ def check_declared(where: str, options: Any, unbounded: Collection[str] = ()) ->
         if hint is bool and not isinstance(value, bool | np.bool_):
             raise SceneError(f"{where}: {name} must be true or false, got {shown(value)}")
         if hint in (int, float) and not (name in unbounded and isinstance(value, int | float) and value > LARGEST):
-            number(where, name, value, whole=hint is int)
+            number(where, name, value, integer=hint is int)
         if typing.get_origin(hint) is tuple and numbers(where, name, value).shape != (len(typing.get_args(hint)),):
             raise SceneError(f"{where}: {name} must be {len(typing.get_args(hint))} numbers, got {shown(value)}")
 
 
 @cache
 def _types(options: type) -> dict[str, Any]:
-    """Return the types of the options of a dataclass, by name; none where its file names types that only checkers
-    import.
+    """Return the types of the options of a dataclass, by name; an empty table if its file imports types only for
+    type checkers.
     """
     try:
         hints = typing.get_type_hints(options)

@@ -1,4 +1,4 @@
-"""What the emulator counts while it runs: one :class:`ChannelStatistics` per device, in the words of the picture."""
+"""The statistics of a running emulator: one :class:`ChannelStatistics` per device."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 
 class Lateness:
-    """How late deadlines were met [ns]: exact count and maximum, percentiles over the latest ``keep`` values."""
+    """The lateness of deadlines [ns]: exact count and maximum, percentiles over the latest ``keep`` values."""
 
     def __init__(self, keep: int = 65536):
         self._values = np.zeros(keep, np.int64)
@@ -18,12 +18,12 @@ class Lateness:
         self.max_ns = 0
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without the room that is not used yet."""
+        """Return the values so far, without the unused rest of the array."""
         kept = self._values[: min(self.count, len(self._values))]
         return {"values": kept, "count": self.count, "max_ns": self.max_ns}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """As made, and then told so many values."""
+        """Restore the values into an array of the default size."""
         self.__init__()
         kept = state["values"]
         self._values[: len(kept)] = kept
@@ -36,7 +36,7 @@ class Lateness:
         self.max_ns = max(self.max_ns, late_ns)
 
     def copy(self) -> Lateness:
-        """As it is now."""
+        """Return a copy of the present values."""
         twin = Lateness(0)
         kept = min(self.count, len(self._values))
         twin._values = self._values[: max(kept, 1)].copy()
@@ -58,12 +58,12 @@ class StreamStatistics:
     samples: int = 0
 
     def add(self, due_ns: int) -> None:
-        """One more."""
+        """Count a sample that was due at ``due_ns``."""
         self.samples, self.last_ns = self.samples + 1, due_ns
 
     @property
     def rate_hz(self) -> float:
-        """Mean rate since the first."""
+        """Mean rate since the first sample."""
         elapsed = self.last_ns - self.first_ns
         return (self.samples - 1) * 1e9 / elapsed if elapsed > 0 else 0.0
 
@@ -74,17 +74,17 @@ class ChannelStatistics:
 
     samples: int = 0
     missed: int = 0
-    """Samples whose time had passed by a whole period before they could be taken."""
+    """Samples that were late by a whole period or more, and so were skipped."""
     stretched: int = 0
     """Samples for which the simulation took longer steps than the scene's, because the machine is too slow."""
     silent: int = 0
     """Samples that a booting or hanging device did not take."""
     streams: dict[str, StreamStatistics] = field(default_factory=dict)
-    """By name, in the order of their first samples."""
+    """The statistics of each stream, by name, in the order of their first samples."""
     lateness: Lateness = field(default_factory=Lateness)
 
-    def sampled(self, stream: str, due_ns: int, late_ns: int) -> None:
-        """A sample of a stream was taken."""
+    def add_sample(self, stream: str, due_ns: int, late_ns: int) -> None:
+        """Count a sample of a stream that was taken ``late_ns`` after ``due_ns``."""
         self.samples += 1
         self.lateness.add(max(0, late_ns))
         if stream not in self.streams:
@@ -92,13 +92,13 @@ class ChannelStatistics:
         self.streams[stream].add(due_ns)
 
     def copy(self) -> ChannelStatistics:
-        """As they are now."""
+        """Return a copy of the present counters."""
         streams = {name: replace(each) for name, each in self.streams.items()}
         return replace(self, streams=streams, lateness=self.lateness.copy())
 
     @property
     def last_ns(self) -> int:
-        """When the latest sample was due."""
+        """The time at which the latest sample was due."""
         return max((each.last_ns for each in self.streams.values()), default=0)
 
     @property
@@ -107,7 +107,7 @@ class ChannelStatistics:
         return next((each.rate_hz for each in self.streams.values()), 0.0)
 
     def as_dict(self) -> dict[str, float]:
-        """Plain numbers, times in microseconds, for logs and ``--json``."""
+        """Return the counters as plain numbers, times in microseconds, for logs and ``--json``."""
         return {
             "samples": self.samples,
             "missed": self.missed,
@@ -121,6 +121,6 @@ class ChannelStatistics:
         }
 
     def _repr_html_(self) -> str:
-        """For a notebook."""
+        """Return an HTML table for notebooks."""
         rows = "".join(f"<tr><td>{escape(name)}</td><td>{value:g}</td></tr>" for name, value in self.as_dict().items())
         return f"<table>{rows}</table>"

@@ -1,4 +1,4 @@
-"""Numbers with a unit behind them, as people write them: ``3s``, ``16ms``, ``1.5mm``."""
+"""The units of numbers that users write, such as ``3s``, ``16ms``, ``1.5mm``: each table maps a unit to its SI value."""
 
 from __future__ import annotations
 
@@ -12,6 +12,6 @@ _NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)([a-z/%]*)", re.A
 
 
 def scaled(text: str, units: Mapping[str, float]) -> float | None:
-    """Return the number times what its unit stands for; ``None``: it is no number, or has none of these units."""
+    """Return the number of a text times the value of its unit; ``None`` if it is no number with one of these units."""
     match = _NUMBER.fullmatch(text) if len(text) < 100 else None
     return float(match[1]) * units[match[2]] if match and match[2] in units else None

@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass
 
 from tactemu.base.clock import RealClock
 from tactemu.base.errors import TactemuError
-from tactemu.base.priority import may_go_first
+from tactemu.base.priority import can_enable_realtime_priority
 from tactemu.base.statistics import Lateness
 
 _LOOPS, _PERIOD_NS = 1000, 1_000_000
@@ -149,7 +149,11 @@ def _loop(name: str) -> Finding:
     says = (
         f"late by {p50:.2f} ms (median), {p99:.2f} ms (99 of 100), {most:.2f} ms (once) at 1 kHz; {os.cpu_count()} CPUs"
     )
-    preempt = "or run it with --preempt" if may_go_first() else "or allow `tactemu run --preempt` (which says how)"
+    preempt = (
+        "or run it with --preempt"
+        if can_enable_realtime_priority()
+        else "or allow `tactemu run --preempt` (which says how)"
+    )
     return Finding(name, p99 < _LATE_MS, says, "" if p99 < _LATE_MS else f"stop what keeps the machine busy, {preempt}")
 
 

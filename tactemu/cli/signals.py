@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from tactemu.base.leftovers import remove_leftovers
+from tactemu.base.files import remove_leftovers
 
 ENDING = (signal.SIGINT, signal.SIGTERM)
 """Signals that end a program, or its loop."""

@@ -50,7 +50,7 @@ def _number(units: Mapping[str, float], word: str, unit: str, **bounds: Any) -> 
 
 
 def _non_negative_int(verb: str, name: str, value: Any) -> int:
-    return int(number(verb, name, value, at_least=0, at_most=MAX_TAXELS, whole=True))
+    return int(number(verb, name, value, at_least=0, at_most=MAX_TAXELS, integer=True))
 
 
 def _integer(text: str) -> Any:

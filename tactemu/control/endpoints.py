@@ -20,7 +20,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from tactemu.base.errors import TactemuError, TransportError
-from tactemu.base.folders import ours_alone
+from tactemu.base.folders import is_private_folder
 
 PROTOCOL = 1
 """Version of what is said on the sockets."""
@@ -70,7 +70,7 @@ def folder(*, make: bool = False) -> Path:
     try:
         if make and not path.is_symlink() and not path.exists():
             path.mkdir(mode=0o700, exist_ok=True)
-        ours = ours_alone(path)
+        ours = is_private_folder(path)
     except FileNotFoundError:
         if not make:
             return path

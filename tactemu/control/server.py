@@ -427,7 +427,7 @@ def _checked_arrays(given: Any) -> bool:
 
 
 def _checked_most(given: Any) -> int:
-    return int(number("watch", "wire", given or 0, at_least=0, at_most=MOST_ENTRIES, whole=True))
+    return int(number("watch", "wire", given or 0, at_least=0, at_most=MOST_ENTRIES, integer=True))
 
 
 def _checked_skin(given: Any) -> str | None:

@@ -104,8 +104,8 @@ class Emulator:
         self.look_ahead_ns: int | None = None
         """In real time the simulation is at most so far ahead (or a step, if that is longer); ``None``: any way."""
         self._channels = {channel.name: channel for channel in self.channels}
-        self._agenda: Agenda[Action | ScheduledCallback] = Agenda(self._knows)
-        self._outbox: Agenda[Action] = Agenda(self._knows)
+        self._agenda: Agenda[Action | ScheduledCallback] = Agenda(self._is_valid)
+        self._outbox: Agenda[Action] = Agenda(self._is_valid)
         """Samples until their release times."""
         self._calls = Calls()
         self._resumed = False
@@ -341,7 +341,7 @@ class Emulator:
     def _count(self, channel: Channel, stream: str, count: int, due: int) -> None:
         """Statistics, and on to the next sample: those whose time has wholly passed are missed, never made up."""
         late_ns = self.clock.now_ns() - due
-        channel.statistics.sampled(stream, due, late_ns)
+        channel.statistics.add_sample(stream, due, late_ns)
         ticks = channel.ticks[stream]
         if ticks.running and ticks.count == count:  # unless the call has started it anew
             past_ns = self.clock.now_ns() - ticks.sampling.due_ns(count + 1)
@@ -455,10 +455,10 @@ class Emulator:
             action()
             return
         channel = self._channels[action.channel]
-        if action.life is None or action.life == channel.power_cycles:
+        if action.power_cycle is None or action.power_cycle == channel.power_cycles:
             ACTIONS[action.name](self, channel, *action.args)
 
-    def _knows(self, action: Action) -> bool:
+    def _is_valid(self, action: Action) -> bool:
         if action.name not in ACTIONS or not _takes(ACTIONS[action.name], action.args):
             return False
         if (channel := self._channels.get(action.channel)) is None:

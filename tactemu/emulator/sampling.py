@@ -6,9 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import count
 
-from tactemu.base.random_streams import stream_key
-
-_MASK = 2**64 - 1
+from tactemu.base.random_streams import stream_key, uniform_64
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +101,7 @@ class SampleClock:
 
     def taken(self, k: int) -> int:
         """Return the first sample from ``k`` on that is not missed."""
-        while self.missed and _draw(self._missing, k) < self.missed * 2**64:
+        while self.missed and uniform_64(self._missing, k) < self.missed * 2**64:
             k += 1
         return k
 
@@ -131,7 +129,7 @@ class SampleClock:
 
     def _jitter(self, k: int) -> int:
         """Uniform in ``[0, jitter_ns]``, a function of the seed, the name and ``k`` alone."""
-        return (_draw(self._key, k) * (self.jitter_ns + 1)) >> 64 if self.jitter_ns else 0
+        return (uniform_64(self._key, k) * (self.jitter_ns + 1)) >> 64 if self.jitter_ns else 0
 
     def restarted(self, start_ns: int, period_ns: int) -> SampleClock:
         """Return the same oscillator, as far as it has drifted, counting anew from ``start_ns`` with another period."""
@@ -144,11 +142,3 @@ class SampleClock:
             period_ns=period_ns,
             skew_ppm=self.skew_ppm + self.drift_ppm_per_s * seconds,
         )
-
-
-def _draw(key: int, k: int) -> int:
-    """Uniform in ``[0, 2**64)``: SplitMix64 of a counter."""
-    z = (((key << 32) ^ k) * 0x9E3779B97F4A7C15) & _MASK
-    z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & _MASK
-    z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & _MASK
-    return z ^ (z >> 31)

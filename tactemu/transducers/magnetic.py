@@ -161,7 +161,7 @@ class Magnetic(Transducer):
             if given.shape != (0,) and (given.ndim != 2 or given.shape[1] != 3):
                 raise SceneError(f"{where}: {name} must be a list of three numbers each, got shape {given.shape}")
         for n in self.grid:
-            number(where, "grid", n, at_least=1, at_most=MOST_IN_A_ROW, whole=True)
+            number(where, "grid", n, at_least=1, at_most=MOST_IN_A_ROW, integer=True)
         if isinstance(self.neighbours, str) or not isinstance(self.neighbours, Sequence):
             raise SceneError(f"{where}: neighbours must be a list, got {shown(self.neighbours)}")
         for each in self.neighbours:

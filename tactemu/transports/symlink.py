@@ -11,7 +11,7 @@ import threading
 from pathlib import Path
 
 from tactemu.base.errors import TransportError, shown
-from tactemu.base.leftovers import remove_at_end
+from tactemu.base.files import remove_at_end
 
 _LIVE: set[StableLink] = set()
 _ENDING = (signal.SIGTERM, signal.SIGHUP)

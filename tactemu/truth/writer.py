@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from tactemu.base.errors import TactemuError
-from tactemu.base.leftovers import remove_at_end
+from tactemu.base.files import remove_at_end
 from tactemu.truth.entries import End, Entry, Header
 from tactemu.truth.lines import LinesWriter
 from tactemu.truth.packed import PackedWriter

@@ -3,7 +3,7 @@
 import json
 import os
 
-from tactemu.base.priority import may_go_first
+from tactemu.base.priority import can_enable_realtime_priority
 from tactemu.cli.check_host import CHECKS
 from tests.cli.command import start, tactemu
 
@@ -23,7 +23,7 @@ def test_everything_is_tried_and_said(monkeypatch, tmp_path):
 def test_an_emulator_goes_before_other_programs_where_it_may():
     run = start("run", "anyskin", "--port", "memory:", "--preempt", "--json", "--seconds", "0.5")
     assert run.stdout is not None
-    if not may_go_first():
+    if not can_enable_realtime_priority():
         assert run.wait(60) == 2 and "limits.conf" in run.communicate()[1]
         return
     assert '"ready"' in run.stdout.readline()

@@ -53,7 +53,7 @@ def test_what_befalls_a_replay_is_poked(recording, tmp_path, monkeypatch):
     player.stdout.readline()
     with connect() as playing, serial.Serial(str(tmp_path / "tty"), timeout=5) as driver:
         assert len(driver.read(8)) == 8
-        with pytest.raises(TactemuError, match="press: a recording is played here, nothing is simulated"):
+        with pytest.raises(TactemuError, match="press: a recording is replayed here, nothing is simulated"):
             playing.press(1e-3)
         playing.fault("drop 100%")
         playing.wait(0.1)

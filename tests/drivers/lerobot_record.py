@@ -24,7 +24,7 @@ import numpy as np
 import pyarrow.parquet as parquet
 
 import tactemu as tt
-from tactemu.base.priority import enable_realtime_priority, may_go_first
+from tactemu.base.priority import enable_realtime_priority, can_enable_realtime_priority
 from tests.drivers.environments import python_with
 
 ROOT = Path(__file__).parents[2]
@@ -40,7 +40,7 @@ ATTEMPTS, LATE = 3, "There is no status packet!"
 """LeRobot 0.4.4 waits 50 ms for the six servos of an arm, once."""
 FIRST = 5
 """Rows before it may hold the plugin's zeros: it starts with them until the board's first push."""
-FIRST_OF_ALL = may_go_first() and shutil.which("chrt") is not None
+FIRST_OF_ALL = can_enable_realtime_priority() and shutil.which("chrt") is not None
 """The emulator goes before other programs, LeRobot does not: late by 50 ms once, and the recording has ended."""
 LIFTED_M, PRESSED_N = 0.003, 0.5
 """So much higher than at first the box is in the air, and each finger feels so much."""

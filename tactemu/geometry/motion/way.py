@@ -86,4 +86,4 @@ def check_speeds(motion: Motion, *names: str) -> None:
 def check_repeat(motion: Motion, name: str = "repeat") -> None:
     """Refuse what is no count; ``None`` passes."""
     if getattr(motion, name) is not None:
-        number(motion.kind, name, getattr(motion, name), at_least=0, at_most=1e9, whole=True)
+        number(motion.kind, name, getattr(motion, name), at_least=0, at_most=1e9, integer=True)

@@ -176,7 +176,7 @@ class ElasticLayerTaxel(SensorModel):
         number(where, "poisson_ratio", self.poisson_ratio, at_least=0, at_most=0.5)
         number(where, "friction", self.friction, at_least=0)
         for name, most in (("iterations", MOST_ITERATIONS), ("oversampling", MOST_OVERSAMPLING)):
-            number(where, name, getattr(self, name), at_least=1, at_most=most, whole=True)
+            number(where, name, getattr(self, name), at_least=1, at_most=most, integer=True)
         if self.look_depth is not None:
             number(where, "look_depth", self.look_depth, above=0, unit="m")
         if self.contact_depth_query not in (None, "ray"):

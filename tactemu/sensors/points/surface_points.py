@@ -21,7 +21,7 @@ MOST_POINTS = 1_000_000
 
 def _counts(given: int | Sequence[int], n_bodies: int, sensor: str) -> list[int]:
     counts = [
-        int(number(sensor, "n_sample_points", count, at_least=1, at_most=MOST_POINTS, whole=True))
+        int(number(sensor, "n_sample_points", count, at_least=1, at_most=MOST_POINTS, integer=True))
         for count in (given if isinstance(given, list | tuple | np.ndarray) else [given])
     ]
     if isinstance(given, list | tuple | np.ndarray):
