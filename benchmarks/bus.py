@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from tactemu.base.gc_tuning import no_full_collections
-from tactemu.base.priority import enable_realtime_priority, can_enable_realtime_priority
+from tactemu.base.priority import can_enable_realtime_priority, enable_realtime_priority
 from tactemu.exec.environment import exec_environment
 from tactemu.session.serving import serve
 from tactemu.tune.speed.timing import Report

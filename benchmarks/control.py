@@ -130,7 +130,8 @@ def run(report: Report, *, seconds: float = 60.0) -> dict[str, float]:
     """Measure everything; ``report`` gets one line per figure. Returns the figures by name."""
     figures: dict[str, float] = {}
     frames = []
-    report("the emulator goes " + ("before other programs" if can_enable_realtime_priority() else "with others: no right to --preempt"))
+    has_priority = can_enable_realtime_priority()
+    report("the emulator goes " + ("before other programs" if has_priority else "with others: no right to --preempt"))
     with tempfile.TemporaryDirectory(prefix="tactemu-bench-") as name:
         folder = Path(name)
         for words, per_s in (("without", 0.0), ("with", COMMANDS_PER_S)):

@@ -1,4 +1,4 @@
-"""The units of numbers that users write, such as ``3s``, ``16ms``, ``1.5mm``: each table maps a unit to its SI value."""
+"""The units of numbers that users write, such as ``16ms``, ``1.5mm``: each table maps a unit to its SI value."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ import numpy as np
 import pyarrow.parquet as parquet
 
 import tactemu as tt
-from tactemu.base.priority import enable_realtime_priority, can_enable_realtime_priority
+from tactemu.base.priority import can_enable_realtime_priority, enable_realtime_priority
 from tests.drivers.environments import python_with
 
 ROOT = Path(__file__).parents[2]
