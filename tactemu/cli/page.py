@@ -16,10 +16,10 @@ from tactemu.cli.signals import ended_by_signals
 from tactemu.control.client import connect
 from tactemu.control.endpoints import chosen
 from tactemu.scene.building import make_device
-from tactemu.view.page.opening import Door, door, inherited, warning
+from tactemu.view.page.opening import PageListener, inherited_listener, open_listener, warning
 
 if TYPE_CHECKING:
-    from tactemu.view.page.feed import Skin
+    from tactemu.view.page.feed import PageSkin
     from tactemu.view.page.page import Page
 
 _LOOK_AGAIN_S = 0.5
@@ -34,7 +34,7 @@ def see_emulator(name: str | None, *, host: str | None, port: int | None) -> Non
         TactemuError: none runs, or several; viser is missing; the port is taken.
     """
     place = chosen(name)
-    opened = door(host, port)
+    opened = open_listener(host, port)
     if text := warning(host):
         print(f"tactemu: {text}", file=sys.stderr)
     print(f"see {place.stem}: {opened.url}", flush=True)
@@ -54,7 +54,7 @@ def _show_all(page: Page, name: str, ended: threading.Event) -> None:
         ended.wait(_LOOK_AGAIN_S)
 
 
-def _page(opened: Door, name: str) -> Page:
+def _page(opened: PageListener, name: str) -> Page:
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # a run with --preempt hands its own on
     os.nice(_NICE)
     out, sys.stdout = sys.stdout, open(os.devnull, "w", encoding="utf-8")  # viser's own words
@@ -72,7 +72,7 @@ def _page(opened: Door, name: str) -> Page:
         raise
 
 
-def _datasheet(skin: Skin) -> Sequence[str]:
+def _datasheet(skin: PageSkin) -> Sequence[str]:
     """Of a skin's device, as it is made there."""
     target = skin.about.get("target")
     try:
@@ -86,7 +86,7 @@ def _datasheet(skin: Skin) -> Sequence[str]:
 def main() -> int:
     """Show the run that has started this process, until it ends."""
     number, name = int(sys.argv[1]), sys.argv[2]
-    opened = inherited(number, sys.stdin.read())
+    opened = inherited_listener(number, sys.stdin.read())
     try:
         with ended_by_signals():
             page = _page(opened, name)

@@ -28,7 +28,7 @@ from tactemu.truth import Truth
 
 if TYPE_CHECKING:
     from tactemu.control.server import Server
-    from tactemu.view.page.opening import Door
+    from tactemu.view.page.opening import PageListener
 
 _OWNER = re.compile(r"[^:=]+=")
 """In front of a port: a skin's name, or its connector's."""
@@ -87,7 +87,7 @@ def run_target(
         raise SceneError("--save-at says when: say with --save where to")
     if save is not None:
         check_writable(save, "the state")
-    page = None if web is None else _door(web)
+    page = None if web is None else _page_listener(web)
     if preempt:
         from tactemu.base.priority import enable_realtime_priority
 
@@ -131,24 +131,24 @@ class Web:
     port: int | None = None
 
 
-def _door(web: Web) -> Door:
-    from tactemu.view.page.opening import door, warning
+def _page_listener(web: Web) -> PageListener:
+    from tactemu.view.page.opening import open_listener, warning
 
     if text := warning(web.host):
         print(f"tactemu: {text}", file=sys.stderr)
-    return door(web.host, web.port)
+    return open_listener(web.host, web.port)
 
 
 @contextmanager
-def _seen(listen: Callable[[], AbstractContextManager[Server | None]], page: Door) -> Iterator[None]:
+def _seen(listen: Callable[[], AbstractContextManager[Server | None]], page: PageListener) -> Iterator[None]:
     """Listen, with a page beside it."""
-    from tactemu.view.page.opening import beside
+    from tactemu.view.page.opening import page_process
 
     link = page.url
     with listen() as server:
         if server is None:
             raise TransportError("--web: there is no control socket, which the page needs")
-        with beside(page, server.place.name) as over:
+        with page_process(page, server.place.name) as over:
             print(f"see {link}", file=sys.stderr, flush=True)
             try:
                 yield
@@ -158,9 +158,9 @@ def _seen(listen: Callable[[], AbstractContextManager[Server | None]], page: Doo
 
 
 def _shown(log: Truth, where: str | bool) -> AbstractContextManager[None]:
-    from tactemu.view.conversions.live import shown
+    from tactemu.view.conversions.live import rerun_viewer
 
-    return shown(log, where if isinstance(where, str) else None)
+    return rerun_viewer(log, where if isinstance(where, str) else None)
 
 
 def rate_of(words: Sequence[str]) -> float | dict[str, float] | None:

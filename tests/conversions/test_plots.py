@@ -27,7 +27,7 @@ def log(tmp_path_factory):
 
 def test_the_numbers(log):
     series = plots.series_of(log)
-    assert len(series.felt) == 1024 and max(series.felt) == pytest.approx(1.5, abs=1e-3)
+    assert len(series.ideal) == 1024 and max(series.ideal) == pytest.approx(1.5, abs=1e-3)
     assert series.patch == pytest.approx([0, 1, 0.5], abs=1e-3) and set(series.to_wire_ms) == {2.0}
     figure = plots.Figure()
     axes = figure.add_subplot()

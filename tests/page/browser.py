@@ -68,10 +68,10 @@ def middle_of_the_scene(page) -> tuple[float, float]:
 
 
 def drag(
-    page, by: tuple[float, float], *, beside: tuple[float, float] = (0, 0), steps: int = 12, pause_ms: int = 50
+    page, by: tuple[float, float], *, offset: tuple[float, float] = (0, 0), steps: int = 12, pause_ms: int = 50
 ) -> None:
-    """What lies in the middle of the scene, or so many pixels beside it, is taken somewhere; the button stays down."""
-    x, y = (middle + aside for middle, aside in zip(middle_of_the_scene(page), beside))
+    """What lies in the middle of the scene, or ``offset`` pixels from it, is taken somewhere; the button stays down."""
+    x, y = (middle + aside for middle, aside in zip(middle_of_the_scene(page), offset))
     page.mouse.move(x, y)
     page.mouse.down()
     for k in range(1, steps + 1):

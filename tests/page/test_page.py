@@ -130,7 +130,7 @@ def test_of_two_viewers_the_last_to_grab_has_it(dev, seen):
         status(first, "2 viewers")
         drag(first, (0, -40))
         status(second, "viewer 1 has it")
-        drag(second, (0, -60), beside=(0, -40))  # where the first one holds it
+        drag(second, (0, -60), offset=(0, -40))  # where the first one holds it
         status(first, "viewer 2 has it")
         first.mouse.up()
         second.mouse.up()
@@ -248,13 +248,13 @@ def test_what_it_lacks_is_said_in_words(monkeypatch):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         with pytest.raises(TactemuError, match=f"cannot listen on 127.0.0.1, port {port}: Address already in use"):
-            opening.door(port=port)
+            opening.open_listener(port=port)
     with pytest.raises(TactemuError, match="cannot listen on 192"):
-        opening.door("192.0.2.1")
+        opening.open_listener("192.0.2.1")
     assert opening.warning(None) is None and "not encrypted" in (opening.warning("0.0.0.0") or "")
     monkeypatch.setattr(opening.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(TactemuError, match=r'pip install "tactemu\[web\]"'):
-        opening.door()
+        opening.open_listener()
 
 
 @pytest.mark.parametrize("is_over", [False, True])
@@ -265,7 +265,7 @@ def test_a_page_that_ends_before_its_run_is_said(is_over, monkeypatch, capfd, tm
     page.chmod(0o700)
     monkeypatch.setattr(sys, "executable", str(page))
     told = ""
-    with opening.beside(opening.Door(socket.create_server(("127.0.0.1", 0)), "token"), "thumb") as over:
+    with opening.page_process(opening.PageListener(socket.create_server(("127.0.0.1", 0)), "token"), "thumb") as over:
         if is_over:
             over.set()
         end = time.monotonic() + 20

@@ -1,7 +1,7 @@
-"""A truth log for the tools that people have: Foxglove, ROS 2, Rerun, Parquet.
+"""Converters of truth logs for other tools: Foxglove, ROS 2, Rerun, Parquet.
 
-The log that a run writes keeps its packed messages; what a tool wants to see is made of them afterwards, entry by
-entry, so that memory does not grow with the log. A format is one file: a class with ``begin``, ``add`` and ``finish``
+A run writes a log of packed messages; a converter reads it afterwards, entry by entry, so that memory does not grow
+with the log. A format is one file: a class with ``begin``, ``add`` and ``finish``
 (:class:`~tactemu.view.conversions.converting.Converter`), and a line in
 :data:`tactemu.view.conversions.converting.CONVERTERS`. Their libraries are an extra, ``tactemu[convert]``.
 """

@@ -1,4 +1,4 @@
-"""From a truth log to a file of another format, whole or not at all."""
+"""Conversion of a truth log to a file of another format, written completely or not at all."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ CONVERTERS = {
     "rrd": "tactemu.view.conversions.rerun:RerunFile",
     "parquet": "tactemu.view.conversions.parquet:ParquetFiles",
 }
-"""Class of each format, by how the names of its files end."""
+"""The class of each format, by the suffix of its files."""
 FORMATS = (*CONVERTERS, *(suffix.removeprefix(".") for suffix in SUFFIXES))
-"""What a log can be converted to."""
+"""The formats that a log can be converted to."""
 EXTRA = "pip install 'tactemu[convert]'"
 
 
 class Converter(Protocol):
-    """A file that is written entry by entry."""
+    """A writer of one format, entry by entry."""
 
     def __init__(self, target: Path): ...
 
     def begin(self, header: Header) -> None:
-        """What stands before the first entry."""
+        """Write what the format has before the first entry."""
         ...
 
     def add(self, entry: Entry) -> None:
-        """The next entry."""
+        """Write the next entry."""
         ...
 
     def finish(self) -> None:
@@ -53,20 +53,20 @@ def convert(
     sense: str | None = None,
     watch: Callable[[Iterable], Iterable] = iter,
 ) -> tuple[int, list[Path]]:
-    """Write what a log holds in another format.
+    """Write a log in another format.
 
     Args:
         path: the log.
-        to: a format, for a file beside the log with its name, or the name of a file that ends in one.
-        skin: whose; default: everybody's.
-        sense: which of its senses; default: all. ``.csv`` has one, by default the first.
-        watch: what the log's records are passed through, to show how far it is.
+        to: a format, for a file beside the log with its name, or a file name that ends in a format.
+        skin: a skin; default: all.
+        sense: one of its senses; default: all. ``.csv`` has one, by default the first.
+        watch: an iterator that the log's records pass through, to show progress.
 
     Returns:
-        How many entries or rows were written, and the files.
+        The number of entries or rows written, and the files.
 
     Raises:
-        TactemuError: no log, no such format, its library is missing, or the file cannot be written.
+        TactemuError: the log or the format does not exist, its library is missing, or the file cannot be written.
     """
     path = Path(path)
     kind, target = _target(path, to)
@@ -74,7 +74,7 @@ def convert(
         return export(path, target, skin=skin, sense=sense), [target]
     if target.exists() and path.exists() and target.samefile(path):
         raise TactemuError(f"{target}: is the log itself; name another file")
-    maker = load(kind)
+    maker = converter_class(kind)
     chosen = _chosen(watch(records(path)), skin, sense)
     try:
         with tempfile.TemporaryDirectory(dir=target.parent, prefix=".tactemu-") as folder:
@@ -91,7 +91,7 @@ def convert(
     return count, [target.parent / each.name for each in made]
 
 
-def load(kind: str) -> type[Converter]:
+def converter_class(kind: str) -> type[Converter]:
     """Return the class of a format.
 
     Raises:
@@ -105,7 +105,7 @@ def load(kind: str) -> type[Converter]:
 
 
 def _target(path: Path, to: str) -> tuple[str, Path]:
-    """Return the format and the file that are meant."""
+    """Return the format and the file that ``to`` names."""
     if to in FORMATS:
         return to, path.with_name(f"{path.stem}.{to}")
     for kind in FORMATS:
@@ -124,7 +124,7 @@ def _chosen(found: Iterable, skin: str | None, sense: str | None) -> Iterator[He
 
 
 def _written(converter: Converter, found: Iterator[Header | Entry]) -> int:
-    """Write all, and say how many entries there were."""
+    """Write all entries, and return their number without body poses."""
     count, begun = 0, False
     try:
         for record in found:

@@ -25,8 +25,8 @@ from foxglove.mcap import MCAPCompression, MCAPWriteOptions
 
 from tactemu.geometry import rotation
 from tactemu.truth.entries import BodyPose, Entry, Header, Sample
-from tactemu.view.conversions.surroundings import WORLD, Body, Described, TaxelTable
-from tactemu.view.conversions.words import warns, words_of
+from tactemu.view.conversions.display import is_warning, log_text
+from tactemu.view.conversions.drawn_scene import WORLD, DrawnBody, DrawnScene, TaxelTable
 
 _NUMERIC = messages.PackedElementFieldNumericType
 _TYPES = {
@@ -35,7 +35,7 @@ _TYPES = {
 }  # fmt: skip
 _GREY = messages.Color(r=0.6, g=0.6, b=0.65, a=0.5)
 _PLANE_M = 0.5
-"""How much of an endless plane is drawn."""
+"""The side of the square that is drawn of an endless plane."""
 
 
 class FoxgloveFile:
@@ -47,26 +47,26 @@ class FoxgloveFile:
         self._file = foxglove.open_mcap(target, context=self._context, writer_options=options)
         self._channels: dict[str, Any] = {}
         self._clouds: dict[tuple, list[_Cloud]] = {}
-        self._described = Described(Header())
+        self._described = DrawnScene(Header())
 
     def begin(self, header: Header) -> None:
-        """The bodies' shapes."""
-        self._described = Described(header)
+        """Write the bodies' shapes."""
+        self._described = DrawnScene(header)
         entities = [_entity(body) for body in self._described.bodies]
         if entities:
             update = messages.SceneUpdate(entities=entities)
             self._channel(channels.SceneUpdateChannel, "/bodies").log(update, log_time=0)
 
     def add(self, entry: Entry) -> None:
-        """Its messages."""
+        """Write the messages of an entry."""
         if isinstance(entry, Sample):
             self._sample(entry)
         elif isinstance(entry, BodyPose):
             self._pose(max(entry.t_ns, 0), entry.body, entry.position, entry.quaternion)
         else:
-            level = messages.LogLevel.Warning if warns(entry) else messages.LogLevel.Info
+            level = messages.LogLevel.Warning if is_warning(entry) else messages.LogLevel.Info
             message = messages.Log(
-                timestamp=_stamp(entry.t_ns), level=level, message=words_of(entry), name=entry.device
+                timestamp=_stamp(entry.t_ns), level=level, message=log_text(entry), name=entry.device
             )
             self._channel(channels.LogChannel, f"/{entry.device}/log").log(message, log_time=max(entry.t_ns, 0))
 
@@ -123,7 +123,7 @@ class _Cloud:
                 self._grids.append((grid, own, cols, *_plane(part, own, rows, cols)))
 
     def log(self, sample: Sample) -> None:
-        """A message for the cloud and for each picture."""
+        """Write a message for the cloud and for each picture."""
         table, rows = self._table, self._table.rows(sample)
         stamp, t_ns = _stamp(sample.t_ns), max(sample.t_ns, 0)
         common = {"timestamp": stamp, "frame_id": table.part.body, "fields": self._fields}
@@ -138,7 +138,7 @@ class _Cloud:
 
 
 def _plane(part: Any, own: np.ndarray, rows: int, cols: int) -> tuple[messages.Pose, messages.Vector2]:
-    """Where the corner of a patch is on its body, x along its rows and y from row to row; the size of a cell."""
+    """Return the pose of a patch's corner on its body (x along its rows, y from row to row), and the size of a cell."""
     points = rotation.rotate(part.quaternion, part.positions[own].reshape(rows, cols, 3)) + part.position
     u = (points[:, -1] - points[:, 0]).mean(0) / (cols - 1)
     v = (points[-1] - points[0]).mean(0) / (rows - 1)
@@ -155,12 +155,12 @@ def _plane(part: Any, own: np.ndarray, rows: int, cols: int) -> tuple[messages.P
     return messages.Pose(position=_vector(corner), orientation=_quaternion(turn)), size
 
 
-def _entity(body: Body) -> messages.SceneEntity:
+def _entity(body: DrawnBody) -> messages.SceneEntity:
     """Return a body's shape in its own frame."""
     return messages.SceneEntity(frame_id=body.name, id=body.name, frame_locked=True, **_primitives(body))
 
 
-def _primitives(body: Body) -> Mapping[str, Any]:
+def _primitives(body: DrawnBody) -> Mapping[str, Any]:
     outline = body.outline
     still = messages.Pose(position=_vector((0, 0, 0)), orientation=_quaternion((1, 0, 0, 0)))
     if "faces" in outline:

@@ -1,6 +1,6 @@
-"""A run as it goes on, in Rerun's viewer: a process beside the emulator, so that no viewer delays a frame.
+"""A live view of a run in Rerun: a process beside the emulator, so that no viewer delays a frame.
 
-The run writes a second truth log, to a pipe; this process reads it, as it would read a file, and sends it on::
+The run writes a second truth log to a pipe; this process reads it like a file and sends it to Rerun's viewer::
 
     python -m tactemu.view.conversions.live PIPE [URL]
 """
@@ -25,17 +25,19 @@ from tactemu.truth.entries import End, Header
 from tactemu.truth.truth import Truth
 from tactemu.view.conversions.converting import EXTRA
 
-_START_S, _END_S = 60.0, 60.0
-"""How long the process may take to start, and to send what is left."""
+_START_TIMEOUT_S = 60.0
+"""The time that the process may take to start."""
+_END_TIMEOUT_S = 60.0
+"""The time that the process may take to send the remaining entries; then it is killed."""
 
 
 @contextlib.contextmanager
-def shown(truth: Truth, url: str | None = None) -> Iterator[None]:
-    """Have a run shown while it lasts; close the truth before the end.
+def rerun_viewer(truth: Truth, url: str | None = None) -> Iterator[None]:
+    """Show a run in Rerun's viewer; at the end, close the truth log.
 
     Args:
-        truth: of the run, which has not begun.
-        url: of a viewer that listens (``rerun+http://127.0.0.1:9876/proxy``); ``None``: start one.
+        truth: the truth log of the run, which has not begun.
+        url: the address of a viewer that listens (``rerun+http://127.0.0.1:9876/proxy``); None: start one.
 
     Raises:
         TactemuError: Rerun is not installed, or cannot be started.
@@ -48,7 +50,7 @@ def shown(truth: Truth, url: str | None = None) -> Iterator[None]:
         command = [sys.executable, "-m", "tactemu.view.conversions.live", str(pipe), *([url] if url else [])]
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True)
         try:
-            held = _reached(pipe, process)
+            held = _open_pipe(pipe, process)
             try:
                 truth.write_also(pipe, flush_s=0.1)
             finally:
@@ -57,15 +59,19 @@ def shown(truth: Truth, url: str | None = None) -> Iterator[None]:
         finally:
             truth.close()
             try:
-                process.wait(_END_S)
+                process.wait(_END_TIMEOUT_S)
             except (subprocess.TimeoutExpired, KeyboardInterrupt):
                 process.kill()
                 process.wait()
 
 
-def _reached(pipe: Path, process: subprocess.Popen) -> int:
-    """The pipe opened, once the process has opened its end: who opens this one before would wait for ever."""
-    end = time.monotonic() + _START_S
+def _open_pipe(pipe: Path, process: subprocess.Popen) -> int:
+    """Open the pipe for writing once the process has opened its end; a blocking open before that could hang forever.
+
+    Raises:
+        TactemuError: the process has ended, or did not open its end in time.
+    """
+    end = time.monotonic() + _START_TIMEOUT_S
     while process.poll() is None and time.monotonic() < end:
         try:
             return os.open(pipe, os.O_WRONLY | os.O_NONBLOCK)
@@ -77,7 +83,7 @@ def _reached(pipe: Path, process: subprocess.Popen) -> int:
 
 
 def main() -> int:
-    """Send on what comes through the pipe, until it ends."""
+    """Send the log from the pipe to the viewer until it ends; return the exit status."""
     pipe, url = Path(sys.argv[1]), sys.argv[2] if len(sys.argv) > 2 else None
     content = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)  # from here on the emulator may write
     os.set_blocking(content, True)
@@ -87,7 +93,7 @@ def main() -> int:
     viewer.connect(url)
     begun = select.poll()
     begun.register(content, select.POLLIN)
-    if not begun.poll(_START_S * 1e3):  # a pipe that nobody has opened yet for writing is at its end
+    if not begun.poll(_START_TIMEOUT_S * 1e3):  # a read before a writer has opened the pipe would return its end
         return 1
     try:
         for record in packed.read(os.fdopen(content, "rb")):
@@ -95,7 +101,7 @@ def main() -> int:
                 viewer.begin(record)
             elif not isinstance(record, End):
                 viewer.add(record)
-                if viewer.due():
+                if viewer.is_due():
                     viewer.flush()
     finally:
         viewer.finish()

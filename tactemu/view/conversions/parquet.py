@@ -15,8 +15,8 @@ from tactemu.base.errors import TactemuError
 from tactemu.truth.entries import Entry, Header, Sample
 from tactemu.truth.memory import size_of_sample
 
-_WAITING_BYTES = 8_000_000
-"""Of samples that become a row group, all files together."""
+_MAX_WAITING_BYTES = 8_000_000
+"""Maximum size of the samples in memory, of all files together; they become one row group in each file."""
 _ARRAYS = ("ideal", "measured", "counts")
 
 
@@ -34,11 +34,11 @@ class ParquetFiles:
         self._skins: dict[str, Any] = {}
 
     def begin(self, header: Header) -> None:
-        """Remember what the skins are."""
+        """Keep the descriptions of the skins for the metadata of their files."""
         self._skins = dict((header.scene or {}).get("skins", {}))
 
     def add(self, entry: Entry) -> None:
-        """A row for a sample; of frames and events there is nothing to see in a data frame."""
+        """Add a row for a sample; frames and events have no rows."""
         if not isinstance(entry, Sample):
             return
         key = entry.device, entry.sense
@@ -47,11 +47,11 @@ class ParquetFiles:
             self._files[key] = _File(path, entry, self._skins.get(entry.device))
         self._files[key].add(entry)
         self._waiting += size_of_sample(entry)
-        if self._waiting > _WAITING_BYTES:
+        if self._waiting > _MAX_WAITING_BYTES:
             self._flush()
 
     def finish(self) -> None:
-        """Write what waits, and give the files their names."""
+        """Write the waiting samples, and give the files their names."""
         self._flush()
         for (device, sense), file in self._files.items():
             file.close()

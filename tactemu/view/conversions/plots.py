@@ -1,12 +1,12 @@
 """``tactemu plot``: pictures of one skin of a truth log, as PNG, SVG, or a page that needs nothing else.
 
-* what is felt over time, without imperfections and with them;
-* the contact patch, when it is pressed most;
-* hysteresis: what is measured against what is felt;
-* how long a sample takes to the wire;
-* the spectrum of what is wrong: measured less felt.
+* the readings over time, without imperfections (ideal) and with them (measured);
+* the contact patch at the largest reading;
+* hysteresis: measured against ideal;
+* the delay from sample to wire;
+* the spectrum of the error: measured minus ideal.
 
-A log is read once, and of each sample a few numbers are kept.
+A log is read once, and a few numbers of each sample are kept.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import numpy as np
 from tactemu.base.errors import TactemuError
 from tactemu.truth.entries import Header, Passage, Sample, is_of
 from tactemu.truth.reading import records
-from tactemu.view.conversions.surroundings import Described
+from tactemu.view.conversions.drawn_scene import DrawnScene
 
 matplotlib.use("agg")
 from matplotlib.figure import Figure  # noqa: TID253
@@ -32,8 +32,8 @@ from matplotlib.figure import Figure  # noqa: TID253
 SUFFIXES = (".png", ".svg", ".html")
 UNITS = {"force": "N", "pressure": "Pa", "depth": "m", "displacement": "m", "temperature": "°C", "wrench": "N, Nm"}
 _TEXT = "#123456"
-"""Stands for the colour of the page's text, which is dark or light."""
-_FELT, _MEASURED, _MUTED = "#3b82c4", "#e07b39", "#8a8f98"
+"""A placeholder for the colour of the page's text, which is dark or light."""
+_IDEAL, _MEASURED, _MUTED = "#3b82c4", "#e07b39", "#8a8f98"
 _STYLE = {
     "font.size": 9, "font.family": "sans-serif", "svg.fonttype": "none", "svg.hashsalt": "tactemu", "axes.titlesize": 9,
     "axes.spines.top": False, "axes.spines.right": False, "axes.titlelocation": "left", "legend.frameon": False,
@@ -57,30 +57,30 @@ table {{ border-collapse: collapse; }} td {{ border-top: 1px solid var(--line); 
 
 @dataclass
 class Series:
-    """What the pictures show of one sense of one skin."""
+    """The numbers of one sense of one skin that the pictures show."""
 
     device: str
     sense: str
     unit: str
     positions: np.ndarray
     t_ns: list[int] = field(default_factory=list)
-    felt: list[float] = field(default_factory=list)
+    ideal: list[float] = field(default_factory=list)
     measured: list[float] = field(default_factory=list)
     to_wire_ms: list[float] = field(default_factory=list)
     patch: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """What each taxel feels when it is most."""
+    """The ideal reading of each taxel at the largest sum."""
     taken: dict[int, int] = field(default_factory=dict)
-    """When the latest samples were taken, by their numbers."""
+    """The times of the latest samples [ns], by their numbers."""
 
     def add(self, sample: Sample) -> None:
-        """One more sample."""
-        each = _sizes(sample.ideal)
-        if not self.felt or each.sum() > max(self._most, 0.0):
+        """Add a sample."""
+        each = _magnitudes(sample.ideal)
+        if not self.ideal or each.sum() > max(self._most, 0.0):
             self.patch = each
         self.t_ns.append(sample.t_ns)
-        self.felt.append(float(each.sum()))
-        self.measured.append(float(_sizes(sample.measured).sum()))
-        self._most = max(self._most, self.felt[-1])
+        self.ideal.append(float(each.sum()))
+        self.measured.append(float(_magnitudes(sample.measured).sum()))
+        self._most = max(self._most, self.ideal[-1])
         self.taken[sample.number] = sample.t_ns
         if len(self.taken) > 1000:
             del self.taken[next(iter(self.taken))]
@@ -89,15 +89,15 @@ class Series:
 
 
 def series_of(path: Path, skin: str | None = None, sense: str | None = None) -> Series:
-    """Return the numbers of a log that are drawn: of the first skin and its first sense, unless they are named.
+    """Return the numbers of a log that are drawn: of the first skin and its first sense, unless you name them.
 
     Raises:
-        TactemuError: no log, or no samples of this skin.
+        TactemuError: the log is missing, or has no samples of this skin.
     """
-    described, found = Described(Header()), None
+    described, found = DrawnScene(Header()), None
     for record in records(path):
         if isinstance(record, Header):
-            described = Described(record)
+            described = DrawnScene(record)
         elif isinstance(record, Sample) and skin in (None, record.device) and sense in (None, record.sense):
             if found is None:
                 found = _begun(record, described)
@@ -111,7 +111,7 @@ def series_of(path: Path, skin: str | None = None, sense: str | None = None) -> 
     return found
 
 
-def _begun(sample: Sample, described: Described) -> Series:
+def _begun(sample: Sample, described: DrawnScene) -> Series:
     skin = described.skins.get(sample.device, {})
     senses = skin.get("senses", {})
     quantity = senses.get(sample.sense or next(iter(senses), ""), {}).get("quantity", "")
@@ -122,8 +122,8 @@ def _begun(sample: Sample, described: Described) -> Series:
     return Series(sample.device, sample.sense, UNITS.get(quantity, ""), positions)
 
 
-def _sizes(values: np.ndarray) -> np.ndarray:
-    """Of each taxel's reading."""
+def _magnitudes(values: np.ndarray) -> np.ndarray:
+    """Return the magnitude of each taxel's reading."""
     values = np.nan_to_num(np.asarray(values, float))
     return np.abs(values) if values.ndim < 2 else np.linalg.norm(values.reshape(len(values), -1), axis=1)
 
@@ -134,7 +134,7 @@ def _sizes(values: np.ndarray) -> np.ndarray:
 def _over_time(axes: Any, series: Series) -> None:
     t_s = np.array(series.t_ns) / 1e9
     axes.plot(t_s, series.measured, color=_MEASURED, lw=1, label="measured")
-    axes.plot(t_s, series.felt, color=_FELT, lw=1, label="felt")
+    axes.plot(t_s, series.ideal, color=_IDEAL, lw=1, label="ideal")
     axes.set(xlabel="time [s]", ylabel=f"sum over taxels [{series.unit}]")
     axes.legend(loc="lower left", bbox_to_anchor=(0.5, 1.0), ncols=2, borderaxespad=0.1)
 
@@ -144,41 +144,41 @@ def _patch(axes: Any, series: Series) -> None:
     dots = axes.scatter(x, y, c=series.patch, s=max(6, min(160, 6000 / max(len(x), 1))), cmap="viridis")
     axes.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
     axes.margins(0.15)
-    axes.figure.colorbar(dots, ax=axes, label=f"felt [{series.unit}]")
+    axes.figure.colorbar(dots, ax=axes, label=f"ideal [{series.unit}]")
 
 
 def _hysteresis(axes: Any, series: Series) -> None:
-    axes.plot(series.felt, series.measured, color=_MEASURED, lw=0.8)
-    most = max(*series.felt, 1e-12)
+    axes.plot(series.ideal, series.measured, color=_MEASURED, lw=0.8)
+    most = max(*series.ideal, 1e-12)
     axes.plot([0, most], [0, most], color=_MUTED, lw=0.8, ls="--")
-    axes.set(xlabel=f"felt [{series.unit}]", ylabel=f"measured [{series.unit}]")
+    axes.set(xlabel=f"ideal [{series.unit}]", ylabel=f"measured [{series.unit}]")
 
 
 def _to_wire(axes: Any, series: Series) -> None:
     if series.to_wire_ms:
-        axes.hist(series.to_wire_ms, bins=60, color=_FELT)
+        axes.hist(series.to_wire_ms, bins=60, color=_IDEAL)
     axes.set(xlabel="from the sample to the wire [ms]", ylabel="frames")
 
 
 def _spectrum(axes: Any, series: Series) -> None:
-    wrong, t_s = np.subtract(series.measured, series.felt), np.array(series.t_ns) / 1e9
+    error, t_s = np.subtract(series.measured, series.ideal), np.array(series.t_ns) / 1e9
     if len(t_s) > 16:
         step = float(np.median(np.diff(t_s)))
-        size = min(1024, 2 ** int(np.log2(len(wrong))))
+        size = min(1024, 2 ** int(np.log2(len(error))))
         window = np.hanning(size)
-        pieces = np.stack([wrong[k : k + size] for k in range(0, len(wrong) - size + 1, max(1, size // 2))])
+        pieces = np.stack([error[k : k + size] for k in range(0, len(error) - size + 1, max(1, size // 2))])
         power = np.abs(np.fft.rfft((pieces - pieces.mean(1, keepdims=True)) * window)) ** 2
         density = np.sqrt(2 * power.mean(0) * step / (window**2).sum())
         axes.loglog(np.fft.rfftfreq(size, step)[1:], np.maximum(density[1:], 1e-15), color=_MEASURED, lw=1)
-    axes.set(xlabel="frequency [Hz]", ylabel=f"measured − felt [{series.unit}/√Hz]")
+    axes.set(xlabel="frequency [Hz]", ylabel=f"measured − ideal [{series.unit}/√Hz]")
 
 
 PANELS = {
     "over time": _over_time,
-    "contact patch, pressed most": _patch,
+    "contact patch at the largest reading": _patch,
     "hysteresis": _hysteresis,
     "from sample to wire": _to_wire,
-    "spectrum of what is wrong": _spectrum,
+    "spectrum of the error": _spectrum,
 }
 
 
@@ -186,7 +186,8 @@ def plot(path: str | Path, target: str | Path, *, skin: str | None = None, sense
     """Draw one skin of a log.
 
     Raises:
-        TactemuError: no log, no samples of this skin, another suffix, or the file cannot be written.
+        TactemuError: the log is missing or has no samples of this skin, the suffix is unknown, or the file cannot be
+            written.
     """
     target = Path(target)
     if target.suffix not in SUFFIXES:
@@ -202,7 +203,7 @@ def plot(path: str | Path, target: str | Path, *, skin: str | None = None, sense
 
 
 def _all_panels(series: Series, title: str, kind: str) -> bytes:
-    """Return all panels on one sheet."""
+    """Return one image with all panels."""
     figure = Figure(figsize=(10, 10), layout="constrained")
     figure.suptitle(title)
     grid = figure.subplot_mosaic([["a", "a"], ["b", "c"], ["d", "e"]])
@@ -213,7 +214,7 @@ def _all_panels(series: Series, title: str, kind: str) -> bytes:
 
 
 def _page(series: Series, title: str) -> bytes:
-    """Return a panel each, in the colours of the page."""
+    """Return an HTML page with a figure for each panel, in the colours of the page."""
     figures = []
     dark = dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), _TEXT)
     for k, (name, draw) in enumerate(PANELS.items()):
@@ -231,8 +232,8 @@ def _page(series: Series, title: str) -> bytes:
     rows = {
         "samples": len(series.t_ns),
         "seconds": f"{span:.3f}",
-        f"largest, felt [{series.unit}]": f"{max(series.felt):.4g}",
-        f"largest, measured [{series.unit}]": f"{max(series.measured):.4g}",
+        f"largest ideal [{series.unit}]": f"{max(series.ideal):.4g}",
+        f"largest measured [{series.unit}]": f"{max(series.measured):.4g}",
         "median from sample to wire [ms]": f"{np.median(series.to_wire_ms):.3f}" if series.to_wire_ms else "no frames",
     }  # fmt: skip
     cells = "".join(f"<tr><td>{html.escape(name)}</td><td>{value}</td></tr>" for name, value in rows.items())

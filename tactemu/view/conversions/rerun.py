@@ -1,8 +1,8 @@
-"""Rerun: a log as ``.rrd``, or a run as it goes on, with a blueprint that lays it out.
+"""Rerun: a log as ``.rrd``, or a live run, with a blueprint that lays it out.
 
 ==========================  ============================================================================
-``bodies/NAME``             where each body is, and its shape
-``bodies/NAME/SKIN``        its taxels, coloured by what they feel, an arrow for each force on the skin
+``bodies/NAME``             the pose of each body, and its shape
+``bodies/NAME/SKIN``        its taxels, coloured by their measured values, an arrow for each force on the skin
 ``values/SKIN/ideal``       curves of every number: without imperfections, with them, and as decoded
 ``values/SKIN/measured``
 ``values/SKIN/counts``
@@ -27,26 +27,27 @@ import rerun.blueprint as rrb
 
 from tactemu.truth.entries import BodyPose, Entry, Header, Sample
 from tactemu.truth.memory import size_of
-from tactemu.view.conversions.colours import colours, pitch, touched
-from tactemu.view.conversions.surroundings import Body, Described, Part
-from tactemu.view.conversions.words import warns, words_of
+from tactemu.view.conversions.display import colours, in_contact, is_warning, log_text, pitch
+from tactemu.view.conversions.drawn_scene import DrawnBody, DrawnScene, Part
 
 TIMELINE = "time"
-_TOGETHER_BYTES, _TOGETHER_S = 1_000_000, 0.1
-"""Entries are sent when they are so much, or when the oldest has waited so long."""
-_ARROW_M = 0.01
-"""Of the largest force so far."""
+_MAX_WAITING_BYTES = 1_000_000
+"""Size of waiting entries above which they are sent."""
+_MAX_WAIT_S = 0.1
+"""Age of the oldest waiting entry above which all are sent."""
+_MAX_ARROW_M = 0.01
+"""Length of the arrow of the largest force so far."""
 _PLANE_M = 0.5
 _CURVES = ("ideal", "measured", "counts")
-_MOST_CURVES = 512
-"""Numbers of a skin that are shown as curves by default."""
+_MAX_CURVES = 512
+"""Maximum number of values of a skin that are shown as curves by default."""
 
 
 class RerunFile:
-    """A recording of Rerun's.
+    """A Rerun recording.
 
     Args:
-        target: the file; ``None``: :meth:`connect` says where it goes.
+        target: the file; None: call :meth:`connect` to choose a viewer.
     """
 
     def __init__(self, target: Path | None):
@@ -54,7 +55,7 @@ class RerunFile:
         self._stream = rr.RecordingStream("tactemu", send_properties=False)
         if target is not None:
             self._stream.save(target)
-        self._described = Described(Header())
+        self._described = DrawnScene(Header())
         self._skins: dict[tuple, _Skin] = {}
         self._poses: dict[str, list[BodyPose]] = {}
         self._words: dict[str, list[Entry]] = {}
@@ -62,22 +63,22 @@ class RerunFile:
         self._laid_out: tuple = ()
 
     def connect(self, url: str | None) -> None:
-        """Send to a viewer that listens at ``url``; ``None``: to one of our own, started if there is none."""
+        """Send to the viewer that listens at ``url``; None: to a local viewer, started if there is none."""
         if url is None:
             self._stream.spawn()
         else:
             self._stream.connect_grpc(url)
 
     def begin(self, header: Header) -> None:
-        """The bodies' shapes."""
-        self._described = Described(header)
+        """Write the bodies' shapes."""
+        self._described = DrawnScene(header)
         self._stream.log("bodies", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         for body in self._described.bodies:
             for name, shape in _shapes(body):
                 self._stream.log(f"{_path('bodies', body.name)}/{name}", shape, static=True)
 
     def add(self, entry: Entry) -> None:
-        """Keep it until there is enough to send."""
+        """Keep the entry, and send all that wait if they are many."""
         if not self._waiting:
             self._since = time.monotonic()
         if isinstance(entry, Sample):
@@ -87,30 +88,30 @@ class RerunFile:
         else:
             self._words.setdefault(entry.device, []).append(entry)
         self._waiting += size_of(entry)
-        if self._waiting > _TOGETHER_BYTES:
+        if self._waiting > _MAX_WAITING_BYTES:
             self.flush()
             self._stream.flush()
 
-    def due(self) -> bool:
-        """Whether something has waited long enough."""
-        return bool(self._waiting) and time.monotonic() - self._since > _TOGETHER_S
+    def is_due(self) -> bool:
+        """Return True if the oldest waiting entry should be sent now."""
+        return bool(self._waiting) and time.monotonic() - self._since > _MAX_WAIT_S
 
     def flush(self) -> None:
-        """Send what waits."""
+        """Send all waiting entries, in columns."""
         self._waiting = 0
         for body, poses in self._poses.items():
             self._send_poses(_path("bodies", body), poses)
         for skin in self._skins.values():
             skin.send()
         for device, found in self._words.items():
-            texts, levels = map(words_of, found), ("WARN" if warns(each) else "INFO" for each in found)
+            texts, levels = map(log_text, found), ("WARN" if is_warning(each) else "INFO" for each in found)
             columns = rr.TextLog.columns(text=list(texts), level=list(levels))
             self._stream.send_columns(_path("wire", device), _times(each.t_ns for each in found), columns)
         self._poses, self._words = {}, {}
         self._lay_out()
 
     def finish(self) -> None:
-        """Send what waits, and close the file."""
+        """Send all waiting entries, and close the file."""
         self.flush()
         self._stream.flush()
         self._stream.disconnect()
@@ -130,7 +131,7 @@ class RerunFile:
         self._stream.send_columns(path, _times(each.t_ns for each in poses), columns)
 
     def _lay_out(self) -> None:
-        """A blueprint of what there is, when there is something new."""
+        """Send a blueprint of all skins if there is a new one."""
         skins = tuple(skin.name for skin in self._skins.values())
         if skins == self._laid_out:
             return
@@ -138,7 +139,7 @@ class RerunFile:
         curves = [
             rrb.TimeSeriesView(origin=f"values/{skin.name}", name=skin.name.replace("/", " "))
             for skin in self._skins.values()
-            if skin.numbers <= _MOST_CURVES
+            if skin.numbers <= _MAX_CURVES
         ]
         pictures = [view for skin in self._skins.values() for view in skin.views()]
         side: list[Any] = [rrb.Tabs(*curves, name="curves")] if curves else []
@@ -193,7 +194,7 @@ class _Skin:
         return [rrb.Spatial2DView(origin=path, name=path.split("/", 1)[1]) for path, _ in self._pictures]
 
     def send(self) -> None:
-        """What waits, in columns."""
+        """Send the waiting samples, in columns."""
         if not self.waiting:
             return
         samples, self.waiting = self.waiting, []
@@ -209,11 +210,11 @@ class _Skin:
             path, count = self._place(part), len(part.taxels)
             self._coloured(f"{path}/taxels", times, colours(size[:, part.taxels] / (self._most or 1.0)))
             if self._vectors:
-                arrows = np.nan_to_num(measured[:, part.taxels] / (self._most or 1.0) * _ARROW_M).reshape(-1, 3)
+                arrows = np.nan_to_num(measured[:, part.taxels] / (self._most or 1.0) * _MAX_ARROW_M).reshape(-1, 3)
                 columns = rr.Arrows3D.columns(vectors=arrows).partition([count] * len(samples))
                 self._stream.send_columns(f"{path}/forces", times, columns)
             if part.draw:
-                met = np.stack([touched(each)[part.taxels] for each in samples])[..., None]
+                met = np.stack([in_contact(each)[part.taxels] for each in samples])[..., None]
                 painted = np.where(met, part.draw["contact_color"], part.draw["probe_color"])
                 self._coloured(f"{path}/probes", times, painted)
                 if part.draw["opacity"]:
@@ -247,8 +248,8 @@ def _transform(position: Any, quaternion: Any) -> rr.Transform3D:
     return rr.Transform3D(translation=position, quaternion=rr.Quaternion(xyzw=[x, y, z, w]))
 
 
-def _shapes(body: Body) -> list[tuple[str, Any]]:
-    """What is drawn of a body, in its frame."""
+def _shapes(body: DrawnBody) -> list[tuple[str, Any]]:
+    """Return the shapes of a body, in its frame."""
     found: list[tuple[str, Any]] = []
     outline, grey = body.outline, (150, 150, 165, 110)
     solid: dict[str, Any] = {"colors": [grey], "fill_mode": "solid"}
@@ -275,7 +276,7 @@ def _shapes(body: Body) -> list[tuple[str, Any]]:
 
 
 def _debug_shapes(part: Part) -> list[tuple[str, Any]]:
-    """Probes of a sensor with ``draw_debug``."""
+    """Return the shapes of the probes of a sensor with ``draw_debug``."""
     if part.draw is None:
         return []
     positions, radii = np.array(part.draw["probes"]).reshape(-1, 3), np.array(part.draw["radii"])

@@ -24,14 +24,16 @@ from rosbags.typesys import Stores, get_typestore
 
 from tactemu.truth.entries import BodyPose, Entry, Header, Passage, Sample
 from tactemu.truth.messages import message_of
-from tactemu.view.conversions.surroundings import WORLD, Body, Described, TaxelTable
-from tactemu.view.conversions.words import warns, words_of
+from tactemu.view.conversions.display import is_warning, log_text
+from tactemu.view.conversions.drawn_scene import WORLD, DrawnBody, DrawnScene, TaxelTable
 
 _CHUNK_BYTES = 1 << 20
 _TYPES = {"|i1": 1, "|u1": 2, "<i2": 3, "<u2": 4, "<i4": 5, "<u4": 6, "<f4": 7, "<f8": 8}
-"""``sensor_msgs/PointField``'s numbers."""
+"""The numbers of types in ``sensor_msgs/PointField``."""
 _CUBE, _SPHERE, _CYLINDER, _TRIANGLES = 1, 2, 3, 11
+"""Types of ``visualization_msgs/Marker``."""
 _INFO, _WARN = 20, 30
+"""Levels of ``rcl_interfaces/Log``."""
 _PLANE_M = 0.5
 
 
@@ -47,11 +49,11 @@ class Ros2File:
         self._channels: dict[str, int] = {}
         self._tables: dict[tuple, list[tuple[str, str, TaxelTable, list]]] = {}
         self._placed: set[str] = set()
-        self._described = Described(Header())
+        self._described = DrawnScene(Header())
 
     def begin(self, header: Header) -> None:
-        """The bodies' shapes."""
-        self._described = Described(header)
+        """Write the bodies' shapes."""
+        self._described = DrawnScene(header)
         bodies = self._described.bodies
         if not bodies:
             return
@@ -59,7 +61,7 @@ class Ros2File:
         self._write("/bodies", "visualization_msgs/msg/MarkerArray", 0, self._new("MarkerArray", markers=markers))
 
     def add(self, entry: Entry) -> None:
-        """Its messages."""
+        """Write the messages of an entry."""
         t_ns = max(entry.t_ns, 0)
         if isinstance(entry, Sample):
             self._sample(entry, t_ns)
@@ -69,10 +71,10 @@ class Ros2File:
             kind, message, fixed, variable = message_of(entry)
             data = message.encode(fixed, variable)
             self._put(_topic(entry.device, kind), message.name, message.definition, t_ns, data)
-        if not isinstance(entry, Sample | BodyPose) and (warns(entry) or not isinstance(entry, Passage)):
+        if not isinstance(entry, Sample | BodyPose) and (is_warning(entry) or not isinstance(entry, Passage)):
             log = self._new(
-                "Log", stamp=self._time(t_ns), level=_WARN if warns(entry) else _INFO, name=entry.device,
-                msg=words_of(entry), file="", function="", line=0,
+                "Log", stamp=self._time(t_ns), level=_WARN if is_warning(entry) else _INFO, name=entry.device,
+                msg=log_text(entry), file="", function="", line=0,
             )  # fmt: skip
             self._write(_topic(entry.device, "log"), "rcl_interfaces/msg/Log", t_ns, log)
 
@@ -99,7 +101,7 @@ class Ros2File:
             self._write(topic, "sensor_msgs/msg/PointCloud2", t_ns, cloud)
 
     def _table(self, sample: Sample, part: Any) -> tuple[str, str, TaxelTable, list]:
-        """Topic, frame, table and fields of one part of a skin, whose frame is told once."""
+        """Return topic, frame, table and fields of one part of a skin, after writing its frame once."""
         table = TaxelTable(sample, part, self._described.columns(sample.device, sample.sense))
         fields = [
             self._new("PointField", name=name, offset=offset, datatype=_TYPES[dtype.str], count=1)
@@ -121,8 +123,8 @@ class Ros2File:
         ]  # fmt: skip
         self._write(topic, "tf2_msgs/msg/TFMessage", t_ns, self._new("TFMessage", transforms=transforms))
 
-    def _markers(self, number: int, body: Body) -> list:
-        """Return a body's shape in its own frame; a capsule is a cylinder and two balls."""
+    def _markers(self, number: int, body: DrawnBody) -> list:
+        """Return the markers of a body in its own frame; a capsule is a cylinder and two balls."""
         outline, origin = body.outline, (0.0, 0.0, 0.0)
         if "faces" in outline:
             corners = [outline["vertices"][k] for face in outline["faces"] for k in face]
@@ -141,7 +143,9 @@ class Ros2File:
             found.append(self._marker(number, body, _CYLINDER, (across, across, length), origin, place=len(ends)))
         return found
 
-    def _marker(self, number: int, body: Body, kind: int, size: Any, at: Any, corners: Any = (), place: int = 0) -> Any:
+    def _marker(
+        self, number: int, body: DrawnBody, kind: int, size: Any, at: Any, corners: Any = (), place: int = 0
+    ) -> Any:
         pose = self._new("Pose", position=self._xyz("Point", at), orientation=self._turn((1, 0, 0, 0)))
         nothing = self._new("CompressedImage", header=self._header(0, ""), format="", data=np.zeros(0, np.uint8))
         return self._new(
@@ -202,6 +206,6 @@ _PACKAGES = {
 
 
 def _topic(*names: str) -> str:
-    """Return a name that ROS takes."""
+    """Return a topic name that ROS accepts."""
     words = [re.sub(r"\W", "_", word, flags=re.ASCII) for name in names for word in name.split("/")]
     return "/" + "/".join(f"_{word}" if word[:1].isdigit() else word for word in words)

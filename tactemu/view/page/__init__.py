@@ -1,6 +1,6 @@
 """A live page of a running emulator: ``tactemu see``, ``tactemu run --web``.
 
-A process of its own, which is a client of the control channel like any other: it watches
-(:mod:`tactemu.view.page.feed`), draws with viser, and has done what viewers do by hand. Only
-:mod:`tactemu.view.page.guard` knows how viser serves.
+The page is a process of its own and a client of the control channel like any other: it watches the emulator
+(:mod:`tactemu.view.page.feed`), draws with viser, and sends the commands of viewers. Only
+:mod:`tactemu.view.page.guard` depends on how viser serves.
 """

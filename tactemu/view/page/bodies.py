@@ -12,33 +12,35 @@ import viser
 
 from tactemu.geometry import rotation
 from tactemu.truth.entries import Sample
-from tactemu.view.conversions.colours import colours, pitch, touched
-from tactemu.view.conversions.surroundings import WORLD, Body, Part
-from tactemu.view.page.feed import Known, Moment, size_of
+from tactemu.view.conversions.display import colours, in_contact, pitch
+from tactemu.view.conversions.drawn_scene import WORLD, DrawnBody, Part
+from tactemu.view.page.feed import DescribedRun, PageState, magnitudes
 
-_GREY, _HAND = (150, 155, 168), (96, 150, 200)
-"""Of bodies that nobody may move, and of those that can be dragged."""
+_GREY = (150, 155, 168)
+"""The colour of bodies that viewers cannot move."""
+_BLUE = (96, 150, 200)
+"""The colour of bodies that viewers can drag."""
 _PLANE_M = 0.3
-_ARROW = 3.0
-"""Length of the largest force so far [pitches]."""
-_MOST_ARROWS = 400
-"""The largest forces are drawn, where there are more."""
-_ROUND = 12
-"""Sides of a taxel's disc."""
-_MANY = 1000
-"""Taxels from which on they are hexagons: a machine without a GPU draws each triangle."""
+_MAX_ARROW_PITCHES = 3.0
+"""Length of the arrow of the largest force so far [pitches]."""
+_MAX_ARROWS = 400
+"""Maximum number of arrows on a body: the largest forces are drawn."""
+_DISC_SIDES = 12
+"""Number of sides of a taxel's disc."""
+_MIN_HEXAGON_TAXELS = 1000
+"""Number of taxels from which on they are drawn as hexagons: a machine without a GPU draws each triangle."""
 
 
 class Scene:
-    """What is drawn of a scene; made anew when another emulator is looked at.
+    """The drawing of one emulator's scene.
 
     Args:
-        server: of viser's; what it has in its scene goes.
-        known: what is there.
+        server: viser's server; its present scene is removed.
+        run: the bodies and skins of the emulator.
     """
 
-    def __init__(self, server: viser.ViserServer, known: Known):
-        self._known = known
+    def __init__(self, server: viser.ViserServer, run: DescribedRun):
+        self._run = run
         scene = server.scene
         scene.reset()
         scene.set_up_direction("+z")
@@ -48,20 +50,20 @@ class Scene:
         scene.add_light_directional("/lights/sun", intensity=1.0, position=(0.4, -0.6, 1.0), cast_shadow=False)
         self.frames: dict[str, Any] = {WORLD: scene.add_frame("/world", show_axes=False)}
         self.solids: dict[str, list[Any]] = {}
-        """What can be grabbed of each body."""
+        """The meshes of each body that a viewer can grab."""
         self.labels: dict[str, Any] = {}
-        for body in known.described.bodies:
+        for body in run.scene.bodies:
             self._add_body(scene, body)
-        parts = [(name, part) for name, skin in known.skins.items() for part in _parts(known, name, len(skin.layout))]
+        parts = [(name, part) for name, skin in run.skins.items() for part in _parts(run, name, len(skin.layout))]
         on = lambda pair: pair[1].body if pair[1].body in self.frames else WORLD  # noqa: E731
-        fine = sum(len(part.taxels) for _, part in parts) < _MANY
+        fine = sum(len(part.taxels) for _, part in parts) < _MIN_HEXAGON_TAXELS
         self.boards = [
             Board(scene, self.frames[body].name, list(group), fine=fine)
             for body, group in itertools.groupby(sorted(parts, key=on), key=on)
         ]
-        self._look(server)
+        self._place_camera(server)
 
-    def _add_body(self, scene: viser.SceneApi, body: Body) -> None:
+    def _add_body(self, scene: viser.SceneApi, body: DrawnBody) -> None:
         path = f"/bodies/{_path(body.name)}"
         self.frames[body.name] = scene.add_frame(
             path, show_axes=False, position=np.array(body.position), wxyz=np.array(body.quaternion)
@@ -76,9 +78,9 @@ class Scene:
         reach = _reach(body)
         self.labels[body.name] = scene.add_label(f"{path}/label", "", position=(0.0, 0.0, 1.1 * reach), visible=False)
 
-    def _look(self, server: viser.ViserServer) -> None:
-        """A camera that sees everything that is not endless."""
-        bodies = [body for body in self._known.described.bodies if body.shape != "plane"]
+    def _place_camera(self, server: viser.ViserServer) -> None:
+        """Place the camera so that it sees all bodies but endless planes."""
+        bodies = [body for body in self._run.scene.bodies if body.shape != "plane"]
         places = [np.array(body.position) for body in bodies] or [np.zeros(3)]
         reaches = [_reach(body) for body in bodies] or [0.05]
         low = np.min([place - reach for place, reach in zip(places, reaches)], axis=0)
@@ -89,24 +91,24 @@ class Scene:
         camera.position = middle + size * np.array([0.55, -1.1, 0.65])
         camera.near, camera.far = size / 200, size * 50
 
-    def draw(self, moment: Moment) -> None:
-        """Bring everything to a state."""
-        for name, body in moment.bodies.items():
+    def draw(self, state: PageState) -> None:
+        """Show a state: move the bodies, and colour the taxels."""
+        for name, body in state.bodies.items():
             frame = self.frames.get(name)
             if frame is not None:
-                _put(frame, body["position"], body["quaternion"])
+                _set_pose(frame, body["position"], body["quaternion"])
         for board in self.boards:
-            board.draw(moment.samples)
+            board.draw(state.samples)
 
 
 class Board:
     """All taxels on one body: one batched mesh of discs, arrows, and what sensors with ``draw_debug`` show.
 
     Args:
-        scene: of viser's.
-        path: of the body in it.
-        parts: with the names of their skins.
-        fine: taxels are round and have an edge; else they are hexagons, a tenth of the work.
+        scene: viser's scene.
+        path: the path of the body in it.
+        parts: the parts of skins on the body, each with the name of its skin.
+        fine: draw taxels as discs with an edge; else as flat hexagons, a tenth of the work.
     """
 
     def __init__(self, scene: viser.SceneApi, path: str, parts: Sequence[tuple[str, Part]], *, fine: bool = True):
@@ -118,7 +120,7 @@ class Board:
         self.owners = [(skin, int(taxel)) for skin, part in parts for taxel in part.taxels]
         self._most: dict[str, float] = {}
         self._colours = np.zeros((len(self.owners), 3), np.uint8)
-        disc = trimesh.creation.cylinder(radius=0.42, height=0.12, sections=_ROUND) if fine else _hexagon()
+        disc = trimesh.creation.cylinder(radius=0.42, height=0.12, sections=_DISC_SIDES) if fine else _hexagon()
         self.discs = scene.add_batched_meshes_simple(
             f"{path}/taxels", disc.vertices, disc.faces, _turned(normals), self._positions,
             batched_scales=self._pitches.astype(np.float32), batched_colors=self._colours, lod="off",
@@ -132,7 +134,7 @@ class Board:
         self._probes = [_Probes(scene, f"{path}/{_path(part.name)}", skin, part) for skin, part in parts if part.draw]
 
     def draw(self, samples: dict[str, Sample]) -> None:
-        """Colour the taxels by what is measured, relative to the most of their skin so far."""
+        """Colour the taxels by their measured values, relative to the largest of their skin so far."""
         painted, vectors = [], []
         for skin, part in self._parts:
             sample, n = samples.get(skin), len(part.taxels)
@@ -140,41 +142,44 @@ class Board:
                 painted.append(np.zeros(n))
                 vectors.append(np.zeros((n, 3)))
                 continue
-            size = size_of(sample.measured)
+            size = magnitudes(sample.measured)
             most = self._most[skin] = max(self._most.get(skin, 0.0), float(np.nanmax(size, initial=0.0)))
             painted.append(size[part.taxels] / (most or 1.0))
             vectors.append(_vectors(sample, part, most))
         now = (255 * colours(np.concatenate(painted))).round().astype(np.uint8)
         if (now != self._colours).any():
             self._colours = self.discs.batched_colors = now
-        self._point(np.concatenate(vectors))
+        self._draw_arrows(np.concatenate(vectors))
         for probes in self._probes:
             probes.draw(samples)
 
-    def _point(self, vectors: np.ndarray) -> None:
-        """Arrows that end at the taxels: what is felt there comes from outside."""
+    def _draw_arrows(self, vectors: np.ndarray) -> None:
+        """Draw the forces as arrows that end at the taxels, because they press from outside."""
         length = np.linalg.norm(vectors, axis=1)
-        felt = np.flatnonzero(length > 0.02)
-        if len(felt) > _MOST_ARROWS:
-            felt = np.argpartition(-length, _MOST_ARROWS)[:_MOST_ARROWS]
-        if len(felt):
-            ends = self._positions[felt]
-            ways = vectors[felt] * (_ARROW * self._pitches[felt])[:, None]
+        pressed = np.flatnonzero(length > 0.02)
+        if len(pressed) > _MAX_ARROWS:
+            pressed = np.argpartition(-length, _MAX_ARROWS)[:_MAX_ARROWS]
+        if len(pressed):
+            ends = self._positions[pressed]
+            ways = vectors[pressed] * (_MAX_ARROW_PITCHES * self._pitches[pressed])[:, None]
             self._arrows.points = np.stack([ends - ways, ends], axis=1).astype(np.float32)
-        if self._arrows.visible != bool(len(felt)):
-            self._arrows.visible = bool(len(felt))
+        if self._arrows.visible != bool(len(pressed)):
+            self._arrows.visible = bool(len(pressed))
 
 
 class _Probes:
-    """Of a sensor with ``draw_debug``: spheres that change their colour in contact."""
+    """The probes of a sensor with ``draw_debug``: spheres that change their colour in contact."""
 
     def __init__(self, scene: viser.SceneApi, path: str, skin: str, part: Part):
         assert part.draw is not None
         self._skin, self._part, draw = skin, part, part.draw
-        self._rest, self._met = np.array(draw["probe_color"][:3]), np.array(draw["contact_color"][:3])
+        self._probe_colour, self._contact_colour = (
+            np.array(draw["probe_color"][:3]),
+            np.array(draw["contact_color"][:3]),
+        )
         places, _ = _placed(part, np.array(draw["probes"], float).reshape(-1, 3))
         n = len(places)
-        self._shown = np.zeros(n, bool)
+        self._was_in_contact = np.zeros(n, bool)
         ball = trimesh.creation.icosphere(subdivisions=2)
         turns = np.tile((1.0, 0.0, 0.0, 0.0), (n, 1))
         settings: dict[str, Any] = {"lod": "off", "cast_shadow": False, "receive_shadow": False}
@@ -193,30 +198,34 @@ class _Probes:
             )  # fmt: skip
 
     def _painted(self) -> np.ndarray:
-        return (255 * np.where(self._shown[:, None], self._met, self._rest)).round().astype(np.uint8)
+        return (
+            (255 * np.where(self._was_in_contact[:, None], self._contact_colour, self._probe_colour))
+            .round()
+            .astype(np.uint8)
+        )
 
     def draw(self, samples: dict[str, Sample]) -> None:
         """Colour them by contact."""
         sample = samples.get(self._skin)
         if sample is None or len(sample.ideal) <= self._part.taxels.max(initial=-1):
             return
-        now = touched(sample)[self._part.taxels]
-        if len(now) == len(self._shown) and (now != self._shown).any():
-            self._shown = now
+        now = in_contact(sample)[self._part.taxels]
+        if len(now) == len(self._was_in_contact) and (now != self._was_in_contact).any():
+            self._was_in_contact = now
             for balls in self._balls:
                 balls.batched_colors = self._painted()
 
 
 def _hexagon() -> trimesh.Trimesh:
-    """Flat, and seen from outside only."""
+    """Return a flat hexagon that is visible from outside only."""
     turns = np.arange(6) * np.pi / 3
     corners = np.stack([0.45 * np.cos(turns), 0.45 * np.sin(turns), np.full(6, 0.06)], axis=1)
     return trimesh.Trimesh(corners, [(0, k, k + 1) for k in range(1, 5)], process=False)
 
 
-def _parts(known: Known, skin: str, taxels: int) -> list[Part]:
+def _parts(run: DescribedRun, skin: str, taxels: int) -> list[Part]:
     nothing = np.zeros(taxels)
-    return known.described.parts(Sample(0, skin, nothing, nothing, nothing)) if taxels else []
+    return run.scene.parts(Sample(0, skin, nothing, nothing, nothing)) if taxels else []
 
 
 def _placed(part: Part, positions: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -235,15 +244,16 @@ def _turned(normals: np.ndarray) -> np.ndarray:
 
 
 def _vectors(sample: Sample, part: Part, most: float) -> np.ndarray:
-    """Forces on the taxels, 1 for the largest so far, in the frame of the body; none where they are no vectors."""
+    """Return the forces on the taxels in the frame of the body, 1 for the largest so far; zeros if readings are no
+    vectors."""
     if np.shape(sample.measured)[1:] != (3,) or not most:
         return np.zeros((len(part.taxels), 3))
     values = np.nan_to_num(np.asarray(sample.measured, float)[part.taxels] / most)
     return rotation.rotate(rotation.normalised(part.quaternion), values)
 
 
-def _put(frame: Any, position: Sequence[float], quaternion: Sequence[float]) -> None:
-    """Move it if it has moved: what stands still is not sent again."""
+def _set_pose(frame: Any, position: Sequence[float], quaternion: Sequence[float]) -> None:
+    """Set the pose of a frame only if it has changed, because viser sends every assignment to the viewers."""
     if not np.array_equal(frame.position, position):
         frame.position = position
     if not np.array_equal(frame.wxyz, quaternion):
@@ -254,8 +264,8 @@ def _path(name: str) -> str:
     return name.replace("/", "∕")
 
 
-def _reach(body: Body) -> float:
-    """About how far a body reaches [m]."""
+def _reach(body: DrawnBody) -> float:
+    """Return an approximate radius of a body around its origin [m]."""
     outline = body.outline
     if "vertices" in outline:
         return float(np.linalg.norm(np.array(outline["vertices"], float).reshape(-1, 3), axis=1).max(initial=0.0))
@@ -264,8 +274,8 @@ def _reach(body: Body) -> float:
     return float(outline.get("radius", 0.0)) + float(outline.get("length", 0.0)) / 2
 
 
-def _solids(scene: viser.SceneApi, path: str, body: Body) -> list[Any]:
-    """What is drawn of a body, in its frame."""
+def _solids(scene: viser.SceneApi, path: str, body: DrawnBody) -> list[Any]:
+    """Return the meshes of a body, in its frame."""
     outline, name = body.outline, f"{path}/shape"
     look: dict[str, Any] = {"color": _GREY, "opacity": 0.55, "cast_shadow": False, "receive_shadow": False}
     if "faces" in outline:
@@ -288,4 +298,4 @@ def _solids(scene: viser.SceneApi, path: str, body: Body) -> list[Any]:
 def paint(solids: Sequence[Any], *, movable: bool) -> None:
     """Show whether a body can be dragged."""
     for each in solids:
-        each.color = _HAND if movable else _GREY
+        each.color = _BLUE if movable else _GREY

@@ -1,4 +1,4 @@
-"""What a page knows of a running emulator: what is there, once, and then one state after the other."""
+"""The data that a page receives from a running emulator: its description once, then one state after the other."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 
 from firmware_protocols.layouts import Layout, Patch
 from tactemu.truth.entries import Header, Sample
-from tactemu.view.conversions.surroundings import Described
+from tactemu.view.conversions.drawn_scene import DrawnScene
 
 
 @dataclass(frozen=True)
-class Skin:
+class PageSkin:
     """A skin as the emulator describes it."""
 
     name: str
@@ -22,29 +22,29 @@ class Skin:
     title: str
     layout: Layout
     rest: np.ndarray
-    """Counts of a taxel that nobody touches, one for each column."""
+    """The counts of an untouched taxel by the datasheet, one for each column."""
     about: Mapping[str, Any]
-    """The rest of what is said of its device."""
+    """The full description of its device: columns, tables, commands, adjustable options."""
 
 
-class Known:
-    """What is there.
+class DescribedRun:
+    """The bodies and skins of a running emulator.
 
     Args:
-        description: as the command `describe` gives it.
+        description: the answer to the command `describe`.
 
     Raises:
-        ValueError: it is none.
+        ValueError: the description is malformed.
     """
 
     def __init__(self, description: Mapping[str, Any]):
         scene = description.get("scene", {})
-        self.described = Described(Header(scene=scene))
+        self.scene = DrawnScene(Header(scene=scene))
         devices = description.get("devices", {})
         self.skins = {name: _skin(name, each, devices.get(name, {})) for name, each in scene.get("skins", {}).items()}
 
 
-def _skin(name: str, described: Mapping[str, Any], about: Mapping[str, Any]) -> Skin:
+def _skin(name: str, described: Mapping[str, Any], about: Mapping[str, Any]) -> PageSkin:
     patches = tuple(Patch(**each) for each in described["patches"])
     layout = Layout(
         positions=np.array(described["positions"], float).reshape(-1, 3),
@@ -52,69 +52,73 @@ def _skin(name: str, described: Mapping[str, Any], about: Mapping[str, Any]) -> 
         patches=patches,
     )
     rest = np.array([column["rest"] for column in about.get("columns", ())], float)
-    return Skin(name, described["device"], described["title"], layout, rest, about)
+    return PageSkin(name, described["device"], described["title"], layout, rest, about)
 
 
 def _unit(normals: np.ndarray) -> np.ndarray:
-    """They were rounded on their way."""
+    """Return normals of length 1 again: their digits were rounded for the description."""
     return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
 
 
 @dataclass
-class Moment:
-    """A state, made ready to be drawn."""
+class PageState:
+    """A state of the emulator, ready to be drawn."""
 
     t_s: float
     bodies: Mapping[str, Mapping[str, Any]]
     samples: dict[str, Sample] = field(default_factory=dict)
-    """Of each skin, of the sense that has a value for each taxel."""
+    """The latest sample of each skin, of a sense that has a value for each taxel."""
     wire: list[Mapping[str, Any]] = field(default_factory=list)
     missing: int = 0
-    """Frames, faults and events that were too many to come along."""
+    """The number of frames, faults and events that exceeded the limit of entries per state."""
 
 
-def moment_of(state: Mapping[str, Any], known: Known) -> Moment:
-    """Return a state as the subscription gives it; one of a recording that is played has neither bodies nor skins."""
+def page_state(state: Mapping[str, Any], run: DescribedRun) -> PageState:
+    """Return a :class:`PageState` of a state of the subscription; a replayed recording has neither bodies nor skins."""
     samples = {}
     for name, entry in state.get("skins", {}).items():
         senses = entry.get("senses") or {"": entry.get("sample")}
-        whole = [each for each in senses.values() if each is not None and np.ndim(each["ideal"])]
-        taxels = len(known.skins[name].layout) if name in known.skins else 0
-        fit = [each for each in whole if len(each["ideal"]) == taxels] or whole
+        arrays = [each for each in senses.values() if each is not None and np.ndim(each["ideal"])]
+        taxels = len(run.skins[name].layout) if name in run.skins else 0
+        fit = [each for each in arrays if len(each["ideal"]) == taxels] or arrays
         if fit:
             samples[name] = Sample(
                 fit[0]["t_ns"], name, fit[0]["ideal"], fit[0]["measured"], fit[0]["counts"],
                 fit[0]["number"], fit[0]["sense"],
             )  # fmt: skip
     wire, missing = state.get("wire", []), state.get("wire_missing", 0)
-    return Moment(state["t_s"], state.get("bodies", {}), samples, wire, missing)
+    return PageState(state["t_s"], state.get("bodies", {}), samples, wire, missing)
 
 
-def size_of(values: np.ndarray) -> np.ndarray:
-    """Return one number for each taxel: how much is felt, in whichever direction; shape ``(n,)``."""
+def magnitudes(values: np.ndarray) -> np.ndarray:
+    """Return the magnitude of each taxel's reading, whatever its direction; shape ``(n,)``."""
     values = np.asarray(values, float)
     return np.abs(values) if values.ndim == 1 else np.linalg.norm(values.reshape(len(values), -1), axis=1)
 
 
-class Rest:
-    """The counts of each taxel of a skin when it was seen first without anybody touching it; till then, those that its
-    datasheet gives."""
+class Baseline:
+    """The baseline counts of a skin's taxels: those of a taxel's first sample without contact; until then, those of
+    the datasheet."""
 
-    def __init__(self, skin: Skin):
-        self._rest = skin.rest
-        self._known = np.zeros((0, 0))
+    def __init__(self, skin: PageSkin):
+        self._datasheet_counts = skin.rest
+        self._baseline = np.zeros((0, 0))
         self._seen = np.zeros(0, bool)
 
-    def away(self, sample: Sample) -> np.ndarray | None:
-        """How far the counts are from that, shape ``(n,)``; ``None``: they are not by taxels."""
+    def deviation(self, sample: Sample) -> np.ndarray | None:
+        """Return how far the counts are from the baseline, shape ``(n,)``, or None if they are not by taxels."""
         counts = np.asarray(sample.counts, float)
         if counts.ndim == 0 or len(counts) != len(sample.ideal):
             return None
         columns = counts.reshape(len(counts), -1)
-        if columns.shape != self._known.shape:
-            given = self._rest if self._rest.shape == columns.shape[1:] else np.zeros(columns.shape[1])
-            self._known, self._seen = np.tile(given, (len(columns), 1)), np.zeros(len(columns), bool)
-        new = ~self._seen & (size_of(sample.ideal) == 0)
-        self._known[new] = columns[new]
+        if columns.shape != self._baseline.shape:
+            given = (
+                self._datasheet_counts
+                if self._datasheet_counts.shape == columns.shape[1:]
+                else np.zeros(columns.shape[1])
+            )
+            self._baseline, self._seen = np.tile(given, (len(columns), 1)), np.zeros(len(columns), bool)
+        new = ~self._seen & (magnitudes(sample.ideal) == 0)
+        self._baseline[new] = columns[new]
         self._seen |= new
-        return np.linalg.norm(columns - self._known, axis=1)
+        return np.linalg.norm(columns - self._baseline, axis=1)

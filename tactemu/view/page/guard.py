@@ -1,8 +1,9 @@
-"""Who may look: viser's server behind a token, on hosts and from origins that we know.
+"""Access control of the page: viser's server behind a token, for known hosts and origins only.
 
-viser serves whoever finds its port: it checks neither path nor origin, listens everywhere, takes the next port when one
-is taken, and any client may ask it for a public address. :func:`guarded` replaces, while viser makes its server, the
-one function that it listens with; what it is asked, page and WebSocket alike, goes through a :class:`Gate` first.
+viser serves every client that finds its port: it checks neither path nor origin, listens on all addresses, takes the
+next port when one is taken, and any client may ask it for a public address. :func:`behind_gate` replaces, while viser
+creates its server, the one function that it listens with; each request, for the page or a WebSocket, then passes a
+:class:`Gate` first.
 """
 
 from __future__ import annotations
@@ -30,21 +31,22 @@ from websockets.http11 import Request, Response
 
 from tactemu.base.errors import TactemuError
 
-MOST_VIEWERS = 16
-LARGEST = 65_536
-"""Bytes of a message of a viewer."""
-HEARD = frozenset(
+MAX_VIEWERS = 16
+MAX_MESSAGE_BYTES = 65_536
+"""Maximum size of a viewer's message."""
+ACCEPTED_MESSAGES = frozenset(
     {
         "CommandTriggerMessage", "GuiButtonHoldMessage", "GuiFormDirtyMessage", "GuiFormSubmitMessage",
         "GuiUpdateMessage", "LocalStorageGetItemResponseMessage",
         "SceneNodeClickMessage", "SceneNodeDragMessage", "ViewerCameraMessage",
     }
 )  # fmt: skip
-"""What viewers may say. Not among it: uploads, renders, and the wish for a public address."""
+"""The types of messages that viewers may send. Uploads, renders and requests for a public address are not among them.
+"""
 SCHEME = "tactemu.scheme"
-"""Under which a browser keeps whether its user likes it dark."""
+"""The key under which a browser stores its colour scheme, ``light`` or ``dark``."""
 _PREFIX = "viser-user:"
-"""With which viser's page keeps them apart."""
+"""The prefix that viser's page puts before keys of applications."""
 _SCRIPT = f"""<script>
 localStorage.setItem("{_PREFIX}{SCHEME}", matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
 const listen = EventTarget.prototype.addEventListener;
@@ -53,27 +55,27 @@ EventTarget.prototype.addEventListener = function (type, heard, how) {{
   return listen.call(this, type, heard, stops ? {{...how, passive: false}} : how);
 }};
 </script>"""
-"""The page drags by listeners that it declares passive, and that then stop the event: an error in the console."""
+"""A script that declares viser's pointer listeners not passive: they stop events, which passive listeners may not."""
 _POLICY = (
     "default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'; connect-src 'self' data: blob: ws://{host}; "
     "form-action 'none'; base-uri 'none'; frame-ancestors 'none'"
 )
-_SAY_EVERY_S = 1.0
+_MIN_LINE_INTERVAL_S = 1.0
 
 
 class BadMessage(Exception):
-    """A viewer said what is none."""
+    """A viewer sent a message that the page would not send."""
 
 
 class Gate:
-    """What is let through.
+    """The check that every request and every message of a viewer passes.
 
     Args:
         listener: the socket, bound and listening.
-        hosts: names under which browsers may ask for it, beside the address that they reach.
-        token: what the path begins with.
-        title: of the page.
-        say: told of what is refused, a line each.
+        hosts: the host names that a request may name, beside the address that it reaches.
+        token: the beginning of the path.
+        title: the title of the page.
+        say: receives one line for each refusal.
     """
 
     def __init__(
@@ -82,36 +84,36 @@ class Gate:
         self.listener, self.token, self._say = listener, token, say
         self.port = listener.getsockname()[1]
         self._hosts = tuple(hosts)
-        self.fitted = False
-        self.made = False
-        """Whether viser's server is whole; it listens before it is."""
+        self.is_installed = False
+        self.is_server_ready = False
+        """True once viser's server is complete; it listens before that."""
         self.viewers = 0
-        self._said_s = -math.inf
+        self._last_line_s = -math.inf
         page = Path(viser.__file__).parent / "client" / "build" / "index.html"
-        head, mark, rest = page.read_text(encoding="utf-8").partition("<title>Viser</title>")
+        head, mark, tail = page.read_text(encoding="utf-8").partition("<title>Viser</title>")
         if not mark:
-            raise TactemuError(f"viser {viser.__version__} has another page than the one we know; {PINNED}")
-        self._page = gzip.compress(f"{head}<title>{title}</title>{_SCRIPT}{rest}".encode())
+            raise TactemuError(f"the page of viser {viser.__version__} is not supported; {INSTALL_TESTED}")
+        self._page = gzip.compress(f"{head}<title>{title}</title>{_SCRIPT}{tail}".encode())
 
     def say(self, text: str) -> None:
-        """A line, at most one a second: who knocks often does not fill a terminal."""
-        if time.monotonic() - self._said_s > _SAY_EVERY_S:
-            self._said_s = time.monotonic()
+        """Report a line, at most one a second, so that repeated requests do not fill the terminal."""
+        if time.monotonic() - self._last_line_s > _MIN_LINE_INTERVAL_S:
+            self._last_line_s = time.monotonic()
             self._say(text)
 
     # -- a request ---------------------------------------------------------------------------------------------------
 
-    def asked(self, connection: ServerConnection, request: Request) -> Response | None:
-        """Return the page, a refusal, or ``None``: a WebSocket that may be opened."""
+    def answer_request(self, connection: ServerConnection, request: Request) -> Response | None:
+        """Return the page, a refusal, or None for a WebSocket that may be opened."""
         path = request.path.partition("?")[0]
-        socket_wished = "upgrade" in request.headers
+        is_websocket = "upgrade" in request.headers
         host = request.headers.get_all("Host")
-        if why := self._refuses(request, path, socket_wished, connection.local_address[0]):
+        if why := self._refusal(request, path, is_websocket, connection.local_address[0]):
             self.say(f"refused a request: {why}")
             return _answer(http.HTTPStatus.NOT_FOUND, b"not found")
         if path.rstrip("/") != f"/{self.token}":
             return _answer(http.HTTPStatus.NOT_FOUND, b"not found")
-        if socket_wished:
+        if is_websocket:
             return None
         return _answer(
             http.HTTPStatus.OK,
@@ -123,34 +125,34 @@ class Gate:
             },
         )
 
-    def _refuses(self, request: Request, path: str, socket_wished: bool, reached: str) -> str | None:
-        """Why a request is refused: host, origin, token. ``reached`` is the address that it came to."""
+    def _refusal(self, request: Request, path: str, is_websocket: bool, reached: str) -> str | None:
+        """Return why a request is refused (host, origin, token), or None; ``reached`` is the address it arrived at."""
         hosts, origins = (request.headers.get_all(name) for name in ("Host", "Origin"))
         ours = [f"[{host}]:{self.port}" if ":" in host else f"{host}:{self.port}" for host in (*self._hosts, reached)]
         if len(hosts) != 1 or hosts[0].lower() not in ours:
-            return f"host {', '.join(hosts)[:100]!r} is none of ours"
-        if (origins or socket_wished) and [each.lower() for each in origins] != [f"http://{hosts[0].lower()}"]:
-            return f"origin {', '.join(origins)[:100]!r} is not ours"
+            return f"the host {', '.join(hosts)[:100]!r} is not one of this page"
+        if (origins or is_websocket) and [each.lower() for each in origins] != [f"http://{hosts[0].lower()}"]:
+            return f"the origin {', '.join(origins)[:100]!r} is not this page"
         given = path.strip("/").partition("/")[0]
         if not hmac.compare_digest(given.encode(), self.token.encode()):
-            return "the path has not the token"
+            return "the path does not begin with the token"
         return None
 
     # -- a viewer ----------------------------------------------------------------------------------------------------
 
-    async def attended(self, handler: Callable[[ServerConnection], Any], connection: ServerConnection) -> None:
-        """Have viser serve a viewer, as long as what it says is what its page says."""
-        if self.viewers >= MOST_VIEWERS:
-            self.say(f"a viewer was sent away: {MOST_VIEWERS} look already")
-            await connection.close(1013, f"{MOST_VIEWERS} look already")
+    async def serve_viewer(self, handler: Callable[[ServerConnection], Any], connection: ServerConnection) -> None:
+        """Let viser serve a viewer as long as all messages pass :func:`check_message`."""
+        if self.viewers >= MAX_VIEWERS:
+            self.say(f"a viewer was refused: the page has {MAX_VIEWERS} already")
+            await connection.close(1013, f"the page has {MAX_VIEWERS} viewers already")
             return
-        while not self.made:
+        while not self.is_server_ready:
             await asyncio.sleep(0.02)
         receive = connection.recv
 
         async def checked(*args: Any, **kwargs: Any) -> Any:
             message = await receive(*args, **kwargs)
-            check(message)
+            check_message(message)
             return message
 
         connection.recv = checked  # type: ignore[method-assign]
@@ -159,33 +161,33 @@ class Gate:
             await handler(connection)
         except websockets.exceptions.ConnectionClosed:
             pass
-        except Exception as error:  # whatever it was: it is that viewer's, and no other's
+        except Exception as error:  # an error of one viewer's connection must not reach the others
             self.say(f"a viewer was closed: {str(error) or type(error).__name__:.200}")
-            await connection.close(1008, "that was no message")
+            await connection.close(1008, "the message was not valid")
         finally:
             self.viewers -= 1
 
 
-def check(message: Any) -> None:
-    """Refuse what the page does not say.
+def check_message(message: Any) -> None:
+    """Raise for a message that the page would not send.
 
     Raises:
-        BadMessage: it is no message, or none that is heard here.
+        BadMessage: it is no message, or of a type that is not accepted.
     """
     try:
         said = msgspec.msgpack.decode(message) if isinstance(message, bytes) else None
     except (msgspec.MsgspecError, ValueError, RecursionError):
         said = None
     if not isinstance(said, dict) or not isinstance(said.get("type"), str):
-        raise BadMessage("what it sent is no message")
-    if said["type"] not in HEARD:
-        raise BadMessage(f"{said['type'][:60]!r} is not heard here")
+        raise BadMessage("it sent bytes that are no message")
+    if said["type"] not in ACCEPTED_MESSAGES:
+        raise BadMessage(f"messages of type {said['type'][:60]!r} are not accepted")
     if said["type"] == "GuiUpdateMessage" and not _is_value(said.get("updates")):
-        raise BadMessage("it set what is no value")
+        raise BadMessage("it set a control to an invalid value")
 
 
 def _is_value(updates: Any) -> bool:
-    """Return a number that is one, a truth value, a short text, or a few of these."""
+    """Return True if the update is a finite number, a boolean, a short text, or a short list of these."""
     if not isinstance(updates, dict) or updates.keys() != {"value"}:
         return False
     value = updates["value"]
@@ -197,7 +199,7 @@ def _is_value(updates: Any) -> bool:
 
 
 def _answer(status: http.HTTPStatus, body: bytes, **headers: str) -> Response:
-    """Return a response that is kept nowhere, and that tells nobody else the token."""
+    """Return a response that is not cached, and that does not pass the token on as a referrer."""
     fixed = {
         "Content-Length": str(len(body)),
         "Cache-Control": "no-store",
@@ -208,15 +210,15 @@ def _answer(status: http.HTTPStatus, body: bytes, **headers: str) -> Response:
     return Response(status.value, status.phrase, Headers({"Content-Type": "text/plain"} | fixed | headers), body)
 
 
-PINNED = 'install the one that is tested: pip install "tactemu[web]"'
+INSTALL_TESTED = 'install the tested version: pip install "tactemu[web]"'
 
 
 @contextlib.contextmanager
-def guarded(gate: Gate) -> Iterator[None]:
-    """While a :class:`viser.ViserServer` is made in it, that server listens on the gate's socket and behind it.
+def behind_gate(gate: Gate) -> Iterator[None]:
+    """Make the :class:`viser.ViserServer` that is created in this context listen on the gate's socket, behind the gate.
 
     Raises:
-        TactemuError: this version of viser listens in another way.
+        TactemuError: this version of viser opens its port in another way.
     """
     listen = websockets.asyncio.server.serve
     quiet = logging.getLogger("tactemu.view.page")
@@ -224,12 +226,12 @@ def guarded(gate: Gate) -> Iterator[None]:
     quiet.propagate = False
 
     def serve(handler: Callable[[ServerConnection], Any], *_: Any, **options: Any) -> Any:
-        gate.fitted = True
+        gate.is_installed = True
         wanted = {name: options[name] for name in ("compression", "subprotocols", "select_subprotocol")}
         return listen(
-            lambda connection: gate.attended(handler, connection),
-            sock=gate.listener, process_request=gate.asked, max_size=LARGEST, max_queue=16, server_header=None,
-            logger=quiet, **wanted,
+            lambda connection: gate.serve_viewer(handler, connection),
+            sock=gate.listener, process_request=gate.answer_request, max_size=MAX_MESSAGE_BYTES, max_queue=16,
+            server_header=None, logger=quiet, **wanted,
         )  # fmt: skip
 
     websockets.asyncio.server.serve = serve  # type: ignore[assignment,misc]
@@ -237,5 +239,5 @@ def guarded(gate: Gate) -> Iterator[None]:
         yield
     finally:
         websockets.asyncio.server.serve = listen  # type: ignore[misc]
-    if not gate.fitted:
-        raise TactemuError(f"viser {viser.__version__} listens in a way that we do not know; {PINNED}")
+    if not gate.is_installed:
+        raise TactemuError(f"viser {viser.__version__} opens its port in an unsupported way; {INSTALL_TESTED}")

@@ -1,4 +1,4 @@
-"""Where a page is: a socket, a token, a process. Imports nothing of viser's, so that a run need not wait for it."""
+"""The socket, the token and the process of a page; without imports of viser, which a run would have to wait for."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from tactemu.base.errors import TactemuError
 LOOPBACK = "127.0.0.1"
 _USUAL_PORT = 8080
 _END_S = 2.0
-"""How long the process may take to end when its run has."""
+"""The time for which a run that has ended waits for the page's process; then it is killed."""
 
 
 @dataclass(frozen=True)
-class Door:
-    """Where a page will be.
+class PageListener:
+    """The socket and the token of a page.
 
     Raises:
         TactemuError: viser is missing, the port is taken, or the host is none of this machine's.
@@ -34,40 +34,40 @@ class Door:
 
     @property
     def url(self) -> str:
-        """What a browser opens."""
+        """The link that a browser opens."""
         host, port = self.listener.getsockname()[:2]
         host = socket.gethostname() if host in ("0.0.0.0", "::") else host
         return f"http://{f'[{host}]' if ':' in host else host}:{port}/{self.token}/"
 
     @property
     def hosts(self) -> list[str]:
-        """Names under which it may be asked for, beside addresses."""
+        """The host names that a request may name, beside the address itself."""
         host = self.listener.getsockname()[0]
         return ["localhost"] if host in (LOOPBACK, "::1") else ["localhost", socket.gethostname().lower()]
 
 
-def door(host: str | None = None, port: int | None = None) -> Door:
-    """Return a socket that listens, and a fresh token.
+def open_listener(host: str | None = None, port: int | None = None) -> PageListener:
+    """Open the socket of a page, and return it with a fresh token.
 
     Args:
-        host: address; default: this machine alone can reach it.
-        port: default: 8080, or any other if that is taken.
+        host: the address; default: loopback, which only this machine reaches.
+        port: default: 8080, or any free port if 8080 is taken.
 
     Raises:
         TactemuError: viser is missing, the port is taken, or the host is none of this machine's.
     """
     if importlib.util.find_spec("viser") is None:
         raise TactemuError('the page needs the package viser: pip install "tactemu[web]"')
-    return Door(_has_listener(host or LOOPBACK, port), secrets.token_urlsafe(16))
+    return PageListener(_has_listener(host or LOOPBACK, port), secrets.token_urlsafe(16))
 
 
 def warning(host: str | None) -> str | None:
-    """What to tell somebody who opens it to others."""
+    """Return the warning for a page that other machines can reach, or None."""
     if host in (None, LOOPBACK, "::1", "localhost"):
         return None
     return (
-        f"whoever reaches {host} and has the link can look, press and break, and reads the link on the way: it is not "
-        "encrypted; better: ssh -L 8080:127.0.0.1:8080 to this machine"
+        f"anyone who reaches {host} and has the link can watch, press and break; the connection is not encrypted. "
+        "Safer: ssh -L 8080:127.0.0.1:8080 to this machine"
     )
 
 
@@ -87,15 +87,17 @@ def _bound(host: str, port: int) -> socket.socket:
     except (OSError, OverflowError) as error:
         listener.close()
         why = getattr(error, "strerror", None) or "there is no such port"
-        raise TactemuError(f"the page cannot listen on {host}, port {port}: {why}; name another, or none") from None
+        raise TactemuError(
+            f"the page cannot listen on {host}, port {port}: {why}; name another port, or none"
+        ) from None
     return listener
 
 
 @contextlib.contextmanager
-def beside(opened: Door, name: str) -> Iterator[threading.Event]:
-    """Run a process that shows the run of that name while it lasts; it has the token from a pipe: others see commands.
+def page_process(opened: PageListener, name: str) -> Iterator[threading.Event]:
+    """Run a process that shows the run ``name``; a pipe carries the token, because other users can read command lines.
 
-    Set the event before the run ends: a user is told of a page that ends sooner.
+    Set the yielded event before the run ends: a page that ends without it is reported to the user.
     """
     number = opened.listener.fileno()
     command = [sys.executable, "-m", "tactemu.cli.page", str(number), name]
@@ -127,7 +129,7 @@ def beside(opened: Door, name: str) -> Iterator[threading.Event]:
             process.wait()
 
 
-def inherited(number: int, token: str) -> Door:
-    """Return the one that a parent has opened."""
+def inherited_listener(number: int, token: str) -> PageListener:
+    """Return the listener that the parent process has opened, by its file descriptor."""
     os.set_inheritable(number, False)
-    return Door(socket.socket(fileno=number), token)
+    return PageListener(socket.socket(fileno=number), token)

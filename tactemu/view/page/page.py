@@ -1,4 +1,4 @@
-"""The page itself: one emulator after the other of a name, drawn as its states come."""
+"""The page itself: it draws each state of an emulator as it arrives."""
 
 from __future__ import annotations
 
@@ -12,40 +12,42 @@ import viser
 from tactemu.base.errors import TactemuError
 from tactemu.control.client import Connection
 from tactemu.view.page.bodies import Board, Scene, paint
-from tactemu.view.page.feed import Known, Moment, Skin, moment_of
-from tactemu.view.page.guard import SCHEME, Gate, guarded
-from tactemu.view.page.hands import Hands
-from tactemu.view.page.panel import Panel, whose
+from tactemu.view.page.feed import DescribedRun, PageSkin, PageState, page_state
+from tactemu.view.page.guard import SCHEME, Gate, behind_gate
+from tactemu.view.page.panel import Panel, holder_text
+from tactemu.view.page.viewer_commands import ViewerCommands
 
-RATE_HZ, IDLE_HZ = 15.0, 0.5
-"""States that are asked for while somebody looks, and while nobody does."""
-_ENTRIES = 40
-"""Frames, faults and events that come with a state."""
+RATE_HZ = 15.0
+"""The rate of states that the page asks for while it has viewers."""
+IDLE_HZ = 0.5
+"""The rate of states that the page asks for without viewers."""
+_MAX_WIRE_ENTRIES = 40
+"""Maximum number of frames, faults and events that come with a state."""
 
 
 class Page:
-    """Shows an emulator to whoever comes through the gate.
+    """A page that shows an emulator to every viewer whom the gate admits.
 
     Args:
-        gate: has a socket that listens.
-        title: of the page.
-        datasheet: the lines of the one of a device.
+        gate: the gate, with a listening socket.
+        title: the title of the page.
+        datasheet: returns the lines of a device's datasheet.
 
     Raises:
-        TactemuError: this viser is not the one that we know.
+        TactemuError: this version of viser is not supported.
     """
 
-    def __init__(self, gate: Gate, title: str, datasheet: Callable[[Skin], Sequence[str]]):
+    def __init__(self, gate: Gate, title: str, datasheet: Callable[[PageSkin], Sequence[str]]):
         self._gate, self._title, self._datasheet = gate, title, datasheet
-        with guarded(gate):
+        with behind_gate(gate):
             self._server = viser.ViserServer(host="127.0.0.1", port=0, label=title, verbose=False)
         self._closed = threading.Event()
         self._scene: Scene | None = None
         self._panel: Panel | None = None
-        self._hands: Hands | None = None
-        self._known = Known({})
-        self._last = Moment(0.0, {})
-        _close_those_who_err(self._server, gate)
+        self._viewer_commands: ViewerCommands | None = None
+        self._run = DescribedRun({})
+        self._last = PageState(0.0, {})
+        _close_on_error(self._server, gate)
 
         @self._server.on_client_connect
         def _(client: viser.ClientHandle) -> None:
@@ -53,24 +55,24 @@ class Page:
 
         @self._server.on_client_disconnect
         async def _(client: viser.ClientHandle) -> None:
-            for body, viewer in list(self._hands.holders.items() if self._hands else ()):
-                if viewer == client.client_id and self._hands:
-                    self._hands.let_go(viewer, body)
+            for body, viewer in list(self._viewer_commands.holders.items() if self._viewer_commands else ()):
+                if viewer == client.client_id and self._viewer_commands:
+                    self._viewer_commands.release(viewer, body)
 
-        gate.made = True
+        gate.is_server_ready = True
 
     def show(self, connect: Callable[[], Connection]) -> None:
         """Show an emulator until it ends.
 
         Args:
-            connect: gives a connection to it.
+            connect: returns a new connection to the emulator.
 
         Raises:
-            TactemuError: it cannot be reached.
+            TactemuError: the emulator cannot be reached.
         """
         with connect() as connection:
-            self._known = Known(connection.describe() if connection.about.get("skins") else {})
-            self._hands = Hands(connect(), self._look_at)
+            self._run = DescribedRun(connection.describe() if connection.about.get("skins") else {})
+            self._viewer_commands = ViewerCommands(connect(), self._show_statistics)
             try:
                 self._make(connection)
                 while not self._closed.is_set():
@@ -80,10 +82,10 @@ class Page:
                     self._panel.end(self._last.t_s, str(error))
                     self._server.flush()
             finally:
-                self._hands.close()
+                self._viewer_commands.close()
 
     def close(self) -> None:
-        """Show no more, and close the port. Viewers keep the last picture."""
+        """Stop drawing and close the port. Viewers keep the last picture."""
         self._closed.set()
         self._server.flush()
         time.sleep(0.2)
@@ -92,73 +94,73 @@ class Page:
     # -- what is shown -------------------------------------------------------------------------------------------------
 
     def _make(self, connection: Connection) -> None:
-        assert self._hands is not None
-        self._scene = Scene(self._server, self._known)
-        self._panel = Panel(self._server, self._known, self._hands, self._datasheet, self._title)
+        assert self._viewer_commands is not None
+        self._scene = Scene(self._server, self._run)
+        self._panel = Panel(self._server, self._run, self._viewer_commands, self._datasheet, self._title)
         movable = set(connection.about.get("bodies", ()))
         for name, solids in self._scene.solids.items():
             if name in movable:
                 paint(solids, movable=True)
                 for solid in solids:
-                    self._let_drag(name, solid)
+                    self._enable_drag(name, solid)
         for board in self._scene.boards:
-            self._let_click(board)
+            self._enable_click(board)
 
     def _watch(self, connection: Connection) -> None:
-        """States, until somebody comes, the last one goes, or another skin is looked at."""
+        """Draw states until the first viewer comes, the last one goes, or another skin is selected."""
         assert self._panel is not None
-        wish = self._wish()
-        rate, skin = wish
-        entries = _ENTRIES if rate == RATE_HZ else 0
+        subscription = self._subscription()
+        rate, skin = subscription
+        entries = _MAX_WIRE_ENTRIES if rate == RATE_HZ else 0
         for state in connection.watch(rate, arrays=True, wire=entries, skin=skin):
-            self._draw(moment_of(state, self._known))
-            if self._wish() != wish or self._closed.is_set():
+            self._draw(page_state(state, self._run))
+            if self._subscription() != subscription or self._closed.is_set():
                 return
 
-    def _wish(self) -> tuple[float, str | None]:
+    def _subscription(self) -> tuple[float, str | None]:
         looking = self._gate.viewers > 0
         skin = self._panel.skin if self._panel is not None else None
         return RATE_HZ if looking else IDLE_HZ, skin.name if skin is not None else None
 
-    def _draw(self, moment: Moment) -> None:
-        assert self._scene is not None and self._panel is not None and self._hands is not None
-        self._last = moment
+    def _draw(self, state: PageState) -> None:
+        assert self._scene is not None and self._panel is not None and self._viewer_commands is not None
+        self._last = state
         with self._server.atomic():
-            self._scene.draw(moment)
+            self._scene.draw(state)
             for name, label in self._scene.labels.items():
-                body = moment.bodies.get(name, {})
-                held = bool(body.get("in_hand")) and name in self._hands.holders
+                body = state.bodies.get(name, {})
+                held = bool(body.get("in_hand")) and name in self._viewer_commands.holders
                 if label.visible != held:
                     label.visible = held
-                if held and label.text != (words := whose(self._hands.holders.get(name))):
+                if held and label.text != (words := holder_text(self._viewer_commands.holders.get(name))):
                     label.text = words
-            self._panel.draw(moment, self._words())
+            self._panel.draw(state, self._viewer_count())
 
-    def _words(self) -> str:
+    def _viewer_count(self) -> str:
         viewers = self._gate.viewers
         return f"{viewers} viewer{'s' * (viewers != 1)}"
 
-    def _look_at(self, stats: Any) -> None:
+    def _show_statistics(self, stats: Any) -> None:
         if self._panel is not None and self._gate.viewers:
             self._panel.numbers(stats)
 
     # -- what viewers do -----------------------------------------------------------------------------------------------
 
-    def _let_drag(self, body: str, solid: Any) -> None:
-        hands = self._hands
-        assert hands is not None
+    def _enable_drag(self, body: str, solid: Any) -> None:
+        viewer_commands = self._viewer_commands
+        assert viewer_commands is not None
 
         @solid.on_drag("left")
         async def _(event: Any) -> None:
             if event.phase == "start":
                 origin = self._last.bodies.get(body, {}).get("position", (0.0, 0.0, 0.0))
-                hands.grab(event.client_id, body, event.start_position, origin)
+                viewer_commands.grab(event.client_id, body, event.start_position, origin)
             if event.phase in ("start", "update"):
-                hands.drag(event.client_id, body, event.end_position)
+                viewer_commands.drag(event.client_id, body, event.end_position)
             else:
-                hands.let_go(event.client_id, body)
+                viewer_commands.release(event.client_id, body)
 
-    def _let_click(self, board: Board) -> None:
+    def _enable_click(self, board: Board) -> None:
         @board.discs.on_click
         async def _(event: Any) -> None:
             if event.instance_index is not None and 0 <= event.instance_index < len(board.owners):
@@ -167,10 +169,10 @@ class Page:
 
 
 def _welcome(client: viser.ClientHandle) -> None:
-    """Say who it is, and give the page the colours that its user likes."""
+    """Tell a viewer their number, and set the colour scheme that their browser prefers."""
     try:
         scheme = client.local_storage.get_item(SCHEME, timeout=30.0)
-    except (TimeoutError, RuntimeError):  # it has gone, or keeps nothing
+    except (TimeoutError, RuntimeError):  # the viewer has gone, or their browser stores nothing
         scheme = None
     client.gui.configure_theme(
         dark_mode=scheme == "dark", show_logo=False, show_share_button=False, control_width="medium"
@@ -178,8 +180,8 @@ def _welcome(client: viser.ClientHandle) -> None:
     client.gui.add_html(f'<div style="padding: 0 0.8em"><small>You are viewer {client.client_id + 1}.</small></div>')
 
 
-def _close_those_who_err(server: viser.ViserServer, gate: Gate) -> None:
-    """A viewer whose message has the form of one, and makes no sense, is closed in a line."""
+def _close_on_error(server: viser.ViserServer, gate: Gate) -> None:
+    """Close the connection of a viewer whose message has a valid form but fails, and report it in one line."""
     socket: Any = server._websock_server
     handle = socket._handle_incoming_message
 
@@ -190,6 +192,6 @@ def _close_those_who_err(server: viser.ViserServer, gate: Gate) -> None:
             gate.say(f"a viewer was closed: {type(message).__name__}: {error!s:.100}")
             connection = socket._live_connections.get(client_id)
             if connection is not None:
-                await connection.close(1008, "that made no sense")
+                await connection.close(1008, "the message failed")
 
     socket._handle_incoming_message = handled

@@ -1,4 +1,4 @@
-"""The panels of a page: what may be done, and what is shown beside the scene."""
+"""The panels of a page: the controls, and the views beside the scene."""
 
 from __future__ import annotations
 
@@ -10,48 +10,50 @@ from typing import Any
 import viser
 
 from tactemu.view.page.curves import Curves
-from tactemu.view.page.feed import Known, Moment, Rest, Skin
-from tactemu.view.page.hands import Hands, Say
+from tactemu.view.page.feed import Baseline, DescribedRun, PageSkin, PageState
 from tactemu.view.page.pictures import Pictures
+from tactemu.view.page.viewer_commands import Report, ViewerCommands
 from tactemu.view.page.wire import Wire
 
 SHARES = ("drop", "flip", "truncate", "checksum", "duplicate", "garbage", "late")
-"""Faults that are a share of the frames: a slider says which."""
+"""The faults that hit a share of the frames, which a slider sets."""
 READ_HZ = 5.0
-"""Rate of what is read: words, pictures, curves. A browser takes longer to lay them out than to draw the scene."""
-_RIGHT_PX, _LEFT_PX = 430, 300
+"""The rate at which text, pictures and curves are renewed: a browser takes longer to lay them out than to draw the
+scene."""
+_RIGHT_PX = 430
+_LEFT_PX = 300
 
 
 class Panel:
-    """Made once for an emulator.
+    """The panels for one emulator.
 
     Args:
-        server: of viser's; what it has in its panels goes.
-        known: what is there.
-        hands: has it done.
-        datasheet: the lines of the one of a device, or why there is none.
-        title: of the page.
+        server: viser's server; its present panels are removed.
+        run: the bodies and skins of the emulator.
+        viewer_commands: sends the commands.
+        datasheet: returns the lines of a device's datasheet, or why there is none.
+        title: the title of the page.
     """
 
     def __init__(
         self,
         server: viser.ViserServer,
-        known: Known,
-        hands: Hands,
-        datasheet: Callable[[Skin], Sequence[str]],
+        run: DescribedRun,
+        viewer_commands: ViewerCommands,
+        datasheet: Callable[[PageSkin], Sequence[str]],
         title: str,
     ):
-        self._known, self._hands, self._datasheet = known, hands, datasheet
-        self._due = 0.0
-        self._pictures, self._wire = Pictures(), Wire(known)
-        self._rest = {name: Rest(skin) for name, skin in known.skins.items()}
+        self._run, self._viewer_commands, self._datasheet = run, viewer_commands, datasheet
+        self._next_read_s = 0.0
+        self._pictures, self._wire = Pictures(), Wire(run)
+        self._baselines = {name: Baseline(skin) for name, skin in run.skins.items()}
         gui = self._gui = server.gui
         gui.reset()
         gui.set_panel_label(title)
         gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
         self._status = gui.add_html("")
-        names = list(known.skins) or ["none"]
-        self._skin = gui.add_dropdown("skin", names, hint="whose pictures, wire, statistics and datasheet are shown")
+        names = list(run.skins) or ["none"]
+        self._skin = gui.add_dropdown("skin", names, hint="its pictures, wire, statistics and datasheet are shown")
         self._taxel = gui.add_number("taxel", 0, min=0, step=1, hint="or click one in the scene")
         self._add_touch()
         self._add_breaking()
@@ -63,9 +65,9 @@ class Panel:
         self._choose_skin()
 
     @property
-    def skin(self) -> Skin | None:
-        """Whose pictures and wire are looked at."""
-        return self._known.skins.get(self._skin.value)
+    def skin(self) -> PageSkin | None:
+        """The selected skin: its pictures, wire, statistics and datasheet are shown."""
+        return self._run.skins.get(self._skin.value)
 
     # -- what may be done ----------------------------------------------------------------------------------------------
 
@@ -87,13 +89,13 @@ class Panel:
 
         @back.on_click
         async def _(event: viser.GuiEvent) -> None:
-            self._hands.give_back(None, teller(event.client))
+            self._viewer_commands.give_back(None, reporter(event.client))
 
         escape_key = gui.add_command("Give back what I hold", hotkey="escape")
 
         @escape_key.on_trigger
         async def _(event: Any) -> None:
-            self._hands.give_back(event.client.client_id, teller(event.client))
+            self._viewer_commands.give_back(event.client.client_id, reporter(event.client))
 
     def _add_breaking(self) -> None:
         gui = self._gui
@@ -116,12 +118,12 @@ class Panel:
 
         @percent.on_update
         async def _(event: viser.GuiEvent) -> None:
-            key, say = (self._skin.value, share.value), teller(event.client)
+            key, say = (self._skin.value, share.value), reporter(event.client)
             if before := self._shares.pop(key, None):
-                self._hands.do("mend", say, fault=before, skin=key[0])
+                self._viewer_commands.submit("mend", say, fault=before, skin=key[0])
             if percent.value > 0:
                 self._shares[key] = f"{share.value} {percent.value:g}%"
-                self._hands.do("fault", say, fault=self._shares[key], skin=key[0])
+                self._viewer_commands.submit("fault", say, fault=self._shares[key], skin=key[0])
 
         @mend.on_click
         async def _(_: viser.GuiEvent) -> None:
@@ -130,14 +132,16 @@ class Panel:
 
         async def ask(event: viser.GuiEvent) -> None:
             if words.value.strip():
-                self._hands.do("fault", teller(event.client), fault=words.value.strip(), skin=self._skin.value)
+                self._viewer_commands.submit(
+                    "fault", reporter(event.client), fault=words.value.strip(), skin=self._skin.value
+                )
 
         form.on_submit(ask)
         begin.on_click(ask)
 
     def _add_imperfections(self) -> None:
         gui = self._gui
-        options = {name: list(skin.about.get("adjustable", ())) for name, skin in self._known.skins.items()}
+        options = {name: list(skin.about.get("adjustable", ())) for name, skin in self._run.skins.items()}
         there = sorted({option for each in options.values() for option in each if option != "dead"})
         with gui.add_folder("Imperfections", expand_by_default=bool(there)):
             if there:
@@ -151,14 +155,14 @@ class Panel:
                 self._on(kill, lambda: [("dead", taxel())])
             else:
                 gui.add_html(
-                    _padded("<small>More may be changed of a run with --adjustable noise --adjustable dead.</small>")
+                    _padded("<small>To change more, start the run with --adjustable noise --adjustable dead.</small>")
                 )
 
     def _on(self, button: viser.GuiButtonHandle, commands: Callable[[], list[tuple[str, dict[str, Any]]]]) -> None:
         @button.on_click
         async def _(event: viser.GuiEvent) -> None:
             for verb, arguments in commands():
-                self._hands.do(verb, teller(event.client), **arguments)
+                self._viewer_commands.submit(verb, reporter(event.client), **arguments)
 
     # -- what is shown -------------------------------------------------------------------------------------------------
 
@@ -186,64 +190,67 @@ class Panel:
         skin = self.skin
         if skin is None:
             return
-        self._hands.skin = skin.name
+        self._viewer_commands.skin = skin.name
         self._taxel.max = max(len(skin.layout) - 1, 0)
         self._taxel.value = min(self._taxel.value, self._taxel.max)
         lines = "\n".join(self._datasheet(skin))
         self._details.content = f'<pre class="sheet">{escape(lines)}</pre>{_SHEET}'
-        self._wire = Wire(self._known)
+        self._wire = Wire(self._run)
 
     def choose_taxel(self, skin: str, taxel: int) -> None:
-        """Somebody has clicked it."""
+        """Select a taxel that a viewer has clicked, and its skin."""
         self._skin.value = skin
         self._choose_skin()
         self._taxel.value = taxel
         self.curves.choose(skin, taxel)
 
-    def draw(self, moment: Moment, words: str) -> None:
-        """Bring everything to a state; what is read and not seen at a glance, :data:`READ_HZ` times a second."""
-        due = (now := time.monotonic()) >= self._due
+    def draw(self, state: PageState, words: str) -> None:
+        """Show a state; text, pictures and curves are renewed at :data:`READ_HZ` only."""
+        is_due = (now := time.monotonic()) >= self._next_read_s
         looked_at = {name for name, _ in self.curves.chosen}
-        away = {
-            name: self._rest[name].away(sample)
-            for name, sample in moment.samples.items()
-            if name in self._rest and (due or name in looked_at)
+        deviations = {
+            name: self._baselines[name].deviation(sample)
+            for name, sample in state.samples.items()
+            if name in self._baselines and (is_due or name in looked_at)
         }
-        self.curves.add(moment.t_s, moment.samples, away)
-        if moment.wire or moment.missing:
-            self._wire.add(moment.wire, moment.missing)
-        if not due:
+        self.curves.add(state.t_s, state.samples, deviations)
+        if state.wire or state.missing:
+            self._wire.add(state.wire, state.missing)
+        if not is_due:
             return
-        self._due = now + 1 / READ_HZ
-        holders = self._hands.holders
-        held = [f"{escape(body)}: {whose(holders.get(body))}" for body, each in moment.bodies.items() if each["in_hand"]
-                and body in holders]  # fmt: skip
-        lines = [f"<b>{moment.t_s:.1f} s</b>, {words}", *held]
+        self._next_read_s = now + 1 / READ_HZ
+        holders = self._viewer_commands.holders
+        held = [
+            f"{escape(body)}: {holder_text(holders.get(body))}"
+            for body, each in state.bodies.items()
+            if each["in_hand"] and body in holders
+        ]
+        lines = [f"<b>{state.t_s:.1f} s</b>, {words}", *held]
         _show(self._status, _padded("<br>".join(lines)))
         skin = self.skin
         if skin is not None:
-            _show(self._flat, self._pictures.html(skin, moment.samples.get(skin.name), away.get(skin.name)))
+            _show(self._flat, self._pictures.html(skin, state.samples.get(skin.name), deviations.get(skin.name)))
         self.curves.draw()
         _show(self._running, self._wire.html())
 
     def end(self, t_s: float, why: str) -> None:
-        """Say that nothing more comes."""
+        """Report that nothing more comes."""
         words = f'<b style="color:#e03131">{escape(why)}</b><br>the last picture is of {t_s:.1f} s'
         _show(self._status, _padded(words))
 
     def numbers(self, stats: Mapping[str, Any]) -> None:
-        """Statistics, as the emulator gives them."""
+        """Show the emulator's statistics."""
         tables = [_table(name, entry) for name, entry in stats.get("skins", {"wire": stats}).items()]
         _show(self._numbers, "".join(tables) + _SHEET)
 
 
-def whose(viewer: int | None) -> str:
-    """In words."""
+def holder_text(viewer: int | None) -> str:
+    """Return the text for the holder of a body: ``viewer 1 has it``."""
     return "held" if viewer is None else f"viewer {viewer + 1} has it"
 
 
-def teller(client: viser.ClientHandle | None) -> Say:
-    """Tells a viewer what went wrong."""
+def reporter(client: viser.ClientHandle | None) -> Report:
+    """Return a callable that shows an error to a viewer."""
 
     def say(text: str) -> None:
         if client is not None:

@@ -11,14 +11,14 @@ from PIL import Image
 
 from firmware_protocols.layouts import Layout, Patch
 from tactemu.truth.entries import Sample
-from tactemu.view.conversions.colours import colours
-from tactemu.view.page.feed import Skin, size_of
+from tactemu.view.conversions.display import colours
+from tactemu.view.page.feed import PageSkin, magnitudes
 
-_MOST_NUMBERS = 64
-"""Taxels of a patch whose counts are written; of more, a picture says it."""
-_MOST_COLUMNS = 24
-_MOST_PATCHES = 24
-"""That are drawn of one skin."""
+_MAX_NUMBERED_TAXELS = 64
+"""Maximum number of taxels of a patch whose counts are written below its picture."""
+_MAX_COLUMNS = 24
+_MAX_PATCHES = 24
+"""Maximum number of patches of one skin that are drawn."""
 _COLUMNS: tuple[str, ...] = ("ideal", "measured", "sent")
 
 
@@ -26,21 +26,21 @@ class Pictures:
     """The patches of one skin at a time."""
 
     def __init__(self) -> None:
-        self._skin: Skin | None = None
+        self._skin: PageSkin | None = None
         self._places: list[tuple[Patch, np.ndarray]] = []
         self._most = dict.fromkeys(_COLUMNS, 0.0)
 
-    def html(self, skin: Skin, sample: Sample | None, sent: np.ndarray | None) -> str:
-        """As they are now; ``sent`` is how far the counts are from rest."""
+    def html(self, skin: PageSkin, sample: Sample | None, sent: np.ndarray | None) -> str:
+        """Return the pictures of a sample; ``sent`` is how far the counts are from baseline."""
         if skin is not self._skin:
             self._skin = skin
             self._most = dict.fromkeys(_COLUMNS, 0.0)
-            self._places = [(patch, cells(skin.layout, patch)) for patch in skin.layout.patches[:_MOST_PATCHES]]
+            self._places = [(patch, cells(skin.layout, patch)) for patch in skin.layout.patches[:_MAX_PATCHES]]
         if sample is None or not len(skin.layout) or len(sample.ideal) != len(skin.layout):
-            return "<p>nothing to draw: no reading by taxels</p>"
+            return "<p>nothing to draw: this skin has no reading for each taxel</p>"
         sizes: dict[str, np.ndarray | None] = {
-            "ideal": size_of(sample.ideal),
-            "measured": size_of(sample.measured),
+            "ideal": magnitudes(sample.ideal),
+            "measured": magnitudes(sample.measured),
             "sent": sent,
         }
         for name, size in sizes.items():
@@ -51,8 +51,8 @@ class Pictures:
         head = "".join(f"<th>{name}<br><small>0 to {scale[name]:.3g}</small></th>" for name in _COLUMNS)
         rows = "".join(self._row(patch, places, sizes, scale, sample) for patch, places in self._places)
         more = len(skin.layout.patches) - len(self._places)
-        rest = f"<p>and {more} more patches</p>" if more > 0 else ""
-        return f'<table class="flat"><tr>{head}</tr>{rows}</table>{rest}{_STYLE}'
+        note = f"<p>and {more} more patches</p>" if more > 0 else ""
+        return f'<table class="flat"><tr>{head}</tr>{rows}</table>{note}{_STYLE}'
 
     def _row(
         self,
@@ -62,15 +62,15 @@ class Pictures:
         scale: dict[str, float],
         sample: Sample,
     ) -> str:
-        cellsof = [picture(size, patch, places, scale[name]) for name, size in sizes.items()]
-        pictures = "".join(f"<td>{each}</td>" for each in cellsof)
+        pixels = [picture(size, patch, places, scale[name]) for name, size in sizes.items()]
+        pictures = "".join(f"<td>{each}</td>" for each in pixels)
         return f'<tr><td colspan="3" class="name">{escape(patch.name)}</td></tr><tr>{pictures}</tr>' + _numbers(
             patch, places, sample
         )
 
 
 def picture(size: np.ndarray | None, patch: Patch, places: np.ndarray, most: float) -> str:
-    """Return one pixel for each taxel, which the browser makes large."""
+    """Return an image of one pixel for each taxel, which the browser enlarges."""
     if size is None:
         return "<small>not by taxels</small>"
     rows, cols = places.max(axis=0) + 1
@@ -84,10 +84,15 @@ def picture(size: np.ndarray | None, patch: Patch, places: np.ndarray, most: flo
 
 
 def _numbers(patch: Patch, places: np.ndarray, sample: Sample) -> str:
-    """Return the counts, where they lie in the picture."""
+    """Return a table of the counts, each at its taxel's place in the picture."""
     counts = np.asarray(sample.counts)
     rows, cols = (int(extent) for extent in places.max(axis=0) + 1)
-    if counts.ndim == 0 or len(counts) != len(sample.ideal) or len(places) > _MOST_NUMBERS or cols > _MOST_COLUMNS:
+    if (
+        counts.ndim == 0
+        or len(counts) != len(sample.ideal)
+        or len(places) > _MAX_NUMBERED_TAXELS
+        or cols > _MAX_COLUMNS
+    ):
         return ""
     grid = [["<td></td>"] * cols for _ in range(rows)]
     for taxel, (row, col) in zip(range(patch.start, patch.start + len(patch)), places.tolist()):
@@ -98,7 +103,7 @@ def _numbers(patch: Patch, places: np.ndarray, sample: Sample) -> str:
 
 
 def cells(layout: Layout, patch: Patch) -> np.ndarray:
-    """Row and column of each taxel of a patch in its picture, shape ``(n, 2)``."""
+    """Return row and column of each taxel of a patch in its picture, shape ``(n, 2)``."""
     if patch.rows:
         return np.stack(np.divmod(np.arange(patch.rows * patch.cols), patch.cols), axis=1)
     positions, normals = layout.positions[patch.taxels], layout.normals[patch.taxels]
@@ -109,7 +114,7 @@ def cells(layout: Layout, patch: Patch) -> np.ndarray:
     right /= np.linalg.norm(right)
     flat = positions @ np.stack([right, np.cross(normal, right)], axis=1)
     flat -= flat.min(axis=0)
-    step = max(patch.pitch, float(flat.max(initial=0.0)) / (_MOST_COLUMNS - 1), 1e-9)
+    step = max(patch.pitch, float(flat.max(initial=0.0)) / (_MAX_COLUMNS - 1), 1e-9)
     columns, rows = np.rint(flat / step).astype(int).T
     return np.stack([rows.max() - rows, columns], axis=1)
 

@@ -1,4 +1,4 @@
-"""The wire as it runs: frames in hex, their fields by the device's own tables, faults marked."""
+"""The latest frames on the wire in hex, their fields by the device's own tables, and the faults among them."""
 
 from __future__ import annotations
 
@@ -16,34 +16,34 @@ from firmware_protocols.tables import Frame as Table
 from firmware_protocols.tables import TableError
 from tactemu.base import frame_text
 from tactemu.truth import COMMAND
-from tactemu.view.page.feed import Known, Skin
+from tactemu.view.page.feed import DescribedRun, PageSkin
 
-_LINES = 60
-"""That are shown; older ones are gone."""
-_HEX = 48
-"""Bytes of a frame that are shown."""
-_VALUES = 6
-"""Numbers of a field that are shown."""
+_MAX_LINES = 60
+"""Maximum number of lines shown; older ones are dropped."""
+_MAX_FRAME_BYTES = 48
+"""Maximum number of bytes shown of a frame."""
+_MAX_FIELD_VALUES = 6
+"""Maximum number of values shown of a field."""
 
 
 class Wire:
     """The latest lines, newest first."""
 
-    def __init__(self, known: Known):
-        self._readers = {name: _Reader(skin) for name, skin in known.skins.items()}
-        self._lines: deque[str] = deque(maxlen=_LINES)
+    def __init__(self, run: DescribedRun):
+        self._readers = {name: _Reader(skin) for name, skin in run.skins.items()}
+        self._lines: deque[str] = deque(maxlen=_MAX_LINES)
 
     def add(self, rows: list[Mapping[str, Any]], missing: int) -> None:
-        """What has happened since."""
+        """Add the entries since the last state; ``missing`` is the number of those that were left out."""
         if missing:
             self._lines.appendleft(f'<tr class="more"><td></td><td></td><td>… {missing} more</td></tr>')
-        for row in rows[-_LINES:]:
+        for row in rows[-_MAX_LINES:]:
             self._lines.appendleft(self._line(row))
 
     def html(self) -> str:
-        """Return all of them."""
+        """Return all lines as HTML."""
         if not self._lines:
-            return f"<p>nothing has passed yet</p>{_STYLE}"
+            return f"<p>no frames yet</p>{_STYLE}"
         return f'<div class="wire"><table>{"".join(self._lines)}</table></div>{_STYLE}'
 
     def _line(self, row: Mapping[str, Any]) -> str:
@@ -66,14 +66,14 @@ class Wire:
 
 
 class _Reader:
-    """Names the fields of a device's frames."""
+    """A decoder that names the commands and fields of a device's frames."""
 
-    def __init__(self, skin: Skin):
+    def __init__(self, skin: PageSkin):
         self._tables = [table for each in skin.about.get("tables", ()) if (table := _table(each)) is not None]
         self._commands = [(each["name"], each["request"]) for each in skin.about.get("commands", ())]
 
     def words(self, frame: Frame, kind: str) -> str:
-        """Return the command or the table that it fits, with the values of its fields."""
+        """Return the names of the command and of the table that the frame matches, with the values of its fields."""
         command = next((name for name, request in self._commands if kind == "rx" and matches(request, frame)), None)
         named = f"<b>{escape(command)}</b> " if command else ""
         for table in self._tables:
@@ -94,14 +94,14 @@ def _table(state: Mapping[str, Any]) -> Table | None:
 
 
 def _fields(table: Table, frame: Frame) -> dict[str, Any] | None:
-    """Return the fields of a frame that is one of this table, and the parts of its identifier; ``None``: it is none."""
+    """Return the fields of a frame of this table and the parts of its identifier, or None if it does not match."""
     parts: Mapping[str, int] | None = {}
     if isinstance(frame, CanFrame):
         if table.id is None or table.id.extended != frame.is_extended_id:
             return None
         parts = table.id.read(frame.arbitration_id)
     elif table.id is not None or not (table.head or table.size):
-        return None  # one without a beginning and a length would fit whatever comes
+        return None  # a table without a header and a length would match every frame
     try:
         values = table.unpack(payload(frame))
     except (TableError, ValueError, OverflowError):
@@ -111,16 +111,16 @@ def _fields(table: Table, frame: Frame) -> dict[str, Any] | None:
 
 def _value(value: Any) -> str:
     if isinstance(value, bytes):
-        return value[:_VALUES].hex(" ") + ("…" if len(value) > _VALUES else "")
+        return value[:_MAX_FIELD_VALUES].hex(" ") + ("…" if len(value) > _MAX_FIELD_VALUES else "")
     flat = np.ravel(value).tolist()
-    return " ".join(f"{each:.5g}" for each in flat[:_VALUES]) + ("…" if len(flat) > _VALUES else "")
+    return " ".join(f"{each:.5g}" for each in flat[:_MAX_FIELD_VALUES]) + ("…" if len(flat) > _MAX_FIELD_VALUES else "")
 
 
 def _shown(frame: Frame) -> str:
     if isinstance(frame, CanFrame):
-        whole = frame_text.text(frame)
-        return whole[: 2 * _HEX] + ("…" if len(whole) > 2 * _HEX else "")
-    return frame[:_HEX].hex(" ") + (f" … {len(frame)} bytes" if len(frame) > _HEX else "")
+        text = frame_text.text(frame)
+        return text[: 2 * _MAX_FRAME_BYTES] + ("…" if len(text) > 2 * _MAX_FRAME_BYTES else "")
+    return frame[:_MAX_FRAME_BYTES].hex(" ") + (f" … {len(frame)} bytes" if len(frame) > _MAX_FRAME_BYTES else "")
 
 
 def _event(what: str) -> str:

@@ -1,4 +1,4 @@
-"""What a log says of where things are, as arrays; and the values of a sample as a table of taxels."""
+"""The bodies and skins that a log describes, as arrays; and the values of a sample as a table of taxels."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import numpy as np
 from tactemu.truth.entries import Header, Sample
 
 WORLD = "world"
-_STEP_M = 0.002
-"""Between the taxels of a skin of which nobody says where it is: they are drawn in a row."""
+_ROW_PITCH_M = 0.002
+"""The distance between the taxels of a skin without positions, which are drawn in a row."""
 
 
 @dataclass(frozen=True)
@@ -23,21 +23,21 @@ class Part:
     name: str
     body: str
     position: np.ndarray
-    """Of the frame that ``positions`` are in, on the body [m]."""
+    """Position of the part's frame on the body [m]."""
     quaternion: np.ndarray
-    """(w, x, y, z)."""
+    """Orientation of the part's frame on the body (w, x, y, z)."""
     taxels: np.ndarray
-    """Their places in the readings."""
+    """The indices of the taxels in the readings."""
     positions: np.ndarray
-    """[m], shape ``(n, 3)``."""
+    """Positions of the taxels in the part's frame [m], shape ``(n, 3)``."""
     normals: np.ndarray
     draw: Mapping[str, Any] | None = None
-    """How its probes are drawn; ``None``: they are not."""
+    """The colours and radii of its probes; None: they are not drawn."""
 
 
 @dataclass(frozen=True)
-class Body:
-    """A body and where it starts."""
+class DrawnBody:
+    """A body and its initial pose."""
 
     name: str
     shape: str
@@ -45,17 +45,17 @@ class Body:
     position: Sequence[float]
     quaternion: Sequence[float]
     points: Mapping[str, Any] | None = None
-    """``positions`` that a sensor has sampled on it, in its frame [m], ``color``, ``radius``; ``None``: not drawn."""
+    """``positions`` that a sensor has sampled on it, in its frame [m], ``color``, ``radius``; None: not drawn."""
 
 
-class Described:
-    """The scene of a log.
+class DrawnScene:
+    """The bodies and skins of a log.
 
     Args:
-        header: of the log; one that says nothing of the scene leaves bodies out, and taxels in rows.
+        header: the header of the log; without a scene there are no bodies, and taxels lie in rows.
 
     Raises:
-        ValueError: the description is not one.
+        ValueError: the description is malformed.
     """
 
     def __init__(self, header: Header):
@@ -69,28 +69,28 @@ class Described:
             raise ValueError(f"the description of the scene: {error!r}") from None
 
     def parts(self, sample: Sample) -> list[Part]:
-        """Where the points of a sample are; by themselves, in a row, where nobody says it."""
+        """Return the parts of a sample's skin; one part in a row, if the log has no positions for it."""
         parts = self._parts.get(sample.device) or self._lone.get(sample.device) or []
         n = len(np.atleast_1d(sample.ideal))
         if sum(len(part.taxels) for part in parts) == n:
             return parts
         name = "/".join(filter(None, (sample.device, sample.sense)))
-        x = (np.arange(n) - (n - 1) / 2) * _STEP_M
+        x = (np.arange(n) - (n - 1) / 2) * _ROW_PITCH_M
         return [_bare(name, np.stack([x, 0 * x, 0 * x], axis=1))]
 
     def columns(self, device: str, sense: str) -> list[str]:
-        """Return names of what a device decodes of a point, as far as it says."""
+        """Return the names of the counts of a taxel, as far as the device names them."""
         columns = self.skins.get(device, {}).get("columns", ())
         return [each["name"] for each in columns if each["sense"] in ("", sense) or not sense]
 
     def patches(self, device: str) -> Sequence[Mapping[str, Any]]:
-        """Of a skin: ``name``, ``start``, ``rows``, ``cols``."""
+        """Return the patches of a skin: ``name``, ``start``, ``rows``, ``cols``."""
         return self.skins.get(device, {}).get("patches", ())
 
 
-def _body(given: Mapping[str, Any]) -> Body:
+def _body(given: Mapping[str, Any]) -> DrawnBody:
     names = ("name", "shape", "outline", "position", "quaternion")
-    return Body(**{name: given[name] for name in names}, points=given.get("points"))
+    return DrawnBody(**{name: given[name] for name in names}, points=given.get("points"))
 
 
 def _part(given: Mapping[str, Any]) -> Part:
@@ -103,7 +103,7 @@ def _part(given: Mapping[str, Any]) -> Part:
 
 
 def _lone(name: str, skin: Mapping[str, Any]) -> list[Part]:
-    """Return a skin that is on no body."""
+    """Return the part of a skin that is on no body, in a list; an empty one without positions."""
     positions = np.array(skin["positions"], float).reshape(-1, 3)
     return [_bare(name, positions)] if len(positions) else []
 
@@ -116,12 +116,12 @@ def _bare(name: str, positions: np.ndarray) -> Part:
 
 
 class TaxelTable:
-    """How the values of samples of one kind lie in memory, a row for each taxel: what point clouds are made of.
+    """The memory layout of the values of one skin's samples, a row for each taxel, for point clouds.
 
     Args:
-        sample: one of them.
+        sample: a sample of the skin.
         part: the taxels.
-        columns: names of the counts.
+        columns: the names of the counts.
     """
 
     def __init__(self, sample: Sample, part: Part, columns: Sequence[str]):
@@ -156,12 +156,12 @@ class TaxelTable:
 
     @cached_property
     def stride(self) -> int:
-        """Bytes of a row."""
+        """The size of a row [bytes]."""
         return self.dtype.itemsize
 
 
 def _named(name: str, count: int, columns: Sequence[str]) -> list[str]:
-    """Return names of the numbers of a taxel: ``ideal``, ``ideal_x`` ..., ``counts_Bx`` ..."""
+    """Return the names of the numbers of a taxel: ``ideal``, ``ideal_x`` ..., ``counts_Bx`` ..."""
     if name == "counts" and len(set(columns)) == count:
         return [f"{name}_{each.replace(' ', '_')}" for each in columns]
     if count == 1:
@@ -170,7 +170,7 @@ def _named(name: str, count: int, columns: Sequence[str]) -> list[str]:
 
 
 def _portable(dtype: np.dtype) -> np.dtype:
-    """Return the nearest type that point clouds have: no truth values, no integers of 64 bits."""
+    """Return the nearest type that point clouds have: no booleans, no integers of 64 bits."""
     if dtype.kind == "b":
         return np.dtype("u1")
     if dtype.kind in "iu" and dtype.itemsize == 8:

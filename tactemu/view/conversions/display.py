@@ -1,0 +1,56 @@
+"""The colours, sizes and lines of text by which viewers show the entries of a log."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tactemu.base.frame_text import text
+from tactemu.truth.entries import BodyPose, Entry, Injection, Passage, PortEvent, Sample
+from tactemu.view.conversions.drawn_scene import Part
+
+ZERO_COLOUR = np.array([0.18, 0.24, 0.36])
+"""The colour of a taxel that reads 0."""
+MAX_COLOUR = np.array([1.0, 0.55, 0.1])
+"""The colour of the largest reading so far."""
+NAN_COLOUR = np.array([0.9, 0.0, 0.9])
+"""The colour of a taxel that reads NaN."""
+
+
+def colours(share: np.ndarray) -> np.ndarray:
+    """Return the colour of each share of the largest reading (0 to 1): RGB from 0 to 1, shape ``(..., 3)``."""
+    mixed = ZERO_COLOUR + np.nan_to_num(share)[..., None] * (MAX_COLOUR - ZERO_COLOUR)
+    return np.where(np.isnan(share)[..., None], NAN_COLOUR, mixed)
+
+
+def in_contact(sample: Sample) -> np.ndarray:
+    """Return which taxels are in contact: those whose ideal reading is not 0, shape ``(n,)``."""
+    ideal = np.asarray(sample.ideal, float).reshape(len(sample.ideal), -1)
+    return (ideal != 0).any(axis=1)
+
+
+def pitch(part: Part) -> float:
+    """Return the distance of a taxel to its nearest neighbour [m], the median of the first 256; alone: 3 mm."""
+    positions = part.positions[:256]
+    if len(positions) < 2:
+        return 3e-3
+    gaps = np.linalg.norm(positions[:, None] - positions, axis=-1)
+    np.fill_diagonal(gaps, np.inf)
+    return float(np.median(gaps.min(axis=1))) or 3e-3
+
+
+def log_text(entry: Entry) -> str:
+    """Return the line of a log panel for a frame, a fault or an event."""
+    assert not isinstance(entry, Sample | BodyPose)
+    if isinstance(entry, PortEvent):
+        return entry.what
+    if isinstance(entry, Passage):
+        words = [entry.kind, text(entry.frame)]
+        words += [] if entry.sample is None else [f"sample {entry.sample}"]
+        return "  ".join([*words, *([entry.why] if entry.why else [])])
+    became = f"{entry.before} -> {', '.join(entry.after) or 'nothing'}" if entry.before or entry.after else ""
+    return "  ".join(filter(None, (f"inject {entry.what}", entry.detail, became)))
+
+
+def is_warning(entry: Entry) -> bool:
+    """Return True for a fault, and for a frame that was never sent."""
+    return isinstance(entry, Injection) or (isinstance(entry, Passage) and entry.kind == "drop")
