@@ -18,7 +18,7 @@ from typing import Any
 from tactemu.base.gc_tuning import no_full_collections
 from tactemu.emulator.assembly import RunOptions, assemble
 from tactemu.scene import file
-from tactemu.tune.speed.timing import Report
+from tactemu.tune.timing import Report
 
 CLIENT = """
 import json, os, random, select, socket, sys, time, tty

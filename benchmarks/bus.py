@@ -22,7 +22,7 @@ from tactemu.base.gc_tuning import no_full_collections
 from tactemu.base.priority import can_enable_realtime_priority, enable_realtime_priority
 from tactemu.exec.environment import exec_environment
 from tactemu.session.serving import serve
-from tactemu.tune.speed.timing import Report
+from tactemu.tune.timing import Report
 
 A_BUS, TRIANGLES, RATE_HZ = 6, 7, 50
 """Boards on a bus, triangles of a board, samples a second."""

@@ -25,7 +25,7 @@ import numpy as np
 from benchmarks.page import page_of, python
 from tactemu.base.gc_tuning import no_full_collections
 from tactemu.base.statistics import Lateness
-from tactemu.tune.speed.timing import Report
+from tactemu.tune.timing import Report
 
 STEP_S = 0.004
 FELT_N = 0.05

@@ -26,7 +26,7 @@ import numpy as np
 from tactemu.base.priority import can_enable_realtime_priority
 from tactemu.control.client import connect
 from tactemu.truth import Passage, entries, read_log
-from tactemu.tune.speed.timing import Report
+from tactemu.tune.timing import Report
 
 COMMANDS_PER_S = 10_000 / 60
 NEIGHBOUR = "while True: pass"

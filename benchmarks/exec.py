@@ -16,7 +16,7 @@ from typing import Any
 
 import tactemu
 from tactemu.exec.environment import ExecEnvironment
-from tactemu.tune.speed.timing import Report
+from tactemu.tune.timing import Report
 
 DEVICE = "flexitac"
 """Streams without being asked, and without pause."""

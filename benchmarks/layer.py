@@ -13,7 +13,7 @@ from statistics import median
 import numpy as np
 
 import tactemu as tt
-from tactemu.tune.speed.timing import Report, timed_step
+from tactemu.tune.timing import Report, timed_step
 
 TOP = 0.005
 STEPS = 40

@@ -28,7 +28,7 @@ import numpy as np
 from benchmarks import answers, closed_loop
 from tactemu.base.gc_tuning import no_full_collections
 from tactemu.truth import Truth
-from tactemu.tune.speed.timing import Report
+from tactemu.tune.timing import Report
 
 TAXELS = (16, 1000, 19_000)
 """Sizes of skins whose truth is told."""

@@ -25,7 +25,7 @@ from benchmarks import bus
 from benchmarks.control import SCENE
 from tactemu.base.errors import TactemuError
 from tactemu.control.client import connect
-from tactemu.tune.speed.timing import Report
+from tactemu.tune.timing import Report
 
 BOARDS = 60
 _COUNT_FRAMES = """

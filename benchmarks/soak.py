@@ -25,7 +25,7 @@ from tactemu.emulator.assembly import RunOptions, assemble
 from tactemu.emulator.emulator import Channel, Emulator
 from tactemu.scene import file
 from tactemu.truth import Truth
-from tactemu.tune.speed.timing import Report
+from tactemu.tune.timing import Report
 
 FAULTS = ("drop 1%", "flip 1%", "truncate 1%", "duplicate 1%", "garbage 1%")
 KEPT = "1MB"

@@ -21,7 +21,7 @@ from tactemu.scene import file
 from tactemu.sensors.simulation import Simulation
 from tactemu.truth import Truth
 from tactemu.tune.speed import physics
-from tactemu.tune.speed.timing import Report
+from tactemu.tune.timing import Report
 
 DEVICES = ("optoforce", "anyskin", "flexitac", "linker_hand_l6", "icub_skin", "inspire_rh56dftp")
 """One taxel to a thousand, on serial lines and CAN."""

@@ -10,7 +10,7 @@ from tactemu.base.gc_tuning import no_full_collections
 from tactemu.emulator.assembly import RunOptions, assemble
 from tactemu.scene.file import load, parse
 from tactemu.tune.choice import ALIKE, Measured, Pace, pick
-from tactemu.tune.cost import MOST_LOAD, Cost, measure_loop
+from tactemu.tune.cost import MAX_CPU_SHARE, Cost, measure_loop
 from tactemu.tune.settings import Setting, settings_for
 from tactemu.tune.tuner import run_tune
 from tactemu.tune.writing import set_skin
@@ -105,8 +105,8 @@ def test_the_most_accurate_that_fits_is_picked_with_both_neighbours():
 def test_steps_are_paid_by_their_own_rate_however_many_samples_there_are():
     """A step of 11 ms at a time step of 1 ms keeps no rate at all."""
     dear = measured("dear", 11_000, 0.001, 30_000.0)
-    assert dear.load > 11 and not dear.keeps_rate
-    assert measured("cheap", 20, 0.1, 30_000.0).load == pytest.approx(0.02 + 0.3)
+    assert dear.cpu_share > 11 and not dear.keeps_rate
+    assert measured("cheap", 20, 0.1, 30_000.0).cpu_share == pytest.approx(0.02 + 0.3)
 
 
 @pytest.mark.parametrize(("late_us", "lost"), [(80, 0.0), (95, 0.1), (400, 3.1), (2000, 1.0)])
@@ -114,14 +114,14 @@ def test_samples_behind_a_slow_step_are_lost(late_us, lost):
     """At 10 kHz: of the periods that a step of each millisecond takes, all but the first two."""
     cost = Cost(20.0, late_us, 10.0)
     missed = max(0, (late_us + 10) // 100 - 2) / 10
-    assert cost.lost(10_000.0, 1e-3) == pytest.approx(min(missed, 1.0))
-    assert cost.keeps(10_000.0, 1e-3) == (missed == 0)
+    assert cost.lost_share(10_000.0, 1e-3) == pytest.approx(min(missed, 1.0))
+    assert cost.keeps_rate(10_000.0, 1e-3) == (missed == 0)
 
 
 def test_the_choice_is_monotone_in_the_rate():
     errors = [picked(rate).chosen.error for rate in (1, 10, 100, 1e3, 3e3, 1e4, 2e4, 3e4, 6e4)]
     assert errors == sorted(errors) and errors[0] < errors[-1]
-    assert picked(100).chosen.load <= MOST_LOAD and not picked(1e5).keeps_rate and ALIKE > 1
+    assert picked(100).chosen.cpu_share <= MAX_CPU_SHARE and not picked(1e5).keeps_rate and ALIKE > 1
 
 
 def test_the_limit_of_the_wire_is_found():
@@ -144,7 +144,7 @@ def test_a_scene_is_tuned_and_written(tmp_path):
     file.write_text(first)
     lines = []
     (choice,) = run_tune(str(file), 20.0, report=lines.append, seconds=1.0)
-    assert choice.keeps_rate and choice.chosen.load <= MOST_LOAD
+    assert choice.keeps_rate and choice.chosen.cpu_share <= MAX_CPU_SHARE
     layers = {m.setting.name: m.error for m in choice.all if m.setting.model == LAYER}
     springs = min(m.error for m in choice.all if m.setting.model == "kinematic_taxel")
     assert choice.chosen.setting.model == LAYER and choice.chosen.error == pytest.approx(min(layers.values()), rel=0.06)

@@ -44,12 +44,12 @@ def physics(
 ) -> None:
     """Step and read per sensor, beside the figures aimed at and Genesis's in its own scene; whole loops."""
     from tactemu.base.kernels import start_quietly
-    from tactemu.tune.speed.physics import page_of, run
+    from tactemu.tune.speed.physics import markdown_page, run
 
     start_quietly()
     figures = run(typer.echo, device=device, starts=starts, only=only, largest=largest, loops=loops or page is not None)
     if page is not None:
-        page.write_text(page_of(figures, device), encoding="utf-8")
+        page.write_text(markdown_page(figures, device), encoding="utf-8")
     save(figures, out)
 
 

@@ -1,1 +1,1 @@
-"""The most accurate setting that keeps a rate."""
+"""Choice of the most accurate sensor setting that keeps a rate on this machine."""

@@ -1,4 +1,4 @@
-"""Which setting is taken, of all that were measured, and how that is told."""
+"""The choice among all measured settings, and its report."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from tactemu.tune.cost import MOST_LOAD, MOST_LOST, Cost
+from tactemu.tune.cost import MAX_CPU_SHARE, MAX_LOST_SHARE, Cost
 from tactemu.tune.settings import Setting
 
 ERRORS = {
@@ -15,12 +15,12 @@ ERRORS = {
     "worst": "largest of any taxel, relative to the largest of the truth",
 }
 ALIKE = 1.05
-"""Errors within this factor are alike: the cheaper setting is taken."""
+"""Errors within this factor count as equal: the cheaper setting is chosen."""
 
 
 @dataclass(frozen=True)
 class Pace:
-    """What is asked of every setting."""
+    """The rate and the time step that every setting must keep."""
 
     rate_hz: float
     """Samples per second of every skin."""
@@ -30,75 +30,78 @@ class Pace:
 
 @dataclass(frozen=True)
 class Measured:
-    """A setting, what it costs and how wrong it is."""
+    """A setting with its measured cost and errors."""
 
     setting: Setting
     cost: Cost
     pace: Pace
     error: float
-    """By the measure asked for."""
+    """The error by the requested measure."""
     gain: float
     errors: dict[str, float] = field(default_factory=dict)
-    """By every measure of :data:`ERRORS`."""
+    """The error by every measure of :data:`ERRORS`."""
 
     @property
-    def load(self) -> float:
-        """Part of one core that the loop is busy."""
-        return self.cost.load(self.pace.rate_hz, self.pace.dt)
+    def cpu_share(self) -> float:
+        """The share of one core that the loop uses."""
+        return self.cost.cpu_share(self.pace.rate_hz, self.pace.dt)
 
     @property
-    def lost(self) -> float:
-        """Part of the samples that slow steps make the device miss."""
-        return self.cost.lost(self.pace.rate_hz, self.pace.dt)
+    def lost_share(self) -> float:
+        """The share of samples that the device misses because of slow steps."""
+        return self.cost.lost_share(self.pace.rate_hz, self.pace.dt)
 
     @property
     def keeps_rate(self) -> bool:
-        """Does the loop keep the rate?"""
-        return self.cost.keeps(self.pace.rate_hz, self.pace.dt)
+        """True if the loop keeps the rate."""
+        return self.cost.keeps_rate(self.pace.rate_hz, self.pace.dt)
 
     @property
     def cost_us(self) -> float:
-        """Of one sample, the steps that it needs included."""
-        return 1e6 * self.load / self.pace.rate_hz
+        """The cost of one sample, including its share of the steps."""
+        return 1e6 * self.cpu_share / self.pace.rate_hz
 
     def __str__(self) -> str:
         gain = "" if self.gain == 1.0 else f", strength x {self.gain:.3g}"
-        lost = f", {self.lost:.0%} of the samples lost behind slow steps" if self.lost > MOST_LOST else ""
+        misses = self.lost_share > MAX_LOST_SHARE
+        lost = f", {self.lost_share:.0%} of the samples lost behind slow steps" if misses else ""
         step = f"a step {self.cost.step_us:.0f} µs, a sample {self.cost.sample_us:.0f} µs"
-        return f"{self.setting.name}: {self.load:.2g} of a core ({step}){lost}, error {100 * self.error:.2g} %{gain}"
+        return (
+            f"{self.setting.name}: {self.cpu_share:.2g} of a core ({step}){lost}, error {100 * self.error:.2g} %{gain}"
+        )
 
 
 @dataclass(frozen=True)
 class Choice:
-    """What was found for one skin."""
+    """The chosen setting of one skin, and its alternatives."""
 
     skin: str
     truth: str
     pace: Pace
     line_hz: float | None
-    """Samples per second that its wire carries, where that is less than what is asked for."""
+    """The samples per second that its wire carries, if fewer than the required rate; else None."""
     chosen: Measured
     cheaper: Measured | None
-    """The next best among the faster ones."""
+    """The most accurate of the faster settings."""
     finer: Measured | None
-    """The fastest among the more accurate ones."""
+    """The fastest of the more accurate settings."""
     all: tuple[Measured, ...]
 
     @property
     def keeps_rate(self) -> bool:
-        """Does the loop keep the rate with the setting chosen?"""
+        """True if the loop keeps the rate with the chosen setting."""
         return self.chosen.keeps_rate
 
 
 def pick(skin: str, truth: str, pace: Pace, line_hz: float | None, measured: list[Measured]) -> Choice:
-    """Return the most accurate setting that keeps the rate, the cheapest of those that are alike; else the fastest."""
+    """Return the most accurate setting that keeps the rate, the cheapest of equal ones; else the fastest setting."""
     fitting = [entry for entry in measured if entry.keeps_rate]
     if fitting:
         least = min(entry.error for entry in fitting)
-        chosen = min((e for e in fitting if e.error <= ALIKE * least), key=lambda e: e.load)
+        chosen = min((e for e in fitting if e.error <= ALIKE * least), key=lambda e: e.cpu_share)
     else:
-        chosen = min(measured, key=lambda e: e.load)
-    faster = [e for e in measured if e.load < chosen.load and e is not chosen]
+        chosen = min(measured, key=lambda e: e.cpu_share)
+    faster = [e for e in measured if e.cpu_share < chosen.cpu_share and e is not chosen]
     better = [e for e in measured if e.error * ALIKE < chosen.error]
     return Choice(
         skin=skin,
@@ -107,16 +110,16 @@ def pick(skin: str, truth: str, pace: Pace, line_hz: float | None, measured: lis
         line_hz=line_hz,
         chosen=chosen,
         cheaper=min(faster, key=lambda e: e.error, default=None),
-        finer=min(better, key=lambda e: e.load, default=None),
-        all=tuple(sorted(measured, key=lambda e: e.load)),
+        finer=min(better, key=lambda e: e.cpu_share, default=None),
+        all=tuple(sorted(measured, key=lambda e: e.cpu_share)),
     )
 
 
-def say(choice: Choice, error: str, report: Callable[[str], None]) -> None:
-    """Tell it in lines of text."""
+def report_choice(choice: Choice, error: str, report: Callable[[str], None]) -> None:
+    """Report the choice in lines of text."""
     rate, steps = choice.pace.rate_hz, 1 / choice.pace.dt
-    asked = f"{rate:g} samples and {steps:g} steps a second, at most {MOST_LOAD:g} of a core"
-    report(f"skin {choice.skin}: {asked}")
+    required = f"{rate:g} samples and {steps:g} steps a second, at most {MAX_CPU_SHARE:g} of a core"
+    report(f"skin {choice.skin}: {required}")
     report(f"  error: {ERRORS[error]}; truth: {choice.truth}")
     for entry in choice.all:
         report(f"  {'>' if entry is choice.chosen else ' '} {entry}")
@@ -133,7 +136,7 @@ def say(choice: Choice, error: str, report: Callable[[str], None]) -> None:
 
 
 def as_dict(choice: Choice) -> dict[str, Any]:
-    """For JSON."""
+    """Return the choice as a dictionary for JSON."""
 
     def entry(measured: Measured | None) -> dict[str, Any] | None:
         if measured is None:
@@ -141,8 +144,8 @@ def as_dict(choice: Choice) -> dict[str, Any]:
         setting, cost = measured.setting, measured.cost
         return {
             "name": setting.name, "model": setting.model, "dials": setting.dials, "dtype": setting.dtype,
-            "load": measured.load, "lost": measured.lost, "cost_us": measured.cost_us, "step_us": cost.step_us,
-            "late_us": cost.late_us, "sample_us": cost.sample_us, "gain": measured.gain,
+            "load": measured.cpu_share, "lost": measured.lost_share, "cost_us": measured.cost_us,
+            "step_us": cost.step_us, "late_us": cost.late_us, "sample_us": cost.sample_us, "gain": measured.gain,
             "error": measured.error, "errors": measured.errors,
         }  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""The settings that `tactemu tune` chooses from: what the models themselves offer for what a device senses."""
+"""The settings that `tactemu tune` chooses from: the trials that the models offer for the quantity of a device."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from tactemu.sensors.sensor_model import SensorModel, Trial
 
 @dataclass(frozen=True)
 class Setting:
-    """One choice of the dials."""
+    """A sensor model with the options that the choice decides (dials)."""
 
     name: str
     model: str
-    """As in scene files."""
+    """The name of the sensor model, as in scene files."""
     dials: dict[str, Any] = field(default_factory=dict)
     dtype: str = "float32"
 
     @property
     def strengths(self) -> tuple[str, ...]:
-        """Options that scale the model's reading: a gain is written into them, not beside them."""
+        """The options that scale the model's reading; a gain is multiplied into them."""
         return model_class(self.model).strengths
 
     def skin(self, skin: SkinTable, gain: float = 1.0) -> SkinTable:
-        """Return the skin with this model: options that the model has stay, dials are set, strengths get the gain."""
+        """Return the skin with this model: common options are kept, dials are set, strengths take the gain."""
         model = model_class(self.model)
         known = {field.name: field for field in dataclasses.fields(model) if field.init}
         shared = {field.name for field in dataclasses.fields(SensorModel)} - {"contact_depth_query", "voxel_size"}
@@ -48,13 +48,13 @@ class Setting:
 
 
 def _dials_of(model: type[SensorModel]) -> set[str]:
-    """Options that a setting decides: what the user had there does not stay."""
+    """Return the options that a setting decides; the user's values of them are replaced."""
     tried = {option for quantity in model.layouts for trial in model.trials(quantity) for option in trial.options}
     return tried | {"contact_depth_query", "voxel_size"}
 
 
 def settings_for(senses: str) -> list[Setting]:
-    """Return all settings for a device that senses this quantity, cheapest model first."""
+    """Return all settings for a device that senses this quantity, the cheapest model first."""
     return [
         _setting(f"{name}, {trial.name}", name, trial)
         for name, model in models_for(senses).items()
@@ -63,8 +63,8 @@ def settings_for(senses: str) -> list[Setting]:
 
 
 def truth_settings(senses: str, side: int) -> list[Setting]:
-    """What may judge the settings for a skin of ``side`` taxels along its longer side, the best first: the models that
-    are a reference, then every setting in float64."""
+    """Return the candidates for the truth on a skin of ``side`` taxels along its longer side, the best first: models
+    that are a reference, then every setting in float64."""
     finest = [(name, model.finest(side)) for name, model in models_for(senses).items()]
     references = [_setting(trial.name, name, trial) for name, trial in finest if trial is not None]
     in_double = [dataclasses.replace(setting, dtype="float64") for setting in settings_for(senses)]

@@ -1,8 +1,8 @@
-"""The most accurate setting of the dials that keeps a rate on this machine: `tactemu tune`.
+"""The search for the most accurate setting that keeps a rate on this machine: `tactemu tune`.
 
 Every setting for what the device senses is run on the user's own scene: its readings are compared with the finest
-layer solution of the same contacts, and its steps and samples are timed (:mod:`tactemu.tune.cost`). Models whose
-strength is a free number get one gain, fitted on the first half of the contacts and judged on the second.
+layer solution of the same contacts, and its steps and samples are timed (:mod:`tactemu.tune.cost`). Models with a
+free strength get one gain, fitted on the first half of the contacts and evaluated on the second.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from tactemu.base.errors import SceneError
 from tactemu.scene.building import build_scene, make_devices
 from tactemu.scene.file import LoadedScene, load
 from tactemu.scene.schema import SkinTable
-from tactemu.tune.choice import ERRORS, Choice, Measured, Pace, pick, say
+from tactemu.tune.choice import ERRORS, Choice, Measured, Pace, pick, report_choice
 from tactemu.tune.cost import measure_cost, measure_loop
 from tactemu.tune.settings import Setting, settings_for, truth_settings
 from tactemu.tune.writing import write_skin
 
 MOMENTS = 60
-"""Readings of the scene that are compared."""
+"""Number of readings of the scene that are compared."""
 
 
 def run_tune(
@@ -36,20 +36,20 @@ def run_tune(
     compute: str | None = None,
     progress: Callable[[Iterable, str, int], Iterable] | None = None,
 ) -> list[Choice]:
-    """Measure all settings of every skin of a scene, choose, and write the choice into the scene file.
+    """Measure all settings of every skin of a scene, choose one each, and write the choices into the scene file.
 
     Args:
         target: a scene file, or a device's name (then nothing is written).
-        rate_hz: samples per second that each skin shall keep.
-        error: how errors are judged: a key of :data:`ERRORS`.
-        report: gets lines of text.
-        seconds: how much of the scene is looked at [s]; something must touch in it.
+        rate_hz: samples per second that each skin must keep.
+        error: the measure of errors: a key of :data:`ERRORS`.
+        report: receives lines of text.
+        seconds: how much of the scene is simulated [s]; a body must touch each skin in it.
         write: change the scene file.
         compute: ``cpu`` or ``cuda:0``; default: the scene's.
-        progress: ``progress(items, title, total)`` iterates and shows how far it is.
+        progress: ``progress(items, title, total)`` iterates over the items and shows progress.
 
     Raises:
-        SceneError: the scene is wrong, or nothing touches a skin.
+        SceneError: the scene is invalid, or nothing touches a skin.
     """
     if error not in ERRORS:
         raise SceneError(f"--error: expected one of {', '.join(ERRORS)}, got {error!r}")
@@ -61,7 +61,7 @@ def run_tune(
     for index, skin in enumerate(loaded.tables.skin):
         tuner = Tuner(loaded, skin, rate_hz, error, seconds, compute)
         choice = tuner.choose(progress)
-        say(choice, error, report)
+        report_choice(choice, error, report)
         if write and target.endswith(".toml"):
             changed = choice.chosen.setting.skin(skin, choice.chosen.gain)
             dtype = choice.chosen.setting.dtype
@@ -73,14 +73,14 @@ def run_tune(
 
 
 class Tuner:
-    """Measures the settings of one skin.
+    """A search over the settings of one skin.
 
     Args:
         loaded: the scene.
-        skin: of the scene.
+        skin: the skin of the scene.
         rate_hz: samples per second of every skin.
-        error: how errors are judged: a key of :data:`ERRORS`.
-        seconds: how much of the scene is looked at [s].
+        error: the measure of errors: a key of :data:`ERRORS`.
+        seconds: how much of the scene is simulated [s].
         compute: ``cpu`` or ``cuda:0``; default: the scene's.
     """
 
@@ -93,18 +93,18 @@ class Tuner:
         self.device = make_devices(loaded)[skin.title]
 
     def choose(self, progress) -> Choice:
-        """Run everything and pick."""
+        """Measure all settings and return the choice."""
         layout = self.device.layout
         side = max(max(patch.rows, patch.cols if patch.rows else 1) for patch in layout.patches)
         settings = settings_for(self.device.contact[0])
         truth, name = self._truth(side)
-        touched = np.flatnonzero(np.abs(truth).reshape(MOMENTS, -1).any(axis=1))
-        if not len(touched):
+        in_contact = np.flatnonzero(np.abs(truth).reshape(MOMENTS, -1).any(axis=1))
+        if not len(in_contact):
             raise SceneError(
                 f"skin {self.skin.title!r}: nothing touches it in the first {self.seconds:g} s of the scene; give a "
-                "body a motion that presses it, or look longer with --seconds"
+                "body a motion that presses it, or simulate longer with --seconds"
             )
-        # Costs are those of a contact that changes: a still one is not solved again.
+        # Costs are measured while the contact changes, because a constant one is not solved again.
         pace = np.linalg.norm(np.diff(truth, axis=0).reshape(MOMENTS - 1, -1), axis=1)
         moment = self.seconds * (int(pace.argmax()) + 1.5) / MOMENTS
         loop = measure_loop(settings[0].scene(self.loaded, self.skin.title), self.pace.rate_hz, self.compute, moment)
@@ -113,16 +113,15 @@ class Tuner:
             try:
                 readings = self._readings(setting)
             except SceneError:
-                continue  # a layer needs a flat grid
-            gain, wrong = self._judge(setting, readings, truth, touched)
+                continue  # a layer model refuses a skin that is no flat grid
+            gain, wrong = self._judge(setting, readings, truth, in_contact)
             cost = measure_cost(*self._build(setting), self.device.contact[0], moment, loop)
             measured.append(Measured(setting, cost, self.pace, wrong[self.error], gain, wrong))
         return pick(self.skin.title, name, self.pace, loop.line_hz, measured)
 
     def _truth(self, side: int) -> tuple[np.ndarray, str]:
-        """Return the finest layer; where the skin is no flat grid, or senses depth, the best of the settings in
-        float64.
-        """
+        """Return the readings of the first possible truth and its name: the finest layer; for a skin that is no flat
+        grid, or senses depth, the best of the settings in float64."""
         reasons = []
         for setting in truth_settings(self.device.contact[0], side):
             try:
@@ -139,7 +138,7 @@ class Tuner:
         return sim, skins[self.skin.title]
 
     def _readings(self, setting: Setting) -> np.ndarray:
-        """What the device would sense, without imperfections, at moments spread over the scene."""
+        """Return what the device would sense without imperfections at :data:`MOMENTS` times of the scene."""
         sim, sensor = self._build(setting)
         frames = []
         for _ in range(MOMENTS):
@@ -147,10 +146,12 @@ class Tuner:
             frames.append(np.asarray(sensor.quantity(self.device.contact[0], ground_truth=True), float))
         return np.stack(frames)
 
-    def _judge(self, setting: Setting, got: np.ndarray, truth: np.ndarray, touched: np.ndarray) -> tuple[float, dict]:
-        """Return gain and errors."""
-        half = touched[: max(len(touched) // 2, 1)]
-        judged = touched[len(half) :] if len(touched) > 1 else touched
+    def _judge(
+        self, setting: Setting, got: np.ndarray, truth: np.ndarray, in_contact: np.ndarray
+    ) -> tuple[float, dict]:
+        """Return the gain and the errors by every measure."""
+        half = in_contact[: max(len(in_contact) // 2, 1)]
+        judged = in_contact[len(half) :] if len(in_contact) > 1 else in_contact
         gain = 1.0
         if setting.strengths and np.any(got[half]):
             gain = float(np.vdot(got[half], truth[half]) / np.vdot(got[half], got[half]))

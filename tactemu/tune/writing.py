@@ -1,4 +1,4 @@
-"""Writing a setting into a scene file: the keys it sets change, every other line stays as the user wrote it."""
+"""Writing of a setting into a scene file: only the keys of the setting change; all other lines stay as they are."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def write_skin(file: Path, index: int, model: str, options: dict[str, Any], dtyp
 
 
 def _next_table(lines: list[str], start: int) -> int:
-    """Return the next line that opens a table, or the end. A line of a multi-line array may begin with ``[`` too."""
+    """Return the index of the next line that opens a table, or the end; a line of a multi-line array does not count."""
     depth = 0
     for k in range(start, len(lines)):
         if depth == 0 and re.match(r"\s*\[{1,2}\s*[A-Za-z_\"]", lines[k]):
@@ -49,7 +49,7 @@ def _next_table(lines: list[str], start: int) -> int:
 
 
 def _brackets(line: str) -> int:
-    """Brackets that a line opens and leaves open, outside of strings and comments."""
+    """Return the number of brackets that a line leaves open, outside of strings and comments."""
     bare = re.sub(r"\"(?:[^\"\\]|\\.)*\"|'[^']*'", "", line).split("#")[0]
     return sum(bare.count(c) for c in "[{") - sum(bare.count(c) for c in "]}")
 

@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 
 import pytest
+import warp as wp
 
 from tactemu.tune.speed import physics, physics_loops
 
@@ -61,5 +62,9 @@ def test_loops_are_measured_and_make_a_page(monkeypatch):
         assert all(figure["us"] > 0 for figure in figures.values())
         (first, *_others) = figures
         assert first.endswith("2 envs: step") and figures[first]["steps"] == 1.0
-    page = physics.page_of(figures, "cpu")
+    page = physics.markdown_page(figures, "cpu")
     assert page.count("| loop around a hand") == len(figures)
+
+
+def test_a_start_is_measured_in_a_process_of_its_own():
+    assert 0 < physics.first_reading_s("ContactProbe", str(wp.config.kernel_cache_dir), "cpu") < 120

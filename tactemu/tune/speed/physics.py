@@ -1,9 +1,9 @@
-"""What a step costs: `tactemu bench physics`.
+"""The time of a simulation step: `tactemu bench physics`.
 
-Each figure is the median time of ``step()`` and ``read()`` [µs]; on a GPU that of a step as the GPU counts it. Scenes
-and poses are those of :mod:`tactemu.tune.speed.physics_cases`. Beside it stand the figure aimed at and that of
-Genesis in the same scene, measured on machines of these kinds. ``bound`` is the time that moving the counted bytes
-(poses read, readings written) takes at the memory's full speed. For loops around the step:
+Each figure is the median time of ``step()`` and ``read()`` [µs]; on a GPU the time of a step by the GPU's own events.
+Scenes and poses come from :mod:`tactemu.tune.speed.physics_cases`. Each line also has the target (``aim``) and the time
+of Genesis in the same scene, measured on machines of these kinds. ``bound`` is the time that moving the counted bytes
+(poses read, readings written) takes at the memory's full speed. Loops around the step are in
 :mod:`tactemu.tune.speed.physics_loops`.
 """
 
@@ -26,15 +26,15 @@ from tactemu.base import kernels
 from tactemu.plan.thread_pool import cores
 from tactemu.tune.speed import transducers
 from tactemu.tune.speed.physics_cases import Case, Mover, all_cases, build, busy_kernel, sensors
-from tactemu.tune.speed.timing import Report
+from tactemu.tune.timing import Report
 
 MEMORY_BYTES_PER_S = {"cpu": 20e9, "cuda": 4.8e12}
-"""Full speed of the memory: a server core, and an H200."""
+"""The full memory bandwidth of a server core and of an H200."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Figure:
-    """What was measured."""
+    """The measured times and memory of a case."""
 
     title: str
     step_us: float
@@ -44,11 +44,11 @@ class Figure:
     bound_us: float
     build_s: float
     bytes_per_env_taxel: float | None
-    """Memory of a GPU for one taxel of one environment, of Warp's pool; in a process of its own."""
+    """GPU memory for one taxel of one environment by Warp's pool, measured in a process of its own."""
     driver_bytes_per_env_taxel: float | None
-    """The same as the driver counts it."""
+    """The same by the driver."""
     threads: int
-    """That shared the step, on a CPU."""
+    """The number of CPU threads that shared the step."""
 
     def __str__(self) -> str:
         aim = f"aim {self.aim_us:7.0f}" if self.aim_us else " " * 11
@@ -65,7 +65,7 @@ class Figure:
 
 
 def measure(case: Case, device: str = "cpu", repeats: int = 300, memory: bool = True) -> Figure:
-    """Run one case. ``memory``: also what it takes of a GPU's, in a process of its own."""
+    """Measure one case; with ``memory`` also its GPU memory, in a process of its own."""
     kernels.start()
     start = time.perf_counter()
     sim, ball, sensor = build(case, device)
@@ -103,8 +103,8 @@ def measure(case: Case, device: str = "cpu", repeats: int = 300, memory: bool = 
 
 
 def _on_gpu(sim, sensor, move, runs: int = 3, steps: int = 20) -> tuple[list[float], list[float]]:
-    """Times of steps and of reads [ns]. The GPU times the steps, which wait in its queue behind something long: Python
-    never limits them."""
+    """Return the times of steps and of reads [ns]. The GPU times the steps, which wait in its queue behind a long
+    kernel, so that Python never limits them."""
     device, out = sim.device, wp.zeros(1, dtype=wp.float32, device=sim.device)
     stream = wp.get_stream(device)
     times, reads = [], []
@@ -128,8 +128,11 @@ def _on_gpu(sim, sensor, move, runs: int = 3, steps: int = 20) -> tuple[list[flo
 
 
 def memory_of(case: Case, device: str) -> dict[str, float]:
-    """Return bytes for one taxel of one environment that a case takes of a GPU, in a fresh process: by Warp's pool
-    and by the driver. A simulation of one environment is there before, with all kernels: code does not count."""
+    """Return the GPU memory of a case for one taxel of one environment [bytes], by Warp's pool and by the driver.
+
+    A fresh process measures it after a simulation of one environment has loaded all kernels, so that code does not
+    count.
+    """
     code = (
         "import json, sys, warp as wp\n"
         "from dataclasses import replace\n"
@@ -152,8 +155,8 @@ def memory_of(case: Case, device: str) -> dict[str, float]:
 
 
 def first_reading_s(sensor: str, cache: str, device: str) -> float:
-    """Return seconds from starting Python to the first reading, kernels cached in the folder ``cache``."""
-    code = f"from benchmarks import physics as p; p.build(p.Case(sensor={sensor!r}, side=16), {device!r})"
+    """Return the time from the start of Python to the first reading [s], with kernels cached in ``cache``."""
+    code = f"from tactemu.tune.speed.physics import Case, build; build(Case(sensor={sensor!r}, side=16), {device!r})"
     start = time.perf_counter()
     environment = {**os.environ, "WARP_CACHE_PATH": cache}
     subprocess.run([sys.executable, "-c", code], env=environment, stdout=subprocess.DEVNULL, check=True)
@@ -161,7 +164,8 @@ def first_reading_s(sensor: str, cache: str, device: str) -> float:
 
 
 def largest_batch(case: Case, device: str) -> int:
-    """Environments of a case that fit on the GPU, by doubling; 0 on the CPU, where memory is not the limit."""
+    """Return the largest number of environments of a case that fits on the GPU, by doubling; 0 on a CPU, where memory
+    is not the limit."""
     if not wp.get_device(device).is_cuda:
         return 0
     n_envs, fits = case.n_envs, 0
@@ -186,15 +190,15 @@ def run(
     largest: bool = False,
     loops: bool = False,
 ) -> dict[str, dict]:
-    """Measure all cases of the device whose title contains ``only``; returns the figures by title.
+    """Measure all cases of the device whose title contains ``only``, and return the figures by title.
 
     Args:
-        report: gets one line per figure.
+        report: receives one line per figure.
         device: a Warp device.
         starts: also measure cold and warm starts, in processes of their own.
         only: part of a title.
-        largest: also look for the largest batch that fits on a GPU.
-        loops: also what loops around the step cost.
+        largest: also search the largest batch that fits on a GPU.
+        loops: also measure loops around the step.
     """
     figures: dict[str, dict] = {}
     cases = all_cases(device)
@@ -226,8 +230,8 @@ def run(
     return figures
 
 
-def page_of(figures: dict[str, dict], device: str) -> str:
-    """Return tables of what :func:`run` measured, as a page in Markdown."""
+def markdown_page(figures: dict[str, dict], device: str) -> str:
+    """Return the figures of :func:`run` as a page of tables in Markdown."""
     found = wp.get_device(device)
     machine = found.name if found.is_cuda else f"{platform.processor() or platform.machine()}, {cores()} cores"
     lines = [
@@ -241,10 +245,10 @@ def page_of(figures: dict[str, dict], device: str) -> str:
     ]
     for title, figure in figures.items():
         if "genesis_us" in figure:
-            theirs, memory, aim = (figure[name] for name in ("genesis_us", "bytes_per_env_taxel", "aim_us"))
-            whole = figure["step_us"] + (0.0 if found.is_cuda else figure["read_us"])
+            genesis_us, memory, aim = (figure[name] for name in ("genesis_us", "bytes_per_env_taxel", "aim_us"))
+            total_us = figure["step_us"] + (0.0 if found.is_cuda else figure["read_us"])
             cells = [title, f"{figure['step_us']:.1f}", f"{figure['read_us']:.1f}"]
-            cells += [f"{theirs:.0f}", f"{theirs / whole:.1f}"] if theirs else ["", ""]
+            cells += [f"{genesis_us:.0f}", f"{genesis_us / total_us:.1f}"] if genesis_us else ["", ""]
             cells += [f"{aim:.0f}" if aim else "", "" if memory is None else f"{memory:.0f}"]
             lines.append(f"| {' | '.join(cells)} |")
     lines += ["", "| loop | µs | turns a second | in steps |", "| --- | --- | --- | --- |"]

@@ -1,8 +1,8 @@
-"""What `tactemu bench physics` measures: sensors, scenes, and poses that differ and move.
+"""The cases of `tactemu bench physics`: sensors, scenes, and poses that differ and move.
 
-Two scenes. In ours a ball is 1 mm deep in a pad of 40 mm: a quarter of the taxels touch. In *Genesis's scene*, that in
-which Genesis (genesis-world 1.4.5) was measured, it is 2 mm deep in a grid of 24 mm: nearly all do. Only figures of
-that scene stand beside those of Genesis.
+There are two scenes. In the first a ball is 1 mm deep in a pad of 40 mm, and a quarter of the taxels are in contact. In
+*Genesis's scene*, in which Genesis (genesis-world 1.4.5) was measured, the ball is 2 mm deep in a grid of 24 mm, and
+nearly all taxels are in contact. Only figures of that scene are compared with those of Genesis.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -32,23 +32,23 @@ class Case:
     sensor: str
     """A key of :func:`sensors`."""
     side: int
-    """Taxels along a side of the grid."""
+    """Number of taxels along a side of the grid."""
     n_envs: int = 1
     aim_us: float | None = None
     genesis_us: float | None = None
-    """Of Genesis in the same scene, on a machine of this kind."""
+    """The time of Genesis in the same scene, on a machine of this kind."""
     mesh: bool = False
-    """The ball as a mesh of 80k faces."""
+    """True if the ball is a mesh of 80k faces."""
     query: str | None = None
-    """How depth is found (``contact_depth_query``); ``None``: as by default."""
+    """The method that finds depth (``contact_depth_query``); None: the default."""
     scene: Literal["ours", "genesis"] = "ours"
     spread_mm: float | None = None
-    """How far the poses of the environments differ, along x and y (in depth: 1 mm), and they move; ``None``: they are
-    the same and stay."""
+    """The spread of the environments' poses along x and y (1 mm in depth), which then move in each step; None: all
+    poses are equal and constant."""
 
     @property
     def title(self) -> str:
-        """What is measured, in words."""
+        """The title of the case in the table."""
         envs = f", {self.n_envs} envs" if self.n_envs > 1 else ""
         where = " on a mesh" if self.mesh else ""
         where += f" by {self.query}" if self.query else ""
@@ -58,7 +58,7 @@ class Case:
 
 
 def sensors() -> dict[str, tuple[type[SensorModel], Mapping[str, Any]]]:
-    """What is measured, by its name in the table: a model, and its options beside the probes."""
+    """Return the measured sensors by their name in the table: a model, and its options besides the probes."""
     return {
         f"{model.__name__}{words}": (model, options)
         for model in map(model_class, MODELS)
@@ -108,14 +108,14 @@ GPU_CASES = (
 
 
 def all_cases(device: str) -> list[Case]:
-    """Return the cases with a figure aimed at, and one for each other sensor."""
+    """Return the cases with a target, and one for each other sensor."""
     aimed = CPU_CASES if device == "cpu" else GPU_CASES
     named = {case.sensor for case in aimed}
     return [*aimed, *(Case(sensor=name, side=16, n_envs=aimed[0].n_envs) for name in sensors() if name not in named)]
 
 
 def grid(side: int) -> np.ndarray:
-    """``side * side`` probes on the top of the pad, shape ``(side, side, 3)``."""
+    """Return ``side * side`` probes on the top of the pad [m], shape ``(side, side, 3)``."""
     x = (np.arange(side) - (side - 1) / 2) * (SIDE / side)
     return np.stack([*np.meshgrid(x, x), np.full((side, side), 0.01)], -1)
 
@@ -126,11 +126,12 @@ GENESIS_OPTIONS: dict[str, dict[str, Any]] = {
     "ProximityTaxel": {"probe_radius": 6e-3, "shear_coupling": 1.0},
     "ElastomerTaxel": {"probe_radius": 3e-3, "lambda_d": 20000.0, "lambda_s": 8000.0},
 }
-"""In its scene, by model; beside those of :func:`sensors`."""
+"""Additional options of each model in Genesis's scene, besides those of :func:`sensors`."""
 
 
 def build(case: Case, device: str, **options: Any):
-    """``(sim, ball, sensor)`` of a case, the ball pressed in and sliding; ``options``: of :meth:`Scene.build`."""
+    """Return ``(sim, ball, sensor)`` of a case with the ball pressed in and sliding; ``options`` go to
+    :meth:`Scene.build`."""
     scene = Scene(dt=1e-3)
     kind, chosen = sensors()[case.sensor]
     chosen = {**chosen, "contact_depth_query": case.query} if case.query else chosen
@@ -168,7 +169,7 @@ def _move_kernel(
     turn: wp.array(dtype=wp.int32),
     poses: wp.array3d(dtype=wp.float64),
 ):
-    """There and back by 10 µm a step along x, 32 steps each way, and 1 µm in depth."""
+    """Move the ball to and fro by 10 µm a step along x, 32 steps each way, and by 1 µm in depth."""
     e = wp.tid()
     k = turn[0] % 64
     far = wp.float64(wp.min(k, 64 - k))
@@ -183,7 +184,7 @@ def _next_kernel(turn: wp.array(dtype=wp.int32)):
 
 
 class Mover:
-    """Moves the ball of each environment from where it is, on the device: called before each step that is timed."""
+    """A callable that moves the ball of each environment on the device; call it before each timed step."""
 
     def __init__(self, case: Case, sim: Any, ball: Any):
         poses, away = sim.pose_array, np.random.default_rng(7).uniform(-1e-3, 1e-3, (case.n_envs, 3))
@@ -196,7 +197,7 @@ class Mover:
         self._moves = case.spread_mm is not None
 
     def __call__(self) -> None:
-        """Where they are at the next step; the same place for a case whose poses stay."""
+        """Move the balls to their poses of the next step; do nothing in a case of constant poses."""
         if self._moves:
             self._next()
             self._move()
@@ -204,7 +205,7 @@ class Mover:
 
 @wp.kernel(module="unique", enable_backward=False)
 def busy_kernel(n: int, out: wp.array(dtype=wp.float32)):
-    """Keeps a GPU busy, while what is to be timed is queued."""
+    """Keep a GPU busy while the steps to be timed are queued."""
     x = float(1.0)
     for _ in range(n):
         x = 0.999 * x + 0.1

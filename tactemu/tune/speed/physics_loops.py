@@ -1,7 +1,7 @@
-"""What a loop around the step costs: `tactemu bench physics --loops`.
+"""The time of loops around the step: `tactemu bench physics --loops`.
 
-A step alone, then the whole of what training does: poses in, a step, readings out. Each figure is the wall time of one
-turn [µs], of a loop that is waited for at its end. Lines of torch are there where it is installed.
+The first loop is the step alone; the others are those of training: poses in, a step, readings out. Each figure is the
+wall time of one turn [µs], in a loop that waits for the device at its end. Lines for torch appear if it is installed.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from tactemu.geometry.shapes.sphere import Sphere
 from tactemu.scene.scene import Scene
 from tactemu.sensors.probes.kinematic_taxel import KinematicTaxel
 from tactemu.tune.speed.physics_cases import Case, Mover, build
-from tactemu.tune.speed.timing import Report
+from tactemu.tune.timing import Report
 
 ENVS = {"cpu": 64, "cuda": 4096}
 SECONDS = 0.5
-"""Of one loop, about; the median of three counts."""
+"""The approximate duration of one timed loop; the figure is the median of three."""
 FINGERS, BONES, PADS = 5, 3, (9, 8)
 
 Turn = Callable[[], None]
 
 
 def run(report: Report, *, device: str = "cpu", only: str = "", n_envs: int | None = None) -> dict[str, dict]:
-    """Measure all loops around all scenes whose name contains ``only``; returns the figures by title."""
+    """Measure all loops around all scenes whose name contains ``only``, and return the figures by title."""
     figures: dict[str, dict] = {}
     kind = wp.get_device(device)
     envs = n_envs or ENVS["cuda" if kind.is_cuda else "cpu"]
@@ -52,7 +52,8 @@ def run(report: Report, *, device: str = "cpu", only: str = "", n_envs: int | No
 
 
 def scenes(n_envs: int, device: str) -> dict[str, Callable[[], tuple[Any, list, list, Turn]]]:
-    """What is stepped: simulation, bodies that move, skins, and what moves the bodies on the device."""
+    """Return builders of the scenes by name; each gives simulation, moving bodies, skins, and a callable that moves the
+    bodies on the device."""
 
     def of(sensor: str, side: int):
         def make():
@@ -73,7 +74,7 @@ def scenes(n_envs: int, device: str) -> dict[str, Callable[[], tuple[Any, list, 
 
 
 def hand(n_envs: int, device: str):
-    """A palm, five fingers of three bones with a skin on the last, and a ball, all of them posed in each step."""
+    """Build a palm, five fingers of three bones with a skin on the last, and a ball, all of them posed in each step."""
     scene = Scene(dt=1e-3)
     bodies = [scene.add_body(Box(size=(0.08, 0.09, 0.02)), name="palm")]
     y, x = (np.linspace(-a, a, n) for a, n in zip((6e-3, 5e-3), PADS))
@@ -95,7 +96,7 @@ def hand(n_envs: int, device: str):
 
 
 def ways(sim, bodies: list, skins: list, move: Turn) -> dict[str, Turn]:
-    """Return the loops, by what they do; the first is the step alone."""
+    """Return the loops by their titles; the first is the step alone."""
     arrays = [skin.array() for skin in skins]
     pinned = [skin.host_array() for skin in skins]
     poses = sim.pose_array
@@ -145,14 +146,14 @@ def ways(sim, bodies: list, skins: list, move: Turn) -> dict[str, Turn]:
 
 
 def _bound(sim, start: wp.array, add_up: Turn) -> dict[str, Turn]:
-    """Return the last: what is bound stays so."""
-    theirs = wp.array(start.numpy(), dtype=wp.float32, device=sim.device)
+    """Return the loop with bound poses; it comes last because the binding stays."""
+    poses = wp.array(start.numpy(), dtype=wp.float32, device=sim.device)
 
     bound = []
 
     def turn() -> None:
         if not bound:
-            bound.append(sim.bind_poses(theirs))
+            bound.append(sim.bind_poses(poses))
         sim.step()
         add_up()
 
@@ -177,7 +178,7 @@ def _with_torch(sim, start: wp.array, arrays: list[wp.array]) -> dict[str, Turn]
 
 
 def time_of(turn: Turn, sim) -> float:
-    """Return seconds of one turn."""
+    """Return the time of one turn [s]."""
     for _ in range(4):
         turn()
     wp.synchronize_device(sim.device)

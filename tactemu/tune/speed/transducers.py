@@ -1,7 +1,7 @@
-"""What transducers cost: a part of `tactemu bench physics`.
+"""The time of transducers: a part of `tactemu bench physics`.
 
-Five taxels under a ball, as an AnySkin has them; each figure is how much longer a step takes with the transducer than
-without.
+The scene has five taxels of an AnySkin under a ball; each figure is the difference between a step with the transducer
+and one without.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def build(n_envs: int, device: str, transducers: Sequence = ()) -> Any:
 
 
 def step_us(sim: Any, steps: int = 400) -> float:
-    """Mean time of a warm step in a run of many [µs]."""
+    """Return the mean time of a warm step in a run of many [µs]."""
     import warp as wp
 
     wp.synchronize_device(sim.device)
@@ -60,7 +60,7 @@ def step_us(sim: Any, steps: int = 400) -> float:
 
 
 def run(report: Any, *, device: str = "cpu", only: str = "") -> dict[str, dict]:
-    """Measure all whose title contains ``only``; returns the figures by title."""
+    """Measure all examples whose title contains ``only``, and return the figures by title."""
     kind = "cuda" if device.startswith("cuda") else "cpu"
     chosen = {title: each for title, each in EXAMPLES.items() if only.lower() in title.lower()}
     if not chosen:
@@ -71,7 +71,7 @@ def run(report: Any, *, device: str = "cpu", only: str = "") -> dict[str, dict]:
         title: build(n_envs, device, [transducer_class(name)(**options)]) for title, (name, options) in chosen.items()
     }
     times: dict[str, list[float]] = {title: [] for title in sims}
-    for _ in range(ROUNDS):  # in turn, so that a busy machine is busy for all
+    for _ in range(ROUNDS):  # in turn, so that other processes slow all of them equally
         for title, sim in sims.items():
             times[title].append(step_us(sim))
     bare, figures = median(times[""]), {}
@@ -80,6 +80,6 @@ def run(report: Any, *, device: str = "cpu", only: str = "") -> dict[str, dict]:
         more = median(times[title]) - bare
         figures[title] = {"more_us": more, "step_us": median(times[title]), "aim_us": aim, "n_envs": n_envs}
         envs = f", {n_envs} envs" if n_envs > 1 else ""
-        said = f"aim {aim:.0f}" if aim else ""
-        report(f"{title + envs:<48} {more:9.1f} µs more than the {bare:.1f} µs of a step without  {said}")
+        target = f"aim {aim:.0f}" if aim else ""
+        report(f"{title + envs:<48} {more:9.1f} µs more than the {bare:.1f} µs of a step without  {target}")
     return figures

@@ -1,8 +1,8 @@
-"""What a frame costs between device and port, stage by stage, on one core: `tactemu bench wire`.
+"""The time of a frame between device and port, stage by stage, on one core: `tactemu bench wire`.
 
-Each stage is timed alone on the same frames; a figure is the median of several runs. ``whole`` is all of it at once,
-as fast as it goes on one CPU, with exact pacing on a virtual clock: the cost is measured, not the speed of the bus.
-Real Linux CAN is measured where there is a ``vcan0`` (``scripts/vcan-run -- tactemu bench wire``).
+Each stage is timed alone on the same frames; a figure is the median of several runs. ``whole`` is all stages together
+at full speed on one CPU, with exact pacing on a virtual clock: the processor is measured, not the bus. Real Linux CAN
+is measured if the machine has a ``vcan0`` (``scripts/vcan-run -- tactemu bench wire``).
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from firmware_protocols import Can, CanFrame, Connector, Frame, Serial
 from tactemu.base.errors import TransportUnavailable
 from tactemu.transports import create
 from tactemu.transports.transport import Transport
-from tactemu.tune.speed.timing import Report
+from tactemu.tune.timing import Report
 from tactemu.wire.can_bits import frame_bits
 from tactemu.wire.wire import Wire
 
 FRAMES = 2000
-"""In each timed run."""
+"""Number of frames in each timed run."""
 BYTES = bytes(range(82))
 CAN = tuple(
     CanFrame(arbitration_id=0x100 + k, data=bytes([k, 0x55, 0xAA, 7 * k & 255, 0, 255, 1, k])) for k in range(16)
@@ -31,7 +31,7 @@ CAN = tuple(
 
 
 def per_frame_us(run: Callable[[int], None], *, repeats: int = 7) -> float:
-    """Return median cost of one of the ``FRAMES`` calls that ``run(FRAMES)`` makes [µs]."""
+    """Return the median time of one of the ``FRAMES`` frames that ``run(FRAMES)`` handles [µs]."""
     times = []
     for _ in range(repeats):
         start = time.perf_counter_ns()
@@ -41,13 +41,13 @@ def per_frame_us(run: Callable[[int], None], *, repeats: int = 7) -> float:
 
 
 def count_bits(n: int) -> None:
-    """Exact length of CAN frames."""
+    """Compute the exact length of ``n`` CAN frames."""
     for k in range(n):
         frame_bits(CAN[k % 16])
 
 
 def through_wire(wire: Wire, frames: tuple[Frame, ...], read: Callable[[], object]) -> Callable[[int], None]:
-    """Return readings of as many frames as ``frames`` has, queued, paced on a virtual clock and written."""
+    """Return a callable that sends ``n`` frames through a wire: queued, paced on a virtual clock, written and read."""
     now = [0]
 
     def run(n: int) -> None:
@@ -65,7 +65,7 @@ def through_wire(wire: Wire, frames: tuple[Frame, ...], read: Callable[[], objec
 
 @contextmanager
 def opened(address: str, connector: Connector, **options) -> Iterator[Wire]:
-    """A wire on an open port that somebody listens to and reads from."""
+    """Yield a wire on an open port that has a reader."""
     transport = create(address)
     wire = Wire(transport, connector, **options)
     wire.open()
@@ -78,7 +78,7 @@ def opened(address: str, connector: Connector, **options) -> Iterator[Wire]:
 
 @contextmanager
 def _pty_reader(transport: Transport) -> Iterator[Callable[[], object]]:
-    """A driver that has the pty open; what it gives back is called to drain it."""
+    """Open the pty as a driver does, and yield a callable that drains it."""
     reader = os.open(transport.address, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     transport.poll()
 
@@ -96,7 +96,7 @@ def _pty_reader(transport: Transport) -> Iterator[Callable[[], object]]:
 
 
 def run(report: Report, *, repeats: int = 7) -> dict[str, float]:
-    """Measure every stage; ``report`` gets one line per figure. Returns the figures by name."""
+    """Measure every stage, report one line per figure, and return the figures by name."""
     figures: dict[str, float] = {}
 
     def note(name: str, figure: float, unit: str, about: str) -> None:
@@ -133,13 +133,13 @@ def _ports(note: Callable[..., None], repeats: int) -> None:
                 drain()
 
         note("pty write and read", per_frame_us(write_pty, repeats=repeats), "µs/frame", "82 bytes")
-        whole = per_frame_us(through_wire(wire, (BYTES,), drain), repeats=repeats)
-        note("whole serial on a pty", 1e6 / whole, "frames/s", "one core, its reader included")
+        total_us = per_frame_us(through_wire(wire, (BYTES,), drain), repeats=repeats)
+        note("whole serial on a pty", 1e6 / total_us, "frames/s", "one core, its reader included")
     for name, address in (("udp multicast", "can:udp_multicast:239.74.163.77"), ("vcan", "can:socketcan:vcan0")):
         try:
             _bus(note, name, address, repeats)
         except TransportUnavailable:
-            pass  # not to be had here
+            pass  # this machine has no such bus
 
 
 def _bus(note: Callable[..., None], name: str, address: str, repeats: int) -> None:
@@ -151,8 +151,8 @@ def _bus(note: Callable[..., None], name: str, address: str, repeats: int) -> No
 
         note(f"{name} write", per_frame_us(write_can, repeats=repeats), "µs/frame", "8 bytes")
         wire.transport.poll()
-        whole = per_frame_us(through_wire(wire, CAN, lambda: None), repeats=repeats)
-        note(f"whole can on {name}", 1e6 / whole, "frames/s", "one core; a full 1 Mbit/s bus carries 8 700")
+        total_us = per_frame_us(through_wire(wire, CAN, lambda: None), repeats=repeats)
+        note(f"whole can on {name}", 1e6 / total_us, "frames/s", "one core; a full 1 Mbit/s bus carries 8 700")
 
 
 @contextmanager

@@ -1,1 +1,1 @@
-"""The instrument behind docs/accuracy.md: every level of fidelity against truth."""
+"""The measurement behind docs/accuracy.md: the error and the cost of every level of fidelity."""

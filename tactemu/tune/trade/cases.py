@@ -1,4 +1,4 @@
-"""What `tactemu bench trade` presses into the skin: seven objects at three depths, pressed, slid and rolled."""
+"""The contacts of `tactemu bench trade`: seven objects at three depths, pressed, slid and rolled."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ DEPTHS = (2e-4, 5e-4, 1e-3)
 PRESS_STEPS = 2
 MOVE_STEPS = 6
 SLIDE = 6e-4
-"""Way of a slide and of a roll [m]."""
+"""Distance of a slide and of a roll [m]."""
 ROCK = np.radians(3.0)
-"""Angle by which objects with corners are rocked instead [rad]."""
+"""Angle by which objects that cannot roll are rocked instead [rad]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +41,7 @@ class TestSkin:
     thickness: float = 4e-3
     friction: float = 0.5
 
-    __test__ = False  # no test class, whatever its name
+    __test__ = False  # keeps pytest from collecting the class by its name
 
     def positions(self) -> np.ndarray:
         """Return taxels in the pad's frame [m], ``(side, side, 3)``."""
@@ -50,21 +50,21 @@ class TestSkin:
 
     @property
     def layer(self) -> dict[str, Any]:
-        """Its material, as options of ElasticLayerTaxel."""
+        """The material of the layer, as options of ElasticLayerTaxel."""
         return {name: getattr(self, name) for name in ElasticLayerTaxel.material}
 
 
 @dataclass(frozen=True)
 class Indenter:
-    """A shape, and how it is held."""
+    """A shape and its orientation."""
 
     shape: Any
     turn: tuple[float, float, float, float]
-    """Its orientation, (w, x, y, z)."""
+    """The orientation (w, x, y, z)."""
     lowest: float
-    """From its lowest point up to its origin [m]."""
+    """The height of the origin above the lowest point [m]."""
     rolling_radius: float | None = None
-    """[m]; ``None``: it is rocked."""
+    """The radius on which it rolls [m]; None: it is rocked."""
 
 
 def _tilted(shape: Any, corners: np.ndarray, vector) -> Indenter:
@@ -124,11 +124,11 @@ class Case:
 
     @property
     def name(self) -> str:
-        """For tables and files."""
+        """The name of the case in tables and files."""
         return f"{self.object}, {self.depth * 1e3:.1f} mm, {self.motion}"
 
     def poses(self, fine: int = 1) -> Iterator[dict[str, np.ndarray]]:
-        """Poses of the object, step by step; ``fine`` times as many while it slides or rolls."""
+        """Yield the poses of the object, step by step; ``fine`` times as many while it slides or rolls."""
         body = indenters()[self.object]
         for k in range(1, PRESS_STEPS + 1):
             height = body.lowest - self.depth * k / PRESS_STEPS
@@ -164,7 +164,7 @@ class Case:
 CALIBRATION = Case("sphere", 5e-4, "press")
 CALIBRATION_OF_SHEAR = Case("sphere", 5e-4, "slide")
 COST = Case("sphere", 5e-4, "slide")
-"""What is timed: a warm contact that moves a hundredth of a millimetre in a step."""
+"""The timed case: a warm contact that moves a hundredth of a millimetre in a step."""
 
 
 def all_cases(quick: bool = False) -> list[Case]:
@@ -181,7 +181,7 @@ def all_cases(quick: bool = False) -> list[Case]:
 
 
 def build(skin: TestSkin, case: Case, model: Any, dtype: Dtype = "float32", device: str = "cpu"):
-    """A built scene with one skin and the case's object; returns simulation, body and sensor."""
+    """Build a scene with one skin and the case's object, and return simulation, body and sensor."""
     scene = Scene(dt=DT)
     extent = 2 * skin.side * skin.pitch
     pad = scene.add_body(Box(size=(extent, extent, 2 * TOP)), fixed=True, name="pad")

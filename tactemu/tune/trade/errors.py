@@ -1,4 +1,4 @@
-"""What a sensor says of a contact, in one form for all models, and how far that is from the truth."""
+"""Observations of a contact in one form for all models, and their errors relative to the truth."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ METRICS = {
 
 @dataclass
 class Observation:
-    """One reading, taxels flat; what a model does not know is ``None``. Forces act on the skin."""
+    """One reading with taxels flat; quantities that a model lacks are None. Forces act on the skin."""
 
     pressure: np.ndarray | None = None
-    """Of each taxel [any unit], shape ``(n,)``."""
+    """Pressure on each taxel [any unit], shape ``(n,)``."""
     drag: np.ndarray | None = None
     """Total tangential force, shape ``(2,)``."""
     touch: np.ndarray | None = None
-    """Bool, shape ``(n,)``."""
+    """The taxels in contact, bool, shape ``(n,)``."""
     sink: np.ndarray | None = None
     """Motion of the surface into the skin, shape ``(n,)``."""
     shift: np.ndarray | None = None
     """Motion along the skin, shape ``(n, 2)``."""
 
     def scaled(self, gains: dict[str, float]) -> Observation:
-        """Return each quantity multiplied by its gain."""
+        """Return the observation with each quantity multiplied by its gain."""
         parts = {field.name: getattr(self, field.name) for field in fields(self)}
         return Observation(**{
             name: value * gains[name] if value is not None and name in gains else value
@@ -45,12 +45,12 @@ class Observation:
 
 
 def observe(reading: Any, area: float, threshold: float = 0.0) -> Observation:
-    """Return a reading of any model: by its fields, in a frame whose normal is z.
+    """Return the observation of a reading, by its fields, in a frame whose normal is z.
 
     Args:
-        reading: what ``read()`` returned.
-        area: of a taxel [m²].
-        threshold: depth or displacement above which a taxel counts as touched [m].
+        reading: the result of ``read()`` of any model.
+        area: the area of a taxel [m²].
+        threshold: depth or displacement above which a taxel counts as in contact [m].
     """
     if hasattr(reading, "residual"):
         force, moved = reading.force.reshape(-1, 3), reading.displacement.reshape(-1, 3)
@@ -58,8 +58,8 @@ def observe(reading: Any, area: float, threshold: float = 0.0) -> Observation:
         return Observation(pressure, force[:, :2].sum(0), pressure > 0, -moved[:, 2], moved[:, :2])
     if hasattr(reading, "torque"):
         force = reading.force.reshape(-1, 3)
-        touched = force[:, 2] < 0
-        return Observation(-force[:, 2] / area, force[:, :2].sum(0), touched)
+        in_contact = force[:, 2] < 0
+        return Observation(-force[:, 2] / area, force[:, :2].sum(0), in_contact)
     values = np.asarray(reading)
     if values.dtype == bool:
         return Observation(touch=values.reshape(-1))
@@ -76,7 +76,7 @@ def _relative(got: np.ndarray, truth: np.ndarray) -> float | None:
 
 
 def fit_gains(got: Observation, truth: Observation, names: tuple[str, ...]) -> dict[str, float]:
-    """Return the factor on each quantity that is nearest to the truth; pressures are fitted to the total force."""
+    """Return the gain of each quantity that fits the truth best; pressures are fitted to the total force."""
     gains = {}
     for name in names:
         value, wanted = getattr(got, name), getattr(truth, name)
@@ -90,28 +90,29 @@ def fit_gains(got: Observation, truth: Observation, names: tuple[str, ...]) -> d
 
 
 def errors(got: Observation, truth: Observation, positions: np.ndarray, area: float, friction: float) -> dict:
-    """Return each metric that the model offers (:data:`METRICS`); ``None`` where the truth has nothing to compare with.
+    """Return each metric that the model offers (:data:`METRICS`), None if the truth has no value to compare with.
 
     Args:
-        got: of the model, calibrated.
-        truth: of the same contact.
+        got: the calibrated observation of the model.
+        truth: the truth of the same contact.
         positions: taxels in the skin's plane [m], ``(n, 2)``.
-        area: of a taxel [m²].
-        friction: coefficient of the truth.
+        area: the area of a taxel [m²].
+        friction: the friction coefficient of the truth.
     """
-    assert truth.pressure is not None and truth.drag is not None and truth.touch is not None  # a truth knows all
+    # a truth has every quantity
+    assert truth.pressure is not None and truth.drag is not None and truth.touch is not None
     assert truth.sink is not None and truth.shift is not None
     found: dict[str, float | None] = {}
-    load = float(truth.pressure.sum())
+    truth_total = float(truth.pressure.sum())
     if got.pressure is not None:
         total = float(got.pressure.sum())
-        found["normal force"] = total / load - 1
+        found["normal force"] = total / truth_total - 1
         found["pressure"] = _relative(got.pressure, truth.pressure)
         if total > 0:
-            centre = got.pressure @ positions / total - truth.pressure @ positions / load
+            centre = got.pressure @ positions / total - truth.pressure @ positions / truth_total
             found["centre"] = float(np.linalg.norm(centre)) * 1e3
     if got.drag is not None:
-        found["tangential force"] = float(np.linalg.norm(got.drag - truth.drag)) / (friction * load * area)
+        found["tangential force"] = float(np.linalg.norm(got.drag - truth.drag)) / (friction * truth_total * area)
     if got.touch is not None and truth.touch.any():
         both, either = (got.touch & truth.touch).sum(), (got.touch | truth.touch).sum()
         found["contact area"] = float(got.touch.sum() / truth.touch.sum()) - 1

@@ -1,4 +1,4 @@
-"""The picture of the trade: error against cost, one panel per metric, the Pareto front as a line."""
+"""The picture of the trade-off: error against cost, one panel per metric, the Pareto front as a line."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ import matplotlib.pyplot as plt  # noqa: TID253
 PANELS = ("normal force", "pressure", "tangential motion", "normal motion")
 COLOURS = {0: "#888888", 1: "#b07d2b", 2: "#2b7bb0", 3: "#8a3fa0", 4: "#c0392b"}
 LINE, DOT = 7, 2.5
-"""Height of a name, and radius of a point, on the page."""
+"""Height of a name and radius of a point on the page [pt]."""
 FLOOR = 1e-4
-"""Errors below this are drawn at it."""
+"""Errors below this value are drawn at it."""
 
 
 def draw(found: dict, file: Path) -> None:
@@ -32,7 +32,7 @@ def draw(found: dict, file: Path) -> None:
         ]
         if points:
             _panel(axis, metric, sorted(points, key=lambda point: point[0]))
-        else:  # none of the settings gives it
+        else:  # no setting has this metric
             axis.set_axis_off()
     for axis in axes[1]:
         axis.set_xlabel("one step of 1024 taxels [µs]")
@@ -63,7 +63,7 @@ def _panel(axis, metric: str, points: list) -> None:
 
 
 def _name(axis, points: list, front: list) -> None:
-    """Write each setting's name beside its point, on no other name, on no point and not on the front."""
+    """Write each setting's name beside its point, clear of other names, of points and of the front."""
     axis.autoscale_view()
     scale = 72 / axis.figure.dpi
     at = [tuple(axis.transData.transform((x, y)) * scale) for x, y, _row in points]
@@ -79,7 +79,7 @@ def _name(axis, points: list, front: list) -> None:
 
 
 def _sampled(line: list[tuple[float, float]], step: float = 2.0) -> list[tuple[float, float]]:
-    """Return points along a line, so close that no name finds a way between them."""
+    """Return points along a line, so close that no name fits between them."""
     found = []
     for (a, b), (c, d) in pairwise(line):
         n = max(1, round(max(abs(c - a), abs(d - b)) / step))
@@ -94,13 +94,13 @@ def places(
     avoid: Sequence[tuple[float, float]] = (),
     edge: float = -math.inf,
 ) -> list[tuple[float, float]]:
-    """Where names go, from each point to the left end and the middle of its name, as near as there is room.
+    """Return the offset from each point to the left end and the middle of its name, as near as there is room.
 
     Args:
-        points: on the page.
-        widths: of the names.
-        avoid: other points that no name may lie on.
-        edge: how far to the left a name may begin.
+        points: the points on the page.
+        widths: the widths of the names.
+        avoid: other points that no name may cover.
+        edge: the leftmost position at which a name may begin.
     """
     found: list[tuple[float, float]] = []
     for (x, y), width in zip(points, widths):
@@ -117,7 +117,7 @@ def places(
 
 
 def _is_free(left: float, middle: float, width: float, points: list, taken: list) -> bool:
-    """Is there neither a point nor a name where a name would be?"""
+    """Return True if a name at this place would cover neither a point nor another name."""
     on_point = any(left - DOT < a < left + width + DOT and abs(middle - b) < 0.5 * LINE + DOT for a, b in points)
     return not on_point and not any(
         abs(middle - b) < LINE and left < a + other + DOT and a < left + width + DOT for a, b, other in taken

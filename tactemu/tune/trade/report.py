@@ -1,4 +1,4 @@
-"""From errors case by case to one line per setting: medians, ranges, and who is dominated by whom."""
+"""The summary of all cases in one line per setting: medians, ranges, and the settings that others dominate."""
 
 from __future__ import annotations
 
@@ -8,19 +8,20 @@ from statistics import median
 from tactemu.tune.trade.errors import METRICS
 
 NARROW = ("thin wedge", "box edge, 0.2 mm")
-"""Contacts narrower than a taxel: shown apart, since point-sampled levels miss them altogether."""
+"""Contacts narrower than a taxel, which are shown apart because point-sampled levels miss them altogether."""
 SHOWN = ("normal force", "tangential force", "pressure", "contact area", "overlap of areas", "centre")
 SHOWN += ("normal motion", "tangential motion")
 JUDGED = ("normal force", "pressure", "normal motion", "tangential motion", "tangential force")
 """Metrics of the picture and of the comparison of settings."""
 CLOSE = 1.1
-"""A setting is dominated by one that is as good and as fast, and in one of the two better by this factor."""
+"""The factor by which a setting that dominates another is better in error or in speed, being no worse in both."""
 SAME = 1.02
-"""Errors within this factor count as the same."""
+"""Errors within this factor count as equal."""
 
 
 def summarise(settings: list[dict]) -> list[dict]:
-    """For each setting and metric: median and range over the cases it was not calibrated on, narrow contacts apart."""
+    """Return median and range of each setting and metric over the cases not used to calibrate it, narrow contacts
+    apart."""
     rows = []
     for setting in settings:
         row = {"name": setting["name"], "level": setting["level"], **setting["cost"], "metrics": {}}
@@ -42,7 +43,7 @@ def summarise(settings: list[dict]) -> list[dict]:
 
 
 def _values(setting: dict, metric: str, *, narrow: bool) -> list[float]:
-    """Tangential forces are judged where something slides; the other metrics everywhere."""
+    """Return the errors of a metric; those of tangential forces only from cases in which the object slides or rolls."""
     values = []
     for name, errors in setting["errors"].items():
         wanted = name.startswith(NARROW) == narrow and name not in setting["calibrated_on"]
@@ -72,7 +73,7 @@ def _dominator(row: dict, rows: list[dict]) -> str | None:
 
 
 def write_table(found: dict, file: Path) -> str:
-    """Write the Markdown table; returns it as text."""
+    """Write the Markdown table to a file, and return it as text."""
     lines = [f"Truth: {found['truth']}.", ""]
     lines += [f"- {check['what']}: {check['error']:+.1e}" for check in found["checks"]]
     calibrated = " and ".join(found["calibration"])

@@ -1,4 +1,4 @@
-"""The trade on a user's own scene: every setting that `tactemu tune` knows, with all its errors and its cost."""
+"""The trade-off on a user's own scene: every setting of `tactemu tune`, with all its errors and its cost."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from tactemu.tune.choice import ERRORS, Choice, as_dict
 from tactemu.tune.tuner import Tuner
 
 RATE_HZ = 100.0
-"""Costs are those of a sample at this rate, simulation steps included."""
+"""The rate of the samples whose cost is measured, simulation steps included."""
 
 
 def trade_of_scene(report: Callable[[str], None], scene: str, folder: Path, device: str, progress) -> dict:
-    """Measure all settings of every skin of a scene; writes ``trade.json`` and ``trade.md``."""
+    """Measure all settings of every skin of a scene, and write ``trade.json`` and ``trade.md``."""
     loaded = load(scene)
     choices = []
     for skin in loaded.tables.skin:

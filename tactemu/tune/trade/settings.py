@@ -1,4 +1,4 @@
-"""The settings of the ladder that `tactemu bench trade` compares: sensor models with their dials."""
+"""The settings that `tactemu bench trade` compares: sensor models with their options."""
 
 from __future__ import annotations
 
@@ -10,41 +10,41 @@ from tactemu.sensors.models import MODELS, model_class
 from tactemu.tune.trade.cases import TestSkin
 
 GRAZE = 1e-6
-"""Radius of probes that shall feel no farther than the surface [m]."""
+"""Radius of probes that measure at the surface only [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """A sensor model and its dials."""
+    """A sensor model and its options."""
 
     name: str
     model: str
-    """As in scene files."""
+    """The name of the model, as in scene files."""
     options: dict[str, Any] = field(default_factory=dict)
     dtype: Dtype = "float32"
 
     @property
     def level(self) -> int:
-        """Of fidelity."""
+        """The level of fidelity of the model."""
         return model_class(self.model).level
 
     @property
     def calibrated(self) -> tuple[str, ...]:
-        """Fields of an observation that get a gain on the calibration cases; none where the material is stated."""
+        """The fields of an observation that get a gain on the calibration cases; none for a model with material."""
         model = model_class(self.model)
         if model.material:
             return ()
         return tuple(name for quantity in model.layouts for name in _FITTED[quantity])
 
     def make(self, skin: TestSkin) -> Any:
-        """Return the sensor model on a skin, made of the skin's material where it states one."""
+        """Return the sensor model on a skin, with the skin's material if the model has one."""
         model = model_class(self.model)
         material = {name: getattr(skin, name) for name in model.material}
         return model(probe_local_pos=skin.positions(), **{**material, **self.options})
 
 
 _FITTED = {"touch": (), "depth": ("sink",), "force": ("pressure", "drag"), "displacement": ("sink", "shift")}
-"""By quantity: fields of an observation whose scale is free."""
+"""The fields of an observation whose scale is free, by quantity."""
 _GRAZING = {"probe_radius": GRAZE}
 
 
@@ -54,7 +54,7 @@ def _layer(name: str, **options: Any) -> Setting:
 
 
 def ladder() -> list[Setting]:
-    """Return all settings, cheapest level first; a model that has none here is one with its defaults."""
+    """Return all settings, the cheapest level first; a model without one here is added with its defaults."""
     forced = {"tolerance": 1e-6}
     springs = {**_GRAZING, "normal_damping": 0.0, "forces_on_skin": True, "twist_scalar": 0.0}
     fitted = {"lambda_d": 3e4, "lambda_s": 3e4, "normal_exponent": 1.0, "n_sample_points": 2000}

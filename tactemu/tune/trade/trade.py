@@ -1,12 +1,12 @@
-"""Speed for accuracy: `tactemu bench trade` measures every setting of the ladder against truth, and what it costs.
+"""The trade-off of speed and accuracy: `tactemu bench trade` measures the error and the cost of every setting.
 
-For each setting and case the last reading is compared with that of a solution sixteen times as fine
+The last reading of each setting and case is compared with that of a solution sixteen times as fine
 (:mod:`tactemu.tune.trade.truth`). Springs, points, depths and markers get one gain per quantity, fitted on a ball
-pressed (and, for tangential forces, slid) 0.5 mm deep, and are judged on the other cases. Costs are medians of warm
-steps of a sliding contact, all settings in turn, in the same run.
+pressed (and, for tangential forces, slid) 0.5 mm deep, and are evaluated on the other cases. Costs are medians of warm
+steps of a sliding contact, measured in turn for all settings in one run.
 
 Files in the folder: ``trade.json`` (all figures), ``trade.md`` (the table), ``trade.svg`` (the picture, with
-matplotlib), ``results.jsonl`` and ``truth/`` (what a later run does not compute again).
+matplotlib), ``results.jsonl`` and ``truth/`` (results that a later run uses again).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from statistics import median
 import numpy as np
 import warp as wp
 
-from tactemu.tune.speed.timing import Report, timed_step
+from tactemu.tune.timing import Report, timed_step
 from tactemu.tune.trade.cases import (
     CALIBRATION,
     CALIBRATION_OF_SHEAR,
@@ -44,22 +44,22 @@ from tactemu.tune.trade.settings import Setting, ladder
 from tactemu.tune.trade.truth import Truths, checks
 
 FINE_STEPS = 10
-"""The cost is timed on steps so many times smaller than those of the cases."""
+"""The factor by which timed steps are smaller than those of the cases."""
 ROUNDS = 3
 
 
 @dataclass(frozen=True, kw_only=True)
 class Cost:
-    """What a setting costs on this machine."""
+    """The measured cost of a setting on this machine."""
 
     step_us: float
-    """Median of a warm step with contact, sliding."""
+    """The median time of a warm step with a sliding contact."""
     still_us: float
-    """Median of a step in which nothing moves."""
+    """The median time of a step in which nothing moves."""
     updates_per_s: float
-    """Taxels read per second."""
+    """The number of taxels read per second."""
     memory_bytes: int
-    """Held by the scene's arrays."""
+    """The memory of the scene's arrays."""
 
 
 def run_trade(
@@ -73,20 +73,20 @@ def run_trade(
     fresh: bool = False,
     progress: Callable[[Iterable, str, int], Iterable] | None = None,
 ) -> dict:
-    """Measure the trade and write it to a folder.
+    """Measure the trade-off and write it to a folder.
 
     Args:
-        report: gets lines of text.
+        report: receives lines of text.
         scene: a scene file or a device: its own contacts and skins are measured instead of the seven objects.
-        out: folder for the results; a later run goes on from what is there.
-        quick: a coarser truth (256 cells) and ten cases instead of thirty-five.
+        out: folder for the results; a later run continues from them.
+        quick: use a coarser truth (256 cells) and ten cases instead of thirty-five.
         device: where the settings run: ``cpu`` or ``cuda:0``.
-        only: settings whose name contains this.
+        only: part of the names of the settings to measure.
         fresh: measure everything again.
-        progress: ``progress(items, title, total)`` iterates and shows how far it is.
+        progress: ``progress(items, title, total)`` iterates over the items and shows progress.
 
     Returns:
-        What ``trade.json`` holds.
+        The content of ``trade.json``.
     """
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
@@ -128,12 +128,12 @@ def run_trade(
 
 
 def _digest(truths: Truths, device: str) -> str:
-    """Results are only comparable for the same skin, cases and device."""
+    """Return a digest of skin, cases and device; results of different digests cannot be compared."""
     return hashlib.blake2b(f"2 {truths.skin} {device} {PRESS_STEPS}".encode(), digest_size=6).hexdigest()
 
 
 class Results:
-    """Observations of settings, one JSON line each, found again by a later run."""
+    """A file of observations, one JSON line each, which a later run reads."""
 
     def __init__(self, file: Path, digest: str, fresh: bool):
         self._file, self._digest = file, digest
@@ -150,15 +150,15 @@ class Results:
         return f"{setting.name} {sorted(setting.options.items())} {case.name}"
 
     def has(self, setting: Setting, case: Case) -> bool:
-        """Is it there?"""
+        """Return True if the file has the observation of this setting and case."""
         return self._key(setting, case) in self._known
 
     def get(self, setting: Setting, case: Case) -> Observation:
-        """Return the observation."""
+        """Return the observation of a setting and case."""
         return self._known[self._key(setting, case)]
 
     def add(self, setting: Setting, case: Case, seen: Observation) -> None:
-        """Keep it, on disk too."""
+        """Keep the observation and append it to the file."""
         key = self._key(setting, case)
         self._known[key] = seen
         packed = {name: None if value is None else _pack(value) for name, value in vars(seen).items()}
@@ -167,7 +167,7 @@ class Results:
 
 
 def _pack(values: np.ndarray) -> dict:
-    """Return an array as compressed text: most taxels of most readings are zero."""
+    """Return an array as compressed text, which is short because most taxels of most readings are zero."""
     array = np.asarray(values)
     data = base64.b64encode(zlib.compress(array.tobytes(), 6)).decode()
     return {"dtype": str(array.dtype), "shape": array.shape, "data": data}
@@ -190,7 +190,7 @@ def _play(skin: TestSkin, setting: Setting, case: Case, device: str) -> Observat
 
 
 def _gains(setting: Setting, truths: Truths, done: Results) -> dict[str, float]:
-    """Normal quantities and markers are fitted to a press, tangential forces to a slide."""
+    """Return the gains of a setting: normal quantities and markers fitted to a press, tangential forces to a slide."""
     still = tuple(name for name in setting.calibrated if name not in ("drag", "shift"))
     moving = tuple(name for name in setting.calibrated if name == "drag")
     both = tuple(name for name in setting.calibrated if name == "shift")
@@ -219,7 +219,7 @@ def _judge(skin: TestSkin, setting: Setting, cases: list[Case], truths: Truths, 
 
 
 def measure_costs(skin: TestSkin, settings: list[Setting], device: str, progress) -> dict[str, Cost]:
-    """Warm steps of all settings in turn, several rounds, so that a disturbance hits none alone."""
+    """Time warm steps of all settings in turn, in several rounds, so that a disturbance affects all of them."""
     runs, memory = {}, {}
     for setting in settings:
         gc.collect()
@@ -251,7 +251,7 @@ def measure_costs(skin: TestSkin, settings: list[Setting], device: str, progress
 
 
 def _held_bytes() -> int:
-    """Return memory of all Warp arrays that own theirs."""
+    """Return the size of all Warp arrays that own their memory [bytes]."""
     arrays = (item for item in gc.get_objects() if isinstance(item, wp.array))
     return sum(array.capacity or 0 for array in arrays if getattr(array, "deleter", None) is not None)
 

@@ -1,7 +1,7 @@
-"""The truth that settings are measured against: the layer on a grid sixteen times as fine, and what vouches for it.
+"""The truth for the settings: the layer on a grid sixteen times as fine, and the checks that verify it.
 
-A closed form exists for none of the seven objects on a layer of finite thickness. The fine solution is therefore
-compared with truths where there are some: Hertz' half-space, and finite elements of this very layer.
+None of the seven objects has a closed form on a layer of finite thickness. The fine solution is therefore compared with
+known solutions of simpler cases: Hertz' half-space, and finite elements of the same layer.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from tactemu.tune.trade.errors import Observation
 
 TOLERANCE = 1e-5
 _VERSION = 2
-"""Of what a kept truth holds."""
+"""The version of the content of stored truths."""
 FINITE_ELEMENTS = {(0.3, 4e-4): 0.119728, (0.45, 4e-4): 0.148791, (0.49, 4e-4): 0.162828, (0.49, 8e-4): 0.592370}
 """(Poisson ratio, depth [m]): force [N] on a paraboloid of 5 mm, E = 0.1 MPa, 4 mm thick; quadratic axisymmetric
 elements, 27,000 unknowns."""
@@ -31,11 +31,11 @@ NEO_HOOKEAN = {4e-4: 0.1578244, 8e-4: 0.5577619, 1.6e-3: 2.092396}
 
 @dataclass(frozen=True)
 class Check:
-    """One comparison of the fine solution with a truth of its own."""
+    """A comparison of the fine solution with an independent one."""
 
     what: str
     error: float
-    """Relative."""
+    """The relative error."""
 
 
 def fine_skin(skin: TestSkin, factor: int) -> TestSkin:
@@ -47,9 +47,9 @@ class Truths:
     """The truth of each case, solved once and kept in a folder.
 
     Args:
-        skin: as the settings have it.
-        factor: cells along a taxel.
-        folder: where truths are kept between runs; ``None``: nowhere.
+        skin: the skin of the settings.
+        factor: number of cells along a taxel.
+        folder: the folder that keeps truths between runs; None: they are not kept.
     """
 
     def __init__(self, skin: TestSkin, factor: int, folder: Path | None):
@@ -58,12 +58,12 @@ class Truths:
 
     @property
     def name(self) -> str:
-        """What it is, for the report."""
+        """The description of the truth for the report."""
         cells = self.skin.side * self.factor
         return f"layer solution on {cells} x {cells} cells, residual {TOLERANCE:g}, averaged over taxels"
 
     def of(self, case: Case) -> Observation:
-        """Return the last reading of a case."""
+        """Return the truth of a case: its last reading."""
         if case not in self._known:
             file = self._file(case)
             if file is not None and file.exists():
@@ -105,7 +105,7 @@ class Truths:
         return Observation(
             pressure=pressure,
             drag=reading.force.reshape(-1, 3)[:, :2].astype(float).sum(0),
-            touch=pressure > 0,  # as a setting reads it: any part of the taxel
+            touch=pressure > 0,  # a setting, too, counts a taxel of which any part is in contact
             sink=-moved[:, 2],
             shift=moved[:, :2],
         )
@@ -117,7 +117,7 @@ def _plain(case: Case):
 
 
 def checks(cells: int = 256) -> list[Check]:
-    """Return the solver of the truths against closed forms and finite elements."""
+    """Return the errors of the truths' solver relative to closed forms and finite elements."""
     found = []
     radius, depth = 5e-3, 1e-4
     contact = np.sqrt(radius * depth)
@@ -148,7 +148,7 @@ def _paraboloid(skin: TestSkin, radius: float) -> Mesh:
 
 
 def _force(skin: TestSkin, shape, lowest: float, depth: float) -> float:
-    """Return normal force on a shape whose lowest point is ``lowest`` below its origin, without friction."""
+    """Return the normal force on a shape whose lowest point is ``lowest`` below its origin, without friction [N]."""
     scene = Scene()
     pad = scene.add_body(None, name="pad", fixed=True)
     body = scene.add_body(shape, name="object", position=(0, 0, 1))
