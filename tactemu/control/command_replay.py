@@ -72,7 +72,7 @@ def replay_commands(control: Control, path: str | Path) -> int:
     wires = {wire.name: wire for wire in emulator.wires if isinstance(wire.transport, MemoryTransport)}
     for entry in entries(path) if wires else ():
         if isinstance(entry, Passage) and entry.kind == "rx" and entry.device in wires:
-            emulator.at(entry.t_ns, partial(wires[entry.device].hear, entry.frame, entry.t_ns))
+            emulator.at(entry.t_ns, partial(wires[entry.device].deliver, entry.frame, entry.t_ns))
     return len(commands)
 
 

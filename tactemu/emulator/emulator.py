@@ -230,7 +230,7 @@ class Emulator:
                     channel.device.counters["unheard"] += 1
                 elif data is not None:
                     self._call(channel, now, "receive", data, local, port, port=port)
-                elif channel.wires[port].passes_by(channel.name, event):
+                elif channel.wires[port].is_addressed_to(channel.name, event):
                     channel.device.counters["ignored"] += 1
             case LinesChanged(dtr, rts):
                 self._call(channel, now, "lines", dtr, rts, local, port, port=port)

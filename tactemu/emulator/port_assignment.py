@@ -91,7 +91,7 @@ def _default_port(skin: str, device: Device, connector: Connector, fresh: tuple[
     name = skin if len(device.ports) == 1 or not connector.name else f"{skin}-{connector.name}"
     name = skin if connector is device.ports[0] and not any(each.plugged for each in device.ports[1:]) else name
     line_model = line_model_for(connector)
-    return line_model.fresh_port(name) if fresh[not line_model.network] else line_model.usual_port(name)
+    return line_model.fresh_port(name) if fresh[not line_model.is_network] else line_model.usual_port(name)
 
 
 def _fitting(device: Device, address: str) -> Connector:
@@ -123,7 +123,7 @@ def _shared(plugs: list[PortAssignment]) -> list[PortAssignment]:
         if first is plug:
             continue
         line_model = line_model_for(first.connector)
-        if not line_model.shared:
+        if not line_model.is_shared:
             raise SceneError(
                 f"skins {plug.skin!r} and {first.skin!r} cannot share {plug.address}; only a CAN bus and an RS-485 "
                 "line are shared. Give each skin a `port` of its own in the scene file"

@@ -192,7 +192,7 @@ class ExecEnvironment:
                     port = self._port(title, channel.device, connector) if serial else self._bus(title, wire)
                     self._ports[title] = port
                     yield dev, wire, port
-                elif wire.line_model.network:
+                elif wire.line_model.is_network:
                     self._on_network[title] = wire.transport
 
     def _check_network(self) -> None:
@@ -259,7 +259,7 @@ def _change(wire: Wire, port: Transport) -> None:
     """Another port at the end of a wire; if it cannot be opened, the former one."""
     before = wire.transport
     before.close()
-    port.fit(wire.line_model.connector)
+    port.set_connector(wire.line_model.connector)
     try:
         port.open()
     except BaseException:

@@ -112,7 +112,7 @@ class UsbPort(PtyTransport):
         """Of the node, if it always has the same."""
         return self._node.number
 
-    def fit(self, connector: Connector) -> None:
+    def set_connector(self, connector: Connector) -> None:
         """A break is a byte of zeros to a UART; USB has a request for it, which firmware ignores."""
         self._breaks_heard = isinstance(connector, Serial) and not connector.is_cdc
 
@@ -127,25 +127,25 @@ class UsbPort(PtyTransport):
     def filenos(self, reading: bool = True) -> list[int]:
         """Those of the pseudo terminal, and the pipe while somebody may write into it."""
         found = super().filenos(reading)
-        return [*found, self._node.pipe] if self._heard and self._node.pipe >= 0 else found
+        return [*found, self._node.pipe] if self._has_driver and self._node.pipe >= 0 else found
 
-    def _tell(self) -> bytes:
+    def _read_termios(self) -> bytes:
         for what, value in self._node.told():
             match what:
                 case page.LINES:
-                    self._beside.append(LinesChanged(bool(value & page.DTR), bool(value & page.RTS)))
+                    self._side_events.append(LinesChanged(bool(value & page.DTR), bool(value & page.RTS)))
                 case page.CONTROL:
                     self._control = value
                 case page.BREAK:
-                    self._beside.append(Noted("break" if value else "break ends"))
+                    self._side_events.append(Noted("break" if value else "break ends"))
                     if value and self._breaks_heard:
-                        self._beside.append(Received(b"\0"))
+                        self._side_events.append(Received(b"\0"))
                 case page.FLAGS:
-                    self._beside.append(Noted(f"low latency {'on' if value & page.LOW_LATENCY else 'off'}"))
-        return super()._tell() + struct.pack("=I", self._control)
+                    self._side_events.append(Noted(f"low latency {'on' if value & page.LOW_LATENCY else 'off'}"))
+        return super()._read_termios() + struct.pack("=I", self._control)
 
-    def _setting_in(self, told: bytes) -> SerialSetting:
-        setting = super()._setting_in(told)
+    def _setting_in(self, termios_bytes: bytes) -> SerialSetting:
+        setting = super()._setting_in(termios_bytes)
         control = self._control
         if not control:
             return setting

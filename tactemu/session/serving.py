@@ -324,7 +324,7 @@ class Served(ControlCommands):
         """
         wire = self.control.channel(skin).wire
         deadline = time.monotonic() + seconds
-        while not (wire.counters["received"] if wire.line_model.one_line else wire.transport.has_reader):
+        while not (wire.counters["received"] if wire.line_model.is_half_duplex else wire.transport.has_reader):
             if time.monotonic() > deadline:
                 raise TimeoutError(f"no driver came to {wire.transport.address} within {seconds} s")
             self._check_alive()

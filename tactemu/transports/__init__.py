@@ -24,7 +24,7 @@ TRANSPORTS: dict[str, str] = {
     "ws": "tactemu.transports.ws:WebSocketTransport",
 }
 
-OF_INTERFACES = {"can:socketcan": "tactemu.transports.socketcan:SocketCanTransport"}
+INTERFACE_TRANSPORTS = {"can:socketcan": "tactemu.transports.socketcan:SocketCanTransport"}
 """Those that a scheme has beside its usual one."""
 EXTRAS = {"dds": "dds", "ws": "websocket"}
 """What to install for schemes that need a library which tactemu does without."""
@@ -47,7 +47,9 @@ def create(port: str) -> Transport:
             f"port {port!r}: unknown scheme {scheme!r}{nearest(scheme, TRANSPORTS)}; expected one of "
             f"{', '.join(sorted(TRANSPORTS))}"
         )
-    module, _, attribute = OF_INTERFACES.get(port[: port.find(":", len(scheme) + 1)], TRANSPORTS[scheme]).partition(":")
+    module, _, attribute = INTERFACE_TRANSPORTS.get(
+        port[: port.find(":", len(scheme) + 1)], TRANSPORTS[scheme]
+    ).partition(":")
     try:
         transport = getattr(importlib.import_module(module), attribute)
     except ModuleNotFoundError as error:

@@ -23,7 +23,7 @@ import can
 from firmware_protocols import CanFrame, Frame
 from tactemu.base.errors import TransportError, TransportUnavailable
 from tactemu.transports.can_messages import frame_of, message_of
-from tactemu.transports.forks import keep_from_children
+from tactemu.transports.forks import close_in_children
 from tactemu.transports.receive_queue import ReceiveQueue
 from tactemu.transports.transport import CanFilter, Event, Received, Transport
 
@@ -50,7 +50,7 @@ class CanTransport(Transport):
         self._echo_counts: Counter[CanFrame] = Counter()
         self._filters: tuple[CanFilter, ...] = ()
 
-    def hear_only(self, filters: Sequence[CanFilter]) -> None:
+    def set_filters(self, filters: Sequence[CanFilter]) -> None:
         """Let frames with other identifiers cost little: they are not decoded.
 
         They are then not on the bus that the wire models either: frames of ours do not wait for them. Call before
@@ -70,13 +70,13 @@ class CanTransport(Transport):
             self._bus = can.Bus(interface=self.interface, channel=self.channel, **self._options())
         except (can.CanError, OSError, ImportError, ValueError, NotImplementedError) as error:
             raise TransportUnavailable(f"cannot open can:{self.address}: {error}; {self._fix()}") from error
-        keep_from_children(self)
+        close_in_children(self)
         try:
             self._fileno = self._bus.fileno()
         except NotImplementedError:
             self._fileno = -1
         if self.interface == "udp_multicast":
-            _hear_own_group_only(self._fileno)
+            _receive_own_group_only(self._fileno)
         self._queue = ReceiveQueue(self._fileno)
 
     def close(self) -> None:
@@ -97,7 +97,7 @@ class CanTransport(Transport):
         if self._bus is None or self._queue is None:
             return []
         events: list[Event] = []
-        end = self._queue.look_until_s()
+        end = self._queue.poll_deadline_s()
         while reading:
             try:
                 message = self._bus.recv(0)
@@ -105,13 +105,13 @@ class CanTransport(Transport):
                 break
             if message is None:
                 break
-            if self._is_heard(message) and not self._is_echo(frame := frame_of(message)):
+            if self._passes_filters(message) and not self._is_echo(frame := frame_of(message)):
                 events.append(Received(frame))
             if time.monotonic() > end:
                 break
-        return events + self._queue.overflowed() if events else events
+        return events + self._queue.overflows() if events else events
 
-    def _is_heard(self, message: can.Message) -> bool:
+    def _passes_filters(self, message: can.Message) -> bool:
         if message.is_error_frame:
             return False
         return not self._filters or any(
@@ -172,7 +172,7 @@ class CanTransport(Transport):
         return f"python-can knows {', '.join(sorted(can.interfaces.VALID_INTERFACES))}"
 
 
-def _hear_own_group_only(fileno: int) -> None:
+def _receive_own_group_only(fileno: int) -> None:
     """Linux delivers every group that any program here has joined to each socket on the port, unless told not to."""
     option = {socket.AF_INET: (socket.IPPROTO_IP, 49), socket.AF_INET6: (socket.IPPROTO_IPV6, 29)}
     with contextlib.suppress(OSError), socket.socket(fileno=os.dup(fileno)) as copy:

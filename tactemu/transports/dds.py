@@ -28,7 +28,7 @@ from cyclonedds.topic import Topic
 from firmware_protocols import Connector, Dds, Frame, idl
 from tactemu.base.errors import TransportError
 from tactemu.transports import inet
-from tactemu.transports.forks import keep_from_children
+from tactemu.transports.forks import close_in_children
 from tactemu.transports.transport import DROPPED, RAISED, Closed, Event, Opened, Received, Transport
 
 LOOPBACK = "lo"
@@ -84,9 +84,9 @@ class DdsTransport(Transport):
         """Topics, participant, domain: they go with the last that holds them, in this order."""
         self._maker = 0
         """The process that opened it."""
-        self._heard = False
+        self._has_driver = False
 
-    def fit(self, connector: Connector) -> None:
+    def set_connector(self, connector: Connector) -> None:
         """Learn topics and types."""
         assert isinstance(connector, Dds)
         self._connector = connector
@@ -113,9 +113,9 @@ class DdsTransport(Transport):
             self._reader = DataReader(Subscriber(participant), heard, _READING)
             self._kept.insert(0, heard)
         self._maker = os.getpid()
-        keep_from_children(self)
+        close_in_children(self)
         if self.interface != LOOPBACK:
-            inet.warn_of_others(self.address, "0.0.0.0")
+            inet.warn_if_reachable(self.address, "0.0.0.0")
 
     def _join(self) -> _Joined:
         joined = _JOINED.get(self.domain)
@@ -136,7 +136,7 @@ class DdsTransport(Transport):
         self._writer = self._reader = None
         while self._kept:
             del self._kept[0]
-        self._heard = False
+        self._has_driver = False
 
     def filenos(self, reading: bool = True) -> list[int]:
         """None: what has come is looked for."""
@@ -148,8 +148,8 @@ class DdsTransport(Transport):
         if self._writer is None:
             return events
         heard = bool(self._writer.get_matched_subscriptions())
-        if heard != self._heard:
-            self._heard = heard
+        if heard != self._has_driver:
+            self._has_driver = heard
             events += [Opened(), RAISED] if heard else [Closed(), DROPPED]
         if self._reader is not None and reading:
             for sample in self._reader.take(_AT_ONCE):
@@ -161,7 +161,7 @@ class DdsTransport(Transport):
         """Write one sample; ``False`` when nobody reads, or what is to be sent is none."""
         if not isinstance(frame, bytes):
             raise TransportError(f"DDS cannot carry the CAN frame {frame}")
-        if self._writer is None or not self._heard:
+        if self._writer is None or not self._has_driver:
             return False
         try:
             self._writer.write(self._writer.data_type.deserialize(_HEADER + frame))
@@ -172,7 +172,7 @@ class DdsTransport(Transport):
     @property
     def has_reader(self) -> bool:
         """Whether somebody reads the topic."""
-        return self._heard
+        return self._has_driver
 
 
 def types_of(text: str) -> dict[str, type[IdlStruct]]:

@@ -22,7 +22,7 @@ class Port(Protocol):
 _OURS: WeakSet[Port] = WeakSet()
 
 
-def keep_from_children(port: Port) -> None:
+def close_in_children(port: Port) -> None:
     """Have ``port`` closed in every child that this process forks from now on."""
     _OURS.add(port)
 

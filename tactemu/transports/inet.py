@@ -39,14 +39,14 @@ def resolve(host: str, port: int, kind: socket.SocketKind) -> tuple[socket.Addre
     return family, (str(where[0]), int(where[1]))
 
 
-def not_ours(scheme: str, host: str, port: int, error: OSError) -> TransportError:
+def cannot_listen(scheme: str, host: str, port: int, error: OSError) -> TransportError:
     """Return the error of a port that cannot be listened on."""
     return TransportError(
         f"cannot listen on {join(host, port)}: {error.strerror}; choose another port ({scheme}:0 takes a free one)"
     )
 
 
-def warn_of_others(address: str, host: str) -> None:
+def warn_if_reachable(address: str, host: str) -> None:
     """Say so where others than this machine reach a port."""
     if not ipaddress.ip_address(host).is_loopback:
         _logger.warning("%s: whoever is on the network may connect and command the device", address)

@@ -8,8 +8,8 @@ from typing import Any
 
 from firmware_protocols import Frame
 from tactemu.transports.transport import (
-    CHUNK,
     DROPPED,
+    MAX_CHUNK_BYTES,
     RAISED,
     Closed,
     Event,
@@ -21,9 +21,9 @@ from tactemu.transports.transport import (
     Transport,
 )
 
-UNREAD_LIMIT = 65_536
+MAX_UNREAD_FRAMES = 65_536
 """Frames that a driver may leave unread before they are dropped."""
-WAITING_LIMIT = 2048
+MAX_WAITING_CHUNKS = 2048
 """Chunks and frames of a driver that may wait for the device's end."""
 _AT_ONCE = 64
 """Events that one look takes at most."""
@@ -53,8 +53,12 @@ class DriverEnd:
 
     def write(self, data: Frame) -> bool:
         """Send bytes, or one CAN frame; ``False`` when the device's end does not take what was sent."""
-        pieces = [data[at : at + CHUNK] for at in range(0, len(data), CHUNK)] if isinstance(data, bytes) else [data]
-        if len(self.sent) + len(pieces) > WAITING_LIMIT:
+        pieces = (
+            [data[at : at + MAX_CHUNK_BYTES] for at in range(0, len(data), MAX_CHUNK_BYTES)]
+            if isinstance(data, bytes)
+            else [data]
+        )
+        if len(self.sent) + len(pieces) > MAX_WAITING_CHUNKS:
             return False
         self.sent.extend(map(Received, pieces))
         return True
@@ -104,7 +108,7 @@ class MemoryTransport(Transport):
     def poll(self, reading: bool = True) -> list[Event]:
         """What the driver's end did, as far as its data are taken."""
         events: list[Event] = []
-        sent, room = self.driver.sent, CHUNK if reading else 0
+        sent, room = self.driver.sent, MAX_CHUNK_BYTES if reading else 0
         while sent and len(events) < _AT_ONCE:
             if isinstance(sent[0], Received):
                 if room <= 0:
@@ -120,7 +124,7 @@ class MemoryTransport(Transport):
 
     def write(self, frame: Frame) -> bool:
         """Hand the frame to the driver's end."""
-        if not self.has_reader or len(self.driver.unread) >= UNREAD_LIMIT:
+        if not self.has_reader or len(self.driver.unread) >= MAX_UNREAD_FRAMES:
             return False
         self.driver.unread.append(frame)
         return True

@@ -27,14 +27,14 @@ from collections import deque
 
 from firmware_protocols import Frame
 from tactemu.base.errors import TransportError, TransportUnavailable
-from tactemu.transports.forks import keep_from_children
-from tactemu.transports.openings import Openings
+from tactemu.transports.forks import close_in_children
+from tactemu.transports.open_watch import OpenWatch
 from tactemu.transports.symlink import StableLink
 from tactemu.transports.transport import (
-    CHUNK,
     DROPPED,
+    MAX_CHUNK_BYTES,
+    MAX_LEFTOVER_BYTES,
     RAISED,
-    REST,
     Closed,
     Event,
     LinesChanged,
@@ -61,18 +61,18 @@ class PtyTransport(Transport):
         self.address = rest
         self._name = ""
         self._master = -1
-        self._openings: Openings | None = None
+        self._open_watch: OpenWatch | None = None
         self._poll = select.poll()
-        self._heard = self._leaving = False
+        self._has_driver = self._leaving = False
         """Whether a driver has the port open; whether it has closed it and left bytes that are still being read."""
         self._raised = False
         """Whether the lines are up; ``stty -hupcl`` leaves them so when the port is closed, and no board restarts."""
-        self._told = b""
-        """The driver's settings as the kernel last told them."""
+        self._termios = b""
+        """The driver's settings as the kernel last reported them."""
         self._setting: SerialSetting | None = None
-        self._beside: deque[Event] = deque()
+        self._side_events: deque[Event] = deque()
         """What a driver does beside sending bytes, where the kernel does not tell: its modem lines."""
-        self._rest = b""
+        self._unsent = b""
         """The end of a frame that the kernel took only in part: it goes first, so that frames stay whole."""
 
     # -- life ------------------------------------------------------------------------------------------------------
@@ -85,7 +85,7 @@ class PtyTransport(Transport):
         """
         if self._master >= 0:
             return
-        keep_from_children(self)
+        close_in_children(self)
         try:
             self._make_pair()
             if self._link:
@@ -108,9 +108,9 @@ class PtyTransport(Transport):
         os.close(slave)
         os.set_blocking(self._master, False)
         self._poll.register(self._master, select.POLLIN)
-        self._told = self._tell()
-        self._setting = self._setting_in(self._told)
-        self._openings = Openings(self._name)
+        self._termios = self._read_termios()
+        self._setting = self._setting_in(self._termios)
+        self._open_watch = OpenWatch(self._name)
 
     def close(self) -> None:
         """Remove the link, then the port: a driver that has it open gets an error, as when a cable is pulled."""
@@ -120,10 +120,10 @@ class PtyTransport(Transport):
             self._poll.unregister(self._master)
             os.close(self._master)
             self._master = -1
-        if self._openings:  # last: the kernel takes its time for it, some milliseconds
-            self._openings.close()
-            self._openings = None
-        self._heard, self._leaving, self._raised, self._rest = False, False, False, b""
+        if self._open_watch:  # last: the kernel takes its time for it, some milliseconds
+            self._open_watch.close()
+            self._open_watch = None
+        self._has_driver, self._leaving, self._raised, self._unsent = False, False, False, b""
 
     def rename(self, name: str) -> None:
         """The link has another name in the same folder, as a port has that was plugged in again."""
@@ -136,30 +136,30 @@ class PtyTransport(Transport):
         """Return the watch for openings, and the port itself while a driver has it open (else it would never be
         quiet).
         """
-        watch = self._openings.fileno if self._openings else -1
+        watch = self._open_watch.fileno if self._open_watch else -1
         if watch < 0:
             return []  # no inotify: be polled
-        return [watch, self._master] if self._heard and reading else [watch]
+        return [watch, self._master] if self._has_driver and reading else [watch]
 
     def poll(self, reading: bool = True) -> list[Event]:
         """Openings, changes of the setting, bytes and closings."""
         if self._master < 0:
             return []
-        seen = self._openings.read() if self._openings else ""
+        seen = self._open_watch.read() if self._open_watch else ""
         events: list[Event] = []
-        if self._heard and ("co" in seen or (self._leaving and "o" in seen)):  # closed and opened again
+        if self._has_driver and ("co" in seen or (self._leaving and "o" in seen)):  # closed and opened again
             events += self._closed()
         gone = self._hung_up()
-        if not self._heard and (not gone or "o" in seen):
-            self._heard = True
+        if not self._has_driver and (not gone or "o" in seen):
+            self._has_driver = True
             events += [Opened()] if self._raised else [Opened(), RAISED]
             self._raised = True
-        if self._heard:
+        if self._has_driver:
             self._finish()
-            chunks, all_read = self._read(CHUNK if reading else REST if gone else 0)
+            chunks, all_read = self._read(MAX_CHUNK_BYTES if reading else MAX_LEFTOVER_BYTES if gone else 0)
             events += self._changed_setting()  # after the bytes: what was set before they were sent holds for them
-            while self._beside:
-                events.append(self._beside.popleft())
+            while self._side_events:
+                events.append(self._side_events.popleft())
             events += map(Received, chunks)
             self._leaving = gone
             if gone and (all_read or not reading):
@@ -174,7 +174,7 @@ class PtyTransport(Transport):
         """``room`` bytes at most, and whether that is all there was."""
         chunks = []
         try:
-            while room > 0 and (chunk := os.read(self._master, min(room, CHUNK))):
+            while room > 0 and (chunk := os.read(self._master, min(room, MAX_CHUNK_BYTES))):
                 chunks.append(chunk)
                 room -= len(chunk)
         except OSError as error:
@@ -183,10 +183,10 @@ class PtyTransport(Transport):
         return chunks, room > 0
 
     def _closed(self) -> list[Event]:
-        self._heard, self._leaving, self._rest = False, False, b""
-        self._beside.clear()
+        self._has_driver, self._leaving, self._unsent = False, False, b""
+        self._side_events.clear()
         self._throw_away_unread()
-        self._raised = not _TERMIOS2.unpack_from(self._told)[2] & termios.HUPCL
+        self._raised = not _TERMIOS2.unpack_from(self._termios)[2] & termios.HUPCL
         return [Closed()] if self._raised else [Closed(), DROPPED]
 
     def _throw_away_unread(self) -> None:
@@ -202,24 +202,24 @@ class PtyTransport(Transport):
             _leave_to_change(slave)
         finally:
             os.close(slave)
-        if self._openings:
-            self._openings.read()  # that was us
+        if self._open_watch:
+            self._open_watch.read()  # that was us
 
     def _renew(self, link: StableLink) -> None:
         """A new pair under the same name. The driver left the old one exclusive (``TIOCEXCL``), which a port forgets
         when it is closed; a pseudo terminal does not, and lets nobody but root open it again.
         """
-        master, openings = self._master, self._openings
+        master, open_watch = self._master, self._open_watch
         self._poll.unregister(master)
         self._make_pair()
         link.point_to(self._name)
-        if openings:
-            openings.close()
+        if open_watch:
+            open_watch.close()
         os.close(master)
 
     def set_lines(self, dtr: bool, rts: bool) -> None:
         """What a driver in this process sets its modem lines to. Safe from any thread."""
-        self._beside.append(LinesChanged(dtr, rts))
+        self._side_events.append(LinesChanged(dtr, rts))
 
     # -- bytes out ---------------------------------------------------------------------------------------------------
 
@@ -227,16 +227,16 @@ class PtyTransport(Transport):
         """Write one frame in one call, or not at all."""
         if not isinstance(frame, bytes):
             raise TransportError(f"a serial port cannot carry the CAN frame {frame}")
-        if not self._heard or not self._finish():
+        if not self._has_driver or not self._finish():
             return False
         written = self._put(frame)
-        self._rest = frame[written:] if written else b""
+        self._unsent = frame[written:] if written else b""
         return written > 0
 
     def _finish(self) -> bool:
-        if self._rest:
-            self._rest = self._rest[self._put(self._rest) :]
-        return not self._rest
+        if self._unsent:
+            self._unsent = self._unsent[self._put(self._unsent) :]
+        return not self._unsent
 
     def _put(self, data: bytes) -> int:
         try:
@@ -251,7 +251,7 @@ class PtyTransport(Transport):
     @property
     def has_reader(self) -> bool:
         """Whether a driver had the port open at the last :meth:`poll`."""
-        return self._heard
+        return self._has_driver
 
     @property
     def setting(self) -> SerialSetting | None:
@@ -259,21 +259,21 @@ class PtyTransport(Transport):
         return self._setting
 
     def _changed_setting(self) -> list[Event]:
-        told = self._tell()
-        if told == self._told:
+        termios_bytes = self._read_termios()
+        if termios_bytes == self._termios:
             return []
-        self._told, setting = told, self._setting_in(told)
+        self._termios, setting = termios_bytes, self._setting_in(termios_bytes)
         if setting == self._setting or setting.baud is None:  # speed 0 hangs up, which a pseudo terminal cannot
             return []
         self._setting = setting
         return [SettingChanged(setting)]
 
-    def _tell(self) -> bytes:
+    def _read_termios(self) -> bytes:
         """Asked of our side, the kernel gives the other side's settings; ``TCGETS2`` knows custom rates too."""
         return fcntl.ioctl(self._master, _TCGETS2, bytes(_TERMIOS2.size))
 
-    def _setting_in(self, told: bytes) -> SerialSetting:
-        _, _, control, *_, baud = _TERMIOS2.unpack_from(told)
+    def _setting_in(self, termios_bytes: bytes) -> SerialSetting:
+        _, _, control, *_, baud = _TERMIOS2.unpack_from(termios_bytes)
         odd = bool(control & termios.PARODD)
         parity = ("S", "M")[odd] if control & CMSPAR else (None, "O")[odd]
         return SerialSetting(baud=baud or None, parity=parity, stopbits=2 if control & termios.CSTOPB else 1)

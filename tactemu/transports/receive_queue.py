@@ -12,9 +12,9 @@ from tactemu.transports.transport import Overflowed
 
 RECEIVE_QUEUE_BYTES = 4 << 20
 """Requested size of the queue; the kernel grants no more than ``net.core.rmem_max``. Bridges a stall of the loop."""
-MIN_LOOK_S = 0.001
+MIN_POLL_S = 0.001
 """Time for which one look may take frames [s], so that a flood of them leaves time for the rest."""
-LOOK_SHARE = 0.1
+POLL_TIME_SHARE = 0.1
 """Share of the time since the last look for which a look may take frames, if that is longer: a late loop catches up."""
 _SO_MEMINFO, _DROPS = 55, struct.Struct("=32xI")
 """Of ``linux/sock_diag.h``: ``SK_MEMINFO_DROPS`` is the ninth number."""
@@ -37,14 +37,14 @@ class ReceiveQueue:
         self._dropped = self._count()
         self._looked_s = time.monotonic()
 
-    def look_until_s(self) -> float:
+    def poll_deadline_s(self) -> float:
         """Begin to take frames; return the monotonic time at which to end [s]."""
         now = time.monotonic()
-        end = now + max(MIN_LOOK_S, LOOK_SHARE * (now - self._looked_s))
+        end = now + max(MIN_POLL_S, POLL_TIME_SHARE * (now - self._looked_s))
         self._looked_s = now
         return end
 
-    def overflowed(self) -> list[Overflowed]:
+    def overflows(self) -> list[Overflowed]:
         """Return how many frames were dropped since the last call, if any.
 
         Call it after a look that took frames: a queue that was full has some, and an idle port pays nothing.

@@ -99,12 +99,12 @@ class Rfc2217Transport(TcpTransport):
         if len(self._unsent) < _UNSENT_LIMIT:
             self._unsent += data
 
-    def _greet(self) -> list[Event]:
+    def _on_connect(self) -> list[Event]:
         self._port = _Port()
         self._protocol = rfc2217.PortManager(self._port, _Answers(self))  # pyright: ignore[reportArgumentType]
         return []
 
-    def _farewell(self) -> list[Event]:
+    def _on_disconnect(self) -> list[Event]:
         return [DROPPED] if self._port.lines != DROPPED else []
 
     def _decode(self, chunk: bytes) -> list[Event]:

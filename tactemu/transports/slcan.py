@@ -18,9 +18,9 @@ from tactemu.transports.transport import Closed, Event, Received
 OK, BAD = b"\r", b"\a"
 BITRATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
 """Of ``S0`` to ``S8``."""
-KINDS = {"t": (3, False, False), "d": (3, True, False), "b": (3, True, True)}
+FRAME_LETTERS = {"t": (3, False, False), "d": (3, True, False), "b": (3, True, True)}
 """Digits of the identifier, FD, bit rate switch, by the letter of a frame; in upper case the identifier is extended."""
-SAYS = {b"V": b"V1013\r", b"v": b"v1013\r", b"N": b"N0001\r", b"F": b"F00\r"}
+ANSWERS = {b"V": b"V1013\r", b"v": b"v1013\r", b"N": b"N0001\r", b"F": b"F00\r"}
 """Version, serial number, status."""
 SETTINGS = b"sYMmZXUWPA"
 """Letters of settings that are taken and change nothing."""
@@ -41,19 +41,19 @@ class SlcanTransport(PtyTransport):
 
     def _power_up(self) -> None:
         self._cutter = Lines(OK, counters=Counter(), longest=_LONGEST)
-        self._joined, self._talks, self._bitrate = False, False, 0
+        self._joined, self._may_send, self._bitrate = False, False, 0
 
-    def fit(self, connector: Connector) -> None:
+    def set_connector(self, connector: Connector) -> None:
         """Learn the bit rate of the bus."""
         self._bus = connector.bitrate if isinstance(connector, Can) else 0
 
     @property
     def has_reader(self) -> bool:
         """Whether the driver has opened the channel, at the bus's bit rate."""
-        return super().has_reader and self._joined and self._is_in_tune
+        return super().has_reader and self._joined and self._has_bus_bitrate
 
     @property
-    def _is_in_tune(self) -> bool:
+    def _has_bus_bitrate(self) -> bool:
         return not self._bus or self._bitrate in (0, self._bus)
 
     def poll(self, reading: bool = True) -> list[Event]:
@@ -62,28 +62,28 @@ class SlcanTransport(PtyTransport):
         for event in super().poll(reading):
             if isinstance(event, Received) and isinstance(event.data, bytes):
                 for line in self._cutter.cut(event.data):
-                    events += self._obey(line)
+                    events += self._execute(line)
             elif isinstance(event, Closed):
                 self._power_up()
         return events
 
-    def _obey(self, line: bytes) -> list[Event]:
+    def _execute(self, line: bytes) -> list[Event]:
         order, rest = line[:1], line[1:]
         answer, frame = OK, None
         if order in b"OL":
-            self._joined, self._talks = True, order == b"O"
+            self._joined, self._may_send = True, order == b"O"
         elif order == b"C":
             self._joined = False
         elif order == b"S" and rest.isdigit() and int(rest) < len(BITRATES) and not self._joined:
             self._bitrate = BITRATES[int(rest)]
-        elif line in SAYS:
-            answer = SAYS[line]
-        elif (frame := frame_of(line)) is not None and self._talks and self._joined:
+        elif line in ANSWERS:
+            answer = ANSWERS[line]
+        elif (frame := frame_of(line)) is not None and self._may_send and self._joined:
             answer = b"Z\r" if frame.is_extended_id else b"z\r"
         elif order not in SETTINGS:
             answer, frame = BAD, None
         super().write(answer)
-        return [Received(frame)] if frame is not None and self._is_in_tune else []
+        return [Received(frame)] if frame is not None and self._has_bus_bitrate else []
 
     def write(self, frame: Frame) -> bool:
         """Write one frame as a line; ``False`` when the channel is closed or the driver does not read."""
@@ -105,9 +105,9 @@ def frame_of(line: bytes) -> CanFrame | None:
     """Return the frame that a line is; ``None``: it is none."""
     letter = line[:1].decode("latin-1")
     remote, extended = letter in "rR", letter.isupper()
-    if not letter or (not remote and letter.lower() not in KINDS):
+    if not letter or (not remote and letter.lower() not in FRAME_LETTERS):
         return None
-    digits, fd, switch = KINDS["t" if remote else letter.lower()]
+    digits, fd, switch = FRAME_LETTERS["t" if remote else letter.lower()]
     digits = 8 if extended else digits
     try:
         ident, code = int(line[1 : 1 + digits], 16), int(line[1 + digits : 2 + digits], 16)

@@ -15,7 +15,7 @@ from firmware_protocols import Can, CanFrame, Connector, Frame
 from firmware_protocols.can_frames import CAN_FRAME, CanFrames
 from tactemu.base.errors import TransportError, TransportUnavailable
 from tactemu.base.frame_text import PROTOCOL_ERROR
-from tactemu.transports.forks import keep_from_children
+from tactemu.transports.forks import close_in_children
 from tactemu.transports.receive_queue import ReceiveQueue
 from tactemu.transports.transport import CanFilter, Closed, Event, Opened, Received, Transport
 
@@ -54,7 +54,7 @@ class SocketCanTransport(Transport):
         """Linux's number of the network interface: one that is made again under its name has another."""
         self._away = False
 
-    def hear_only(self, filters: Sequence[CanFilter]) -> None:
+    def set_filters(self, filters: Sequence[CanFilter]) -> None:
         """Let the kernel drop frames with other identifiers.
 
         They are then not on the bus that the wire models either: frames of ours do not wait for them. Call before
@@ -62,7 +62,7 @@ class SocketCanTransport(Transport):
         """
         self._filters = tuple(filters)
 
-    def fit(self, connector: Connector) -> None:
+    def set_connector(self, connector: Connector) -> None:
         """A device with a data rate needs an interface that carries CAN-FD."""
         if isinstance(connector, Can):
             self._bitrate, self._data_bitrate = connector.bitrate, connector.data_bitrate or 0
@@ -82,7 +82,7 @@ class SocketCanTransport(Transport):
             self._in, self._out = self._join()
         except OSError as error:
             raise TransportUnavailable(f"cannot open can:{self.address}: {error}; {self._fix()}") from error
-        keep_from_children(self)
+        close_in_children(self)
         self._queue = ReceiveQueue(self._in.fileno())
         self._index = self._index_now()
 
@@ -92,7 +92,7 @@ class SocketCanTransport(Transport):
         Raises:
             OSError: there is no such interface.
         """
-        made = joined(self.channel, self._filters)
+        made = can_socket(self.channel, self._filters)
         if self._data_bitrate and (mtu := mtu_of(self.channel)) < _FD_SIZE:
             made.close()
             raise TransportUnavailable(
@@ -125,7 +125,7 @@ class SocketCanTransport(Transport):
         events: list[Event] = []
         if self._away and self._come_back():
             events.append(Opened())
-        end = self._queue.look_until_s() if self._queue is not None else 0.0
+        end = self._queue.poll_deadline_s() if self._queue is not None else 0.0
         while reading and self._in is not None:
             try:
                 data = self._in.recv(_FD_SIZE)
@@ -135,13 +135,13 @@ class SocketCanTransport(Transport):
                 if self._has_gone():
                     events.append(Closed())
                 break
-            if (frame := _frame_of(data)) is not None and self._is_heard(frame):
+            if (frame := _frame_of(data)) is not None and self._passes_filters(frame):
                 events.append(Received(frame))
             if time.monotonic() > end:
                 break
-        return events + self._queue.overflowed() if events and self._queue is not None else events
+        return events + self._queue.overflows() if events and self._queue is not None else events
 
-    def _is_heard(self, frame: CanFrame) -> bool:
+    def _passes_filters(self, frame: CanFrame) -> bool:
         return not self._filters or any(
             each.passes(frame.arbitration_id, frame.is_extended_id) for each in self._filters
         )
@@ -214,7 +214,7 @@ class SocketCanTransport(Transport):
         )
 
 
-def joined(name: str, filters: Sequence[CanFilter] = ()) -> socket.socket:
+def can_socket(name: str, filters: Sequence[CanFilter] = ()) -> socket.socket:
     """Return a CAN socket on an interface, which hears what the filters take, or all, and never waits.
 
     Raises:

@@ -49,12 +49,12 @@ class SocketcandTransport(TcpTransport):
         """Return the client's frames. A bus has no open and close: who is not there hears nothing."""
         return [event for event in super().poll(reading) if isinstance(event, Received)]
 
-    def _greet(self) -> list[Event]:
+    def _on_connect(self) -> list[Event]:
         self._half, self._opened, self._raw = b"", False, False
         self._say(b"hi")
         return []
 
-    def _farewell(self) -> list[Event]:
+    def _on_disconnect(self) -> list[Event]:
         return []
 
     def _decode(self, chunk: bytes) -> list[Event]:
@@ -62,11 +62,11 @@ class SocketcandTransport(TcpTransport):
         heard, end = self._half + chunk, 0
         for message in _MESSAGE.finditer(heard):
             end = message.end()
-            events += self._obey(message[1].split())
+            events += self._execute(message[1].split())
         self._half = heard[end:][-_LONGEST:]
         return events
 
-    def _obey(self, words: list[bytes]) -> list[Event]:
+    def _execute(self, words: list[bytes]) -> list[Event]:
         match words:
             case [b"open", _] if not self._opened:
                 self._opened = True

@@ -41,7 +41,7 @@ class StableLink:
         """
         try:
             self._check()
-            self._claim = self._claim or _claimed(self.path)
+            self._claim = self._claim or _claim_path(self.path)
             _put(self.path, target)
         except (OSError, ValueError) as error:  # ValueError: a zero byte in the path
             self.remove()
@@ -88,16 +88,16 @@ def _put(path: Path, target: str) -> None:
         raise
 
 
-def _claimed(path: Path) -> socket.socket:
+def _claim_path(path: Path) -> socket.socket:
     """Return a mark that ``path`` is in use, which ends with the process however it ends: a socket's abstract name.
 
     Raises:
         TransportError: somebody else holds it.
     """
-    whole = os.fsencode(os.path.join(os.path.realpath(path.parent), path.name))
+    full_path = os.fsencode(os.path.join(os.path.realpath(path.parent), path.name))
     mark = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     try:
-        mark.bind(b"\0tactemu:" + hashlib.sha256(whole).hexdigest().encode())
+        mark.bind(b"\0tactemu:" + hashlib.sha256(full_path).hexdigest().encode())
     except OSError:
         mark.close()
         raise TransportError(f"{path} is the port of another run that is still alive; choose another path") from None

@@ -13,8 +13,18 @@ import socket
 from firmware_protocols import Frame
 from tactemu.base.errors import TransportError
 from tactemu.transports import inet
-from tactemu.transports.forks import keep_from_children
-from tactemu.transports.transport import CHUNK, DROPPED, RAISED, REST, Closed, Event, Opened, Received, Transport
+from tactemu.transports.forks import close_in_children
+from tactemu.transports.transport import (
+    DROPPED,
+    MAX_CHUNK_BYTES,
+    MAX_LEFTOVER_BYTES,
+    RAISED,
+    Closed,
+    Event,
+    Opened,
+    Received,
+    Transport,
+)
 
 _SEND_BUFFER = 16_384
 """What the kernel keeps for a client that does not read [byte]; about as much as a serial port does."""
@@ -54,14 +64,14 @@ class TcpTransport(Transport):
             family, where = inet.resolve(self.host, self.port, socket.SOCK_STREAM)
             server = socket.create_server(where, family=family, backlog=_BACKLOG)
         except OSError as error:
-            raise inet.not_ours(self.scheme, self.host, self.port, error) from None
+            raise inet.cannot_listen(self.scheme, self.host, self.port, error) from None
         server.setblocking(False)
         server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)  # clients inherit it
         self._server = server
-        keep_from_children(self)
+        close_in_children(self)
         self.port = server.getsockname()[1]
         self.address = self._url()
-        inet.warn_of_others(self.address, where[0])
+        inet.warn_if_reachable(self.address, where[0])
 
     def close(self) -> None:
         """Stop listening and drop the client."""
@@ -92,7 +102,7 @@ class TcpTransport(Transport):
                 client.close()  # taken
                 continue
             self._client = client
-            events += [Opened(), *self._greet()]
+            events += [Opened(), *self._on_connect()]
             events += self._read(client, reading)
         return events
 
@@ -111,13 +121,13 @@ class TcpTransport(Transport):
     def _read(self, client: socket.socket, reading: bool) -> list[Event]:
         events: list[Event] = []
         gone = _has_gone(client)
-        room = CHUNK if reading else REST if gone else 0
-        while room > 0 and (chunk := _received(client, min(room, CHUNK))):
+        room = MAX_CHUNK_BYTES if reading else MAX_LEFTOVER_BYTES if gone else 0
+        while room > 0 and (chunk := _received(client, min(room, MAX_CHUNK_BYTES))):
             events += self._decode(chunk)
             room -= len(chunk)
         if gone and self._client is client and (room > 0 or not reading):
             self._drop_client()
-            events += [Closed(), *self._farewell()]
+            events += [Closed(), *self._on_disconnect()]
         self._push()
         return events
 
@@ -171,11 +181,11 @@ class TcpTransport(Transport):
 
     # -- the protocol around the bytes: none ---------------------------------------------------------------------------
 
-    def _greet(self) -> list[Event]:
+    def _on_connect(self) -> list[Event]:
         """A client has connected: what that does to the port."""
         return [RAISED]
 
-    def _farewell(self) -> list[Event]:
+    def _on_disconnect(self) -> list[Event]:
         """A client has gone: what that does to the port."""
         return [DROPPED]
 

@@ -10,10 +10,10 @@ from typing import ClassVar
 from firmware_protocols import CanFrame, Connector, Frame
 from firmware_protocols.can_frames import CanFrames
 
-CHUNK = 512
+MAX_CHUNK_BYTES = 512
 """Bytes of a driver that one :meth:`Transport.poll` takes at most: as many requests as can be answered in some
 milliseconds, so that a flood of them leaves time for the rest."""
-REST = 65_536
+MAX_LEFTOVER_BYTES = 65_536
 """Bytes that are taken at once of a driver that has gone while its line was full, so that it keeps nobody waiting."""
 
 
@@ -43,7 +43,7 @@ class Closed:
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """Bytes in a chunk of any size up to :data:`CHUNK`, or one CAN frame, from the driver."""
+    """Bytes in a chunk of any size up to :data:`MAX_CHUNK_BYTES`, or one CAN frame, from the driver."""
 
     data: Frame
 
@@ -120,13 +120,13 @@ class Transport(ABC):
             TransportError: it cannot be made; the message says what to do. Nothing is left behind.
         """
 
-    def hear_only(self, filters: Sequence[CanFilter]) -> None:
+    def set_filters(self, filters: Sequence[CanFilter]) -> None:
         """Let frames that nobody on this side listens to cost little, where the port can; empty: hear all.
 
         Call before :meth:`open`.
         """
 
-    def fit(self, connector: Connector) -> None:
+    def set_connector(self, connector: Connector) -> None:
         """What the device has there, for ports that must say so: topics and their types. Call before :meth:`open`."""
 
     @abstractmethod
@@ -193,10 +193,10 @@ class Transport(ABC):
 
 
 __all__ = [
-    "CHUNK",
     "DROPPED",
+    "MAX_CHUNK_BYTES",
+    "MAX_LEFTOVER_BYTES",
     "RAISED",
-    "REST",
     "CanFilter",
     "CanFrame",
     "Closed",

@@ -16,9 +16,9 @@ from typing import Any
 from firmware_protocols import Frame
 from tactemu.base.errors import TransportError
 from tactemu.transports import inet
-from tactemu.transports.forks import keep_from_children
+from tactemu.transports.forks import close_in_children
 from tactemu.transports.receive_queue import ReceiveQueue
-from tactemu.transports.transport import CHUNK, DROPPED, RAISED, Closed, Event, Opened, Received, Transport
+from tactemu.transports.transport import DROPPED, MAX_CHUNK_BYTES, RAISED, Closed, Event, Opened, Received, Transport
 
 _RECEIVE_BUFFER = 65_536
 """What the kernel keeps of what is sent while nobody looks [byte, with its own overhead]; the rest is lost."""
@@ -57,16 +57,16 @@ class UdpTransport(Transport):
                 port = undo.enter_context(socket.socket(family, socket.SOCK_DGRAM))
                 port.bind(where)
             except OSError as error:
-                raise inet.not_ours(self.scheme, self.host, self.port, error) from None
+                raise inet.cannot_listen(self.scheme, self.host, self.port, error) from None
             undo.pop_all()
         port.setblocking(False)
         port.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
         port.setsockopt(*_ERRORS[family], 1)
         self._socket, self._queue = port, ReceiveQueue(port.fileno(), size=0)
-        keep_from_children(self)
+        close_in_children(self)
         self.port = port.getsockname()[1]
         self.address = f"udp://{inet.join(self.host, self.port)}"
-        inet.warn_of_others(self.address, where[0])
+        inet.warn_if_reachable(self.address, where[0])
 
     def close(self) -> None:
         """Let go of the port."""
@@ -84,7 +84,7 @@ class UdpTransport(Transport):
     def poll(self, reading: bool = True) -> list[Event]:
         """Datagrams of one peer. One that another sent waits for the next look: its answer is not for the first."""
         events: list[Event] = []
-        room, number = CHUNK if reading else 0, 0
+        room, number = MAX_CHUNK_BYTES if reading else 0, 0
         if self._peer in self._refused():
             self._peer = None
             events += [Closed(), DROPPED]
@@ -93,7 +93,7 @@ class UdpTransport(Transport):
             events += [Opened(), RAISED] if self._peer is None else []
             events += [Received(data)] if data else []
             self._peer, room, number = peer, room - len(data), number + 1
-        return events + self._queue.overflowed() if number and self._queue is not None else events
+        return events + self._queue.overflows() if number and self._queue is not None else events
 
     def _take(self, *, of_peer: bool) -> tuple[bytes, Any] | None:
         if self._socket is None:

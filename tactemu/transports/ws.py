@@ -31,7 +31,7 @@ class WebSocketTransport(TcpTransport):
         super().__init__(rest)
         self._protocol = ServerProtocol(max_size=_LARGEST)
         """Of the client that is connected."""
-        self._shaken = False
+        self._has_shaken_hands = False
         """Whether it has shaken hands."""
         self._message = b""
         """Fragments of one that is not whole."""
@@ -52,12 +52,12 @@ class WebSocketTransport(TcpTransport):
         self._answer()
         self._push()
 
-    def _greet(self) -> list[Event]:
-        self._protocol, self._shaken, self._message = ServerProtocol(max_size=_LARGEST), False, b""
+    def _on_connect(self) -> list[Event]:
+        self._protocol, self._has_shaken_hands, self._message = ServerProtocol(max_size=_LARGEST), False, b""
         return []
 
-    def _farewell(self) -> list[Event]:
-        return [DROPPED] if self._shaken else []
+    def _on_disconnect(self) -> list[Event]:
+        return [DROPPED] if self._has_shaken_hands else []
 
     def _decode(self, chunk: bytes) -> list[Event]:
         """What the client sent. One that shakes no hands, or has said that it leaves, is dropped."""
@@ -66,14 +66,14 @@ class WebSocketTransport(TcpTransport):
         for event in self._protocol.events_received():
             if isinstance(event, Request):
                 self._protocol.send_response(self._protocol.accept(event))
-                self._shaken = self._protocol.state is OPEN
-                events += [RAISED] if self._shaken else []
+                self._has_shaken_hands = self._protocol.state is OPEN
+                events += [RAISED] if self._has_shaken_hands else []
             elif isinstance(event, Fragment) and event.opcode not in CTRL_OPCODES:
                 events += self._put_together(event)
         if self._answer():
             self._push()
             self._drop_client()
-            events += [Closed(), *self._farewell()]
+            events += [Closed(), *self._on_disconnect()]
         return events
 
     def _put_together(self, fragment: Fragment) -> list[Event]:

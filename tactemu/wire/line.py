@@ -17,7 +17,7 @@ from firmware_protocols.can_frames import CanFrames
 from tactemu.wire.line_models.line_model import LineModel
 from tactemu.wire.pending import Pending
 
-CATCH_UP_NS = 5_000_000
+MAX_CATCH_UP_NS = 5_000_000
 """After a stall of its caller a line makes up for this much at most: no burst, and never more than it can carry."""
 
 
@@ -28,7 +28,7 @@ class Line:
 
     def __init__(self, line_model: LineModel):
         self.line_model = line_model
-        self._catch_up_ns = 0 if line_model.pacing == "strict" else CATCH_UP_NS
+        self._catch_up_ns = 0 if line_model.pacing == "strict" else MAX_CATCH_UP_NS
         self.free_ns = 0
         """When the line is idle again."""
         self.busy_ns = 0
@@ -80,7 +80,7 @@ class Line:
         """How long the line will be busy with what this source has queued."""
         return self._waiting_ns[self.line_model.lane(source)]
 
-    def talks(self, now_ns: int) -> str:
+    def sender(self, now_ns: int) -> str:
         """Whose frame is on the line; "" when it is idle."""
         return self._sending.source if self._sending is not None and now_ns < self._sending.end_ns else ""
 

@@ -24,7 +24,7 @@ class _Setting(NamedTuple):
     stopbits: float = 1
 
 
-def misheard(data: bytes, sent: SerialSetting, heard: SerialSetting) -> bytes:
+def as_received(data: bytes, sent: SerialSetting, heard: SerialSetting) -> bytes:
     """``data`` sent at one setting, as heard at another. Idle line before and after.
 
     What one end does not say is as at the other: a pseudo terminal, for one, does not tell the driver's byte size.

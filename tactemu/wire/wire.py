@@ -35,20 +35,20 @@ from tactemu.wire.line_models import line_model_for
 from tactemu.wire.line_models.line_model import DRIVER, Pacing
 from tactemu.wire.pending import Pending
 
-INBOUND_AHEAD_NS = 50_000_000
+MAX_INBOUND_AHEAD_NS = 50_000_000
 """A driver that is further ahead of its line than this is not read on: its own end holds it up, as a port's does."""
-INBOUND_LIMIT_NS = 1_000_000_000
+MAX_LEFT_BEHIND_NS = 1_000_000_000
 """Of what a driver leaves behind when it goes, bytes that are further ahead of its line than this are lost."""
-CLOSING = 1011
+DEFAULT_CLOSE_CODE = 1011
 """Code of a connection that a fault closes: something went wrong inside."""
-MAX_BYTES_A_TURN = 16_384
+MAX_READ_BYTES_PER_TURN = 16_384
 """Of what arrives in one turn of the loop: a flood is worked off in pieces, and the loop goes on meanwhile."""
 
-MAX_TRAFFIC_FRAMES_A_FLUSH = 4
+MAX_TRAFFIC_FRAMES_PER_FLUSH = 4
 """Maximum number of frames that a node of a fault queues per flush: a device does not wait long for them."""
-MAX_LOOKS_AT_CLOSE = 100
+MAX_POLLS_AT_CLOSE = 100
 """Maximum number of looks at a port that closes, for frames that are left there; bounds the time of closing."""
-TRAFFIC_SHARE = 0.4
+MAX_TRAFFIC_TIME_SHARE = 0.4
 """Largest share of the loop's time that such frames may take, so that devices sample at their rate on a machine too
 slow for all of them; those that it leaves out are counted as missed."""
 
@@ -114,7 +114,7 @@ class Wire:
         self.line_model = line_model_for(connector, pacing=pacing)
         self.line = Line(self.line_model)
         """Towards the driver, and from it where there is one line for both."""
-        self.inbound = self.line if self.line_model.one_line else Line(self.line_model)
+        self.inbound = self.line if self.line_model.is_half_duplex else Line(self.line_model)
         self.connectors: dict[str, Connector] = {}
         """What each device on the wire has there, by the device's name."""
         self.name = ""
@@ -155,8 +155,8 @@ class Wire:
         Raises:
             TransportError: it cannot be made.
         """
-        self.transport.fit(self.line_model.connector)
-        self.transport.hear_only(self.line_model.filters(self.connectors.values()))
+        self.transport.set_connector(self.line_model.connector)
+        self.transport.set_filters(self.line_model.filters(self.connectors.values()))
         self._opened = True
         self._plug()
 
@@ -187,7 +187,7 @@ class Wire:
     def _count_unprocessed(self) -> None:
         waiting: list[object] = list(self.inbound.withdraw(DRIVER))
         waiting += [heard for _, heard in self._arrived if heard.source == DRIVER]
-        for _ in range(MAX_LOOKS_AT_CLOSE):  # what the loop was too late to take
+        for _ in range(MAX_POLLS_AT_CLOSE):  # what the loop was too late to take
             events = self.transport.poll()
             waiting += [event for event in events if isinstance(event, Received)]
             for event in events:
@@ -219,7 +219,7 @@ class Wire:
     @property
     def _reading(self) -> bool:
         """Whether the line has room for more of what the driver sends."""
-        return self.inbound.waiting_ns(DRIVER) <= INBOUND_AHEAD_NS
+        return self.inbound.waiting_ns(DRIVER) <= MAX_INBOUND_AHEAD_NS
 
     def next_due_ns(self) -> int | None:
         """When :meth:`receive` or :meth:`flush` must be called next, whatever the file descriptors say."""
@@ -253,14 +253,14 @@ class Wire:
             ValueError: it is not on.
         """
         for frame, source, direction in self._injector.remove(fault):
-            if self.line_model.ordered:  # a reading of a late loop, ready before now, does not overtake it
+            if self.line_model.is_byte_stream:  # a reading of a late loop, ready before now, does not overtake it
                 self._held_ns[direction] = max(self._held_ns[direction], self._now_ns)
             if direction == "to_driver":
                 self.line.put(frame, self._now_ns, source)
             else:
                 self.inbound.put(frame, self._now_ns, DRIVER)
-        if fault.kind == "latency" and (rest := self._injector.unmount_chip()):
-            self.transport.write(rest)
+        if fault.kind == "latency" and (left_over := self._injector.unmount_chip()):
+            self.transport.write(left_over)
 
     def _note(
         self, t_ns: int, source: str, kind: str, detail: str, *, before: Frame | str = "", after: Sequence[Frame] = ()
@@ -288,7 +288,7 @@ class Wire:
         elif self.line.backlog_ns(source, self._seen_ns(now_ns)) > self.backlog_ns:
             self.counters["dropped_readings"] += 1
             self._lose(whole, now_ns, source, "dropped_frames", "line full", sample)
-        elif isinstance(frames, CanFrames) and not self._injector.spoils:
+        elif isinstance(frames, CanFrames) and not self._injector.has_frame_faults:
             self.line.put_run(frames, now_ns, source, sample=sample)
         else:
             least = self.line_model.turnaround_ns()
@@ -297,9 +297,9 @@ class Wire:
                     (each.frame, each.delay_ns, each.turn) if isinstance(each, Sent) else (each, 0, 0)
                 )
                 ready_ns = now_ns + max(delay_ns, least)
-                for spoilt, held_ns in self._injector.corrupt(frame, now_ns, source, "to_driver"):
+                for changed, held_ns in self._injector.corrupt(frame, now_ns, source, "to_driver"):
                     at = self._after_held("to_driver", ready_ns, held_ns)
-                    self.line.put(spoilt, at, source, turn=turn, sample=sample)
+                    self.line.put(changed, at, source, turn=turn, sample=sample)
 
     def _seen_ns(self, now_ns: int) -> int:
         """Return the time that the line has reached: a real loop may be late with it, a virtual one never is."""
@@ -308,7 +308,7 @@ class Wire:
     def _after_held(self, direction: str, ready_ns: int, held_ns: int) -> int:
         """When a frame leaves that a fault holds back by ``held_ns``; on a byte stream, what follows waits for it."""
         ready_ns += held_ns
-        if self.line_model.ordered:
+        if self.line_model.is_byte_stream:
             ready_ns = max(ready_ns, self._held_ns[direction])
             if held_ns:
                 self._held_ns[direction] = ready_ns
@@ -328,25 +328,25 @@ class Wire:
                 self.transport.write(packet)
         if (closing := self._injector.closing) is not None:
             self._injector.closing = None
-            self.transport.hang_up(closing.amount or CLOSING)
+            self.transport.hang_up(closing.amount or DEFAULT_CLOSE_CODE)
         if began_ns and frames:
             self._bound_traffic(now_ns, time.perf_counter_ns() - began_ns)
         return written
 
     def _bound_traffic(self, now_ns: int, took_ns: int) -> None:
-        """Leave out frames of other nodes when they take the loop more than :data:`TRAFFIC_SHARE` of its time."""
-        rest_ns = round(took_ns / TRAFFIC_SHARE) - (now_ns - self._traffic_ns)
+        """Leave out frames of other nodes where they take more than :data:`MAX_TRAFFIC_TIME_SHARE` of the time."""
+        excess_ns = round(took_ns / MAX_TRAFFIC_TIME_SHARE) - (now_ns - self._traffic_ns)
         self._traffic_ns = now_ns
-        if rest_ns > 0:
+        if excess_ns > 0:
             for node in self._injector.traffic:
-                node.leave_out(now_ns + rest_ns)
-            self._traffic_ns += rest_ns
+                node.leave_out(now_ns + excess_ns)
+            self._traffic_ns += excess_ns
 
     def _add_traffic(self, now_ns: int) -> int:
         """Let other nodes of the bus queue the frames that they have ready; returns how many."""
         count = 0
         for node in self._injector.traffic:
-            for _ in range(MAX_TRAFFIC_FRAMES_A_FLUSH):
+            for _ in range(MAX_TRAFFIC_FRAMES_PER_FLUSH):
                 if self.line.backlog_ns(node.source, now_ns) > self.backlog_ns or (ready := node.take(now_ns)) is None:
                     break
                 due_ns, frame = ready
@@ -377,7 +377,7 @@ class Wire:
         peers = [connector for name, connector in self.connectors.items() if name != source]
         if peers and source in self.connectors:
             for frame in frames:
-                if any(self.line_model.hears(connector, frame, of_peer=True) for connector in peers):
+                if any(self.line_model.accepts(connector, frame, of_peer=True) for connector in peers):
                     self._arrived.append((pending.end_ns, ReceivedData(frame, source)))
         sent = self.transport.write_all(frames)
         if sent < len(frames):
@@ -452,7 +452,7 @@ class Wire:
         self._deliver(now_ns, events)
         return events
 
-    def hear(self, data: Frame, now_ns: int) -> None:
+    def deliver(self, data: Frame, now_ns: int) -> None:
         """Something of a driver's has arrived that was not on this line, such as that of an earlier run."""
         self._arrived.append((now_ns, ReceivedData(data)))
 
@@ -483,7 +483,7 @@ class Wire:
 
     def _hear_all(self, events: list[Event | ReceivedData]) -> None:
         """The port closes: what the driver has sent arrives at once."""
-        if self.line_model.ordered:  # on a bus what has not left its node never does
+        if self.line_model.is_byte_stream:  # on a bus what has not left its node never does
             for pending in self.inbound.withdraw(DRIVER):
                 self._arrived.append((self._now_ns, ReceivedData(pending.head)))
         self._deliver(None, events)
@@ -502,7 +502,7 @@ class Wire:
             self._hear_all(events)
             self._forget(now_ns, fault.kind)
         if fault is not None and fault.kind == "unplug":
-            if self.transport.has_reader and not self.line_model.one_line:  # a bus has no open and close
+            if self.transport.has_reader and not self.line_model.is_half_duplex:  # a bus has no open and close
                 events += (Closed(), DROPPED)
                 self._held_open, self._lines = False, DROPPED
         self._plug()
@@ -521,9 +521,9 @@ class Wire:
     def _arrive(self, data: Frame, now_ns: int) -> None:
         """The driver has sent something: it takes its time on the line."""
         for part, held_ns in self._injector.corrupt(data, now_ns, self._owner, "from_driver"):
-            if self.inbound.waiting_ns(DRIVER) > INBOUND_LIMIT_NS:
+            if self.inbound.waiting_ns(DRIVER) > MAX_LEFT_BEHIND_NS:
                 self.counters["overrun"] += 1
-            elif self.line_model.collides(self.line.talks(now_ns)):
+            elif self.line_model.collides(self.line.sender(now_ns)):
                 self.counters["collision"] += 1
             else:
                 at = self._after_held("from_driver", now_ns, held_ns)
@@ -536,7 +536,7 @@ class Wire:
 
     def _deliver(self, now_ns: int | None, events: list[Event | ReceivedData]) -> None:
         size = 0
-        while self._arrived and (now_ns is None or self._arrived[0][0] <= now_ns) and size < MAX_BYTES_A_TURN:
+        while self._arrived and (now_ns is None or self._arrived[0][0] <= now_ns) and size < MAX_READ_BYTES_PER_TURN:
             end_ns, heard = self._arrived.popleft()
             size += len(payload(heard.data))
             if heard.source == DRIVER:
@@ -552,20 +552,20 @@ class Wire:
     def received_by(self, source: str, heard: ReceivedData) -> Frame | None:
         """What a device on the wire hears of a frame; ``None``: its connector lets nothing in."""
         connector, of_peer = self.connectors[source], heard.source != DRIVER
-        if heard.source == source or not self.line_model.hears(connector, heard.data, of_peer=of_peer):
+        if heard.source == source or not self.line_model.accepts(connector, heard.data, of_peer=of_peer):
             return None
         if of_peer or len(self.connectors) < 2:
             return heard.data
         return self._through(heard.data, source, to_driver=False) or None
 
-    def passes_by(self, source: str, heard: ReceivedData) -> bool:
+    def is_addressed_to(self, source: str, heard: ReceivedData) -> bool:
         """Whether a frame of the driver's was meant for a device that does not let it in."""
-        return heard.source == DRIVER and self.line_model.passes_by(self.connectors[source], heard.data)
+        return heard.source == DRIVER and self.line_model.is_addressed_to(self.connectors[source], heard.data)
 
     def _through(self, frame: Frame, source: str, *, to_driver: bool) -> Frame:
         """Return a frame as heard at the other end, whose settings may differ."""
         connector = self.connectors.get(source, self.line_model.connector)
-        result = self.line_model.heard(frame, connector, self.transport.setting, to_driver=to_driver)
+        result = self.line_model.as_received(frame, connector, self.transport.setting, to_driver=to_driver)
         if result is not frame:
             self.counters["misheard"] += result != frame
         return result

@@ -10,7 +10,7 @@ from firmware_protocols.sums import crc16_modbus
 from tactemu.judge import forged_replies
 from tactemu.judge.plan import Facts, Plan, positions
 from tactemu.wire.faults import parse
-from tactemu.wire.faults.frames import SPOIL
+from tactemu.wire.faults.frames import CORRUPTIONS
 
 ROLLOVERS = [Rollover(name="counter", bits=16, state="sent"), Rollover(name="tick", bits=32, clock=True)]
 STREAM = Facts(usb=True, frames=["aa07080a" + "00" * 12] * 50, rollovers=ROLLOVERS)
@@ -77,7 +77,7 @@ def spoilt(frame, texts):
     rng = np.random.default_rng(0)
     for text in texts:
         fault = parse(text)
-        ((frame, _),) = SPOIL[fault.kind](frame, fault, rng)
+        ((frame, _),) = CORRUPTIONS[fault.kind](frame, fault, rng)
     return frame
 
 

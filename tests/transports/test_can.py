@@ -52,7 +52,7 @@ def heard(port, seconds=2.0):
 
 def test_identifiers_of_no_concern_are_not_heard():
     port = create("can:virtual:filters")
-    port.hear_only([CanFilter(0x28), CanFilter(0x400, 0x700), CanFilter(0x28, extended=True)])
+    port.set_filters([CanFilter(0x28), CanFilter(0x400, 0x700), CanFilter(0x28, extended=True)])
     with port, can.Bus(interface="virtual", channel="filters") as driver:
         for ident, extended in [
             (0x28, False),
@@ -108,7 +108,7 @@ def failing(port, monkeypatch, number):
 def test_an_interface_that_goes_and_comes_back_is_opened_again(interface, caplog, monkeypatch):
     frame = CanFrame(arbitration_id=0x28, data=b"\x01")
     port = create("can:socketcan:can9")
-    port.hear_only([CanFilter(0x28)])
+    port.set_filters([CanFilter(0x28)])
     with port:
         assert port.write(frame) and port.poll() == []
         interface.index = 0
@@ -134,7 +134,7 @@ def test_an_interface_that_goes_and_comes_back_is_opened_again(interface, caplog
 def test_a_device_with_fd_frames_needs_an_interface_that_carries_them(interface, monkeypatch, mtu, data_bitrate, works):
     monkeypatch.setattr(socketcan, "mtu_of", lambda name: mtu, raising=False)
     port = create("can:socketcan:can9")
-    port.fit(Can(bitrate=1_000_000, data_bitrate=data_bitrate))
+    port.set_connector(Can(bitrate=1_000_000, data_bitrate=data_bitrate))
     if works:
         with port:
             assert port.has_reader

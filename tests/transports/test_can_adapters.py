@@ -33,7 +33,7 @@ def test_lines(frame, line):
 @contextlib.contextmanager
 def adapter(tmp_path, bitrate=500_000):
     port = transports.create(f"slcan:{tmp_path}/can")
-    port.fit(Can(bitrate=bitrate))
+    port.set_connector(Can(bitrate=bitrate))
     with port:
         driver = os.open(port.address, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
 

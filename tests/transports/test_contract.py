@@ -209,7 +209,7 @@ class DdsEnd:
 def create(address):
     """A port; what it carries is said to one that must know."""
     port = transports.create(address)
-    port.fit(DdsEnd.topics)
+    port.set_connector(DdsEnd.topics)
     return port
 
 

@@ -22,7 +22,7 @@ import serial
 import websocket
 
 from tactemu.transports import create
-from tactemu.transports.transport import CHUNK, Closed, Opened, Received
+from tactemu.transports.transport import MAX_CHUNK_BYTES, Closed, Opened, Received
 
 ROOT = Path(__file__).parents[2]
 PREAMBLE = """
@@ -105,7 +105,7 @@ def test_a_look_takes_a_chunk_and_nothing_is_lost(address):
         thread.start()
         looks = drain(port, done)
         thread.join()
-    assert max(map(len, looks)) <= CHUNK
+    assert max(map(len, looks)) <= MAX_CHUNK_BYTES
     assert b"".join(looks) == (sent.replace(b"\xff\xff", b"\xff") if address.startswith("rfc") else sent)
 
 

@@ -16,7 +16,7 @@ from tactemu.base.errors import TransportError
 from tactemu.transports import create
 from tactemu.transports.transport import Closed, Opened, Received
 from tactemu.wire.can_bits import frame_bits
-from tactemu.wire.line import CATCH_UP_NS
+from tactemu.wire.line import MAX_CATCH_UP_NS
 from tactemu.wire.wire import Wire
 
 pytestmark = pytest.mark.vcan
@@ -126,7 +126,7 @@ def test_canbusload_counts_the_same_bits_and_the_bus_is_never_overfull(port, ask
 
     # Pace: no stretch of 100 frames takes less time than its bits, but for what a stalled loop may catch up.
     busy = np.convolve(bits[: len(times)], np.ones(100), "valid")[1:] / bitrate
-    assert (times[100:] - times[:-100] >= busy - CATCH_UP_NS / 1e9 - 0.005).all()
+    assert (times[100:] - times[:-100] >= busy - MAX_CATCH_UP_NS / 1e9 - 0.005).all()
     load = np.mean([used for _, used in windows[1:4]]) / bitrate
     assert load <= min(asked, 1.0) * 1.02
     if asked > 1:
@@ -163,7 +163,7 @@ def test_an_fd_frame_on_a_classic_interface_is_dropped_not_fatal(port):
         assert port.write(FRAMES[0]) and not port.write(FRAMES[3])
         with pytest.raises(TransportError, match=r"vcan0 carries no CAN-FD .* mtu 72 up"):
             other = create("can:socketcan:vcan0")
-            other.fit(Can(data_bitrate=5_000_000))
+            other.set_connector(Can(data_bitrate=5_000_000))
             other.open()
     finally:
         subprocess.run(["ip", "link", "set", "vcan0", "down"], check=True)

@@ -19,7 +19,7 @@ from tactemu.transports.memory import MemoryTransport
 from tactemu.transports.transport import DROPPED, RAISED, Closed, Opened
 from tactemu.truth import Truth, read_log
 from tactemu.wire.faults import KINDS, Fault, parse
-from tactemu.wire.faults.frames import SPOIL
+from tactemu.wire.faults.frames import CORRUPTIONS
 from tactemu.wire.line_models import line_model_for
 from tactemu.wire.wire import ReceivedData, Wire
 
@@ -523,14 +523,16 @@ def test_any_words_give_a_fault_or_an_error_that_names_the_word(text):
         assert fault.stop_ns is None or fault.start_ns < fault.stop_ns
 
 
-@given(st.binary(min_size=1, max_size=64), st.sampled_from(sorted(SPOIL)), st.integers(1, 600), st.integers(0, 999))
+@given(
+    st.binary(min_size=1, max_size=64), st.sampled_from(sorted(CORRUPTIONS)), st.integers(1, 600), st.integers(0, 999)
+)
 def test_any_frame_can_be_spoiled(data, kind, amount, seed):
     """What comes out is still a frame: bytes, or a CAN frame of a length that exists."""
     fault = Fault(kind=kind, amount=amount, by_ns=5)
     for wire, spoiled in (("serial", data), ("can", CanFrame(arbitration_id=1, data=data[:8]))):
         if wire not in KINDS[kind].wires:
             continue
-        for each, delay in SPOIL[kind](spoiled, fault, np.random.default_rng(seed)) or []:
+        for each, delay in CORRUPTIONS[kind](spoiled, fault, np.random.default_rng(seed)) or []:
             assert delay in (0, 5) and isinstance(each, type(spoiled))
             if isinstance(each, CanFrame):
                 assert len(each.data) <= 8

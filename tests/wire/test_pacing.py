@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from firmware_protocols import USB, Can, CanFrame, Rs485, Sent, Serial
-from tactemu.transports.memory import WAITING_LIMIT, MemoryTransport
-from tactemu.transports.transport import CHUNK, DROPPED, RAISED, Closed, Opened, SerialSetting
+from tactemu.transports.memory import MAX_WAITING_CHUNKS, MemoryTransport
+from tactemu.transports.transport import DROPPED, MAX_CHUNK_BYTES, RAISED, Closed, Opened, SerialSetting
 from tactemu.truth import Truth
 from tactemu.truth.entries import Passage
 from tactemu.wire.can_bits import frame_ns
-from tactemu.wire.uart import misheard
+from tactemu.wire.uart import as_received
 from tactemu.wire.wire import DRIVER, ReceivedData, Wire
 
 UART = Serial(baud=115_200)
@@ -299,11 +299,11 @@ def test_a_request_takes_the_time_of_the_speed_that_the_driver_has_set():
 def test_a_driver_that_floods_a_serial_line_is_held_up_and_loses_nothing():
     wire, driver = plugged(UART)
     taken = [driver.write(bytes([k % 256]) * 100) for k in range(3000)]
-    assert taken == [True] * WAITING_LIMIT + [False] * (3000 - WAITING_LIMIT)
+    assert taken == [True] * MAX_WAITING_CHUNKS + [False] * (3000 - MAX_WAITING_CHUNKS)
     heard = b""
     for now in range(0, 1_000_000_000, 1_000_000):
         heard += b"".join(event.data for event in wire.receive(now) if isinstance(event, ReceivedData))
-        assert wire.inbound.waiting_ns(DRIVER) <= 50_000_000 + (CHUNK + 100) * 10e9 / 115_200
+        assert wire.inbound.waiting_ns(DRIVER) <= 50_000_000 + (MAX_CHUNK_BYTES + 100) * 10e9 / 115_200
     assert len(heard) == pytest.approx(11_520, abs=100)
     assert heard == b"".join(bytes([k % 256]) * 100 for k in range(200))[: len(heard)]
     assert wire.counters["overrun"] == 0
@@ -353,8 +353,8 @@ def test_a_small_difference_of_speed_does_no_harm():
     """A UART samples mid-bit: half a bit in ten may be lost, 5 %. What every data sheet allows must pass."""
     everything = bytes(range(256))
     for off in (0.97, 0.98, 1.02, 1.03):
-        assert misheard(everything, at(115_200), at(round(115_200 * off))) == everything
-    assert misheard(everything, at(115_200), at(round(115_200 * 1.1))) != everything
+        assert as_received(everything, at(115_200), at(round(115_200 * off))) == everything
+    assert as_received(everything, at(115_200), at(round(115_200 * 1.1))) != everything
 
 
 def test_noise_that_can_be_worked_out_by_hand():
@@ -362,10 +362,10 @@ def test_noise_that_can_be_worked_out_by_hand():
 
     0xF0 at 19200 is low for five bits; at 9600 those are the start bit and a half: sampled 0, 0, then high.
     """
-    assert misheard(b"\x00", at(9600), at(19_200)) == b"\x00"
-    assert misheard(b"\xf0", at(19_200), at(9600)) == b"\xfe"
-    assert misheard(b"\xff", at(9600), at(19_200)) == b"\xfe"
-    assert misheard(b"", at(9600), at(19_200)) == b""
+    assert as_received(b"\x00", at(9600), at(19_200)) == b"\x00"
+    assert as_received(b"\xf0", at(19_200), at(9600)) == b"\xfe"
+    assert as_received(b"\xff", at(9600), at(19_200)) == b"\xfe"
+    assert as_received(b"", at(9600), at(19_200)) == b""
 
 
 def test_formats_that_disagree_by_hand():
@@ -377,22 +377,22 @@ def test_formats_that_disagree_by_hand():
     for the start bit, then hears 1 0 1 0 1 0, the stop bit and one idle bit.
     """
     plain, seven_even = at(9600), at(9600, bytesize=7, parity="E")
-    assert misheard(b"AC", seven_even, plain) == b"A\xc3"
-    assert misheard(b"AC", at(9600, bytesize=7, parity="O"), plain) == b"\xc1C"
-    assert misheard(b"AC", at(9600, bytesize=7, parity="M"), plain) == b"\xc1\xc3"
-    assert misheard(b"AC", at(9600, bytesize=7, parity="S"), plain) == b"AC"
-    assert misheard(b"\xc1C", plain, seven_even) == b"AC", "the eighth bit is taken for parity, which nobody checks"
-    assert misheard(b"\x55", plain, at(9600, parity="E")) == b"\x55"
-    assert misheard(b"\x55\x55", plain, at(9600, parity="E")) == b"\x55\xd5"
-    assert misheard(b"\x55\x55", at(9600, stopbits=2), at(9600, parity="E")) == b"\x55\x55", "a gap to find its feet"
-    assert misheard(b"AC", at(9600, parity="E"), at(9600, parity="O")) == b"AC", "raw mode checks no parity"
-    assert misheard(b"AC", at(9600, stopbits=2), plain) == misheard(b"AC", plain, at(9600, stopbits=2)) == b"AC"
+    assert as_received(b"AC", seven_even, plain) == b"A\xc3"
+    assert as_received(b"AC", at(9600, bytesize=7, parity="O"), plain) == b"\xc1C"
+    assert as_received(b"AC", at(9600, bytesize=7, parity="M"), plain) == b"\xc1\xc3"
+    assert as_received(b"AC", at(9600, bytesize=7, parity="S"), plain) == b"AC"
+    assert as_received(b"\xc1C", plain, seven_even) == b"AC", "the eighth bit is taken for parity, which nobody checks"
+    assert as_received(b"\x55", plain, at(9600, parity="E")) == b"\x55"
+    assert as_received(b"\x55\x55", plain, at(9600, parity="E")) == b"\x55\xd5"
+    assert as_received(b"\x55\x55", at(9600, stopbits=2), at(9600, parity="E")) == b"\x55\x55", "a gap to find its feet"
+    assert as_received(b"AC", at(9600, parity="E"), at(9600, parity="O")) == b"AC", "raw mode checks no parity"
+    assert as_received(b"AC", at(9600, stopbits=2), plain) == as_received(b"AC", plain, at(9600, stopbits=2)) == b"AC"
 
 
 def test_what_an_end_does_not_say_is_as_at_the_other():
-    assert misheard(b"AC", SerialSetting(baud=9600), at(9600, bytesize=7, parity="E")) == b"AC"
-    assert misheard(b"AC", SerialSetting(), at(9600)) == b"AC"
-    assert misheard(b"\xf0", SerialSetting(baud=19_200, stopbits=1), at(9600)) == b"\xfe"
+    assert as_received(b"AC", SerialSetting(baud=9600), at(9600, bytesize=7, parity="E")) == b"AC"
+    assert as_received(b"AC", SerialSetting(), at(9600)) == b"AC"
+    assert as_received(b"\xf0", SerialSetting(baud=19_200, stopbits=1), at(9600)) == b"\xfe"
 
 
 @pytest.mark.parametrize("usb", [False, True])

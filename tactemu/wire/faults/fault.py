@@ -31,47 +31,49 @@ DIRECTIONS: tuple[Direction, ...] = ("to_driver", "from_driver", "both")
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class FaultKind:
     """One kind of fault."""
 
     about: str
     wires: tuple[str, ...] = ("serial", "can", "tcp", "udp", "websocket", "dds")
     options: tuple[str, ...] = ()
     """Which of :data:`_AMOUNTS`, :data:`_PLACES`, ``by``, ``to`` (a length), ``hex=`` and ``as`` it takes."""
-    whole_link: bool = False
+    acts_on_link: bool = False
     """It befalls the port or the bus, not single frames: it has a time and no target."""
 
 
 _BYTES = ("serial", "tcp")
 _CAN = ("can",)
 _CONNECTED = ("tcp", "websocket")
-KINDS: dict[str, Kind] = {
-    "drop": Kind("the frame is lost"),
-    "flip": Kind("bits of the data change", options=("bits", "byte", "bit")),
-    "lose": Kind("one byte is missing", options=("byte",)),
-    "truncate": Kind("the end is missing", options=("bytes", "to")),
-    "length": Kind("the frame is too long (a full CAN frame too short)", options=("bytes",)),
-    "checksum": Kind("the last bytes are wrong", options=("bytes",)),
-    "duplicate": Kind("sent twice"),
-    "reorder": Kind("sent after the next one", options=("frames",)),
-    "replace": Kind("other bytes in its place", options=("hex=",)),
-    "garbage": Kind("random bytes before the frame, or in it", _BYTES, ("bytes", "after", "hex=")),
-    "split": Kind("arrives in two pieces, the second later", (*_BYTES, "websocket"), ("by", "after")),
-    "chunk": Kind("arrives in pieces, each later", _BYTES, ("by", "bytes")),
-    "merge": Kind("arrives together with the next one", _BYTES),
-    "late": Kind("leaves later; on a byte stream, so does all that follows", options=("by",)),
-    "stray": Kind("an earlier frame comes again, unasked"),
-    "silence": Kind("nothing passes"),
-    "latency": Kind(
+KINDS: dict[str, FaultKind] = {
+    "drop": FaultKind("the frame is lost"),
+    "flip": FaultKind("bits of the data change", options=("bits", "byte", "bit")),
+    "lose": FaultKind("one byte is missing", options=("byte",)),
+    "truncate": FaultKind("the end is missing", options=("bytes", "to")),
+    "length": FaultKind("the frame is too long (a full CAN frame too short)", options=("bytes",)),
+    "checksum": FaultKind("the last bytes are wrong", options=("bytes",)),
+    "duplicate": FaultKind("sent twice"),
+    "reorder": FaultKind("sent after the next one", options=("frames",)),
+    "replace": FaultKind("other bytes in its place", options=("hex=",)),
+    "garbage": FaultKind("random bytes before the frame, or in it", _BYTES, ("bytes", "after", "hex=")),
+    "split": FaultKind("arrives in two pieces, the second later", (*_BYTES, "websocket"), ("by", "after")),
+    "chunk": FaultKind("arrives in pieces, each later", _BYTES, ("by", "bytes")),
+    "merge": FaultKind("arrives together with the next one", _BYTES),
+    "late": FaultKind("leaves later; on a byte stream, so does all that follows", options=("by",)),
+    "stray": FaultKind("an earlier frame comes again, unasked"),
+    "silence": FaultKind("nothing passes"),
+    "latency": FaultKind(
         "a USB-serial chip hands over 62 bytes, or what it has when its timer fires", ("serial",), ("by",), True
     ),
-    "close": Kind("the connection is closed in its place, and may be opened again", _CONNECTED, ("code",)),
-    "halfopen": Kind("the connection stays, but nobody is at the other end", ("serial", *_CONNECTED), whole_link=True),
-    "unplug": Kind("the port goes away, and comes back", options=("as",), whole_link=True),
-    "error": Kind("an error frame breaks the frame, which is sent again", _CAN),
-    "busoff": Kind("the node leaves the bus, and recovers", _CAN, whole_link=True),
-    "babble": Kind("another node fills the bus with the highest priority", _CAN, whole_link=True),
-    "load": Kind("other traffic takes a share of the bus", _CAN, whole_link=True),
+    "close": FaultKind("the connection is closed in its place, and may be opened again", _CONNECTED, ("code",)),
+    "halfopen": FaultKind(
+        "the connection stays, but nobody is at the other end", ("serial", *_CONNECTED), acts_on_link=True
+    ),
+    "unplug": FaultKind("the port goes away, and comes back", options=("as",), acts_on_link=True),
+    "error": FaultKind("an error frame breaks the frame, which is sent again", _CAN),
+    "busoff": FaultKind("the node leaves the bus, and recovers", _CAN, acts_on_link=True),
+    "babble": FaultKind("another node fills the bus with the highest priority", _CAN, acts_on_link=True),
+    "load": FaultKind("other traffic takes a share of the bus", _CAN, acts_on_link=True),
 }
 
 _DEFAULT_BY_NS = {"late": 10_000_000, "split": 1_000_000, "chunk": 1_000_000, "latency": 16_000_000}
@@ -208,24 +210,24 @@ class _Words:
     def fault(self) -> Fault:
         while self.words:
             self._take(self.words.pop(0))
-        values, whole_link = self.values, KINDS[self.kind].whole_link
+        values, acts_on_link = self.values, KINDS[self.kind].acts_on_link
         at, length = values.pop("at", None), values.pop("for", None)
         if at is not None:
             if "start_ns" in values:
                 raise self._wrong("at", "give 'at' or 'from', not both")
             values["start_ns"] = at
-            values["once"] = length is None and not whole_link
+            values["once"] = length is None and not acts_on_link
         if length is not None:
             if "stop_ns" in values:
                 raise self._wrong("for", "give 'for' or 'to', not both")
             values["stop_ns"] = values.get("start_ns", 0) + length
         fault = replace(Fault(kind=self.kind, text=self.text, by_ns=_DEFAULT_BY_NS.get(self.kind, 0)), **values)
-        self._check_whole(fault)
+        self._check_combination(fault)
         if fault.stop_ns is not None and fault.stop_ns <= fault.start_ns:
             raise self._wrong("to" if length is None else "for", "it ends before it begins")
         return fault
 
-    def _check_whole(self, fault: Fault) -> None:
+    def _check_combination(self, fault: Fault) -> None:
         """Words that need one another, or exclude it."""
         if fault.frames and (fault.every > 1 or fault.probability < 1):
             raise self._wrong("frame", "give 'frame', 'every' or a percentage, not two of them")
@@ -280,7 +282,7 @@ class _Words:
             raise self._wrong(word, f"{self.kind} has no such option; these have: {takes}")
         targets = word in ("every", "frame") or word in DIRECTIONS or word.startswith(("prefix=", "id="))
         traffic = self.kind in ("babble", "load")
-        if kind.whole_link and (
+        if kind.acts_on_link and (
             (targets and not (traffic and word.startswith("id="))) or (word[-1] == "%" and not traffic)
         ):
             raise self._wrong(word, f"{self.kind} befalls the whole link: give it a time only")

@@ -19,7 +19,7 @@ from tactemu.wire.faults.fault import Fault
 Parts = list[tuple[Frame, int]]
 """Frames with the time by which each leaves later [ns]."""
 
-Spoil = Callable[[Frame, Fault, np.random.Generator], "Parts | None"]
+Corruption = Callable[[Frame, Fault, np.random.Generator], "Parts | None"]
 
 
 def drop(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
@@ -136,7 +136,7 @@ def error(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
     return [(replace(frame, is_error_frame=True), 0), (frame, 0)] if isinstance(frame, CanFrame) else None
 
 
-SPOIL: dict[str, Spoil] = {
+CORRUPTIONS: dict[str, Corruption] = {
     "drop": drop,
     "silence": drop,
     "close": drop,

@@ -1,4 +1,4 @@
-"""Applies faults to what passes a wire: decides, spoils, counts and logs."""
+"""Applies faults to what passes a wire: decides, corrupts, counts and logs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from firmware_protocols import CanFrame, Frame
 from firmware_protocols.frames import payload
 from tactemu.base.random_streams import generator
 from tactemu.wire.faults.fault import Fault, parse
-from tactemu.wire.faults.frames import SPOIL, Parts
+from tactemu.wire.faults.frames import CORRUPTIONS, Parts
 from tactemu.wire.faults.link import LatencyChip, Traffic
 from tactemu.wire.line_models import LineModel
 
@@ -57,7 +57,7 @@ class FrameFault:
             return self._hold(frame, key, hit)
         if kind == "stray":
             return self._stray(frame, key, hit)
-        spoiled = SPOIL[kind](frame, self.fault, self.rng) if hit else None
+        spoiled = CORRUPTIONS[kind](frame, self.fault, self.rng) if hit else None
         return ([(frame, 0)], False) if spoiled is None else (spoiled, True)
 
     def forget(self) -> list[Held]:
@@ -180,7 +180,7 @@ class Injector:
         return [held for each in over for held in each.forget()]
 
     @property
-    def spoils(self) -> bool:
+    def has_frame_faults(self) -> bool:
         """Whether any fault is of single frames."""
         return bool(self._frames)
 

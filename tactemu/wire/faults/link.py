@@ -6,10 +6,10 @@ import numpy as np
 
 from firmware_protocols import CanFrame
 from tactemu.wire.faults.fault import Fault
-from tactemu.wire.line import CATCH_UP_NS
+from tactemu.wire.line import MAX_CATCH_UP_NS
 from tactemu.wire.line_models import LineModel
 
-PACKET = 62
+USB_PAYLOAD_BYTES = 62
 """Payload of one USB packet of the common chip [byte]: 64 less two of status."""
 
 
@@ -33,7 +33,7 @@ class LatencyChip:
     def take(self, now_ns: int) -> bytes:
         """What the driver gets now; empty if nothing yet. To be called at :meth:`next_ns` and whenever bytes came."""
         ticks = (now_ns - self._last_ns) // self.timer_ns
-        size = len(self._held) if ticks > 0 else len(self._held) // PACKET * PACKET
+        size = len(self._held) if ticks > 0 else len(self._held) // USB_PAYLOAD_BYTES * USB_PAYLOAD_BYTES
         if size and not ticks:
             self._last_ns = now_ns
         data, self._held = self._held[:size], self._held[size:]
@@ -79,9 +79,9 @@ class Traffic:
 
     def take(self, now_ns: int) -> tuple[int, CanFrame] | None:
         """When its next frame is ready and the frame, if that is by now."""
-        if self._next_ns < now_ns - CATCH_UP_NS:
-            self._missed_ns += now_ns - CATCH_UP_NS - self._next_ns
-            self._next_ns = now_ns - CATCH_UP_NS
+        if self._next_ns < now_ns - MAX_CATCH_UP_NS:
+            self._missed_ns += now_ns - MAX_CATCH_UP_NS - self._next_ns
+            self._next_ns = now_ns - MAX_CATCH_UP_NS
         due = self.next_ns()
         if due is None or due > now_ns:
             return None

@@ -25,9 +25,9 @@ class CanLine(LineModel):
 
     kind = "can"
     schemes = ("can", "slcan", "socketcand")
-    shared = True
-    one_line = True
-    ordered = False
+    is_shared = True
+    is_half_duplex = True
+    is_byte_stream = False
 
     def duration_ns(self, frame: Frame) -> int:
         """Exact, intermission included."""
@@ -51,13 +51,13 @@ class CanLine(LineModel):
         identifier = priority(frame) if isinstance(frame, CanFrame) else ()
         return (*identifier, pending.ready_ns, pending.number)
 
-    def hears(self, connector: Any, frame: Frame, *, of_peer: bool) -> bool:
+    def accepts(self, connector: Any, frame: Frame, *, of_peer: bool) -> bool:
         """What the controller's filters take; without filters, all that the driver sends and nothing of others."""
         if not connector.hears:
             return not of_peer
         return _is_one_of(connector.hears, frame)
 
-    def passes_by(self, connector: Any, frame: Frame) -> bool:
+    def is_addressed_to(self, connector: Any, frame: Frame) -> bool:
         """Of its own identifiers what its filters do not take."""
         return _is_one_of(connector.addressed, frame)
 

@@ -14,8 +14,8 @@ class DdsLine(LineModel):
 
     kind = "dds"
     schemes = ("dds",)
-    network = True
-    ordered = False
+    is_network = True
+    is_byte_stream = False
 
     def duration_ns(self, frame: Frame) -> int:
         """The network takes none that we model."""

@@ -31,13 +31,13 @@ class LineModel(ABC):
     """The word by which faults know it: ``serial``, ``can``, ``tcp``, ``udp``."""
     schemes: ClassVar[tuple[str, ...]]
     """Transports that can stand for it beside ``memory:``, the usual one first."""
-    network: ClassVar[bool] = False
+    is_network: ClassVar[bool] = False
     """It is the machine's network, where a program reaches the device by an address rather than a node."""
-    shared: ClassVar[bool] = False
+    is_shared: ClassVar[bool] = False
     """Several devices may be on it."""
-    one_line: ClassVar[bool] = False
+    is_half_duplex: ClassVar[bool] = False
     """The driver's frames travel on the same line as the devices'."""
-    ordered: ClassVar[bool] = True
+    is_byte_stream: ClassVar[bool] = True
     """A byte stream: what a fault holds back holds up what follows."""
 
     def __init__(self, connector: Any, *, pacing: Pacing = True):
@@ -74,20 +74,20 @@ class LineModel(ABC):
         """Least time from what a device heard to its answer [ns]."""
         return 0
 
-    def heard(self, frame: Frame, connector: Any, setting: Any, *, to_driver: bool) -> Frame:
+    def as_received(self, frame: Frame, connector: Any, setting: Any, *, to_driver: bool) -> Frame:
         """What arrives of a frame between a device's connector and a driver with this setting of its port."""
         return frame
 
-    def hears(self, connector: Any, frame: Frame, *, of_peer: bool) -> bool:
+    def accepts(self, connector: Any, frame: Frame, *, of_peer: bool) -> bool:
         """Whether a device's connector lets a frame in; ``of_peer``: another device sent it."""
         return not of_peer
 
-    def passes_by(self, connector: Any, frame: Frame) -> bool:
+    def is_addressed_to(self, connector: Any, frame: Frame) -> bool:
         """Whether a frame of the driver's that the connector does not let in was meant for its device."""
         return False
 
-    def collides(self, talker: str) -> bool:
-        """Whether the driver talks into what ``talker`` has on the line ("" for an idle line), so that it is lost."""
+    def collides(self, sender: str) -> bool:
+        """Whether the driver talks into what ``sender`` has on the line ("" for an idle line), so that it is lost."""
         return False
 
     def filters(self, connectors: Iterable[Any]) -> list[CanFilter]:
@@ -111,7 +111,7 @@ class LineModel(ABC):
     def agrees(self, other: Connector) -> bool:
         """Whether a device with the ``other`` connector may share the line."""
         plain = {"name": "", "plugged": True}
-        return self.shared and replace(self.connector, **plain) == replace(other, **plain)
+        return self.is_shared and replace(self.connector, **plain) == replace(other, **plain)
 
     @abstractmethod
     def describe(self) -> str:

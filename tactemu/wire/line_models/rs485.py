@@ -13,8 +13,8 @@ class Rs485Line(SerialLine):
     """The driver's bytes and every device's share one line. Devices may have baud rates of their own; who is set
     differently hears noise."""
 
-    shared = True
-    one_line = True
+    is_shared = True
+    is_half_duplex = True
 
     def order(self, turn: int, ready_ns: int) -> tuple[int, int]:
         """By turn, then by when it is ready."""
@@ -24,13 +24,13 @@ class Rs485Line(SerialLine):
         """As the connector says."""
         return self.connector.turnaround_ns
 
-    def hears(self, connector: Any, frame: Frame, *, of_peer: bool) -> bool:
+    def accepts(self, connector: Any, frame: Frame, *, of_peer: bool) -> bool:
         """Everything that is said on the line."""
         return True
 
-    def collides(self, talker: str) -> bool:
+    def collides(self, sender: str) -> bool:
         """A device holds the line: what the driver says into it is lost to all."""
-        return talker not in ("", DRIVER)
+        return sender not in ("", DRIVER)
 
     def echoes(self) -> bool:
         """As the connector says."""

@@ -10,7 +10,7 @@ from firmware_protocols import Frame
 from firmware_protocols.frames import payload
 from tactemu.transports.transport import SerialSetting
 from tactemu.wire.line_models.line_model import LineModel, Pacing
-from tactemu.wire.uart import agree, misheard
+from tactemu.wire.uart import agree, as_received
 
 
 class SerialLine(LineModel):
@@ -35,7 +35,7 @@ class SerialLine(LineModel):
         speed = setting.baud if setting is not None and setting.baud else self.connector.baud
         return round(len(payload(frame)) * self._byte_ns * self.connector.baud / speed)
 
-    def heard(self, frame: Frame, connector: Any, setting: Any, *, to_driver: bool) -> Frame:
+    def as_received(self, frame: Frame, connector: Any, setting: Any, *, to_driver: bool) -> Frame:
         """Return noise where the two ends are set differently; USB has no such trouble."""
         if setting is None or (connector, setting) == self._agreed:
             return frame
@@ -45,7 +45,7 @@ class SerialLine(LineModel):
         if agree(own, setting):
             self._agreed = connector, setting
             return frame
-        return misheard(frame, own, setting) if to_driver else misheard(frame, setting, own)
+        return as_received(frame, own, setting) if to_driver else as_received(frame, setting, own)
 
     def describe(self) -> str:
         """``serial 115200 8N1`` or ``USB serial 115200 8N1``."""

@@ -11,8 +11,8 @@ class UdpLine(LineModel):
 
     kind = "udp"
     schemes = ("udp",)
-    network = True
-    ordered = False
+    is_network = True
+    is_byte_stream = False
 
     def duration_ns(self, frame: Frame) -> int:
         """The network takes none that we model."""

@@ -11,7 +11,7 @@ class WebSocketLine(LineModel):
 
     kind = "websocket"
     schemes = ("ws",)
-    network = True
+    is_network = True
 
     def duration_ns(self, frame: Frame) -> int:
         """The network takes none that we model."""

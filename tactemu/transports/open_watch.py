@@ -10,7 +10,7 @@ _IN_CLOSE_WRITE, _IN_CLOSE_NOWRITE, _IN_OPEN = 0x08, 0x10, 0x20
 _EVENT = struct.Struct("iIII")
 
 
-class Openings:
+class OpenWatch:
     """Watches one file. ``fileno`` is readable when it was opened or closed; -1 where the kernel has no inotify."""
 
     def __init__(self, path: str):
