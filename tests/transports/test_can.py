@@ -72,7 +72,7 @@ class Interface:
     def __init__(self):
         self.index, self.filters, self.ends = 7, [], []
 
-    def joined(self, name, filters):
+    def can_socket(self, name, filters):
         if not self.index:
             raise OSError("No such device")
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -85,7 +85,7 @@ class Interface:
 @pytest.fixture
 def interface(monkeypatch):
     made = Interface()
-    monkeypatch.setattr(socketcan, "joined", made.joined)
+    monkeypatch.setattr(socketcan, "can_socket", made.can_socket)
     monkeypatch.setattr(socketcan, "_index_of", lambda name: made.index)
     monkeypatch.setattr(socketcan, "is_down", lambda name: False)
     yield made
