@@ -97,7 +97,7 @@ class DriverRig:
     @property
     def period_s(self) -> float:
         """The shortest sampling period in force [s]."""
-        periods = [c.period_ns(stream) for c in self.emulator.channels for stream in c.ticks]
+        periods = [c.period_ns(stream) for c in self.emulator.channels for stream in c.timers]
         return min((period for period in periods if period), default=10_000_000) / 1e9
 
     def facts(self, since: int, rows: int) -> Facts:

@@ -587,7 +587,7 @@ class Simulation:
                     array.numpy()[...] = values
                 else:
                     array.assign(values)
-            self.world.resumed()
+            self.world.after_restore()
 
         return take
 
