@@ -76,9 +76,7 @@ def schedule(emulator: Emulator, events: Iterable[EventTable], *, now_s: float =
     Raises:
         SceneError: an event that this scene cannot have.
     """
-    concerned = [
-        (channel, event) for event in events for channel in emulator.channels if applies_to(event, channel.name)
-    ]
+    pairs = [(c, event) for event in events for c in emulator.channels if applies_to(event, c.name)]
     for channel, event in pairs:
         _check(channel, event, "" if now_s else f"scenario at {event.at:g} s: ")
     for channel, event in pairs:
