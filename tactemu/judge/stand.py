@@ -164,7 +164,7 @@ class DriverRig:
         now = self.emulator.now_ns
         for channel in self.emulator.channels:
             channel.wanted_periods = {} if hz is None else dict.fromkeys(channel.device.periods, round(1e9 / hz))
-            channel.follow(now)
+            channel.apply_changes(now)
 
     def begin(self, trial: Trial) -> int:
         """Switch a trial's faults on, and do what it does; returns when."""
@@ -189,7 +189,7 @@ class DriverRig:
                     for port, wire in channel.wires.items():
                         connector: Any = channel.device.connector(port)
                         wire.attach(channel.name, replace(connector, baud=max(1200, connector.baud // 2)))
-                    self._undo.append(channel.plug)
+                    self._undo.append(channel.attach_wires)
             case "rate":
                 self.rate(trial.rate_hz)
                 self._undo.append(lambda: self.rate(self._usual_rate))
