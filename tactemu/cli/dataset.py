@@ -11,19 +11,19 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from tactemu.base.errors import TactemuError
 from tactemu.cli import INTERRUPTED
 from tactemu.cli.signals import ended_by_signals
-from tactemu.datasets.making import begin, make
+from tactemu.datasets.generation import begin, make
 from tactemu.datasets.spec import DatasetSpec
 
 
-def make_dataset(order: DatasetSpec, folder: Path, cluster: str | None) -> int:
+def make_dataset(spec: DatasetSpec, folder: Path, cluster: str | None) -> int:
     """Make a dataset, with a bar on stderr; returns the exit code.
 
     Raises:
         TactemuError: something asked for cannot be had.
     """
     try:
-        estimate = begin(order, folder)
-        typer.echo(f"{folder}: {estimate}, and the wire of {order.bytes_envs} environments")
+        estimate = begin(spec, folder)
+        typer.echo(f"{folder}: {estimate}, and the wire of {spec.bytes_envs} environments")
         columns = (TextColumn("shards"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
         left = (TextColumn("left"), TimeRemainingColumn())
         console = Console(stderr=True)
@@ -32,7 +32,7 @@ def make_dataset(order: DatasetSpec, folder: Path, cluster: str | None) -> int:
             Progress(*columns, *left, console=console, transient=True, disable=not console.is_terminal) as progress,
         ):
             task = progress.add_task("", total=estimate.shards)
-            for more in make(order, folder, cluster):
+            for more in make(spec, folder, cluster):
                 progress.advance(task, more)
     except KeyboardInterrupt:
         typer.echo("stopped; the same command goes on from here", err=True)

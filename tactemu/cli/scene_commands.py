@@ -156,12 +156,12 @@ def dataset(
 
     start_quietly()
     world, (x, y, z) = load(target).tables.scene, shift
-    order = DatasetSpec(
+    spec = DatasetSpec(
         target=target, envs=envs, steps=steps, every=every, seed=world.seed if seed is None else seed,
         device=device or world.device, strands=strands, bytes_envs=min(16, envs) if bytes_envs is None else bytes_envs,
         shift_m=(1e-3 * x, 1e-3 * y, 1e-3 * z), turn_rad=math.radians(turn), compression=compression,
     )  # fmt: skip
-    raise typer.Exit(make_dataset(order, out, cluster))
+    raise typer.Exit(make_dataset(spec, out, cluster))
 
 
 @commands.command("fit")

@@ -1,1 +1,1 @@
-"""Datasets of many environments: shards of readings, and what the wire says of some of them."""
+"""Datasets of many environments: shards of readings, and wire logs of some environments."""

@@ -1,4 +1,4 @@
-"""Reading a dataset back: arrays, as they were felt."""
+"""Reading of a dataset's shards as NumPy arrays."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from tactemu.datasets.spec import FILE
 def read_dataset(
     folder: str | Path, columns: Sequence[str] | None = None, envs: Sequence[int] | None = None
 ) -> dict[str, np.ndarray]:
-    """Return the columns of what ``tactemu dataset`` made, as arrays of a row for each environment at each time.
+    """Return columns of a dataset as arrays, with a row for each environment at each time.
 
     Args:
-        folder: of the dataset.
-        columns: their names, as its data sheet lists them; ``None``: all. ``env``, ``step`` and ``t_ns`` come too.
-        envs: of these environments only; ``None``: all.
+        folder: of the dataset that ``tactemu dataset`` generated.
+        columns: names as the dataset card lists them; ``None``: all. ``env``, ``step`` and ``t_ns`` are always there.
+        envs: numbers of the environments to read; ``None``: all.
 
     Returns:
-        By the names of the columns: shape ``(rows, *shape)``. Within a part of the environments rows are in the order
-        of time, and then of the environments.
+        An array of shape ``(rows, *shape)`` by column name. Within a partition, rows are sorted by time and then by
+        environment.
 
     Raises:
-        TactemuError: there is no dataset, or no such column; pyarrow is not installed.
+        TactemuError: there is no dataset or no such column, or pyarrow is not installed.
     """
     try:
         import pyarrow.dataset as ds
@@ -36,12 +36,14 @@ def read_dataset(
     folder = Path(folder)
     paths = sorted((folder / FOLDER).glob("*/*.parquet"))
     if not (folder / FILE).is_file() or not paths:
-        raise TactemuError(f"{folder}: no dataset is there, or none of its shards")
+        raise TactemuError(
+            f"{folder}: no dataset is there, or it has no shards yet; generate it with `tactemu dataset`"
+        )
     shards = ds.dataset([str(path) for path in paths])
-    known = shards.schema.names
-    wanted = known if columns is None else list(dict.fromkeys(("env", "step", "t_ns", *columns)))
-    if missing := set(wanted) - set(known):
-        raise TactemuError(f"{folder}: no column {', '.join(sorted(missing))}; there are: {', '.join(known)}")
+    available = shards.schema.names
+    wanted = available if columns is None else list(dict.fromkeys(("env", "step", "t_ns", *columns)))
+    if missing := set(wanted) - set(available):
+        raise TactemuError(f"{folder}: no column {', '.join(sorted(missing))}; expected {', '.join(available)}")
     chosen = None if envs is None else ds.field("env").isin(list(envs))
     table = shards.to_table(columns=wanted, filter=chosen)
     found = {}

@@ -24,20 +24,20 @@ class Column:
 
     name: str
     shape: tuple[int, ...]
-    """Of one row."""
+    """The shape of one row's value."""
     unit: str
     meaning: str
     dtype: str = "float32"
 
     @property
     def row_bytes(self) -> int:
-        """Of one row, before compression."""
+        """The size of one row's value before compression [byte]."""
         return int(np.prod(self.shape)) * np.dtype(self.dtype).itemsize
 
 
 @dataclass(frozen=True)
 class Shard:
-    """Rows ``first_row`` to ``end_row`` of environments ``first_env`` to ``end_env``."""
+    """Rows ``first_row`` to ``end_row - 1`` of the environments ``first_env`` to ``end_env - 1``."""
 
     first_env: int
     end_env: int
@@ -45,24 +45,24 @@ class Shard:
     end_row: int
 
     def path(self, folder: Path) -> Path:
-        """Where it is."""
+        """Return the path of the shard's file in a dataset's folder."""
         partition = f"envs-{self.first_env:06d}-{self.end_env - 1:06d}"
         return folder / FOLDER / partition / f"rows-{self.first_row:08d}-{self.end_row - 1:08d}.parquet"
 
 
-def shards_of(order: DatasetSpec, columns: list[Column], first: int, end: int) -> list[Shard]:
-    """The shards of the environments ``first`` to ``end``, in the order in which they are written."""
+def shards_of(spec: DatasetSpec, columns: list[Column], first: int, end: int) -> list[Shard]:
+    """Return the shards of the environments ``first`` to ``end - 1``, in the order in which they are written."""
     row_bytes = 16 + sum(column.row_bytes for column in columns)
     rows = max(1, SHARD_BYTES // (row_bytes * (end - first)))
-    return [Shard(first, end, k, min(k + rows, order.rows)) for k in range(0, order.rows, rows)]
+    return [Shard(first, end, k, min(k + rows, spec.rows)) for k in range(0, spec.rows, rows)]
 
 
-class Rows:
-    """Room for the rows of a shard, filled while it is simulated, and used again for a later one.
+class RowBuffer:
+    """A buffer for the rows of a shard, filled during the simulation and then reused for a later shard.
 
     Args:
         columns: of the dataset.
-        shard: the first that it is for; no later one is larger.
+        shard: the first shard; no later one is larger.
     """
 
     def __init__(self, columns: list[Column], shard: Shard):
@@ -72,14 +72,14 @@ class Rows:
         self._step, self._t_ns = np.empty((n_rows, n_envs), np.int32), np.empty((n_rows, n_envs), np.int64)
 
     def put(self, row: int, step: int, t_ns: int, values: Iterator[tuple[str, np.ndarray]]) -> None:
-        """The readings of one row of all environments."""
+        """Store one row of all environments."""
         k = row - self.shard.first_row
         self._step[k], self._t_ns[k] = step, t_ns
         for name, array in values:
             self._values[name][k] = array
 
     def write(self, path: Path, compression: str) -> None:
-        """Write all of it; the file is there once it is whole."""
+        """Write the shard; the file appears under its name once it is complete."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -103,54 +103,54 @@ class Rows:
 
 
 class Writer:
-    """Writes shards, several at a time, by threads of its own, and after each what the simulation was then.
+    """A pool of threads that write shards and, after each shard, the state of the simulation at its end.
 
     Args:
         folder: of the dataset.
         columns: of the dataset.
         compression: of the shards.
-        threads: how many write.
+        threads: number of threads.
     """
 
     def __init__(self, folder: Path, columns: list[Column], compression: str, threads: int):
         self._folder, self._columns, self._compression = folder, columns, compression
         self._pool = ThreadPoolExecutor(max_workers=threads, thread_name_prefix="shards")
-        self._most, self._free = threads + 1, []
-        self._writing: deque[Future[Rows]] = deque()
+        self._max_pending, self._free = threads + 1, []
+        self._writing: deque[Future[RowBuffer]] = deque()
 
-    def rows(self, shard: Shard) -> Rows:
-        """Room for a shard; waits where all is in use.
+    def rows(self, shard: Shard) -> RowBuffer:
+        """Return a buffer for a shard, once one is free.
 
         Raises:
             OSError: an earlier shard could not be written.
         """
-        while self._writing and (self._writing[0].done() or len(self._writing) >= self._most):
+        while self._writing and (self._writing[0].done() or len(self._writing) >= self._max_pending):
             self._free.append(self._writing.popleft().result())
         if not self._free:
-            return Rows(self._columns, shard)
+            return RowBuffer(self._columns, shard)
         rows = self._free.pop()
         rows.shard = shard
         return rows
 
-    def put(self, rows: Rows, state: Mapping[str, Any]) -> None:
-        """Write a shard, and keep the state once it and all before it are there."""
+    def put(self, rows: RowBuffer, state: Mapping[str, Any]) -> None:
+        """Write a shard in the background, and the state once this shard and all earlier ones are written."""
         before = self._writing[-1] if self._writing else None
         self._writing.append(self._pool.submit(self._write, rows, state, before))
 
     def wait(self) -> None:
-        """Until all is written.
+        """Wait until all shards are written.
 
         Raises:
-            OSError: it could not be.
+            OSError: a shard could not be written.
         """
         while self._writing:
             self._writing.popleft().result()
 
     def close(self) -> None:
-        """End the threads, once they have written what they have."""
+        """Stop the threads once they have written their shards."""
         self._pool.shutdown()
 
-    def _write(self, rows: Rows, state: Mapping[str, Any], before: Future[Rows] | None) -> Rows:
+    def _write(self, rows: RowBuffer, state: Mapping[str, Any], before: Future[RowBuffer] | None) -> RowBuffer:
         path = rows.shard.path(self._folder)
         rows.write(path, self._compression)
         if before is not None:
@@ -160,11 +160,11 @@ class Writer:
 
 
 STATE = ".state.npz"
-"""Like what is not whole yet, hidden from those who read all of a folder as Parquet."""
+"""Hidden by its dot, as incomplete files are, from programs that read every file of a folder as Parquet."""
 
 
 def save(state: Mapping[str, Any], path: Path) -> None:
-    """Keep a simulation's state (:meth:`tactemu.Simulation.state`) and the row it is at; whole, or as it was."""
+    """Write a simulation's state (:meth:`tactemu.Simulation.state`) with its counters; the file is replaced at once."""
     counts = {name: np.int64(value) for name, value in state.items() if name != "memory"}
     arrays = {f"memory{k}": array for k, array in enumerate(state["memory"])}
     begun = path.with_name(f"{path.stem}.begun")
@@ -176,7 +176,7 @@ def save(state: Mapping[str, Any], path: Path) -> None:
 
 
 def saved(path: Path) -> dict[str, Any] | None:
-    """What :func:`save` kept; ``None``: nothing is there."""
+    """Return the state that :func:`save` wrote, or None if there is no file."""
     if not path.exists():
         return None
     with np.load(path, allow_pickle=False) as file:

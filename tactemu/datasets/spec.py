@@ -1,4 +1,4 @@
-"""What a dataset is asked to be, checked, and the file that says so beside its shards."""
+"""The specification of a dataset, its checks, and its file beside the shards."""
 
 from __future__ import annotations
 
@@ -14,14 +14,17 @@ from tactemu.version import __version__
 
 FILE = "dataset.json"
 COMPRESSIONS = "lz4", "zstd", "none"
-MOST_ENVS, MOST_STEPS = 10**6, 10**8
+MAX_ENVS = 10**6
+"""Maximum number of environments; file names have six digits for them."""
+MAX_STEPS = 10**8
+"""Maximum number of steps; file names have eight digits for row numbers."""
 SHARD_BYTES = 256 * 2**20
-"""Of a shard before compression, about."""
+"""Approximate size of a shard before compression [byte]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DatasetSpec:
-    """What is made. The same order makes the same shards, here or elsewhere."""
+    """The specification of a dataset. Equal specifications generate equal shards on every machine."""
 
     target: str
     """A scene file or a device."""
@@ -32,18 +35,18 @@ class DatasetSpec:
     seed: int = 0
     device: str = "cpu"
     strands: int = 1
-    """Parts of the environments that are simulated one after another, or side by side on a cluster."""
+    """Number of partitions of the environments, simulated one after another, or in parallel on a cluster."""
     bytes_envs: int = 16
-    """Of the first so many environments what the wire says, too."""
+    """Number of environments, from the first, of which the wire log is written too."""
     shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Bodies start displaced by up to so much along x, y and z, uniformly, in each environment differently."""
+    """Maximum displacement of start positions along x, y and z [m], drawn uniformly for each environment."""
     turn_rad: float = 0.0
-    """... and turned about z by up to so much."""
+    """Maximum rotation of start poses about z [rad], drawn uniformly for each environment."""
     compression: str = "lz4"
 
     def __post_init__(self):
-        whole = {"envs": (1, MOST_ENVS), "steps": (1, MOST_STEPS), "every": (1, self.steps), "strands": (1, self.envs)}
-        for name, (least, most) in (whole | {"bytes_envs": (0, self.envs), "seed": (-(2**63), 2**63 - 1)}).items():
+        limits = {"envs": (1, MAX_ENVS), "steps": (1, MAX_STEPS), "every": (1, self.steps), "strands": (1, self.envs)}
+        for name, (least, most) in (limits | {"bytes_envs": (0, self.envs), "seed": (-(2**63), 2**63 - 1)}).items():
             given = getattr(self, name)
             if not isinstance(given, int) or isinstance(given, bool) or not least <= given <= most:
                 raise TactemuError(f"{name}: expected a whole number from {least} to {most}, got {given!r}")
@@ -54,39 +57,39 @@ class DatasetSpec:
 
     @property
     def ranges(self) -> list[tuple[int, int]]:
-        """The environments of each strand, ``(first, end)``."""
+        """The environments of each partition, ``(first, end)`` with ``end`` exclusive."""
         return list(pairwise(self.envs * k // self.strands for k in range(self.strands + 1)))
 
     @property
     def rows(self) -> int:
-        """Of each environment."""
+        """The number of rows of each environment."""
         return self.steps // self.every
 
 
-def remember(order: DatasetSpec, about: dict[str, Any], folder: Path) -> None:
-    """Write what is made beside the shards, or check that it is what was begun there.
+def write_spec(spec: DatasetSpec, about: dict[str, Any], folder: Path) -> None:
+    """Write the specification beside the shards, or check that it equals the one that is there.
 
     Raises:
         TactemuError: the folder holds something else, or cannot be written.
     """
-    said = json.loads(json.dumps({"tactemu": __version__, "order": asdict(order), **about}))
+    content = json.loads(json.dumps({"tactemu": __version__, "order": asdict(spec), **about}))
     path = folder / FILE
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if not path.exists():
             if any(folder.iterdir()):
-                raise TactemuError(f"{folder}: there are other files in it; give an empty folder, or a new one")
-            path.write_text(json.dumps(said, indent=2) + "\n", encoding="utf-8")
+                raise TactemuError(f"{folder}: there are other files in it; name an empty folder or a new one")
+            path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
             return
         before = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise TactemuError(f"{path}: {error}") from None
-    if changed := list(_changed(before, said)):
-        raise TactemuError(f"{folder}: another dataset was begun there ({'; '.join(changed)}); give another folder")
+    if changed := list(_changed(before, content)):
+        raise TactemuError(f"{folder}: another dataset was begun there ({'; '.join(changed)}); name another folder")
 
 
 def _changed(before: Any, now: Any, where: str = ""):
-    """What differs, in words."""
+    """Yield each difference between two JSON values as text."""
     if isinstance(before, dict) and isinstance(now, dict):
         for key in sorted(before.keys() | now.keys()):
             yield from _changed(before.get(key), now.get(key), f"{where}.{key}" if where else key)

@@ -1,4 +1,4 @@
-"""How environments differ beside their noise: where bodies start."""
+"""Start poses of bodies, which differ from environment to environment."""
 
 from __future__ import annotations
 
@@ -26,56 +26,56 @@ Start = tuple[np.ndarray, np.ndarray]
 """Position [m] and quaternion (w, x, y, z)."""
 
 
-class Starts:
-    """Where the free bodies of a scene start in each environment: those that are pressed, not those that feel.
+class StartPoses:
+    """The start poses of a scene's free bodies in each environment; bodies that carry a skin keep theirs.
 
-    They are those of ``[[body]]`` tables that are not fixed, and those of an engine's model that hang on no joint.
+    Free bodies are those of ``[[body]]`` tables that are not fixed, and those of an engine's model without a joint.
 
     Args:
         loaded: the scene.
-        order: how far they may be off.
+        spec: with the largest shift and turn.
 
     Raises:
-        TactemuError: they shall be off, and there is none.
+        TactemuError: a shift or turn is asked for, and no body is free.
     """
 
-    def __init__(self, loaded: LoadedScene, order: DatasetSpec):
+    def __init__(self, loaded: LoadedScene, spec: DatasetSpec):
         carriers = {skin.link for skin in loaded.tables.skin if skin.link is not None}
         for skin in loaded.tables.skin:
             carriers |= {place if isinstance(place, str) else place.body for place in skin.links.values()}
-        self._loaded, self._order = loaded, order
+        self._loaded, self._spec = loaded, spec
         self.tables: dict[str, Start] = {
             body.name: (np.array(body.position), rotation.normalised(body.quaternion))
             for body in loaded.tables.body
             if not body.fixed and body.shape != "frame" and body.name not in carriers
         }
-        """Bodies of tables, as the scene has them start."""
+        """Start poses of the bodies of tables, as in the scene."""
         self.engine: dict[str, Start] = {}
-        """Bodies of an engine's model, as that has them start."""
+        """Start poses of the bodies of an engine's model, as in the model."""
         if (engine := read_engine(loaded)) is not None:
             own = {body.name for body in loaded.tables.body}
-            feeling = {engine.source.root(name) for name in carriers - own}
-            self.engine = {name: engine.start_of(name) for name in engine.source.free_bodies if name not in feeling}
+            with_skin = {engine.source.root(name) for name in carriers - own}
+            self.engine = {name: engine.start_of(name) for name in engine.source.free_bodies if name not in with_skin}
         if self._wanted and not self.names:
             raise TactemuError(
                 f"{loaded.source}: no body can start elsewhere: all are fixed, carry a skin, or hang on joints of the "
-                "engine's model; give --shift 0 0 0 and no --turn, and environments differ in their random numbers only"
+                "engine's model; give --shift 0 0 0 and no --turn, then environments differ in random numbers only"
             )
 
     @property
     def names(self) -> list[str]:
-        """Of the bodies that start elsewhere in each environment."""
+        """The names of the bodies that start elsewhere in each environment."""
         return [*self.tables, *self.engine]
 
     @property
     def of_engine(self) -> dict[str, Start]:
-        """Where the engine's bodies start, a row for each environment; empty: as the model says."""
+        """Start poses of the engine's bodies, a row for each environment; empty if none is shifted or turned."""
         if not self._wanted:
             return {}
         return {name: self._drawn(f"engine/{name}", start) for name, start in self.engine.items()}
 
     def drawn(self, name: str) -> Start:
-        """Return position and quaternion of a body of a table at the start, ``(envs, 3)`` and ``(envs, 4)``."""
+        """Return start position and quaternion of a body of a table, shapes ``(envs, 3)`` and ``(envs, 4)``."""
         return self._drawn(name, self.tables[name])
 
     def of(self, env: int) -> LoadedScene:
@@ -91,27 +91,27 @@ class Starts:
 
     @property
     def _wanted(self) -> bool:
-        return any(self._order.shift_m) or self._order.turn_rad != 0
+        return any(self._spec.shift_m) or self._spec.turn_rad != 0
 
     def _drawn(self, stream: str, start: Start) -> Start:
-        order = self._order
-        random = generator(order.seed, f"dataset/{stream}").uniform(-1.0, 1.0, (order.envs, 4))
-        half = 0.5 * order.turn_rad * random[:, 3]
-        turn = np.zeros((order.envs, 4))
+        spec = self._spec
+        random = generator(spec.seed, f"dataset/{stream}").uniform(-1.0, 1.0, (spec.envs, 4))
+        half = 0.5 * spec.turn_rad * random[:, 3]
+        turn = np.zeros((spec.envs, 4))
         turn[:, 0], turn[:, 3] = np.cos(half), np.sin(half)
-        return start[0] + random[:, :3] * order.shift_m, rotation.products(turn, start[1])
+        return start[0] + random[:, :3] * spec.shift_m, rotation.products(turn, start[1])
 
 
-class Moves:
-    """Poses the bodies of a batch at each step: by their motions, from where each environment has them start."""
+class BodyMotions:
+    """A poser of the bodies of a batch: at each step their motion, applied to their start pose in each environment."""
 
-    def __init__(self, scene: Scene, motions: Mapping[str, Motion], starts: Starts, first: int, end: int):
+    def __init__(self, scene: Scene, motions: Mapping[str, Motion], starts: StartPoses, first: int, end: int):
         self._motions, self._starts, self._range = motions, starts, slice(first, end)
         self._bodies = [scene.body(name) for name in dict.fromkeys((*motions, *starts.tables))]
         scene.posers.append(self)
 
     def __call__(self, simulation: Simulation, t_s: float) -> None:
-        """Pose them as they are at a time [s]."""
+        """Set the poses of the bodies at a time [s]."""
         if self._bodies:
             simulation.world.put_all(self._places, np.stack([self._rows(body, t_s) for body in self._bodies]))
 
