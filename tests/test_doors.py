@@ -13,7 +13,7 @@ import serial
 from tactemu.base.errors import SceneError
 from tactemu.integrations.can_bus import TactemuBus
 from tactemu.integrations.protocol_tactemu import Serial
-from tactemu.integrations.target import served
+from tactemu.integrations.target import device_for
 
 ROOT = Path(__file__).parents[1]
 
@@ -120,4 +120,4 @@ def test_mistakes_are_said_in_the_words_of_the_library():
     with pytest.raises(can.CanInitializationError, match="linker_hand_l66"):
         TactemuBus("linker_hand_l66")
     with pytest.raises(SceneError, match="no option"):
-        served("anyskin?depth=1")
+        device_for("anyskin?depth=1")

@@ -12,7 +12,7 @@ import numpy as np
 from tactemu.base.errors import TactemuError
 from tactemu.truth import COMMAND, BodyPose, Entry, Injection, Passage, PortEvent, Sample
 from tactemu.truth.entries import End, Header
-from tactemu.truth.reading import records
+from tactemu.truth.log_reader import records
 
 COUNTED = ("missed", "stretched", "silent", "wire", "device")
 """What a run counts that the entries of its log do not say."""

@@ -18,7 +18,7 @@ def described(emulator: Emulator) -> Callable[[], dict[str, Any]]:
     thread may call it."""
     faults = {channel.name: _faults(channel) for channel in emulator.channels}
     options = {skin["name"] or skin["device"].rpartition(":")[2]: skin for skin in emulator.recipe.get("skin", ())}
-    around = emulator.truth.surroundings
+    around = emulator.truth.context
     return lambda: {
         "scene": {} if around is None else around.description(),
         "devices": {

@@ -32,8 +32,8 @@ from tactemu.control.endpoints import PROTOCOL, Endpoint, uid_of_peer
 from tactemu.control.loop_task import LoopTask
 from tactemu.control.state import row_of
 from tactemu.truth import Sample
-from tactemu.truth.lines import array_text
-from tactemu.truth.lines import row_of as row_of_entry
+from tactemu.truth.jsonl_format import array_text
+from tactemu.truth.jsonl_format import row_of as row_of_entry
 from tactemu.truth.tap import Tap
 
 _logger = logging.getLogger(__name__)

@@ -26,7 +26,7 @@ def defer_statistics(emulator: Emulator, channel: Channel) -> Callable[[], dict[
 def state_of(emulator: Emulator, steered: Mapping[str, Steered]) -> Callable[[], dict[str, Any]]:
     """Return a function that returns the present state: the time [s], bodies with their world poses, skins with their
     ports and latest samples. Call this in the loop; another thread may call the function."""
-    around = emulator.truth.surroundings
+    around = emulator.truth.context
     poses = np.zeros((0, 7)) if around is None else around.poses()
     names = [] if around is None else around.names
     t_s = emulator.now_ns / 1e9

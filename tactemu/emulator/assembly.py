@@ -184,7 +184,7 @@ def assemble(
         channels[skin.title] = _channel(skin, device, SenseReader(felt, device), own, run_options, wire_seed)
     followed = [*played.values(), *([given.readings] if given.readings else [])]
     advanced = Playback(simulation, followed) if followed else simulation
-    truth.surroundings = SceneDescription(simulation, devices, placed)
+    truth.context = SceneDescription(simulation, devices, placed)
     emulator = Emulator(advanced, channels.values(), clock=clock, truth=truth, recipe=_recipe(whole, run_options))
     schedule(emulator, events)
 

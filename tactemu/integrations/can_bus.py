@@ -1,8 +1,8 @@
 """``can.Bus(interface="tactemu", channel="linker_hand_l6")``: a CAN bus with a simulated device on it, in this process.
 
-python-can finds it by its entry point. Options follow the channel after a question mark:
-:func:`tactemu.integrations.target.served`. Buses with the same channel are nodes of one bus; the device is powered on
-with the first and off when the last is shut down.
+python-can finds this module by its entry point. Options follow the channel after a question mark
+(:func:`tactemu.integrations.target.device_for`). Buses with the same channel are nodes of one bus; the device is
+powered on with the first and off when the last is shut down.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from can.bus import CanProtocol
 from can.interfaces.virtual import VirtualBus
 
 from tactemu.base.errors import TactemuError
-from tactemu.integrations.target import served
+from tactemu.integrations.target import device_for
 from tactemu.session.serving import Served
 
 SOCKETCAN = "TACTEMU_SOCKETCAN"
@@ -70,7 +70,7 @@ class TactemuBus(VirtualBus):
 def _start(channel: str) -> _Shared:
     name = f"tactemu-{next(_NUMBERS)}"
     try:
-        return _Shared(served(channel, f"can:virtual:{name}").start(), name)
+        return _Shared(device_for(channel, f"can:virtual:{name}").start(), name)
     except TactemuError as error:
         raise CanInitializationError(f"{channel}: {error}") from error
 

@@ -1,8 +1,8 @@
 """``tactemu://anyskin`` for pyserial: a serial port with a simulated device on it, in this process.
 
 pyserial finds this module after ``serial.protocol_handler_packages.append("tactemu.integrations")``. Options follow a
-question mark: :func:`tactemu.integrations.target.served`. With ``by_hand=yes`` nothing moves but what ``port.served``
-is told to (:class:`tactemu.session.serving.Served`).
+question mark (:func:`tactemu.integrations.target.device_for`). With ``by_hand=yes`` nothing moves until you move it by
+``port.served`` (:class:`tactemu.session.serving.Served`).
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import serial
 
 from tactemu.base.errors import TactemuError
-from tactemu.integrations.target import served
+from tactemu.integrations.target import device_for
 from tactemu.session.serving import Served
 
 
@@ -36,7 +36,7 @@ class Serial(serial.Serial):
             super().open()  # raises what pyserial raises
             return
         try:
-            self.served = served(url).start()
+            self.served = device_for(url).start()
             self.portstr = self.served.port
             super().open()
         except TactemuError as error:

@@ -21,7 +21,7 @@ _OPTIONS: dict[str, Callable[[str], Any]] = {
 }  # fmt: skip
 
 
-def served(target: str, port: str | None = None) -> Served:
+def device_for(target: str, port: str | None = None) -> Served:
     """Return the device that a door leads to, not yet started: ``anyskin``,
     ``hand.toml?rate_hz=200&seed=7&fault=drop 1%``.
 

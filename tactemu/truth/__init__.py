@@ -6,7 +6,7 @@ the same two.
 """
 
 from tactemu.truth.entries import COMMAND, BodyPose, Entry, Injection, Passage, PortEvent, Sample
-from tactemu.truth.reading import Log, Poses, Samples, SkinLog, entries, read, read_log
+from tactemu.truth.log_reader import Log, Poses, Samples, SkinLog, entries, read, read_log
 from tactemu.truth.truth import Truth
 
 __all__ = [

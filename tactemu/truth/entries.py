@@ -16,7 +16,7 @@ from firmware_protocols import Frame
 
 VERSION = 2
 """Of the log's format, in both encodings."""
-LARGEST_TIME = 2**63 - 1
+MAX_TIME_NS = 2**63 - 1
 """Times are integers of 64 bits [ns]."""
 
 COMMAND = "command "
@@ -121,7 +121,7 @@ class End(NamedTuple):
 Entry = Sample | Passage | Injection | PortEvent | BodyPose
 
 
-def is_of(entry: Entry, skin: str | None) -> bool:
+def belongs_to(entry: Entry, skin: str | None) -> bool:
     """Whether an entry is of this skin, or of the bus that it is on; ``None``: of any. Bodies are everybody's."""
     return skin is None or isinstance(entry, BodyPose) or skin == entry.device or skin in entry.device.split("+")
 
@@ -152,7 +152,7 @@ def checked_header(version: Any, origin_ns: Any, scene: Any = None, ends: Any = 
         raise ValueError(f"version: expected a number from 1, got {version!r:.60}")
     if version > VERSION:
         raise ValueError(f"the log has version {version}, this tactemu reads up to {VERSION}: update it")
-    if origin_ns is not None and not (_is_integer(origin_ns) and abs(origin_ns) <= LARGEST_TIME):
+    if origin_ns is not None and not (_is_integer(origin_ns) and abs(origin_ns) <= MAX_TIME_NS):
         raise ValueError(f"origin_ns: expected an integer of 64 bits, got {origin_ns!r:.60}")
     if not isinstance(scene, dict | None):
         raise ValueError(f"scene: expected an object, got {scene!r:.60}")
@@ -165,7 +165,7 @@ def checked_end(lost: Any, summary: Any) -> End:
     Raises:
         ValueError: it is none.
     """
-    if not _is_integer(lost) or not 0 <= lost <= LARGEST_TIME:
+    if not _is_integer(lost) or not 0 <= lost <= MAX_TIME_NS:
         raise ValueError(f"lost: expected a number, got {lost!r:.60}")
     if not isinstance(summary, list) or not all(isinstance(each, dict) and "skin" in each for each in summary):
         raise ValueError(f"summary: expected a list of objects with a skin, got {summary!r:.60}")

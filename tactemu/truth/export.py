@@ -11,9 +11,9 @@ import numpy as np
 from firmware_protocols import CanFrame
 from tactemu.base.errors import TactemuError
 from tactemu.truth import Passage, Sample, entries
-from tactemu.truth.entries import End, Header, is_of
+from tactemu.truth.entries import End, Header, belongs_to
+from tactemu.truth.log_reader import records
 from tactemu.truth.memory import size_of
-from tactemu.truth.reading import records
 from tactemu.truth.recorder import CAN_FORMATS, Recorder
 from tactemu.truth.recording import Entry
 from tactemu.truth.writer import SUFFIXES, LogWriter
@@ -67,9 +67,9 @@ def _samples(path: Path, target: Path, skin: str | None, sense: str | None) -> i
     return count
 
 
-def _prefixed(first: Sample, rest: Iterable[Sample]) -> Iterable[Sample]:
+def _prefixed(first: Sample, others: Iterable[Sample]) -> Iterable[Sample]:
     yield first
-    yield from rest
+    yield from others
 
 
 def _columns(sample: Sample) -> list[str]:
@@ -93,7 +93,7 @@ def _numbers(sample: Sample) -> list:
 def _can_frames(path: Path, target: Path, skin: str | None) -> int:
     with Recorder(target) as recorder:
         for entry in entries(path):
-            if isinstance(entry, Passage) and entry.kind != "drop" and is_of(entry, skin):
+            if isinstance(entry, Passage) and entry.kind != "drop" and belongs_to(entry, skin):
                 if isinstance(entry.frame, CanFrame):
                     recorder.add(Entry(entry.t_ns, entry.frame, entry.kind))
         if not recorder.count:
@@ -108,11 +108,11 @@ def _everything(path: Path, target: Path, skin: str | None) -> int:
     log.block_when_full = True
     try:
         for record in records(path):
-            if isinstance(record, Header) or not log.begun:
+            if isinstance(record, Header) or not log.has_begun:
                 log.begin(record if isinstance(record, Header) else Header())
             if isinstance(record, End):
                 end = record
-            elif not isinstance(record, Header) and is_of(record, skin):
+            elif not isinstance(record, Header) and belongs_to(record, skin):
                 log.put(record, size_of(record))
                 count += 1
     finally:

@@ -16,7 +16,7 @@ DEFAULT_KEEP = "256MB"
 """What all runs of a process that are not told otherwise keep together."""
 _OBJECTS_OF_SAMPLE, _OBJECTS_OF_FRAME = 800, 250
 """What Python needs for the objects around the numbers, roughly [bytes]."""
-_AT_ONCE = 1 << 15
+_MIN_RELEASED_BYTES = 1 << 15
 """Bytes that are let go together, so that not every entry pays for the looking."""
 _UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "ki": 2**10, "mi": 2**20, "gi": 2**30}
 _SIZE = re.compile(r"\s*(\d+(?:\.\d*)?)\s*([kmg]i?)?b?\s*", re.IGNORECASE)
@@ -52,7 +52,7 @@ class Budget:
         self.spent = sum(memory.bytes for memory in self.memories)
         while self.spent > self.limit:
             most = max(self.memories, key=lambda memory: memory.bytes)
-            goal = most.bytes - min(most.bytes, max(self.spent - self.limit, _AT_ONCE))
+            goal = most.bytes - min(most.bytes, max(self.spent - self.limit, _MIN_RELEASED_BYTES))
             while most.bytes > goal:
                 self.spent -= most.forget_oldest()
 

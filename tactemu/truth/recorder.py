@@ -73,7 +73,7 @@ class Recorder:
         """
         if self._log is None and not isinstance(entry.frame, CanFrame):
             raise TactemuError(f"{self.path}: {self.path.suffix} holds CAN frames; record bytes to .mcap or .jsonl")
-        if self._can is None and not (self._log is not None and self._log.begun):
+        if self._can is None and not (self._log is not None and self._log.has_begun):
             self.start()
         self.count += 1
         if self._log is not None:

@@ -61,9 +61,9 @@ class Truth:
         "_memory",
         "_writers",
         "_taps",
-        "_told",
+        "_has_sinks",
         "origin_ns",
-        "surroundings",
+        "context",
         "_poses",
     )
 
@@ -75,7 +75,7 @@ class Truth:
             check_overwriting(Path(path), map(Path, reads))
         self._writers = [LogWriter(path)] if path is not None else []
         self._taps: tuple[Watcher, ...] = ()
-        self._told = bool(self._writers)
+        self._has_sinks = bool(self._writers)
         """Whether anybody is told of samples, frames, faults and events."""
         self._latest: dict[str, dict[str, Sample]] = {}
         self._latest_frames: dict[str, Frame | CanFrames] = {}
@@ -88,7 +88,7 @@ class Truth:
         """Entries by kind."""
         self.origin_ns: int | None = None
         """The machine's monotonic clock at ``t_ns = 0``, where the run follows it; set it before the first entry."""
-        self.surroundings: LogContext | None = None
+        self.context: LogContext | None = None
         """Described in the file, with the poses of bodies that move; set it before the first entry."""
         self._poses = np.zeros((0, 7))
         """As last written."""
@@ -173,7 +173,7 @@ class Truth:
         entry = Sample(t_ns, device, ideal, measured, counts, number, sense)
         self._latest.setdefault(device, {})[sense] = entry
         self._memory.add_sample(entry)
-        if self._told:
+        if self._has_sinks:
             self._log(entry)
         if self._writers:
             self._log_poses(t_ns)
@@ -184,7 +184,7 @@ class Truth:
         self.counts["tx"] += 1
         self._latest_frames[device] = frame
         self._memory.add_frame(t_ns, device, frame)
-        if self._told:
+        if self._has_sinks:
             self._log(Passage(t_ns, device, "tx", frame, sample, late_ns=late_ns))
 
     def wrote_all(self, t_ns: int, device: str, frames: CanFrames, sample: int | None = None, late_ns: int = 0) -> None:
@@ -192,20 +192,20 @@ class Truth:
         self.counts["tx"] += len(frames)
         self._latest_frames[device] = frames
         self._memory.add_frame(t_ns, device, frames)
-        if self._told:
+        if self._has_sinks:
             for frame in frames:
                 self._log(Passage(t_ns, device, "tx", frame, sample, late_ns=late_ns))
 
     def received(self, t_ns: int, device: str, frame: Frame) -> None:
         """Something arrived from the driver."""
         self.counts["rx"] += 1
-        if self._told:
+        if self._has_sinks:
             self._log(Passage(t_ns, device, "rx", frame))
 
     def dropped(self, t_ns: int, device: str, frame: Frame, why: str, sample: int | None = None) -> None:
         """A frame never left."""
         self.counts["drop"] += 1
-        if self._told:
+        if self._has_sinks:
             self._log(Passage(t_ns, device, "drop", frame, sample, why))
 
     def inject(
@@ -222,13 +222,13 @@ class Truth:
         self.injected[what] += 1
         self.injected_by_device.setdefault(device, Counter())[what] += 1
         self.counts["inject"] += 1
-        if self._told:
+        if self._has_sinks:
             self._log(Injection(t_ns, device, what, detail, _as_text(before), tuple(map(_as_text, after))))
 
     def event(self, t_ns: int, device: str, what: str) -> None:
         """The port was opened or closed, the baud rate changed ..."""
         self.counts["event"] += 1
-        if self._told:
+        if self._has_sinks:
             self._log(PortEvent(t_ns, device, what))
 
     # -- life ----------------------------------------------------------------------------------------------------------
@@ -243,7 +243,7 @@ class Truth:
         self.origin_ns = origin_ns
         for writer in self._writers:
             writer.block_when_full = block_when_full
-            if not writer.begun:
+            if not writer.has_begun:
                 writer.begin(self._header())
 
     def write_also(self, path: str | Path, *, flush_s: float | None = None) -> None:
@@ -254,17 +254,17 @@ class Truth:
             OSError: the file cannot be written.
         """
         self._writers.append(LogWriter(path, flush_s=flush_s))
-        self._told = True
+        self._has_sinks = True
 
     def tap(self, tap: Watcher) -> None:
         """Have samples, frames, faults and events told to somebody who watches, too. Safe from any thread."""
         self._taps = (*self._taps, tap)
-        self._told = True
+        self._has_sinks = True
 
     def untap(self, tap: Watcher) -> None:
         """And no more. Safe from any thread, and twice."""
         self._taps = tuple(each for each in self._taps if each is not tap)
-        self._told = bool(self._writers or self._taps)
+        self._has_sinks = bool(self._writers or self._taps)
 
     def after_restore(self) -> None:
         """A state was restored: what memory keeps is of what came after it, counters go on from it."""
@@ -278,26 +278,26 @@ class Truth:
     def _log(self, entry: Entry) -> None:
         size = size_of(entry)
         for writer in self._writers:
-            if not writer.begun:
+            if not writer.has_begun:
                 writer.begin(self._header())
             writer.put(entry, size)
         for tap in self._taps:
             tap.put(entry)
 
     def _header(self) -> Header:
-        around = self.surroundings
+        around = self.context
         return Header(self.origin_ns, scene=None if around is None else around.description())
 
     def _log_poses(self, t_ns: int) -> None:
         """Those that have changed since the last sample."""
-        if self.surroundings is None:
+        if self.context is None:
             return
-        poses = self.surroundings.poses()
+        poses = self.context.poses()
         known = self._poses.shape == poses.shape
         moved = np.flatnonzero((poses != self._poses).any(axis=1)) if known else np.arange(len(poses))
         for b in moved.tolist():
             x, y, z, *quaternion = poses[b].tolist()
-            self._log(BodyPose(t_ns, self.surroundings.names[b], (x, y, z), tuple(quaternion)))
+            self._log(BodyPose(t_ns, self.context.names[b], (x, y, z), tuple(quaternion)))
         self._poses = poses
 
 

@@ -22,20 +22,20 @@ from typing import Any
 from tactemu.base.errors import TactemuError
 from tactemu.base.files import remove_at_end
 from tactemu.truth.entries import End, Entry, Header
-from tactemu.truth.lines import LinesWriter
-from tactemu.truth.packed import PackedWriter
+from tactemu.truth.jsonl_format import JsonlWriter
+from tactemu.truth.mcap_format import McapWriter
 
 SUFFIXES = (".mcap", ".jsonl")
 """Formats of a log, by the suffix of its file."""
-WAITING_BYTES = 64_000_000
+MAX_WAITING_BYTES = 64_000_000
 """What may wait for the disk."""
-_FLUSH_S = 2.0
+_MAX_UNSAVED_S = 2.0
 """How much time a log may lack when its process is killed."""
-_LOOK_S = 0.02
+_POLL_PERIOD_S = 0.02
 """How often the thread looks for entries."""
-_SLICE_S, _REST_S, _HURRIED_REST_S = 5e-5, 5e-4, 5e-5
-_LONGEST_SLICE_S = 1e-3
-_HURRY_BYTES = 1_000_000
+_SLICE_S, _PAUSE_S, _MIN_PAUSE_S = 5e-5, 5e-4, 5e-5
+_MAX_SLICE_S = 1e-3
+_MIN_PAUSE_BYTES = 1_000_000
 """The more waits, the less the thread rests; from here on as little as it can."""
 
 _logger = logging.getLogger(__name__)
@@ -70,7 +70,7 @@ class LogWriter:
         self, path: str | Path, *, report: Callable[[str], None] = _logger.error, flush_s: float | None = None
     ):
         self.path, self._report = Path(path), report
-        self._flush_s = _FLUSH_S if flush_s is None else flush_s
+        self._flush_s = _MAX_UNSAVED_S if flush_s is None else flush_s
         check_suffix(self.path)
         self.error: Exception | None = None
         """Why nothing is written any more."""
@@ -78,7 +78,7 @@ class LogWriter:
         """Let the loop wait rather than lose entries: where time is virtual."""
         self._made = not self.path.exists()
         self._file = _File(self.path)
-        self._format: LinesWriter | PackedWriter | None = None
+        self._format: JsonlWriter | McapWriter | None = None
         self._entries: deque[tuple[Entry, int]] = deque()
         self._handed_over = self._taken = self._refused = 0
         self._unsaved = self._failed = 0
@@ -92,7 +92,7 @@ class LogWriter:
         remove_at_end(lambda: (writer := this()) and writer._remove_empty())
 
     @property
-    def begun(self) -> bool:
+    def has_begun(self) -> bool:
         """Whether there is something in the file."""
         return self._thread is not None
 
@@ -109,7 +109,7 @@ class LogWriter:
     def begin(self, header: Header) -> None:
         """Overwrite what was there, and start."""
         self._file.truncate()
-        begun = self._format = (LinesWriter if self.path.suffix == ".jsonl" else PackedWriter)(self._file)
+        begun = self._format = (JsonlWriter if self.path.suffix == ".jsonl" else McapWriter)(self._file)
         self._attempt(lambda: begun.begin(header))
         self._thread = threading.Thread(target=self._work, name="tactemu-log", daemon=True)
         self._thread.start()
@@ -119,12 +119,12 @@ class LogWriter:
         if self.error is not None:
             self._refused += 1
             return
-        if self.waiting + size > WAITING_BYTES and self.waiting:
+        if self.waiting + size > MAX_WAITING_BYTES and self.waiting:
             if not self.block_when_full:
                 self._lose_for_slowness(entry)
                 return
-            while self.waiting + size > WAITING_BYTES and self.waiting and self.error is None:
-                time.sleep(_REST_S)
+            while self.waiting + size > MAX_WAITING_BYTES and self.waiting and self.error is None:
+                time.sleep(_PAUSE_S)
         self._handed_over += size
         self._entries.append((entry, size))
 
@@ -157,7 +157,7 @@ class LogWriter:
 
     def _work(self) -> None:
         flushed = time.monotonic()
-        while not self._closing.wait(_LOOK_S):
+        while not self._closing.wait(_POLL_PERIOD_S):
             self._attempt(self._write_waiting)
             if self._unsaved and time.monotonic() - flushed > self._flush_s:
                 self._attempt(self._save)
@@ -173,13 +173,13 @@ class LogWriter:
             entry, size = self._entries.popleft()
             self._unsaved += 1
             for _ in self._format.add(entry):
-                since = self._rest(since)
+                since = self._yield_to_loop(since)
             self._taken += size
-            if self._format.saved:
+            if self._format.is_saved:
                 self._mark()
-            since = self._rest(since)
+            since = self._yield_to_loop(since)
 
-    def _rest(self, since: float) -> float:
+    def _yield_to_loop(self, since: float) -> float:
         """Let the loop have the interpreter after a slice of work. It needs none when the run is over.
 
         On a busy machine a rest lasts longer than it should, and the next slice as much longer: its share stays.
@@ -187,10 +187,10 @@ class LogWriter:
         now = time.perf_counter()
         if now - since < self._slice_s or self._closing.is_set():
             return since
-        rest_s = max(_HURRIED_REST_S, _REST_S * (1 - self.waiting / _HURRY_BYTES))
-        time.sleep(rest_s)
+        pause_s = max(_MIN_PAUSE_S, _PAUSE_S * (1 - self.waiting / _MIN_PAUSE_BYTES))
+        time.sleep(pause_s)
         rested = time.perf_counter()
-        self._slice_s = min(_SLICE_S * (rested - now) / rest_s, _LONGEST_SLICE_S)
+        self._slice_s = min(_SLICE_S * (rested - now) / pause_s, _MAX_SLICE_S)
         return rested
 
     def _save(self) -> None:
@@ -228,7 +228,7 @@ class _File:
 
     def __init__(self, path: Path):
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o666)
-        self._at = self._whole = 0
+        self._written_bytes = self._complete_bytes = 0
         self.closed = False
 
     def write(self, data: bytes) -> int:
@@ -237,27 +237,27 @@ class _File:
         Raises:
             OSError: it does not fit.
         """
-        rest = memoryview(data)
-        while rest:
-            rest = rest[os.write(self._fd, rest) :]
-        self._at += len(data)
+        unwritten = memoryview(data)
+        while unwritten:
+            unwritten = unwritten[os.write(self._fd, unwritten) :]
+        self._written_bytes += len(data)
         return len(data)
 
     def tell(self) -> int:
         """Return bytes written."""
-        return self._at
+        return self._written_bytes
 
     def flush(self) -> None:
         """Nothing waits here."""
 
     def mark(self) -> None:
         """What is written so far is whole."""
-        self._whole = self._at
+        self._complete_bytes = self._written_bytes
 
     def cut(self) -> None:
         """Leave what is whole."""
         with contextlib.suppress(OSError):
-            os.ftruncate(self._fd, self._whole)
+            os.ftruncate(self._fd, self._complete_bytes)
 
     def truncate(self) -> None:
         """Empty the file; what is none (a device, a pipe) has nothing to lose."""

@@ -5,7 +5,7 @@ import sys
 import pytest
 
 from tactemu.truth.entries import PortEvent
-from tactemu.truth.reading import records
+from tactemu.truth.log_reader import records
 
 OPENED = """
 import os, serial, sys, time

@@ -7,7 +7,7 @@ import tactemu as tt
 from tactemu.truth.export import export
 from tactemu.truth.memory import DEFAULT_KEEP, parse_size
 from tactemu.truth.messages import EVENT, FRAME, INJECTION, POSE
-from tactemu.truth.writer import WAITING_BYTES
+from tactemu.truth.writer import MAX_WAITING_BYTES
 from tests.truth.telling import Around, tell
 
 PAGE = (Path(__file__).parents[2] / "docs" / "truth-log.md").read_text()
@@ -30,7 +30,7 @@ def test_the_lines_are_those_that_are_written(tmp_path):
 def test_the_example_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     log = tt.Truth("truth.mcap")
-    log.surroundings = Around()
+    log.context = Around()
     tell(log)
     log.close()
     names: dict = {}
@@ -47,4 +47,4 @@ def test_the_messages_have_the_fields_that_it_names():
 
 def test_the_bounds_are_those_of_the_code():
     assert f"{parse_size(DEFAULT_KEEP) // 10**6} MB a process" in PAGE
-    assert f"({WAITING_BYTES // 10**6} MB)" in PAGE
+    assert f"({MAX_WAITING_BYTES // 10**6} MB)" in PAGE

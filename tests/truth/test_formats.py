@@ -10,7 +10,7 @@ from firmware_protocols import CanFrame
 from tactemu.base.errors import TactemuError
 from tactemu.truth import Injection, Passage, PortEvent, Truth, entries, read
 from tactemu.truth.entries import Header
-from tactemu.truth.lines import array_text
+from tactemu.truth.jsonl_format import array_text
 from tactemu.truth.writer import LogWriter
 from tests.truth.telling import CAN, COUNTS, IDEAL, Around, tell
 
@@ -74,7 +74,7 @@ def test_read_log_stacks_the_samples_bit_for_bit(path):
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_bodies_and_what_is_where(tmp_path, suffix):
     log = Truth(tmp_path / f"t{suffix}")
-    log.surroundings = Around()
+    log.context = Around()
     tell(log)
     log.close()
     back = tt.read_log(tmp_path / f"t{suffix}")
@@ -175,7 +175,7 @@ def test_a_later_version_is_refused_with_what_to_do(tmp_path, suffix):
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_a_file_that_was_cut_off_opens_up_to_what_is_whole(tmp_path, suffix, monkeypatch):
-    monkeypatch.setattr("tactemu.truth.packed._CHUNK_BYTES", 1000)
+    monkeypatch.setattr("tactemu.truth.mcap_format._CHUNK_BYTES", 1000)
     path, cut = tmp_path / f"t{suffix}", tmp_path / f"cut{suffix}"
     log = Truth(path)
     for k in range(60):

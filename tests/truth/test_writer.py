@@ -10,8 +10,8 @@ import pytest
 
 import tactemu as tt
 from tactemu.truth import Sample, Truth, entries, writer
-from tactemu.truth.lines import LinesWriter
-from tactemu.truth.packed import PackedWriter
+from tactemu.truth.jsonl_format import JsonlWriter
+from tactemu.truth.mcap_format import McapWriter
 
 SUFFIXES = [".mcap", ".jsonl"]
 
@@ -54,7 +54,7 @@ def test_what_is_in_the_file_and_what_is_lost_is_all(tmp_path, suffix, caplog):
     assert [record.levelno for record in caplog.records] == [logging.ERROR, logging.WARNING], "not written; cut off"
 
 
-class Slow(PackedWriter):
+class Slow(McapWriter):
     """A disk that takes its time."""
 
     gate = threading.Event()
@@ -65,8 +65,8 @@ class Slow(PackedWriter):
 
 
 def test_a_slow_disk_loses_entries_which_the_log_counts(tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr(writer, "WAITING_BYTES", 100_000)
-    monkeypatch.setattr(writer, "PackedWriter", Slow)
+    monkeypatch.setattr(writer, "MAX_WAITING_BYTES", 100_000)
+    monkeypatch.setattr(writer, "McapWriter", Slow)
     monkeypatch.setattr(Slow, "gate", threading.Event())
     log = Truth(tmp_path / "t.mcap")
     told(log, 100)
@@ -99,7 +99,7 @@ class BusyMachine:
 def test_the_thread_has_its_share_of_a_busy_machine(tmp_path, monkeypatch):
     """It fell behind by the length of the run, which the end of the run then waited for."""
     log = writer.LogWriter(tmp_path / "t.jsonl")
-    log._format = LinesWriter(log._file)
+    log._format = JsonlWriter(log._file)
     for k in range(100):
         log.put(Sample(k, "a", *np.zeros((2, 1000, 3), np.float32), np.zeros(1000, int), k), 32_000)
     clock = BusyMachine()
@@ -111,7 +111,7 @@ def test_the_thread_has_its_share_of_a_busy_machine(tmp_path, monkeypatch):
 
 
 def test_where_time_is_virtual_the_loop_waits_instead(tmp_path, monkeypatch):
-    monkeypatch.setattr(writer, "WAITING_BYTES", 10_000)
+    monkeypatch.setattr(writer, "MAX_WAITING_BYTES", 10_000)
     log = Truth(tmp_path / "t.jsonl")
     log.begin(block_when_full=True)
     told(log, 100)

@@ -10,10 +10,10 @@ from typing import Protocol
 
 from tactemu.base.errors import TactemuError, nearest
 from tactemu.base.files import move_into_place
-from tactemu.truth.entries import BodyPose, End, Entry, Header, Sample, is_of
+from tactemu.truth.entries import BodyPose, End, Entry, Header, Sample, belongs_to
 from tactemu.truth.export import FORMATS as SUFFIXES
 from tactemu.truth.export import export
-from tactemu.truth.reading import records
+from tactemu.truth.log_reader import records
 
 CONVERTERS = {
     "foxglove.mcap": "tactemu.view.conversions.foxglove:FoxgloveFile",
@@ -118,7 +118,7 @@ def _chosen(found: Iterable, skin: str | None, sense: str | None) -> Iterator[He
     for record in found:
         if isinstance(record, Header):
             yield record
-        elif not isinstance(record, End) and is_of(record, skin):
+        elif not isinstance(record, End) and belongs_to(record, skin):
             if sense is None or not isinstance(record, Sample) or record.sense == sense:
                 yield record
 

@@ -20,7 +20,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from tactemu.base.errors import TactemuError
-from tactemu.truth import packed
+from tactemu.truth import mcap_format
 from tactemu.truth.entries import End, Header
 from tactemu.truth.truth import Truth
 from tactemu.view.conversions.converting import EXTRA
@@ -96,7 +96,7 @@ def main() -> int:
     if not begun.poll(_START_TIMEOUT_S * 1e3):  # a read before a writer has opened the pipe would return its end
         return 1
     try:
-        for record in packed.read(os.fdopen(content, "rb")):
+        for record in mcap_format.read(os.fdopen(content, "rb")):
             if isinstance(record, Header):
                 viewer.begin(record)
             elif not isinstance(record, End):

@@ -22,8 +22,8 @@ import matplotlib  # noqa: TID253  this module is imported only to draw
 import numpy as np
 
 from tactemu.base.errors import TactemuError
-from tactemu.truth.entries import Header, Passage, Sample, is_of
-from tactemu.truth.reading import records
+from tactemu.truth.entries import Header, Passage, Sample, belongs_to
+from tactemu.truth.log_reader import records
 from tactemu.view.conversions.drawn_scene import DrawnScene
 
 matplotlib.use("agg")
@@ -103,7 +103,7 @@ def series_of(path: Path, skin: str | None = None, sense: str | None = None) -> 
                 found = _begun(record, described)
             if (record.device, record.sense) == (found.device, found.sense):
                 found.add(record)
-        elif isinstance(record, Passage) and found and record.kind == "tx" and is_of(record, found.device):
+        elif isinstance(record, Passage) and found and record.kind == "tx" and belongs_to(record, found.device):
             if record.sample in found.taken:
                 found.to_wire_ms.append((record.t_ns - found.taken.pop(record.sample)) / 1e6)
     if found is None:

@@ -21,14 +21,14 @@ from tactemu.truth.messages import Decoder, Message, message_of, metadata_of
 
 _CHUNK_BYTES = 1 << 18
 """Before compression. Small, since a chunk is put together without a break."""
-_LARGEST_CHUNK = 1 << 28
-_KEPT_BYTES = 1 << 24
+_MAX_CHUNK_BYTES = 1 << 28
+_MAX_MAPPED_BYTES = 1 << 24
 """Of the file, while it is read."""
 _HEAD, _END = "tactemu", "tactemu end"
 """Names of our metadata records."""
 
 
-class PackedWriter:
+class McapWriter:
     """Writes entries as messages to a file that is open for binary writing."""
 
     def __init__(self, file: Sink):
@@ -38,7 +38,7 @@ class PackedWriter:
         self._writer = Writer(file, chunk_size=_CHUNK_BYTES, compression=CompressionType.LZ4)  # type: ignore[arg-type]
         self._channels: dict[tuple, int] = {}
         self._schemas: dict[str, int] = {}
-        self.saved = True
+        self.is_saved = True
         """Whether everything is in the file."""
 
     def begin(self, header: Header) -> None:
@@ -63,7 +63,7 @@ class PackedWriter:
         time = max(entry.t_ns, 0)  # the container has no negative times; the message has it as it is
         before = self._file.tell()
         self._writer.add_message(channel, time, data, time)
-        self.saved = self._file.tell() != before
+        self.is_saved = self._file.tell() != before
 
     def _channel(self, message: Message, metadata: dict[str, str]) -> int:
         if message.name not in self._schemas:
@@ -120,7 +120,7 @@ def _entries(content: mmap.mmap | IO[bytes]) -> Iterator[Header | Entry | End]:
             elif isinstance(record, Footer):
                 closed = True
             elif isinstance(record, Chunk) and known:
-                read = _forgotten(content, read) if isinstance(content, mmap.mmap) else 0
+                read = _release_pages(content, read) if isinstance(content, mmap.mmap) else 0
                 for each in _unpacked(record):
                     if isinstance(each, Schema):
                         definitions[each.id] = str(each.data, "utf-8")
@@ -139,10 +139,10 @@ def _entries(content: mmap.mmap | IO[bytes]) -> Iterator[Header | Entry | End]:
         yield end._replace(is_cut=not closed)
 
 
-def _forgotten(content: mmap.mmap, before: int) -> int:
+def _release_pages(content: mmap.mmap, before: int) -> int:
     """Let go of the pages that have been read since ``before``, so that memory does not grow with the file."""
     read = content.tell() // mmap.PAGESIZE * mmap.PAGESIZE
-    if read - before < _KEPT_BYTES:
+    if read - before < _MAX_MAPPED_BYTES:
         return before
     content.madvise(mmap.MADV_DONTNEED, before, read - before)
     return read
@@ -157,7 +157,7 @@ def _unpacked(chunk: Any) -> list:
     from lz4.frame import LZ4FrameDecompressor
     from mcap.stream_reader import breakup_chunk
 
-    if chunk.uncompressed_size > _LARGEST_CHUNK:
+    if chunk.uncompressed_size > _MAX_CHUNK_BYTES:
         raise ValueError(f"a chunk of {chunk.uncompressed_size} bytes")
     if chunk.compression == "lz4":
         data = LZ4FrameDecompressor().decompress(chunk.data, max_length=chunk.uncompressed_size)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from tactemu.base.errors import TactemuError
-from tactemu.truth import lines, packed
+from tactemu.truth import jsonl_format, mcap_format
 from tactemu.truth.entries import BodyPose, End, Entry, Header, Injection, Passage, PortEvent, Sample
 from tactemu.truth.writer import check_suffix
 
@@ -31,7 +31,7 @@ def records(path: str | Path) -> Iterator[Header | Entry | End]:
     try:
         with path.open("rb") as file:
             is_open, end = False, None
-            for record in (lines if path.suffix == ".jsonl" else packed).read(file):
+            for record in (jsonl_format if path.suffix == ".jsonl" else mcap_format).read(file):
                 is_open = record.ends if isinstance(record, Header) else is_open
                 if isinstance(record, End):
                     end = record
@@ -62,7 +62,7 @@ def read(path: str | Path) -> Iterator[dict[str, Any]]:
     Raises:
         TactemuError: as :func:`entries`.
     """
-    return map(lines.row_of, entries(path))
+    return map(jsonl_format.row_of, entries(path))
 
 
 @dataclass(frozen=True)

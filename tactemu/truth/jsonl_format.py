@@ -14,7 +14,7 @@ import numpy as np
 
 from tactemu.base import frame_text
 from tactemu.truth.entries import (
-    LARGEST_TIME,
+    MAX_TIME_NS,
     BodyPose,
     End,
     Entry,
@@ -35,10 +35,10 @@ _TEXTS = 1024
 _FLOAT32 = np.dtype(np.float32).str
 _BLOCK = 1 << 16
 """Bytes of lines that are written together."""
-_LONGEST_LINE = 1 << 28
+_MAX_LINE_BYTES = 1 << 28
 
 
-class LinesWriter:
+class JsonlWriter:
     """Writes entries as lines to a file that is open for binary writing."""
 
     def __init__(self, file: Sink):
@@ -47,7 +47,7 @@ class LinesWriter:
         self._size = 0
 
     @property
-    def saved(self) -> bool:
+    def is_saved(self) -> bool:
         """Whether everything is in the file."""
         return not self._parts
 
@@ -157,15 +157,15 @@ def read(file: IO[bytes]) -> Iterator[Header | Entry | End]:
         ValueError: a line is no entry of a log; names the line.
     """
     number = 0
-    while line := file.readline(_LONGEST_LINE):
+    while line := file.readline(_MAX_LINE_BYTES):
         number += 1
-        whole = line.endswith(b"\n")
+        is_complete = line.endswith(b"\n")
         try:
             entry = _entry(json.loads(line), first=number == 1)
         except RecursionError:
             raise ValueError(f"line {number}: nested too deeply") from None
         except (ValueError, OverflowError) as error:
-            if not whole and number > 1 and len(line) < _LONGEST_LINE:
+            if not is_complete and number > 1 and len(line) < _MAX_LINE_BYTES:
                 return
             raise ValueError(f"line {number}: {error}") from None
         yield entry
@@ -212,7 +212,7 @@ def _entry(row: Any, *, first: bool) -> Header | Entry | End:
 
 def _number(row: dict[str, Any], name: str, default: int | None = None) -> int:
     value = row.get(name, default)
-    if not isinstance(value, int) or isinstance(value, bool) or abs(value) > LARGEST_TIME:
+    if not isinstance(value, int) or isinstance(value, bool) or abs(value) > MAX_TIME_NS:
         raise ValueError(f"{name}: expected an integer of 64 bits, got {_short(value)}")
     return value
 
