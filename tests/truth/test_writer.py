@@ -121,7 +121,7 @@ def test_where_time_is_virtual_the_loop_waits_instead(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_a_log_whose_process_is_killed_has_all_but_the_last_moments(tmp_path, suffix, monkeypatch):
-    monkeypatch.setattr(writer, "_FLUSH_S", 0.0)
+    monkeypatch.setattr(writer, "_MAX_UNSAVED_S", 0.0)
     path, copy = tmp_path / f"t{suffix}", tmp_path / f"copy{suffix}"
     log = Truth(path)
     told(log, 10)
