@@ -105,14 +105,14 @@ def test_states_come_at_the_rate_that_is_wished_and_none_is_old(dev, runtime_fol
 
 def test_who_watches_gets_arrays_and_what_happens_on_the_wire(dev):
     with tt.connect() as skin:
-        assert not dev.truth._told, "nobody is told of frames"
+        assert not dev.truth._has_sinks, "nobody is told of frames"
         moments = skin.watch(rate=50, arrays=True, wire=20, skin="anyskin")
         first, second = next(moments), next(moments)
         dev.unplug(0.01)
         rows = [row for _, state in zip(range(6), moments) for row in state["wire"]]
         moments.close()
         latest = skin.sample()
-        assert not dev.truth._told
+        assert not dev.truth._has_sinks
     sample = second["skins"]["anyskin"]["sample"]
     assert sample["measured"].shape == (5, 3) and sample["counts"].dtype == np.float32
     assert latest["number"] >= sample["number"]
