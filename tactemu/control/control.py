@@ -27,7 +27,7 @@ from tactemu.emulator.saving import snapshots
 from tactemu.emulator.scenario import apply_event
 from tactemu.scene.placement import PlacedSkin
 from tactemu.scene.schema import Event
-from tactemu.scene.steering import Leg, Steered, nearest_body, pressing_way
+from tactemu.scene.steering import Steered, Waypoint, nearest_body, press_path
 from tactemu.transports.pty import PtyTransport
 from tactemu.truth import COMMAND
 from tactemu.truth.tap import Tap
@@ -154,18 +154,18 @@ class Control:
     ) -> TaskResult:
         channel = self.channel(skin)
         taxels = self._taxels(channel)
-        in_hand = {name: motion for name, motion in self.steered.items() if motion.taken} or self.steered
+        in_hand = {name: motion for name, motion in self.steered.items() if motion.is_steered} or self.steered
         choose = body is None and self.steered
         name = nearest_body(in_hand, taxels, taxel, self._now_s) if choose else self._body(body)
         here = self.steered[name].world(self._now_s)
-        k = taxels.chosen(taxel, here.position, self._now_s)
+        k = taxels.select_taxel(taxel, here.position, self._now_s)
         target, normal = taxels.positions(self._now_s)[k], taxels.normals(self._now_s)[k]
         gap = float(channel.device.layout.pitches[k])
         shape = self._scene.body(name)
-        legs, back = pressing_way(shape, here, target, normal, depth=depth, clearance=gap, speed=speed)
+        legs, back = press_path(shape, here, target, normal, depth=depth, clearance=gap, speed=speed)
         if seconds is not None:
             down = legs[-1].position
-            legs += [Leg(seconds, down), Leg(float(np.linalg.norm(back - down)) / speed, back)]
+            legs += [Waypoint(seconds, down), Waypoint(float(np.linalg.norm(back - down)) / speed, back)]
         outcome = self._go(name, legs, wait)
         self.steered[name].back = back
         return outcome
@@ -175,7 +175,7 @@ class Control:
         here = self.steered[name].world(self._now_s)
         lifted = self.steered[name].back
         back = here.position if lifted is None else lifted
-        return self._go(name, [Leg(float(np.linalg.norm(back - here.position)) / speed, back)], wait)
+        return self._go(name, [Waypoint(float(np.linalg.norm(back - here.position)) / speed, back)], wait)
 
     def _move(
         self,
@@ -191,7 +191,8 @@ class Control:
         here = self.steered[name].world(self._now_s)
         goal = (here.position if position is None else np.asarray(position, float)) + np.asarray(by, float)
         seconds = max(seconds, float(np.linalg.norm(goal - here.position)) / speed)
-        return self._go(name, [Leg(seconds, goal, None if quaternion is None else np.asarray(quaternion, float))], wait)
+        turn = None if quaternion is None else np.asarray(quaternion, float)
+        return self._go(name, [Waypoint(seconds, goal, turn)], wait)
 
     def _set_pose(self, body: str, **pose: list[float]) -> None:
         if body in self.steered:
@@ -205,16 +206,16 @@ class Control:
         for name in self.steered if body is None else [self._body(body)]:
             self.steered[name].give_back()
 
-    def _go(self, name: str, legs: Sequence[Leg], wait: bool) -> TaskResult:
+    def _go(self, name: str, legs: Sequence[Waypoint], wait: bool) -> TaskResult:
         end_s = self.steered[name].follow(self._now_s, legs)
-        return TaskResult(round(end_s * 1e9), until_sampled=True) if wait and not self._lockstep else TaskResult()
+        return TaskResult(round(end_s * 1e9), sampled=True) if wait and not self._lockstep else TaskResult()
 
     def _body(self, name: str | None) -> str:
         if not self.steered:
             raise TactemuError("no body can be moved: none that is not fixed, carries no skin and follows no joint")
         if name is not None and name not in self.steered:
             raise TactemuError(f"body {name!r} cannot be steered; these can: {', '.join(self.steered)}")
-        in_hand = [each for each, motion in self.steered.items() if motion.taken] or list(self.steered)
+        in_hand = [each for each, motion in self.steered.items() if motion.is_steered] or list(self.steered)
         return name or max(in_hand, key=lambda each: self.steered[each].moved_s)
 
     def _taxels(self, channel: Channel) -> PlacedSkin:
@@ -229,19 +230,19 @@ class Control:
         if checked.skin is not None:
             self.channel(checked.skin)
         apply_event(self.emulator, checked, self._now_s)
-        self.emulator.run_due_actions()
+        self.emulator.act()
 
     def _fault(self, fault: str, skin: str | None = None) -> TaskResult:
         self._inject_event(fault=fault, skin=skin)
-        return TaskResult(until_settled=True)
+        return TaskResult(settled=True)
 
     def _unplug(self, seconds: float | None = None, skin: str | None = None) -> TaskResult:
         self._inject_event(fault="unplug", until=seconds, skin=skin)
-        return TaskResult(until_settled=True)  # the port has gone
+        return TaskResult(settled=True)  # the port has gone
 
     def _mend(self, fault: str | None = None, skin: str | None = None) -> TaskResult:
         mend(self._wires(skin), fault)
-        return TaskResult(until_settled=True)  # the port is there again
+        return TaskResult(settled=True)  # the port is there again
 
     def _set(self, options: Mapping[str, Any], **when: Any) -> None:
         self._inject_event(set=dict(options), until=when.pop("seconds", None), **when)
@@ -287,7 +288,7 @@ class Control:
         else:
             end = now + round(seconds * 1e9)
         clock.go_on(end if until is None else round(until * 1e9))
-        return TaskResult(clock.end_ns, clock.end_ns / 1e9, until_settled=True)
+        return TaskResult(clock.end_ns, clock.end_ns / 1e9, settled=True)
 
     # -- saving
 

@@ -30,7 +30,7 @@ def state_of(emulator: Emulator, steered: Mapping[str, Steered]) -> Callable[[],
     poses = np.zeros((0, 7)) if around is None else around.poses()
     names = [] if around is None else around.names
     t_s = emulator.now_ns / 1e9
-    taken = {name: motion.taken for name, motion in steered.items()}
+    taken = {name: motion.is_steered for name, motion in steered.items()}
     samples = {channel.name: emulator.truth.latest_of(channel.name) for channel in emulator.channels}
     return lambda: {
         "t_s": t_s,

@@ -161,7 +161,7 @@ class _QuantityReader:
         found = []
         for part in self._skin.parts:
             values = part.sensor.pick(self._quantity, hosts[part.sensor, self._truth].numpy())
-            found.append(part.turned(values) if self.column.shape[1:] else values)
+            found.append(part.to_device_frame(values) if self.column.shape[1:] else values)
         if len(found) == 1:
             return found[0]
         joined = np.empty((len(found[0]), *self.column.shape), found[0].dtype)

@@ -99,7 +99,7 @@ class StartPoses:
         half = 0.5 * spec.turn_rad * random[:, 3]
         turn = np.zeros((spec.envs, 4))
         turn[:, 0], turn[:, 3] = np.cos(half), np.sin(half)
-        return start[0] + random[:, :3] * spec.shift_m, rotation.products(turn, start[1])
+        return start[0] + random[:, :3] * spec.shift_m, rotation.multiply_many(turn, start[1])
 
 
 class BodyMotions:
@@ -137,6 +137,6 @@ class BodyMotions:
         if body.name in self._motions:
             by = self._motions[body.name].pose(t_s)
             rows[:, :3] += by.position
-            rows[:, 3:7] = rotation.products(by.quaternion, quaternion)
+            rows[:, 3:7] = rotation.multiply_many(by.quaternion, quaternion)
             rows[:, 7:10], rows[:, 10:] = by.linear_velocity, by.angular_velocity
         return rows

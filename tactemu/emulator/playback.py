@@ -11,7 +11,7 @@ import numpy as np
 from firmware_protocols import Device
 from firmware_protocols.device import VECTORS
 from tactemu.base.errors import SceneError, TactemuError
-from tactemu.scene.placement import ROOM
+from tactemu.scene.placement import AMBIENT
 from tactemu.truth import read_log
 
 
@@ -55,16 +55,16 @@ class RecordedReadings:
         """Move to this time."""
         self._now = max(0, int(np.searchsorted(self.times_ns, t_ns, side="right")) - 1)
 
-    def ambient(self, name: str, t_ns: int, link: str = "") -> Any:
+    def around(self, name: str, t_ns: int, link: str = "") -> Any:
         """Not recorded: room temperature, at rest."""
-        return ROOM[name]
+        return AMBIENT[name]
 
     def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
         """The recorded reading at the present time, whatever quantity it was; shape ``(n_taxels[, 3])``."""
         return (self._ideal if ground_truth else self._measured)[self._now]
 
 
-def recorded_readings(path: Path, of: str | None, skin: str, device: Device) -> RecordedReadings:
+def recorded(path: Path, of: str | None, skin: str, device: Device) -> RecordedReadings:
     """Return the samples of one device in a truth log, as a source for ``device``.
 
     Raises:

@@ -29,8 +29,11 @@ if TYPE_CHECKING:
 
 _logger = logging.getLogger(__name__)
 
-ROOM = {"nconmax": ("contacts", "BROADPHASE", "NARROWPHASE", "CCD"), "njmax": ("constraints", "NEFC", "NJMAX_NNZ")}
-"""Options that make room, for what, and the names of ``mujoco_warp.OverflowType`` where there was none."""
+CAPACITIES = {
+    "nconmax": ("contacts", "BROADPHASE", "NARROWPHASE", "CCD"),
+    "njmax": ("constraints", "NEFC", "NJMAX_NNZ"),
+}
+"""The quantity that each capacity option counts, and the ``mujoco_warp.OverflowType`` flags of its overflow."""
 
 
 class Worlds(Protocol):
@@ -66,7 +69,7 @@ class Worlds(Protocol):
         """Have the simulation take the poses at each step, from now on, and now as the positions are."""
 
 
-class Source(Protocol):
+class BodySource(Protocol):
     """The bodies that an engine added to the scene."""
 
     @property
@@ -78,7 +81,7 @@ class Source(Protocol):
         """Return the body that carries a skin on a geom or body of this name."""
         ...
 
-    def unfelt(self, name: str) -> tuple[int, ...]:
+    def ignored_bodies(self, name: str) -> tuple[int, ...]:
         """Return the places in the scene of what such a skin does not feel."""
         ...
 
@@ -135,29 +138,29 @@ class BatchEngine(ABC):
         self.positions: Any = None
         """Of all joints of the scene that was built last, a Warp array ``(n_envs, n)`` on its device, as the engine has
         them: ``source.column(joint)`` says where each begins."""
-        scene.planners.append(self._join)
+        scene.planners.append(self._add_stage)
 
     @property
     @abstractmethod
-    def source(self) -> Source:
+    def source(self) -> BodySource:
         """The bodies that it added."""
 
     @abstractmethod
-    def begin(self, simulation: Simulation) -> Worlds:
+    def create_worlds(self, simulation: Simulation) -> Worlds:
         """As many environments of the model as the simulation has, at their start, on its device."""
 
-    def _join(self, simulation: Simulation) -> None:
+    def _add_stage(self, simulation: Simulation) -> None:
         import warp as wp
 
         with wp.ScopedDevice(simulation.device):
-            worlds = self.begin(simulation)
+            worlds = self.create_worlds(simulation)
             self.positions = worlds.positions
-            self._put(simulation)
+            self._place_bodies(simulation)
             worlds.bind(simulation)
             arrays = worlds.arrays()
             starts = [wp.clone(array) for array in arrays]
         simulation.context.memory.extend(arrays)
-        check = self._watch(worlds, simulation.context.first_env)
+        check = self._overflow_check(worlds, simulation.context.first_env)
 
         def step() -> None:
             with wp.ScopedDevice(simulation.device):
@@ -175,10 +178,10 @@ class BatchEngine(ABC):
         stage = Stage(name=self.kind, reason=reason, launch=step, reset=reset, check=check)
         simulation.plan.insert(stage, before="bound poses")
 
-    def _watch(self, worlds: Worlds, first_env: int) -> Callable[[], None]:
+    def _overflow_check(self, worlds: Worlds, first_env: int) -> Callable[[], None]:
         """What warns, once, where contacts or constraints are left out because there is no room for them."""
         flags = self._module("mujoco_warp", self.kind).OverflowType
-        data, left = worlds.data, dict(ROOM)
+        data, left = worlds.data, dict(CAPACITIES)
         room = {"nconmax": data.naconmax // data.nworld, "njmax": data.njmax}
 
         def check() -> None:
@@ -218,7 +221,7 @@ class BatchEngine(ABC):
             raise SceneError(f"engine: {name!r} is no body that moves freely{nearest(name, free)} (there are: {known})")
         return free[name]
 
-    def _put(self, simulation: Simulation) -> None:
+    def _place_bodies(self, simulation: Simulation) -> None:
         """Put bodies where their environments have them start."""
         if not self.starts:
             return
@@ -254,12 +257,12 @@ class BatchEngine(ABC):
         """
         return self.source.body_of(name)
 
-    def carries(self, sensor: Sensor) -> None:
+    def attach_sensor(self, sensor: Sensor) -> None:
         """A skin was put on a carrier."""
 
-    def unfelt(self, name: str) -> tuple[int, ...]:
+    def ignored_bodies(self, name: str) -> tuple[int, ...]:
         """Return the places in the scene of what the skin of a geom or body does not feel."""
-        return self.source.unfelt(name)
+        return self.source.ignored_bodies(name)
 
     # -- reading a model ---------------------------------------------------------------------------------------------
 

@@ -39,7 +39,7 @@ CATCH_UP_STEPS = 50
 """Steps of the model that one step of the scene waits for at most, unless two of its steps are more ..."""
 CATCH_UP_S = 1.0
 """... or, with ``on_late = "drop"``, this much of the model's time [s]."""
-STIFF = 1e3
+BROKEN_DAMPING = 1e3
 """Damping of what is broken, so that it stays where it is."""
 
 
@@ -72,7 +72,7 @@ class MujocoEngine:
     def __init__(self, scene: Scene, file: Path, drives: Sequence[Drive] = (), table: MujocoTable | None = None):
         self._mujoco = load_mujoco()
         if self._mujoco.get_mju_user_warning() is None:  # else MuJoCo writes a file where the user happens to be
-            self._mujoco.set_mju_user_warning(_warned)
+            self._mujoco.set_mju_user_warning(_log_mujoco_warning)
         self._table = table or MujocoTable(kind="mujoco", file=str(file))
         self.drives = list(drives)
         check_apart(self.drives)
@@ -92,9 +92,9 @@ class MujocoEngine:
             for k in range(self.model.nbody)
             if self.model.body_mocapid[k] >= 0 and (name := self.model.body(k).name) in given
         ]
-        self._breaks = self._breakable()
+        self._breaks = self._breaking_forces()
         kept = (self.model.geom_contype, self.model.geom_conaffinity, self.model.dof_damping)
-        self._whole = tuple(values.copy() for values in kept)
+        self._unbroken = tuple(values.copy() for values in kept)
         if self._table.friction is not None:
             self.model.geom_friction[:, 0] = self._table.friction
             self.model.pair_friction[:, :2] = self._table.friction
@@ -119,7 +119,7 @@ class MujocoEngine:
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # what is not finite is said, and ends the run
         return model
 
-    def _breakable(self) -> dict[int, float]:
+    def _breaking_forces(self) -> dict[int, float]:
         known = {name: k for k in self.source.geoms if (name := self.model.geom(k).name)}
         for name in self._table.breaks:
             if name not in known:
@@ -157,14 +157,14 @@ class MujocoEngine:
         self.pads[frame] = Pad(frame, np.isin(np.arange(self.model.ngeom), self.source.moving_with(name)))
         return frame
 
-    def carries(self, sensor: Sensor) -> None:
+    def attach_sensor(self, sensor: Sensor) -> None:
         """A skin was put on a carrier."""
         if sensor.link in self.pads:
             self.pads[sensor.link].attach(sensor)
 
-    def unfelt(self, name: str) -> tuple[int, ...]:
+    def ignored_bodies(self, name: str) -> tuple[int, ...]:
         """Return the places in the scene of geoms that the skin of a geom or MuJoCo body does not feel."""
-        return self.source.unfelt(name)
+        return self.source.ignored_bodies(name)
 
     # -- each step ---------------------------------------------------------------------------------------------------
 
@@ -192,7 +192,7 @@ class MujocoEngine:
             here = simulation.pose(body)
             self.data.mocap_pos[index], self.data.mocap_quat[index] = here.position, here.quaternion
         for drive in self.drives:
-            drive.order(self.model, self.data, t_s, t_s - max(steps, 1) * dt)
+            drive.command(self.model, self.data, t_s, t_s - max(steps, 1) * dt)
         if steps > 0:
             self._mujoco.mj_step(self.model, self.data, min(steps, most))
             self._check(t_s)
@@ -207,7 +207,7 @@ class MujocoEngine:
         self._left_out_s = 0.0
         self._break(())
         for drive in self.drives:
-            drive.begin()
+            drive.release()
         for pad in self.pads.values():
             pad.clear()
         self.source.shifts.clear()
@@ -229,7 +229,7 @@ class MujocoEngine:
 
     def _press(self, contacts: Contacts, t_s: float) -> None:
         for geom, limit in self._breaks.items():
-            if geom not in self.source.hidden and (force := _hardest(contacts, geom)) > limit:
+            if geom not in self.source.hidden and (force := _largest_contact_force(contacts, geom)) > limit:
                 self._break((*self.source.hidden, geom))
                 _logger.warning("engine: %s broke under %.2f N at %.3f s", self.model.geom(geom).name, force, t_s)
         for frame, pad in self.pads.items():
@@ -241,13 +241,13 @@ class MujocoEngine:
         model, hidden = self.model, set(broken)
         if hidden == self.source.hidden:
             return
-        model.geom_contype[:], model.geom_conaffinity[:], model.dof_damping[:] = self._whole
+        model.geom_contype[:], model.geom_conaffinity[:], model.dof_damping[:] = self._unbroken
         for geom in hidden:
             model.geom_contype[geom] = model.geom_conaffinity[geom] = 0
             body = int(model.geom_bodyid[geom])
             first = int(model.body_dofadr[body])
             dofs = slice(first, first + int(model.body_dofnum[body]))
-            model.dof_damping[dofs], self.data.qvel[dofs] = STIFF, 0.0
+            model.dof_damping[dofs], self.data.qvel[dofs] = BROKEN_DAMPING, 0.0
         self.source.hidden = hidden
 
     # -- saving ------------------------------------------------------------------------------------------------------
@@ -288,12 +288,12 @@ class MujocoEngine:
         return take
 
 
-def _warned(text: str) -> None:
+def _log_mujoco_warning(text: str) -> None:
     """What MuJoCo warns of; what matters ends the run and is said then."""
     _logger.debug("engine: MuJoCo: %s", text)
 
 
-def _hardest(contacts: Contacts, geom: int) -> float:
+def _largest_contact_force(contacts: Contacts, geom: int) -> float:
     """Return the force of the geom that presses another hardest [N]."""
     mine = contacts.geoms == geom
     touching = mine.any(axis=1)

@@ -22,27 +22,27 @@ from tactemu.geometry.bodies import Body
 if TYPE_CHECKING:
     from tactemu.sensors.sensor import Sensor
 
-FIRST_M, MOST_M = 20e-6, 5e-3
+FIRST_DEPTH_M, MAX_DEPTH_M = 20e-6, 5e-3
 """How deep a skin is pressed at a first touch, and at most [m]."""
-LEAST_N = 1e-6
-EXPONENT, LEAST, MOST, STEEPEST = 2.0, 1.0, 5.0, 500.0
+MIN_FORCE_N = 1e-6
+FIRST_EXPONENT, MIN_EXPONENT, MAX_EXPONENT, MAX_STILL_EXPONENT = 2.0, 1.0, 5.0, 500.0
 """Force goes with this power of the depth until it is known, and with no less and no more: of a flat face it is 1, of a
 ball on springs 2, of what comes to lie on ever more taxels even more. What is so light that its taxels hardly touch is
 steeper by far, which can be told while MuJoCo's contact stands still."""
-KNOWN, KNOWN_STILL = 0.01, 1e-4
+MIN_DEPTH_CHANGE, MIN_STILL_DEPTH_CHANGE = 0.01, 1e-4
 """Depths that differ by this share tell the power: in general, and of a contact that stands still."""
-STILL = 0.01
+STILL_SHARE = 0.01
 """A contact stands still while its force and its overlap change by less than this share."""
-ENOUGH = 2e-3
+FORCE_TOLERANCE = 2e-3
 """A contact that stands still is left as it is once the skin feels its force within this share."""
 BOUND_STEPS = 8
 """Steps for which a depth that was too small or too large bounds the next ones: taxels may roll meanwhile."""
-SLIDES = 0.95
+SLIDING_SHARE = 0.95
 """Drag from this share of friction on is left to how MuJoCo's bodies slide."""
-STIFFEST, SOFTEST, TELLING = 1.0, 0.03, 0.01
+MAX_SHEAR_STIFFNESS, MIN_SHEAR_STIFFNESS, MIN_SHIFT_SHARE = 1.0, 0.03, 0.01
 """A skin is so stiff along its surface, in shares of force per depth; moved by less than a share of its depth it does
 not tell."""
-REACH = 4.0
+REACH_RADII = 4.0
 """A contact is the skin's if a taxel is nearer than so many of its radii."""
 
 
@@ -93,7 +93,7 @@ class Pad:
         """Of the frame, world [m]."""
         self.force = 0.0
         """Of MuJoCo's contacts, along their normals [N]."""
-        self._exponent, self._before = EXPONENT, (0.0, 0.0)
+        self._exponent, self._before = FIRST_EXPONENT, (0.0, 0.0)
         """Of force with depth, and depth and force at the step before, if they are known."""
         self._still = (0.0, 0.0)
         """Force and overlap of MuJoCo's contact since it stands still."""
@@ -112,12 +112,12 @@ class Pad:
         if sensor.chain is None and "force" in sensor.layouts:
             self.sensor = sensor
             self._friction = float(getattr(sensor.model, "friction", 0.0))
-            self._reach = REACH * float(np.max(sensor.probes.radii))
+            self._reach = REACH_RADII * float(np.max(sensor.probes.radii))
 
     def clear(self) -> None:
         """Nothing touches it."""
         self.depth, self.shift, self.force, self._felt = 0.0, np.zeros(3), 0.0, None
-        self._exponent, self._before = EXPONENT, (0.0, 0.0)
+        self._exponent, self._before = FIRST_EXPONENT, (0.0, 0.0)
         self._still, self._bounds = (0.0, 0.0), []
         self.along, self._give, self._pulled = np.zeros(3), 0.0, (np.zeros(3), np.zeros(3))
 
@@ -141,7 +141,7 @@ class Pad:
         away = np.linalg.norm(local[:, None] - self.sensor.probes.positions[None], axis=-1).min(axis=1)
         which = which[away < self._reach]
         self.force = float(contacts.forces[which].sum())
-        if self.force < LEAST_N:
+        if self.force < MIN_FORCE_N:
             self.clear()
             return
         sides = np.where(mine[which, 0], 1.0, -1.0)
@@ -150,14 +150,14 @@ class Pad:
         length = float(np.linalg.norm(inward))
         overlap = float(contacts.depths[which] @ contacts.forces[which]) / self.force
         self._bound(felt, overlap)
-        if self._bounds and abs(felt - self.force) <= ENOUGH * self.force:
+        if self._bounds and abs(felt - self.force) <= FORCE_TOLERANCE * self.force:
             depth = self.depth
         elif felt > 0 and self.depth > 0:
             self._learn(felt)
             depth = self.depth * float(np.clip((self.force / felt) ** (1 / self._exponent), 0.5, 2.0))
         else:
-            depth = max(2 * self.depth, FIRST_M) if self._bounds else max(2 * self.depth, overlap, FIRST_M)
-        self.depth = min(self._between(depth), MOST_M)
+            depth = max(2 * self.depth, FIRST_DEPTH_M) if self._bounds else max(2 * self.depth, overlap, FIRST_DEPTH_M)
+        self.depth = min(self._between(depth), MAX_DEPTH_M)
         self.shift = inward / length * (self.depth - overlap) if length > 0.2 * self.force else np.zeros(3)
         if self._friction and felt > 0:
             drag = -(sides[:, None] * contacts.drags[which]).sum(axis=0)
@@ -171,20 +171,20 @@ class Pad:
         has = across @ self.sensor.quantity("force", ground_truth=True).sum(axis=0)
         wanted = across @ drag
         most, pull = self._friction * felt, float(np.linalg.norm(wanted))
-        wanted *= min(1.0, SLIDES * most / max(pull, LEAST_N))
+        wanted *= min(1.0, SLIDING_SHARE * most / max(pull, MIN_FORCE_N))
         stiff = felt / self.depth
         moved, had = self._pulled
-        if (way := float(moved @ moved)) > (TELLING * self.depth) ** 2:
+        if (way := float(moved @ moved)) > (MIN_SHIFT_SHARE * self.depth) ** 2:
             learnt = float((had - has) @ moved) / way
-            self._give = 1 / float(np.clip(learnt, SOFTEST * stiff, STIFFEST * stiff))
-        along = across @ self.along - (self._give or 1 / (STIFFEST * stiff)) * (wanted - has)
-        along *= min(1.0, most / (SOFTEST * stiff) / max(float(np.linalg.norm(along)), FIRST_M))
+            self._give = 1 / float(np.clip(learnt, MIN_SHEAR_STIFFNESS * stiff, MAX_SHEAR_STIFFNESS * stiff))
+        along = across @ self.along - (self._give or 1 / (MAX_SHEAR_STIFFNESS * stiff)) * (wanted - has)
+        along *= min(1.0, most / (MIN_SHEAR_STIFFNESS * stiff) / max(float(np.linalg.norm(along)), FIRST_DEPTH_M))
         self._pulled, self.along = (along - self.along, has), along
 
     def _bound(self, felt: float, overlap: float) -> None:
         """Remember the depth of this step while MuJoCo's contact stands still."""
         force, deep = self._still
-        if abs(self.force - force) > STILL * force or abs(overlap - deep) > STILL * abs(deep):
+        if abs(self.force - force) > STILL_SHARE * force or abs(overlap - deep) > STILL_SHARE * abs(deep):
             self._still, self._bounds = (self.force, overlap), []
         elif self.depth > 0:
             kept = [(depth, had, steps + 1) for depth, had, steps in self._bounds if steps < BOUND_STEPS]
@@ -204,11 +204,11 @@ class Pad:
     def _learn(self, felt: float) -> None:
         """How force goes with depth here, from this step and the one before."""
         depth, force = self._before
-        known, most = (KNOWN_STILL, STEEPEST) if self._bounds else (KNOWN, MOST)
+        known, most = (MIN_STILL_DEPTH_CHANGE, MAX_STILL_EXPONENT) if self._bounds else (MIN_DEPTH_CHANGE, MAX_EXPONENT)
         if depth > 0 and abs(self.depth / depth - 1) > known:
             slope = np.log(felt / force) / np.log(self.depth / depth)
-            if slope >= LEAST or not self._bounds:  # a solver that has not converged yet is noise
-                self._exponent = float(np.clip(slope, LEAST, most))
+            if slope >= MIN_EXPONENT or not self._bounds:  # a solver that has not converged yet is noise
+                self._exponent = float(np.clip(slope, MIN_EXPONENT, most))
         self._before = self.depth, felt
 
     def felt(self) -> float:

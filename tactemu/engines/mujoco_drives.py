@@ -23,10 +23,10 @@ from tactemu.scene.schema import JointTable
 
 _logger = logging.getLogger(__name__)
 
-LIKELY, ENDLESS = 10.0, 1e3
+MAX_RANGE_RATIO, ENDLESS_TRAVEL = 10.0, 1e3
 """A joint's range in the model is at most so many times that of its motor, and not less than the inverse; a motor that
 goes so many radians or metres has no stops."""
-STABLE = 0.5
+MAX_STIFFNESS_SHARE = 0.5
 """Of stiffness dt² / inertia: a stiffer spring would not be integrated well."""
 
 
@@ -107,11 +107,11 @@ class Drive:
         low, high = self._motors.travel
         travel = ((high - low)[self._motor] * np.abs(self._ratio)).tolist()
         for joint, name, span, ratio in zip(ids, self.joints, travel, self._ratio.tolist()):
-            if model.jnt_limited[joint] and span < ENDLESS * abs(ratio):
+            if model.jnt_limited[joint] and span < ENDLESS_TRAVEL * abs(ratio):
                 self._check_range(name, span, model.jnt_range[joint], int(model.jnt_type[joint]))
         inertia = np.maximum(1 / model.dof_invweight0, model.dof_armature)[self._speeds]  # MuJoCo forgets it at times
         wanted = self._motors.wants(0).stiffness[self._motor] / self._ratio**2
-        self._stiffness = np.minimum(wanted, STABLE * inertia / model.opt.timestep**2)
+        self._stiffness = np.minimum(wanted, MAX_STIFFNESS_SHARE * inertia / model.opt.timestep**2)
         self._damping = 2 * np.sqrt(self._stiffness * inertia)
         soft = [name for name, have, want in zip(self.joints, self._stiffness, wanted) if have < want / 2]
         if soft:
@@ -124,7 +124,7 @@ class Drive:
     def _check_range(self, name: str, travel: float, limits: np.ndarray, kind: int) -> None:
         """Whether a joint's limits can be those of its motor."""
         low, high = map(float, limits)
-        if travel / LIKELY <= high - low <= travel * LIKELY:
+        if travel / MAX_RANGE_RATIO <= high - low <= travel * MAX_RANGE_RATIO:
             return
         unit = "rad" if kind == load_mujoco().mjtJoint.mjJNT_HINGE else "m"
         much = high - low > travel
@@ -139,11 +139,11 @@ class Drive:
 
     # -- each step ---------------------------------------------------------------------------------------------------
 
-    def begin(self) -> None:
+    def release(self) -> None:
         """The model starts anew."""
         self._motors.released()
 
-    def order(self, model: Any, data: Any, t_s: float, since_s: float) -> None:
+    def command(self, model: Any, data: Any, t_s: float, since_s: float) -> None:
         """What the firmware wants at ``t_s`` becomes what the actuators do.
 
         The speed is the mean since ``since_s``: a short move between two steps is no kick at full speed.

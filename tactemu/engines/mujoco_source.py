@@ -229,7 +229,7 @@ class MujocoSource:
         body = int(model.geom(name).bodyid[0]) if self.has("geom", name) else model.body(name).id
         return self._name("body", int(model.body_rootid[body]))
 
-    def unfelt(self, name: str) -> tuple[int, ...]:
+    def ignored_bodies(self, name: str) -> tuple[int, ...]:
         """Return the places in the scene of geoms that the skin of a geom or MuJoCo body does not feel: those that
         move with it, and those that MuJoCo lets none of them touch."""
         mine = self.moving_with(name)
@@ -378,12 +378,12 @@ class MujocoSource:
         if velocities:
             arm = position - data.subtree_com[self._model.body_rootid[bodies]]
             rows[:, 10:] = data.cvel[bodies, :3]
-            rows[:, 7:10] = data.cvel[bodies, 3:] + rotation.crosses(rows[:, 10:], arm)
+            rows[:, 7:10] = data.cvel[bodies, 3:] + rotation.cross_many(rows[:, 10:], arm)
         for k, body in enumerate(self._pads, len(rows) - len(self._pads)):
             if body in self.shifts:
                 position[k] += self.shifts[body]
         for k, geom in enumerate(self._geoms):
             if geom in self.hidden:
                 position[k] = _AWAY
-        rows[:, :3], rows[:, 3:7] = position, rotation.products(data.xquat[bodies], turns)
+        rows[:, :3], rows[:, 3:7] = position, rotation.multiply_many(data.xquat[bodies], turns)
         return rows

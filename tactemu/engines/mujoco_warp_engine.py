@@ -28,7 +28,7 @@ import numpy as np
 from tactemu.base.errors import SceneError
 from tactemu.engines.batch_engine import BatchEngine
 from tactemu.engines.mujoco_source import MujocoSource, check_ranges, load_mujoco
-from tactemu.scene.engine_registry import without_motors
+from tactemu.scene.engine_registry import refuse_motors
 from tactemu.scene.engine_tables import MujocoWarpTable
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def open_engine(scene: Scene, loaded: LoadedScene, motors: Sequence[JointMotors]
     """
     table = loaded.tables.engine
     assert isinstance(table, MujocoWarpTable)
-    without_motors(table.kind, motors)
+    refuse_motors(table.kind, motors)
     engine = MujocoWarpEngine(scene, loaded.folder / table.file, table)
     engine.starts = loaded.starts
     return engine
@@ -107,7 +107,7 @@ class MujocoWarpEngine(BatchEngine):
         """A row of ``qpos`` as the model has it at its start."""
         return self._start.qpos
 
-    def begin(self, simulation: Simulation) -> _Worlds:
+    def create_worlds(self, simulation: Simulation) -> _Worlds:
         """As many worlds as the simulation has environments, on its device."""
         self.data = self._warp.put_data(self.model, self._start, nworld=simulation.n_envs, **self._sizes)
         model = self._warp.put_model(self.model)

@@ -28,7 +28,7 @@ import warp as wp
 from tactemu.base.errors import SceneError
 from tactemu.engines.batch_engine import BatchEngine
 from tactemu.engines.newton_source import NewtonSource
-from tactemu.scene.engine_registry import without_motors
+from tactemu.scene.engine_registry import refuse_motors
 from tactemu.scene.engine_tables import NewtonTable
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def open_engine(scene: Scene, loaded: LoadedScene, motors: Sequence[JointMotors]
     """
     table = loaded.tables.engine
     assert isinstance(table, NewtonTable)
-    without_motors(table.kind, motors)
+    refuse_motors(table.kind, motors)
     engine = NewtonEngine(scene, loaded.folder / table.file, table)
     engine.starts = loaded.starts
     return engine
@@ -126,7 +126,7 @@ class NewtonEngine(BatchEngine):
         _check_ranges(builder, file)
         return builder
 
-    def begin(self, simulation: Simulation) -> _Worlds:
+    def create_worlds(self, simulation: Simulation) -> _Worlds:
         """As many worlds as the simulation has environments, on its device."""
         worlds = self._newton.ModelBuilder()
         worlds.replicate(self._builder, simulation.n_envs)

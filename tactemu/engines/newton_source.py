@@ -155,7 +155,7 @@ class NewtonSource:
         top = self._above(body)
         return "" if top < 0 else self._short("body", top)
 
-    def unfelt(self, name: str) -> tuple[int, ...]:
+    def ignored_bodies(self, name: str) -> tuple[int, ...]:
         """Return the places in the scene of shapes that the skin of a shape or Newton body does not feel: those that
         move with
         it, those that Newton lets none of them touch, and those on the other side of its joint or of a joint on it."""

@@ -165,9 +165,9 @@ def run_fit(
     """
     from tactemu.fit.recording import read
     from tactemu.fit.writing import scene_text, seeing
-    from tactemu.scene.file import load_device, parse
+    from tactemu.scene.file import device_class, parse
 
-    kind = load_device(device)
+    kind = device_class(device)
     read_ones = [read(path, columns, units, rate_hz) for path in recordings]
     found, scored = fit(read_ones, progress, seeing(kind, read_ones[0]))
     text = scene_text(device, kind, read_ones, found)

@@ -17,7 +17,7 @@ from tactemu.geometry.motion import Motion, Pose
 from tactemu.geometry.shapes.shape import Shape
 
 
-class Moved(Protocol):
+class WorldMotion(Protocol):
     """A motion of the user's own: world poses over time, not displacements as those of :class:`Motion`."""
 
     def pose(self, t_s: float) -> Pose:
@@ -39,7 +39,7 @@ class Body:
     """Where it starts (and returns to at reset), world [m]."""
     quaternion: tuple[float, float, float, float]
     """Its orientation there, (w, x, y, z)."""
-    motion: Motion | Moved | None = None
+    motion: Motion | WorldMotion | None = None
     """Moves it at every step; ``None``: it stays where it is put."""
 
     def pose(self, t_s: float) -> Pose:
@@ -60,7 +60,7 @@ class Body:
         return Pose(np.array(self.position), np.array(self.quaternion))
 
 
-def find(bodies: Sequence[Body], which: Body | str | int | np.integer) -> Body:
+def find_body(bodies: Sequence[Body], which: Body | str | int | np.integer) -> Body:
     """Of these bodies the one that is meant by itself, its name or its index.
 
     Raises:

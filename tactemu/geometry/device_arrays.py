@@ -9,11 +9,11 @@ import warp as wp
 
 from tactemu.base.errors import SceneError
 
-BOOLEAN = (wp.bool, wp.uint8, wp.int8)
+MASK_TYPES = (wp.bool, wp.uint8, wp.int8)
 """What a mask may be made of."""
 
 
-def taken(value: Any, what: str) -> wp.array:
+def as_warp_array(value: Any, what: str) -> wp.array:
     """Return a Warp array over the memory of ``value``: a Warp or NumPy array, or anything with ``__dlpack__``.
 
     Raises:
@@ -45,7 +45,7 @@ def _over_numpy(value: np.ndarray, what: str) -> wp.array:
     return array
 
 
-def numbers_of(array: wp.array) -> wp.array:
+def scalar_view(array: wp.array) -> wp.array:
     """Return an array of vectors, quaternions or transforms as one of numbers, with an axis more; over the same
     memory.
     """
@@ -69,22 +69,22 @@ def view(array: wp.array, shape, strides, dtype, offset: int = 0) -> wp.array:
     return seen
 
 
-def on_device(array: wp.array, device: wp.Device, what: str) -> None:
+def check_device(array: wp.array, device: wp.Device, what: str) -> None:
     """Raise :class:`SceneError` unless an array lies on the device."""
     if array.device != device:
         raise SceneError(f"{what}: the array is on {array.device}, the simulation on {device}; move it there first")
 
 
-def mask_of(value: Any, n_envs: int, device: wp.Device) -> wp.array:
+def environment_mask(value: Any, n_envs: int, device: wp.Device) -> wp.array:
     """Return a mask of environments on the device, as ``wp.bool``.
 
     Raises:
         SceneError: wrong type, length or device.
     """
     what = "envs"
-    array = taken(value, what)
-    on_device(array, device, what)
-    if array.dtype not in BOOLEAN:
+    array = as_warp_array(value, what)
+    check_device(array, device, what)
+    if array.dtype not in MASK_TYPES:
         raise SceneError(
             f"envs: an array on the device must be a mask (bool or uint8) of {n_envs} environments, got "
             f"{array.dtype.__name__}; indices are given from the host, as a list or a NumPy array"

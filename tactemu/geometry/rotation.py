@@ -39,15 +39,15 @@ def multiply(a, b) -> np.ndarray:
     )
 
 
-def products(a, b) -> np.ndarray:
+def multiply_many(a, b) -> np.ndarray:
     """Return the same for many, ``(n, 4)``, or one and many."""
     a, b = np.broadcast_arrays(np.atleast_2d(a), np.atleast_2d(b))
     real = a[:, 0] * b[:, 0] - np.einsum("ij,ij->i", a[:, 1:], b[:, 1:])
-    rest = a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + crosses(a[:, 1:], b[:, 1:])
+    rest = a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + cross_many(a[:, 1:], b[:, 1:])
     return np.concatenate([real[:, None], rest], axis=1)
 
 
-def crosses(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def cross_many(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the cross products of many vectors, ``(n, 3)``; of few, NumPy's own takes most of its time to look at
     axes.
     """

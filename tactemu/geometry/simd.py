@@ -17,12 +17,12 @@ _VECTORS = """
 """
 
 
-def vectors(real) -> str:
+def vector_prelude(real) -> str:
     """What such a snippet begins with: ``Number``, ``Vector`` of ``wide`` of them, ``get(pointer)``, ``put(pointer,
     vector)``."""
     return _VECTORS.replace("NUMBER", real.__name__)
 
 
-def padded(n: int) -> int:
+def padded_length(n: int) -> int:
     """``n`` numbers in whole registers."""
     return -(-n // WIDTH) * WIDTH

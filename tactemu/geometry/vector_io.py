@@ -11,7 +11,7 @@ import warp as wp
 
 
 @functools.cache
-def wide_loads(real, width: int):
+def vector_readers(real, width: int):
     """``(load, load_2, load_4)``: ``load(vectors, i)``, ``load_2(vectors, i, j)``, ``load_4(vectors, i, j, k, l)``, of
     arrays of vectors of ``width`` numbers, a whole number of times 16 bytes."""
     vector = wp.types.vector(width, real)
@@ -34,7 +34,7 @@ def wide_loads(real, width: int):
 
 
 @functools.cache
-def wide_store(real, width: int):
+def vector_writer(real, width: int):
     """``store(vectors, i, j, k, l, value)``: into an array of four axes."""
     vector = wp.types.vector(width, real)
     copy = f"for (int m = 0; m < {width}; ++m) given.numbers[m] = value[m];"

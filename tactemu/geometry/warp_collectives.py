@@ -7,12 +7,12 @@ On a GPU one thread that looks at all of an environment waits for memory at each
 
 import warp as wp
 
-WARP = 32
+WARP_SIZE = 32
 
 
-def lanes(device: wp.Device) -> int:
+def lanes_per_environment(device: wp.Device) -> int:
     """Threads that share the list of an environment: the last axis of the launch."""
-    return WARP if device.is_cuda else 1
+    return WARP_SIZE if device.is_cuda else 1
 
 
 @wp.func_native("""
@@ -34,7 +34,7 @@ def rank(wanted: bool) -> int:
     return wanted ? 1 : 0;
 #endif
 """)
-def tally(wanted: bool) -> int:
+def ballot_count(wanted: bool) -> int:
     """How many lanes want one. All lanes call it together."""
     ...
 
@@ -46,6 +46,6 @@ def tally(wanted: bool) -> int:
 #endif
     return value;
 """)
-def most(value: int) -> int:
+def warp_max(value: int) -> int:
     """Return the largest of all lanes. All lanes call it together."""
     ...

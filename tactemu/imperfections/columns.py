@@ -12,7 +12,7 @@ from tactemu.imperfections.info import ReadingInfo
 from tactemu.plan.plan import Context
 
 
-def spread(value, info: ReadingInfo, option: str) -> np.ndarray:
+def per_column(value, info: ReadingInfo, option: str) -> np.ndarray:
     """``value`` as float64: shape ``(1,)`` if it is one number, else ``(n_columns,)`` with a taxel's channels together.
 
     Raises:
@@ -42,7 +42,7 @@ def _blocks_to_taxels(flat: np.ndarray, info: ReadingInfo) -> np.ndarray:
     return np.concatenate(blocks, axis=1).reshape(-1)
 
 
-def environments(envs_idx, n_envs: int) -> np.ndarray:
+def environment_indices(envs_idx, n_envs: int) -> np.ndarray:
     """Environment numbers of a setter or a reset, from ``None`` (all of them), a mask or a list of numbers.
 
     Raises:
@@ -63,11 +63,11 @@ SIGNED = {"bias", "temperature_offset", "temperature_sensitivity", "saturation_r
 """Options that may be negative."""
 
 
-class Table:
+class ParameterTable:
     """A parameter per environment, one number or one per column: ``(n_envs, 1)`` or ``(n_envs, n_columns)``."""
 
     def __init__(self, value, info: ReadingInfo, option: str, context: Context, *, wide: bool = False):
-        row = spread(value, info, option)
+        row = per_column(value, info, option)
         if wide and row.size == 1:
             row = np.repeat(row, info.n_columns)
         self.option, self._info = option, info
@@ -84,8 +84,8 @@ class Table:
         Raises:
             SceneError: a value that does not fit, or is negative where the option has no sign.
         """
-        envs = environments(envs_idx, self.array.shape[0])
-        whole = value if taxels is None else self._whole(value, envs, np.asarray(taxels, np.int64))
+        envs = environment_indices(envs_idx, self.array.shape[0])
+        whole = value if taxels is None else self._all_columns(value, envs, np.asarray(taxels, np.int64))
         rows = self._rows(whole, len(envs))
         if self.option not in SIGNED and (rows < 0.0).any():
             raise SceneError(f"sensor {self._info.name!r}: {self.option} must be zero or positive, got {shown(value)}")
@@ -98,7 +98,7 @@ class Table:
         now[envs] = rows
         self.array.assign(now)
 
-    def _whole(self, value, envs: np.ndarray, taxels: np.ndarray) -> np.ndarray:
+    def _all_columns(self, value, envs: np.ndarray, taxels: np.ndarray) -> np.ndarray:
         """Return the values of all columns, shape ``(n_envs named, n_taxels, n_channels)``, with new ones for some
         taxels.
         """
@@ -118,21 +118,21 @@ class Table:
 
     def _rows(self, value, n: int) -> np.ndarray:
         try:
-            return spread(value, self._info, self.option)
+            return per_column(value, self._info, self.option)
         except SceneError:
             per_env = numbers(f"sensor {self._info.name!r}", self.option, value)
             if per_env.ndim == 0 or not n or len(per_env) != n:
                 raise
-            rows = [spread(v, self._info, self.option) for v in per_env]
+            rows = [per_column(v, self._info, self.option) for v in per_env]
             return np.stack(rows)
 
 
-class Range:
+class ParameterRange:
     """Two numbers per environment, low and high: ``(n_envs, 1)`` each. ``None`` is as wide as numbers go."""
 
     def __init__(self, value, info: ReadingInfo, option: str, context: Context, *, wide: bool = False):
         self._info, self._option = info, option
-        self.low, self.high = (Table(bound, info, option, context, wide=wide) for bound in self._bounds(value))
+        self.low, self.high = (ParameterTable(bound, info, option, context, wide=wide) for bound in self._bounds(value))
 
     def set(self, value, envs_idx: Sequence[int] | None = None, taxels: Sequence[int] | None = None) -> None:
         """Gives the environments named new bounds, for all of them or (each bound an array) one each.

@@ -27,13 +27,13 @@ from tactemu.base.random_streams import stream_key
 from tactemu.imperfections import resets
 from tactemu.imperfections.adjustments import Adjustments
 from tactemu.imperfections.coefficients import compile_coefficients
-from tactemu.imperfections.columns import Range, Table
+from tactemu.imperfections.columns import ParameterRange, ParameterTable
 from tactemu.imperfections.crosstalk import compile_crosstalk
 from tactemu.imperfections.dead import DeadTaxels
 from tactemu.imperfections.delivery import Delay, compile_history
 from tactemu.imperfections.elementwise import COLUMNS_PER_THREAD, electronics_kernel, material_kernel
 from tactemu.imperfections.info import ReadingInfo
-from tactemu.imperfections.laws import check, draws, electronic_laws, gain_is_on, material_laws
+from tactemu.imperfections.laws import check, electronic_laws, gain_is_on, material_laws, needs_random_numbers
 from tactemu.imperfections.options import ImperfectionOptions
 from tactemu.imperfections.radius import radius_kernel
 from tactemu.imperfections.scan import compile_scan
@@ -43,12 +43,15 @@ from tactemu.plan.plan import Context, Stage
 
 Transduce = Callable[[wp.array], tuple[wp.array, list[Stage], ReadingInfo]]
 """From what a model gives to what the electronics sees, and what that is."""
-NOTHING = Launches()
+NO_LAUNCH = Launches()
 """The launch of a stage that only acts at resets."""
 
 
 class Adjustable(Protocol):
-    """What an option becomes that can change while running: a :class:`Table`, a :class:`Range`, a :class:`Delay`."""
+    """An option that can change while the scene runs.
+
+    It is a :class:`ParameterTable`, a :class:`ParameterRange` or a :class:`Delay`.
+    """
 
     def set(self, value, envs_idx=None, taxels=None) -> None:
         """Change it in the environments named, of the taxels named."""
@@ -67,7 +70,7 @@ class Imperfections(Adjustments):
         """Shortest step for which what is kept of the past (delay, scan) lasts long enough [s]."""
         self._built: dict[str, Adjustable] = {}
         """By the option's name."""
-        self._gain: Table | None = None
+        self._gain: ParameterTable | None = None
         self._dead: DeadTaxels | None = None
         numbers = np.zeros((context.n_envs, 2), np.int32)
         numbers[:, 0] = context.first_env + np.arange(context.n_envs)
@@ -115,27 +118,27 @@ class Imperfections(Adjustments):
 
     def compile_resets(self) -> list[Stage]:
         """Return the stage that numbers the resets of each environment, for the draws of all others; it comes first."""
-        if not draws(self.options):
+        if not needs_random_numbers(self.options):
             return []
 
         def count(mask: wp.array) -> None:
             self._launch(resets.count_resets, mask.shape, [mask, self._streams])
 
-        return [Stage(name=f"{self.info.name}: resets", reason="each begins new draws", launch=NOTHING, reset=count)]
+        return [Stage(name=f"{self.info.name}: resets", reason="each begins new draws", launch=NO_LAUNCH, reset=count)]
 
     def compile_gain(self) -> tuple[wp.array | None, list[Stage]]:
         """Gains ``(n_envs, n_taxels)``, or ``None`` if all are 1; with a stage only if they are drawn at resets."""
         if not gain_is_on(self.options):
             return None, []
         per_taxel = replace(self.info, channels=("scalar",))
-        self._gain = Table(self.options.probe_gain, per_taxel, "probe_gain", self.context, wide=True)
+        self._gain = ParameterTable(self.options.probe_gain, per_taxel, "probe_gain", self.context, wide=True)
         self._built["probe_gain"] = self._gain
         gain, limits = self._gain.array, self.options.probe_gain_resample_range
         if limits is None:
             return gain, []
         redraw = self._redraw_gain(gain, *limits)
         return gain, [
-            Stage(name=f"{self.info.name}: gain", reason="gains drawn at resets", launch=NOTHING, reset=redraw)
+            Stage(name=f"{self.info.name}: gain", reason="gains drawn at resets", launch=NO_LAUNCH, reset=redraw)
         ]
 
     def _redraw_gain(self, gain: wp.array, low: float, high: float) -> Callable[[wp.array], None]:
@@ -152,7 +155,7 @@ class Imperfections(Adjustments):
         if not self.options.probe_radius_noise and "probe_radius_noise" not in self.options.adjustable:
             return None, []
         context, n = self.context, self.info.n_taxels
-        table = Table(self.options.probe_radius_noise, self.info, "probe_radius_noise", context)
+        table = ParameterTable(self.options.probe_radius_noise, self.info, "probe_radius_noise", context)
         self._built["probe_radius_noise"] = table
         nominal = wp.array(np.asarray(self.info.probe_radius).reshape(n), dtype=context.real, device=context.device)
         radius = self._zeros((context.n_envs, n), context.real)
@@ -226,7 +229,7 @@ class Imperfections(Adjustments):
         clipped = None
         if "saturation_range" in laws:
             wide = "saturation_range" in options.adjustable
-            clipped = Range(options.saturation_range, self.info, "saturation_range", context, wide=wide)
+            clipped = ParameterRange(options.saturation_range, self.info, "saturation_range", context, wide=wide)
             self._built["saturation_range"] = clipped
         walked = self._zeros(self._flat, wp.float64) if "random_walk" in laws else None
         if walked is not None:
@@ -275,7 +278,7 @@ class Imperfections(Adjustments):
             self.shortest_step_s = self._dt_s
             delay = Delay(self.options, self.info, self.context, self._streams)
             array, stages = delay.compile(measured)
-            if delay.jitters:
+            if delay.has_jitter:
                 self._built["jitter"] = delay
         array, more = self.compile_history(array)
         return array, stages + more
@@ -322,9 +325,9 @@ class Imperfections(Adjustments):
     def _launch(self, kernel, dim, inputs: list) -> None:
         wp.launch(kernel, dim=dim, inputs=inputs, device=self.context.device)
 
-    def _table(self, option: str) -> Table:
+    def _table(self, option: str) -> ParameterTable:
         value, wide = getattr(self.options, option), option in self.options.adjustable
-        self._built[option] = table = Table(value, self.info, option, self.context, wide=wide)
+        self._built[option] = table = ParameterTable(value, self.info, option, self.context, wide=wide)
         return table
 
     def _clear(self, arrays: list):

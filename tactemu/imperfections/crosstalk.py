@@ -23,7 +23,7 @@ from tactemu.plan.launches import Launch, in_turn
 from tactemu.plan.plan import Context, Stage
 from tactemu.plan.scalars import natural
 
-MOST_SIGMA = 100
+MAX_SIGMA_PITCHES = 100
 """Widest Gaussian, in pitches of the taxels; bounds the size of its kernel."""
 Lines = tuple[np.ndarray, np.ndarray, float]
 """Weights of a kernel along a column and along a row, and what its middle has beside their product."""
@@ -201,9 +201,9 @@ def planes(options: ImperfectionOptions, info: ReadingInfo) -> np.ndarray | None
     if explicit is None:
         if not options.crosstalk_sigma > 0.0 or info.spacing is None:
             raise SceneError(f"{where}crosstalk_strength needs crosstalk_sigma > 0 [m] and a regular grid")
-        if options.crosstalk_sigma > MOST_SIGMA * min(info.spacing):
+        if options.crosstalk_sigma > MAX_SIGMA_PITCHES * min(info.spacing):
             raise SceneError(
-                f"{where}crosstalk_sigma must be at most {MOST_SIGMA} pitches, got {options.crosstalk_sigma:g} m"
+                f"{where}crosstalk_sigma must be at most {MAX_SIGMA_PITCHES} pitches, got {options.crosstalk_sigma:g} m"
             )
         return gaussian_plane(options.crosstalk_strength, options.crosstalk_sigma, info.spacing, info.layout)[None]
     if strength:
@@ -217,7 +217,7 @@ def planes(options: ImperfectionOptions, info: ReadingInfo) -> np.ndarray | None
     return kernel
 
 
-def kept_at_home(kernel: np.ndarray, layout: tuple[int, int], filler: np.ndarray) -> np.ndarray:
+def retained_shares(kernel: np.ndarray, layout: tuple[int, int], filler: np.ndarray) -> np.ndarray:
     """Share of each taxel's reading that would leave the grid or fall on a filler, shape ``(planes, n_taxels)``."""
     rows, cols = layout
     up, left = kernel.shape[1] // 2, kernel.shape[2] // 2
@@ -250,7 +250,7 @@ def compile_crosstalk(
     if kernel is None:
         return x, []
     real, device = context.real, context.device
-    kept = kept_at_home(kernel, info.layout, info.filler) if options.crosstalk_conserving else np.zeros((1, 1))
+    kept = retained_shares(kernel, info.layout, info.filler) if options.crosstalk_conserving else np.zeros((1, 1))
     kept = wp.array(kept, dtype=real, device=device)
     filler = wp.array(info.filler.astype(np.uint8), dtype=wp.uint8, device=device)
     out = context.zeros(x.shape, real)

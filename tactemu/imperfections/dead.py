@@ -7,7 +7,7 @@ import warp as wp
 
 from tactemu.base.errors import SceneError
 from tactemu.base.random_streams import stream_key
-from tactemu.imperfections.columns import environments
+from tactemu.imperfections.columns import environment_indices
 from tactemu.imperfections.elementwise import ALIVE, DIES
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.options import ImperfectionOptions
@@ -48,7 +48,7 @@ class DeadTaxels:
             raise SceneError(f"sensor {info.name!r}: a dead taxel reads a finite {flat.dtype} number, got {value!r}")
         stuck = flat.reshape(len(flat), info.n_taxels, info.n_channels)
         fate = (DIES if value is None else float(value)) if dead else ALIVE
-        stuck[np.ix_(environments(envs_idx, len(stuck)), taxels)] = fate
+        stuck[np.ix_(environment_indices(envs_idx, len(stuck)), taxels)] = fate
         self.stuck.assign(flat)
 
     @property

@@ -10,7 +10,7 @@ import warp as wp
 from tactemu.base.errors import SceneError
 from tactemu.base.options import numbers
 from tactemu.base.random_streams import stream_key
-from tactemu.imperfections.columns import environments
+from tactemu.imperfections.columns import environment_indices
 from tactemu.imperfections.delivery_kernels import deliver_kernel, remember_kernel, select_kernel
 from tactemu.imperfections.info import ReadingInfo
 from tactemu.imperfections.options import ImperfectionOptions
@@ -45,7 +45,7 @@ class Delay:
         key = stream_key(context.seed, f"{info.name}/jitter")
         nearest = options.delay_interpolation == "nearest"
         select = context.record(
-            select_kernel(self.jitters, nearest, linear, options.jitter_reorder),
+            select_kernel(self.has_jitter, nearest, linear, options.jitter_reorder),
             context.n_envs,
             [context.step, context.time_ns, context.dt, key, self._streams, self._lags, ring.birth],
             [ring.times, newest, chosen, share],
@@ -66,7 +66,7 @@ class Delay:
         return out, [Stage(name=f"{info.name}: delay", reason=reason, launch=in_turn(select, deliver), reset=reset)]
 
     @property
-    def jitters(self) -> bool:
+    def has_jitter(self) -> bool:
         """Does it draw a further delay?"""
         return self._options.jitter > 0.0 or "jitter" in self._options.adjustable
 
@@ -78,7 +78,7 @@ class Delay:
         """
         if taxels is not None:
             raise SceneError(f"sensor {self._info.name!r}: jitter is of the whole sensor, not of single taxels")
-        envs = environments(envs_idx, self._context.n_envs)
+        envs = environment_indices(envs_idx, self._context.n_envs)
         jitter = numbers(f"sensor {self._info.name!r}", "jitter", value)
         if jitter.shape not in ((), (1,), envs.shape):
             raise SceneError(

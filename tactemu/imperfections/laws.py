@@ -22,9 +22,9 @@ _CHOICES = {"dead_taxel_mode": ("value", "last"), "delay_interpolation": ("hold"
 
 
 _TIMES = ("scan_time", "delay", "jitter")
-LONGEST_S = 1e6
+MAX_KEPT_TIME_S = 1e6
 """Of a time that readings are kept for."""
-LONGEST_HISTORY = 100_000
+MAX_HISTORY_LENGTH = 100_000
 """Readings."""
 
 
@@ -52,8 +52,8 @@ def check(options: ImperfectionOptions, info: ReadingInfo) -> None:
         elif option not in _SIGNED and (given < 0.0).any():
             refuse(option, "zero or positive")
     for option in _TIMES:
-        if getattr(options, option) > LONGEST_S:
-            refuse(option, f"at most {LONGEST_S:g} s")
+        if getattr(options, option) > MAX_KEPT_TIME_S:
+            refuse(option, f"at most {MAX_KEPT_TIME_S:g} s")
     for option in _RANGES:
         value = getattr(options, option)
         limits = np.zeros(2) if value is None else numbers(where, option, value)
@@ -64,8 +64,8 @@ def check(options: ImperfectionOptions, info: ReadingInfo) -> None:
             refuse(option, f"one of {choices}")
     if options.dead_taxel_probability > 1.0:
         refuse("dead_taxel_probability", "at most 1")
-    if not (options.history_length <= LONGEST_HISTORY and int(options.history_length) == options.history_length):
-        refuse("history_length", f"a whole number up to {LONGEST_HISTORY}")
+    if not (options.history_length <= MAX_HISTORY_LENGTH and int(options.history_length) == options.history_length):
+        refuse("history_length", f"a whole number up to {MAX_HISTORY_LENGTH}")
     listed = options.adjustable
     if isinstance(listed, str) or not isinstance(listed, Sequence) or not set(listed) <= set(get_args(Law)):
         refuse("adjustable", f"a list out of {', '.join(get_args(Law))}")
@@ -94,7 +94,7 @@ def _check_temperature(options: ImperfectionOptions, info: ReadingInfo) -> None:
 _DRAWN = ("probe_radius_noise", "random_walk", "random_walk_density", "noise", "noise_density", "jitter")
 
 
-def draws(options: ImperfectionOptions) -> bool:
+def needs_random_numbers(options: ImperfectionOptions) -> bool:
     """Whether any law draws random numbers."""
     redrawn = options.probe_gain_resample_range is not None or options.dead_taxel_probability > 0.0
     return redrawn or any(is_on(getattr(options, name)) or name in options.adjustable for name in _DRAWN)

@@ -17,7 +17,7 @@ from tactemu.plan.plan import Context
 
 FRESH = -1
 """In place of the number of the step before the first: the next step is the first."""
-LARGEST = 2**20
+MAX_RING_READINGS = 2**20
 """Most readings that a ring may hold."""
 
 
@@ -72,15 +72,15 @@ def ring_depth(longest_s: float, context: Context, what: str) -> int:
     """Return readings to keep so that one ``longest_s`` old can be interpolated, at the step length of the scene.
 
     Raises:
-        SceneError: if that is more than :data:`LARGEST`.
+        SceneError: if that is more than :data:`MAX_RING_READINGS`.
     """
     dt = round(float(context.dt.numpy()[0]) * 1e9) * 1e-9
     if not dt > 0.0:
         raise SceneError(f"{what} needs steps of at least a nanosecond, got {dt:g} s")
     steps = longest_s / dt
-    if not steps < LARGEST:
+    if not steps < MAX_RING_READINGS:
         raise SceneError(
-            f"{what}: {longest_s:g} s at steps of {dt:g} s would keep {steps:.3g} readings; at most {LARGEST}"
+            f"{what}: {longest_s:g} s at steps of {dt:g} s would keep {steps:.3g} readings; at most {MAX_RING_READINGS}"
         )
     return math.ceil(steps - 1e-9) + 2
 

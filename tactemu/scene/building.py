@@ -21,7 +21,7 @@ from tactemu.geometry.shapes.registry import shape_class
 from tactemu.geometry.shapes.shape import Shape
 from tactemu.scene.engine_registry import BatchEngine, Engine, JointMotors, open_engine
 from tactemu.scene.engine_tables import BatchTable
-from tactemu.scene.file import LoadedScene, load_device
+from tactemu.scene.file import LoadedScene, device_class
 from tactemu.scene.placement import PlacedSensor, PlacedSkin
 from tactemu.scene.schema import BodyTable, SkinTable
 from tactemu.scene.skins import SkinPart, parts_of
@@ -47,9 +47,9 @@ def make_devices(loaded: LoadedScene) -> dict[str, Device]:
 def _device_of(skin: SkinTable, name: str) -> Device:
     """Return the device of a skin, which sees what its transducers give where that is no quantity of touch."""
     options = skin.device_options
-    if skin.transducer and "sees" in declared(load_device(name)) and "sees" not in options:
+    if skin.transducer and "sees" in declared(device_class(name)) and "sees" not in options:
         model = model_class(model_name(skin, make_device(name, options)))
-        kind = Chain(f"skin {skin.title!r}", transducers_of(skin), model.layouts).kind
+        kind = Chain(f"skin {skin.title!r}", transducers_of(skin), model.layouts).output
         options = {**options, "sees": kind.quantity}
     return make_device(name, options)
 
@@ -77,7 +77,7 @@ def make_device(name: str, options: dict[str, Any]) -> Device:
     Raises:
         DeviceError: no such device, or an option that it does not have or does not accept.
     """
-    device = load_device(name)
+    device = device_class(name)
     try:
         return device(**checked(device, options))
     except (TypeError, ValueError, ArithmeticError, LookupError) as error:
@@ -124,7 +124,7 @@ def build_scene(
             model = sensor_model(skin, device, wanted, part=part, unfelt=unfelt, friction=friction)
             sensor = scene.add_sensor(model, link=link, name=part.name, transducers=transducers_of(skin))
             if engine is not None:
-                engine.carries(sensor)
+                engine.attach_sensor(sensor)
             placed.append(PlacedSensor(sensor, part))
         skins[skin.title] = PlacedSkin(placed, len(device.layout))
     return scene, skins
@@ -159,7 +159,7 @@ def _body_of(scene: Scene, engine: Engine | None, part: SkinPart) -> tuple[Body,
     name = part.body
     if engine is None or any(body.name == name for body in scene.bodies if body not in engine.bodies):
         return scene.body(name), ()
-    return engine.body_of(name, part.name), engine.unfelt(name)
+    return engine.body_of(name, part.name), engine.ignored_bodies(name)
 
 
 def _shape(body: BodyTable, folder: Path) -> Shape | None:
@@ -230,7 +230,7 @@ def sensor_model(
 def _check_senses(skin: SkinTable, name: str, model: Any, device: Device) -> None:
     offers = model.layouts
     if skin.transducer:
-        kind = Chain(f"skin {skin.title!r}", transducers_of(skin), offers).kind
+        kind = Chain(f"skin {skin.title!r}", transducers_of(skin), offers).output
         if device.contact != (kind.quantity,):
             raise SceneError(
                 f"skin {skin.title!r}: its transducers give {kind.quantity}; {device.name} "

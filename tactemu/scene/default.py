@@ -8,7 +8,7 @@ import numpy as np
 
 from firmware_protocols import Device, Layout
 
-REST_S = 2.0
+IDLE_S = 2.0
 """How long nothing touches a skin that has booted: drivers that calibrate when they open take that for rest."""
 PERIOD_S = 2.0
 """Length of one press of the default scene."""
@@ -23,7 +23,7 @@ def tables_for(name: str, device: type[Device], **device_options) -> dict[str, A
     layout, presses = made.layout, len(made.layout.patches)
     for number, patch in enumerate(layout.patches):
         ball = _ball(f"ball {patch.name}" if presses > 1 else "ball", layout, patch.taxels, patch.pitch)
-        ball["motion"]["delay"] = made.boot_s + REST_S + 0.25 * number
+        ball["motion"]["delay"] = made.boot_s + IDLE_S + 0.25 * number
         data["body"].append(ball)
     return data
 

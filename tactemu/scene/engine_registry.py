@@ -58,10 +58,10 @@ class Engine(Protocol):
         """
         ...
 
-    def carries(self, sensor: Sensor) -> None:
+    def attach_sensor(self, sensor: Sensor) -> None:
         """Take note of a sensor on one of its bodies."""
 
-    def unfelt(self, name: str) -> tuple[int, ...]:
+    def ignored_bodies(self, name: str) -> tuple[int, ...]:
         """Return the indices of the scene's bodies that a skin on this geom or body does not touch."""
         ...
 
@@ -111,7 +111,7 @@ def open_engine(scene: Scene, loaded: LoadedScene, motors: Sequence[JointMotors]
     return opener(scene, loaded, motors)
 
 
-def without_motors(kind: str, motors: Sequence[JointMotors]) -> None:
+def refuse_motors(kind: str, motors: Sequence[JointMotors]) -> None:
     """Refuse motors for an engine that moves none.
 
     Raises:

@@ -19,7 +19,7 @@ from tactemu.geometry.motion import Motion
 from tactemu.scene.default import tables_for
 from tactemu.scene.measured_defaults import measured_defaults
 from tactemu.scene.schema import SHAPES, SceneFile, make_motion, motion_schemas
-from tactemu.scene.validation_errors import listed
+from tactemu.scene.validation_errors import list_errors
 from tactemu.sensors.models import MODELS
 
 DEFAULTS = Path(__file__).parent / "defaults"
@@ -85,7 +85,7 @@ def default_scene(name: str, device_options: Mapping[str, Any] | None = None) ->
         DeviceError: no such device, or an option that it does not take.
         SceneError: the text of the class is no scene, or one of another device.
     """
-    device, source = load_device(name), f"default scene of {name}"
+    device, source = device_class(name), f"default scene of {name}"
     if device_options:
         return _with_options(name, device, device_options, source)
     shipped = DEFAULTS / f"{name}.toml"
@@ -117,7 +117,7 @@ def _with_options(name: str, device: type[firmware_protocols.Device], options: M
     return replace(loaded, tables=loaded.tables.model_copy(update={"skin": skins}))
 
 
-def load_device(name: str) -> type[firmware_protocols.Device]:
+def device_class(name: str) -> type[firmware_protocols.Device]:
     """Return a device class by name or ``path/to/file.py:Class``.
 
     Raises:
@@ -165,7 +165,7 @@ def check(data: dict[str, Any], *, source: str = "scene", folder: Path | None = 
             skins = tuple(measured_defaults(skin) if skin.measured else skin for skin in tables.skin)
             tables = tables.model_copy(update={"skin": skins})
     except ValidationError as error:
-        raise SceneError(listed(error, data, source)) from None
+        raise SceneError(list_errors(error, data, source)) from None
     motions = _motions(tables, source)
     validation_errors = [f"{source}: {text}" for text in _references(tables)]
     if validation_errors:
@@ -198,7 +198,7 @@ def _motions(tables: SceneFile, source: str) -> dict[str, Motion]:
         try:
             found[body.name] = make_motion(body.motion)
         except ValidationError as error:
-            raise SceneError(listed(error, body.motion, f"{source}: body {body.name!r}", ("motion",))) from None
+            raise SceneError(list_errors(error, body.motion, f"{source}: body {body.name!r}", ("motion",))) from None
         except ValueError as error:
             raise SceneError(f"{where}: {error}") from None
         except SceneError as error:

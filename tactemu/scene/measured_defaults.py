@@ -13,12 +13,12 @@ from typing import Any
 from tactemu.base.errors import SceneError, nearest
 from tactemu.scene.schema import SkinTable
 
-MEASURED = Path(__file__).parent / "measured"
+MEASURED_FOLDER = Path(__file__).parent / "measured"
 
 
-def devices() -> list[str]:
+def measured_devices() -> list[str]:
     """Those of which anything was measured."""
-    return sorted(path.stem for path in MEASURED.glob("*.toml"))
+    return sorted(path.stem for path in MEASURED_FOLDER.glob("*.toml"))
 
 
 def measured_defaults(skin: SkinTable) -> SkinTable:
@@ -27,11 +27,11 @@ def measured_defaults(skin: SkinTable) -> SkinTable:
     Raises:
         SceneError: nothing was measured of its device, or its own transducers end in another unit than was measured in.
     """
-    known, where = devices(), f"skin {skin.title!r}: measured"
+    known, where = measured_devices(), f"skin {skin.title!r}: measured"
     if skin.device not in known:
         hint = nearest(skin.device, known) or f" (devices: {', '.join(known)})"
         raise SceneError(f"{where}: nothing was measured of a real {skin.device!r}{hint}")
-    found: dict[str, Any] = tomllib.loads((MEASURED / f"{skin.device}.toml").read_text(encoding="utf-8"))
+    found: dict[str, Any] = tomllib.loads((MEASURED_FOLDER / f"{skin.device}.toml").read_text(encoding="utf-8"))
     own = skin.model_dump(by_alias=True, exclude_unset=True)
     needed, given = ([str(table.get("kind")) for table in tables.get("transducer", ())] for tables in (found, own))
     if given and not set(needed) <= set(given):
@@ -42,14 +42,14 @@ def measured_defaults(skin: SkinTable) -> SkinTable:
     return SkinTable.model_validate({**found, **own, **within})
 
 
-def all_measured(skins: tuple[SkinTable, ...]) -> tuple[SkinTable, ...]:
+def with_measured_defaults(skins: tuple[SkinTable, ...]) -> tuple[SkinTable, ...]:
     """Likewise all skins of a scene of which anything was measured.
 
     Raises:
         SceneError: none is.
     """
-    if not any(skin.device in devices() for skin in skins):
+    if not any(skin.device in measured_devices() for skin in skins):
         raise SceneError(
-            f"nothing was measured of {', '.join(s.device for s in skins)} (devices: {', '.join(devices())})"
+            f"nothing was measured of {', '.join(s.device for s in skins)} (devices: {', '.join(measured_devices())})"
         )
-    return tuple(measured_defaults(skin) if skin.device in devices() else skin for skin in skins)
+    return tuple(measured_defaults(skin) if skin.device in measured_devices() else skin for skin in skins)

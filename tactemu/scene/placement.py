@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 GRAVITY = (0.0, 0.0, 9.80665)
 """What an accelerometer at rest reads in the world's frame [m/s²]: up."""
-ROOM = {"temperature": 25.0, "acceleration": GRAVITY, "angular_velocity": (0.0, 0.0, 0.0)}
+AMBIENT = {"temperature": 25.0, "acceleration": GRAVITY, "angular_velocity": (0.0, 0.0, 0.0)}
 """What is around a device of which nothing is known: temperature [°C], proper acceleration [m/s²], turning [rad/s]."""
 _HALF_STEP_S = 1e-4
 
@@ -69,13 +69,13 @@ class PlacedSensor:
     def quantity(self, name: str, ground_truth: bool = False) -> np.ndarray:
         """Return the latest reading in the device's frame, shape ``(n_taxels,)`` or ``(n_taxels, 3)``, SI."""
         values = self.sensor.quantity(name, ground_truth)
-        return self.turned(values) if values.ndim == 2 else values
+        return self.to_device_frame(values) if values.ndim == 2 else values
 
-    def turned(self, vectors: np.ndarray) -> np.ndarray:
+    def to_device_frame(self, vectors: np.ndarray) -> np.ndarray:
         """Return vectors of the link's frame, ``(..., 3)``, in the device's."""
         return rotation.rotate(self._back, vectors) if self._turned else vectors
 
-    def ambient(self, name: str, t_ns: int) -> np.ndarray | float:
+    def around(self, name: str, t_ns: int) -> np.ndarray | float:
         """What a chip beside its taxels feels, in the device's frame.
 
         ``temperature`` by the sensor's course; ``acceleration`` and ``angular_velocity`` by how its link moves.
@@ -86,7 +86,7 @@ class PlacedSensor:
         """
         t_s = t_ns * 1e-9
         if name == "temperature":
-            return ROOM[name] if self._course is None else float(np.interp(t_s, *self._course.T))
+            return AMBIENT[name] if self._course is None else float(np.interp(t_s, *self._course.T))
         pose = self._link(t_s)
         to_device = rotation.conjugate(rotation.multiply(pose.quaternion, self._to_link))
         felt = self._acceleration(t_s) + GRAVITY if name == "acceleration" else pose.angular_velocity
@@ -141,10 +141,10 @@ class PlacedSkin:
             return self.parts[0].quantity(name, ground_truth)
         return self._joined([part.quantity(name, ground_truth) for part in self.parts])
 
-    def ambient(self, name: str, t_ns: int, link: str = "") -> np.ndarray | float:
+    def around(self, name: str, t_ns: int, link: str = "") -> np.ndarray | float:
         """Temperature, acceleration or turning of one link of the device; "" the first."""
         part = next((part for part in self.parts if link in part.part.links), self.parts[0])
-        return part.ambient(name, t_ns)
+        return part.around(name, t_ns)
 
     def positions(self, t_s: float) -> np.ndarray:
         """Return all taxels in the world at ``t_s`` [m], shape ``(n_taxels, 3)``."""
@@ -154,7 +154,7 @@ class PlacedSkin:
         """Their directions out of the skin in the world at ``t_s``, shape ``(n_taxels, 3)``."""
         return self._joined([part.normals(t_s) for part in self.parts])
 
-    def chosen(self, taxel: int | None, near: np.ndarray, t_s: float) -> int:
+    def select_taxel(self, taxel: int | None, near: np.ndarray, t_s: float) -> int:
         """Return the taxel that was asked for; ``None``: the one nearest to a point of the world at ``t_s``.
 
         Raises:

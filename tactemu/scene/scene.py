@@ -9,7 +9,7 @@ import numpy as np
 
 from tactemu.base.errors import SceneError
 from tactemu.base.options import number
-from tactemu.geometry.bodies import Body, Moved, find
+from tactemu.geometry.bodies import Body, WorldMotion, find_body
 from tactemu.geometry.shapes.registry import SHAPES
 from tactemu.geometry.shapes.shape import Shape
 
@@ -50,7 +50,7 @@ class Scene:
         fixed: bool = False,
         position: Sequence[float] = (0.0, 0.0, 0.0),
         quaternion: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
-        motion: Motion | Moved | None = None,
+        motion: Motion | WorldMotion | None = None,
     ) -> Body:
         """Add a rigid body.
 
@@ -135,7 +135,7 @@ class Scene:
         Raises:
             SceneError: there is none; the message lists those there are.
         """
-        return find(self.bodies, which)
+        return find_body(self.bodies, which)
 
     def build(
         self,

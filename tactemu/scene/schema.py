@@ -39,7 +39,7 @@ from tactemu.geometry.shapes.registry import shape_class
 from tactemu.geometry.shapes.shape import Shape
 from tactemu.scene.engine_tables import AnyEngine
 from tactemu.scene.table import AnyReal, Real, Table, one_of
-from tactemu.scene.validation_errors import listed, mistake
+from tactemu.scene.validation_errors import list_errors, validation_error
 
 Seconds = Annotated[Real, Field(ge=0, le=MAX_TIME_S)]
 Coordinate = Annotated[Real, Field(ge=-MAX_POSITION_M, le=MAX_POSITION_M)]
@@ -48,7 +48,7 @@ Vector = tuple[Coordinate, Coordinate, Coordinate]
 
 def _turning(quaternion: tuple[float, ...]) -> tuple[float, ...]:
     if not any(quaternion):
-        raise mistake("expected a quaternion (w, x, y, z) that is not zero")
+        raise validation_error("expected a quaternion (w, x, y, z) that is not zero")
     return quaternion
 
 
@@ -57,7 +57,7 @@ Quaternion = Annotated[tuple[Real, Real, Real, Real], AfterValidator(_turning)]
 
 def _printable(text: str) -> str:
     if not text.isprintable() or "/" in text:
-        raise mistake(f"expected printable characters without '/', got {text!r}")
+        raise validation_error(f"expected printable characters without '/', got {text!r}")
     return text
 
 
@@ -103,10 +103,10 @@ def make_motion(tables: dict | list) -> Motion:
     if isinstance(tables, list):
         return Sequence(tuple(make_motion(table) for table in tables))
     if not isinstance(tables, dict):
-        raise mistake("expected a table with a `kind`, or a list of such tables")
+        raise validation_error("expected a table with a `kind`, or a list of such tables")
     kind = tables.get("kind", "")
     if not isinstance(kind, str) or kind not in MOTIONS:
-        raise mistake(f"unknown kind of motion {kind!r}{nearest(kind, MOTIONS)} (kinds: {', '.join(MOTIONS)})")
+        raise validation_error(f"unknown kind of motion {kind!r}{nearest(kind, MOTIONS)} (kinds: {', '.join(MOTIONS)})")
     if kind in ("sequence", "together"):
         checked = _CombinedTable.model_validate(tables)
         parts = tuple(make_motion(table) for table in checked.motions)
@@ -148,7 +148,7 @@ def _sized(key: str) -> AfterValidator:
 
     def check(length: float) -> float:
         if not least <= length < most:
-            raise mistake(f"expected at least {least:g} and less than {most:g} {LENGTH_UNIT}, got {length:g}")
+            raise validation_error(f"expected at least {least:g} and less than {most:g} {LENGTH_UNIT}, got {length:g}")
         return length
 
     return AfterValidator(check)
@@ -233,7 +233,7 @@ class JointTable(Table):
     @model_validator(mode="after")
     def _moves(self):
         if self.ratio == 0:
-            raise mistake("ratio: expected a number that is not 0")
+            raise validation_error("ratio: expected a number that is not 0")
         return self
 
 
@@ -314,7 +314,7 @@ class Event(EventTable):
         try:
             super().__init__(**entries)
         except ValidationError as error:
-            raise SceneError(listed(error, entries, "event")) from None
+            raise SceneError(list_errors(error, entries, "event")) from None
 
 
 class SceneTable(Table):
@@ -334,7 +334,7 @@ class TruthTable(Table):
 
 def _not_empty(tables: Any) -> Any:
     if tables in ([], ()):
-        raise mistake("expected one [[skin]] or more")
+        raise validation_error("expected one [[skin]] or more")
     return tables
 
 

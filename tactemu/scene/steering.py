@@ -17,7 +17,7 @@ from tactemu.scene.placement import PlacedSkin
 
 
 @dataclass(frozen=True)
-class Leg:
+class Waypoint:
     """Part of a way: be there, ``seconds`` after the leg before."""
 
     seconds: float
@@ -57,7 +57,7 @@ class Steered(Motion):
         return {"own": self._own}
 
     @property
-    def taken(self) -> bool:
+    def is_steered(self) -> bool:
         """Whether it is in somebody's hand, and not on its own way."""
         return self._held or self.way is not None
 
@@ -69,7 +69,7 @@ class Steered(Motion):
         """Return pose in the world."""
         return self._home.displaced(self.pose(t_s))
 
-    def follow(self, start_s: float, legs: Sequence[Leg]) -> float:
+    def follow(self, start_s: float, legs: Sequence[Waypoint]) -> float:
         """Go along ``legs`` from wherever the body is at ``start_s`` [s]; returns when it will be there [s].
 
         Raises:
@@ -113,9 +113,9 @@ def reach(body: Body, quaternion: np.ndarray, direction: np.ndarray) -> float:
     return body.shape.reach(body.name, rotation.rotate(rotation.conjugate(quaternion), direction))
 
 
-def pressing_way(
+def press_path(
     body: Body, here: Pose, target: np.ndarray, normal: np.ndarray, *, depth: float, clearance: float, speed: float
-) -> tuple[list[Leg], np.ndarray]:
+) -> tuple[list[Waypoint], np.ndarray]:
     """The way from ``here`` over ``target`` (a point of the skin) to ``depth`` below it, and the place to go back to.
 
     Args:
@@ -137,9 +137,9 @@ def pressing_way(
     for way in ways:
         distance = float(np.linalg.norm(way - place))
         if distance > 0:
-            legs.append(Leg(distance / speed, way))
+            legs.append(Waypoint(distance / speed, way))
         place = way
-    return legs or [Leg(0.0, down)], over
+    return legs or [Waypoint(0.0, down)], over
 
 
 def steered(loaded: LoadedScene, names: Sequence[str] = (), *, by_hand: bool = False) -> LoadedScene:
@@ -179,6 +179,6 @@ def nearest_body(motions: Mapping[str, Steered], taxels: PlacedSkin, taxel: int 
 
     def distance(name: str) -> float:
         here = motions[name].world(t_s).position
-        return float(np.linalg.norm(here - taxels.positions(t_s)[taxels.chosen(taxel, here, t_s)]))
+        return float(np.linalg.norm(here - taxels.positions(t_s)[taxels.select_taxel(taxel, here, t_s)]))
 
     return min(motions, key=distance)

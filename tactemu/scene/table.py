@@ -9,7 +9,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, Strict, mode
 
 from tactemu.base.errors import nearest
 from tactemu.base.options import LARGEST
-from tactemu.scene.validation_errors import mistake
+from tactemu.scene.validation_errors import validation_error
 
 Real = Annotated[float, Strict()]
 """A number; neither a text nor a truth value is one."""
@@ -30,7 +30,7 @@ class Table(BaseModel):
             for key in data:
                 if key not in known:
                     hint = nearest(key, known) or f"; it has: {', '.join(known)}"
-                    raise mistake(f"unknown key {key!r}{hint}")
+                    raise validation_error(f"unknown key {key!r}{hint}")
         return data
 
 
@@ -41,7 +41,7 @@ def one_of(tables: Mapping[str, type[Table]], key: str) -> Any:
         given = data.get(key) if isinstance(data, dict) else None
         if isinstance(data, dict) and (not isinstance(given, str) or given not in tables):
             said = f"unknown {key} {given!r}{nearest(given, tables)}" if key in data else f"missing key {key!r}"
-            raise mistake(f"{said} ({key}s: {', '.join(tables)})")
+            raise validation_error(f"{said} ({key}s: {', '.join(tables)})")
         return data
 
     one = Annotated[Union[tuple(tables.values())], Field(discriminator=key)]  # noqa: UP007

@@ -17,12 +17,12 @@ _IN_TOML = dict.fromkeys(("tuple_type", "list_type"), "expected a list") | dict.
 """What pydantic calls a tuple, a dictionary or a model."""
 
 
-def mistake(sentence: str) -> PydanticCustomError:
+def validation_error(sentence: str) -> PydanticCustomError:
     """Return the error to raise in a validator whose sentence needs nothing added."""
     return PydanticCustomError(_WHOLE, "{sentence}", {"sentence": sentence})
 
 
-def listed(error: ValidationError, data: Any, where: str, at: tuple[str, ...] = ()) -> str:
+def list_errors(error: ValidationError, data: Any, where: str, at: tuple[str, ...] = ()) -> str:
     """Return a line for each mistake that pydantic found in ``data``.
 
     Args:

@@ -12,8 +12,8 @@ import numpy as np
 import warp as wp
 
 from tactemu.base.errors import SceneError
-from tactemu.geometry.bodies import Body, find
-from tactemu.geometry.device_arrays import numbers_of, on_device, taken, view
+from tactemu.geometry.bodies import Body, find_body
+from tactemu.geometry.device_arrays import as_warp_array, check_device, scalar_view, view
 from tactemu.plan.plan import Context, Stage
 from tactemu.sensors.poses import POSE_WIDTH
 
@@ -190,8 +190,8 @@ def _columns(value: Any, name: str, context: Context, width: int, n_envs: int | 
     what, first = f"bind_poses: {name}", 0
     if isinstance(value, tuple) and len(value) == 2 and isinstance(value[1], int) and not isinstance(value[0], int):
         value, first = value
-    array = numbers_of(taken(value, what))
-    on_device(array, context.device, what)
+    array = scalar_view(as_warp_array(value, what))
+    check_device(array, context.device, what)
     if array.dtype not in FLOATS:
         raise SceneError(f"{what}: numbers must be float32 or float64, got {array.dtype.__name__}")
     n_envs, got = context.n_envs, array.shape
@@ -273,7 +273,7 @@ def _offsets(
         raise SceneError("bind_poses: the velocity of what is off the origin needs angular_velocity= too")
     found = {}
     for which, (position, quaternion) in offsets.items():
-        body = find(bodies, which)
+        body = find_body(bodies, which)
         place, turn = np.asarray(position, np.float64), np.asarray(quaternion, np.float64)
         length = np.linalg.norm(turn)
         if place.shape != (3,) or turn.shape != (4,) or not (np.isfinite(place).all() and 0 < length < np.inf):
@@ -300,7 +300,7 @@ def _chosen(
             )
         pairs = [(body, k) for k, body in enumerate(bodies) if not body.fixed]
     else:
-        pairs = [(find(bodies, body), k) for body, k in index.items()]
+        pairs = [(find_body(bodies, body), k) for body, k in index.items()]
     for body, k in pairs:
         if body.fixed:
             raise SceneError(f"bind_poses: body {body.name!r} is fixed; add it with fixed=False to move it")

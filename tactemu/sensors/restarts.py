@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.base.errors import SceneError
-from tactemu.geometry.device_arrays import BOOLEAN, mask_of, taken
+from tactemu.geometry.device_arrays import MASK_TYPES, as_warp_array, environment_mask
 from tactemu.plan.clearing import clear_rows
 from tactemu.plan.plan import Plan
 from tactemu.sensors.world import World, on_host
@@ -46,9 +46,9 @@ class Restarts:
         """Fill the mask."""
         n_envs = self._world.n_envs
         if envs is not None and not on_host(envs):
-            array = taken(envs, "envs")
-            if array.dtype in BOOLEAN or not self._device.is_cpu:
-                wp.copy(self._mask, mask_of(array, n_envs, self._device))
+            array = as_warp_array(envs, "envs")
+            if array.dtype in MASK_TYPES or not self._device.is_cpu:
+                wp.copy(self._mask, environment_mask(array, n_envs, self._device))
                 return
             envs = array.numpy()
         mask = np.zeros(n_envs, bool)

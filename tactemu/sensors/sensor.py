@@ -12,8 +12,8 @@ import warp as wp
 
 from tactemu.base.errors import SceneError
 from tactemu.base.options import number
-from tactemu.geometry.bodies import Body, find
-from tactemu.geometry.device_arrays import taken
+from tactemu.geometry.bodies import Body, find_body
+from tactemu.geometry.device_arrays import as_warp_array
 from tactemu.geometry.motion import Pose
 from tactemu.imperfections import Adjustments, Imperfections
 from tactemu.plan.plan import Plan, Stage
@@ -150,7 +150,7 @@ class Sensor(Views, Adjustments):
     @property
     def layouts(self) -> Mapping[str, slice]:
         """The quantities that it reads, and which channels hold each."""
-        return self.model.layouts if self.chain is None else {self.chain.kind.quantity: slice(None)}
+        return self.model.layouts if self.chain is None else {self.chain.output.quantity: slice(None)}
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -216,7 +216,7 @@ class Sensor(Views, Adjustments):
 
     def _copied(self, array: wp.array, out: wp.array | np.ndarray) -> np.ndarray:
         """Return a reading in the memory given."""
-        host = taken(out, f"read of sensor {self.name!r}: out")
+        host = as_warp_array(out, f"read of sensor {self.name!r}: out")
         assert host.device is not None and array.device is not None
         if host.shape != array.shape or host.dtype != array.dtype or not host.device.is_cpu or not host.is_contiguous:
             expected = f"{array.shape} of {array.dtype.__name__}"
@@ -264,7 +264,7 @@ def bodies_felt(sensor: Sensor, bodies: Sequence[Body]) -> tuple[Body, ...]:
     def listed(given: Any) -> list[Body]:
         several = isinstance(given, Iterable) and not isinstance(given, str)
         which: list[Any] = list(given) if several else [given]
-        return [find(bodies, each) for each in which]
+        return [find_body(bodies, each) for each in which]
 
     ignored = listed(model.filter_link_idx)
     if model.track_link_idx is None:

@@ -11,7 +11,7 @@ from tactemu.geometry.bodies import Body
 from tactemu.geometry.shapes.band import band_row
 from tactemu.geometry.shapes.distance import ShapeFunctions, shape_functions
 from tactemu.geometry.shapes.mesh import MESH
-from tactemu.geometry.shapes.shape import FAR, Row, codes, table_type
+from tactemu.geometry.shapes.shape import FAR, Row, kind_codes, table_type
 from tactemu.geometry.shapes.voxel_grid import VOXELS
 from tactemu.geometry.shapes.voxelise import voxelise
 from tactemu.plan.plan import Context
@@ -63,7 +63,7 @@ class ShapeTables:
             self._rows[shape] = body.shape.row(body.name, self._context.device)
             _warn_if_large(body.name, self._rows[shape].bound, self._context)
         row = self._rows[shape]
-        of_use = row.kind is MESH if gridded == "band" else row.kind is not None and row.kind.to_grid
+        of_use = row.kind is MESH if gridded == "band" else row.kind is not None and row.kind.is_voxelised
         if gridded is None or not of_use:
             return row
         key = shape, gridded, cell
@@ -110,10 +110,10 @@ def pack(rows: list[Row], context: Context) -> ShapeTable:
         return np.concatenate([getattr(each, name) for each in parts]) if parts else np.zeros((1, *width))
 
     kinds = frozenset(row.kind for row in rows if row.kind is not None)
-    code = {None: -1} | {kind: number for number, kind in codes(kinds)}
+    code = {None: -1} | {kind: number for number, kind in kind_codes(kinds)}
     table = table_type(real)()
     table.kind = upload([code[row.kind] for row in rows], wp.int32)
-    table.turns = upload([int(row.kind is not None and row.kind.turns) for row in rows], wp.int32)
+    table.turns = upload([int(row.kind is not None and row.kind.is_oriented) for row in rows], wp.int32)
     table.size = upload([row.size for row in rows], vec3)
     table.bound = upload([row.bound for row in rows], real)
     table.mesh = upload([0 if row.mesh is None else row.mesh.id for row in rows], wp.uint64)

@@ -13,7 +13,7 @@ import warp as wp
 from tactemu.base.errors import PoseError, SceneError
 from tactemu.base.kernels import start
 from tactemu.base.options import check_declared
-from tactemu.geometry.bodies import Body, find
+from tactemu.geometry.bodies import Body, find_body
 from tactemu.geometry.motion import Pose
 from tactemu.imperfections import Imperfections, ReadingInfo
 from tactemu.imperfections.compile import Transduce
@@ -273,7 +273,7 @@ class Simulation:
         """Plan a sensor's transducers for one branch."""
         assert sensor.chain is not None
         probes, view = sensor.probes, self._poses.view(sensor.link.index)
-        place = TransducerSite(
+        site = TransducerSite(
             name=sensor.name,
             context=self.context,
             positions=probes.positions,
@@ -285,8 +285,8 @@ class Simulation:
             pose=view.pose,
             bodies={body.name: body.index for body in self.bodies},
         )
-        out, stages = sensor.chain.compile(place, array)
-        return out, stages, _reading_info(sensor, sensor.chain.kind)
+        out, stages = sensor.chain.compile(site, array)
+        return out, stages, _reading_info(sensor, sensor.chain.output)
 
     @property
     def clouds(self) -> list[PointCloud]:
@@ -329,7 +329,7 @@ class Simulation:
             raise SceneError(
                 f"set_pose: body {body.name!r} was added after the scene was built, or is of another; build it again"
             )
-        body = find(self.bodies, body)
+        body = find_body(self.bodies, body)
         if body.fixed:
             raise SceneError(f"set_pose: body {body.name!r} is fixed; add it with fixed=False to move it")
         given = (position, quaternion, linear_velocity, angular_velocity)
@@ -587,7 +587,7 @@ class Simulation:
                     array.numpy()[...] = values
                 else:
                     array.assign(values)
-            self.world.after_restore()
+            self.world.resumed()
 
         return take
 

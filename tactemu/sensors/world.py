@@ -210,7 +210,7 @@ class World:
         """What the host has is outdated, for all bodies."""
         self._device_newer = set() if self._shared else set(range(self.n_bodies))
 
-    def after_restore(self) -> None:
+    def resumed(self) -> None:
         """The device's array was restored: what the host has is outdated."""
         self._dirty.clear()
         self.changed_on_device()

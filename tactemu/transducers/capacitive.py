@@ -24,7 +24,7 @@ from tactemu.base.options import number
 from tactemu.plan.clearing import clear_rows
 from tactemu.plan.plan import Stage
 from tactemu.plan.scalars import is_finite
-from tactemu.transducers.loads import TAKES, load_function, output_type, skin_arrays
+from tactemu.transducers.pressure import TAKES, output_type, pressure_function, skin_arrays
 from tactemu.transducers.transducer import CAPACITANCE, SignalType, Transducer, TransducerSite
 
 EPSILON_0 = 8.8541878128e-12
@@ -35,7 +35,7 @@ EPSILON_0 = 8.8541878128e-12
 def gap_kernel(real, vector: bool, push: bool, follows: bool):
     """Capacitances, or pushes of which they are the measure."""
     vec3 = wp.types.vector(3, real)
-    load = load_function(real, vector)
+    load = pressure_function(real, vector)
 
     @wp.kernel(module="unique", enable_backward=False)
     def read_gaps(
@@ -110,14 +110,14 @@ class Capacitive(Transducer):
     def gives(self, taken: SignalType) -> SignalType:
         return output_type(taken, CAPACITANCE, self.rated_n)
 
-    def compile(self, place: TransducerSite, x: wp.array, taken: SignalType) -> tuple[wp.array, Sequence[Stage]]:
-        context, real = place.context, place.context.real
-        normals, areas = skin_arrays(place)
+    def compile(self, site: TransducerSite, x: wp.array, taken: SignalType) -> tuple[wp.array, Sequence[Stage]]:
+        context, real = site.context, site.context.real
+        normals, areas = skin_arrays(site)
         follows = self.baseline_tau is not None
-        shape = (context.n_envs, len(place.positions))
+        shape = (context.n_envs, len(site.positions))
         baseline = context.zeros(shape if follows else (0, 0), wp.float64)
         kind = self.gives(taken)
-        out = place.zeros(kind.n_channels)
+        out = site.zeros(kind.n_channels)
         inputs = [
             x, normals, areas, context.dt, self.modulus, self.dead_band, EPSILON_0 * self.permittivity / self.gap,
             self.stray, self.baseline_tau or 1.0, self.rated_n or 0.0, baseline,
@@ -126,4 +126,4 @@ class Capacitive(Transducer):
         launch = context.record(kernel, shape, inputs, [out])
         reason = "its gap closes" + (", the firmware follows its baseline" if follows else "")
         reset = functools.partial(clear_rows, baseline) if follows else None
-        return out, [Stage(name=f"{place.name}: capacitors", reason=reason, launch=launch, reset=reset)]
+        return out, [Stage(name=f"{site.name}: capacitors", reason=reason, launch=launch, reset=reset)]

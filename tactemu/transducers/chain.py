@@ -42,15 +42,15 @@ class Chain:
                     f"{where}: {type(each).__name__} takes {' or '.join(each.takes)}, not the {kind.quantity} before it"
                 )
             kind = each.gives(kind)
-        self.kind: SignalType = kind
+        self.output: SignalType = kind
         """What comes out."""
 
-    def compile(self, place: TransducerSite, array: wp.array) -> tuple[wp.array, list[Stage]]:
+    def compile(self, site: TransducerSite, array: wp.array) -> tuple[wp.array, list[Stage]]:
         """Return the last array and all stages, from the model's ``(n_envs, n_taxels, channels)``."""
         kind, stages = self.taken, []
         x: Any = array[:, :, self.columns]
         for each in self.transducers:
-            x, more = each.compile(place, x, kind)
+            x, more = each.compile(site, x, kind)
             stages += more
             kind = each.gives(kind)
         return x, stages

@@ -21,7 +21,7 @@ from tactemu.base.options import number
 from tactemu.plan.clearing import clear_rows
 from tactemu.plan.plan import Stage
 from tactemu.plan.scalars import is_finite
-from tactemu.transducers.loads import TAKES, load_function, skin_arrays
+from tactemu.transducers.pressure import TAKES, pressure_function, skin_arrays
 from tactemu.transducers.transducer import PRESSURE, SignalType, Transducer, TransducerSite
 
 
@@ -29,7 +29,7 @@ from tactemu.transducers.transducer import PRESSURE, SignalType, Transducer, Tra
 def medium_kernel(real, vector: bool, shared: bool):
     """A load, late."""
     vec3 = wp.types.vector(3, real)
-    load = load_function(real, vector)
+    load = pressure_function(real, vector)
 
     @wp.kernel(module="unique", enable_backward=False)
     def pass_on(
@@ -85,12 +85,12 @@ class Fluid(Transducer):
     def gives(self, taken: SignalType) -> SignalType:
         return PRESSURE
 
-    def compile(self, place: TransducerSite, x: wp.array, taken: SignalType) -> tuple[wp.array, Sequence[Stage]]:
-        context = place.context
-        shape = (context.n_envs, len(place.positions))
-        late, out = context.zeros(shape, wp.float64), place.zeros(1)
-        inputs = [x, *skin_arrays(place), context.dt, self.tau, late]
+    def compile(self, site: TransducerSite, x: wp.array, taken: SignalType) -> tuple[wp.array, Sequence[Stage]]:
+        context = site.context
+        shape = (context.n_envs, len(site.positions))
+        late, out = context.zeros(shape, wp.float64), site.zeros(1)
+        inputs = [x, *skin_arrays(site), context.dt, self.tau, late]
         kernel = medium_kernel(context.real, taken.vector, self.shared)
         launch = context.record(kernel, shape, inputs, [out])
         reset = functools.partial(clear_rows, late)
-        return out, [Stage(name=f"{place.name}: medium", reason=f"{self.tau:g} s late", launch=launch, reset=reset)]
+        return out, [Stage(name=f"{site.name}: medium", reason=f"{self.tau:g} s late", launch=launch, reset=reset)]

@@ -27,17 +27,17 @@ from tactemu.base.options import number, numbers, triple
 from tactemu.plan.plan import Stage
 from tactemu.transducers.transducer import FIELD, SignalType, Transducer, TransducerSite
 
-REACH = 4.0
+REACH_SPREADS = 4.0
 """Taxels so many ``spread`` away from a magnet do not move it."""
-MAGNETISATION = 1e6
+MAGNETISATION_A_PER_M = 1e6
 """Of a magnet [A/m], about that of neodymium: it says how large a magnet of a given moment is."""
-MOST_IN_A_ROW = 256
+MAX_GRID_SIDE = 256
 """Most magnets along a side of ``grid``; bounds memory."""
 
 
 def radius_of(moments: np.ndarray) -> np.ndarray:
-    """Return the radius of a ball of :data:`MAGNETISATION` that has each moment [m], shape ``(m,)``."""
-    return np.cbrt(np.linalg.norm(moments, axis=-1) * 3 / (4 * np.pi * MAGNETISATION))
+    """Return the radius of a ball of :data:`MAGNETISATION_A_PER_M` that has each moment [m], shape ``(m,)``."""
+    return np.cbrt(np.linalg.norm(moments, axis=-1) * 3 / (4 * np.pi * MAGNETISATION_A_PER_M))
 
 
 @functools.cache
@@ -161,7 +161,7 @@ class Magnetic(Transducer):
             if given.shape != (0,) and (given.ndim != 2 or given.shape[1] != 3):
                 raise SceneError(f"{where}: {name} must be a list of three numbers each, got shape {given.shape}")
         for n in self.grid:
-            number(where, "grid", n, at_least=1, at_most=MOST_IN_A_ROW, integer=True)
+            number(where, "grid", n, at_least=1, at_most=MAX_GRID_SIDE, integer=True)
         if isinstance(self.neighbours, str) or not isinstance(self.neighbours, Sequence):
             raise SceneError(f"{where}: neighbours must be a list, got {shown(self.neighbours)}")
         for each in self.neighbours:
@@ -193,46 +193,46 @@ class Magnetic(Transducer):
         """Return the taxels that move each magnet, nearest first, and how much of each one's displacement it has; both
         ``(m, k)``, with as many columns as any magnet needs."""
         apart = np.linalg.norm(places[:, None] - positions[None], axis=-1)
-        most = max(1, int((apart <= REACH * self.spread).sum(axis=1).max(initial=0)))
+        most = max(1, int((apart <= REACH_SPREADS * self.spread).sum(axis=1).max(initial=0)))
         nearest = np.argsort(apart, axis=1, kind="stable")[:, :most]
         away = np.take_along_axis(apart, nearest, axis=1)
-        weights = np.where(away <= REACH * self.spread, np.exp(-0.5 * (away / self.spread) ** 2), 0.0)
+        weights = np.where(away <= REACH_SPREADS * self.spread, np.exp(-0.5 * (away / self.spread) ** 2), 0.0)
         whole = np.maximum(weights.sum(axis=1, keepdims=True), 1.0)  # between taxels in full, far from all not at all
         return nearest.astype(np.int32), weights / whole
 
-    def compile(self, place: TransducerSite, x: wp.array, taken: SignalType) -> tuple[wp.array, Sequence[Stage]]:
-        context, real = place.context, place.context.real
+    def compile(self, site: TransducerSite, x: wp.array, taken: SignalType) -> tuple[wp.array, Sequence[Stage]]:
+        context, real = site.context, site.context.real
         vec3 = wp.types.vector(3, real)
-        rest, moments = self.places(place.positions)
-        taxels, shares = self.shares(rest, place.positions)
+        rest, moments = self.places(site.positions)
+        taxels, shares = self.shares(rest, site.positions)
         factor = self.compliance if taken.quantity == "force" else 1.0
         moved = wp.zeros((context.n_envs, len(rest)), dtype=vec3, device=context.device)
-        inputs = [x, place.constant(rest, vec3), place.constant(taxels, wp.int32), place.constant(shares * factor)]
+        inputs = [x, site.constant(rest, vec3), site.constant(taxels, wp.int32), site.constant(shares * factor)]
         move = context.record(move_kernel(real), moved.shape, inputs, [moved])
-        field = place.zeros(3)
-        chips = place.positions - self.chip_depth * place.normals
-        bodies, other_places, other_moments = self._others(place)
+        field = site.zeros(3)
+        chips = site.positions - self.chip_depth * site.normals
+        bodies, other_places, other_moments = self._others(site)
         kernel = field_kernel(real, any(self.earth), bool(len(self.neighbours)))
         per_moment = 1e-7  # µ0/4π
         inputs = [
-            moved, place.constant(per_moment * moments, vec3), place.constant(radius_of(moments)),
-            place.constant(chips, vec3), place.world, place.link,
-            wp.vec3d(*self.earth), place.pose, place.constant(bodies, wp.int32),
-            place.constant(other_places, vec3), place.constant(per_moment * other_moments, vec3),
-            place.constant(radius_of(other_moments)),
+            moved, site.constant(per_moment * moments, vec3), site.constant(radius_of(moments)),
+            site.constant(chips, vec3), site.world, site.link,
+            wp.vec3d(*self.earth), site.pose, site.constant(bodies, wp.int32),
+            site.constant(other_places, vec3), site.constant(per_moment * other_moments, vec3),
+            site.constant(radius_of(other_moments)),
         ]  # fmt: skip
         launch = context.record(kernel, field.shape[:2], inputs, [field])
         why = f"{len(rest)} dipoles at {len(chips)} chips"
         return field, [
-            Stage(name=f"{place.name}: magnets", reason="they move with the skin", launch=move),
-            Stage(name=f"{place.name}: field", reason=why, launch=launch, cheaper="fewer magnets"),
+            Stage(name=f"{site.name}: magnets", reason="they move with the skin", launch=move),
+            Stage(name=f"{site.name}: field", reason=why, launch=launch, cheaper="fewer magnets"),
         ]
 
-    def _others(self, place: TransducerSite) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _others(self, site: TransducerSite) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         for body, *_ in self.neighbours:
-            if body not in place.bodies:
-                known = ", ".join(place.bodies)
-                raise SceneError(f"sensor {place.name!r}: neighbours: no body {body!r} (bodies: {known})")
+            if body not in site.bodies:
+                known = ", ".join(site.bodies)
+                raise SceneError(f"sensor {site.name!r}: neighbours: no body {body!r} (bodies: {known})")
         at = np.array([each[1] for each in self.neighbours], float).reshape(-1, 3)
         moments = np.array([each[2] for each in self.neighbours], float).reshape(-1, 3)
-        return np.array([place.bodies[each[0]] for each in self.neighbours], np.int32), at, moments
+        return np.array([site.bodies[each[0]] for each in self.neighbours], np.int32), at, moments

@@ -8,8 +8,8 @@ With the load ``v``, its peak since the skin was last free ``P``, and ``n`` pres
     baseline     + d L ln(1 + n)                                             L: the last peak
 
 ``c`` falls with load as ``(|v|/reference)^-p``. The exponentials follow the logarithm within 0.03 decades from
-``first`` to ``last`` and end there: all is bounded. A press begins at ``PRESSED`` of the largest peak and ends below
-half of that.
+``first`` to ``last`` and end there: all is bounded. A press begins at ``PRESS_THRESHOLD_SHARE`` of the largest peak
+and ends below half of that.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -29,10 +29,10 @@ from tactemu.plan.scalars import is_finite
 from tactemu.transducers.laws import LogMemory
 from tactemu.transducers.transducer import SignalType, Transducer, TransducerSite
 
-PRESSED = wp.constant(wp.float64(0.05))
-TURN = wp.constant(wp.float64(0.1))
+PRESS_THRESHOLD_SHARE = wp.constant(wp.float64(0.05))
+TURN_SHARE = wp.constant(wp.float64(0.1))
 """Share of the peak over which loading turns into unloading."""
-MOST_PRESSES = wp.constant(wp.float64(1000.0))
+MAX_PRESSES = wp.constant(wp.float64(1000.0))
 
 
 @functools.cache
@@ -87,9 +87,9 @@ def material_kernel(real, creep: bool, loop: bool, presses: bool):
             size = wp.abs(v)
             top = wp.max(largest[e, i, c], size)
             largest[e, i, c] = top
-            if size < f64(0.5) * PRESSED * top:
-                if wp.abs(p) > PRESSED * top:
-                    count[e, i, c] = wp.min(count[e, i, c] + f64(1.0), MOST_PRESSES)
+            if size < f64(0.5) * PRESS_THRESHOLD_SHARE * top:
+                if wp.abs(p) > PRESS_THRESHOLD_SHARE * top:
+                    count[e, i, c] = wp.min(count[e, i, c] + f64(1.0), MAX_PRESSES)
                     last[e, i, c] = p
                     p = f64(0.0)
                     branch[e, i, c] = f64(0.0)
@@ -100,14 +100,14 @@ def material_kernel(real, creep: bool, loop: bool, presses: bool):
                     s = wp.clamp(v / p, f64(0.0), f64(1.0))
                     was = branch[e, i, c]
                     # how far below the peak, in shares of it, since it last loaded
-                    b = wp.clamp((f64(1.0) - s) / TURN, f64(0.0), f64(1.0))
+                    b = wp.clamp((f64(1.0) - s) / TURN_SHARE, f64(0.0), f64(1.0))
                     if s >= f64(1.0):
                         b = f64(0.0)
                     branch[e, i, c] = wp.max(b, wp.where(s < f64(1.0), was, f64(0.0)))
                     y = y + width * p * f64(4.0) * s * (f64(1.0) - s) * branch[e, i, c]
             peak[e, i, c] = p
             if wp.static(presses):
-                worked = wp.log(f64(1.0) + wp.min(count[e, i, c] + before, MOST_PRESSES))
+                worked = wp.log(f64(1.0) + wp.min(count[e, i, c] + before, MAX_PRESSES))
                 y = y * (f64(1.0) - softening * worked)
                 y = y + baseline * last[e, i, c] * wp.log(f64(1.0) + count[e, i, c])
         out[e, i, c] = real(y)
@@ -154,18 +154,18 @@ class Material(Transducer):
     def gives(self, taken: SignalType) -> SignalType:
         return taken
 
-    def compile(self, place: TransducerSite, x: wp.array, taken: SignalType) -> tuple[wp.array, Sequence[Stage]]:
+    def compile(self, site: TransducerSite, x: wp.array, taken: SignalType) -> tuple[wp.array, Sequence[Stage]]:
         creep = self.creep_per_decade != 0
         loop, presses = self.loop != 0, self.softening != 0 or self.baseline != 0
         if not (creep or loop or presses):
             return x, []
-        context, shape = place.context, (*x.shape,)
+        context, shape = site.context, (*x.shape,)
         memory = LogMemory.over(self.first, self.last)
         crept = context.zeros((*shape, len(memory.taus) if creep else 0), wp.float64)
         states = [context.zeros(shape if loop or presses else (0, 0, 0), wp.float64) for _ in range(5)]
-        out = place.zeros(taken.n_channels)
+        out = site.zeros(taken.n_channels)
         inputs = [
-            x, context.dt, place.constant(memory.taus, wp.float64), place.constant(memory.weights, wp.float64),
+            x, context.dt, site.constant(memory.taus, wp.float64), site.constant(memory.weights, wp.float64),
             float(memory.grown(1.0)), self.creep_per_decade, self.creep_exponent, self.reference, self.loop,
             self.softening, self.baseline, self.presses_before, crept, *states,
         ]  # fmt: skip
@@ -177,5 +177,5 @@ class Material(Transducer):
                 clear_rows(array, mask)
 
         on = [name for name, is_on in (("creep", creep), ("loop", loop), ("presses", presses)) if is_on]
-        stage = Stage(name=f"{place.name}: soft skin", reason=", ".join(on), launch=launch, reset=reset)
+        stage = Stage(name=f"{site.name}: soft skin", reason=", ".join(on), launch=launch, reset=reset)
         return out, [stage]

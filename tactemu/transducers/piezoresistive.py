@@ -24,7 +24,7 @@ from tactemu.base.errors import SceneError
 from tactemu.base.options import number
 from tactemu.plan.plan import Stage
 from tactemu.plan.scalars import is_finite
-from tactemu.transducers.loads import TAKES, load_function, output_type, skin_arrays
+from tactemu.transducers.pressure import TAKES, output_type, pressure_function, skin_arrays
 from tactemu.transducers.transducer import RESISTANCE, SignalType, Transducer, TransducerSite
 
 
@@ -32,7 +32,7 @@ from tactemu.transducers.transducer import RESISTANCE, SignalType, Transducer, T
 def share_kernel(real, vector: bool):
     """Share of the supply that each divider gives."""
     vec3 = wp.types.vector(3, real)
-    load = load_function(real, vector)
+    load = pressure_function(real, vector)
 
     @wp.kernel(module="unique", enable_backward=False)
     def shares_of_supply(
@@ -166,19 +166,19 @@ class Piezoresistive(Transducer):
     def gives(self, taken: SignalType) -> SignalType:
         return output_type(taken, RESISTANCE, self.rated_n)
 
-    def compile(self, place: TransducerSite, x: wp.array, taken: SignalType) -> tuple[wp.array, Sequence[Stage]]:
-        context, real = place.context, place.context.real
-        if self.ghosts and len(place.layout) != 2:
-            raise SceneError(f"sensor {place.name!r}: ghosts need taxels in rows and columns, not {place.layout}")
-        rows, cols = place.layout if len(place.layout) == 2 else (1, len(place.positions))
-        normals, areas = skin_arrays(place)
-        share = wp.zeros((context.n_envs, len(place.positions)), dtype=real, device=context.device)
+    def compile(self, site: TransducerSite, x: wp.array, taken: SignalType) -> tuple[wp.array, Sequence[Stage]]:
+        context, real = site.context, site.context.real
+        if self.ghosts and len(site.layout) != 2:
+            raise SceneError(f"sensor {site.name!r}: ghosts need taxels in rows and columns, not {site.layout}")
+        rows, cols = site.layout if len(site.layout) == 2 else (1, len(site.positions))
+        normals, areas = skin_arrays(site)
+        share = wp.zeros((context.n_envs, len(site.positions)), dtype=real, device=context.device)
         warm = self.temperature - self.temperature_reference
         half = self.half * 2.718281828459045 ** (-self.half_per_k * warm / self.exponent)
         inputs = [x, normals, areas, half, self.exponent]
         feel = context.record(share_kernel(real, taken.vector), share.shape, inputs, [share])
         kind = self.gives(taken)
-        out = place.zeros(kind.n_channels)
+        out = site.zeros(kind.n_channels)
         inputs = [
             share, normals, rows, cols, self.ghosts, self.gain * (1.0 + self.gain_per_k * warm),
             self.zero_per_k * warm, self.threshold, self.rated_n or 0.0, self.fixed, self.r_open,
@@ -186,6 +186,6 @@ class Piezoresistive(Transducer):
         kernel = readout_kernel(real, self.rated_n is not None, bool(self.ghosts))
         launch = context.record(kernel, share.shape, inputs, [out])
         return out, [
-            Stage(name=f"{place.name}: resistors", reason="resistance falls with pressure", launch=feel),
-            Stage(name=f"{place.name}: divider", reason=kind.quantity, launch=launch),
+            Stage(name=f"{site.name}: resistors", reason="resistance falls with pressure", launch=feel),
+            Stage(name=f"{site.name}: divider", reason=kind.quantity, launch=launch),
         ]

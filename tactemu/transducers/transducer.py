@@ -5,7 +5,7 @@ A transducer is a frozen dataclass of options, one file, derived from :class:`Tr
 the sensor model gives. They stand between the memory of the material and the electronics: noise, resolution and
 saturation of the sensor are then in the unit of the last one.
 
-``compile`` allocates with ``place.context`` and returns the array that it fills and its stages, as a sensor model does.
+``compile`` allocates with ``site.context`` and returns the array that it fills and its stages, as a sensor model does.
 It is called for the ground truth and for the measured branch, unless both are one.
 """
 
@@ -117,5 +117,5 @@ class Transducer(ABC):
         """What comes out when this goes in."""
 
     @abstractmethod
-    def compile(self, place: TransducerSite, x: wp.array, taken: SignalType) -> tuple[wp.array, Sequence[Stage]]:
+    def compile(self, site: TransducerSite, x: wp.array, taken: SignalType) -> tuple[wp.array, Sequence[Stage]]:
         """Return the array that it fills and its stages; ``x`` is ``(n_envs, n_taxels, channels)``."""

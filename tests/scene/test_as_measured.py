@@ -11,7 +11,7 @@ from tactemu.base.errors import SceneError
 from tactemu.emulator.assembly import RunOptions, assemble
 from tactemu.fit.realism import PARAMETERS
 from tactemu.scene.file import check, load, parse
-from tactemu.scene.measured_defaults import devices
+from tactemu.scene.measured_defaults import measured_devices
 
 FITTED = json.loads(PARAMETERS.read_text())
 
@@ -95,7 +95,7 @@ def test_what_a_scene_says_goes_first_and_without_a_wish_nothing_changes():
         assemble(load("optoforce"), RunOptions(port="memory:", measured=True))
 
 
-@pytest.mark.parametrize("name", devices())
+@pytest.mark.parametrize("name", measured_devices())
 def test_every_default_scene_runs_with_them(name):
     assert name in firmware_protocols.DEVICES
     with assemble(load(name), RunOptions(port="memory:", measured=True), clock=VirtualClock()).emulator as emulator:

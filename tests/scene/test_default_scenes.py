@@ -8,8 +8,8 @@ from firmware_protocols.device import CONTACT
 from tactemu.base.clock import VirtualClock
 from tactemu.base.errors import SceneError
 from tactemu.emulator.assembly import RunOptions, assemble
-from tactemu.scene.default import REST_S, tables_for
-from tactemu.scene.file import DEFAULTS, check, load, load_device
+from tactemu.scene.default import IDLE_S, tables_for
+from tactemu.scene.file import DEFAULTS, check, device_class, load
 
 TOUCH = (*CONTACT, "wrench", "vibration")
 
@@ -34,13 +34,13 @@ def test_the_scene_of_every_device_presses_it(name):
     loaded = load(name)
     assert [skin.device for skin in loaded.tables.skin] == [name]
     for body, motion in loaded.motions.items():
-        moved = [np.abs(motion.pose(t).position).max() for t in np.arange(0.0, REST_S, 0.01)]
+        moved = [np.abs(motion.pose(t).position).max() for t in np.arange(0.0, IDLE_S, 0.01)]
         assert max(moved) == 0.0, f"{body} moves before drivers have calibrated"
     if not len(firmware_protocols.create(name).layout):
         return  # motors: nothing to touch
     times, peaks = felt(loaded)
-    assert (times < REST_S).sum() >= 10, "it samples at rest"
-    assert not peaks[times < REST_S].any(), "not touched at the start"
+    assert (times < IDLE_S).sum() >= 10, "it samples at rest"
+    assert not peaks[times < IDLE_S].any(), "not touched at the start"
     assert peaks.max() > 0.0, "touched later"
 
 
@@ -72,7 +72,7 @@ def test_a_default_scene_of_another_device_is_refused(tmp_path):
 
 @pytest.mark.parametrize("name", ["anyskin", "linker_hand_o6"])
 def test_a_device_without_a_scene_gets_one(name):
-    device = load_device(name)
+    device = device_class(name)
     loaded = check(tables_for(name, device))
     assert len(loaded.tables.body) == 1 + len(device().layout.patches)
     _, peaks = felt(loaded)

@@ -157,7 +157,7 @@ def test_a_device_file_runs_once_however_often_it_is_named(tmp_path, capsys):
         "from firmware_protocols.template import VendorModel\nprint('run')\nclass Mine(VendorModel): pass\n"
     )
     name = f"{tmp_path}/mine.py:Mine"
-    device = file.load_device(name)
+    device = file.device_class(name)
     (made,) = make_devices(file.load(name)).values()
     assert type(made) is device
     assert capsys.readouterr().out == "run\n"

@@ -9,7 +9,7 @@ from tactemu.base.errors import SceneError
 from tactemu.geometry import rotation
 from tactemu.geometry.motion import Pose
 from tactemu.scene.scene import Scene
-from tactemu.scene.steering import Leg, Steered, pressing_way, reach
+from tactemu.scene.steering import Steered, Waypoint, press_path, reach
 
 
 def _capsule() -> trimesh.Trimesh:
@@ -53,13 +53,13 @@ def test_a_frame_has_no_reach():
 
 def test_a_way_changed_while_it_is_gone_has_no_jump():
     motion = Steered((0, 0, 1), (1, 0, 0, 0))
-    end = motion.follow(0.5, [Leg(1.0, np.array((1, 0, 1.0)), np.array((0, 0, 0, 1.0)))])
+    end = motion.follow(0.5, [Waypoint(1.0, np.array((1, 0, 1.0)), np.array((0, 0, 0, 1.0)))])
     assert end == 1.5
     np.testing.assert_allclose(motion.world(0.2).position, (0, 0, 1))
     before = motion.world(1.0)
     np.testing.assert_allclose(before.position, (0.5, 0, 1))
     np.testing.assert_allclose(rotation.rotate(before.quaternion, (1, 0, 0)), (0, 1, 0), atol=1e-12)
-    motion.follow(1.0, [Leg(1.0, np.array((0, 0, 0.0)))])
+    motion.follow(1.0, [Waypoint(1.0, np.array((0, 0, 0.0)))])
     after = motion.world(1.0)
     np.testing.assert_allclose(after.position, before.position)
     np.testing.assert_allclose(np.abs(after.quaternion @ before.quaternion), 1.0)
@@ -72,7 +72,7 @@ def test_a_press_ends_at_its_depth_and_never_enters_the_skin_on_its_way(normal):
     body = Scene().add_body(Sphere(radius=0.01), position=(0.03, 0.02, -0.01))
     target = np.array((0.005, -0.004, 0.002))
     here = Pose(np.array(body.position))
-    legs, over = pressing_way(body, here, target, normal, depth=1e-3, clearance=2e-3, speed=0.05)
+    legs, over = press_path(body, here, target, normal, depth=1e-3, clearance=2e-3, speed=0.05)
     gaps = [float((leg.position - target) @ normal) - 0.01 for leg in legs]
     assert gaps[-1] == pytest.approx(-1e-3)
     assert min(gaps[:-1]) >= 2e-3 - 1e-12

@@ -11,17 +11,17 @@ import numpy as np
 from tactemu.base.options import number
 from tactemu.geometry import rotation
 from tactemu.geometry.limits import LENGTH_UNIT, MAX_ANGLE_RAD, MAX_DEPTH_M, MAX_RADIUS_M, SIZE_RANGE_M
-from tactemu.geometry.motion.pose import UNTURNED, ZERO, Motion, Pose, Vector
-from tactemu.geometry.motion.way import (
-    Way,
+from tactemu.geometry.motion.distance_profile import (
+    DistanceProfile,
     check_direction,
+    check_distances,
     check_repeat,
     check_speeds,
     check_times,
-    check_ways,
-    to_and_fro,
-    unit,
+    travel_profile,
+    unit_vector,
 )
+from tactemu.geometry.motion.pose import UNTURNED, ZERO, Motion, Pose, Vector
 
 MAX_SPIN_RATE_RAD_S = 1e4
 """Of a spin [rad/s]."""
@@ -74,7 +74,7 @@ class Press(Motion):
     """In the world; its length does not matter."""
 
     def __post_init__(self):
-        check_ways(self, "approach")
+        check_distances(self, "approach")
         check_times(self, "dwell", "pause", "delay")
         check_speeds(self, "speed", "release_speed")
         check_direction(self, "direction")
@@ -82,12 +82,12 @@ class Press(Motion):
         number(self.kind, "depth", self.depth, at_least=0.0 - self.approach, at_most=MAX_DEPTH_M, unit=LENGTH_UNIT)
 
     @cached_property
-    def _way(self) -> Way:
+    def _way(self) -> DistanceProfile:
         far = self.approach + self.depth
         knots = [(0.0, 0.0), (far / self.speed, far), (self.dwell, far)]
         if self.release:
             knots += [(far / (self.release_speed or self.speed), 0.0), (self.pause, 0.0)]
-        return Way(knots, self.repeat if self.release else 1, self.delay)
+        return DistanceProfile(knots, self.repeat if self.release else 1, self.delay)
 
     @property
     def duration(self) -> float:
@@ -95,7 +95,7 @@ class Press(Motion):
 
     def pose(self, t_s: float) -> Pose:
         distance, speed = self._way.at(t_s)
-        axis = unit(self.direction)
+        axis = unit_vector(self.direction)
         return Pose(axis * distance, UNTURNED, axis * speed, ZERO)
 
 
@@ -116,15 +116,15 @@ class Slide(Motion):
     """Time before the start [s]."""
 
     def __post_init__(self):
-        check_ways(self, "distance")
+        check_distances(self, "distance")
         check_times(self, "delay")
         check_speeds(self, "speed")
         check_direction(self, "direction")
         check_repeat(self)
 
     @cached_property
-    def _way(self) -> Way:
-        return to_and_fro(self.distance, self.speed, self.repeat, self.delay)
+    def _way(self) -> DistanceProfile:
+        return travel_profile(self.distance, self.speed, self.repeat, self.delay)
 
     @property
     def duration(self) -> float:
@@ -132,7 +132,7 @@ class Slide(Motion):
 
     def pose(self, t_s: float) -> Pose:
         distance, speed = self._way.at(t_s)
-        axis = unit(self.direction)
+        axis = unit_vector(self.direction)
         return Pose(axis * distance, UNTURNED, axis * speed, ZERO)
 
 
@@ -157,7 +157,7 @@ class Roll(Motion):
     """Time before the start [s]."""
 
     def __post_init__(self):
-        check_ways(self, "distance")
+        check_distances(self, "distance")
         check_times(self, "delay")
         check_speeds(self, "speed")
         number(self.kind, "radius", self.radius, at_least=SIZE_RANGE_M[0], at_most=MAX_RADIUS_M, unit=LENGTH_UNIT)
@@ -166,8 +166,8 @@ class Roll(Motion):
         check_repeat(self)
 
     @cached_property
-    def _way(self) -> Way:
-        return to_and_fro(self.distance, self.speed, self.repeat, self.delay)
+    def _way(self) -> DistanceProfile:
+        return travel_profile(self.distance, self.speed, self.repeat, self.delay)
 
     @property
     def duration(self) -> float:
@@ -181,8 +181,8 @@ class Roll(Motion):
     @cached_property
     def _axes(self) -> tuple[np.ndarray, np.ndarray]:
         """Travel, and rotation vector per metre: the touching point rests, v + w x (-radius normal) = 0."""
-        axis = unit(self.direction)
-        return axis, np.cross(unit(self.normal), axis) / self.radius
+        axis = unit_vector(self.direction)
+        return axis, np.cross(unit_vector(self.normal), axis) / self.radius
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -213,6 +213,6 @@ class Spin(Motion):
     def pose(self, t_s: float) -> Pose:
         turning = self.delay <= t_s < self.duration
         elapsed = min(max(t_s, self.delay), self.duration) - self.delay
-        axis = unit(self.axis)
+        axis = unit_vector(self.axis)
         turn = rotation.from_rotation_vector(axis * math.remainder(self.rate * elapsed, 4 * math.pi))
         return Pose(ZERO, turn, ZERO, axis * self.rate if turning else ZERO)

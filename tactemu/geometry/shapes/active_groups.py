@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from tactemu.geometry.warp_collectives import lanes, rank, tally
+from tactemu.geometry.warp_collectives import ballot_count, lanes_per_environment, rank
 from tactemu.plan.plan import Context
 
 
@@ -45,7 +45,7 @@ def _list_kernel(lanes: int):
             if g < counts.shape[1]:
                 wanted = counts[env, g] > 0
             at = found + rank(wanted)
-            found += tally(wanted)
+            found += ballot_count(wanted)
             if wanted:
                 active[env, at] = g
         if lane == 0:
@@ -60,6 +60,6 @@ def active_groups(context: Context, counts: wp.array) -> tuple[ActiveGroups, Cal
         n_active=context.zeros(counts.shape[0], wp.int32),
         active=context.zeros(counts.shape, wp.int32),
     )
-    side = lanes(context.device)
+    side = lanes_per_environment(context.device)
     outputs = [groups.n_active, groups.active]
     return groups, context.record(_list_kernel(side), (counts.shape[0], side), [counts], outputs)

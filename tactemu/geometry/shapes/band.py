@@ -7,7 +7,7 @@ Nodes of a regular grid near the surface hold the exact distance and its gradien
 over the eight corners ``c`` of a cell with the trilinear weights ``w_c``: exact for what is quadratic, as trilinear
 interpolation is for what is linear. Each cell is compared with the exact distance when the grid is built. Where the two
 differ by more than :data:`TOLERANCE_M` (beside edges, within the medial surface), where the surface is nearer than
-:data:`SURE_M`, so that the sign is not in doubt, and beyond the band the exact distance is asked for.
+:data:`EXACT_WITHIN_M`, so that the sign is not in doubt, and beyond the band the exact distance is asked for.
 """
 
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportCallIssue=false, reportArgumentType=false
@@ -29,20 +29,20 @@ from tactemu.plan.plan import Context
 
 log = logging.getLogger(__name__)
 
-NODES = 96
+NODES_PER_LONGEST_SIDE = 96
 """Along the longest side, unless a cell size is given."""
-REACH = 1 / 8
+HALF_WIDTH_SHARE = 1 / 8
 """Of the band to either side, in parts of the longest side."""
 TOLERANCE_M = 1.8e-6
 """Of the cells that are interpolated: error where they are compared, and what it may grow by between these points."""
-BETWEEN = 0.1
+SAMPLE_DISTANCE_CELLS = 0.1
 """How far from the points where a cell is compared the error may be larger, in cells: it grows by as much per length as
 the gradients differ."""
-SURE_M = 2e-6
+EXACT_WITHIN_M = 2e-6
 """Nearer to the surface the exact distance says on which side a point is."""
-SAME_WAY = 0.95
+MIN_GRADIENT_COSINE = 0.95
 """Least cosine between the gradients at a cell's corners and their mean, where it is compared at all."""
-WORTH_SAYING = 200_000
+LOGGED_NODES = 200_000
 """Nodes near the surface from which on the log says that a band is built."""
 
 
@@ -113,14 +113,14 @@ def _in_band(real, exact):
             if shapes.band_smooth[start + (wp.int64(i) * wp.int64(n[1]) + wp.int64(j)) * wp.int64(n[2]) + wp.int64(k)]:
                 f = g - vec3(real(i), real(j), real(k))
                 d, slope = interpolated(shapes, start, n, i, j, k, f, cell)
-                if wp.abs(d) > real(SURE_M):
+                if wp.abs(d) > real(EXACT_WITHIN_M):
                     return d, wp.normalize(slope)
         return exact(shapes, b, p)
 
     return in_band
 
 
-BAND = ShapeKind("band", _distance, MESH.ray, MESH.lower_bound, searched=True, unsearched=_unsearched)
+BAND = ShapeKind("band", _distance, MESH.ray, MESH.lower_bound, is_searched=True, without_search=_unsearched)
 
 
 @functools.cache
@@ -154,9 +154,10 @@ def _cell_kernel(real):
         d, slope = interpolated(shapes, wp.int64(0), n, i, j, k, f, cell)
         p = shapes.band_origin[0] + cell * (vec3(real(i), real(j), real(k)) + f)
         right, way = exact(shapes, 0, p)
-        between = real(BETWEEN) * cell * wp.length(slope - way)
+        between = real(SAMPLE_DISTANCE_CELLS) * cell * wp.length(slope - way)
         close = wp.abs(d - right) + between <= real(TOLERANCE_M)
-        return close and (wp.abs(right) <= real(SURE_M) or wp.dot(wp.normalize(slope), way) > real(SAME_WAY))
+        parallel = wp.dot(wp.normalize(slope), way) > real(MIN_GRADIENT_COSINE)
+        return close and (wp.abs(right) <= real(EXACT_WITHIN_M) or parallel)
 
     @wp.kernel(module="unique", enable_backward=False)
     def compare_cells(shapes: shapes_type, values: wp.array3d(dtype=vec4), out: wp.array3d(dtype=wp.uint8)):
@@ -176,7 +177,7 @@ def _cell_kernel(real):
                     mean += g
                 else:
                     least = wp.min(least, wp.dot(g, wp.normalize(mean)))
-        if least < real(SAME_WAY):
+        if least < real(MIN_GRADIENT_COSINE):
             return
         same = agrees(shapes, n, i, j, k, vec3(real(0.5)))
         for corner in range(8):
@@ -210,17 +211,17 @@ def band_row(row: Row, pack, cell: float | None, name: str, context: Context) ->
     real, device = context.real, context.device
     middle, half = np.asarray(row.middle), np.asarray(row.half)
     longest = 2.0 * float(half.max())
-    cell = longest / NODES if cell is None else float(cell)
+    cell = longest / NODES_PER_LONGEST_SIDE if cell is None else float(cell)
     if not (np.isfinite(cell) and cell > 0):
         raise SceneError(f"voxel_size must be > 0 m, got {cell!r}")
-    reach = REACH * longest
+    reach = HALF_WIDTH_SHARE * longest
     shape = tuple(int(n) for n in np.ceil(2.0 * (half + reach) / cell).astype(np.int64) + 1)
     if np.prod(shape) > MAX_GRID_NODES // 4:
         raise SceneError(
             f"voxel_size {cell:g} m makes a band of {' x '.join(map(str, shape))} nodes for body {name!r}; "
             f"the most is {MAX_GRID_NODES // 4}: take a larger cell, or contact_depth_query='sdf'"
         )
-    if np.prod(shape) > WORTH_SAYING:
+    if np.prod(shape) > LOGGED_NODES:
         log.info("body %r: a band of %s nodes is compared with its mesh", name, " x ".join(map(str, shape)))
     origin = middle - 0.5 * cell * (np.array(shape) - 1)
     nodes = wp.zeros(shape, dtype=wp.types.vector(4, real), device=device)

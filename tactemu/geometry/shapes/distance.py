@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from tactemu.geometry.shapes.shape import FAR, codes, table_type
+from tactemu.geometry.shapes.shape import FAR, kind_codes, table_type
 
 
 class ShapeFunctions(NamedTuple):
@@ -49,11 +49,11 @@ def shape_functions(real, kinds: frozenset) -> ShapeFunctions:
         return real(-FAR)
 
     distance, lower_bound = to_nothing, unbounded
-    for code, kind in codes(kinds):
+    for code, kind in kind_codes(kinds):
         distance = _distance_or(real, code, kind.distance(real), distance)
         if kind.lower_bound is not None:
             lower_bound = _bound_or(real, code, kind.lower_bound(real), lower_bound)
-    some_turn, all_turn = any(kind.turns for kind in kinds), all(kind.turns for kind in kinds)
+    some_turn, all_turn = any(kind.is_oriented for kind in kinds), all(kind.is_oriented for kind in kinds)
 
     @wp.func
     def distance_in_link(shapes: shapes_type, b: int, pose: transform, r: vec3):

@@ -19,9 +19,9 @@ from tactemu.geometry.shapes.surface import sample_triangles
 from tactemu.geometry.shapes.triangles import Triangles, extent_of_file, load_mesh
 from tactemu.geometry.shapes.voxel_grid import VoxelGrid
 
-MOST_CROSSINGS = 16
+MAX_CROSSINGS = 16
 """Surfaces behind the skin that a line may cross."""
-MOST_DRAWN = 20_000
+MAX_DRAWN_TRIANGLES = 20_000
 """Triangles of a mesh that viewers get; of a larger one they get the box around it."""
 
 
@@ -63,7 +63,7 @@ class Mesh(Shape):
     def outline(self, name: str) -> dict[str, Any]:
         triangles = self._triangles(name)
         vertices, faces = triangles.vertices, triangles.faces
-        if len(faces) > MOST_DRAWN:
+        if len(faces) > MAX_DRAWN_TRIANGLES:
             return box_outline(vertices.min(0), vertices.max(0))
         return {"vertices": np.round(vertices, 7).tolist(), "faces": faces.tolist()}
 
@@ -120,7 +120,7 @@ def _ray(real):
         middle = shapes.mesh_middle[b]
         way = wp.vec3(wp.float32(d[0]), wp.float32(d[1]), wp.float32(d[2]))
         s = -back
-        for _ in range(wp.static(MOST_CROSSINGS)):
+        for _ in range(wp.static(MAX_CROSSINGS)):
             q = (o - middle + s * d) / unit
             origin = wp.vec3(wp.float32(q[0]), wp.float32(q[1]), wp.float32(q[2]))
             hit = wp.mesh_query_ray(shapes.mesh[b], origin, way, wp.float32(1.0e6))
@@ -137,6 +137,6 @@ def _ray(real):
     return through_mesh
 
 
-MESH = ShapeKind("mesh", functools.partial(_distance, True), _ray, _lower_bound, searched=True)
-OPEN_MESH = ShapeKind("open mesh", functools.partial(_distance, False), _ray, searched=True)
+MESH = ShapeKind("mesh", functools.partial(_distance, True), _ray, _lower_bound, is_searched=True)
+OPEN_MESH = ShapeKind("open mesh", functools.partial(_distance, False), _ray, is_searched=True)
 """With holes, or with faces within its solid."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from tactemu.geometry.shapes.triangles import Triangles
 
-LOOKS_THROUGH = 8
+MAX_SLIVER_CHAIN = 8
 """Triangles without an area, one behind another, through which an edge finds its neighbour."""
 
 
@@ -44,7 +44,7 @@ def features_of(triangles: Triangles, middle: np.ndarray) -> Features:
     )
     seen = np.zeros((len(faces), 3, 3))  # the normal of the surface that each side's own face, or sliver, shows
     seen[:many] = _unit(np.cross(way[:many, 0], way[:many, 1]))[:, None]
-    for _ in range(LOOKS_THROUGH if len(faces) > many else 0):
+    for _ in range(MAX_SLIVER_CHAIN if len(faces) > many else 0):
         beyond = (_summed(seen.reshape(-1, 3), edge, len(uses))[edge].reshape(-1, 3, 3) - seen)[many:]
         longest = length[many:].argmax(1)
         rows = np.arange(len(longest))

@@ -29,15 +29,15 @@ from tactemu.geometry.shapes.triangles import Triangles
 
 log = logging.getLogger(__name__)
 
-NODES = 32
+NODES_PER_LONGEST_SIDE = 32
 """Nodes of the bounding grid along the longest side."""
-MOST_ASKED = 20_000
+MAX_SAMPLED_FACES = 20_000
 """Faces of a closed mesh that are asked whether they lie within its solid."""
-PLACES = ((0.33, 0.33), (0.98, 0.01), (0.01, 0.98), (0.01, 0.01), (0.49, 0.02), (0.02, 0.49), (0.49, 0.49))
+SAMPLE_WEIGHTS = ((0.33, 0.33), (0.98, 0.01), (0.01, 0.98), (0.01, 0.01), (0.49, 0.02), (0.02, 0.49), (0.49, 0.49))
 """Places on each of them, by the weights of two corners: its middle, and near its corners and sides."""
-BESIDE = 1.0e-5
+SAMPLE_OFFSET = 1.0e-5
 """How far from a face that is asked, in units of the mesh."""
-MOST_TURNS = 24
+MAX_NEIGHBOUR_STEPS = 24
 """Faces around a vertex that are compared with the one that was found."""
 
 
@@ -71,13 +71,13 @@ def build_query(triangles: Triangles, device) -> MeshQuery:
     points = wp.array(((triangles.vertices - middle) / unit).astype(np.float32), dtype=wp.vec3, device=device)
     mesh = _hierarchy(points, triangles, device)
     wound = not triangles.closed
-    if not wound and (kept := _without_buried(triangles, mesh, device)) is not triangles:
+    if not wound and (kept := _without_interior_faces(triangles, mesh, device)) is not triangles:
         wound, triangles = True, kept
         mesh = _hierarchy(points, triangles, device)
     features = features_of(triangles, middle)
     if not wound:
-        mesh = _quicker(mesh)
-    cell = 2.0 * unit / (NODES - 3)
+        mesh = _faster_hierarchy(mesh)
+    cell = 2.0 * unit / (NODES_PER_LONGEST_SIDE - 3)
     nodes = np.ceil(2.0 * half / cell).astype(int) + 3
     origin = -half - cell
     values = _node_values(mesh, unit, wound, features, origin, cell, tuple(map(int, nodes)), device)
@@ -89,7 +89,7 @@ def _hierarchy(points: wp.array, triangles: Triangles, device) -> wp.Mesh:
     return wp.Mesh(points=points, indices=indices, support_winding_number=True)
 
 
-def _quicker(mesh: wp.Mesh) -> wp.Mesh:
+def _faster_hierarchy(mesh: wp.Mesh) -> wp.Mesh:
     """On a GPU the hierarchy of cuBQL, which is a fifth to a quarter faster to search; it has no winding numbers."""
     if mesh.points.device is not None and mesh.points.device.is_cuda:
         try:
@@ -106,37 +106,37 @@ def _within_kernel():
         """Count the places on a face that have solid on their outer side."""
         i, k = wp.tid()
         face = i * every
-        beside = wp.mesh_eval_face_normal(mesh, face) * wp.static(BESIDE)
+        beside = wp.mesh_eval_face_normal(mesh, face) * wp.static(SAMPLE_OFFSET)
         p = wp.mesh_eval_position(mesh, face, places[k][0], places[k][1]) + beside
-        hit = wp.mesh_query_point_sign_winding_number(mesh, p, 2.0 * wp.static(BESIDE))
+        hit = wp.mesh_query_point_sign_winding_number(mesh, p, 2.0 * wp.static(SAMPLE_OFFSET))
         if hit.result and hit.sign < 0.0:
             wp.atomic_add(out, i, 1)
 
     return count_within
 
 
-def _without_buried(triangles: Triangles, mesh: wp.Mesh, device) -> Triangles:
+def _without_interior_faces(triangles: Triangles, mesh: wp.Mesh, device) -> Triangles:
     """Return a closed mesh without the faces that lie within its solid, or the same one if there are none.
 
     There are some where shells intersect, or nest with the same sense, and where one shell goes through itself. A face
     that is partly within stays, and with it a depth that is too small near by: said once.
     """
 
-    places = wp.array(PLACES, dtype=wp.vec2, device=device)
+    places = wp.array(SAMPLE_WEIGHTS, dtype=wp.vec2, device=device)
 
     def within(every: int) -> np.ndarray:
         found = wp.zeros(-(-len(triangles.faces) // every), dtype=wp.int32, device=device)
-        dim = (found.shape[0], len(PLACES))
+        dim = (found.shape[0], len(SAMPLE_WEIGHTS))
         wp.launch(_within_kernel(), dim=dim, inputs=[mesh.id, every, places], outputs=[found], device=device)
         return found.numpy()
 
-    every = -(-len(triangles.faces) // MOST_ASKED)
+    every = -(-len(triangles.faces) // MAX_SAMPLED_FACES)
     found = within(every)
     if not found.any():
         return triangles
     if every > 1:
         found = within(1)
-    buried = found == len(PLACES)
+    buried = found == len(SAMPLE_WEIGHTS)
     shells = triangles.shells()
     what = f"{shells} closed shells that intersect or nest" if shells > 1 else "a shell that goes through itself"
     log.warning(
@@ -218,7 +218,7 @@ def _feature_functions(real):
         turns = int(0)
         # the hierarchy's float32 may have taken one face for its neighbour, over the side or around the corner: of two
         # faces the one is nearer on which the foot is less of a corner, whatever rounding makes of the lengths
-        while where > 0 and turns < wp.static(MOST_TURNS):
+        while where > 0 and turns < wp.static(MAX_NEIGHBOUR_STEPS):
             turns += 1
             at = beside[first[1] + at][(where - 1) % 3]
             if at < 0 or at == face:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactemu.geometry.shapes.rays import PARALLEL
+from tactemu.geometry.shapes.rays import PARALLEL_SINE
 from tactemu.geometry.shapes.shape import FAR, Row, Shape, ShapeKind, table_type
 
 
@@ -53,7 +53,7 @@ def _ray(real):
     def through_plane(shapes: shapes_type, b: int, o: vec3, d: vec3, start: real, end: real):
         first = real(FAR)
         last = real(-FAR)
-        if wp.abs(d[2]) < real(PARALLEL):
+        if wp.abs(d[2]) < real(PARALLEL_SINE):
             if o[2] <= real(0.0):
                 first = real(-FAR)
                 last = real(FAR)
@@ -70,4 +70,4 @@ def _ray(real):
     return through_plane
 
 
-PLANE = ShapeKind("plane", _distance, _ray, to_grid=False)
+PLANE = ShapeKind("plane", _distance, _ray, is_voxelised=False)

@@ -11,11 +11,11 @@ the solid; without a hit the first is +1e18 and the last -1e18. Convex shapes ar
 import functools
 from typing import Any, NamedTuple
 
-from tactemu.geometry.shapes.shape import FAR, codes, table_type
+from tactemu.geometry.shapes.shape import FAR, kind_codes, table_type
 
-PARALLEL = 1.0e-12
+PARALLEL_SINE = 1.0e-12
 """Sine of an angle below which a line runs along a face."""
-MOST_STEPS = 1024
+MAX_TRACE_STEPS = 1024
 """Of a line that is followed by the distance alone."""
 
 
@@ -56,7 +56,7 @@ def line_pieces(real) -> LinePieces:
     def slab(o: real, d: real, half: real):
         first = real(-FAR)
         last = real(FAR)
-        if wp.abs(d) < real(PARALLEL):
+        if wp.abs(d) < real(PARALLEL_SINE):
             if wp.abs(o) > half:
                 first = real(FAR)
                 last = real(-FAR)
@@ -71,7 +71,7 @@ def line_pieces(real) -> LinePieces:
     def tube(o: vec3, d: vec3, radius: real, half: real):
         first, last = slab(o[2], d[2], half)
         slope = wp.length(vec2(d[0], d[1]))
-        if slope < real(PARALLEL):
+        if slope < real(PARALLEL_SINE):
             if wp.length(vec2(o[0], o[1])) > radius:
                 first = real(FAR)
                 last = real(-FAR)
@@ -141,7 +141,7 @@ def traced_ray(real, distance, near=None):
         s = -back
         gap, _n = distance(shapes, b, o + s * d)
         within = gap < real(0.0)
-        for _ in range(wp.static(MOST_STEPS)):
+        for _ in range(wp.static(MAX_TRACE_STEPS)):
             gap, _m = distance(shapes, b, o + s * d)
             if within:
                 if gap > touching:
@@ -179,7 +179,7 @@ def ray_function(real, kinds: frozenset):
         return real(FAR), real(-FAR)
 
     through = through_nothing
-    for code, kind in codes(kinds):
+    for code, kind in kind_codes(kinds):
         through = _ray_or(real, code, kind.ray(real), through)
 
     @wp.func

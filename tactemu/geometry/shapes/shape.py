@@ -50,15 +50,15 @@ class ShapeKind:
     solid, looked at from ``s = -start`` to ``end``; without a hit +1e18 and -1e18."""
     lower_bound: Callable[[Any], Any] | None = None
     """Builds ``f(shapes, b, p)``: never more than the distance, and much cheaper."""
-    turns: bool = True
+    is_oriented: bool = True
     """Does it matter how the body is turned?"""
-    searched: bool = False
+    is_searched: bool = False
     """Is it searched, so that threads side by side part ways?"""
-    unsearched: Callable[[Any], Any] | None = None
+    without_search: Callable[[Any], Any] | None = None
     """Of what is searched: builds its distance where that is known without a search, and -1e18 where it is not."""
-    to_grid: bool = True
+    is_voxelised: bool = True
     """Does the voxel query replace it by a grid of distances?"""
-    steepest: float = 1.0
+    max_slope: float = 1.0
     """By how much its distance may change per metre; interpolated distances go beyond 1."""
 
 
@@ -196,11 +196,11 @@ def table_type(real):
 
 
 @functools.cache
-def unsearched(kinds: frozenset[ShapeKind]) -> frozenset[ShapeKind]:
+def without_search(kinds: frozenset[ShapeKind]) -> frozenset[ShapeKind]:
     """Return the same kinds without any search: distances that need one are -1e18."""
 
     def without(kind: ShapeKind) -> ShapeKind:
-        return dataclasses.replace(kind, distance=kind.unsearched or unknown_function) if kind.searched else kind
+        return dataclasses.replace(kind, distance=kind.without_search or unknown_function) if kind.is_searched else kind
 
     return frozenset(map(without, kinds))
 
@@ -219,6 +219,6 @@ def unknown_function(real):
     return unknown
 
 
-def codes(kinds: frozenset[ShapeKind]) -> list[tuple[int, ShapeKind]]:
+def kind_codes(kinds: frozenset[ShapeKind]) -> list[tuple[int, ShapeKind]]:
     """Return the number that each kind has in the column ``kind`` of a table of these kinds."""
     return list(enumerate(sorted(kinds, key=lambda kind: kind.name)))

@@ -67,4 +67,4 @@ def _ray(real):
     return through_sphere
 
 
-SPHERE = ShapeKind("sphere", _distance, _ray, turns=False, to_grid=False)
+SPHERE = ShapeKind("sphere", _distance, _ray, is_oriented=False, is_voxelised=False)

@@ -190,4 +190,4 @@ def _ray(real):
     return traced_ray(real, _distance(real, least=True), part_of_cell)
 
 
-VOXELS = ShapeKind("voxels", _distance, _ray, to_grid=False, steepest=1.75)  # a trilinear slope may reach sqrt(3)
+VOXELS = ShapeKind("voxels", _distance, _ray, is_voxelised=False, max_slope=1.75)  # a trilinear slope may reach sqrt(3)

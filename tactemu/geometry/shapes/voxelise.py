@@ -14,9 +14,9 @@ from tactemu.geometry.shapes.shape import table_type
 from tactemu.geometry.shapes.voxel_grid import MAX_GRID_NODES, VoxelGrid
 from tactemu.plan.plan import Context
 
-CELLS = 64
+CELLS_PER_LONGEST_SIDE = 64
 """Cells along the longest side unless a cell size is given."""
-MARGIN = 0.1
+MARGIN_SHARE = 0.1
 """How far the grid goes beyond the shape, in parts of the longest side."""
 
 
@@ -51,10 +51,10 @@ def voxelise(table, middle, half, cell: float | None, name: str, context: Contex
     """
     middle, half = np.asarray(middle), np.asarray(half)
     longest = 2.0 * float(half.max())
-    cell = longest / CELLS if cell is None else float(cell)
+    cell = longest / CELLS_PER_LONGEST_SIDE if cell is None else float(cell)
     if not (np.isfinite(cell) and cell > 0):
         raise SceneError(f"voxel_size must be > 0 m, got {cell!r}")
-    half = half + MARGIN * longest
+    half = half + MARGIN_SHARE * longest
     nodes = np.ceil(2.0 * half / cell).astype(np.int64) + 1
     if nodes.prod() > MAX_GRID_NODES:
         raise SceneError(

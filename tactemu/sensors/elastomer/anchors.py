@@ -169,7 +169,7 @@ def shear_anchors(
         place=context.zeros(places, vec3),
         pull=context.zeros(places, vec3),
     )
-    slope = max((kind.steepest for kind in table.kinds), default=1.0)
+    slope = max((kind.max_slope for kind in table.kinds), default=1.0)
     follow_points, release_all = _kernels(real, table.functions, slope, area_weighted)
     follow = context.record(
         follow_points,

@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 import warp as wp
 
-from tactemu.geometry.vector_io import wide_loads, wide_store
+from tactemu.geometry.vector_io import vector_readers, vector_writer
 from tactemu.plan.launches import in_turn
 from tactemu.plan.plan import Context
 from tactemu.sensors.elastomer.dilation_kernels import (
@@ -95,8 +95,8 @@ def plane_terms(grid: Grid, options: DilationOptions, tolerance: float) -> list[
 @functools.cache
 def _kernels(real):
     vec3 = wp.types.vector(3, real)
-    block, store = wp.types.vector(WIDTH, real), wide_store(real, WIDTH)
-    _, load_2, load_4 = wide_loads(real, WIDTH)
+    block, store = wp.types.vector(WIDTH, real), vector_writer(real, WIDTH)
+    _, load_2, load_4 = vector_readers(real, WIDTH)
 
     @wp.kernel(module="unique", enable_backward=False, launch_bounds=(BLOCK, 6))
     def sum_rows(

@@ -8,12 +8,12 @@ import functools
 
 import warp as wp
 
-from tactemu.geometry.simd import padded, vectors
+from tactemu.geometry.simd import padded_length, vector_prelude
 
 
 def scratch_numbers(rows: int, cols: int, n_all: int) -> int:
     """How many numbers a thread needs for a grid: depth, its power, and the sums over rows of all terms."""
-    return (2 + n_all) * padded(rows) * padded(cols)
+    return (2 + n_all) * padded_length(rows) * padded_length(cols)
 
 
 @functools.cache
@@ -22,7 +22,7 @@ def dilation_kernel(real):
     vec3 = wp.types.vector(3, real)
     numbers, table = wp.array2d(dtype=real), wp.array(dtype=real)
 
-    @wp.func_native(vectors(real) + _DILATE)
+    @wp.func_native(vector_prelude(real) + _DILATE)
     def dilate(
         depth: numbers,
         power: numbers,

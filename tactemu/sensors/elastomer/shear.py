@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from tactemu.geometry.simd import padded, vectors
+from tactemu.geometry.simd import padded_length, vector_prelude
 from tactemu.plan.plan import Context
 from tactemu.sensors.elastomer.anchors import Anchors
 from tactemu.sensors.point_cloud import CLUSTER
@@ -97,7 +97,7 @@ def _tables_kernel(real, add: bool):
     vec3 = wp.types.vector(3, real)
     snippet = _DRAG.replace("CLUSTER", str(CLUSTER)).replace("NEGLIGIBLE", repr(_NEGLIGIBLE))
 
-    @wp.func_native(vectors(real) + snippet.replace("ADD", str(int(add))))
+    @wp.func_native(vector_prelude(real) + snippet.replace("ADD", str(int(add))))
     def drag(
         n_pulling: wp.array(dtype=wp.int32),
         n_active: int,
@@ -285,7 +285,7 @@ def tabulated_shear_motion(drag: Drag, grid: Grid) -> Callable[[], None]:
     context, anchors = drag.context, drag.anchors
     vec3 = wp.types.vector(3, context.real)
     shape = (context.n_envs, grid.rows, grid.cols)
-    each = 2 * padded(grid.rows) + padded(grid.cols)
+    each = 2 * padded_length(grid.rows) + padded_length(grid.cols)
     tables = wp.zeros((context.threads, anchors.place.shape[1] * each), dtype=context.real, device=context.device)
     inputs = [*drag.pulling, anchors.place, anchors.pull, vec3(*grid.corner), vec3(*grid.u), vec3(*grid.v)]
     inputs += [grid.du, grid.dv, drag.lambda_s, drag.scale, drag.is_sensing.reshape(shape[1:]), tables]

@@ -1,7 +1,7 @@
 """The cells of a solver's windows eight at a time in a CPU's vector registers: what :mod:`.pressure_simd` and
 :mod:`.friction_simd` have in common."""
 
-from tactemu.geometry.simd import vectors
+from tactemu.geometry.simd import vector_prelude
 
 
 def over_cells(real, like: str, snippet: str) -> str:
@@ -12,7 +12,7 @@ def over_cells(real, like: str, snippet: str) -> str:
 
     ``like``: one of the windows; the others have the same strides, and are whole registers wide.
     """
-    return vectors(real) + _CELLS.replace("LIKE", like) + snippet
+    return vector_prelude(real) + _CELLS.replace("LIKE", like) + snippet
 
 
 _CELLS = """

@@ -11,7 +11,7 @@ import functools
 
 import warp as wp
 
-from tactemu.geometry.simd import WIDTH, vectors
+from tactemu.geometry.simd import WIDTH, vector_prelude
 
 SCRATCH = 4 * WIDTH
 """Numbers of scratch for each point of a transform: a group of complex columns, before and after a stage."""
@@ -23,7 +23,7 @@ def wide_hartley(real):
     for whole groups of columns and, in ``rows_out``, of rows; ``out`` must be elsewhere than ``field``."""
     field_type, turns_type = wp.array2d(dtype=real), wp.array(dtype=wp.types.vector(2, real))
 
-    @wp.func_native(vectors(real) + _TRANSFORM)
+    @wp.func_native(vector_prelude(real) + _TRANSFORM)
     def transform(
         scratch: field_type,
         twiddle: turns_type,
@@ -58,7 +58,7 @@ def wide_scale(real):
     """``scale(spectrum, table, start, rows, columns)``: multiplies a spectrum by the table that begins at ``start``."""
     grid_type, table_type = wp.array2d(dtype=real), wp.array(dtype=real)
 
-    @wp.func_native(vectors(real) + _SCALE)
+    @wp.func_native(vector_prelude(real) + _SCALE)
     def scale(spectrum: grid_type, table: table_type, start: int, rows: int, columns: int): ...
 
     return scale
@@ -70,7 +70,7 @@ def wide_mix(real):
     longer than ``columns``."""
     grid_type, table_type = wp.array2d(dtype=real), wp.array(dtype=real)
 
-    @wp.func_native(vectors(real) + _MIX)
+    @wp.func_native(vector_prelude(real) + _MIX)
     def mix(
         x: grid_type,
         y: grid_type,
@@ -91,7 +91,7 @@ def wide_by_pressure(real):
     rows are longer than ``columns``."""
     grid_type, table_type = wp.array2d(dtype=real), wp.array(dtype=real)
 
-    @wp.func_native(vectors(real) + _BY_PRESSURE)
+    @wp.func_native(vector_prelude(real) + _BY_PRESSURE)
     def by_pressure(p: grid_type, u: grid_type, table: table_type, axis: int, start: int, rows: int, columns: int): ...
 
     return by_pressure

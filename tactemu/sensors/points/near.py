@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from tactemu.geometry.warp_collectives import lanes, rank, tally
+from tactemu.geometry.warp_collectives import ballot_count, lanes_per_environment, rank
 from tactemu.sensors.point_cloud import FAR_AWAY
 from tactemu.sensors.points.table import cloud_type
 from tactemu.sensors.sensor_model import Site
@@ -60,7 +60,7 @@ def _kernel(real, lanes: int):
                     limit = ball[3] + reach
                     wanted = not (wp.dot(apart, apart) > limit * limit)
                 place = found + rank(wanted)
-                found += tally(wanted)
+                found += ballot_count(wanted)
                 if wanted:
                     clusters[env, place] = c
         if lane == 0:
@@ -87,5 +87,5 @@ def near_clusters(site: Site, clouds, reach: float | None) -> tuple[NearClusters
     limits.append(FAR_AWAY if reach is None else np.nextafter(reach * (1 + 1e-5), np.inf))
     outputs = [near.clusters, near.start]
     inputs = [clouds, site.view.pose, *limits]
-    side = lanes(context.device)
+    side = lanes_per_environment(context.device)
     return near, context.record(_kernel(context.real, side), (n_envs, side), inputs, outputs)

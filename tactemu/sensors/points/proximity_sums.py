@@ -15,7 +15,7 @@ import numpy as np
 import warp as wp
 
 from tactemu.geometry.simd import WIDTH
-from tactemu.geometry.vector_io import wide_loads
+from tactemu.geometry.vector_io import vector_readers
 from tactemu.sensors.point_cloud import CLUSTER, spatial_order
 from tactemu.sensors.points.near import NearClusters
 from tactemu.sensors.points.sums_simd import strip_sums_kernel
@@ -35,7 +35,7 @@ def _kernel(real):
     """Of a GPU, whose threads run in step: points out of reach add zeros, with quick roots."""
     vec3, vec4 = wp.types.vector(3, real), wp.types.vector(4, real)
     transform = wp.types.transformation(real)
-    fetch, _, _ = wide_loads(real, 4)
+    fetch, _, _ = vector_readers(real, 4)
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": True}, launch_bounds=BLOCK)
     def sum_points(

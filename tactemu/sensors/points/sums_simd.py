@@ -11,7 +11,7 @@ import functools
 
 import warp as wp
 
-from tactemu.geometry.simd import WIDTH, vectors
+from tactemu.geometry.simd import WIDTH, vector_prelude
 from tactemu.sensors.point_cloud import CLUSTER
 from tactemu.sensors.points.table import cloud_type
 
@@ -22,7 +22,7 @@ def strip_sums_kernel(real):
     vec3, vec4 = wp.types.vector(3, real), wp.types.vector(4, real)
     transform = wp.types.transformation(real)
 
-    @wp.func_native(vectors(real) + _SUM.replace("CLUSTER", str(CLUSTER)))
+    @wp.func_native(vector_prelude(real) + _SUM.replace("CLUSTER", str(CLUSTER)))
     def add_up(
         points: wp.array(dtype=vec4),
         counts: wp.array(dtype=wp.int32),

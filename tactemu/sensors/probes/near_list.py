@@ -11,7 +11,7 @@ import functools
 
 import warp as wp
 
-from tactemu.geometry.shapes.shape import FAR, table_type, unsearched
+from tactemu.geometry.shapes.shape import FAR, table_type, without_search
 from tactemu.plan.launches import Launch, in_turn
 from tactemu.plan.scalars import natural
 from tactemu.sensors.probes.formula import Formula, probe_functions
@@ -47,8 +47,8 @@ def list_kernel(formula: Formula):
     transform = wp.types.transformation(real)
     probes_type, shapes_type, numbers_type = probes_struct(real), table_type(real), formula.numbers
     within = within_function(real, formula.kinds, formula.along_normal)
-    some_known = not formula.along_normal and any(kind.unsearched for kind in formula.kinds)
-    margin, known, write, away = probe_functions(formula._replace(kinds=unsearched(formula.kinds)))
+    some_known = not formula.along_normal and any(kind.without_search for kind in formula.kinds)
+    margin, known, write, away = probe_functions(formula._replace(kinds=without_search(formula.kinds)))
 
     @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
     def list_near(

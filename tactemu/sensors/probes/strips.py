@@ -152,7 +152,7 @@ def record_strips(
     if context.device.is_cpu:
         dim = context.n_envs, -(-site.probes.n // STRIP)
         return context.record(strip_kernel(formula), dim, [*scene, site.view.near, numbers, gain, radius], [truth, raw])
-    if any(kind.searched for kind in formula.kinds):
+    if any(kind.is_searched for kind in formula.kinds):
         return record_listed(site, formula, scene, numbers, gain, radius, [truth, raw])
     blocks = Blocks(context.n_envs, site.probes.n)
     kernel, inputs = block_kernel(formula, blocks.shift), [*scene, site.view.near, numbers, gain, radius]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from tactemu.geometry.warp_collectives import lanes, most
+from tactemu.geometry.warp_collectives import lanes_per_environment, warp_max
 from tactemu.plan.launches import in_turn
 from tactemu.plan.scalars import natural
 from tactemu.sensors.probes.query import probes_struct
@@ -70,10 +70,10 @@ def box_kernel(real, lanes: int):
             while col >= cols:
                 col -= cols
                 row += 1
-        top = -most(-top)
-        bottom = most(bottom)
-        left = -most(-left)
-        right = most(right)
+        top = -warp_max(-top)
+        bottom = warp_max(bottom)
+        left = -warp_max(-left)
+        right = warp_max(right)
         if lane == 0:
             box[env, 0] = top
             box[env, 1] = bottom
@@ -147,6 +147,6 @@ def taxel_depth(site: Site, exponent: float) -> tuple[TaxelDepth, Callable[[], N
     found = TaxelDepth(depth=depth, power=power, box=box)
     if on_cpu:
         return found, in_turn(context.record(_clear_kernel(), context.n_envs, [], [box]), find)
-    side = lanes(context.device)
+    side = lanes_per_environment(context.device)
     bound = context.record(box_kernel(real, side), (context.n_envs, side), [depth, cols], [box])
     return found, in_turn(find, bound)

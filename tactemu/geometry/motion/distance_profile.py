@@ -13,7 +13,7 @@ from tactemu.geometry.limits import LENGTH_UNIT, MAX_TIME_S, MAX_TRAVEL_M, SPEED
 from tactemu.geometry.motion.pose import Motion
 
 
-class Way:
+class DistanceProfile:
     """A distance over time, straight between knots, repeated: exact value and slope."""
 
     def __init__(self, knots: list[tuple[float, float]], repeat: int | None, delay: float):
@@ -41,13 +41,13 @@ class Way:
         return self.values[k] + slope * (t - self.times[k]), slope
 
 
-def to_and_fro(distance: float, speed: float, repeat: int | None, delay: float) -> Way:
+def travel_profile(distance: float, speed: float, repeat: int | None, delay: float) -> DistanceProfile:
     """There once, or there and back ``repeat`` times (``None``: for ever)."""
     there = [(0.0, 0.0), (distance / speed, distance)]
-    return Way(there if repeat == 1 else [*there, (distance / speed, 0.0)], repeat, delay)
+    return DistanceProfile(there if repeat == 1 else [*there, (distance / speed, 0.0)], repeat, delay)
 
 
-def unit(vector) -> np.ndarray:
+def unit_vector(vector) -> np.ndarray:
     """Return the direction of a vector."""
     v = np.asarray(vector, np.float64)
     return v / math.sqrt(float(v @ v))
@@ -69,7 +69,7 @@ def check_times(motion: Motion, *names: str) -> None:
             number(motion.kind, name, getattr(motion, name), at_least=0, at_most=MAX_TIME_S, unit="s")
 
 
-def check_ways(motion: Motion, *names: str) -> None:
+def check_distances(motion: Motion, *names: str) -> None:
     """Refuse fields that are no distance from 0 to :data:`MAX_TRAVEL_M`."""
     for name in names:
         number(motion.kind, name, getattr(motion, name), at_least=0, at_most=MAX_TRAVEL_M, unit=LENGTH_UNIT)

@@ -14,7 +14,7 @@ TAKES = ("force", "pressure")
 
 
 @functools.cache
-def load_function(real, vector: bool):
+def pressure_function(real, vector: bool):
     """``load(x, normals, areas, e, i)``: pressure on a taxel [Pa], 0 where it is pulled; NaN stays NaN."""
     vec3 = wp.types.vector(3, real)
 
@@ -31,10 +31,10 @@ def load_function(real, vector: bool):
     return load
 
 
-def skin_arrays(place: TransducerSite) -> list[wp.array]:
-    """Normals and areas, as :func:`load_function` wants them."""
-    vec3 = wp.types.vector(3, place.context.real)
-    return [place.constant(place.normals, vec3), place.constant(np.broadcast_to(place.areas, len(place.normals)))]
+def skin_arrays(site: TransducerSite) -> list[wp.array]:
+    """Normals and areas, as :func:`pressure_function` wants them."""
+    vec3 = wp.types.vector(3, site.context.real)
+    return [site.constant(site.normals, vec3), site.constant(np.broadcast_to(site.areas, len(site.normals)))]
 
 
 def output_type(taken: SignalType, own: SignalType, rated: float | None) -> SignalType:
