@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from firmware_protocols import Frame
+from firmware_protocols import WireFrame
 from tactemu.base.clock import RealClock
 from tactemu.base.gc_tuning import no_full_collections
 from tactemu.base.statistics import Lateness
@@ -54,7 +54,7 @@ class Tally(Truth):
         super().__init__(keep=KEPT)
         self.size = self.check = 0
 
-    def wrote(self, t_ns: int, device: str, frame: Frame, sample: int | None = None, late_ns: int = 0) -> None:
+    def wrote(self, t_ns: int, device: str, frame: WireFrame, sample: int | None = None, late_ns: int = 0) -> None:
         """A frame left for the driver."""
         super().wrote(t_ns, device, frame, sample, late_ns)
         assert isinstance(frame, bytes)

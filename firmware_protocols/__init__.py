@@ -42,7 +42,7 @@ if TYPE_CHECKING:  # what an editor sees; the table below says the same to Pytho
     from firmware_protocols.facts import measured as measured
     from firmware_protocols.facts import stated as stated
     from firmware_protocols.frames import CanFrame as CanFrame
-    from firmware_protocols.frames import Frame as Frame
+    from firmware_protocols.frames import WireFrame as WireFrame
     from firmware_protocols.layouts import Layout as Layout
     from firmware_protocols.layouts import Patch as Patch
     from firmware_protocols.layouts import grid_layout as grid_layout
@@ -50,7 +50,7 @@ if TYPE_CHECKING:  # what an editor sees; the table below says the same to Pytho
     from firmware_protocols.options import Option as Option
     from firmware_protocols.registry import DEVICES as DEVICES
     from firmware_protocols.registry import create as create
-    from firmware_protocols.registry import load as load
+    from firmware_protocols.registry import device_class as device_class
     from firmware_protocols.registry import names as names
 
 _PUBLIC = {
@@ -63,10 +63,10 @@ _PUBLIC = {
         "Stream",
     ),
     "facts": ("Fact", "assumed", "measured", "stated"),
-    "frames": ("CanFrame", "Frame"),
+    "frames": ("CanFrame", "WireFrame"),
     "layouts": ("Layout", "Patch", "grid_layout", "points"),
     "options": ("Option",),
-    "registry": ("DEVICES", "create", "load", "names"),
+    "registry": ("DEVICES", "create", "device_class", "names"),
 }  # fmt: skip
 _MODULE_OF = {name: module for module, names in _PUBLIC.items() for name in names}
 

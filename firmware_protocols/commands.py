@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from firmware_protocols.frames import Frame, frame_of, matches
+from firmware_protocols.frames import WireFrame, frame_of, matches
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -19,11 +19,11 @@ class Command:
     """
 
     name: str
-    request: Frame | str
-    reply: Frame | str | Sequence[Frame | str] | Callable[[list[Any]], bool] | None = None
+    request: WireFrame | str
+    reply: WireFrame | str | Sequence[WireFrame | str] | Callable[[list[Any]], bool] | None = None
     """The answer, or several in order; ``None``: documented silence; a predicate where no pattern can say it."""
     about: str = ""
-    after: Sequence[Frame | str] = ()
+    after: Sequence[WireFrame | str] = ()
     """Requests to send first (select a port, unlock ...)."""
     port: str = ""
     """Where it is sent; default: the device's first port."""
@@ -31,7 +31,7 @@ class Command:
     """Where the example comes from: a manual's page, a capture, the driver that sends it."""
 
     @property
-    def frame(self) -> Frame:
+    def frame(self) -> WireFrame:
         """The request as a frame."""
         return frame_of(self.request)
 

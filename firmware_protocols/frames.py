@@ -54,11 +54,11 @@ class CanFrame:
         )
 
 
-Frame = bytes | CanFrame
+WireFrame = bytes | CanFrame
 """A serial frame is ``bytes`` and is written in one ``write()``; a CAN frame is a :class:`CanFrame`."""
 
 
-def frame_of(text: Frame | str) -> Frame:
+def frame_of(text: WireFrame | str) -> WireFrame:
     """``"AA 07"`` or ``"201#0700"`` as a frame; frames pass.
 
     Raises:
@@ -69,17 +69,17 @@ def frame_of(text: Frame | str) -> Frame:
     return CanFrame.parse(text) if "#" in text else bytes.fromhex(text)
 
 
-def text_of(frame: Frame) -> str:
+def text_of(frame: WireFrame) -> str:
     """Return a frame in hex, or in candump notation."""
     return str(frame) if isinstance(frame, CanFrame) else frame.hex()
 
 
-def payload(frame: Frame) -> bytes:
+def payload(frame: WireFrame) -> bytes:
     """Return the data bytes of a frame."""
     return frame.data if isinstance(frame, CanFrame) else frame
 
 
-def with_payload(frame: Frame, data: bytes) -> Frame:
+def with_payload(frame: WireFrame, data: bytes) -> WireFrame:
     """Return the frame with other data; a CAN-FD frame is filled up with zeros to the next length that exists."""
     if not isinstance(frame, CanFrame):
         return data
@@ -88,7 +88,7 @@ def with_payload(frame: Frame, data: bytes) -> Frame:
     return replace(frame, data=data)
 
 
-def matches(pattern: Frame | str, frame: Frame) -> bool:
+def matches(pattern: WireFrame | str, frame: WireFrame) -> bool:
     """Whether a frame fits a pattern: a frame itself, or text in which ``..`` is any byte, ``..{12}`` twelve of them
     and ``*`` any rest."""
     if not isinstance(pattern, str):

@@ -84,11 +84,11 @@ _FILES: dict[tuple[Path, int], object] = {}
 
 
 def names() -> list[str]:
-    """Return every device that :func:`load` knows by name, those of installed packages included."""
+    """Return every device that :func:`device_class` finds by name, those of installed packages included."""
     return sorted({*DEVICES, *(point.name for point in entry_points(group=ENTRY_POINT_GROUP))})
 
 
-def load(name: str) -> type[Device]:
+def device_class(name: str) -> type[Device]:
     """Return the device class called ``name``: a registered name, or ``path/to/file.py:Class``.
 
     Raises:
@@ -114,8 +114,8 @@ def create(name: str, **options) -> Device:
     """
     from firmware_protocols.options import checked
 
-    device = load(name)
-    return device(**checked(device, options))
+    found = device_class(name)
+    return found(**checked(found, options))
 
 
 def _device(found: object, name: str) -> type[Device]:

@@ -125,7 +125,7 @@ def test_plans_layouts_and_statistics_are_shown_in_notebooks():
     from tactemu.plan.plan import Plan, Stage
 
     for name in ("anyskin", "inspire_rh56dftp", "feetech_sts3215"):
-        layout = fp.load(name)().layout
+        layout = fp.device_class(name)().layout
         picture = xml.fromstring(layout._repr_html_())
         assert len(picture.findall("{http://www.w3.org/2000/svg}circle")) == len(layout)
     plan = Plan([Stage(name="depth", reason="<b> asks for it", launch=lambda: None, cost_us=1.25)])

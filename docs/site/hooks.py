@@ -148,7 +148,7 @@ def _conventions() -> str:
     way = {1: "rises", -1: "falls", 0: "need not move"}
     meaning = {1: "into the skin", -1: "out of the skin", 0: "not declared"}
     for name in sorted(fp.DEVICES):
-        columns = fp.load(name)().columns
+        columns = fp.device_class(name)().columns
         for column in columns:
             scale = "not declared" if column.counts_per_unit is None else f"{column.counts_per_unit:g}"
             plus_z = meaning[column.push] if column.axis == "z" else ""
@@ -180,7 +180,7 @@ def _devices() -> str:
 
 def _device(name: str) -> str:
     """The datasheet, and a picture of where the taxels are."""
-    device = fp.load(name)()
+    device = fp.device_class(name)()
     sheet = "\n".join(line.rstrip() for line in datasheet(name, device))
     command = f'python -c "import firmware_protocols as fp; print(fp.create({name!r}).layout.picture(400))"'
     picture = f"## Where its taxels are\n\n{device.layout.picture(400)}\n\n*`{command}`*\n\n"

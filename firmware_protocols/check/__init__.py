@@ -41,7 +41,7 @@ def check(target: str, options: Mapping[str, Any] | None = None, *, fuzz: int = 
     start = time.perf_counter()
     name = target.rpartition(":")[2] if ".py:" in target else target
     try:
-        subject = Subject(target, registry.load(target), dict(options or {}))
+        subject = Subject(target, registry.device_class(target), dict(options or {}))
         name = getattr(subject.cls, "name", name)
         baseline = restarts.Baseline(subject)
         _ = subject.commands

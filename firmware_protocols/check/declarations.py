@@ -79,7 +79,7 @@ def _datasheet(subject: Subject, device: Device) -> Iterator[str]:
 
 
 def _is_registered(cls: type[Device], name: str) -> bool:
-    return inspect.getfile(registry.load(name)) == inspect.getfile(cls)
+    return inspect.getfile(registry.device_class(name)) == inspect.getfile(cls)
 
 
 def _options(cls: type[Device]) -> Iterator[str]:

@@ -15,7 +15,7 @@ def main() -> None:
     """A line of JSON, then the state as :func:`firmware_protocols.state.to_bytes` writes it."""
     head, _, saved = sys.stdin.buffer.read().partition(b"\n")
     header = json.loads(head)
-    subject = Subject(header["target"], registry.load(header["target"]), header["options"])
+    subject = Subject(header["target"], registry.device_class(header["target"]), header["options"])
     host = Host(subject.build())
     host.device.restore(plain.from_bytes(saved))
     host.t_ns = header["t_ns"]

@@ -7,7 +7,7 @@ from typing import Literal
 
 from firmware_protocols.check.facts import frames_of
 from firmware_protocols.device import Device
-from firmware_protocols.frames import CanFrame, Frame, with_payload
+from firmware_protocols.frames import CanFrame, WireFrame, with_payload
 from firmware_protocols.framing import ppp
 from firmware_protocols.sums import SUMS
 
@@ -17,7 +17,7 @@ FLAG = b"\x7e"
 ORDERS: tuple[Literal["little", "big"], ...] = ("little", "big")
 
 
-def reframed(cls: type[Device], request: Frame) -> Iterator[tuple[int, Frame]]:
+def reframed(cls: type[Device], request: WireFrame) -> Iterator[tuple[int, WireFrame]]:
     """Requests like this one with so many bytes of zeros, and of FF, as data."""
     if isinstance(request, CanFrame):
         for n in SIZES:
@@ -34,7 +34,7 @@ def reframed(cls: type[Device], request: Frame) -> Iterator[tuple[int, Frame]]:
     yield from dict.fromkeys(found)
 
 
-def _by_table(cls: type[Device], request: bytes) -> Iterator[tuple[int, Frame]]:
+def _by_table(cls: type[Device], request: bytes) -> Iterator[tuple[int, WireFrame]]:
     """By the device's own table, which fills in lengths and sums."""
     for table in frames_of(cls):
         field = next((each for each in table.fields if each.is_open and each.kind == "bytes"), None)

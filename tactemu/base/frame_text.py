@@ -6,7 +6,7 @@ An error frame has the text of ``candump -L``: the error's class with the error 
 
 from __future__ import annotations
 
-from firmware_protocols import CanFrame, Frame
+from firmware_protocols import CanFrame, WireFrame
 from firmware_protocols.frames import FD_LENGTHS, frame_of, text_of
 
 PROTOCOL_ERROR = 0x8
@@ -20,7 +20,7 @@ _FD_FLAG = 4
 _ERROR_DATA = "00" * 8
 
 
-def text(frame: Frame) -> str:
+def text(frame: WireFrame) -> str:
     """Return the text of a frame in a log."""
     if isinstance(frame, CanFrame) and frame.is_error_frame:
         return f"{_ERROR_FLAG | on_the_bus(frame).arbitration_id:08X}#{_ERROR_DATA}"
@@ -35,7 +35,7 @@ def on_the_bus(frame: CanFrame) -> CanFrame:
     return CanFrame(arbitration_id=PROTOCOL_ERROR, is_error_frame=True) if frame.is_error_frame else frame
 
 
-def parse(data: str) -> Frame:
+def parse(data: str) -> WireFrame:
     """Return the frame of a text.
 
     Raises:

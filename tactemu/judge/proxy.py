@@ -16,7 +16,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from firmware_protocols import Can, Connector, Device, Frame, Sent, Serial, calls
+from firmware_protocols import Can, Connector, Device, Sent, Serial, WireFrame, calls
 from firmware_protocols.check.readings import reading_of
 from firmware_protocols.tables import Frame as FrameTable
 from tactemu import transports
@@ -139,9 +139,9 @@ class RealPort(Protocol):
 
     def fileno(self) -> int: ...  # noqa: D102
 
-    def read(self) -> list[Frame]: ...  # noqa: D102
+    def read(self) -> list[WireFrame]: ...  # noqa: D102
 
-    def write(self, data: Frame) -> None: ...  # noqa: D102
+    def write(self, data: WireFrame) -> None: ...  # noqa: D102
 
     def follow(self, event: SettingChanged | LinesChanged) -> None: ...  # noqa: D102
 
@@ -167,7 +167,7 @@ class RealSerial:
         except (OSError, AttributeError):
             return -1
 
-    def read(self) -> list[Frame]:
+    def read(self) -> list[WireFrame]:
         """What is there."""
         try:
             data = self.port.read(CHUNK)
@@ -175,7 +175,7 @@ class RealSerial:
             raise TransportError(f"lost the sensor's port {self.name}: {error}") from None
         return [data] if data else []
 
-    def write(self, data: Frame) -> None:
+    def write(self, data: WireFrame) -> None:
         """What the driver has sent."""
         assert isinstance(data, bytes)
         try:
@@ -212,11 +212,11 @@ class RealBus:
         """To select; -1 where there is none."""
         return next(iter(self.port.filenos()), -1)
 
-    def read(self) -> list[Frame]:
+    def read(self) -> list[WireFrame]:
         """What is there."""
         return [event.data for event in self.port.poll() if isinstance(event, Received)]
 
-    def write(self, data: Frame) -> None:
+    def write(self, data: WireFrame) -> None:
         """What the driver has sent."""
         self.port.write(data)
 
@@ -303,7 +303,7 @@ class Proxy:
         self.wire.flush(self.clock.now_ns())
         self._wait()
 
-    def _pass(self, data: Frame, now: int) -> None:
+    def _pass(self, data: WireFrame, now: int) -> None:
         self.passed["to driver"] += _size(data)
         self._record(now, data, "tx")
         if not isinstance(data, bytes):
@@ -334,7 +334,7 @@ class Proxy:
         if frames:
             self.wire.send(frames, now, self.name, sample=sample)
 
-    def _record(self, now: int, data: Frame, kind: Any) -> None:
+    def _record(self, now: int, data: WireFrame, kind: Any) -> None:
         if self.recorder is not None:
             self.recorder.add(Entry(now, data, kind))
 
@@ -351,5 +351,5 @@ class Proxy:
         select.select([*here, *([fileno] if fileno >= 0 else [])], [], [], wait_s)
 
 
-def _size(data: Frame) -> int:
+def _size(data: WireFrame) -> int:
     return len(data) if isinstance(data, bytes) else 1

@@ -124,7 +124,7 @@ def device_class(name: str) -> type[firmware_protocols.Device]:
         DeviceError: there is none, or its file does not run.
     """
     try:
-        return firmware_protocols.load(name)
+        return firmware_protocols.device_class(name)
     except LookupError as error:
         hint = "" if ".py:" in name else "; a scene file ends in .toml"
         if name.endswith(".py"):

@@ -20,7 +20,7 @@ from typing import Any
 
 import can
 
-from firmware_protocols import CanFrame, Frame
+from firmware_protocols import CanFrame, WireFrame
 from tactemu.base.errors import TransportError, TransportUnavailable
 from tactemu.transports.can_messages import frame_of, message_of
 from tactemu.transports.forks import close_in_children
@@ -118,7 +118,7 @@ class CanTransport(Transport):
             each.passes(message.arbitration_id, message.is_extended_id) for each in self._filters
         )
 
-    def write(self, frame: Frame) -> bool:
+    def write(self, frame: WireFrame) -> bool:
         """Send one frame; ``False`` when the adapter does not take it."""
         if not isinstance(frame, CanFrame):
             raise TransportError(f"a CAN bus cannot carry {len(frame)} bytes of a serial stream")

@@ -25,7 +25,7 @@ from cyclonedds.pub import DataWriter, Publisher
 from cyclonedds.sub import DataReader, Subscriber
 from cyclonedds.topic import Topic
 
-from firmware_protocols import Connector, Dds, Frame, idl
+from firmware_protocols import Connector, Dds, WireFrame, idl
 from tactemu.base.errors import TransportError
 from tactemu.transports import inet
 from tactemu.transports.forks import close_in_children
@@ -157,7 +157,7 @@ class DdsTransport(Transport):
                     events.append(Received(data[len(_HEADER) :]))
         return events
 
-    def write(self, frame: Frame) -> bool:
+    def write(self, frame: WireFrame) -> bool:
         """Write one sample; ``False`` when nobody reads, or what is to be sent is none."""
         if not isinstance(frame, bytes):
             raise TransportError(f"DDS cannot carry the CAN frame {frame}")

@@ -6,7 +6,7 @@ from collections import deque
 from dataclasses import replace
 from typing import Any
 
-from firmware_protocols import Frame
+from firmware_protocols import WireFrame
 from tactemu.transports.transport import (
     DROPPED,
     MAX_CHUNK_BYTES,
@@ -37,7 +37,7 @@ class DriverEnd:
         self.setting = SerialSetting()
         self.sent: deque[Event] = deque()
         """Events for the device's end, oldest first."""
-        self.unread: deque[Frame] = deque()
+        self.unread: deque[WireFrame] = deque()
         """Frames from the device, oldest first."""
 
     def open(self) -> None:
@@ -51,7 +51,7 @@ class DriverEnd:
         self.unread.clear()
         self.sent += (Closed(), DROPPED)
 
-    def write(self, data: Frame) -> bool:
+    def write(self, data: WireFrame) -> bool:
         """Send bytes, or one CAN frame; ``False`` when the device's end does not take what was sent."""
         pieces = (
             [data[at : at + MAX_CHUNK_BYTES] for at in range(0, len(data), MAX_CHUNK_BYTES)]
@@ -63,7 +63,7 @@ class DriverEnd:
         self.sent.extend(map(Received, pieces))
         return True
 
-    def read(self) -> list[Frame]:
+    def read(self) -> list[WireFrame]:
         """Everything that the device has sent since the last call, frame by frame."""
         frames = list(self.unread)
         self.unread.clear()
@@ -122,7 +122,7 @@ class MemoryTransport(Transport):
         if self.driver.is_open:
             self.driver.close()
 
-    def write(self, frame: Frame) -> bool:
+    def write(self, frame: WireFrame) -> bool:
         """Hand the frame to the driver's end."""
         if not self.has_reader or len(self.driver.unread) >= MAX_UNREAD_FRAMES:
             return False
@@ -140,5 +140,5 @@ class MemoryTransport(Transport):
         return self.driver.setting
 
 
-def _size(data: Frame) -> int:
+def _size(data: WireFrame) -> int:
     return len(data) if isinstance(data, bytes) else len(data.data)

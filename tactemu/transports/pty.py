@@ -25,7 +25,7 @@ import termios
 import tty
 from collections import deque
 
-from firmware_protocols import Frame
+from firmware_protocols import WireFrame
 from tactemu.base.errors import TransportError, TransportUnavailable
 from tactemu.transports.forks import close_in_children
 from tactemu.transports.open_watch import OpenWatch
@@ -223,7 +223,7 @@ class PtyTransport(Transport):
 
     # -- bytes out ---------------------------------------------------------------------------------------------------
 
-    def write(self, frame: Frame) -> bool:
+    def write(self, frame: WireFrame) -> bool:
         """Write one frame in one call, or not at all."""
         if not isinstance(frame, bytes):
             raise TransportError(f"a serial port cannot carry the CAN frame {frame}")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from firmware_protocols import Can, CanFrame, Connector, Frame
+from firmware_protocols import Can, CanFrame, Connector, WireFrame
 from firmware_protocols.frames import FD_LENGTHS
 from firmware_protocols.framing import Lines
 from tactemu.base.errors import TransportError
@@ -85,7 +85,7 @@ class SlcanTransport(PtyTransport):
         super().write(answer)
         return [Received(frame)] if frame is not None and self._has_bus_bitrate else []
 
-    def write(self, frame: Frame) -> bool:
+    def write(self, frame: WireFrame) -> bool:
         """Write one frame as a line; ``False`` when the channel is closed or the driver does not read."""
         if not isinstance(frame, CanFrame):
             raise TransportError(f"a CAN bus cannot carry {len(frame)} bytes of a serial stream")

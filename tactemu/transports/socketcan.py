@@ -11,7 +11,7 @@ import struct
 import time
 from collections.abc import Sequence
 
-from firmware_protocols import Can, CanFrame, Connector, Frame
+from firmware_protocols import Can, CanFrame, Connector, WireFrame
 from firmware_protocols.can_frames import CAN_FRAME, CanFrames
 from tactemu.base.errors import TransportError, TransportUnavailable
 from tactemu.base.frame_text import PROTOCOL_ERROR
@@ -170,7 +170,7 @@ class SocketCanTransport(Transport):
             _logger.warning("can:%s: the interface is back", self.address)
         return not self._away
 
-    def write(self, frame: Frame) -> bool:
+    def write(self, frame: WireFrame) -> bool:
         """Send one frame; ``False`` when the interface is down or its queue is full."""
         if not isinstance(frame, CanFrame):
             raise TransportError(f"a CAN bus cannot carry {len(frame)} bytes of a serial stream")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import time
 
-from firmware_protocols import CanFrame, Frame
+from firmware_protocols import CanFrame, WireFrame
 from tactemu.base.errors import TransportError
 from tactemu.transports.tcp import TcpTransport
 from tactemu.transports.transport import Event, Received
@@ -36,7 +36,7 @@ class SocketcandTransport(TcpTransport):
         """Whether a client is in raw mode."""
         return super().has_reader and self._raw
 
-    def write(self, frame: Frame) -> bool:
+    def write(self, frame: WireFrame) -> bool:
         """Send one frame; ``False`` for kinds that the protocol has no word for, too."""
         if not isinstance(frame, CanFrame):
             raise TransportError(f"a CAN bus cannot carry {len(frame)} bytes of a serial stream")

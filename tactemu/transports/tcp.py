@@ -10,7 +10,7 @@ import contextlib
 import select
 import socket
 
-from firmware_protocols import Frame
+from firmware_protocols import WireFrame
 from tactemu.base.errors import TransportError
 from tactemu.transports import inet
 from tactemu.transports.forks import close_in_children
@@ -148,7 +148,7 @@ class TcpTransport(Transport):
 
     # -- bytes out ---------------------------------------------------------------------------------------------------
 
-    def write(self, frame: Frame) -> bool:
+    def write(self, frame: WireFrame) -> bool:
         """Send one frame; ``False`` when nobody is connected or the client does not read."""
         if not isinstance(frame, bytes):
             raise TransportError(f"a TCP connection cannot carry the CAN frame {frame}")

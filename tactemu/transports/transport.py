@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from firmware_protocols import CanFrame, Connector, Frame
+from firmware_protocols import CanFrame, Connector, WireFrame
 from firmware_protocols.can_frames import CanFrames
 
 MAX_CHUNK_BYTES = 512
@@ -45,7 +45,7 @@ class Closed:
 class Received:
     """Bytes in a chunk of any size up to :data:`MAX_CHUNK_BYTES`, or one CAN frame, from the driver."""
 
-    data: Frame
+    data: WireFrame
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +151,7 @@ class Transport(ABC):
         """
 
     @abstractmethod
-    def write(self, frame: Frame) -> bool:
+    def write(self, frame: WireFrame) -> bool:
         """Write one frame whole, or not at all (``False``: nobody listens or reads). Never blocks."""
 
     def write_all(self, frames: CanFrames) -> int:
@@ -201,7 +201,6 @@ __all__ = [
     "CanFrame",
     "Closed",
     "Event",
-    "Frame",
     "LinesChanged",
     "Noted",
     "Opened",
@@ -210,4 +209,5 @@ __all__ = [
     "SerialSetting",
     "SettingChanged",
     "Transport",
+    "WireFrame",
 ]  # fmt: skip

@@ -13,7 +13,7 @@ import contextlib
 import socket
 from typing import Any
 
-from firmware_protocols import Frame
+from firmware_protocols import WireFrame
 from tactemu.base.errors import TransportError
 from tactemu.transports import inet
 from tactemu.transports.forks import close_in_children
@@ -113,7 +113,7 @@ class UdpTransport(Transport):
                 refused.append(self._socket.recvmsg(0, 0, socket.MSG_ERRQUEUE)[3])
         return refused
 
-    def write(self, frame: Frame) -> bool:
+    def write(self, frame: WireFrame) -> bool:
         """Send one datagram; ``False`` when nobody has spoken yet, or it is too long."""
         if not isinstance(frame, bytes):
             raise TransportError(f"UDP cannot carry the CAN frame {frame}")

@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
-from firmware_protocols import Frame
+from firmware_protocols import WireFrame
 
 VERSION = 2
 """Of the log's format, in both encodings."""
@@ -49,7 +49,7 @@ class Passage(NamedTuple):
     t_ns: int
     device: str
     kind: Direction
-    frame: Frame
+    frame: WireFrame
     sample: int | None = None
     """Number of the sample that it carries; ``None``: of none, or nobody said."""
     why: str = ""

@@ -7,7 +7,7 @@ import threading
 import weakref
 from collections import deque
 
-from firmware_protocols import CanFrame, Frame
+from firmware_protocols import CanFrame, WireFrame
 from firmware_protocols.can_frames import CanFrames
 from tactemu.base.errors import TactemuError
 from tactemu.truth.entries import Entry, Injection, Passage, PortEvent, Sample
@@ -67,7 +67,7 @@ class Memory:
     def __init__(self, keep: str | int | None = None):
         self.budget = _PROCESS if keep is None else Budget(parse_size(keep))
         self.samples: deque[Sample] = deque()
-        self.frames: deque[tuple[int, str, Frame | CanFrames]] = deque()
+        self.frames: deque[tuple[int, str, WireFrame | CanFrames]] = deque()
         self.bytes = 0
         self.forgotten = 0
         with self.budget.lock:
@@ -77,7 +77,7 @@ class Memory:
         """Keep a sample."""
         self._add(self.samples, sample, size_of_sample(sample))
 
-    def add_frame(self, t_ns: int, device: str, frame: Frame | CanFrames) -> None:
+    def add_frame(self, t_ns: int, device: str, frame: WireFrame | CanFrames) -> None:
         """Keep a frame, or several that left at a time."""
         self._add(self.frames, (t_ns, device, frame), size_of_frame(frame))
 
@@ -125,7 +125,7 @@ def size_of(entry: Entry) -> int:
     return _OBJECTS_OF_FRAME + sum(map(len, texts))
 
 
-def size_of_frame(frame: Frame | CanFrames) -> int:
+def size_of_frame(frame: WireFrame | CanFrames) -> int:
     """Return bytes of a frame, or of several, in memory, roughly."""
     if isinstance(frame, CanFrames):
         return _OBJECTS_OF_FRAME + frame.array.nbytes

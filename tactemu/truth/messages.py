@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from firmware_protocols import CanFrame, Frame
+from firmware_protocols import CanFrame, WireFrame
 from tactemu.base.frame_text import checked, on_the_bus
 from tactemu.truth.entries import BodyPose, Entry, Injection, Passage, PortEvent, Sample
 
@@ -231,7 +231,7 @@ class Decoder:
         why, payload = variable
         data = payload.tobytes()
         can = CanFrame(arbitration_id=ident, data=data, **dict(zip(_CAN_FLAGS, flags))) if is_can else None
-        frame: Frame = data if can is None else checked(can)
+        frame: WireFrame = data if can is None else checked(can)
         return Passage(t_ns, self.device, self.kind, frame, None if number < 0 else number, why)  # type: ignore[arg-type]
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from firmware_protocols import CanFrame, Frame
+from firmware_protocols import CanFrame, WireFrame
 from tactemu.base.errors import TactemuError
 from tactemu.base.frame_text import text
 from tactemu.truth.entries import Header, Passage, PortEvent
@@ -125,7 +125,7 @@ class _Candump:
     def __init__(self, path: Path):
         self._file = path.open("w", encoding="ascii")
 
-    def add(self, frame: Frame, t_ns: int, *, to_driver: bool) -> None:
+    def add(self, frame: WireFrame, t_ns: int, *, to_driver: bool) -> None:
         """Write one frame; ``T`` marks what the driver sent."""
         time = f"{t_ns // 10**9}.{t_ns // 1000 % 10**6:06d}"
         self._file.write(f"({time}) can0 {text(frame)} {'R' if to_driver else 'T'}\n")
@@ -143,7 +143,7 @@ class _PythonCan:
 
         self._logger = can.Logger(path)
 
-    def add(self, frame: Frame, t_ns: int, *, to_driver: bool) -> None:
+    def add(self, frame: WireFrame, t_ns: int, *, to_driver: bool) -> None:
         """Write one frame."""
         from tactemu.transports.can_messages import message_of
 

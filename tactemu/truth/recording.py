@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from firmware_protocols import CanFrame, Frame
+from firmware_protocols import CanFrame, WireFrame
 from tactemu.base.errors import TactemuError
 from tactemu.base.frame_text import checked, parse
 from tactemu.truth import Passage, PortEvent, entries
@@ -34,7 +34,7 @@ class Entry:
     """One frame of a recording."""
 
     t_ns: int
-    frame: Frame
+    frame: WireFrame
     kind: Literal["tx", "rx"] = "tx"
     """``tx``: to the driver; ``rx``: from it."""
     device: str = ""

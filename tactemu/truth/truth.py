@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from firmware_protocols import Frame
+from firmware_protocols import WireFrame
 from firmware_protocols.can_frames import CanFrames
 from tactemu.base.frame_text import text
 from tactemu.truth.entries import BodyPose, Entry, Header, Injection, Passage, PortEvent, Sample
@@ -78,7 +78,7 @@ class Truth:
         self._has_sinks = bool(self._writers)
         """Whether anybody is told of samples, frames, faults and events."""
         self._latest: dict[str, dict[str, Sample]] = {}
-        self._latest_frames: dict[str, Frame | CanFrames] = {}
+        self._latest_frames: dict[str, WireFrame | CanFrames] = {}
         self._numbers: dict[str, int] = {}
         self.injected: Counter[str] = Counter()
         """Injected faults by name."""
@@ -101,9 +101,9 @@ class Truth:
         return list(self._memory.samples)
 
     @property
-    def frames(self) -> list[tuple[int, str, Frame]]:
+    def frames(self) -> list[tuple[int, str, WireFrame]]:
         """``(t_ns, device, frame)`` of the latest frames that left for the driver, oldest first; likewise."""
-        found: list[tuple[int, str, Frame]] = []
+        found: list[tuple[int, str, WireFrame]] = []
         for t_ns, device, frame in list(self._memory.frames):
             found += [(t_ns, device, each) for each in (frame if isinstance(frame, CanFrames) else [frame])]
         return found
@@ -129,7 +129,7 @@ class Truth:
         """Return the latest sample of one device of each of its senses, the one that came first first."""
         return dict(self._latest.get(device, {}))
 
-    def latest_frame(self, device: str) -> Frame | None:
+    def latest_frame(self, device: str) -> WireFrame | None:
         """Return the latest frame of one device that left for the driver."""
         latest = self._latest_frames.get(device)
         return latest[-1] if isinstance(latest, CanFrames) else latest
@@ -179,7 +179,7 @@ class Truth:
             self._log_poses(t_ns)
         return number
 
-    def wrote(self, t_ns: int, device: str, frame: Frame, sample: int | None = None, late_ns: int = 0) -> None:
+    def wrote(self, t_ns: int, device: str, frame: WireFrame, sample: int | None = None, late_ns: int = 0) -> None:
         """A frame left for the driver; ``sample`` is the number of the one that it carries, if it does."""
         self.counts["tx"] += 1
         self._latest_frames[device] = frame
@@ -196,13 +196,13 @@ class Truth:
             for frame in frames:
                 self._log(Passage(t_ns, device, "tx", frame, sample, late_ns=late_ns))
 
-    def received(self, t_ns: int, device: str, frame: Frame) -> None:
+    def received(self, t_ns: int, device: str, frame: WireFrame) -> None:
         """Something arrived from the driver."""
         self.counts["rx"] += 1
         if self._has_sinks:
             self._log(Passage(t_ns, device, "rx", frame))
 
-    def dropped(self, t_ns: int, device: str, frame: Frame, why: str, sample: int | None = None) -> None:
+    def dropped(self, t_ns: int, device: str, frame: WireFrame, why: str, sample: int | None = None) -> None:
         """A frame never left."""
         self.counts["drop"] += 1
         if self._has_sinks:
@@ -215,8 +215,8 @@ class Truth:
         what: str,
         detail: str = "",
         *,
-        before: Frame | str = "",
-        after: Sequence[Frame | str] = (),
+        before: WireFrame | str = "",
+        after: Sequence[WireFrame | str] = (),
     ) -> None:
         """A fault was injected: ``before`` is what it befell, ``after`` what became of it, frames or values as text."""
         self.injected[what] += 1
@@ -311,5 +311,5 @@ def _copied(*arrays: np.ndarray) -> list[np.ndarray]:
     return copies
 
 
-def _as_text(value: Frame | str) -> str:
+def _as_text(value: WireFrame | str) -> str:
     return value if isinstance(value, str) else text(value)

@@ -12,7 +12,7 @@ from collections import defaultdict
 from itertools import accumulate
 from typing import ClassVar
 
-from firmware_protocols import Frame
+from firmware_protocols import WireFrame
 from firmware_protocols.can_frames import CanFrames
 from tactemu.wire.line_models.line_model import LineModel
 from tactemu.wire.pending import Pending
@@ -40,7 +40,7 @@ class Line:
 
     def put(
         self,
-        frame: Frame,
+        frame: WireFrame,
         ready_ns: int,
         source: str,
         *,

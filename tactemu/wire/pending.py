@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from firmware_protocols import Frame
+from firmware_protocols import WireFrame
 from firmware_protocols.can_frames import CanFrames
 
 
@@ -15,7 +15,7 @@ class Pending:
 
     order: tuple[int, int]
     number: int
-    frame: Frame | CanFrames = field(compare=False)
+    frame: WireFrame | CanFrames = field(compare=False)
     """Or a run of frames that follow one another."""
     source: str = field(compare=False)
     ready_ns: int = field(compare=False)
@@ -31,11 +31,11 @@ class Pending:
     """Of a run: how many have left."""
 
     @property
-    def frames(self) -> Sequence[Frame]:
+    def frames(self) -> Sequence[WireFrame]:
         """What has not left."""
         return self.frame[self.gone :] if isinstance(self.frame, CanFrames) else [self.frame]
 
     @property
-    def head(self) -> Frame:
+    def head(self) -> WireFrame:
         """The frame that is next."""
         return self.frame[self.gone] if isinstance(self.frame, CanFrames) else self.frame

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from firmware_protocols import Connector, Frame, Sent
+from firmware_protocols import Connector, Sent, WireFrame
 from firmware_protocols.can_frames import CanFrames
 from firmware_protocols.frames import payload
 from tactemu.transports.transport import (
@@ -57,7 +57,7 @@ slow for all of them; those that it leaves out are counted as missed."""
 class ReceivedData:
     """A chunk of bytes or a CAN frame that has arrived at the devices of a wire."""
 
-    data: Frame
+    data: WireFrame
     source: str = DRIVER
     """Who sent it: the driver, or one of the devices."""
 
@@ -263,14 +263,23 @@ class Wire:
             self.transport.write(left_over)
 
     def _note(
-        self, t_ns: int, source: str, kind: str, detail: str, *, before: Frame | str = "", after: Sequence[Frame] = ()
+        self,
+        t_ns: int,
+        source: str,
+        kind: str,
+        detail: str,
+        *,
+        before: WireFrame | str = "",
+        after: Sequence[WireFrame] = (),
     ) -> None:
         self.counters[kind] += 1
         self.truth.inject(t_ns, source, kind, detail, before=before, after=after)
 
     # -- to the driver -----------------------------------------------------------------------------------------------
 
-    def send(self, frames: Iterable[Frame | Sent], now_ns: int, source: str = "", *, sample: int | None = None) -> None:
+    def send(
+        self, frames: Iterable[WireFrame | Sent], now_ns: int, source: str = "", *, sample: int | None = None
+    ) -> None:
         """Queue one reading or one answer: all of its frames, or none when the line is full.
 
         ``sample`` is the number of the sample that they carry.
@@ -404,7 +413,7 @@ class Wire:
         self.truth.wrote(now_ns, source, heard, pending.sample, now_ns - pending.end_ns)
         return True
 
-    def _hand_over(self, frame: Frame, now_ns: int) -> bool:
+    def _hand_over(self, frame: WireFrame, now_ns: int) -> bool:
         chip = self._injector.chip
         if chip is None or not isinstance(frame, bytes):
             return self.transport.write(frame)
@@ -418,7 +427,7 @@ class Wire:
         return True
 
     def _lose(
-        self, frames: Iterable[Frame], now_ns: int, source: str, counter: str, why: str, sample: int | None = None
+        self, frames: Iterable[WireFrame], now_ns: int, source: str, counter: str, why: str, sample: int | None = None
     ) -> None:
         for frame in frames:
             self.counters[counter] += 1
@@ -452,7 +461,7 @@ class Wire:
         self._deliver(now_ns, events)
         return events
 
-    def deliver(self, data: Frame, now_ns: int) -> None:
+    def deliver(self, data: WireFrame, now_ns: int) -> None:
         """Something of a driver's has arrived that was not on this line, such as that of an earlier run."""
         self._arrived.append((now_ns, ReceivedData(data)))
 
@@ -467,7 +476,7 @@ class Wire:
                 self._lines, self._comes_back = event, False
         return not known
 
-    def _take(self, data: Frame, now_ns: int) -> None:
+    def _take(self, data: WireFrame, now_ns: int) -> None:
         """The driver has sent something; while time stands it is there at once, and so is what was on the line."""
         if not self.is_paused():
             self._arrive(data, now_ns)
@@ -518,7 +527,7 @@ class Wire:
         held = [frame for frame, _, way in self._injector.forget() if way == "to_driver"]
         self._lose(held, now_ns, self._owner, "unheard", why)
 
-    def _arrive(self, data: Frame, now_ns: int) -> None:
+    def _arrive(self, data: WireFrame, now_ns: int) -> None:
         """The driver has sent something: it takes its time on the line."""
         for part, held_ns in self._injector.corrupt(data, now_ns, self._owner, "from_driver"):
             if self.inbound.waiting_ns(DRIVER) > MAX_LEFT_BEHIND_NS:
@@ -549,7 +558,7 @@ class Wire:
                 self.truth.received(end_ns, self._owner, heard.data)
             events.append(heard)
 
-    def received_by(self, source: str, heard: ReceivedData) -> Frame | None:
+    def received_by(self, source: str, heard: ReceivedData) -> WireFrame | None:
         """What a device on the wire hears of a frame; ``None``: its connector lets nothing in."""
         connector, of_peer = self.connectors[source], heard.source != DRIVER
         if heard.source == source or not self.line_model.accepts(connector, heard.data, of_peer=of_peer):
@@ -562,7 +571,7 @@ class Wire:
         """Whether a frame of the driver's was meant for a device that does not let it in."""
         return heard.source == DRIVER and self.line_model.is_addressed_to(self.connectors[source], heard.data)
 
-    def _through(self, frame: Frame, source: str, *, to_driver: bool) -> Frame:
+    def _through(self, frame: WireFrame, source: str, *, to_driver: bool) -> WireFrame:
         """Return a frame as heard at the other end, whose settings may differ."""
         connector = self.connectors.get(source, self.line_model.connector)
         result = self.line_model.as_received(frame, connector, self.transport.setting, to_driver=to_driver)

@@ -87,7 +87,7 @@ def scene_of(spec: dict[str, Any], folder: Path) -> str:
     """Return the scene as TOML: the spec's own, or one in which each taxel moves by itself in each sample."""
     if "scene" in spec:
         return (folder / spec["scene"]).read_text()
-    tables = tables_for(spec["device"], fp.load(spec["device"]), **spec.get("options", {}))
+    tables = tables_for(spec["device"], fp.device_class(spec["device"]), **spec.get("options", {}))
     skin = tables["skin"][0]
     skin["options"] = {"noise": spec.get("noise", 0.2)}
     if "rate_hz" in spec:

@@ -96,14 +96,14 @@ def test_a_fitted_scene_runs(tmp_path):
     "clock", [{"jitter_s": 2e-3}, {"missed": 0.06, "jitter_s": 1e-3}, {"refresh_s": 0.032}, {}], ids=str
 )
 def test_the_clock_of_a_scene_is_found_in_what_it_sent(clock):
-    from firmware_protocols import load
+    from firmware_protocols import device_class
     from tactemu.base.clock import VirtualClock
     from tactemu.emulator.assembly import RunOptions, assemble
     from tactemu.fit.writing import clock_of
     from tactemu.scene.default import tables_for
     from tactemu.scene.file import check
 
-    tables = tables_for("anyskin", load("anyskin"))
+    tables = tables_for("anyskin", device_class("anyskin"))
     tables["scene"]["dt"] = 0.01
     tables["skin"][0] |= {"clock": clock, "options": {"noise": 0.1}}
     made = assemble(check(tables), RunOptions(port="memory:"), clock=VirtualClock())

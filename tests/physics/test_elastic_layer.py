@@ -359,7 +359,7 @@ def test_pads_of_real_hands_are_found(device, pads):
     from tactemu.sensors.layer.grid import layer_grids
     from tactemu.sensors.probe_layout import make_probes
 
-    layout = firmware_protocols.load(device)().layout
+    layout = firmware_protocols.device_class(device)().layout
     probes = make_probes(layout.positions, layout.normals, 1e-3, (0, 0, 0), (0, 0, 0), device)
     grids = layer_grids(probes, 1, device)
     assert len(grids) == pads

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from statistics import median
 
-from firmware_protocols import Can, CanFrame, Connector, Frame, Serial
+from firmware_protocols import Can, CanFrame, Connector, Serial, WireFrame
 from tactemu.base.errors import TransportUnavailable
 from tactemu.transports import create
 from tactemu.transports.transport import Transport
@@ -46,7 +46,7 @@ def count_bits(n: int) -> None:
         frame_bits(CAN[k % 16])
 
 
-def through_wire(wire: Wire, frames: tuple[Frame, ...], read: Callable[[], object]) -> Callable[[int], None]:
+def through_wire(wire: Wire, frames: tuple[WireFrame, ...], read: Callable[[], object]) -> Callable[[int], None]:
     """Return a callable that sends ``n`` frames through a wire: queued, paced on a virtual clock, written and read."""
     now = [0]
 
@@ -111,7 +111,7 @@ def run(report: Report, *, repeats: int = 7) -> dict[str, float]:
 
 
 def _wires(note: Callable[..., None], repeats: int) -> None:
-    cases: dict[str, tuple[Connector, tuple[Frame, ...], tuple[str, ...]]] = {
+    cases: dict[str, tuple[Connector, tuple[WireFrame, ...], tuple[str, ...]]] = {
         "wire serial": (Serial(baud=115_200), (BYTES,), ()),
         "wire can": (Can(), CAN, ()),
         "wire can, a fault that never hits": (Can(), CAN, ("drop 0%",)),

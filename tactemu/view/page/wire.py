@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from firmware_protocols import CanFrame, Frame
+from firmware_protocols import CanFrame, WireFrame
 from firmware_protocols.frames import matches, payload
 from firmware_protocols.tables import Frame as Table
 from firmware_protocols.tables import TableError
@@ -72,7 +72,7 @@ class _Reader:
         self._tables = [table for each in skin.about.get("tables", ()) if (table := _table(each)) is not None]
         self._commands = [(each["name"], each["request"]) for each in skin.about.get("commands", ())]
 
-    def words(self, frame: Frame, kind: str) -> str:
+    def words(self, frame: WireFrame, kind: str) -> str:
         """Return the names of the command and of the table that the frame matches, with the values of its fields."""
         command = next((name for name, request in self._commands if kind == "rx" and matches(request, frame)), None)
         named = f"<b>{escape(command)}</b> " if command else ""
@@ -93,7 +93,7 @@ def _table(state: Mapping[str, Any]) -> Table | None:
         return None
 
 
-def _fields(table: Table, frame: Frame) -> dict[str, Any] | None:
+def _fields(table: Table, frame: WireFrame) -> dict[str, Any] | None:
     """Return the fields of a frame of this table and the parts of its identifier, or None if it does not match."""
     parts: Mapping[str, int] | None = {}
     if isinstance(frame, CanFrame):
@@ -116,7 +116,7 @@ def _value(value: Any) -> str:
     return " ".join(f"{each:.5g}" for each in flat[:_MAX_FIELD_VALUES]) + ("…" if len(flat) > _MAX_FIELD_VALUES else "")
 
 
-def _shown(frame: Frame) -> str:
+def _shown(frame: WireFrame) -> str:
     if isinstance(frame, CanFrame):
         text = frame_text.text(frame)
         return text[: 2 * _MAX_FRAME_BYTES] + ("…" if len(text) > 2 * _MAX_FRAME_BYTES else "")

@@ -11,23 +11,23 @@ from dataclasses import replace
 
 import numpy as np
 
-from firmware_protocols import CanFrame, Frame
+from firmware_protocols import CanFrame, WireFrame
 from firmware_protocols.frames import payload, with_payload
 from tactemu.transports.transport import Part
 from tactemu.wire.faults.fault import Fault
 
-Parts = list[tuple[Frame, int]]
+Parts = list[tuple[WireFrame, int]]
 """Frames with the time by which each leaves later [ns]."""
 
-Corruption = Callable[[Frame, Fault, np.random.Generator], "Parts | None"]
+Corruption = Callable[[WireFrame, Fault, np.random.Generator], "Parts | None"]
 
 
-def drop(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
+def drop(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts | None:
     """Nothing is left."""
     return []
 
 
-def flip(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
+def flip(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts | None:
     """``bits N`` (1) different bits of the data change, or ``bit N`` (any) of ``byte N``."""
     data = bytearray(payload(frame))
     if not data or _outside(fault.byte, data):
@@ -44,7 +44,7 @@ def _outside(byte: int | None, data: bytes | bytearray) -> bool:
     return byte is not None and not -len(data) <= byte < len(data)
 
 
-def lose(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
+def lose(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts | None:
     """``byte N`` (any) is missing; of a serial frame with one byte nothing is left."""
     data = payload(frame)
     if not data or _outside(fault.byte, data):
@@ -54,12 +54,12 @@ def lose(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
     return [(with_payload(frame, left), 0)] if left or isinstance(frame, CanFrame) else []
 
 
-def replaced(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
+def replaced(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts | None:
     """Return the bytes of ``hex=`` in its place."""
     return [(with_payload(frame, fault.data), 0)]
 
 
-def truncate(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
+def truncate(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts | None:
     """``bytes N`` (any number) are missing at the end, or all but ``to N``; of a serial frame at least one byte is
     left, unless nothing is asked for."""
     data = payload(frame)
@@ -75,7 +75,7 @@ def truncate(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | No
     return [(with_payload(frame, data[: len(data) - cut]), 0)]
 
 
-def length(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
+def length(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts | None:
     """``bytes N`` (1) random bytes too many; a CAN frame without room for them has so many too few."""
     data, n = payload(frame), fault.amount or 1
     if isinstance(frame, CanFrame) and len(data) + n > (64 if frame.is_fd else 8):
@@ -83,7 +83,7 @@ def length(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None
     return [(with_payload(frame, data + rng.bytes(n)), 0)]
 
 
-def checksum(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
+def checksum(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts | None:
     """Return each of the last ``bytes N`` (1) changes to another value."""
     data, n = bytearray(payload(frame)), fault.amount or 1
     if not data:
@@ -93,12 +93,12 @@ def checksum(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | No
     return [(with_payload(frame, bytes(data)), 0)]
 
 
-def duplicate(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
+def duplicate(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts | None:
     """Return the frame twice."""
     return [(frame, 0), (frame, 0)]
 
 
-def garbage(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
+def garbage(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts | None:
     """``bytes N`` (1 to 16) random bytes, or those of ``hex=``, in front, or ``after N`` bytes of it."""
     junk = fault.data or rng.bytes(fault.amount or int(rng.integers(1, 17)))
     if not fault.after:
@@ -107,7 +107,7 @@ def garbage(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | Non
     return [(data[: fault.after] + junk + data[fault.after :], 0)] if fault.after <= len(data) else None
 
 
-def split(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
+def split(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts | None:
     """Two pieces, cut anywhere or ``after N`` bytes, the second ``by`` later."""
     data = payload(frame)
     if len(data) < 2:
@@ -118,7 +118,7 @@ def split(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
     return [(Part(data[:cut]), 0), (data[cut:], fault.by_ns)]
 
 
-def chunk(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
+def chunk(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts | None:
     """Pieces of ``bytes N`` (1), each ``by`` after the one before."""
     data, size = payload(frame), fault.amount or 1
     if len(data) <= size:
@@ -126,12 +126,12 @@ def chunk(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
     return [(data[at : at + size], at // size * fault.by_ns) for at in range(0, len(data), size)]
 
 
-def late(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
+def late(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts | None:
     """Return the frame, ``by`` later. On a byte stream what follows waits for it, on a bus it does not."""
     return [(frame, fault.by_ns)]
 
 
-def error(frame: Frame, fault: Fault, rng: np.random.Generator) -> Parts | None:
+def error(frame: WireFrame, fault: Fault, rng: np.random.Generator) -> Parts | None:
     """Return the frame broken by an error frame, then the frame again."""
     return [(replace(frame, is_error_frame=True), 0), (frame, 0)] if isinstance(frame, CanFrame) else None
 

@@ -8,7 +8,7 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-from firmware_protocols import CanFrame, Frame
+from firmware_protocols import CanFrame, WireFrame
 from firmware_protocols.frames import payload
 from tactemu.base.random_streams import generator
 from tactemu.wire.faults.fault import Fault, parse
@@ -21,7 +21,14 @@ class Note(Protocol):
     """Called once for every injected fault."""
 
     def __call__(
-        self, t_ns: int, source: str, kind: str, detail: str, *, before: Frame | str = "", after: Sequence[Frame] = ()
+        self,
+        t_ns: int,
+        source: str,
+        kind: str,
+        detail: str,
+        *,
+        before: WireFrame | str = "",
+        after: Sequence[WireFrame] = (),
     ) -> None:
         """``before`` is the frame that the fault befell, ``after`` what became of it."""
         ...
@@ -30,7 +37,7 @@ class Note(Protocol):
 Key = tuple[str, str]
 """Source and direction of a frame: what one fault holds back of one is not mixed with the others."""
 
-Held = tuple[Frame, str, str]
+Held = tuple[WireFrame, str, str]
 """A frame that a fault holds back, with its source and direction."""
 
 _REMEMBERED = 16
@@ -45,11 +52,11 @@ class FrameFault:
         self.rng = rng
         self._spent = False
         self._matched = 0
-        self._held: dict[Key, tuple[Frame, int]] = {}
+        self._held: dict[Key, tuple[WireFrame, int]] = {}
         """With the number of frames that go before it."""
-        self._earlier: dict[Key, deque[Frame]] = {}
+        self._earlier: dict[Key, deque[WireFrame]] = {}
 
-    def apply(self, frame: Frame, key: Key, t_ns: int) -> tuple[Parts, bool]:
+    def apply(self, frame: WireFrame, key: Key, t_ns: int) -> tuple[Parts, bool]:
         """What becomes of the frame, and whether a fault was injected."""
         hit = self._hits(frame, t_ns)
         kind = self.fault.kind
@@ -67,7 +74,7 @@ class FrameFault:
         self._earlier.clear()
         return held
 
-    def _hits(self, frame: Frame, t_ns: int) -> bool:
+    def _hits(self, frame: WireFrame, t_ns: int) -> bool:
         """Whether to spoil this frame. One random number is drawn for every frame that target and time match."""
         fault = self.fault
         if self._spent or not fault.covers(t_ns) or (isinstance(frame, CanFrame) and frame.is_error_frame):
@@ -96,7 +103,7 @@ class FrameFault:
         self._spent = number >= max(last for _, last in self.fault.frames)
         return any(first <= number <= last for first, last in self.fault.frames)
 
-    def _hold(self, frame: Frame, key: Key, hit: bool) -> tuple[Parts, bool]:
+    def _hold(self, frame: WireFrame, key: Key, hit: bool) -> tuple[Parts, bool]:
         held, left = self._held.pop(key, (None, 0))
         if held is None and hit:
             self._held[key] = frame, self.fault.amount or 1
@@ -110,7 +117,7 @@ class FrameFault:
             return [(frame, 0), (held, 0)], True
         return [(payload(held) + payload(frame), 0)], True
 
-    def _stray(self, frame: Frame, key: Key, hit: bool) -> tuple[Parts, bool]:
+    def _stray(self, frame: WireFrame, key: Key, hit: bool) -> tuple[Parts, bool]:
         earlier = self._earlier.setdefault(key, deque(maxlen=_REMEMBERED))
         parts: Parts = [(frame, 0)]
         strays = hit and bool(earlier)
@@ -189,7 +196,7 @@ class Injector:
         chip, self.chip = self.chip, None
         return chip.empty() if chip else b""
 
-    def corrupt(self, frame: Frame, t_ns: int, source: str, direction: str) -> Parts:
+    def corrupt(self, frame: WireFrame, t_ns: int, source: str, direction: str) -> Parts:
         """Return a frame as the faults leave it: frames, and by how much each is held back [ns].
 
         ``direction`` is ``to_driver`` or ``from_driver``. The log's detail is the fault and the direction.

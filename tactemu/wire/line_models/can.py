@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterable
 from typing import Any
 
-from firmware_protocols import CanFrame, Frame
+from firmware_protocols import CanFrame, WireFrame
 from firmware_protocols.can_frames import CanFrames
 from tactemu.transports.transport import CanFilter
 from tactemu.wire.can_bits import frame_ns, priority
@@ -29,7 +29,7 @@ class CanLine(LineModel):
     is_half_duplex = True
     is_byte_stream = False
 
-    def duration_ns(self, frame: Frame) -> int:
+    def duration_ns(self, frame: WireFrame) -> int:
         """Exact, intermission included."""
         return self.traffic_ns(frame) if self.pacing and isinstance(frame, CanFrame) else 0
 
@@ -51,13 +51,13 @@ class CanLine(LineModel):
         identifier = priority(frame) if isinstance(frame, CanFrame) else ()
         return (*identifier, pending.ready_ns, pending.number)
 
-    def accepts(self, connector: Any, frame: Frame, *, of_peer: bool) -> bool:
+    def accepts(self, connector: Any, frame: WireFrame, *, of_peer: bool) -> bool:
         """What the controller's filters take; without filters, all that the driver sends and nothing of others."""
         if not connector.hears:
             return not of_peer
         return _is_one_of(connector.hears, frame)
 
-    def is_addressed_to(self, connector: Any, frame: Frame) -> bool:
+    def is_addressed_to(self, connector: Any, frame: WireFrame) -> bool:
         """Of its own identifiers what its filters do not take."""
         return _is_one_of(connector.addressed, frame)
 
@@ -69,7 +69,7 @@ class CanLine(LineModel):
         pairs = [pair for connector in connectors for pair in (*connector.hears, *connector.addressed)]
         return [CanFilter(ident, mask, max(ident, mask) > 0x7FF) for ident, mask in pairs]
 
-    def carries(self, frame: Frame) -> bool:
+    def carries(self, frame: WireFrame) -> bool:
         """CAN frames."""
         return isinstance(frame, CanFrame)
 
@@ -99,5 +99,5 @@ class CanLine(LineModel):
         return f"can:udp_multicast:239.74.{high + 1}.{low + 1}"
 
 
-def _is_one_of(pairs: Iterable[tuple[int, int]], frame: Frame) -> bool:
+def _is_one_of(pairs: Iterable[tuple[int, int]], frame: WireFrame) -> bool:
     return isinstance(frame, CanFrame) and any(frame.arbitration_id & mask == ident for ident, mask in pairs)

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any, ClassVar, Literal
 
-from firmware_protocols import CanFrame, Connector, Frame
+from firmware_protocols import CanFrame, Connector, WireFrame
 from firmware_protocols.can_frames import CanFrames
 from tactemu.transports.transport import CanFilter
 from tactemu.wire.pending import Pending
@@ -47,14 +47,14 @@ class LineModel(ABC):
     # -- on the line -------------------------------------------------------------------------------------------------
 
     @abstractmethod
-    def duration_ns(self, frame: Frame) -> int:
+    def duration_ns(self, frame: WireFrame) -> int:
         """How long the line is busy with a frame [ns]."""
 
     def run_ns(self, frames: CanFrames) -> list[int]:
         """How long it is busy with each of many frames [ns]."""
         return [self.duration_ns(frame) for frame in frames]
 
-    def driver_ns(self, frame: Frame, setting: Any) -> int:
+    def driver_ns(self, frame: WireFrame, setting: Any) -> int:
         """How long the driver's end takes to send a frame, at the setting of its port [ns]."""
         return self.duration_ns(frame)
 
@@ -74,15 +74,15 @@ class LineModel(ABC):
         """Least time from what a device heard to its answer [ns]."""
         return 0
 
-    def as_received(self, frame: Frame, connector: Any, setting: Any, *, to_driver: bool) -> Frame:
+    def as_received(self, frame: WireFrame, connector: Any, setting: Any, *, to_driver: bool) -> WireFrame:
         """What arrives of a frame between a device's connector and a driver with this setting of its port."""
         return frame
 
-    def accepts(self, connector: Any, frame: Frame, *, of_peer: bool) -> bool:
+    def accepts(self, connector: Any, frame: WireFrame, *, of_peer: bool) -> bool:
         """Whether a device's connector lets a frame in; ``of_peer``: another device sent it."""
         return not of_peer
 
-    def is_addressed_to(self, connector: Any, frame: Frame) -> bool:
+    def is_addressed_to(self, connector: Any, frame: WireFrame) -> bool:
         """Whether a frame of the driver's that the connector does not let in was meant for its device."""
         return False
 
@@ -98,7 +98,7 @@ class LineModel(ABC):
         """Whether the driver hears what it sends."""
         return False
 
-    def carries(self, frame: Frame) -> bool:
+    def carries(self, frame: WireFrame) -> bool:
         """Whether a frame is of the line's kind."""
         return isinstance(frame, bytes)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from firmware_protocols import Connector, Frame, Rs485
+from firmware_protocols import Connector, Rs485, WireFrame
 from tactemu.wire.line_models.line_model import DRIVER
 from tactemu.wire.line_models.serial import SerialLine
 
@@ -24,7 +24,7 @@ class Rs485Line(SerialLine):
         """As the connector says."""
         return self.connector.turnaround_ns
 
-    def accepts(self, connector: Any, frame: Frame, *, of_peer: bool) -> bool:
+    def accepts(self, connector: Any, frame: WireFrame, *, of_peer: bool) -> bool:
         """Everything that is said on the line."""
         return True
 

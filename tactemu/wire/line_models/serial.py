@@ -6,7 +6,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from firmware_protocols import Frame
+from firmware_protocols import WireFrame
 from firmware_protocols.frames import payload
 from tactemu.transports.transport import SerialSetting
 from tactemu.wire.line_models.line_model import LineModel, Pacing
@@ -26,16 +26,16 @@ class SerialLine(LineModel):
         """A connector and a setting of the port of which it is known that they hear each other well."""
         self._byte_ns = connector.bits_per_byte * 1e9 / connector.baud if timed else 0.0
 
-    def duration_ns(self, frame: Frame) -> int:
+    def duration_ns(self, frame: WireFrame) -> int:
         """Bits per byte at the baud rate; nothing on USB."""
         return round(len(payload(frame)) * self._byte_ns)
 
-    def driver_ns(self, frame: Frame, setting: Any) -> int:
+    def driver_ns(self, frame: WireFrame, setting: Any) -> int:
         """At the speed that the driver has set."""
         speed = setting.baud if setting is not None and setting.baud else self.connector.baud
         return round(len(payload(frame)) * self._byte_ns * self.connector.baud / speed)
 
-    def as_received(self, frame: Frame, connector: Any, setting: Any, *, to_driver: bool) -> Frame:
+    def as_received(self, frame: WireFrame, connector: Any, setting: Any, *, to_driver: bool) -> WireFrame:
         """Return noise where the two ends are set differently; USB has no such trouble."""
         if setting is None or (connector, setting) == self._agreed:
             return frame

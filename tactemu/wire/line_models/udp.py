@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from firmware_protocols import Frame
+from firmware_protocols import WireFrame
 from tactemu.wire.line_models.line_model import LineModel
 
 
@@ -14,7 +14,7 @@ class UdpLine(LineModel):
     is_network = True
     is_byte_stream = False
 
-    def duration_ns(self, frame: Frame) -> int:
+    def duration_ns(self, frame: WireFrame) -> int:
         """The network takes none that we model."""
         return 0
 

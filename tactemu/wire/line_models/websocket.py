@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from firmware_protocols import Frame
+from firmware_protocols import WireFrame
 from tactemu.wire.line_models.line_model import LineModel
 
 
@@ -13,7 +13,7 @@ class WebSocketLine(LineModel):
     schemes = ("ws",)
     is_network = True
 
-    def duration_ns(self, frame: Frame) -> int:
+    def duration_ns(self, frame: WireFrame) -> int:
         """The network takes none that we model."""
         return 0
 
